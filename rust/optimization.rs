@@ -300,17 +300,15 @@ impl CandidateSearch<'_> {
                 first = strip;
             }
 
-            let seen_to = missing.end;
-            let block = PixelBlock { rows: seen.clone(), columns: missing, strip: STRIP };
-            source.write(aggregator, block, &mut costs[first..])?;
+            let end = missing.end;
+            if !missing.is_empty() {
+                let block = PixelBlock { rows: seen.clone(), columns: missing, strip: STRIP };
+                source.write(aggregator, block, &mut costs[first..])?;
+            }
 
             let panel = &Panel {
                 block: PixelBlock { rows: rows.clone(), columns: columns.clone(), strip: STRIP },
-                seen: PixelBlock {
-                    rows: seen.clone(),
-                    columns: columns.start..seen_to,
-                    strip: STRIP,
-                },
+                seen: PixelBlock { rows: seen.clone(), columns: columns.start..end, strip: STRIP },
                 costs,
                 runs,
             };
