@@ -10,6 +10,7 @@ pub mod outlines;
 pub mod speckles;
 pub mod subpixel;
 pub mod synthesis;
+mod window_rows;
 
 use crate::cost::candidates::Candidates;
 use crate::cost::validity::Validity;
