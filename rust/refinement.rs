@@ -10,6 +10,7 @@ pub mod outlines;
 pub mod speckles;
 pub mod subpixel;
 pub mod synthesis;
+mod window_rows;
 
 use crate::cost::candidates::Candidates;
 use crate::cost::validity::Validity;
@@ -24,7 +25,7 @@ use crate::refinement::guided_median::guide;
 use crate::refinement::left_right_check::{Checker, Choices};
 use crate::refinement::speckles::flag_speckles;
 use crate::settings::Settings;
-use crate::simd::Level;
+use crate::simd::{Level, Loop};
 
 /// Why an estimate is missing or not to be trusted; bits of the flags.
 pub mod flag {
@@ -100,42 +101,19 @@ impl Judge<'_> {
         found: EvidenceRow,
         checker: &mut Checker,
         row: ResultRow,
+        level: Level,
     ) -> Result<()> {
-        let ResultRow { disparity, flags, votes } = row;
-
-        for (x, (&chosen, flags)) in found.chosen.iter().zip(&mut *flags).enumerate() {
-            *flags = self.flags(y, x, chosen.into());
+        if self.consistency.is_some() {
+            checker.resize(self.cols)?;
         }
 
-        if let Some(most) = self.consistency {
-            let chosen = &found.chosen[..self.cols];
-            let costs = &found.own[..self.cols];
-            checker.check(Choices { chosen, costs, candidates: self.candidates }, most, flags)?;
-        }
-
-        if self.uniqueness > 0 {
-            for (x, flags) in flags.iter_mut().enumerate() {
-                let is_ambiguous = CostMargin::of(&found, x).is_ambiguous(self.uniqueness);
-                let is_estimated = *flags & flag::MISSING == 0;
-                *flags |= if is_estimated && is_ambiguous { flag::AMBIGUOUS } else { 0 };
-            }
-        }
-
-        for (x, disparity) in disparity.iter_mut().enumerate() {
-            let offset = if self.subpixel { found.offset[x] } else { 0.0 };
-            *disparity = self.disparity(found.chosen[x], flags[x]) + offset;
-        }
-
-        for (x, vote) in votes.into_iter().flatten().enumerate() {
-            *vote = confidence::vote(CostMargin::of(&found, x), self.unit);
-        }
-
+        level.run(WriteRow { judge: *self, y, found, checker, row });
         Ok(())
     }
 
     /// The disparity of a chosen candidate, NaN where nothing can be estimated.
-    #[inline]
-    pub fn disparity(&self, chosen: u16, flags: u16) -> f32 {
+    #[inline(always)]
+    fn disparity(&self, chosen: u16, flags: u16) -> f32 {
         if flags & flag::MISSING == 0 {
             self.candidates.disparity(chosen.into()) as f32
         } else {
@@ -143,13 +121,25 @@ impl Judge<'_> {
         }
     }
 
-    /// The flags of pixel `(y, x)` by its validity and that of its match.
-    #[inline]
-    pub fn flags(&self, y: usize, x: usize, chosen: usize) -> u16 {
-        let is_outside = self.candidates.is_outside(x, chosen, self.cols);
-        let outside = if is_outside { flag::OUTSIDE } else { 0 };
-        let Some(validity) = self.validity else { return outside };
+    /// Flags matches outside the right image.
+    #[inline(always)]
+    fn flag_outside(&self, chosen: &[u16], flags: &mut [u16]) {
+        let (min, cols) = (self.candidates.min() as i32, self.cols as u32);
+        for (x, (&chosen, flags)) in (0..).zip(chosen.iter().zip(flags)) {
+            // Columns left of the image are negative, so as unsigned numbers they are beyond it, too.
+            let column = (x - min - i32::from(chosen)) as u32;
+            *flags = if column < cols { 0 } else { flag::OUTSIDE };
+        }
+    }
 
+    /// The flags of pixel `(y, x)` by its validity and that of its match, which may be flagged as outside.
+    fn flag_invalid(
+        &self,
+        validity: &Validity,
+        (y, x): (usize, usize),
+        chosen: usize,
+        outside: u16,
+    ) -> u16 {
         // `NO_CANDIDATE` before `MATCH_MASKED`: the choice among no valid candidates means nothing.
         if validity.is_masked(y, x) {
             flag::MASKED
@@ -159,6 +149,64 @@ impl Judge<'_> {
             outside
         } else {
             outside | flag::MATCH_MASKED
+        }
+    }
+}
+
+/// Writes one row: step by step for all its pixels, so that each step is a loop over arrays.
+struct WriteRow<'a> {
+    judge: Judge<'a>,
+    y: usize,
+    found: EvidenceRow<'a>,
+    checker: &'a mut Checker,
+    row: ResultRow<'a>,
+}
+
+impl Loop for WriteRow<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { judge, y, found, checker, row } = self;
+        let ResultRow { disparity, flags, votes } = row;
+
+        judge.flag_outside(found.chosen, flags);
+        if let Some(validity) = judge.validity {
+            for (x, (&chosen, flags)) in found.chosen.iter().zip(&mut *flags).enumerate() {
+                *flags = judge.flag_invalid(validity, (y, x), chosen.into(), *flags);
+            }
+        }
+
+        if let Some(most) = judge.consistency {
+            let chosen = &found.chosen[..judge.cols];
+            let costs = &found.own[..judge.cols];
+            checker.check(Choices { chosen, costs, candidates: judge.candidates }, most, flags);
+        }
+
+        if judge.uniqueness > 0 {
+            let margins = found.own.iter().zip(found.elsewhere);
+            for (flags, (&own, &elsewhere)) in flags.iter_mut().zip(margins) {
+                let is_ambiguous = CostMargin::new(own, elsewhere).is_ambiguous(judge.uniqueness);
+                let is_estimated = *flags & flag::MISSING == 0;
+                *flags |= if is_estimated & is_ambiguous { flag::AMBIGUOUS } else { 0 };
+            }
+        }
+
+        for ((disparity, chosen), flags) in disparity.iter_mut().zip(found.chosen).zip(&*flags) {
+            *disparity = judge.disparity(*chosen, *flags);
+        }
+        if judge.subpixel {
+            for (disparity, offset) in disparity.iter_mut().zip(found.offset) {
+                *disparity += offset;
+            }
+        }
+
+        if let Some(votes) = votes {
+            for (vote, (&own, &elsewhere)) in
+                votes.iter_mut().zip(found.own.iter().zip(found.elsewhere))
+            {
+                *vote = confidence::vote(CostMargin::new(own, elsewhere), judge.unit);
+            }
         }
     }
 }
@@ -294,24 +342,22 @@ fn invalidate(
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CostMargin {
     /// Cost of the chosen candidate.
-    pub own: u64,
+    pub own: u32,
     /// Least cost elsewhere; `None`: all candidates are next to it.
-    pub elsewhere: Option<u64>,
+    pub elsewhere: Option<u32>,
 }
 
 impl CostMargin {
-    /// The margin of column `x` of a row.
+    /// The margin of a choice with this cost, and of candidates elsewhere with at least that cost, or [`NONE`].
     #[inline(always)]
-    fn of(found: &EvidenceRow, x: usize) -> Self {
-        let elsewhere = found.elsewhere[x];
-        Self {
-            own: found.own[x].into(),
-            elsewhere: (elsewhere != NONE).then_some(elsewhere.into()),
-        }
+    fn new(own: u32, elsewhere: u32) -> Self {
+        Self { own, elsewhere: (elsewhere != NONE).then_some(elsewhere) }
     }
 
     /// Whether the cost of the choice is not lower than the least one elsewhere by `percent` of it, at most 100.
+    #[inline(always)]
     pub fn is_ambiguous(self, percent: u64) -> bool {
-        self.elsewhere.is_some_and(|elsewhere| elsewhere * (100 - percent) < self.own * 100)
+        let own = u64::from(self.own);
+        self.elsewhere.is_some_and(|elsewhere| u64::from(elsewhere) * (100 - percent) < own * 100)
     }
 }

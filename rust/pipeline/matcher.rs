@@ -395,7 +395,7 @@ impl Job<'_> {
         let mut checker = Checker::default();
 
         for (row, y) in band.rows().enumerate() {
-            judge.write(y, evidence.row(row), &mut checker, band.row(row))?;
+            judge.write(y, evidence.row(row), &mut checker, band.row(row), self.search.level)?;
         }
 
         Ok(())

@@ -13,6 +13,9 @@
 //!
 //! So a weak pixel among firm ones that agree is trusted, and a firm pixel that stands alone is not.
 //!
+//! Neighbors are taken in pairs opposite one another. Gray values are in units of `s`, and the two weights of a pair,
+//! `1 / a` and `1 / b`, are `b / (a b)` and `a / (a b)`: one division instead of two, of all operations the slowest.
+//!
 //! Areas under the ROC curve (is the disparity off by more than 1 px?) of the sum of eight paths, means over 13
 //! sharp pairs and over 96 with one image degraded: 0.940 and 0.863 for visible pixels, 0.934 and 0.853 for all
 //! whose match lies within the right image. The ratio of the least cost elsewhere to the least one (PKR), and what
@@ -27,6 +30,7 @@ use crate::image::plane::{Plane, zeroed};
 use crate::image::texture::{Roughness, Texture};
 use crate::pipeline::control::Control;
 use crate::refinement::CostMargin;
+use crate::refinement::window_rows::{BAND, WindowRows, missing_rows};
 use crate::simd::{Level, Loop};
 
 /// How far ahead of all others the best candidate of a pixel with half a vote is, in units of the mean cost (bits, for
@@ -53,8 +57,13 @@ pub const SIMILAR: f64 = 2.0;
 /// it by 0.05 on degraded ones.
 pub const HALF_SUPPORT: f32 = 0.01;
 
-/// Rows of a band, which share a buffer.
-const ROWS: usize = 16;
+/// Rows within reach of one row, its own in the middle.
+const ROWS: usize = 2 * RADIUS + 1;
+/// Rows of them, and columns, that count.
+const SIDE: usize = 2 * RADIUS / STEP + 1;
+/// The gray value of pixels without a disparity, in units of the difference at which votes count half: their weight is
+/// lost beside a pixel's own, 1, and the product of the inverses of two weights is still finite.
+pub const UNLIKE: f32 = (1u32 << 30) as f32;
 
 /// The vote of a pixel, from 0 to 1, by its cost margin, of which `unit` steps are one unit of the mean cost.
 #[inline(always)]
@@ -89,23 +98,18 @@ impl VotedMap<'_> {
         let cols = self.disparity.cols();
         let similar = similar(self.texture.roughness);
 
-        out.write_bands(ROWS, |first, band| {
+        out.write_bands(BAND, |first, band| {
             control.checkpoint()?;
-            let mut weights = zeroed(cols)?;
-            for (y, sums) in (first..).zip(band.chunks_mut(cols)) {
-                level.run(Support { map: *self, y, similar, weights: &mut weights, sums });
-            }
+
+            let rows = PixelRows {
+                disparity: WindowRows::new(cols, f32::NAN)?,
+                votes: WindowRows::new(cols, 0.0)?,
+                gray: WindowRows::new(cols, UNLIKE)?,
+            };
+            let weights = zeroed(cols)?;
+            level.run(Support { map: *self, first, similar, rows, weights, band });
             Ok(())
         })
-    }
-
-    #[inline(always)]
-    fn row(&self, y: usize) -> PixelRow<'_> {
-        PixelRow {
-            disparity: self.disparity.row(y),
-            votes: self.votes.row(y),
-            gray: self.texture.gray.row(y),
-        }
     }
 }
 
@@ -115,32 +119,69 @@ pub fn similar(roughness: Roughness) -> f32 {
     difference * difference
 }
 
-/// A row of the map, or a part of it.
-#[derive(Clone, Copy)]
-struct PixelRow<'a> {
-    disparity: &'a [f32],
-    votes: &'a [f32],
-    gray: &'a [i32],
+/// The rows within reach of one row; row `y` of the map is number `y + RADIUS`.
+struct PixelRows {
+    disparity: WindowRows<f32, ROWS>,
+    votes: WindowRows<f32, ROWS>,
+    /// In units of the difference at which votes count half.
+    gray: WindowRows<f32, ROWS>,
 }
 
-impl PixelRow<'_> {
+impl PixelRows {
+    /// Copies the row of this number from the map; beyond the map there are no disparities.
     #[inline(always)]
-    fn part(&self, first: usize, count: usize) -> Self {
-        Self {
-            disparity: &self.disparity[first..][..count],
-            votes: &self.votes[first..][..count],
-            gray: &self.gray[first..][..count],
+    fn copy(&mut self, number: usize, map: VotedMap, scale: f32) {
+        let [disparity, votes, gray] =
+            [&mut self.disparity, &mut self.votes, &mut self.gray].map(|rows| rows.row_mut(number));
+
+        let Some(y) = number.checked_sub(RADIUS).filter(|y| *y < map.disparity.rows()) else {
+            disparity.fill(f32::NAN);
+            gray.fill(UNLIKE);
+            return;
+        };
+
+        disparity.copy_from_slice(map.disparity.row(y));
+        votes.copy_from_slice(map.votes.row(y));
+        for ((to, from), disparity) in gray.iter_mut().zip(map.texture.gray.row(y)).zip(disparity) {
+            *to = if disparity.is_nan() { UNLIKE } else { *from as f32 * scale };
         }
+    }
+
+    /// The row of this number, from `before` columns before its first one on.
+    #[inline(always)]
+    fn row(&self, number: usize, before: usize, count: usize) -> Pixels<'_> {
+        let [disparity, votes, gray] = [&self.disparity, &self.votes, &self.gray]
+            .map(|rows| &rows.row(number, before)[..count]);
+        Pixels { disparity, votes, gray }
     }
 }
 
-/// Writes the confidences of row `y`, summing votes in `sums` first.
+/// Neighboring pixels of a row.
+#[derive(Clone, Copy)]
+struct Pixels<'a> {
+    disparity: &'a [f32],
+    votes: &'a [f32],
+    gray: &'a [f32],
+}
+
+impl Pixels<'_> {
+    /// The first ones.
+    #[inline(always)]
+    fn part(self, count: usize) -> Self {
+        let Self { disparity, votes, gray } = self;
+        Self { disparity: &disparity[..count], votes: &votes[..count], gray: &gray[..count] }
+    }
+}
+
+/// Writes the confidences of a band of rows, of which `first` is the first.
 struct Support<'a> {
     map: VotedMap<'a>,
-    y: usize,
+    first: usize,
     similar: f32,
-    weights: &'a mut [f32],
-    sums: &'a mut [f32],
+    rows: PixelRows,
+    /// The sums of the weights of a row.
+    weights: Vec<f32>,
+    band: &'a mut [f32],
 }
 
 impl Loop for Support<'_> {
@@ -148,60 +189,71 @@ impl Loop for Support<'_> {
 
     #[inline(always)]
     fn run(self) {
-        let Self { map, y, similar, weights, sums } = self;
-        let (rows, cols) = (map.disparity.rows(), map.disparity.cols());
+        let Self { map, first, similar, mut rows, mut weights, band } = self;
+        let cols = map.disparity.cols();
+        let scale = 1.0 / similar.sqrt();
 
-        weights.fill(0.0);
-        sums.fill(0.0);
-
-        let here = map.row(y);
-        for row in places(y, rows) {
-            let there = map.row(row);
-            for away in (0..=2 * RADIUS).step_by(STEP) {
-                // Columns from `first` on have a pixel so far away; theirs begin at `other`.
-                let first = RADIUS.saturating_sub(away);
-                let other = away.saturating_sub(RADIUS);
-                let count = cols.saturating_sub(first.max(other));
-
-                if count > 0 {
-                    let weights = &mut weights[first..][..count];
-                    let sums = &mut sums[first..][..count];
-
-                    let pair = [here.part(first, count), there.part(other, count)];
-                    add(pair, similar, weights, sums);
-                }
+        for (y, sums) in (first..).zip(band.chunks_mut(cols)) {
+            for number in missing_rows::<ROWS>(y, first) {
+                rows.copy(number, map, scale);
             }
-        }
 
-        for ((sum, weight), disparity) in sums.iter_mut().zip(weights).zip(here.disparity) {
-            let is_known = !disparity.is_nan();
-            // A pixel with a disparity counts itself, so its weight is not 0.
-            *sum = if is_known { confidence(*sum / *weight) } else { 0.0 };
+            // A pixel's vote for itself.
+            let here = rows.row(y + RADIUS, 0, cols);
+            weights.fill(1.0);
+            sums.copy_from_slice(here.votes);
+
+            // The pixels ahead in reading order, each with its opposite.
+            let row = |at: usize| rows.row(y + at, RADIUS, cols + 2 * RADIUS);
+            add_pairs::<{ SIDE / 2 + 1 }>(here, [row(RADIUS); 2], &mut weights, sums);
+            for down in (STEP..=RADIUS).step_by(STEP) {
+                let around = [row(RADIUS + down), row(RADIUS - down)];
+                add_pairs::<0>(here, around, &mut weights, sums);
+            }
+
+            for ((sum, weight), disparity) in sums.iter_mut().zip(&weights).zip(here.disparity) {
+                *sum = if disparity.is_nan() { 0.0 } else { confidence(*sum / *weight) };
+            }
         }
     }
 }
 
-/// Rows whose votes count for row `y`, within the image.
+/// Adds the votes of the pixels of two rows to the sums of each pixel, from column `FIRST` of the windows on: each ahead with
+/// its opposite behind. A neighbor without a disparity votes neither for nor against.
+///
+/// One loop over the pixels, in which all pairs are a constant distance away: the sums stay in registers.
 #[inline(always)]
-fn places(y: usize, rows: usize) -> impl Iterator<Item = usize> {
-    let around = (0..=2 * RADIUS).step_by(STEP);
-    around.filter_map(move |away| (y + away).checked_sub(RADIUS)).filter(move |&row| row < rows)
-}
+fn add_pairs<const FIRST: usize>(
+    here: Pixels,
+    [ahead, behind]: [Pixels; 2],
+    weights: &mut [f32],
+    sums: &mut [f32],
+) {
+    let cols = here.disparity.len();
+    let here = here.part(cols);
+    let [ahead, behind] = [ahead, behind].map(|pixels| pixels.part(cols + 2 * RADIUS));
+    let (weights, sums) = (&mut weights[..cols], &mut sums[..cols]);
 
-/// Adds the vote of one neighbor of each pixel. A neighbor without a disparity votes neither for nor against.
-#[inline(always)]
-fn add([here, there]: [PixelRow; 2], similar: f32, weights: &mut [f32], sums: &mut [f32]) {
-    let ours = here.disparity.iter().zip(here.gray);
-    let theirs = there.disparity.iter().zip(there.gray).zip(there.votes);
-    let totals = weights.iter_mut().zip(sums);
+    for x in 0..cols {
+        let (mut weight, mut sum) = (weights[x], sums[x]);
+        let (disparity, gray) = (here.disparity[x], here.gray[x]);
 
-    for (((ours, gray), ((theirs, other), vote)), (weight, sum)) in ours.zip(theirs).zip(totals) {
-        let difference = (gray - other) as f32;
-        let alike = similar / (similar + difference * difference);
-        // A comparison with NaN is false: a missing neighbor never agrees.
-        let agrees = (ours - theirs).abs() <= TOLERANCE;
+        for column in FIRST..SIDE {
+            let (right, left) = (x + column * STEP, x + (SIDE - 1 - column) * STEP);
 
-        *weight += if theirs.is_nan() { 0.0 } else { alike };
-        *sum += if agrees { alike * vote } else { 0.0 };
+            let (a, b) = (ahead.gray[right] - gray, behind.gray[left] - gray);
+            let (a, b) = (1.0 + a * a, 1.0 + b * b);
+            // One division for both weights.
+            let both = 1.0 / (a * b);
+            let (a, b) = (b * both, a * both);
+            weight += a + b;
+
+            // A comparison with NaN is false: a missing neighbor never agrees.
+            let a = if (ahead.disparity[right] - disparity).abs() <= TOLERANCE { a } else { 0.0 };
+            let b = if (behind.disparity[left] - disparity).abs() <= TOLERANCE { b } else { 0.0 };
+            sum += a * ahead.votes[right] + b * behind.votes[left];
+        }
+
+        (weights[x], sums[x]) = (weight, sum);
     }
 }

@@ -4,18 +4,24 @@
 //! not the nearer neighbor, not the one with the more similar gray value, not the one on the same side of the largest step
 //! of gray values.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use crate::error::Result;
 use crate::image::masking::nearest;
 use crate::image::plane::Plane;
 use crate::pipeline::control::Control;
+use crate::pipeline::memory::Memory;
 use crate::refinement::flag;
+use crate::refinement::window_rows::BAND;
 use crate::simd::{Level, Loop};
 
 /// Most rows between a row without a trusted pixel and the row that it copies. Such rows are rare, and rows further away
 /// say nothing about them.
 pub const REACH: usize = 32;
+/// Pixels that are tested together for the end of a gap.
+const LOOK: usize = 8;
 
 /// Gives every untrusted pixel the smaller disparity of the nearest trusted pixels to its left and right, and
 /// [`flag::FILLED`]. A row without any trusted pixel takes the filled values of the nearest row that has one, up to
@@ -36,25 +42,32 @@ pub fn fill(
     let seeded: Vec<bool> = (0..rows).map(is_seeded).collect();
 
     // Rows without a trusted pixel go first, while the rows that they copy are still unfilled.
+    let mut spread = Spread::default();
     for (y, source) in nearest(&seeded).into_iter().enumerate().filter(|(y, _)| !seeded[*y]) {
         let source = source.filter(|from| from.abs_diff(y) <= REACH);
-
+        let own = disparity.row(y).to_vec();
         let spread = match source {
-            Some(from) => spread(disparity.row(from), flags.row(from), level),
-            None => disparity.row(y).to_vec(),
+            Some(from) => spread.find(disparity.row(from), flags.row(from), level)?,
+            None => &own,
         };
 
         let filled = if source.is_some() { flag::FILLED } else { 0 };
         let (disparity, flags) = (disparity.row_mut(y), flags.row_mut(y));
-        level.run(Fill { spread: &spread, filled, disparity, flags });
+        level.run(Fill { spread, filled, disparity, flags });
     }
 
-    let parts = disparity.as_mut_slice().par_chunks_mut(cols);
-    let parts = parts.zip(flags.as_mut_slice().par_chunks_mut(cols)).zip(seeded);
-    parts.filter(|(_, is_seeded)| *is_seeded).try_for_each(|((disparity, flags), _)| {
+    let bands = disparity.as_mut_slice().par_chunks_mut(BAND * cols);
+    let bands =
+        bands.zip(flags.as_mut_slice().par_chunks_mut(BAND * cols)).zip(seeded.par_chunks(BAND));
+    bands.try_for_each(|((disparity, flags), seeded)| {
         control.checkpoint()?;
-        let spread = spread(disparity, flags, level);
-        level.run(Fill { spread: &spread, filled: flag::FILLED, disparity, flags });
+        let mut spread = Spread::default();
+
+        let rows = disparity.chunks_mut(cols).zip(flags.chunks_mut(cols)).zip(seeded);
+        for ((disparity, flags), _) in rows.filter(|(_, is_seeded)| **is_seeded) {
+            let spread = spread.find(disparity, flags, level)?;
+            level.run(Fill { spread, filled: flag::FILLED, disparity, flags });
+        }
         Ok(())
     })
 }
@@ -65,28 +78,81 @@ pub fn is_trusted(disparity: f32, flags: u16) -> bool {
     (flags & flag::UNTRUSTED == 0) & !disparity.is_nan()
 }
 
-/// The trusted values of a row; in each gap the smaller one of the values at its ends.
-fn spread(disparity: &[f32], flags: &[u16], level: Level) -> Vec<f32> {
-    let mut row = vec![f32::NAN; disparity.len()];
-    level.run(Trusted { disparity, flags, row: &mut row });
+/// Buffers of rows that are spread one after another.
+#[derive(Debug, Default)]
+struct Spread {
+    /// The trusted values of a row, and what fills the gaps between them.
+    row: Memory<f32>,
+    /// 1 where a gap begins or ends, else 0; zeros up to a multiple of [`LOOK`].
+    ends: Memory<u8>,
+}
 
-    // Each gap, from `start` on, is filled when the value after it is reached.
-    let mut before = f32::NAN;
-    let mut start = 0;
-    for x in 0..=row.len() {
-        let after = row.get(x).copied().unwrap_or(f32::NAN);
-        if x < row.len() && after.is_nan() {
-            continue;
+impl Spread {
+    /// The trusted values of a row; in each gap the smaller one of the values at its ends.
+    fn find(&mut self, disparity: &[f32], flags: &[u16], level: Level) -> Result<&[f32]> {
+        let cols = disparity.len();
+        self.row.resize(cols)?;
+        self.ends.resize(cols.next_multiple_of(LOOK))?;
+
+        let Self { row, ends } = self;
+        level.run(FindGaps { disparity, flags, row, ends });
+
+        // Eight bytes are tested at once: most pixels are at no end.
+        let mut start = None;
+        for (look, ends) in ends.as_chunks::<LOOK>().0.iter().enumerate() {
+            let mut ends = u64::from_le_bytes(*ends);
+            while ends != 0 {
+                let x = look * LOOK + ends.trailing_zeros() as usize / 8;
+                ends &= ends - 1;
+
+                start = match start {
+                    None => Some(x),
+                    Some(start) => {
+                        fill_gap(row, start..x);
+                        None
+                    }
+                };
+            }
         }
-        if start < x {
-            // The minimum of a number and NaN is the number, so gaps at the border have one end.
-            row[start..x].fill(before.min(after));
+        if let Some(start) = start {
+            fill_gap(row, start..cols);
         }
 
-        (before, start) = (after, x + 1);
+        Ok(row)
     }
+}
 
-    row
+/// Fills a gap of a row by the smaller one of the values at its ends.
+fn fill_gap(row: &mut [f32], gap: Range<usize>) {
+    let before = gap.start.checked_sub(1).map_or(f32::NAN, |x| row[x]);
+    let after = row.get(gap.end).copied().unwrap_or(f32::NAN);
+
+    // The minimum of a number and NaN is the number, so gaps at the border have one end.
+    row[gap].fill(before.min(after));
+}
+
+/// Extracts the trusted values of a row, NaN elsewhere, and where they begin and end.
+struct FindGaps<'a> {
+    disparity: &'a [f32],
+    flags: &'a [u16],
+    row: &'a mut [f32],
+    ends: &'a mut [u8],
+}
+
+impl Loop for FindGaps<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { disparity, flags, row, ends } = self;
+        Trusted { disparity, flags, row }.run();
+
+        ends.fill(0);
+        ends[0] = u8::from(row[0].is_nan());
+        for ((out, before), here) in ends[1..].iter_mut().zip(&row[..]).zip(&row[1..]) {
+            *out = u8::from(before.is_nan() != here.is_nan());
+        }
+    }
 }
 
 /// Writes the trusted values of a row; NaN elsewhere.

@@ -7,13 +7,12 @@
 use std::array::from_fn;
 
 use crate::error::Result;
-use crate::image::plane::{Plane, parts};
+use crate::image::plane::Plane;
 use crate::image::texture::{Roughness, Texture};
 use crate::pipeline::control::Control;
 use crate::refinement::jumps::Mark;
-use crate::refinement::median::{
-    KeyLanes, LANES, NONE, disparity as disparity_of, keys_of, lanes, median25,
-};
+use crate::refinement::median::{NONE, disparity as disparity_of, median25, write_keys};
+use crate::refinement::window_rows::{BAND, WindowRows, missing_rows};
 use crate::simd::{Level, Loop};
 
 /// Pixels that a window reaches in each direction.
@@ -22,14 +21,19 @@ pub const REACH: usize = 4;
 /// pixels over twelve scenes with 5 x 5 pixels of 5 x 5, 9 x 9, 13 x 13 and 17 x 17: 5.9, 5.7, 5.8 and 6.2 %.
 pub const STRIDE: usize = 2;
 
+/// Rows that a window reaches.
+const ROWS: usize = 2 * REACH + 1;
 /// Pixels of a window that count, in a row.
 const SIDE: usize = 2 * REACH / STRIDE + 1;
 /// Pixels of a window that count, in all.
 const PLACES: usize = SIDE * SIDE;
-/// Columns that the windows of neighboring pixels reach.
+/// Pixels that are looked at together: where none of them is near a jump, nothing is done.
+const LANES: usize = 16;
+
+/// Columns that their windows reach.
 const SPAN: usize = LANES + 2 * REACH;
-/// Rows of a band; jumps in its halo are searched again.
-const BAND: usize = 32;
+/// The gray value of pixels without a disparity: similar to no other.
+const UNLIKE: i32 = i32::MIN / 2;
 
 /// The map with the median of similar pixels near jumps. Of two values in the middle the smaller disparity is taken, that
 /// of the background. Gray values are similar if they differ by no more than the mean difference of neighbors in the
@@ -57,15 +61,10 @@ pub fn guide(
             }
         }
 
-        for (y, out) in band.chunks_mut(cols).enumerate() {
-            // Row `y` of the band is row `y + REACH` of the jumps.
-            let near = from_fn(|row| &jumps[(y + row) * cols..][..cols]);
-            let row = |k: usize| (first + y + k * STRIDE) as isize - REACH as isize;
-            let disparity = from_fn(|k| disparity.row_or_nothing(row(k)));
-            let gray = from_fn(|k| texture.gray.row_or_nothing(row(k)));
-            level.run(Guide { disparity, gray, near, tolerance, out });
-        }
-
+        let rows =
+            PixelRows { keys: WindowRows::new(cols, NONE)?, grays: WindowRows::new(cols, UNLIKE)? };
+        let (jumps, near) = (&jumps, vec![0; cols.next_multiple_of(LANES)]);
+        level.run(Guide { disparity, texture, first, rows, jumps, near, tolerance, band });
         Ok(())
     })
 }
@@ -75,13 +74,41 @@ pub fn likeness(roughness: Roughness) -> i32 {
     roughness.ceiling() as i32
 }
 
-/// Writes one row, from the rows of its windows and the jumps of all rows within reach.
+/// The rows within reach of one row; row `y` of the map is number `y + REACH`.
+struct PixelRows {
+    keys: WindowRows<i32, ROWS>,
+    grays: WindowRows<i32, ROWS>,
+}
+
+impl PixelRows {
+    /// Copies the row of this number; pixels beyond the map and those without a disparity are like no other.
+    #[inline(always)]
+    fn copy(&mut self, number: usize, disparity: &Plane<f32>, texture: &Texture) {
+        let (keys, grays) = (self.keys.row_mut(number), self.grays.row_mut(number));
+        let Some(y) = number.checked_sub(REACH).filter(|y| *y < disparity.rows()) else {
+            grays.fill(UNLIKE);
+            return;
+        };
+
+        write_keys(disparity.row(y), keys);
+        for ((to, from), key) in grays.iter_mut().zip(texture.gray.row(y)).zip(keys) {
+            *to = if *key == NONE { UNLIKE } else { *from };
+        }
+    }
+}
+
+/// Writes a band of rows, of which `first` is the first.
 struct Guide<'a> {
-    disparity: [&'a [f32]; SIDE],
-    gray: [&'a [i32]; SIDE],
-    near: [&'a [u8]; 2 * REACH + 1],
+    disparity: &'a Plane<f32>,
+    texture: &'a Texture,
+    first: usize,
+    rows: PixelRows,
+    /// Which pixels of the band and of [`REACH`] rows around it are near a jump of their row.
+    jumps: &'a [u8],
+    /// Which pixels of a row are near a jump; zeros up to a multiple of [`LANES`].
+    near: Vec<u8>,
     tolerance: i32,
-    out: &'a mut [f32],
+    band: &'a mut [f32],
 }
 
 impl Loop for Guide<'_> {
@@ -89,69 +116,72 @@ impl Loop for Guide<'_> {
 
     #[inline(always)]
     fn run(self) {
-        let mut buffer = [[0.0; SPAN]; SIDE];
-        let mut gray_buffer = [[0; SPAN]; SIDE];
-        let mut near_buffer = [[0; LANES]; 2 * REACH + 1];
+        let Self { disparity, texture, first, mut rows, jumps, mut near, tolerance, band } = self;
+        let cols = disparity.cols();
 
-        for (index, out) in self.out.chunks_mut(LANES).enumerate() {
-            let x = index * LANES;
+        for (index, out) in band.chunks_mut(cols).enumerate() {
+            let y = first + index;
+            for number in missing_rows::<ROWS>(y, first) {
+                rows.copy(number, disparity, texture);
+            }
 
-            let mut near = [0; LANES];
-            for row in parts(self.near, x as isize, &mut near_buffer, |_, _| 0) {
-                let row = &row[..LANES];
-                for j in 0..LANES {
-                    near[j] |= row[j];
+            near.fill(0);
+            for row in jumps[index * cols..][..ROWS * cols].chunks(cols) {
+                for (near, jump) in near.iter_mut().zip(row) {
+                    *near |= jump;
                 }
             }
 
             // Most pixels are far from any jump.
-            if near == [0; LANES] {
-                out.copy_from_slice(&self.disparity[SIDE / 2][x..][..out.len()]);
-                continue;
+            out.copy_from_slice(disparity.row(y));
+            let keys = from_fn(|k| rows.keys.row(y + k * STRIDE, REACH));
+            let grays = from_fn(|k| rows.grays.row(y + k * STRIDE, REACH));
+
+            for (part, (out, near)) in out.chunks_mut(LANES).zip(near.as_chunks().0).enumerate() {
+                if *near != [0; LANES] {
+                    let [keys, grays] =
+                        [keys, grays].map(|rows| rows.map(|row: &[i32]| &row[part * LANES..]));
+
+                    let guided = guided(keys, grays, near, tolerance);
+                    out.copy_from_slice(&guided[..out.len()]);
+                }
             }
-
-            let first = x as isize - REACH as isize;
-            let keys = keys_of(parts(self.disparity, first, &mut buffer, |_, _| f32::NAN));
-            let grays = parts(self.gray, first, &mut gray_buffer, |_, _| 0);
-            let median = median25(similar_keys(&keys, grays, self.tolerance));
-            let center = lanes(&keys[SIDE / 2], REACH);
-
-            let mut guided = [0.0; LANES];
-            for j in 0..LANES {
-                let is_guided = (near[j] != 0) & (center[j] != NONE);
-                guided[j] = disparity_of(if is_guided { median[j] } else { center[j] });
-            }
-
-            out.copy_from_slice(&guided[..out.len()]);
         }
     }
 }
 
-/// The keys in the windows of neighboring pixels. A key that does not count is replaced by the least and the largest value
-/// in turn, so that the median of the others stays in the middle.
+/// The medians of similar pixels around [`LANES`] neighboring pixels, where they are near a jump.
 #[inline(always)]
-fn similar_keys(
-    keys: &[[i32; SPAN]; SIDE],
+fn guided(
+    keys: [&[i32]; SIDE],
     grays: [&[i32]; SIDE],
+    near: &[u8; LANES],
     tolerance: i32,
-) -> [KeyLanes; PLACES] {
-    let center = lanes(grays[SIDE / 2], REACH);
-    let mut far = [i32::MIN; LANES];
-    let mut kept = [[NONE; LANES]; PLACES];
+) -> [f32; LANES] {
+    let nothing = [UNLIKE; SPAN];
+    let keys = keys.map(|row| row.first_chunk::<SPAN>().unwrap_or(&nothing));
+    let grays = grays.map(|row| row.first_chunk::<SPAN>().unwrap_or(&nothing));
 
-    for (place, kept) in kept.iter_mut().enumerate() {
-        let column = place % SIDE * STRIDE;
-        let key = lanes(&keys[place / SIDE], column);
-        let gray = lanes(grays[place / SIDE], column);
+    let mut guided = [0.0; LANES];
+    for x in 0..LANES {
+        let (key, gray) = (keys[SIDE / 2][x + REACH], grays[SIDE / 2][x + REACH]);
 
-        for j in 0..LANES {
-            let is_other = ((gray[j] - center[j]).abs() > tolerance) | (key[j] == NONE);
-            // All bits or none: a mask, since a choice would be compiled pixel by pixel.
-            let other = -i32::from(is_other);
-            kept[j] = key[j] & !other | far[j] & other;
-            far[j] ^= other;
+        // A key that does not count is replaced by the least and the largest value in turn, so that the median of the others
+        // stays in the middle.
+        let mut far = i32::MIN;
+        let mut window = [NONE; PLACES];
+        for row in 0..SIDE {
+            for column in 0..SIDE {
+                let at = x + column * STRIDE;
+                // All bits or none: a mask, since a choice would become a branch.
+                let other = -i32::from((grays[row][at] - gray).abs() > tolerance);
+                window[row * SIDE + column] = keys[row][at] & !other | far & other;
+                far ^= other;
+            }
         }
-    }
 
-    kept
+        let is_guided = (near[x] != 0) & (key != NONE);
+        guided[x] = disparity_of(if is_guided { median25(window) } else { key });
+    }
+    guided
 }

@@ -1,26 +1,23 @@
-//! Medians of a map's neighboring disparities, many pixels side by side.
+//! Medians of a map's neighboring disparities.
 //!
-//! Disparities are compared as integers of the same order, for which every instruction set has vector instructions. Loops
-//! over lanes are written out: closures of this size are no longer inlined, and what is not inlined is not compiled for
-//! the level.
+//! Disparities are compared as integers of the same order, for which every instruction set has vector instructions. A
+//! median is a fixed sequence of minima and maxima, which is compiled for many pixels side by side.
+
+use std::array::from_fn;
 
 use crate::error::Result;
-use crate::image::plane::{Plane, parts};
+use crate::image::plane::Plane;
 use crate::pipeline::control::Control;
+use crate::refinement::window_rows::{BAND, WindowRows, missing_rows};
 use crate::simd::{Level, Loop};
 
-/// Pixels whose medians are found at once.
-pub const LANES: usize = 32;
 /// The key of no disparity, below all others.
 pub const NONE: i32 = i32::MIN;
 /// Rows above and below a pixel that its median is taken over.
 pub const REACH: usize = 1;
 
-/// Columns that the windows of [`LANES`] pixels reach.
-const SPAN: usize = LANES + 2 * REACH;
-
-/// Keys of [`LANES`] neighboring pixels.
-pub type KeyLanes = [i32; LANES];
+/// Rows and columns of a window.
+const SIDE: usize = 2 * REACH + 1;
 
 /// The median of the 3 x 3 disparities around each pixel; beyond the border the map repeats its edge.
 ///
@@ -31,10 +28,12 @@ pub fn smooth(
     level: Level,
     control: &Control,
 ) -> Result<()> {
-    smoothed.write_bands(1, |y, smoothed| {
+    let cols = disparity.cols();
+    smoothed.write_bands(BAND, |first, smoothed| {
         control.checkpoint()?;
-        let rows = [y.saturating_sub(1), y, (y + 1).min(disparity.rows() - 1)];
-        level.run(MedianRow { rows: rows.map(|y| disparity.row(y)), smoothed });
+
+        let keys = WindowRows::new(cols, NONE)?;
+        level.run(Medians { disparity, first, keys, smoothed });
         Ok(())
     })
 }
@@ -57,67 +56,62 @@ fn flipped(bits: i32) -> i32 {
     bits ^ (bits >> 31 & i32::MAX)
 }
 
-/// Writes the medians of one row, from the rows above, at and below it.
-struct MedianRow<'a> {
-    rows: [&'a [f32]; 3],
+/// Writes the medians of a band of rows, of which `first` is the first.
+struct Medians<'a> {
+    disparity: &'a Plane<f32>,
+    first: usize,
+    /// Row `y` of the map is number `y + REACH`.
+    keys: WindowRows<i32, SIDE>,
     smoothed: &'a mut [f32],
 }
 
-impl Loop for MedianRow<'_> {
+impl Loop for Medians<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
-        let mut buffer = [[0.0; SPAN]; 3];
+        let Self { disparity, first, mut keys, smoothed } = self;
+        let (rows, cols) = (disparity.rows(), disparity.cols());
 
-        for (index, out) in self.smoothed.chunks_mut(LANES).enumerate() {
-            let first = (index * LANES) as isize - REACH as isize;
+        for (y, smoothed) in (first..).zip(smoothed.chunks_mut(cols)) {
+            for number in missing_rows::<SIDE>(y, first) {
+                let y = number.saturating_sub(REACH).min(rows - 1);
+                write_keys(disparity.row(y), keys.row_mut(number));
+                keys.repeat_ends(number);
+            }
 
-            let nearest = |row: &[f32], x: isize| row[x.clamp(0, row.len() as isize - 1) as usize];
-            let rows: [[i32; SPAN]; 3] = keys_of(parts(self.rows, first, &mut buffer, nearest));
-            let center = lanes(&rows[1], REACH);
+            write_medians(from_fn(|dy| keys.row(y + dy, REACH)), smoothed);
+        }
+    }
+}
 
+/// Writes the keys of a row.
+#[inline(always)]
+pub fn write_keys(disparity: &[f32], keys: &mut [i32]) {
+    for (key, disparity) in keys.iter_mut().zip(disparity) {
+        *key = self::key(*disparity);
+    }
+}
+
+/// Writes the medians of a row of windows.
+#[inline(always)]
+fn write_medians(keys: [&[i32]; SIDE], smoothed: &mut [f32]) {
+    let cols = smoothed.len();
+    let keys = keys.map(|row| &row[..cols + 2 * REACH]);
+
+    for x in 0..cols {
+        let center = keys[REACH][x + REACH];
+
+        let mut window = [NONE; SIDE * SIDE];
+        for (place, value) in window.iter_mut().enumerate() {
+            let key = keys[place / SIDE][x + place % SIDE];
             // Neighbors without a disparity count as the pixel itself.
-            let mut keys = [[NONE; LANES]; 9];
-            for (place, keys) in keys.iter_mut().enumerate() {
-                *keys = lanes(&rows[place / 3], place % 3);
-
-                for j in 0..LANES {
-                    keys[j] = if keys[j] == NONE { center[j] } else { keys[j] };
-                }
-            }
-
-            let median = median9(keys);
-
-            let mut smoothed = [0.0; LANES];
-            for j in 0..LANES {
-                smoothed[j] = disparity(if center[j] == NONE { NONE } else { median[j] });
-            }
-
-            out.copy_from_slice(&smoothed[..out.len()]);
+            *value = if key == NONE { center } else { key };
         }
-    }
-}
 
-/// The keys of some rows.
-#[inline(always)]
-pub fn keys_of<const ROWS: usize, const COUNT: usize>(
-    rows: [&[f32]; ROWS],
-) -> [[i32; COUNT]; ROWS] {
-    let mut keys = [[NONE; COUNT]; ROWS];
-    for (keys, row) in keys.iter_mut().zip(rows) {
-        let row = &row[..COUNT];
-        for j in 0..COUNT {
-            keys[j] = key(row[j]);
-        }
+        let median = median9(window);
+        smoothed[x] = self::disparity(if center == NONE { NONE } else { median });
     }
-    keys
-}
-
-/// [`LANES`] keys of a row from `x` on.
-#[inline(always)]
-pub fn lanes(row: &[i32], x: usize) -> KeyLanes {
-    row[x..].first_chunk().copied().unwrap_or([0; LANES])
 }
 
 /// Leaves the median of the values in the middle one of `N` values, by excluding extremes.
@@ -136,23 +130,23 @@ macro_rules! exclude_extremes {
     };
 }
 
-/// The medians of 9 values.
+/// The median of 9 values.
 #[inline(always)]
-pub fn median9(mut values: [KeyLanes; 9]) -> KeyLanes {
+pub fn median9(mut values: [i32; 9]) -> i32 {
     exclude_extremes!(values, 4: 0 1 2 3);
     values[4]
 }
 
-/// The medians of 25 values.
+/// The median of 25 values.
 #[inline(always)]
-pub fn median25(mut values: [KeyLanes; 25]) -> KeyLanes {
+pub fn median25(mut values: [i32; 25]) -> i32 {
     exclude_extremes!(values, 12: 0 1 2 3 4 5 6 7 8 9 10 11);
     values[12]
 }
 
 /// Of `COUNT` values from the `first` on, moves the least to the front and the largest to the end.
 #[inline(always)]
-fn extremes_to_ends<const COUNT: usize>(values: &mut [KeyLanes], first: usize) {
+fn extremes_to_ends<const COUNT: usize>(values: &mut [i32], first: usize) {
     let values = &mut values[first..][..COUNT];
     let last = COUNT - 1;
     let half = COUNT.div_ceil(2);
@@ -172,10 +166,7 @@ fn extremes_to_ends<const COUNT: usize>(values: &mut [KeyLanes], first: usize) {
 
 /// Swaps two values where they are out of order.
 #[inline(always)]
-fn order(values: &mut [KeyLanes], lower: usize, upper: usize) {
+fn order(values: &mut [i32], lower: usize, upper: usize) {
     let (a, b) = (values[lower], values[upper]);
-
-    for j in 0..LANES {
-        (values[lower][j], values[upper][j]) = (a[j].min(b[j]), a[j].max(b[j]));
-    }
+    (values[lower], values[upper]) = (a.min(b), a.max(b));
 }

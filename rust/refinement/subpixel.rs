@@ -10,11 +10,10 @@
 //! offset = tip / 2 * (1 + STEEPER * (1 - |tip|))
 //! ```
 
-use std::array::from_fn;
-
 use crate::error::Result;
-use crate::image::plane::{Plane, parts};
+use crate::image::plane::{Plane, zeroed};
 use crate::pipeline::control::Control;
+use crate::refinement::window_rows::{BAND, WindowRows, missing_rows};
 use crate::simd::{Level, Loop};
 
 /// Weight of the pixel's own costs beside the mean of the paths' totals.
@@ -41,10 +40,6 @@ const SAME_SURFACE: f32 = 1.0;
 
 /// Rows that a pixel is smoothed over, its own in the middle.
 const SIDE: usize = 2 * REACH + 1;
-/// Pixels that are smoothed at a time.
-const LANES: usize = 16;
-/// Columns that the windows of these pixels reach.
-const SPAN: usize = LANES + 2 * REACH;
 
 /// The cost of a candidate for [`offset`]: the mean of the paths' totals, plus the weighted cost of the pixel's own window,
 /// which each total contains once already; at most [`i32::MAX`].
@@ -79,66 +74,89 @@ pub fn smooth(
     level: Level,
     control: &Control,
 ) -> Result<()> {
-    smoothed.write_bands(1, |y, smoothed| {
+    let cols = disparity.cols();
+    smoothed.write_bands(BAND, |first, smoothed| {
         control.checkpoint()?;
-        let first = y as isize - REACH as isize;
-        let rows = from_fn(|dy| disparity.row_or_nothing(first + dy as isize));
-        level.run(MeanRow { rows, smoothed });
+
+        let rows = WindowRows::new(cols, f32::NAN)?;
+        let counts = zeroed(cols)?;
+        level.run(Means { disparity, first, rows, counts, smoothed });
         Ok(())
     })
 }
 
-/// Writes one row, smoothed over the rows around it.
-struct MeanRow<'a> {
-    rows: [&'a [f32]; SIDE],
+/// Writes a band of rows, of which `first` is the first, smoothed over the rows around each.
+struct Means<'a> {
+    disparity: &'a Plane<f32>,
+    first: usize,
+    /// Row `y` of the map is number `y + REACH`.
+    rows: WindowRows<f32, SIDE>,
+    /// Pairs of each pixel of a row that count.
+    counts: Vec<i32>,
     smoothed: &'a mut [f32],
 }
 
-impl Loop for MeanRow<'_> {
+impl Loop for Means<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
-        let mut buffer = [[0.0; SPAN]; SIDE];
+        let Self { disparity, first, mut rows, mut counts, smoothed } = self;
+        let cols = disparity.cols();
 
-        for (index, smoothed) in self.smoothed.chunks_mut(LANES).enumerate() {
-            let first = (index * LANES) as isize - REACH as isize;
-            let mean = mean(parts(self.rows, first, &mut buffer, |_, _| f32::NAN));
+        for (y, sums) in (first..).zip(smoothed.chunks_mut(cols)) {
+            for number in missing_rows::<SIDE>(y, first) {
+                let row = number.checked_sub(REACH).filter(|y| *y < disparity.rows());
+                match row {
+                    Some(y) => rows.row_mut(number).copy_from_slice(disparity.row(y)),
+                    None => rows.row_mut(number).fill(f32::NAN),
+                }
+            }
 
-            smoothed.copy_from_slice(&mean[..smoothed.len()]);
+            sums.fill(0.0);
+            counts.fill(0);
+
+            // The pixels ahead in reading order, each with its opposite.
+            let own = &rows.row(y + REACH, 0)[..cols];
+            let row = |at: usize| rows.row(y + at, REACH);
+            add_pairs::<{ REACH + 1 }>(own, [row(REACH); 2], sums, &mut counts);
+            for down in 1..=REACH {
+                let around = [row(REACH + down), row(REACH - down)];
+                add_pairs::<0>(own, around, sums, &mut counts);
+            }
+
+            for ((sum, count), own) in sums.iter_mut().zip(&counts).zip(own) {
+                *sum = own + *sum / (1 + 2 * *count) as f32;
+            }
         }
     }
 }
 
-/// The means of [`LANES`] pixels: each pixel's own value, plus the mean difference of the pairs that count.
+/// Adds the pairs of two rows that count to the sums of each pixel, from column `FIRST` of the windows on: the differences
+/// from the pixel's own value, and their number.
+///
+/// One loop over the pixels, in which all pairs are a constant distance away: the sums stay in registers.
 #[inline(always)]
-fn mean(rows: [&[f32]; SIDE]) -> [f32; LANES] {
-    let own: [f32; LANES] = from_fn(|j| rows[REACH][REACH + j]);
-    let mut sum = [0.0; LANES];
-    let mut count = [1.0; LANES];
+fn add_pairs<const FIRST: usize>(
+    own: &[f32],
+    [ahead, behind]: [&[f32]; 2],
+    sums: &mut [f32],
+    counts: &mut [i32],
+) {
+    let cols = own.len();
+    let (sums, counts) = (&mut sums[..cols], &mut counts[..cols]);
+    let (ahead, behind) = (&ahead[..cols + SIDE - 1], &behind[..cols + SIDE - 1]);
 
-    // The pixels ahead in reading order, each with its opposite.
-    for dy in 0..=REACH {
-        let first = if dy == 0 { REACH + 1 } else { 0 };
-        for at in first..SIDE {
-            let ahead = &rows[REACH + dy][at..][..LANES];
-            let behind = &rows[REACH - dy][SIDE - 1 - at..][..LANES];
+    for x in 0..cols {
+        let (mut sum, mut count) = (sums[x], counts[x]);
 
-            // A pair that does not count adds zero by a mask: a choice would keep the sums out of registers.
-            let mut steps = [0.0; LANES];
-            let mut counted = [0.0; LANES];
-            for j in 0..LANES {
-                let (a, b) = (ahead[j] - own[j], behind[j] - own[j]);
-                let is_same = (a.abs() <= SAME_SURFACE) & (b.abs() <= SAME_SURFACE);
-                let kept = if is_same { !0 } else { 0 };
-                steps[j] = f32::from_bits((a + b).to_bits() & kept);
-                counted[j] = f32::from_bits(2f32.to_bits() & kept);
-            }
-
-            sum = from_fn(|j| sum[j] + steps[j]);
-            count = from_fn(|j| count[j] + counted[j]);
+        for at in FIRST..SIDE {
+            let (a, b) = (ahead[x + at] - own[x], behind[x + SIDE - 1 - at] - own[x]);
+            let is_same = (a.abs() <= SAME_SURFACE) & (b.abs() <= SAME_SURFACE);
+            sum += if is_same { a + b } else { 0.0 };
+            count += i32::from(is_same);
         }
-    }
 
-    from_fn(|j| own[j] + sum[j] / count[j])
+        (sums[x], counts[x]) = (sum, count);
+    }
 }

@@ -97,15 +97,13 @@ proptest! {
     }
 
     #[test]
-    fn a_vote_grows_with_the_cost_margin(own in any::<u32>(), ahead in any::<u32>(), unit in 1u16..) {
+    fn a_vote_grows_with_the_cost_margin(
+        own in 0u32..1 << 30,
+        ahead in 0u32..1 << 30,
+        unit in 1u16..,
+    ) {
         let unit = f32::from(unit);
-
-        let margin = |ahead: u64| {
-            let own = u64::from(own);
-            CostMargin { own, elsewhere: Some(own + ahead) }
-        };
-
-        let ahead = u64::from(ahead);
+        let margin = |ahead| CostMargin { own, elsewhere: Some(own + ahead) };
 
         let [less, more] = [ahead, 2 * ahead + 1].map(|ahead| vote(margin(ahead), unit));
 

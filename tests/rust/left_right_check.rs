@@ -13,10 +13,12 @@ fn checked(choices: Choices, most: u16, flags: &[u16]) -> Vec<u16> {
 
     // A longer row first, whose buffers are reused.
     let longer = Choices { chosen: &[0; 300], costs: &[0; 300], ..choices };
-    checker.check(longer, 1, &mut [0; 300]).expect("memory");
+    checker.resize(300).expect("memory");
+    checker.check(longer, 1, &mut [0; 300]);
 
     let mut flags = flags.to_vec();
-    checker.check(choices, most, &mut flags).expect("memory");
+    checker.resize(flags.len()).expect("memory");
+    checker.check(choices, most, &mut flags);
     flags
 }
 

@@ -22,7 +22,7 @@ use phasestereo::internals::optimization::{
     BAND, LOOKAHEAD_COLUMNS, LOOKAHEAD_ROWS, PANEL, Penalties,
 };
 use phasestereo::internals::refinement::confidence::{
-    RADIUS, STEP, TOLERANCE, VotedMap, confidence, similar,
+    RADIUS, STEP, TOLERANCE, UNLIKE, VotedMap, confidence, similar,
 };
 use phasestereo::internals::refinement::filling;
 use phasestereo::internals::refinement::flag;
@@ -619,39 +619,43 @@ pub fn smooth_surfaces(disparity: &Plane<f32>) -> Plane<f32> {
     })
 }
 
-/// Reference implementation of [`VotedMap::confidences`]: each pixel asks those around it.
+/// Reference implementation of [`VotedMap::confidences`]: each pixel asks those around it, in pairs opposite one another whose
+/// weights take one division.
 pub fn confidences(map: VotedMap) -> Plane<f32> {
     let (rows, cols) = (map.disparity.rows(), map.disparity.cols());
-    let gray = &map.texture.gray;
-    let similar = similar(map.texture.roughness);
+    let scale = 1.0 / similar(map.texture.roughness).sqrt();
 
-    let around = |here: usize, length: usize| {
-        (0..length).filter(move |there| {
-            let away = here.abs_diff(*there);
-            away <= RADIUS && away.is_multiple_of(STEP)
-        })
+    // Disparity, gray value and vote of a neighbor, if it has a disparity.
+    let at = |y: usize, x: usize, dy: isize, dx: isize| {
+        let (y, x) = (y.checked_add_signed(dy)?, x.checked_add_signed(dx)?);
+        let is_inside = y < rows && x < cols;
+        let disparity = is_inside.then(|| map.disparity.row(y)[x]).filter(|d| !d.is_nan())?;
+        Some((disparity, map.texture.gray.row(y)[x] as f32 * scale, map.votes.row(y)[x]))
     };
+    let missing = (f32::NAN, UNLIKE, 0.0);
+
+    let radius = RADIUS as isize;
+    let pairs = (0..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (dy, dx)));
+    let count = |(dy, dx): &(isize, isize)| dy % STEP as isize == 0 && dx % STEP as isize == 0;
+    let pairs: Vec<_> = pairs.filter(|pair| *pair > (0, 0)).filter(count).collect();
 
     Plane::from_fn(rows, cols, |y, x| {
-        let own = map.disparity.row(y)[x];
-        if own.is_nan() {
-            return 0.0;
-        }
+        let Some((own, gray, mut votes)) = at(y, x, 0, 0) else { return 0.0 };
 
-        let mut weight = 0.0;
-        let mut votes = 0.0;
-        for (row, col) in around(y, rows).flat_map(|row| around(x, cols).map(move |col| (row, col)))
-        {
-            let other = map.disparity.row(row)[col];
-            let difference = (gray.row(y)[x] - gray.row(row)[col]) as f32;
-            let alike = similar / (similar + difference * difference);
+        let mut weight = 1.0;
+        for &(dy, dx) in &pairs {
+            let [ahead, behind] =
+                [(dy, dx), (-dy, -dx)].map(|(dy, dx)| at(y, x, dy, dx).unwrap_or(missing));
 
-            if !other.is_nan() {
-                weight += alike;
-            }
-            if (own - other).abs() <= TOLERANCE {
-                votes += alike * map.votes.row(row)[col];
-            }
+            let inverse = |gray_there: f32| 1.0 + (gray_there - gray) * (gray_there - gray);
+            let [a, b] = [inverse(ahead.1), inverse(behind.1)];
+            let both = 1.0 / (a * b);
+            weight += b * both + a * both;
+
+            let vote = |(there, _, vote): (f32, f32, f32), alike: f32| {
+                if (there - own).abs() <= TOLERANCE { alike * vote } else { 0.0 }
+            };
+            votes += vote(ahead, b * both) + vote(behind, a * both);
         }
 
         confidence(votes / weight)

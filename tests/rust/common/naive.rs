@@ -222,8 +222,8 @@ pub fn matched(pair: &Pair, settings: &Settings) -> ResultBits {
     let unit = unit(pair, settings);
 
     let votes = found.map(|found| {
-        let elsewhere = (found.elsewhere != NONE).then_some(found.elsewhere.into());
-        vote(CostMargin { own: found.own.into(), elsewhere }, unit)
+        let elsewhere = (found.elsewhere != NONE).then_some(found.elsewhere);
+        vote(CostMargin { own: found.own, elsewhere }, unit)
     });
 
     let (disparity, mut flags) = refined(pair, draft, &texture, settings);
