@@ -265,11 +265,12 @@ impl<R: RowOfCodes> Description<'_, R> {
     fn buffers<T: Lane>(&self) -> Result<Buffers<T>> {
         let layout = self.layout();
         let spectrum = |layer: &Layer| Spectrum::new(&layer.basis, &layer.frequencies, layout);
+        let rows = self.gray.size().0.min(BAND_ROWS) + 2 * layout.margin;
         let words = layout.span(layout.group());
 
         Ok(Buffers {
             spectra: self.layers.iter().map(spectrum).collect::<Result<_>>()?,
-            pixels: Memory::new((BAND_ROWS + 2 * layout.margin) * layout.width())?,
+            pixels: Memory::new(rows * layout.width())?,
             words: [Memory::new(words)?, Memory::new(words)?],
         })
     }

@@ -77,7 +77,7 @@ pub fn smooth(
     Plane::by_bands_with(
         size,
         BAND_ROWS,
-        || Buffers::new(size.1),
+        || Buffers::new(size),
         |buffers, first, out| {
             let last = first + out.len() / size.1;
             let windows = first.saturating_sub(RADIUS)..(last + RADIUS).min(size.0);
@@ -113,10 +113,10 @@ struct Buffers {
 }
 
 impl Buffers {
-    /// For bands of an image of so many columns.
-    fn new(cols: usize) -> Result<Self> {
+    /// For bands of an image of so many rows and columns.
+    fn new((rows, cols): (usize, usize)) -> Result<Self> {
         let width = width(cols);
-        let rows = BAND_ROWS + 2 * RADIUS;
+        let rows = rows.min(BAND_ROWS) + 2 * RADIUS;
 
         Ok(Self {
             row: Memory::new(width)?,
