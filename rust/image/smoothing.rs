@@ -390,6 +390,6 @@ mod tests {
             }
         }
 
-        assert_eq!(over_area(0.0), 0.0);
+        assert_eq!(over_area(0.0).to_bits(), 0);
     }
 }
