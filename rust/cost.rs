@@ -18,7 +18,8 @@ use std::ops::Range;
 
 use crate::cost::candidates::Candidates;
 use crate::cost::validity::Validity;
-use crate::descriptor::{Code, Codes, describe};
+use crate::descriptor::spectrum::Word;
+use crate::descriptor::{RowOfCodes, describe_rows};
 use crate::error::{Error, Result};
 use crate::image::convolution::Kernel;
 use crate::image::intensity::{Gray, LEVEL_CEILING, LEVEL_STEPS, level_planes};
@@ -66,14 +67,21 @@ pub fn steps_of(cost: CostKind) -> u16 {
     }
 }
 
-/// Phase codes, one plane for each of their bytes.
+/// Phase codes by their bytes.
 ///
 /// Under blur compensation with kernels, the right image has several versions, each described and unrolled by itself;
 /// `labels` say which of them each left pixel is compared with. The left codes are already those of that version.
 struct PairCodes {
-    left: Vec<Plane<u8>>,
-    rights: Vec<Vec<Plane<u8>>>,
+    left: BytePlanes,
+    rights: Vec<BytePlanes>,
     labels: Option<Labels>,
+}
+
+/// The bytes of codes: each row has the lowest byte of all of its codes, then the next one of all, and so on.
+struct BytePlanes {
+    plane: Plane<u8>,
+    /// Codes of a row.
+    width: usize,
 }
 
 impl<'a> Costs<'a> {
@@ -193,7 +201,7 @@ impl<'a> Costs<'a> {
     #[inline(always)]
     pub fn write<V: Value>(&self, y: usize, columns: Range<usize>, out: &mut [Lanes<V>]) {
         match &self.compared {
-            Compared::Codes(codes) => match codes.left.len() {
+            Compared::Codes(codes) => match codes.left.count() {
                 1 => self.write_distances::<V, 1>(codes, 0, y, columns.clone(), out),
                 2 => self.write_distances::<V, 2>(codes, 0, y, columns.clone(), out),
                 // Longer codes: one byte after another.
@@ -285,9 +293,9 @@ impl<'a> Costs<'a> {
         columns: Range<usize>,
         out: &mut [Lanes<V>],
     ) {
-        let has_all_bytes = N == codes.left.len();
-        let mut lefts: [&[u8]; N] = rows_of(&codes.left[first..], y);
-        let mut rights: [&[u8]; N] = rows_of(&codes.rights[version][first..], y);
+        let has_all_bytes = N == codes.left.count();
+        let mut lefts: [&[u8]; N] = codes.left.rows(first, y);
+        let mut rights: [&[u8]; N] = codes.rights[version].rows(first, y);
 
         // What the last of these columns meets comes first.
         let start = self.cols - columns.end;
@@ -328,29 +336,25 @@ impl PairCodes {
         control: &Control,
     ) -> Result<Self> {
         let (rows, cols, _) = views[0].image.shape();
-        let count = usize::from(settings.code_length() as u16).div_ceil(8);
-
         let gray =
             |side: usize| blur_compensation::gray(views[side], compensation, side, level, control);
 
         let codes = |gray: &Gray, side: usize, kernel: Option<&Kernel>| {
             let noise = compensation.map(|compensation| compensation.noise()[side]);
+            let unrolled = (side == 1).then(|| Unrolled::new(cols, candidates));
+            let bytes = ByteRows { width: unrolled.map_or(cols, |row| row.width), unrolled };
             match kernel {
-                None => describe(gray, settings, noise, level, control),
+                None => bytes.describe(gray, settings, noise, level, control),
                 Some(kernel) => {
                     let blurred = gray.convolved(kernel, level, control)?;
-                    describe(&blurred, settings, noise, level, control)
+                    bytes.describe(&blurred, settings, noise, level, control)
                 }
             }
         };
 
-        let unrolled = |gray: &Gray, kernel: Option<&Kernel>| {
-            bytes(&codes(gray, 1, kernel)?, count, Some(candidates))
-        };
-
         let Some(compensation) = compensation else {
-            let left = bytes(&codes(&gray(0)?, 0, None)?, count, None)?;
-            return Ok(Self { left, rights: vec![unrolled(&gray(1)?, None)?], labels: None });
+            let left = codes(&gray(0)?, 0, None)?;
+            return Ok(Self { left, rights: vec![codes(&gray(1)?, 1, None)?], labels: None });
         };
 
         // The left pixels take the codes of the version that their label names.
@@ -358,17 +362,16 @@ impl PairCodes {
         let of_left = gray(0)?;
         let mut left = codes(&of_left, 0, kernels[0])?;
         for (label, kernel) in (1..).zip(&kernels[1..]) {
-            left.take_where(&codes(&of_left, 0, *kernel)?, |y| labels.row(y), label);
+            left.take_where(&codes(&of_left, 0, *kernel)?, &labels, label);
         }
         // Gray values are freed before the next plane is allocated.
         drop(of_left);
-        let left = bytes(&left, count, None)?;
 
         // Any left pixel may be compared with any version of the right image, so all are kept.
         let (kernels, labels) = compensation.of_side(1, (rows, cols))?;
         let of_right = gray(1)?;
         let rights: Vec<_> =
-            kernels.iter().map(|k| unrolled(&of_right, *k)).collect::<Result<_>>()?;
+            kernels.iter().map(|kernel| codes(&of_right, 1, *kernel)).collect::<Result<_>>()?;
         // With a single version there is nothing to look up.
         let labels = (rights.len() > 1).then_some(labels);
 
@@ -376,63 +379,138 @@ impl PairCodes {
     }
 }
 
-/// The bytes of codes, one plane for each; unrolled if there are candidates.
-fn bytes(codes: &Codes, count: usize, candidates: Option<Candidates>) -> Result<Vec<Plane<u8>>> {
-    match codes {
-        Codes::U16(plane) => bytes_of(plane, count, candidates),
-        Codes::U32(plane) => bytes_of(plane, count, candidates),
-        Codes::U64(plane) => bytes_of(plane, count, candidates),
+impl BytePlanes {
+    /// Bytes of a code.
+    fn count(&self) -> usize {
+        self.plane.cols() / self.width
+    }
+
+    /// Row `y` of the bytes from byte `first` on.
+    #[inline(always)]
+    fn rows<const N: usize>(&self, first: usize, y: usize) -> [&[u8]; N] {
+        let row = self.plane.row(y);
+        let mut rows = [&[][..]; N];
+
+        for byte in 0..N {
+            rows[byte] = &row[(first + byte) * self.width..][..self.width];
+        }
+
+        rows
+    }
+
+    /// Takes the codes of other planes of the same size where the labels are `label`.
+    fn take_where(&mut self, other: &Self, labels: &Labels, label: u8) {
+        for y in 0..self.plane.rows() {
+            let rows = self.plane.row_mut(y).chunks_exact_mut(self.width);
+            for (row, other) in rows.zip(other.plane.row(y).chunks_exact(self.width)) {
+                for ((byte, other), known) in row.iter_mut().zip(other).zip(labels.row(y)) {
+                    *byte = if *known == label { *other } else { *byte };
+                }
+            }
+        }
     }
 }
 
-/// As [`bytes`], of codes in words of one width.
-fn bytes_of<C: Code>(
-    codes: &Plane<C>,
-    count: usize,
-    candidates: Option<Candidates>,
-) -> Result<Vec<Plane<u8>>> {
-    let byte = |index: usize| move |code: C| (code.into() >> (8 * index)) as u8;
-
-    let plane = |index| match candidates {
-        Some(candidates) => unroll(codes, candidates, byte(index)),
-        None => Plane::by_bands((codes.rows(), codes.cols()), ROWS, |first, band| {
-            let codes = &codes.as_slice()[first * codes.cols()..][..band.len()];
-            band.iter_mut().zip(codes).for_each(|(out, code)| *out = byte(index)(*code));
-            Ok(())
-        }),
-    };
-
-    (0..count).map(plane).collect()
+/// Stores codes as [`BytePlanes`].
+struct ByteRows {
+    width: usize,
+    /// How rows of the right image are unrolled; `None`: rows of the left one stay as they are.
+    unrolled: Option<Unrolled>,
 }
 
-/// Reverses the rows of a right image and clamps them at both ends: column `x` meets candidate `k` at place
+impl ByteRows {
+    /// The codes of an image.
+    fn describe(
+        self,
+        gray: &Gray,
+        settings: &Settings,
+        noise: Option<f64>,
+        level: Level,
+        control: &Control,
+    ) -> Result<BytePlanes> {
+        let width = self.width * settings.code_length().div_ceil(8);
+        let plane = describe_rows(gray, settings, noise, &self, width, level, control)?;
+
+        Ok(BytePlanes { plane, width: self.width })
+    }
+}
+
+impl RowOfCodes for ByteRows {
+    type Item = u8;
+
+    #[inline(always)]
+    fn write<W: Word>(&self, words: [&[W]; 2], row: &mut [u8]) {
+        for (index, row) in row.chunks_exact_mut(self.width).enumerate() {
+            let words = words[index / 4];
+            let byte = |word: W| word.byte(index % 4);
+            match &self.unrolled {
+                Some(unrolled) => unrolled.write(words, byte, row),
+                None => write_bytes(words, byte, row),
+            }
+        }
+    }
+}
+
+/// Writes a byte of each word.
+#[inline(always)]
+fn write_bytes<W: Word>(words: &[W], byte: impl Fn(W) -> u8, row: &mut [u8]) {
+    let words = &words[..row.len()];
+
+    for i in 0..row.len() {
+        row[i] = byte(words[i]);
+    }
+}
+
+/// How a row of the right image is reversed and clamped at both ends: column `x` meets candidate `k` at place
 /// `cols - 1 - x + k`. Whole runs of [`LANES`] candidates can be read anywhere.
+#[derive(Clone, Copy)]
+struct Unrolled {
+    /// Places of a row.
+    width: usize,
+    /// First places, which lie right of the image ...
+    beyond: usize,
+    /// ... and the columns, from the first one on, that the next places show. The others lie left of it.
+    seen: usize,
+}
+
+impl Unrolled {
+    fn new(cols: usize, candidates: Candidates) -> Self {
+        // The last run of candidates reads up to `LANES - 1` places beyond the last candidate.
+        let width = cols + candidates.count().next_multiple_of(LANES) - 1;
+        // Place 0 would show column `cols - 1 - min` if the image had no border.
+        let beyond = (-candidates.min()).clamp(0, width as isize) as usize;
+        let first = cols as isize - 1 - candidates.min();
+        let seen = (first + 1 - beyond as isize).clamp(0, cols as isize) as usize;
+
+        Self { width, beyond, seen }
+    }
+
+    /// Writes an unrolled row of the values of pixels.
+    #[inline(always)]
+    fn write<T: Copy, U: Clone>(&self, pixels: &[T], value: impl Fn(T) -> U, row: &mut [U]) {
+        let (right, rest) = row.split_at_mut(self.beyond);
+        let (within, left) = rest.split_at_mut(self.seen.min(self.width - self.beyond));
+
+        right.fill(value(pixels[pixels.len() - 1]));
+        within
+            .iter_mut()
+            .zip(pixels[..self.seen].iter().rev())
+            .for_each(|(out, pixel)| *out = value(*pixel));
+        left.fill(value(pixels[0]));
+    }
+}
+
+/// A right image unrolled.
 fn unroll<T: Copy + Sync, U: Clone + Default + Send>(
     plane: &Plane<T>,
     candidates: Candidates,
     value: impl Fn(T) -> U + Sync,
 ) -> Result<Plane<U>> {
-    let cols = plane.cols();
-    // The last run of candidates reads up to `LANES - 1` places beyond the last candidate.
-    let width = cols + candidates.count().next_multiple_of(LANES) - 1;
-    // From place 0 on there are places right of the image, places within it, and places left of it. Place 0 would
-    // show column `cols - 1 - min` if the image had no border.
-    let beyond = (-candidates.min()).clamp(0, width as isize) as usize;
-    let first = cols as isize - 1 - candidates.min();
-    let seen = (first + 1 - beyond as isize).clamp(0, cols as isize) as usize;
+    let unrolled = Unrolled::new(plane.cols(), candidates);
 
-    Plane::by_bands((plane.rows(), width), ROWS, |top, band| {
-        for (y, out) in (top..).zip(band.chunks_exact_mut(width)) {
-            let row = plane.row(y);
-            let (right, rest) = out.split_at_mut(beyond);
-            let (within, left) = rest.split_at_mut(seen.min(width - beyond));
-
-            right.fill(value(row[cols - 1]));
-            within
-                .iter_mut()
-                .zip(row[..seen].iter().rev())
-                .for_each(|(out, pixel)| *out = value(*pixel));
-            left.fill(value(row[0]));
+    Plane::by_bands((plane.rows(), unrolled.width), ROWS, |top, band| {
+        for (y, row) in (top..).zip(band.chunks_exact_mut(unrolled.width)) {
+            unrolled.write(plane.row(y), &value, row);
         }
         Ok(())
     })
@@ -477,18 +555,6 @@ impl simd::Loop for WriteRow<'_> {
     fn run(self) {
         self.costs.write(self.y, 0..self.costs.cols, self.out);
     }
-}
-
-/// Row `y` of the first planes.
-#[inline(always)]
-fn rows_of<const N: usize>(planes: &[Plane<u8>], y: usize) -> [&[u8]; N] {
-    let mut rows = [&[][..]; N];
-
-    for byte in 0..N {
-        rows[byte] = planes[byte].row(y);
-    }
-
-    rows
 }
 
 /// Writes the Hamming distances over `N` bytes, of pixels and their candidates, or adds them to what is there.

@@ -4,13 +4,17 @@ pub mod basis;
 pub mod quantizer;
 pub mod spectrum;
 
+use std::collections::BTreeSet;
+use std::marker::PhantomData;
+
 use crate::descriptor::basis::{Basis, Component};
 use crate::descriptor::quantizer::Quantizer;
-use crate::descriptor::spectrum::{Lane, Spectrum, Word, padded, segments};
+use crate::descriptor::spectrum::{Lane, Layout, Spectrum, Word, segments};
 use crate::error::{Error, Result};
 use crate::image::intensity::Gray;
-use crate::image::plane::{Plane, reflect, zeroed};
+use crate::image::plane::{Plane, reflect};
 use crate::pipeline::control::Control;
+use crate::pipeline::memory::Memory;
 use crate::rig::blur_compensation::check_noise;
 use crate::settings::Settings;
 use crate::simd::{Level, Loop};
@@ -54,38 +58,14 @@ pub enum Codes {
     U64(Plane<u64>),
 }
 
+#[cfg(any(test, feature = "internals"))]
 impl Codes {
-    /// Takes the codes of another plane of the same settings where the labels of the row are `label`.
-    pub fn take_where<'b>(&mut self, other: &Self, labels: impl Fn(usize) -> &'b [u8], label: u8) {
-        match (self, other) {
-            (Self::U16(codes), Self::U16(other)) => take_where(codes, other, labels, label),
-            (Self::U32(codes), Self::U32(other)) => take_where(codes, other, labels, label),
-            (Self::U64(codes), Self::U64(other)) => take_where(codes, other, labels, label),
-            _ => unreachable!("codes of the same settings are equally wide"),
-        }
-    }
-
     /// The same codes in the widest words.
-    #[cfg(any(test, feature = "internals"))]
     pub fn widened(self) -> Plane<u64> {
         match self {
             Self::U16(codes) => codes.map(|&code| code.into()),
             Self::U32(codes) => codes.map(|&code| code.into()),
             Self::U64(codes) => codes,
-        }
-    }
-}
-
-/// As [`Codes::take_where`], of codes in words of one width.
-fn take_where<'b, C: Code>(
-    codes: &mut Plane<C>,
-    other: &Plane<C>,
-    labels: impl Fn(usize) -> &'b [u8],
-    label: u8,
-) {
-    for y in 0..codes.rows() {
-        for ((code, other), known) in codes.row_mut(y).iter_mut().zip(other.row(y)).zip(labels(y)) {
-            *code = if *known == label { *other } else { *code };
         }
     }
 }
@@ -114,16 +94,49 @@ pub fn describe_as<C: Code>(
     level: Level,
     control: &Control,
 ) -> Result<Plane<C>> {
+    let packed = Packed(PhantomData::<C>);
+    describe_rows(gray, settings, noise, &packed, gray.size().1, level, control)
+}
+
+/// How the codes of a row are stored.
+pub trait RowOfCodes: Sync {
+    /// What a row is made of.
+    type Item: Clone + Default + Send;
+
+    /// Writes a row. Codes have bits 0 to 31 in the first words, the others in the second.
+    fn write<W: Word>(&self, words: [&[W]; 2], row: &mut [Self::Item]);
+}
+
+/// As [`describe`], in rows of so many items which `rows` writes.
+pub fn describe_rows<R: RowOfCodes>(
+    gray: &Gray,
+    settings: &Settings,
+    noise: Option<f64>,
+    rows: &R,
+    width: usize,
+    level: Level,
+    control: &Control,
+) -> Result<Plane<R::Item>> {
     let layers = layers(gray, settings, noise)?;
+    let job = Description { gray, layers: &layers, rows, level, control };
 
     // Sums are exact in both arithmetics. The narrow one is twice as fast, if it holds the largest sum.
     let gain = layers.iter().map(|layer| layer.basis.gain()).max().unwrap_or(0);
     let fits = i32::try_from(gain * u64::from(gray.reach())).is_ok();
 
-    Plane::by_bands(gray.size(), BAND_ROWS, |first, codes| {
-        let band = DescribedBand { gray, first, layers: &layers, level, control };
-        if fits { band.describe::<i32, C>(codes) } else { band.describe::<f64, C>(codes) }
-    })
+    if fits { job.described::<i32>(width) } else { job.described::<f64>(width) }
+}
+
+/// Each code in a word of its own.
+struct Packed<C>(PhantomData<C>);
+
+impl<C: Code> RowOfCodes for Packed<C> {
+    type Item = C;
+
+    #[inline(always)]
+    fn write<W: Word>(&self, [low, high]: [&[W]; 2], codes: &mut [C]) {
+        narrow(low, high, codes);
+    }
 }
 
 /// One size of neighborhoods, and its bits of the codes.
@@ -132,6 +145,8 @@ struct Layer {
     quantizer: Quantizer,
     /// The lowest bit of each component, by index; `None`: the component does not count.
     bits: Vec<Option<usize>>,
+    /// The frequencies `(u, |v|)` of the components that count.
+    frequencies: Vec<(usize, usize)>,
 }
 
 impl Layer {
@@ -148,8 +163,16 @@ impl Layer {
             bit
         };
 
-        let bits = basis.components().into_iter().map(place).collect();
-        Self { basis, quantizer, bits }
+        let components = basis.components();
+        let bits: Vec<_> = components.iter().copied().map(place).collect();
+
+        let counts = components.iter().zip(&bits).filter(|(_, bit)| bit.is_some());
+        let frequencies = counts.map(|(component, _)| (component.u, component.v.unsigned_abs()));
+        // Along x frequency after frequency, so that those along y are used again.
+        let frequencies: BTreeSet<_> = frequencies.map(|(u, v)| (v, u)).collect();
+        let frequencies = frequencies.into_iter().map(|(v, u)| (u, v)).collect();
+
+        Self { basis, quantizer, bits, frequencies }
     }
 }
 
@@ -200,79 +223,126 @@ fn weak_threshold(gray: &Gray, basis: &Basis, weak: f64, noise: Option<f64>) -> 
     Ok((weak * basis.deviation() * gray.steps(noise)).round().min(beyond_any))
 }
 
-/// A band of rows that one task describes.
-struct DescribedBand<'a> {
+/// The description of an image.
+struct Description<'a, R> {
     gray: &'a Gray<'a>,
-    first: usize,
     layers: &'a [Layer],
+    rows: &'a R,
     level: Level,
     control: &'a Control,
 }
 
-impl DescribedBand<'_> {
-    /// Writes the codes of the band, with sums in numbers of type `T`.
-    fn describe<T: Lane, C: Code>(&self, codes: &mut [C]) -> Result<()> {
-        let cols = self.gray.size().1;
-        let rows = codes.len() / cols;
+/// What a thread describes in, band after band.
+struct Buffers<T: Lane> {
+    /// The transform of each layer.
+    spectra: Vec<Spectrum<T>>,
+    /// The pixels of a band and its halo.
+    pixels: Memory<i32>,
+    /// The codes of a group of rows.
+    words: [Memory<T::Word>; 2],
+}
 
-        let prepare = |layer: &Layer| -> Result<(Spectrum<T>, Vec<i32>)> {
-            let spectrum = Spectrum::<T>::new(&layer.basis, cols)?;
-            let pixels = self.pixels(rows, spectrum.width(), layer.basis.radius())?;
-            Ok((spectrum, pixels))
-        };
+impl<R: RowOfCodes> Description<'_, R> {
+    /// All rows, with sums in numbers of type `T`.
+    fn described<T: Lane>(&self, width: usize) -> Result<Plane<R::Item>> {
+        let rows = self.gray.size().0;
+        let buffers = || self.buffers::<T>();
 
-        // Buffers are per band: bands run on any thread.
-        let mut prepared = self.layers.iter().map(prepare).collect::<Result<Vec<_>>>()?;
-        let mut words = [zeroed(padded(cols))?, zeroed(padded(cols))?];
+        Plane::by_bands_with((rows, width), BAND_ROWS, buffers, |buffers, first, band| {
+            self.write_pixels(first, band.len() / width, &mut buffers.pixels)?;
 
-        for (y, codes) in codes.chunks_exact_mut(cols).enumerate() {
-            self.control.checkpoint()?;
-            for words in &mut words {
-                words.fill(T::Word::default());
+            let group = self.layout().group();
+            for (y, rows) in (0..).step_by(group).zip(band.chunks_mut(group * width)) {
+                self.control.checkpoint()?;
+                self.write_rows(y, buffers, rows.chunks_exact_mut(width));
             }
 
-            for (layer, (spectrum, pixels)) in self.layers.iter().zip(&mut prepared) {
-                let width = spectrum.width();
-                let surroundings = &pixels[y * width..][..(2 * layer.basis.radius() + 1) * width];
-                let words = &mut words;
-                self.level.run(TransformRow { spectrum, surroundings, layer, words });
-            }
+            Ok(())
+        })
+    }
 
-            self.level.run(NarrowRow { words: [&words[0], &words[1]], codes });
+    /// The buffers of a thread.
+    fn buffers<T: Lane>(&self) -> Result<Buffers<T>> {
+        let layout = self.layout();
+        let spectrum = |layer: &Layer| Spectrum::new(&layer.basis, &layer.frequencies, layout);
+        let rows = self.gray.size().0.min(BAND_ROWS) + 2 * layout.margin;
+        let words = layout.span(layout.group());
+
+        Ok(Buffers {
+            spectra: self.layers.iter().map(spectrum).collect::<Result<_>>()?,
+            pixels: Memory::new(rows * layout.width())?,
+            words: [Memory::new(words)?, Memory::new(words)?],
+        })
+    }
+
+    /// How the pixels lie: with as many around them as the largest neighborhood has.
+    fn layout(&self) -> Layout {
+        let margin = self.layers.iter().map(|layer| layer.basis.radius()).max();
+        Layout { cols: self.gray.size().1, margin: margin.unwrap_or(0) }
+    }
+
+    /// Writes a group of rows, from row `y` on of the band whose pixels the buffers hold.
+    fn write_rows<'r, T: Lane>(
+        &self,
+        y: usize,
+        buffers: &mut Buffers<T>,
+        rows: impl ExactSizeIterator<Item = &'r mut [R::Item]>,
+    ) where
+        R::Item: 'r,
+    {
+        let layout = self.layout();
+        let (width, count) = (layout.width(), rows.len());
+        let Buffers { spectra, pixels, words } = buffers;
+        let mut words = words.each_mut().map(|words| &mut words[..layout.span(count)]);
+
+        for words in &mut words {
+            words.fill(T::Word::default());
+        }
+
+        for (layer, spectrum) in self.layers.iter().zip(spectra) {
+            let radius = layer.basis.radius();
+            let above = (y + layout.margin - radius) * width;
+            let surroundings = &pixels[above..][..(count + 2 * radius) * width];
+            let words = words.each_mut().map(|words| &mut **words);
+            self.level.run(TransformRows { spectrum, surroundings, layer, words });
+        }
+
+        for (start, row) in (0..).step_by(width).zip(rows) {
+            let words = words.each_ref().map(|words| &words[start..][..layout.cols]);
+            self.level.run(StoreRow { rows: self.rows, words, row });
+        }
+    }
+
+    /// Writes the pixels of so many rows and their halo; the image continues by reflection.
+    fn write_pixels(&self, first: usize, count: usize, pixels: &mut [i32]) -> Result<()> {
+        let rows = self.gray.size().0;
+        let layout = self.layout();
+        let Layout { cols, margin } = layout;
+        let places = (first as isize - margin as isize..).take(count + 2 * margin);
+
+        for (y, row) in places.zip(pixels.chunks_exact_mut(layout.width())) {
+            self.gray.write_row(reflect(y, rows), self.level, &mut row[margin..][..cols])?;
+
+            // Left and right of the image, from the row itself.
+            for x in (0..margin).chain(margin + cols..cols + 2 * margin) {
+                row[x] = row[margin + reflect(x as isize - margin as isize, cols)];
+            }
         }
 
         Ok(())
     }
-
-    /// The pixels of the band and its halo; the image continues by reflection.
-    fn pixels(&self, height: usize, width: usize, radius: usize) -> Result<Vec<i32>> {
-        let (rows, cols) = self.gray.size();
-        let mut pixels = zeroed(width * (height + 2 * radius))?;
-        let places = self.first as isize - radius as isize..;
-
-        for (y, row) in places.zip(pixels.chunks_exact_mut(width)) {
-            self.gray.write_row(reflect(y, rows), self.level, &mut row[radius..][..cols])?;
-
-            // Left and right of the image, from the row itself.
-            for x in (0..radius).chain(radius + cols..width) {
-                row[x] = row[radius + reflect(x as isize - radius as isize, cols)];
-            }
-        }
-
-        Ok(pixels)
-    }
 }
 
-/// A row of pixels and its surroundings -> the bits of one size of neighborhoods: bits 0 to 31 of the codes in the first
+/// Rows of pixels and their surroundings -> the bits of one size of neighborhoods: bits 0 to 31 of the codes in the first
 /// words, the others in the second.
-struct TransformRow<'a, T: Lane> {
+struct TransformRows<'a, T: Lane> {
     spectrum: &'a mut Spectrum<T>,
     surroundings: &'a [i32],
     layer: &'a Layer,
-    words: &'a mut [Vec<T::Word>; 2],
+    words: [&'a mut [T::Word]; 2],
 }
 
-impl<T: Lane> Loop for TransformRow<'_, T> {
+impl<T: Lane> Loop for TransformRows<'_, T> {
     type Output = ();
 
     #[inline(always)]
@@ -280,11 +350,11 @@ impl<T: Lane> Loop for TransformRow<'_, T> {
         let Self { spectrum, surroundings, layer: Layer { quantizer, bits, .. }, words } = self;
 
         spectrum.center_on(surroundings);
-        for columns in segments(words[0].len()) {
-            for frequency in spectrum.frequencies() {
-                for (c, re, im) in spectrum.components(frequency, columns.clone()) {
+        for places in segments(words[0].len()) {
+            for frequency in 0..spectrum.frequencies() {
+                for (c, re, im) in spectrum.components(frequency, places.clone()) {
                     let Some(shift) = bits[c] else { continue };
-                    let words = &mut words[shift / 32][columns.clone()];
+                    let words = &mut words[shift / 32][places.clone()];
                     quantizer.add(re, im, shift % 32, words);
                 }
             }
@@ -292,22 +362,24 @@ impl<T: Lane> Loop for TransformRow<'_, T> {
     }
 }
 
-/// Joins the two halves of the codes.
-struct NarrowRow<'a, W, C> {
+/// Stores the codes of a row.
+struct StoreRow<'a, R: RowOfCodes, W> {
+    rows: &'a R,
     words: [&'a [W]; 2],
-    codes: &'a mut [C],
+    row: &'a mut [R::Item],
 }
 
-impl<W: Word, C: Code> Loop for NarrowRow<'_, W, C> {
+impl<R: RowOfCodes, W: Word> Loop for StoreRow<'_, R, W> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
-        narrow(self.words[0], self.words[1], self.codes);
+        self.rows.write(self.words, self.row);
     }
 }
 
-/// Outputs and inputs are arguments of their own, so that the vectorizer knows that they do not overlap.
+/// Joins the two halves of the codes. Outputs and inputs are arguments of their own, so that the vectorizer knows that they
+/// do not overlap.
 #[inline(always)]
 fn narrow<W: Word, C: Code>(low: &[W], high: &[W], codes: &mut [C]) {
     let n = codes.len();

@@ -1,4 +1,4 @@
-//! Pixels -> spectral components of one row.
+//! Pixels -> spectral components of a row.
 //!
 //! The transform is separable: down the columns first, for every `v`, then along the row, for every `(u, v)`. Filters are
 //! even or odd, so the two pixels at one distance from the center are added or subtracted first and share one
@@ -9,24 +9,36 @@ use std::ops::{BitOr, Range, Shl};
 
 use crate::descriptor::basis::{Basis, Filter};
 use crate::error::Result;
-use crate::image::plane::zeroed;
+use crate::pipeline::memory::Memory;
 
-/// Pixels of a row that are computed together: few enough that their data stay close to the first-level cache. With 512
-/// or 256, rows of 640 pixels take 10 or 20 % longer.
-const SEGMENT: usize = 1024;
+/// Pixels that are computed together, of one row or of a few: enough that starting the loops takes little of the time, and
+/// few enough that their data stay close to the first-level cache. With 1024, rows of 741 pixels take 10 % longer in AVX-512,
+/// with 2048 as much longer in AVX2.
+const SEGMENT: usize = 1536;
 /// Rows are computed to a multiple of so many pixels, whole registers: a part of one would take as long.
 const LANES: usize = 16;
 /// Pairs of taps that are applied in one sweep over a row: as many as fit in registers.
 const SWEEP: usize = 4;
 
-/// A word of the bits of a code.
+/// A word of 32 bits of a code, in a register lane of whatever width.
 pub trait Word:
     Copy + Default + From<bool> + Into<u64> + BitOr<Output = Self> + Shl<usize, Output = Self>
 {
+    /// One of its four bytes, the lowest first.
+    fn byte(self, index: usize) -> u8;
 }
 
-impl Word for u32 {}
-impl Word for u64 {}
+macro_rules! word {
+    ($($word:ty),*) => {$(
+        impl Word for $word {
+            #[inline(always)]
+            fn byte(self, index: usize) -> u8 {
+                (self >> (8 * index)) as u8
+            }
+        }
+    )*};
+}
+word!(u32, u64);
 
 /// A number in which sums are exact, if [`Basis::gain`] times the largest pixel fits in it.
 pub trait Lane:
@@ -104,17 +116,19 @@ impl Lane for f64 {
 
 /// The even and the odd part of a filter, from the center outwards; or a row under each of them.
 #[derive(Debug)]
-struct EvenOdd<T> {
-    even: Vec<T>,
-    odd: Vec<T>,
+struct EvenOdd<B> {
+    even: B,
+    odd: B,
 }
 
-impl<T: Lane> EvenOdd<T> {
+impl<T: Lane> EvenOdd<Memory<T>> {
     /// Buffers for a row of so many values.
     fn new(width: usize) -> Result<Self> {
-        Ok(Self { even: zeroed(width)?, odd: zeroed(width)? })
+        Ok(Self { even: Memory::new(width)?, odd: Memory::new(width)? })
     }
+}
 
+impl<T: Lane> EvenOdd<Vec<T>> {
     /// The taps of a filter, as numbers of this type.
     fn lanes(filter: &Filter) -> Self {
         let lanes = |taps: &[i32]| taps.iter().map(|tap| (*tap).into()).collect();
@@ -125,70 +139,103 @@ impl<T: Lane> EvenOdd<T> {
 /// A component of neighboring pixels: its index, its real and its imaginary parts.
 pub type Components<'a, T> = (usize, &'a [T], &'a [T]);
 
-/// The local Fourier transform of one row after the other.
+/// How rows of pixels lie in memory: one after the other, each with its continuation on either side.
+///
+/// So a few rows are one long row. What is computed of the continuation between two of them is of no use, but takes less
+/// time than starting again with each row.
+#[derive(Debug, Clone, Copy)]
+pub struct Layout {
+    /// Pixels of a row.
+    pub cols: usize,
+    /// Pixels of its continuation on the left, and the least number of those on the right.
+    pub margin: usize,
+}
+
+impl Layout {
+    /// Places of a row.
+    pub fn width(self) -> usize {
+        padded(padded(self.cols) + 2 * self.margin)
+    }
+
+    /// Rows that are computed together: those of a segment, at least one.
+    pub fn group(self) -> usize {
+        (SEGMENT / self.width()).max(1)
+    }
+
+    /// Places from the first pixel of so many rows to the last one, in whole registers.
+    pub fn span(self, rows: usize) -> usize {
+        (rows - 1) * self.width() + padded(self.cols)
+    }
+}
+
+/// The local Fourier transform of some rows after the other.
 #[derive(Debug)]
 pub struct Spectrum<T> {
-    /// Highest frequency indices.
-    highest: (usize, usize),
+    /// Highest frequency index along y of all components.
+    highest: usize,
+    /// The frequencies `(u, v)`, `v` not negative, whose components are asked for.
+    frequencies: Vec<(usize, usize)>,
     /// By frequency index.
-    filters: Vec<EvenOdd<T>>,
-    /// The row under the filters along y, by `v`.
-    columns: Vec<EvenOdd<T>>,
+    filters: Vec<EvenOdd<Vec<T>>>,
+    layout: Layout,
+    /// The rows under the filters along y, by `v`.
+    columns: Vec<EvenOdd<Memory<T>>>,
     /// The even and the odd part of `columns` for one `v`, each under the filter along x for one `u`.
-    crossed: [EvenOdd<T>; 2],
+    crossed: [EvenOdd<Memory<T>>; 2],
 }
 
 impl<T: Lane> Spectrum<T> {
-    /// Buffers and filters for rows of so many pixels.
-    pub fn new(basis: &Basis, cols: usize) -> Result<Self> {
-        let width = padded(padded(cols) + 2 * basis.radius());
+    /// Buffers and filters for groups of rows whose margin is at least the radius of the basis.
+    pub fn new(basis: &Basis, frequencies: &[(usize, usize)], layout: Layout) -> Result<Self> {
+        let highest = basis.frequencies().1;
+        let places = layout.group() * layout.width();
+        let columns = (0..=highest).map(|_| EvenOdd::new(places));
+
         Ok(Self {
-            highest: basis.frequencies(),
+            highest,
+            frequencies: frequencies.to_vec(),
             filters: basis.filters().iter().map(EvenOdd::lanes).collect(),
-            columns: (0..=basis.frequencies().1)
-                .map(|_| EvenOdd::new(width))
-                .collect::<Result<_>>()?,
+            layout,
+            columns: columns.collect::<Result<_>>()?,
             crossed: [EvenOdd::new(SEGMENT)?, EvenOdd::new(SEGMENT)?],
         })
     }
 
-    /// Pixels of a row with its continuation: the radius on the left, at least as many on the right.
-    pub fn width(&self) -> usize {
-        self.columns[0].even.len()
-    }
-
-    /// Filters a row along y, from its surroundings: `L` rows of [`Self::width`], one after the other.
+    /// Filters rows along y: at most a group of them, from the radius of the basis above the first one to as far below the
+    /// last one.
     #[inline(always)]
     pub fn center_on(&mut self, surroundings: &[i32]) {
-        let step = self.width();
-        let place = (surroundings.len() / step / 2 * step, step);
+        let step = self.layout.width();
+        let above = (self.filters[0].even.len() - 1) * step;
+        let places = surroundings.len() - 2 * above;
 
         for (v, (columns, filter)) in self.columns.iter_mut().zip(&self.filters).enumerate() {
-            apply(filter, v > 0, surroundings, place, [&mut columns.even, &mut columns.odd]);
+            let out = [&mut columns.even[..places], &mut columns.odd[..places]];
+            apply(filter, v > 0, surroundings, (above, step), out);
         }
     }
 
-    /// The frequencies `(u, v)`, `v` not negative, that have components.
-    #[inline(always)]
-    pub fn frequencies(&self) -> impl Iterator<Item = (usize, usize)> + use<T> {
-        let (r, s) = self.highest;
-        (0..=s).flat_map(move |v| (0..=r).map(move |u| (u, v))).filter(|f| *f != (0, 0))
+    /// The number of frequencies whose components are asked for.
+    pub fn frequencies(&self) -> usize {
+        self.frequencies.len()
     }
 
-    /// The components `(u, v)` and, if it differs, `(u, -v)` of the pixels in these columns.
+    /// The components `(u, v)` and, if it differs, `(u, -v)` of one of the frequencies, of the pixels at these places.
     #[inline(always)]
     pub fn components(
         &mut self,
-        (u, v): (usize, usize),
-        columns: Range<usize>,
+        frequency: usize,
+        places: Range<usize>,
     ) -> impl Iterator<Item = Components<'_, T>> {
+        let (u, v) = self.frequencies[frequency];
+
         // The first letter is the part along x, the second one that along y.
         let [EvenOdd { even: ee, odd: oe }, EvenOdd { even: eo, odd: oo }] = &mut self.crossed;
-        let [ee, oe, eo, oo] = [ee, oe, eo, oo].map(|row| &mut row[..columns.len()]);
+        let [ee, oe, eo, oo] = [ee, oe, eo, oo].map(|row| &mut row[..places.len()]);
 
         let filter = &self.filters[u];
         let down = &self.columns[v];
-        let place = (columns.start + filter.even.len() - 1, 1);
+        let place = (places.start + self.layout.margin, 1);
         apply::<T, T>(filter, u > 0, &down.even, place, [ee, oe]);
         if v > 0 {
             apply::<T, T>(filter, u > 0, &down.odd, place, [eo, oo]);
@@ -203,7 +250,7 @@ impl<T: Lane> Spectrum<T> {
 
         let [ee, oe, eo, oo] = [&*ee, oe, eo, oo];
         // Components lie as `Basis::components` lists them: the axis first, then `v` from `-highest` on for each `u`.
-        let highest = self.highest.1;
+        let highest = self.highest;
         let index = |v: usize| highest + (u - 1) * (2 * highest + 1) + v;
         let found = match (u, v) {
             (0, _) => [Some((v - 1, ee, eo)), None],
@@ -215,13 +262,13 @@ impl<T: Lane> Spectrum<T> {
     }
 }
 
-/// The columns of the segments of a row.
-pub fn segments(cols: usize) -> impl Iterator<Item = Range<usize>> {
-    (0..cols).step_by(SEGMENT).map(move |x| x..(x + SEGMENT).min(cols))
+/// The segments of so many places.
+pub fn segments(places: usize) -> impl Iterator<Item = Range<usize>> {
+    (0..places).step_by(SEGMENT).map(move |x| x..(x + SEGMENT).min(places))
 }
 
 /// So many pixels, rounded up to whole registers.
-pub fn padded(cols: usize) -> usize {
+fn padded(cols: usize) -> usize {
     cols.next_multiple_of(LANES)
 }
 
@@ -259,7 +306,7 @@ impl Pairs {
 /// Applies a filter to a row of outputs: both of its parts, or the even one only.
 #[inline(always)]
 fn apply<P: Lane, T: Lane + From<P>>(
-    filter: &EvenOdd<T>,
+    filter: &EvenOdd<Vec<T>>,
     both: bool,
     data: &[P],
     (center, step): (usize, usize),
@@ -283,7 +330,7 @@ fn apply<P: Lane, T: Lane + From<P>>(
 /// Adds the contributions of `K` pairs of taps. The first sweep starts from the center.
 #[inline(always)]
 fn sweep<P: Lane, T: Lane + From<P>, const K: usize>(
-    filter: &EvenOdd<T>,
+    filter: &EvenOdd<Vec<T>>,
     both: bool,
     data: &[P],
     pairs: Pairs,

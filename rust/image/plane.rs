@@ -126,6 +126,24 @@ impl<T: Clone + Default + Send> Plane<T> {
         Ok(plane)
     }
 
+    /// As [`Self::by_bands`], with buffers that a thread keeps for its next bands.
+    pub fn by_bands_with<B>(
+        (rows, cols): (usize, usize),
+        band_rows: usize,
+        buffers: impl Fn() -> Result<B> + Send + Sync,
+        write: impl Fn(&mut B, usize, &mut [T]) -> Result<()> + Send + Sync,
+    ) -> Result<Self> {
+        let mut plane = Self::new(rows, cols)?;
+
+        let bands = plane.data.par_chunks_mut(band_rows * cols).enumerate();
+        bands.try_for_each_init(buffers, |buffers, (band, values)| {
+            let buffers = buffers.as_mut().map_err(|error| error.clone())?;
+            write(buffers, band * band_rows, values)
+        })?;
+
+        Ok(plane)
+    }
+
     /// A plane whose rows are written by `write(y, row)`, on the threads of the current pool.
     pub fn by_rows(
         size: (usize, usize),

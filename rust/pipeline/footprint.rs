@@ -87,8 +87,9 @@ impl Demand<'_> {
                 let length = self.settings.code_length();
                 // The right image is described once as it is, and at most once more for each kernel.
                 let right = 1 + self.compensation.map_or(0, |all| all.every_kernel().count());
-                let word = length.next_power_of_two().max(16) / 8;
-                (length.div_ceil(8), right, 2 * word + GRAY)
+                let bytes = length.div_ceil(8);
+                // Of the left image, the codes of one version are kept beside those of another.
+                (bytes, right, bytes + GRAY)
             }
             CostKind::Sad => (2 * channels, 1, 4 * channels),
             CostKind::NormalizedSad => (2 * channels, 1, 6 * channels + 8),

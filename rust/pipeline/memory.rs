@@ -23,6 +23,13 @@ impl<T> Default for Memory<T> {
 }
 
 impl<T: Clone + Default> Memory<T> {
+    /// A buffer of `count` values; an error as for [`Self::resize`].
+    pub fn new(count: usize) -> Result<Self> {
+        let mut memory = Self::default();
+        memory.resize(count)?;
+        Ok(memory)
+    }
+
     /// Makes the buffer `count` values long; an error, not an abort, when the memory cannot be allocated.
     pub fn resize(&mut self, count: usize) -> Result<()> {
         let needed = count.saturating_add(LINE);
