@@ -60,8 +60,7 @@ impl Extra {
                 let rows = [own, &own[1..], &own[2..], &own[3..]];
 
                 level.run(Differences { rows, clip, found });
-                let found = found.iter().map(|found| i64::from(*found));
-                sums.iter_mut().zip(found).for_each(|(sum, found)| *sum += found);
+                level.run(AddTo { sums: &mut sums, found });
 
                 // Columns 0 to `cols - 4` of this phase.
                 for phase in 0..SIDE {
@@ -76,7 +75,7 @@ impl Extra {
                 level.run(Differences { rows, clip, found: &mut found });
 
                 let phase = row % SIDE;
-                extra.sums[1][phase] += found.iter().map(|found| i64::from(*found)).sum::<i64>();
+                extra.sums[1][phase] += level.run(Sum(&found));
                 extra.counts[1][phase] += cols as u64;
             }
         }
@@ -115,6 +114,35 @@ impl Extra {
         });
 
         horizontal.min(vertical) / 2.0
+    }
+}
+
+/// Adds what was found in one row to the sums of its columns.
+struct AddTo<'a> {
+    sums: &'a mut [i64],
+    found: &'a [i32],
+}
+
+impl Loop for AddTo<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        for (sum, found) in self.sums.iter_mut().zip(self.found) {
+            *sum += i64::from(*found);
+        }
+    }
+}
+
+/// The sum of what was found in one row.
+struct Sum<'a>(&'a [i32]);
+
+impl Loop for Sum<'_> {
+    type Output = i64;
+
+    #[inline(always)]
+    fn run(self) -> i64 {
+        self.0.iter().map(|found| i64::from(*found)).sum()
     }
 }
 

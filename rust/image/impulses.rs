@@ -41,10 +41,7 @@ pub fn repaired(
     let (rows, cols) = (plane.rows(), plane.cols());
     Plane::by_bands((rows, cols), 1, |y, out| {
         control.checkpoint()?;
-        let around = around(plane, y)?;
-        let rows = [&around[0][..], &around[1], &around[2]];
-
-        level.run(Repair { rows, height, out });
+        level.run(Repair { rows: around(plane, y), height, out });
         Ok(())
     })
 }
@@ -61,11 +58,8 @@ pub fn count_doubtless(
     let height = (DOUBTLESS_HEIGHT * steps) as i32;
 
     for y in rows {
-        let around = around(plane, y)?;
-        let rows = [&around[0][..], &around[1], &around[2]];
-        level.run(Doubtless { rows, height, found: &mut found });
-
-        count += found.iter().map(|found| u64::from(*found)).sum::<u64>();
+        count +=
+            u64::from(level.run(Doubtless { rows: around(plane, y), height, found: &mut found }));
     }
 
     Ok(count)
@@ -77,26 +71,28 @@ pub fn has_impulses(doubtless: u64, pixels: usize) -> bool {
 }
 
 /// Reflects an index at most one beyond `0..length`: `c b | a b c | b a`.
+#[inline(always)]
 pub fn mirrored(index: isize, length: usize) -> usize {
     let last = length as isize - 1;
     let inside = if index > last { 2 * last - index } else { index.abs() };
     inside.clamp(0, last) as usize
 }
 
-/// Row `y` and the rows above and below it, each with one more pixel at either end.
-fn around(plane: &Plane<i32>, y: usize) -> Result<[Vec<i32>; 3]> {
-    let (rows, cols) = (plane.rows(), plane.cols());
-    let mut around = [zeroed(cols + 2)?, zeroed(cols + 2)?, zeroed(cols + 2)?];
+/// The row above row `y`, itself, and the one below it.
+fn around(plane: &Plane<i32>, y: usize) -> [&[i32]; 3] {
+    [-1, 0, 1].map(|by| plane.row(mirrored(y as isize + by, plane.rows())))
+}
 
-    for (at, padded) in (y as isize - 1..).zip(&mut around) {
-        let row = plane.row(mirrored(at, rows));
-        padded[1..=cols].copy_from_slice(row);
+/// The first and the last column: their neighbors are not all in the row.
+#[inline(always)]
+fn ends(cols: usize) -> [usize; 2] {
+    [0, cols - 1]
+}
 
-        padded[0] = row[mirrored(-1, cols)];
-        padded[cols + 1] = row[mirrored(cols as isize, cols)];
-    }
-
-    Ok(around)
+/// The pixels of three rows from the one before column `x` to the one after it.
+#[inline(always)]
+fn neighbors(rows: [&[i32]; 3], x: usize) -> [[i32; 3]; 3] {
+    rows.map(|row| [-1, 0, 1].map(|by| row[mirrored(x as isize + by, row.len())]))
 }
 
 /// Writes a row without impulses.
@@ -111,11 +107,21 @@ impl Loop for Repair<'_> {
 
     #[inline(always)]
     fn run(self) {
-        repair(self.rows, self.height, self.out);
+        let Self { rows, height, out } = self;
+        let cols = out.len();
+
+        for x in ends(cols) {
+            let [above, own, below] = &neighbors(rows, x);
+            repair([above, own, below], height, &mut out[x..=x]);
+        }
+        if cols > 2 {
+            repair(rows, height, &mut out[1..cols - 1]);
+        }
     }
 }
 
-/// Outputs and inputs are arguments of their own: so that the vectorizer knows that they do not overlap.
+/// Writes pixels from the second one of these rows on. Outputs and inputs are arguments of their own: so that the
+/// vectorizer knows that they do not overlap.
 #[inline(always)]
 fn repair([above, own, below]: [&[i32]; 3], height: i32, out: &mut [i32]) {
     let n = out.len();
@@ -127,7 +133,7 @@ fn repair([above, own, below]: [&[i32]; 3], height: i32, out: &mut [i32]) {
     }
 }
 
-/// Writes 1 for impulses beyond doubt, else 0.
+/// Writes 1 for impulses beyond doubt, else 0, and counts them.
 struct Doubtless<'a> {
     rows: [&'a [i32]; 3],
     height: i32,
@@ -135,11 +141,22 @@ struct Doubtless<'a> {
 }
 
 impl Loop for Doubtless<'_> {
-    type Output = ();
+    type Output = u32;
 
     #[inline(always)]
-    fn run(self) {
-        find_doubtless(self.rows, self.height, self.found);
+    fn run(self) -> u32 {
+        let Self { rows, height, found } = self;
+        let cols = found.len();
+
+        for x in ends(cols) {
+            let [above, own, below] = &neighbors(rows, x);
+            find_doubtless([above, own, below], height, &mut found[x..=x]);
+        }
+        if cols > 2 {
+            find_doubtless(rows, height, &mut found[1..cols - 1]);
+        }
+
+        found.iter().sum()
     }
 }
 

@@ -13,6 +13,7 @@ use crate::image::blocking::{self, Extra};
 use crate::image::impulses::{self, HEIGHT, count_doubtless, has_impulses};
 use crate::image::intensity::{Gray, float_range};
 use crate::image::masking;
+use crate::image::plane::Plane;
 use crate::image::view::{Image, View};
 use crate::pipeline::matcher::Pair;
 use crate::pipeline::source::{Source, bands, has_empty_row, widened};
@@ -167,16 +168,25 @@ fn counts(
     Means { how, control, .. }: Means,
 ) -> Result<DefectCounts> {
     let gray = Gray::new(pair.views()[side], how.level, control)?;
-    let plane = gray.plane(how.level, control)?;
+    let (own_height, cols) = gray.size();
     let level = gray.steps(gray_level);
 
     let of_rows = |start: usize| -> Result<DefectCounts> {
         control.checkpoint()?;
 
+        // Gray values of few rows at a time stay in the cache.
         let rows = start..(start + ROWS).min(rows.end);
+        let read = widened(&rows, REACH, own_height);
+        let mut plane = Plane::new(read.len(), cols)?;
+        for (row, y) in read.clone().enumerate() {
+            gray.write_row(y, how.level, plane.row_mut(row))?;
+        }
+
+        let origin = (first + read.start, height);
+        let rows = rows.start - read.start..rows.end - read.start;
         Ok(DefectCounts {
             doubtless: count_doubtless(&plane, rows.clone(), level, how.level)?,
-            extra: Extra::of_rows(&plane, rows, (first, height), level, how.level)?,
+            extra: Extra::of_rows(&plane, rows, origin, level, how.level)?,
             steps: gray.steps(1.0),
         })
     };

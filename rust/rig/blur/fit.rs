@@ -181,7 +181,8 @@ impl Loop for Model<'_> {
 
     #[inline(always)]
     fn run(self) -> Fit {
-        fitted(self.evidence, self.response, &mut { NO_RESIDUALS })
+        let (loss, excess, log_gain) = fitted(self.evidence, self.response, &mut { NO_RESIDUALS });
+        Fit { loss: total(loss), lack: -total(excess), log_gain }
     }
 }
 
@@ -199,10 +200,11 @@ impl<'r, R: Iterator<Item = &'r Response>> Loop for Models<'_, R> {
         let mut losses = Vec::with_capacity(self.responses.size_hint().0);
         let mut residuals = NO_RESIDUALS;
         for response in self.responses {
-            losses.push(fitted(self.evidence, response, &mut residuals).loss);
+            losses.push(fitted(self.evidence, response, &mut residuals).0);
         }
 
-        losses
+        // Totals come last: a total at the end of a loop makes the compiler split the lanes inside it into pairs.
+        losses.into_iter().map(total).collect()
     }
 }
 
@@ -210,9 +212,14 @@ impl<'r, R: Iterator<Item = &'r Response>> Loop for Models<'_, R> {
 type Residuals = [(FloatLanes, FloatLanes); MOST_BINS / FLOAT_LANES];
 const NO_RESIDUALS: Residuals = [([0.0; FLOAT_LANES], [0.0; FLOAT_LANES]); MOST_BINS / FLOAT_LANES];
 
-/// One fit: a first gain, residuals with it, a correction of the gain, and the loss after that.
+/// One fit: a first gain, residuals with it, a correction of the gain, and the loss after that. Returns the loss and the
+/// excess of power of the blurrier image, as sums in each lane, and the logarithm of the gain.
 #[inline(always)]
-fn fitted(evidence: &BlurEvidence, response: &Response, residuals: &mut Residuals) -> Fit {
+fn fitted(
+    evidence: &BlurEvidence,
+    response: &Response,
+    residuals: &mut Residuals,
+) -> (FloatLanes, FloatLanes, f32) {
     let log_gain = (evidence.low - response.low).clamp(-LARGEST_GAIN, LARGEST_GAIN);
     let gain = math::exp(f64::from(log_gain)) as f32;
     let noise = evidence.noise;
@@ -245,11 +252,12 @@ fn fitted(evidence: &BlurEvidence, response: &Response, residuals: &mut Residual
         for lane in 0..FLOAT_LANES {
             // The residual changes with the logarithm of the gain by the share of the signal, to the first order.
             let residual = (residual[lane] - trust[lane] * correction).abs();
-            loss[lane] += weights[lane] * residual.min(LARGEST_RESIDUAL);
+            let residual = if residual < LARGEST_RESIDUAL { residual } else { LARGEST_RESIDUAL };
+            loss[lane] += weights[lane] * residual;
         }
     }
 
-    Fit { loss: total(loss), lack: -total(excess), log_gain: log_gain + correction }
+    (loss, excess, log_gain + correction)
 }
 
 /// Residuals of the logarithm, and the share of the signal in what is expected.
