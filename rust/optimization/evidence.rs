@@ -2,6 +2,7 @@
 //! and the sub-pixel offset.
 
 use crate::error::Result;
+use crate::optimization::selection::PIXELS;
 use crate::pipeline::memory::Memory;
 
 /// The cost of no candidate.
@@ -45,18 +46,18 @@ impl Evidence {
     /// Writes the candidates chosen for neighboring pixels of a row, from column `first` on.
     #[inline(always)]
     pub fn choose(&mut self, row: usize, first: usize, chosen: &[u16]) {
-        self.chosen[row * self.cols + first..][..chosen.len()].copy_from_slice(chosen);
+        write(&mut self.chosen[row * self.cols + first..], chosen);
     }
 
     /// Writes the evidence of neighboring pixels of a row of a weighed band, from column `first` on.
     #[inline(always)]
     pub fn set(&mut self, row: usize, first: usize, found: EvidenceRow) {
-        let places = row * self.cols + first..row * self.cols + first + found.chosen.len();
+        let place = row * self.cols + first;
 
-        self.choose(row, first, found.chosen);
-        self.own[places.clone()].copy_from_slice(found.own);
-        self.elsewhere[places.clone()].copy_from_slice(found.elsewhere);
-        self.offset[places].copy_from_slice(found.offset);
+        write(&mut self.chosen[place..], found.chosen);
+        write(&mut self.own[place..], found.own);
+        write(&mut self.elsewhere[place..], found.elsewhere);
+        write(&mut self.offset[place..], found.offset);
     }
 
     /// The evidence of a row; beside the chosen candidates empty unless the band is weighed.
@@ -70,5 +71,14 @@ impl Evidence {
             elsewhere: &self.elsewhere[weighed.clone()],
             offset: &self.offset[weighed],
         }
+    }
+}
+
+/// Writes values, mostly as many as are selected together: these are copied in registers, without a call.
+#[inline(always)]
+fn write<V: Copy>(out: &mut [V], values: &[V]) {
+    match (<&[V; PIXELS]>::try_from(values), out.first_chunk_mut()) {
+        (Ok(values), Some(out)) => *out = *values,
+        _ => out[..values.len()].copy_from_slice(values),
     }
 }
