@@ -82,6 +82,8 @@ struct BytePlanes {
     plane: Plane<u8>,
     /// Codes of a row.
     width: usize,
+    /// Bytes of a code.
+    count: usize,
 }
 
 impl<'a> Costs<'a> {
@@ -201,14 +203,14 @@ impl<'a> Costs<'a> {
     #[inline(always)]
     pub fn write<V: Value>(&self, y: usize, columns: Range<usize>, out: &mut [Lanes<V>]) {
         match &self.compared {
-            Compared::Codes(codes) => match codes.left.count() {
-                1 => self.write_distances::<V, 1>(codes, 0, y, columns.clone(), out),
-                2 => self.write_distances::<V, 2>(codes, 0, y, columns.clone(), out),
+            Compared::Codes(codes) => match codes.left.count {
+                1 => self.write_distances::<V, 1>(codes, (0, false), y, columns.clone(), out),
+                2 => self.write_distances::<V, 2>(codes, (0, false), y, columns.clone(), out),
                 // Longer codes: one byte after another.
                 bytes => {
                     out.fill([V::default(); LANES]);
                     for byte in 0..bytes {
-                        self.write_distances::<V, 1>(codes, byte, y, columns.clone(), out);
+                        self.write_distances::<V, 1>(codes, (byte, true), y, columns.clone(), out);
                     }
                 }
             },
@@ -256,17 +258,16 @@ impl<'a> Costs<'a> {
         }
     }
 
-    /// Writes the Hamming distances over `N` bytes of the codes, from byte `first` on. Adds them if there are further bytes.
+    /// Writes the Hamming distances over `N` bytes of the codes, from byte `first` on; `adds`: to what is there.
     #[inline(always)]
     fn write_distances<V: Value, const N: usize>(
         &self,
         codes: &PairCodes,
-        first: usize,
+        (first, adds): (usize, bool),
         y: usize,
         columns: Range<usize>,
         out: &mut [Lanes<V>],
     ) {
-        let has_all_bytes = N == codes.left.count();
         let labels = codes.labels.as_ref().map(|labels| labels.row(y));
 
         let lefts: [&[u8]; N] = codes.left.rows(first, y);
@@ -285,10 +286,10 @@ impl<'a> Costs<'a> {
                 right[byte] = unrolled.as_chunks().0;
             }
 
-            if has_all_bytes {
-                write_distances(left, right, out);
-            } else {
+            if adds {
                 add_distances(left, right, out);
+            } else {
+                write_distances(left, right, out);
             }
         }
     }
@@ -360,11 +361,6 @@ impl PairCodes {
 }
 
 impl BytePlanes {
-    /// Bytes of a code.
-    fn count(&self) -> usize {
-        self.plane.cols() / self.width
-    }
-
     /// Row `y` of the bytes from byte `first` on.
     #[inline(always)]
     fn rows<const N: usize>(&self, first: usize, y: usize) -> [&[u8]; N] {
@@ -408,10 +404,11 @@ impl ByteRows {
         level: Level,
         control: &Control,
     ) -> Result<BytePlanes> {
-        let width = self.width * settings.code_length().div_ceil(8);
-        let plane = describe_rows(gray, settings, noise, &self, width, level, control)?;
+        let count = settings.code_length().div_ceil(8);
+        let plane =
+            describe_rows(gray, settings, noise, &self, count * self.width, level, control)?;
 
-        Ok(BytePlanes { plane, width: self.width })
+        Ok(BytePlanes { plane, width: self.width, count })
     }
 }
 
