@@ -82,6 +82,8 @@ struct BytePlanes {
     plane: Plane<u8>,
     /// Codes of a row.
     width: usize,
+    /// Bytes of a code.
+    count: usize,
 }
 
 impl<'a> Costs<'a> {
@@ -201,14 +203,14 @@ impl<'a> Costs<'a> {
     #[inline(always)]
     pub fn write<V: Value>(&self, y: usize, columns: Range<usize>, out: &mut [Lanes<V>]) {
         match &self.compared {
-            Compared::Codes(codes) => match codes.left.count() {
-                1 => self.write_distances::<V, 1>(codes, 0, y, columns.clone(), out),
-                2 => self.write_distances::<V, 2>(codes, 0, y, columns.clone(), out),
+            Compared::Codes(codes) => match codes.left.count {
+                1 => self.write_distances::<V, 1>(codes, (0, false), y, columns.clone(), out),
+                2 => self.write_distances::<V, 2>(codes, (0, false), y, columns.clone(), out),
                 // Longer codes: one byte after another.
                 bytes => {
                     out.fill([V::default(); LANES]);
                     for byte in 0..bytes {
-                        self.write_distances::<V, 1>(codes, byte, y, columns.clone(), out);
+                        self.write_distances::<V, 1>(codes, (byte, true), y, columns.clone(), out);
                     }
                 }
             },
@@ -256,18 +258,18 @@ impl<'a> Costs<'a> {
         }
     }
 
-    /// Writes the Hamming distances over `N` bytes of the codes, from byte `first` on. Adds them if there are further bytes.
+    /// Writes the Hamming distances over `N` bytes of the codes, from byte `first` on; `adds`: to what is there.
     #[inline(always)]
     fn write_distances<V: Value, const N: usize>(
         &self,
         codes: &PairCodes,
-        first: usize,
+        (first, adds): (usize, bool),
         y: usize,
         columns: Range<usize>,
         out: &mut [Lanes<V>],
     ) {
         let Some(labels) = &codes.labels else {
-            return self.write_stretch::<V, N>(codes, (0, first), y, columns, out);
+            return self.write_stretch::<V, N>(codes, (0, first, adds), y, columns, out);
         };
 
         // Most neighbors have the same label, so are compared with the same version of the right image.
@@ -279,7 +281,7 @@ impl<'a> Costs<'a> {
 
             let (here, rest) = out.split_at_mut(stretch.len() * self.runs());
             out = rest;
-            self.write_stretch::<V, N>(codes, (version, first), y, columns, here);
+            self.write_stretch::<V, N>(codes, (version, first, adds), y, columns, here);
         }
     }
 
@@ -288,12 +290,11 @@ impl<'a> Costs<'a> {
     fn write_stretch<V: Value, const N: usize>(
         &self,
         codes: &PairCodes,
-        (version, first): (usize, usize),
+        (version, first, adds): (usize, usize, bool),
         y: usize,
         columns: Range<usize>,
         out: &mut [Lanes<V>],
     ) {
-        let has_all_bytes = N == codes.left.count();
         let mut lefts: [&[u8]; N] = codes.left.rows(first, y);
         let mut rights: [&[u8]; N] = codes.rights[version].rows(first, y);
 
@@ -307,9 +308,9 @@ impl<'a> Costs<'a> {
 
         // Usual numbers of runs as constants, so that the loop over runs is unrolled.
         match self.runs() {
-            1 => compare(lefts, rights, 1, has_all_bytes, out),
-            2 => compare(lefts, rights, 2, has_all_bytes, out),
-            runs => compare(lefts, rights, runs, has_all_bytes, out),
+            1 => compare(lefts, rights, 1, adds, out),
+            2 => compare(lefts, rights, 2, adds, out),
+            runs => compare(lefts, rights, runs, adds, out),
         }
     }
 
@@ -380,11 +381,6 @@ impl PairCodes {
 }
 
 impl BytePlanes {
-    /// Bytes of a code.
-    fn count(&self) -> usize {
-        self.plane.cols() / self.width
-    }
-
     /// Row `y` of the bytes from byte `first` on.
     #[inline(always)]
     fn rows<const N: usize>(&self, first: usize, y: usize) -> [&[u8]; N] {
@@ -428,10 +424,11 @@ impl ByteRows {
         level: Level,
         control: &Control,
     ) -> Result<BytePlanes> {
-        let width = self.width * settings.code_length().div_ceil(8);
-        let plane = describe_rows(gray, settings, noise, &self, width, level, control)?;
+        let count = settings.code_length().div_ceil(8);
+        let plane =
+            describe_rows(gray, settings, noise, &self, count * self.width, level, control)?;
 
-        Ok(BytePlanes { plane, width: self.width })
+        Ok(BytePlanes { plane, width: self.width, count })
     }
 }
 
@@ -563,7 +560,7 @@ fn compare<V: Value, const N: usize>(
     lefts: [&[u8]; N],
     rights: [&[u8]; N],
     runs: usize,
-    overwrites: bool,
+    adds: bool,
     out: &mut [Lanes<V>],
 ) {
     let last = lefts[0].len() - 1;
@@ -581,7 +578,7 @@ fn compare<V: Value, const N: usize>(
 
             for j in 0..LANES {
                 let bits = V::truncated(bits[j].into());
-                out[j] = if overwrites { bits } else { out[j].plus(bits) };
+                out[j] = if adds { out[j].plus(bits) } else { bits };
             }
         }
     }
