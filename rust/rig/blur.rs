@@ -144,7 +144,7 @@ struct Grid {
 /// The pair, and what the steps of its estimation have in common.
 struct BlurEstimation<'a> {
     rows: PairRows<'a>,
-    /// Rough disparities; `None`: the rows are read in parts.
+    /// Rough disparities of the whole pair; `None`: they are found part by part.
     rough: Option<Rough>,
     known: Correspondence,
     size: (usize, usize),
@@ -167,11 +167,13 @@ pub fn prepare() {
     bank();
 }
 
-/// Estimates the relative blur of a pair on the current threads. `sample` is any part of the pair.
+/// Estimates the relative blur of a pair on the current threads. `sample` is any part of the pair; `whole` are rough
+/// disparities of all of it, if there are any yet.
 pub(crate) fn estimate(
     rows: PairRows,
     sample: &Pair,
     known: Correspondence,
+    whole: Option<Rough>,
     means: Means,
 ) -> Result<Estimate> {
     let size = rows.size();
@@ -179,7 +181,7 @@ pub(crate) fn estimate(
         return Ok(Estimate::unknown(size));
     }
 
-    BlurEstimation::new(rows, sample, known, means)?.estimate()
+    BlurEstimation::new(rows, sample, known, whole, means)?.estimate()
 }
 
 /// Whether the blur of a pair, whose impulses are repaired as in an earlier one, is still that of the earlier one.
@@ -216,30 +218,37 @@ impl<'a> BlurEstimation<'a> {
         rows: PairRows<'a>,
         sample: &Pair,
         known: Correspondence,
+        whole: Option<Rough>,
         means: Means<'a>,
     ) -> Result<Self> {
         let [left, right] = sample.views();
         let unit = |view| shades_per_unit(view, means.how.level, means.control);
         let units = [unit(left)?, unit(right)?];
 
-        let rough = match rows {
-            PairRows::Kept(part) => Some(part.rough(&known, ROUGHEST, means)?),
-            PairRows::Read(_) => None,
+        // Those at hand save a match.
+        let rough = match (whole.filter(|whole| whole.factor() == ROUGHEST.factor), rows) {
+            (Some(whole), _) => Some(whole),
+            (None, PairRows::Kept(part)) => Some(part.rough(&known, ROUGHEST, means)?),
+            (None, PairRows::Read(_)) => None,
         };
 
         Ok(Self { rows, rough, known, size: rows.size(), units, means })
     }
 
-    /// Visits the blocks with these top rows, from the first one down, with their rough disparities.
+    /// Visits the blocks with these top rows, from the first one down, with their rough disparities and the row of the
+    /// image that these begin with.
     fn visit(
         &self,
         tops: &[usize],
         scale: RoughScale,
-        mut visit: impl FnMut(&Part, &Rough, Range<usize>) -> Result<()>,
+        mut visit: impl FnMut(&Part, (&Rough, usize), Range<usize>) -> Result<()>,
     ) -> Result<()> {
         self.rows.visit(blocks(tops, &self.known), self.means, |part, visited| match &self.rough {
-            Some(rough) if scale == ROUGHEST => visit(part, rough, visited),
-            _ => visit(part, &part.rough(&self.known, scale, self.means)?, visited),
+            Some(rough) if scale == ROUGHEST => visit(part, (rough, 0), visited),
+            _ => {
+                let rough = part.rough(&self.known, scale, self.means)?;
+                visit(part, (&rough, part.first), visited)
+            }
         })
     }
 
@@ -426,7 +435,7 @@ impl<'a> BlurEstimation<'a> {
         rows.dedup();
 
         let mut sums = Cross::default();
-        self.visit(&rows, ROUGH, |part, rough, visited| {
+        self.visit(&rows, ROUGH, |part, (rough, _), visited| {
             let here = &rows[visited];
             let there = places.iter().filter(|place| here.contains(&place.top));
             add_cross_spectra(

@@ -27,7 +27,7 @@ use std::ops::Range;
 use std::time::Duration;
 
 use self::compensation_plan::CompensationPlan;
-use self::overview::Overview;
+use self::overview::{Overview, RoughMap};
 use self::range::SearchRange;
 use self::rows::RowOffsets;
 use crate::cost::candidates::Candidates;
@@ -40,7 +40,7 @@ use crate::rig::blur;
 use crate::rig::blur::defects::{Defects, Repaired};
 pub use crate::rig::blur::parts::Means;
 use crate::rig::blur::parts::{PairRows, Part};
-use crate::rig::blur::rough;
+use crate::rig::blur::rough::{self, Rough};
 use crate::rig::blur_compensation::BlurCompensation;
 use crate::settings::Settings;
 
@@ -318,6 +318,8 @@ struct Geometry {
     range: Option<SearchRange>,
     offsets: Option<RowOffsets>,
     alignment: Option<Alignment>,
+    /// The rough match of the disparities that are searched, of images reduced by this factor.
+    rough: Option<(RoughMap, usize)>,
 }
 
 /// The estimates that are requested. `sample` is any part of the pair.
@@ -329,7 +331,7 @@ fn estimate(
     settings: &Settings,
     means: Means,
 ) -> Result<Estimates> {
-    let Geometry { confidence, is_inverted, range, offsets, alignment } =
+    let Geometry { confidence, is_inverted, range, offsets, alignment, rough } =
         Geometry::new(rows, request, means)?;
 
     let width = rows.size().1;
@@ -341,7 +343,9 @@ fn estimate(
 
     // Blur is compared where both images show the same, so it comes after the geometry.
     let known = rough::Correspondence { candidates, alignment: alignment.clone() };
-    let blur = request.blur.then(|| blur::estimate(rows, sample, known, means)).transpose()?;
+    let rough = rough.map(|(map, factor)| Rough::of_whole(map.unsure, factor, alignment.clone()));
+    let blur = || blur::estimate(rows, sample, known, rough, means);
+    let blur = request.blur.then(blur).transpose()?;
     let blur = blur.map(|blur| blur.with(defects));
 
     let compensation = match (&blur, request.noise) {
@@ -383,29 +387,34 @@ impl Geometry {
         let mut rough = overview.rough(request.candidates, None, means)?;
         let (mut offsets, mut alignment) = (None, None);
         if request.rows {
-            offsets = rows::offsets(rows, &overview, &rough, request.candidates, means)?;
+            let found = rows::offsets(rows, &overview, &rough, request.candidates, means)?;
+            offsets = found.offsets;
             let significant = offsets.as_ref().filter(|offsets| offsets.is_significant());
             alignment = significant.map(|offsets| offsets.field.clone());
-        }
-        if alignment.is_some() {
-            rough = overview.rough(request.candidates, alignment.as_ref(), means)?;
+
+            if let Some(field) = &alignment {
+                rough = found.map.unwrap_or(rough);
+                if !rows::is_straight(&overview, &rough, field) {
+                    rough = overview.rough(request.candidates, Some(field), means)?;
+                }
+            }
         }
 
         let confidence = Some(rough.confidence);
-        let mut range = None;
         // Where known disparities match badly, a finding names those that would match better.
-        if request.candidates.is_some() && rough.confidence < overview::GOOD_CONFIDENCE {
-            rough = overview.rough(None, alignment.as_ref(), means)?;
-            range = range::range(&overview, &rough);
-        } else if request.candidates.is_none() {
-            range = range::range(&overview, &rough);
-        }
+        let is_poor = request.candidates.is_some() && rough.confidence < overview::GOOD_CONFIDENCE;
+        let wide = is_poor.then(|| overview.rough(None, alignment.as_ref(), means)).transpose()?;
+
+        let last = wide.as_ref().unwrap_or(&rough);
+        let is_asked = request.candidates.is_none() || is_poor;
+        let range = is_asked.then(|| range::range(&overview, last)).flatten();
 
         let is_inverted = range.is_none()
-            && rough.confidence < range::LEAST_CONFIDENCE
+            && last.confidence < range::LEAST_CONFIDENCE
             && overview.inverted().rough(None, None, means)?.confidence
                 >= overview::GOOD_CONFIDENCE;
 
-        Ok(Self { confidence, is_inverted, range, offsets, alignment })
+        let rough = Some((rough, overview.factor));
+        Ok(Self { confidence, is_inverted, range, offsets, alignment, rough })
     }
 }

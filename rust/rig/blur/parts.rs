@@ -140,9 +140,14 @@ impl<'a> Part<'a> {
     }
 
     /// The pair of blocks that show the same, whose left one has this corner in the whole image; `None` where there is
-    /// none, or they have no contrast.
-    pub fn place(&self, rough: &Rough, top: usize, left: usize) -> Option<BlockPlace> {
-        let place = rough.place(&self.pair, top - self.first, left)?;
+    /// none, or they have no contrast. The rough disparities begin with row `first` of the whole image.
+    pub fn place(
+        &self,
+        (rough, first): (&Rough, usize),
+        top: usize,
+        left: usize,
+    ) -> Option<BlockPlace> {
+        let place = rough.place(&self.pair, self.first - first, top - self.first, left)?;
 
         let [left_shades, right_shades] = &self.shades;
         let has_contrast = left_shades.has_contrast(place.top, place.left)

@@ -12,7 +12,7 @@ use crate::pipeline::matcher::{Execution, Matcher, Pair};
 use crate::rig::alignment::Alignment;
 use crate::settings::presets::Preset;
 use crate::settings::{Optimizer, Precision, Settings};
-use crate::simd::Level;
+use crate::simd::{Level, Loop};
 use crate::value::nearest;
 
 /// Gray values lie within so many of zero, whatever the type of the image.
@@ -67,23 +67,66 @@ impl Shades {
     }
 }
 
-/// Means over squares of `factor` pixels; incomplete squares at the far ends are left out.
-pub fn reduced(plane: &Plane<f32>, factor: usize, control: &Control) -> Result<Plane<f32>> {
+/// Means over squares of `factor` pixels, a power of two; incomplete squares at the far ends are left out.
+pub fn reduced(
+    plane: &Plane<f32>,
+    factor: usize,
+    level: Level,
+    control: &Control,
+) -> Result<Plane<f32>> {
     let size = (plane.rows() / factor, plane.cols() / factor);
-    let share = 1.0 / (factor * factor) as f32;
 
-    Plane::by_rows(size, control, |y, row: &mut [f32]| {
-        for below in 0..factor {
-            let source = plane.row(y * factor + below).chunks_exact(factor);
-            row.iter_mut().zip(source).for_each(|(sum, part)| {
-                *sum += part.iter().sum::<f32>();
-            });
+    Plane::by_rows(size, control, |y, out: &mut [f32]| {
+        level.run(ReduceRow { plane, factor, y, out });
+    })
+}
+
+/// Writes a row of means over squares, from zeros.
+struct ReduceRow<'a> {
+    plane: &'a Plane<f32>,
+    factor: usize,
+    y: usize,
+    out: &'a mut [f32],
+}
+
+impl Loop for ReduceRow<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { plane, factor, y, out } = self;
+
+        for row in y * factor..(y + 1) * factor {
+            // Sums of a fixed number of pixels are vectorized.
+            match factor {
+                2 => add_sums::<2>(plane.row(row), out),
+                4 => add_sums::<4>(plane.row(row), out),
+                8 => add_sums::<8>(plane.row(row), out),
+                _ => {
+                    for (sum, part) in out.iter_mut().zip(plane.row(row).chunks_exact(factor)) {
+                        *sum += part.iter().sum::<f32>();
+                    }
+                }
+            }
         }
 
-        for sum in row {
+        let share = 1.0 / (factor * factor) as f32;
+        for sum in out {
             *sum *= share;
         }
-    })
+    }
+}
+
+/// Adds the sum of every `FACTOR` pixels.
+#[inline(always)]
+fn add_sums<const FACTOR: usize>(row: &[f32], sums: &mut [f32]) {
+    for (sum, part) in sums.iter_mut().zip(row.as_chunks::<FACTOR>().0) {
+        let mut total = part[0];
+        for pixel in &part[1..] {
+            total += pixel;
+        }
+        *sum += total;
+    }
 }
 
 /// The scale of a rough match.
@@ -107,6 +150,7 @@ pub struct Correspondence {
 /// Disparities of reduced images.
 #[derive(Debug)]
 pub struct Rough {
+    /// Pixels of the reduced image; NaN where there is none.
     disparity: Plane<f32>,
     factor: usize,
     alignment: Option<Alignment>,
@@ -153,8 +197,8 @@ impl Rough {
         control: &Control,
     ) -> Result<Self> {
         let Correspondence { candidates, alignment } = known;
-        let left = as_view(reduced(&shades[0].plane, factor, control)?);
-        let right = reduced(&shades[1].plane, factor, control)?;
+        let left = as_view(reduced(&shades[0].plane, factor, how.level, control)?);
+        let right = reduced(&shades[1].plane, factor, how.level, control)?;
         let right = as_view(match &alignment {
             Some(alignment) => raised(&right, alignment, factor, control)?,
             None => right,
@@ -188,6 +232,16 @@ impl Rough {
         Ok(Self { disparity: map.disparity, factor, alignment })
     }
 
+    /// Disparities of the whole images, reduced by a factor, whose rows correspond as the field says.
+    pub fn of_whole(disparity: Plane<f32>, factor: usize, alignment: Option<Alignment>) -> Self {
+        Self { disparity, factor, alignment }
+    }
+
+    /// The factor by which the images are reduced.
+    pub fn factor(&self) -> usize {
+        self.factor
+    }
+
     /// The number of rows by which column `x` of the right image is lower than row `y` of the left one.
     pub fn rows_at(&self, y: usize, x: usize) -> isize {
         let offset = |alignment: &Alignment| alignment.at(x as f64, y as f64).round() as isize;
@@ -215,8 +269,8 @@ impl Rough {
         (row(top) + down * (row(bottom) - row(top))) * self.factor as f32
     }
 
-    /// The median disparity about the center of a left block.
-    fn of_block(&self, top: usize, left: usize) -> f32 {
+    /// The median disparity about the center of a left block; `None` where there is none.
+    fn of_block(&self, top: usize, left: usize) -> Option<f32> {
         let span = |corner: usize, length: usize| {
             let first = ((corner + (SIDE - CORE) / 2) / self.factor).min(length - 1);
             first..(first + CORE / self.factor).min(length)
@@ -224,22 +278,25 @@ impl Rough {
 
         let cols = span(left, self.disparity.cols());
         let rows = span(top, self.disparity.rows());
-        let mut values: Vec<f32> =
-            rows.flat_map(|y| self.disparity.row(y)[cols.clone()].iter().copied()).collect();
+        let values = rows.flat_map(|y| self.disparity.row(y)[cols.clone()].iter().copied());
+        let mut values: Vec<f32> = values.filter(|value| value.is_finite()).collect();
+        if values.is_empty() {
+            return None;
+        }
 
         let middle = values.len() / 2;
-        *values.select_nth_unstable_by(middle, f32::total_cmp).1 * self.factor as f32
+        Some(*values.select_nth_unstable_by(middle, f32::total_cmp).1 * self.factor as f32)
     }
 
-    /// The pair of blocks whose left one has this corner; `None` where the right one would leave its image, or too much
-    /// of either is masked.
-    pub fn place(&self, pair: &Pair, top: usize, left: usize) -> Option<BlockPlace> {
+    /// The pair of blocks whose left one has this corner, in a pair that begins `above` rows below these disparities;
+    /// `None` where no disparity is known, the right block would leave its image, or too much of either is masked.
+    pub fn place(&self, pair: &Pair, above: usize, top: usize, left: usize) -> Option<BlockPlace> {
         // The median disparity gives the column of the right block, then the field its row.
-        let right = left as isize - self.of_block(top, left).round() as isize;
+        let right = left as isize - self.of_block(above + top, left)?.round() as isize;
 
         let right = usize::try_from(right).ok().filter(|x| x + SIDE <= pair.size().1)?;
 
-        let below = self.rows_at(top + SIDE / 2, right + SIDE / 2);
+        let below = self.rows_at(above + top + SIDE / 2, right + SIDE / 2);
         let right_top = top.checked_add_signed(below).filter(|y| y + SIDE <= pair.size().0)?;
 
         let place = BlockPlace { top, left, right_top, right };
@@ -325,7 +382,7 @@ mod tests {
     fn blocks_of_a_pair_show_the_same() {
         let pair = pair([None, None]);
         for factor in [2, 4] {
-            let place = rough(&pair, factor).place(&pair, 20, 70);
+            let place = rough(&pair, factor).place(&pair, 0, 20, 70);
             assert_eq!(
                 place,
                 Some(BlockPlace { top: 20, left: 70, right_top: 20, right: 70 - SHIFT })
@@ -338,8 +395,8 @@ mod tests {
         let pair = pair([None, None]);
 
         let rough = rough(&pair, 4);
-        assert_eq!(rough.place(&pair, 0, SHIFT - 8).map(|place| place.right), None);
-        assert!(rough.place(&pair, 130 - SIDE, 200 - SIDE).is_some());
+        assert_eq!(rough.place(&pair, 0, 0, SHIFT - 8).map(|place| place.right), None);
+        assert!(rough.place(&pair, 0, 130 - SIDE, 200 - SIDE).is_some());
     }
 
     #[test]
@@ -349,11 +406,11 @@ mod tests {
 
         for masks in [[masked(13), None], [None, masked(13)]] {
             let pair = pair(masks);
-            assert_eq!(rough(&pair, 4).place(&pair, 20, 70), None);
+            assert_eq!(rough(&pair, 4).place(&pair, 0, 20, 70), None);
         }
 
         let pair = pair([masked(5), masked(5)]);
-        assert!(rough(&pair, 4).place(&pair, 20, 70).is_some());
+        assert!(rough(&pair, 4).place(&pair, 0, 20, 70).is_some());
     }
 
     #[test]

@@ -49,6 +49,10 @@ type Span = (isize, isize);
 pub struct RoughMap {
     /// Whole pixels of the reduced image; NaN where the images do not agree.
     pub disparity: Plane<f32>,
+    /// The same before uncertain and masked pixels became NaN.
+    pub unsure: Plane<f32>,
+    /// The field by which the right image was resampled.
+    pub field: Option<Alignment>,
     /// Mean confidence: 0.66 to 0.95 on small copies of 12 pairs; 0.19 to 0.39 on those of unrelated images, of
     /// noise, and of pairs whose rows are four or more off there.
     pub confidence: f64,
@@ -81,7 +85,7 @@ impl Overview {
             let skipped = visited.start - part.first / factor;
             let places = skipped * cols..(skipped + visited.len()) * cols;
             for (side, shades) in [&mut left, &mut right].into_iter().zip(&part.shades) {
-                let plane = reduced(&shades.plane, factor, means.control)?;
+                let plane = reduced(&shades.plane, factor, means.how.level, means.control)?;
                 side.extend_from_slice(&plane.as_slice()[places.clone()]);
             }
 
@@ -168,20 +172,21 @@ impl Overview {
     fn reduced(&self, means: Means) -> Result<Self> {
         let by = reduction((self.valid.rows(), self.valid.cols()), COARSE_WIDTH);
         let [left, right] = &self.planes;
-        let planes = [reduced(left, by, means.control)?, reduced(right, by, means.control)?];
+        let copy = |plane| reduced(plane, by, means.how.level, means.control);
+        let planes = [copy(left)?, copy(right)?];
 
         let (rows, cols) = (planes[0].rows(), planes[0].cols());
         let valid = Plane::from_fn(rows, cols, |y, x| self.valid.row(y * by)[x * by]);
         Ok(Self { factor: self.factor * by, planes, valid })
     }
 
-    /// The span here of disparities of the whole images, and one more on either side.
+    /// The span here of disparities of the whole images. It is no wider than needed: a power of two fills its vectors.
     fn span(&self, all: Candidates) -> Span {
         let factor = self.factor as isize;
         let low = all.min();
         let high = all.disparity(all.count() - 1);
 
-        (low.div_euclid(factor) - 1, high.div_euclid(factor) + 2)
+        (low.div_euclid(factor), high.div_euclid(factor))
     }
 
     /// The span of all disparities that are tried.
@@ -227,14 +232,15 @@ impl Overview {
 
         // Rows of the reduced pair are not rows of the result: its progress is counted apart.
         let map = matcher.match_pair(&pair, &settings, how, &control.aside())?;
-        Ok(RoughMap::new(map, &self.valid))
+        Ok(RoughMap::new(map, &self.valid, alignment.cloned()))
     }
 }
 
 impl RoughMap {
     /// A matched map without its uncertain and masked pixels; the mean confidence is that of all valid ones.
-    fn new(map: Disparity, valid: &Plane<bool>) -> Self {
-        let mut disparity = map.disparity;
+    fn new(map: Disparity, valid: &Plane<bool>, field: Option<Alignment>) -> Self {
+        let unsure = map.disparity;
+        let mut disparity = unsure.clone();
         let (mut sum, mut count) = (0.0, 0);
         for y in 0..disparity.rows() {
             let flags = map.flags.row(y);
@@ -254,6 +260,6 @@ impl RoughMap {
             }
         }
 
-        Self { disparity, confidence: sum / f64::from(count.max(1)) }
+        Self { disparity, unsure, field, confidence: sum / f64::from(count.max(1)) }
     }
 }

@@ -17,9 +17,9 @@ use rayon::prelude::*;
 
 use crate::error::Result;
 use crate::image::plane::Plane;
-use crate::pipeline::control::Control;
 use crate::rig::blur::parts::{Means, PairRows, Part, Strips};
 use crate::rig::blur::rough::reduced;
+use crate::rig::estimation::overview::Overview;
 use crate::simd::{Level, Loop};
 
 /// Side of a block, pixels of the reduced copy.
@@ -60,12 +60,18 @@ pub struct Track {
 
 /// A smoothed part of an image, less its mean.
 struct Patch<const SIDE: usize> {
-    values: Vec<[f32; SIDE]>,
+    values: [[f32; SIDE]; SIDE],
 }
 
 /// Searches every block about its expected place, in copies of the images that are reduced by a factor, and leaves out
 /// those that are not found. The seeds are in the order of their rows.
-pub fn follow(rows: PairRows, seeds: &[Seed], factor: usize, means: Means) -> Result<Vec<Track>> {
+pub fn follow(
+    rows: PairRows,
+    overview: &Overview,
+    seeds: &[Seed],
+    factor: usize,
+    means: Means,
+) -> Result<Vec<Track>> {
     // Rows of the copy above and below the center that the correlation may read.
     let around = BLOCK / 2 + SEARCH + SMOOTH + 1;
     let top = |seed: &Seed| (in_copy(seed.y, factor) - around as isize).max(0) as usize * factor;
@@ -83,11 +89,8 @@ pub fn follow(rows: PairRows, seeds: &[Seed], factor: usize, means: Means) -> Re
         let first = seeds.partition_point(|seed| top(seed) < wanted[0]);
         let end = seeds.partition_point(|seed| top(seed) <= wanted[wanted.len() - 1]);
 
-        let planes = copies(part, factor, means.control)?;
-        let here = |seed: &Seed| {
-            let copies = [&*planes[0], &*planes[1]];
-            track(copies, part, seed, factor, means.how.level)
-        };
+        let copies = Copies::new(part, overview, factor, means)?;
+        let here = |seed: &Seed| track(&copies, part, seed, means.how.level);
 
         let tracks: Vec<Option<Track>> = seeds[first..end].par_iter().map(here).collect();
         found.extend(tracks.into_iter().flatten());
@@ -97,20 +100,38 @@ pub fn follow(rows: PairRows, seeds: &[Seed], factor: usize, means: Means) -> Re
     Ok(found)
 }
 
-/// The copies of a part, reduced by a factor.
-fn copies<'a>(
-    part: &'a Part,
+/// Both images, reduced by a factor: all of them or a part.
+struct Copies<'a> {
+    planes: [Cow<'a, Plane<f32>>; 2],
     factor: usize,
-    control: &Control,
-) -> Result<[Cow<'a, Plane<f32>>; 2]> {
-    let copy = |side: usize| -> Result<Cow<'a, Plane<f32>>> {
-        let plane = &part.shades[side].plane;
-        if factor == 1 {
-            return Ok(Cow::Borrowed(plane));
+    /// The row of the whole copies that is the first here.
+    first: isize,
+}
+
+impl<'a> Copies<'a> {
+    /// The copies of a part; those of the overview where it has this factor.
+    fn new(
+        part: &'a Part,
+        overview: &'a Overview,
+        factor: usize,
+        Means { how, control, .. }: Means,
+    ) -> Result<Self> {
+        if factor == overview.factor {
+            let planes = overview.planes.each_ref().map(Cow::Borrowed);
+            return Ok(Self { planes, factor, first: 0 });
         }
-        Ok(Cow::Owned(reduced(plane, factor, control)?))
-    };
-    Ok([copy(0)?, copy(1)?])
+
+        let copy = |side: usize| -> Result<Cow<'a, Plane<f32>>> {
+            let plane = &part.shades[side].plane;
+            if factor == 1 {
+                return Ok(Cow::Borrowed(plane));
+            }
+            Ok(Cow::Owned(reduced(plane, factor, how.level, control)?))
+        };
+
+        let first = (part.first / factor) as isize;
+        Ok(Self { planes: [copy(0)?, copy(1)?], factor, first })
+    }
 }
 
 /// The row or column of a copy that contains a place of the whole image.
@@ -119,32 +140,30 @@ fn in_copy(place: f64, factor: usize) -> isize {
 }
 
 /// Searches one block.
-fn track(
-    images: [&Plane<f32>; 2],
-    part: &Part,
-    seed: &Seed,
-    factor: usize,
-    level: Level,
-) -> Option<Track> {
-    let above = (part.first / factor) as isize;
-    let (x, y) = (in_copy(seed.x, factor), in_copy(seed.y, factor) - above);
+fn track(copies: &Copies, part: &Part, seed: &Seed, level: Level) -> Option<Track> {
+    let Copies { planes: [left, right], factor, first } = copies;
+    let factor = *factor;
+
+    // Places in the whole copies.
+    let (x, y) = (in_copy(seed.x, factor), in_copy(seed.y, factor));
     let shift = [seed.dx, seed.dy].map(|by| (by / factor as f64).round() as isize);
     let (right_x, right_y) = (x + shift[0], y + shift[1]);
 
-    let is_valid =
-        is_valid(part, (x, y), factor, 0) && is_valid(part, (right_x, right_y), factor, 1);
+    let above = (part.first / factor) as isize;
+    let is_valid = is_valid(part, (x, y - above), factor, 0)
+        && is_valid(part, (right_x, right_y - above), factor, 1);
     if !is_valid {
         return None;
     }
 
-    let block = level.run(CutPatch::<BLOCK> { image: images[0], x, y })?;
-    let area = level.run(CutPatch::<AREA> { image: images[1], x: right_x, y: right_y })?;
+    let block = level.run(CutPatch::<BLOCK> { image: left, x, y: y - first })?;
+    let area = level.run(CutPatch::<AREA> { image: right, x: right_x, y: right_y - first })?;
     let (offset, weight) = level.run(Climb { block: &block, area: &area })?;
 
     // The center of a block of an even side lies between pixels.
     let place = |at: isize| factor as f64 * at as f64 - 0.5;
     let [dx, dy] = [0, 1].map(|axis| factor as f64 * (shift[axis] as f64 + offset[axis]));
-    let place = Seed { x: place(x), y: place(y + above), dx, dy };
+    let place = Seed { x: place(x), y: place(y), dx, dy };
     Some(Track { place, weight })
 }
 
@@ -186,15 +205,15 @@ impl<const SIDE: usize> Loop for CutPatch<'_, SIDE> {
         }
 
         // The binomial is separable: first along the rows, then along the columns.
-        let mut along = vec![[0.0f32; SIDE]; side];
-        for (row, out) in along.iter_mut().enumerate() {
+        let mut along = [[0.0f32; SIDE]; AREA + 2 * SMOOTH];
+        for (row, out) in along[..side].iter_mut().enumerate() {
             let pixels = &image.row(top + row)[left..left + side];
             for (at, out) in out.iter_mut().enumerate() {
                 *out = binomial(from_fn(|tap| pixels[at + tap]));
             }
         }
 
-        let mut values = vec![[0.0f32; SIDE]; SIDE];
+        let mut values = [[0.0f32; SIDE]; SIDE];
         let mut sums = [0.0f32; SIDE];
         for (row, out) in values.iter_mut().enumerate() {
             let rows: [&[f32; SIDE]; 2 * SMOOTH + 1] = from_fn(|tap| &along[row + tap]);
