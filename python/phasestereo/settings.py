@@ -113,8 +113,8 @@ class Settings:
     align_rows
         Whether it is estimated how the rows of the images correspond: a smooth field of vertical
         offsets (shift, turn, focal length, keystone, distortion). Where it is significant, the
-        right image is straightened by it, that is resampled along its columns, if some bands are
-        matched better so. Default True.
+        right image is straightened by it, that is resampled along its columns; where it is slight,
+        only if some bands are matched better so. Default True.
     despike
         Whether it is found out if the images have impulses (hot, dead and stuck pixels, salt and
         pepper), and these take the median of their eight neighbors before all else; for

@@ -2,7 +2,8 @@
 //!
 //! The estimated field is not always right: in scenes with few textures it may claim three tenths of a pixel that are not
 //! there, and a match would lose by it. So some bands are matched both ways, with the codes and the paths of the match
-//! itself, and the right image is straightened only if confidence rises and the left-right check fails no more often.
+//! itself, and the right image is straightened only if confidence rises and the left-right check fails no more often. Most
+//! fields are so large beside their error that they need no trial.
 
 use std::iter;
 use std::ops::Range;
@@ -11,7 +12,7 @@ use super::Estimates;
 use super::compensation_plan::CompensationPlan;
 use crate::error::Result;
 use crate::pipeline::halo::Halo;
-use crate::pipeline::matcher::Disparity;
+use crate::pipeline::matcher::{Disparity, Pair};
 use crate::pipeline::section::Section;
 use crate::pipeline::source::widened;
 use crate::refinement::flag;
@@ -28,6 +29,13 @@ const CHANCE: f64 = 0.001;
 /// ... or this share of the rise of confidence. Of 288 pairs whose rows were moved, this accepts 8 that gain and that the
 /// first bound would refuse.
 const OF_RISE: f64 = 0.3;
+/// A field of at least so many pixels, root mean square, ...
+const LARGE: f64 = 0.2;
+/// ... and so many standard errors is right without a trial. Means of bad-1.0 (%) over 482 pairs with a significant field,
+/// of scenes with moved rows and other faults: with a trial of all fields 8.895; of those below 0.2 px or 3, 4 and 5
+/// errors 8.884, 8.890 and 8.890, which are 46, 67 and 100 pairs; of none 8.895; never straightened 29.9. Fields that are
+/// not there have up to 2.6 errors.
+const SURE: f64 = 4.0;
 
 /// How well some rows are matched, as sums over their pixels.
 #[derive(Debug, Clone, Copy, Default)]
@@ -47,9 +55,13 @@ pub fn confirms(
     settings: &Settings,
     means: Means,
 ) -> Result<bool> {
-    let Some(field) = &estimates.alignment else {
+    let (Some(field), Some(offsets)) = (&estimates.alignment, &estimates.offsets) else {
         return Ok(false);
     };
+
+    if field.rms() >= LARGE.max(SURE * offsets.error) {
+        return Ok(true);
+    }
     let Means { matcher, how, control } = means;
 
     let plan = estimates.compensation.as_ref();
@@ -73,11 +85,16 @@ pub fn confirms(
         let straightened = pair.straightened(&field, how.level, control)?;
 
         let wanted = band.start - inner.start..band.end - inner.start;
-        for (pair, score) in [pair, straightened].into_iter().zip(&mut scores) {
+        let matched = |pair: &Pair| {
             let pair = pair.of_rows(inner.start - outer.start..inner.end - outer.start);
             let section = Section { rows: wanted.clone(), ..Section::whole(&pair) };
-            score.add(&matcher.match_alone(&pair, &section, &settings, how, &control.aside())?);
-        }
+            matcher.match_alone(&pair, &section, &settings, how, &control.aside())
+        };
+
+        // A band is too narrow for several threads.
+        let (as_it_is, straight) = rayon::join(|| matched(&pair), || matched(&straightened));
+        scores[0].add(&as_it_is?);
+        scores[1].add(&straight?);
     }
 
     // A rise of confidence pays for a small fall of consistency.
