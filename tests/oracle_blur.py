@@ -717,8 +717,8 @@ def certainty_of(kind: Kind, noise: tuple[float, float]) -> float:
 def estimate(pair: MaskedPair) -> Estimate:
     """Return the blur of a pair of at least 64 x 64 pixels, of which some tiles have blocks."""
     rows, cols = pair.size
-    # About 110 blocks, 32 to 64 pixels apart, show whether there is any blur.
-    spacing = int(np.clip(np.floor(np.sqrt(rows * cols // 110) / 16 + 0.5) * 16, 32, 64))
+    # At most about 110 blocks, 32 to 64 pixels apart, show whether there is any blur.
+    spacing = int(np.clip(np.ceil(np.sqrt(rows * cols // 110) / 16) * 16, 32, 64))
     disparity = rough(pair, 4, 9)
     there = grid(pair, disparity, spacing)
 

@@ -58,7 +58,7 @@ use crate::simd::Level;
 /// degrees after one such kernel, by factor and neighborhood: 4, 9: 22.7 %; 2, 9: 18.1 %; 2, 15: 18.5 %; true kernel:
 /// 17.6.
 const ROUGH: RoughScale = RoughScale { factor: 2, neighborhood: 9 };
-/// Number of blocks that suffices to see whether there is blur.
+/// Number of blocks that suffices to see whether there is blur; as many or fewer are taken.
 const ENOUGH_BLOCKS: usize = 110;
 /// Number of blocks that suffices for the largest images, too.
 const MOST_BLOCKS: usize = 400;
@@ -315,7 +315,7 @@ impl<'a> BlurEstimation<'a> {
         let (rows, cols) = self.size;
         let even = |blocks: usize| {
             let spacing = ((rows * cols / blocks) as f64).sqrt();
-            (spacing / 16.0).round() as usize * 16
+            (spacing / 16.0).ceil() as usize * 16
         };
 
         even(ENOUGH_BLOCKS).clamp(SPACING.0, SPACING.1.max(even(MOST_BLOCKS)))
