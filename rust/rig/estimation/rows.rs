@@ -85,7 +85,8 @@ pub fn offsets(
     candidates: Option<Candidates>,
     means: Means,
 ) -> Result<FoundRows> {
-    let (found, map) = first(rows, overview, rough, candidates, means)?;
+    let mut map = None;
+    let found = first(rows, overview, rough, &mut map, candidates, means)?;
     let Some((mut fit, mut tracks)) = found else {
         return Ok(FoundRows { offsets: None, map });
     };
@@ -124,16 +125,16 @@ pub fn is_straight(overview: &Overview, map: &RoughMap, field: &Alignment) -> bo
     difference(field, map.field.as_ref()) < HARDLY * overview.factor as f64
 }
 
-/// The field in the reduced copies with the blocks that it was fitted to, and the last rough match if there was another
-/// one.
+/// The field in the reduced copies, and the blocks that it was fitted to. Further rough matches go into `map`.
 fn first(
     rows: PairRows,
     overview: &Overview,
     rough: &RoughMap,
+    map: &mut Option<RoughMap>,
     candidates: Option<Candidates>,
     means: Means,
-) -> Result<(Option<(RowOffsets, Vec<Track>)>, Option<RoughMap>)> {
-    let (mut field, mut best, mut map) = (None, None, None);
+) -> Result<Option<(RowOffsets, Vec<Track>)>> {
+    let (mut field, mut best) = (None, None);
     // A poor match may mean that the rows are far off.
     if rough.confidence < GOOD_CONFIDENCE {
         field = overview.shift(candidates, rows.size(), means)?;
@@ -142,7 +143,7 @@ fn first(
     // A better field gives a better map, which gives more and better blocks.
     for round in 1.. {
         if field.is_some() {
-            map = Some(overview.rough(candidates, field.as_ref(), means)?);
+            *map = Some(overview.rough(candidates, field.as_ref(), means)?);
         }
 
         let seeds = seeds(overview, map.as_ref().unwrap_or(rough), field.as_ref());
@@ -160,7 +161,7 @@ fn first(
         }
     }
 
-    Ok((best, map))
+    Ok(best)
 }
 
 /// Distance of neighboring blocks, pixels of the whole image, so that about [`BLOCKS`] cover it.
