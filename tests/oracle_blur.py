@@ -718,7 +718,7 @@ def estimate(pair: MaskedPair) -> Estimate:
     """Return the blur of a pair of at least 64 x 64 pixels, of which some tiles have blocks."""
     rows, cols = pair.size
     # At most about 110 blocks, 32 to 64 pixels apart, show whether there is any blur.
-    spacing = int(np.clip(np.ceil(np.sqrt(rows * cols // 110) / 16) * 16, 32, 64))
+    spacing = int(np.clip(np.ceil(np.sqrt(rows * cols // 110) / 8) * 8, 32, 64))
     disparity = rough(pair, 4, 9)
     there = grid(pair, disparity, spacing)
 

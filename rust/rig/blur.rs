@@ -315,7 +315,7 @@ impl<'a> BlurEstimation<'a> {
         let (rows, cols) = self.size;
         let even = |blocks: usize| {
             let spacing = ((rows * cols / blocks) as f64).sqrt();
-            (spacing / 16.0).ceil() as usize * 16
+            (spacing / 8.0).ceil() as usize * 8
         };
 
         even(ENOUGH_BLOCKS).clamp(SPACING.0, SPACING.1.max(even(MOST_BLOCKS)))
