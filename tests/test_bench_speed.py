@@ -62,11 +62,12 @@ def as_before() -> Iterator[None]:
 # Who takes part
 
 
-def test_ours_gets_the_threads_and_the_preset(pair: GrayPair) -> None:
-    ours = bench.CONTENDERS[bench.OURS](16, 1)
+@pytest.mark.parametrize("preset", ["fast", "robust"])
+def test_ours_gets_the_threads_and_the_preset(pair: GrayPair, preset: str) -> None:
+    ours = bench.CONTENDERS[bench.OURS[preset]](16, 1)
     result = ours(pair.left, pair.right)
-    assert np.median(result.disparity) == 5
-    assert result.settings == PRESETS["fast"]
+    assert np.median(result.disparity) == pytest.approx(5, abs=0.1)
+    assert result.settings == PRESETS[preset]
     assert ours.func.__self__.threads == 1  # type: ignore[attr-defined] # a bound method's partial
 
 
@@ -147,7 +148,7 @@ def test_pinned_holds_threads_that_were_there_and_new_ones() -> None:
 
 def test_without_affinity_nothing_is_held(monkeypatch: pytest.MonkeyPatch, pair: GrayPair) -> None:
     monkeypatch.delattr(os, "sched_setaffinity", raising=False)
-    entrants, core = rounds.time_one_thread(pair, 1)
+    entrants, core = rounds.time_one_thread(pair, "fast", 1)
     assert core is None
     assert [entrant.opencv_threads for entrant in entrants] == [None, 1, 1, 1]
 
@@ -160,21 +161,21 @@ def test_all_take_turns_in_changing_order(monkeypatch: pytest.MonkeyPatch, pair:
 
     monkeypatch.setattr(rounds, "CONTENDERS", {name: made(name) for name in bench.CONTENDERS})
 
-    entrants = rounds.time_all_threads(pair, 12)
+    entrants = rounds.time_all_threads(pair, "robust", 12)
     by_round = [turns[start : start + 4] for start in range(0, len(turns), 4)]
     assert len(by_round) == 13  # the first is to warm up, and does not count
-    assert all(sorted(turn) == sorted(bench.CONTENDERS) for turn in by_round)
+    assert all(sorted(turn) == sorted([bench.OURS["robust"], *RIVALS]) for turn in by_round)
     assert len(set(map(tuple, by_round))) > 3
     assert [len(entrant.seconds) for entrant in entrants] == [12] * 4
 
 
 @on_linux
 def test_opencv_takes_part_with_one_thread_and_two(pair: GrayPair) -> None:
-    entrants, core = rounds.time_one_thread(pair, 1)
+    entrants, core = rounds.time_one_thread(pair, "fast", 1)
     assert core in os.sched_getaffinity(0)
 
     assert [(e.name, e.opencv_threads) for e in entrants] == [
-        (bench.OURS, None),
+        (bench.OURS["fast"], None),
         *((name, count) for name in RIVALS for count in (1, 2)),
     ]
 
@@ -190,7 +191,7 @@ def test_opencv_takes_part_with_one_thread_and_two(pair: GrayPair) -> None:
 def test_memory_is_that_of_the_match(pair: GrayPair) -> None:
     noise = np.random.default_rng(0).integers(0, 256, (500, 600), dtype=np.uint8)
     whole = bench.GrayPair("larger", noise, noise, 16)
-    weight = memory.memory_of(bench.OURS, whole, threads=1)
+    weight = memory.memory_of(bench.OURS["fast"], whole, threads=1)
     assert weight["result_bytes"] == 6 * noise.size  # disparities and flags
     assert weight["peak_bytes"] > 0.9 * weight["result_bytes"]
     theirs = memory.memory_of("opencv:bm", pair, threads=2)
@@ -206,12 +207,15 @@ def test_memory_says_why_it_is_not_known(pair: GrayPair) -> None:
 
 @pytest.mark.usefixtures("weightless")
 def test_figures_follow_from_the_seconds(tmp_path: Path, pair: GrayPair) -> None:
-    one, everything = bench.run_speed([pair], tmp_path / "speed.jsonl", rounds=3)
-    assert (one["threads"], one["thread_count"]) == ("one", 1)
-    assert (everything["threads"], everything["thread_count"]) == ("all", usable_cpus())
+    records = bench.run_speed([pair], tmp_path / "speed.jsonl", rounds=3)
+    assert [(record["preset"], record["threads"]) for record in records] == [
+        (preset, threads) for preset in ("fast", "robust") for threads in ("one", "all")
+    ]
 
-    assert everything["pinned_to"] is None
-    for record in (one, everything):
+    for record in records:
+        is_one = record["threads"] == "one"
+        assert record["thread_count"] == (1 if is_one else usable_cpus())
+        assert is_one or record["pinned_to"] is None
         assert record["status"] == "ok", record
         assert (record["width"], record["height"], record["num_disparities"]) == (75, 40, 16)
         assert record["simd"] == _core.simd_level()
@@ -239,13 +243,13 @@ def test_the_faster_number_of_opencv_threads_counts(
     slow, fast = [3.0, 3.0, 3.0], [4.0, 2.0, 2.0]
 
     entrants = [
-        rounds.Entrant(bench.OURS, print, None, [2.0, 2.0, 1.0], [stage] * 3),
+        rounds.Entrant(bench.OURS["fast"], print, None, [2.0, 2.0, 1.0], [stage] * 3),
         rounds.Entrant("opencv:bm", print, 1, slow),
         rounds.Entrant("opencv:bm", print, 2, fast),
     ]
 
     monkeypatch.setattr(records, "time_one_thread", lambda *_: (entrants, 0))
-    record = records.measure(pair, "one", 3)
+    record = records.measure(pair, "fast", "one", 3)
 
     rival = record["rivals"]["opencv:bm"]
     assert (rival["seconds"], rival["opencv_threads"]) == (fast, 2)
@@ -267,8 +271,8 @@ def test_done_is_not_done_again_unless_something_changed(
     assert store.read_bytes() == content
 
     monkeypatch.setattr(_core, "simd_level", lambda: "another")
-    assert [r["simd"] for r in bench.run_speed([pair], store, rounds=1)] == ["another"] * 2
-    assert len(read_store(store)) == 5  # an environment, and twice two records
+    assert [r["simd"] for r in bench.run_speed([pair], store, rounds=1)] == ["another"] * 4
+    assert len(read_store(store)) == 9  # an environment, and twice four records
 
 
 def test_no_rounds_are_refused(tmp_path: Path, pair: GrayPair) -> None:
@@ -375,6 +379,7 @@ def record(**changed: Any) -> dict[str, Any]:
         "height": 375,
         "width": 450,
         "num_disparities": 64,
+        "preset": "fast",
         "threads": "one",
         "rounds": 15,
         "environment": "e",
@@ -419,8 +424,8 @@ def test_tables_show_the_last_record_of_each_cell_by_size(tmp_path: Path) -> Non
         for table in (bench.time_table, bench.memory_table)
     ]
 
-    figures, cones = ["12.3", "0.88", "1.50", "1.50"], ["cones", "450 x 375", "64"]
-    tsukuba = ["tsukuba", "384 x 288", "16", "1"]
+    figures, cones = ["12.3", "0.88", "1.50", "1.50"], ["cones", "450 x 375", "64", "fast"]
+    tsukuba = ["tsukuba", "384 x 288", "16", "fast", "1"]
 
     assert texts == [
         [
@@ -474,8 +479,8 @@ def test_a_document_is_filled_where_it_says_so(tmp_path: Path) -> None:
     fill_places(document, {"speed": speed_text(results)})
     text = document.read_text()
 
-    assert "| cones | 450 x 375 | 64 | 1 | 12.3 | 0.88 | 1.50 | 1.50 | 1.50 | 40 |" in text
-    assert "| cones | 450 x 375 | 64 | 1 | 3.0 | 1.0 | 4.0 | 4.0 | 4.0 |" in text
+    assert "| cones | 450 x 375 | 64 | fast | 1 | 12.3 | 0.88 | 1.50 | 1.50 | 1.50 | 40 |" in text
+    assert "| cones | 450 x 375 | 64 | fast | 1 | 3.0 | 1.0 | 4.0 | 4.0 | 4.0 |" in text
     assert "old" not in text
     assert text.endswith(other)
     assert "Made with phasestereo 1.2.3" in text
@@ -511,14 +516,14 @@ def test_the_command_and_its_report(folder: Path, run_bench: Callable[..., Run])
 
     code, again, err = run_bench(*command, "--pairs", "rendered")
     assert (code, again) == (0, out)
-    assert "2 of 2 are in out/speed.jsonl already" in err
+    assert "4 of 4 are in out/speed.jsonl already" in err
 
     document = folder / "speed.md"
     document.write_text("<!-- bench:speed --><!-- /bench:speed -->\n")
     code, out, err = run_bench("report", "out/speed.jsonl", "--readme", "speed.md")
     assert code == 0, err
     assert "265 x 40" in out
-    assert "| rendered | 265 x 40 | 256 | 1 |" in document.read_text()
+    assert "| rendered | 265 x 40 | 256 | fast | 1 |" in document.read_text()
 
     code, _, err = run_bench(*command, "--pairs", "rendered", "--fresh")
     assert code == 0
@@ -557,7 +562,7 @@ def test_a_failure_is_recorded_and_reported(
     )
 
     assert code == 1
-    assert "1 of 2 measurements failed" in err
+    assert "2 of 4 measurements failed" in err
     assert "RuntimeError: no luck" in err
     assert "265 x 40" in out
 

@@ -24,13 +24,14 @@ if TYPE_CHECKING:
 Call: TypeAlias = Callable[..., Any]
 """Takes the two images."""
 
-PRESET = "fast"
+OURS: Mapping[str, str] = MappingProxyType(
+    {preset: f"phasestereo:{preset}" for preset in ("fast", "robust")}
+)
+"""What ours are called, by preset. Each is timed against all rivals."""
 
-OURS = f"phasestereo:{PRESET}"
 
-
-def _ours(num_disparities: int, threads: int | None) -> Call:
-    matcher = Matcher(preset=PRESET, threads=threads)
+def _ours(preset: str, num_disparities: int, threads: int | None) -> Call:
+    matcher = Matcher(preset=preset, threads=threads)
     return partial(matcher.match, num_disparities=num_disparities)
 
 
@@ -54,7 +55,7 @@ def _sgbm_3way(num_disparities: int, _threads: int | None) -> Call:
 
 CONTENDERS: Mapping[str, Callable[[int, int | None], Call]] = MappingProxyType(
     {
-        OURS: _ours,
+        **{name: partial(_ours, preset) for preset, name in OURS.items()},
         "opencv:bm": _bm,
         "opencv:bm-unchecked": _bm_unchecked,
         "opencv:sgbm-3way": _sgbm_3way,

@@ -56,7 +56,7 @@ def weigh(
 ) -> Mapping[str, Any]:
     """Match a small pair, then the whole one, and return the memory that the latter takes."""
     make = CONTENDERS[name]
-    if name != OURS:
+    if name not in OURS.values():
         set_opencv_threads(threads)
 
     # The small match loads code and buffers, which no pair should be charged for.

@@ -31,7 +31,7 @@ def run_speed(
     rounds: int = ROUNDS,
     progress: Callable[[int, int], object] | None = None,
 ) -> list[dict[str, Any]]:
-    """Time all contenders on these pairs, and keep a record of each in a file of JSON lines.
+    """Time both presets and all rivals on these pairs; keep a record of each as a line of JSON.
 
     What the file has of the same machine, versions and compiled core is not done again.
 
@@ -44,7 +44,7 @@ def run_speed(
     rounds
         How often everybody matches everything, at least once.
     progress
-        As of `phasestereo_bench.run_jobs`: there are two records a pair.
+        As of `phasestereo_bench.run_jobs`: there are four records a pair.
 
     Returns
     -------
@@ -81,25 +81,29 @@ def speed_jobs(pairs: Sequence[GrayPair], *, rounds: int = ROUNDS) -> list[Job]:
                 "height": pair.left.shape[0],
                 "width": pair.left.shape[1],
                 "num_disparities": pair.num_disparities,
+                "preset": preset,
                 "threads": threads,
                 "rounds": rounds,
                 **made_with,
             },
             measure,
-            {"pair": pair, "threads": threads, "rounds": rounds},
+            {"pair": pair, "preset": preset, "threads": threads, "rounds": rounds},
         )
         for pair in pairs
+        for preset in OURS
         for threads in ("one", "all")
     ]
 
 
-def measure(pair: GrayPair, threads: str, rounds: int) -> dict[str, Any]:
-    """Time and weigh all contenders on a pair.
+def measure(pair: GrayPair, preset: str, threads: str, rounds: int) -> dict[str, Any]:
+    """Time and weigh ours with a preset and all rivals on a pair.
 
     Parameters
     ----------
     pair
         What to match.
+    preset
+        Of `OURS`.
     threads
         "one" or "all".
     rounds
@@ -117,16 +121,16 @@ def measure(pair: GrayPair, threads: str, rounds: int) -> dict[str, Any]:
         ``"opencv_threads"``, and the seconds with other numbers of these, which were ``"slower"``.
     """
     if threads == "one":
-        entrants, core = time_one_thread(pair, rounds)
+        entrants, core = time_one_thread(pair, preset, rounds)
     else:
-        entrants, core = time_all_threads(pair, rounds), None
+        entrants, core = time_all_threads(pair, preset, rounds), None
 
     by_name: dict[str, list[Entrant]] = {}
     for entrant in entrants:
         by_name.setdefault(entrant.name, []).append(entrant)
 
     count = 1 if threads == "one" else usable_cpus()
-    (ours,) = by_name.pop(OURS)
+    (ours,) = by_name.pop(OURS[preset])
 
     return {
         "thread_count": count,
@@ -134,7 +138,7 @@ def measure(pair: GrayPair, threads: str, rounds: int) -> dict[str, Any]:
         "ours": {
             **_figures(ours, pair),
             **_stages(ours),
-            "memory": memory_of(OURS, pair, threads=count),
+            "memory": memory_of(OURS[preset], pair, threads=count),
         },
         "rivals": {name: _rivalry(same, ours, pair) for name, same in by_name.items()},
     }

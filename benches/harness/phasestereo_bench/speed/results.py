@@ -27,17 +27,21 @@ _TITLES: Mapping[str, str] = MappingProxyType(
 
 _ENVIRONMENT = "environment"
 
+_LABELS = ("pair", "size", "d", "preset")
+
 _MEGA = 1e6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpeedRow:
-    """A pair on one thread or on all: what both tables have of it.
+    """A pair by one preset on one thread or on all: what both tables have of it.
 
     Attributes
     ----------
     pair, width, height, num_disparities
         Which pair.
+    preset
+        Of ours.
     threads
         How many.
     rounds
@@ -56,6 +60,7 @@ class SpeedRow:
     width: int
     height: int
     num_disparities: int
+    preset: str
     threads: int
     rounds: int
     milliseconds: float
@@ -69,7 +74,7 @@ class SpeedRow:
     def labels(self) -> tuple[Entry, ...]:
         """The columns that identify it."""
         size = f"{self.width} x {self.height}"
-        return Entry(self.pair), Entry(size), Entry(str(self.num_disparities))
+        return Entry(self.pair), Entry(size), Entry(str(self.num_disparities)), Entry(self.preset)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,7 +103,7 @@ class SpeedResults:
 def read_speed(paths: Sequence[str | os.PathLike[str]]) -> SpeedResults | None:
     """Read one or more stores; None if they have no record of this kind.
 
-    Of several records of the same pair and number of threads the last counts.
+    Of several records of the same pair, preset and number of threads the last counts.
 
     Raises
     ------
@@ -131,7 +136,12 @@ def read_speed(paths: Sequence[str | os.PathLike[str]]) -> SpeedResults | None:
 
 def time_table(results: SpeedResults) -> Table:
     """Return what a pair takes us, and how much longer it takes the rivals."""
-    header = ("pair", "size", "d", "threads", "ms", "GDE/s", *_TITLES.values(), "description %")
+    header = (
+        *_LABELS,
+        *("threads", "ms", "GDE/s"),
+        *_TITLES.values(),
+        "description %",
+    )
     rows = [
         (
             *line.labels,
@@ -148,7 +158,7 @@ def time_table(results: SpeedResults) -> Table:
 
 def memory_table(results: SpeedResults) -> Table:
     """Return how far a match raises the resident memory, in MB."""
-    header = ("pair", "size", "d", "threads", "MB", "of which result", *_TITLES.values())
+    header = (*_LABELS, "threads", "MB", "of which result", *_TITLES.values())
     rows = [
         (
             *line.labels,
@@ -167,7 +177,7 @@ def explain_speed(results: SpeedResults) -> str:
     rounds = " or ".join(str(count) for count in sorted({line.rounds for line in results.lines}))
     held = "held to one processor" if results.pinned else "not held to any processor"
     return (
-        f'Preset "fast" with {" or ".join(results.levels)} against OpenCV built for '
+        f"Ours with {' or '.join(results.levels)} against OpenCV built for "
         f"{' or '.join(results.builds)}. ms, GDE/s (1e9 pixels times disparities a second): ours. "
         "Below the rivals' names: their time divided by ours, more than 1 where we are faster. "
         f"Medians of {rounds} rounds in which all took turns; a single thread was {held}. "
@@ -205,6 +215,7 @@ def _line(record: Mapping[str, Any]) -> SpeedRow:
         width=int(record["width"]),
         height=int(record["height"]),
         num_disparities=int(record["num_disparities"]),
+        preset=str(record["preset"]),
         threads=int(record["thread_count"]),
         rounds=int(record["rounds"]),
         milliseconds=1e3 * float(ours["median"]),
@@ -216,8 +227,9 @@ def _line(record: Mapping[str, Any]) -> SpeedRow:
     )
 
 
-def _size(line: SpeedRow) -> tuple[int, str, int]:
-    return line.width * line.height * line.num_disparities, line.pair, line.threads
+def _size(line: SpeedRow) -> tuple[int, str, str, int]:
+    evaluations = line.width * line.height * line.num_disparities
+    return evaluations, line.pair, line.preset, line.threads
 
 
 def _unique(records: Iterable[Mapping[str, Any]], name: str) -> tuple[str, ...]:

@@ -46,8 +46,8 @@ class Entrant:
     stages: list[dict[str, float]] = field(default_factory=list)
 
 
-def time_one_thread(pair: GrayPair, rounds: int) -> tuple[list[Entrant], int | None]:
-    """Time all contenders on one processor.
+def time_one_thread(pair: GrayPair, preset: str, rounds: int) -> tuple[list[Entrant], int | None]:
+    """Time ours with a preset and all rivals on one processor.
 
     OpenCV takes part with one thread and again with two, both on that processor: StereoBM then
     works in stripes that stay in the cache, and is faster on large images. Where the system cannot
@@ -60,21 +60,24 @@ def time_one_thread(pair: GrayPair, rounds: int) -> tuple[list[Entrant], int | N
     """
     with pinned() as core:
         counts = (1,) if core is None else (1, 2)
-        return _timed(pair, rounds, 1, counts), core
+        return _timed(pair, preset, rounds, 1, counts), core
 
 
-def time_all_threads(pair: GrayPair, rounds: int) -> list[Entrant]:
-    """Time all contenders on as many threads as there are processors."""
-    return _timed(pair, rounds, None, (usable_cpus(),))
+def time_all_threads(pair: GrayPair, preset: str, rounds: int) -> list[Entrant]:
+    """Time ours with a preset and all rivals on as many threads as there are processors."""
+    return _timed(pair, preset, rounds, None, (usable_cpus(),))
 
 
 def _timed(
-    pair: GrayPair, rounds: int, threads: int | None, opencv_threads: Sequence[int]
+    pair: GrayPair, preset: str, rounds: int, threads: int | None, opencv_threads: Sequence[int]
 ) -> list[Entrant]:
+    ours = OURS[preset]
+    rivals = [name for name in CONTENDERS if name not in OURS.values()]
+
     entrants = [
-        Entrant(name, make(pair.num_disparities, threads), count)
-        for name, make in CONTENDERS.items()
-        for count in ((None,) if name == OURS else opencv_threads)
+        Entrant(name, CONTENDERS[name](pair.num_disparities, threads), count)
+        for name in (ours, *rivals)
+        for count in ((None,) if name == ours else opencv_threads)
     ]
 
     for entrant in entrants:  # the first call allocates, and has caches to fill
