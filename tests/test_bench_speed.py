@@ -528,7 +528,7 @@ def test_the_command_and_its_report(folder: Path, run_bench: Callable[..., Run])
     code, _, err = run_bench(*command, "--pairs", "rendered", "--fresh")
     assert code == 0
     assert "renamed out/speed.jsonl to out/speed.jsonl.bak" in err
-    assert len(read_store("out/speed.jsonl")) == len(read_store("out/speed.jsonl.bak")) == 3
+    assert len(read_store("out/speed.jsonl")) == len(read_store("out/speed.jsonl.bak")) == 5
 
 
 @pytest.mark.usefixtures("folder")
