@@ -27,7 +27,7 @@ _TITLES: Mapping[str, str] = MappingProxyType(
 
 _ENVIRONMENT = "environment"
 
-_LABELS = ("pair", "size", "d", "preset")
+_LABELS = ("pair", "size", "preset", "d")
 
 _MEGA = 1e6
 
@@ -74,7 +74,7 @@ class SpeedRow:
     def labels(self) -> tuple[Entry, ...]:
         """The columns that identify it."""
         size = f"{self.width} x {self.height}"
-        return Entry(self.pair), Entry(size), Entry(str(self.num_disparities)), Entry(self.preset)
+        return Entry(self.pair), Entry(size), Entry(self.preset), Entry(str(self.num_disparities))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -153,7 +153,7 @@ def time_table(results: SpeedResults) -> Table:
         )
         for line in results.lines
     ]
-    return Table(header, tuple(rows), labels=2)
+    return Table(header, tuple(rows), labels=3)
 
 
 def memory_table(results: SpeedResults) -> Table:
@@ -169,7 +169,7 @@ def memory_table(results: SpeedResults) -> Table:
         )
         for line in results.lines
     ]
-    return Table(header, tuple(rows), labels=2)
+    return Table(header, tuple(rows), labels=3)
 
 
 def explain_speed(results: SpeedResults) -> str:
