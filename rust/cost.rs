@@ -9,6 +9,9 @@
 //!     for k in 0..candidates:                      # neighboring lanes
 //!         cost[x][k] = distance(left[x], unrolled[cols - 1 - x + k])
 //! ```
+//!
+//! Codes are kept as bytes: a row has the lowest byte of all its codes, then the next byte of all. So a load of each byte
+//! has whole runs of candidates, and codes of any length take no more bytes than they need.
 
 pub mod aggregation;
 pub mod candidates;

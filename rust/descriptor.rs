@@ -1,4 +1,4 @@
-//! An image -> packed phase codes (paper, section 2.1).
+//! An image -> phase codes (paper, section 2.1), in words or as the caller stores them ([`RowOfCodes`]).
 
 pub mod basis;
 pub mod quantizer;

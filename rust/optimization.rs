@@ -3,10 +3,11 @@
 //! ordering constraint, or each pixel by itself.
 //!
 //! The cost volume never exists as a whole. An image is cut into bands of [`BAND`] rows, a band into panels of [`PANEL`]
-//! columns; the costs of a panel fit in the second-level cache, in strips of [`STRIP`] columns. Paths from the left run through whole rows. Paths from
-//! the right start [`LOOKAHEAD_COLUMNS`] columns right of each panel, paths from above and below [`LOOKAHEAD_ROWS`] rows
-//! outside each band. So no band depends on another, and any thread may work on any band at any time. Bands and panels
-//! begin at multiples of their sizes in the whole image, so the result does not depend on which rows are matched together:
+//! columns. The costs of a panel lie in strips of [`STRIP`] columns and fit in the second-level cache. Paths from the left
+//! run through whole rows. Paths from the right start [`LOOKAHEAD_COLUMNS`] columns right of each panel, paths from above
+//! and below [`LOOKAHEAD_ROWS`] rows outside each band. So no band depends on another, and any thread may work on any band
+//! at any time. Bands and panels begin at multiples of their sizes in the whole image, so the result does not depend on
+//! which rows are matched together:
 //!
 //! ```text
 //! for band in bands:                                       # any thread, any order
@@ -54,7 +55,8 @@ pub const BAND: usize = 64;
 pub const LOOKAHEAD_ROWS: usize = 16;
 /// Columns of a panel.
 pub const PANEL: usize = 64;
-/// Columns right of a panel where its paths from the right start.
+/// Columns right of a panel where its paths from the right start: one strip, which the next panel takes over. Results
+/// depend on it, as the means above say.
 pub const LOOKAHEAD_COLUMNS: usize = STRIP;
 
 /// Columns of a strip: the values of a panel lie in memory strip after strip, and in each strip row by row. So paths along
@@ -283,7 +285,9 @@ impl CandidateSearch<'_> {
         let strip = seen.len() * STRIP * runs;
         costs.resize((PANEL / STRIP + 1) * strip)?;
         horizontal.begin(rows.len(), runs)?;
-        vertical.begin(rows.len(), runs)?;
+        if is_vertical {
+            vertical.begin(rows.len(), runs)?;
+        }
 
         let smoothness =
             Smoothness { penalties: AdaptivePenalties::new(self.penalties), edges: self.edges };
@@ -315,10 +319,8 @@ impl CandidateSearch<'_> {
 
             self.level.run(HorizontalPass { horizontal, panel, smoothness });
 
-            let candidates = self.candidates;
-            let totals = horizontal.means();
+            let (means, candidates) = (horizontal.means(), self.candidates);
             if is_vertical {
-                let means = totals;
                 self.level.run(VerticalPass {
                     vertical,
                     panel,
@@ -332,7 +334,7 @@ impl CandidateSearch<'_> {
                 self.level.run(SelectPixels {
                     search: self,
                     block: &panel.block,
-                    totals,
+                    totals: means,
                     costs: Some(panel.costs),
                     selection,
                     evidence,

@@ -177,7 +177,7 @@ pub struct Settings {
     /// codes.
     pub denoise: bool,
     /// Whether the rows of the images are aligned: it is estimated how they correspond, and the right image is
-    /// straightened if the match gets better by it.
+    /// straightened where they clearly do not; where they hardly do not, only if the match gets better by it.
     pub align_rows: bool,
     /// Intensities of black and white; `None`: the type's range for integers, a robust range for floats.
     pub intensity_range: Option<(f64, f64)>,

@@ -1,4 +1,4 @@
-//! Pixels -> spectral components of a row.
+//! Pixels -> spectral components of a few rows at a time.
 //!
 //! The transform is separable: down the columns first, for every `v`, then along the row, for every `(u, v)`. Filters are
 //! even or odd, so the two pixels at one distance from the center are added or subtracted first and share one
@@ -168,7 +168,7 @@ impl Layout {
     }
 }
 
-/// The local Fourier transform of some rows after the other.
+/// The local Fourier transform of one group of rows after another.
 #[derive(Debug)]
 pub struct Spectrum<T> {
     /// Highest frequency index along y of all components.

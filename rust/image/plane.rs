@@ -126,7 +126,7 @@ impl<T: Clone + Default + Send> Plane<T> {
         Ok(plane)
     }
 
-    /// As [`Self::by_bands`], with buffers that a thread keeps for its next bands.
+    /// As [`Self::by_bands`], with buffers that are reused from band to band; there may be more of them than threads.
     pub fn by_bands_with<B>(
         (rows, cols): (usize, usize),
         band_rows: usize,

@@ -18,6 +18,9 @@
 //! FAR ... FAR | L(p-1, 0) L(p-1, 1) ... | FAR ... FAR
 //! ```
 //!
+//! The pixels of a panel lie in strips of [`STRIP`] columns, and in each row by row ([`PixelBlock::place`]). So sixteen
+//! pixels of a row are neighbors, and the next row of the strip follows them: paths along columns stay on few pages, too.
+//!
 //! A step has to wait for the minimum of the one before. To keep the processor busy meanwhile, sixteen paths are extended
 //! in turn, along neighboring rows or columns.
 
@@ -250,6 +253,12 @@ impl<T> Sink<T> for Discard {
     fn take(&mut self, _: usize, _: Lanes<T>) {}
 }
 
+/// As many as there are paths.
+#[inline(always)]
+fn discards() -> impl Iterator<Item = Discard> {
+    [(); STRIP].iter().map(|()| Discard)
+}
+
 /// Writes the totals.
 struct StoreTotals<'a, T>(&'a mut [Lanes<T>]);
 
@@ -429,7 +438,7 @@ impl<T: Value> HorizontalPass<'_, T> {
             if columns.start >= block.columns.end {
                 for x in (0..columns.len()).rev() {
                     let costs = column(costs, x, runs);
-                    paths.extend((p1, p2[x]), costs, [(); STRIP].iter().map(|()| Discard), runs);
+                    paths.extend((p1, p2[x]), costs, discards(), runs);
                 }
             } else {
                 let means = strip_rows_mut(means, block, (strip, &rows), runs);
@@ -569,7 +578,7 @@ impl<T: Value> VerticalPass<'_, T> {
                 let sinks = below.chunks_exact_mut(runs).map(StoreTotals);
                 paths.extend(penalties, costs, sinks, runs);
             } else {
-                let sinks = [(); STRIP].iter().map(|()| Discard);
+                let sinks = discards();
                 paths.extend(penalties, costs, sinks, runs);
             }
         }
@@ -586,7 +595,7 @@ impl<T: Value> VerticalPass<'_, T> {
                 smoothness.after_jumps_from_above(&smoothness.edges.row(y)[columns.clone()]);
             let costs = strip_rows(panel.costs, &panel.seen, (*strip, &(y..y + 1)), runs);
 
-            let sinks = [(); STRIP].iter().map(|()| Discard);
+            let sinks = discards();
             paths.extend(penalties, costs.chunks_exact(runs), sinks, runs);
         }
     }

@@ -133,7 +133,10 @@ impl Demand<'_> {
         // bits, and sums of windows.
         let summed = 2 * (window.side + 3) * around + (window.side + 1) * around;
 
-        let lanes = rows * cols * runs + totals + summed * runs;
+        // The paths themselves, along rows and along columns, at two pixels each, and the sums of a row.
+        let paths = 2 * 2 * STRIP * (runs + 2) + STRIP * runs;
+
+        let lanes = rows * cols * runs + totals + paths + summed * runs;
 
         let width = Width::new(self.settings, window, penalties, true).bytes();
         let origins = if is_whole { 2 * self.cols * self.candidates } else { 0 };

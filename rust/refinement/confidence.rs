@@ -7,7 +7,7 @@
 //! ```text
 //! vote(q)    = ahead(q) / (ahead(q) + HALF_VOTE)          # ahead: least cost elsewhere - own cost
 //! weight(q)  = s^2 / (s^2 + (gray(p) - gray(q))^2)        # s: SIMILAR mean differences of neighbors
-//! support(p) = sum of weight(q) vote(q) over q that agree / sum of weight(q) over all q around p
+//! support(p) = sum of weight(q) vote(q) over q that agree / sum of weight(q) over all q around p that have one
 //! confidence = support^3 / (support^3 + HALF_SUPPORT)
 //! ```
 //!

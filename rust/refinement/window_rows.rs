@@ -43,7 +43,7 @@ impl<T: Copy + Default, const COUNT: usize> WindowRows<T, COUNT> {
         &self.rows[number % COUNT][MARGIN - before..]
     }
 
-    /// Repeats the first and the last value of row `number` beyond its ends.
+    /// Repeats the first and the last value of row `number` one place beyond its ends.
     #[inline(always)]
     pub fn repeat_ends(&mut self, number: usize) {
         let row = &mut self.rows[number % COUNT];

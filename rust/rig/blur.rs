@@ -58,7 +58,8 @@ use crate::simd::Level;
 /// degrees after one such kernel, by factor and neighborhood: 4, 9: 22.7 %; 2, 9: 18.1 %; 2, 15: 18.5 %; true kernel:
 /// 17.6.
 const ROUGH: RoughScale = RoughScale { factor: 2, neighborhood: 9 };
-/// Number of blocks that suffices to see whether there is blur; as many or fewer are taken.
+/// Number of blocks that suffices to see whether there is blur. About as many are taken, or fewer; more only of images in
+/// which they would be further apart than [`SPACING`].
 const ENOUGH_BLOCKS: usize = 110;
 /// Number of blocks that suffices for the largest images, too.
 const MOST_BLOCKS: usize = 400;
@@ -315,6 +316,7 @@ impl<'a> BlurEstimation<'a> {
         let (rows, cols) = self.size;
         let even = |blocks: usize| {
             let spacing = ((rows * cols / blocks) as f64).sqrt();
+            // To the nearest multiple of 16 pixels there were up to 180 blocks, to the next one as few as 70.
             (spacing / 8.0).ceil() as usize * 8
         };
 

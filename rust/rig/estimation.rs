@@ -7,8 +7,8 @@
 //!    whole ones ([`tracks`]); a smooth field of vertical offsets is fitted to them, robustly ([`rows`]).
 //! 3. The relative blur is estimated ([`crate::rig::blur`]) from blocks that show the same things: those of the right
 //!    image are taken from where the field says, not from the resampled image, since resampling changes the spectrum.
-//! 4. If the offsets are significant, some bands are matched with and without them ([`trial`]). The right image is
-//!    straightened only if the match gets better by it.
+//! 4. Significant offsets that are large beside their error straighten the right image. With smaller ones some bands are
+//!    matched both ways ([`trial`]), and it is straightened only if the match gets better by it.
 //!
 //! Where nothing matches, the reduced images are tried once more with the negative of one. If that matches, all of the
 //! above is repeated with the negative of the right image, which is then matched, too.
@@ -318,7 +318,8 @@ struct Geometry {
     range: Option<SearchRange>,
     offsets: Option<RowOffsets>,
     alignment: Option<Alignment>,
-    /// The rough match of the disparities that are searched, of images reduced by this factor.
+    /// The rough match of the known disparities, or else of all that are tried, and the factor by which its images are
+    /// reduced.
     rough: Option<(RoughMap, usize)>,
 }
 

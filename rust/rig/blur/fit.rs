@@ -252,6 +252,7 @@ fn fitted(
         for lane in 0..FLOAT_LANES {
             // The residual changes with the logarithm of the gain by the share of the signal, to the first order.
             let residual = (residual[lane] - trust[lane] * correction).abs();
+            // A choice, not `f32::min`, which also has to tell NaN.
             let residual = if residual < LARGEST_RESIDUAL { residual } else { LARGEST_RESIDUAL };
             loss[lane] += weights[lane] * residual;
         }

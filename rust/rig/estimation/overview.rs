@@ -180,7 +180,8 @@ impl Overview {
         Ok(Self { factor: self.factor * by, planes, valid })
     }
 
-    /// The span here of disparities of the whole images. It is no wider than needed: a power of two fills its vectors.
+    /// The span here of disparities of the whole images. It has no margin: one more on either side of a power of two would
+    /// take another run of lanes.
     fn span(&self, all: Candidates) -> Span {
         let factor = self.factor as isize;
         let low = all.min();

@@ -46,8 +46,8 @@ struct Score {
     pixels: f64,
 }
 
-/// Whether bands are matched better with the estimated field, with the blur compensation that the caller knows, or else
-/// with the estimated one.
+/// Whether the right image is to be straightened: the estimated field is large beside its error, or bands are matched
+/// better with it, under the blur compensation that the caller knows, or else the estimated one.
 pub fn confirms(
     rows: PairRows,
     estimates: &Estimates,

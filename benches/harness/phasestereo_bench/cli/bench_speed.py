@@ -43,10 +43,10 @@ def speed(
 ) -> None:
     """Time a match against OpenCV's StereoBM and StereoSGBM.
 
-    All of them match the same gray pairs in turn, in one process, first on one thread and then on
-    all, and each once more in a process of its own, for its memory. Takes about a quarter of an
-    hour, on an idle machine, please; a run that was interrupted goes on where it stopped when the
-    same command is given again. For example:
+    All of them match the same gray pairs in turn, in one process, ours with either preset first on
+    one thread and then on all, and each once more in a process of its own, for its memory. Takes
+    about a quarter of an hour, on an idle machine, please; a run that was interrupted goes on where
+    it stopped when the same command is given again. For example:
 
     ```
     phasestereo bench speed data -o speed/speed.jsonl

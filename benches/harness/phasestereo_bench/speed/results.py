@@ -136,12 +136,7 @@ def read_speed(paths: Sequence[str | os.PathLike[str]]) -> SpeedResults | None:
 
 def time_table(results: SpeedResults) -> Table:
     """Return what a pair takes us, and how much longer it takes the rivals."""
-    header = (
-        *_LABELS,
-        *("threads", "ms", "GDE/s"),
-        *_TITLES.values(),
-        "description %",
-    )
+    header = (*_LABELS, "threads", "ms", "GDE/s", *_TITLES.values(), "description %")
     rows = [
         (
             *line.labels,
