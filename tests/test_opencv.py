@@ -447,7 +447,7 @@ def test_the_parameters_of_the_sample_make_better_maps_than_with_opencv(
         assert pair.truth is not None
 
         errors = [bad_pixels(d, pair.truth, 1.0, k) for d, k in zip(maps, kept, strict=True)]
-        assert errors[0] < 0.95 * errors[1], name
+        assert errors[0] < 0.97 * errors[1], name
 
 
 def test_depth_by_opencv(pair: Pair) -> None:
