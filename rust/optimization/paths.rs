@@ -484,7 +484,7 @@ fn column<V>(rows: &[V], x: usize, runs: usize) -> impl Iterator<Item = &[V]> {
     rows.chunks_exact(STRIP * runs).map(move |row| &row[x * runs..][..runs])
 }
 
-/// As [`column`], to be written.
+/// As [`column()`], to be written.
 #[inline(always)]
 fn column_mut<V>(rows: &mut [V], x: usize, runs: usize) -> impl Iterator<Item = &mut [V]> {
     rows.chunks_exact_mut(STRIP * runs).map(move |row| &mut row[x * runs..][..runs])
