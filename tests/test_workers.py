@@ -415,7 +415,7 @@ print(resident() - before)
     assert finished.returncode == 0, finished.stderr
     after_match, kept, after_matcher = map(int, finished.stdout.split())
     assert after_match < 15 << 20
-    assert kept > 25 << 20
+    assert kept > 20 << 20
     assert after_matcher < 15 << 20
 
 
