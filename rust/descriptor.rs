@@ -233,7 +233,7 @@ struct Description<'a, R> {
 }
 
 /// What a thread describes in, band after band.
-struct Buffers<T: Lane> {
+struct DescriptionBuffers<T: Lane> {
     /// The transform of each layer.
     spectra: Vec<Spectrum<T>>,
     /// The pixels of a band and its halo.
@@ -262,13 +262,13 @@ impl<R: RowOfCodes> Description<'_, R> {
     }
 
     /// The buffers of a thread.
-    fn buffers<T: Lane>(&self) -> Result<Buffers<T>> {
+    fn buffers<T: Lane>(&self) -> Result<DescriptionBuffers<T>> {
         let layout = self.layout();
         let spectrum = |layer: &Layer| Spectrum::new(&layer.basis, &layer.frequencies, layout);
         let rows = self.gray.size().0.min(BAND_ROWS) + 2 * layout.margin;
         let words = layout.span(layout.group());
 
-        Ok(Buffers {
+        Ok(DescriptionBuffers {
             spectra: self.layers.iter().map(spectrum).collect::<Result<_>>()?,
             pixels: Memory::new(rows * layout.width())?,
             words: [Memory::new(words)?, Memory::new(words)?],
@@ -285,14 +285,14 @@ impl<R: RowOfCodes> Description<'_, R> {
     fn write_rows<'r, T: Lane>(
         &self,
         y: usize,
-        buffers: &mut Buffers<T>,
+        buffers: &mut DescriptionBuffers<T>,
         rows: impl ExactSizeIterator<Item = &'r mut [R::Item]>,
     ) where
         R::Item: 'r,
     {
         let layout = self.layout();
         let (width, count) = (layout.width(), rows.len());
-        let Buffers { spectra, pixels, words } = buffers;
+        let DescriptionBuffers { spectra, pixels, words } = buffers;
         let mut words = words.each_mut().map(|words| &mut words[..layout.span(count)]);
 
         for words in &mut words {

@@ -107,7 +107,7 @@ impl Judge<'_> {
             checker.resize(self.cols)?;
         }
 
-        level.run(WriteRow { judge: *self, y, found, checker, row });
+        level.run(JudgeRow { judge: *self, y, found, checker, row });
         Ok(())
     }
 
@@ -124,11 +124,10 @@ impl Judge<'_> {
     /// Flags matches outside the right image.
     #[inline(always)]
     fn flag_outside(&self, chosen: &[u16], flags: &mut [u16]) {
-        let (min, cols) = (self.candidates.min() as i32, self.cols as u32);
+        let (candidates, cols) = (self.candidates, self.cols as u32);
         for (x, (&chosen, flags)) in (0..).zip(chosen.iter().zip(flags)) {
-            // Columns left of the image are negative, so as unsigned numbers they are beyond it, too.
-            let column = (x - min - i32::from(chosen)) as u32;
-            *flags = if column < cols { 0 } else { flag::OUTSIDE };
+            let is_inside = candidates.column_or_beyond(x, chosen) < cols;
+            *flags = if is_inside { 0 } else { flag::OUTSIDE };
         }
     }
 
@@ -154,7 +153,7 @@ impl Judge<'_> {
 }
 
 /// Writes one row: step by step for all its pixels, so that each step is a loop over arrays.
-struct WriteRow<'a> {
+struct JudgeRow<'a> {
     judge: Judge<'a>,
     y: usize,
     found: EvidenceRow<'a>,
@@ -162,7 +161,7 @@ struct WriteRow<'a> {
     row: ResultRow<'a>,
 }
 
-impl Loop for WriteRow<'_> {
+impl Loop for JudgeRow<'_> {
     type Output = ();
 
     #[inline(always)]

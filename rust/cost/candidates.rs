@@ -54,9 +54,11 @@ impl Candidates {
         (x as isize - self.disparity(k)).clamp(0, width as isize - 1) as usize
     }
 
-    /// Whether the match of `x` under candidate `k` lies outside the right image.
-    pub fn is_outside(self, x: usize, k: usize, width: usize) -> bool {
-        !(0..width as isize).contains(&(x as isize - self.disparity(k)))
+    /// Right column of left column `x` under candidate `k`. Columns left of the image are negative, so as unsigned numbers
+    /// they are beyond it, too.
+    #[inline(always)]
+    pub fn column_or_beyond(self, x: i32, k: u16) -> u32 {
+        (x - self.min as i32 - i32::from(k)) as u32
     }
 }
 
@@ -80,9 +82,9 @@ mod tests {
     #[test]
     fn the_extreme_ranges_touch_one_column() {
         let rightmost = Candidates::new(4, 1, 5).expect("accepted");
-        assert!(!rightmost.is_outside(4, 0, 5) && rightmost.is_outside(3, 0, 5));
+        assert!(rightmost.column_or_beyond(4, 0) < 5 && rightmost.column_or_beyond(3, 0) >= 5);
 
         let leftmost = Candidates::new(-5, 2, 5).expect("accepted");
-        assert!(!leftmost.is_outside(0, 1, 5) && leftmost.is_outside(0, 0, 5));
+        assert!(leftmost.column_or_beyond(0, 1) < 5 && leftmost.column_or_beyond(0, 0) >= 5);
     }
 }

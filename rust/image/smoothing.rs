@@ -52,7 +52,7 @@ const MARGIN: usize = 8;
 /// Pixels that are computed together.
 const BLOCK: usize = 16;
 /// Columns that are computed row after row, a multiple of [`BLOCK`]: the rows of their windows stay in the first-level
-/// cache.
+/// cache. With 384 rows of 741 pixels take as long, with 128 and 768 they take 0.1 to 0.2 ms of 1 longer.
 const PART: usize = 256;
 /// The same with the margins on either side.
 const SPAN: usize = PART + 2 * MARGIN;
@@ -77,7 +77,7 @@ pub fn smooth(
     Plane::by_bands_with(
         size,
         BAND_ROWS,
-        || Buffers::new(size),
+        || SmoothingBuffers::new(size),
         |buffers, first, out| {
             let last = first + out.len() / size.1;
             let windows = first.saturating_sub(RADIUS)..(last + RADIUS).min(size.0);
@@ -99,7 +99,7 @@ struct Smoothing<'a> {
 }
 
 /// What a thread smooths in, band after band.
-struct Buffers {
+struct SmoothingBuffers {
     /// A row of gray values.
     row: Memory<i32>,
     /// The rows under the windows, each with its continuation.
@@ -112,7 +112,7 @@ struct Buffers {
     columns: [Memory<f64>; 2],
 }
 
-impl Buffers {
+impl SmoothingBuffers {
     /// For bands of an image of so many rows and columns.
     fn new((rows, cols): (usize, usize)) -> Result<Self> {
         let width = width(cols);
@@ -130,7 +130,7 @@ impl Buffers {
 
 impl Smoothing<'_> {
     /// Writes the gray values under rows of windows: [`RADIUS`] more rows on either side.
-    fn write_values(&self, windows: &Range<usize>, buffers: &mut Buffers) -> Result<()> {
+    fn write_values(&self, windows: &Range<usize>, buffers: &mut SmoothingBuffers) -> Result<()> {
         let (rows, cols) = self.gray.size();
         let row = &mut buffers.row[..cols];
 
@@ -145,10 +145,10 @@ impl Smoothing<'_> {
     }
 
     /// Writes the shares of so many rows of windows, and those of their means.
-    fn write_shares(&self, rows: usize, buffers: &mut Buffers) -> Result<()> {
+    fn write_shares(&self, rows: usize, buffers: &mut SmoothingBuffers) -> Result<()> {
         let cols = self.gray.size().1;
         let width = width(cols);
-        let Buffers { values, shares, drawn, columns, .. } = buffers;
+        let SmoothingBuffers { values, shares, drawn, columns, .. } = buffers;
 
         for part in parts(cols) {
             self.control.checkpoint()?;
@@ -171,13 +171,13 @@ impl Smoothing<'_> {
     fn write_smoothed(
         &self,
         first_window: usize,
-        buffers: &mut Buffers,
+        buffers: &mut SmoothingBuffers,
         first: usize,
         out: &mut [i32],
     ) -> Result<()> {
         let (rows, cols) = self.gray.size();
         let width = width(cols);
-        let Buffers { row, values, shares, drawn, columns } = buffers;
+        let SmoothingBuffers { row, values, shares, drawn, columns } = buffers;
 
         for part in parts(cols) {
             self.control.checkpoint()?;

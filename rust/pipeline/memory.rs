@@ -121,6 +121,16 @@ mod tests {
     }
 
     #[test]
+    fn runs_of_lanes_start_with_a_cache_line() {
+        let mut memory = RunMemory::<u8>::default();
+        for count in [3, 0, 1000] {
+            memory.resize(count).expect("memory");
+            assert_eq!(memory.len(), count);
+            assert_eq!(memory.as_ptr().addr() % LINE, 0);
+        }
+    }
+
+    #[test]
     fn too_large_a_buffer_is_an_error() {
         let refused = Memory::<u64>::default().resize(usize::MAX / 2);
         assert!(matches!(refused, Err(Error::OutOfMemory { .. })));

@@ -101,7 +101,7 @@ impl VotedMap<'_> {
         out.write_bands(BAND, |first, band| {
             control.checkpoint()?;
 
-            let rows = PixelRows {
+            let rows = VotedRows {
                 disparity: WindowRows::new(cols, f32::NAN)?,
                 votes: WindowRows::new(cols, 0.0)?,
                 gray: WindowRows::new(cols, UNLIKE)?,
@@ -120,14 +120,14 @@ pub fn similar(roughness: Roughness) -> f32 {
 }
 
 /// The rows within reach of one row; row `y` of the map is number `y + RADIUS`.
-struct PixelRows {
+struct VotedRows {
     disparity: WindowRows<f32, ROWS>,
     votes: WindowRows<f32, ROWS>,
     /// In units of the difference at which votes count half.
     gray: WindowRows<f32, ROWS>,
 }
 
-impl PixelRows {
+impl VotedRows {
     /// Copies the row of this number from the map; beyond the map there are no disparities.
     #[inline(always)]
     fn copy(&mut self, number: usize, map: VotedMap, scale: f32) {
@@ -149,22 +149,22 @@ impl PixelRows {
 
     /// The row of this number, from `before` columns before its first one on.
     #[inline(always)]
-    fn row(&self, number: usize, before: usize, count: usize) -> Pixels<'_> {
+    fn row(&self, number: usize, before: usize, count: usize) -> VotedPixels<'_> {
         let [disparity, votes, gray] = [&self.disparity, &self.votes, &self.gray]
             .map(|rows| &rows.row(number, before)[..count]);
-        Pixels { disparity, votes, gray }
+        VotedPixels { disparity, votes, gray }
     }
 }
 
 /// Neighboring pixels of a row.
 #[derive(Clone, Copy)]
-struct Pixels<'a> {
+struct VotedPixels<'a> {
     disparity: &'a [f32],
     votes: &'a [f32],
     gray: &'a [f32],
 }
 
-impl Pixels<'_> {
+impl VotedPixels<'_> {
     /// The first ones.
     #[inline(always)]
     fn part(self, count: usize) -> Self {
@@ -178,7 +178,7 @@ struct Support<'a> {
     map: VotedMap<'a>,
     first: usize,
     similar: f32,
-    rows: PixelRows,
+    rows: VotedRows,
     /// The sums of the weights of a row.
     weights: Vec<f32>,
     band: &'a mut [f32],
@@ -224,8 +224,8 @@ impl Loop for Support<'_> {
 /// One loop over the pixels, in which all pairs are a constant distance away: the sums stay in registers.
 #[inline(always)]
 fn add_pairs<const FIRST: usize>(
-    here: Pixels,
-    [ahead, behind]: [Pixels; 2],
+    here: VotedPixels,
+    [ahead, behind]: [VotedPixels; 2],
     weights: &mut [f32],
     sums: &mut [f32],
 ) {

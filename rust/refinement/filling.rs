@@ -20,7 +20,7 @@ use crate::simd::{Level, Loop};
 /// Most rows between a row without a trusted pixel and the row that it copies. Such rows are rare, and rows further away
 /// say nothing about them.
 pub const REACH: usize = 32;
-/// Pixels that are tested together for the end of a gap.
+/// Pixels that are tested together for the end of a gap: as many as a word has bytes.
 const LOOK: usize = 8;
 
 /// Gives every untrusted pixel the smaller disparity of the nearest trusted pixels to its left and right, and
@@ -45,10 +45,12 @@ pub fn fill(
     let mut spread = Spread::default();
     for (y, source) in nearest(&seeded).into_iter().enumerate().filter(|(y, _)| !seeded[*y]) {
         let source = source.filter(|from| from.abs_diff(y) <= REACH);
-        let own = disparity.row(y).to_vec();
-        let spread = match source {
-            Some(from) => spread.find(disparity.row(from), flags.row(from), level)?,
-            None => &own,
+        let own;
+        let spread = if let Some(from) = source {
+            spread.find(disparity.row(from), flags.row(from), level)?
+        } else {
+            own = disparity.row(y).to_vec();
+            &own
         };
 
         let filled = if source.is_some() { flag::FILLED } else { 0 };

@@ -62,7 +62,7 @@ pub fn guide(
         }
 
         let rows =
-            PixelRows { keys: WindowRows::new(cols, NONE)?, grays: WindowRows::new(cols, UNLIKE)? };
+            KeyedRows { keys: WindowRows::new(cols, NONE)?, grays: WindowRows::new(cols, UNLIKE)? };
         let (jumps, near) = (&jumps, vec![0; cols.next_multiple_of(LANES)]);
         level.run(Guide { disparity, texture, first, rows, jumps, near, tolerance, band });
         Ok(())
@@ -75,12 +75,12 @@ pub fn likeness(roughness: Roughness) -> i32 {
 }
 
 /// The rows within reach of one row; row `y` of the map is number `y + REACH`.
-struct PixelRows {
+struct KeyedRows {
     keys: WindowRows<i32, ROWS>,
     grays: WindowRows<i32, ROWS>,
 }
 
-impl PixelRows {
+impl KeyedRows {
     /// Copies the row of this number; pixels beyond the map and those without a disparity are like no other.
     #[inline(always)]
     fn copy(&mut self, number: usize, disparity: &Plane<f32>, texture: &Texture) {
@@ -102,7 +102,7 @@ struct Guide<'a> {
     disparity: &'a Plane<f32>,
     texture: &'a Texture,
     first: usize,
-    rows: PixelRows,
+    rows: KeyedRows,
     /// Which pixels of the band and of [`REACH`] rows around it are near a jump of their row.
     jumps: &'a [u8],
     /// Which pixels of a row are near a jump; zeros up to a multiple of [`LANES`].

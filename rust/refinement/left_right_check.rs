@@ -74,13 +74,11 @@ impl Checker {
 /// Finds the chosen right columns.
 #[inline(always)]
 fn find_columns(choices: Choices, flags: &[u16], columns: &mut [u32]) {
-    let min = choices.candidates.min() as i32;
     let cols = choices.chosen.len() as u32;
 
     let pixels = columns.iter_mut().zip(choices.chosen).zip(flags);
     for (x, ((column, &chosen), &flags)) in (0..).zip(pixels) {
-        // Columns left of the image are negative, so as unsigned numbers they are beyond it, too.
-        let chosen = (x - min - i32::from(chosen)) as u32;
+        let chosen = choices.candidates.column_or_beyond(x, chosen);
         let is_matched = flags & UNMATCHED == 0;
         *column = if is_matched { chosen.min(cols) } else { cols };
     }

@@ -80,13 +80,13 @@ pub fn smooth(
 
         let rows = WindowRows::new(cols, f32::NAN)?;
         let counts = zeroed(cols)?;
-        level.run(Means { disparity, first, rows, counts, smoothed });
+        level.run(SmoothRows { disparity, first, rows, counts, smoothed });
         Ok(())
     })
 }
 
 /// Writes a band of rows, of which `first` is the first, smoothed over the rows around each.
-struct Means<'a> {
+struct SmoothRows<'a> {
     disparity: &'a Plane<f32>,
     first: usize,
     /// Row `y` of the map is number `y + REACH`.
@@ -96,7 +96,7 @@ struct Means<'a> {
     smoothed: &'a mut [f32],
 }
 
-impl Loop for Means<'_> {
+impl Loop for SmoothRows<'_> {
     type Output = ();
 
     #[inline(always)]

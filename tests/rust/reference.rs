@@ -669,7 +669,7 @@ pub fn check_row(choices: Choices, most: u16, flags: &[u16]) -> Vec<u16> {
 
     let has_match = |x: usize| {
         flags[x] & (flag::MISSING | flag::OUTSIDE | flag::MATCH_MASKED) == 0
-            && !candidates.is_outside(x, chosen[x].into(), cols)
+            && (0..cols as isize).contains(&(x as isize - candidates.disparity(chosen[x].into())))
     };
     let column = |x: usize| x as isize - candidates.disparity(chosen[x].into());
 

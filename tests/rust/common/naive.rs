@@ -436,7 +436,8 @@ fn flags(pair: &Pair, votes: &[u16], (y, x): (usize, usize), chosen: usize) -> u
     if !votes.contains(&1) {
         return flag::NO_CANDIDATE;
     }
-    let is_outside = pair.candidates().is_outside(x, chosen, pair.size().1);
+    let columns = 0..pair.size().1 as isize;
+    let is_outside = !columns.contains(&(x as isize - pair.candidates().disparity(chosen)));
     let outside = if is_outside { flag::OUTSIDE } else { 0 };
     outside | if votes[chosen] == 1 { 0 } else { flag::MATCH_MASKED }
 }
