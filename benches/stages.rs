@@ -819,6 +819,7 @@ mod temporal {
             disparity: noise(ROWS, COLS, |value| 4.0 + (value % 64) as f32 / 64.0),
             flags: Plane::new(ROWS, COLS).expect("memory"),
             confidence: None,
+            uncertainty: None,
             timings: Timings { description, matching, refinement },
         };
         let (settings, control) = (fast(), Control::default());

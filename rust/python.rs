@@ -147,10 +147,11 @@ fn check_blur_compensation(compensation: &Bound<'_, PyAny>) -> PyResult<()> {
     read_blur_compensation(compensation).map(drop)
 }
 
-/// Disparity, flags, confidence if it was computed, and timings of a pair.
+/// Disparity, flags, confidence and uncertainty if they were computed, and timings of a pair.
 type Matched<'py> = (
     Bound<'py, PyArray2<f32>>,
     Bound<'py, PyArray2<u16>>,
+    Option<Bound<'py, PyArray2<f32>>>,
     Option<Bound<'py, PyArray2<f32>>>,
     Bound<'py, PyDict>,
 );
@@ -158,8 +159,9 @@ type Matched<'py> = (
 /// How many frames support each disparity, and seconds.
 type SupportTuple<'py> = (Bound<'py, PyArray2<u8>>, f64);
 
-/// The shares of pixels with an estimate, flagged, at the least and at the largest disparity; mean confidence.
-type SummaryTuple = (f64, f64, f64, f64, f64);
+/// The shares of pixels with an estimate, flagged, at the least and at the largest disparity; mean confidence; the
+/// estimated share of wrong pixels.
+type SummaryTuple = (f64, f64, f64, f64, f64, f64);
 
 /// A whole default match in one call: estimates what the pair lacks, matches the pair, and summarizes the map.
 #[pyfunction]
@@ -198,14 +200,14 @@ fn match_pair<'py>(
             Ok((map, summary, estimates, support))
         })?;
 
-    let Summary { estimated, flagged, at_low, at_high, confidence } = summary;
-    let summary = (estimated, flagged, at_low, at_high, confidence);
+    let Summary { estimated, flagged, at_low, at_high, confidence, wrong } = summary;
+    let summary = (estimated, flagged, at_low, at_high, confidence, wrong);
     let support = support.map(|(frames, time)| Ok::<_, PyErr>((wrap(py, frames)?, time)));
     Ok((disparity_to_py(py, map)?, summary, estimates_to_py(py, estimates)?, support.transpose()?))
 }
 
 fn disparity_to_py(py: Python<'_>, map: Disparity) -> PyResult<Matched<'_>> {
-    let Disparity { disparity, flags, confidence, timings: times } = map;
+    let Disparity { disparity, flags, confidence, uncertainty, timings: times } = map;
 
     let timings = PyDict::new(py);
     timings.set_item("description", times.description.as_secs_f64())?;
@@ -213,7 +215,8 @@ fn disparity_to_py(py: Python<'_>, map: Disparity) -> PyResult<Matched<'_>> {
     timings.set_item("refinement", times.refinement.as_secs_f64())?;
 
     let confidence = confidence.map(|plane| wrap(py, plane)).transpose()?;
-    Ok((wrap(py, disparity)?, wrap(py, flags)?, confidence, timings))
+    let uncertainty = uncertainty.map(|plane| wrap(py, plane)).transpose()?;
+    Ok((wrap(py, disparity)?, wrap(py, flags)?, confidence, uncertainty, timings))
 }
 
 /// The estimates of a pair, without a match.

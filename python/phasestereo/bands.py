@@ -323,7 +323,7 @@ def match_rows(
         top, bottom = _widened(top, bottom, masked, statistics)
         images, masks = rows(top, bottom)
 
-    disparity, flags, confidence, timings = _core.match_rows(
+    disparity, flags, confidence, uncertainty, timings = _core.match_rows(
         images, masks, statistics, top, (first, last), threads, progress
     )
     return Result(
@@ -332,6 +332,7 @@ def match_rows(
         confidence,
         statistics.settings,
         timings,
+        uncertainty=uncertainty,
         search=statistics.search,
         blur=statistics.blur,
         alignment=statistics.alignment,

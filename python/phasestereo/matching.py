@@ -287,7 +287,7 @@ def match_silently(
         )
         found = as_estimates(estimated, settings, search, given[1])
 
-    disparity, flags, confidence, stages = matched
+    disparity, flags, confidence, uncertainty, stages = matched
     timings = {"estimation": found.seconds} if found.seconds else {}
     support, seconds = supported or (None, 0.0)
     if support is not None:
@@ -299,6 +299,7 @@ def match_silently(
         confidence,
         found.settings,
         timings | stages,
+        uncertainty=uncertainty,
         search=found.search,
         blur=found.blur,
         alignment=found.alignment,

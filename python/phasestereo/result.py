@@ -85,6 +85,9 @@ class Summary:
         disparity that was searched.
     confidence
         Mean confidence; NaN if none was worked out.
+    wrong
+        Estimated share of the pixels whose disparity is off by more than 1 px; NaN if no confidence
+        was worked out.
     """
 
     estimated: float
@@ -92,6 +95,7 @@ class Summary:
     at_low: float
     at_high: float
     confidence: float
+    wrong: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,6 +122,10 @@ class Result:
         for), ``"description"`` (images to codes), ``"matching"`` (codes to disparities),
         ``"refinement"`` (checks, filling, smoothing, confidences), ``"temporal filter"`` (if there
         is one).
+    uncertainty
+        float32 (H, W), pixels: half the width of the interval around the disparity that holds the
+        true one with a probability of 90 %; NaN where there is no estimate. None if the settings
+        have ``confidence=False``.
     blur
         What was found out about blur and noise, if that was asked for.
     pair
@@ -144,6 +152,7 @@ class Result:
     confidence: NDArray[np.float32] | None
     settings: Settings
     timings: Mapping[str, float]
+    uncertainty: NDArray[np.float32] | None = None
     blur: BlurEstimate | None = None
     pair: tuple[NDArray[Any], NDArray[Any]] | None = None
     search: SearchRange | None = None

@@ -65,6 +65,9 @@ pub struct Disparity {
     pub flags: Plane<u16>,
     /// Confidence from 0 to 1; `None`: not computed.
     pub confidence: Option<Plane<f32>>,
+    /// Half the width of the interval that holds the true disparity with a probability of 90 %, pixels; NaN where there
+    /// is no estimate. `None`: not computed.
+    pub uncertainty: Option<Plane<f32>>,
     /// Wall-clock time of each stage.
     pub timings: Timings,
 }
@@ -449,7 +452,7 @@ impl Unrefined {
         // The stages may need a confidence that the settings do not return.
         let confidence = confidence.filter(|_| settings.confidence);
         let timings = Timings { refinement: started.elapsed(), ..self.timings };
-        Ok(Disparity { disparity, flags, confidence, timings })
+        Ok(Disparity { disparity, flags, confidence, uncertainty: None, timings })
     }
 }
 
@@ -459,7 +462,8 @@ impl Disparity {
         Self {
             disparity: self.disparity.of_rows(rows.clone()),
             flags: self.flags.of_rows(rows.clone()),
-            confidence: self.confidence.map(|confidence| confidence.of_rows(rows)),
+            confidence: self.confidence.map(|confidence| confidence.of_rows(rows.clone())),
+            uncertainty: self.uncertainty.map(|uncertainty| uncertainty.of_rows(rows)),
             timings: self.timings,
         }
     }

@@ -18,6 +18,8 @@ pub struct Summary {
     pub at_high: f64,
     /// Mean confidence; NaN if no confidence was computed.
     pub confidence: f64,
+    /// Estimated share of the pixels whose disparity is off by more than 1 px; NaN if no confidence was computed.
+    pub wrong: f64,
 }
 
 /// Numbers of pixels.
@@ -55,6 +57,7 @@ impl Summary {
             at_high: share(counts.at_high),
             confidence: confidence
                 .map_or(f64::NAN, |_| share(counts.confidence) / f64::from(STEPS)),
+            wrong: f64::NAN,
         }
     }
 }
@@ -99,6 +102,7 @@ mod tests {
             disparity: row(&disparity),
             flags: Plane::from_vec(1, 8, flags.to_vec()).expect("legal"),
             confidence: Some(row(&confidence)),
+            uncertainty: None,
             timings: Timings::default(),
         };
 

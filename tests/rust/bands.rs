@@ -506,6 +506,7 @@ impl DraftMap {
             disparity: disparity.of_rows(rows.clone()),
             flags: flags.of_rows(rows.clone()),
             confidence: confidence.map(|plane| plane.of_rows(rows)),
+            uncertainty: None,
             timings: Timings::default(),
         })
     }

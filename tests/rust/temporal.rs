@@ -43,7 +43,7 @@ fn seen(map: &Disparity, support: &Plane<u8>) -> Seen {
 fn map(disparity: Plane<f32>, flags: Plane<u16>, confidence: Option<Plane<f32>>) -> Disparity {
     let [description, matching, refinement] = [Duration::ZERO; 3];
     let timings = Timings { description, matching, refinement };
-    Disparity { disparity, flags, confidence, timings }
+    Disparity { disparity, flags, confidence, uncertainty: None, timings }
 }
 
 /// What the filter makes of a sequence.

@@ -40,11 +40,12 @@ Found: TypeAlias = tuple[
 image, range, offsets of rows, the field that is applied, blur, what suits it, seconds."""
 
 Matched: TypeAlias = (
-    "tuple[NDArray[np.float32], NDArray[np.uint16], NDArray[np.float32] | None, dict[str, float]]"
+    "tuple[NDArray[np.float32], NDArray[np.uint16], NDArray[np.float32] | None, "
+    "NDArray[np.float32] | None, dict[str, float]]"
 )
-"""What a match gives: disparities, flags, confidence, seconds of its stages."""
+"""What a match gives: disparities, flags, confidence, uncertainty, seconds of its stages."""
 
-Summarized: TypeAlias = tuple[float, float, float, float, float]
+Summarized: TypeAlias = tuple[float, float, float, float, float, float]
 """What a map says about itself: the fields of `phasestereo.Summary`."""
 
 Supported: TypeAlias = "tuple[NDArray[np.uint8], float]"
