@@ -62,6 +62,7 @@
 )]
 
 mod error;
+mod findings;
 mod math;
 mod settings;
 mod simd;
