@@ -110,7 +110,7 @@ impl Topic {
 
     /// Whether it decides if a match is to be trusted at all.
     pub fn is_decisive(self) -> bool {
-        matches!(self, Self::Match | Self::Swap | Self::Range)
+        matches!(self, Self::Match | Self::Swap | Self::Range | Self::Repetition)
     }
 }
 

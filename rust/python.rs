@@ -35,7 +35,7 @@ use crate::cost::Costs;
 use crate::cost::aggregation::{Window, aggregate};
 use crate::descriptor::{Codes, describe};
 use crate::error::Error;
-use crate::findings;
+use crate::findings::{self, Topic};
 use crate::image::intensity::Gray;
 use crate::image::plane::Plane;
 use crate::image::texture::Roughness;
@@ -77,7 +77,7 @@ impl From<Error> for PyErr {
 mod _core {
     use super::{
         BAND, Bound, LARGER, LEAST_SIZE, MOST_CLASSES, MOST_DISPARITIES, MUCH_LARGER, Preset,
-        PyDict, PyDictMethods, PyModule, PyModuleMethods, PyResult, flag, warm_up,
+        PyDict, PyDictMethods, PyModule, PyModuleMethods, PyResult, Topic, flag, warm_up,
     };
 
     #[pymodule_export]
@@ -100,6 +100,9 @@ mod _core {
         module.add("LEAST_SIZE", LEAST_SIZE)?;
         module.add("MOST_CLASSES", MOST_CLASSES)?;
         module.add("MOST_DISPARITIES", MOST_DISPARITIES)?;
+
+        let decisive = Topic::ALL.into_iter().filter(|topic| topic.is_decisive());
+        module.add("DECISIVE_TOPICS", decisive.map(Topic::name).collect::<Vec<_>>())?;
 
         let flags = PyDict::new(module.py());
         flags.set_item("MASKED", flag::MASKED)?;

@@ -12,11 +12,13 @@ from phasestereo.rig.alignment import Field
 from phasestereo.rig.blur import Glance
 from phasestereo.rig.compensation import BlurCompensation
 from phasestereo.rig.estimates import Found, Known, Matched, Summarized, Supported
+from phasestereo.rig.findings import Said
 from phasestereo.settings import Settings
 
 __all__ = [
     "BAND_ROWS",
     "DEBUG_BUILD",
+    "DECISIVE_TOPICS",
     "FLAGS",
     "LARGER",
     "LEAST_SIZE",
@@ -51,6 +53,7 @@ _Ranges: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
 __version__: str
 BAND_ROWS: int
 DEBUG_BUILD: bool
+DECISIVE_TOPICS: list[str]
 FLAGS: dict[str, int]
 LARGER: int
 MUCH_LARGER: int
@@ -126,7 +129,7 @@ def match_pair(
     progress: Callable[[int, int], object] | None,
     known: Known,
     temporal: TemporalFilter | None,
-) -> tuple[Matched, Summarized, Found, Supported | None]: ...
+) -> tuple[Matched, Summarized, Found, Supported | None, list[Said]]: ...
 def descriptor(
     image: Pixels,
     mask: NDArray[np.bool_] | None,

@@ -184,7 +184,7 @@ def pair_statistics(
     (left, right), masks = rows(0, 1)
     dtype = left.dtype
     search = min_disparity, num_disparities
-    known = as_noise(noise, blur_compensation), blur_compensation, None, False
+    known = as_noise(noise, blur_compensation), blur_compensation, None, False, []
 
     # Workers of its own: a shared one would wait for a reader that matches.
     workers = _core.Workers(threads)

@@ -1,16 +1,16 @@
 //! Findings on where things are: disparities, rows, and blur, which is compared where both images show the same.
 
 use super::levels::{
-    BEYOND, BLUR, BLUR_CONFIDENCE, BLUR_SHARE, ERRORS, LEAST_ROUGH, PART, PART_ERRORS, ROWS, SURE,
+    BEYOND, BLUR, BLUR_CONFIDENCE, BLUR_SHARE, ERRORS, LEAST_ROUGH, PART, PART_ERRORS, REPEATED, ROWS, SURE,
     WOBBLE,
 };
 use super::{Finding, Known, Severity, Topic, percent};
 use crate::math;
 use crate::rig::alignment::{LINEAR, TERMS};
 use crate::rig::blur::{self, Side};
-use crate::rig::estimation::range::SearchRange;
+use crate::rig::estimation::range::{LeftOut, SearchRange};
 use crate::rig::estimation::rows::RowOffsets;
-use crate::rig::psf::{Family, Psf};
+use crate::rig::psf::{Family, Psf, Taps};
 
 const NOTHING: &str =
     "hardly anything in one image is found in the other: these are no pair, or far from rectified";
@@ -39,6 +39,8 @@ impl Known<'_> {
             }
             None => findings.push(self.nothing()),
         }
+
+        findings.extend(estimates.left_out.iter().map(left_out));
         findings
     }
 
@@ -52,7 +54,10 @@ impl Known<'_> {
         let ends = format!("{} to {} px", range.low.round() as i64, range.high.round() as i64);
         let mut findings = vec![];
 
-        if range.swapped {
+        if range.identical {
+            let same = "both images are the same, but for noise: there is nothing to match";
+            findings.push(Finding::warning(Topic::Match, same));
+        } else if range.swapped {
             let swapped = format!(
                 "left and right seem to be swapped, since all disparities are negative ({ends}): \
                  exchange the images (cameras so toed in that all of the scene is behind the \
@@ -143,7 +148,8 @@ impl Known<'_> {
     pub(super) fn blur(&self) -> Vec<Finding> {
         let Some(found) = &self.estimates.blur else { return vec![] };
         let what = "which image is softer";
-        let is_poor = self.estimates.confidence.is_some_and(|sure| sure < BLUR_CONFIDENCE);
+        let is_poor = self.estimates.confidence.is_some_and(|sure| sure < BLUR_CONFIDENCE)
+            || self.estimates.photometry.is_some_and(|found| found.repeats() >= REPEATED[1]);
         if found.certainty <= 0.0 || is_poor {
             return vec![self.not_told(Topic::Blur, what)];
         }
@@ -167,6 +173,17 @@ impl Known<'_> {
         }
         findings
     }
+}
+
+/// That something seems to lie outside the range.
+fn left_out(LeftOut { rows, columns, low, high }: &LeftOut) -> Finding {
+    let [low, high] = [low, high].map(|end| end.round() as i64);
+    let sentence = format!(
+        "something at {low} to {high} px seems to be in columns {} to {}, rows {} to {}, and was not \
+         searched for: search more disparities",
+        columns.start, columns.end, rows.start, rows.end
+    );
+    Finding::warning(Topic::Range, sentence)
 }
 
 /// The parts of a misalignment that are seen, in words.
@@ -251,14 +268,10 @@ fn shape(blur: &blur::Blur) -> String {
     match (blur.psf, &blur.taps) {
         (Some(psf), _) => words(psf),
         (None, taps) => {
-            let radius = taps.as_ref().map_or(0.0, blur_radius);
+            let radius = taps.as_ref().map_or(0.0, Taps::radius);
             format!("a blur of no simple shape, of radius {radius:.1} px rms")
         }
     }
-}
-
-fn blur_radius(taps: &crate::rig::psf::Taps) -> f64 {
-    taps.radius()
 }
 
 fn words(Psf { family, size, angle, .. }: Psf) -> String {

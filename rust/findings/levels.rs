@@ -26,20 +26,22 @@ pub const BLUR_CONFIDENCE: f64 = 0.6;
 
 /// Logarithm of the ratio of gray levels.
 pub const CONTRAST: [f64; 2] = [0.12, 0.35];
-/// Logarithm of gamma.
-pub const GAMMA: [f64; 2] = [0.13, 0.37];
+/// Logarithm of the ratio of gray levels in dark areas to that in bright ones.
+pub const CURVE: [f64; 2] = [0.2, 0.6];
 /// Noise, as a share of the range.
 pub const NOISE: [f64; 2] = [0.02, 0.05];
 /// The loss of compression, as the share of the range that a noise would have which does as much harm.
 pub const CODING: [f64; 2] = [0.006, 0.03];
 /// Saturated pixels, as a share of all.
-pub const SATURATED: [f64; 2] = [0.05, 0.2];
+pub const SATURATED: [f64; 2] = [0.1, 0.2];
 /// Areas without texture, as a share of the image.
 pub const TEXTURELESS: [f64; 2] = [0.5, 0.8];
 /// ... from which on nothing else can be told.
 pub const UNIFORM: f64 = 0.97;
-/// Texture that repeats itself, as a share of the image.
-pub const REPEATED: [f64; 2] = [0.25, 2.0];
+/// Texture that repeats itself within the range, as a share of the image: of 21 pairs up to 3 %.
+pub const REPEATED: [f64; 2] = [0.2, 0.45];
+/// Smeared texture, as a share of it: of 21 sharp images less than half.
+pub const SMEARED: f64 = 0.55;
 
 /// Least mean confidence of a rough match of a pair: 0.58 to 0.95 for 12 pairs, sharp, after six one-sided blurs and with
 /// changed contrast; 0.11 to 0.44 for images that have nothing in common.
@@ -50,7 +52,11 @@ pub const WRONG: f64 = 0.22;
 /// Flagged pixels, where the share of wrong ones is unknown. Of 12 pairs up to 22 %, of unrelated images 43 % or more, with
 /// rows 2 px off 38 % or more.
 pub const FLAGGED: [f64; 2] = [0.25, 0.35];
-/// Pixels at an end of the range. Of 12 pairs up to 0.1 %, of a range of a third 3 % or more.
+/// Pixels at an end of the range. Of 13 pairs up to 0.3 % at the upper one, of a range of a third 5 % or more, with any
+/// preset.
 pub const AT_END: [f64; 2] = [0.01, 0.02];
+/// Pixels at disparity 0, where that is the lower end of the range of a match that is to be doubted: what is far away lies
+/// there, up to 1.3 % of 13 pairs.
+pub const AT_ZERO: f64 = 0.05;
 /// A given range is too short if so much of its length is found beyond it.
 pub const BEYOND: f64 = 0.2;

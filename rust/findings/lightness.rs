@@ -1,7 +1,7 @@
 //! Findings on gray levels: how they compare, and how much of them carries information.
 
 use super::levels::{
-    CODING, CONTRAST, GAMMA, NOISE, REPEATED, SATURATED, TEXTURELESS,
+    CODING, CONTRAST, CURVE, NOISE, REPEATED, SATURATED, TEXTURELESS,
 };
 use super::{Finding, Known, Severity, Topic, percent};
 use crate::math;
@@ -40,8 +40,9 @@ impl Known<'_> {
             return self.not_told(topic, "gain and gamma");
         };
 
-        let Contrast { gain, gamma, ratio } = contrast;
-        let severity = Severity::of(distance(ratio), CONTRAST).max(Severity::of(distance(gamma), GAMMA));
+        let Contrast { gain, gamma, ratio, ends } = contrast;
+        let bend = distance(ends[0] / ends[1]);
+        let severity = Severity::of(distance(ratio), CONTRAST).max(Severity::of(bend, CURVE));
         let curve = format!("left = {gain:.2} x right ^ {gamma:.2}, black 0 to white 1");
         if severity == Severity::Ok {
             return Finding::ok(topic, format!("both images are equally bright ({curve})"));
@@ -145,7 +146,7 @@ fn saturation(found: &Photometry) -> Finding {
 }
 
 fn repetition(found: &Photometry) -> Option<Finding> {
-    let share = found.repeated[0].min(found.repeated[1]);
+    let share = found.repeats();
     let severity = Severity::of(share, REPEATED);
 
     (severity != Severity::Ok).then(|| {

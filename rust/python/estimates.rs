@@ -56,9 +56,9 @@ pub type Field = ([f64; TERMS], (usize, usize), usize);
 type OffsetsTuple = (Field, f64, usize, f64, f64);
 
 /// White less black; the shares of dark and of bright pixels of both images, of their areas without texture, and of those
-/// with repeated texture; the shift between their fields; gain, gamma and ratio of their gray levels.
+/// with smeared and with repeated texture; the shift between their fields; gain, gamma and ratio of their gray levels.
 type PhotometryTuple =
-    (f64, [(f64, f64); 2], [f64; 2], [f64; 2], [i32; 2], Option<(f64, f64, f64)>);
+    (f64, [(f64, f64); 2], [f64; 2], [f64; 2], [f64; 2], [i32; 2], Option<(f64, f64, f64)>);
 
 /// Topic, severity and sentence.
 pub type FindingTuple = (&'static str, &'static str, String);
@@ -125,11 +125,12 @@ fn photometry_to_py(found: &Photometry) -> PhotometryTuple {
     let saturation = found.saturation.map(|side| (side.dark, side.bright));
     let contrast = found.contrast.map(|contrast| (contrast.gain, contrast.gamma, contrast.ratio));
 
-    (found.range, saturation, found.flat, found.repeated, found.fields, contrast)
+    let Photometry { range, flat, smeared, repeated, fields, .. } = *found;
+    (range, saturation, flat, smeared, repeated, fields, contrast)
 }
 
 fn range_to_py(range: &SearchRange) -> RangeTuple {
-    let SearchRange { min, count, low, high, swapped, mixed } = *range;
+    let SearchRange { min, count, low, high, swapped, mixed, .. } = *range;
     (min, count, low, high, swapped, mixed)
 }
 

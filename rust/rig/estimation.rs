@@ -31,7 +31,7 @@ use std::time::Duration;
 
 use self::compensation_plan::CompensationPlan;
 use self::overview::{Overview, RoughMap};
-use self::range::SearchRange;
+use self::range::{LeftOut, SearchRange};
 use self::rows::RowOffsets;
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
@@ -96,6 +96,8 @@ pub struct Estimates {
     pub is_inverted: bool,
     /// The range of disparities, if it was to be estimated, or the known one matches badly.
     pub range: Option<SearchRange>,
+    /// Places that are not searched, although something seems to be there.
+    pub left_out: Vec<LeftOut>,
     /// The vertical offsets, if they were to be estimated and enough blocks were found in both images.
     pub offsets: Option<RowOffsets>,
     /// The field by which the right image is straightened.
@@ -326,6 +328,12 @@ impl Estimates {
         Self { time: started.elapsed(), ..self }
     }
 
+    /// No estimates of a pair whose disparities are known.
+    #[cfg(test)]
+    pub fn of_candidates(candidates: Candidates) -> Self {
+        Self::none(candidates, &Known::default())
+    }
+
     /// The estimates where nothing is requested: what the caller knows.
     fn none(candidates: Candidates, known: &Known) -> Self {
         Self {
@@ -333,6 +341,7 @@ impl Estimates {
             confidence: None,
             is_inverted: known.is_inverted,
             range: None,
+            left_out: vec![],
             offsets: None,
             alignment: known.alignment.clone(),
             blur: None,
@@ -391,7 +400,8 @@ fn estimate(
     let blur = blur.map(|blur| blur.with(defects));
 
     let noise = blur.as_ref().map(|blur| blur.noise).or(request.noise).unwrap_or_default();
-    let photometry = Photometry::new(rows, &sample.scales, noise, contrast, means)?;
+    let photometry =
+        Photometry::new(rows, &sample.scales, noise, candidates.count(), contrast, means)?;
 
     let compensation = match (&blur, request.noise) {
         _ if request.compensation.is_some() => None,
@@ -405,6 +415,7 @@ fn estimate(
         confidence,
         is_inverted,
         range,
+        left_out: vec![],
         offsets,
         alignment,
         blur,

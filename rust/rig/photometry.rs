@@ -7,7 +7,8 @@
 //! ```text
 //! saturated   pixels with a channel at the least or at the largest value that the image has
 //! flat        runs of 16 pixels of a row that differ by no more than noise does
-//! repeated    windows of a row that come back a few pixels on (rows.rs)
+//! smeared     runs with texture, whose values lie on a smooth curve (rows.rs)
+//! repeated    windows of a row that come back a few pixels on, within the disparities that are searched (rows.rs)
 //! fields      sums of differences between even and odd rows, shifted against each other (rows.rs)
 //! ```
 //!
@@ -19,7 +20,7 @@ mod rows;
 use rayon::prelude::*;
 
 pub use self::response::Contrast;
-use self::rows::{FIELD_REACH, field_differences, flat_runs, repeated_windows};
+use self::rows::{FIELD_REACH, Runs, field_differences, repeated_windows, runs};
 use crate::error::Result;
 use crate::image::intensity::float_range;
 use crate::image::view::{Image, View};
@@ -39,6 +40,8 @@ const STEPS: f32 = 64.0;
 const QUIET: f64 = 2.0;
 /// ... and so are those below this share of the range, half a gray level of 8 bits, however little noise there is.
 const FLAT: f64 = 0.002;
+/// Runs of so many times that are judged for how sharp they are.
+const TEXTURED: f64 = 3.0;
 /// Interlaced images: shifted back, the fields differ by at most this share of what they differ by as they are. Of
 /// progressive images, no shift makes even and odd rows more alike.
 const ALIKE: f64 = 0.9;
@@ -61,6 +64,8 @@ pub struct Photometry {
     pub saturation: [Saturation; 2],
     /// Shares of the image without texture along its rows; NaN where it is narrower than a run.
     pub flat: [f64; 2],
+    /// Shares of the texture that is smeared, as by lossy compression, by denoising or by a soft lens; NaN where there is none.
+    pub smeared: [f64; 2],
     /// Shares of the image with texture that repeats itself along its rows; NaN where it is too narrow to tell.
     pub repeated: [f64; 2],
     /// By how many pixels odd rows are shifted against even ones, as in interlaced video of what moves; 0: they are not.
@@ -96,8 +101,8 @@ struct Counts {
     largest: (f64, u64),
     /// Pixels that were looked at.
     pixels: u64,
-    /// Runs without texture, and all.
-    flat: [u64; 2],
+    /// Runs of pixels.
+    runs: Runs,
     /// Windows that repeat themselves, and all.
     repeated: [u64; 2],
     /// Sums of differences between the fields, by shift.
@@ -105,11 +110,13 @@ struct Counts {
 }
 
 impl Photometry {
-    /// Looks at sampled rows of a pair. `noise` are the standard deviations in units of the pixels, 0 where unknown.
+    /// Looks at sampled rows of a pair of which so many disparities are searched. `noise` are the standard deviations in units
+    /// of the pixels, 0 where unknown.
     pub fn new(
         rows: PairRows,
         scales: &Scales,
         noise: [f64; 2],
+        disparities: usize,
         contrast: Option<Contrast>,
         means: Means,
     ) -> Result<Self> {
@@ -121,7 +128,8 @@ impl Photometry {
             let of_strip = |top: &usize| {
                 means.control.checkpoint()?;
                 let level = means.how.level;
-                let side = |side| Counts::of_strip(part, side, *top, &scales.noise(side, noise), level);
+                let limits = |side| scales.limits(side, noise, disparities);
+                let side = |side| Counts::of_strip(part, side, *top, &limits(side), level);
                 Ok([side(0), side(1)])
             };
 
@@ -135,11 +143,19 @@ impl Photometry {
         Ok(Self {
             range: scales.range,
             saturation: found.map(|counts| counts.saturation()),
-            flat: found.map(|counts| share(counts.flat)),
+            flat: found.map(|counts| share([counts.runs.flat, counts.runs.all])),
+            smeared: found.map(|counts| share([counts.runs.smeared, counts.runs.textured])),
             repeated: found.map(|counts| share(counts.repeated)),
             fields: found.map(|counts| counts.field_shift()),
             contrast,
         })
+    }
+}
+
+impl Photometry {
+    /// The share of the image that repeats itself in both.
+    pub fn repeats(&self) -> f64 {
+        self.repeated[0].min(self.repeated[1])
     }
 }
 
@@ -148,12 +164,16 @@ fn share([some, all]: [u64; 2]) -> f64 {
     some as f64 / all as f64
 }
 
-/// Differences in steps of sampled rows.
-struct Thresholds {
+/// Differences in steps of sampled rows, and distances.
+struct Limits {
     /// The standard deviation of the noise.
     noise: f64,
     /// The standard deviation below which there is no texture.
     flat: f64,
+    /// That from which on texture may be judged for how sharp it is.
+    textured: f64,
+    /// The longest period that misleads a match, pixels.
+    period: usize,
 }
 
 impl Scales {
@@ -189,10 +209,11 @@ impl Scales {
         Contrast::new(overview, rough, &self.sides)
     }
 
-    fn noise(&self, side: usize, noise: [f64; 2]) -> Thresholds {
+    fn limits(&self, side: usize, noise: [f64; 2], disparities: usize) -> Limits {
         let steps = self.sides[side].unit * f64::from(STEPS);
         let flat = (QUIET * noise[side]).max(FLAT * self.range) * steps;
-        Thresholds { noise: noise[side] * steps, flat }
+        let textured = flat.max(TEXTURED * FLAT * self.range * steps);
+        Limits { noise: noise[side] * steps, flat, textured, period: disparities - 1 }
     }
 }
 
@@ -202,7 +223,7 @@ impl Default for Counts {
             least: (f64::INFINITY, 0),
             largest: (f64::NEG_INFINITY, 0),
             pixels: 0,
-            flat: [0; 2],
+            runs: Runs::default(),
             repeated: [0; 2],
             fields: [0; 2 * FIELD_REACH + 1],
         }
@@ -211,7 +232,7 @@ impl Default for Counts {
 
 impl Counts {
     /// Counts in the strip with this top row of the whole image.
-    fn of_strip(part: &Part, side: usize, top: usize, limits: &Thresholds, level: Level) -> Self {
+    fn of_strip(part: &Part, side: usize, top: usize, limits: &Limits, level: Level) -> Self {
         let mut counts = Self::default();
         let (view, plane) = (part.pair.views()[side], &part.shades[side].plane);
 
@@ -221,11 +242,12 @@ impl Counts {
         };
         for y in (first..(first + STRIP).min(plane.rows())).step_by(EVERY) {
             counts = counts.and(Self::of_pixels(view, y));
-            counts.flat = plus(counts.flat, flat_runs(&steps(y), limits.flat, level));
+            counts.runs = counts.runs.and(runs(&steps(y), limits.flat, limits.textured, level));
         }
 
         let row = steps(first);
-        counts.repeated = repeated_windows(&row, limits.noise, limits.flat, level);
+        counts.repeated =
+            repeated_windows(&row, limits.noise, limits.flat, limits.period, level);
         // Strips begin with an even row.
         if first + 2 < plane.rows() {
             let rows = [&row, &steps(first + 1), &steps(first + 2)];
@@ -281,8 +303,8 @@ impl Counts {
             least: end(self.least, other.least, other.least.0 < self.least.0),
             largest: end(self.largest, other.largest, other.largest.0 > self.largest.0),
             pixels: self.pixels + other.pixels,
-            flat: plus(self.flat, other.flat),
-            repeated: plus(self.repeated, other.repeated),
+            runs: self.runs.and(other.runs),
+            repeated: [0, 1].map(|at| self.repeated[at] + other.repeated[at]),
             fields,
         }
     }
@@ -300,10 +322,6 @@ impl Counts {
         let is_clear = (self.fields[best] as f64) < ALIKE * self.fields[FIELD_REACH] as f64;
         if is_clear { best as i32 - FIELD_REACH as i32 } else { 0 }
     }
-}
-
-fn plus(a: [u64; 2], b: [u64; 2]) -> [u64; 2] {
-    [a[0] + b[0], a[1] + b[1]]
 }
 
 impl Scale {

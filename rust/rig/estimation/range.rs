@@ -1,6 +1,8 @@
 //! The range of disparities to search: of those found in reduced copies of a pair, the shortest range that holds nearly
 //! all, with what lies next to it.
 
+use std::ops::Range;
+
 use super::overview::{Overview, RoughMap};
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
@@ -36,6 +38,21 @@ pub struct SearchRange {
     pub swapped: bool,
     /// Whether many disparities of either sign are clearly not zero, as with toed-in cameras.
     pub mixed: bool,
+    /// Whether both images are the same, but for noise.
+    pub identical: bool,
+}
+
+/// A place whose disparities are not searched, although something seems to be there; pixels of the whole image.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LeftOut {
+    /// Its rows.
+    pub rows: Range<usize>,
+    /// Its columns.
+    pub columns: Range<usize>,
+    /// The least disparity there.
+    pub low: f64,
+    /// The largest one.
+    pub high: f64,
 }
 
 impl SearchRange {
@@ -78,6 +95,7 @@ pub fn range(overview: &Overview, map: &RoughMap) -> Option<SearchRange> {
         high,
         swapped: share(&|value| value < 0.0) >= NEARLY_ALL && below >= 0.5,
         mixed: below.min(share(&|value| value >= CLEARLY)) >= 1.0 - NEARLY_ALL,
+        identical: false,
     })
 }
 

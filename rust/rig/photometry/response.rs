@@ -62,6 +62,8 @@ pub struct Contrast {
     pub gamma: f64,
     /// The left gray level over the right one, at the right image's median.
     pub ratio: f64,
+    /// The same at the tenth and the ninetieth percentile: they differ where gamma does, as far as there are such grays.
+    pub ends: [f64; 2],
 }
 
 /// A pair of windows that show the same.
@@ -90,9 +92,13 @@ impl Contrast {
         let (gain, gamma) = fitted(&usable);
 
         let right = overview.planes[1].as_slice();
-        let median = median(right.iter().map(|shade| scales[1].fraction(*shade)).collect());
-        let typical = median.clamp(GRAYS[0], GRAYS[1]);
-        Some(Self { gain, gamma, ratio: gain * math::exp((gamma - 1.0) * math::ln(typical)) })
+        let mut grays: Vec<f64> = right.iter().map(|shade| scales[1].fraction(*shade)).collect();
+        grays.sort_unstable_by(f64::total_cmp);
+        let ratio = |tenths: usize| {
+            let gray = grays[(grays.len() - 1) * tenths / 10].clamp(GRAYS[0], GRAYS[1]);
+            gain * math::exp((gamma - 1.0) * math::ln(gray))
+        };
+        Some(Self { gain, gamma, ratio: ratio(5), ends: [ratio(1), ratio(9)] })
     }
 }
 
@@ -289,18 +295,16 @@ mod tests {
                 _ => 10.0,
             };
             let contrast = found(clipped, &disparity).expect("enough corresponds");
+            let ends = contrast.ends[0] / contrast.ends[1];
+            assert!(if gamma < 1.0 { ends > 1.1 } else { ends < 1.05 }, "{gain} {gamma} {contrast:?}");
             assert!((contrast.gain / gain - 1.0).abs() < 0.05, "{gain} {gamma} {contrast:?}");
             assert!((contrast.gamma / gamma - 1.0).abs() < 0.05, "{gain} {gamma} {contrast:?}");
         }
     }
 
     #[test]
-    fn one_gray_tells_a_gain_and_no_gamma() {
-        let flat = |_, _, _| 0.3;
-        let contrast = found(flat, &|_, _| 10.0).expect("enough corresponds");
-        assert!((contrast.gamma - GAMMAS[0]).abs() < 0.1, "of many grays one: {contrast:?}");
-
-        assert!(found(flat, &|_, _| f32::NAN).is_none());
+    fn too_little_tells_nothing() {
+        assert!(found(|_, _, gray| gray, &|_, _| f32::NAN).is_none(), "nothing corresponds");
         assert!(found(|_, _, _| 1.0, &|_, _| 10.0).is_none(), "clipped");
     }
 }
