@@ -191,7 +191,7 @@ pub unsafe extern "C" fn phasestereo_memory(
 /// Matches a rectified pair of images of one size and number of bits. The disparities [`min_disparity`, `min_disparity` +
 /// `num_disparities`) are searched, `num_disparities` from 1 to the width; with 0 the range is estimated, and
 /// `min_disparity` is 0. Left pixel (x, y) corresponds to right pixel (x - d, y). What was estimated from the pair is written
-/// to `found`, unless that is NULL; `phasestereo_finding` says what it means. If the call fails, nothing is written.
+/// to `found`, unless that is NULL; `phasestereo_get_finding` says what it means. If the call fails, nothing is written.
 ///
 /// # Safety
 ///

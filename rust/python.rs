@@ -169,13 +169,8 @@ type SupportTuple<'py> = (Bound<'py, PyArray2<u8>>, f64);
 type SummaryTuple = (f64, f64, f64, f64, f64, f64);
 
 /// The map, its summary, the estimates, what a temporal filter gives, and findings on the match.
-type WholeTuple<'py> = (
-    Matched<'py>,
-    SummaryTuple,
-    EstimatesTuple<'py>,
-    Option<SupportTuple<'py>>,
-    Vec<FindingTuple>,
-);
+type WholeTuple<'py> =
+    (Matched<'py>, SummaryTuple, EstimatesTuple<'py>, Option<SupportTuple<'py>>, Vec<FindingTuple>);
 
 /// A whole default match in one call: estimates what the pair lacks, matches the pair, summarizes the map, and says what
 /// was found.

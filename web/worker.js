@@ -172,7 +172,7 @@ function readError() {
 /** What the last call says of the pair, read through memory for one finding. */
 function readFindings(place) {
   const findings = [];
-  while (core.phasestereo_finding(findings.length, place) === 1) {
+  while (core.phasestereo_get_finding(findings.length, place) === 1) {
     const [topic, sentence, severity] = new Uint32Array(core.memory.buffer, place, 3);
     findings.push({
       topic: readText(topic),

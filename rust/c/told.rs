@@ -62,7 +62,7 @@ pub fn keep(findings: Vec<findings::Finding>) {
 ///
 /// The pointer is to a place for a finding.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn phasestereo_finding(index: u32, finding: *mut Finding) -> u32 {
+pub unsafe extern "C" fn phasestereo_get_finding(index: u32, finding: *mut Finding) -> u32 {
     FINDINGS.with_borrow(|kept| {
         let Some(Kept { topic, sentence, severity }) = kept.get(index as usize) else { return 0 };
         if finding.is_null() {
@@ -93,9 +93,9 @@ mod tests {
         let mut place = MaybeUninit::uninit();
         // SAFETY: the pointer is to a place for a finding, or NULL, which is refused.
         let read = unsafe {
-            assert_eq!(phasestereo_finding(2, place.as_mut_ptr()), 0);
-            assert_eq!(phasestereo_finding(0, ptr::null_mut()), 0);
-            assert_eq!(phasestereo_finding(1, place.as_mut_ptr()), 1);
+            assert_eq!(phasestereo_get_finding(2, place.as_mut_ptr()), 0);
+            assert_eq!(phasestereo_get_finding(0, ptr::null_mut()), 0);
+            assert_eq!(phasestereo_get_finding(1, place.as_mut_ptr()), 1);
             place.assume_init()
         };
 

@@ -1,8 +1,8 @@
 //! Findings on where things are: disparities, rows, and blur, which is compared where both images show the same.
 
 use super::levels::{
-    BEYOND, BLUR, BLUR_CONFIDENCE, BLUR_SHARE, ERRORS, LEAST_ROUGH, PART, PART_ERRORS, REPEATED, ROWS, SURE,
-    WOBBLE,
+    BEYOND, BLUR, BLUR_CONFIDENCE, BLUR_SHARE, ERRORS, LEAST_ROUGH, PART, PART_ERRORS, REPEATED,
+    ROWS, SURE, WOBBLE,
 };
 use super::{Finding, Known, Severity, Topic, percent};
 use crate::math;
@@ -21,7 +21,8 @@ impl Known<'_> {
     pub(super) fn search(&self) -> Vec<Finding> {
         let estimates = self.estimates;
         if estimates.is_inverted && !self.settings.compensate_blur {
-            let mend = "invert one of them (255 - image), or match with compensate_blur=True, which does";
+            let mend =
+                "invert one of them (255 - image), or match with compensate_blur=True, which does";
             return vec![Finding::warning(Topic::Match, format!("{INVERTED}: {mend}"))];
         }
 
@@ -233,7 +234,8 @@ fn softer(blur: &blur::Blur, area: Option<f64>, certainty: f32) -> Option<Findin
         None => format!("softer than the {other} by {}", shape(blur)),
         Some(psf) => format!("blurred by {}, the {other} one by {}", shape(blur), words(psf)),
     };
-    let area = area.map_or(String::new(), |share| format!(", over {} of the image", percent(share)));
+    let area =
+        area.map_or(String::new(), |share| format!(", over {} of the image", percent(share)));
     let hint = match blur.psf.map(|psf| psf.family) {
         Some(Family::Gaussian | Family::Disk | Family::Annulus) => "its focus",
         Some(Family::Motion) | None => "its mount and its exposure time",
@@ -249,15 +251,10 @@ fn softer(blur: &blur::Blur, area: Option<f64>, certainty: f32) -> Option<Findin
     ))
 }
 
-/// The standard deviation of a kernel along an axis, or along its path, pixels.
+/// The standard deviation of a kernel along an axis, pixels.
 fn spread(blur: &blur::Blur) -> f64 {
     match (blur.psf, &blur.taps) {
-        (Some(Psf { family, size, .. }), _) => match family {
-            Family::Gaussian => size,
-            Family::Disk => size / 2.0,
-            Family::Annulus => size / 1.6, // of a hole of 0.75; of one of half the radius 1.8
-            Family::Motion => (size - 1.0) / 12f64.sqrt(),
-        },
+        (Some(psf), _) => psf.spread(),
         (None, Some(taps)) => taps.radius() / 2f64.sqrt(),
         (None, None) => 0.0,
     }

@@ -1,8 +1,6 @@
 //! Findings on gray levels: how they compare, and how much of them carries information.
 
-use super::levels::{
-    CODING, CONTRAST, CURVE, NOISE, REPEATED, SATURATED, TEXTURELESS,
-};
+use super::levels::{CODING, CONTRAST, CURVE, NOISE, REPEATED, SATURATED, TEXTURELESS};
 use super::{Finding, Known, Severity, Topic, percent};
 use crate::math;
 use crate::rig::photometry::{Contrast, Photometry};
@@ -53,7 +51,9 @@ impl Known<'_> {
         } else {
             let (darker, other) = if ratio > 1.0 { ("right", "left") } else { ("left", "right") };
             let times = math::exp(-distance(ratio));
-            format!("the {darker} image is darker, its gray levels {times:.2} times the {other} one's")
+            format!(
+                "the {darker} image is darker, its gray levels {times:.2} times the {other} one's"
+            )
         };
         Finding::new(topic, severity, format!("{what} ({curve}): check exposure, gain and gamma"))
     }
@@ -66,7 +66,8 @@ impl Known<'_> {
 
         let severity = Severity::of(noise[0].max(noise[1]) / range, NOISE);
         let [left, right] = noise.map(two_digits);
-        let hint = if severity == Severity::Ok { "" } else { ": more light, or less gain, would help" };
+        let hint =
+            if severity == Severity::Ok { "" } else { ": more light, or less gain, would help" };
         let scale = five_digits(range);
         Finding::new(
             topic,
@@ -89,7 +90,11 @@ impl Known<'_> {
         let hint = ": disparities there are guesses; project a pattern, or light it from the side";
         let hint = if severity == Severity::Ok { "" } else { hint };
         let share = percent(share);
-        Finding::new(topic, severity, format!("{share} of the image has no texture beyond noise{hint}"))
+        Finding::new(
+            topic,
+            severity,
+            format!("{share} of the image has no texture beyond noise{hint}"),
+        )
     }
 }
 

@@ -126,9 +126,8 @@ impl Outcome<'_> {
 
         let mut causes: Vec<&str> = causes.into_iter().flatten().collect();
         // Where images do not match, it does not matter how sharp they are.
-        let smeared = self.estimates.photometry.map_or(0.0, |found| {
-            found.smeared[0].max(found.smeared[1])
-        });
+        let smeared =
+            self.estimates.photometry.map_or(0.0, |found| found.smeared[0].max(found.smeared[1]));
         if smeared >= SMEARED && known.iter().all(|one| one.topic != Topic::Match) {
             causes.push("smeared texture (lossy compression, denoising or focus)");
         }
@@ -178,8 +177,14 @@ mod tests {
     use crate::cost::candidates::Candidates;
 
     const SIZE: (usize, usize) = (100, 100);
-    const WELL: Summary =
-        Summary { estimated: 1.0, flagged: 0.0, at_low: 0.0, at_high: 0.0, confidence: 1.0, wrong: 0.0 };
+    const WELL: Summary = Summary {
+        estimated: 1.0,
+        flagged: 0.0,
+        at_low: 0.0,
+        at_high: 0.0,
+        confidence: 1.0,
+        wrong: 0.0,
+    };
 
     fn estimates(first: i64, findings: Vec<Finding>) -> Estimates {
         let candidates = Candidates::new(first, 20, 100).expect("legal");
@@ -212,12 +217,15 @@ mod tests {
             Finding::warning(Topic::Interlacing, "interlaced"),
         ];
         let found = said(pair, 0, Summary { wrong: 0.4, ..WELL });
-        let first = "about 40 % of the pixels are probably wrong, because of noise and interlaced fields";
+        let first =
+            "about 40 % of the pixels are probably wrong, because of noise and interlaced fields";
         assert_eq!(found[0], (Severity::Warning, first.to_owned()));
         assert_eq!(found.len(), 4);
 
         let found = said(vec![], 0, Summary { wrong: 0.4, ..WELL });
-        assert!(found[0].1.starts_with("about 40 % of the pixels are probably wrong: check that rows"));
+        assert!(
+            found[0].1.starts_with("about 40 % of the pixels are probably wrong: check that rows")
+        );
         assert!(said(vec![], 0, Summary { wrong: 0.21, flagged: 0.9, ..WELL }).is_empty());
     }
 
@@ -233,7 +241,11 @@ mod tests {
     #[test]
     fn both_ends_of_the_range_are_looked_at() {
         let at_high = Summary { at_high: 0.03, ..WELL };
-        assert!(said(vec![], 0, at_high)[0].1.contains("0 to 19 px is too short: 3 % of the pixels are at its end at 19 px"));
+        assert!(
+            said(vec![], 0, at_high)[0]
+                .1
+                .contains("0 to 19 px is too short: 3 % of the pixels are at its end at 19 px")
+        );
 
         let at_low = Summary { at_low: 0.03, ..WELL };
         assert!(said(vec![], -5, at_low)[0].1.contains("at its end at -5 px"));

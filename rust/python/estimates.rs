@@ -55,10 +55,12 @@ pub type Field = ([f64; TERMS], (usize, usize), usize);
 /// A field, its standard error, the number of blocks that agree, their spread, and what of this rows have in common.
 type OffsetsTuple = (Field, f64, usize, f64, f64);
 
+/// A value of the left and one of the right image.
+type Both = (f64, f64);
+
 /// White less black; the shares of dark and of bright pixels of both images, of their areas without texture, and of those
 /// with smeared and with repeated texture; the shift between their fields; gain, gamma and ratio of their gray levels.
-type PhotometryTuple =
-    (f64, [(f64, f64); 2], [f64; 2], [f64; 2], [f64; 2], [i32; 2], Option<(f64, f64, f64)>);
+type PhotometryTuple = (f64, (Both, Both), Both, Both, Both, (i32, i32), Option<(f64, f64, f64)>);
 
 /// Topic, severity and sentence.
 pub type FindingTuple = (&'static str, &'static str, String);
@@ -112,7 +114,8 @@ pub fn findings_to_py(findings: Vec<Finding>) -> Vec<FindingTuple> {
 /// The findings that Python hands back.
 pub fn read_findings(findings: &[(String, String, String)]) -> Result<Vec<Finding>> {
     let read = |(topic, severity, sentence): &(String, String, String)| {
-        let refused = || Error::value("findings", format!("'{severity}: {topic}'"), "those of a match");
+        let refused =
+            || Error::value("findings", format!("'{severity}: {topic}'"), "those of a match");
         let topic = Topic::named(topic).ok_or_else(refused)?;
         let severity = Severity::named(severity).ok_or_else(refused)?;
         Ok(Finding::new(topic, severity, sentence))
@@ -122,11 +125,11 @@ pub fn read_findings(findings: &[(String, String, String)]) -> Result<Vec<Findin
 }
 
 fn photometry_to_py(found: &Photometry) -> PhotometryTuple {
-    let saturation = found.saturation.map(|side| (side.dark, side.bright));
+    let [left, right] = found.saturation.map(|side| (side.dark, side.bright));
+    let [flat, smeared, repeated] = [found.flat, found.smeared, found.repeated].map(Both::from);
     let contrast = found.contrast.map(|contrast| (contrast.gain, contrast.gamma, contrast.ratio));
 
-    let Photometry { range, flat, smeared, repeated, fields, .. } = *found;
-    (range, saturation, flat, smeared, repeated, fields, contrast)
+    (found.range, (left, right), flat, smeared, repeated, found.fields.into(), contrast)
 }
 
 fn range_to_py(range: &SearchRange) -> RangeTuple {

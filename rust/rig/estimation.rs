@@ -347,7 +347,12 @@ impl Estimates {
             blur: None,
             photometry: None,
             compensation: None,
-            findings: known.findings.iter().filter(|one| !one.topic.is_decisive()).cloned().collect(),
+            findings: known
+                .findings
+                .iter()
+                .filter(|one| !one.topic.is_decisive())
+                .cloned()
+                .collect(),
             time: Duration::ZERO,
         }
     }

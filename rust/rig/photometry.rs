@@ -246,8 +246,7 @@ impl Counts {
         }
 
         let row = steps(first);
-        counts.repeated =
-            repeated_windows(&row, limits.noise, limits.flat, limits.period, level);
+        counts.repeated = repeated_windows(&row, limits.noise, limits.flat, limits.period, level);
         // Strips begin with an even row.
         if first + 2 < plane.rows() {
             let rows = [&row, &steps(first + 1), &steps(first + 2)];

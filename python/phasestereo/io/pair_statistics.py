@@ -6,7 +6,7 @@ Whatever is no array is in one array of JSON. Files may come from anywhere: all 
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, astuple
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -17,6 +17,7 @@ from phasestereo.bands import PairStatistics, as_size
 from phasestereo.rig.alignment import Alignment
 from phasestereo.rig.blur import Blur, BlurEstimate
 from phasestereo.rig.compensation import BlurCompensation
+from phasestereo.rig.findings import Finding
 from phasestereo.rig.search_range import SearchRange
 from phasestereo.settings import Settings
 
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from phasestereo.bands import Range
+    from phasestereo.rig.findings import Severity
 
     Plain: TypeAlias = dict[str, Any]
     Arrays: TypeAlias = dict[str, NDArray[Any]]
@@ -49,6 +51,7 @@ def as_arrays(statistics: PairStatistics) -> Arrays:
     plain["settings"] = asdict(statistics.settings)
     plain["alignment"] = statistics.alignment and asdict(statistics.alignment)
     plain["search"] = statistics.search and asdict(statistics.search)
+    plain["findings"] = [astuple(found) for found in statistics.findings]
 
     arrays: Arrays = {}
     if statistics.blur_compensation is not None:
@@ -87,6 +90,7 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> PairStatistics:
         search=plain["search"] and SearchRange(**plain["search"]),
         ranges=plain["ranges"] and _ranges(*plain["ranges"]),
         roughness=plain["roughness"] and _roughness(*plain["roughness"]),
+        findings=tuple(_finding(*found) for found in plain["findings"]),
     )
 
 
@@ -157,6 +161,12 @@ def _alignment(plain: Plain) -> Alignment:
 def _ranges(left: Range, right: Range) -> tuple[Range, Range]:
     (black, white), (other_black, other_white) = left, right
     return (float(black), float(white)), (float(other_black), float(other_white))
+
+
+def _finding(topic: str, severity: Severity, sentence: str) -> Finding:
+    if not all(isinstance(text, str) for text in (topic, severity, sentence)):
+        raise TypeError(f"findings: got {topic!r}, {severity!r}, {sentence!r}; accepts texts")
+    return Finding(topic, severity, sentence)
 
 
 def _roughness(total: int, pairs: int) -> tuple[int, int]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass, replace
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from phasestereo._core import LEAST_SIZE
 from phasestereo._images import opened_pair
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from phasestereo.rig.alignment import Alignment
     from phasestereo.rig.blur import BlurEstimate
     from phasestereo.rig.findings import Finding
-    from phasestereo.rig.photometry import Contrast, Saturation
+    from phasestereo.rig.photometry import Contrast, Photometry, Saturation
     from phasestereo.rig.search_range import SearchRange
 
 __all__ = ["Diagnosis", "check"]
@@ -134,8 +134,7 @@ def check(left: ImageOrPath, right: ImageOrPath) -> Diagnosis:
     pair = opened_pair(left, right)
     size = pair[0].shape[0], pair[0].shape[1]
     found = estimate_pair(pair, (None, None), (0, None), None)
-    light = found.photometry
-    assert light is not None  # the preset asks for estimates
+    light = cast("Photometry", found.photometry)  # the preset asks for estimates
 
     is_uniform = any(side.dark == 1 for side in light.saturation)
     blur = None if is_uniform or min(size) < LEAST_SIZE else found.blur

@@ -86,9 +86,10 @@ def as_estimates(
     blur_compensation: BlurCompensation | None,
 ) -> Estimates:
     """Return what the core has estimated, completed by what the caller gave."""
-    disparities, confidence, inverted, span, offsets, field, blur, suited, *rest = found
-    seconds, measured, said = rest
+    disparities, confidence, inverted, span, offsets, field, blur, suited = found[:8]
+    seconds, measured, said = found[8:]
     photometry = None if measured is None else as_photometry(measured)
+    curve = None if photometry is None else photometry.contrast
 
     # What the core found calls for a compensation, and for sizes that suit it.
     if suited is not None:
@@ -117,7 +118,7 @@ def as_estimates(
             inverted=inverted,
         ),
         alignment=_alignment(offsets, field),
-        blur=None if blur is None else as_estimate(blur, photometry and photometry.contrast),
+        blur=None if blur is None else as_estimate(blur, curve),
         blur_compensation=blur_compensation,
         seconds=seconds,
         photometry=photometry,
@@ -156,5 +157,6 @@ def _alignment(
     if offsets is None:
         return None
 
-    (coefficients, size, _), *figures = offsets
-    return Alignment(tuple(coefficients), *figures, size, applied=field is not None)
+    (coefficients, size, _), error, blocks, spread, wobble = offsets
+    applied = field is not None
+    return Alignment(tuple(coefficients), error, blocks, spread, wobble, size, applied)

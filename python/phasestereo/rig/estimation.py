@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     Mask = NDArray[np.bool_]
 
+
 def estimate_blur(
     left: ImageOrPath,
     right: ImageOrPath,

@@ -84,5 +84,4 @@ def as_photometry(measured: Measured) -> Photometry:
     length, (left, right), flat, smeared, repeated, fields, contrast = measured
     saturation = Saturation(*left), Saturation(*right)
     curve = None if contrast is None else Contrast(*contrast)
-    shares = (tuple(flat), tuple(smeared), tuple(repeated))
-    return Photometry(length, saturation, *shares, tuple(fields), curve)
+    return Photometry(length, saturation, flat, smeared, repeated, fields, curve)

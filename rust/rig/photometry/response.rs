@@ -270,7 +270,10 @@ mod tests {
     }
 
     /// The contrast of a pair whose left image is a function of the place and of its gray.
-    fn found(left: impl Fn(usize, usize, f64) -> f64, disparity: &dyn Fn(usize, usize) -> f32) -> Option<Contrast> {
+    fn found(
+        left: impl Fn(usize, usize, f64) -> f64,
+        disparity: &dyn Fn(usize, usize) -> f32,
+    ) -> Option<Contrast> {
         let plane = |value: &dyn Fn(usize, usize) -> f64| {
             Plane::from_fn(160, 220, |y, x| value(y, x) as f32)
         };
@@ -296,7 +299,10 @@ mod tests {
             };
             let contrast = found(clipped, &disparity).expect("enough corresponds");
             let ends = contrast.ends[0] / contrast.ends[1];
-            assert!(if gamma < 1.0 { ends > 1.1 } else { ends < 1.05 }, "{gain} {gamma} {contrast:?}");
+            assert!(
+                if gamma < 1.0 { ends > 1.1 } else { ends < 1.05 },
+                "{gain} {gamma} {contrast:?}"
+            );
             assert!((contrast.gain / gain - 1.0).abs() < 0.05, "{gain} {gamma} {contrast:?}");
             assert!((contrast.gamma / gamma - 1.0).abs() < 0.05, "{gain} {gamma} {contrast:?}");
         }

@@ -96,7 +96,8 @@ impl Loop for CountRuns<'_> {
                 steps += run[x].abs_diff(run[x - FAR]);
             }
             // Means: there are two bends less than pixels, and FAR steps less.
-            let is_smeared = f64::from(bends) * ((RUN - FAR) as f64) < SMOOTH * f64::from(steps) * ((RUN - 2) as f64);
+            let is_smeared = f64::from(bends) * ((RUN - FAR) as f64)
+                < SMOOTH * f64::from(steps) * ((RUN - 2) as f64);
             count.textured += 1;
             count.smeared += u64::from(is_smeared);
         }
@@ -194,7 +195,8 @@ mod tests {
 
     #[test]
     fn runs_are_told_by_their_contrast_and_by_how_smooth_it_is() {
-        let wave = |x: usize| if x % 16 < 8 { 40 * (x % 16) as i32 } else { 40 * (16 - x % 16) as i32 };
+        let wave =
+            |x: usize| if x % 16 < 8 { 40 * (x % 16) as i32 } else { 40 * (16 - x % 16) as i32 };
         let row: Vec<i32> = (0..69)
             .map(|x| match x / 16 {
                 0 => 100 + x as i32 % 2,
@@ -236,7 +238,9 @@ mod tests {
             let inside = FIELD_REACH as isize..90 - FIELD_REACH as isize;
             let at = |row: &[i32], x: isize| row[x as usize];
             inside
-                .map(|x| at(&even, x).abs_diff(at(&odd, x + k)) + at(&odd, x).abs_diff(at(&even, x - k)))
+                .map(|x| {
+                    at(&even, x).abs_diff(at(&odd, x + k)) + at(&odd, x).abs_diff(at(&even, x - k))
+                })
                 .map(u64::from)
                 .sum()
         };
