@@ -151,7 +151,7 @@ impl Known<'_> {
         let what = "which image is softer";
         let is_poor = self.estimates.confidence.is_some_and(|sure| sure < BLUR_CONFIDENCE)
             || self.estimates.photometry.is_some_and(|found| found.repeats() >= REPEATED[1]);
-        if found.certainty <= 0.0 || is_poor {
+        if found.certainty < SURE || is_poor {
             return vec![self.not_told(Topic::Blur, what)];
         }
 
@@ -166,7 +166,7 @@ impl Known<'_> {
             let share = share(index);
             if spread(blur) >= BLUR[0] && share >= BLUR_SHARE {
                 let area = (found.blurs.len() > 1).then_some(share);
-                findings.extend(softer(blur, area, found.certainty));
+                findings.extend(softer(blur, area));
             }
         }
         if findings.is_empty() {
@@ -222,14 +222,12 @@ fn bend(found: &RowOffsets) -> f64 {
 }
 
 /// That one image is softer, over a part of it if there are several kinds of blur.
-fn softer(blur: &blur::Blur, area: Option<f64>, certainty: f32) -> Option<Finding> {
+fn softer(blur: &blur::Blur, area: Option<f64>) -> Option<Finding> {
     let (side, other) = match blur.side? {
         Side::Left => ("left", "right"),
         Side::Right => ("right", "left"),
     };
 
-    let is_sure = certainty >= SURE;
-    let probably = if is_sure { "" } else { "probably " };
     let what = match blur.other {
         None => format!("softer than the {other} by {}", shape(blur)),
         Some(psf) => format!("blurred by {}, the {other} one by {}", shape(blur), words(psf)),
@@ -241,13 +239,10 @@ fn softer(blur: &blur::Blur, area: Option<f64>, certainty: f32) -> Option<Findin
         Some(Family::Motion) | None => "its mount and its exposure time",
     };
 
-    let is_grave = is_sure && spread(blur) >= BLUR[1];
     Some(Finding::new(
         Topic::Blur,
-        if is_grave { Severity::Warning } else { Severity::Note },
-        format!(
-            "the {side} image is {probably}{what}{area}: check {hint}; robust matching compensates it"
-        ),
+        Severity::of(spread(blur), BLUR),
+        format!("the {side} image is {what}{area}: check {hint}; robust matching compensates it"),
     ))
 }
 

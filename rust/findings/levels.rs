@@ -18,10 +18,9 @@ pub const WOBBLE: f64 = 0.25;
 pub const BLUR: [f64; 2] = [0.3, 0.7];
 /// ... over at least this share of the image.
 pub const BLUR_SHARE: f64 = 0.05;
-/// Certainty from which on a blur is more than probable,
+/// Least certainty of a blur that is named,
 pub const SURE: f32 = 0.5;
-/// ... and mean confidence of the rough match below which nothing is said about blur: what does not match has no blur in
-/// common.
+/// ... and least mean confidence of the rough match: what does not match has no blur in common.
 pub const BLUR_CONFIDENCE: f64 = 0.6;
 
 /// Logarithm of the ratio of gray levels.

@@ -1,6 +1,8 @@
 //! Findings on a match: how much of it is wrong, and because of what.
 
-use super::levels::{AT_END, AT_ZERO, FLAGGED, ROWS, SATURATED, SMEARED, WRONG};
+use std::cmp::Reverse;
+
+use super::levels::{AT_END, AT_ZERO, FLAGGED, LEAST_ROUGH, ROWS, SATURATED, SMEARED, WRONG};
 use super::{Finding, Severity, Topic};
 use crate::pipeline::summary::Summary;
 use crate::rig::estimation::Estimates;
@@ -32,10 +34,14 @@ pub fn of_match(
     let of_pair = estimates.findings.iter().filter_map(|found| outcome.of_pair(found));
     let mut findings: Vec<Finding> = of_pair.collect();
     findings.extend(outcome.ends(&findings));
-    findings.extend(outcome.failure(&findings));
+    let failure = outcome.failure(&findings);
 
     // Of equal ones, the match comes first, then the topics as they are.
-    findings.sort_by_key(|one| (std::cmp::Reverse(one.severity), one.topic != Topic::Match));
+    findings.sort_by_key(|one| (Reverse(one.severity), one.topic != Topic::Match));
+    let first = findings.partition_point(|one| {
+        failure.as_ref().is_some_and(|failure| one.severity > failure.severity)
+    });
+    findings.splice(first..first, failure);
     findings
 }
 
@@ -68,7 +74,9 @@ impl Outcome<'_> {
     /// That the range is too short at an end, unless that is said already, or nothing matches anyway.
     fn ends(&self, known: &[Finding]) -> Option<Finding> {
         let is_decided = |one: &Finding| matches!(one.topic, Topic::Match | Topic::Range);
-        if known.iter().any(|one| is_decided(one) && one.severity == Severity::Warning) {
+        let is_said = known.iter().any(|one| is_decided(one) && one.severity == Severity::Warning);
+        let is_unlike = self.estimates.confidence.is_some_and(|found| found < LEAST_ROUGH);
+        if is_said || is_unlike {
             return None;
         }
 
@@ -80,14 +88,32 @@ impl Outcome<'_> {
         let at_low = if first == 0 && is_well { 0.0 } else { at_low };
 
         let (share, end) = if at_low > at_high { (at_low, first) } else { (at_high, last) };
-        let severity = Severity::of(share, AT_END);
+        // Wrong matches lie anywhere in the range, also at its ends.
+        let by_chance = 2.0 * self.failed() / candidates.count() as f64;
+        let severity = Severity::of(share, AT_END.map(|level| level + by_chance));
+        let mend = if self.is_found() { "" } else { ", or leave num_disparities out" };
+
         (severity != Severity::Ok).then(|| {
             let share = 100.0 * share;
             let sentence = format!(
                 "the range of {first} to {last} px is too short: {share:.0} % of the pixels are at \
-                 its end at {end} px; search more disparities there, or leave num_disparities out"
+                 its end at {end} px; search more disparities there{mend}"
             );
             Finding::new(Topic::Range, severity, sentence)
+        })
+    }
+
+    /// The share of the pixels that are wrong, as far as it is known.
+    fn failed(&self) -> f64 {
+        let Summary { wrong, flagged, .. } = *self.summary;
+        if wrong.is_nan() { flagged } else { wrong }
+    }
+
+    /// Whether the disparities are those that were found.
+    fn is_found(&self) -> bool {
+        let Estimates { range, candidates, .. } = self.estimates;
+        range.as_ref().is_some_and(|range| {
+            (range.min, range.count) == (candidates.min() as i64, candidates.count() as i64)
         })
     }
 
@@ -125,10 +151,8 @@ impl Outcome<'_> {
         }
 
         let mut causes: Vec<&str> = causes.into_iter().flatten().collect();
-        // Where images do not match, it does not matter how sharp they are.
-        let smeared =
-            self.estimates.photometry.map_or(0.0, |found| found.smeared[0].max(found.smeared[1]));
-        if smeared >= SMEARED && known.iter().all(|one| one.topic != Topic::Match) {
+        let smeared = self.estimates.photometry.map_or([0.0; 2], |found| found.smeared);
+        if causes.is_empty() && smeared[0].max(smeared[1]) >= SMEARED {
             causes.push("smeared texture (lossy compression, denoising or focus)");
         }
         causes
