@@ -175,7 +175,7 @@ def pair_statistics(
         With no more than the settings need: one row is read in any case; the pair is gone through
         two or three times, of 16 bits once more, for the blur and the noise (``compensate_blur``,
         ``despike``, ``denoise`` or ``noise_threshold > 0``), a few times for the rows
-        (``align_rows``), once for the range (``num_disparities=None``), once for
+        (``align_rows``), once for the range (``num_disparities=None``), once for findings, once for
         ``adaptive_p2``, ``synthesis``, ``guided_median`` or confidences, once for float images.
 
     Raises

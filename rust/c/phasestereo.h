@@ -82,6 +82,21 @@
 #define PHASESTEREO_DEFAULT 2
 
 /**
+ * All is well.
+ */
+#define PHASESTEREO_OK 0
+
+/**
+ * Worth knowing.
+ */
+#define PHASESTEREO_NOTE 1
+
+/**
+ * To be mended; of a match: it is not to be trusted as a whole.
+ */
+#define PHASESTEREO_WARNING 2
+
+/**
  * One channel.
  */
 #define PHASESTEREO_GRAY 0
@@ -377,9 +392,36 @@ typedef struct phasestereo_found {
   uint32_t inverted;
 } phasestereo_found;
 
+/**
+ * One thing that there is to say about a pair or its match. Texts end with a zero.
+ */
+typedef struct phasestereo_finding {
+  /**
+   * What it is about, as "range"; the names are those of the Python package.
+   */
+  const char *topic;
+  /**
+   * Plain words, with numbers.
+   */
+  const char *sentence;
+  /**
+   * `PHASESTEREO_OK`, `PHASESTEREO_NOTE` or `PHASESTEREO_WARNING`.
+   */
+  uint32_t severity;
+} phasestereo_finding;
+
 #ifdef __cplusplus
 extern "C" {
 #endif // __cplusplus
+
+/**
+ * Writes a finding of the last `phasestereo_match` or `phasestereo_check` of this thread that succeeded, and returns 1; 0
+ * if it has not so many. Those of a match are what is worth knowing, the worst first; those of a check all that was looked
+ * at, in a fixed order. Texts are valid until the next match or check of this thread.
+ *
+ * The pointer is to a place for a finding.
+ */
+uint32_t phasestereo_get_finding(uint32_t index, struct phasestereo_finding *finding);
 
 /**
  * The version of the library, as "0.1.0".
@@ -434,7 +476,7 @@ uint64_t phasestereo_memory(const struct phasestereo_matcher *matcher,
  * Matches a rectified pair of images of one size and number of bits. The disparities [`min_disparity`, `min_disparity` +
  * `num_disparities`) are searched, `num_disparities` from 1 to the width; with 0 the range is estimated, and
  * `min_disparity` is 0. Left pixel (x, y) corresponds to right pixel (x - d, y). What was estimated from the pair is written
- * to `found`, unless that is NULL. If the call fails, nothing is written.
+ * to `found`, unless that is NULL; `phasestereo_get_finding` says what it means. If the call fails, nothing is written.
  *
  * Pointers are to what their types say; the planes of `map` have rows of as many values as the images have columns, and
  * as many rows.
