@@ -206,13 +206,18 @@ impl Known<'_> {
             ));
         }
 
-        let is_uniform = self
-            .estimates
-            .photometry
-            .is_some_and(|found| found.flat[0].max(found.flat[1]) >= levels::UNIFORM);
+        // Texture as fine as noise counts as such, but matches.
+        let is_matched = self.matches_from(levels::LEAST_ROUGH);
+        let flat = self.estimates.photometry.map_or([0.0; 2], |found| found.flat);
+        let is_uniform = !is_matched && flat[0].max(flat[1]) >= levels::UNIFORM;
         is_uniform.then(|| {
             Finding::unknown(topic, format!("the images have too little texture to tell {what}"))
         })
+    }
+
+    /// Whether small copies match with this mean confidence.
+    fn matches_from(&self, least: f64) -> bool {
+        self.estimates.confidence.is_some_and(|found| found >= least)
     }
 
     /// A note that something could not be told.
@@ -320,11 +325,13 @@ mod tests {
         let nothing = Estimates { range: None, confidence: Some(0.2), ..sound() };
         assert!(said(&nothing, Topic::Match).1.contains("these are no pair"));
         let wall = Photometry { flat: [0.99; 2], ..PHOTOMETRY };
-        let wall = Estimates { range: None, ..with_photometry(wall) };
+        let wall = Estimates { range: None, confidence: Some(0.2), ..with_photometry(wall) };
         assert!(
             said(&wall, Topic::Range).1.contains("too little texture to tell which disparities")
         );
         assert_eq!(said(&wall, Topic::Texture).0, Severity::Warning);
+        let dots = Estimates { confidence: Some(0.95), ..wall };
+        assert_eq!(said(&dots, Topic::Texture).0, Severity::Ok, "as fine as noise, and it matches");
 
         let place = LeftOut { rows: 5..20, columns: 30..44, low: 88.2, high: 91.0 };
         let left_out = Estimates { left_out: vec![place], ..sound() };

@@ -193,6 +193,24 @@ typedef enum phasestereo_status {
 typedef struct phasestereo_matcher phasestereo_matcher;
 
 /**
+ * One thing that there is to say about a pair or its match. Texts end with a zero.
+ */
+typedef struct phasestereo_finding {
+  /**
+   * What it is about, as "range"; the names are those of the Python package.
+   */
+  const char *topic;
+  /**
+   * Plain words, with numbers.
+   */
+  const char *sentence;
+  /**
+   * `PHASESTEREO_OK`, `PHASESTEREO_NOTE` or `PHASESTEREO_WARNING`.
+   */
+  uint32_t severity;
+} phasestereo_finding;
+
+/**
  * A setting by its name, both as text that ends with a zero. Names, meanings and ranges are those of the class `Settings`
  * of the Python package; values are written as there, "none" and "true" or "false" in small letters, pairs as "0, 4095".
  */
@@ -392,24 +410,6 @@ typedef struct phasestereo_found {
   uint32_t inverted;
 } phasestereo_found;
 
-/**
- * One thing that there is to say about a pair or its match. Texts end with a zero.
- */
-typedef struct phasestereo_finding {
-  /**
-   * What it is about, as "range"; the names are those of the Python package.
-   */
-  const char *topic;
-  /**
-   * Plain words, with numbers.
-   */
-  const char *sentence;
-  /**
-   * `PHASESTEREO_OK`, `PHASESTEREO_NOTE` or `PHASESTEREO_WARNING`.
-   */
-  uint32_t severity;
-} phasestereo_finding;
-
 #ifdef __cplusplus
 extern "C" {
 #endif // __cplusplus
@@ -421,7 +421,8 @@ extern "C" {
  *
  * The pointer is to a place for a finding.
  */
-uint32_t phasestereo_get_finding(uint32_t index, struct phasestereo_finding *finding);
+uint32_t phasestereo_get_finding(uint32_t index,
+                                 struct phasestereo_finding *finding);
 
 /**
  * The version of the library, as "0.1.0".

@@ -33,6 +33,8 @@ pub const NOISE: [f64; 2] = [0.02, 0.05];
 pub const CODING: [f64; 2] = [0.006, 0.03];
 /// Saturated pixels, as a share of all.
 pub const SATURATED: [f64; 2] = [0.1, 0.2];
+/// What matches with this mean confidence has texture, be it as fine as noise, as random dots are.
+pub const TEXTURED: f64 = 0.9;
 /// Areas without texture, as a share of the image.
 pub const TEXTURELESS: [f64; 2] = [0.5, 0.8];
 /// ... from which on nothing else can be told.

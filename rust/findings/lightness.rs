@@ -1,6 +1,6 @@
 //! Findings on gray levels: how they compare, and how much of them carries information.
 
-use super::levels::{CODING, CONTRAST, CURVE, NOISE, REPEATED, SATURATED, TEXTURELESS};
+use super::levels::{CODING, CONTRAST, CURVE, NOISE, REPEATED, SATURATED, TEXTURED, TEXTURELESS};
 use super::{Finding, Known, Severity, Topic, percent};
 use crate::math;
 use crate::rig::photometry::{Contrast, Photometry};
@@ -84,6 +84,10 @@ impl Known<'_> {
         let share = found.flat[0].max(found.flat[1]);
         if share.is_nan() {
             return Finding::unknown(topic, "the images are too small to tell their texture");
+        }
+
+        if self.matches_from(TEXTURED) {
+            return Finding::ok(topic, "there is texture enough to match by");
         }
 
         let severity = Severity::of(share, TEXTURELESS);
