@@ -190,7 +190,9 @@ mod tests {
 
     /// Values without any pattern.
     fn hashed(x: usize) -> i32 {
-        ((x as u32).wrapping_mul(2_654_435_761) >> 20) as i32
+        let mixed = (x as u32 + 1).wrapping_mul(2_654_435_761);
+        let mixed = (mixed ^ (mixed >> 15)).wrapping_mul(2_246_822_519);
+        ((mixed ^ (mixed >> 13)) >> 20) as i32
     }
 
     #[test]
