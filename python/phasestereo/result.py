@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields, replace
 from enum import IntFlag
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+
+import numpy as np
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    import numpy as np
     from numpy.typing import NDArray
 
     from phasestereo.rig.alignment import Alignment
@@ -19,6 +21,57 @@ if TYPE_CHECKING:
     from phasestereo.rig.findings import Finding
     from phasestereo.rig.search_range import SearchRange
     from phasestereo.settings import Settings
+
+TRUSTED = 0.5
+"""Least confidence of an estimate that is trusted."""
+
+Layer: TypeAlias = Literal["flags", "confidence", "uncertainty"]
+"""A map of a result beside its disparities."""
+
+LAYERS: tuple[Layer, ...] = get_args(Layer)
+
+
+@dataclass(frozen=True, slots=True)
+class MapKind:
+    """What a map of a result holds.
+
+    Parameters
+    ----------
+    dtype
+        Name of the type of its values.
+    unit
+        Their unit, by the conventions for climate and forecast metadata (CF).
+    meaning
+        What they are, in words.
+    optional
+        Whether there is none with ``confidence=False``.
+    """
+
+    dtype: str
+    unit: str
+    meaning: str
+    optional: bool = False
+
+
+MAPS: Mapping[str, MapKind] = {
+    "disparity": MapKind("float32", "pixel", "disparity"),
+    "flags": MapKind("uint16", "1", "what is held against the disparity"),
+    "confidence": MapKind(
+        "float32", "1", "probability that the disparity is within 1 pixel", optional=True
+    ),
+    "uncertainty": MapKind(
+        "float32",
+        "pixel",
+        "half the width of the interval that holds the true disparity with a probability of 90 %",
+        optional=True,
+    ),
+}
+"""The maps of a result by the names of its attributes: whatever writes one goes by this list."""
+
+
+def maps_with(settings: Settings) -> list[str]:
+    """Return the names of the maps that a match with these settings has."""
+    return [name for name, kind in MAPS.items() if settings.confidence or not kind.optional]
 
 
 class Flag(IntFlag):
@@ -70,6 +123,9 @@ def format_counts(counts: Mapping[Flag, int], pixels: int) -> str:
     return ", ".join(shares) or "none"
 
 
+_LEAST = 0.01  # of the pixels; a share below is not said to the percent
+
+
 @dataclass(frozen=True, slots=True)
 class Summary:
     """Shares of the pixels that describe a disparity map as a whole.
@@ -96,6 +152,13 @@ class Summary:
     at_high: float
     confidence: float
     wrong: float
+
+    def __str__(self) -> str:
+        """Say how many pixels are probably wrong: what a result leads with; "" if not known."""
+        if math.isnan(self.wrong):
+            return ""
+        share = f"about {100 * self.wrong:.0f} %" if self.wrong >= _LEAST else "less than 1 %"
+        return f"{share} of the pixels are probably wrong"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,6 +225,28 @@ class Result:
     temporal_support: NDArray[np.uint8] | None = None
 
     @property
+    def maps(self) -> dict[str, NDArray[Any]]:
+        """The maps that there are, each (H, W), by their names: those of `MAPS`."""
+        found = {name: getattr(self, name) for name in MAPS}
+        return {name: values for name, values in found.items() if values is not None}
+
+    @property
+    def trusted(self) -> NDArray[np.bool_]:
+        """Whether each disparity is trusted, bool (H, W): its confidence is at least 0.5.
+
+        A result without confidences trusts an estimate against which no flag is held.
+        """
+        known = np.isfinite(self.disparity)
+        if self.confidence is None:
+            return known & (self.flags == 0)
+        return known & (self.confidence >= TRUSTED)
+
+    @property
+    def verdict(self) -> str:
+        """How many pixels are probably wrong, in words; "" if that is not known."""
+        return "" if self.summary is None else str(self.summary)
+
+    @property
     def findings(self) -> tuple[Finding, ...]:
         """What there is to say about the match as a whole, worst first; empty if all is well."""
         found: tuple[Finding, ...] = import_module("phasestereo.rig.findings").match_findings(self)
@@ -177,11 +262,12 @@ class Result:
         return replace(self)
 
     def __repr__(self) -> str:
-        """Show the size, the share of estimates and the time: arrays would say nothing."""
+        """Show the size, what is wrong, what is there and the time: arrays would say nothing."""
         rows, cols = self.disparity.shape
-        estimated = (self.disparity == self.disparity).mean()  # NaN is unequal to itself
-        seconds = sum(self.timings.values())
-        return f"<Result {cols}x{rows}, {estimated:.1%} estimated, {seconds:.3f} s>"
+        wrong = self.verdict.replace(" of the pixels are", "")
+        estimated = f"{np.isfinite(self.disparity).mean():.1%} estimated"
+        parts = f"Result {cols}x{rows}", wrong, estimated, f"{sum(self.timings.values()):.3f} s"
+        return f"<{', '.join(part for part in parts if part)}>"
 
     def _repr_html_(self) -> str:
         """Show the maps, the pair and what is known of them, in Jupyter and in marimo."""
