@@ -56,7 +56,9 @@ def made_up() -> ps.Result:
     kinds = ps.Blur("left", "disk", 3.0, 0.0, np.full((3, 3), 1 / 9)), ps.Blur("none", "none", 0, 0)
     blur = ps.BlurEstimate(kinds, labels, 16, 0.9, 1.0, (1.0, 2.0))
 
-    return ps.Result(disparity, flags, confidence, ps.PRESETS["robust"], {"matching": 0.5}, blur)
+    return ps.Result(
+        disparity, flags, confidence, ps.PRESETS["robust"], {"matching": 0.5}, blur=blur
+    )
 
 
 def truth_of(result: ps.Result) -> NDArray[np.float32]:

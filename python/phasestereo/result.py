@@ -236,10 +236,9 @@ class Result:
 
         A result without confidences trusts an estimate against which no flag is held.
         """
-        known = np.isfinite(self.disparity)
-        if self.confidence is None:
-            return known & (self.flags == 0)
-        return known & (self.confidence >= TRUSTED)
+        sure = self.flags == 0 if self.confidence is None else self.confidence >= TRUSTED
+        trusted: NDArray[np.bool_] = np.isfinite(self.disparity) & sure
+        return trusted
 
     @property
     def verdict(self) -> str:

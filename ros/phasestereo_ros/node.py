@@ -2,8 +2,8 @@
 
 It subscribes to ``left/image_rect``, ``left/camera_info``, ``right/image_rect`` and
 ``right/camera_info``, and publishes ``disparity`` (``stereo_msgs/DisparityImage``), ``points2``
-(``sensor_msgs/PointCloud2``), ``confidence`` and ``uncertainty`` (``sensor_msgs/Image``, 32FC1) and,
-once a second, ``/diagnostics``. All that is done with images is done by phasestereo, as for
+(``sensor_msgs/PointCloud2``), ``confidence`` and ``uncertainty`` (``sensor_msgs/Image``, 32FC1),
+and, once a second, ``/diagnostics``. All that is done with images is done by phasestereo, as for
 recordings.
 """
 

@@ -29,9 +29,9 @@ class Large:
     ----------
     max_memory
         Memory that the program may take, such as 2GB or 800MiB: the pair is read, matched and
-        written (.tif, .npy or .zarr, other layers, too) band by band, and the same command goes on after whatever
-        ended it. The result is that of the whole pair, to the bit. Images are TIFF files, Zarr
-        arrays or .npy. Needs the extra ``large``.
+        written (.tif, .npy or .zarr, other layers, too) band by band, and the same command goes on
+        after whatever ended it. The result is that of the whole pair, to the bit. Images are TIFF
+        files, Zarr arrays or .npy. Needs the extra ``large``.
     band_rows
         Rows of a band; without it, as many as the memory allows.
     restart

@@ -134,8 +134,8 @@ def maps(
     Returns
     -------
     Maps
-        Disparities, flags, confidences and error bars. Computed together (``dask.compute(*found)``), each band
-        is matched once.
+        Disparities, flags, confidences and error bars. Computed together
+        (``dask.compute(*found)``), each band is matched once.
 
     Raises
     ------

@@ -135,7 +135,8 @@ def match(
 
     sources = left, right, left_mask, right_mask
     layers = flags_output, confidence_output, uncertainty_output
-    outputs = {"disparity": output, **dict(zip(LAYERS, layers, strict=True))}
+    outputs: dict[str, StrPath | None] = {"disparity": output}
+    outputs |= zip(LAYERS, layers, strict=True)
     request = Request(
         sources=sources,
         outputs=as_outputs(outputs, sources),

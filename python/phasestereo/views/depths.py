@@ -111,7 +111,8 @@ class Ranging:
         constant, slope, middle = self.share
 
         # The yaw is the same for all pixels, so it is added to the bars, not to their squares.
-        bar = uncertainty + constant + slope * np.abs(t**2 - middle)
+        own = np.asarray(uncertainty, dtype=np.float64)
+        bar = own + constant + slope * np.abs(t**2 - middle)
         shift = given + self.calibration.doffs
         depth = self.calibration.depth(given)
         return DepthInterval(depth, self._end(shift + bar), self._end(shift - bar))
@@ -166,10 +167,10 @@ def depth_interval(
 
     Notes
     -----
-    The bars are ``near = fx B / (d + doffs + u)`` and ``far = fx B / (d + doffs - u)``. ``u`` is the
-    uncertainty of the disparity plus the share of the yaw. The two are added and not their squares:
-    the yaw is one and the same for all pixels of a rig, so that, whatever it is up to ``yaw``, 90 %
-    of the pixels stay within their bars.
+    The ends are ``near = fx B / (d + doffs + u)`` and ``far = fx B / (d + doffs - u)``. ``u`` is
+    the uncertainty of the disparity plus the share of the yaw. The two are added, not their
+    squares: the yaw is one and the same for all pixels of a rig, so that, whatever it is up to
+    ``yaw``, 90 % of the pixels stay within their bars.
 
     An anchor takes that share away but for its own error bar, and for what is different in other
     columns: ``fx * tan(a) * abs(t**2 - t_anchor**2)`` pixels, where `a` is `yaw` or, if it is

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from phasestereo.io import Calibration
-    from phasestereo.views.depths import Anchor
     from phasestereo.result import Result
+    from phasestereo.views.depths import Anchor
 
 __all__ = ["Mesh", "surface_mesh"]
 

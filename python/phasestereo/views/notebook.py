@@ -73,7 +73,8 @@ def html(result: Result) -> str:
     str
         Less than 1 MB, whatever the size of the images: the map in color with a histogram along
         its scale, the pair, if the result knows it, confidences and error bars, if there are any,
-        and what there is to say in words. Without matplotlib it is the words, and how to install it.
+        and what there is to say in words. Without matplotlib it is the words, and how to install
+        it.
     """
     try:
         known = _known(result.disparity)

@@ -63,7 +63,9 @@ class PointCloud:
             if rows is not None:
                 _check_rows(name, rows, dtype, shape)
                 if len(rows) != wanted:
-                    raise ValueError(f"{name}: got {len(rows)} of {wanted} points; accepts one each")
+                    raise ValueError(
+                        f"{name}: got {len(rows)} of {wanted} points; accepts one each"
+                    )
 
     def __len__(self) -> int:
         """Return the number of points."""
@@ -143,7 +145,7 @@ def point_cloud(
 
 
 class Triangulation(NamedTuple):
-    """The points of a map, (N, 3); the map, the pixels that became points, picture, near and far."""
+    """The points of a map, (N, 3); the map, the pixels that became points, picture, ends."""
 
     points: NDArray[np.float32]
     disparity: NDArray[Any]
@@ -167,10 +169,11 @@ def triangulate(
     bars = as_uncertainty(disparity, None, values.shape)
     geometry = ranging(values, calibration, uncertainty=bars, yaw=yaw, anchor=anchor)
 
+    near = far = None
     if bars is None:
-        depth, *ends = geometry.calibration.depth(values), None, None
+        depth = geometry.calibration.depth(values)
     else:
-        depth, *ends = geometry.interval(values, bars, np.arange(values.shape[1]))
+        depth, near, far = geometry.interval(values, bars, np.arange(values.shape[1]))
     wanted = np.isfinite(depth)
     if max_depth is not None:
         wanted &= depth <= as_number("max_depth", max_depth, positive=True)  # false for NaN
@@ -182,7 +185,7 @@ def triangulate(
         image = disparity.pair[0]
     picture = None if image is None else _picture(image, values.shape)
     points, kept = _points(depth, wanted, calibration)
-    return Triangulation(points, values, kept, picture, (ends[0], ends[1]))
+    return Triangulation(points, values, kept, picture, (near, far))
 
 
 def _points(

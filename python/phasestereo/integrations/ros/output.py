@@ -24,9 +24,7 @@ if TYPE_CHECKING:
     from phasestereo.integrations.video.streaming import Frame
     from phasestereo.io import Calibration
 
-MessageKind = Literal[
-    "disparity", "confidence", "uncertainty", "depth", "points", "diagnostics"
-]
+MessageKind = Literal["disparity", "confidence", "uncertainty", "depth", "points", "diagnostics"]
 KINDS: tuple[MessageKind, ...] = get_args(MessageKind)
 GEOMETRIC: tuple[MessageKind, ...] = ("depth", "points")
 """Kinds that need the geometry of the cameras."""

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from phasestereo.integrations.video.streaming import Frame
+    from phasestereo.result import Result
 
 _STEPS = 256  # of the colors: one more stands for no estimate
 

@@ -122,7 +122,9 @@ def layers_of(result: Result, truth: Map | None) -> list[Layer]:
     if result.uncertainty is not None:
         bar = "the true disparity is within so much, with a probability of 90 %"
         lookup, end = colors(UNCERTAINTY_COLORS), longest(result.uncertainty)
-        found.append(Layer("uncertainty", "Error bars", "px", 0, end, lookup, 2, bar, "no estimate"))
+        found.append(
+            Layer("uncertainty", "Error bars", "px", 0, end, lookup, 2, bar, "no estimate")
+        )
 
     if truth is not None:
         wrong = f"|disparity - truth|: up to {GOOD:g} px is white"

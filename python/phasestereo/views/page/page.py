@@ -13,9 +13,9 @@ from phasestereo.io import Calibration
 from phasestereo.io.files import replacing, suffix
 from phasestereo.metrics.scores import score as score_map
 from phasestereo.result import Result
+from phasestereo.views.depths import YAW, ranging
 from phasestereo.views.page import facts, layers
 from phasestereo.views.page.embedding import photograph_uri
-from phasestereo.views.depths import YAW, ranging
 from phasestereo.views.page.scene import ScenePoints, scene_points
 from phasestereo.views.templating import render_page
 
@@ -57,10 +57,11 @@ def write_pair_page(
     """Write a page that shows a result: one HTML file, which needs no network.
 
     It has the pair to flick between, disparities, confidences, error bars, flags and errors with
-    their values under the cursor, the diagnosis of the blur, metrics, settings and times, and the points in
-    three dimensions. It needs a browser of 2023 or later. Disparities are given to 1/128 px, or as
-    fine as 16 bits can. Of maps of more than 2.1 million pixels, that is beyond Full HD, it shows
-    every n-th pixel of every n-th row, with the values of just these, and says so.
+    their values under the cursor, the diagnosis of the blur, metrics, settings and times, and the
+    points in three dimensions. It needs a browser of 2023 or later. Disparities are given to
+    1/128 px, or as fine as 16 bits can. Of maps of more than 2.1 million pixels, that is beyond
+    Full HD, it shows every n-th pixel of every n-th row, with the values of just these, and says
+    so.
 
     Parameters
     ----------

@@ -85,8 +85,8 @@ def scene_points(
     disparity
         float32 (H, W), pixels.
     ranging
-        The geometry, and how exact it is; None: the focal length is the images' width, the cameras look the same way
-        from one unit apart.
+        The geometry, and how exact it is; None: the focal length is the images' width, the cameras
+        look the same way from one unit apart.
     step
         Only pixels count that the layers of the page hold: every step-th of every step-th row.
     max_depth
