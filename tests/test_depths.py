@@ -80,6 +80,7 @@ def test_an_unknown_yaw_is_covered_and_an_anchor_takes_it_away(pair: Pair) -> No
     """The bars of the matching are short: without the yaw's share next to nothing is covered."""
     known = pair.calibration
     assert known is not None
+    assert pair.truth is not None
     columns = np.arange(pair.truth.shape[1], dtype=np.float64)
     measured = columns - moved_by_yaw(columns - pair.truth, known)
     truth, bar = known.depth(pair.truth), np.full(pair.truth.shape, 0.05)
@@ -110,6 +111,7 @@ def test_the_sky_is_an_anchor() -> None:
 def test_a_rendered_pair_of_a_turned_camera_is_within_its_bars(pair: Pair) -> None:
     known, valid = pair.calibration, pair.masks["nonocc"]
     assert known is not None
+    assert pair.truth is not None
     # The turned camera sees at `columns` what the right one sees at `source`.
     columns = np.arange(pair.truth.shape[1], dtype=np.float64)
     (focal, _, center), _, _ = known.cam1
@@ -164,6 +166,10 @@ def test_a_rendered_pair_of_a_turned_camera_is_within_its_bars(pair: Pair) -> No
 def test_errors_name_the_argument(
     given: dict[str, Any], error: type[Exception], message: str
 ) -> None:
-    arguments = {"disparity": DISPARITY, "calibration": RIG, "uncertainty": BAR} | given
+    arguments: dict[str, Any] = {
+        "disparity": DISPARITY,
+        "calibration": RIG,
+        "uncertainty": BAR,
+    } | given
     with pytest.raises(error, match=message):
         ps.depth_interval(arguments.pop("disparity"), arguments.pop("calibration"), **arguments)

@@ -453,6 +453,7 @@ def test_results_tell_about_themselves_and_travel() -> None:
     assert result.flags.dtype == np.uint16
     assert set(result.timings) == {"estimation", "description", "matching", "refinement"}
     assert "100.0% estimated" in repr(result)
+    assert result.summary is not None
     told = replace(result, summary=replace(result.summary, wrong=0.374))
     assert repr(told).startswith("<Result 20x10, about 37 % probably wrong, ")
     assert told.verdict == "about 37 % of the pixels are probably wrong"

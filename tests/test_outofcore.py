@@ -123,7 +123,7 @@ def test_any_band_with_any_setting_is_that_of_the_whole_pair(
 
 @pytest.mark.parametrize("ending", ["tif", "npy", "zarr"])
 def test_all_layers_come_out(pair: tuple[NDArray[np.uint8], ...], ending: str) -> None:
-    files = {name: f"{name}.{ending}" for name in LAYERS}
+    files: dict[str, str] = {name: f"{name}.{ending}" for name in LAYERS}
 
     report = match(
         f"out.{ending}",

@@ -171,7 +171,7 @@ def test_values_are_those_under_the_cursor(server: Server, show: Show) -> None:
     bars = np.full((ROWS, COLS), 0.5, np.float32)
     given = replace(given, result=replace(given.result, uncertainty=bars))
     show.add(given)
-    none = {"depth": None, "near": None, "far": None, "flags": []}
+    none: dict[str, Any] = {"depth": None, "near": None, "far": None, "flags": []}
     response = ask(server, "value?x=40&y=20").json()
     assert response == {"disparity": float(SHIFT), "uncertainty": 0.5, **none}
 
