@@ -143,13 +143,17 @@ def test_news_come_as_soon_as_there_are_any(server: Server, show: Show) -> None:
     first = ask(server, "state?after=-1").json()
     assert first["frame"] is None
 
-    threading.Timer(0.2, show.add, [frame(3)]).start()
+    given = frame(3)
+    told = replace(given.result, summary=ps.Summary(1, 0, 0, 0, 0.6, 0.41))
+    threading.Timer(0.2, show.add, [replace(given, result=told)]).start()
     response = ask(server, f"state?after={first['version']}").json()
     assert response["version"] > first["version"]
 
     shown = response["frame"]
     assert (shown["index"], shown["width"], shown["height"]) == (3, COLS, ROWS)
     assert (shown["low"], shown["high"]) == (0, COUNT)
+    assert shown["verdict"] == "about 41 % of the pixels are probably wrong"
+    assert shown["trusted"] == round(100 * told.trusted.mean(), 1)
 
 
 def test_pictures_are_those_of_the_frame(server: Server, show: Show) -> None:

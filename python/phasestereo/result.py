@@ -225,27 +225,6 @@ class Result:
     temporal_support: NDArray[np.uint8] | None = None
 
     @property
-    def maps(self) -> dict[str, NDArray[Any]]:
-        """The maps that there are, each (H, W), by their names: those of `MAPS`."""
-        found = {name: getattr(self, name) for name in MAPS}
-        return {name: values for name, values in found.items() if values is not None}
-
-    @property
-    def trusted(self) -> NDArray[np.bool_]:
-        """Whether each disparity is trusted, bool (H, W): its confidence is at least 0.5.
-
-        A result without confidences trusts an estimate against which no flag is held.
-        """
-        sure = self.flags == 0 if self.confidence is None else self.confidence >= TRUSTED
-        trusted: NDArray[np.bool_] = np.isfinite(self.disparity) & sure
-        return trusted
-
-    @property
-    def verdict(self) -> str:
-        """How many pixels are probably wrong, in words; "" if that is not known."""
-        return "" if self.summary is None else str(self.summary)
-
-    @property
     def findings(self) -> tuple[Finding, ...]:
         """What there is to say about the match as a whole, worst first; empty if all is well."""
         found: tuple[Finding, ...] = import_module("phasestereo.rig.findings").match_findings(self)
@@ -273,3 +252,24 @@ class Result:
         notebook = import_module("phasestereo.views.notebook")  # it needs `Flag` from here
         shown: str = notebook.html(self)
         return shown
+
+    @property
+    def maps(self) -> dict[str, NDArray[Any]]:
+        """The maps that there are, each (H, W), by their names: those of `MAPS`."""
+        found = {name: getattr(self, name) for name in MAPS}
+        return {name: values for name, values in found.items() if values is not None}
+
+    @property
+    def trusted(self) -> NDArray[np.bool_]:
+        """Whether each disparity is trusted, bool (H, W): its confidence is at least 0.5.
+
+        A result without confidences trusts an estimate against which no flag is held.
+        """
+        sure = self.flags == 0 if self.confidence is None else self.confidence >= TRUSTED
+        trusted: NDArray[np.bool_] = np.isfinite(self.disparity) & sure
+        return trusted
+
+    @property
+    def verdict(self) -> str:
+        """How many pixels are probably wrong, in words; "" if that is not known."""
+        return "" if self.summary is None else str(self.summary)
