@@ -378,7 +378,7 @@ def failing(monkeypatch: pytest.MonkeyPatch, error: OSError, free: int) -> str:
     def fail(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr("phasestereo.batch.work._save", fail)
+    monkeypatch.setattr("phasestereo.batch.work.write_map", fail)
     monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=free))
     return f"left0.tif cannot be written: {error.strerror or error}"
 
