@@ -165,6 +165,8 @@ def as_dataset(result: Result, *, like: DataArray | None = None) -> Dataset:
     variables = {
         name: (dims, values, _attributes(name) | placed) for name, values in result.maps.items()
     }
+    beside = [name for name in variables if name != "disparity"]
+    variables["disparity"][2]["ancillary_variables"] = " ".join(beside)
 
     attrs = {
         "Conventions": "CF-1.11",
@@ -187,7 +189,6 @@ def _attributes(name: str) -> dict[str, Any]:
         found["comment"] = (
             "left column x corresponds to right column x - disparity; NaN: no estimate"
         )
-        found["ancillary_variables"] = "flags"
     elif name == "flags":
         del found["units"]  # bits have none
         named = [flag for flag in Flag if flag.name]
