@@ -7,10 +7,11 @@ from enum import IntFlag
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    import numpy as np
     from numpy.typing import NDArray
 
     from phasestereo.rig.alignment import Alignment
@@ -19,6 +20,10 @@ if TYPE_CHECKING:
     from phasestereo.rig.findings import Finding
     from phasestereo.rig.search_range import SearchRange
     from phasestereo.settings import Settings
+
+
+TRUSTED = 0.5
+"""Confidence from which on a disparity is trusted: it is rather right than wrong."""
 
 
 class Flag(IntFlag):
@@ -86,8 +91,8 @@ class Summary:
     confidence
         Mean confidence; NaN if none was worked out.
     wrong
-        Estimated share of the pixels whose disparity is off by more than 1 px; NaN if no confidence
-        was worked out.
+        Estimated share, 0 to 1, of the pixels with an estimate whose disparity is off by more than
+        1 px: what the mean of their confidences lacks to 1. NaN if no confidence was worked out.
     """
 
     estimated: float
@@ -110,10 +115,11 @@ class Result:
     flags
         uint16 (H, W), bits of `Flag`; 0 where nothing is held against the estimate.
     confidence
-        float32 (H, W) in [0, 1], about the probability that the disparity is within 1 px: how far
-        the chosen candidate is ahead of all others in the pixels around that have this disparity,
-        too, by those of similar gray value first. Pixels that ``min_confidence`` or ``fill=False``
-        left without an estimate have theirs, others without one 0. None if the settings have
+        float32 (H, W) in [0, 1], the probability that the disparity is within 1 px of the true one,
+        filled ones included: from how far the chosen candidate is ahead of all others in the pixels
+        around that have this disparity, too, by those of similar gray value first, and from how
+        well the pair as a whole was matched. Pixels that ``min_confidence`` or ``fill=False`` left
+        without an estimate have theirs, others without one 0. None if the settings have
         ``confidence=False``.
     settings
         The settings that were used: with ``compensate_blur=True`` those that suit the blur.
@@ -160,6 +166,17 @@ class Result:
     blur_compensation: BlurCompensation | None = None
     summary: Summary | None = None
     temporal_support: NDArray[np.uint8] | None = None
+
+    @property
+    def trusted(self) -> NDArray[np.bool_]:
+        """Where the disparity is probably within 1 px, bool (H, W).
+
+        Those with a confidence of at least 0.5; without confidences, estimates without a flag.
+        """
+        estimated = np.isfinite(self.disparity)
+        if self.confidence is None:
+            return estimated & (self.flags == 0)
+        return estimated & (self.confidence >= TRUSTED)
 
     @property
     def findings(self) -> tuple[Finding, ...]:

@@ -125,7 +125,7 @@ def _words(result: Result) -> Iterable[str]:
     rows, cols = result.disparity.shape
     missing = ~np.isfinite(result.disparity)
     share = float(missing.mean())
-    trusted = float((~missing & (result.flags == 0)).mean())
+    trusted = float(result.trusted.mean())
 
     summary = [f"{cols} x {rows} pixels", f"{1 - share:.1%} estimated, {trusted:.1%} trusted"]
     summary += [] if result.blur is None else [f"blur: {result.blur}"]

@@ -209,7 +209,7 @@ def _context(shown: _Shown, scene: ScenePoints, search: tuple[int, int] | None) 
         "search": search,
         "kinds": kinds,
         "findings": result.findings,
-        "trusted": 100 * float((np.isfinite(result.disparity) & (result.flags == 0)).mean()),
+        "trusted": 100 * float(result.trusted.mean()),
         "unflagged": 100 * float((result.flags == 0).mean()),
         "seconds": sum(result.timings.values()),
         "score": score,

@@ -188,7 +188,7 @@ class Show:
             return None
 
         rows, cols = self.frame.result.disparity.shape
-        trusted = float((self.frame.result.flags == 0).mean())
+        trusted = float(self.frame.result.trusted.mean())
         low, high = self.ends()
         return {
             "index": self.frame.index,
