@@ -33,25 +33,28 @@ use self::workers::{Pool, Workers};
 use crate::cost::Costs;
 use crate::cost::aggregation::{Window, aggregate};
 use crate::descriptor::{Codes, describe};
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::image::intensity::Gray;
 use crate::image::plane::Plane;
 use crate::image::texture::Roughness;
 use crate::optimization::{BAND, Penalties, optimize};
+use crate::pipeline::control::Control;
 use crate::pipeline::footprint::Demand;
 use crate::pipeline::halo::Halo;
-use crate::pipeline::matcher::{Disparity, Execution, on_threads};
+use crate::pipeline::matcher::{Disparity, Execution, Matcher, Pair, on_threads};
 use crate::pipeline::section::Section;
 use crate::pipeline::source;
 use crate::pipeline::summary::Summary;
+use crate::refinement::calibration::{Tally, sampled};
 use crate::refinement::flag;
+use crate::rig::alignment::Alignment;
 use crate::rig::blur;
 use crate::rig::blur_compensation::MOST_CLASSES;
 use crate::rig::estimation::compensation_plan::{LARGER, MUCH_LARGER};
 use crate::rig::estimation::overview::LEAST_SIZE;
 use crate::rig::estimation::{Known, Means, Prepared, prepare, prepare_and_match, prepare_by_rows};
-use crate::settings::MOST_DISPARITIES;
 use crate::settings::presets::Preset;
+use crate::settings::{MOST_DISPARITIES, Settings};
 use crate::simd::Level;
 
 impl From<Error> for PyErr {
@@ -82,8 +85,8 @@ mod _core {
     use super::{
         TemporalFilter, Workers, aggregate_volume, blur_is_as_before, check_blur_compensation,
         check_settings, cost_volume, descriptor, estimate_pair, estimate_pair_by_rows, find_ranges,
-        find_roughness, halo, match_pair, match_rows, optimize_volume, preset, simd_level,
-        working_memory,
+        find_roughness, halo, match_pair, match_raw, match_rows, optimize_volume, preset,
+        rows_to_tally, simd_level, working_memory,
     };
 
     #[pymodule_init]
@@ -387,34 +390,112 @@ fn match_rows<'py>(
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Matched<'py>> {
     let whole = Statistics::read(statistics)?;
-    let pair = read_pair(&images, &masks, &whole.disparities)?
-        .with_blur_compensation(
-            whole.compensation.map(|compensation| compensation.starting_at_row(first)),
-        )
-        .with_ranges(whole.ranges);
-    let pair = if whole.is_inverted { pair.inverted() } else { pair };
+    if whole.tally.is_none() && whole.settings.needs_confidence() {
+        let accepts = "the tally of the whole pair, with these settings";
+        return Err(Error::value("tally", "None", accepts).into());
+    }
 
-    let field = whole.alignment.map(|field| field.starting_at_row(first));
-    let section = Section {
-        rows: rows.0.saturating_sub(first)..rows.1.saturating_sub(first),
-        roughness: whole.roughness,
-        first,
-    };
-    let settings = whole.settings;
-
-    let pool = Pool::for_argument(threads)?;
-    let how = Execution { threads: pool.threads(), level: Level::best() };
-    // Progress counts the rows that are chosen, which are more than those wanted.
-    let chosen = section.widened(Halo::new(&settings, pair.blur_compensation(), None).map, &pair);
-    let found = supervised(py, &pool, chosen.len(), progress, move |matcher, control| {
-        let pair = match &field {
-            Some(field) => pair.straightened(field, how.level, control)?,
-            None => pair,
-        };
-        matcher.match_rows(&pair, &section, &settings, how, control)
-    })?;
-
+    let part = PartOfPair::new(&images, &masks, whole, first, rows)?;
+    let found = part.matched(py, threads, progress, Matcher::match_rows)?;
     disparity_to_py(py, found)
+}
+
+/// Sums over rows of a map that its confidences depend on: confidences in steps, their number,
+/// pixels that failed, those at the ends of the range, all.
+type TallyTuple = (u64, u64, u64, u64, u64);
+
+/// The rows of a pair of this height that the tally is taken of.
+#[pyfunction]
+fn rows_to_tally(height: usize) -> Vec<(usize, usize)> {
+    sampled(height).into_iter().map(|rows| (rows.start, rows.end)).collect()
+}
+
+/// As `match_rows`, with confidences that are not calibrated, and the sums over them.
+#[pyfunction]
+fn match_raw<'py>(
+    py: Python<'py>,
+    images: Both<'py>,
+    masks: Both<'py>,
+    statistics: &Bound<'py, PyAny>,
+    first: usize,
+    rows: (usize, usize),
+    threads: &Bound<'py, PyAny>,
+) -> PyResult<(Matched<'py>, TallyTuple)> {
+    let whole = Statistics::read(statistics)?;
+    let part = PartOfPair::new(&images, &masks, whole, first, rows)?;
+    let candidates = part.pair.candidates();
+    let found = part.matched(py, threads, None, Matcher::match_raw)?;
+
+    let confidence = found.confidence.as_ref().map_or(&[][..], Plane::as_slice);
+    let (disparity, flags) = (found.disparity.as_slice(), found.flags.as_slice());
+    let Tally { confidence, own, failed, ends, pixels } =
+        Tally::new(confidence, disparity, flags, candidates);
+    Ok((disparity_to_py(py, found)?, (confidence, own, failed, ends, pixels)))
+}
+
+/// Rows of a pair, and those around them, that are matched by themselves.
+struct PartOfPair {
+    pair: Pair,
+    field: Option<Alignment>,
+    section: Section,
+    settings: Settings,
+}
+
+/// A way to match some rows of a pair.
+type MatchRows = fn(&Matcher, &Pair, &Section, &Settings, Execution, &Control) -> Result<Disparity>;
+
+impl PartOfPair {
+    /// The rows `rows` of a whole pair, of which the images begin with row `first`.
+    fn new(
+        images: &Both<'_>,
+        masks: &Both<'_>,
+        whole: Statistics<'_>,
+        first: usize,
+        rows: (usize, usize),
+    ) -> PyResult<Self> {
+        let pair = read_pair(images, masks, &whole.disparities)?
+            .with_blur_compensation(
+                whole.compensation.map(|compensation| compensation.starting_at_row(first)),
+            )
+            .with_ranges(whole.ranges);
+
+        let section = Section {
+            rows: rows.0.saturating_sub(first)..rows.1.saturating_sub(first),
+            roughness: whole.roughness,
+            tally: whole.tally,
+            first,
+        };
+
+        Ok(Self {
+            pair: if whole.is_inverted { pair.inverted() } else { pair },
+            field: whole.alignment.map(|field| field.starting_at_row(first)),
+            section,
+            settings: whole.settings,
+        })
+    }
+
+    fn matched(
+        self,
+        py: Python<'_>,
+        threads: &Bound<'_, PyAny>,
+        progress: Option<Bound<'_, PyAny>>,
+        by: MatchRows,
+    ) -> PyResult<Disparity> {
+        let Self { pair, field, section, settings } = self;
+
+        let pool = Pool::for_argument(threads)?;
+        let how = Execution { threads: pool.threads(), level: Level::best() };
+        // Progress counts the rows that are chosen, which are more than those wanted.
+        let halo = Halo::new(&settings, pair.blur_compensation(), None).map;
+        let chosen = section.widened(halo, &pair).len();
+        supervised(py, &pool, chosen, progress, move |matcher, control| {
+            let pair = match &field {
+                Some(field) => pair.straightened(field, how.level, control)?,
+                None => pair,
+            };
+            by(matcher, &pair, &section, &settings, how, control)
+        })
+    }
 }
 
 #[pyfunction]

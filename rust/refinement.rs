@@ -1,5 +1,6 @@
 //! Chosen candidates -> the result: disparities, flags that say why, and confidences.
 
+pub mod calibration;
 pub mod confidence;
 pub mod filling;
 pub mod guided_median;
@@ -226,7 +227,7 @@ pub struct Draft<'a> {
 }
 
 impl Draft<'_> {
-    /// Flags speckles, fills, draws edges to those of the image, smooths. Returns disparities and, from votes, confidences.
+    /// Flags speckles, fills, draws edges to those of the image, smooths. Returns disparities and, from votes, raw confidences.
     pub fn refine(
         self,
         settings: &Settings,
@@ -283,9 +284,6 @@ impl Draft<'_> {
             _ => None,
         };
 
-        let confidence = confidences.as_ref().map(Plane::as_slice);
-        invalidate(settings, disparity.as_mut_slice(), flags.as_mut_slice(), confidence);
-
         Ok((disparity, confidences))
     }
 }
@@ -310,11 +308,12 @@ fn taken(spare: &mut Option<Plane<f32>>, like: &Plane<f32>) -> Result<Plane<f32>
 }
 
 /// Invalidates estimates with too little confidence and, unless holes are filled, untrusted ones.
-fn invalidate(
+pub fn invalidate(
     settings: &Settings,
     disparity: &mut [f32],
     flags: &mut [u16],
     confidences: Option<&[f32]>,
+    uncertainties: Option<&mut [f32]>,
 ) {
     if settings.fill && settings.min_confidence <= 0.0 {
         return;
@@ -333,6 +332,10 @@ fn invalidate(
             *flags &= !flag::FILLED;
             *disparity = f32::NAN;
         }
+    }
+
+    for (uncertainty, disparity) in uncertainties.into_iter().flatten().zip(disparity) {
+        *uncertainty = if disparity.is_nan() { f32::NAN } else { *uncertainty };
     }
 }
 

@@ -39,9 +39,11 @@ __all__ = [
     "find_roughness",
     "halo",
     "match_pair",
+    "match_raw",
     "match_rows",
     "optimize_volume",
     "preset",
+    "rows_to_tally",
     "simd_level",
     "working_memory",
 ]
@@ -117,6 +119,15 @@ def match_rows(
     threads: int | Workers | None,
     progress: Callable[[int, int], object] | None,
 ) -> Matched: ...
+def match_raw(
+    images: tuple[Pixels, Pixels],
+    masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
+    statistics: PairStatistics,
+    first: int,
+    rows: tuple[int, int],
+    threads: int | Workers | None,
+) -> tuple[Matched, tuple[int, int, int, int, int]]: ...
+def rows_to_tally(height: int) -> list[tuple[int, int]]: ...
 def match_pair(
     images: tuple[Pixels, Pixels],
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],

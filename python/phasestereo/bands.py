@@ -2,7 +2,8 @@
 
 Some things are the same for all parts, or parts would not fit together: the relative blur and the
 map of it, the noise, the range in which the pixels of float images lie, how much neighboring gray
-values differ. `pair_statistics` gathers them, a few rows at a time.
+values differ, how sure the match of some rows is. `pair_statistics` gathers them, a few rows at a
+time.
 
 All else that lies between images and disparities reaches only so far up and down (`halo`): a band
 that is matched together with so many rows around it is that of the whole pair.
@@ -74,6 +75,11 @@ class PairStatistics:
     roughness
         By how much horizontal neighbors of the left image differ: the sum, in steps of gray
         values, and of how many pairs. None: not needed.
+    tally
+        What all confidences depend on, counted over some rows of the map: the sum of the raw
+        confidences of pixels not filled, in steps of 2^-20, and the number of these pixels; of
+        pixels that fail the left-right check or are speckles; of those at the ends of the range;
+        of all. None: not needed.
     """
 
     size: tuple[int, int]
@@ -87,6 +93,7 @@ class PairStatistics:
     search: SearchRange | None = None
     ranges: tuple[Range, Range] | None = None
     roughness: tuple[int, int] | None = None
+    tally: tuple[int, int, int, int, int] | None = None
 
     @property
     def field(self) -> Field | None:
@@ -172,6 +179,8 @@ def pair_statistics(
         ``despike``, ``denoise`` or ``noise_threshold > 0``), a few times for the rows
         (``align_rows``), once for the range (``num_disparities=None``), once for
         ``adaptive_p2``, ``synthesis``, ``guided_median`` or confidences, once for float images.
+        Where there are confidences, some rows are matched: all up to 768, otherwise three bands of
+        96 and their halos.
 
     Raises
     ------
@@ -211,11 +220,10 @@ def pair_statistics(
     if compensation is None and known[0] is not None:
         compensation = BlurCompensation(noise=known[0])
 
-    # No later pair is compared with the pair.
     # No later pair is compared with it.
     blur = None if found.blur is None else replace(found.blur, glance=None)
 
-    return PairStatistics(
+    statistics = PairStatistics(
         size=rows.size,
         dtype=dtype.name,
         min_disparity=found.search.min_disparity,
@@ -228,6 +236,23 @@ def pair_statistics(
         ranges=ranges,
         roughness=roughness,
     )
+    if asked.confidence or asked.min_confidence > 0:
+        return replace(statistics, tally=_tally(rows, statistics, workers))
+    return statistics
+
+
+def _tally(
+    rows: Checked, statistics: PairStatistics, workers: _core.Workers
+) -> tuple[int, int, int, int, int]:
+    """Return the sums that all confidences depend on, from the rows that they are taken of."""
+    tallies = []
+    for first, last in _core.rows_to_tally(statistics.size[0]):
+        images, masks, top = _with_halo(rows, statistics, first, last)
+        _, tally = _core.match_raw(images, masks, statistics, top, (first, last), workers)
+        tallies.append(tally)
+
+    confidence, own, failed, ends, pixels = (sum(counts) for counts in zip(*tallies, strict=True))
+    return confidence, own, failed, ends, pixels
 
 
 def halo(
@@ -313,16 +338,7 @@ def match_rows(
     as_integer("first", first, least=0, most=statistics.size[0] - 1)
     as_integer("last", last, least=first + 1, most=statistics.size[0])
 
-    around, masked = _core.halo(statistics.settings, statistics.blur_compensation, statistics.field)
-    top, bottom = _widened(first, last, around, statistics)
-    images, masks = rows(top, bottom)
-
-    # Rows without a valid pixel copy others from farther away, so the halo must be wider.
-    if any(mask is not None and not mask.any(axis=1).all() for mask in masks):
-        del images, masks  # before they are read again, or memory would hold both
-        top, bottom = _widened(top, bottom, masked, statistics)
-        images, masks = rows(top, bottom)
-
+    images, masks, top = _with_halo(rows, statistics, first, last)
     disparity, flags, confidence, uncertainty, timings = _core.match_rows(
         images, masks, statistics, top, (first, last), threads, progress
     )
@@ -338,6 +354,23 @@ def match_rows(
         alignment=statistics.alignment,
         blur_compensation=statistics.blur_compensation,
     )
+
+
+def _with_halo(
+    rows: Checked, statistics: PairStatistics, first: int, last: int
+) -> tuple[tuple[Pixels, Pixels], tuple[Mask | None, Mask | None], int]:
+    """Return rows of images and masks with those that they depend on, and the first of them."""
+    around, masked = _core.halo(statistics.settings, statistics.blur_compensation, statistics.field)
+    top, bottom = _widened(first, last, around, statistics)
+    images, masks = rows(top, bottom)
+
+    # Rows without a valid pixel copy others from farther away, so the halo must be wider.
+    if any(mask is not None and not mask.any(axis=1).all() for mask in masks):
+        del images, masks  # before they are read again, or memory would hold both
+        top, bottom = _widened(top, bottom, masked, statistics)
+        images, masks = rows(top, bottom)
+
+    return images, masks, top
 
 
 def _widened(first: int, last: int, by: int, statistics: PairStatistics) -> tuple[int, int]:

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
+import numpy as np
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -21,9 +23,6 @@ if TYPE_CHECKING:
     from phasestereo.rig.findings import Finding
     from phasestereo.rig.search_range import SearchRange
     from phasestereo.settings import Settings
-
-TRUSTED = 0.5
-"""Least confidence of an estimate that is trusted."""
 
 Layer: TypeAlias = Literal["flags", "confidence", "uncertainty"]
 """A map of a result beside its disparities."""
@@ -72,6 +71,10 @@ MAPS: Mapping[str, MapKind] = {
 def maps_with(settings: Settings) -> list[str]:
     """Return the names of the maps that a match with these settings has."""
     return [name for name, kind in MAPS.items() if settings.confidence or not kind.optional]
+
+
+TRUSTED = 0.5
+"""Confidence from which on a disparity is trusted: it is rather right than wrong."""
 
 
 class Flag(IntFlag):
@@ -142,8 +145,8 @@ class Summary:
     confidence
         Mean confidence; NaN if none was worked out.
     wrong
-        Estimated share of the pixels whose disparity is off by more than 1 px; NaN if no confidence
-        was worked out.
+        Estimated share, 0 to 1, of the pixels with an estimate whose disparity is off by more than
+        1 px: what the mean of their confidences lacks to 1. NaN if no confidence was worked out.
     """
 
     estimated: float
@@ -173,10 +176,11 @@ class Result:
     flags
         uint16 (H, W), bits of `Flag`; 0 where nothing is held against the estimate.
     confidence
-        float32 (H, W) in [0, 1], about the probability that the disparity is within 1 px: how far
-        the chosen candidate is ahead of all others in the pixels around that have this disparity,
-        too, by those of similar gray value first. Pixels that ``min_confidence`` or ``fill=False``
-        left without an estimate have theirs, others without one 0. None if the settings have
+        float32 (H, W) in [0, 1], the probability that the disparity is within 1 px of the true one,
+        filled ones included: from how far the chosen candidate is ahead of all others in the pixels
+        around that have this disparity, too, by those of similar gray value first, and from how
+        well the pair as a whole was matched. Pixels that ``min_confidence`` or ``fill=False`` left
+        without an estimate have theirs, others without one 0. None if the settings have
         ``confidence=False``.
     settings
         The settings that were used: with ``compensate_blur=True`` those that suit the blur.
@@ -225,6 +229,16 @@ class Result:
     temporal_support: NDArray[np.uint8] | None = None
 
     @property
+    def trusted(self) -> NDArray[np.bool_]:
+        """Where the disparity is probably within 1 px, bool (H, W).
+
+        Those with a confidence of at least 0.5; without confidences, estimates without a flag.
+        """
+        sure = self.flags == 0 if self.confidence is None else self.confidence >= TRUSTED
+        trusted: NDArray[np.bool_] = np.isfinite(self.disparity) & sure
+        return trusted
+
+    @property
     def findings(self) -> tuple[Finding, ...]:
         """What there is to say about the match as a whole, worst first; empty if all is well."""
         found: tuple[Finding, ...] = import_module("phasestereo.rig.findings").match_findings(self)
@@ -258,16 +272,6 @@ class Result:
         """The maps that there are, each (H, W), by their names: those of `MAPS`."""
         found = {name: getattr(self, name) for name in MAPS}
         return {name: values for name, values in found.items() if values is not None}
-
-    @property
-    def trusted(self) -> NDArray[np.bool_]:
-        """Whether each disparity is trusted, bool (H, W): its confidence is at least 0.5.
-
-        A result without confidences trusts an estimate against which no flag is held.
-        """
-        sure = self.flags == 0 if self.confidence is None else self.confidence >= TRUSTED
-        trusted: NDArray[np.bool_] = np.isfinite(self.disparity) & sure
-        return trusted
 
     @property
     def verdict(self) -> str:

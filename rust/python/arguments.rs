@@ -17,6 +17,7 @@ use crate::image::plane::{Plane, zeroed};
 use crate::image::texture::{Roughness, Texture};
 use crate::image::view::{Image, Mask, View};
 use crate::pipeline::matcher::{Pair, usable_threads};
+use crate::refinement::calibration::Tally;
 use crate::rig::alignment::Alignment;
 use crate::rig::blur_compensation::{BlurCompensation, check_noise};
 use crate::rig::estimation::Known;
@@ -297,6 +298,7 @@ pub struct Statistics<'py> {
     pub disparities: Both<'py>,
     pub ranges: [Option<intensity::IntensityRange>; 2],
     pub roughness: Option<Roughness>,
+    pub tally: Option<Tally>,
 }
 
 impl<'py> Statistics<'py> {
@@ -310,6 +312,8 @@ impl<'py> Statistics<'py> {
             return Err(Error::value("roughness", "None", accepts).into());
         }
 
+        let tally: Option<(u64, u64, u64, u64, u64)> = statistics.getattr("tally")?.extract()?;
+
         Ok(Self {
             settings,
             compensation: read_blur_compensation(&statistics.getattr("blur_compensation")?)?,
@@ -321,6 +325,13 @@ impl<'py> Statistics<'py> {
             ),
             ranges: as_ranges(statistics.getattr("ranges")?.extract()?),
             roughness: roughness.map(|(sum, pairs)| Roughness { sum, pairs }),
+            tally: tally.map(|(confidence, own, failed, ends, pixels)| Tally {
+                confidence,
+                own,
+                failed,
+                ends,
+                pixels,
+            }),
         })
     }
 }

@@ -27,15 +27,15 @@ struct Frame {
     map: Disparity,
 }
 
-/// What comes of a frame: bits of disparities, flags, bits of confidences, support.
-type Seen = (Vec<u32>, Vec<u16>, Option<Vec<u32>>, Vec<u8>);
+/// What comes of a frame: bits of disparities, flags, bits of confidences and of error bars, support.
+type Seen = (Vec<u32>, Vec<u16>, [Option<Vec<u32>>; 2], Vec<u8>);
 
 fn seen(map: &Disparity, support: &Plane<u8>) -> Seen {
-    let confidence = map.confidence.as_ref().map(|plane| bits(plane).into_vec());
+    let bits_of = |plane: &Option<Plane<f32>>| plane.as_ref().map(|plane| bits(plane).into_vec());
     (
         bits(&map.disparity).into_vec(),
         map.flags.as_slice().to_vec(),
-        confidence,
+        [bits_of(&map.confidence), bits_of(&map.uncertainty)],
         support.as_slice().to_vec(),
     )
 }
@@ -43,7 +43,9 @@ fn seen(map: &Disparity, support: &Plane<u8>) -> Seen {
 fn map(disparity: Plane<f32>, flags: Plane<u16>, confidence: Option<Plane<f32>>) -> Disparity {
     let [description, matching, refinement] = [Duration::ZERO; 3];
     let timings = Timings { description, matching, refinement };
-    Disparity { disparity, flags, confidence, uncertainty: None, timings }
+    // Bars of their own, which no confidence stands in for.
+    let uncertainty = confidence.as_ref().map(|plane| plane.map(|value| 3.0 - value));
+    Disparity { disparity, flags, confidence, uncertainty, timings }
 }
 
 /// What the filter makes of a sequence.
@@ -243,6 +245,9 @@ fn expected(frames: &[Frame]) -> Vec<Seen> {
                     map.disparity.row_mut(y)[x] = was;
                     map.flags.row_mut(y)[x] = old.flags.row(y)[x];
                     if let (Some(now), Some(old)) = (&mut map.confidence, &old.confidence) {
+                        now.row_mut(y)[x] = old.row(y)[x];
+                    }
+                    if let (Some(now), Some(old)) = (&mut map.uncertainty, &old.uncertainty) {
                         now.row_mut(y)[x] = old.row(y)[x];
                     }
                 }

@@ -41,6 +41,7 @@ def as_arrays(statistics: PairStatistics) -> Arrays:
         "dtype",
         "ranges",
         "roughness",
+        "tally",
         "min_disparity",
         "num_disparities",
     )
@@ -87,6 +88,7 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> PairStatistics:
         search=plain["search"] and SearchRange(**plain["search"]),
         ranges=plain["ranges"] and _ranges(*plain["ranges"]),
         roughness=plain["roughness"] and _roughness(*plain["roughness"]),
+        tally=plain["tally"] and _tally(*plain["tally"]),
     )
 
 
@@ -163,3 +165,12 @@ def _roughness(total: int, pairs: int) -> tuple[int, int]:
     if not 0 <= pairs < 2**64 or not 0 <= total < 2**64:
         raise ValueError(f"roughness: got {total}, {pairs}; accepts integers from 0 of 64 bits")
     return total, pairs
+
+
+def _tally(
+    confidence: int, own: int, failed: int, ends: int, pixels: int
+) -> tuple[int, int, int, int, int]:
+    counts = confidence, own, failed, ends, pixels
+    if not all(0 <= count < 2**64 for count in counts):
+        raise ValueError(f"tally: got {counts}; accepts integers from 0 of 64 bits")
+    return counts

@@ -9,6 +9,7 @@ use crate::image::plane::Plane;
 use crate::image::view::{Image, View};
 use crate::pipeline::control::Control;
 use crate::pipeline::matcher::{Execution, Matcher, Pair};
+use crate::pipeline::section::Section;
 use crate::rig::alignment::Alignment;
 use crate::settings::presets::Preset;
 use crate::settings::{Optimizer, Precision, Settings};
@@ -227,7 +228,8 @@ impl Rough {
         };
 
         // Rows of the reduced pair are not rows of the result: its progress is counted apart.
-        let map = matcher.match_pair(&pair, &settings, how, &control.aside())?;
+        let all = Section::whole(&pair);
+        let map = matcher.match_alone(&pair, &all, &settings, how, &control.aside())?;
 
         Ok(Self { disparity: map.disparity, factor, alignment })
     }

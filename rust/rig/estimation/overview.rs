@@ -5,6 +5,7 @@ use crate::cost::candidates::Candidates;
 use crate::error::Result;
 use crate::image::plane::Plane;
 use crate::pipeline::matcher::{Disparity, Pair};
+use crate::pipeline::section::Section;
 use crate::refinement::flag;
 use crate::rig::alignment::{Alignment, TERMS};
 use crate::rig::blur::parts::{HALO, Means, PairRows, Strips};
@@ -232,7 +233,8 @@ impl Overview {
         };
 
         // Rows of the reduced pair are not rows of the result: its progress is counted apart.
-        let map = matcher.match_pair(&pair, &settings, how, &control.aside())?;
+        let all = Section::whole(&pair);
+        let map = matcher.match_alone(&pair, &all, &settings, how, &control.aside())?;
         Ok(RoughMap::new(map, &self.valid, alignment.cloned()))
     }
 }

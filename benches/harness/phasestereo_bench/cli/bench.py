@@ -7,6 +7,7 @@ from cyclopts import App, Parameter
 from phasestereo_bench.cli import (
     bench_all,
     bench_blur,
+    bench_confidence,
     bench_middlebury,
     bench_paper,
     bench_recordings,
@@ -25,6 +26,7 @@ app = App(
 app.command(bench_paper.paper)
 app.command(bench_middlebury.middlebury)
 app.command(bench_blur.blur)
+app.command(bench_confidence.confidence)
 app.command(bench_recordings.recordings)
 app.command(bench_speed.speed)
 app.command(bench_video.video)
