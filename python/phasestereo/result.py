@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-import numpy as np
-
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
