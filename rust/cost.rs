@@ -317,6 +317,35 @@ impl<'a> Costs<'a> {
         }
     }
 
+    /// The cost of a left pixel with the pixel of any right column; `None` where either is invalid. Disparity 0 must be the
+    /// least candidate: then every right column is unrolled.
+    pub fn between(&self, y: usize, x: usize, column: usize) -> Option<u32> {
+        debug_assert!(self.candidates.min() == 0 && column < self.cols);
+        let place = self.cols - 1 - column;
+        if self
+            .valid
+            .as_ref()
+            .is_some_and(|[left, right]| left.row(y)[x] & right.row(y)[place] == 0)
+        {
+            return None;
+        }
+
+        Some(match &self.compared {
+            Compared::Codes(codes) => codes.distance(y, x, place),
+            Compared::Levels(channels) => {
+                let difference = |[left, right]: &[Plane<u16>; 2]| {
+                    u32::from(left.row(y)[x].abs_diff(right.row(y)[place]))
+                };
+                channels.iter().map(difference).sum()
+            }
+            Compared::Volume(volume) => {
+                let count = self.candidates.count();
+                let candidate = x.checked_sub(column).filter(|candidate| *candidate < count)?;
+                volume.row(y)[x * count + candidate].into()
+            }
+        })
+    }
+
     /// The pixels under the candidates of column `x`, of row `y` of an unrolled plane.
     #[inline(always)]
     fn unrolled<'p, T>(&self, plane: &'p Plane<T>, y: usize, x: usize) -> &'p [Lanes<T>] {
@@ -380,6 +409,17 @@ impl PairCodes {
         let labels = (rights.len() > 1).then_some(labels);
 
         Ok(Self { left, rights, labels })
+    }
+
+    /// The Hamming distance of the code of a left pixel and one at a place of the unrolled right image.
+    fn distance(&self, y: usize, x: usize, place: usize) -> u32 {
+        let version = self.labels.as_ref().map_or(0, |labels| labels.row(y)[x].into());
+
+        let bits = |byte: usize| {
+            let ([left], [right]) = (self.left.rows(byte, y), self.rights[version].rows(byte, y));
+            (left[x] ^ right[place]).count_ones()
+        };
+        (0..self.left.count).map(bits).sum()
     }
 }
 

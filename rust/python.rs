@@ -8,6 +8,7 @@ mod estimates;
 mod reader;
 mod supervisor;
 mod temporal;
+mod verification;
 mod workers;
 
 use std::sync::Arc;
@@ -29,6 +30,7 @@ use self::estimates::{
 use self::reader::{Ranges, Reader};
 use self::supervisor::supervised;
 use self::temporal::{Shared, TemporalFilter};
+use self::verification::verify_map;
 use self::workers::{Pool, Workers};
 use crate::cost::Costs;
 use crate::cost::aggregation::{Window, aggregate};
@@ -56,6 +58,7 @@ use crate::rig::estimation::{Known, Means, Prepared, prepare, prepare_and_match,
 use crate::settings::presets::Preset;
 use crate::settings::{MOST_DISPARITIES, Settings};
 use crate::simd::Level;
+use crate::verification::verdict;
 
 impl From<Error> for PyErr {
     fn from(error: Error) -> Self {
@@ -78,7 +81,7 @@ impl From<Error> for PyErr {
 mod _core {
     use super::{
         BAND, Bound, LARGER, LEAST_SIZE, MOST_CLASSES, MOST_DISPARITIES, MUCH_LARGER, Preset,
-        PyDict, PyDictMethods, PyModule, PyModuleMethods, PyResult, flag, warm_up,
+        PyDict, PyDictMethods, PyModule, PyModuleMethods, PyResult, flag, verdict, warm_up,
     };
 
     #[pymodule_export]
@@ -86,7 +89,7 @@ mod _core {
         TemporalFilter, Workers, aggregate_volume, blur_is_as_before, check_blur_compensation,
         check_settings, cost_volume, descriptor, estimate_pair, estimate_pair_by_rows, find_ranges,
         find_roughness, halo, match_pair, match_raw, match_rows, optimize_volume, preset,
-        rows_to_tally, simd_level, working_memory,
+        rows_to_tally, simd_level, verify_map, working_memory,
     };
 
     #[pymodule_init]
@@ -113,7 +116,14 @@ mod _core {
         flags.set_item("AMBIGUOUS", flag::AMBIGUOUS)?;
         flags.set_item("SPECKLE", flag::SPECKLE)?;
         flags.set_item("FILLED", flag::FILLED)?;
-        module.add("FLAGS", flags)
+        module.add("FLAGS", flags)?;
+
+        let verdicts = PyDict::new(module.py());
+        verdicts.set_item("NO_CLAIM", verdict::NO_CLAIM)?;
+        verdicts.set_item("UNKNOWN", verdict::UNKNOWN)?;
+        verdicts.set_item("SUPPORTED", verdict::SUPPORTED)?;
+        verdicts.set_item("REFUTED", verdict::REFUTED)?;
+        module.add("VERDICTS", verdicts)
     }
 }
 

@@ -47,6 +47,8 @@ __all__ = [
     "Stream",
     "Summary",
     "TemporalFilter",
+    "Verdict",
+    "Verification",
     "aggregate",
     "check",
     "cost_volume",
@@ -62,6 +64,7 @@ __all__ = [
     "rectify",
     "stream",
     "surface_mesh",
+    "verify",
 ]
 __version__ = _core.__version__
 
@@ -81,6 +84,7 @@ if TYPE_CHECKING:
     from phasestereo.stages import aggregate, cost_volume, descriptor, optimize
     from phasestereo.views.depths import DepthInterval, depth_interval
     from phasestereo.views.meshing import Mesh, surface_mesh
+    from phasestereo.verification import Verdict, Verification, verify
     from phasestereo.views.triangulation import PointCloud, point_cloud
 else:
     _ON_DEMAND = {
@@ -96,6 +100,8 @@ else:
         "PointCloud": "views.triangulation",
         "Rectification": "rectification",
         "Stream": "integrations.video.streaming",
+        "Verdict": "verification",
+        "Verification": "verification",
         "PairStatistics": "bands",
         "aggregate": "stages",
         "check": "rig.diagnosis",
@@ -111,6 +117,7 @@ else:
         "stream": "integrations.video.streaming",
         "surface_mesh": "views.meshing",
         "pair_statistics": "bands",
+        "verify": "verification",
     }
 
     def __getattr__(name):

@@ -1,7 +1,7 @@
 """The compiled core: validated again here, so that no argument can make it panic."""
 
 from collections.abc import Callable
-from typing import Any, TypeAlias, final
+from typing import Any, Literal, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ __all__ = [
     "MUCH_LARGER",
     "PRESETS",
     "TemporalFilter",
+    "VERDICTS",
     "Workers",
     "__version__",
     "aggregate_volume",
@@ -45,6 +46,7 @@ __all__ = [
     "preset",
     "rows_to_tally",
     "simd_level",
+    "verify_map",
     "working_memory",
 ]
 
@@ -60,6 +62,7 @@ LEAST_SIZE: int
 MOST_CLASSES: int
 MOST_DISPARITIES: int
 PRESETS: list[str]
+VERDICTS: dict[str, int]
 
 @final
 class TemporalFilter:
@@ -138,6 +141,19 @@ def match_pair(
     known: Known,
     temporal: TemporalFilter | None,
 ) -> tuple[Matched, Summarized, Found, Supported | None]: ...
+def verify_map(
+    images: tuple[Pixels, Pixels],
+    masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
+    disparity: NDArray[np.float32],
+    threads: int | Workers | None,
+    progress: Callable[[int, int], object] | None,
+) -> tuple[
+    tuple[NDArray[np.uint8], NDArray[np.float32]],
+    list[tuple[Literal["ok", "note", "warning"], str]],
+    Matched,
+    Summarized,
+    Found,
+]: ...
 def descriptor(
     image: Pixels,
     mask: NDArray[np.bool_] | None,

@@ -287,6 +287,17 @@ def match_silently(
         )
         found = as_estimates(estimated, settings, search, given[1])
 
+    return result_of(matched, summary, found, arrays, supported)
+
+
+def result_of(
+    matched: Matched,
+    summary: Summarized,
+    found: Estimates,
+    pair: tuple[NDArray[Any], NDArray[Any]],
+    supported: Supported | None = None,
+) -> Result:
+    """Return what the core has matched and estimated as a result, beside the pair as given."""
     disparity, flags, confidence, uncertainty, stages = matched
     timings = {"estimation": found.seconds} if found.seconds else {}
     support, seconds = supported or (None, 0.0)
@@ -305,7 +316,7 @@ def match_silently(
         alignment=found.alignment,
         blur_compensation=found.blur_compensation,
         summary=Summary(*summary),
-        pair=arrays,
+        pair=pair,
         temporal_support=support,
     )
 

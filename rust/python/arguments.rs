@@ -130,7 +130,7 @@ fn copied<T: Element + Copy + Default>(array: &Bound<'_, PyArray3<T>>) -> PyResu
 }
 
 /// The values of an array in the order of its indices; an exception, not an abort, without the memory.
-fn values<T, D>(array: &Bound<'_, PyArray<T, D>>) -> PyResult<Vec<T>>
+pub fn values<T, D>(array: &Bound<'_, PyArray<T, D>>) -> PyResult<Vec<T>>
 where
     T: Element + Copy + Default,
     D: Dimension,

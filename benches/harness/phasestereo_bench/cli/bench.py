@@ -13,6 +13,7 @@ from phasestereo_bench.cli import (
     bench_recordings,
     bench_report,
     bench_speed,
+    bench_verify,
     bench_video,
 )
 
@@ -30,5 +31,6 @@ app.command(bench_confidence.confidence)
 app.command(bench_recordings.recordings)
 app.command(bench_speed.speed)
 app.command(bench_video.video)
+app.command(bench_verify.verify)
 app.command(bench_report.report)
 app.command(bench_all.tables)

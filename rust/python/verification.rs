@@ -1,0 +1,71 @@
+//! The second opinion on a disparity map, for Python.
+
+use ndarray::Dimension;
+use numpy::{PyArray2, PyArrayMethods};
+use pyo3::exceptions::PyTypeError;
+use pyo3::prelude::*;
+
+use super::arguments::{Both, read_images, values};
+use super::estimates::{EstimatesTuple, estimates_to_py};
+use super::supervisor::supervised;
+use super::workers::Pool;
+use super::{Matched, SummaryTuple, disparity_to_py, wrap};
+use crate::image::plane::Plane;
+use crate::pipeline::matcher::Execution;
+use crate::pipeline::summary::Summary;
+use crate::rig::estimation::Means;
+use crate::settings::Settings;
+use crate::simd::Level;
+use crate::verification::{Verification, verify};
+
+/// Verdicts and better disparities.
+type Judged<'py> = (Bound<'py, PyArray2<u8>>, Bound<'py, PyArray2<f32>>);
+
+/// Severities and sentences.
+type Remarks = Vec<(&'static str, String)>;
+
+/// Judges a disparity map: verdicts, remarks, and the own match as `match_pair` returns it.
+#[pyfunction]
+pub fn verify_map<'py>(
+    py: Python<'py>,
+    images: Both<'py>,
+    masks: Both<'py>,
+    disparity: &Bound<'py, PyAny>,
+    threads: &Bound<'py, PyAny>,
+    progress: Option<Bound<'py, PyAny>>,
+) -> PyResult<(Judged<'py>, Remarks, Matched<'py>, SummaryTuple, EstimatesTuple<'py>)> {
+    let pair = read_images(&images, &masks, None)?;
+    let map = read_map(disparity)?;
+
+    let pool = Pool::for_argument(threads)?;
+    let rows = pair.size().0;
+    let how = Execution { threads: pool.threads(), level: Level::best() };
+    let (judged, summary) = supervised(py, &pool, rows, progress, move |matcher, control| {
+        let means = Means { matcher, how, control };
+        let judged = verify(pair, &map, &Settings::default(), means)?;
+        let summary = Summary::new(&judged.own, judged.prepared.estimates.candidates);
+        Ok((judged, summary))
+    })?;
+
+    let Verification { verdicts, better, remarks, own, prepared, .. } = judged;
+    let remarks = remarks.into_iter().map(|remark| (remark.severity, remark.sentence)).collect();
+    let Summary { estimated, flagged, at_low, at_high, confidence } = summary;
+
+    Ok((
+        (wrap(py, verdicts)?, wrap(py, better)?),
+        remarks,
+        disparity_to_py(py, own)?,
+        (estimated, flagged, at_low, at_high, confidence),
+        estimates_to_py(py, prepared.estimates)?,
+    ))
+}
+
+/// Reads the map that is judged.
+fn read_map(disparity: &Bound<'_, PyAny>) -> PyResult<Plane<f32>> {
+    let Ok(array) = disparity.cast::<PyArray2<f32>>() else {
+        return Err(PyTypeError::new_err("disparity: accepts a 2-D array of float32"));
+    };
+
+    let (rows, cols) = array.dims().into_pattern();
+    Ok(Plane::from_vec(rows, cols, values(array)?)?)
+}
