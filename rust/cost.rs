@@ -131,7 +131,7 @@ impl<'a> Costs<'a> {
         };
 
         let (rows, cols, _) = views[0].image.shape();
-        let validity = Validity::new(views, candidates);
+        let validity = Validity::new(views, candidates)?;
         let valid = validity
             .as_ref()
             .map(|validity| valid(validity, (rows, cols), candidates))
@@ -237,10 +237,10 @@ impl<'a> Costs<'a> {
         }
 
         // Invalid pairs add nothing to sums, which aggregation scales by the number of valid ones.
-        if let Some([left, right]) = &self.valid {
-            let left = &left.row(y)[columns.clone()];
-            for ((x, left), out) in columns.zip(left).zip(self.pixels(out)) {
-                mask_out(*left, self.unrolled(right, y, x), out);
+        if let (Some(validity), Some([left, right])) = (&self.validity, &self.valid) {
+            let (whole, left) = (validity.whole(y), left.row(y));
+            for (x, out) in columns.zip(self.pixels(out)).filter(|(x, _)| !whole[*x]) {
+                mask_out(left[x], self.unrolled(right, y, x), out);
             }
         }
     }

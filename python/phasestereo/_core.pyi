@@ -35,18 +35,20 @@ __all__ = [
     "descriptor",
     "estimate_pair",
     "estimate_pair_by_rows",
-    "find_ranges",
     "find_roughness",
+    "find_scale",
     "halo",
     "match_pair",
     "match_rows",
     "optimize_volume",
+    "packed_pair",
     "preset",
     "simd_level",
     "working_memory",
 ]
 
 _Ranges: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
+_Scale: TypeAlias = tuple[tuple[float, int, bool, bool], _Ranges | None]
 
 __version__: str
 BAND_ROWS: int
@@ -90,20 +92,25 @@ def estimate_pair_by_rows(
     size: tuple[int, int],
     disparities: tuple[int, int | None],
     settings: Settings,
-    ranges: _Ranges | None,
+    scale: _Scale | None,
     threads: int | Workers | None,
     known: Known,
 ) -> Found: ...
-def find_ranges(
-    read: Checked, size: tuple[int, int], disparities: tuple[int, int | None]
-) -> _Ranges: ...
 def find_roughness(
     read: Checked,
     size: tuple[int, int],
     disparities: tuple[int, int | None],
-    ranges: _Ranges | None,
+    scale: _Scale | None,
     impulses: float,
 ) -> tuple[int, int]: ...
+def find_scale(
+    images: tuple[Pixels, Pixels],
+    masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
+    read: Checked,
+    size: tuple[int, int],
+    disparities: tuple[int, int | None],
+    settings: Settings,
+) -> _Scale: ...
 def halo(
     settings: Settings, compensation: BlurCompensation | None, alignment: Field | None
 ) -> tuple[int, int]: ...
@@ -127,6 +134,7 @@ def match_pair(
     known: Known,
     temporal: TemporalFilter | None,
 ) -> tuple[Matched, Summarized, Found, Supported | None]: ...
+def packed_pair(images: tuple[Pixels, Pixels]) -> tuple[tuple[Pixels, Pixels], float]: ...
 def descriptor(
     image: Pixels,
     mask: NDArray[np.bool_] | None,

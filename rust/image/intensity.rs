@@ -76,7 +76,7 @@ pub struct Gray<'a> {
     source: Pixels<'a>,
     size: (usize, usize),
     reach: u32,
-    /// Steps per unit of the pixels: the product of two, since it may overflow.
+    /// Steps per unit of the caller's pixels: the product of two, since it may overflow.
     unit: [f64; 2],
 }
 
@@ -93,9 +93,9 @@ impl<'a> Gray<'a> {
     /// The gray values of a checked view; masked pixels take the values of valid neighbors, and impulses are repaired.
     pub fn new(view: &'a View, level: Level, control: &Control) -> Result<Self> {
         let (rows, cols, channels) = view.image.shape();
-        let scale = match view.image.white() {
-            Some(white) => Quantization::Exact { middle: (i32::from(white) + 1) / 2 },
-            None => Quantization::Float(FloatSteps::new(float_range(view, control)?)),
+        let scale = match view.image.middle() {
+            Some(middle) => Quantization::Exact { middle: middle.into() },
+            None => Quantization::Float(FloatSteps::new(intensity_range(view, control)?)),
         };
 
         let reach = match scale {
@@ -109,6 +109,7 @@ impl<'a> Gray<'a> {
             Quantization::Exact { .. } => [1.0, 1.0],
             Quantization::Float(FloatSteps { factors: [a, b], .. }) => [1000.0 * a, b],
         };
+        let unit = [unit[0], unit[1] / view.unit];
 
         let gray =
             Self { source: Pixels::Image(&view.image, scale), size: (rows, cols), reach, unit };
@@ -276,16 +277,19 @@ impl Loop for ToSteps<'_> {
     }
 }
 
-/// `given` is the intensity range that the user names, in units of the pixels.
-/// The channel planes of a pair, for SAD: three where both images have color, else gray.
+/// The channel planes of a pair, for SAD: three where both images have color, else gray. `given` is the intensity range
+/// that the user names, in units of the caller's pixels.
 pub fn level_planes(
     [left, right]: [&View; 2],
     given: Option<(f64, f64)>,
     control: &Control,
 ) -> Result<[Vec<Plane<u16>>; 2]> {
-    let range = match given.or(left.image.white().map(|white| (0.0, f64::from(white)))) {
-        Some((black, white)) => IntensityRange { black: 1000.0 * black, white: 1000.0 * white },
-        None => float_range(left, control)?.union(float_range(right, control)?),
+    let range = match given {
+        Some((black, white)) => {
+            let [black, white] = [black, white].map(|end| 1000.0 * end / left.unit);
+            IntensityRange { black, white }
+        }
+        None => intensity_range(left, control)?.union(intensity_range(right, control)?),
     };
 
     let as_gray = left.image.shape().2 != 3 || right.image.shape().2 != 3;
@@ -328,8 +332,12 @@ fn levels(
     (0..if as_gray { 1 } else { channels }).map(plane).collect()
 }
 
-/// The intensity range of a float image: that of the view if it has one, else a robust range of its valid pixels.
-pub fn float_range(view: &View, control: &Control) -> Result<IntensityRange> {
+/// The intensity range of an image, in its own unit: that of the type for bytes; else that of the view if it has one, or a
+/// robust range of its valid pixels.
+pub fn intensity_range(view: &View, control: &Control) -> Result<IntensityRange> {
+    if let Image::U8(_) = view.image {
+        return Ok(IntensityRange { black: 0.0, white: 1000.0 * f64::from(u8::MAX) });
+    }
     if let Some(range) = view.range {
         return Ok(range);
     }
@@ -344,7 +352,7 @@ pub fn float_range(view: &View, control: &Control) -> Result<IntensityRange> {
     }
 }
 
-/// An even sample of the valid pixels of a float image. Their range, without the outliers at either end, is that of the
+/// An even sample of the valid pixels of an image. Their range, without the outliers at either end, is that of the
 /// image.
 #[derive(Debug)]
 pub struct RangeSample {
@@ -407,7 +415,7 @@ pub fn full_range(view: &View, control: &Control) -> Result<Option<IntensityRang
 }
 
 /// `plane` with the masked pixels replaced by valid neighbors.
-fn filled<T: Copy + Default>(
+fn filled<T: Copy + Default + Send + Sync>(
     mut plane: Plane<T>,
     view: &View,
     control: &Control,

@@ -177,7 +177,7 @@ fn masked_pixels_have_no_effect() {
     let with = |hidden: f32| {
         let pixel = |(y, x, _)| if (y, x) == (1, 1) { hidden } else { (3 * y + x) as f32 };
         let image = Image::F32(Array3::from_shape_fn((3, 3, 1), pixel));
-        View { image, mask: Some(mask.clone()), range: None, impulses: 0.0 }
+        View { mask: Some(mask.clone()), ..View::from(image) }
     };
 
     let (hidden, open) = (with(f32::NAN), with(0.0));

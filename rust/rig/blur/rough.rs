@@ -331,6 +331,7 @@ pub fn as_view(plane: Plane<f32>) -> View {
         mask: None,
         range: Some(range),
         impulses: 0.0,
+        unit: 1.0,
     }
 }
 
@@ -360,6 +361,7 @@ mod tests {
                 mask,
                 range: None,
                 impulses: 0.0,
+                unit: 1.0,
             }
         };
 
