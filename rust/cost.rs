@@ -253,11 +253,7 @@ impl<'a> Costs<'a> {
 
         let left = &left.row(y)[columns.clone()];
         for ((x, left), out) in columns.zip(left).zip(self.pixels(out)) {
-            for (out, right) in out.iter_mut().zip(self.unrolled(right, y, x)) {
-                for j in 0..LANES {
-                    out[j] = V::truncated((left & right[j]).into());
-                }
-            }
+            mark_valid(*left, self.unrolled(right, y, x), out);
         }
     }
 
@@ -609,11 +605,21 @@ fn add_differences<V: Value>(left: u16, right: &[Lanes<u16>], out: &mut [Lanes<V
 }
 
 #[inline(always)]
+fn mark_valid<V: Value>(left: u8, right: &[Lanes<u8>], out: &mut [Lanes<V>]) {
+    for (out, right) in out.iter_mut().zip(right) {
+        for j in 0..LANES {
+            out[j] = V::truncated((left & right[j]).into());
+        }
+    }
+}
+
+#[inline(always)]
 fn mask_out<V: Value>(left: u8, right: &[Lanes<u8>], out: &mut [Lanes<V>]) {
     for (out, right) in out.iter_mut().zip(right) {
         for j in 0..LANES {
-            // A product: the compiler makes choices lane by lane.
-            out[j] = V::truncated(out[j].widened() * u64::from(left & right[j]));
+            // All bits or none: the compiler makes choices lane by lane.
+            let kept = u64::from(left & right[j]).wrapping_neg();
+            out[j] = V::truncated(out[j].widened() & kept);
         }
     }
 }

@@ -5,16 +5,26 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import phasestereo as ps
 import pytest
+
+import phasestereo as ps
+from phasestereo_bench.datasets import find_scene
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
-    from conftest import Pair
     from numpy.typing import NDArray
 
+    from phasestereo_bench.datasets import Pair
+
     Images = tuple[NDArray[Any], NDArray[Any]]
+
+
+@pytest.fixture(scope="module")
+def load(data: Path) -> Callable[[str], Pair]:
+    """Return what loads a scene."""
+    return lambda name: find_scene(data / "middlebury", name).load()
 
 
 def gray(image: NDArray[Any]) -> NDArray[np.uint8]:

@@ -15,8 +15,8 @@ use crate::pipeline::control::Control;
 use crate::simd::{Level, Loop};
 use crate::value::nearest;
 
-/// Steps into which the intensity range of a float image is cut: `2^21` to `2^22`, finer than 16 bits.
-const FLOAT_STEPS_LOG2: i32 = 21;
+/// Binary logarithm of the steps into which the intensity range of a float image is cut: finer than 16 bits.
+const FLOAT_STEPS_LOG2: i32 = 22;
 /// Gray values of float images are clamped this many steps from black: four ranges.
 const FLOAT_REACH: f64 = (1 << 24) as f64;
 /// Share of the pixels left out at either end of a float image's robust range.
@@ -55,6 +55,12 @@ pub struct IntensityRange {
 }
 
 impl IntensityRange {
+    /// A range about zero that contains magnitudes up to `most`. Its ends are powers of two, so steps of it are, too.
+    pub fn about_zero(most: f64) -> Self {
+        let white = 2f64.powi(floor_log2(most) + 1);
+        Self { black: -white, white }
+    }
+
     /// White less black.
     pub fn width(self) -> f64 {
         self.white - self.black
@@ -236,7 +242,8 @@ enum Quantization {
     Float(FloatSteps),
 }
 
-/// Steps of a power of two: scaling an image by a power of two changes no gray value.
+/// As many steps to every range: scaling an image changes gray values by no more than its own rounding, and by a power of
+/// two it changes none.
 #[derive(Debug, Clone, Copy)]
 struct FloatSteps {
     black: f64,
@@ -246,10 +253,14 @@ struct FloatSteps {
 
 impl FloatSteps {
     fn new(range: IntensityRange) -> Self {
-        let exponent = FLOAT_STEPS_LOG2 - floor_log2(range.width());
-        let half = exponent / 2;
+        // The width is `fraction * 2^power`, or anything for a constant image.
+        let power = floor_log2(range.width());
+        let exponent = FLOAT_STEPS_LOG2 - power;
+        let halves = [exponent / 2, exponent - exponent / 2].map(|power| 2f64.powi(power));
+        let steps = range.width() * halves[0] * halves[1];
+        let rest = if steps > 0.0 { f64::from(1 << FLOAT_STEPS_LOG2) / steps } else { 1.0 };
 
-        Self { black: range.black, factors: [half, exponent - half].map(|power| 2f64.powi(power)) }
+        Self { black: range.black, factors: [halves[0], halves[1] * rest] }
     }
 
     #[inline(always)]

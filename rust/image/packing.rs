@@ -22,8 +22,9 @@ use crate::pipeline::control::Control;
 
 /// Steps of bytes that come first, if the values allow for several: bytes in wider integers, or as fractions of white.
 const BYTE_STEPS: [f64; 5] = [1.0, 257.0, 256.0, 1.0 / 255.0, 1.0 / 256.0];
-/// White of words that are stored as fractions of it.
-const WHITES: [f64; 3] = [65535.0, 4095.0, 1023.0];
+/// White of words that are stored as fractions of it: the largest value of so many bits, or one more.
+const WHITES: [f64; 9] =
+    [1023.0, 4095.0, 16383.0, 65535.0, 256.0, 1024.0, 4096.0, 16384.0, 65536.0];
 /// Most values that differ of which a step is looked for: bytes that were scaled in two ways have twice 256.
 const MOST_VALUES: usize = 512;
 /// Largest difference between a value and a multiple of the step, as a share of it: some roundings of single precision.
@@ -193,7 +194,8 @@ impl Scan {
             self.divisor = are_words.then(|| common_divisor(divisor, row));
         }
 
-        self.whites.retain(|white| row.iter().all(|value| is_near_integer(value * white, *white)));
+        let most = f64::from(u16::MAX);
+        self.whites.retain(|white| row.iter().all(|value| is_near_integer(value * white, most)));
     }
 }
 

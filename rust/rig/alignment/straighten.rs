@@ -266,8 +266,7 @@ fn without_impulses(view: &View, level: Level, control: &Control) -> Result<View
     let pixels = Array3::from_shape_vec((rows, cols, 1), values).unwrap_or_default();
 
     // Ranges are in thousandths of the unit.
-    let white = 1000.0 * f64::from(gray.reach()) / unit;
-    let range = Some(IntensityRange { black: -white, white });
+    let range = Some(IntensityRange::about_zero(1000.0 * f64::from(gray.reach()) / unit));
 
     let image = Image::F64(pixels);
     Ok(View { image, mask: view.mask.clone(), range, impulses: 0.0, unit: view.unit })
