@@ -131,7 +131,7 @@ impl<'a> Costs<'a> {
         };
 
         let (rows, cols, _) = views[0].image.shape();
-        let validity = Validity::new(views, candidates);
+        let validity = Validity::new(views, candidates)?;
         let valid = validity
             .as_ref()
             .map(|validity| valid(validity, (rows, cols), candidates))
@@ -237,10 +237,10 @@ impl<'a> Costs<'a> {
         }
 
         // Invalid pairs add nothing to sums, which aggregation scales by the number of valid ones.
-        if let Some([left, right]) = &self.valid {
-            let left = &left.row(y)[columns.clone()];
-            for ((x, left), out) in columns.zip(left).zip(self.pixels(out)) {
-                mask_out(*left, self.unrolled(right, y, x), out);
+        if let (Some(validity), Some([left, right])) = (&self.validity, &self.valid) {
+            let (whole, left) = (validity.whole(y), left.row(y));
+            for (x, out) in columns.zip(self.pixels(out)).filter(|(x, _)| !whole[*x]) {
+                mask_out(left[x], self.unrolled(right, y, x), out);
             }
         }
     }
@@ -253,11 +253,7 @@ impl<'a> Costs<'a> {
 
         let left = &left.row(y)[columns.clone()];
         for ((x, left), out) in columns.zip(left).zip(self.pixels(out)) {
-            for (out, right) in out.iter_mut().zip(self.unrolled(right, y, x)) {
-                for j in 0..LANES {
-                    out[j] = V::truncated((left & right[j]).into());
-                }
-            }
+            mark_valid(*left, self.unrolled(right, y, x), out);
         }
     }
 
@@ -649,11 +645,21 @@ fn add_differences<V: Value>(left: u16, right: &[Lanes<u16>], out: &mut [Lanes<V
 }
 
 #[inline(always)]
+fn mark_valid<V: Value>(left: u8, right: &[Lanes<u8>], out: &mut [Lanes<V>]) {
+    for (out, right) in out.iter_mut().zip(right) {
+        for j in 0..LANES {
+            out[j] = V::truncated((left & right[j]).into());
+        }
+    }
+}
+
+#[inline(always)]
 fn mask_out<V: Value>(left: u8, right: &[Lanes<u8>], out: &mut [Lanes<V>]) {
     for (out, right) in out.iter_mut().zip(right) {
         for j in 0..LANES {
-            // A product: the compiler makes choices lane by lane.
-            out[j] = V::truncated(out[j].widened() * u64::from(left & right[j]));
+            // All bits or none: the compiler makes choices lane by lane.
+            let kept = u64::from(left & right[j]).wrapping_neg();
+            out[j] = V::truncated(out[j].widened() & kept);
         }
     }
 }

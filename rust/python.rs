@@ -14,7 +14,7 @@ mod workers;
 use std::sync::Arc;
 
 use ndarray::{Array2, Array3};
-use numpy::{Element, IntoPyArray, PyArray2, PyArray3, PyArrayMethods};
+use numpy::{Element, IntoPyArray, PyArray2, PyArray3, PyArrayMethods, ToPyArray};
 use pyo3::exceptions::{PyMemoryError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -27,7 +27,7 @@ use self::arguments::{
 use self::estimates::{
     EstimatesTuple, Field, GlanceTuple, estimates_to_py, read_field, read_glance,
 };
-use self::reader::{Ranges, Reader};
+use self::reader::{Reader, ScaleOfPair, packing_to_py};
 use self::supervisor::supervised;
 use self::temporal::{Shared, TemporalFilter};
 use self::verification::verify_map;
@@ -37,8 +37,10 @@ use crate::cost::aggregation::{Window, aggregate};
 use crate::descriptor::{Codes, describe};
 use crate::error::{Error, Result};
 use crate::image::intensity::Gray;
+use crate::image::packing::Packing;
 use crate::image::plane::Plane;
 use crate::image::texture::Roughness;
+use crate::image::view::{Image, View};
 use crate::optimization::{BAND, Penalties, optimize};
 use crate::pipeline::control::Control;
 use crate::pipeline::footprint::Demand;
@@ -87,9 +89,9 @@ mod _core {
     #[pymodule_export]
     use super::{
         TemporalFilter, Workers, aggregate_volume, blur_is_as_before, check_blur_compensation,
-        check_settings, cost_volume, descriptor, estimate_pair, estimate_pair_by_rows, find_ranges,
-        find_roughness, halo, match_pair, match_raw, match_rows, optimize_volume, preset,
-        rows_to_tally, simd_level, verify_map, working_memory,
+        check_settings, cost_volume, descriptor, estimate_pair, estimate_pair_by_rows,
+        find_roughness, find_scale, halo, match_pair, match_raw, match_rows, optimize_volume,
+        packed_pair, preset, rows_to_tally, simd_level, verify_map, working_memory,
     };
 
     #[pymodule_init]
@@ -213,10 +215,14 @@ fn match_pair<'py>(
             Ok((map, summary, estimates, support))
         })?;
 
-    let Summary { estimated, flagged, at_low, at_high, confidence, wrong } = summary;
-    let summary = (estimated, flagged, at_low, at_high, confidence, wrong);
+    let summary = summary_to_py(summary);
     let support = support.map(|(frames, time)| Ok::<_, PyErr>((wrap(py, frames)?, time)));
     Ok((disparity_to_py(py, map)?, summary, estimates_to_py(py, estimates)?, support.transpose()?))
+}
+
+fn summary_to_py(summary: Summary) -> SummaryTuple {
+    let Summary { estimated, flagged, at_low, at_high, confidence, wrong } = summary;
+    (estimated, flagged, at_low, at_high, confidence, wrong)
 }
 
 fn disparity_to_py(py: Python<'_>, map: Disparity) -> PyResult<Matched<'_>> {
@@ -230,6 +236,30 @@ fn disparity_to_py(py: Python<'_>, map: Disparity) -> PyResult<Matched<'_>> {
     let confidence = confidence.map(|plane| wrap(py, plane)).transpose()?;
     let uncertainty = uncertainty.map(|plane| wrap(py, plane)).transpose()?;
     Ok((wrap(py, disparity)?, wrap(py, flags)?, confidence, uncertainty, timings))
+}
+
+/// Both images in the narrowest type that holds their values, and what 1 stands for in them.
+#[pyfunction]
+fn packed_pair<'py>(
+    py: Python<'py>,
+    images: Both<'py>,
+) -> PyResult<((Bound<'py, PyAny>, Bound<'py, PyAny>), f64)> {
+    let none = py.None().into_bound(py);
+    let pair = read_images(&images, &(none.clone(), none), None)?;
+    let rows = pair.size().0;
+    let pair = supervised(py, &Pool::new(1)?, rows, None, move |_, control| {
+        let packing = Packing::of_views(pair.views(), control)?;
+        Ok(pair.packed(&packing))
+    })?;
+
+    let [left, right] = pair.views();
+    let array = |view: &View| match &view.image {
+        Image::U8(pixels) => pixels.to_pyarray(py).into_any(),
+        Image::U16(pixels) => pixels.to_pyarray(py).into_any(),
+        Image::F32(pixels) => pixels.to_pyarray(py).into_any(),
+        Image::F64(pixels) => pixels.to_pyarray(py).into_any(),
+    };
+    Ok(((array(left), array(right)), left.unit))
 }
 
 /// The estimates of a pair, without a match.
@@ -269,13 +299,15 @@ fn blur_is_as_before<'py>(
     impulses: [f64; 2],
     threads: &Bound<'py, PyAny>,
 ) -> PyResult<bool> {
-    let pair = read_images(&images, &masks, None)?.with_impulses(impulses);
+    let pair = read_images(&images, &masks, None)?;
     let before = read_glance(glance)?;
 
     let pool = Pool::for_argument(threads)?;
     let rows = pair.size().0;
     let how = Execution { threads: pool.threads(), level: Level::best() };
     supervised(py, &pool, rows, None, move |matcher, control| {
+        let packing = Packing::of_views(pair.views(), control)?;
+        let pair = pair.packed(&packing).with_impulses(impulses);
         blur::is_as_before(&pair, &before, matcher, how, control)
     })
 }
@@ -289,14 +321,14 @@ fn estimate_pair_by_rows<'py>(
     size: (usize, usize),
     disparities: Both<'py>,
     settings: &Bound<'py, PyAny>,
-    ranges: Option<Ranges>,
+    scale: Option<ScaleOfPair>,
     threads: &Bound<'py, PyAny>,
     known: KnownOfPair<'py>,
 ) -> PyResult<EstimatesTuple<'py>> {
     let settings = read_settings(settings)?;
     let search = read_search(&disparities)?;
     let known = read_known(&known, size, search)?;
-    let reader = Reader::new(read, size, search, ranges)?;
+    let reader = Reader::new(read, size, search, scale)?;
 
     let pool = Pool::for_argument(threads)?;
     let how = Execution { threads: pool.threads(), level: Level::best() };
@@ -309,22 +341,42 @@ fn estimate_pair_by_rows<'py>(
     estimates_to_py(py, estimates.map_err(|failure| reader.reason(failure))?)
 }
 
-/// The ranges of float images that are read by rows.
+/// How a pair is packed that is read by rows, and the ranges of its pixels if the match needs them; `images` and `masks`
+/// are the first row.
 #[pyfunction]
-fn find_ranges(
+fn find_scale(
     py: Python<'_>,
+    images: Both<'_>,
+    masks: Both<'_>,
     read: Bound<'_, PyAny>,
     size: (usize, usize),
     disparities: Both<'_>,
-) -> PyResult<Ranges> {
-    let reader = Reader::new(read, size, read_search(&disparities)?, None)?;
+    settings: &Bound<'_, PyAny>,
+) -> PyResult<ScaleOfPair> {
+    let settings = read_settings(settings)?;
+    let search = read_search(&disparities)?;
+    let first = read_images(&images, &masks, search)?;
+
+    let (reader, row) = (Reader::new(read.clone(), size, search, None)?, first.clone());
+    let source = Arc::clone(&reader);
+    let found = supervised(py, &Pool::new(1)?, size.0, None, move |_, control| {
+        source::packing(&row, &*source, control)
+    });
+    let packing = found.map_err(|failure| reader.reason(failure))?;
+
+    let packed = packing_to_py(packing);
+    if !source::needs_ranges(&first.packed(&packing), &settings) {
+        return Ok((packed, None));
+    }
+
+    let reader = Reader::new(read, size, search, Some((packed, None)))?;
     let source = Arc::clone(&reader);
     let found = supervised(py, &Pool::new(1)?, size.0, None, move |_, control| {
         source::ranges(&*source, control)
     });
 
     let [left, right] = found.map_err(|failure| reader.reason(failure))?;
-    Ok(((left.black, left.white), (right.black, right.white)))
+    Ok((packed, Some(((left.black, left.white), (right.black, right.white)))))
 }
 
 /// The roughness of a left image that is read by rows: a sum of differences, and their number.
@@ -334,10 +386,10 @@ fn find_roughness(
     read: Bound<'_, PyAny>,
     size: (usize, usize),
     disparities: Both<'_>,
-    ranges: Option<Ranges>,
+    scale: Option<ScaleOfPair>,
     impulses: f64,
 ) -> PyResult<(u64, u64)> {
-    let reader = Reader::new(read, size, read_search(&disparities)?, ranges)?;
+    let reader = Reader::new(read, size, read_search(&disparities)?, scale)?;
     let source = Arc::clone(&reader);
     let found = supervised(py, &Pool::new(1)?, size.0, None, move |_, control| {
         source::roughness(&*source, impulses, Level::best(), control)
@@ -464,6 +516,7 @@ impl PartOfPair {
         rows: (usize, usize),
     ) -> PyResult<Self> {
         let pair = read_pair(images, masks, &whole.disparities)?
+            .packed(&whole.packing)
             .with_blur_compensation(
                 whole.compensation.map(|compensation| compensation.starting_at_row(first)),
             )
@@ -525,6 +578,7 @@ fn descriptor<'py>(
 
     let codes = supervised(py, &Pool::for_argument(threads)?, rows, None, move |_, control| {
         let level = Level::best();
+        let view = Packing::of_views([&view, &view], control)?.packed(view, 0);
         describe(&Gray::new(&view, level, control)?, &settings, noise, level, control)
     })?;
 
@@ -552,6 +606,8 @@ fn cost_volume<'py>(
     let ((rows, cols), count) = (pair.size(), pair.candidates().count());
     let costs = supervised(py, &Pool::for_argument(threads)?, rows, None, move |_, control| {
         let level = Level::best();
+        let packing = Packing::of_views(pair.views(), control)?;
+        let pair = pair.packed(&packing);
         let (views, candidates) = (pair.views(), pair.candidates());
         let costs =
             Costs::new(views, candidates, &settings, pair.blur_compensation(), level, control)?;

@@ -172,7 +172,9 @@ impl Loop for JudgeRow<'_> {
 
         judge.flag_outside(found.chosen, flags);
         if let Some(validity) = judge.validity {
-            for (x, (&chosen, flags)) in found.chosen.iter().zip(&mut *flags).enumerate() {
+            let whole = validity.whole(y);
+            let pixels = found.chosen.iter().zip(&mut *flags).enumerate();
+            for (x, (&chosen, flags)) in pixels.filter(|(x, _)| !whole[*x]) {
                 *flags = judge.flag_invalid(validity, (y, x), chosen.into(), *flags);
             }
         }

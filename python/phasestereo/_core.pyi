@@ -36,13 +36,14 @@ __all__ = [
     "descriptor",
     "estimate_pair",
     "estimate_pair_by_rows",
-    "find_ranges",
     "find_roughness",
+    "find_scale",
     "halo",
     "match_pair",
     "match_raw",
     "match_rows",
     "optimize_volume",
+    "packed_pair",
     "preset",
     "rows_to_tally",
     "simd_level",
@@ -51,6 +52,7 @@ __all__ = [
 ]
 
 _Ranges: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
+_Scale: TypeAlias = tuple[tuple[float, int, bool, bool], _Ranges | None]
 
 __version__: str
 BAND_ROWS: int
@@ -95,20 +97,25 @@ def estimate_pair_by_rows(
     size: tuple[int, int],
     disparities: tuple[int, int | None],
     settings: Settings,
-    ranges: _Ranges | None,
+    scale: _Scale | None,
     threads: int | Workers | None,
     known: Known,
 ) -> Found: ...
-def find_ranges(
-    read: Checked, size: tuple[int, int], disparities: tuple[int, int | None]
-) -> _Ranges: ...
 def find_roughness(
     read: Checked,
     size: tuple[int, int],
     disparities: tuple[int, int | None],
-    ranges: _Ranges | None,
+    scale: _Scale | None,
     impulses: float,
 ) -> tuple[int, int]: ...
+def find_scale(
+    images: tuple[Pixels, Pixels],
+    masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
+    read: Checked,
+    size: tuple[int, int],
+    disparities: tuple[int, int | None],
+    settings: Settings,
+) -> _Scale: ...
 def halo(
     settings: Settings, compensation: BlurCompensation | None, alignment: Field | None
 ) -> tuple[int, int]: ...
@@ -154,6 +161,7 @@ def verify_map(
     Summarized,
     Found,
 ]: ...
+def packed_pair(images: tuple[Pixels, Pixels]) -> tuple[tuple[Pixels, Pixels], float]: ...
 def descriptor(
     image: Pixels,
     mask: NDArray[np.bool_] | None,

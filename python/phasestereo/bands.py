@@ -1,9 +1,9 @@
 """Bands of rows of a pair, matched by themselves, in any order: they fit to the bit.
 
 Some things are the same for all parts, or parts would not fit together: the relative blur and the
-map of it, the noise, the range in which the pixels of float images lie, how much neighboring gray
-values differ, how sure the match of some rows is. `pair_statistics` gathers them, a few rows at a
-time.
+map of it, the noise, the type that holds all values and the range in which they lie, how much
+neighboring gray values differ, how sure the match of some rows is. `pair_statistics` gathers them,
+a few rows at a time.
 
 All else that lies between images and disparities reaches only so far up and down (`halo`): a band
 that is matched together with so many rows around it is that of the whole pair.
@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     Rows: TypeAlias = tuple[ArrayLike, ArrayLike, ArrayLike | None, ArrayLike | None]
     Reader: TypeAlias = Callable[[int, int], Rows]
     Range: TypeAlias = tuple[float, float]
+    Packing: TypeAlias = tuple[float, int, bool, bool]
     Progress: TypeAlias = Callable[[int, int], object]
 
 
@@ -69,9 +70,13 @@ class PairStatistics:
         How the rows of the images correspond, if that was asked for and could be estimated.
     search
         The disparities to search, and whether they were given or found. None: they were given.
+    packing
+        How the pair is stored while it is matched, which depends on its values alone: the step and
+        the bits of the integers that the pixels become, 0 bits where they keep their type; whether
+        the channels of the left and of the right image are equal, so that one is enough.
     ranges
-        Where the pixels of the left and of the right image lie, if they are floats: (black, white)
-        in thousandths of their unit, but for 0.1 % at either end. None: not needed.
+        Where the pixels of the left and of the right image lie, packed: (black, white) in
+        thousandths of their unit, but for 0.1 % at either end. None: not needed.
     roughness
         By how much horizontal neighbors of the left image differ: the sum, in steps of gray
         values, and of how many pairs. None: not needed.
@@ -91,6 +96,7 @@ class PairStatistics:
     blur: BlurEstimate | None = None
     alignment: Alignment | None = None
     search: SearchRange | None = None
+    packing: Packing = (1.0, 0, False, False)
     ranges: tuple[Range, Range] | None = None
     roughness: tuple[int, int] | None = None
     tally: tuple[int, int, int, int, int] | None = None
@@ -174,13 +180,14 @@ def pair_statistics(
     Returns
     -------
     PairStatistics
-        With no more than the settings need: one row is read in any case; the pair is gone through
-        two or three times, of 16 bits once more, for the blur and the noise (``compensate_blur``,
-        ``despike``, ``denoise`` or ``noise_threshold > 0``), a few times for the rows
-        (``align_rows``), once for the range (``num_disparities=None``), once for
-        ``adaptive_p2``, ``synthesis``, ``guided_median`` or confidences, once for float images.
-        Where there are confidences, some rows are matched: all up to 768, otherwise three bands of
-        96 and their halos.
+        With no more than the settings need: a few rows are read in any case; the pair is gone
+        through two or three times, of 16 bits once more, for the blur and the noise
+        (``compensate_blur``, ``despike``, ``denoise`` or ``noise_threshold > 0``), a few times for
+        the rows (``align_rows``), once for the range (``num_disparities=None``), once for
+        ``adaptive_p2``, ``synthesis``, ``guided_median`` or confidences, once for float images,
+        once where all values may fit a narrower type or all channels be equal. Where there are
+        confidences, some rows are matched: all up to 768, otherwise three bands of 96 and their
+        halos.
 
     Raises
     ------
@@ -200,21 +207,20 @@ def pair_statistics(
     # The core owns the ranges of arguments: one row is refused for what all of them would be.
     _core.estimate_pair((left, right), masks, search, replace(asked, align_rows=False), workers)
 
-    ranges, roughness = None, None
-    if dtype.kind == "f" and (asked.cost == "phase" or asked.intensity_range is None):
-        ranges = _core.find_ranges(rows, rows.size, search)
+    scale = _core.find_scale((left, right), masks, rows, rows.size, search, asked)
 
     found = as_estimates(
-        _core.estimate_pair_by_rows(rows, rows.size, search, asked, ranges, workers, known),
+        _core.estimate_pair_by_rows(rows, rows.size, search, asked, scale, workers, known),
         asked,
         search,
         blur_compensation,
     )
 
+    roughness = None
     looks = asked.guided_median or asked.synthesis or asked.confidence
     if looks or asked.adaptive_p2 > 0 or asked.min_confidence > 0:
         impulses = found.blur_compensation.impulses[0] if found.blur_compensation else 0.0
-        roughness = _core.find_roughness(rows, rows.size, search, ranges, impulses)
+        roughness = _core.find_roughness(rows, rows.size, search, scale, impulses)
 
     compensation = found.blur_compensation
     if compensation is None and known[0] is not None:
@@ -233,7 +239,8 @@ def pair_statistics(
         blur=blur,
         alignment=found.alignment,
         search=found.search,
-        ranges=ranges,
+        packing=scale[0],
+        ranges=scale[1],
         roughness=roughness,
     )
     if asked.confidence or asked.min_confidence > 0:

@@ -13,6 +13,7 @@ use crate::cost::aggregation::Window;
 use crate::cost::candidates::Candidates;
 use crate::error::{Error, Result};
 use crate::image::intensity;
+use crate::image::packing::Packing;
 use crate::image::plane::Plane;
 use crate::image::texture::Texture;
 use crate::image::view::View;
@@ -119,7 +120,14 @@ impl Pair {
         self
     }
 
-    /// The pair as a part of a larger one whose left and right pixels, if they are floats, lie in these ranges.
+    /// The pair with its values in the narrowest type that holds them: how it is matched depends on the values alone.
+    pub fn packed(self, packing: &Packing) -> Self {
+        let [left, right] =
+            [(self.left, 0), (self.right, 1)].map(|(view, i)| packing.packed(view, i));
+        Self { left, right, ..self }
+    }
+
+    /// The pair as a part of a larger one whose left and right pixels, unless they are bytes, lie in these ranges.
     pub fn with_ranges(mut self, ranges: [Option<intensity::IntensityRange>; 2]) -> Self {
         let [left, right] = ranges;
         (self.left.range, self.right.range) = (left, right);
@@ -147,7 +155,7 @@ impl Pair {
         Ok(Self { right, ..self.clone() })
     }
 
-    /// Some rows of the images; the ranges of floats should be known already.
+    /// Some rows of the images; their ranges should be known already.
     pub fn of_rows(&self, rows: Range<usize>) -> Self {
         let [left, right] = [&self.left, &self.right].map(|view| view.of_rows(rows.clone()));
         let compensation =
@@ -156,12 +164,9 @@ impl Pair {
         Self { left, right, compensation, ..self.clone() }
     }
 
-    /// The pair with the ranges of its floats computed, so that any part of it is a part of the whole.
+    /// The pair with its ranges computed, so that any part of it is a part of the whole.
     pub fn with_own_ranges(self, control: &Control) -> Result<Self> {
-        let range = |view: &View| match view.image.white() {
-            Some(_) => Ok(None),
-            None => intensity::float_range(view, control).map(Some),
-        };
+        let range = |view: &View| intensity::intensity_range(view, control).map(Some);
 
         let ranges = [range(&self.left)?, range(&self.right)?];
         Ok(self.with_ranges(ranges))

@@ -9,7 +9,7 @@ use super::arguments::{Both, read_images, values};
 use super::estimates::{EstimatesTuple, estimates_to_py};
 use super::supervisor::supervised;
 use super::workers::Pool;
-use super::{Matched, SummaryTuple, disparity_to_py, wrap};
+use super::{Matched, SummaryTuple, disparity_to_py, summary_to_py, wrap};
 use crate::image::plane::Plane;
 use crate::pipeline::matcher::Execution;
 use crate::pipeline::summary::Summary;
@@ -49,13 +49,12 @@ pub fn verify_map<'py>(
 
     let Verification { verdicts, better, remarks, own, prepared, .. } = judged;
     let remarks = remarks.into_iter().map(|remark| (remark.severity, remark.sentence)).collect();
-    let Summary { estimated, flagged, at_low, at_high, confidence } = summary;
 
     Ok((
         (wrap(py, verdicts)?, wrap(py, better)?),
         remarks,
         disparity_to_py(py, own)?,
-        (estimated, flagged, at_low, at_high, confidence),
+        summary_to_py(summary),
         estimates_to_py(py, prepared.estimates)?,
     ))
 }

@@ -32,6 +32,7 @@ use self::range::SearchRange;
 use self::rows::RowOffsets;
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
+use crate::image::packing::Packing;
 use crate::pipeline::matcher::{Disparity, Pair};
 use crate::pipeline::platform::Instant;
 use crate::pipeline::source::Source;
@@ -116,7 +117,8 @@ pub struct Prepared {
 pub fn prepare(pair: Pair, known: Known, settings: &Settings, means: Means) -> Result<Prepared> {
     settings.check()?;
 
-    let (pair, estimates) = estimated(pair, &known, settings, means)?;
+    let packing = Packing::of_views(pair.views(), means.control)?;
+    let (pair, estimates) = estimated(pair.packed(&packing), &known, settings, means)?;
 
     // What the caller knows comes before what was estimated.
     let compensation = match (&estimates.compensation, known.compensation) {

@@ -6,7 +6,7 @@ use crate::common::maps::bits;
 use crate::common::{at_every_level, hash, levels, mask, random, view};
 use ndarray::Array3;
 use phasestereo::internals::error::Error;
-use phasestereo::internals::image::intensity::float_range;
+use phasestereo::internals::image::intensity::intensity_range;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::view::{Image, View};
 use phasestereo::internals::pipeline::control::Control;
@@ -123,21 +123,18 @@ impl NaiveView {
     fn changed(&mut self, view: &View) -> Vec<bool> {
         let (rows, cols, channels) = view.image.shape();
         let (black, factor) = *self.scale.get_or_insert_with(|| {
-            if let Some(white) = view.image.white() {
-                return (0.0, 255.0 / (1000.0 * f64::from(white)));
-            }
-            let range = float_range(view, &Control::default()).expect("not cancelled");
+            let range = intensity_range(view, &Control::default()).expect("not cancelled");
             let width = range.width();
             (range.black, 255.0 / if width > 0.0 { width } else { 1.0 })
         });
 
         let gray = |y: usize, x: usize| {
             let value = view.image.luminance(y, x);
-            match (view.is_valid(y, x), view.image.white(), channels) {
+            match (view.is_valid(y, x), matches!(view.image, Image::U8(_)), channels) {
                 (false, _, _) => f32::NAN,
-                (true, None, _) => ((value - black) * factor) as f32,
-                (true, Some(_), 3) => value as f32 * factor as f32,
-                (true, Some(_), _) => (value / 1000.0) as f32 * (1000.0 * factor) as f32,
+                (true, false, _) => ((value - black) * factor) as f32,
+                (true, true, 3) => value as f32 * factor as f32,
+                (true, true, _) => (value / 1000.0) as f32 * (1000.0 * factor) as f32,
             }
         };
 

@@ -6,6 +6,7 @@ Whatever is no array is in one array of JSON. Files may come from anywhere: all 
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from phasestereo.bands import Range
+    from phasestereo.bands import Packing, Range
 
     Plain: TypeAlias = dict[str, Any]
     Arrays: TypeAlias = dict[str, NDArray[Any]]
@@ -39,6 +40,7 @@ def as_arrays(statistics: PairStatistics) -> Arrays:
     names = (
         "size",
         "dtype",
+        "packing",
         "ranges",
         "roughness",
         "tally",
@@ -86,6 +88,7 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> PairStatistics:
         blur=_blur(plain, arrays) if "blur" in plain else None,
         alignment=plain["alignment"] and _alignment(plain["alignment"]),
         search=plain["search"] and SearchRange(**plain["search"]),
+        packing=_packing(*plain["packing"]),
         ranges=plain["ranges"] and _ranges(*plain["ranges"]),
         roughness=plain["roughness"] and _roughness(*plain["roughness"]),
         tally=plain["tally"] and _tally(*plain["tally"]),
@@ -154,6 +157,12 @@ def _kind(plain: Plain, arrays: Mapping[str, NDArray[Any]], psf: str) -> Blur:
 def _alignment(plain: Plain) -> Alignment:
     coefficients = tuple(map(float, plain["coefficients"]))
     return Alignment(**plain | {"coefficients": coefficients, "size": as_size(plain["size"])})
+
+
+def _packing(step: float, bits: int, left: bool, right: bool) -> Packing:  # noqa: FBT001 -- as JSON has it
+    if not 0 < float(step) < math.inf:
+        raise ValueError(f"packing: got a step of {step}; accepts positive numbers")
+    return float(step), as_integer("packing", bits, least=0, most=16), bool(left), bool(right)
 
 
 def _ranges(left: Range, right: Range) -> tuple[Range, Range]:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from phasestereo._core import LEAST_SIZE
+from phasestereo._core import LEAST_SIZE, packed_pair
 from phasestereo._images import opened_pair
 from phasestereo._numbers import as_json
 from phasestereo.rig import findings
@@ -161,7 +161,10 @@ def check(left: ImageOrPath, right: ImageOrPath) -> Diagnosis:
         If a file cannot be read.
     """
     pair = opened_pair(left, right)
-    gray_left, gray_right, length = fractions(*pair)
+    # The values are diagnosed, whatever type they come in.
+    packed, unit = packed_pair(pair)
+    gray_left, gray_right, length = fractions(*packed)
+    length *= unit
     search, alignment, blur = _estimated(gray_left, gray_right, pair)
 
     noise = (0.0, 0.0) if blur is None else blur.noise

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     Mask = NDArray[np.bool_]
 
 _LUMA = np.array([0.299, 0.587, 0.114], dtype=np.float32)
-_ENDS = 0.1, 99.9  # percentiles: the range of floats, as `Settings.intensity_range` has it
+_ENDS = 0.1, 99.9  # percentiles: the range of all but bytes, as `Settings.intensity_range` has it
 _SAMPLES = 2**20  # pixels: of larger images, every so many rows
 
 _WINDOW = 25  # pixels: a disk of radius 8 moves little light across its border
@@ -63,13 +63,13 @@ class Saturation:
 def fractions(left: Pixels, right: Pixels) -> tuple[Plane, Plane, float]:
     """Return a pair as gray fractions of its range of intensities, and the length of that range.
 
-    The range is that of the type for integers; that in which both images lie, but for 0.1 % at
-    either end, for floats. What lies beyond it is clipped.
+    The range is 0 to 255 for bytes; for all else that in which both images lie, but for 0.1 % at
+    either end. What lies beyond it is clipped.
 
     Parameters
     ----------
     left, right
-        Pixels (H, W, C) of one type.
+        Pixels (H, W, C) of one type: the narrowest that holds their values.
 
     Raises
     ------
@@ -155,8 +155,8 @@ def low_texture(image: Plane, noise: float) -> float | None:
 
 def _ends(left: Pixels, right: Pixels) -> tuple[float, float]:
     """Return the range of intensities of a pair."""
-    if left.dtype.kind == "u":
-        return 0.0, 2.0 ** (8 * left.dtype.itemsize) - 1
+    if left.dtype == np.uint8:
+        return 0.0, 255.0
 
     for name, image in (("left", left), ("right", right)):
         if not np.isfinite(image).all():
@@ -176,10 +176,10 @@ def _gray(image: Pixels, low: float, length: float) -> Plane:
 
     Floats are brought into the range before they become float32, which may not hold them.
     """
-    if image.dtype.kind == "f":
-        pixels = np.clip(image / length - low / length, 0, 1).astype(np.float32)
-    else:
+    if image.dtype == np.uint8:
         pixels = image.astype(np.float32) / np.float32(length)
+    else:
+        pixels = np.clip(image / length - low / length, 0, 1).astype(np.float32)
     return pixels @ _LUMA if image.shape[2] == 3 else pixels[:, :, 0]
 
 

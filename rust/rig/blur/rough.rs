@@ -325,7 +325,7 @@ pub fn as_view(plane: Plane<f32>) -> View {
     let pixels = ndarray::Array3::from_shape_vec(shape, plane.into_vec());
 
     // A fixed range keeps the scale the same for every part of an image; in thousandths.
-    let range = IntensityRange { black: -1000.0 * REACH, white: 1000.0 * REACH };
+    let range = IntensityRange::about_zero(1000.0 * REACH);
 
     // The plane has as many values as its shape, so there is no error.
     View {
@@ -333,6 +333,7 @@ pub fn as_view(plane: Plane<f32>) -> View {
         mask: None,
         range: Some(range),
         impulses: 0.0,
+        unit: 1.0,
     }
 }
 
@@ -362,6 +363,7 @@ mod tests {
                 mask,
                 range: None,
                 impulses: 0.0,
+                unit: 1.0,
             }
         };
 
