@@ -410,7 +410,10 @@ impl Job<'_> {
             consistency: self.settings.lr_check.map(|most| most as u16),
             uniqueness: self.settings.uniqueness as u64,
             unit: self.window.unit(self.costs.steps()) as f32,
-            unrelated: self.costs.unrelated().map_or(NONE, |cost| (cost * self.window.unit(1)) as u32),
+            unrelated: self
+                .costs
+                .unrelated()
+                .map_or(NONE, |cost| (cost * self.window.unit(1)) as u32),
         }
     }
 }

@@ -31,10 +31,11 @@ fn copies(things: &[(usize, usize, usize, usize, isize)]) -> Overview {
     let background = |y: usize, x: isize| noise(1, y, (x + 500) as usize);
     let seen = |y: usize, x: usize, is_right: bool| {
         let shift = |disparity: isize| if is_right { disparity } else { 0 };
-        let thing = things.iter().enumerate().find(|(_, (top, rows, first, columns, disparity))| {
-            let column = x as isize + shift(*disparity) - *first as isize;
-            (*top..top + rows).contains(&y) && (0..*columns as isize).contains(&column)
-        });
+        let thing =
+            things.iter().enumerate().find(|(_, (top, rows, first, columns, disparity))| {
+                let column = x as isize + shift(*disparity) - *first as isize;
+                (*top..top + rows).contains(&y) && (0..*columns as isize).contains(&column)
+            });
 
         match thing {
             Some((number, (.., disparity))) => {
@@ -134,9 +135,8 @@ fn naive(copies: &Overview) -> Vec<Area> {
     let is_along = |disparity: isize| (RUN.0 - 1..=RUN.1 + 1).contains(&disparity);
     let stands_out = |(y, x): (usize, usize)| {
         let (own, disparity) = forward.least(y, x, |disparity| !is_along(disparity));
-        let others = forward
-            .least(y, x, |other| is_along(other) || (other - disparity).abs() > 2)
-            .0;
+        let others =
+            forward.least(y, x, |other| is_along(other) || (other - disparity).abs() > 2).0;
         let is_searched = many[y / 8 * 100 + x / 8] >= 10;
         (is_searched && 8 * own < 7 * others).then_some((disparity, others - own))
     };
@@ -152,8 +152,8 @@ fn naive(copies: &Overview) -> Vec<Area> {
             next += 1;
             for (dy, dx) in [(0, 1), (1, 0), (0, -1), (-1, 0)] {
                 let (row, column) = (y as isize + dy, x as isize + dx);
-                let is_inside = (0..SIZE.0 as isize).contains(&row)
-                    && (0..SIZE.1 as isize).contains(&column);
+                let is_inside =
+                    (0..SIZE.0 as isize).contains(&row) && (0..SIZE.1 as isize).contains(&column);
                 let at = if is_inside { row as usize * SIZE.1 + column as usize } else { continue };
                 if open[at].is_some_and(|(other, _)| (other - disparity).abs() <= 1) {
                     members.extend(open[at].take().map(|known| (pixels[at], known)));

@@ -10,7 +10,8 @@
 //! along           = min of sum(y, x, d) over the run
 //! elsewhere       = min of sum(y, x, d') over all d' but d and those NEXT to it
 //! stands out      = own < 7/8 min(along, elsewhere)
-//! area            = connected pixels that stand out, whose disparities differ by 1 at most from neighbor to neighbor
+//! area            = pixels that stand out, connected over at most GAP rows and columns by disparities that differ by 1
+//!                   at most
 //! seen            = the same search from the right image at x - d finds -d, or one NEXT to it
 //! gain            = sum of min(along, elsewhere) - own over an area: by how many bits it is better explained
 //! ```
@@ -28,8 +29,8 @@ use crate::image::view::View;
 use crate::rig::alignment::Alignment;
 use crate::rig::blur::parts::Means;
 use crate::rig::blur::rough::{as_view, raised};
-use crate::settings::presets::Preset;
 use crate::settings::Settings;
+use crate::settings::presets::Preset;
 use crate::simd::Loop;
 use crate::value::{LANES, Lanes};
 
@@ -46,6 +47,8 @@ const MANY: usize = 10;
 const DEAR: usize = 27;
 /// Disparities that see the same match.
 const NEXT: usize = 2;
+/// Rows and columns between neighbors: single pixels that do not stand out divide no area.
+const GAP: usize = 2;
 /// Fewest pixels of an area.
 const LEAST_SIZE: usize = 12;
 
@@ -118,8 +121,9 @@ pub fn areas(
     let [left, right] = &views;
 
     let candidates = |(low, high): Span| {
-        let count = (high - low + 1).clamp(1, cols as isize) as i64;
-        Candidates::new(low as i64, count, cols)
+        let count = (high - low + 1).clamp(1, cols as isize);
+        let low = low.clamp(1 - cols as isize - (count - 1), cols as isize - 1);
+        Candidates::new(low as i64, count as i64, cols)
     };
     let blocks = Blocks::searched([left, right], copies, candidates(run)?, run, means)?;
     if !blocks.is_searched.contains(&true) {
@@ -127,7 +131,8 @@ pub fn areas(
     }
 
     let tried = candidates((low, high))?;
-    let index = |disparity: isize| (disparity - low).clamp(0, tried.count() as isize) as usize;
+    let index =
+        |disparity: isize| (disparity - tried.min()).clamp(0, tried.count() as isize) as usize;
     let along = index(run.0 - 1)..index(run.1 + 2);
 
     let found = searched([left, right], tried, along, &blocks, means)?;
@@ -147,7 +152,7 @@ pub fn areas(
         is_hit.row_mut(y)[x] = true;
     }
     // From the right image, disparities are negative.
-    let mirrored = candidates((-tried.disparity(tried.count() - 1), -low))?;
+    let mirrored = candidates((-tried.disparity(tried.count() - 1), -tried.min()))?;
     let blocks = Blocks::with_at_least(1, &is_hit);
     let back = searched([right, left], mirrored, 0..0, &blocks, means)?;
     let is_seen = |at: usize| {
@@ -208,9 +213,8 @@ impl Blocks {
         });
 
         let most = median.unwrap_or_default() + DEAR;
-        let costs_much = |y: usize, x: usize| {
-            is_judged(y, x) && usize::from(found[y * cols + x].own) > most
-        };
+        let costs_much =
+            |y: usize, x: usize| is_judged(y, x) && usize::from(found[y * cols + x].own) > most;
         Ok(Self::with_at_least(MANY, &Plane::from_fn(rows, cols, costs_much)))
     }
 
@@ -384,7 +388,7 @@ fn least(sums: &[u8]) -> u8 {
     sums.iter().fold(u8::MAX, |least, sum| least.min(*sum))
 }
 
-/// The pixels of each area: neighbors whose candidates are at most one apart.
+/// The pixels of each area.
 fn connected(
     found: &[Best],
     (rows, cols): (usize, usize),
@@ -404,17 +408,15 @@ fn connected(
         while let Some(at) = pixels.get(next).copied() {
             next += 1;
             let (y, x) = (at / cols, at % cols);
-            let around = [
-                (y > 0).then(|| at - cols),
-                (x > 0).then(|| at - 1),
-                (x + 1 < cols).then_some(at + 1),
-                (y + 1 < rows).then_some(at + cols),
-            ];
-            for neighbor in around.into_iter().flatten() {
-                let apart = found[neighbor].chosen.abs_diff(found[at].chosen);
-                if is_open[neighbor] && apart <= 1 {
-                    is_open[neighbor] = false;
-                    pixels.push(neighbor);
+            for row in y.saturating_sub(GAP)..(y + GAP + 1).min(rows) {
+                for neighbor in
+                    row * cols + x.saturating_sub(GAP)..row * cols + (x + GAP + 1).min(cols)
+                {
+                    let apart = found[neighbor].chosen.abs_diff(found[at].chosen);
+                    if is_open[neighbor] && apart <= 1 {
+                        is_open[neighbor] = false;
+                        pixels.push(neighbor);
+                    }
                 }
             }
         }

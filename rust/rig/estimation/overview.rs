@@ -17,7 +17,7 @@ use crate::settings::{Optimizer, Precision, Settings};
 const WIDTH: usize = 256;
 /// Most columns of the finer copies, on which the ends of the range and thin things are found; they are reduced by two
 /// at least.
-const FINE_WIDTH: usize = 640;
+const FINE_WIDTH: usize = 720;
 /// Most columns of the still smaller copies, on which all disparities are tried.
 const COARSE_WIDTH: usize = 128;
 /// Largest disparity that is tried, as a share of the width.

@@ -98,7 +98,9 @@ def constructions(
         "parallel": _parallel,
         "weak": _weak,
     }
-    textures = [_gray(pair.left) for pair in scenes]
+    # A scene in another light would be a repetition.
+    names = {pair.name for pair in scenes}
+    textures = [_gray(pair.left) for pair in scenes if pair.name[:-1] not in names]
     for kind in kinds:
         yield from makers[kind](scenes, textures, held)
 
