@@ -196,6 +196,11 @@ impl<'a> Costs<'a> {
         self.ceiling
     }
 
+    /// The mean cost of pixels that have nothing to do with one another: half of the bits of a code. `None`: unknown.
+    pub fn unrelated(&self) -> Option<f64> {
+        matches!(self.compared, Compared::Codes(_)).then(|| f64::from(self.ceiling) / 2.0)
+    }
+
     /// Steps of the cost per unit of the penalties.
     pub fn steps(&self) -> u16 {
         self.steps

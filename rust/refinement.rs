@@ -81,6 +81,9 @@ pub struct Judge<'a> {
     pub uniqueness: u64,
     /// One unit of the mean cost, in steps of the aggregated costs.
     pub unit: f32,
+    /// What a match of unrelated pixels costs, in these steps: what a choice is judged by where all candidates are next to
+    /// it. [`NONE`]: unknown.
+    pub unrelated: u32,
 }
 
 /// One row of the result, to be written.
@@ -207,6 +210,7 @@ impl Loop for JudgeRow<'_> {
             for (vote, (&own, &elsewhere)) in
                 votes.iter_mut().zip(found.own.iter().zip(found.elsewhere))
             {
+                let elsewhere = if elsewhere == NONE { judge.unrelated } else { elsewhere };
                 *vote = confidence::vote(CostMargin::new(own, elsewhere), judge.unit);
             }
         }

@@ -19,7 +19,7 @@ from phasestereo.rig.alignment import Alignment
 from phasestereo.rig.blur import Blur, BlurEstimate
 from phasestereo.rig.compensation import BlurCompensation
 from phasestereo.rig.findings import Finding, MatchWarning
-from phasestereo.rig.search_range import SearchRange
+from phasestereo.rig.search_range import LeftOut, SearchRange
 from phasestereo.settings import PRESETS, Settings
 from phasestereo.temporal import TemporalFilter
 
@@ -35,6 +35,7 @@ __all__ = [
     "Finding",
     "Flag",
     "Frame",
+    "LeftOut",
     "MatchWarning",
     "Matcher",
     "Mesh",

@@ -18,7 +18,7 @@ use crate::image::plane::Plane;
 use crate::image::texture::Texture;
 use crate::image::view::View;
 use crate::optimization::edges::Edges;
-use crate::optimization::evidence::Evidence;
+use crate::optimization::evidence::{Evidence, NONE};
 use crate::optimization::selection::Selection;
 use crate::optimization::{AggregatedCosts, CandidateSearch, Penalties, Workspace};
 use crate::pipeline::control::Control;
@@ -449,6 +449,10 @@ impl Job<'_> {
             consistency: self.settings.lr_check.map(|most| most as u16),
             uniqueness: self.settings.uniqueness as u64,
             unit: self.window.unit(self.costs.steps()) as f32,
+            unrelated: self
+                .costs
+                .unrelated()
+                .map_or(NONE, |cost| (cost * self.window.unit(1)) as u32),
         }
     }
 }

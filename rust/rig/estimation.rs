@@ -15,6 +15,7 @@
 //!
 //! Everything is computed in a fixed order, and a pair that is read a few rows at a time gives the same to the bit.
 
+pub mod areas;
 pub mod compensation_plan;
 pub mod overview;
 pub mod range;
@@ -28,7 +29,7 @@ use std::time::Duration;
 
 use self::compensation_plan::CompensationPlan;
 use self::overview::{Overview, RoughMap};
-use self::range::SearchRange;
+use self::range::{LeftOut, SearchRange};
 use self::rows::RowOffsets;
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
@@ -90,6 +91,8 @@ pub struct Estimates {
     pub is_inverted: bool,
     /// The range of disparities, if it was to be estimated, or the known one matches badly.
     pub range: Option<SearchRange>,
+    /// Places that seem to have disparities that are not searched.
+    pub left_out: Vec<LeftOut>,
     /// The vertical offsets, if they were to be estimated and enough blocks were found in both images.
     pub offsets: Option<RowOffsets>,
     /// The field by which the right image is straightened.
@@ -303,6 +306,7 @@ impl Estimates {
             confidence: None,
             is_inverted: known.is_inverted,
             range: None,
+            left_out: vec![],
             offsets: None,
             alignment: known.alignment.clone(),
             blur: None,
@@ -318,6 +322,7 @@ struct Geometry {
     confidence: Option<f64>,
     is_inverted: bool,
     range: Option<SearchRange>,
+    left_out: Vec<LeftOut>,
     offsets: Option<RowOffsets>,
     alignment: Option<Alignment>,
     /// The rough match of the known disparities, or else of all that are tried, and the factor by which its images are
@@ -334,7 +339,7 @@ fn estimate(
     settings: &Settings,
     means: Means,
 ) -> Result<Estimates> {
-    let Geometry { confidence, is_inverted, range, offsets, alignment, rough } =
+    let Geometry { confidence, is_inverted, range, left_out, offsets, alignment, rough } =
         Geometry::new(rows, request, means)?;
 
     let width = rows.size().1;
@@ -363,6 +368,7 @@ fn estimate(
         confidence,
         is_inverted,
         range,
+        left_out,
         offsets,
         alignment,
         blur,
@@ -382,10 +388,15 @@ impl Geometry {
     /// Matches the reduced images, if they are needed and large enough.
     fn new(rows: PairRows, request: &Request, means: Means) -> Result<Self> {
         let is_needed = request.candidates.is_none() || request.rows;
-        let Some(overview) = is_needed.then(|| Overview::new(rows, means)).transpose()?.flatten()
-        else {
+        // The ends of an unknown range are found on finer copies.
+        let copies = |means| match request.candidates {
+            Some(_) => Overview::new(rows, means),
+            None => Overview::fine(rows, means),
+        };
+        let Some(copies) = is_needed.then(|| copies(means)).transpose()?.flatten() else {
             return Ok(Self::default());
         };
+        let overview = copies.usual(means)?;
 
         let mut rough = overview.rough(request.candidates, None, means)?;
         let (mut offsets, mut alignment) = (None, None);
@@ -410,7 +421,14 @@ impl Geometry {
 
         let last = wide.as_ref().unwrap_or(&rough);
         let is_asked = request.candidates.is_none() || is_poor;
-        let range = is_asked.then(|| range::range(&overview, last)).flatten();
+        let found = is_asked.then(|| range::range(&copies, &overview, last, means)).transpose()?;
+        let found = found.flatten();
+        let left_out = match (request.candidates, &found) {
+            (Some(given), _) => range::left_out(&overview, &rough, given, means)?,
+            (None, Some(found)) => found.left_out.clone(),
+            (None, None) => vec![],
+        };
+        let range = found.map(|found| found.range);
 
         let is_inverted = range.is_none()
             && last.confidence < range::LEAST_CONFIDENCE
@@ -418,6 +436,6 @@ impl Geometry {
                 >= overview::GOOD_CONFIDENCE;
 
         let rough = Some((rough, overview.factor));
-        Ok(Self { confidence, is_inverted, range, offsets, alignment, rough })
+        Ok(Self { confidence, is_inverted, range, left_out, offsets, alignment, rough })
     }
 }

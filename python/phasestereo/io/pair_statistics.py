@@ -18,7 +18,7 @@ from phasestereo.bands import PairStatistics, as_size
 from phasestereo.rig.alignment import Alignment
 from phasestereo.rig.blur import Blur, BlurEstimate
 from phasestereo.rig.compensation import BlurCompensation
-from phasestereo.rig.search_range import SearchRange
+from phasestereo.rig.search_range import LeftOut, SearchRange
 from phasestereo.settings import Settings
 
 if TYPE_CHECKING:
@@ -87,12 +87,22 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> PairStatistics:
         blur_compensation=_blur_compensation(plain, arrays) if "noise" in plain else None,
         blur=_blur(plain, arrays) if "blur" in plain else None,
         alignment=plain["alignment"] and _alignment(plain["alignment"]),
-        search=plain["search"] and SearchRange(**plain["search"]),
+        search=plain["search"] and _search(**plain["search"]),
         packing=_packing(*plain["packing"]),
         ranges=plain["ranges"] and _ranges(*plain["ranges"]),
         roughness=plain["roughness"] and _roughness(*plain["roughness"]),
         tally=plain["tally"] and _tally(*plain["tally"]),
     )
+
+
+def _search(left_out: list[Plain], **others: Any) -> SearchRange:
+    places = (
+        LeftOut(tuple(rows), tuple(columns), **ends)
+        for rows, columns, ends in (
+            (place.pop("rows"), place.pop("columns"), place) for place in left_out
+        )
+    )
+    return SearchRange(**others, left_out=tuple(places))
 
 
 def _put_blur_compensation(compensation: BlurCompensation, plain: Plain, arrays: Arrays) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeAlias, TypeVar
 from phasestereo.rig.alignment import Alignment
 from phasestereo.rig.blur import as_estimate
 from phasestereo.rig.compensation import BlurCompensation
-from phasestereo.rig.search_range import SearchRange
+from phasestereo.rig.search_range import LeftOut, SearchRange
 from phasestereo.settings import Settings
 
 if TYPE_CHECKING:
@@ -24,11 +24,18 @@ if TYPE_CHECKING:
 
 _Checked = TypeVar("_Checked", Settings, BlurCompensation)
 
+Span: TypeAlias = tuple[int, int, float, float, bool, bool, bool]
+"""Disparities, ends of what was found, whether swapped, mixed, identical."""
+
+Place: TypeAlias = tuple[tuple[int, int], tuple[int, int], float, float]
+"""Rows, columns and disparities of a place that the range leaves out."""
+
 Found: TypeAlias = tuple[
     tuple[int, int],
     "float | None",
     bool,
-    "tuple[int, int, float, float, bool, bool] | None",
+    "Span | None",
+    "list[Place]",
     "tuple[Field, float, int, float] | None",
     "Field | None",
     "Estimated | None",
@@ -37,7 +44,7 @@ Found: TypeAlias = tuple[
     float,
 ]
 """What the core returns: disparities, confidence of a rough match, whether that takes an inverted
-image, range, offsets of rows, the field that is applied, blur, what suits it, seconds."""
+image, range, places that it leaves out, offsets of rows, the field that is applied, blur, what suits it, seconds."""
 
 Matched: TypeAlias = (
     "tuple[NDArray[np.float32], NDArray[np.uint16], NDArray[np.float32] | None, "
@@ -75,7 +82,7 @@ def as_estimates(
     blur_compensation: BlurCompensation | None,
 ) -> Estimates:
     """Return what the core has estimated, completed by what the caller gave."""
-    disparities, confidence, inverted, span, offsets, field, blur, suited, seconds = found
+    disparities, confidence, inverted, span, places, offsets, field, blur, suited, seconds = found
 
     # What the core found calls for a compensation, and for sizes that suit it.
     if suited is not None:
@@ -102,6 +109,7 @@ def as_estimates(
         search=replace(
             _search(disparities, confidence, span, is_given=search[1] is not None),
             inverted=inverted,
+            left_out=tuple(LeftOut(*place) for place in places),
         ),
         alignment=_alignment(offsets, field),
         blur=None if blur is None else as_estimate(blur),
@@ -121,7 +129,7 @@ def _from_core(kind: type[_Checked], **values: object) -> _Checked:
 def _search(
     disparities: tuple[int, int],
     confidence: float | None,
-    span: tuple[int, int, float, float, bool, bool] | None,
+    span: Span | None,
     *,
     is_given: bool,
 ) -> SearchRange:
@@ -129,10 +137,8 @@ def _search(
     if span is None:
         return SearchRange(*disparities, "given" if is_given else "default", sure)
 
-    _, _, low, high, swapped, mixed = span
-    return SearchRange(
-        *disparities, "given" if is_given else "found", sure, low, high, swapped, mixed
-    )
+    _, _, *rest = span
+    return SearchRange(*disparities, "given" if is_given else "found", sure, *rest)
 
 
 def _alignment(

@@ -10,6 +10,7 @@ from phasestereo_bench.cli import (
     bench_confidence,
     bench_middlebury,
     bench_paper,
+    bench_range,
     bench_recordings,
     bench_report,
     bench_speed,
@@ -28,6 +29,7 @@ app.command(bench_paper.paper)
 app.command(bench_middlebury.middlebury)
 app.command(bench_blur.blur)
 app.command(bench_confidence.confidence)
+app.command(bench_range.range_, name="range")
 app.command(bench_recordings.recordings)
 app.command(bench_speed.speed)
 app.command(bench_video.video)
