@@ -16,7 +16,6 @@ import numpy as np
 
 import phasestereo
 from phasestereo.result import Flag, Result
-from phasestereo.rig import findings
 from phasestereo.settings import Settings
 from phasestereo.views.page import facts, layers
 from phasestereo.views.templating import render_page
@@ -60,7 +59,6 @@ def _index() -> str:
         "flags": [],
         "kinds": [asdict(kind) for kind in layers.flag_kinds(result.flags)],
         "scene": {},
-        "levels": findings.LEVELS,
     }
     return render_page(
         "index.html.j2",

@@ -10,6 +10,7 @@ mod found;
 mod header;
 mod images;
 mod text;
+mod told;
 #[cfg(target_family = "wasm")]
 mod web;
 
@@ -23,9 +24,11 @@ pub use self::found::Found;
 pub use self::images::{Image, Map};
 use crate::cost::candidates::Candidates;
 use crate::error::{Error, Result};
+use crate::findings;
 use crate::pipeline::control::Control;
 use crate::pipeline::footprint::Demand;
 use crate::pipeline::matcher::{self, Execution, Pair, usable_threads};
+use crate::pipeline::summary::Summary;
 use crate::rig::estimation::{Known, Means, prepare, prepare_and_match};
 use crate::settings::Settings;
 use crate::settings::presets::Preset;
@@ -188,7 +191,7 @@ pub unsafe extern "C" fn phasestereo_memory(
 /// Matches a rectified pair of images of one size and number of bits. The disparities [`min_disparity`, `min_disparity` +
 /// `num_disparities`) are searched, `num_disparities` from 1 to the width; with 0 the range is estimated, and
 /// `min_disparity` is 0. Left pixel (x, y) corresponds to right pixel (x - d, y). What was estimated from the pair is written
-/// to `found`, unless that is NULL. If the call fails, nothing is written.
+/// to `found`, unless that is NULL; `phasestereo_get_finding` says what it means. If the call fails, nothing is written.
 ///
 /// # Safety
 ///
@@ -213,6 +216,9 @@ pub unsafe extern "C" fn phasestereo_match(
 
         let (result, prepared) =
             matcher.on_threads(|means| prepare_and_match(pair, known, &matcher.settings, means))?;
+
+        let summary = Summary::new(&result, prepared.estimates.candidates);
+        told::keep(findings::of_match(&prepared.estimates, &summary, prepared.pair.size()));
 
         // SAFETY: as above.
         unsafe {
@@ -247,6 +253,8 @@ pub unsafe extern "C" fn phasestereo_check(
 
         let prepared =
             matcher.on_threads(|means| prepare(pair, known, &matcher.settings, means))?;
+        told::keep(prepared.estimates.findings.clone());
+
         // SAFETY: as above.
         unsafe { write(found, &Found::new(&prepared.estimates, is_given)) };
         Ok(())

@@ -65,6 +65,7 @@
 )]
 
 mod error;
+mod findings;
 mod math;
 mod settings;
 mod simd;

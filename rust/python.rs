@@ -25,7 +25,8 @@ use self::arguments::{
     write_settings,
 };
 use self::estimates::{
-    EstimatesTuple, Field, GlanceTuple, estimates_to_py, read_field, read_glance,
+    EstimatesTuple, Field, FindingTuple, GlanceTuple, estimates_to_py, findings_to_py, read_field,
+    read_glance,
 };
 use self::reader::{Reader, ScaleOfPair, packing_to_py};
 use self::supervisor::supervised;
@@ -36,6 +37,7 @@ use crate::cost::Costs;
 use crate::cost::aggregation::{Window, aggregate};
 use crate::descriptor::{Codes, describe};
 use crate::error::{Error, Result};
+use crate::findings::{self, Topic};
 use crate::image::intensity::Gray;
 use crate::image::packing::Packing;
 use crate::image::plane::Plane;
@@ -83,7 +85,7 @@ impl From<Error> for PyErr {
 mod _core {
     use super::{
         BAND, Bound, LARGER, LEAST_SIZE, MOST_CLASSES, MOST_DISPARITIES, MUCH_LARGER, Preset,
-        PyDict, PyDictMethods, PyModule, PyModuleMethods, PyResult, flag, verdict, warm_up,
+        PyDict, PyDictMethods, PyModule, PyModuleMethods, PyResult, Topic, flag, verdict, warm_up,
     };
 
     #[pymodule_export]
@@ -106,6 +108,9 @@ mod _core {
         module.add("LEAST_SIZE", LEAST_SIZE)?;
         module.add("MOST_CLASSES", MOST_CLASSES)?;
         module.add("MOST_DISPARITIES", MOST_DISPARITIES)?;
+
+        let decisive = Topic::ALL.into_iter().filter(|topic| topic.is_decisive());
+        module.add("DECISIVE_TOPICS", decisive.map(Topic::name).collect::<Vec<_>>())?;
 
         let flags = PyDict::new(module.py());
         flags.set_item("MASKED", flag::MASKED)?;
@@ -178,7 +183,12 @@ type SupportTuple<'py> = (Bound<'py, PyArray2<u8>>, f64);
 /// estimated share of wrong pixels.
 type SummaryTuple = (f64, f64, f64, f64, f64, f64);
 
-/// A whole default match in one call: estimates what the pair lacks, matches the pair, and summarizes the map.
+/// The map, its summary, the estimates, what a temporal filter gives, and findings on the match.
+type WholeTuple<'py> =
+    (Matched<'py>, SummaryTuple, EstimatesTuple<'py>, Option<SupportTuple<'py>>, Vec<FindingTuple>);
+
+/// A whole default match in one call: estimates what the pair lacks, matches the pair, summarizes the map, and says what
+/// was found.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "arguments that Python names")]
 fn match_pair<'py>(
@@ -191,18 +201,18 @@ fn match_pair<'py>(
     progress: Option<Bound<'py, PyAny>>,
     known: KnownOfPair<'py>,
     temporal: Option<PyRef<'py, TemporalFilter>>,
-) -> PyResult<(Matched<'py>, SummaryTuple, EstimatesTuple<'py>, Option<SupportTuple<'py>>)> {
+) -> PyResult<WholeTuple<'py>> {
     let settings = read_settings(settings)?;
     let search = read_search(&disparities)?;
     let pair = read_images(&images, &masks, search)?;
     let known = read_known(&known, pair.size(), search)?;
 
     let pool = Pool::for_argument(threads)?;
-    let rows = pair.size().0;
+    let size = pair.size();
     let how = Execution { threads: pool.threads(), level: Level::best() };
     let filter = temporal.map(|filter| filter.shared());
-    let (map, summary, estimates, support) =
-        supervised(py, &pool, rows, progress, move |matcher, control| {
+    let (map, summary, estimates, support, findings) =
+        supervised(py, &pool, size.0, progress, move |matcher, control| {
             let means = Means { matcher, how, control };
             let (mut map, prepared) = prepare_and_match(pair, known, &settings, means)?;
             let Prepared { pair, settings, estimates } = prepared;
@@ -212,12 +222,14 @@ fn match_pair<'py>(
             let support = filter.map(apply).transpose()?;
 
             let summary = Summary::new(&map, estimates.candidates);
-            Ok((map, summary, estimates, support))
+            let findings = findings::of_match(&estimates, &summary, size);
+            Ok((map, summary, estimates, support, findings))
         })?;
 
     let summary = summary_to_py(summary);
     let support = support.map(|(frames, time)| Ok::<_, PyErr>((wrap(py, frames)?, time)));
-    Ok((disparity_to_py(py, map)?, summary, estimates_to_py(py, estimates)?, support.transpose()?))
+    let (map, estimates) = (disparity_to_py(py, map)?, estimates_to_py(py, estimates)?);
+    Ok((map, summary, estimates, support.transpose()?, findings_to_py(findings)))
 }
 
 fn summary_to_py(summary: Summary) -> SummaryTuple {

@@ -4,4 +4,5 @@ pub mod alignment;
 pub mod blur;
 pub mod blur_compensation;
 pub mod estimation;
+pub mod photometry;
 pub mod psf;

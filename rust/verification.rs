@@ -18,12 +18,13 @@
 
 pub mod claims;
 pub mod evidence;
+mod findings;
 pub mod judgment;
-pub mod remarks;
 
 use crate::cost::Costs;
 use crate::cost::candidates::Candidates;
 use crate::error::{Error, Result};
+use crate::findings::Finding;
 use crate::image::plane::Plane;
 use crate::pipeline::matcher::{Disparity, Pair};
 use crate::rig::estimation::{Known, Means, Prepared, prepare};
@@ -31,7 +32,6 @@ use crate::settings::Settings;
 use crate::verification::claims::Misreading;
 use crate::verification::evidence::Evidence;
 use crate::verification::judgment::Jury;
-use crate::verification::remarks::Remark;
 
 /// What the images say of a claim.
 pub mod verdict {
@@ -55,7 +55,7 @@ pub struct Verification {
     /// Numbers of pixels by verdict, and of claims that lie outside the right image.
     pub counts: Counts,
     /// What there is to say of the map as a whole, worst first.
-    pub remarks: Vec<Remark>,
+    pub findings: Vec<Finding>,
     /// The own match.
     pub own: Disparity,
     /// The pair as it was matched, and what was estimated of it.
@@ -135,7 +135,7 @@ pub fn verify(
 
         prepared.pair = pair;
         prepared.estimates.candidates = searched;
-        let remarks = remarks::remarks(counts, misreading);
-        Ok(Verification { verdicts, better, counts, remarks, own, prepared })
+        let findings = findings::findings(counts, misreading);
+        Ok(Verification { verdicts, better, counts, findings, own, prepared })
     })
 }

@@ -34,6 +34,14 @@ static void tell(const phasestereo_found *found) {
     if (found->rows_blocks > 0) printf("rows %.17g %u\n", found->rows[0], found->rows_applied);
 }
 
+static void tell_findings(const char *call) {
+    static const char *const severities[] = {"ok", "note", "warning"};
+    phasestereo_finding finding;
+    for (uint32_t at = 0; phasestereo_get_finding(at, &finding) == 1; at++) {
+        printf("%s %s|%s|%s\n", call, finding.topic, severities[finding.severity], finding.sentence);
+    }
+}
+
 int main(int count, char **arguments) {
     if (count != 11) return 3;
     const uint32_t width = (uint32_t)atoi(arguments[3]), height = (uint32_t)atoi(arguments[4]);
@@ -68,11 +76,13 @@ int main(int count, char **arguments) {
         phasestereo_free(matcher);
         return 1;
     }
+    tell_findings("matched");
 
     /* What a check finds is what the match has found; and a map that nobody wants is not written. */
     const phasestereo_map nothing = {NULL, 0, NULL, 0, NULL, 0, NULL, 0};
     if (phasestereo_check(matcher, &left, &right, 0, disparities, &checked) != PHASESTEREO_STATUS_OK) return 3;
     if (checked.num_disparities != found.num_disparities) return 3;
+    tell_findings("checked");
     if (phasestereo_match(matcher, &left, &right, 0, disparities, &nothing, NULL) != PHASESTEREO_STATUS_OK) return 3;
 
     printf("version %s\nthreads %u\n", phasestereo_version(), phasestereo_threads(matcher));

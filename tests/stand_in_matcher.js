@@ -15,12 +15,19 @@ const found = {
   impulses: [0, 0],
   coding: [0, 0],
   inverted: false,
+  findings: [
+    { topic: "blur", severity: "note", sentence: "the left image is softer than the right" },
+    { topic: "noise", severity: "ok", sentence: "noise of 1.0 gray levels" },
+  ],
 };
+
+// What a match says besides.
+const failure = { topic: "match", severity: "warning", sentence: "about 40 % of the pixels are probably wrong" };
 
 async function check(left, right) {
   if (window.refusal) throw new Error(window.refusal);
   window.calls.push({ task: "check", size: [left.width, left.height, right.width, right.height] });
-  return { ...found, ...window.instead };
+  return found;
 }
 
 async function match({ width, height, data }, right, options) {
@@ -33,5 +40,8 @@ async function match({ width, height, data }, right, options) {
   const [confidence, uncertainty] = [0.75, 0.5].map((value) =>
     (options.preset === "robust" ? new Float32Array(width * height).fill(value) : null));
   const range = { ...found.range, origin: options.numDisparities ? "given" : "found" };
-  return { width, height, disparity, flags, confidence, uncertainty, found: { ...found, range }, milliseconds: 12.3 };
+  const findings = [failure, found.findings[0]];
+  return {
+    width, height, disparity, flags, confidence, uncertainty, found: { ...found, range, findings }, milliseconds: 12.3,
+  };
 }

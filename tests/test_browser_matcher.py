@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -173,6 +174,15 @@ def test_what_is_found_is_what_python_finds(page: MatcherPage, rendered: Pair) -
 
     assert found["range"]["confidence"] == expected.search.confidence
     assert (found["range"]["origin"], found["inverted"]) == ("given", False)
+
+
+def test_findings_are_those_of_python_word_for_word(page: MatcherPage, rendered: Pair) -> None:
+    dim = rendered[0] // 3, rendered[1]
+    matched, checked = page.match(dim)["found"], page.call("check", dim)["value"]
+
+    for found, expected in ((matched, ps.match(*dim)), (checked, ps.check(*dim))):
+        assert found["findings"] == [asdict(one) for one in expected.findings]
+        assert any("is darker" in one["sentence"] for one in found["findings"])
 
 
 def test_faults_are_reported_and_the_next_call_works(page: MatcherPage, rendered: Pair) -> None:

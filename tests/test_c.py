@@ -168,6 +168,17 @@ def test_what_is_found_is_what_python_finds(program: Program, pair: Pair) -> Non
     assert float(said["rows"][0]) == alignment.coefficients[0]
 
 
+def test_findings_are_those_of_python_word_for_word(program: Program, pair: Pair) -> None:
+    left, right = pair
+    dim = left // 3, right
+    _, lines, _ = program.run(dim, preset="robust", disparities=0)
+
+    for call, expected in (("matched", ps.match(*dim)), ("checked", ps.check(*dim))):
+        said = [line.removeprefix(f"{call} ") for line in lines if line.startswith(f"{call} ")]
+        assert said == [f"{one.topic}|{one.severity}|{one.sentence}" for one in expected.findings]
+        assert any(line.startswith("contrast|") and "is darker" in line for line in said)
+
+
 def test_settings_are_read_from_text(program: Program, pair: Pair) -> None:
     expected = ps.match(*pair, num_disparities=48, median=0, min_confidence=0.25, lr_check=None)
     program.same(pair, expected, preset="settings")

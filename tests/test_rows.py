@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -311,7 +310,7 @@ def test_a_matcher_goes_on_with_the_negative(load: Callable[[str], Pair]) -> Non
 def test_a_matcher_warns_too_and_a_summary_is_what_it_says() -> None:
     images = np.random.default_rng(0).integers(0, 256, (2, 90, 120), np.uint8)
 
-    with pytest.warns(ps.MatchWarning, match="hardly anything"):
+    with pytest.warns(ps.MatchWarning, match="without texture"):
         result = ps.Matcher().match(*images, num_disparities=30)
 
     assert result.summary is not None
@@ -321,4 +320,3 @@ def test_a_matcher_warns_too_and_a_summary_is_what_it_says() -> None:
     failed = ps.Flag.OCCLUDED | ps.Flag.MISMATCHED | ps.Flag.SPECKLE
     assert result.summary.flagged == ((result.flags & failed) != 0).mean()
     assert result.summary.estimated == np.isfinite(result.disparity).mean()
-    assert replace(result, summary=None).findings == ()

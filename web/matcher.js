@@ -45,6 +45,8 @@ class Matcher {
    *   - certainty (0 to 1) of the first of them, contrast of the left image relative to the right one
    *   - noise, impulses, coding: [left, right], in gray levels
    *   - inverted: whether the images match once one of them is inverted
+   *   - findings: list of what this means, each a topic, a severity ("ok", "note", "warning") and a sentence; of a check all
+   *     that was looked at, of a match what is worth knowing, the worst first
    *
    *   Numbers that could not be found out are null.
    */

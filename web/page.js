@@ -1,7 +1,6 @@
 // The page: which pair it is, what sliders do to it, and when it is matched: with `fast` while a slider moves, with
 // `robust` once it rests. One match at a time; what was asked for in the meantime is the latest.
 
-import { sentences } from "./findings.js";
 import { createMatcher } from "./matcher.js";
 import { readPair } from "./photographs.js";
 import { NUM_DISPARITIES, renderPair, SCENES } from "./render.js";
@@ -74,12 +73,11 @@ async function work() {
 async function matched(preset) {
   const { left, right, truth, range } = spoiledPair();
   const isLast = preset === "robust";
-  if (isLast) {
-    const found = await matcher.check(left, right);
-    tellFindings(sentences({ ...found, size: left }, { left, right }, page.levels));
-    if (next) return; // it has changed since
-  }
+  const checked = isLast ? (await matcher.check(left, right)).findings : [];
+  if (isLast) tellFindings(checked);
+  if (next) return; // it has changed since
   const result = await matcher.match(left, right, { preset, ...(range ?? { numDisparities: 0 }) });
+  if (isLast) tellFindings([...result.found.findings, ...checked]);
   startViewer();
   showPair(left, right);
   showResult(result, truth, isLast);
@@ -116,8 +114,13 @@ function trouble(text) {
   if (text) root.dataset.matched = "no";
 }
 
+// Each sentence once, the worst first.
 function tellFindings(found) {
-  element("findings").replaceChildren(...found.map(({ severity, sentence }) =>
+  const order = ["warning", "note", "ok"];
+  const isFirst = ({ sentence }, at) => found.findIndex((one) => one.sentence === sentence) === at;
+  const said = found.filter(isFirst)
+    .sort((one, other) => order.indexOf(one.severity) - order.indexOf(other.severity));
+  element("findings").replaceChildren(...said.map(({ severity, sentence }) =>
     made("li", { className: severity }, made("b", { textContent: severity }), ` ${sentence}`)));
 }
 

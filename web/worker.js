@@ -5,9 +5,11 @@ const IMAGE = 24;
 const MAP = 32;
 const FOUND = 472;
 const BLUR = 32;
+const FINDING = 12;
 const RGBA = 2;
 
 const STATUS_OK = 0;
+const SEVERITIES = ["ok", "note", "warning"];
 const ORIGINS = ["given", "found", "default"];
 const SIDES = ["none", "left", "right"];
 const KINDS = ["none", "gaussian", "disk", "motion", "annulus", "other"];
@@ -64,7 +66,7 @@ async function check({ left, right, minDisparity, numDisparities }) {
     const [first, second, found] = [image(left, "left"), image(right, "right"), memory(FOUND)];
     const matcher = matcherOf("robust");
     refuse(core.phasestereo_check(matcher, first, second, minDisparity, numDisparities, found));
-    return readFound(found);
+    return { ...readFound(found), findings: readFindings(memory(FINDING)) };
   });
 }
 
@@ -97,7 +99,7 @@ async function match({ left, right, preset, minDisparity, numDisparities }) {
       flags,
       confidence: Number.isNaN(confidence[0]) ? null : confidence,
       uncertainty: Number.isNaN(confidence[0]) ? null : uncertainty, // both are there, or none is
-      found: readFound(found),
+      found: { ...readFound(found), findings: readFindings(memory(FINDING)) },
       milliseconds,
     };
   });
@@ -165,7 +167,24 @@ function refuse(status) {
 }
 
 function readError() {
-  const start = core.phasestereo_error();
+  return readText(core.phasestereo_error());
+}
+
+/** What the last call says of the pair, read through memory for one finding. */
+function readFindings(place) {
+  const findings = [];
+  while (core.phasestereo_get_finding(findings.length, place) === 1) {
+    const [topic, sentence, severity] = new Uint32Array(core.memory.buffer, place, 3);
+    findings.push({
+      topic: readText(topic),
+      severity: SEVERITIES[severity],
+      sentence: readText(sentence),
+    });
+  }
+  return findings;
+}
+
+function readText(start) {
   const bytes = new Uint8Array(core.memory.buffer, start);
   return new TextDecoder().decode(bytes.slice(0, bytes.indexOf(0)));
 }

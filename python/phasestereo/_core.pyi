@@ -12,11 +12,13 @@ from phasestereo.rig.alignment import Field
 from phasestereo.rig.blur import Glance
 from phasestereo.rig.compensation import BlurCompensation
 from phasestereo.rig.estimates import Found, Known, Matched, Summarized, Supported
+from phasestereo.rig.findings import Said
 from phasestereo.settings import Settings
 
 __all__ = [
     "BAND_ROWS",
     "DEBUG_BUILD",
+    "DECISIVE_TOPICS",
     "FLAGS",
     "LARGER",
     "LEAST_SIZE",
@@ -57,6 +59,7 @@ _Scale: TypeAlias = tuple[tuple[float, int, bool, bool], _Ranges | None]
 __version__: str
 BAND_ROWS: int
 DEBUG_BUILD: bool
+DECISIVE_TOPICS: list[str]
 FLAGS: dict[str, int]
 LARGER: int
 MUCH_LARGER: int
@@ -147,7 +150,7 @@ def match_pair(
     progress: Callable[[int, int], object] | None,
     known: Known,
     temporal: TemporalFilter | None,
-) -> tuple[Matched, Summarized, Found, Supported | None]: ...
+) -> tuple[Matched, Summarized, Found, Supported | None, list[Said]]: ...
 def verify_map(
     images: tuple[Pixels, Pixels],
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
@@ -156,10 +159,11 @@ def verify_map(
     progress: Callable[[int, int], object] | None,
 ) -> tuple[
     tuple[NDArray[np.uint8], NDArray[np.float32]],
-    list[tuple[Literal["ok", "note", "warning"], str]],
+    list[Said],
     Matched,
     Summarized,
     Found,
+    list[Said],
 ]: ...
 def packed_pair(images: tuple[Pixels, Pixels]) -> tuple[tuple[Pixels, Pixels], float]: ...
 def descriptor(

@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from phasestereo.rig.alignment import Alignment, Field
     from phasestereo.rig.blur import BlurEstimate
     from phasestereo.rig.compensation import Noise
+    from phasestereo.rig.estimates import Known
+    from phasestereo.rig.findings import Finding
     from phasestereo.rig.search_range import SearchRange
 
     Mask = NDArray[np.bool_]
@@ -77,6 +79,8 @@ class PairStatistics:
     ranges
         Where the pixels of the left and of the right image lie, packed: (black, white) in
         thousandths of their unit, but for 0.1 % at either end. None: not needed.
+    findings
+        What there is to say about the pair, as `phasestereo.check` says it.
     roughness
         By how much horizontal neighbors of the left image differ: the sum, in steps of gray
         values, and of how many pairs. None: not needed.
@@ -100,6 +104,7 @@ class PairStatistics:
     ranges: tuple[Range, Range] | None = None
     roughness: tuple[int, int] | None = None
     tally: tuple[int, int, int, int, int] | None = None
+    findings: tuple[Finding, ...] = ()
 
     @property
     def field(self) -> Field | None:
@@ -200,7 +205,7 @@ def pair_statistics(
     (left, right), masks = rows(0, 1)
     dtype = left.dtype
     search = min_disparity, num_disparities
-    known = as_noise(noise, blur_compensation), blur_compensation, None, False
+    known: Known = as_noise(noise, blur_compensation), blur_compensation, None, False, []
 
     # Workers of its own: a shared one would wait for a reader that matches.
     workers = _core.Workers(threads)
@@ -242,6 +247,7 @@ def pair_statistics(
         packing=scale[0],
         ranges=scale[1],
         roughness=roughness,
+        findings=found.findings,
     )
     if asked.confidence or asked.min_confidence > 0:
         return replace(statistics, tally=_tally(rows, statistics, workers))

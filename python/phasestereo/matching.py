@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import astuple, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,7 @@ from phasestereo.result import Result, Summary
 from phasestereo.rig.alignment import applied_field
 from phasestereo.rig.compensation import BlurCompensation, Noise, as_noise
 from phasestereo.rig.estimates import Known, as_estimates
-from phasestereo.rig.findings import warn
+from phasestereo.rig.findings import as_findings, warn
 from phasestereo.settings import Settings, resolve
 from phasestereo.temporal import as_core_filter
 
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from phasestereo._images import ImageOrPath, Pixels
     from phasestereo.rig.estimates import Estimates, Matched, Summarized, Supported
+    from phasestereo.rig.findings import Said
     from phasestereo.temporal import TemporalFilter
 
     Mask = NDArray[np.bool_]
@@ -111,8 +112,8 @@ def match(
     Warns
     -----
     MatchWarning
-        If the match as a whole is not to be trusted: the images seem to be swapped, or to have
-        nothing in common, the range is too short, or much fails the left-right check.
+        If the match as a whole is not to be trusted: much of it is probably wrong, the images seem
+        to be swapped, or to have nothing in common, or the range is too short.
         ``result.findings`` says so, too, and what is worth knowing besides.
 
     Notes
@@ -271,23 +272,23 @@ def match_silently(
     size = pair[0].shape
     valid = as_mask(masks[0], size, "left_mask"), as_mask(masks[1], size, "right_mask")
 
-    known: Known = as_noise(*given), given[1], None, False
+    known: Known = as_noise(*given), given[1], None, False, []
 
     temporal = as_core_filter(temporal_filter)
 
     # What was estimated for an earlier pair is taken over where a glance finds the same blur.
     if before is not None and _is_as_before(before, pair, valid, threads):
         how = threads, progress
-        matched, summary, found, supported = _match_again(
+        matched, summary, found, supported, said = _match_again(
             before, pair, valid, search, how, temporal=temporal
         )
     else:
-        matched, summary, estimated, supported = _core.match_pair(
+        matched, summary, estimated, supported, said = _core.match_pair(
             pair, valid, search, settings, threads, progress, known, temporal
         )
         found = as_estimates(estimated, settings, search, given[1])
 
-    return result_of(matched, summary, found, arrays, supported)
+    return result_of(matched, summary, found, arrays, said, supported)
 
 
 def result_of(
@@ -295,6 +296,7 @@ def result_of(
     summary: Summarized,
     found: Estimates,
     pair: tuple[NDArray[Any], NDArray[Any]],
+    said: list[Said],
     supported: Supported | None = None,
 ) -> Result:
     """Return what the core has matched and estimated as a result, beside the pair as given."""
@@ -316,6 +318,7 @@ def result_of(
         alignment=found.alignment,
         blur_compensation=found.blur_compensation,
         summary=Summary(*summary),
+        findings=as_findings(said),
         pair=pair,
         temporal_support=support,
     )
@@ -342,7 +345,7 @@ def _match_again(
     how: tuple[int | _core.Workers | None, Progress | None],
     *,
     temporal: _core.TemporalFilter | None,
-) -> tuple[Matched, Summarized, Estimates, Supported | None]:
+) -> tuple[Matched, Summarized, Estimates, Supported | None, list[Said]]:
     """Match with what was estimated for an earlier pair."""
     if search[1] is None and before.search is not None:
         search = before.search.min_disparity, before.search.num_disparities
@@ -351,8 +354,9 @@ def _match_again(
     # The field of the earlier pair is given, so the core must not estimate another one.
     asked = replace(before.settings, align_rows=False)
     inverted = before.search is not None and before.search.inverted and asked.compensate_blur
-    known: Known = None, compensation, applied_field(alignment), inverted
-    matched, summary, estimated, supported = _core.match_pair(
+    said = [astuple(one) for one in before.findings]
+    known: Known = None, compensation, applied_field(alignment), inverted, said
+    matched, summary, estimated, supported, found = _core.match_pair(
         pair, masks, search, asked, *how, known, temporal
     )
 
@@ -360,4 +364,4 @@ def _match_again(
     blur = None if before.blur is None else replace(before.blur, reused=True)
     kept = before.search or same.search
     same = replace(same, search=kept, blur=blur, alignment=alignment)
-    return matched, summary, same, supported
+    return matched, summary, same, supported, found

@@ -207,6 +207,9 @@ class Result:
     summary
         Shares of the pixels that show whether the match as a whole is to be trusted. None where
         parts of a pair were matched.
+    findings
+        What there is to say about the match as a whole, worst first; empty if all is well, and
+        where parts of a pair were matched.
     temporal_support
         uint8 (H, W): how many frames of a video support each disparity, from 1 (this one alone) to
         8. None without a `phasestereo.TemporalFilter`.
@@ -224,6 +227,7 @@ class Result:
     alignment: Alignment | None = None
     blur_compensation: BlurCompensation | None = None
     summary: Summary | None = None
+    findings: tuple[Finding, ...] = ()
     temporal_support: NDArray[np.uint8] | None = None
 
     @property
@@ -235,12 +239,6 @@ class Result:
         sure = self.flags == 0 if self.confidence is None else self.confidence >= TRUSTED
         trusted: NDArray[np.bool_] = np.isfinite(self.disparity) & sure
         return trusted
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """What there is to say about the match as a whole, worst first; empty if all is well."""
-        found: tuple[Finding, ...] = import_module("phasestereo.rig.findings").match_findings(self)
-        return found
 
     def __reduce__(self) -> tuple[type[Result], tuple[Any, ...]]:
         """Return how to make another one without the pair, which would be most of a pickle."""

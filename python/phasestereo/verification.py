@@ -12,7 +12,7 @@ from phasestereo import _core
 from phasestereo._images import as_array, as_mask, as_pair, as_pixels, as_rgb8, opened
 from phasestereo.matching import result_of
 from phasestereo.rig.estimates import as_estimates
-from phasestereo.rig.findings import Finding
+from phasestereo.rig.findings import as_findings
 from phasestereo.settings import PRESETS
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from phasestereo._images import ImageOrPath
     from phasestereo.matching import Progress
     from phasestereo.result import Result
+    from phasestereo.rig.findings import Finding
 
 __all__ = ["Verdict", "Verification", "verify"]
 
@@ -181,14 +182,13 @@ def verify(
     valid = as_mask(left_mask, size, "left_mask"), as_mask(right_mask, size, "right_mask")
     claims = _as_claims(disparity, size)
 
-    judged, remarks, matched, summary, estimated = _core.verify_map(
+    judged, of_map, matched, summary, estimated, said = _core.verify_map(
         pair, valid, claims, threads, progress
     )
 
     found = as_estimates(estimated, PRESETS["robust"], (0, None), None)
-    result = result_of(matched, summary, found, arrays)
-    own = tuple(Finding("map", severity, sentence) for severity, sentence in remarks)
-    return Verification(*judged, (*own, *result.findings), result)
+    result = result_of(matched, summary, found, arrays, said)
+    return Verification(*judged, (*as_findings(of_map), *result.findings), result)
 
 
 def _as_claims(disparity: ArrayLike, size: tuple[int, ...]) -> NDArray[np.float32]:

@@ -14,7 +14,7 @@ const ABOUT: &str = "/* The C interface of phasestereo: dense stereo matching th
 
 fn header() -> String {
     let renamed = |name: &str| (name.to_owned(), format!("phasestereo_{}", name.to_lowercase()));
-    let names = ["Matcher", "Setting", "Status", "Image", "Map", "Blur", "Found"];
+    let names = ["Matcher", "Setting", "Status", "Image", "Map", "Blur", "Found", "Finding"];
     let mut config = Config {
         language: Language::C,
         header: Some(ABOUT.into()),
@@ -35,7 +35,7 @@ fn header() -> String {
     config.enumeration.rename_variants = RenameRule::QualifiedScreamingSnakeCase;
 
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("rust");
-    let sources = ["c/found.rs", "c/images.rs", "c.rs"].map(|name| folder.join(name));
+    let sources = ["c/found.rs", "c/told.rs", "c/images.rs", "c.rs"].map(|name| folder.join(name));
     let builder = sources.into_iter().fold(Builder::new().with_config(config), Builder::with_src);
     let mut header = vec![];
     builder.generate().expect("the interface is one of C").write(&mut header);

@@ -6,7 +6,7 @@ use pyo3::exceptions::{PyException, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDict};
 
-use super::estimates::{Field, read_field};
+use super::estimates::{Field, read_field, read_findings};
 use super::internal;
 use super::reader::{as_packing, as_ranges};
 use crate::cost::candidates::Candidates;
@@ -263,13 +263,14 @@ fn natural_or_none(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Opt
     if value.is_none() { Ok(None) } else { natural(value, name).map(Some) }
 }
 
-/// What a caller knows of a pair: noise, blur compensation, the field of vertical offsets, and whether the right image
-/// is inverted.
-pub type KnownOfPair<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Option<Field>, bool);
+/// What a caller knows of a pair: noise, blur compensation, the field of vertical offsets, whether the right image is
+/// inverted, and what was said about an earlier pair.
+pub type KnownOfPair<'py> =
+    (Bound<'py, PyAny>, Bound<'py, PyAny>, Option<Field>, bool, Vec<(String, String, String)>);
 
 /// Reads what a caller knows of a pair of this size.
 pub fn read_known(
-    (noise, compensation, field, is_inverted): &KnownOfPair<'_>,
+    (noise, compensation, field, is_inverted, findings): &KnownOfPair<'_>,
     size: (usize, usize),
     search: Disparities,
 ) -> PyResult<Known> {
@@ -290,7 +291,9 @@ pub fn read_known(
     let compensation = read_blur_compensation(compensation)?;
     let is_inverted = *is_inverted;
 
-    Ok(Known { candidates, noise, compensation, alignment, is_inverted })
+    let findings = read_findings(findings)?;
+
+    Ok(Known { candidates, noise, compensation, alignment, is_inverted, findings })
 }
 
 /// The fields of `phasestereo.PairStatistics`: the statistics of a whole pair that the match of its parts needs.

@@ -4,7 +4,8 @@ use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 
 use super::{internal, wrap};
-use crate::error::Result;
+use crate::error::{Error, Result};
+use crate::findings::{Finding, Severity, Topic};
 use crate::image::plane::Plane;
 use crate::rig::alignment::{Alignment, TERMS};
 use crate::rig::blur::{self, BlockPlace, Glance, Side};
@@ -12,6 +13,7 @@ use crate::rig::estimation::Estimates;
 use crate::rig::estimation::compensation_plan::CompensationPlan;
 use crate::rig::estimation::range::{LeftOut, SearchRange};
 use crate::rig::estimation::rows::RowOffsets;
+use crate::rig::photometry::Photometry;
 use crate::rig::psf::{Family, Taps};
 
 /// Family, size, angle and kernel of a blur.
@@ -53,11 +55,22 @@ type LeftOutTuple = ((usize, usize), (usize, usize), f64, f64);
 /// of the pair.
 pub type Field = ([f64; TERMS], (usize, usize), usize);
 
-/// A field, its standard error, the number of blocks that agree, their spread.
-type OffsetsTuple = (Field, f64, usize, f64);
+/// A field, its standard error, the number of blocks that agree, their spread, and what of this rows have in common.
+type OffsetsTuple = (Field, f64, usize, f64, f64);
+
+/// A value of the left and one of the right image.
+type Both = (f64, f64);
+
+/// White less black; the shares of dark and of bright pixels of both images, of their areas without texture, and of those
+/// with smeared and with repeated texture; the shift between their fields; gain, gamma and ratio of their gray levels.
+type PhotometryTuple = (f64, (Both, Both), Both, Both, Both, (i32, i32), Option<(f64, f64, f64)>);
+
+/// Topic, severity and sentence.
+pub type FindingTuple = (&'static str, &'static str, String);
 
 /// Disparities (least, number), the confidence of a rough match, whether one image is inverted, the range, what it leaves
-/// out, the offsets that were estimated, the field that is applied, blur, the plan of its compensation, and wall-clock seconds.
+/// out, the offsets that were estimated, the field that is applied, blur, the plan of its compensation, wall-clock
+/// seconds, what the gray values say, and findings on the pair.
 pub type EstimatesTuple<'py> = (
     (i64, i64),
     Option<f64>,
@@ -69,12 +82,15 @@ pub type EstimatesTuple<'py> = (
     Option<EstimateTuple<'py>>,
     Option<PlanTuple<'py>>,
     f64,
+    Option<PhotometryTuple>,
+    Vec<FindingTuple>,
 );
 
 /// The estimates for Python.
 pub fn estimates_to_py(py: Python<'_>, estimates: Estimates) -> PyResult<EstimatesTuple<'_>> {
     let Estimates { candidates, confidence, is_inverted, range, left_out, .. } = estimates;
-    let Estimates { offsets, alignment, blur, compensation, time, .. } = estimates;
+    let Estimates { offsets, alignment, blur, photometry, compensation, .. } = estimates;
+    let Estimates { findings, time, .. } = estimates;
 
     let blur = blur.map(|blur| estimate_to_py(py, blur)).transpose()?;
     let compensation = compensation.map(|plan| compensation_to_py(py, plan)).transpose()?;
@@ -90,7 +106,36 @@ pub fn estimates_to_py(py: Python<'_>, estimates: Estimates) -> PyResult<Estimat
         blur,
         compensation,
         time.as_secs_f64(),
+        photometry.as_ref().map(photometry_to_py),
+        findings_to_py(findings),
     ))
+}
+
+/// Findings for Python.
+pub fn findings_to_py(findings: Vec<Finding>) -> Vec<FindingTuple> {
+    let tuple = |one: Finding| (one.topic.name(), one.severity.name(), one.sentence);
+    findings.into_iter().map(tuple).collect()
+}
+
+/// The findings that Python hands back.
+pub fn read_findings(findings: &[(String, String, String)]) -> Result<Vec<Finding>> {
+    let read = |(topic, severity, sentence): &(String, String, String)| {
+        let refused =
+            || Error::value("findings", format!("'{severity}: {topic}'"), "those of a match");
+        let topic = Topic::named(topic).ok_or_else(refused)?;
+        let severity = Severity::named(severity).ok_or_else(refused)?;
+        Ok(Finding::new(topic, severity, sentence))
+    };
+
+    findings.iter().map(read).collect()
+}
+
+fn photometry_to_py(found: &Photometry) -> PhotometryTuple {
+    let [left, right] = found.saturation.map(|side| (side.dark, side.bright));
+    let [flat, smeared, repeated] = [found.flat, found.smeared, found.repeated].map(Both::from);
+    let contrast = found.contrast.map(|contrast| (contrast.gain, contrast.gamma, contrast.ratio));
+
+    (found.range, (left, right), flat, smeared, repeated, found.fields.into(), contrast)
 }
 
 fn range_to_py(range: &SearchRange) -> RangeTuple {
@@ -104,7 +149,7 @@ fn left_out_to_py(place: &LeftOut) -> LeftOutTuple {
 }
 
 fn offsets_to_py(offsets: &RowOffsets) -> OffsetsTuple {
-    (field_to_py(&offsets.field), offsets.error, offsets.blocks, offsets.spread)
+    (field_to_py(&offsets.field), offsets.error, offsets.blocks, offsets.spread, offsets.wobble)
 }
 
 fn field_to_py(field: &Alignment) -> Field {

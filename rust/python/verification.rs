@@ -6,10 +6,11 @@ use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 
 use super::arguments::{Both, read_images, values};
-use super::estimates::{EstimatesTuple, estimates_to_py};
+use super::estimates::{EstimatesTuple, FindingTuple, estimates_to_py, findings_to_py};
 use super::supervisor::supervised;
 use super::workers::Pool;
 use super::{Matched, SummaryTuple, disparity_to_py, summary_to_py, wrap};
+use crate::findings;
 use crate::image::plane::Plane;
 use crate::pipeline::matcher::Execution;
 use crate::pipeline::summary::Summary;
@@ -21,10 +22,17 @@ use crate::verification::{Verification, verify};
 /// Verdicts and better disparities.
 type Judged<'py> = (Bound<'py, PyArray2<u8>>, Bound<'py, PyArray2<f32>>);
 
-/// Severities and sentences.
-type Remarks = Vec<(&'static str, String)>;
+/// Verdicts and better disparities, findings on the map, and the own match with what was found out for it.
+type Verified<'py> = (
+    Judged<'py>,
+    Vec<FindingTuple>,
+    Matched<'py>,
+    SummaryTuple,
+    EstimatesTuple<'py>,
+    Vec<FindingTuple>,
+);
 
-/// Judges a disparity map: verdicts, remarks, and the own match as `match_pair` returns it.
+/// Judges a disparity map; the own match is as `match_pair` returns it.
 #[pyfunction]
 pub fn verify_map<'py>(
     py: Python<'py>,
@@ -33,12 +41,12 @@ pub fn verify_map<'py>(
     disparity: &Bound<'py, PyAny>,
     threads: &Bound<'py, PyAny>,
     progress: Option<Bound<'py, PyAny>>,
-) -> PyResult<(Judged<'py>, Remarks, Matched<'py>, SummaryTuple, EstimatesTuple<'py>)> {
+) -> PyResult<Verified<'py>> {
     let pair = read_images(&images, &masks, None)?;
     let map = read_map(disparity)?;
 
     let pool = Pool::for_argument(threads)?;
-    let rows = pair.size().0;
+    let (rows, cols) = pair.size();
     let how = Execution { threads: pool.threads(), level: Level::best() };
     let (judged, summary) = supervised(py, &pool, rows, progress, move |matcher, control| {
         let means = Means { matcher, how, control };
@@ -47,15 +55,16 @@ pub fn verify_map<'py>(
         Ok((judged, summary))
     })?;
 
-    let Verification { verdicts, better, remarks, own, prepared, .. } = judged;
-    let remarks = remarks.into_iter().map(|remark| (remark.severity, remark.sentence)).collect();
+    let Verification { verdicts, better, findings, own, prepared, .. } = judged;
+    let said = findings::of_match(&prepared.estimates, &summary, (rows, cols));
 
     Ok((
         (wrap(py, verdicts)?, wrap(py, better)?),
-        remarks,
+        findings_to_py(findings),
         disparity_to_py(py, own)?,
         summary_to_py(summary),
         estimates_to_py(py, prepared.estimates)?,
+        findings_to_py(said),
     ))
 }
 

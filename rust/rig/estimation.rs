@@ -10,6 +10,9 @@
 //! 4. Significant offsets that are large beside their error straighten the right image. With smaller ones some bands are
 //!    matched both ways ([`trial`]), and it is straightened only if the match gets better by it.
 //!
+//! 5. What the gray values say is counted and fitted ([`crate::rig::photometry`]), and what it all means is said
+//!    ([`crate::findings`]).
+//!
 //! Where nothing matches, the reduced images are tried once more with the negative of one. If that matches, all of the
 //! above is repeated with the negative of the right image, which is then matched, too.
 //!
@@ -33,17 +36,19 @@ use self::range::{LeftOut, SearchRange};
 use self::rows::RowOffsets;
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
+use crate::findings::{self, Finding};
 use crate::image::packing::Packing;
 use crate::pipeline::matcher::{Disparity, Pair};
 use crate::pipeline::platform::Instant;
 use crate::pipeline::source::Source;
 use crate::rig::alignment::Alignment;
 use crate::rig::blur;
-use crate::rig::blur::defects::{Defects, Repaired};
+use crate::rig::blur::defects::{self, Defects, Repaired};
 pub use crate::rig::blur::parts::Means;
 use crate::rig::blur::parts::{PairRows, Part};
 use crate::rig::blur::rough::{self, Rough};
 use crate::rig::blur_compensation::BlurCompensation;
+use crate::rig::photometry::{Contrast, Photometry, Scales};
 use crate::settings::Settings;
 
 /// Where the range is unknown, one in so many columns is the number of disparities to search.
@@ -77,6 +82,8 @@ pub struct Known {
     pub alignment: Option<Alignment>,
     /// Whether the images match once one of them is inverted.
     pub is_inverted: bool,
+    /// What was said about an earlier pair of the same cameras, whose estimates are known here.
+    pub findings: Vec<Finding>,
 }
 
 /// What was estimated from a pair, and the settings and kernels that suit it.
@@ -99,8 +106,12 @@ pub struct Estimates {
     pub alignment: Option<Alignment>,
     /// Noise and blur, if they were to be estimated.
     pub blur: Option<blur::Estimate>,
+    /// What the gray values say, if anything was to be estimated.
+    pub photometry: Option<Photometry>,
     /// The settings and kernels that suit the blur and the noise, of which one or both are estimated or known.
     pub compensation: Option<CompensationPlan>,
+    /// What there is to say about the pair, in a fixed order of topics.
+    pub findings: Vec<Finding>,
     /// Wall-clock time.
     pub time: Duration,
 }
@@ -165,11 +176,12 @@ fn estimated(
     let mut found = means.matcher.install(|| estimate_pair(&pair, &request, settings, means))?;
     if settings.compensate_blur && found.is_inverted && !known.is_inverted {
         pair = pair.inverted();
-        found = means.matcher.install(|| estimate_pair(&pair, &request, settings, means))?;
-        found.is_inverted = true;
+        let negative = means.matcher.install(|| estimate_pair(&pair, &request, settings, means))?;
+        found = found.with_negative(negative);
     }
 
-    Ok((pair, found.with_known(known, started)))
+    let size = pair.size();
+    Ok((pair, found.with_known(known, size, settings, started)))
 }
 
 /// Estimates what the settings ask for and the caller does not know, and matches the pair as it was prepared.
@@ -207,11 +219,11 @@ pub fn prepare_by_rows(
         means.matcher.install(|| estimate_by_rows(source, &request, settings, means))?;
 
     if settings.compensate_blur && found.is_inverted && !known.is_inverted {
-        found = means.matcher.install(|| estimate_by_rows(&inverted, &request, settings, means))?;
-        found.is_inverted = true;
+        let estimate = || estimate_by_rows(&inverted, &request, settings, means);
+        found = found.with_negative(means.matcher.install(estimate)?);
     }
 
-    Ok(found.with_known(&known, started))
+    Ok(found.with_known(&known, source.size(), settings, started))
 }
 
 /// A source with the negative of the right image.
@@ -242,13 +254,15 @@ fn estimate_pair(
     settings: &Settings,
     means: Means,
 ) -> Result<Estimates> {
+    let levels = defects::levels_of_pair(pair, means)?;
     let needs_defects = request.blur && blur::is_enough(pair.size());
-    let defects = needs_defects.then(|| Defects::of_pair(pair, means)).transpose()?;
+    let defects = needs_defects.then(|| Defects::of_pair(pair, levels, means)).transpose()?;
     let defects = defects.unwrap_or_default();
 
     let repaired = defects.repaired(pair);
     let part = Part::new(0, Cow::Borrowed(&*repaired), means)?;
-    estimate(PairRows::Kept(&part), &repaired, request, defects, settings, means)
+    let sample = Sample { pair: &repaired, scales: Scales::new(&repaired, levels, means)? };
+    estimate(PairRows::Kept(&part), &sample, request, defects, settings, means)
 }
 
 /// The estimates of a pair that is read a part at a time.
@@ -258,11 +272,13 @@ fn estimate_by_rows(
     settings: &Settings,
     means: Means,
 ) -> Result<Estimates> {
+    let levels = defects::levels_of_source(source, means)?;
     let needs_defects = request.blur && blur::is_enough(source.size());
-    let defects = needs_defects.then(|| Defects::of_source(source, means)).transpose()?;
+    let defects = needs_defects.then(|| Defects::of_source(source, levels, means)).transpose()?;
     let defects = defects.unwrap_or_default();
 
-    let sample = source.rows(0..1)?;
+    let first = source.rows(0..1)?;
+    let sample = Sample { pair: &first, scales: Scales::new(&first, levels, means)? };
     let repaired = Repaired { source, impulses: defects.impulses };
     estimate(PairRows::Read(&repaired), &sample, request, defects, settings, means)
 }
@@ -291,12 +307,34 @@ impl Request<'_> {
 }
 
 impl Estimates {
-    /// The same with what the caller knows, and the time since the start.
-    fn with_known(self, known: &Known, started: Instant) -> Self {
-        let alignment = self.alignment.or_else(|| known.alignment.clone());
-        let is_inverted = self.is_inverted || known.is_inverted;
+    /// The estimates of the pair with the negative of the right image, but for the pixels as they are.
+    fn with_negative(self, negative: Self) -> Self {
+        let saturation = self.photometry.map(|own| own.saturation);
+        let photometry = negative.photometry.zip(saturation);
+        let photometry = photometry.map(|(found, saturation)| Photometry { saturation, ..found });
 
-        Self { alignment, is_inverted, time: started.elapsed(), ..self }
+        Self { is_inverted: true, photometry, ..negative }
+    }
+
+    /// The same with what the caller knows, what there is to say of it, and the time since the start.
+    fn with_known(
+        mut self,
+        known: &Known,
+        size: (usize, usize),
+        settings: &Settings,
+        started: Instant,
+    ) -> Self {
+        self.alignment = self.alignment.or_else(|| known.alignment.clone());
+        self.is_inverted |= known.is_inverted;
+        self.findings = findings::of_pair(&self, size, known.candidates.is_some(), settings);
+
+        Self { time: started.elapsed(), ..self }
+    }
+
+    /// No estimates of a pair whose disparities are known.
+    #[cfg(test)]
+    pub fn of_candidates(candidates: Candidates) -> Self {
+        Self::none(candidates, &Known::default())
     }
 
     /// The estimates where nothing is requested: what the caller knows.
@@ -310,7 +348,14 @@ impl Estimates {
             offsets: None,
             alignment: known.alignment.clone(),
             blur: None,
+            photometry: None,
             compensation: None,
+            findings: known
+                .findings
+                .iter()
+                .filter(|one| !one.topic.is_decisive())
+                .cloned()
+                .collect(),
             time: Duration::ZERO,
         }
     }
@@ -325,22 +370,29 @@ struct Geometry {
     left_out: Vec<LeftOut>,
     offsets: Option<RowOffsets>,
     alignment: Option<Alignment>,
+    contrast: Option<Contrast>,
     /// The rough match of the known disparities, or else of all that are tried, and the factor by which its images are
     /// reduced.
     rough: Option<(RoughMap, usize)>,
 }
 
-/// The estimates that are requested. `sample` is any part of the pair.
+/// Some rows of a pair, and its scales.
+struct Sample<'a> {
+    pair: &'a Pair,
+    scales: Scales,
+}
+
+/// The estimates that are requested.
 fn estimate(
     rows: PairRows,
-    sample: &Pair,
+    sample: &Sample,
     request: &Request,
     defects: Defects,
     settings: &Settings,
     means: Means,
 ) -> Result<Estimates> {
-    let Geometry { confidence, is_inverted, range, left_out, offsets, alignment, rough } =
-        Geometry::new(rows, request, means)?;
+    let Geometry { confidence, is_inverted, range, left_out, offsets, alignment, contrast, rough } =
+        Geometry::new(rows, sample, request, means)?;
 
     let width = rows.size().1;
     let candidates = match (request.candidates, &range) {
@@ -352,9 +404,13 @@ fn estimate(
     // Blur is compared where both images show the same, so it comes after the geometry.
     let known = rough::Correspondence { candidates, alignment: alignment.clone() };
     let rough = rough.map(|(map, factor)| Rough::of_whole(map.unsure, factor, alignment.clone()));
-    let blur = || blur::estimate(rows, sample, known, rough, means);
+    let blur = || blur::estimate(rows, sample.pair, known, rough, means);
     let blur = request.blur.then(blur).transpose()?;
     let blur = blur.map(|blur| blur.with(defects));
+
+    let noise = blur.as_ref().map(|blur| blur.noise).or(request.noise).unwrap_or_default();
+    let photometry =
+        Photometry::new(rows, &sample.scales, noise, candidates.count(), contrast, means)?;
 
     let compensation = match (&blur, request.noise) {
         _ if request.compensation.is_some() => None,
@@ -372,7 +428,9 @@ fn estimate(
         offsets,
         alignment,
         blur,
+        photometry: Some(photometry),
         compensation,
+        findings: vec![],
         time: Duration::ZERO,
     };
 
@@ -386,7 +444,7 @@ fn estimate(
 
 impl Geometry {
     /// Matches the reduced images, if they are needed and large enough.
-    fn new(rows: PairRows, request: &Request, means: Means) -> Result<Self> {
+    fn new(rows: PairRows, sample: &Sample, request: &Request, means: Means) -> Result<Self> {
         let is_needed = request.candidates.is_none() || request.rows;
         // The ends of an unknown range are found on finer copies.
         let copies = |means| match request.candidates {
@@ -435,7 +493,8 @@ impl Geometry {
             && overview.inverted().rough(None, None, means)?.confidence
                 >= overview::GOOD_CONFIDENCE;
 
+        let contrast = sample.scales.contrast(&overview, last);
         let rough = Some((rough, overview.factor));
-        Ok(Self { confidence, is_inverted, range, left_out, offsets, alignment, rough })
+        Ok(Self { confidence, is_inverted, range, left_out, offsets, alignment, contrast, rough })
     }
 }

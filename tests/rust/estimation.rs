@@ -152,6 +152,9 @@ fn assert_same(found: &Estimates, expected: &Estimates, what: &str) {
     };
 
     assert_eq!(parts(found), parts(expected), "{what}");
+    // NaN is unequal to itself, not so its text.
+    let said = |found: &Estimates| format!("{:?} {:?}", found.photometry, found.findings);
+    assert_eq!(said(found), said(expected), "{what}");
 }
 
 #[test]

@@ -18,7 +18,6 @@ from phasestereo.integrations.video.capture import Layout
 from phasestereo.io import read_image, write_image
 from phasestereo.rig.blur import Blur, BlurEstimate
 from phasestereo.rig.diagnosis import check as check_pair
-from phasestereo.rig.findings import spread
 
 _TINTS = {"left": (1.0, 0.2, 0.1), "right": (0.1, 0.4, 1.0)}  # red, blue
 _NO_TINT = (0.0, 0.0, 0.0)
@@ -109,6 +108,6 @@ def _picture(estimate: BlurEstimate | None, image: NDArray[Any]) -> NDArray[np.u
 def _tints(blurs: Sequence[Blur]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return a color and how much of it to mix in, for each blur."""
     color = np.array([_TINTS.get(blur.side, _NO_TINT) for blur in blurs])
-    strength = np.array([0.0 if blur.side == "none" else spread(blur) for blur in blurs])
+    strength = np.array([blur.spread for blur in blurs])
     weight = _WEIGHT * strength / max(float(strength.max()), np.finfo(float).tiny)
     return color, weight[:, np.newaxis]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict
+from dataclasses import asdict, astuple
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -18,6 +18,7 @@ from phasestereo.bands import PairStatistics, as_size
 from phasestereo.rig.alignment import Alignment
 from phasestereo.rig.blur import Blur, BlurEstimate
 from phasestereo.rig.compensation import BlurCompensation
+from phasestereo.rig.findings import Finding
 from phasestereo.rig.search_range import LeftOut, SearchRange
 from phasestereo.settings import Settings
 
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from phasestereo.bands import Packing, Range
+    from phasestereo.rig.findings import Severity
 
     Plain: TypeAlias = dict[str, Any]
     Arrays: TypeAlias = dict[str, NDArray[Any]]
@@ -52,6 +54,7 @@ def as_arrays(statistics: PairStatistics) -> Arrays:
     plain["settings"] = asdict(statistics.settings)
     plain["alignment"] = statistics.alignment and asdict(statistics.alignment)
     plain["search"] = statistics.search and asdict(statistics.search)
+    plain["findings"] = [astuple(found) for found in statistics.findings]
 
     arrays: Arrays = {}
     if statistics.blur_compensation is not None:
@@ -92,6 +95,7 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> PairStatistics:
         ranges=plain["ranges"] and _ranges(*plain["ranges"]),
         roughness=plain["roughness"] and _roughness(*plain["roughness"]),
         tally=plain["tally"] and _tally(*plain["tally"]),
+        findings=tuple(_finding(*found) for found in plain["findings"]),
     )
 
 
@@ -178,6 +182,12 @@ def _packing(step: float, bits: int, left: bool, right: bool) -> Packing:  # noq
 def _ranges(left: Range, right: Range) -> tuple[Range, Range]:
     (black, white), (other_black, other_white) = left, right
     return (float(black), float(white)), (float(other_black), float(other_white))
+
+
+def _finding(topic: str, severity: Severity, sentence: str) -> Finding:
+    if not all(isinstance(text, str) for text in (topic, severity, sentence)):
+        raise TypeError(f"findings: got {topic!r}, {severity!r}, {sentence!r}; accepts texts")
+    return Finding(topic, severity, sentence)
 
 
 def _roughness(total: int, pairs: int) -> tuple[int, int]:

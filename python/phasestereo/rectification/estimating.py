@@ -15,7 +15,6 @@ from phasestereo._extras import require
 from phasestereo.rectification.features import followed, led_back, matched
 from phasestereo.rectification.fitting import Fit, consensus, fitted, fitted_anew
 from phasestereo.rectification.record import inside
-from phasestereo.rig.photometry import fractions
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -42,6 +41,7 @@ _ENDS = 2.0, 50.0, 98.0  # percentiles of the disparities
 _DISTORTED = 0.05
 _NEARLY_ALL = 0.95
 _CLEARLY = 2.0  # pixels
+_LUMA = np.array([0.299, 0.587, 0.114])
 
 
 class EstimatedMaps(NamedTuple):
@@ -69,7 +69,7 @@ def estimated(pairs: Sequence[tuple[Pixels, Pixels]]) -> EstimatedMaps:
     if any(pair[0].shape[:2] != size[::-1] for pair in pairs):
         raise ValueError(f"others: got pairs of another size; accepts that of left, {size[::-1]}")
 
-    planes = [fractions(*pair)[:2] for pair in pairs]
+    planes = [(_gray(left, "left"), _gray(right, "right")) for left, right in pairs]
     rough = [(pair, _agreeing(pair)) for pair in planes]
     used = [(pair, found) for pair, found in rough if not isinstance(found, str)]
 
@@ -96,6 +96,16 @@ def estimated(pairs: Sequence[tuple[Pixels, Pixels]]) -> EstimatedMaps:
         raise best
 
     return _found(best, len(used), negative=negative)
+
+
+def _gray(image: Pixels, side: str) -> Plane:
+    """Return an image in gray, of a scale that float32 can hold."""
+    if not np.isfinite(image).all():
+        raise ValueError(f"{side}: got NaN or infinite pixels; accepts finite ones")
+
+    scaled = image / max(float(np.abs(image).max()), 1.0)
+    gray = scaled @ _LUMA if image.shape[2] == 3 else scaled[:, :, 0]
+    return gray.astype(np.float32)
 
 
 class _Tried(NamedTuple):

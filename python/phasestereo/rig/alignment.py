@@ -36,6 +36,9 @@ class Alignment:
         Number of blocks, found in both images, that agree with it.
     spread
         Robust standard deviation of these blocks from it, pixels.
+    wobble
+        What of this rows have in common, as where a rolling shutter shakes: pixels rms over the
+        rows; 0 where the blocks of a row scatter each by itself.
     size
         Rows and columns of the images.
     applied
@@ -47,6 +50,7 @@ class Alignment:
     error: float
     blocks: int
     spread: float
+    wobble: float
     size: tuple[int, int]
     applied: bool = False
 

@@ -17,6 +17,8 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from phasestereo.rig.photometry import Contrast
+
 
 Side = Literal["none", "left", "right"]
 BlurKind = Literal["none", "gaussian", "disk", "motion", "annulus", "other"]
@@ -76,6 +78,23 @@ class Blur:
     psf: NDArray[np.float64] | None = None
     other: Blur | None = None
 
+    @property
+    def spread(self) -> float:
+        """The standard deviation along an axis, or along the path of a motion, pixels."""
+        match self.kind:
+            case "gaussian":
+                return self.size
+            case "disk":
+                return self.size / 2
+            case "annulus":
+                return self.size / 1.6  # of a hole of 0.75; of one of half the radius 1.8
+            case "motion":
+                return (self.size - 1) / math.sqrt(12)
+            case "other":
+                return self.size / math.sqrt(2)
+            case "none":
+                return 0.0
+
     def as_dict(self) -> dict[str, Any]:
         """Return the blur as JSON has it, without arrays."""
         plain = {name: getattr(self, name) for name in ("side", "kind", "size", "angle")}
@@ -120,7 +139,7 @@ class BlurEstimate:
         fine as noise counts as such.
     gain, gamma
         How intensities correspond, as fractions of their range: left = gain * right ** gamma. NaN
-        in the result of a match, which does without.
+        where too little corresponds.
     reused
         Whether it is of an earlier pair, and was taken over since the blur of this one is as it
         was: `Matcher.match` with ``before``, and `stream`.
@@ -189,8 +208,8 @@ class BlurEstimate:
         return self.labels[np.ix_(y, x)]
 
 
-def as_estimate(found: Estimated) -> BlurEstimate:
-    """Return an estimate of the core as a `BlurEstimate`."""
+def as_estimate(found: Estimated, curve: Contrast | None) -> BlurEstimate:
+    """Return an estimate of the core, and of how gray levels correspond, as a `BlurEstimate`."""
     blurs, labels, tile, certainty, contrast, (noise, impulses, coding), glance = found
     kinds = tuple(
         Blur(_SIDES[side], *own, other=other and Blur(_SIDES[3 - side], *other))
@@ -204,6 +223,8 @@ def as_estimate(found: Estimated) -> BlurEstimate:
         certainty,
         contrast,
         noise,
+        gain=math.nan if curve is None else curve.gain,
+        gamma=math.nan if curve is None else curve.gamma,
         impulses=impulses,
         coding=coding,
         glance=glance,

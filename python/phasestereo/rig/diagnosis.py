@@ -1,8 +1,6 @@
 """The diagnosis of a pair: what keeps it from being matched well, before it is matched.
 
-Here belongs the order of the measurements and the record of their results. Each is made elsewhere:
-`phasestereo.rig.estimation` and `phasestereo.rig.photometry`; what they mean is put into words in
-`phasestereo.rig.findings`.
+Here belongs the record of what the core has measured, and said about it.
 """
 
 from __future__ import annotations
@@ -10,49 +8,24 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass, replace
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, cast
 
 from phasestereo._core import LEAST_SIZE, packed_pair
 from phasestereo._images import opened_pair
 from phasestereo._numbers import as_json
-from phasestereo.rig import findings
 from phasestereo.rig.estimation import estimate_pair
-from phasestereo.rig.photometry import fractions, low_texture, saturation
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import NDArray
-
-    from phasestereo._images import ImageOrPath, Pixels
+    from phasestereo._images import ImageOrPath
     from phasestereo.rig.alignment import Alignment
     from phasestereo.rig.blur import BlurEstimate
     from phasestereo.rig.findings import Finding
-    from phasestereo.rig.photometry import Saturation
+    from phasestereo.rig.photometry import Contrast, Photometry, Saturation
     from phasestereo.rig.search_range import SearchRange
 
-__all__ = ["Contrast", "Diagnosis", "check"]
-
-_GRAYS = 0.02, 0.98  # between them, the typical gray is looked for
-
-
-@dataclass(frozen=True, slots=True)
-class Contrast:
-    """How the gray levels of the images correspond: ``left = gain * right ** gamma``.
-
-    Parameters
-    ----------
-    gain, gamma
-        Of intensities as fractions of their range.
-    ratio
-        The left image's gray level over the right one's, at the right image's median.
-    """
-
-    gain: float
-    gamma: float
-    ratio: float
+__all__ = ["Diagnosis", "check"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,6 +52,8 @@ class Diagnosis:
         Shares of the images, 0 to 1, with nothing but noise, left and right, or None.
     intensity_range
         Length of the range of intensities, in the images' own unit.
+    findings
+        What there is to say, in a fixed order of topics.
     """
 
     size: tuple[int, int]
@@ -90,11 +65,7 @@ class Diagnosis:
     saturation: tuple[Saturation, Saturation]
     low_texture: tuple[float, float] | None
     intensity_range: float
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """What there is to say, in a fixed order of topics."""
-        return findings.pair_findings(self)
+    findings: tuple[Finding, ...]
 
     @property
     def _sure(self) -> float:
@@ -161,43 +132,24 @@ def check(left: ImageOrPath, right: ImageOrPath) -> Diagnosis:
         If a file cannot be read.
     """
     pair = opened_pair(left, right)
-    # The values are diagnosed, whatever type they come in.
-    packed, unit = packed_pair(pair)
-    gray_left, gray_right, length = fractions(*packed)
-    length *= unit
-    search, alignment, blur = _estimated(gray_left, gray_right, pair)
-
-    noise = (0.0, 0.0) if blur is None else blur.noise
-    texture = low_texture(gray_left, noise[0] / length), low_texture(gray_right, noise[1] / length)
-
-    return Diagnosis(
-        size=(gray_left.shape[0], gray_left.shape[1]),
-        search=search,
-        alignment=alignment,
-        blur=blur,
-        contrast=None if blur is None else _contrast(blur, gray_right),
-        noise=None if blur is None else blur.noise,
-        saturation=(saturation(pair[0]), saturation(pair[1])),
-        low_texture=None if texture[0] is None or texture[1] is None else (texture[0], texture[1]),
-        intensity_range=length,
-    )
-
-
-def _estimated(
-    gray_left: NDArray[np.float32], gray_right: NDArray[np.float32], pair: tuple[Pixels, Pixels]
-) -> tuple[SearchRange | None, Alignment | None, BlurEstimate | None]:
-    """Estimate what there is to estimate of images that are large enough and not of one gray."""
-    if min(gray_left.shape) < LEAST_SIZE or 0 in (np.ptp(gray_left), np.ptp(gray_right)):
-        return None, None, None
-
+    size = pair[0].shape[0], pair[0].shape[1]
     found = estimate_pair(pair, (None, None), (0, None), None)
-    search = found.search if found.search.origin == "found" else None
-    return search, found.alignment, found.blur
+    light = cast("Photometry", found.photometry)  # the preset asks for estimates
 
-
-def _contrast(blur: BlurEstimate, right: NDArray[np.float32]) -> Contrast:
-    typical = float(np.clip(np.median(right), *_GRAYS))
-    return Contrast(blur.gain, blur.gamma, blur.gain * typical ** (blur.gamma - 1))
+    is_uniform = any(side.dark == 1 for side in light.saturation)
+    blur = None if is_uniform or min(size) < LEAST_SIZE else found.blur
+    return Diagnosis(
+        size=size,
+        search=found.search if found.search.origin == "found" else None,
+        alignment=found.alignment,
+        blur=blur,
+        contrast=light.contrast,
+        noise=None if blur is None else blur.noise,
+        saturation=light.saturation,
+        low_texture=None if math.isnan(light.low_texture[0]) else light.low_texture,
+        intensity_range=light.intensity_range,
+        findings=found.findings,
+    )
 
 
 def _blur(estimate: BlurEstimate) -> dict[str, Any]:

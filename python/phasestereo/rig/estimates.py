@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, TypeAlias, TypeVar
 from phasestereo.rig.alignment import Alignment
 from phasestereo.rig.blur import as_estimate
 from phasestereo.rig.compensation import BlurCompensation
+from phasestereo.rig.findings import as_findings
+from phasestereo.rig.photometry import as_photometry
 from phasestereo.rig.search_range import LeftOut, SearchRange
 from phasestereo.settings import Settings
 
@@ -19,6 +21,8 @@ if TYPE_CHECKING:
 
     from phasestereo.rig.alignment import Field
     from phasestereo.rig.blur import BlurEstimate, Estimated
+    from phasestereo.rig.findings import Finding, Said
+    from phasestereo.rig.photometry import Measured, Photometry
 
     _Taps: TypeAlias = NDArray[np.float32] | None
 
@@ -36,15 +40,18 @@ Found: TypeAlias = tuple[
     bool,
     "Span | None",
     "list[Place]",
-    "tuple[Field, float, int, float] | None",
+    "tuple[Field, float, int, float, float] | None",
     "Field | None",
     "Estimated | None",
     "tuple[list[tuple[float, float]], list[tuple[_Taps, _Taps]], NDArray[np.uint8], int, "
     "tuple[int, int]] | None",
     float,
+    "Measured | None",
+    "list[Said]",
 ]
 """What the core returns: disparities, confidence of a rough match, whether that takes an inverted
-image, range, places that it leaves out, offsets of rows, the field that is applied, blur, what suits it, seconds."""
+image, range, places that it leaves out, offsets of rows, the field that is applied, blur, what
+suits it, seconds, what gray values say, and findings on the pair."""
 
 Matched: TypeAlias = (
     "tuple[NDArray[np.float32], NDArray[np.uint16], NDArray[np.float32] | None, "
@@ -58,9 +65,11 @@ Summarized: TypeAlias = tuple[float, float, float, float, float, float]
 Supported: TypeAlias = "tuple[NDArray[np.uint8], float]"
 """What a temporal filter gives: how many frames support each disparity, seconds."""
 
-Known: TypeAlias = "tuple[tuple[float, float] | None, BlurCompensation | None, Field | None, bool]"
-"""What the core is given: noise, the blur compensation, the field of
-the rows, whether the right image is to be inverted."""
+Known: TypeAlias = (
+    "tuple[tuple[float, float] | None, BlurCompensation | None, Field | None, bool, list[Said]]"
+)
+"""What the core is given: noise, the blur compensation, the field of the rows, whether the right
+image is to be inverted, and findings on an earlier pair."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,6 +82,8 @@ class Estimates:
     blur: BlurEstimate | None
     blur_compensation: BlurCompensation | None
     seconds: float
+    photometry: Photometry | None
+    findings: tuple[Finding, ...]
 
 
 def as_estimates(
@@ -82,7 +93,10 @@ def as_estimates(
     blur_compensation: BlurCompensation | None,
 ) -> Estimates:
     """Return what the core has estimated, completed by what the caller gave."""
-    disparities, confidence, inverted, span, places, offsets, field, blur, suited, seconds = found
+    disparities, confidence, inverted, span, places, offsets, field, blur, suited = found[:9]
+    seconds, measured, said = found[9:]
+    photometry = None if measured is None else as_photometry(measured)
+    curve = None if photometry is None else photometry.contrast
 
     # What the core found calls for a compensation, and for sizes that suit it.
     if suited is not None:
@@ -112,9 +126,11 @@ def as_estimates(
             left_out=tuple(LeftOut(*place) for place in places),
         ),
         alignment=_alignment(offsets, field),
-        blur=None if blur is None else as_estimate(blur),
+        blur=None if blur is None else as_estimate(blur, curve),
         blur_compensation=blur_compensation,
         seconds=seconds,
+        photometry=photometry,
+        findings=as_findings(said),
     )
 
 
@@ -142,10 +158,11 @@ def _search(
 
 
 def _alignment(
-    offsets: tuple[Field, float, int, float] | None, field: Field | None
+    offsets: tuple[Field, float, int, float, float] | None, field: Field | None
 ) -> Alignment | None:
     if offsets is None:
         return None
 
-    (coefficients, size, _), error, blocks, spread = offsets
-    return Alignment(tuple(coefficients), error, blocks, spread, size, applied=field is not None)
+    (coefficients, size, _), error, blocks, spread, wobble = offsets
+    applied = field is not None
+    return Alignment(tuple(coefficients), error, blocks, spread, wobble, size, applied)

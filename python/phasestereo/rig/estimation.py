@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
-import numpy as np
-
 from phasestereo import _core
-from phasestereo._core import LEAST_SIZE
 from phasestereo._images import as_mask, opened_pair
-from phasestereo.matching import match_silently
 from phasestereo.rig.estimates import as_estimates
-from phasestereo.rig.photometry import fractions, response
-from phasestereo.rig.reduction import reduced, reduction
 from phasestereo.settings import PRESETS
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import ArrayLike, NDArray
 
     from phasestereo._images import ImageOrPath, Pixels
@@ -24,8 +18,6 @@ if TYPE_CHECKING:
     from phasestereo.rig.estimates import Estimates
 
     Mask = NDArray[np.bool_]
-
-_ROUGH_WIDTH = 256  # pixels: enough for areas that correspond within a few pixels
 
 
 def estimate_blur(
@@ -86,58 +78,7 @@ def estimate_pair(
     search: tuple[int, int | None],
     threads: int | None,
 ) -> Estimates:
-    """Estimate of checked images what the default preset does, and gain and gamma."""
+    """Estimate of checked images what the default preset does."""
     asked = PRESETS["robust"]
     estimated = _core.estimate_pair(pair, masks, search, asked, threads)
-    found = as_estimates(estimated, asked, search, None)
-    if found.blur is None:
-        return found
-
-    span = found.search.min_disparity, found.search.num_disparities
-    gain, gamma = _response(pair, masks, span)
-    return replace(found, blur=replace(found.blur, gain=gain, gamma=gamma))
-
-
-def _response(
-    pair: tuple[Pixels, Pixels], masks: tuple[Mask | None, Mask | None], search: tuple[int, int]
-) -> tuple[float, float]:
-    """Return gain and gamma, (1, 1) where the images are too small."""
-    left, right, _ = fractions(*map(_unmasked, pair, masks))
-    if min(left.shape) < LEAST_SIZE:
-        return 1.0, 1.0
-
-    # Small copies are matched: means over windows are compared, which bear errors of some pixels.
-    factor = reduction(left.shape, _ROUGH_WIDTH)
-    small = reduced(left, factor), reduced(right, factor)
-    low, high = search[0] // factor, (search[0] + search[1] - 1) // factor + 1
-    count = min(high - low + 1, small[0].shape[1])
-
-    rough = match_silently(
-        small,
-        (None, None),
-        (low, count),
-        settings=PRESETS["fast"],
-        threads=None,
-        progress=None,
-        given=(None, None),
-    ).disparity
-
-    rows, cols = (
-        np.minimum(np.arange(length) // factor, tiles - 1)
-        for length, tiles in zip(left.shape, rough.shape, strict=True)
-    )
-    disparity = factor * rough[np.ix_(rows, cols)]
-
-    if masks[0] is not None:
-        disparity[~masks[0]] = np.nan
-    return response(left, right, disparity)
-
-
-def _unmasked(image: Pixels, mask: Mask | None) -> Pixels:
-    """Return an image with masked pixels, which may be NaN, replaced by a valid one."""
-    if mask is None or mask.all():
-        return image
-
-    filled = image.copy()
-    filled[~mask] = image[mask][0] if mask.any() else 0
-    return filled
+    return as_estimates(estimated, asked, search, None)

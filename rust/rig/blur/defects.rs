@@ -75,10 +75,8 @@ struct DefectCounts {
 }
 
 impl Defects {
-    /// The defects of a pair in memory.
-    pub fn of_pair(pair: &Pair, means: Means) -> Result<Self> {
-        let levels = gray_levels(pair, largest(pair), means)?;
-
+    /// The defects of a pair in memory, whose gray levels are given.
+    pub fn of_pair(pair: &Pair, levels: [f64; 2], means: Means) -> Result<Self> {
         let height = pair.size().0;
         let left = counts(pair, 0, 0..height, (0, height), levels[0], means)?;
         let right = counts(pair, 1, 0..height, (0, height), levels[1], means)?;
@@ -86,20 +84,9 @@ impl Defects {
         Ok(Self::from_counts(&[left, right], levels, pair.size()))
     }
 
-    /// The defects of a pair that is read by rows.
-    pub fn of_source(source: &dyn Source, means: Means) -> Result<Self> {
+    /// The defects of a pair that is read by rows, whose gray levels are given.
+    pub fn of_source(source: &dyn Source, levels: [f64; 2], means: Means) -> Result<Self> {
         let (height, cols) = source.size();
-        let sample = source.rows(0..1)?;
-
-        let mut brightest = 0;
-        // Gray levels of 16 bits depend on the brightest pixel of the whole pair.
-        if matches!(sample.views()[0].image, Image::U16(_)) {
-            for rows in bands(source) {
-                brightest = largest(&source.rows(rows)?).max(brightest);
-            }
-        }
-
-        let levels = gray_levels(&sample, brightest, means)?;
         let mut found = [DefectCounts::default(); 2];
         for rows in bands(source) {
             let mut read = widened(&rows, REACH, height);
@@ -195,6 +182,26 @@ fn counts(
     let starts: Vec<usize> = rows.clone().step_by(ROWS).collect();
     let found = starts.into_par_iter().map(of_rows);
     found.try_reduce(DefectCounts::default, |a, b| Ok(a.and(b)))
+}
+
+/// The gray levels of a pair in memory, in units of its pixels.
+pub fn levels_of_pair(pair: &Pair, means: Means) -> Result<[f64; 2]> {
+    gray_levels(pair, largest(pair), means)
+}
+
+/// The gray levels of a pair that is read by rows.
+pub fn levels_of_source(source: &dyn Source, means: Means) -> Result<[f64; 2]> {
+    let sample = source.rows(0..1)?;
+
+    let mut brightest = 0;
+    // Gray levels of 16 bits depend on the brightest pixel of the whole pair.
+    if matches!(sample.views()[0].image, Image::U16(_)) {
+        for rows in bands(source) {
+            brightest = largest(&source.rows(rows)?).max(brightest);
+        }
+    }
+
+    gray_levels(&sample, brightest, means)
 }
 
 /// The largest valid pixel of both images if they have 16 bits, else 0.

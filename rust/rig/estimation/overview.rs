@@ -136,6 +136,13 @@ impl Overview {
         Ok(Some(Self { factor, planes: [plane(left)?, plane(right)?], valid }))
     }
 
+    /// Reduced images as they are, valid everywhere.
+    #[cfg(test)]
+    pub fn of_planes(planes: [Plane<f32>; 2]) -> Self {
+        let valid = planes[0].map(|_| true);
+        Self { factor: 1, planes, valid }
+    }
+
     /// Matches the reduced images, the right one resampled by the field. If the disparities are unknown, all are
     /// tried on still smaller copies, and here only those that were found there, and some around them.
     pub fn rough(

@@ -6,6 +6,8 @@
 //! reduced copies, which withstand blur and noise, to the whole images, which are exact; the fit with the least
 //! standard error is kept. The field is linear unless keystone and distortion explain much more.
 
+use std::array::from_fn;
+
 use super::overview::{GOOD_CONFIDENCE, Overview, RoughMap};
 use super::tracks::{BLOCK, Seed, Track, follow};
 use crate::cost::candidates::Candidates;
@@ -43,6 +45,12 @@ const FLOOR: f64 = 0.02;
 const BIAS: f64 = 0.02;
 /// Largest ratio of the pivots of the normal equations: beyond it, the blocks lie along a line.
 const LARGEST_CONDITION: f64 = 1e6;
+/// Bands of rows over which blocks may wobble together.
+const BANDS: usize = 12;
+/// Fewest blocks in a band, of either half of them.
+const LEAST_IN_BAND: usize = 3;
+/// Blocks wobble together where the bands of one half of them leave at most this share of the residuals of the other half.
+const EXPLAINED: f64 = 0.75;
 /// Offsets below this, pixels root mean square, are ignored: on 12 aligned scenes up to 0.05 are found.
 const LEAST_RMS: f64 = 0.12;
 /// ... and so are offsets of fewer standard errors than this.
@@ -59,6 +67,9 @@ pub struct RowOffsets {
     pub blocks: usize,
     /// Robust standard deviation of the blocks from it, pixels.
     pub spread: f64,
+    /// What of this the rows have in common, as where a rolling shutter shakes: root mean square over the rows, pixels; 0
+    /// where the blocks of a row scatter each by itself.
+    pub wobble: f64,
 }
 
 impl RowOffsets {
@@ -245,12 +256,49 @@ fn fitted(
         return None;
     }
 
+    let residual = |(track, point): (&Track, &Point)| {
+        let field: f64 = fit.coefficients.iter().zip(point.terms).map(|(a, b)| a * b).sum();
+        (((track.place.y + 0.5) / rows as f64 * BANDS as f64) as usize, point.value - field)
+    };
+    let residuals: Vec<(usize, f64)> = tracks.iter().zip(&points).map(residual).collect();
+
     Some(RowOffsets {
+        wobble: wobble(&residuals),
         field: Alignment::new(fit.coefficients, (rows, cols)).ok()?,
         error: math::hypot(fit.error(excess), BIAS * factor as f64),
         blocks: fit.agreeing,
         spread: fit.spread,
     })
+}
+
+/// What blocks in the same band of rows have in common, from the band and the residual of each.
+///
+/// Any scatter fits its own medians, so those of every other block are judged by the blocks between.
+fn wobble(residuals: &[(usize, f64)]) -> f64 {
+    let of_half = |half: usize| residuals.iter().skip(half).step_by(2).copied();
+    let of_band = |half: usize, band: usize| -> Option<f64> {
+        let own = of_half(half).filter(|(at, _)| *at == band);
+        let own: Vec<f64> = own.map(|(_, residual)| residual).collect();
+        (own.len() >= LEAST_IN_BAND).then(|| median(own))
+    };
+    let medians: [[Option<f64>; BANDS]; 2] = from_fn(|half| from_fn(|band| of_band(half, band)));
+
+    // Residuals of one half, as they are and less the medians of the other one.
+    let (mut before, mut after) = (vec![], vec![]);
+    for half in 0..2 {
+        for (band, residual) in of_half(half) {
+            if let Some(common) = medians[1 - half].get(band).copied().flatten() {
+                before.push(residual.abs());
+                after.push((residual - common).abs());
+            }
+        }
+    }
+    if before.len() < LEAST_BLOCKS || median(after) > EXPLAINED * median(before) {
+        return 0.0;
+    }
+
+    let common: Vec<f64> = medians.into_iter().flatten().flatten().collect();
+    (common.iter().map(|value| value * value).sum::<f64>() / common.len() as f64).sqrt()
 }
 
 /// One equation of the fit.
@@ -440,6 +488,20 @@ mod tests {
         let field = [1.5, -2.0, 0.5, 1.0, -0.25, 0.75, -1.0, 0.5];
         let fit = robust(&points(&field, 6), TERMS).expect("enough points");
         assert!((0..TERMS).all(|term| (fit.coefficients[term] - field[term]).abs() < 1e-6));
+    }
+
+    #[test]
+    fn blocks_wobble_where_those_of_a_row_agree() {
+        let scatter = |index: usize| (index * 7919 % 101) as f64 / 50.0 - 1.0;
+        let band = |index: usize| index / 30;
+        let common = |index: usize| if band(index) % 2 == 0 { 0.8 } else { -0.8 };
+
+        let apart: Vec<_> = (0..360).map(|index| (band(index), scatter(index))).collect();
+        assert!(wobble(&apart).abs() < 1e-12);
+        let together: Vec<_> =
+            (0..360).map(|index| (band(index), common(index) + 0.3 * scatter(index))).collect();
+        assert!((wobble(&together) - 0.8).abs() < 0.1);
+        assert!(wobble(&together[..20]).abs() < 1e-12, "too few");
     }
 
     #[test]

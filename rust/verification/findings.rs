@@ -1,43 +1,33 @@
-//! What there is to say of a map as a whole: severities and sentences.
+//! Findings on a map as a whole.
 
+use std::cmp::Reverse;
+
+use crate::findings::{Finding, Severity, Topic};
 use crate::verification::claims::Misreading;
 use crate::verification::{Counts, verdict};
 
 /// Shares of the claims that are refuted from which on that is noted, and warned of. Of maps of the network HITNet are
 /// refuted: 2 to 6 % of sharp pairs, 8 to 30 % where one image is out of focus.
-const MANY: (f64, f64) = (0.1, 0.3);
+const MANY: [f64; 2] = [0.1, 0.3];
 /// The same of claims outside the right image; occlusions at the left edge are seldom more.
-const OUTSIDE: (f64, f64) = (0.15, 0.5);
+const OUTSIDE: [f64; 2] = [0.15, 0.5];
 /// Share of the claims that cannot be judged from which on that is noted.
 const UNKNOWN: f64 = 0.5;
 
-/// One thing that there is to say.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Remark {
-    /// "ok", "note" or "warning".
-    pub severity: &'static str,
-    /// Plain words, with numbers.
-    pub sentence: String,
-}
-
 /// All there is to say, worst first.
-pub fn remarks(counts: Counts, misreading: Option<Misreading>) -> Vec<Remark> {
-    let mut remarks: Vec<_> =
+pub fn findings(counts: Counts, misreading: Option<Misreading>) -> Vec<Finding> {
+    let mut findings: Vec<_> =
         [misreading.map(meant), Some(shares(counts)), outside(counts), unknown(counts)]
             .into_iter()
             .flatten()
             .collect();
 
     // The order of sentences of one severity stays.
-    remarks.sort_by_key(|remark| match remark.severity {
-        "warning" => 0,
-        "note" => 1,
-        _ => 2,
-    });
-    remarks
+    findings.sort_by_key(|finding| Reverse(finding.severity));
+    findings
 }
 
-fn meant(misreading: Misreading) -> Remark {
+fn meant(misreading: Misreading) -> Finding {
     let sentence = match misreading {
         Misreading::Sign => "the sign of the map is inverted: its negative fits the images, and a disparity is the left \
                              column minus the right one; pass -disparity"
@@ -51,10 +41,10 @@ fn meant(misreading: Misreading) -> Remark {
         }
     };
 
-    Remark { severity: "warning", sentence }
+    Finding::warning(Topic::Map, sentence)
 }
 
-fn shares(counts: Counts) -> Remark {
+fn shares(counts: Counts) -> Finding {
     let [unknown, supported, refuted] =
         [verdict::UNKNOWN, verdict::SUPPORTED, verdict::REFUTED].map(|which| counts.share(which));
 
@@ -64,10 +54,10 @@ fn shares(counts: Counts) -> Remark {
         percent(supported),
         percent(unknown)
     );
-    Remark { severity: severity(refuted, MANY), sentence }
+    Finding::new(Topic::Map, Severity::of(refuted, MANY), sentence)
 }
 
-fn outside(counts: Counts) -> Option<Remark> {
+fn outside(counts: Counts) -> Option<Finding> {
     let share = counts.outside as f64 / counts.claims().max(1) as f64;
     let sentence = || {
         format!(
@@ -76,25 +66,15 @@ fn outside(counts: Counts) -> Option<Remark> {
         )
     };
 
-    let severity = severity(share, OUTSIDE);
-    (severity != "ok").then(|| Remark { severity, sentence: sentence() })
+    let severity = Severity::of(share, OUTSIDE);
+    (severity != Severity::Ok).then(|| Finding::new(Topic::Map, severity, sentence()))
 }
 
-fn unknown(counts: Counts) -> Option<Remark> {
+fn unknown(counts: Counts) -> Option<Finding> {
     let share = counts.share(verdict::UNKNOWN);
     let sentence = "most of the map cannot be judged: the images show too little there, or the match is not sure either";
 
-    (share > UNKNOWN).then(|| Remark { severity: "note", sentence: sentence.into() })
-}
-
-fn severity(share: f64, (noted, warned): (f64, f64)) -> &'static str {
-    if share >= warned {
-        "warning"
-    } else if share >= noted {
-        "note"
-    } else {
-        "ok"
-    }
+    (share > UNKNOWN).then(|| Finding::note(Topic::Map, sentence))
 }
 
 fn percent(share: f64) -> String {

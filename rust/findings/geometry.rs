@@ -1,0 +1,276 @@
+//! Findings on where things are: disparities, rows, and blur, which is compared where both images show the same.
+
+use super::levels::{
+    BEYOND, BLUR, BLUR_CONFIDENCE, BLUR_SHARE, ERRORS, LEAST_ROUGH, PART, PART_ERRORS, REPEATED,
+    ROWS, SURE, WOBBLE,
+};
+use super::{Finding, Known, Severity, Topic, percent};
+use crate::math;
+use crate::rig::alignment::{LINEAR, TERMS};
+use crate::rig::blur::{self, Side};
+use crate::rig::estimation::range::{LeftOut, SearchRange};
+use crate::rig::estimation::rows::RowOffsets;
+use crate::rig::psf::{Family, Psf, Taps};
+
+const NOTHING: &str =
+    "hardly anything in one image is found in the other: these are no pair, or far from rectified";
+const INVERTED: &str = "what is bright in one image is dark in the other";
+
+impl Known<'_> {
+    /// Whether the images belong together, which one is the left one, and the disparities.
+    pub(super) fn search(&self) -> Vec<Finding> {
+        let estimates = self.estimates;
+        if estimates.is_inverted && !self.settings.compensate_blur {
+            let mend =
+                "invert one of them (255 - image), or match with compensate_blur=True, which does";
+            return vec![Finding::warning(Topic::Match, format!("{INVERTED}: {mend}"))];
+        }
+
+        let mut findings = vec![];
+        if estimates.is_inverted {
+            let done = format!("{INVERTED}: the negative of the right one is matched");
+            findings.push(Finding::note(Topic::Contrast, done));
+        }
+
+        match &estimates.range {
+            Some(range) => findings.extend(self.range(range)),
+            None if self.is_given => {
+                let is_unlike = estimates.confidence.is_some_and(|found| found < LEAST_ROUGH);
+                findings.extend(is_unlike.then(|| self.nothing()));
+            }
+            None => findings.push(self.nothing()),
+        }
+
+        findings.extend(estimates.left_out.iter().map(left_out));
+        findings
+    }
+
+    /// That nothing matches.
+    fn nothing(&self) -> Finding {
+        let untold = self.untold(Topic::Range, "which disparities to search");
+        untold.unwrap_or_else(|| Finding::warning(Topic::Match, NOTHING))
+    }
+
+    fn range(&self, range: &SearchRange) -> Vec<Finding> {
+        let ends = format!("{} to {} px", range.low.round() as i64, range.high.round() as i64);
+        let mut findings = vec![];
+
+        if range.identical {
+            let same = "both images are the same, but for noise: there is nothing to match";
+            findings.push(Finding::warning(Topic::Match, same));
+        } else if range.swapped {
+            let swapped = format!(
+                "left and right seem to be swapped, since all disparities are negative ({ends}): \
+                 exchange the images (cameras so toed in that all of the scene is behind the \
+                 point they look at, give the same: then search negative disparities)"
+            );
+            findings.push(Finding::warning(Topic::Swap, swapped));
+        } else if range.mixed {
+            let mixed = format!(
+                "disparities of both signs ({ends}): the cameras are toed in, or the images are \
+                 cropped; search from a negative disparity on"
+            );
+            findings.push(Finding::note(Topic::Swap, mixed));
+        } else {
+            findings.push(Finding::ok(Topic::Swap, "left and right are in their places"));
+        }
+
+        let candidates = self.estimates.candidates;
+        let (first, count) = (candidates.min(), candidates.count());
+        let last = candidates.disparity(count - 1);
+        let beyond = (first as f64 - range.low).max(range.high - last as f64);
+
+        if !self.is_given {
+            let found = format!(
+                "disparities are {ends}: match with min_disparity {} and num_disparities {}",
+                range.min, range.count
+            );
+            findings.push(Finding::ok(Topic::Range, found));
+        } else if beyond > BEYOND * count as f64 {
+            let short = format!(
+                "the range of {first} to {last} px is too short: there seem to be {ends}; search \
+                 more disparities, or leave num_disparities out"
+            );
+            findings.push(Finding::warning(Topic::Range, short));
+        }
+
+        findings
+    }
+
+    /// How the rows correspond, and what is done about it.
+    pub(super) fn rows(&self) -> Vec<Finding> {
+        let topic = Topic::Alignment;
+        if !self.settings.align_rows {
+            return vec![];
+        }
+        let Some(found) = &self.estimates.offsets else {
+            let unknown = "too little is found in both images to tell whether rows correspond";
+            let untold = self.untold(topic, "whether rows correspond");
+            return vec![untold.unwrap_or_else(|| Finding::unknown(topic, unknown))];
+        };
+
+        let rms = found.field.rms();
+        let off = format!("{rms:.2} px rms, known to {:.2} px", found.error);
+        // An offset must be large, and clearly larger than its own error.
+        let ends = [0, 1].map(|level| ROWS[level].max(ERRORS[level] * found.error));
+        let severity = Severity::of(rms, ends);
+
+        let mut findings = vec![match severity {
+            Severity::Ok => {
+                Finding::ok(topic, format!("rows correspond as well as can be told ({off})"))
+            }
+            _ if self.estimates.alignment.is_some() => {
+                let parts = parts(found);
+                let mend = "it is straightened for the match, but rectify the pair again";
+                Finding::new(topic, severity, format!("the right image {parts} ({off}): {mend}"))
+            }
+            // What does not help the match may be wrong.
+            _ => Finding::note(
+                topic,
+                format!(
+                    "rows seem to be off ({off}), but straightening does not help: the baseline \
+                     may not be level"
+                ),
+            ),
+        }];
+
+        if found.wobble >= WOBBLE {
+            let wobble = format!(
+                "rows wobble by {:.1} px rms about any smooth field, as those of a rolling shutter \
+                 that shakes: that is not evened out",
+                found.wobble
+            );
+            findings.push(Finding::note(topic, wobble));
+        }
+        findings
+    }
+
+    /// Which image is softer, where, and by what.
+    pub(super) fn blur(&self) -> Vec<Finding> {
+        let Some(found) = &self.estimates.blur else { return vec![] };
+        let what = "which image is softer";
+        let is_poor = self.estimates.confidence.is_some_and(|sure| sure < BLUR_CONFIDENCE)
+            || self.estimates.photometry.is_some_and(|found| found.repeats() >= REPEATED[1]);
+        if found.certainty < SURE || is_poor {
+            return vec![self.not_told(Topic::Blur, what)];
+        }
+
+        let (_, _, labels) = &found.labels;
+        let share = |index: usize| {
+            let tiles = labels.iter().filter(|label| usize::from(**label) == index).count();
+            tiles as f64 / labels.len() as f64
+        };
+
+        let mut findings = vec![];
+        for (index, blur) in found.blurs.iter().enumerate() {
+            let share = share(index);
+            if spread(blur) >= BLUR[0] && share >= BLUR_SHARE {
+                let area = (found.blurs.len() > 1).then_some(share);
+                findings.extend(softer(blur, area));
+            }
+        }
+        if findings.is_empty() {
+            findings.push(Finding::ok(Topic::Blur, "the images are equally sharp"));
+        }
+        findings
+    }
+}
+
+/// That something seems to lie outside the range.
+fn left_out(LeftOut { rows, columns, low, high }: &LeftOut) -> Finding {
+    let [low, high] = [low, high].map(|end| end.round() as i64);
+    let sentence = format!(
+        "something at {low} to {high} px seems to be in columns {} to {}, rows {} to {}, and was not \
+         searched for: search more disparities",
+        columns.start, columns.end, rows.start, rows.end
+    );
+    Finding::warning(Topic::Range, sentence)
+}
+
+/// The parts of a misalignment that are seen, in words.
+fn parts(found: &RowOffsets) -> String {
+    let (rows, cols) = found.field.size();
+    let [shift, turn, scale, ..] = *found.field.coefficients();
+    let [center, border] = PART.map(|part| part.max(PART_ERRORS * found.error));
+
+    let mut parts = vec![];
+    if shift.abs() >= center {
+        let side = if shift > 0.0 { "lower" } else { "higher" };
+        parts.push(format!("shows things {:.1} px {side} than the left one", shift.abs()));
+    }
+    if turn.abs() >= border {
+        let side = if turn > 0.0 { "clockwise" } else { "counter-clockwise" };
+        let degrees = math::atan2(turn.abs(), cols as f64 / 2.0).to_degrees();
+        parts.push(format!("is rotated {side} (or sheared) by {degrees:.2} degrees"));
+    }
+    if scale.abs() >= border {
+        let height = 1.0 + scale / (rows as f64 / 2.0);
+        parts.push(format!("shows things at {height:.3} times the height"));
+    }
+
+    let bend = bend(found);
+    if bend >= border {
+        parts.push(format!("is bent by {bend:.1} px (lens distortion left in, or keystone)"));
+    }
+    if parts.is_empty() { "is out of line".to_owned() } else { parts.join(" and ") }
+}
+
+/// The largest offset at a border by the terms that are not linear, pixels.
+fn bend(found: &RowOffsets) -> f64 {
+    let coefficients = found.field.coefficients();
+    coefficients[LINEAR..TERMS].iter().fold(0.0, |most, value| most.max(value.abs()))
+}
+
+/// That one image is softer, over a part of it if there are several kinds of blur.
+fn softer(blur: &blur::Blur, area: Option<f64>) -> Option<Finding> {
+    let (side, other) = match blur.side? {
+        Side::Left => ("left", "right"),
+        Side::Right => ("right", "left"),
+    };
+
+    let what = match blur.other {
+        None => format!("softer than the {other} by {}", shape(blur)),
+        Some(psf) => format!("blurred by {}, the {other} one by {}", shape(blur), words(psf)),
+    };
+    let area =
+        area.map_or(String::new(), |share| format!(", over {} of the image", percent(share)));
+    let hint = match blur.psf.map(|psf| psf.family) {
+        Some(Family::Gaussian | Family::Disk | Family::Annulus) => "its focus",
+        Some(Family::Motion) | None => "its mount and its exposure time",
+    };
+
+    Some(Finding::new(
+        Topic::Blur,
+        Severity::of(spread(blur), BLUR),
+        format!("the {side} image is {what}{area}: check {hint}; robust matching compensates it"),
+    ))
+}
+
+/// The standard deviation of a kernel along an axis, pixels.
+fn spread(blur: &blur::Blur) -> f64 {
+    match (blur.psf, &blur.taps) {
+        (Some(psf), _) => psf.spread(),
+        (None, Some(taps)) => taps.radius() / 2f64.sqrt(),
+        (None, None) => 0.0,
+    }
+}
+
+/// The shape of a kernel in words.
+fn shape(blur: &blur::Blur) -> String {
+    match (blur.psf, &blur.taps) {
+        (Some(psf), _) => words(psf),
+        (None, taps) => {
+            let radius = taps.as_ref().map_or(0.0, Taps::radius);
+            format!("a blur of no simple shape, of radius {radius:.1} px rms")
+        }
+    }
+}
+
+fn words(Psf { family, size, angle, .. }: Psf) -> String {
+    match family {
+        Family::Gaussian => format!("a Gaussian of sigma {size:.1} px"),
+        Family::Disk => format!("a disk of radius {size:.1} px"),
+        Family::Annulus => format!("an annulus of outer radius {size:.1} px"),
+        Family::Motion => format!("a motion of {size:.1} px at {angle:.0} degrees"),
+    }
+}

@@ -1,0 +1,121 @@
+"""What is said of a pair and of its match: the same sentences, and the cause of what failed."""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import phasestereo as ps
+from phasestereo_bench.datasets import find_scene
+from phasestereo_bench.degradation import Degradation, disk_psf
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    Image = NDArray[Any]
+    Spoil = Callable[[Image], Image]
+
+
+def interlaced(image: Image) -> Image:
+    """Return an image whose odd rows are another field, 5 px on."""
+    fields = image.copy()
+    fields[1::2] = np.roll(image, 5, axis=1)[1::2]
+    return fields
+
+
+def noisy(image: Image) -> Image:
+    noise = np.random.default_rng(image.sum()).normal(0, 30, image.shape)
+    return np.clip(image + noise, 0, 255).astype(np.uint8)
+
+
+def fence(image: Image) -> Image:
+    """Return an image behind bars that all look the same."""
+    bars = np.where(np.arange(image.shape[1]) % 24 < 12, 20, 230)[:, np.newaxis]
+    return (0.1 * image + 0.9 * bars).astype(np.uint8)
+
+
+def wall(image: Image) -> Image:
+    """Return an image of nothing, with hardly any noise."""
+    noise = np.random.default_rng(image.sum()).normal(120, 1.0, image.shape)
+    return np.rint(noise).astype(np.uint8)
+
+
+FAULTS: dict[str, tuple[Spoil, Spoil]] = {
+    "noise": (noisy, noisy),
+    "texture": (wall, wall),
+    "repetition": (fence, fence),
+    "interlacing": (lambda image: image, interlaced),
+    "blur": (Degradation(disk_psf(4.0), noise=1.0), lambda image: image),
+    "contrast": (lambda image: image, lambda image: image // 3),
+}
+
+
+@pytest.fixture(scope="module")
+def scene(data: Path) -> tuple[Image, Image]:
+    pair = find_scene(data / "middlebury", "Motorcycle").load()
+    return pair.left, pair.right
+
+
+@pytest.mark.parametrize("topic", FAULTS)
+def test_a_match_says_of_a_pair_what_a_check_says_word_for_word(
+    scene: tuple[Image, Image], topic: str
+) -> None:
+    left, right = (spoil(image) for spoil, image in zip(FAULTS[topic], scene, strict=True))
+    checked = {one.sentence: one for one in ps.check(left, right).findings}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ps.MatchWarning)
+        matched = ps.match(left, right).findings
+
+    named = [one for one in matched if one.topic == topic]
+    assert named, matched
+    for one in named:
+        assert one.sentence in checked, topic
+        assert one.severity != "ok"
+        assert checked[one.sentence].severity != "ok"
+
+    # What a match says besides is about itself.
+    own = [one.topic for one in matched if one.sentence not in checked]
+    assert set(own) <= {"match", "range"}, matched
+
+
+def test_a_failed_match_names_its_cause(scene: tuple[Image, Image]) -> None:
+    left, right = (noisy(noisy(image)) for image in scene)
+    with pytest.warns(ps.MatchWarning, match="because of .*noise"):
+        result = ps.match(left, right)
+    assert result.findings[0].topic == "match"
+
+
+def test_both_ends_of_a_given_range_are_looked_at(scene: tuple[Image, Image]) -> None:
+    for preset in ("robust", "fast"):
+        for first, count in ((0, 20), (40, 40)):
+            with pytest.warns(ps.MatchWarning, match=f"{first} to {first + count - 1} px is too"):
+                ps.match(*scene, min_disparity=first, num_disparities=count, preset=preset)
+
+
+def test_parts_of_a_pair_say_what_the_whole_says(scene: tuple[Image, Image]) -> None:
+    left, right = noisy(scene[0]), scene[1] // 3
+
+    def read(first: int, last: int) -> Any:
+        return left[first:last], right[first:last], None, None
+
+    expected = ps.check(left, right).findings
+    assert ps.pair_statistics(read, left.shape[:2]).findings == expected
+    assert {one.topic for one in expected if one.severity != "ok"} >= {"noise", "contrast"}
+
+
+def test_notes_stay_while_estimates_are_reused(scene: tuple[Image, Image]) -> None:
+    left = Degradation(disk_psf(4.0), noise=1.0)(scene[0])
+    matcher = ps.Matcher()
+    first = matcher.match(left, scene[1])
+    again = matcher.match(left, scene[1], before=first)
+
+    assert again.blur is not None
+    assert again.blur.reused
+    assert "blur" in {one.topic for one in first.findings}
+    assert again.findings == first.findings
