@@ -48,6 +48,7 @@ fn views() -> [View; 2] {
             mask: None,
             range: None,
             impulses: 0.0,
+            unit: 1.0,
         }
     })
 }

@@ -78,7 +78,7 @@ def _any_result() -> Result:
     disparity = np.zeros((3, 4), dtype=np.float32)
     flags = np.zeros((3, 4), dtype=np.uint16)
     flags.ravel()[: len(Flag)] = [flag.value for flag in Flag]
-    return Result(disparity, flags, disparity, Settings(), {})
+    return Result(disparity, flags, disparity, Settings(), {}, uncertainty=disparity)
 
 
 def main(folder: Path) -> None:

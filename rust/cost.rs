@@ -131,7 +131,7 @@ impl<'a> Costs<'a> {
         };
 
         let (rows, cols, _) = views[0].image.shape();
-        let validity = Validity::new(views, candidates);
+        let validity = Validity::new(views, candidates)?;
         let valid = validity
             .as_ref()
             .map(|validity| valid(validity, (rows, cols), candidates))
@@ -196,6 +196,11 @@ impl<'a> Costs<'a> {
         self.ceiling
     }
 
+    /// The mean cost of pixels that have nothing to do with one another: half of the bits of a code. `None`: unknown.
+    pub fn unrelated(&self) -> Option<f64> {
+        matches!(self.compared, Compared::Codes(_)).then(|| f64::from(self.ceiling) / 2.0)
+    }
+
     /// Steps of the cost per unit of the penalties.
     pub fn steps(&self) -> u16 {
         self.steps
@@ -237,10 +242,10 @@ impl<'a> Costs<'a> {
         }
 
         // Invalid pairs add nothing to sums, which aggregation scales by the number of valid ones.
-        if let Some([left, right]) = &self.valid {
-            let left = &left.row(y)[columns.clone()];
-            for ((x, left), out) in columns.zip(left).zip(self.pixels(out)) {
-                mask_out(*left, self.unrolled(right, y, x), out);
+        if let (Some(validity), Some([left, right])) = (&self.validity, &self.valid) {
+            let (whole, left) = (validity.whole(y), left.row(y));
+            for (x, out) in columns.zip(self.pixels(out)).filter(|(x, _)| !whole[*x]) {
+                mask_out(left[x], self.unrolled(right, y, x), out);
             }
         }
     }
@@ -253,11 +258,7 @@ impl<'a> Costs<'a> {
 
         let left = &left.row(y)[columns.clone()];
         for ((x, left), out) in columns.zip(left).zip(self.pixels(out)) {
-            for (out, right) in out.iter_mut().zip(self.unrolled(right, y, x)) {
-                for j in 0..LANES {
-                    out[j] = V::truncated((left & right[j]).into());
-                }
-            }
+            mark_valid(*left, self.unrolled(right, y, x), out);
         }
     }
 
@@ -315,6 +316,35 @@ impl<'a> Costs<'a> {
             2 => compare(lefts, rights, 2, adds, out),
             runs => compare(lefts, rights, runs, adds, out),
         }
+    }
+
+    /// The cost of a left pixel with the pixel of any right column; `None` where either is invalid. Disparity 0 must be the
+    /// least candidate: then every right column is unrolled.
+    pub fn between(&self, y: usize, x: usize, column: usize) -> Option<u32> {
+        debug_assert!(self.candidates.min() == 0 && column < self.cols);
+        let place = self.cols - 1 - column;
+        if self
+            .valid
+            .as_ref()
+            .is_some_and(|[left, right]| left.row(y)[x] & right.row(y)[place] == 0)
+        {
+            return None;
+        }
+
+        Some(match &self.compared {
+            Compared::Codes(codes) => codes.distance(y, x, place),
+            Compared::Levels(channels) => {
+                let difference = |[left, right]: &[Plane<u16>; 2]| {
+                    u32::from(left.row(y)[x].abs_diff(right.row(y)[place]))
+                };
+                channels.iter().map(difference).sum()
+            }
+            Compared::Volume(volume) => {
+                let count = self.candidates.count();
+                let candidate = x.checked_sub(column).filter(|candidate| *candidate < count)?;
+                volume.row(y)[x * count + candidate].into()
+            }
+        })
     }
 
     /// The pixels under the candidates of column `x`, of row `y` of an unrolled plane.
@@ -380,6 +410,17 @@ impl PairCodes {
         let labels = (rights.len() > 1).then_some(labels);
 
         Ok(Self { left, rights, labels })
+    }
+
+    /// The Hamming distance of the code of a left pixel and one at a place of the unrolled right image.
+    fn distance(&self, y: usize, x: usize, place: usize) -> u32 {
+        let version = self.labels.as_ref().map_or(0, |labels| labels.row(y)[x].into());
+
+        let bits = |byte: usize| {
+            let ([left], [right]) = (self.left.rows(byte, y), self.rights[version].rows(byte, y));
+            (left[x] ^ right[place]).count_ones()
+        };
+        (0..self.left.count).map(bits).sum()
     }
 }
 
@@ -609,11 +650,21 @@ fn add_differences<V: Value>(left: u16, right: &[Lanes<u16>], out: &mut [Lanes<V
 }
 
 #[inline(always)]
+fn mark_valid<V: Value>(left: u8, right: &[Lanes<u8>], out: &mut [Lanes<V>]) {
+    for (out, right) in out.iter_mut().zip(right) {
+        for j in 0..LANES {
+            out[j] = V::truncated((left & right[j]).into());
+        }
+    }
+}
+
+#[inline(always)]
 fn mask_out<V: Value>(left: u8, right: &[Lanes<u8>], out: &mut [Lanes<V>]) {
     for (out, right) in out.iter_mut().zip(right) {
         for j in 0..LANES {
-            // A product: the compiler makes choices lane by lane.
-            out[j] = V::truncated(out[j].widened() * u64::from(left & right[j]));
+            // All bits or none: the compiler makes choices lane by lane.
+            let kept = u64::from(left & right[j]).wrapping_neg();
+            out[j] = V::truncated(out[j].widened() & kept);
         }
     }
 }

@@ -44,6 +44,8 @@ pub enum Topic {
     Repetition,
     /// Fields of interlaced video.
     Interlacing,
+    /// A disparity map that was verified.
+    Map,
 }
 
 /// How grave a finding is.
@@ -71,7 +73,7 @@ pub struct Finding {
 }
 
 /// Topics in the order in which they are named as causes.
-const TOPICS: [(Topic, &str); 12] = [
+const TOPICS: [(Topic, &str); 13] = [
     (Topic::Match, "match"),
     (Topic::Swap, "swap"),
     (Topic::Range, "range"),
@@ -84,6 +86,7 @@ const TOPICS: [(Topic, &str); 12] = [
     (Topic::Texture, "texture"),
     (Topic::Repetition, "repetition"),
     (Topic::Interlacing, "interlacing"),
+    (Topic::Map, "map"),
 ];
 
 impl Topic {
@@ -133,7 +136,7 @@ impl Severity {
     }
 
     /// The severity of a value by the levels of a note and of a warning; NaN is well.
-    fn of(value: f64, [note, warning]: [f64; 2]) -> Self {
+    pub(crate) fn of(value: f64, [note, warning]: [f64; 2]) -> Self {
         match value {
             _ if value >= warning => Self::Warning,
             _ if value >= note => Self::Note,
@@ -159,12 +162,12 @@ impl Finding {
     }
 
     /// Something worth knowing.
-    fn note(topic: Topic, sentence: impl Into<String>) -> Self {
+    pub(crate) fn note(topic: Topic, sentence: impl Into<String>) -> Self {
         Self::new(topic, Severity::Note, sentence)
     }
 
     /// Something to be mended.
-    fn warning(topic: Topic, sentence: impl Into<String>) -> Self {
+    pub(crate) fn warning(topic: Topic, sentence: impl Into<String>) -> Self {
         Self::new(topic, Severity::Warning, sentence)
     }
 }

@@ -6,6 +6,7 @@ pub mod impulses;
 pub mod intensity;
 pub mod masking;
 pub mod normalization;
+pub mod packing;
 pub mod plane;
 pub mod smoothing;
 pub mod texture;

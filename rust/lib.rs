@@ -45,6 +45,9 @@
 //! runs bands of rows on threads. It knows the rows that a part of a pair depends on (its halo), the memory that a
 //! match takes, and the statistics of a whole pair that the match of its parts needs.
 //!
+//! A disparity map of another origin is judged by the same means: `verification` compares it with a match of its own and
+//! with the costs of both.
+//!
 //! Costs and totals are integers as narrow as the settings allow (`value`). The candidates of a pixel lie in neighboring
 //! lanes, in loops that are compiled for every instruction set (`simd`, the only unsafe code except for the C interface).
 //! All arithmetic is that of integers (the descriptor may use floats that hold them exactly), so the result is the same to
@@ -75,6 +78,7 @@ mod optimization;
 mod pipeline;
 mod refinement;
 mod rig;
+mod verification;
 
 #[cfg(feature = "c")]
 mod c;
@@ -92,6 +96,7 @@ pub use rig::estimation::{Estimates, Known, Means, Prepared, prepare, prepare_an
 pub use settings::presets::Preset;
 pub use settings::{CostKind, Optimizer, Precision, Settings, Taper};
 pub use simd::Level;
+pub use verification::{Verification, verdict, verify};
 
 /// Matches a pair on threads that are started for it: its disparity map, and what was estimated from the pair.
 ///
@@ -165,5 +170,9 @@ pub mod internals {
     /// See the crate.
     pub mod rig {
         pub use crate::rig::*;
+    }
+    /// See the crate.
+    pub mod verification {
+        pub use crate::verification::*;
     }
 }

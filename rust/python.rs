@@ -8,12 +8,13 @@ mod estimates;
 mod reader;
 mod supervisor;
 mod temporal;
+mod verification;
 mod workers;
 
 use std::sync::Arc;
 
 use ndarray::{Array2, Array3};
-use numpy::{Element, IntoPyArray, PyArray2, PyArray3, PyArrayMethods};
+use numpy::{Element, IntoPyArray, PyArray2, PyArray3, PyArrayMethods, ToPyArray};
 use pyo3::exceptions::{PyMemoryError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -27,34 +28,41 @@ use self::estimates::{
     EstimatesTuple, Field, FindingTuple, GlanceTuple, estimates_to_py, findings_to_py, read_field,
     read_glance,
 };
-use self::reader::{Ranges, Reader};
+use self::reader::{Reader, ScaleOfPair, packing_to_py};
 use self::supervisor::supervised;
 use self::temporal::{Shared, TemporalFilter};
+use self::verification::verify_map;
 use self::workers::{Pool, Workers};
 use crate::cost::Costs;
 use crate::cost::aggregation::{Window, aggregate};
 use crate::descriptor::{Codes, describe};
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::findings::{self, Topic};
 use crate::image::intensity::Gray;
+use crate::image::packing::Packing;
 use crate::image::plane::Plane;
 use crate::image::texture::Roughness;
+use crate::image::view::{Image, View};
 use crate::optimization::{BAND, Penalties, optimize};
+use crate::pipeline::control::Control;
 use crate::pipeline::footprint::Demand;
 use crate::pipeline::halo::Halo;
-use crate::pipeline::matcher::{Disparity, Execution, on_threads};
+use crate::pipeline::matcher::{Disparity, Execution, Matcher, Pair, on_threads};
 use crate::pipeline::section::Section;
 use crate::pipeline::source;
 use crate::pipeline::summary::Summary;
+use crate::refinement::calibration::{Tally, sampled};
 use crate::refinement::flag;
+use crate::rig::alignment::Alignment;
 use crate::rig::blur;
 use crate::rig::blur_compensation::MOST_CLASSES;
 use crate::rig::estimation::compensation_plan::{LARGER, MUCH_LARGER};
 use crate::rig::estimation::overview::LEAST_SIZE;
 use crate::rig::estimation::{Known, Means, Prepared, prepare, prepare_and_match, prepare_by_rows};
-use crate::settings::MOST_DISPARITIES;
 use crate::settings::presets::Preset;
+use crate::settings::{MOST_DISPARITIES, Settings};
 use crate::simd::Level;
+use crate::verification::verdict;
 
 impl From<Error> for PyErr {
     fn from(error: Error) -> Self {
@@ -77,15 +85,15 @@ impl From<Error> for PyErr {
 mod _core {
     use super::{
         BAND, Bound, LARGER, LEAST_SIZE, MOST_CLASSES, MOST_DISPARITIES, MUCH_LARGER, Preset,
-        PyDict, PyDictMethods, PyModule, PyModuleMethods, PyResult, Topic, flag, warm_up,
+        PyDict, PyDictMethods, PyModule, PyModuleMethods, PyResult, Topic, flag, verdict, warm_up,
     };
 
     #[pymodule_export]
     use super::{
         TemporalFilter, Workers, aggregate_volume, blur_is_as_before, check_blur_compensation,
-        check_settings, cost_volume, descriptor, estimate_pair, estimate_pair_by_rows, find_ranges,
-        find_roughness, halo, match_pair, match_rows, optimize_volume, preset, simd_level,
-        working_memory,
+        check_settings, cost_volume, descriptor, estimate_pair, estimate_pair_by_rows,
+        find_roughness, find_scale, halo, match_pair, match_raw, match_rows, optimize_volume,
+        packed_pair, preset, rows_to_tally, simd_level, verify_map, working_memory,
     };
 
     #[pymodule_init]
@@ -115,7 +123,14 @@ mod _core {
         flags.set_item("AMBIGUOUS", flag::AMBIGUOUS)?;
         flags.set_item("SPECKLE", flag::SPECKLE)?;
         flags.set_item("FILLED", flag::FILLED)?;
-        module.add("FLAGS", flags)
+        module.add("FLAGS", flags)?;
+
+        let verdicts = PyDict::new(module.py());
+        verdicts.set_item("NO_CLAIM", verdict::NO_CLAIM)?;
+        verdicts.set_item("UNKNOWN", verdict::UNKNOWN)?;
+        verdicts.set_item("SUPPORTED", verdict::SUPPORTED)?;
+        verdicts.set_item("REFUTED", verdict::REFUTED)?;
+        module.add("VERDICTS", verdicts)
     }
 }
 
@@ -211,11 +226,15 @@ fn match_pair<'py>(
             Ok((map, summary, estimates, support, findings))
         })?;
 
-    let Summary { estimated, flagged, at_low, at_high, confidence, wrong } = summary;
-    let summary = (estimated, flagged, at_low, at_high, confidence, wrong);
+    let summary = summary_to_py(summary);
     let support = support.map(|(frames, time)| Ok::<_, PyErr>((wrap(py, frames)?, time)));
     let (map, estimates) = (disparity_to_py(py, map)?, estimates_to_py(py, estimates)?);
     Ok((map, summary, estimates, support.transpose()?, findings_to_py(findings)))
+}
+
+fn summary_to_py(summary: Summary) -> SummaryTuple {
+    let Summary { estimated, flagged, at_low, at_high, confidence, wrong } = summary;
+    (estimated, flagged, at_low, at_high, confidence, wrong)
 }
 
 fn disparity_to_py(py: Python<'_>, map: Disparity) -> PyResult<Matched<'_>> {
@@ -229,6 +248,30 @@ fn disparity_to_py(py: Python<'_>, map: Disparity) -> PyResult<Matched<'_>> {
     let confidence = confidence.map(|plane| wrap(py, plane)).transpose()?;
     let uncertainty = uncertainty.map(|plane| wrap(py, plane)).transpose()?;
     Ok((wrap(py, disparity)?, wrap(py, flags)?, confidence, uncertainty, timings))
+}
+
+/// Both images in the narrowest type that holds their values, and what 1 stands for in them.
+#[pyfunction]
+fn packed_pair<'py>(
+    py: Python<'py>,
+    images: Both<'py>,
+) -> PyResult<((Bound<'py, PyAny>, Bound<'py, PyAny>), f64)> {
+    let none = py.None().into_bound(py);
+    let pair = read_images(&images, &(none.clone(), none), None)?;
+    let rows = pair.size().0;
+    let pair = supervised(py, &Pool::new(1)?, rows, None, move |_, control| {
+        let packing = Packing::of_views(pair.views(), control)?;
+        Ok(pair.packed(&packing))
+    })?;
+
+    let [left, right] = pair.views();
+    let array = |view: &View| match &view.image {
+        Image::U8(pixels) => pixels.to_pyarray(py).into_any(),
+        Image::U16(pixels) => pixels.to_pyarray(py).into_any(),
+        Image::F32(pixels) => pixels.to_pyarray(py).into_any(),
+        Image::F64(pixels) => pixels.to_pyarray(py).into_any(),
+    };
+    Ok(((array(left), array(right)), left.unit))
 }
 
 /// The estimates of a pair, without a match.
@@ -268,13 +311,15 @@ fn blur_is_as_before<'py>(
     impulses: [f64; 2],
     threads: &Bound<'py, PyAny>,
 ) -> PyResult<bool> {
-    let pair = read_images(&images, &masks, None)?.with_impulses(impulses);
+    let pair = read_images(&images, &masks, None)?;
     let before = read_glance(glance)?;
 
     let pool = Pool::for_argument(threads)?;
     let rows = pair.size().0;
     let how = Execution { threads: pool.threads(), level: Level::best() };
     supervised(py, &pool, rows, None, move |matcher, control| {
+        let packing = Packing::of_views(pair.views(), control)?;
+        let pair = pair.packed(&packing).with_impulses(impulses);
         blur::is_as_before(&pair, &before, matcher, how, control)
     })
 }
@@ -288,14 +333,14 @@ fn estimate_pair_by_rows<'py>(
     size: (usize, usize),
     disparities: Both<'py>,
     settings: &Bound<'py, PyAny>,
-    ranges: Option<Ranges>,
+    scale: Option<ScaleOfPair>,
     threads: &Bound<'py, PyAny>,
     known: KnownOfPair<'py>,
 ) -> PyResult<EstimatesTuple<'py>> {
     let settings = read_settings(settings)?;
     let search = read_search(&disparities)?;
     let known = read_known(&known, size, search)?;
-    let reader = Reader::new(read, size, search, ranges)?;
+    let reader = Reader::new(read, size, search, scale)?;
 
     let pool = Pool::for_argument(threads)?;
     let how = Execution { threads: pool.threads(), level: Level::best() };
@@ -308,22 +353,42 @@ fn estimate_pair_by_rows<'py>(
     estimates_to_py(py, estimates.map_err(|failure| reader.reason(failure))?)
 }
 
-/// The ranges of float images that are read by rows.
+/// How a pair is packed that is read by rows, and the ranges of its pixels if the match needs them; `images` and `masks`
+/// are the first row.
 #[pyfunction]
-fn find_ranges(
+fn find_scale(
     py: Python<'_>,
+    images: Both<'_>,
+    masks: Both<'_>,
     read: Bound<'_, PyAny>,
     size: (usize, usize),
     disparities: Both<'_>,
-) -> PyResult<Ranges> {
-    let reader = Reader::new(read, size, read_search(&disparities)?, None)?;
+    settings: &Bound<'_, PyAny>,
+) -> PyResult<ScaleOfPair> {
+    let settings = read_settings(settings)?;
+    let search = read_search(&disparities)?;
+    let first = read_images(&images, &masks, search)?;
+
+    let (reader, row) = (Reader::new(read.clone(), size, search, None)?, first.clone());
+    let source = Arc::clone(&reader);
+    let found = supervised(py, &Pool::new(1)?, size.0, None, move |_, control| {
+        source::packing(&row, &*source, control)
+    });
+    let packing = found.map_err(|failure| reader.reason(failure))?;
+
+    let packed = packing_to_py(packing);
+    if !source::needs_ranges(&first.packed(&packing), &settings) {
+        return Ok((packed, None));
+    }
+
+    let reader = Reader::new(read, size, search, Some((packed, None)))?;
     let source = Arc::clone(&reader);
     let found = supervised(py, &Pool::new(1)?, size.0, None, move |_, control| {
         source::ranges(&*source, control)
     });
 
     let [left, right] = found.map_err(|failure| reader.reason(failure))?;
-    Ok(((left.black, left.white), (right.black, right.white)))
+    Ok((packed, Some(((left.black, left.white), (right.black, right.white)))))
 }
 
 /// The roughness of a left image that is read by rows: a sum of differences, and their number.
@@ -333,10 +398,10 @@ fn find_roughness(
     read: Bound<'_, PyAny>,
     size: (usize, usize),
     disparities: Both<'_>,
-    ranges: Option<Ranges>,
+    scale: Option<ScaleOfPair>,
     impulses: f64,
 ) -> PyResult<(u64, u64)> {
-    let reader = Reader::new(read, size, read_search(&disparities)?, ranges)?;
+    let reader = Reader::new(read, size, read_search(&disparities)?, scale)?;
     let source = Arc::clone(&reader);
     let found = supervised(py, &Pool::new(1)?, size.0, None, move |_, control| {
         source::roughness(&*source, impulses, Level::best(), control)
@@ -399,34 +464,113 @@ fn match_rows<'py>(
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Matched<'py>> {
     let whole = Statistics::read(statistics)?;
-    let pair = read_pair(&images, &masks, &whole.disparities)?
-        .with_blur_compensation(
-            whole.compensation.map(|compensation| compensation.starting_at_row(first)),
-        )
-        .with_ranges(whole.ranges);
-    let pair = if whole.is_inverted { pair.inverted() } else { pair };
+    if whole.tally.is_none() && whole.settings.needs_confidence() {
+        let accepts = "the tally of the whole pair, with these settings";
+        return Err(Error::value("tally", "None", accepts).into());
+    }
 
-    let field = whole.alignment.map(|field| field.starting_at_row(first));
-    let section = Section {
-        rows: rows.0.saturating_sub(first)..rows.1.saturating_sub(first),
-        roughness: whole.roughness,
-        first,
-    };
-    let settings = whole.settings;
-
-    let pool = Pool::for_argument(threads)?;
-    let how = Execution { threads: pool.threads(), level: Level::best() };
-    // Progress counts the rows that are chosen, which are more than those wanted.
-    let chosen = section.widened(Halo::new(&settings, pair.blur_compensation(), None).map, &pair);
-    let found = supervised(py, &pool, chosen.len(), progress, move |matcher, control| {
-        let pair = match &field {
-            Some(field) => pair.straightened(field, how.level, control)?,
-            None => pair,
-        };
-        matcher.match_rows(&pair, &section, &settings, how, control)
-    })?;
-
+    let part = PartOfPair::new(&images, &masks, whole, first, rows)?;
+    let found = part.matched(py, threads, progress, Matcher::match_rows)?;
     disparity_to_py(py, found)
+}
+
+/// Sums over rows of a map that its confidences depend on: confidences in steps, their number,
+/// pixels that failed, those at the ends of the range, all.
+type TallyTuple = (u64, u64, u64, u64, u64);
+
+/// The rows of a pair of this height that the tally is taken of.
+#[pyfunction]
+fn rows_to_tally(height: usize) -> Vec<(usize, usize)> {
+    sampled(height).into_iter().map(|rows| (rows.start, rows.end)).collect()
+}
+
+/// As `match_rows`, with confidences that are not calibrated, and the sums over them.
+#[pyfunction]
+fn match_raw<'py>(
+    py: Python<'py>,
+    images: Both<'py>,
+    masks: Both<'py>,
+    statistics: &Bound<'py, PyAny>,
+    first: usize,
+    rows: (usize, usize),
+    threads: &Bound<'py, PyAny>,
+) -> PyResult<(Matched<'py>, TallyTuple)> {
+    let whole = Statistics::read(statistics)?;
+    let part = PartOfPair::new(&images, &masks, whole, first, rows)?;
+    let candidates = part.pair.candidates();
+    let found = part.matched(py, threads, None, Matcher::match_raw)?;
+
+    let confidence = found.confidence.as_ref().map_or(&[][..], Plane::as_slice);
+    let (disparity, flags) = (found.disparity.as_slice(), found.flags.as_slice());
+    let Tally { confidence, own, failed, ends, pixels } =
+        Tally::new(confidence, disparity, flags, candidates);
+    Ok((disparity_to_py(py, found)?, (confidence, own, failed, ends, pixels)))
+}
+
+/// Rows of a pair, and those around them, that are matched by themselves.
+struct PartOfPair {
+    pair: Pair,
+    field: Option<Alignment>,
+    section: Section,
+    settings: Settings,
+}
+
+/// A way to match some rows of a pair.
+type MatchRows = fn(&Matcher, &Pair, &Section, &Settings, Execution, &Control) -> Result<Disparity>;
+
+impl PartOfPair {
+    /// The rows `rows` of a whole pair, of which the images begin with row `first`.
+    fn new(
+        images: &Both<'_>,
+        masks: &Both<'_>,
+        whole: Statistics<'_>,
+        first: usize,
+        rows: (usize, usize),
+    ) -> PyResult<Self> {
+        let pair = read_pair(images, masks, &whole.disparities)?
+            .packed(&whole.packing)
+            .with_blur_compensation(
+                whole.compensation.map(|compensation| compensation.starting_at_row(first)),
+            )
+            .with_ranges(whole.ranges);
+
+        let section = Section {
+            rows: rows.0.saturating_sub(first)..rows.1.saturating_sub(first),
+            roughness: whole.roughness,
+            tally: whole.tally,
+            first,
+        };
+
+        Ok(Self {
+            pair: if whole.is_inverted { pair.inverted() } else { pair },
+            field: whole.alignment.map(|field| field.starting_at_row(first)),
+            section,
+            settings: whole.settings,
+        })
+    }
+
+    fn matched(
+        self,
+        py: Python<'_>,
+        threads: &Bound<'_, PyAny>,
+        progress: Option<Bound<'_, PyAny>>,
+        by: MatchRows,
+    ) -> PyResult<Disparity> {
+        let Self { pair, field, section, settings } = self;
+
+        let pool = Pool::for_argument(threads)?;
+        let how = Execution { threads: pool.threads(), level: Level::best() };
+        // Progress counts the rows that are chosen, which are more than those wanted.
+        let halo = Halo::new(&settings, pair.blur_compensation(), None).map;
+        let chosen = section.widened(halo, &pair).len();
+        supervised(py, &pool, chosen, progress, move |matcher, control| {
+            let pair = match &field {
+                Some(field) => pair.straightened(field, how.level, control)?,
+                None => pair,
+            };
+            by(matcher, &pair, &section, &settings, how, control)
+        })
+    }
 }
 
 #[pyfunction]
@@ -446,6 +590,7 @@ fn descriptor<'py>(
 
     let codes = supervised(py, &Pool::for_argument(threads)?, rows, None, move |_, control| {
         let level = Level::best();
+        let view = Packing::of_views([&view, &view], control)?.packed(view, 0);
         describe(&Gray::new(&view, level, control)?, &settings, noise, level, control)
     })?;
 
@@ -473,6 +618,8 @@ fn cost_volume<'py>(
     let ((rows, cols), count) = (pair.size(), pair.candidates().count());
     let costs = supervised(py, &Pool::for_argument(threads)?, rows, None, move |_, control| {
         let level = Level::best();
+        let packing = Packing::of_views(pair.views(), control)?;
+        let pair = pair.packed(&packing);
         let (views, candidates) = (pair.views(), pair.candidates());
         let costs =
             Costs::new(views, candidates, &settings, pair.blur_compensation(), level, control)?;

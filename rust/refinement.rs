@@ -1,5 +1,6 @@
 //! Chosen candidates -> the result: disparities, flags that say why, and confidences.
 
+pub mod calibration;
 pub mod confidence;
 pub mod filling;
 pub mod guided_median;
@@ -80,6 +81,9 @@ pub struct Judge<'a> {
     pub uniqueness: u64,
     /// One unit of the mean cost, in steps of the aggregated costs.
     pub unit: f32,
+    /// What a match of unrelated pixels costs, in these steps: what a choice is judged by where all candidates are next to
+    /// it. [`NONE`]: unknown.
+    pub unrelated: u32,
 }
 
 /// One row of the result, to be written.
@@ -171,7 +175,9 @@ impl Loop for JudgeRow<'_> {
 
         judge.flag_outside(found.chosen, flags);
         if let Some(validity) = judge.validity {
-            for (x, (&chosen, flags)) in found.chosen.iter().zip(&mut *flags).enumerate() {
+            let whole = validity.whole(y);
+            let pixels = found.chosen.iter().zip(&mut *flags).enumerate();
+            for (x, (&chosen, flags)) in pixels.filter(|(x, _)| !whole[*x]) {
                 *flags = judge.flag_invalid(validity, (y, x), chosen.into(), *flags);
             }
         }
@@ -204,6 +210,7 @@ impl Loop for JudgeRow<'_> {
             for (vote, (&own, &elsewhere)) in
                 votes.iter_mut().zip(found.own.iter().zip(found.elsewhere))
             {
+                let elsewhere = if elsewhere == NONE { judge.unrelated } else { elsewhere };
                 *vote = confidence::vote(CostMargin::new(own, elsewhere), judge.unit);
             }
         }
@@ -226,7 +233,7 @@ pub struct Draft<'a> {
 }
 
 impl Draft<'_> {
-    /// Flags speckles, fills, draws edges to those of the image, smooths. Returns disparities and, from votes, confidences.
+    /// Flags speckles, fills, draws edges to those of the image, smooths. Returns disparities and, from votes, raw confidences.
     pub fn refine(
         self,
         settings: &Settings,
@@ -283,9 +290,6 @@ impl Draft<'_> {
             _ => None,
         };
 
-        let confidence = confidences.as_ref().map(Plane::as_slice);
-        invalidate(settings, disparity.as_mut_slice(), flags.as_mut_slice(), confidence);
-
         Ok((disparity, confidences))
     }
 }
@@ -310,11 +314,12 @@ fn taken(spare: &mut Option<Plane<f32>>, like: &Plane<f32>) -> Result<Plane<f32>
 }
 
 /// Invalidates estimates with too little confidence and, unless holes are filled, untrusted ones.
-fn invalidate(
+pub fn invalidate(
     settings: &Settings,
     disparity: &mut [f32],
     flags: &mut [u16],
     confidences: Option<&[f32]>,
+    uncertainties: Option<&mut [f32]>,
 ) {
     if settings.fill && settings.min_confidence <= 0.0 {
         return;
@@ -333,6 +338,10 @@ fn invalidate(
             *flags &= !flag::FILLED;
             *disparity = f32::NAN;
         }
+    }
+
+    for (uncertainty, disparity) in uncertainties.into_iter().flatten().zip(disparity) {
+        *uncertainty = if disparity.is_nan() { f32::NAN } else { *uncertainty };
     }
 }
 

@@ -68,7 +68,7 @@ int main(int count, char **arguments) {
     float *planes = (float *)room(2 * pixels * sizeof(float));
     uint16_t *flags = (uint16_t *)room(pixels * sizeof(uint16_t));
     const ptrdiff_t row = (ptrdiff_t)(width * sizeof(float));
-    const phasestereo_map map = {planes, row, flags, row / 2, planes + pixels, row};
+    const phasestereo_map map = {planes, row, flags, row / 2, planes + pixels, row, planes + 2 * pixels, row};
     phasestereo_found found, checked;
     phasestereo_status status = phasestereo_match(matcher, &left, &right, 0, disparities, &map, &found);
     if (status != PHASESTEREO_STATUS_OK) {
@@ -79,7 +79,7 @@ int main(int count, char **arguments) {
     tell_findings("matched");
 
     /* What a check finds is what the match has found; and a map that nobody wants is not written. */
-    const phasestereo_map nothing = {NULL, 0, NULL, 0, NULL, 0};
+    const phasestereo_map nothing = {NULL, 0, NULL, 0, NULL, 0, NULL, 0};
     if (phasestereo_check(matcher, &left, &right, 0, disparities, &checked) != PHASESTEREO_STATUS_OK) return 3;
     if (checked.num_disparities != found.num_disparities) return 3;
     tell_findings("checked");
@@ -90,7 +90,7 @@ int main(int count, char **arguments) {
     tell(&found);
     FILE *file = fopen(arguments[10], "wb");
     if (file == NULL) return 3;
-    fwrite(planes, sizeof(float), 2 * pixels, file);
+    fwrite(planes, sizeof(float), 3 * pixels, file);
     fwrite(flags, sizeof(uint16_t), pixels, file);
     fclose(file);
 

@@ -37,8 +37,11 @@ async function match({ width, height, data }, right, options) {
   disparity[0] = NaN;
   const flags = new Uint16Array(width * height);
   flags[0] = 2;
-  const confidence = options.preset === "robust" ? new Float32Array(width * height).fill(0.75) : null;
+  const [confidence, uncertainty] = [0.75, 0.5].map((value) =>
+    (options.preset === "robust" ? new Float32Array(width * height).fill(value) : null));
   const range = { ...found.range, origin: options.numDisparities ? "given" : "found" };
   const findings = [failure, found.findings[0]];
-  return { width, height, disparity, flags, confidence, found: { ...found, range, findings }, milliseconds: 12.3 };
+  return {
+    width, height, disparity, flags, confidence, uncertainty, found: { ...found, range, findings }, milliseconds: 12.3,
+  };
 }

@@ -42,6 +42,7 @@ from phasestereo.io import (
     write_geotiff,
     write_image,
 )
+from phasestereo.result import LAYERS
 
 distributed = counterpart("distributed")
 counterpart("filelock")
@@ -270,14 +271,14 @@ def test_a_pair_of_geotiffs_keeps_its_place_and_its_masks(tmp_path: Path) -> Non
         left_mask=tmp_path / "mask.png",
     )
 
-    work = order(tmp_path, settings=ps.PRESETS["paper"], layers=("flags", "confidence"))
+    work = order(tmp_path, settings=ps.PRESETS["paper"], layers=LAYERS)
     record = match_files(pair, work, "recipe")
     assert (record.state, record.reason, record.width, record.height) == ("done", None, 60, 40)
 
     valid = (mask > 0) & ~np.isnan(views[0])
     wanted = ps.match(*views, num_disparities=16, left_mask=valid, preset="paper")
 
-    for name in ("disparity", "flags", "confidence"):
+    for name in ("disparity", *LAYERS):
         found = read_geotiff(tmp_path / ("a.tif" if name == "disparity" else f"a.{name}.tif"))
         np.testing.assert_array_equal(found.image, getattr(wanted, name))
         assert found.georeference.crs == "EPSG:32631"
@@ -377,7 +378,7 @@ def failing(monkeypatch: pytest.MonkeyPatch, error: OSError, free: int) -> str:
     def fail(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr("phasestereo.batch.work._save", fail)
+    monkeypatch.setattr("phasestereo.batch.work.write_map", fail)
     monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=free))
     return f"left0.tif cannot be written: {error.strerror or error}"
 
@@ -849,7 +850,7 @@ def test_what_killed_workers_left_is_cleared_away(
     ("error", "message", "options"),
     [
         (ValueError, r"^suffix: got '.png'; accepts .pfm", {"suffix": ".png"}),
-        (ValueError, r"^layers: got 'blur'; accepts flags, confidence", {"layers": ["blur"]}),
+        (ValueError, r"^layers: got 'blur'; accepts flags, confidence, unc", {"layers": ["blur"]}),
         (ValueError, r"^layers: got 'confidence' with settings", {"layers": ["confidence"]}),
         (ValueError, r"^retries: got -1; accepts 0 or more", {"retries": -1}),
         (ValueError, r"^workers: got 0; accepts 1 or more", {"workers": 0}),

@@ -13,6 +13,7 @@ import phasestereo as ps
 from browser import serving
 from conftest import ROOT
 from phasestereo.io import read_image
+from phasestereo.result import MAPS
 from phasestereo_bench.degradation import Degradation, disk_psf
 from phasestereo_bench.rendering import render_pair
 
@@ -44,7 +45,7 @@ const text = (array) => {
     return btoa(characters);
 };
 window.matcher[task](...images.map(image), options).then((value) => {
-    for (const name of ["disparity", "flags", "confidence"])
+    for (const name of ["disparity", "flags", "confidence", "uncertainty"])
         if (value[name]) value[name] = text(value[name]);
     window.outcome = { value };
 }, (error) => { window.outcome = { error: error.message }; });
@@ -68,9 +69,10 @@ class MatcherPage:
         """Return a map, its planes as arrays."""
         result: dict[str, Any] = self.call("match", pair, **options)["value"]
         size = result["height"], result["width"]
-        for name, kind in (("disparity", "<f4"), ("flags", "<u2"), ("confidence", "<f4")):
+        for name, kind in MAPS.items():
+            dtype = np.dtype(kind.dtype).newbyteorder("<")
             if result[name] is not None:
-                result[name] = np.frombuffer(base64.b64decode(result[name]), kind).reshape(size)
+                result[name] = np.frombuffer(base64.b64decode(result[name]), dtype).reshape(size)
         return result
 
 
@@ -113,12 +115,12 @@ def rendered() -> Pair:
 
 
 def _same(found: dict[str, Any], expected: ps.Result) -> None:
-    np.testing.assert_array_equal(found["disparity"], expected.disparity)
-    np.testing.assert_array_equal(found["flags"], expected.flags)
-    if expected.confidence is None:
-        assert found["confidence"] is None
-    else:
-        np.testing.assert_array_equal(found["confidence"], expected.confidence)
+    for name in MAPS:
+        wanted = expected.maps.get(name)
+        if wanted is None:
+            assert found[name] is None
+        else:
+            np.testing.assert_array_equal(found[name], wanted)
 
 
 @pytest.mark.parametrize("preset", ["robust", "fast", "paper"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,7 @@ import pytest
 import phasestereo as ps
 from conftest import counterpart
 from phasestereo.io import Calibration
+from phasestereo.views.depths import ranging
 from phasestereo.views.page import page as page_module
 from phasestereo.views.page import write_pair_page
 from phasestereo.views.page.scene import scene_points
@@ -52,11 +54,16 @@ def made_up() -> ps.Result:
 
     confidence = np.linspace(1, 0, rows * cols, dtype=np.float32).reshape(SHAPE)
 
+    bars = np.linspace(0.25, 2, rows * cols, dtype=np.float32).reshape(SHAPE)
+    bars[HIDDEN[::-1]] = np.nan
+
     labels = np.array([[0, 0, 1], [0, 0, 1]], dtype=np.uint8)
     kinds = ps.Blur("left", "disk", 3.0, 0.0, np.full((3, 3), 1 / 9)), ps.Blur("none", "none", 0, 0)
     blur = ps.BlurEstimate(kinds, labels, 16, 0.9, 1.0, (1.0, 2.0))
 
-    return ps.Result(disparity, flags, confidence, ps.PRESETS["robust"], {"matching": 0.5}, blur)
+    return ps.Result(
+        disparity, flags, confidence, ps.PRESETS["robust"], {"matching": 0.5}, bars, blur
+    )
 
 
 def truth_of(result: ps.Result) -> NDArray[np.float32]:
@@ -229,6 +236,9 @@ def test_layers_have_their_colors(opened: Browser) -> None:
 
     look_at(opened, "confidence")
     assert on_stage(opened, 0, 0) == (253, 231, 36)  # viridis ends yellow
+    look_at(opened, "uncertainty")
+    assert on_stage(opened, 47, 35) == (0, 0, 3)  # the longest bar is the darkest
+    assert on_stage(opened, *HIDDEN) == NEUTRAL
 
 
 def test_flags_can_be_picked_out(opened: Browser) -> None:
@@ -393,6 +403,7 @@ def test_readout_shows_the_right_numbers(opened: Browser, *, zoomed: bool) -> No
     result, (left, right) = made_up(), images()
 
     truth = truth_of(result)
+    _, near, far = ps.depth_interval(result, CALIBRATION)
     for x, y in PLACES:
         if zoomed:
             opened.run("stage.move(arguments[0], arguments[1], 4)", x, y)
@@ -415,7 +426,14 @@ def test_readout_shows_the_right_numbers(opened: Browser, *, zoomed: bool) -> No
 
         assert number(shown["disparity"]) == pytest.approx(found, abs=NEARLY)
         assert number(shown["match"]) == pytest.approx(x - found, abs=NEARLY)
-        assert float(shown["depth"]) == pytest.approx(50 * 0.2 / found, rel=0.004)
+        assert result.uncertainty is not None
+        assert number(shown["uncertainty"][1:]) == pytest.approx(
+            result.uncertainty[y, x], abs=NEARLY
+        )
+        depth, *ends = re.findall(r"[\d.]+|\N{INFINITY}", shown["depth"])
+        assert float(depth) == pytest.approx(50 * 0.2 / found, rel=0.004)
+        for end, wanted in zip(ends, (near[y, x], far[y, x]), strict=True):
+            assert float(end.replace("\N{INFINITY}", "inf")) == pytest.approx(wanted, rel=0.02)
 
         at = round(x - found)
         assert shown["right"] == ("outside" if at < 0 else "{} {} {}".format(*right[y, at]))
@@ -512,7 +530,8 @@ def test_points_are_drawn_and_turn(opened: Browser) -> None:
     turned = settled(opened)
     assert (np.abs(turned.astype(int) - first).max(axis=2) > 60).mean() > 0.01
 
-    scene = scene_points(made_up().disparity, CALIBRATION, step=1)
+    geometry = ranging(made_up().disparity, CALIBRATION, uncertainty=None, yaw=0.0, anchor=None)
+    scene = scene_points(made_up().disparity, geometry, step=1)
     assert scene.shown > 1600
     unflagged = scene.shown - 1
     count = opened.driver.find_element("css selector", "#cloud-shown").text
@@ -638,7 +657,12 @@ TRUTH = {"truth": truth_of(made_up())}
 HOSTILE = {"title": "</script><script>throw 1</script> {{ x }} \u2028"}
 VARIANTS: dict[str, Variant] = {
     "no truth": (LEFT, RIGHT, made_up(), {}),
-    "no blur, no confidence": (LEFT, RIGHT, replace(made_up(), blur=None, confidence=None), TRUTH),
+    "no blur, no confidence": (
+        LEFT,
+        RIGHT,
+        replace(made_up(), blur=None, confidence=None, uncertainty=None),
+        TRUTH,
+    ),
     "no estimate": (LEFT, RIGHT, nothing_found(), TRUTH),
     "gray and color": (LEFT[:, :, 0], RIGHT, made_up(), {}),
     "16 bits": (*LEVELS, made_up(), {}),
@@ -659,6 +683,7 @@ def test_whatever_there_is_is_shown(browser: Browser, tmp_path: Path, name: str)
     layers = browser.run("return views.map((view) => view.key)")
     assert ("truth" in layers) == ("error" in layers) == ("truth" in more)
     assert ("confidence" in layers) == (result.confidence is not None)
+    assert ("uncertainty" in layers) == (result.uncertainty is not None)
 
     for layer in layers:
         look_at(browser, layer)

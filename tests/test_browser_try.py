@@ -154,6 +154,7 @@ def test_the_viewer_is_the_report_pages(opened: Browser) -> None:
     opened.driver.find_element("css selector", "#stage").send_keys("4", RIGHT)
     assert opened.run("return state.view") == "confidence"
     assert opened.text("value-confidence") == "0.75"
+    assert opened.text("value-uncertainty") == "\N{PLUS-MINUS SIGN}0.50 px"
     assert opened.text("value-pixel") == "225, 168"
     assert opened.text("value-disparity") == "10.50 px"
 

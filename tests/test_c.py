@@ -78,20 +78,15 @@ class Program:
 
         size = expected.disparity.shape
         data = output.read_bytes()
-        split = 4 * expected.disparity.size
-        disparity, confidence = (
-            np.frombuffer(part, np.float32).reshape(size)
-            for part in (data[:split], data[split : 2 * split])
-        )
-
-        flags = np.frombuffer(data[2 * split :], np.uint16).reshape(size)
-        np.testing.assert_array_equal(disparity, expected.disparity)
+        split = 3 * 4 * expected.disparity.size
+        planes = np.frombuffer(data[:split], np.float32).reshape(3, *size)
+        flags = np.frombuffer(data[split:], np.uint16).reshape(size)
         np.testing.assert_array_equal(flags, expected.flags)
 
-        wanted = expected.confidence
-        np.testing.assert_array_equal(
-            confidence, np.full(size, np.nan) if wanted is None else wanted
-        )
+        wanted = expected.disparity, expected.confidence, expected.uncertainty
+        for plane, values in zip(planes, wanted, strict=True):
+            none = np.full(size, np.nan)
+            np.testing.assert_array_equal(plane, none if values is None else values)
 
         return {line.split()[0]: line.split()[1:] for line in lines}
 

@@ -15,6 +15,7 @@ import pytest
 import phasestereo as ps
 from conftest import counterpart
 from phasestereo import io
+from phasestereo.result import MAPS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -100,6 +101,42 @@ def test_depths_come_out_as_millimetres_and_as_floats(
     np.testing.assert_allclose(io.read_depth("out.png"), expected, rtol=0, atol=0.501)
 
 
+def test_maps_and_error_bars_come_out(match: Callable[[str], Run]) -> None:
+    files = "-o all.npz --depth depth.npz --uncertainty-output bar.pfm --confidence-output c.tif"
+    code, out, err = match(f"{files} --flags-output f.png --calib calib.txt --yaw 0.5")
+    assert (code, err) == (0, "")
+    assert "a yaw of up to 0.5 degrees is allowed for, 0.87 px" in out
+
+    maps = np.load("all.npz")
+    assert list(maps) == list(MAPS)
+    for name, path in (("uncertainty", "bar.pfm"), ("confidence", "c.tif"), ("flags", "f.png")):
+        stored = io.read_image(path)
+        known = np.isfinite(maps[name])
+        np.testing.assert_array_equal(stored[known], maps[name][known], strict=True)
+
+    depths = np.load("depth.npz")
+    wanted = ps.depth_interval(
+        maps["disparity"],
+        io.read_calibration("calib.txt"),
+        uncertainty=maps["uncertainty"],
+        yaw=0.5,
+    )
+    for name, values in wanted._asdict().items():
+        np.testing.assert_array_equal(depths[name], values)
+
+
+def test_an_anchor_sets_its_depth_right_in_every_file(match: Callable[[str], Run]) -> None:
+    trimesh = counterpart("trimesh")
+    options = "--depth out.tif --ply out.ply --calib calib.txt --anchor 40,20,1750 --json"
+    code, out, _ = match(options)
+    assert code == 0
+    assert io.read_depth("out.tif")[20, 40] == pytest.approx(1750, rel=1e-6)
+    depths = trimesh.load("out.ply").vertices[:, 2]
+    assert np.median(depths) == pytest.approx(1750, rel=0.01)
+    # What is SHIFT, and 2 px of doffs, is to be 100 * 70 / 1750 = 4 px.
+    assert json.loads(out)["geometry"]["moved"] == pytest.approx(4 - SHIFT - 2, abs=0.1)
+
+
 def test_what_has_no_depth_or_is_too_far_is_left_out(match: Callable[[str], Run]) -> None:
     trimesh = counterpart("trimesh")
 
@@ -132,6 +169,16 @@ def test_json_names_the_files(match: Callable[[str], Run]) -> None:
 REFUSALS = [
     ("--ply a.ply", WRONG, "--ply: needs a geometry: give --calib, --q, or --focal and --baseline"),
     ("--depth a.tif", WRONG, "--depth: needs a geometry"),
+    ("--report a.html --yaw 0.1", WRONG, "--yaw: has no effect without a geometry"),
+    (f"--depth a.tif {RIG} --yaw 11", WRONG, "yaw"),
+    (f"--depth a.tif {RIG} --anchor 4,5", WRONG, "anchor"),
+    (f"--depth a.tif {RIG} --anchor 65,5,9", WRONG, "--anchor: got 65; accepts 0 to 64"),
+    ("-o a.npy --anchor 4,5,9", WRONG, "--anchor: has no effect without --ply, --mesh"),
+    (
+        "--confidence-output a.tif --preset fast",
+        WRONG,
+        "--confidence-output: got a file, and settings that work none out",
+    ),
     (f"--mesh a.obj {RIG}", WRONG, "--mesh: path of a surface must end in .glb"),
     ("--mesh a.glb", WRONG, "--mesh: needs a geometry: give --calib, --q, or --focal"),
     ("--ply a.ply --calib calib.txt --q q.npy", WRONG, "--q: got --calib, too; accepts one"),

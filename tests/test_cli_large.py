@@ -218,7 +218,7 @@ def test_what_is_no_memory_is_reported(run: Callable[..., Run], memory: str) -> 
     assert "error: --max-memory: got " in err
 
 
-@pytest.mark.parametrize("option", ["--restart", "--band-rows 32", "--flags-output flags.tif"])
+@pytest.mark.parametrize("option", ["--restart", "--band-rows 32"])
 def test_options_that_have_no_effect_are_refused(run: Callable[..., Run], option: str) -> None:
     words = option.split()
     code, _, err = run(*PAIR, "-o", "out.tif", *words)

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+import phasestereo as ps
 from conftest import counterpart
 from phasestereo import PointCloud
-from phasestereo.io import write_ply
+from phasestereo.io import Calibration, write_ply
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -58,6 +59,24 @@ def test_plyfile_reads_it(tmp_path: Path, *, colored: bool, count: int) -> None:
     if written.colors is not None:
         shown = np.stack([vertices[name] for name in ("red", "green", "blue")], axis=1)
         np.testing.assert_array_equal(shown, written.colors)
+
+
+def test_error_bars_are_properties_of_the_points(tmp_path: Path) -> None:
+    plyfile = counterpart("plyfile")
+    disparity = np.array([[10, np.nan, 0.5], [20, 5, -1]], np.float32)
+    rig = Calibration.from_focal(100, 0.25, width=3, height=2)
+    bar = np.full(disparity.shape, 1, np.float32)
+    flags = np.zeros(disparity.shape, np.uint16)
+    result = ps.Result(disparity, flags, bar, ps.Settings(), {}, uncertainty=bar)
+
+    write_ply(tmp_path / "cloud.ply", ps.point_cloud(result, rig, yaw=0.02))
+    found = plyfile.PlyData.read(tmp_path / "cloud.ply", mmap=False)["vertex"].data
+    wanted = ps.depth_interval(result, rig, yaw=0.02)
+    kept = np.isfinite(wanted.depth)
+    for name, values in zip(("z", "near", "far"), wanted, strict=True):
+        np.testing.assert_array_equal(found[name], values[kept])
+    np.testing.assert_array_equal(found["uncertainty"], ((wanted.far - wanted.near) / 2)[kept])
+    assert np.isinf(found["uncertainty"][1]), "it may be infinitely far"
 
 
 def test_it_is_written_byte_by_byte_as_the_format_says(tmp_path: Path) -> None:

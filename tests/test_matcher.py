@@ -433,6 +433,17 @@ def test_windows_larger_than_the_image_are_fine(shape: tuple[int, int]) -> None:
     assert (result.disparity == 0).all()
 
 
+def test_what_is_trusted_is_sure_or_not_flagged() -> None:
+    disparity = np.array([[1, 2, np.nan, 4]], np.float32)
+    flags = np.array([[0, ps.Flag.FILLED, 0, ps.Flag.OCCLUDED]], np.uint16)
+    confidence = np.array([[0.49, 0.5, 0.9, 0.1]], np.float32)
+    result = ps.Result(disparity, flags, confidence, ps.Settings(), {})
+    assert result.trusted.tolist() == [[False, True, False, False]]
+    bare = replace(result, confidence=None)
+    assert bare.trusted.tolist() == [[True, False, False, False]]
+    assert list(bare.maps) == ["disparity", "flags"]
+
+
 def test_results_tell_about_themselves_and_travel() -> None:
     left, right = noise_pair(10, 20, 2)
     result = ps.match(left, right, num_disparities=4, confidence=True)
@@ -441,7 +452,14 @@ def test_results_tell_about_themselves_and_travel() -> None:
     assert result.disparity.dtype == result.confidence.dtype == np.float32
     assert result.flags.dtype == np.uint16
     assert set(result.timings) == {"estimation", "description", "matching", "refinement"}
-    assert "20x10, 100.0% estimated" in repr(result)
+    assert "100.0% estimated" in repr(result)
+    assert result.summary is not None
+    told = replace(result, summary=replace(result.summary, wrong=0.374))
+    assert repr(told).startswith("<Result 20x10, about 37 % probably wrong, ")
+    assert told.verdict == "about 37 % of the pixels are probably wrong"
+    told = replace(result, summary=replace(result.summary, wrong=0.004))
+    assert told.verdict == "less than 1 % of the pixels are probably wrong"
+    assert replace(result, summary=None).verdict == ""
 
     traveled = pickle.loads(pickle.dumps(result))  # noqa: S301  # our own bytes
     for field in ("disparity", "flags", "confidence"):

@@ -42,7 +42,7 @@ flags = np.where(np.isnan(disparity), ps.Flag.OCCLUDED, 0).astype(np.uint16)
 left = np.zeros((90, 120, 3), np.uint8)
 left[:, :60] = 255, 0, 0
 result = ps.Result(
-    disparity, flags, np.ones_like(disparity), ps.Settings(), {"matching": 0.25}, None, (left, left)
+    disparity, flags, np.ones_like(disparity), ps.Settings(), {"matching": 0.25}, pair=(left, left)
 )
 """
 OVERVIEW = "ps.views.plot.overview(result)"
@@ -126,7 +126,9 @@ def test_words_tell_size_share_reasons_time_and_blur(result: ps.Result) -> None:
 
 def test_the_histogram_stands_on_the_colors_of_the_map(result: ps.Result) -> None:
     steps = np.array([[3, 3, 3, 4, 6, 6]] * 2, np.float32)
-    whole = replace(result, disparity=steps, flags=np.zeros(steps.shape, np.uint16))
+    whole = replace(
+        result, disparity=steps, flags=np.zeros(steps.shape, np.uint16), confidence=None
+    )
     block = shown(whole)
 
     picture = block.picture("Histogram of disparities from 3.0 to 6.0 pixels, median 3.5")
@@ -205,8 +207,10 @@ def test_confidence_is_there_if_there_is_one(result: ps.Result) -> None:
 @pytest.mark.parametrize("value", [0.0, -7.0, 3.25, np.nan, np.inf])
 def test_odd_results_show_themselves(shape: tuple[int, int], value: float) -> None:
     disparity = np.full(shape, value, np.float32)
-    flags, image = np.zeros(shape, np.uint16), np.zeros(shape, np.float32)
-    result = ps.Result(disparity, flags, image, ps.Settings(), {}, None, (image, image))
+    flags, image = np.zeros(shape, np.uint16), np.ones(shape, np.float32)
+    result = ps.Result(
+        disparity, flags, image, ps.Settings(), {}, uncertainty=image * np.nan, pair=(image, image)
+    )
 
     block = shown(result)
     picture = block.picture("Disparity map")
@@ -228,7 +232,13 @@ def test_large_results_stay_small_and_true() -> None:
     confidence = rng.random((1500, 2000), np.float32)
 
     result = ps.Result(
-        disparity, np.zeros((1500, 2000), np.uint16), confidence, ps.Settings(), {}, None, pair
+        disparity,
+        np.zeros((1500, 2000), np.uint16),
+        confidence,
+        ps.Settings(),
+        {},
+        uncertainty=4 * confidence,
+        pair=pair,
     )
 
     html = result._repr_html_()
@@ -239,7 +249,8 @@ def test_large_results_stay_small_and_true() -> None:
 
     y, x = (((np.arange(size) + 0.5) * 1500 / 330).astype(int) for size in (330, 440))
     low, high = limits(disparity[np.isfinite(disparity)])
-    wanted = colorize(disparity[np.ix_(y, x)], low=low, high=high)
+    shown = np.ix_(y, x)
+    wanted = colorize(disparity[shown], low=low, high=high, trusted=confidence[shown] >= 0.5)
 
     assert (wanted[:, :110] == NEUTRAL).all()
     assert np.abs(picture.astype(int) - wanted).max() < 10, "the ends come of a sample"

@@ -21,6 +21,7 @@ from phasestereo import outofcore
 from phasestereo.io import Georeference, read_geotiff, write_geotiff
 from phasestereo.io.windows import open_raster
 from phasestereo.outofcore import as_bytes, format_bytes, sinks
+from phasestereo.result import LAYERS
 
 rasterio = counterpart("rasterio")
 zarr = counterpart("zarr")
@@ -121,22 +122,22 @@ def test_any_band_with_any_setting_is_that_of_the_whole_pair(
 
 
 @pytest.mark.parametrize("ending", ["tif", "npy", "zarr"])
-def test_flags_and_confidences_come_out_too(
-    pair: tuple[NDArray[np.uint8], ...], ending: str
-) -> None:
-    files = {name: f"{name}.{ending}" for name in ("flags", "confidence")}
+def test_all_layers_come_out(pair: tuple[NDArray[np.uint8], ...], ending: str) -> None:
+    files: dict[str, str] = {name: f"{name}.{ending}" for name in LAYERS}
 
     report = match(
         f"out.{ending}",
         fill=False,
         flags_output=files["flags"],
         confidence_output=files["confidence"],
+        uncertainty_output=files["uncertainty"],
     )
 
     whole = ps.match(*pair, num_disparities=COUNT, fill=False)
-    np.testing.assert_array_equal(read(files["flags"]), whole.flags, strict=True)
-    np.testing.assert_array_equal(read(files["confidence"]), whole.confidence, strict=True)
-    np.testing.assert_array_equal(read(f"out.{ending}"), whole.disparity, strict=True)
+    for name, values in whole.maps.items():
+        path = files.get(name, f"out.{ending}")
+        np.testing.assert_array_equal(read(path), values, strict=True)
+    assert len(whole.maps) == 1 + len(files)
 
     assert np.isnan(whole.disparity).any()
     assert report.flags == {flag: int((whole.flags & flag != 0).sum()) for flag in ps.Flag}

@@ -99,6 +99,22 @@ def test_needs_nothing_beside_it(tmp_path: Path, result: ps.Result) -> None:
     assert list(tmp_path.iterdir()) == [page]
 
 
+def test_it_begins_with_what_is_probably_wrong(tmp_path: Path, result: ps.Result) -> None:
+    told = replace(
+        result,
+        summary=ps.Summary(1, 0, 0, 0, 0.6, 0.41),
+        uncertainty=np.full(result.disparity.shape, 0.5, np.float32),
+    )
+    rows, cols = result.disparity.shape
+    rig = Calibration.from_focal(1000, 0.1, width=cols, height=rows)
+    page = tmp_path / "page.html"
+    write_pair_page(page, *pair_of(), told, calibration=rig, yaw=0.2)
+
+    lead, _, text = Told(page).text.partition("40 \N{MULTIPLICATION SIGN} 24 pixels")
+    assert lead.strip().endswith("About 41 % of the pixels are probably wrong.")
+    assert "Error bars of depths: a yaw of up to 0.2 degrees is allowed for, 3.5 px" in text
+
+
 def test_titles_are_text(tmp_path: Path, result: ps.Result) -> None:
     page, title = tmp_path / "page.html", "</title><script>alert('&')</script>"
     write_pair_page(page, *pair_of(), result, title="plain")

@@ -138,7 +138,9 @@ def test_statistics_knows_what_a_match_finds_out(dtype: str, masked: bool) -> No
     assert (message.size, message.dtype) == ((200, 150), dtype)
     assert (message.min_disparity, message.num_disparities) == (0, 16)
     assert message.blur_compensation is not None
-    assert (message.ranges is None) == (dtype in ("uint8", "uint16"))
+    # All types have the values of bytes here.
+    assert message.ranges is None
+    assert message.packing[1] == (0 if dtype == "uint8" else 8)
 
 
 def test_areas_of_blur_are_found() -> None:
@@ -177,10 +179,10 @@ PLAIN = {"preset": "fast", "adaptive_p2": 0}
     ("options", "dtype", "passes"),
     [
         (PLAIN, "uint8", 0),
-        (PLAIN, "uint16", 0),
+        (PLAIN, "uint16", 1),
         (PLAIN, "float32", 1),
         (PLAIN | {"cost": "sad"}, "float32", 1),
-        (PLAIN | {"cost": "sad", "intensity_range": (0.0, 1.0)}, "float32", 0),
+        (PLAIN | {"cost": "sad", "intensity_range": (0.0, 1.0)}, "float32", 1),
         (PLAIN | {"adaptive_p2": 1.0}, "uint8", 1),
         (PLAIN | {"guided_median": True}, "uint8", 1),
         (PLAIN | {"min_confidence": 0.5}, "uint8", 1),

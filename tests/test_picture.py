@@ -51,6 +51,24 @@ def test_missing_estimates_have_a_color_of_their_own() -> None:
     assert np.abs(steps - NEUTRAL).max(axis=2).min() > 40
 
 
+def test_what_is_not_trusted_is_hatched_and_nothing_else() -> None:
+    disparity = np.tile(RAMP, (40, 1))
+    disparity[:5] = np.nan
+    trusted = np.ones(disparity.shape, bool)
+    trusted[2:20, 10:40] = False
+
+    plain, drawn = colorize(disparity), colorize(disparity, trusted=trusted)
+    unsure = np.isfinite(disparity) & ~trusted
+    np.testing.assert_array_equal((plain != drawn).any(axis=2), unsure)
+
+    lines = (drawn == NEUTRAL).all(axis=2)
+    assert lines[unsure].mean() == pytest.approx(0.5, abs=0.02), "half is lines, half is paler"
+    assert contains(disparity_picture(disparity, trusted=trusted), drawn)
+
+    with pytest.raises(TypeError, match="trusted: got dtype float64"):
+        colorize(disparity, trusted=np.ones(disparity.shape))
+
+
 def test_outliers_do_not_move_the_limits() -> None:
     calm = np.tile(RAMP, (20, 1))
     wild = calm.copy()

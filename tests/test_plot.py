@@ -308,6 +308,7 @@ def test_without_matplotlib_the_command_is_named(
     for name in [name for name in sys.modules if name.split(".")[0] == "matplotlib"]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
+    result = replace(result, uncertainty=result.confidence)
     for name in plot.__all__:
         more = (result.disparity,) if name == "error" else ()
         with pytest.raises(ImportError, match=r"pip install 'phasestereo\[plot\]'"):
@@ -323,7 +324,8 @@ BARE = ps.Result(MAP, np.zeros(MAP.shape, np.uint16), None, ps.Settings(), {})
         (plot.disparity, (np.zeros((2, 2), int),), TypeError, "disparity: got int64"),
         (plot.disparity, (np.zeros(4),), ValueError, r"disparity: got shape \(4,\)"),
         (plot.histogram, (np.zeros((0, 4)),), ValueError, r"disparity: got shape \(0, 4\)"),
-        (plot.confidence, (BARE,), ValueError, "result: got one without confidences.*=True"),
+        (plot.confidence, (BARE,), ValueError, "result: got one without confidence;.*=True"),
+        (plot.uncertainty, (BARE,), ValueError, "result: got one without uncertainty;.*=True"),
         (plot.confidence, (np.zeros((1, 2, 3)),), ValueError, "confidence: got shape"),
         (plot.flags, (np.zeros((2, 2)),), TypeError, "flags: got float64"),
         (plot.flags, (np.zeros(3, int),), ValueError, r"flags: got shape \(3,\)"),

@@ -186,6 +186,24 @@ def test_a_recording_goes_through(
     )
 
 
+def test_error_bars_are_images_beside_the_disparities(
+    run: Callable[..., Run], tmp_path: Path
+) -> None:
+    out = tmp_path / "out.mcap"
+    more = "--confidence", "--messages", "uncertainty", "confidence"
+    code, _, err = live(run, recording(tmp_path / "in.mcap"), "-o", out, *more)
+    assert code == 0, err
+
+    found = robots.read(out)
+    assert sorted(found) == ["/rig/confidence", "/rig/uncertainty"]
+    for index, (time, message) in enumerate(found["/rig/uncertainty"]):
+        result = ps.match(*cut(index), num_disparities=COUNT, preset="fast", confidence=True)
+        assert time == START + index * STEP
+        assert message.encoding == "32FC1"
+        values = message.data.view("<f4").reshape(ROWS, COLS)
+        np.testing.assert_array_equal(values, result.uncertainty)
+
+
 def stamp_of(message: Any) -> int:
     return int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec)
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 import phasestereo as ps
 from estimating import estimated
@@ -94,6 +95,105 @@ def test_toed_in_cameras_are_not_called_swapped() -> None:
     search = found(left, right)
     assert search.mixed
     assert not search.swapped
+
+
+def far_and_near(
+    size: tuple[int, int], far: tuple[float, float], thing: tuple[slice, slice], near: int
+) -> tuple[Plane, Plane]:
+    """Return a ramp of disparities from top to bottom, and a thing before it."""
+    rows, columns = size
+    right = ndimage.gaussian_filter(noise(0, size), 0.7)
+    places = np.arange(columns)
+    ramp = np.linspace(*far, rows)
+    left = np.array([np.interp(places - d, places, row) for d, row in zip(ramp, right, strict=True)])
+    left = left.astype(np.float32)
+
+    if near:
+        where_rows, where = thing
+        patch = 1.4 * ndimage.gaussian_filter(noise(1, left[thing].shape), 0.7)
+        left[thing] = patch
+        right[where_rows, where.start - near : where.stop - near] = patch
+    return left, right
+
+
+NOTHING = np.s_[0:0, 0:0]
+
+
+@pytest.mark.parametrize(
+    ("size", "thing", "near"),
+    [
+        ((380, 560), np.s_[100:130, 300:336], 90),  # half a percent
+        ((380, 430), np.s_[100:240, 250:258], 46),  # a pole
+        ((370, 1240), np.s_[100:240, 700:709], 90),
+        ((370, 1240), np.s_[200:226, 500:526], 45),
+    ],
+)
+def test_what_is_near_and_small_belongs_to_the_range(
+    size: tuple[int, int], thing: tuple[slice, slice], near: int
+) -> None:
+    search = found(*far_and_near(size, (4, 12), thing, near))
+    assert search.min_disparity <= 4
+    assert search.min_disparity + search.num_disparities > near
+    assert search.left_out == ()
+
+
+@pytest.mark.parametrize("columns", [450, 1077, 2154])
+@pytest.mark.parametrize("far", [(-3, 3), (-6, 18), (-25, 5)])
+def test_both_ends_are_found_whatever_their_sign(columns: int, far: tuple[int, int]) -> None:
+    search = found(*far_and_near((200, columns), far, NOTHING, 0))
+    last = search.min_disparity + search.num_disparities - 1
+    assert search.min_disparity <= far[0]
+    assert far[1] <= last
+    assert last - search.min_disparity <= 1.6 * (far[1] - far[0]) + 10
+    assert not search.swapped
+    assert not search.identical
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.05])
+def test_the_same_image_twice_is_recognized(sigma: float) -> None:
+    left, _ = far_and_near((200, 450), (4, 12), NOTHING, 0)
+    search = found(left, left + np.float32(sigma) * noise(3, left.shape))
+    assert search.identical
+    assert (search.min_disparity, search.num_disparities) == (-2, 5)
+
+
+def test_a_pair_without_parallax_is_no_image_twice() -> None:
+    search = found(*far_and_near((200, 450), (-0.3, 0.3), NOTHING, 0))
+    assert not search.identical
+    assert search.min_disparity <= 0 < search.min_disparity + search.num_disparities
+
+
+def test_what_a_given_range_leaves_out_is_reported() -> None:
+    thing = np.s_[100:150, 300:350]
+    pair = far_and_near((380, 560), (4, 12), thing, 90)
+
+    search = ps.match(*pair, num_disparities=24).search
+    assert search is not None
+    (place,) = search.left_out
+    assert place.low <= 90 <= place.high
+    assert abs(place.rows[0] - 100) <= 8
+    assert abs(place.columns[1] - 350) <= 8
+
+    told = ps.match(*pair, num_disparities=100).search
+    assert told is not None
+    assert told.left_out == ()
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_few_candidates_have_confidences(count: int) -> None:
+    scene = noise(0)
+    left, right = scene[:, :-5], scene[:, 5:]  # disparity 5
+    for preset in ("robust", "paper"):
+        near = ps.match(
+            left, right, min_disparity=5, num_disparities=count, preset=preset
+        )
+        far = ps.match(
+            left, right, min_disparity=20, num_disparities=count, preset=preset
+        )
+        assert near.confidence is not None
+        assert far.confidence is not None
+        assert np.median(near.confidence) > 0.6
+        assert np.median(far.confidence) < 0.2
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import http.client
 import io
 import json
 import threading
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -142,13 +143,17 @@ def test_news_come_as_soon_as_there_are_any(server: Server, show: Show) -> None:
     first = ask(server, "state?after=-1").json()
     assert first["frame"] is None
 
-    threading.Timer(0.2, show.add, [frame(3)]).start()
+    given = frame(3)
+    told = replace(given.result, summary=ps.Summary(1, 0, 0, 0, 0.6, 0.41))
+    threading.Timer(0.2, show.add, [replace(given, result=told)]).start()
     response = ask(server, f"state?after={first['version']}").json()
     assert response["version"] > first["version"]
 
     shown = response["frame"]
     assert (shown["index"], shown["width"], shown["height"]) == (3, COLS, ROWS)
     assert (shown["low"], shown["high"]) == (0, COUNT)
+    assert shown["verdict"] == "about 41 % of the pixels are probably wrong"
+    assert shown["trusted"] == round(100 * told.trusted.mean(), 1)
 
 
 def test_pictures_are_those_of_the_frame(server: Server, show: Show) -> None:
@@ -167,18 +172,27 @@ def test_pictures_are_those_of_the_frame(server: Server, show: Show) -> None:
 
 def test_values_are_those_under_the_cursor(server: Server, show: Show) -> None:
     given = frame()
+    bars = np.full((ROWS, COLS), 0.5, np.float32)
+    given = replace(given, result=replace(given.result, uncertainty=bars))
     show.add(given)
+    none: dict[str, Any] = {"depth": None, "near": None, "far": None, "flags": []}
     response = ask(server, "value?x=40&y=20").json()
-    assert response == {"disparity": float(SHIFT), "depth": None, "flags": []}
+    assert response == {"disparity": float(SHIFT), "uncertainty": 0.5, **none}
 
-    show.know(Calibration.from_focal(100, 0.2, width=COLS, height=ROWS), "m")
-    assert ask(server, "value?x=40&y=20").json()["depth"] == pytest.approx(100 * 0.2 / SHIFT)
+    known = Calibration.from_focal(100, 0.2, width=COLS, height=ROWS)
+    show.know(known, "m")
+    response = ask(server, "value?x=40&y=20").json()
+    wanted = ps.depth_interval(given.result, known)._asdict()
+    assert {name: response[name] for name in wanted} == {
+        name: float(values[20, 40]) for name, values in wanted.items()
+    }
+    assert response["near"] < response["depth"] == pytest.approx(100 * 0.2 / SHIFT)
     assert ask(server, "state?after=-1").json()["unit"] == "m"
 
     given.result.disparity[0, 0] = np.nan
     given.result.flags[0, 0] = ps.Flag.OCCLUDED
     assert ask(server, "value?x=0&y=0").json() == {
-        "disparity": None, "depth": None, "flags": ["occluded"],
+        "disparity": None, "uncertainty": 0.5, **none, "flags": ["occluded"],
     }  # fmt: skip
 
     for place in ("x=90&y=0", "x=0&y=60", "x=-1&y=0", "x=a&y=0", ""):

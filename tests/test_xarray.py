@@ -63,7 +63,10 @@ def test_it_is_the_match_of_the_arrays(rendered: Pair) -> None:
     np.testing.assert_array_equal(found["disparity"], plain.disparity)
     np.testing.assert_array_equal(found["flags"], plain.flags)
     assert plain.confidence is not None
+    assert plain.uncertainty is not None
     np.testing.assert_array_equal(found["confidence"], plain.confidence)
+    np.testing.assert_array_equal(found["uncertainty"], plain.uncertainty)
+    assert found["uncertainty"].attrs["units"] == "pixel"
 
 
 def test_coordinates_are_those_of_the_left_image(rendered: Pair) -> None:
@@ -93,7 +96,7 @@ def test_the_order_of_dimensions_does_not_matter(
     plain = ps.match(rendered.left, rendered.right, num_disparities=COUNT, preset="fast")
     assert found["disparity"].dims == ("y", "x")
     np.testing.assert_array_equal(found["disparity"], plain.disparity)
-    assert "confidence" not in found
+    assert list(found) == ["disparity", "flags"]
 
 
 @pytest.mark.parametrize("dims", [("row", "col"), ("lat", "lon"), ("latitude", "longitude")])

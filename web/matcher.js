@@ -62,8 +62,9 @@ class Matcher {
    * @param {{preset?: "robust" | "fast" | "paper", numDisparities?: number, minDisparity?: number}} options -
    *   the disparities [minDisparity, minDisparity + numDisparities) are searched; numDisparities 0: they are found.
    * @returns {Promise<{width: number, height: number, disparity: Float32Array, flags: Uint16Array,
-   *   confidence: Float32Array | null, found: Found, milliseconds: number}>} disparities in pixels, NaN where there is
-   *   none; confidences from 0 to 1, null where the preset has none; the time of the core alone.
+   *   confidence: Float32Array | null, uncertainty: Float32Array | null, found: Found, milliseconds: number}>} disparities
+   *   in pixels, NaN where there is none; confidences from 0 to 1, and error bars in pixels (half the width of what holds
+   *   the true disparity with a probability of 90 %), null where the preset has none; the time of the core alone.
    */
   match(left, right, { preset = "robust", numDisparities = 0, minDisparity = 0 } = {}) {
     return this.call("match", { left, right, preset, numDisparities, minDisparity });

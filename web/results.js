@@ -5,6 +5,7 @@ const LEVELS = 0xffff - 1; // codes of disparities; the one after stands for non
 const FINEST = 1 / 128; // pixels
 const [LOWEST, HIGHEST] = [0.01, 0.99]; // shares of the disparities beyond which colors stay
 const FAR = 1.5; // depths beyond so many times the 90th percentile are left out: they dwarf the rest
+const TRUSTED = 0.5; // least confidence of what is trusted
 const SAMPLES = 20_000; // of a map, to find its percentiles
 
 // Show the images alone, at once: disparities follow.
@@ -48,9 +49,10 @@ export function forgetWanted() {
   wanted = null;
 }
 
-function fillMaps({ disparity, flags, confidence }, truth) {
+function fillMaps({ disparity, flags, confidence, uncertainty }, truth) {
   Object.assign(maps, { disparity, flags });
   maps.confidence = confidence ?? undefined;
+  maps.uncertainty = uncertainty ?? undefined;
   maps.truth = truth ?? undefined;
   maps.scored = truth ? Uint8Array.from(truth, (value) => Number(Number.isFinite(value))) : undefined;
   maps.error = truth ? disparity.map((found, at) => errorOf(found, at)) : undefined;
@@ -60,6 +62,10 @@ function fillLayers(map) {
   const known = sortedSample(map);
   const [low, high] = known.length ? [LOWEST, HIGHEST].map((share) => at(known, share)) : [0, 1];
   for (const layer of page.layers) {
+    if (layer.key === "uncertainty" && maps.uncertainty) {
+      const bars = sortedSample(maps.uncertainty);
+      layer.high = (bars.length && at(bars, HIGHEST)) || 1;
+    }
     if (layer.key !== "disparity" && layer.key !== "truth") continue;
     Object.assign(layer, high > low ? { low, high } : { low: low - 0.5, high: low + 0.5 });
   }
@@ -96,18 +102,22 @@ function fillScene(width, height) {
     center: [(width - 1) / 2, (height - 1) / 2],
     scale: width,
     doffs: 0,
-    coding: [low, step],
+    right: [width, (width - 1) / 2],
+    share: [0, 0, 0],
   });
+  page.codings = { disparity: [low, step] };
   page.scene.limit = known.length ? FAR * depthOf(at(known, 0.1)) : 0;
   maps.codes = Uint16Array.from(maps.disparity, (value) => (
     value > 0 ? Math.min(LEVELS, Math.max(0, Math.round((value - low) / step))) : LEVELS + 1));
 }
 
-// Shares of the pixels: {trusted, wrong}; wrong, off by more than 1 px or without an estimate, only against a truth.
-export function sharesOf({ disparity, flags }, truth) {
+// Shares of the pixels: {trusted, wrong}; trusted as phasestereo.Result.trusted has it; wrong, off by more than 1 px or
+// without an estimate, only against a truth.
+export function sharesOf({ disparity, flags, confidence }, truth) {
   let [trusted, wrong] = [0, 0];
   for (let place = 0; place < disparity.length; place++) {
-    if (Number.isFinite(disparity[place]) && !flags[place]) trusted++;
+    const isSure = confidence ? confidence[place] >= TRUSTED : !flags[place];
+    if (Number.isFinite(disparity[place]) && isSure) trusted++;
     if (truth && !(Math.abs(disparity[place] - truth[place]) <= 1)) wrong++;
   }
   return { trusted: trusted / disparity.length, wrong: truth ? wrong / disparity.length : null };

@@ -2,7 +2,7 @@
 
 // Layouts of the C interface's structs, see rust/c/phasestereo.h; pointers take four bytes.
 const IMAGE = 24;
-const MAP = 24;
+const MAP = 32;
 const FOUND = 472;
 const BLUR = 32;
 const FINDING = 12;
@@ -26,7 +26,7 @@ const tasks = { load, check, match };
 onmessage = async ({ data: { id, task, options } }) => {
   try {
     const value = await tasks[task](options);
-    const sent = [value?.disparity, value?.flags, value?.confidence];
+    const sent = [value?.disparity, value?.flags, value?.confidence, value?.uncertainty];
     postMessage({ id, value }, sent.filter(Boolean).map((array) => array.buffer));
   } catch (error) {
     // What traps leaves the memory in disorder: the next call gets a new instance.
@@ -75,7 +75,7 @@ async function match({ left, right, preset, minDisparity, numDisparities }) {
   return borrowed(({ image, memory }) => {
     const { width, height } = left;
     const [first, second, found] = [image(left, "left"), image(right, "right"), memory(FOUND)];
-    const planes = [4, 2, 4].map((bytes) => ({ start: memory(bytes * width * height), bytes }));
+    const planes = [4, 2, 4, 4].map((bytes) => ({ start: memory(bytes * width * height), bytes }));
     const map = memory(MAP);
     const fields = planes.flatMap(({ start, bytes }) => [start, bytes * width]);
     new Uint32Array(core.memory.buffer, map, fields.length).set(fields);
@@ -88,8 +88,8 @@ async function match({ left, right, preset, minDisparity, numDisparities }) {
     const milliseconds = performance.now() - started;
     refuse(status);
 
-    const [disparity, flags, confidence] = planes.map(({ start }, index) => {
-      const kind = [Float32Array, Uint16Array, Float32Array][index];
+    const [disparity, flags, confidence, uncertainty] = planes.map(({ start }, index) => {
+      const kind = index === 1 ? Uint16Array : Float32Array;
       return new kind(core.memory.buffer, start, width * height).slice();
     });
     return {
@@ -98,6 +98,7 @@ async function match({ left, right, preset, minDisparity, numDisparities }) {
       disparity,
       flags,
       confidence: Number.isNaN(confidence[0]) ? null : confidence,
+      uncertainty: Number.isNaN(confidence[0]) ? null : uncertainty, // both are there, or none is
       found: { ...readFound(found), findings: readFindings(memory(FINDING)) },
       milliseconds,
     };

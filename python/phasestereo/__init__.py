@@ -19,7 +19,7 @@ from phasestereo.rig.alignment import Alignment
 from phasestereo.rig.blur import Blur, BlurEstimate
 from phasestereo.rig.compensation import BlurCompensation
 from phasestereo.rig.findings import Finding, MatchWarning
-from phasestereo.rig.search_range import SearchRange
+from phasestereo.rig.search_range import LeftOut, SearchRange
 from phasestereo.settings import PRESETS, Settings
 from phasestereo.temporal import TemporalFilter
 
@@ -29,11 +29,13 @@ __all__ = [
     "Blur",
     "BlurCompensation",
     "BlurEstimate",
+    "DepthInterval",
     "Diagnosis",
     "Failure",
     "Finding",
     "Flag",
     "Frame",
+    "LeftOut",
     "MatchWarning",
     "Matcher",
     "Mesh",
@@ -46,9 +48,12 @@ __all__ = [
     "Stream",
     "Summary",
     "TemporalFilter",
+    "Verdict",
+    "Verification",
     "aggregate",
     "check",
     "cost_volume",
+    "depth_interval",
     "descriptor",
     "estimate_blur",
     "halo",
@@ -60,6 +65,7 @@ __all__ = [
     "rectify",
     "stream",
     "surface_mesh",
+    "verify",
 ]
 __version__ = _core.__version__
 
@@ -77,7 +83,9 @@ if TYPE_CHECKING:
     from phasestereo.rig.diagnosis import Diagnosis, check
     from phasestereo.rig.estimation import estimate_blur
     from phasestereo.stages import aggregate, cost_volume, descriptor, optimize
+    from phasestereo.views.depths import DepthInterval, depth_interval
     from phasestereo.views.meshing import Mesh, surface_mesh
+    from phasestereo.verification import Verdict, Verification, verify
     from phasestereo.views.triangulation import PointCloud, point_cloud
 else:
     _ON_DEMAND = {
@@ -85,6 +93,7 @@ else:
     }  # fmt: skip
     # What a match does without: it would make up a seventh of the time that an import takes.
     _HOMES = {
+        "DepthInterval": "views.depths",
         "Diagnosis": "rig.diagnosis",
         "Failure": "integrations.video.streaming",
         "Frame": "integrations.video.streaming",
@@ -92,10 +101,13 @@ else:
         "PointCloud": "views.triangulation",
         "Rectification": "rectification",
         "Stream": "integrations.video.streaming",
+        "Verdict": "verification",
+        "Verification": "verification",
         "PairStatistics": "bands",
         "aggregate": "stages",
         "check": "rig.diagnosis",
         "cost_volume": "stages",
+        "depth_interval": "views.depths",
         "descriptor": "stages",
         "estimate_blur": "rig.estimation",
         "halo": "bands",
@@ -106,6 +118,7 @@ else:
         "stream": "integrations.video.streaming",
         "surface_mesh": "views.meshing",
         "pair_statistics": "bands",
+        "verify": "verification",
     }
 
     def __getattr__(name):

@@ -1,7 +1,7 @@
 """The compiled core: validated again here, so that no argument can make it panic."""
 
 from collections.abc import Callable
-from typing import Any, TypeAlias, final
+from typing import Any, Literal, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ __all__ = [
     "MUCH_LARGER",
     "PRESETS",
     "TemporalFilter",
+    "VERDICTS",
     "Workers",
     "__version__",
     "aggregate_volume",
@@ -37,18 +38,23 @@ __all__ = [
     "descriptor",
     "estimate_pair",
     "estimate_pair_by_rows",
-    "find_ranges",
     "find_roughness",
+    "find_scale",
     "halo",
     "match_pair",
+    "match_raw",
     "match_rows",
     "optimize_volume",
+    "packed_pair",
     "preset",
+    "rows_to_tally",
     "simd_level",
+    "verify_map",
     "working_memory",
 ]
 
 _Ranges: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
+_Scale: TypeAlias = tuple[tuple[float, int, bool, bool], _Ranges | None]
 
 __version__: str
 BAND_ROWS: int
@@ -61,6 +67,7 @@ LEAST_SIZE: int
 MOST_CLASSES: int
 MOST_DISPARITIES: int
 PRESETS: list[str]
+VERDICTS: dict[str, int]
 
 @final
 class TemporalFilter:
@@ -93,20 +100,25 @@ def estimate_pair_by_rows(
     size: tuple[int, int],
     disparities: tuple[int, int | None],
     settings: Settings,
-    ranges: _Ranges | None,
+    scale: _Scale | None,
     threads: int | Workers | None,
     known: Known,
 ) -> Found: ...
-def find_ranges(
-    read: Checked, size: tuple[int, int], disparities: tuple[int, int | None]
-) -> _Ranges: ...
 def find_roughness(
     read: Checked,
     size: tuple[int, int],
     disparities: tuple[int, int | None],
-    ranges: _Ranges | None,
+    scale: _Scale | None,
     impulses: float,
 ) -> tuple[int, int]: ...
+def find_scale(
+    images: tuple[Pixels, Pixels],
+    masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
+    read: Checked,
+    size: tuple[int, int],
+    disparities: tuple[int, int | None],
+    settings: Settings,
+) -> _Scale: ...
 def halo(
     settings: Settings, compensation: BlurCompensation | None, alignment: Field | None
 ) -> tuple[int, int]: ...
@@ -120,6 +132,15 @@ def match_rows(
     threads: int | Workers | None,
     progress: Callable[[int, int], object] | None,
 ) -> Matched: ...
+def match_raw(
+    images: tuple[Pixels, Pixels],
+    masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
+    statistics: PairStatistics,
+    first: int,
+    rows: tuple[int, int],
+    threads: int | Workers | None,
+) -> tuple[Matched, tuple[int, int, int, int, int]]: ...
+def rows_to_tally(height: int) -> list[tuple[int, int]]: ...
 def match_pair(
     images: tuple[Pixels, Pixels],
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
@@ -130,6 +151,21 @@ def match_pair(
     known: Known,
     temporal: TemporalFilter | None,
 ) -> tuple[Matched, Summarized, Found, Supported | None, list[Said]]: ...
+def verify_map(
+    images: tuple[Pixels, Pixels],
+    masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
+    disparity: NDArray[np.float32],
+    threads: int | Workers | None,
+    progress: Callable[[int, int], object] | None,
+) -> tuple[
+    tuple[NDArray[np.uint8], NDArray[np.float32]],
+    list[Said],
+    Matched,
+    Summarized,
+    Found,
+    list[Said],
+]: ...
+def packed_pair(images: tuple[Pixels, Pixels]) -> tuple[tuple[Pixels, Pixels], float]: ...
 def descriptor(
     image: Pixels,
     mask: NDArray[np.bool_] | None,

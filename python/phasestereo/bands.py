@@ -1,8 +1,9 @@
 """Bands of rows of a pair, matched by themselves, in any order: they fit to the bit.
 
 Some things are the same for all parts, or parts would not fit together: the relative blur and the
-map of it, the noise, the range in which the pixels of float images lie, how much neighboring gray
-values differ. `pair_statistics` gathers them, a few rows at a time.
+map of it, the noise, the type that holds all values and the range in which they lie, how much
+neighboring gray values differ, how sure the match of some rows is. `pair_statistics` gathers them,
+a few rows at a time.
 
 All else that lies between images and disparities reaches only so far up and down (`halo`): a band
 that is matched together with so many rows around it is that of the whole pair.
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     Rows: TypeAlias = tuple[ArrayLike, ArrayLike, ArrayLike | None, ArrayLike | None]
     Reader: TypeAlias = Callable[[int, int], Rows]
     Range: TypeAlias = tuple[float, float]
+    Packing: TypeAlias = tuple[float, int, bool, bool]
     Progress: TypeAlias = Callable[[int, int], object]
 
 
@@ -70,14 +72,23 @@ class PairStatistics:
         How the rows of the images correspond, if that was asked for and could be estimated.
     search
         The disparities to search, and whether they were given or found. None: they were given.
+    packing
+        How the pair is stored while it is matched, which depends on its values alone: the step and
+        the bits of the integers that the pixels become, 0 bits where they keep their type; whether
+        the channels of the left and of the right image are equal, so that one is enough.
     ranges
-        Where the pixels of the left and of the right image lie, if they are floats: (black, white)
-        in thousandths of their unit, but for 0.1 % at either end. None: not needed.
+        Where the pixels of the left and of the right image lie, packed: (black, white) in
+        thousandths of their unit, but for 0.1 % at either end. None: not needed.
     findings
         What there is to say about the pair, as `phasestereo.check` says it.
     roughness
         By how much horizontal neighbors of the left image differ: the sum, in steps of gray
         values, and of how many pairs. None: not needed.
+    tally
+        What all confidences depend on, counted over some rows of the map: the sum of the raw
+        confidences of pixels not filled, in steps of 2^-20, and the number of these pixels; of
+        pixels that fail the left-right check or are speckles; of those at the ends of the range;
+        of all. None: not needed.
     """
 
     size: tuple[int, int]
@@ -89,8 +100,10 @@ class PairStatistics:
     blur: BlurEstimate | None = None
     alignment: Alignment | None = None
     search: SearchRange | None = None
+    packing: Packing = (1.0, 0, False, False)
     ranges: tuple[Range, Range] | None = None
     roughness: tuple[int, int] | None = None
+    tally: tuple[int, int, int, int, int] | None = None
     findings: tuple[Finding, ...] = ()
 
     @property
@@ -172,11 +185,14 @@ def pair_statistics(
     Returns
     -------
     PairStatistics
-        With no more than the settings need: one row is read in any case; the pair is gone through
-        two or three times, of 16 bits once more, for the blur and the noise (``compensate_blur``,
-        ``despike``, ``denoise`` or ``noise_threshold > 0``), a few times for the rows
-        (``align_rows``), once for the range (``num_disparities=None``), once for findings, once for
-        ``adaptive_p2``, ``synthesis``, ``guided_median`` or confidences, once for float images.
+        With no more than the settings need: a few rows are read in any case; the pair is gone
+        through two or three times, of 16 bits once more, for the blur and the noise
+        (``compensate_blur``, ``despike``, ``denoise`` or ``noise_threshold > 0``), a few times for
+        the rows (``align_rows``), once for the range (``num_disparities=None``), once for findings,
+        once for ``adaptive_p2``, ``synthesis``, ``guided_median`` or confidences, once for float
+        images, once where all values may fit a narrower type or all channels be equal. Where there
+        are confidences, some rows are matched: all up to 768, otherwise three bands of 96 and their
+        halos.
 
     Raises
     ------
@@ -196,31 +212,29 @@ def pair_statistics(
     # The core owns the ranges of arguments: one row is refused for what all of them would be.
     _core.estimate_pair((left, right), masks, search, replace(asked, align_rows=False), workers)
 
-    ranges, roughness = None, None
-    if dtype.kind == "f" and (asked.cost == "phase" or asked.intensity_range is None):
-        ranges = _core.find_ranges(rows, rows.size, search)
+    scale = _core.find_scale((left, right), masks, rows, rows.size, search, asked)
 
     found = as_estimates(
-        _core.estimate_pair_by_rows(rows, rows.size, search, asked, ranges, workers, known),
+        _core.estimate_pair_by_rows(rows, rows.size, search, asked, scale, workers, known),
         asked,
         search,
         blur_compensation,
     )
 
+    roughness = None
     looks = asked.guided_median or asked.synthesis or asked.confidence
     if looks or asked.adaptive_p2 > 0 or asked.min_confidence > 0:
         impulses = found.blur_compensation.impulses[0] if found.blur_compensation else 0.0
-        roughness = _core.find_roughness(rows, rows.size, search, ranges, impulses)
+        roughness = _core.find_roughness(rows, rows.size, search, scale, impulses)
 
     compensation = found.blur_compensation
     if compensation is None and known[0] is not None:
         compensation = BlurCompensation(noise=known[0])
 
-    # No later pair is compared with the pair.
     # No later pair is compared with it.
     blur = None if found.blur is None else replace(found.blur, glance=None)
 
-    return PairStatistics(
+    statistics = PairStatistics(
         size=rows.size,
         dtype=dtype.name,
         min_disparity=found.search.min_disparity,
@@ -230,10 +244,28 @@ def pair_statistics(
         blur=blur,
         alignment=found.alignment,
         search=found.search,
-        ranges=ranges,
+        packing=scale[0],
+        ranges=scale[1],
         roughness=roughness,
         findings=found.findings,
     )
+    if asked.confidence or asked.min_confidence > 0:
+        return replace(statistics, tally=_tally(rows, statistics, workers))
+    return statistics
+
+
+def _tally(
+    rows: Checked, statistics: PairStatistics, workers: _core.Workers
+) -> tuple[int, int, int, int, int]:
+    """Return the sums that all confidences depend on, from the rows that they are taken of."""
+    tallies = []
+    for first, last in _core.rows_to_tally(statistics.size[0]):
+        images, masks, top = _with_halo(rows, statistics, first, last)
+        _, tally = _core.match_raw(images, masks, statistics, top, (first, last), workers)
+        tallies.append(tally)
+
+    confidence, own, failed, ends, pixels = (sum(counts) for counts in zip(*tallies, strict=True))
+    return confidence, own, failed, ends, pixels
 
 
 def halo(
@@ -319,16 +351,7 @@ def match_rows(
     as_integer("first", first, least=0, most=statistics.size[0] - 1)
     as_integer("last", last, least=first + 1, most=statistics.size[0])
 
-    around, masked = _core.halo(statistics.settings, statistics.blur_compensation, statistics.field)
-    top, bottom = _widened(first, last, around, statistics)
-    images, masks = rows(top, bottom)
-
-    # Rows without a valid pixel copy others from farther away, so the halo must be wider.
-    if any(mask is not None and not mask.any(axis=1).all() for mask in masks):
-        del images, masks  # before they are read again, or memory would hold both
-        top, bottom = _widened(top, bottom, masked, statistics)
-        images, masks = rows(top, bottom)
-
+    images, masks, top = _with_halo(rows, statistics, first, last)
     disparity, flags, confidence, uncertainty, timings = _core.match_rows(
         images, masks, statistics, top, (first, last), threads, progress
     )
@@ -344,6 +367,23 @@ def match_rows(
         alignment=statistics.alignment,
         blur_compensation=statistics.blur_compensation,
     )
+
+
+def _with_halo(
+    rows: Checked, statistics: PairStatistics, first: int, last: int
+) -> tuple[tuple[Pixels, Pixels], tuple[Mask | None, Mask | None], int]:
+    """Return rows of images and masks with those that they depend on, and the first of them."""
+    around, masked = _core.halo(statistics.settings, statistics.blur_compensation, statistics.field)
+    top, bottom = _widened(first, last, around, statistics)
+    images, masks = rows(top, bottom)
+
+    # Rows without a valid pixel copy others from farther away, so the halo must be wider.
+    if any(mask is not None and not mask.any(axis=1).all() for mask in masks):
+        del images, masks  # before they are read again, or memory would hold both
+        top, bottom = _widened(top, bottom, masked, statistics)
+        images, masks = rows(top, bottom)
+
+    return images, masks, top
 
 
 def _widened(first: int, last: int, by: int, statistics: PairStatistics) -> tuple[int, int]:

@@ -288,6 +288,18 @@ def match_silently(
         )
         found = as_estimates(estimated, settings, search, given[1])
 
+    return result_of(matched, summary, found, arrays, said, supported)
+
+
+def result_of(
+    matched: Matched,
+    summary: Summarized,
+    found: Estimates,
+    pair: tuple[NDArray[Any], NDArray[Any]],
+    said: list[Said],
+    supported: Supported | None = None,
+) -> Result:
+    """Return what the core has matched and estimated as a result, beside the pair as given."""
     disparity, flags, confidence, uncertainty, stages = matched
     timings = {"estimation": found.seconds} if found.seconds else {}
     support, seconds = supported or (None, 0.0)
@@ -307,7 +319,7 @@ def match_silently(
         blur_compensation=found.blur_compensation,
         summary=Summary(*summary),
         findings=as_findings(said),
-        pair=arrays,
+        pair=pair,
         temporal_support=support,
     )
 

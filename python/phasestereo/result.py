@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields, replace
 from enum import IntFlag
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+
+import numpy as np
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    import numpy as np
     from numpy.typing import NDArray
 
     from phasestereo.rig.alignment import Alignment
@@ -19,6 +21,58 @@ if TYPE_CHECKING:
     from phasestereo.rig.findings import Finding
     from phasestereo.rig.search_range import SearchRange
     from phasestereo.settings import Settings
+
+Layer: TypeAlias = Literal["flags", "confidence", "uncertainty"]
+"""A map of a result beside its disparities."""
+
+LAYERS: tuple[Layer, ...] = get_args(Layer)
+
+
+@dataclass(frozen=True, slots=True)
+class MapKind:
+    """What a map of a result holds.
+
+    Parameters
+    ----------
+    dtype
+        Name of the type of its values.
+    unit
+        Their unit, by the conventions for climate and forecast metadata (CF).
+    meaning
+        What they are, in words.
+    optional
+        Whether there is none with ``confidence=False``.
+    """
+
+    dtype: str
+    unit: str
+    meaning: str
+    optional: bool = False
+
+
+MAPS: Mapping[str, MapKind] = {
+    "disparity": MapKind("float32", "pixel", "disparity"),
+    "flags": MapKind("uint16", "1", "what is held against the disparity"),
+    "confidence": MapKind(
+        "float32", "1", "probability that the disparity is within 1 pixel", optional=True
+    ),
+    "uncertainty": MapKind(
+        "float32",
+        "pixel",
+        "half the width of the interval that holds the true disparity with a probability of 90 %",
+        optional=True,
+    ),
+}
+"""The maps of a result by the names of its attributes: whatever writes one goes by this list."""
+
+
+def maps_with(settings: Settings) -> list[str]:
+    """Return the names of the maps that a match with these settings has."""
+    return [name for name, kind in MAPS.items() if settings.confidence or not kind.optional]
+
+
+TRUSTED = 0.5
+"""Confidence from which on a disparity is trusted: it is rather right than wrong."""
 
 
 class Flag(IntFlag):
@@ -70,6 +124,9 @@ def format_counts(counts: Mapping[Flag, int], pixels: int) -> str:
     return ", ".join(shares) or "none"
 
 
+_LEAST = 0.01  # of the pixels; a share below is not said to the percent
+
+
 @dataclass(frozen=True, slots=True)
 class Summary:
     """Shares of the pixels that describe a disparity map as a whole.
@@ -86,8 +143,8 @@ class Summary:
     confidence
         Mean confidence; NaN if none was worked out.
     wrong
-        Estimated share of the pixels whose disparity is off by more than 1 px; NaN if no confidence
-        was worked out.
+        Estimated share, 0 to 1, of the pixels with an estimate whose disparity is off by more than
+        1 px: what the mean of their confidences lacks to 1. NaN if no confidence was worked out.
     """
 
     estimated: float
@@ -96,6 +153,13 @@ class Summary:
     at_high: float
     confidence: float
     wrong: float
+
+    def __str__(self) -> str:
+        """Say how many pixels are probably wrong: what a result leads with; "" if not known."""
+        if math.isnan(self.wrong):
+            return ""
+        share = f"about {100 * self.wrong:.0f} %" if self.wrong >= _LEAST else "less than 1 %"
+        return f"{share} of the pixels are probably wrong"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,10 +174,11 @@ class Result:
     flags
         uint16 (H, W), bits of `Flag`; 0 where nothing is held against the estimate.
     confidence
-        float32 (H, W) in [0, 1], about the probability that the disparity is within 1 px: how far
-        the chosen candidate is ahead of all others in the pixels around that have this disparity,
-        too, by those of similar gray value first. Pixels that ``min_confidence`` or ``fill=False``
-        left without an estimate have theirs, others without one 0. None if the settings have
+        float32 (H, W) in [0, 1], the probability that the disparity is within 1 px of the true one,
+        filled ones included: from how far the chosen candidate is ahead of all others in the pixels
+        around that have this disparity, too, by those of similar gray value first, and from how
+        well the pair as a whole was matched. Pixels that ``min_confidence`` or ``fill=False`` left
+        without an estimate have theirs, others without one 0. None if the settings have
         ``confidence=False``.
     settings
         The settings that were used: with ``compensate_blur=True`` those that suit the blur.
@@ -165,6 +230,16 @@ class Result:
     findings: tuple[Finding, ...] = ()
     temporal_support: NDArray[np.uint8] | None = None
 
+    @property
+    def trusted(self) -> NDArray[np.bool_]:
+        """Where the disparity is probably within 1 px, bool (H, W).
+
+        Those with a confidence of at least 0.5; without confidences, estimates without a flag.
+        """
+        sure = self.flags == 0 if self.confidence is None else self.confidence >= TRUSTED
+        trusted: NDArray[np.bool_] = np.isfinite(self.disparity) & sure
+        return trusted
+
     def __reduce__(self) -> tuple[type[Result], tuple[Any, ...]]:
         """Return how to make another one without the pair, which would be most of a pickle."""
         kept = {f.name: None if f.name == "pair" else getattr(self, f.name) for f in fields(self)}
@@ -175,14 +250,26 @@ class Result:
         return replace(self)
 
     def __repr__(self) -> str:
-        """Show the size, the share of estimates and the time: arrays would say nothing."""
+        """Show the size, what is wrong, what is there and the time: arrays would say nothing."""
         rows, cols = self.disparity.shape
-        estimated = (self.disparity == self.disparity).mean()  # NaN is unequal to itself
-        seconds = sum(self.timings.values())
-        return f"<Result {cols}x{rows}, {estimated:.1%} estimated, {seconds:.3f} s>"
+        wrong = self.verdict.replace(" of the pixels are", "")
+        estimated = f"{np.isfinite(self.disparity).mean():.1%} estimated"
+        parts = f"Result {cols}x{rows}", wrong, estimated, f"{sum(self.timings.values()):.3f} s"
+        return f"<{', '.join(part for part in parts if part)}>"
 
     def _repr_html_(self) -> str:
         """Show the maps, the pair and what is known of them, in Jupyter and in marimo."""
         notebook = import_module("phasestereo.views.notebook")  # it needs `Flag` from here
         shown: str = notebook.html(self)
         return shown
+
+    @property
+    def maps(self) -> dict[str, NDArray[Any]]:
+        """The maps that there are, each (H, W), by their names: those of `MAPS`."""
+        found = {name: getattr(self, name) for name in MAPS}
+        return {name: values for name, values in found.items() if values is not None}
+
+    @property
+    def verdict(self) -> str:
+        """How many pixels are probably wrong, in words; "" if that is not known."""
+        return "" if self.summary is None else str(self.summary)

@@ -121,17 +121,16 @@ class Settings:
         ``cost="phase"``. An image has some if more than 4e-5 of its pixels lie beyond the range of
         their neighbors (without the largest and the smallest) by more than three times that range
         and 40 gray levels of 256; then those are repaired that do by more than it and 20. Black to
-        white is 8 bits, as many of 16 as the images use, or the range of floats. Default True.
+        white is 8 bits, as many of 16 as the values take, or the range of floats. Default True.
     denoise
         Whether the noise of the images, and what compression in blocks (JPEG, video) has lost, are
         estimated and smoothed away before they are described, edges kept; for ``cost="phase"``. The
         weak level stays that of the noise as it was. Default True.
     intensity_range
         Intensities (black, white) of the images, which set the unit of ``"sad"`` and ``"nsad"``;
-        values beyond one range below black or above white are clamped. None: the range of the
-        type for integers (of 12 bits stored in uint16, say (0, 4095)); for floats the range in
-        which the pixels of both images lie, but for 0.1 % at either end. Phase codes do not depend
-        on it. Default None.
+        values beyond one range below black or above white are clamped. None: 0 to 255 for values
+        of 8 bits, of whatever type; else the range in which the pixels of both images lie, but for
+        0.1 % at either end. Phase codes do not depend on it. Default None.
     subpixel
         Whether disparities lie between whole pixels: at the tip of a V through the costs about the
         chosen one, corrected for what a V gets wrong; then smoothed over 7 x 7 pixels of the same
@@ -167,7 +166,8 @@ class Settings:
     confidence
         Whether confidences are worked out. If not, `Result.confidence` is None. Default True.
     min_confidence
-        Estimates of less confidence, filled ones too, become NaN and are flagged; 0 to 1.
+        Estimates of less confidence, filled ones too, become NaN and are flagged; 0 to 1: 0.9
+        leaves those of which at most one in ten is expected to be off by more than 1 px.
         Default 0.
 
     Raises

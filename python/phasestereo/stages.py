@@ -75,10 +75,11 @@ def descriptor(
     -----
     Pedone & Heikkilä 2008, eq. 3; arg in [-pi, pi), floor, F = 0 at level 0. The transform is
     computed in integers: its cosines are rounded to steps of about L / 4000, and those of one
-    frequency sum to zero. Float images are resolved in 2 to 4 million steps of the range in which
-    their pixels lie, but for 0.1 % at either end (of large images: of an even sample), and clamped
-    four ranges beyond. A level may therefore differ from that of a floating-point component which
-    lies very near to a boundary: for natural images about one bit in a thousand does.
+    frequency sum to zero. Floats that are no integers of one step are resolved in 4 million steps
+    of the range in which they lie, but for 0.1 % at either end (of large images: of an even
+    sample), and clamped four ranges beyond. A level may therefore differ from that of a
+    floating-point component which lies very near to a boundary: for natural images about one bit in
+    a thousand does.
 
     White noise of standard deviation s gives either part of every component the standard deviation
     s sqrt(sum(w^2) / 2), w being the window: s L / sqrt(2) for the uniform one. A part is clear if

@@ -2,8 +2,9 @@
 
 It subscribes to ``left/image_rect``, ``left/camera_info``, ``right/image_rect`` and
 ``right/camera_info``, and publishes ``disparity`` (``stereo_msgs/DisparityImage``), ``points2``
-(``sensor_msgs/PointCloud2``) and, once a second, ``/diagnostics``. All that is done with images is
-done by phasestereo, as for recordings.
+(``sensor_msgs/PointCloud2``), ``confidence`` and ``uncertainty`` (``sensor_msgs/Image``, 32FC1),
+and, once a second, ``/diagnostics``. All that is done with images is done by phasestereo, as for
+recordings.
 """
 
 from __future__ import annotations
@@ -26,7 +27,13 @@ from phasestereo import Matcher, check
 from phasestereo.integrations.ros import Header
 from phasestereo.integrations.ros.images import decode_image
 from phasestereo.integrations.ros.infos import geometry_of
-from phasestereo.integrations.ros.messages import diagnostics, disparity_image, point_cloud2
+from phasestereo.integrations.ros.messages import (
+    MAP_IMAGES,
+    diagnostics,
+    disparity_image,
+    image_of,
+    point_cloud2,
+)
 from phasestereo.io import Calibration
 from phasestereo.settings import resolve
 
@@ -124,6 +131,7 @@ class PhasestereoNode(Node):  # type: ignore[misc]  # rclpy has no types
         self._matcher = Matcher(settings=self._search.settings)
         self._diagnosed: int | None = None
         self._disparity = self.create_publisher(DisparityImage, "disparity", 1)
+        self._maps = {name: self.create_publisher(Image, name, 1) for name in MAP_IMAGES}
         self._points = self.create_publisher(PointCloud2, "points2", 1)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 1)
         self._subscribe(values)
@@ -164,6 +172,10 @@ class PhasestereoNode(Node):  # type: ignore[misc]  # rclpy has no types
             *images, min_disparity=self._search.low, num_disparities=self._search.count
         )
         self._disparity.publish(disparity_image(make, header, result, known))
+        for name, publisher in self._maps.items():
+            values = result.maps.get(name)
+            if values is not None and publisher.get_subscription_count():
+                publisher.publish(image_of(make, header, values))
         if known is not None and self._points.get_subscription_count():
             depth = known.depth(result.disparity)
             self._points.publish(point_cloud2(make, header, depth, known, images[0]))

@@ -1,5 +1,6 @@
 //! Images from C, which are copied in, and planes of disparity maps, which are copied out.
 
+use std::cell::LazyCell;
 use std::ffi::c_void;
 
 use ndarray::Array3;
@@ -83,6 +84,11 @@ pub struct Map {
     pub confidence: *mut f32,
     /// Bytes from a row to the next one.
     pub confidence_stride: isize,
+    /// Error bars, pixels: half the width of the interval around the disparity that holds the true one with a
+    /// probability of 90 %. NaN where there is no disparity; all NaN where there are no confidences.
+    pub uncertainty: *mut f32,
+    /// Bytes from a row to the next one.
+    pub uncertainty_stride: isize,
 }
 
 /// The layout of a pixel: the number of its channels, and the indices of those that are kept.
@@ -170,19 +176,16 @@ impl Map {
     ///
     /// The planes are as large as the map, or NULL.
     pub unsafe fn write(&self, found: &Disparity) {
-        let none;
-        let confidence = if let Some(confidence) = &found.confidence {
-            confidence
-        } else {
-            none = found.disparity.map(|_| f32::NAN);
-            &none
-        };
+        let none = LazyCell::new(|| found.disparity.map(|_| f32::NAN));
+        let confidence = found.confidence.as_ref().unwrap_or_else(|| &none);
+        let uncertainty = found.uncertainty.as_ref().unwrap_or_else(|| &none);
 
         // SAFETY: as the caller promises.
         unsafe {
             write(&found.disparity, self.disparity, self.disparity_stride);
             write(&found.flags, self.flags, self.flags_stride);
             write(confidence, self.confidence, self.confidence_stride);
+            write(uncertainty, self.uncertainty, self.uncertainty_stride);
         }
     }
 }

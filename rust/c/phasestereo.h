@@ -284,6 +284,15 @@ typedef struct phasestereo_map {
    * Bytes from a row to the next one.
    */
   ptrdiff_t confidence_stride;
+  /**
+   * Error bars, pixels: half the width of the interval around the disparity that holds the true one with a
+   * probability of 90 %. NaN where there is no disparity; all NaN where there are no confidences.
+   */
+  float *uncertainty;
+  /**
+   * Bytes from a row to the next one.
+   */
+  ptrdiff_t uncertainty_stride;
 } phasestereo_map;
 
 /**

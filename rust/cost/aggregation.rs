@@ -14,13 +14,21 @@
 //!
 //! Beyond the image its edge rows and columns are repeated. A shiftable window takes the least of the sums at five
 //! places, so a ring of rows of sums is kept as well. Under masks the valid pixels of each window are counted by the same
-//! sums, and the mean of their costs stands for the whole window.
+//! sums, and the mean of their costs stands for the whole window:
+//!
+//! ```text
+//! aggregated[y][x][k] = sum[k] area / count[k], rounded, halves up
+//! ```
+//!
+//! Most masks leave most pixels and all of their candidates valid. Only near the columns of a block where they do not,
+//! counts are taken; elsewhere they would be the area of the window, and the mean times the area the sum itself.
 
 use std::ops::Range;
 
 use rayon::prelude::*;
 
 use crate::cost::candidates::Candidates;
+use crate::cost::validity::Validity;
 use crate::cost::{Costs, steps_of};
 use crate::error::Result;
 use crate::image::plane::Plane;
@@ -28,7 +36,7 @@ use crate::pipeline::control::Control;
 use crate::pipeline::memory::RunMemory;
 use crate::settings::{Precision, Settings};
 use crate::simd::{Level, Loop};
-use crate::value::{LANES, Lanes, Value};
+use crate::value::{LANES, Lanes, Value, nearest};
 
 /// The window that costs are summed over, and the precision of the sums.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -127,17 +135,42 @@ impl Window {
         self.largest_column().max(self.largest_sum()).max(support)
     }
 
-    /// The sum over the whole window, from that over its `support` valid pixels; without any the largest there is.
-    pub fn scaled(&self, sum: u64, support: u64) -> u64 {
-        match support {
-            0 => self.largest_sum(),
-            // Bits are dropped from the sum of each column, so the mean of a few may exceed the largest sum.
-            support => {
-                let mean = (sum * u64::from(self.area()) + support / 2) / support;
-                mean.min(self.largest_sum())
+    /// Replaces sums by those over the whole window, from the numbers of valid pixels in it; without any, by the largest
+    /// there is.
+    #[inline(always)]
+    fn scale<V: Value>(&self, counts: &[Lanes<V>], sums: &mut [Lanes<V>]) {
+        let area = f64::from(self.area());
+        let largest = self.largest_sum() as f64;
+        // The mean rounded, halves up: fractions are multiples of 1 / count, so the next ones below a half stay below it.
+        let tie = 0.25 / area;
+
+        // The loops have no closures, which might not be inlined, and so not be compiled for the level. Bits are dropped from
+        // the sum of each column, so the mean of a few may exceed the largest sum; without valid pixels it is NaN, which is
+        // not less than that.
+        let (sums, counts) = (sums.as_flattened_mut(), counts.as_flattened());
+        if largest * area < f64::from(1 << 20) {
+            // Registers have more lanes of single precision, whose roundings are less than `tie` here.
+            let (area, largest, tie) = (area as f32, largest as f32, tie as f32);
+            for (sum, count) in sums.iter_mut().zip(counts) {
+                let mean = sum.widened() as i32 as f32 * area / count.widened() as i32 as f32;
+                let least = if mean < largest { mean } else { largest };
+                *sum = V::truncated(nearest_below_2_22(least + tie).into());
+            }
+        } else {
+            for (sum, count) in sums.iter_mut().zip(counts) {
+                let mean =
+                    f64::from(sum.widened() as i32) * area / f64::from(count.widened() as i32);
+                let least = if mean < largest { mean } else { largest };
+                *sum = V::truncated(nearest(least + tie) as u64);
             }
         }
     }
+}
+
+/// The nearest integer of a number from 0 to `2^22`, as [`nearest`] finds it in double precision.
+#[inline(always)]
+fn nearest_below_2_22(value: f32) -> u32 {
+    (value + 1.5 * (1u32 << 23) as f32).to_bits() & ((1 << 22) - 1)
 }
 
 /// Pixels whose costs are aggregated together.
@@ -183,8 +216,10 @@ impl PixelBlock {
 pub struct Aggregator<V> {
     /// Sums of the costs.
     costs: BoxSums<V>,
-    /// Numbers of valid pixels, under masks.
-    validity: BoxSums<V>,
+    /// Numbers of valid pixels, by stretches of columns in whose windows there are invalid ones ...
+    validity: Vec<BoxSums<V>>,
+    /// ... and these stretches.
+    stretches: Vec<Range<usize>>,
     /// A ring of rows of sums, for shiftable windows: as many rows as a window has.
     boxes: RunMemory<V>,
     /// Numbers of valid pixels in the windows of a row.
@@ -209,45 +244,82 @@ impl<V: Value> Aggregator<V> {
         let ring = if shift > 0 { window.side } else { 0 };
         self.boxes.resize(around * ring * runs)?;
         self.costs.begin(window, &block.columns, runs)?;
-        if costs.has_masks() {
-            self.validity.begin(Window { dropped: 0, ..window }, &block.columns, runs)?;
+
+        self.stretches.clear();
+        if let Some(validity) = costs.validity() {
+            self.find_stretches(validity, window, &block);
             self.counts.resize(around * runs)?;
+        }
+
+        // Windows are counted where they are, and the shifted ones take the sums.
+        let counted = Window { dropped: 0, shiftable: false, ..window };
+        self.validity.resize_with(self.stretches.len().max(self.validity.len()), BoxSums::default);
+        for (counts, columns) in self.validity.iter_mut().zip(&self.stretches) {
+            counts.begin(counted, columns, runs)?;
         }
 
         level.run(Aggregate { aggregator: self, costs, window, block, out });
         Ok(())
     }
 
-    /// Moves the windows to a row.
-    #[inline(always)]
-    fn center_on(sums: (&mut BoxSums<V>, &mut BoxSums<V>), costs: &Costs, y: usize) {
-        let (of_costs, of_validity) = sums;
+    /// Finds the columns around a block whose windows have an invalid pixel, or one of an invalid candidate, in some row.
+    fn find_stretches(&mut self, validity: &Validity, window: Window, block: &PixelBlock) {
+        let widened = |range: &Range<usize>, by: usize, end: usize| {
+            range.start.saturating_sub(by)..(range.end + by).min(end)
+        };
+        let radius = window.radius();
+        let around = widened(&block.columns, window.largest_shift(), window.cols);
+        let seen = widened(&around, radius, window.cols);
 
-        of_costs.center_on(y, Summed::Costs, costs);
-        if costs.has_masks() {
-            of_validity.center_on(y, Summed::Validity, costs);
+        let mut is_whole = vec![true; seen.len()];
+        for y in widened(&block.rows, window.halo(), window.rows) {
+            let row = &validity.whole(y)[seen.clone()];
+            is_whole.iter_mut().zip(row).for_each(|(all, whole)| *all &= whole);
+        }
+
+        for (x, _) in seen.zip(is_whole).filter(|(_, is_whole)| !is_whole) {
+            let near = widened(&(x..x + 1), radius, around.end);
+            let near = near.start.max(around.start)..near.end;
+            match self.stretches.last_mut() {
+                // Two stretches with little between them are one.
+                Some(last) if near.start <= last.end + window.side => last.end = near.end,
+                _ => self.stretches.push(near),
+            }
         }
     }
 
-    /// Writes the sums over the windows of some columns of the row, scaled to the valid pixels under masks.
+    /// Moves the windows to a row.
+    #[inline(always)]
+    fn center_on(sums: (&mut BoxSums<V>, &mut [BoxSums<V>]), costs: &Costs, y: usize) {
+        let (of_costs, of_validity) = sums;
+
+        of_costs.center_on(y, Summed::Costs, costs);
+        for counts in of_validity {
+            counts.center_on(y, Summed::Validity, costs);
+        }
+    }
+
+    /// Writes the sums over the windows of some columns of the row, scaled to the valid pixels where there are others.
     #[inline(always)]
     fn write_boxes(
-        sums: (&BoxSums<V>, &BoxSums<V>, &mut [Lanes<V>]),
-        costs: &Costs,
+        (of_costs, stretches): (&BoxSums<V>, &[Range<usize>]),
+        (of_validity, counts): (&[BoxSums<V>], &mut [Lanes<V>]),
         columns: Range<usize>,
         out: &mut [Lanes<V>],
     ) {
-        let (of_costs, of_validity, counts) = sums;
+        let runs = of_costs.runs;
         of_costs.write_row(columns.clone(), out);
 
-        if costs.has_masks() {
-            let counts = &mut counts[..out.len()];
-            of_validity.write_row(columns, counts);
-
-            let window = of_costs.window;
-            for (sum, support) in out.as_flattened_mut().iter_mut().zip(counts.as_flattened()) {
-                *sum = V::truncated(window.scaled(sum.widened(), support.widened()));
+        for (stretch, validity) in stretches.iter().zip(of_validity) {
+            let here = stretch.start.max(columns.start)..stretch.end.min(columns.end);
+            if here.is_empty() {
+                continue;
             }
+
+            let counts = &mut counts[..here.len() * runs];
+            let sums = &mut out[(here.start - columns.start) * runs..][..counts.len()];
+            validity.write_row(here, counts);
+            of_costs.window.scale(counts, sums);
         }
     }
 }
@@ -266,7 +338,8 @@ impl<V: Value> Aggregate<'_, V> {
     #[inline(always)]
     fn centered(self) {
         let Self { aggregator, costs, window, block, out } = self;
-        let Aggregator { costs: of_costs, validity, counts, .. } = aggregator;
+        let Aggregator { costs: of_costs, validity, stretches, counts, .. } = aggregator;
+        let validity = &mut validity[..stretches.len()];
         let runs = costs.runs();
 
         for (row, y) in block.rows.clone().enumerate() {
@@ -274,7 +347,8 @@ impl<V: Value> Aggregate<'_, V> {
 
             for (strip, columns) in block.strips().enumerate() {
                 let out = &mut out[block.place(strip, row) * runs..][..columns.len() * runs];
-                Aggregator::write_boxes((of_costs, validity, counts), costs, columns, out);
+                let sums = (&*of_costs, &stretches[..]);
+                Aggregator::write_boxes(sums, (validity, counts), columns, out);
                 pad(out, window.candidates);
             }
         }
@@ -285,7 +359,8 @@ impl<V: Value> Aggregate<'_, V> {
     #[inline(always)]
     fn shifted(self) {
         let Self { aggregator, costs, window, block, out } = self;
-        let Aggregator { costs: of_costs, validity, boxes, counts } = aggregator;
+        let Aggregator { costs: of_costs, validity, stretches, boxes, counts } = aggregator;
+        let validity = &mut validity[..stretches.len()];
         let PixelBlock { rows, columns, .. } = &block;
         let runs = costs.runs();
         let shift = window.largest_shift();
@@ -299,8 +374,8 @@ impl<V: Value> Aggregate<'_, V> {
             while next <= (y + shift).min(last) {
                 let boxes = &mut boxes[next % window.side * width..][..width];
                 Aggregator::center_on((of_costs, validity), costs, next);
-                let sums = (&*of_costs, &*validity, &mut counts[..]);
-                Aggregator::write_boxes(sums, costs, around.clone(), boxes);
+                let sums = (&*of_costs, &stretches[..]);
+                Aggregator::write_boxes(sums, (validity, counts), around.clone(), boxes);
                 next += 1;
             }
 

@@ -169,6 +169,8 @@ impl Outcome<'_> {
             Topic::Blur => Some("blur"),
             // Phase hardly depends on it.
             Topic::Contrast => None,
+            // It is about another map.
+            Topic::Map => None,
             Topic::Noise => Some("noise"),
             Topic::Coding => Some("lossy compression"),
             Topic::Saturation => self.is_clipped().then_some("saturated areas"),

@@ -15,8 +15,8 @@ use crate::pipeline::control::Control;
 use crate::simd::{Level, Loop};
 use crate::value::nearest;
 
-/// Steps into which the intensity range of a float image is cut: `2^21` to `2^22`, finer than 16 bits.
-const FLOAT_STEPS_LOG2: i32 = 21;
+/// Binary logarithm of the steps into which the intensity range of a float image is cut: finer than 16 bits.
+const FLOAT_STEPS_LOG2: i32 = 22;
 /// Gray values of float images are clamped this many steps from black: four ranges.
 const FLOAT_REACH: f64 = (1 << 24) as f64;
 /// Share of the pixels left out at either end of a float image's robust range.
@@ -55,6 +55,12 @@ pub struct IntensityRange {
 }
 
 impl IntensityRange {
+    /// A range about zero that contains magnitudes up to `most`. Its ends are powers of two, so steps of it are, too.
+    pub fn about_zero(most: f64) -> Self {
+        let white = 2f64.powi(floor_log2(most) + 1);
+        Self { black: -white, white }
+    }
+
     /// White less black.
     pub fn width(self) -> f64 {
         self.white - self.black
@@ -76,7 +82,7 @@ pub struct Gray<'a> {
     source: Pixels<'a>,
     size: (usize, usize),
     reach: u32,
-    /// Steps per unit of the pixels: the product of two, since it may overflow.
+    /// Steps per unit of the caller's pixels: the product of two, since it may overflow.
     unit: [f64; 2],
 }
 
@@ -93,9 +99,9 @@ impl<'a> Gray<'a> {
     /// The gray values of a checked view; masked pixels take the values of valid neighbors, and impulses are repaired.
     pub fn new(view: &'a View, level: Level, control: &Control) -> Result<Self> {
         let (rows, cols, channels) = view.image.shape();
-        let scale = match view.image.white() {
-            Some(white) => Quantization::Exact { middle: (i32::from(white) + 1) / 2 },
-            None => Quantization::Float(FloatSteps::new(float_range(view, control)?)),
+        let scale = match view.image.middle() {
+            Some(middle) => Quantization::Exact { middle: middle.into() },
+            None => Quantization::Float(FloatSteps::new(intensity_range(view, control)?)),
         };
 
         let reach = match scale {
@@ -109,6 +115,7 @@ impl<'a> Gray<'a> {
             Quantization::Exact { .. } => [1.0, 1.0],
             Quantization::Float(FloatSteps { factors: [a, b], .. }) => [1000.0 * a, b],
         };
+        let unit = [unit[0], unit[1] / view.unit];
 
         let gray =
             Self { source: Pixels::Image(&view.image, scale), size: (rows, cols), reach, unit };
@@ -235,7 +242,8 @@ enum Quantization {
     Float(FloatSteps),
 }
 
-/// Steps of a power of two: scaling an image by a power of two changes no gray value.
+/// As many steps to every range: scaling an image changes gray values by no more than its own rounding, and by a power of
+/// two it changes none.
 #[derive(Debug, Clone, Copy)]
 struct FloatSteps {
     black: f64,
@@ -245,10 +253,14 @@ struct FloatSteps {
 
 impl FloatSteps {
     fn new(range: IntensityRange) -> Self {
-        let exponent = FLOAT_STEPS_LOG2 - floor_log2(range.width());
-        let half = exponent / 2;
+        // The width is `fraction * 2^power`, or anything for a constant image.
+        let power = floor_log2(range.width());
+        let exponent = FLOAT_STEPS_LOG2 - power;
+        let halves = [exponent / 2, exponent - exponent / 2].map(|power| 2f64.powi(power));
+        let steps = range.width() * halves[0] * halves[1];
+        let rest = if steps > 0.0 { f64::from(1 << FLOAT_STEPS_LOG2) / steps } else { 1.0 };
 
-        Self { black: range.black, factors: [half, exponent - half].map(|power| 2f64.powi(power)) }
+        Self { black: range.black, factors: [halves[0], halves[1] * rest] }
     }
 
     #[inline(always)]
@@ -276,16 +288,19 @@ impl Loop for ToSteps<'_> {
     }
 }
 
-/// `given` is the intensity range that the user names, in units of the pixels.
-/// The channel planes of a pair, for SAD: three where both images have color, else gray.
+/// The channel planes of a pair, for SAD: three where both images have color, else gray. `given` is the intensity range
+/// that the user names, in units of the caller's pixels.
 pub fn level_planes(
     [left, right]: [&View; 2],
     given: Option<(f64, f64)>,
     control: &Control,
 ) -> Result<[Vec<Plane<u16>>; 2]> {
-    let range = match given.or(left.image.white().map(|white| (0.0, f64::from(white)))) {
-        Some((black, white)) => IntensityRange { black: 1000.0 * black, white: 1000.0 * white },
-        None => float_range(left, control)?.union(float_range(right, control)?),
+    let range = match given {
+        Some((black, white)) => {
+            let [black, white] = [black, white].map(|end| 1000.0 * end / left.unit);
+            IntensityRange { black, white }
+        }
+        None => intensity_range(left, control)?.union(intensity_range(right, control)?),
     };
 
     let as_gray = left.image.shape().2 != 3 || right.image.shape().2 != 3;
@@ -328,8 +343,12 @@ fn levels(
     (0..if as_gray { 1 } else { channels }).map(plane).collect()
 }
 
-/// The intensity range of a float image: that of the view if it has one, else a robust range of its valid pixels.
-pub fn float_range(view: &View, control: &Control) -> Result<IntensityRange> {
+/// The intensity range of an image, in its own unit: that of the type for bytes; else that of the view if it has one, or a
+/// robust range of its valid pixels.
+pub fn intensity_range(view: &View, control: &Control) -> Result<IntensityRange> {
+    if let Image::U8(_) = view.image {
+        return Ok(IntensityRange { black: 0.0, white: 1000.0 * f64::from(u8::MAX) });
+    }
     if let Some(range) = view.range {
         return Ok(range);
     }
@@ -344,7 +363,7 @@ pub fn float_range(view: &View, control: &Control) -> Result<IntensityRange> {
     }
 }
 
-/// An even sample of the valid pixels of a float image. Their range, without the outliers at either end, is that of the
+/// An even sample of the valid pixels of an image. Their range, without the outliers at either end, is that of the
 /// image.
 #[derive(Debug)]
 pub struct RangeSample {
@@ -407,7 +426,7 @@ pub fn full_range(view: &View, control: &Control) -> Result<Option<IntensityRang
 }
 
 /// `plane` with the masked pixels replaced by valid neighbors.
-fn filled<T: Copy + Default>(
+fn filled<T: Copy + Default + Send + Sync>(
     mut plane: Plane<T>,
     view: &View,
     control: &Control,

@@ -13,16 +13,17 @@ pub const REACH: usize = LARGEST_KERNEL / 2 + LARGEST_WINDOW / 2;
 
 /// Replaces masked values by the nearest valid value of their row (ties: left). A row without any copies the nearest row
 /// that has one, up to [`REACH`] away (ties: above), or becomes zero.
-pub fn fill_masked<T: Copy + Default>(
+pub fn fill_masked<T: Copy + Default + Send + Sync>(
     plane: &mut Plane<T>,
     mask: &Mask,
     control: &Control,
 ) -> Result<()> {
-    let mut seeded = vec![false; plane.rows()];
-    for (y, seeded) in seeded.iter_mut().enumerate() {
+    let seeded: Vec<bool> = (0..mask.rows()).map(|y| mask.row(y).contains(&true)).collect();
+    plane.write_bands(1, |y, row| {
         control.checkpoint()?;
-        *seeded = fill_row(plane.row_mut(y), mask.row(y));
-    }
+        fill_row(row, mask.row(y));
+        Ok(())
+    })?;
 
     for (y, source) in nearest(&seeded).into_iter().enumerate() {
         match source {
@@ -38,18 +39,27 @@ pub fn fill_masked<T: Copy + Default>(
     Ok(())
 }
 
-/// Replaces the masked values of a row; whether it has any valid one.
-fn fill_row<T: Copy>(row: &mut [T], valid: &[bool]) -> bool {
-    let sources = nearest(valid);
-    let original = row.to_vec();
+/// Replaces the masked values of a row, run by run, by the valid ones on either side.
+fn fill_row<T: Copy>(row: &mut [T], valid: &[bool]) {
+    let mut end = 0;
 
-    for (value, source) in row.iter_mut().zip(&sources) {
-        if let Some(x) = source {
-            *value = original[*x];
+    while let Some(masked) = valid[end..].iter().position(|valid| !valid) {
+        let start = end + masked;
+        let run = valid[start..].iter().position(|valid| *valid);
+        end = run.map_or(row.len(), |run| start + run);
+
+        let left = start.checked_sub(1).map(|x| row[x]);
+        let right = row.get(end).copied();
+        // The pixels of the left half, that in the middle included, are nearer to the left value.
+        let middle = start + (end - start).div_ceil(2);
+        let (of_left, of_right) = row[start..end].split_at_mut(middle - start);
+        if let Some(value) = left.or(right) {
+            of_left.fill(value);
+        }
+        if let Some(value) = right.or(left) {
+            of_right.fill(value);
         }
     }
-
-    valid.contains(&true)
 }
 
 /// For every place the nearest place that holds true (ties: the smaller one).

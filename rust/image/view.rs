@@ -33,10 +33,13 @@ pub struct View {
     pub image: Image,
     /// Its valid pixels; `None`: all.
     pub mask: Option<Mask>,
-    /// The intensity range of the whole image, if this is a part of a float image; `None`: it is the whole.
+    /// The intensity range of the whole image, in its own unit, if this is a part of one that is not of bytes; `None`: it is
+    /// the whole.
     pub range: Option<IntensityRange>,
-    /// Least height of impulses, in units of the pixels; 0: there are none.
+    /// Least height of impulses, in units of the caller's pixels; 0: there are none.
     pub impulses: f64,
+    /// What 1 stands for in the image, in units of the caller's pixels.
+    pub unit: f64,
 }
 
 impl Image {
@@ -50,11 +53,11 @@ impl Image {
         }
     }
 
-    /// Largest value of an integer type; floats have none.
-    pub fn white(&self) -> Option<u16> {
+    /// The middle of an integer type; floats have none.
+    pub fn middle(&self) -> Option<u16> {
         match self {
-            Self::U8(_) => Some(u8::MAX.into()),
-            Self::U16(_) => Some(u16::MAX),
+            Self::U8(_) => Some(1 << (u8::BITS - 1)),
+            Self::U16(_) => Some(1 << (u16::BITS - 1)),
             Self::F32(_) | Self::F64(_) => None,
         }
     }
@@ -104,7 +107,7 @@ impl Image {
 impl From<Image> for View {
     /// A whole image that is valid everywhere.
     fn from(image: Image) -> Self {
-        Self { image, mask: None, range: None, impulses: 0.0 }
+        Self { image, mask: None, range: None, impulses: 0.0, unit: 1.0 }
     }
 }
 
@@ -122,7 +125,15 @@ impl View {
             Image::F64(pixels) => Image::F64(pixels.mapv(|value| sum - value)),
         };
 
-        Self { image, mask: self.mask.clone(), ..*self }
+        let range = match &image {
+            Image::U16(_) => self.range.map(|IntensityRange { black, white }| {
+                let sum = 1000.0 * f64::from(u16::MAX);
+                IntensityRange { black: sum - white, white: sum - black }
+            }),
+            _ => self.range,
+        };
+
+        Self { image, mask: self.mask.clone(), range, ..*self }
     }
 
     /// Some rows.
@@ -141,7 +152,7 @@ impl View {
             Plane::from_fn(rows.len(), mask.cols(), |y, x| mask.row(rows.start + y)[x])
         });
 
-        Self { image, mask, range: self.range, impulses: self.impulses }
+        Self { image, mask, ..*self }
     }
 
     /// Whether the mask, if there is one, calls the pixel valid.

@@ -26,7 +26,7 @@ const FOUND: usize = 14;
 /// Bytes of a pixel of the map: disparity, flags, support.
 const MAP: usize = 10;
 /// Bytes of a pixel of the map while it is refined, with the copies of the stages: without and with gray values.
-const REFINED: [usize; 2] = [20, 40];
+const REFINED: [usize; 2] = [24, 44];
 /// Bytes of a pixel of gray values, with the intermediate images.
 const GRAY: usize = 16;
 /// Bytes of a pixel of the gray values and jumps that are kept.

@@ -13,11 +13,12 @@ use crate::cost::aggregation::Window;
 use crate::cost::candidates::Candidates;
 use crate::error::{Error, Result};
 use crate::image::intensity;
+use crate::image::packing::Packing;
 use crate::image::plane::Plane;
 use crate::image::texture::Texture;
 use crate::image::view::View;
 use crate::optimization::edges::Edges;
-use crate::optimization::evidence::Evidence;
+use crate::optimization::evidence::{Evidence, NONE};
 use crate::optimization::selection::Selection;
 use crate::optimization::{AggregatedCosts, CandidateSearch, Penalties, Workspace};
 use crate::pipeline::control::Control;
@@ -25,9 +26,11 @@ use crate::pipeline::halo::Halo;
 use crate::pipeline::map::{DraftMap, MapBand};
 use crate::pipeline::platform::{Instant, ThreadPool};
 use crate::pipeline::section::Section;
+use crate::refinement::calibration::weights::WEIGHTS;
+use crate::refinement::calibration::{Calibration, Tally, traits};
 use crate::refinement::left_right_check::Checker;
 use crate::refinement::synthesis;
-use crate::refinement::{Draft, Judge};
+use crate::refinement::{Draft, Judge, invalidate};
 use crate::rig::alignment::Alignment;
 use crate::rig::alignment::straighten::straightened;
 use crate::rig::blur_compensation::BlurCompensation;
@@ -117,7 +120,14 @@ impl Pair {
         self
     }
 
-    /// The pair as a part of a larger one whose left and right pixels, if they are floats, lie in these ranges.
+    /// The pair with its values in the narrowest type that holds them: how it is matched depends on the values alone.
+    pub fn packed(self, packing: &Packing) -> Self {
+        let [left, right] =
+            [(self.left, 0), (self.right, 1)].map(|(view, i)| packing.packed(view, i));
+        Self { left, right, ..self }
+    }
+
+    /// The pair as a part of a larger one whose left and right pixels, unless they are bytes, lie in these ranges.
     pub fn with_ranges(mut self, ranges: [Option<intensity::IntensityRange>; 2]) -> Self {
         let [left, right] = ranges;
         (self.left.range, self.right.range) = (left, right);
@@ -145,7 +155,7 @@ impl Pair {
         Ok(Self { right, ..self.clone() })
     }
 
-    /// Some rows of the images; the ranges of floats should be known already.
+    /// Some rows of the images; their ranges should be known already.
     pub fn of_rows(&self, rows: Range<usize>) -> Self {
         let [left, right] = [&self.left, &self.right].map(|view| view.of_rows(rows.clone()));
         let compensation =
@@ -154,12 +164,9 @@ impl Pair {
         Self { left, right, compensation, ..self.clone() }
     }
 
-    /// The pair with the ranges of its floats computed, so that any part of it is a part of the whole.
+    /// The pair with its ranges computed, so that any part of it is a part of the whole.
     pub fn with_own_ranges(self, control: &Control) -> Result<Self> {
-        let range = |view: &View| match view.image.white() {
-            Some(_) => Ok(None),
-            None => intensity::float_range(view, control).map(Some),
-        };
+        let range = |view: &View| intensity::intensity_range(view, control).map(Some);
 
         let ranges = [range(&self.left)?, range(&self.right)?];
         Ok(self.with_ranges(ranges))
@@ -274,6 +281,24 @@ impl Matcher {
         how: Execution,
         control: &Control,
     ) -> Result<Disparity> {
+        let raw = self.match_raw(pair, section, settings, how, control)?;
+        let compensation = pair.blur_compensation();
+        self.pool.install(|| {
+            let tally = section.tally.or_else(|| raw.tally(pair.candidates));
+            Ok(raw.calibrated(tally, compensation)?.returned(settings))
+        })
+    }
+
+    /// The same with raw confidences, and with every disparity that there is, whatever is held against it. The sums over
+    /// these rows are those that calibration needs, if they are rows to sample.
+    pub fn match_raw(
+        &self,
+        pair: &Pair,
+        section: &Section,
+        settings: &Settings,
+        how: Execution,
+        control: &Control,
+    ) -> Result<Disparity> {
         settings.check()?;
         section.check(pair)?;
 
@@ -282,11 +307,12 @@ impl Matcher {
         let wanted = section.rows.start - around.start..section.rows.end - around.start;
         let widened = Section { rows: around, ..section.clone() };
 
-        let found = self.match_alone(pair, &widened, settings, how, control)?;
+        let found = self.pool.install(|| self.refined(pair, &widened, settings, how, control))?;
         Ok(found.of_rows(wanted))
     }
 
-    /// Matches some rows of a pair, whose map is refined as if the pair had no other rows.
+    /// Matches some rows of a pair, whose map is refined as if the pair had no other rows. Confidences stay raw, as the
+    /// stages before the match of the pair itself need them.
     pub fn match_alone(
         &self,
         pair: &Pair,
@@ -298,10 +324,20 @@ impl Matcher {
         settings.check()?;
         section.check(pair)?;
 
-        self.pool.install(|| {
-            let unrefined = self.choose(pair, section, settings, how, control)?;
-            unrefined.refined(pair, section.rows.clone(), settings, how.level, control)
-        })
+        let found = self.pool.install(|| self.refined(pair, section, settings, how, control))?;
+        Ok(found.returned(settings))
+    }
+
+    fn refined(
+        &self,
+        pair: &Pair,
+        section: &Section,
+        settings: &Settings,
+        how: Execution,
+        control: &Control,
+    ) -> Result<Disparity> {
+        let unrefined = self.choose(pair, section, settings, how, control)?;
+        unrefined.refined(pair, section.rows.clone(), settings, how.level, control)
     }
 
     fn choose(
@@ -413,6 +449,10 @@ impl Job<'_> {
             consistency: self.settings.lr_check.map(|most| most as u16),
             uniqueness: self.settings.uniqueness as u64,
             unit: self.window.unit(self.costs.steps()) as f32,
+            unrelated: self
+                .costs
+                .unrelated()
+                .map_or(NONE, |cost| (cost * self.window.unit(1)) as u32),
         }
     }
 }
@@ -449,14 +489,47 @@ impl Unrefined {
         };
 
         let (disparity, confidence) = draft.refine(settings, level, control)?;
-        // The stages may need a confidence that the settings do not return.
-        let confidence = confidence.filter(|_| settings.confidence);
         let timings = Timings { refinement: started.elapsed(), ..self.timings };
         Ok(Disparity { disparity, flags, confidence, uncertainty: None, timings })
     }
 }
 
 impl Disparity {
+    /// The sums over the rows of a whole raw map that are to be sampled; `None`: without confidences.
+    fn tally(&self, candidates: Candidates) -> Option<Tally> {
+        let confidence = self.confidence.as_ref()?;
+        Some(Tally::of_sample(confidence, &self.disparity, &self.flags, candidates))
+    }
+
+    /// Calibrates raw confidences, if there are any, by the sums over the whole map.
+    fn calibrated(
+        mut self,
+        tally: Option<Tally>,
+        compensation: Option<&BlurCompensation>,
+    ) -> Result<Self> {
+        if let (Some(tally), Some(confidence)) = (tally, &mut self.confidence) {
+            let calibration = Calibration::new(&traits(tally, compensation), &WEIGHTS);
+            let bars = calibration.apply(confidence, &self.disparity, &self.flags)?;
+            self.uncertainty = Some(bars);
+        }
+
+        Ok(self)
+    }
+
+    /// What the settings return of it: no estimates that they refuse, no confidences that they need for that alone.
+    fn returned(mut self, settings: &Settings) -> Self {
+        let confidence = self.confidence.as_ref().map(Plane::as_slice);
+        let uncertainty = self.uncertainty.as_mut().map(Plane::as_mut_slice);
+        let (disparity, flags) = (self.disparity.as_mut_slice(), self.flags.as_mut_slice());
+        invalidate(settings, disparity, flags, confidence, uncertainty);
+
+        Self {
+            confidence: self.confidence.filter(|_| settings.confidence),
+            uncertainty: self.uncertainty.filter(|_| settings.confidence),
+            ..self
+        }
+    }
+
     /// Some rows of it.
     fn of_rows(self, rows: Range<usize>) -> Self {
         Self {

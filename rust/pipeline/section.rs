@@ -8,6 +8,7 @@ use std::ops::Range;
 use crate::error::{Error, Result};
 use crate::image::texture::Roughness;
 use crate::pipeline::matcher::Pair;
+use crate::refinement::calibration::Tally;
 
 /// Rows of a pair that are matched by themselves, and what refers to the whole pair that this one is a part of.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -18,12 +19,14 @@ pub struct Section {
     pub first: usize,
     /// The roughness of the whole left image; `None`: the pair is the whole.
     pub roughness: Option<Roughness>,
+    /// Sums over the whole map that its confidences depend on; `None`: the pair is the whole.
+    pub tally: Option<Tally>,
 }
 
 impl Section {
     /// All rows of a whole pair.
     pub fn whole(pair: &Pair) -> Self {
-        Self { rows: 0..pair.size().0, first: 0, roughness: None }
+        Self { rows: 0..pair.size().0, first: 0, roughness: None, tally: None }
     }
 
     /// The rows and up to `by` more on either side, as far as the pair has them.

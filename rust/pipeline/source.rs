@@ -8,10 +8,12 @@ use crate::error::Result;
 use crate::image::impulses;
 use crate::image::intensity::{self, Gray, NOWHERE, RangeSample, full_range};
 use crate::image::masking;
+use crate::image::packing::{Packing, Scan};
 use crate::image::texture::Roughness;
-use crate::image::view::Mask;
+use crate::image::view::{Image, Mask};
 use crate::pipeline::control::Control;
 use crate::pipeline::matcher::Pair;
+use crate::settings::{CostKind, Settings};
 use crate::simd::Level;
 
 /// Pixels of one image that are read at a time, unless one row has more.
@@ -30,7 +32,8 @@ pub trait Source: Sync {
         (MOST_PIXELS / self.size().1).max(1)
     }
 
-    /// Reads rows of both images. Views of floats carry the range of the whole image once it is known.
+    /// Reads rows of both images. Once they are known, pixels are packed as those of the whole pair, and views carry the
+    /// range of the whole image.
     fn rows(&self, rows: Range<usize>) -> Result<Pair>;
 }
 
@@ -45,7 +48,23 @@ pub fn widened(rows: &Range<usize>, by: usize, height: usize) -> Range<usize> {
     rows.start.saturating_sub(by)..(rows.end + by).min(height)
 }
 
-/// The ranges of the pixels of both images, which are floats.
+/// How a whole pair is packed whose rows come as they are stored; `first` are some of them.
+pub fn packing(first: &Pair, source: &dyn Source, control: &Control) -> Result<Packing> {
+    let mut scan = Scan::new(first.views());
+    // Usually one row says enough, or a few.
+    scan.add(first.views(), control)?;
+
+    for rows in bands(source) {
+        if scan.is_decided() {
+            break;
+        }
+        scan.add(source.rows(rows)?.views(), control)?;
+    }
+
+    Ok(scan.packing())
+}
+
+/// The ranges of the pixels of both images, which are not bytes.
 pub fn ranges(source: &dyn Source, control: &Control) -> Result<[intensity::IntensityRange; 2]> {
     // Usually a sample of the pixels says enough.
     let mut samples = [RangeSample::new(source.size()), RangeSample::new(source.size())];
@@ -73,6 +92,15 @@ pub fn ranges(source: &dyn Source, control: &Control) -> Result<[intensity::Inte
 
     let [all_left, all_right] = all.map(|range| range.unwrap_or(NOWHERE));
     Ok([left.unwrap_or(all_left), right.unwrap_or(all_right)])
+}
+
+/// Whether a match with these settings depends on the ranges of a pair; `first` are some of its rows, packed.
+pub fn needs_ranges(first: &Pair, settings: &Settings) -> bool {
+    match (&first.views()[0].image, settings.cost) {
+        (Image::U8(_), _) | (Image::U16(_), CostKind::Phase) => false,
+        (_, CostKind::Phase) => true,
+        (_, CostKind::Sad | CostKind::NormalizedSad) => settings.intensity_range.is_none(),
+    }
 }
 
 /// The roughness of the left image, whose impulses stand out by at least `impulses`; 0: it has none.

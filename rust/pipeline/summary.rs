@@ -18,7 +18,8 @@ pub struct Summary {
     pub at_high: f64,
     /// Mean confidence; NaN if no confidence was computed.
     pub confidence: f64,
-    /// Estimated share of the pixels whose disparity is off by more than 1 px; NaN if no confidence was computed.
+    /// Estimated share of the pixels with an estimate whose disparity is off by more than 1 px: what their mean confidence
+    /// lacks to 1. NaN if no confidence was computed.
     pub wrong: f64,
 }
 
@@ -31,6 +32,8 @@ struct PixelCounts {
     at_high: u64,
     /// The sum, in units of 2^-20: integers sum to the same in any order.
     confidence: u64,
+    /// The sum over pixels with an estimate.
+    right: u64,
 }
 
 /// Flags of pixels that fail the left-right check or are speckles.
@@ -57,7 +60,9 @@ impl Summary {
             at_high: share(counts.at_high),
             confidence: confidence
                 .map_or(f64::NAN, |_| share(counts.confidence) / f64::from(STEPS)),
-            wrong: f64::NAN,
+            wrong: confidence.map_or(f64::NAN, |_| {
+                1.0 - counts.right as f64 / f64::from(STEPS) / counts.estimated.max(1) as f64
+            }),
         }
     }
 }
@@ -76,8 +81,10 @@ impl PixelCounts {
             counts.at_high += u64::from(is_own & (*disparity > ends[1] - 0.5));
         }
 
-        for confidence in confidence.unwrap_or_default() {
-            counts.confidence += u64::from((confidence * STEPS) as u32);
+        for (confidence, disparity) in confidence.unwrap_or_default().iter().zip(disparity) {
+            let steps = u64::from((confidence * STEPS) as u32);
+            counts.confidence += steps;
+            counts.right += if disparity.is_nan() { 0 } else { steps };
         }
 
         counts

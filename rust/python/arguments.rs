@@ -8,15 +8,17 @@ use pyo3::types::{PyBool, PyDict};
 
 use super::estimates::{Field, read_field, read_findings};
 use super::internal;
-use super::reader::as_ranges;
+use super::reader::{as_packing, as_ranges};
 use crate::cost::candidates::Candidates;
 use crate::error::Error;
 use crate::image::convolution::Kernel;
 use crate::image::intensity;
+use crate::image::packing::Packing;
 use crate::image::plane::{Plane, zeroed};
 use crate::image::texture::{Roughness, Texture};
 use crate::image::view::{Image, Mask, View};
 use crate::pipeline::matcher::{Pair, usable_threads};
+use crate::refinement::calibration::Tally;
 use crate::rig::alignment::Alignment;
 use crate::rig::blur_compensation::{BlurCompensation, check_noise};
 use crate::rig::estimation::Known;
@@ -100,10 +102,11 @@ pub fn read_view(image: &Bound<'_, PyAny>, mask: &Bound<'_, PyAny>, name: &str) 
         return Err(PyValueError::new_err(message));
     }
 
-    Ok(View { image, mask: read_mask(mask, (rows, cols), name)?, range: None, impulses: 0.0 })
+    Ok(View { mask: read_mask(mask, (rows, cols), name)?, ..View::from(image) })
 }
 
-/// Reads a mask of a given size, or None.
+/// Reads a mask of a given size, or None. True is whatever byte is not 0, as `NumPy` has it: arrays of bool may be views of
+/// any bytes, and most of those are no `bool` of Rust.
 fn read_mask(mask: &Bound<'_, PyAny>, size: (usize, usize), name: &str) -> PyResult<Option<Mask>> {
     if mask.is_none() {
         return Ok(None);
@@ -119,7 +122,9 @@ fn read_mask(mask: &Bound<'_, PyAny>, size: (usize, usize), name: &str) -> PyRes
         return Err(PyValueError::new_err(message));
     }
 
-    Ok(Some(Plane::from_vec(size.0, size.1, values(array)?)?))
+    let bytes = mask.call_method1("view", ("uint8",))?;
+    let bytes = values(bytes.cast::<PyArray2<u8>>()?)?;
+    Ok(Some(Plane::from_vec(size.0, size.1, bytes.into_iter().map(|byte| byte != 0).collect())?))
 }
 
 /// A copy of the pixels of an image.
@@ -129,7 +134,7 @@ fn copied<T: Element + Copy + Default>(array: &Bound<'_, PyArray3<T>>) -> PyResu
 }
 
 /// The values of an array in the order of its indices; an exception, not an abort, without the memory.
-fn values<T, D>(array: &Bound<'_, PyArray<T, D>>) -> PyResult<Vec<T>>
+pub fn values<T, D>(array: &Bound<'_, PyArray<T, D>>) -> PyResult<Vec<T>>
 where
     T: Element + Copy + Default,
     D: Dimension,
@@ -298,8 +303,10 @@ pub struct Statistics<'py> {
     pub alignment: Option<Alignment>,
     pub is_inverted: bool,
     pub disparities: Both<'py>,
+    pub packing: Packing,
     pub ranges: [Option<intensity::IntensityRange>; 2],
     pub roughness: Option<Roughness>,
+    pub tally: Option<Tally>,
 }
 
 impl<'py> Statistics<'py> {
@@ -313,6 +320,8 @@ impl<'py> Statistics<'py> {
             return Err(Error::value("roughness", "None", accepts).into());
         }
 
+        let tally: Option<(u64, u64, u64, u64, u64)> = statistics.getattr("tally")?.extract()?;
+
         Ok(Self {
             settings,
             compensation: read_blur_compensation(&statistics.getattr("blur_compensation")?)?,
@@ -322,8 +331,16 @@ impl<'py> Statistics<'py> {
                 statistics.getattr("min_disparity")?,
                 statistics.getattr("num_disparities")?,
             ),
+            packing: as_packing(statistics.getattr("packing")?.extract()?),
             ranges: as_ranges(statistics.getattr("ranges")?.extract()?),
             roughness: roughness.map(|(sum, pairs)| Roughness { sum, pairs }),
+            tally: tally.map(|(confidence, own, failed, ends, pixels)| Tally {
+                confidence,
+                own,
+                failed,
+                ends,
+                pixels,
+            }),
         })
     }
 }

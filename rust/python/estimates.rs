@@ -11,7 +11,7 @@ use crate::rig::alignment::{Alignment, TERMS};
 use crate::rig::blur::{self, BlockPlace, Glance, Side};
 use crate::rig::estimation::Estimates;
 use crate::rig::estimation::compensation_plan::CompensationPlan;
-use crate::rig::estimation::range::SearchRange;
+use crate::rig::estimation::range::{LeftOut, SearchRange};
 use crate::rig::estimation::rows::RowOffsets;
 use crate::rig::photometry::Photometry;
 use crate::rig::psf::{Family, Taps};
@@ -45,8 +45,11 @@ type Kernels<'py> = (Option<Bound<'py, PyArray2<f32>>>, Option<Bound<'py, PyArra
 type PlanTuple<'py> =
     ([(f64, f64); 3], Vec<Kernels<'py>>, Bound<'py, PyArray2<u8>>, usize, (usize, usize));
 
-/// Least disparity, number of disparities, low and high end, swapped, mixed.
-type RangeTuple = (i64, i64, f64, f64, bool, bool);
+/// Least disparity, number of disparities, low and high end, swapped, mixed, identical.
+type RangeTuple = (i64, i64, f64, f64, bool, bool, bool);
+
+/// Rows and columns, both half-open, and the low and the high end of the disparities of a place that is left out.
+type LeftOutTuple = ((usize, usize), (usize, usize), f64, f64);
 
 /// A field of vertical offsets: its coefficients, rows and columns of its image, and the column of it that is the first
 /// of the pair.
@@ -65,14 +68,15 @@ type PhotometryTuple = (f64, (Both, Both), Both, Both, Both, (i32, i32), Option<
 /// Topic, severity and sentence.
 pub type FindingTuple = (&'static str, &'static str, String);
 
-/// Disparities (least, number), the confidence of a rough match, whether one image is inverted, the range and the
-/// offsets that were estimated, the field that is applied, blur, the plan of its compensation, wall-clock seconds, what the
-/// gray values say, and findings on the pair.
+/// Disparities (least, number), the confidence of a rough match, whether one image is inverted, the range, what it leaves
+/// out, the offsets that were estimated, the field that is applied, blur, the plan of its compensation, wall-clock
+/// seconds, what the gray values say, and findings on the pair.
 pub type EstimatesTuple<'py> = (
     (i64, i64),
     Option<f64>,
     bool,
     Option<RangeTuple>,
+    Vec<LeftOutTuple>,
     Option<OffsetsTuple>,
     Option<Field>,
     Option<EstimateTuple<'py>>,
@@ -84,8 +88,9 @@ pub type EstimatesTuple<'py> = (
 
 /// The estimates for Python.
 pub fn estimates_to_py(py: Python<'_>, estimates: Estimates) -> PyResult<EstimatesTuple<'_>> {
-    let Estimates { candidates, confidence, is_inverted, range, offsets, .. } = estimates;
-    let Estimates { alignment, blur, photometry, compensation, findings, time, .. } = estimates;
+    let Estimates { candidates, confidence, is_inverted, range, left_out, .. } = estimates;
+    let Estimates { offsets, alignment, blur, photometry, compensation, .. } = estimates;
+    let Estimates { findings, time, .. } = estimates;
 
     let blur = blur.map(|blur| estimate_to_py(py, blur)).transpose()?;
     let compensation = compensation.map(|plan| compensation_to_py(py, plan)).transpose()?;
@@ -95,6 +100,7 @@ pub fn estimates_to_py(py: Python<'_>, estimates: Estimates) -> PyResult<Estimat
         confidence,
         is_inverted,
         range.as_ref().map(range_to_py),
+        left_out.iter().map(left_out_to_py).collect(),
         offsets.as_ref().map(offsets_to_py),
         alignment.as_ref().map(field_to_py),
         blur,
@@ -133,8 +139,13 @@ fn photometry_to_py(found: &Photometry) -> PhotometryTuple {
 }
 
 fn range_to_py(range: &SearchRange) -> RangeTuple {
-    let SearchRange { min, count, low, high, swapped, mixed, .. } = *range;
-    (min, count, low, high, swapped, mixed)
+    let SearchRange { min, count, low, high, swapped, mixed, identical } = *range;
+    (min, count, low, high, swapped, mixed, identical)
+}
+
+fn left_out_to_py(place: &LeftOut) -> LeftOutTuple {
+    let LeftOut { rows, columns, low, high } = place;
+    ((rows.start, rows.end), (columns.start, columns.end), *low, *high)
 }
 
 fn offsets_to_py(offsets: &RowOffsets) -> OffsetsTuple {

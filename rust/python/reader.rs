@@ -9,6 +9,7 @@ use super::arguments::{Both, Disparities, read_images};
 use crate::cost::candidates::Candidates;
 use crate::error::{Error, Result};
 use crate::image::intensity;
+use crate::image::packing::{Integers, Packing};
 use crate::pipeline::matcher::Pair;
 use crate::pipeline::source::Source;
 
@@ -18,6 +19,8 @@ pub struct Reader {
     size: (usize, usize),
     search: Disparities,
     candidates: Candidates,
+    /// How pixels are packed; `None`: they stay as they are read.
+    packing: Option<Packing>,
     ranges: [Option<intensity::IntensityRange>; 2],
     /// The exception that the callable raised.
     raised: Mutex<Option<PyErr>>,
@@ -26,20 +29,28 @@ pub struct Reader {
 /// Black and white of the left and of the right image, in thousandths of their unit.
 pub type Ranges = ((f64, f64), (f64, f64));
 
+/// How a pair is packed: the step and the bits of its integers, 0 bits for pixels that keep their type; whether the
+/// channels of the left and of the right image are equal.
+pub type PackingTuple = (f64, u32, bool, bool);
+
+/// The scale of a whole pair that its parts take.
+pub type ScaleOfPair = (PackingTuple, Option<Ranges>);
+
 impl Reader {
     /// A reader of a pair of so many rows and columns.
     pub fn new(
         read: Bound<'_, PyAny>,
         size: (usize, usize),
         search: Disparities,
-        ranges: Option<Ranges>,
+        scale: Option<ScaleOfPair>,
     ) -> Result<Arc<Self>> {
         let (min, count) = search.unwrap_or((0, 1));
         let candidates = Candidates::new(min, count, size.1)?;
 
-        let ranges = as_ranges(ranges);
-        let raised = Mutex::default();
-        Ok(Arc::new(Self { read: read.unbind(), size, search, candidates, ranges, raised }))
+        let packing = scale.map(|(packing, _)| as_packing(packing));
+        let ranges = as_ranges(scale.and_then(|(_, ranges)| ranges));
+        let (read, raised) = (read.unbind(), Mutex::default());
+        Ok(Arc::new(Self { read, size, search, candidates, packing, ranges, raised }))
     }
 
     /// The exception that the callable raised, if that is why a call failed.
@@ -52,7 +63,12 @@ impl Reader {
         let (images, masks): (Both<'_>, Both<'_>) =
             self.read.bind(py).call1((rows.start, rows.end))?.extract()?;
 
-        Ok(read_images(&images, &masks, self.search)?.with_ranges(self.ranges))
+        let pair = read_images(&images, &masks, self.search)?;
+        let pair = match &self.packing {
+            Some(packing) => pair.packed(packing),
+            None => pair,
+        };
+        Ok(pair.with_ranges(self.ranges))
     }
 }
 
@@ -79,6 +95,19 @@ impl Source for Reader {
         let accepts = format!("{} x {} for rows {rows:?}", rows.len(), self.size.1);
         Err(Error::value("read", format!("{:?} pixels", pair.size()), accepts))
     }
+}
+
+/// How a pair is packed, for the core.
+pub fn as_packing((step, bits, left, right): PackingTuple) -> Packing {
+    let integers = (bits > 0).then_some(Integers { step, are_bytes: bits <= u8::BITS });
+    Packing { integers, is_gray: [left, right] }
+}
+
+/// The same for Python.
+pub fn packing_to_py(Packing { integers, is_gray: [left, right] }: Packing) -> PackingTuple {
+    let bits = |are_bytes| if are_bytes { u8::BITS } else { u16::BITS };
+    let (step, bits) = integers.map_or((1.0, 0), |found| (found.step, bits(found.are_bytes)));
+    (step, bits, left, right)
 }
 
 /// The ranges of both images for the core.

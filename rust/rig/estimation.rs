@@ -18,6 +18,7 @@
 //!
 //! Everything is computed in a fixed order, and a pair that is read a few rows at a time gives the same to the bit.
 
+pub mod areas;
 pub mod compensation_plan;
 pub mod overview;
 pub mod range;
@@ -36,6 +37,7 @@ use self::rows::RowOffsets;
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
 use crate::findings::{self, Finding};
+use crate::image::packing::Packing;
 use crate::pipeline::matcher::{Disparity, Pair};
 use crate::pipeline::platform::Instant;
 use crate::pipeline::source::Source;
@@ -96,7 +98,7 @@ pub struct Estimates {
     pub is_inverted: bool,
     /// The range of disparities, if it was to be estimated, or the known one matches badly.
     pub range: Option<SearchRange>,
-    /// Places that are not searched, although something seems to be there.
+    /// Places that seem to have disparities that are not searched.
     pub left_out: Vec<LeftOut>,
     /// The vertical offsets, if they were to be estimated and enough blocks were found in both images.
     pub offsets: Option<RowOffsets>,
@@ -129,7 +131,8 @@ pub struct Prepared {
 pub fn prepare(pair: Pair, known: Known, settings: &Settings, means: Means) -> Result<Prepared> {
     settings.check()?;
 
-    let (pair, estimates) = estimated(pair, &known, settings, means)?;
+    let packing = Packing::of_views(pair.views(), means.control)?;
+    let (pair, estimates) = estimated(pair.packed(&packing), &known, settings, means)?;
 
     // What the caller knows comes before what was estimated.
     let compensation = match (&estimates.compensation, known.compensation) {
@@ -364,6 +367,7 @@ struct Geometry {
     confidence: Option<f64>,
     is_inverted: bool,
     range: Option<SearchRange>,
+    left_out: Vec<LeftOut>,
     offsets: Option<RowOffsets>,
     alignment: Option<Alignment>,
     contrast: Option<Contrast>,
@@ -387,7 +391,7 @@ fn estimate(
     settings: &Settings,
     means: Means,
 ) -> Result<Estimates> {
-    let Geometry { confidence, is_inverted, range, offsets, alignment, contrast, rough } =
+    let Geometry { confidence, is_inverted, range, left_out, offsets, alignment, contrast, rough } =
         Geometry::new(rows, sample, request, means)?;
 
     let width = rows.size().1;
@@ -420,7 +424,7 @@ fn estimate(
         confidence,
         is_inverted,
         range,
-        left_out: vec![],
+        left_out,
         offsets,
         alignment,
         blur,
@@ -442,10 +446,15 @@ impl Geometry {
     /// Matches the reduced images, if they are needed and large enough.
     fn new(rows: PairRows, sample: &Sample, request: &Request, means: Means) -> Result<Self> {
         let is_needed = request.candidates.is_none() || request.rows;
-        let Some(overview) = is_needed.then(|| Overview::new(rows, means)).transpose()?.flatten()
-        else {
+        // The ends of an unknown range are found on finer copies.
+        let copies = |means| match request.candidates {
+            Some(_) => Overview::new(rows, means),
+            None => Overview::fine(rows, means),
+        };
+        let Some(copies) = is_needed.then(|| copies(means)).transpose()?.flatten() else {
             return Ok(Self::default());
         };
+        let overview = copies.usual(means)?;
 
         let mut rough = overview.rough(request.candidates, None, means)?;
         let (mut offsets, mut alignment) = (None, None);
@@ -470,7 +479,14 @@ impl Geometry {
 
         let last = wide.as_ref().unwrap_or(&rough);
         let is_asked = request.candidates.is_none() || is_poor;
-        let range = is_asked.then(|| range::range(&overview, last)).flatten();
+        let found = is_asked.then(|| range::range(&copies, &overview, last, means)).transpose()?;
+        let found = found.flatten();
+        let left_out = match (request.candidates, &found) {
+            (Some(given), _) => range::left_out(&overview, &rough, given, means)?,
+            (None, Some(found)) => found.left_out.clone(),
+            (None, None) => vec![],
+        };
+        let range = found.map(|found| found.range);
 
         let is_inverted = range.is_none()
             && last.confidence < range::LEAST_CONFIDENCE
@@ -479,6 +495,6 @@ impl Geometry {
 
         let contrast = sample.scales.contrast(&overview, last);
         let rough = Some((rough, overview.factor));
-        Ok(Self { confidence, is_inverted, range, offsets, alignment, contrast, rough })
+        Ok(Self { confidence, is_inverted, range, left_out, offsets, alignment, contrast, rough })
     }
 }

@@ -22,7 +22,7 @@ use rayon::prelude::*;
 pub use self::response::Contrast;
 use self::rows::{FIELD_REACH, Runs, field_differences, repeated_windows, runs};
 use crate::error::Result;
-use crate::image::intensity::float_range;
+use crate::image::intensity::intensity_range;
 use crate::image::view::{Image, View};
 use crate::pipeline::matcher::Pair;
 use crate::rig::blur::parts::{HALO, Means, PairRows, Part, Strips};
@@ -184,20 +184,24 @@ impl Scales {
         let views = sample.views();
         let unit = |view| shades_per_unit(view, means.how.level, means.control);
         let units = [unit(views[0])?, unit(views[1])?];
+        // Both images have one step.
+        let step = views[0].unit;
 
-        if let Some(white) = views[0].image.white() {
-            let range = 256.0 * gray_levels[0] - 1.0;
-            let middle = f64::midpoint(f64::from(white), 1.0);
+        if let Some(middle) = views[0].image.middle() {
+            let range = 256.0 * gray_levels[0] - step;
+            let middle = f64::from(middle) * step;
             let side = |unit| Scale { black: -middle * unit, width: range * unit, unit };
             return Ok(Self { sides: units.map(side), range });
         }
 
-        let ranges = [float_range(views[0], means.control)?, float_range(views[1], means.control)?];
+        let range = |view| intensity_range(view, means.control);
+        let ranges = [range(views[0])?, range(views[1])?];
         let both = ranges[0].union(ranges[1]);
         // Ranges are in thousandths of the unit. A pair of constant images has none.
-        let range = if both.width() > 0.0 { both.width() / 1000.0 } else { 1.0 };
+        let thousandth = step / 1000.0;
+        let range = if both.width() > 0.0 { both.width() * thousandth } else { 1.0 };
         let side = |side: usize| Scale {
-            black: (both.black - ranges[side].black) / 1000.0 * units[side],
+            black: (both.black - ranges[side].black) * thousandth * units[side],
             width: range * units[side],
             unit: units[side],
         };

@@ -21,6 +21,7 @@ use phasestereo::internals::pipeline::halo::Halo;
 use phasestereo::internals::pipeline::matcher::{Disparity, Execution, Matcher, Pair, Timings};
 use phasestereo::internals::pipeline::section::Section;
 use phasestereo::internals::pipeline::source::{ranges, roughness, widened};
+use phasestereo::internals::refinement::calibration::{Tally, sampled};
 use phasestereo::internals::refinement::filling;
 use phasestereo::internals::refinement::{Draft, flag};
 use phasestereo::internals::rig::blur_compensation::BlurCompensation;
@@ -40,6 +41,7 @@ struct PartsJob {
     settings: Settings,
     ranges: [intensity::IntensityRange; 2],
     roughness: Roughness,
+    tally: Option<Tally>,
 }
 
 impl PartsJob {
@@ -52,7 +54,28 @@ impl PartsJob {
         let impulses = pair.views()[0].impulses;
         let rough = roughness(&Slow::new(&known, whole), impulses, Level::best(), &control);
 
-        Self { pair, settings, ranges: found, roughness: rough.expect("all rows") }
+        let roughness = rough.expect("all rows");
+        let mut job = Self { pair, settings, ranges: found, roughness, tally: None };
+        job.tally = job.settings.needs_confidence().then(|| job.sums());
+        job
+    }
+
+    /// The sums over the sampled rows, matched with no more rows around them than their halo.
+    fn sums(&self) -> Tally {
+        let matcher = Matcher::new(1).expect("a thread");
+        let how = Execution { threads: 1, level: Level::best() };
+        let candidates = self.pair.candidates();
+
+        let sums = sampled(self.pair.size().0).into_iter().map(|rows| {
+            let (pair, section) = self.section(&rows, &self.around(&rows));
+            let found =
+                matcher.match_raw(&pair, &section, &self.settings, how, &Control::default());
+            let map = found.expect("legal rows");
+            let confidence = map.confidence.expect("asked for");
+            let (disparity, flags) = (map.disparity.as_slice(), map.flags.as_slice());
+            Tally::new(confidence.as_slice(), disparity, flags, candidates)
+        });
+        sums.reduce(Tally::and).expect("some rows")
     }
 
     /// The rows around a part that it depends on.
@@ -87,15 +110,20 @@ impl PartsJob {
         read: &Range<usize>,
         (matcher, how): (&Matcher, Execution),
     ) -> ResultBits {
+        let (pair, section) = self.section(rows, read);
+        let found = matcher.match_rows(&pair, &section, &self.settings, how, &Control::default());
+        ResultBits::new(found.expect("a legal part"))
+    }
+
+    /// Some rows as a part of the rows that were read, and these as a pair.
+    fn section(&self, rows: &Range<usize>, read: &Range<usize>) -> (Pair, Section) {
         let section = Section {
             rows: rows.start - read.start..rows.end - read.start,
             first: read.start,
             roughness: Some(self.roughness),
+            tally: self.tally,
         };
-
-        let pair = without_full_masks(known_part(&self.pair, read, self.ranges));
-        let found = matcher.match_rows(&pair, &section, &self.settings, how, &Control::default());
-        ResultBits::new(found.expect("a legal part"))
+        (without_full_masks(known_part(&self.pair, read, self.ranges)), section)
     }
 
     /// The whole match, the rows between each two cuts by themselves.
@@ -117,8 +145,11 @@ fn joined(parts: impl Iterator<Item = ResultBits>) -> ResultBits {
     let join = |mut one: ResultBits, next: ResultBits| {
         one.disparity.extend(next.disparity);
         one.flags.extend(next.flags);
-        one.confidence =
-            one.confidence.zip(next.confidence).map(|(one, next)| [one, next].concat());
+        let joined = |one: Option<Vec<u32>>, next: Option<Vec<u32>>| {
+            one.zip(next).map(|(one, next)| [one, next].concat())
+        };
+        one.confidence = joined(one.confidence, next.confidence);
+        one.uncertainty = joined(one.uncertainty, next.uncertainty);
         one
     };
 

@@ -65,11 +65,12 @@ fn bytes(plane: &Plane<f32>) -> View {
         mask: None,
         range: None,
         impulses: 0.0,
+        unit: 1.0,
     }
 }
 
 fn floats(plane: &Plane<f32>) -> View {
-    View { image: Image::F32(array(plane, |value| value)), mask: None, range: None, impulses: 0.0 }
+    View::from(Image::F32(array(plane, |value| value)))
 }
 
 fn pair(shots: &[Plane<f32>; 2], view: impl Fn(&Plane<f32>) -> View) -> Pair {

@@ -4,13 +4,20 @@
 
 use crate::common::maps::drawn;
 use crate::common::{hash, levels, random};
-use crate::reference;
+use crate::reference::{self, RawMap};
+use phasestereo::internals::cost::candidates::Candidates;
 use phasestereo::internals::error::Error;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::texture::{Roughness, Texture};
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::refinement::CostMargin;
+use phasestereo::internals::refinement::calibration::weights::WEIGHTS;
+use phasestereo::internals::refinement::calibration::{
+    Calibration, Tally, Weights, sampled, traits,
+};
 use phasestereo::internals::refinement::confidence::{RADIUS, VotedMap, confidence, similar, vote};
+use phasestereo::internals::refinement::flag;
+use phasestereo::internals::rig::blur_compensation::BlurCompensation;
 use proptest::prelude::*;
 
 /// The planes of a map with votes.
@@ -188,4 +195,71 @@ fn a_cancelled_search_stops() {
     let planes = Planes::flat((2, 2), 1.0);
     let stopped = planes.map().confidences(&mut planes.votes.clone(), levels()[0], &control);
     assert_eq!(stopped, Err(Error::Cancelled));
+}
+
+/// A raw map of some size, confidences and flags at random.
+fn raw_map(seed: u64, (rows, cols): (usize, usize)) -> (Plane<f32>, Plane<u16>, Plane<f32>) {
+    let disparity = Plane::from_fn(rows, cols, |y, x| match hash(seed, y, x) % 50 {
+        0 => f32::NAN,
+        part => part as f32 / 4.0 - 1.0,
+    });
+    let flags = Plane::from_fn(rows, cols, |y, x| match hash(seed ^ 7, y, x) % 6 {
+        0 => flag::OCCLUDED | flag::FILLED,
+        1 => flag::SPECKLE,
+        2 => flag::OUTSIDE | flag::FILLED,
+        _ => 0,
+    });
+    // Both ends belong to it.
+    let raw = |y, x| (hash(!seed, y, x) % 1001) as f32 / 1000.0;
+    (disparity, flags, Plane::from_fn(rows, cols, raw))
+}
+
+proptest! {
+    #![proptest_config(random(48))]
+
+    #[test]
+    fn calibration_is_that_of_the_reference(
+        seed in any::<u64>(),
+        size in prop_oneof![(1usize..40, 1usize..30), (760usize..1200, 1usize..4)],
+        (first, count) in (-12i64..6, 1i64..14),
+        noise in prop_oneof![Just(None), (0.0..30.0f64, 0.0..30.0f64).prop_map(Some)],
+        scale in -3.0..3.0f64,
+    ) {
+        let (disparity, flags, raw) = raw_map(seed, size);
+        let candidates = Candidates::new(first, count, 64).expect("legal");
+        let known = noise.map(|(left, right)| {
+            let known = BlurCompensation::of_noise([left, right]).expect("legal");
+            known.with_smoothing([right / 3.0, 0.0]).expect("legal")
+        });
+        // Weights of any kind: those that were learned may hide what they do not look at.
+        let part = |place: usize| (hash(seed ^ 99, place, 0) % 2001) as f64 / 1000.0 - 1.0;
+        let weights = Weights {
+            odds: std::array::from_fn(|i| std::array::from_fn(|j| scale * part(4 * i + j))),
+            knots: std::array::from_fn(|i| std::array::from_fn(|j| part(100 + 10 * i + j))),
+            bars: std::array::from_fn(|i| part(200 + i)),
+        };
+
+        for weights in [&weights, &WEIGHTS] {
+            let tally = Tally::of_sample(&raw, &disparity, &flags, candidates);
+            let calibration = Calibration::new(&traits(tally, known.as_ref()), weights);
+            let mut confidence = raw.clone();
+            let bars = calibration.apply(&mut confidence, &disparity, &flags).expect("memory");
+
+            let map = RawMap { disparity: &disparity, flags: &flags, confidence: &raw };
+            let expected = reference::calibrated(map, candidates, known.as_ref(), weights);
+            for (found, expected) in [confidence, bars].iter().zip(&expected) {
+                prop_assert_eq!(found.map(|v| v.to_bits()), expected.map(|v| v.to_bits()));
+            }
+        }
+    }
+}
+
+#[test]
+fn rows_of_the_tally_lie_within_the_image_and_apart() {
+    assert!(sampled(1).into_iter().eq([0..1]) && sampled(768).into_iter().eq([0..768]));
+    for height in 769..3000 {
+        let rows = sampled(height);
+        assert!(rows.windows(2).all(|pair| pair[0].end <= pair[1].start), "{height}");
+        assert!(rows.iter().all(|rows| rows.len() == 96 && rows.end <= height), "{height}");
+    }
 }

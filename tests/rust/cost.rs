@@ -67,6 +67,7 @@ fn ceilings_and_steps_are_those_of_the_unit() {
         mask: None,
         range: None,
         impulses: 0.0,
+        unit: 1.0,
     };
 
     let candidates = Candidates::new(0, 1, 1).expect("in reach");
@@ -200,7 +201,7 @@ proptest! {
     #[test]
     fn both_pixels_of_a_valid_pair_are_valid(left in views(2, 6, 0), right in views(2, 6, 0)) {
         let candidates = Candidates::new(-1, 4, 6).expect("in reach");
-        let validity = Validity::new([&left, &right], candidates);
+        let validity = Validity::new([&left, &right], candidates).expect("memory");
         prop_assert_eq!(validity.is_none(), left.mask.is_none() && right.mask.is_none());
         let Some(validity) = validity else { return Ok(()) };
 
@@ -212,6 +213,9 @@ proptest! {
                 let both = left.is_valid(y, x) && right.is_valid(y, column);
                 prop_assert_eq!(validity.is_valid(y, x, k), both);
             }
+
+            let all = (0..4).all(|k| validity.is_valid(y, x, k));
+            prop_assert_eq!(validity.whole(y)[x], all);
         }
     }
 }

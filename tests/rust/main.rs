@@ -1,6 +1,7 @@
 //! The tests of the core, in one binary: as twenty of them they took four times as long to compile.
 
 mod aggregation;
+mod areas;
 mod bands;
 mod blocking;
 mod blur;

@@ -78,7 +78,8 @@ impl MatchJob {
     /// Bytes of the integers that are wide enough for the costs and the totals of this match.
     fn bytes(&self) -> usize {
         let (window, penalties) = naive::scale(&self.pair, &self.settings);
-        let is_masked = Validity::new(self.pair.views(), self.pair.candidates()).is_some();
+        let is_masked =
+            Validity::new(self.pair.views(), self.pair.candidates()).expect("memory").is_some();
 
         let total = match self.settings.optimizer {
             Optimizer::DynamicProgramming | Optimizer::WinnerTakesAll => 0,
@@ -760,6 +761,7 @@ fn images_of_two_sizes_or_types_are_refused() {
         mask: None,
         range: None,
         impulses: 0.0,
+        unit: 1.0,
     };
 
     let refused =
@@ -776,5 +778,5 @@ fn images_of_two_sizes_or_types_are_refused() {
 #[test]
 fn without_masks_every_pair_is_valid() {
     let pair = MatchJob::new(shifted(4, 9, 1), 0, 3, Preset::Paper.settings()).pair;
-    assert!(Validity::new(pair.views(), pair.candidates()).is_none());
+    assert!(Validity::new(pair.views(), pair.candidates()).expect("memory").is_none());
 }

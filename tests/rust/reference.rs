@@ -17,10 +17,12 @@ use phasestereo::internals::image::normalization::DEVIATION_STEPS;
 use phasestereo::internals::image::plane::{Plane, reflect};
 use phasestereo::internals::image::texture::Roughness;
 use phasestereo::internals::image::view::Mask;
+use phasestereo::internals::math::{exp, ln};
 use phasestereo::internals::optimization::evidence::NONE;
 use phasestereo::internals::optimization::{
     BAND, LOOKAHEAD_COLUMNS, LOOKAHEAD_ROWS, PANEL, Penalties,
 };
+use phasestereo::internals::refinement::calibration::Weights as CalibrationWeights;
 use phasestereo::internals::refinement::confidence::{
     RADIUS, STEP, TOLERANCE, UNLIKE, VotedMap, confidence, similar,
 };
@@ -32,6 +34,7 @@ use phasestereo::internals::refinement::left_right_check::Choices;
 use phasestereo::internals::refinement::outlines;
 use phasestereo::internals::refinement::subpixel;
 use phasestereo::internals::refinement::synthesis::{self, BESIDE, softness};
+use phasestereo::internals::rig::blur_compensation::BlurCompensation;
 use phasestereo::internals::settings::Settings;
 
 /// Reference implementation of [`phasestereo::internals::image::masking::fill_masked`]: for every masked pixel the whole row is searched, then, for
@@ -660,6 +663,130 @@ pub fn confidences(map: VotedMap) -> Plane<f32> {
 
         confidence(votes / weight)
     })
+}
+
+/// A map with raw confidences, of a whole pair.
+#[derive(Debug, Clone, Copy)]
+pub struct RawMap<'a> {
+    pub disparity: &'a Plane<f32>,
+    pub flags: &'a Plane<u16>,
+    pub confidence: &'a Plane<f32>,
+}
+
+/// Reference implementation of [`phasestereo::internals::refinement::calibration`]: confidence and bar of each pixel by
+/// itself, from the sums over the sampled rows, which all pixels are asked for.
+pub fn calibrated(
+    map: RawMap,
+    candidates: Candidates,
+    compensation: Option<&BlurCompensation>,
+    weights: &CalibrationWeights,
+) -> [Plane<f32>; 2] {
+    let (rows, cols) = (map.disparity.rows(), map.disparity.cols());
+    let share = calibration_traits(map, candidates, compensation);
+
+    let weighed = |which: usize| {
+        let mut sum = 0.0;
+        for (value, weights) in share.iter().zip(&weights.odds) {
+            sum += value * weights[which];
+        }
+        sum
+    };
+    let mut wider = 0.0;
+    for (value, weight) in share.iter().zip(&weights.bars) {
+        wider += value * weight;
+    }
+
+    let of_pixel = |y: usize, x: usize| {
+        if map.disparity.row(y)[x].is_nan() {
+            return [0.0, f32::NAN];
+        }
+
+        let is_filled = map.flags.row(y)[x] & flag::FILLED != 0;
+        let step = ((map.confidence.row(y)[x] * 1024.0).floor() as usize).min(1023);
+        let l = log_odds((step as f64 + 0.5) / 1024.0);
+        let [height, slope] = if is_filled {
+            [weighed(0) + weighed(2), weighed(1) + weighed(3)]
+        } else {
+            [weighed(0), weighed(1)]
+        };
+        let z = height + slope * l;
+
+        let knots = &weights.knots[usize::from(is_filled)];
+        let place = (z + 4.0).clamp(0.0, 9.0);
+        let left = (place.floor() as usize).min(8);
+        let part = place - left as f64;
+        let line = knots[left] * (1.0 - part) + knots[left + 1] * part;
+        [(1.0 / (1.0 + exp(-z))) as f32, exp(line + wider) as f32]
+    };
+
+    [0, 1].map(|which| Plane::from_fn(rows, cols, |y, x| of_pixel(y, x)[which]))
+}
+
+/// The logarithm of the odds of a share that is not too certain.
+fn log_odds(share: f64) -> f64 {
+    let share = share.clamp(0.004, 0.996);
+    ln(share / (1.0 - share))
+}
+
+fn calibration_traits(
+    map: RawMap,
+    candidates: Candidates,
+    compensation: Option<&BlurCompensation>,
+) -> [f64; 8] {
+    let (rows, cols) = (map.disparity.rows(), map.disparity.cols());
+    let is_counted = |y: usize| {
+        // Three bands of 96 rows, in the middle of each third.
+        let of_band = |third: usize| {
+            let first = (2 * third + 1) * rows / 6 - 48;
+            (first..first + 96).contains(&y)
+        };
+        rows <= 768 || (0..3).any(of_band)
+    };
+    let ends =
+        [candidates.min() as f32, (candidates.min() + candidates.count() as isize - 1) as f32];
+
+    let (mut sum, mut own, mut failed, mut at_end, mut all) = (0u64, 0u64, 0u64, 0u64, 0u64);
+    for (y, x) in (0..rows).flat_map(|y| (0..cols).map(move |x| (y, x))) {
+        if !is_counted(y) {
+            continue;
+        }
+        let (disparity, flags) = (map.disparity.row(y)[x], map.flags.row(y)[x]);
+
+        all += 1;
+        if flags & (flag::OCCLUDED | flag::MISMATCHED | flag::SPECKLE) != 0 {
+            failed += 1;
+        }
+        if disparity.is_nan() || flags & flag::FILLED != 0 {
+            continue;
+        }
+        own += 1;
+        sum += (f64::from(map.confidence.row(y)[x]) * 1_048_576.0).floor() as u64;
+        let is_low = ends[0] != 0.0 && disparity < ends[0] + 0.5;
+        let is_high = ends[1] != 0.0 && disparity > ends[1] - 0.5;
+        if is_low || is_high {
+            at_end += 1;
+        }
+    }
+
+    let of =
+        |part: u64, whole: u64| if whole == 0 { part as f64 } else { part as f64 / whole as f64 };
+    let sure = log_odds(of(sum, own) / 1_048_576.0);
+    let [noise, smoothing] = [BlurCompensation::noise, BlurCompensation::smoothing].map(|of| {
+        let [left, right] = compensation.map_or([0.0; 2], of);
+        if left > right { left } else { right }
+    });
+    let is_blurred = compensation.is_some_and(|known| known.every_kernel().next().is_some());
+
+    [
+        1.0,
+        sure,
+        if sure < 1.5 { 1.5 - sure } else { 0.0 },
+        log_odds(of(failed, all)),
+        ln(noise + 0.3),
+        ln(smoothing + 0.1),
+        f64::from(u8::from(is_blurred)),
+        ln(of(at_end, all) + 0.003),
+    ]
 }
 
 /// Reference implementation of [`phasestereo::internals::refinement::left_right_check::Checker`]: for every pixel all others of the row are asked.

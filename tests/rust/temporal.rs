@@ -6,7 +6,7 @@ use crate::common::maps::bits;
 use crate::common::{at_every_level, hash, levels, mask, random, view};
 use ndarray::Array3;
 use phasestereo::internals::error::Error;
-use phasestereo::internals::image::intensity::float_range;
+use phasestereo::internals::image::intensity::intensity_range;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::view::{Image, View};
 use phasestereo::internals::pipeline::control::Control;
@@ -27,15 +27,15 @@ struct Frame {
     map: Disparity,
 }
 
-/// What comes of a frame: bits of disparities, flags, bits of confidences, support.
-type Seen = (Vec<u32>, Vec<u16>, Option<Vec<u32>>, Vec<u8>);
+/// What comes of a frame: bits of disparities, flags, bits of confidences and of error bars, support.
+type Seen = (Vec<u32>, Vec<u16>, [Option<Vec<u32>>; 2], Vec<u8>);
 
 fn seen(map: &Disparity, support: &Plane<u8>) -> Seen {
-    let confidence = map.confidence.as_ref().map(|plane| bits(plane).into_vec());
+    let bits_of = |plane: &Option<Plane<f32>>| plane.as_ref().map(|plane| bits(plane).into_vec());
     (
         bits(&map.disparity).into_vec(),
         map.flags.as_slice().to_vec(),
-        confidence,
+        [bits_of(&map.confidence), bits_of(&map.uncertainty)],
         support.as_slice().to_vec(),
     )
 }
@@ -43,7 +43,9 @@ fn seen(map: &Disparity, support: &Plane<u8>) -> Seen {
 fn map(disparity: Plane<f32>, flags: Plane<u16>, confidence: Option<Plane<f32>>) -> Disparity {
     let [description, matching, refinement] = [Duration::ZERO; 3];
     let timings = Timings { description, matching, refinement };
-    Disparity { disparity, flags, confidence, uncertainty: None, timings }
+    // Bars of their own, which no confidence stands in for.
+    let uncertainty = confidence.as_ref().map(|plane| plane.map(|value| 3.0 - value));
+    Disparity { disparity, flags, confidence, uncertainty, timings }
 }
 
 /// What the filter makes of a sequence.
@@ -121,21 +123,18 @@ impl NaiveView {
     fn changed(&mut self, view: &View) -> Vec<bool> {
         let (rows, cols, channels) = view.image.shape();
         let (black, factor) = *self.scale.get_or_insert_with(|| {
-            if let Some(white) = view.image.white() {
-                return (0.0, 255.0 / (1000.0 * f64::from(white)));
-            }
-            let range = float_range(view, &Control::default()).expect("not cancelled");
+            let range = intensity_range(view, &Control::default()).expect("not cancelled");
             let width = range.width();
             (range.black, 255.0 / if width > 0.0 { width } else { 1.0 })
         });
 
         let gray = |y: usize, x: usize| {
             let value = view.image.luminance(y, x);
-            match (view.is_valid(y, x), view.image.white(), channels) {
+            match (view.is_valid(y, x), matches!(view.image, Image::U8(_)), channels) {
                 (false, _, _) => f32::NAN,
-                (true, None, _) => ((value - black) * factor) as f32,
-                (true, Some(_), 3) => value as f32 * factor as f32,
-                (true, Some(_), _) => (value / 1000.0) as f32 * (1000.0 * factor) as f32,
+                (true, false, _) => ((value - black) * factor) as f32,
+                (true, true, 3) => value as f32 * factor as f32,
+                (true, true, _) => (value / 1000.0) as f32 * (1000.0 * factor) as f32,
             }
         };
 
@@ -243,6 +242,9 @@ fn expected(frames: &[Frame]) -> Vec<Seen> {
                     map.disparity.row_mut(y)[x] = was;
                     map.flags.row_mut(y)[x] = old.flags.row(y)[x];
                     if let (Some(now), Some(old)) = (&mut map.confidence, &old.confidence) {
+                        now.row_mut(y)[x] = old.row(y)[x];
+                    }
+                    if let (Some(now), Some(old)) = (&mut map.uncertainty, &old.uncertainty) {
                         now.row_mut(y)[x] = old.row(y)[x];
                     }
                 }

@@ -14,6 +14,7 @@ from phasestereo.integrations.video.folders import paths_of_rig
 from phasestereo.io.calibration import read_calibration
 from phasestereo.io.files import open_regular
 from phasestereo.io.limits import LIST
+from phasestereo.result import LAYERS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -25,9 +26,6 @@ _COLUMNS = (*_NEEDED, "name", "num_disparities", "min_disparity", "left_mask", "
 _LONGEST = 200  # bytes of a name: with a suffix it must fit what file systems take
 _LONGEST_LINE = 2**16  # characters of a list
 _CONTROL = re.compile(r"[\0-\x1f\x7f-\x9f]")
-
-LAYERS = ("flags", "confidence")
-"""What may be written beside disparities, as NAME.LAYER.tif."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

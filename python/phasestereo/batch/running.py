@@ -15,10 +15,11 @@ from phasestereo._extras import require
 from phasestereo._numbers import as_integer, as_number
 from phasestereo.batch.cluster import remote, share
 from phasestereo.batch.manifest import DONE, Manifest, Record
-from phasestereo.batch.pairs import LAYERS, check_names
+from phasestereo.batch.pairs import check_names
 from phasestereo.batch.processes import WorkerDiedError, local
 from phasestereo.batch.work import FullDiskError, Order, blank, match_files
 from phasestereo.io.maps import FLOAT_SUFFIXES
+from phasestereo.result import LAYERS, maps_with
 from phasestereo.settings import resolve
 
 if TYPE_CHECKING:
@@ -121,8 +122,8 @@ def run(
         The format of the disparities: ".tif" (which keeps the georeference of the left image),
         ".pfm" or ".npy".
     layers
-        "flags" and "confidence", to be written beside them as NAME.flags.tif and
-        NAME.confidence.tif.
+        "flags", "confidence" and "uncertainty" (the error bars), to be written beside them as
+        NAME.flags.tif and so on.
     preset, settings, **overrides
         As `phasestereo.match` takes them.
     progress
@@ -364,9 +365,9 @@ def _check(suffix: str, layers: tuple[str, ...], settings: Settings) -> None:
     if suffix not in FLOAT_SUFFIXES:
         raise ValueError(f"suffix: got {suffix!r}; accepts {', '.join(FLOAT_SUFFIXES)}")
 
+    there = maps_with(settings)
     for layer in layers:
         if layer not in LAYERS:
             raise ValueError(f"layers: got {layer!r}; accepts {', '.join(LAYERS)}")
-
-    if "confidence" in layers and not settings.confidence:
-        raise ValueError("layers: got 'confidence' with settings that work out none")
+        if layer not in there:
+            raise ValueError(f"layers: got {layer!r} with settings that work out none")

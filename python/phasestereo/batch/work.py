@@ -18,10 +18,9 @@ import numpy as np
 import phasestereo
 from phasestereo._images import join_masks
 from phasestereo.batch.manifest import DONE, FAILED, Record
-from phasestereo.io import write_geotiff, write_image
 from phasestereo.io.files import describe_error
-from phasestereo.io.maps import write_floats
 from phasestereo.io.mask import read_mask
+from phasestereo.io.results import write_map
 from phasestereo.io.views import read_views
 from phasestereo.matching import match_silently
 from phasestereo.rig.findings import untrusted
@@ -29,8 +28,6 @@ from phasestereo.rig.findings import untrusted
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
-
-    from numpy.typing import NDArray
 
     from phasestereo.batch.pairs import PairFiles
     from phasestereo.io import Georeference
@@ -59,7 +56,7 @@ class Order:
     suffix
         The format of disparities, by its suffix.
     layers
-        What is written beside them: "flags", "confidence".
+        What is written beside them: those of `phasestereo.result.LAYERS`.
     threads
         Number of threads of each match.
     seconds
@@ -186,12 +183,13 @@ def _clock(seconds: float | None) -> Callable[..., None]:
 
 def _write(name: str, order: Order, result: Result, place: Georeference | None) -> dict[str, int]:
     """Write the layers, the disparities last; return the lengths of the files."""
-    layers = {f"{name}.{layer}.tif": getattr(result, layer) for layer in order.layers}
-    layers[f"{name}{order.suffix}"] = result.disparity
+    files = {f"{name}.{layer}.tif": layer for layer in order.layers}
+    files[f"{name}{order.suffix}"] = "disparity"
 
-    for file, values in layers.items():
+    for file, layer in files.items():
+        values = getattr(result, layer)
         try:
-            _save(order.folder / file, values, place)
+            write_map(order.folder / file, layer, values, place)
         except OSError as error:
             message = f"{order.folder / file} cannot be written: {error.strerror or error}"
             if error.errno in _FULL:
@@ -201,16 +199,7 @@ def _write(name: str, order: Order, result: Result, place: Georeference | None) 
                 raise FullDiskError(f"{message}: {os.strerror(errno.ENOSPC)}") from error
             raise OSError(message) from error
 
-    return {file: (order.folder / file).stat().st_size for file in layers}
-
-
-def _save(path: Path, values: NDArray[Any], place: Georeference | None) -> None:
-    if place is not None and path.suffix in (".tif", ".tiff"):
-        write_geotiff(path, {path.stem.rpartition(".")[2]: values}, like=place)
-    elif values.dtype == np.float32:
-        write_floats(path, values)
-    else:
-        write_image(path, values)
+    return {file: (order.folder / file).stat().st_size for file in files}
 
 
 def _identity(path: Path) -> list[Any]:

@@ -59,6 +59,11 @@ app.command(
     "The exit code is 0 whatever is found, unless --strict is given.",
 )
 app.command(
+    "phasestereo.cli.verify:verify",
+    name="verify",
+    help="Judge a disparity map of any origin by the images that it is of.",
+)
+app.command(
     "phasestereo.cli.rectify:rectify",
     name="rectify",
     help="Rectify a stereo pair, by a calibration or from the images alone.",

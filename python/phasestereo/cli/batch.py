@@ -20,6 +20,7 @@ from phasestereo.cli.options import (
     Overrides,
 )
 from phasestereo.cli.terminal import print_json, print_lines, progress_bar, say
+from phasestereo.result import Layer
 from phasestereo.settings import PRESET, PRESETS, Settings, resolve
 
 _VALUES = {"preset", "num_disparities", "min_disparity", "threads", "workers", "scheduler"}
@@ -37,7 +38,7 @@ _LISTED = 1000  # failures in the JSON: all are in the manifest
 
 _Count = Annotated[int | None, Parameter(group=_WORK, validator=AT_LEAST_ONE)]
 _File = Annotated[Path | None, Parameter(group=_WORK)]
-_Layers = tuple[Literal["flags", "confidence"], ...]
+_Layers = tuple[Layer, ...]
 
 
 def batch(
@@ -86,8 +87,8 @@ def batch(
     format
         Format of the disparities; .tif keeps the georeference of the left image.
     layers
-        flags, confidence: to be written beside the disparities, as NAME.flags.tif and
-        NAME.confidence.tif.
+        flags, confidence, uncertainty (the error bars): to be written beside the disparities, as
+        NAME.flags.tif and so on.
     json
         Print one JSON object on standard output: numbers, settings, failures, files.
     num_disparities

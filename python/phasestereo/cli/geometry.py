@@ -3,23 +3,37 @@
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from cyclopts import Parameter
+from cyclopts import Parameter, Token, validators
 from numpy.typing import NDArray
 
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refuse_picture
 from phasestereo.cli.options import POSITIVE
 from phasestereo.io import Calibration, LengthUnit, read_calibration, read_q
+from phasestereo.result import Result
+from phasestereo.views.depths import YAW, Anchor, Ranging, check_anchor, ranging
 from phasestereo.views.meshing import Mesh, surface_mesh
 from phasestereo.views.triangulation import PointCloud, point_cloud
 
 Map = NDArray[np.float32]
 
 _WITH_FOCAL = ("baseline", "doffs", "cx", "cy")
+_EXACTNESS = ("yaw", "anchor")
+
+
+def _anchor(_hint: Any, tokens: Sequence[Token]) -> Anchor:
+    """Read ``320,240,5.2`` as a column, a row and a depth."""
+    word = tokens[0].value
+    try:
+        x, y, depth = word.split(",")
+        return int(x), int(y), float(depth)
+    except ValueError:
+        raise ValueError(f"got {word}; accepts X,Y,DEPTH as one word: 320,240,5.2") from None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,6 +60,12 @@ class GeometryOptions:
         The unit of the baseline, needed for ``--depth FILE.png``, which holds mm.
     max_depth
         Leave out everything further away, in the unit of the baseline.
+    yaw
+        Degrees that the angle between the cameras may be off by, which widens the error bars of
+        depths: 0 if the calibration is exact. Default 0.01.
+    anchor
+        X,Y,DEPTH: a pixel whose depth is known, in the unit of the baseline, inf for the sky. All
+        depths are corrected such that this one is right.
     """
 
     calib: Path | None = None
@@ -57,6 +77,8 @@ class GeometryOptions:
     cy: float | None = None
     unit: LengthUnit | None = None
     max_depth: Annotated[float | None, Parameter(validator=POSITIVE)] = None
+    yaw: Annotated[float | None, Parameter(validator=validators.Number(gte=0, lte=10))] = None
+    anchor: Annotated[Anchor | None, Parameter(converter=_anchor, n_tokens=1)] = None
 
     def check(self, *, wanted: bool) -> None:
         """Refuse options that are incomplete, exclude each other or have no effect.
@@ -127,6 +149,9 @@ class GeometryOptions:
         if calibration is None and known is not None:
             calibration = Calibration.from_q(known, width=size[1], height=size[0])
         if calibration is None:
+            for name in _EXACTNESS:
+                if getattr(self, name) is not None:
+                    raise _wrong(name, "has no effect without a geometry, as --calib gives it")
             return None
 
         try:
@@ -151,7 +176,14 @@ class GeometryOptions:
             )
 
         unit = self.unit or (None if self.calib is None else "mm")
-        return Rig(calibration, unit, self.max_depth)
+        if self.anchor is not None:
+            try:
+                check_anchor(self.anchor, size)
+            except ValueError as error:
+                raise CommandError(f"--{error}", WRONG_USAGE) from error
+
+        yaw = YAW if self.yaw is None else self.yaw
+        return Rig(calibration, unit, self.max_depth, yaw, self.anchor)
 
     def _calibration(self, height: int, width: int) -> Calibration | None:
         if self.calib is not None:
@@ -178,31 +210,74 @@ class GeometryOptions:
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """The camera pair, the unit of its baseline (None: unknown), and the largest depth wanted."""
+    """The camera pair, and what is wanted of it.
+
+    Parameters
+    ----------
+    calibration
+        The geometry.
+    unit
+        The unit of its baseline; None: not known.
+    max_depth
+        The largest depth that is wanted; None: any.
+    yaw, anchor
+        How exact the geometry is, as `phasestereo.depth_interval` takes them.
+    """
 
     calibration: Calibration
     unit: LengthUnit | None
     max_depth: float | None
+    yaw: float = YAW
+    anchor: Anchor | None = None
 
-    def points(self, disparity: Map, image: NDArray[Any]) -> PointCloud:
-        """Return the points of a disparity map in the colors of the image."""
-        return point_cloud(disparity, self.calibration, image=image, max_depth=self.max_depth)
+    def points(self, result: Result, image: NDArray[Any]) -> PointCloud:
+        """Return the points of a result in the colors of the image."""
+        return point_cloud(
+            result,
+            self.calibration,
+            image=image,
+            max_depth=self.max_depth,
+            yaw=self.yaw,
+            anchor=self.anchor,
+        )
 
-    def surface(self, disparity: Map, image: NDArray[Any]) -> Mesh:
-        """Return the surface of a disparity map, with the image on it."""
-        return surface_mesh(disparity, self.calibration, image=image, max_depth=self.max_depth)
+    def surface(self, result: Result, image: NDArray[Any]) -> Mesh:
+        """Return the surface of a result, with the image on it."""
+        return surface_mesh(
+            result, self.calibration, image=image, max_depth=self.max_depth, anchor=self.anchor
+        )
 
-    def depth(self, disparity: Map) -> Map:
-        """Return the depths of a disparity map; what is beyond float32 is too far to be wanted."""
-        depth = self.calibration.depth(disparity)
+    def ranging(self, result: Result) -> Ranging:
+        """Return what makes depths of the disparities of a result."""
+        return ranging(
+            result.disparity,
+            self.calibration,
+            uncertainty=result.uncertainty,
+            yaw=self.yaw,
+            anchor=self.anchor,
+        )
+
+    def depths(self, result: Result) -> dict[str, Map]:
+        """Return the depths of a result and, if it has error bars, their ends ``near``, ``far``.
+
+        What is beyond float32 is too far to be wanted.
+        """
+        geometry = self.ranging(result)
+        if result.uncertainty is None:
+            found = {"depth": geometry.calibration.depth(result.disparity)}
+        else:
+            columns = np.arange(result.disparity.shape[1])
+            found = geometry.interval(result.disparity, result.uncertainty, columns)._asdict()
+
         limit = np.inf if self.max_depth is None else self.max_depth
-        wanted = np.isfinite(depth) & (depth <= limit)
-        return np.where(wanted, depth, np.float32(np.nan))
+        wanted = np.isfinite(found["depth"]) & (found["depth"] <= limit)
+        return {name: np.where(wanted, each, np.float32(np.nan)) for name, each in found.items()}
 
     def of_size(self, shape: tuple[int, int]) -> "Rig":
         """Return the same cameras with other, smaller images: a cut-out, not a resized one."""
         height, width = shape
-        return replace(self, calibration=replace(self.calibration, width=width, height=height))
+        small = replace(self.calibration, width=width, height=height)
+        return replace(self, calibration=small, anchor=None)
 
 
 def _wrong(name: str, message: str) -> CommandError:

@@ -16,7 +16,7 @@ from phasestereo.cli.outputs import Outputs
 from phasestereo.cli.scoring import Scoring
 from phasestereo.cli.terminal import print_json, print_lines, progress_bar, say
 from phasestereo.outofcore import MapReport, Plan, format_bytes
-from phasestereo.result import format_counts
+from phasestereo.result import LAYERS, format_counts
 
 _WHOLE = ("color", "ply", "mesh", "depth", "report")
 
@@ -29,13 +29,9 @@ class Large:
     ----------
     max_memory
         Memory that the program may take, such as 2GB or 800MiB: the pair is read, matched and
-        written (.tif, .npy or .zarr) band by band, and the same command goes on after whatever
-        ended it. The result is that of the whole pair, to the bit. Images are TIFF files, Zarr
-        arrays or .npy. Needs the extra ``large``.
-    flags_output
-        File for the flags, of the same formats, as 16 bits.
-    confidence_output
-        File for the confidences, of the same formats.
+        written (.tif, .npy or .zarr, other layers, too) band by band, and the same command goes on
+        after whatever ended it. The result is that of the whole pair, to the bit. Images are TIFF
+        files, Zarr arrays or .npy. Needs the extra ``large``.
     band_rows
         Rows of a band; without it, as many as the memory allows.
     restart
@@ -43,8 +39,6 @@ class Large:
     """
 
     max_memory: str | None = None
-    flags_output: Path | None = None
-    confidence_output: Path | None = None
     band_rows: int | None = None
     restart: Annotated[bool, Parameter(negative=(), show_default=False)] = False
 
@@ -82,7 +76,8 @@ class Large:
         return [name for name, value in values.items() if value not in (None, False)]
 
 
-_OPTIONS = frozenset(field.name for field in fields(Large)) | {"output"}
+_LAYERS = {f"{layer}_output" for layer in LAYERS}
+_OPTIONS = frozenset(field.name for field in fields(Large)) | {"output"} | _LAYERS
 
 
 def match_large(

@@ -119,6 +119,7 @@ def match(
             "right_mask": right_mask,
             "bands": bands,
             "noise": noise,
+            **outputs.layers(),
         }
         if right is None or pairing.rectify or pairing.layout:
             raise CommandError(

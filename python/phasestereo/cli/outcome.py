@@ -64,9 +64,9 @@ def rehearsal(disparities: tuple[int, int], settings: Settings, rig: Rig | None 
     extremes = np.array([[low, low, high, high]] * 2, dtype=np.float32)  # a surface each
     black = np.zeros(extremes.shape, dtype=np.uint8)
     flags = np.zeros(extremes.shape, dtype=np.uint16)
-    confidence = np.ones_like(extremes) if settings.confidence else None
+    ones = np.ones_like(extremes) if settings.confidence else None
 
-    result = Result(extremes, flags, confidence, settings, {"matching": 0.0})
+    result = Result(extremes, flags, ones, settings, {"matching": 0.0}, uncertainty=ones)
 
     small = None if rig is None else rig.of_size(extremes.shape)
     return Outcome((black, black), result, disparities, rig=small)

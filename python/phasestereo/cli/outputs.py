@@ -6,6 +6,7 @@ import os
 import secrets
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -14,14 +15,10 @@ from cyclopts import Parameter
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refusals, refuse_taken
 from phasestereo.cli.geometry import Rig
 from phasestereo.cli.outcome import Outcome
-from phasestereo.io import (
-    write_depth,
-    write_disparity,
-    write_geotiff,
-    write_glb,
-    write_image,
-    write_ply,
-)
+from phasestereo.io import write_depth, write_glb, write_image, write_maps, write_ply
+from phasestereo.io.results import write_map
+from phasestereo.result import LAYERS
+from phasestereo.views.depths import YAW
 from phasestereo.views.page import write_pair_page
 from phasestereo.views.picture import disparity_picture
 
@@ -36,19 +33,28 @@ class Outputs:
     ----------
     output
         File for the disparities in pixels: .pfm, .npy, .tif (which keeps the georeference of the
-        left image), or .png as KITTI has it (16 bits, 256 d).
+        left image), or .png as KITTI has it (16 bits, 256 d). A .npz holds all maps by name:
+        disparity, flags, confidence, uncertainty.
+    flags_output
+        File for the flags, 16 bits: .tif, .npy, .png.
+    confidence_output
+        File for the confidences, 0 to 1: .tif, .npy, .pfm.
+    uncertainty_output
+        File for the error bars in pixels, half the width of what holds the true disparity with a
+        probability of 90 %: .tif, .npy, .pfm.
     color
-        Image file for the disparities in color, beside a scale in pixels; pixels without an
-        estimate are gray. Needs the extra ``plot``.
+        Image file for the disparities in color, beside a scale in pixels; pixels that are not
+        trusted are hatched, and gray without an estimate. Needs the extra ``plot``.
     ply
-        File for the points in space, in the colors of the left image: .ply, binary; X to the
-        right, Y down, Z forward, in the unit of the baseline. Needs a geometry.
+        File for the points in space, in the colors of the left image, with the nearest and the
+        farthest depth of their error bars: .ply, binary; X to the right, Y down, Z forward, in the
+        unit of the baseline. Needs a geometry.
     mesh
         File for the surface, with the left image on it: .glb (glTF 2.0), which stands upright in
         viewers; it ends where disparities jump. Needs a geometry and the extra ``mesh``.
     depth
         File for the depths: .png of 16-bit mm, 0 being none, or .tif, .pfm, .npy in the unit of the
-        baseline. Needs a geometry.
+        baseline. A .npz holds depth, near and far, the ends of the error bars. Needs a geometry.
     report
         HTML file that shows the pair, all layers with their values, metrics and points in space, in
         any browser and without a network. Points are to scale with a geometry. Needs the extra
@@ -58,6 +64,9 @@ class Outputs:
     """
 
     output: Annotated[Path | None, Parameter(alias="-o")] = None
+    flags_output: Path | None = None
+    confidence_output: Path | None = None
+    uncertainty_output: Path | None = None
     color: Path | None = None
     ply: Path | None = None
     mesh: Path | None = None
@@ -103,7 +112,8 @@ class Outputs:
 
     def _files(self) -> list[tuple[str, Path, Writer]]:
         files = [
-            ("output", self.output, _write_disparity),
+            ("output", self.output, _write_output),
+            *self._layers(),
             ("color", self.color, _write_color),
             ("ply", self.ply, _write_ply),
             ("mesh", self.mesh, _write_mesh),
@@ -112,32 +122,56 @@ class Outputs:
         ]
         return [(name, path, write) for name, path, write in files if path]
 
+    def layers(self) -> dict[str, Path]:
+        """Return the files for layers of the result beside the disparities, by option."""
+        found = {f"{layer}_output": getattr(self, f"{layer}_output") for layer in LAYERS}
+        return {name: path for name, path in found.items() if path}
 
-def _write_disparity(path: Path, outcome: Outcome) -> None:
-    disparity = outcome.result.disparity
-    if outcome.place is not None and path.suffix.lower() in (".tif", ".tiff"):
-        write_geotiff(path, {"disparity": disparity}, like=outcome.place)
+    def _layers(self) -> list[tuple[str, Path, Writer]]:
+        return [
+            (name, path, partial(_write_layer, layer=name.removesuffix("_output")))
+            for name, path in self.layers().items()
+        ]
+
+
+def _write_output(path: Path, outcome: Outcome) -> None:
+    if path.suffix.lower() == ".npz":
+        write_maps(path, outcome.result.maps)
     else:
-        write_disparity(path, disparity)
+        _write_layer(path, outcome, "disparity")
+
+
+def _write_layer(path: Path, outcome: Outcome, layer: str) -> None:
+    values = outcome.result.maps.get(layer)
+    if values is None:
+        raise ValueError("got a file, and settings that work none out; needs --confidence")
+    write_map(path, layer, values, outcome.place)
 
 
 def _write_color(path: Path, outcome: Outcome) -> None:
-    write_image(path, disparity_picture(outcome.result.disparity))
+    result = outcome.result
+    picture = disparity_picture(result.disparity, title=result.verdict, trusted=result.trusted)
+    write_image(path, picture)
 
 
 def _write_ply(path: Path, outcome: Outcome) -> None:
-    write_ply(path, _rig(outcome).points(outcome.result.disparity, outcome.pair[0]))
+    write_ply(path, _rig(outcome).points(outcome.result, outcome.pair[0]))
 
 
 def _write_mesh(path: Path, outcome: Outcome) -> None:
-    write_glb(path, _rig(outcome).surface(outcome.result.disparity, outcome.pair[0]))
+    write_glb(path, _rig(outcome).surface(outcome.result, outcome.pair[0]))
 
 
 def _write_depth(path: Path, outcome: Outcome) -> None:
     rig = _rig(outcome)
     if rig.unit is None and path.suffix.lower() == ".png":
         raise ValueError("a .png holds mm: give --unit mm, cm or m, that of the baseline")
-    write_depth(path, rig.depth(outcome.result.disparity), unit=rig.unit or "mm")
+
+    maps = rig.depths(outcome.result)
+    if path.suffix.lower() == ".npz":
+        write_maps(path, maps)
+    else:
+        write_depth(path, maps["depth"], unit=rig.unit or "mm")
 
 
 def _write_report(path: Path, outcome: Outcome) -> None:
@@ -152,6 +186,8 @@ def _write_report(path: Path, outcome: Outcome) -> None:
         mask=None if truth is None else truth.mask,
         calibration=None if rig is None else rig.calibration,
         max_depth=None if rig is None else rig.max_depth,
+        yaw=YAW if rig is None else rig.yaw,
+        anchor=None if rig is None else rig.anchor,
         min_disparity=low,
         num_disparities=count,
         title=" and ".join(outcome.names),

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from phasestereo.cli.outcome import Outcome
     from phasestereo.metrics import Score
     from phasestereo.result import Result
+    from phasestereo.views.depths import Ranging
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,10 +57,17 @@ class MatchSummary:
             "blurs": None if result.blur is None else result.blur.as_dicts(),
             "estimated": self.estimated,
             "trusted": self.trusted,
+            "wrong": None if result.summary is None else result.summary.wrong,
             "flags": self.flags,
             "files": dict(self.files),
         }
 
+        if (geometry := self.geometry) is not None:
+            summary["geometry"] = {
+                "yaw": geometry.yaw,
+                "yaw_share": geometry.share[0],
+                "moved": geometry.moved,
+            }
         if self.outcome.rectified is not None:
             summary["rectification"] = self.outcome.rectified.as_dict()
         if self.outcome.score is not None:
@@ -74,9 +82,14 @@ class MatchSummary:
 
     @property
     def trusted(self) -> float:
-        """Share of the pixels with an estimate and no flag, 0 to 1."""
-        result = self.outcome.result
-        return float((np.isfinite(result.disparity) & (result.flags == 0)).mean())
+        """Share of the pixels whose estimate is trusted, 0 to 1."""
+        return float(self.outcome.result.trusted.mean())
+
+    @property
+    def geometry(self) -> Ranging | None:
+        """What made depths of the disparities; None: nothing did."""
+        rig = self.outcome.rig
+        return None if rig is None else rig.ranging(self.outcome.result)
 
     @property
     def flags(self) -> dict[str, int]:
@@ -109,10 +122,12 @@ def _lines(summary: MatchSummary) -> list[str]:
     seconds = sum(result.timings.values())
 
     return [
+        *([result.verdict] if result.verdict else []),
         f"{cols} x {rows} pixels, disparities {_range(summary)}, {seconds:.3f} s",
         f"trusted {summary.trusted:.1%}, flagged: {describe_flags(result.flags)}",
         *(() if (rectified := summary.outcome.rectified) is None else rectified.sentences),
         *([] if result.blur is None else [f"blur: {result.blur}"]),
+        *([] if summary.geometry is None else [str(summary.geometry)]),
         *(f"wrote {path}" for path in summary.files.values()),
     ]
 

@@ -18,6 +18,7 @@ from phasestereo._extras import require
 from phasestereo._images import as_pair
 from phasestereo._numbers import as_integer
 from phasestereo.bands import match_rows, pair_statistics
+from phasestereo.result import MAPS, maps_with
 from phasestereo.settings import resolve
 
 if TYPE_CHECKING:
@@ -48,11 +49,14 @@ class Maps(NamedTuple):
         Dask array, uint16 (H, W), bits of `phasestereo.Flag`.
     confidence
         Dask array, float32 (H, W); None if the settings have ``confidence=False``.
+    uncertainty
+        Dask array, float32 (H, W), pixels, as `phasestereo.Result.uncertainty`; or None likewise.
     """
 
     disparity: Array
     flags: Array
-    confidence: Array | None
+    confidence: Array | None = None
+    uncertainty: Array | None = None
 
 
 def match(left: Array, right: Array, **arguments: Any) -> Array:
@@ -130,8 +134,8 @@ def maps(
     Returns
     -------
     Maps
-        Disparities, flags and confidences. Computed together (``dask.compute(*found)``), each band
-        is matched once.
+        Disparities, flags, confidences and error bars. Computed together
+        (``dask.compute(*found)``), each band is matched once.
 
     Raises
     ------
@@ -174,8 +178,7 @@ def maps(
     halo = _halo(statistics, masked=any(mask is not None for mask in masks))
     bands = _bands(size[0], band_rows, halo)
     table = _table(sides, statistics, bands, halo, threads)
-    layers = [_layer(table, name) for name in table.dtype.names]
-    return Maps(*layers, *[None] * (3 - len(layers)))
+    return Maps(**{name: _layer(table, name) for name in table.dtype.names})
 
 
 class _Sides(NamedTuple):
@@ -357,8 +360,7 @@ def _with_halo(side: Array, bands: tuple[int, ...], halo: int) -> Array:
 
 
 def _record(settings: Settings) -> np.dtype[np.void]:
-    fields = [("disparity", np.float32), ("flags", np.uint16)]
-    return np.dtype(fields + [("confidence", np.float32)] * settings.confidence)
+    return np.dtype([(name, MAPS[name].dtype) for name in maps_with(settings)])
 
 
 def _match_band(

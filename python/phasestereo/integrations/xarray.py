@@ -18,7 +18,7 @@ from phasestereo._extras import require
 from phasestereo._images import as_mask, join_masks
 from phasestereo.io.pixels import as_samples
 from phasestereo.matching import match as match_pair
-from phasestereo.result import Flag, Result
+from phasestereo.result import MAPS, Flag, Result
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -132,8 +132,9 @@ def as_dataset(result: Result, *, like: DataArray | None = None) -> Dataset:
     Dataset
         ``disparity``: float32, pixels, NaN = no estimate; ``flags``: uint16, with the meaning of
         every bit in ``flag_masks`` and ``flag_meanings``; ``confidence``, if there is any: float32
-        in [0, 1]. Attributes give the version, the settings (as JSON) and the blur found.
-        Everything can be written to netCDF and Zarr.
+        in [0, 1]; ``uncertainty``, likewise: float32, pixels, NaN = no estimate. Attributes give
+        the version, the settings (as JSON) and the blur found. Everything can be written to netCDF
+        and Zarr.
 
     Raises
     ------
@@ -159,18 +160,13 @@ def as_dataset(result: Result, *, like: DataArray | None = None) -> Dataset:
             )
         coords = {name: each for name, each in view.coords.items() if set(each.dims) <= set(dims)}
 
-    layers: dict[str, tuple[NDArray[Any], dict[str, Any]]] = {
-        "disparity": (result.disparity, _DISPARITY),
-        "flags": (result.flags, _flag_attributes()),
-    }
-    if result.confidence is not None:
-        layers["confidence"] = result.confidence, _CONFIDENCE
-
     # CF: the variable that holds the reference system is named by each layer.
     placed = {"grid_mapping": "spatial_ref"} if "spatial_ref" in coords else {}
     variables = {
-        name: (dims, values, attributes | placed) for name, (values, attributes) in layers.items()
+        name: (dims, values, _attributes(name) | placed) for name, values in result.maps.items()
     }
+    beside = [name for name in variables if name != "disparity"]
+    variables["disparity"][2]["ancillary_variables"] = " ".join(beside)
 
     attrs = {
         "Conventions": "CF-1.11",
@@ -185,25 +181,20 @@ def as_dataset(result: Result, *, like: DataArray | None = None) -> Dataset:
     return found
 
 
-_DISPARITY = {
-    "long_name": "disparity",
-    "units": "pixel",
-    "comment": "left column x corresponds to right column x - disparity; NaN: no estimate",
-    "ancillary_variables": "flags",
-}
-_CONFIDENCE = {
-    "long_name": "probability that the disparity is within 1 pixel",
-    "units": "1",
-}
-
-
-def _flag_attributes() -> dict[str, Any]:
-    named = [flag for flag in Flag if flag.name]
-    return {
-        "long_name": "what is held against the disparity",
-        "flag_masks": np.array(named, dtype=np.uint16),
-        "flag_meanings": " ".join(str(flag.name).lower() for flag in named),
-    }
+def _attributes(name: str) -> dict[str, Any]:
+    """Return what there is to say about a map of a result."""
+    kind = MAPS[name]
+    found: dict[str, Any] = {"long_name": kind.meaning, "units": kind.unit}
+    if name == "disparity":
+        found["comment"] = (
+            "left column x corresponds to right column x - disparity; NaN: no estimate"
+        )
+    elif name == "flags":
+        del found["units"]  # bits have none
+        named = [flag for flag in Flag if flag.name]
+        found["flag_masks"] = np.array(named, dtype=np.uint16)
+        found["flag_meanings"] = " ".join(str(flag.name).lower() for flag in named)
+    return found
 
 
 def _ordered(image: DataArray, name: str, xarray: Any) -> DataArray:

@@ -4,7 +4,7 @@ In memory a disparity map is float32 with NaN where there is no estimate; every 
 for that (+inf in PFM, 0 in KITTI's PNG) is translated here and nowhere else. What a file holds
 arrives exactly, to the bit, or not at all: nothing is narrowed, rescaled or clipped on the way.
 Files are written whole or not at all. Images need the extra ``io``, GeoTIFF the extra ``geo``;
-``.npy``, ``.pfm`` and ``.ply`` need neither.
+``.npy``, ``.npz``, ``.pfm`` and ``.ply`` need neither.
 
 Files may come from anywhere: pictures of more than `max_pixels` pixels are refused, as is anything
 that would unpack to more than a picture needs, and what is no regular file.
@@ -29,6 +29,7 @@ from phasestereo.io.pair import read_pair
 from phasestereo.io.pfm import read_pfm, write_pfm
 from phasestereo.io.ply import write_ply
 from phasestereo.io.qmatrix import read_q
+from phasestereo.io.results import write_maps
 
 __all__ = [
     "Calibration",
@@ -52,6 +53,7 @@ __all__ = [
     "write_geotiff",
     "write_glb",
     "write_image",
+    "write_maps",
     "write_pfm",
     "write_ply",
 ]

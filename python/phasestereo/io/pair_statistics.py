@@ -6,6 +6,7 @@ Whatever is no array is in one array of JSON. Files may come from anywhere: all 
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import asdict, astuple
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -18,7 +19,7 @@ from phasestereo.rig.alignment import Alignment
 from phasestereo.rig.blur import Blur, BlurEstimate
 from phasestereo.rig.compensation import BlurCompensation
 from phasestereo.rig.findings import Finding
-from phasestereo.rig.search_range import SearchRange
+from phasestereo.rig.search_range import LeftOut, SearchRange
 from phasestereo.settings import Settings
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from phasestereo.bands import Range
+    from phasestereo.bands import Packing, Range
     from phasestereo.rig.findings import Severity
 
     Plain: TypeAlias = dict[str, Any]
@@ -41,8 +42,10 @@ def as_arrays(statistics: PairStatistics) -> Arrays:
     names = (
         "size",
         "dtype",
+        "packing",
         "ranges",
         "roughness",
+        "tally",
         "min_disparity",
         "num_disparities",
     )
@@ -87,11 +90,23 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> PairStatistics:
         blur_compensation=_blur_compensation(plain, arrays) if "noise" in plain else None,
         blur=_blur(plain, arrays) if "blur" in plain else None,
         alignment=plain["alignment"] and _alignment(plain["alignment"]),
-        search=plain["search"] and SearchRange(**plain["search"]),
+        search=plain["search"] and _search(**plain["search"]),
+        packing=_packing(*plain["packing"]),
         ranges=plain["ranges"] and _ranges(*plain["ranges"]),
         roughness=plain["roughness"] and _roughness(*plain["roughness"]),
+        tally=plain["tally"] and _tally(*plain["tally"]),
         findings=tuple(_finding(*found) for found in plain["findings"]),
     )
+
+
+def _search(left_out: list[Plain], **others: Any) -> SearchRange:
+    places = (
+        LeftOut(tuple(rows), tuple(columns), **ends)
+        for rows, columns, ends in (
+            (place.pop("rows"), place.pop("columns"), place) for place in left_out
+        )
+    )
+    return SearchRange(**others, left_out=tuple(places))
 
 
 def _put_blur_compensation(compensation: BlurCompensation, plain: Plain, arrays: Arrays) -> None:
@@ -158,6 +173,12 @@ def _alignment(plain: Plain) -> Alignment:
     return Alignment(**plain | {"coefficients": coefficients, "size": as_size(plain["size"])})
 
 
+def _packing(step: float, bits: int, left: bool, right: bool) -> Packing:  # noqa: FBT001 -- as JSON has it
+    if not 0 < float(step) < math.inf:
+        raise ValueError(f"packing: got a step of {step}; accepts positive numbers")
+    return float(step), as_integer("packing", bits, least=0, most=16), bool(left), bool(right)
+
+
 def _ranges(left: Range, right: Range) -> tuple[Range, Range]:
     (black, white), (other_black, other_white) = left, right
     return (float(black), float(white)), (float(other_black), float(other_white))
@@ -173,3 +194,12 @@ def _roughness(total: int, pairs: int) -> tuple[int, int]:
     if not 0 <= pairs < 2**64 or not 0 <= total < 2**64:
         raise ValueError(f"roughness: got {total}, {pairs}; accepts integers from 0 of 64 bits")
     return total, pairs
+
+
+def _tally(
+    confidence: int, own: int, failed: int, ends: int, pixels: int
+) -> tuple[int, int, int, int, int]:
+    counts = confidence, own, failed, ends, pixels
+    if not all(0 <= count < 2**64 for count in counts):
+        raise ValueError(f"tally: got {counts}; accepts integers from 0 of 64 bits")
+    return counts

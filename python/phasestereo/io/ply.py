@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 _POSITION = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
 _COLOR = [("red", "u1"), ("green", "u1"), ("blue", "u1")]
+_BAR = [("near", "<f4"), ("far", "<f4"), ("uncertainty", "<f4")]
 _NAMES = {"<f4": "float", "u1": "uchar"}
 
 
@@ -28,7 +29,8 @@ def write_ply(path: StrPath, cloud: PointCloud) -> None:
         The file, ``.ply``; an existing one is replaced, and only once the new one is complete.
     cloud
         The points; each becomes a vertex of float x, y, z and, if there are colors, uchar red,
-        green, blue. Coordinates are written to the bit.
+        green, blue; if there are error bars, float near, far, which are the depths at their ends,
+        and uncertainty, half of the distance between these. Coordinates are written to the bit.
 
     Raises
     ------
@@ -56,6 +58,7 @@ def write_ply(path: StrPath, cloud: PointCloud) -> None:
 
 def _vertices(cloud: PointCloud) -> NDArray[Any]:
     columns = _POSITION + ([] if cloud.colors is None else _COLOR)
+    columns = columns + ([] if cloud.near is None else _BAR)
     vertices = np.empty(len(cloud), dtype=columns)
 
     for axis, (name, _) in enumerate(_POSITION):
@@ -64,6 +67,11 @@ def _vertices(cloud: PointCloud) -> NDArray[Any]:
     if cloud.colors is not None:
         for channel, (name, _) in enumerate(_COLOR):
             vertices[name] = cloud.colors[:, channel]
+
+    if cloud.near is not None and cloud.far is not None:
+        half = (cloud.far - cloud.near) / 2
+        for (name, _), column in zip(_BAR, (cloud.near, cloud.far, half), strict=True):
+            vertices[name] = column
 
     return vertices
 

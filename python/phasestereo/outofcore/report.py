@@ -25,7 +25,7 @@ class MapReport:
     statistics
         What was known of the pair: settings, blur, the disparities searched.
     files
-        The files written, by their layer: ``"disparity"``, ``"flags"``, ``"confidence"``.
+        The files written, by their layer: ``"disparity"`` and those of `phasestereo.result.LAYERS`.
     estimated
         Share of the pixels with an estimate, 0 to 1.
     flags

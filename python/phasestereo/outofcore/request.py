@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import phasestereo
 from phasestereo._numbers import as_integer
 from phasestereo.outofcore.sinks import check_suffix
+from phasestereo.result import maps_with
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -46,9 +47,9 @@ class Request:
         for name in ("min_disparity", "num_disparities"):
             as_integer(name, getattr(self, name))
 
-        if "confidence" in self.outputs and not self.settings.confidence:
+        for layer in set(self.outputs) - set(maps_with(self.settings)):
             raise ValueError(
-                "confidence_output: got a file, and settings that work none out; accepts None"
+                f"{layer}_output: got a file, and settings that work none out; accepts None"
             )
 
     def identity(self) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from phasestereo.outofcore.sinks import Sink
 from phasestereo.outofcore.sizes import as_bytes
 from phasestereo.outofcore.store import opened
 from phasestereo.outofcore.work import Work
+from phasestereo.result import LAYERS
 from phasestereo.settings import Settings, resolve
 
 if TYPE_CHECKING:
@@ -53,6 +54,7 @@ def match(
     noise: Noise | None = None,
     flags_output: StrPath | None = None,
     confidence_output: StrPath | None = None,
+    uncertainty_output: StrPath | None = None,
     band_rows: int | None = None,
     restart: bool = False,
     announce: Callable[[Plan], object] | None = None,
@@ -83,8 +85,9 @@ def match(
         Files of the images' size, read like them, not 0 where pixels are valid.
     bands
         The number of one band of TIFF files, or three for red, green and blue.
-    flags_output, confidence_output
-        Files for the flags (uint16) and the confidences (float32), of the same formats.
+    flags_output, confidence_output, uncertainty_output
+        Files for the flags (uint16), the confidences and the error bars (float32), of the same
+        formats.
     band_rows
         Rows of a band; None: as many as the memory allows, 2048 at most. Rows around a band are
         matched with it (`phasestereo.halo`), so low bands take longer.
@@ -131,7 +134,9 @@ def match(
         as_integer("band_rows", band_rows, least=1)
 
     sources = left, right, left_mask, right_mask
-    outputs = {"disparity": output, "flags": flags_output, "confidence": confidence_output}
+    layers = flags_output, confidence_output, uncertainty_output
+    outputs: dict[str, StrPath | None] = {"disparity": output}
+    outputs |= zip(LAYERS, layers, strict=True)
     request = Request(
         sources=sources,
         outputs=as_outputs(outputs, sources),

@@ -20,6 +20,7 @@ from phasestereo.io.files import flush, suffix, target_of
 from phasestereo.io.geotiff import TILE, placed, point_tag, storage, unplaced_allowed
 from phasestereo.io.windows import open_raster
 from phasestereo.outofcore.sizes import format_bytes
+from phasestereo.result import MAPS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -31,9 +32,6 @@ if TYPE_CHECKING:
 
     Write = Callable[[int, NDArray[Any]], None]
     Windows = Callable[[], Iterator[tuple[int, NDArray[Any]]]]
-
-DTYPES = {"disparity": "float32", "flags": "uint16", "confidence": "float32"}
-"""The layers of a result, and what each is made of."""
 
 WINDOW_ROWS = TILE
 """Windows are of so many rows, and begin at multiples of them."""
@@ -50,7 +48,7 @@ class Sink:
     path
         The file; for Zarr the folder.
     layer
-        The layer of the result that it holds, one of `DTYPES`.
+        The layer of the result that it holds, one of `phasestereo.result.MAPS`.
     size
         Rows and columns.
     place
@@ -66,6 +64,11 @@ class Sink:
     run: str
 
     @property
+    def dtype(self) -> np.dtype[Any]:
+        """The type of its values."""
+        return np.dtype(MAPS[self.layer].dtype)
+
+    @property
     def target(self) -> Path:
         """The file itself, where the path is a symbolic link."""
         return place_of(self.path)
@@ -77,7 +80,7 @@ class Sink:
 
     def rehearse(self) -> None:
         """Write a draft of one pixel and remove it: nothing else knows all that can go wrong."""
-        pixel = np.zeros((1, 1), DTYPES[self.layer])
+        pixel = np.zeros((1, 1), self.dtype)
         small = replace(self, size=(1, 1))
         try:
             small.write(lambda: iter([(0, pixel)]))
@@ -135,7 +138,7 @@ class Sink:
         try:
             yield
         except (OSError, ValueError) as error:
-            size = self.size[0] * self.size[1] * np.dtype(DTYPES[self.layer]).itemsize
+            size = self.size[0] * self.size[1] * self.dtype.itemsize
             reason = getattr(error, "strerror", None) or error.__cause__ or error
             raise OSError(
                 getattr(error, "errno", None) or errno.EIO,
@@ -178,7 +181,7 @@ def remove(path: Path) -> None:
 @contextmanager
 def _tiff(sink: Sink) -> Iterator[Write]:
     rasterio = require("rasterio", extra="geo")
-    dtype = np.dtype(DTYPES[sink.layer])
+    dtype = sink.dtype
     options = placed(sink.place) | ({"nodata": np.nan} if dtype.kind == "f" else {})
     height, width = sink.size
 
@@ -200,7 +203,7 @@ def _tiff(sink: Sink) -> Iterator[Write]:
 
 @contextmanager
 def _npy(sink: Sink) -> Iterator[Write]:
-    dtype = np.dtype(DTYPES[sink.layer])
+    dtype = sink.dtype
     header = {"descr": dtype.str, "fortran_order": False, "shape": sink.size}
 
     with sink.draft.open("wb") as file:
@@ -217,7 +220,7 @@ def _npy(sink: Sink) -> Iterator[Write]:
 @contextmanager
 def _zarr(sink: Sink) -> Iterator[Write]:
     zarr = require("zarr", extra="large")
-    dtype = np.dtype(DTYPES[sink.layer])
+    dtype = sink.dtype
 
     array = zarr.create_array(
         sink.draft,
@@ -237,7 +240,8 @@ def _zarr(sink: Sink) -> Iterator[Write]:
 
 def _attributes(sink: Sink) -> dict[str, Any]:
     """Return the attributes of a Zarr array: its place under GDAL's names."""
-    attributes: dict[str, Any] = {"long_name": sink.layer}
+    kind = MAPS[sink.layer]
+    attributes: dict[str, Any] = {"long_name": kind.meaning, "units": kind.unit}
     if sink.place.crs is not None:
         wkt = getattr(placed(sink.place)["crs"], "to_wkt", str)()
         attributes["_CRS"] = {"wkt": wkt}

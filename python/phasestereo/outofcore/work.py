@@ -14,8 +14,8 @@ from phasestereo.matching import match
 from phasestereo.outofcore import plan as planning
 from phasestereo.outofcore.plan import Plan
 from phasestereo.outofcore.report import MapReport
-from phasestereo.outofcore.sinks import DTYPES, WINDOW_ROWS
-from phasestereo.result import Flag, count_flags
+from phasestereo.outofcore.sinks import WINDOW_ROWS
+from phasestereo.result import MAPS, Flag, count_flags
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -103,7 +103,7 @@ class Work:
     def windows(self, layer: str) -> Iterator[tuple[int, NDArray[Any]]]:
         """Yield a layer of the map by windows of `WINDOW_ROWS` rows: the first row, and values."""
         row = 0
-        rest = np.empty((0, self.pair.size[1]), DTYPES[layer])
+        rest = np.empty((0, self.pair.size[1]), MAPS[layer].dtype)
         for band in self.store.bands():
             rest = np.concatenate([rest, self.store.load(band, layer)])
             while len(rest) >= WINDOW_ROWS:

@@ -12,7 +12,7 @@ from phasestereo.rig.blur import as_estimate
 from phasestereo.rig.compensation import BlurCompensation
 from phasestereo.rig.findings import as_findings
 from phasestereo.rig.photometry import as_photometry
-from phasestereo.rig.search_range import SearchRange
+from phasestereo.rig.search_range import LeftOut, SearchRange
 from phasestereo.settings import Settings
 
 if TYPE_CHECKING:
@@ -28,11 +28,18 @@ if TYPE_CHECKING:
 
 _Checked = TypeVar("_Checked", Settings, BlurCompensation)
 
+Span: TypeAlias = tuple[int, int, float, float, bool, bool, bool]
+"""Disparities, ends of what was found, whether swapped, mixed, identical."""
+
+Place: TypeAlias = tuple[tuple[int, int], tuple[int, int], float, float]
+"""Rows, columns and disparities of a place that the range leaves out."""
+
 Found: TypeAlias = tuple[
     tuple[int, int],
     "float | None",
     bool,
-    "tuple[int, int, float, float, bool, bool] | None",
+    "Span | None",
+    "list[Place]",
     "tuple[Field, float, int, float, float] | None",
     "Field | None",
     "Estimated | None",
@@ -43,8 +50,8 @@ Found: TypeAlias = tuple[
     "list[Said]",
 ]
 """What the core returns: disparities, confidence of a rough match, whether that takes an inverted
-image, range, offsets of rows, the field that is applied, blur, what suits it, seconds, what gray
-values say, and findings on the pair."""
+image, range, places that it leaves out, offsets of rows, the field that is applied, blur, what
+suits it, seconds, what gray values say, and findings on the pair."""
 
 Matched: TypeAlias = (
     "tuple[NDArray[np.float32], NDArray[np.uint16], NDArray[np.float32] | None, "
@@ -86,8 +93,8 @@ def as_estimates(
     blur_compensation: BlurCompensation | None,
 ) -> Estimates:
     """Return what the core has estimated, completed by what the caller gave."""
-    disparities, confidence, inverted, span, offsets, field, blur, suited = found[:8]
-    seconds, measured, said = found[8:]
+    disparities, confidence, inverted, span, places, offsets, field, blur, suited = found[:9]
+    seconds, measured, said = found[9:]
     photometry = None if measured is None else as_photometry(measured)
     curve = None if photometry is None else photometry.contrast
 
@@ -116,6 +123,7 @@ def as_estimates(
         search=replace(
             _search(disparities, confidence, span, is_given=search[1] is not None),
             inverted=inverted,
+            left_out=tuple(LeftOut(*place) for place in places),
         ),
         alignment=_alignment(offsets, field),
         blur=None if blur is None else as_estimate(blur, curve),
@@ -137,7 +145,7 @@ def _from_core(kind: type[_Checked], **values: object) -> _Checked:
 def _search(
     disparities: tuple[int, int],
     confidence: float | None,
-    span: tuple[int, int, float, float, bool, bool] | None,
+    span: Span | None,
     *,
     is_given: bool,
 ) -> SearchRange:
@@ -145,10 +153,8 @@ def _search(
     if span is None:
         return SearchRange(*disparities, "given" if is_given else "default", sure)
 
-    _, _, low, high, swapped, mixed = span
-    return SearchRange(
-        *disparities, "given" if is_given else "found", sure, low, high, swapped, mixed
-    )
+    _, _, *rest = span
+    return SearchRange(*disparities, "given" if is_given else "found", sure, *rest)
 
 
 def _alignment(

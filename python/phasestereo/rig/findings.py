@@ -29,7 +29,7 @@ class Finding:
     ----------
     topic
         "match", "swap", "range", "alignment", "blur", "contrast", "noise", "coding", "saturation",
-        "texture", "repetition" or "interlacing".
+        "texture", "repetition", "interlacing", or "map" of a map that was verified.
     severity
         "ok", "note" (worth knowing) or "warning" (to be mended).
     sentence

@@ -8,6 +8,32 @@ from typing import Literal
 
 
 @dataclass(frozen=True, slots=True)
+class LeftOut:
+    """A place whose disparities are not searched, although something seems to be there.
+
+    Parameters
+    ----------
+    rows, columns
+        Where it is in the left image, half-open.
+    low, high
+        Ends of its disparities, px.
+    """
+
+    rows: tuple[int, int]
+    columns: tuple[int, int]
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        """Return the place in words."""
+        (top, bottom), (first, end) = self.rows, self.columns
+        return (
+            f"{self.low:g} to {self.high:g} px in rows {top} to {bottom - 1}, "
+            f"columns {first} to {end - 1}"
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class SearchRange:
     """The range of disparities of a pair.
 
@@ -34,6 +60,11 @@ class SearchRange:
     inverted
         Whether the images match once one of them is inverted, and not before: what is bright in one
         is dark in the other. With ``compensate_blur``, the negative of the right one is matched.
+    identical
+        Whether both images are the same, up to noise.
+    left_out
+        Where something seems to have disparities that are not searched: too little of it to be
+        sure of where the range was found, all that small copies show where it was given.
     """
 
     min_disparity: int
@@ -44,7 +75,9 @@ class SearchRange:
     high: float = math.nan
     swapped: bool = False
     mixed: bool = False
+    identical: bool = False
     inverted: bool = False
+    left_out: tuple[LeftOut, ...] = ()
 
     def __str__(self) -> str:
         """Return the range in words."""

@@ -6,9 +6,10 @@ Each module says which extra it needs, and is imported when it is first asked fo
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-__all__ = ["meshing", "page", "picture", "plot", "triangulation", "viewer"]
+__all__ = ["depths", "meshing", "page", "picture", "plot", "triangulation", "viewer"]
 
 if TYPE_CHECKING:
+    from phasestereo.views import depths as depths
     from phasestereo.views import meshing as meshing
     from phasestereo.views import page as page
     from phasestereo.views import picture as picture

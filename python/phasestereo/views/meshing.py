@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from phasestereo.io import Calibration
     from phasestereo.result import Result
+    from phasestereo.views.depths import Anchor
 
 __all__ = ["Mesh", "surface_mesh"]
 
@@ -56,6 +57,7 @@ def surface_mesh(
     mask: ArrayLike | None = None,
     max_depth: float | None = None,
     max_step: float = 1.0,
+    anchor: Anchor | None = None,
 ) -> Mesh:
     """Turn a disparity map into a surface.
 
@@ -69,6 +71,8 @@ def surface_mesh(
     max_step
         By how many pixels the disparities of four neighbors may differ that are joined, more than
         0: where they differ by more, one surface ends and another begins.
+    anchor
+        A pixel whose distance is known, as `depth_interval` takes it.
 
     Returns
     -------
@@ -80,7 +84,15 @@ def surface_mesh(
     TypeError, ValueError
         As `point_cloud`; also if max_step is not positive.
     """
-    found = triangulate(disparity, calibration, image=image, mask=mask, max_depth=max_depth)
+    found = triangulate(
+        disparity,
+        calibration,
+        image=image,
+        mask=mask,
+        max_depth=max_depth,
+        yaw=0.0,
+        anchor=anchor,
+    )
     faces = _faces(found.disparity, found.kept, as_number("max_step", max_step, positive=True))
 
     rows, cols = np.nonzero(found.kept)

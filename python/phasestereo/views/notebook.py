@@ -10,7 +10,7 @@ from __future__ import annotations
 import base64
 import io
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -19,9 +19,11 @@ from phasestereo.result import describe_flags
 from phasestereo.views.picture import (
     CONFIDENCE_COLORS,
     NEUTRAL,
+    UNCERTAINTY_COLORS,
     colorize,
     distribution,
     limits,
+    longest,
     viewable,
 )
 
@@ -34,6 +36,8 @@ if TYPE_CHECKING:
     from phasestereo.rig.blur import BlurEstimate
     from phasestereo.rig.diagnosis import Diagnosis
     from phasestereo.views.picture import Ends, Picture
+
+Scalar = TypeVar("Scalar", bound=np.generic)
 
 __all__ = ["blur_html", "diagnosis_html", "html"]
 
@@ -68,13 +72,14 @@ def html(result: Result) -> str:
     -------
     str
         Less than 1 MB, whatever the size of the images: the map in color with a histogram along
-        its scale, the pair, if the result knows it, confidences, if there are any, and what there
-        is to say in words. Without matplotlib it is the words, and how to install it.
+        its scale, the pair, if the result knows it, confidences and error bars, if there are any,
+        and what there is to say in words. Without matplotlib it is the words, and how to install
+        it.
     """
     try:
         known = _known(result.disparity)
         beside = "".join(_beside(result, known))
-        pictures = f'{_main(result.disparity, limits(known))}<div style="{_BESIDE}">{beside}</div>'
+        pictures = f'{_main(result, limits(known))}<div style="{_BESIDE}">{beside}</div>'
     except ImportError as error:
         pictures = f"<div>No pictures: {escape(str(error))}</div>"
 
@@ -125,9 +130,10 @@ def _words(result: Result) -> Iterable[str]:
     rows, cols = result.disparity.shape
     missing = ~np.isfinite(result.disparity)
     share = float(missing.mean())
-    trusted = float((~missing & (result.flags == 0)).mean())
+    estimated = f"{1 - share:.1%} estimated, {result.trusted.mean():.1%} trusted"
 
-    summary = [f"{cols} x {rows} pixels", f"{1 - share:.1%} estimated, {trusted:.1%} trusted"]
+    summary = [result.verdict] if result.verdict else []
+    summary += [f"{cols} x {rows} pixels", estimated]
     summary += [] if result.blur is None else [f"blur: {result.blur}"]
     summary += [f"{sum(result.timings.values()):.3f} s"]
     yield f"<b>phasestereo.Result</b> {escape(', '.join(summary))}"
@@ -144,21 +150,23 @@ def _known(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
     return known[:: max(1, known.size // _SAMPLES)]
 
 
-def _main(disparity: NDArray[np.float32], ends: Ends) -> str:
+def _main(result: Result, ends: Ends) -> str:
     """Return the map."""
-    rows, cols = disparity.shape
+    rows, cols = result.disparity.shape
     low, high = ends
     alt = (
         f"Disparity map, {cols} by {rows} pixels: blue is {low:.1f} pixels and less, "
-        f"red is {high:.1f} pixels and more, gray has no estimate"
+        f"red is {high:.1f} pixels and more, gray has no estimate, hatched is not trusted"
     )
 
-    picture = colorize(_shrunk(disparity, _MAP), low=low, high=high)
-    return _figure(_image(picture, alt), "Disparity: red is near, blue is far")
+    shown, trusted = (_shrunk(values, _MAP) for values in (result.disparity, result.trusted))
+    picture = colorize(shown, low=low, high=high, trusted=trusted)
+    caption = "Disparity: red is near, blue is far, hatched is not trusted"
+    return _figure(_image(picture, alt), caption)
 
 
 def _beside(result: Result, known: NDArray[np.float32]) -> Iterable[str]:
-    """Yield what stands beside the map: its scale, the pair, the confidences."""
+    """Yield what stands beside the map: its scale, the pair, the confidences, the error bars."""
     if known.size:
         yield _figure(_scale(known, limits(known)), "Disparity, pixels: how often which occurs")
 
@@ -168,13 +176,25 @@ def _beside(result: Result, known: NDArray[np.float32]) -> Iterable[str]:
 
     if result.confidence is not None:
         caption = f"Confidence, mean {result.confidence.mean():.2f}"
-        yield _figure(_confidence(result.confidence), caption)
+        alt = "Map of confidences from 0, dark, to 1, bright"
+        yield _figure(_thumbnail(result.confidence, 1.0, CONFIDENCE_COLORS, alt), caption)
+
+    if result.uncertainty is not None:
+        known = result.uncertainty[np.isfinite(result.uncertainty)]
+        median = f", median \N{PLUS-MINUS SIGN}{np.median(known):.2g} px" if known.size else ""
+        end = longest(result.uncertainty)
+        alt = f"Map of error bars from 0 pixels, light, to {end:.2g} pixels and more, dark"
+        shown = _thumbnail(result.uncertainty, end, UNCERTAINTY_COLORS, alt)
+        yield _figure(shown, f"Error bars{median}")
 
 
-def _confidence(confidence: NDArray[np.float32]) -> str:
-    lookup = require("matplotlib", extra="plot").colormaps[CONFIDENCE_COLORS]
-    picture = lookup(_shrunk(confidence, _THUMBNAIL), bytes=True)[:, :, :3]
-    return _image(picture, "Map of confidences from 0, dark, to 1, bright")
+def _thumbnail(values: NDArray[np.float32], end: float, colors: str, alt: str) -> str:
+    """Return a small map of values from 0 to an end; what has none is gray."""
+    lookup = require("matplotlib", extra="plot").colormaps[colors]
+    small = _shrunk(values, _THUMBNAIL)
+    picture = lookup(small / end, bytes=True)[:, :, :3].copy()
+    picture[np.isnan(small)] = NEUTRAL
+    return _image(picture, alt)
 
 
 def _scale(known: NDArray[np.float32], ends: Ends) -> str:
@@ -221,7 +241,7 @@ def _thumbnails(pair: tuple[NDArray[Any], NDArray[Any]]) -> list[Picture]:
     return thumbnails
 
 
-def _shrunk(values: NDArray[np.float32], box: tuple[int, int]) -> NDArray[np.float32]:
+def _shrunk(values: NDArray[Scalar], box: tuple[int, int]) -> NDArray[Scalar]:
     """Return every n-th pixel, so that all fit into a box: values are not mixed, nor NaN lost."""
     rows, cols = values.shape
     factor = max(1.0, cols / box[0], rows / box[1])

@@ -31,6 +31,7 @@ __all__ = [
     "ERROR_COLORS",
     "GOOD",
     "NEUTRAL",
+    "UNCERTAINTY_COLORS",
     "UNSCORED",
     "as_map",
     "colorize",
@@ -38,13 +39,18 @@ __all__ = [
     "distribution",
     "error_map",
     "error_picture",
+    "hatched",
     "limits",
+    "longest",
     "panel",
     "viewable",
 ]
 
 DISPARITY_COLORS, CONFIDENCE_COLORS, ERROR_COLORS = "turbo", "viridis", "YlOrRd"
 """Names of matplotlib's maps of colors."""
+
+UNCERTAINTY_COLORS = "magma_r"
+"""The same for error bars: short ones are light, long ones are dark."""
 
 NEUTRAL = (112, 112, 112)
 """Color of pixels without an estimate: turbo, whose colors are vivid, has none near it."""
@@ -57,12 +63,17 @@ GOOD = 1.0
 
 _ROBUST = (1.0, 99.0)  # percentiles: a few outliers must not take the colors from the rest
 _BINS = 96
+_HATCHING = 6  # columns from a line of hatched pixels to the next one
 _PAPER = "#f4f4f4"  # not white, from which a picture of no errors would not stand out
 _DPI = 100
 
 
 def colorize(
-    disparity: ArrayLike, *, low: float | None = None, high: float | None = None
+    disparity: ArrayLike,
+    *,
+    low: float | None = None,
+    high: float | None = None,
+    trusted: ArrayLike | None = None,
 ) -> Picture:
     """Color a disparity map: far is blue, near is red, no estimate is gray (`NEUTRAL`).
 
@@ -73,6 +84,9 @@ def colorize(
     low, high
         Disparities at the ends of the colors; beyond them the colors stay. None: the 1st and the
         99th percentile of the estimates.
+    trusted
+        bool (H, W), such as `phasestereo.Result.trusted`: what is not is hatched in gray. None: all
+        are.
 
     Returns
     -------
@@ -82,25 +96,53 @@ def colorize(
     Raises
     ------
     TypeError
-        If the disparities are not floats, or a limit is not a number.
+        If the disparities are not floats, trusted is not bool, or a limit is not a number.
     ValueError
-        If the shape is not (H, W), a limit is not finite, or low exceeds high.
+        If shapes differ or are not (H, W), a limit is not finite, or low exceeds high.
     ImportError
         If matplotlib is not installed.
     """
     values = as_map("disparity", disparity)
     known = np.isfinite(values)
-    return _colored(values, known, limits(values[known], low, high), DISPARITY_COLORS, NEUTRAL)
+    ends = limits(values[known], low, high)
+    picture = _colored(values, known, ends, DISPARITY_COLORS, NEUTRAL)
+
+    sure = as_mask(trusted, values.shape, "trusted")
+    return picture if sure is None else hatched(picture, known & ~sure)
+
+
+def hatched(picture: Picture, pixels: Mask) -> Picture:
+    """Return a picture whose color is half gray at some pixels, and all gray on lines of them.
+
+    Parameters
+    ----------
+    picture
+        uint8 (H, W, 3), RGB.
+    pixels
+        Which, bool (H, W); the others stay as they are.
+    """
+    y, x = np.ogrid[: pixels.shape[0], : pixels.shape[1]]
+    lines = (x + y) % _HATCHING < _HATCHING // 2
+    pale = (picture // 2 + np.array(NEUTRAL) // 2).astype(np.uint8)
+
+    drawn = np.where(pixels[:, :, np.newaxis], pale, picture)
+    drawn[pixels & lines] = NEUTRAL
+    return drawn
 
 
 def disparity_picture(
-    disparity: ArrayLike, *, title: str = "", low: float | None = None, high: float | None = None
+    disparity: ArrayLike,
+    *,
+    title: str = "",
+    low: float | None = None,
+    high: float | None = None,
+    trusted: ArrayLike | None = None,
 ) -> Picture:
     """Draw a disparity map as `colorize` does, under a title and beside a bar of the colors.
 
     Parameters
     ----------
-    disparity, low, high
+    disparity, low, high, trusted
         As for `colorize`.
     title
         Text above the map.
@@ -125,7 +167,8 @@ def disparity_picture(
     width, height = margin + cols + beside, rows + 2 * margin
 
     figure = _figure(width, height)
-    figure.figimage(colorize(values, low=low, high=high), margin, margin, origin="upper")
+    shown = colorize(values, low=low, high=high, trusted=trusted)
+    figure.figimage(shown, margin, margin, origin="upper")
     figure.text(margin / width, 1 - 0.5 * margin / height, title, va="center", size=_points(text))
 
     box = (margin + cols + text) / width, margin / height, text / width, rows / height
@@ -347,6 +390,11 @@ def limits(
     if ends[0] > ends[1]:
         raise ValueError(f"low: got {ends[0]:g}; accepts at most high, which is {ends[1]:g}")
     return ends
+
+
+def longest(uncertainty: NDArray[np.floating]) -> float:
+    """Return the error bar, pixels, at the end of the colors, of which 0 is the other end."""
+    return limits(uncertainty[np.isfinite(uncertainty)])[1] or 1.0
 
 
 def _figure(width: int, height: int) -> Any:

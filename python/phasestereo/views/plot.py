@@ -21,11 +21,13 @@ from phasestereo.views.picture import (
     ERROR_COLORS,
     GOOD,
     NEUTRAL,
+    UNCERTAINTY_COLORS,
     UNSCORED,
     as_map,
     distribution,
     error_map,
     limits,
+    longest,
     viewable,
 )
 
@@ -48,6 +50,7 @@ __all__ = [
     "histogram",
     "overview",
     "pair",
+    "uncertainty",
 ]
 
 _CATEGORIES = "tab10"
@@ -140,17 +143,43 @@ def confidence(result: Disparities, ax: Axes | None = None, *, colorbar: bool = 
     ImportError
         If matplotlib is not installed.
     """
-    given = result.confidence if isinstance(result, Result) else result
-    if given is None:
-        raise ValueError(
-            "result: got one without confidences; they are there if it is matched with "
-            "confidence=True"
-        )
-
-    values = as_map("confidence", given)
+    values = _optional(result, "confidence")
     image = _draw(ax, values, (0.0, 1.0), _colors(CONFIDENCE_COLORS, bad=NEUTRAL))
     if colorbar:
         _bar(image, "confidence")
+    return image
+
+
+def uncertainty(result: Disparities, ax: Axes | None = None, *, colorbar: bool = True) -> AxesImage:
+    """Draw a map of error bars: short ones are light, long ones are dark, no estimate is gray.
+
+    Parameters
+    ----------
+    result
+        The result, or error bars: float (H, W), pixels, such as `phasestereo.Result.uncertainty`.
+    ax, colorbar
+        As for `disparity`.
+
+    Returns
+    -------
+    AxesImage
+        The map, with the error bars as its data; colors end at their 99th percentile.
+
+    Raises
+    ------
+    TypeError
+        If the error bars are not floats.
+    ValueError
+        If the shape is not (H, W), or the result has no error bars.
+    ImportError
+        If matplotlib is not installed.
+    """
+    values = _optional(result, "uncertainty")
+    ends = 0.0, longest(values)
+    image = _draw(ax, values, ends, _colors(UNCERTAINTY_COLORS, bad=NEUTRAL))
+    if colorbar:
+        extend = _extent(values[np.isfinite(values)], ends)
+        _bar(image, "error bar, \N{PLUS-MINUS SIGN} pixels", extend=extend)
     return image
 
 
@@ -383,7 +412,7 @@ def blur(
 
 
 def overview(result: Result, figure: Figure | None = None) -> Figure:
-    """Draw all that a result holds: disparities, histogram, flags, confidences, blur, the pair.
+    """Draw all that a result holds: disparities, histogram, flags, confidences and so on.
 
     Parameters
     ----------
@@ -414,6 +443,7 @@ def overview(result: Result, figure: Figure | None = None) -> Figure:
         ("Flags", flags),
     ]
     drawn += [] if result.confidence is None else [("Confidence", confidence)]
+    drawn += [] if result.uncertainty is None else [("Error bars", uncertainty)]
     drawn += [] if result.blur is None else [("Blur", blur)]
     drawn += [] if result.pair is None else [("Pair", pair)]
 
@@ -422,6 +452,7 @@ def overview(result: Result, figure: Figure | None = None) -> Figure:
         pyplot = require("matplotlib.pyplot", extra="plot")
         figure = pyplot.figure(figsize=(15, 8), layout="constrained")
 
+    figure.suptitle(result.verdict)
     for place, (title, draw) in enumerate(drawn, 1):
         axes = figure.add_subplot(2, -(-len(drawn) // 2), place)
         axes.set_title(title)
@@ -515,6 +546,16 @@ def _fraction(color: tuple[int, int, int]) -> tuple[float, float, float]:
 
 def _disparities(given: Disparities) -> NDArray[np.float64]:
     return as_map("disparity", given.disparity if isinstance(given, Result) else given)
+
+
+def _optional(given: Disparities, name: str) -> NDArray[np.float64]:
+    """Return a map that not every result has."""
+    values = given.maps.get(name) if isinstance(given, Result) else given
+    if values is None:
+        raise ValueError(
+            f"result: got one without {name}; it is there if it is matched with confidence=True"
+        )
+    return as_map(name, values)
 
 
 def _categories(given: ArrayLike) -> NDArray[np.intp]:

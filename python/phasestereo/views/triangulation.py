@@ -1,4 +1,4 @@
-"""Disparities and a calibration in, points in space out."""
+"""Disparities and a calibration in, points in space out, with the ends of their error bars."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from phasestereo._images import as_array, as_mask, as_pixels, as_rgb8
+from phasestereo._images import as_mask, as_pixels, as_rgb8
 from phasestereo._numbers import as_number
 from phasestereo.result import Result
+from phasestereo.views.depths import YAW, as_disparities, as_uncertainty, ranging
 
 if TYPE_CHECKING:
     from typing import Any
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from phasestereo.io import Calibration
+    from phasestereo.views.depths import Anchor
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,30 +31,41 @@ class PointCloud:
         float32 (N, 3), finite: X, Y, Z in the unit of the baseline.
     colors
         uint8 (N, 3), RGB; None: the points have no colors.
+    near, far
+        float32 (N,): the depths at the ends of the error bars, as `depth_interval` gives them;
+        ``far`` may be infinite. None: there are no error bars.
 
     Raises
     ------
     TypeError
         If an array is not of its type.
     ValueError
-        If an array is not of its shape, or a coordinate is not finite.
+        If an array is not of its shape, a coordinate is not finite, or there is but one end.
     """
 
     points: NDArray[np.float32]
     colors: NDArray[np.uint8] | None = None
+    near: NDArray[np.float32] | None = None
+    far: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
         """Refuse what no file of points could hold."""
-        _check_rows("points", self.points, np.float32)
+        _check_rows("points", self.points, np.float32, (3,))
         if not np.isfinite(self.points).all():
             raise ValueError("points: got infinity or NaN; accepts finite coordinates")
-        if self.colors is None:
-            return
+        if (self.near is None) != (self.far is None):
+            raise ValueError("near, far: got one of them; accepts both or none")
 
-        _check_rows("colors", self.colors, np.uint8)
-        if len(self.colors) != len(self.points):
-            got, wanted = len(self.colors), len(self.points)
-            raise ValueError(f"colors: got {got} of {wanted} points; accepts one each")
+        wanted = len(self.points)
+        kinds = ("colors", np.uint8, (3,)), ("near", np.float32, ()), ("far", np.float32, ())
+        for name, dtype, shape in kinds:
+            rows = getattr(self, name)
+            if rows is not None:
+                _check_rows(name, rows, dtype, shape)
+                if len(rows) != wanted:
+                    raise ValueError(
+                        f"{name}: got {len(rows)} of {wanted} points; accepts one each"
+                    )
 
     def __len__(self) -> int:
         """Return the number of points."""
@@ -72,6 +85,8 @@ def point_cloud(
     image: ArrayLike | None = None,
     mask: ArrayLike | None = None,
     max_depth: float | None = None,
+    yaw: float = YAW,
+    anchor: Anchor | None = None,
 ) -> PointCloud:
     """Turn a disparity map into points in space.
 
@@ -91,11 +106,14 @@ def point_cloud(
         was filled in or is not to be trusted.
     max_depth
         Largest depth that is wanted, in the unit of the baseline; None: any.
+    yaw, anchor
+        How exact the geometry is, as `depth_interval` takes them.
 
     Returns
     -------
     PointCloud
-        One point for each pixel that is wanted and has a depth, row by row from the top left.
+        One point for each pixel that is wanted and has a depth, row by row from the top left; with
+        the ends of its error bar if the result has error bars.
         Pixels without an estimate, and those with d + doffs <= 0, have none.
 
     Raises
@@ -103,7 +121,8 @@ def point_cloud(
     TypeError
         If an argument is of a wrong type or dtype.
     ValueError
-        If shapes differ from each other or from the calibration's, or max_depth is not positive.
+        If shapes differ from each other or from the calibration's, max_depth is not positive, or
+        as `depth_interval`.
 
     Notes
     -----
@@ -111,17 +130,28 @@ def point_cloud(
     Y = (y - cy) * Z / fy: to the precision of float32 what ``cv2.reprojectImageTo3D`` makes of it
     with `Calibration.q`.
     """
-    found = triangulate(disparity, calibration, image=image, mask=mask, max_depth=max_depth)
-    return PointCloud(found.points, None if found.picture is None else found.picture[found.kept])
+    found = triangulate(
+        disparity,
+        calibration,
+        image=image,
+        mask=mask,
+        max_depth=max_depth,
+        yaw=yaw,
+        anchor=anchor,
+    )
+    colors = None if found.picture is None else found.picture[found.kept]
+    near, far = (None if end is None else end[found.kept] for end in found.ends)
+    return PointCloud(found.points, colors, near, far)
 
 
 class Triangulation(NamedTuple):
-    """The points of a map, (N, 3); the map, the pixels that became points, and the picture."""
+    """The points of a map, (N, 3); the map, the pixels that became points, picture, ends."""
 
     points: NDArray[np.float32]
     disparity: NDArray[Any]
     kept: NDArray[np.bool_]
     picture: NDArray[np.uint8] | None
+    ends: tuple[NDArray[np.float32] | None, NDArray[np.float32] | None]
 
 
 def triangulate(
@@ -131,12 +161,19 @@ def triangulate(
     image: ArrayLike | None,
     mask: ArrayLike | None,
     max_depth: float | None,
+    yaw: float,
+    anchor: Anchor | None,
 ) -> Triangulation:
     """Return the points of all pixels that are wanted and have a depth; see `point_cloud`."""
-    values = _disparities(disparity)
-    _check_calibration(calibration, values.shape)
+    values = as_disparities(disparity)
+    bars = as_uncertainty(disparity, None, values.shape)
+    geometry = ranging(values, calibration, uncertainty=bars, yaw=yaw, anchor=anchor)
 
-    depth = calibration.depth(values)
+    near = far = None
+    if bars is None:
+        depth = geometry.calibration.depth(values)
+    else:
+        depth, near, far = geometry.interval(values, bars, np.arange(values.shape[1]))
     wanted = np.isfinite(depth)
     if max_depth is not None:
         wanted &= depth <= as_number("max_depth", max_depth, positive=True)  # false for NaN
@@ -148,7 +185,7 @@ def triangulate(
         image = disparity.pair[0]
     picture = None if image is None else _picture(image, values.shape)
     points, kept = _points(depth, wanted, calibration)
-    return Triangulation(points, values, kept, picture)
+    return Triangulation(points, values, kept, picture, (near, far))
 
 
 def _points(
@@ -170,29 +207,6 @@ def _points(
     return points[finite], kept
 
 
-def _disparities(disparity: Result | ArrayLike) -> NDArray[Any]:
-    """Return the disparities of a result, or of what is a map itself."""
-    given = disparity.disparity if isinstance(disparity, Result) else disparity
-    values = as_array(given, "disparity")
-
-    if values.dtype.kind not in "iuf":
-        raise TypeError(f"disparity: got dtype {values.dtype}; accepts real numbers")
-    if values.ndim != 2:
-        raise ValueError(f"disparity: got shape {values.shape}; accepts (H, W)")
-
-    return values
-
-
-def _check_calibration(calibration: Calibration, shape: tuple[int, ...]) -> None:
-    """Refuse what is no calibration, or one of another size."""
-    from phasestereo.io import Calibration  # noqa: PLC0415 - `import phasestereo` reads no files
-
-    if not isinstance(calibration, Calibration):
-        got = type(calibration).__name__
-        raise TypeError(f"calibration: got {got}; accepts a phasestereo.io.Calibration")
-    calibration.check_size(shape)
-
-
 def _picture(image: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     pixels = as_pixels(image, "image")
     if pixels.shape[:2] != shape:
@@ -200,10 +214,11 @@ def _picture(image: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     return as_rgb8(pixels)
 
 
-def _check_rows(name: str, rows: object, dtype: type) -> None:
+def _check_rows(name: str, rows: object, dtype: type, shape: tuple[int, ...]) -> None:
     wanted = np.dtype(dtype)
     if not isinstance(rows, np.ndarray) or rows.dtype != wanted:
         got = getattr(rows, "dtype", type(rows).__name__)
         raise TypeError(f"{name}: got {got}; accepts an array of {wanted}")
-    if rows.ndim != 2 or rows.shape[1] != 3:
-        raise ValueError(f"{name}: got shape {rows.shape}; accepts (N, 3)")
+    if not rows.ndim or rows.shape[1:] != shape:
+        accepted = ", ".join(["(N", *map(str, shape)])
+        raise ValueError(f"{name}: got shape {rows.shape}; accepts {accepted}{',' * (not shape)})")

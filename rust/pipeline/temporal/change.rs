@@ -27,9 +27,9 @@ use std::mem;
 use rayon::prelude::*;
 
 use crate::error::Result;
-use crate::image::intensity::{IntensityRange, float_range};
+use crate::image::intensity::intensity_range;
 use crate::image::plane::{Plane, zeroed};
-use crate::image::view::View;
+use crate::image::view::{Image, View};
 use crate::pipeline::control::Control;
 use crate::pipeline::temporal::FRAMES;
 use crate::simd::{Level, Loop};
@@ -61,12 +61,16 @@ pub const BLOCK_FACTOR: f32 = 1.25;
 
 /// Gray levels from black to white.
 const WHITE: f64 = 255.0;
+/// Largest relative difference of equal units.
+const SAME_UNIT: f64 = 1e-6;
 
 /// The conversion of pixels to gray levels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scale {
     /// The kind of pixels, and the number of channels.
-    kind: (mem::Discriminant<crate::image::view::Image>, usize),
+    kind: (mem::Discriminant<Image>, usize),
+    /// The unit of the pixels.
+    unit: f64,
     /// Black, in thousandths of the pixels' unit.
     black: f64,
     /// Gray levels to a thousandth of the pixels' unit.
@@ -74,27 +78,27 @@ pub struct Scale {
 }
 
 impl Scale {
-    /// The scale of a view. For floats the range of this frame holds for those that follow.
+    /// The scale of a view. The range of this frame holds for those that follow.
     pub fn of_view(view: &View, control: &Control) -> Result<Self> {
-        let range = match view.image.white() {
-            Some(white) => IntensityRange { black: 0.0, white: 1000.0 * f64::from(white) },
-            None => float_range(view, control)?,
-        };
+        let range = intensity_range(view, control)?;
 
         let width = if range.width() > 0.0 { range.width() } else { 1.0 };
-        Ok(Self { kind: kind(view), black: range.black, factor: WHITE / width })
+        let (kind, unit) = (kind(view), view.unit);
+        Ok(Self { kind, unit, black: range.black, factor: WHITE / width })
     }
 
-    /// Whether the view has pixels of this kind.
+    /// Whether the view has pixels of this kind and unit.
     pub fn suits(&self, view: &View) -> bool {
-        self.kind == kind(view)
+        // Units that are found in the values of each frame may differ by a rounding.
+        let is_same_unit = (view.unit / self.unit - 1.0).abs() < SAME_UNIT;
+        self.kind == kind(view) && is_same_unit
     }
 
     /// Writes the gray levels of a row; NaN where they are masked.
     fn write(&self, view: &View, y: usize, level: Level, row: &mut Row) {
         let Row { integers, floats, gray } = row;
 
-        if view.image.white().is_some() {
+        if let Image::U8(_) = view.image {
             view.image.write_centered(y, 0, level, integers);
             // Those of color images are in thousandths already.
             let unit = if view.image.shape().2 == 3 { 1.0 } else { 1000.0 };
@@ -129,7 +133,7 @@ impl Row {
 }
 
 /// The type and the number of channels of a view.
-fn kind(view: &View) -> (mem::Discriminant<crate::image::view::Image>, usize) {
+fn kind(view: &View) -> (mem::Discriminant<Image>, usize) {
     (mem::discriminant(&view.image), view.image.shape().2)
 }
 

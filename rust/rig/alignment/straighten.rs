@@ -95,7 +95,7 @@ pub fn straightened(
 
     let mask = view.mask.as_ref();
     let mask = mask.map(|mask| straightened_mask(mask, alignment, level, control));
-    Ok(View { image, mask: mask.transpose()?, range: view.range, impulses: 0.0 })
+    Ok(View { image, mask: mask.transpose()?, impulses: 0.0, ..*view })
 }
 
 /// The mask of the straightened view: a pixel is valid if the one nearest to its place is.
@@ -253,11 +253,11 @@ impl<T: ResampledPixel> Loop for Resample<'_, T> {
     }
 }
 
-/// The gray values of a view, with impulses repaired and masked pixels filled, in the unit of its pixels.
+/// The gray values of a view, with impulses repaired and masked pixels filled, in the unit of its image.
 fn without_impulses(view: &View, level: Level, control: &Control) -> Result<View> {
     let gray = Gray::new(view, level, control)?;
 
-    let unit = gray.steps(1.0);
+    let unit = gray.steps(view.unit);
     let (rows, cols) = gray.size();
 
     let plane = gray.plane(level, control)?;
@@ -266,10 +266,10 @@ fn without_impulses(view: &View, level: Level, control: &Control) -> Result<View
     let pixels = Array3::from_shape_vec((rows, cols, 1), values).unwrap_or_default();
 
     // Ranges are in thousandths of the unit.
-    let white = 1000.0 * f64::from(gray.reach()) / unit;
-    let range = Some(IntensityRange { black: -white, white });
+    let range = Some(IntensityRange::about_zero(1000.0 * f64::from(gray.reach()) / unit));
 
-    Ok(View { image: Image::F64(pixels), mask: view.mask.clone(), range, impulses: 0.0 })
+    let image = Image::F64(pixels);
+    Ok(View { image, mask: view.mask.clone(), range, impulses: 0.0, unit: view.unit })
 }
 
 /// The view with masked pixels, which may be NaN, replaced by the nearest valid ones of their column within the taps,
@@ -286,7 +286,7 @@ fn without_masked(view: &View, control: &Control) -> Result<View> {
         Image::F64(pixels) => Image::F64(filled(pixels, mask, control)?),
     };
 
-    Ok(View { image, mask: Some(mask.clone()), range: view.range, impulses: 0.0 })
+    Ok(View { image, mask: Some(mask.clone()), impulses: 0.0, ..*view })
 }
 
 fn filled<T: ResampledPixel>(

@@ -11,7 +11,7 @@ use crate::cost::candidates::Candidates;
 use crate::error::Result;
 use crate::image::blocking::{self, Extra};
 use crate::image::impulses::{self, HEIGHT, count_doubtless, has_impulses};
-use crate::image::intensity::{Gray, float_range};
+use crate::image::intensity::{Gray, intensity_range};
 use crate::image::masking;
 use crate::image::plane::Plane;
 use crate::image::view::{Image, View};
@@ -219,16 +219,19 @@ fn largest(pair: &Pair) -> u16 {
     left.max(right).unwrap_or(0)
 }
 
-/// The gray level of either image, in units of its pixels: one of 256 steps from black to white. Few cameras use all 16
+/// The gray level of either image, in units of the caller's pixels: one of 256 steps from black to white. Few cameras use all 16
 /// bits, so of those as many count as the brightest pixel has.
 fn gray_levels(pair: &Pair, largest: u16, means: Means) -> Result<[f64; 2]> {
     let bits = (u16::BITS - largest.leading_zeros()).max(u8::BITS);
 
-    let level = |view: &View| match &view.image {
-        Image::U8(_) => Ok(1.0),
-        Image::U16(_) => Ok(f64::from(1u32 << (bits - u8::BITS))),
-        // Ranges are in thousandths of the unit.
-        Image::F32(_) | Image::F64(_) => Ok(float_range(view, means.control)?.width() / 256e3),
+    let level = |view: &View| -> Result<f64> {
+        let level = match &view.image {
+            Image::U8(_) => 1.0,
+            Image::U16(_) => f64::from(1u32 << (bits - u8::BITS)),
+            // Ranges are in thousandths of the unit.
+            Image::F32(_) | Image::F64(_) => intensity_range(view, means.control)?.width() / 256e3,
+        };
+        Ok(level * view.unit)
     };
 
     let [left, right] = pair.views();

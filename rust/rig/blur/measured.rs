@@ -177,6 +177,7 @@ mod tests {
                     mask: None,
                     range: None,
                     impulses: 0.0,
+                    unit: 1.0,
                 }
             };
 

@@ -9,6 +9,7 @@ use crate::image::plane::Plane;
 use crate::image::view::{Image, View};
 use crate::pipeline::control::Control;
 use crate::pipeline::matcher::{Execution, Matcher, Pair};
+use crate::pipeline::section::Section;
 use crate::rig::alignment::Alignment;
 use crate::settings::presets::Preset;
 use crate::settings::{Optimizer, Precision, Settings};
@@ -227,7 +228,8 @@ impl Rough {
         };
 
         // Rows of the reduced pair are not rows of the result: its progress is counted apart.
-        let map = matcher.match_pair(&pair, &settings, how, &control.aside())?;
+        let all = Section::whole(&pair);
+        let map = matcher.match_alone(&pair, &all, &settings, how, &control.aside())?;
 
         Ok(Self { disparity: map.disparity, factor, alignment })
     }
@@ -323,7 +325,7 @@ pub fn as_view(plane: Plane<f32>) -> View {
     let pixels = ndarray::Array3::from_shape_vec(shape, plane.into_vec());
 
     // A fixed range keeps the scale the same for every part of an image; in thousandths.
-    let range = IntensityRange { black: -1000.0 * REACH, white: 1000.0 * REACH };
+    let range = IntensityRange::about_zero(1000.0 * REACH);
 
     // The plane has as many values as its shape, so there is no error.
     View {
@@ -331,6 +333,7 @@ pub fn as_view(plane: Plane<f32>) -> View {
         mask: None,
         range: Some(range),
         impulses: 0.0,
+        unit: 1.0,
     }
 }
 
@@ -360,6 +363,7 @@ mod tests {
                 mask,
                 range: None,
                 impulses: 0.0,
+                unit: 1.0,
             }
         };
 

@@ -5,6 +5,7 @@ use crate::cost::candidates::Candidates;
 use crate::error::Result;
 use crate::image::plane::Plane;
 use crate::pipeline::matcher::{Disparity, Pair};
+use crate::pipeline::section::Section;
 use crate::refinement::flag;
 use crate::rig::alignment::{Alignment, TERMS};
 use crate::rig::blur::parts::{HALO, Means, PairRows, Strips};
@@ -15,6 +16,9 @@ use crate::settings::{Optimizer, Precision, Settings};
 /// Most columns of the reduced images: so few that all disparities can be tried, and that little is left of a blur of
 /// ten pixels.
 const WIDTH: usize = 256;
+/// Most columns of the finer copies, on which the ends of the range and thin things are found; they are reduced by two
+/// at least.
+const FINE_WIDTH: usize = 720;
 /// Most columns of the still smaller copies, on which all disparities are tried.
 const COARSE_WIDTH: usize = 128;
 /// Largest disparity that is tried, as a share of the width.
@@ -29,8 +33,20 @@ pub const LEAST_SIZE: usize = 48;
 pub const GOOD_CONFIDENCE: f64 = 0.65;
 /// Disparities of at least this confidence are kept.
 const SURE: f32 = 0.5;
-/// Regions of so few pixels are mistakes.
-const SPECKLE: usize = 12;
+/// How a match of copies looks at details.
+#[derive(Debug, Clone, Copy)]
+pub struct Detail {
+    neighborhood: usize,
+    window: usize,
+    /// Regions of so few pixels are mistakes.
+    speckle: usize,
+    subpixel: bool,
+}
+
+/// Large neighborhoods withstand blur and noise.
+pub const ROUGH: Detail = Detail { neighborhood: 9, window: 9, speckle: 12, subpixel: false };
+/// Small ones show small things.
+pub const FINE: Detail = Detail { neighborhood: 3, window: 5, speckle: 40, subpixel: true };
 
 /// Both images, reduced.
 pub struct Overview {
@@ -39,11 +55,11 @@ pub struct Overview {
     /// Their gray values.
     pub planes: [Plane<f32>; 2],
     /// Whether most of the pixels under each pixel of the left one are valid.
-    valid: Plane<bool>,
+    pub valid: Plane<bool>,
 }
 
 /// Least and largest disparity of a copy, both included.
-type Span = (isize, isize);
+pub type Span = (isize, isize);
 
 /// Disparities of a reduced image.
 pub struct RoughMap {
@@ -70,11 +86,21 @@ pub fn reduction((rows, cols): (usize, usize), width: usize) -> usize {
 impl Overview {
     /// Reduces a pair; `None` where it is too small for estimates.
     pub fn new(rows: PairRows, means: Means) -> Result<Option<Self>> {
+        Self::by(reduction(rows.size(), WIDTH), rows, means)
+    }
+
+    /// Reduces a pair less, for finer copies; `None` where it is too small for estimates.
+    pub fn fine(rows: PairRows, means: Means) -> Result<Option<Self>> {
+        let size = rows.size();
+        let factor = reduction(size, FINE_WIDTH).max(2).min(reduction(size, WIDTH));
+        Self::by(factor, rows, means)
+    }
+
+    fn by(factor: usize, rows: PairRows, means: Means) -> Result<Option<Self>> {
         let size = rows.size();
         if size.0.min(size.1) < LEAST_SIZE {
             return Ok(None);
         }
-        let factor = reduction(size, WIDTH);
         let (height, cols) = (size.0 / factor, size.1 / factor);
         let tops: Vec<usize> = (0..height).map(|y| y * factor).collect();
         let strips = Strips { tops: &tops, rows: factor, halo: HALO, unit: factor };
@@ -126,17 +152,17 @@ impl Overview {
         means: Means,
     ) -> Result<RoughMap> {
         if let Some(all) = candidates {
-            return self.matched(self.span(all), field, means);
+            return self.matched(self.span(all), field, ROUGH, means);
 
             // Coarse to fine: a wide search on few pixels, then a narrow one on more.
         }
-        let coarse = self.reduced(means)?;
-        let map = coarse.matched(coarse.widest(), field, means)?;
+        let coarse = self.reduced(COARSE_WIDTH, means)?;
+        let map = coarse.matched(coarse.widest(), field, ROUGH, means)?;
         // A quarter of the range on either side makes up for what the smaller copies do not show.
         let (low, high) = extent(&map).unwrap_or_else(|| coarse.widest());
         let around = ((high - low) / 4).max(2);
         let finer = (coarse.factor / self.factor) as isize;
-        self.matched(((low - around) * finer, (high + around + 1) * finer), field, means)
+        self.matched(((low - around) * finer, (high + around + 1) * finer), field, ROUGH, means)
     }
 
     /// The vertical shift with which still smaller copies match best; `None`: without any shift.
@@ -146,10 +172,10 @@ impl Overview {
         size: (usize, usize),
         means: Means,
     ) -> Result<Option<Alignment>> {
-        let coarse = self.reduced(means)?;
+        let coarse = self.reduced(COARSE_WIDTH, means)?;
         let span = candidates.map_or_else(|| coarse.widest(), |all| coarse.span(all));
 
-        let mut most = coarse.matched(span, None, means)?.confidence;
+        let mut most = coarse.matched(span, None, ROUGH, means)?.confidence;
         let mut best = None;
 
         // Small shifts first: of equal ones, the smallest is kept.
@@ -158,7 +184,7 @@ impl Overview {
             coefficients[0] = (by * coarse.factor as isize) as f64;
             let shift = Alignment::new(coefficients, size)?;
 
-            let found = coarse.matched(span, Some(&shift), means)?.confidence;
+            let found = coarse.matched(span, Some(&shift), ROUGH, means)?.confidence;
             if found > most {
                 (most, best) = (found, Some(shift));
             }
@@ -175,9 +201,14 @@ impl Overview {
         Self { factor: self.factor, planes, valid: self.valid.clone() }
     }
 
+    /// The same, reduced to the width of [`Self::new`].
+    pub fn usual(&self, means: Means) -> Result<Self> {
+        self.reduced(WIDTH, means)
+    }
+
     /// The same, reduced still more.
-    fn reduced(&self, means: Means) -> Result<Self> {
-        let by = reduction((self.valid.rows(), self.valid.cols()), COARSE_WIDTH);
+    fn reduced(&self, width: usize, means: Means) -> Result<Self> {
+        let by = reduction((self.valid.rows(), self.valid.cols()), width);
         let [left, right] = &self.planes;
         let copy = |plane| reduced(plane, by, means.how.level, means.control);
         let planes = [copy(left)?, copy(right)?];
@@ -189,7 +220,7 @@ impl Overview {
 
     /// The span here of disparities of the whole images. It has no margin: one more on either side of a power of two would
     /// take another run of lanes.
-    fn span(&self, all: Candidates) -> Span {
+    pub fn span(&self, all: Candidates) -> Span {
         let factor = self.factor as isize;
         let low = all.min();
         let high = all.disparity(all.count() - 1);
@@ -198,17 +229,18 @@ impl Overview {
     }
 
     /// The span of all disparities that are tried.
-    fn widest(&self) -> Span {
+    pub fn widest(&self) -> Span {
         let reach = (REACH * self.planes[0].cols() as f64) as isize;
         (-reach, reach)
     }
 
     /// Matches the reduced images over a span of their disparities, the right one resampled by the field: roughly,
     /// with a left-right check.
-    fn matched(
+    pub fn matched(
         &self,
         (low, high): Span,
         alignment: Option<&Alignment>,
+        detail: Detail,
         Means { matcher, how, control }: Means,
     ) -> Result<RoughMap> {
         let [left, right] = &self.planes;
@@ -224,7 +256,8 @@ impl Overview {
 
         let pair = Pair::new(as_view(left.clone()), as_view(right), low, count)?;
         let settings = Settings {
-            neighborhood: 9,
+            neighborhood: detail.neighborhood,
+            window: detail.window,
             frequencies: (1, 1),
             precision: Precision::Byte,
             optimizer: Optimizer::ScanlineOptimization,
@@ -232,14 +265,16 @@ impl Overview {
             p1: 2.0,
             p2: 9.0,
             lr_check: Some(1),
-            speckle_size: SPECKLE,
+            speckle_size: detail.speckle,
+            subpixel: detail.subpixel,
             fill: false,
             confidence: true,
             ..Preset::Paper.settings()
         };
 
         // Rows of the reduced pair are not rows of the result: its progress is counted apart.
-        let map = matcher.match_pair(&pair, &settings, how, &control.aside())?;
+        let all = Section::whole(&pair);
+        let map = matcher.match_alone(&pair, &all, &settings, how, &control.aside())?;
         Ok(RoughMap::new(map, &self.valid, alignment.cloned()))
     }
 }

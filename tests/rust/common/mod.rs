@@ -312,7 +312,7 @@ pub fn views(rows: usize, cols: usize, kind: u8) -> impl Strategy<Value = View> 
         };
 
         let mask = mask.map(|mask| Mask::from_vec(rows, cols, mask).expect("the right length"));
-        View { image, mask, range: None, impulses: 0.0 }
+        View { mask, ..View::from(image) }
     })
 }
 

@@ -1,7 +1,7 @@
 //! A whole match by the reference implementations, which every fast match must equal, bit for bit.
 
 use crate::reference;
-use crate::reference::PixelEvidence;
+use crate::reference::{PixelEvidence, RawMap};
 use phasestereo::internals::cost::Costs;
 use phasestereo::internals::cost::aggregation::Window;
 use phasestereo::internals::cost::candidates::Candidates;
@@ -15,6 +15,7 @@ use phasestereo::internals::optimization::Penalties;
 use phasestereo::internals::optimization::evidence::NONE;
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::{Disparity, Pair};
+use phasestereo::internals::refinement::calibration::weights::WEIGHTS;
 use phasestereo::internals::refinement::confidence::{VotedMap, vote};
 use phasestereo::internals::refinement::left_right_check::Choices;
 use phasestereo::internals::refinement::synthesis::is_asked_for;
@@ -32,6 +33,7 @@ pub struct ResultBits {
     pub disparity: Vec<u32>,
     pub flags: Vec<u16>,
     pub confidence: Option<Vec<u32>>,
+    pub uncertainty: Option<Vec<u32>>,
 }
 
 impl ResultBits {
@@ -41,6 +43,7 @@ impl ResultBits {
             disparity: bits(map.disparity),
             flags: map.flags.into_vec(),
             confidence: map.confidence.map(bits),
+            uncertainty: map.uncertainty.map(bits),
         }
     }
 }
@@ -227,11 +230,15 @@ pub fn matched(pair: &Pair, settings: &Settings) -> ResultBits {
     });
 
     let (disparity, mut flags) = refined(pair, draft, &texture, settings);
-    let confidences = reference::confidences(VotedMap {
+    let raw = reference::confidences(VotedMap {
         disparity: &disparity,
         votes: &votes,
         texture: &texture,
     });
+
+    let map = RawMap { disparity: &disparity, flags: &flags, confidence: &raw };
+    let known = pair.blur_compensation();
+    let [confidences, mut bars] = reference::calibrated(map, pair.candidates(), known, &WEIGHTS);
 
     let mut disparity = disparity.into_vec();
     for (place, disparity) in disparity.iter_mut().enumerate() {
@@ -249,9 +256,14 @@ pub fn matched(pair: &Pair, settings: &Settings) -> ResultBits {
         }
     }
 
+    for (bar, disparity) in bars.as_mut_slice().iter_mut().zip(&disparity) {
+        *bar = if disparity.is_nan() { f32::NAN } else { *bar };
+    }
+
     let bits = |values: Vec<f32>| values.into_iter().map(f32::to_bits).collect();
     let confidence = settings.confidence.then(|| bits(confidences.into_vec()));
-    ResultBits { disparity: bits(disparity), flags: flags.into_vec(), confidence }
+    let uncertainty = settings.confidence.then(|| bits(bars.into_vec()));
+    ResultBits { disparity: bits(disparity), flags: flags.into_vec(), confidence, uncertainty }
 }
 
 /// The evidence of the candidate chosen for each pixel.

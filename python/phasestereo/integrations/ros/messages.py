@@ -30,6 +30,9 @@ Depths = Literal["32FC1", "16UC1"]
 DEPTHS: tuple[Depths, ...] = ("32FC1", "16UC1")
 """Encodings of depths: m, NaN where there is none; mm, 0 where there is none (REP 118)."""
 
+MAP_IMAGES = "confidence", "uncertainty"
+"""Maps of a result that are sent as images of 32FC1 beside the disparities."""
+
 _FLOAT32 = 7  # sensor_msgs/PointField
 _POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4")])
 _MOST_MM = np.iinfo(np.uint16).max

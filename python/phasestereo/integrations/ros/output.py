@@ -1,15 +1,17 @@
-"""What a recording gets: disparities, depths and points of each frame, a diagnosis a second."""
+"""What a recording gets: maps, depths and points of each frame, a diagnosis a second."""
 
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 from phasestereo.integrations.ros.messages import (
     DEPTHS,
+    MAP_IMAGES,
     depth_image,
     diagnostics,
     disparity_image,
+    image_of,
     point_cloud2,
 )
 from phasestereo.rig.diagnosis import check
@@ -22,8 +24,8 @@ if TYPE_CHECKING:
     from phasestereo.integrations.video.streaming import Frame
     from phasestereo.io import Calibration
 
-MessageKind = Literal["disparity", "depth", "points", "diagnostics"]
-KINDS: tuple[MessageKind, ...] = ("disparity", "depth", "points", "diagnostics")
+MessageKind = Literal["disparity", "confidence", "uncertainty", "depth", "points", "diagnostics"]
+KINDS: tuple[MessageKind, ...] = get_args(MessageKind)
 GEOMETRIC: tuple[MessageKind, ...] = ("depth", "points")
 """Kinds that need the geometry of the cameras."""
 
@@ -34,7 +36,9 @@ class FrameWriter:
     """Writes the messages of frames to a recording.
 
     Topics are those of ``stereo_image_proc``, in the namespace that both image topics share:
-    ``disparity``, ``depth``, ``points2``; and ``/diagnostics``.
+    ``disparity``, ``depth``, ``points2``; and ``/diagnostics``. No message of ROS has a place for
+    confidences or error bars, so they are images (32FC1) of the topics ``confidence`` and
+    ``uncertainty``, with the header of the disparities.
 
     Parameters
     ----------
@@ -43,7 +47,7 @@ class FrameWriter:
     topics
         Those of the left and of the right images.
     kinds
-        Messages to write: "disparity", "depth", "points", "diagnostics".
+        Messages to write, of `KINDS`. A result without confidences has none, and no error bars.
     depth_encoding
         "32FC1", m, or "16UC1", mm.
 
@@ -97,6 +101,11 @@ class FrameWriter:
 
         if "disparity" in self._kinds:
             found["disparity"] = disparity_image(make, header, result, calibration)
+
+        for name in MAP_IMAGES:
+            values = result.maps.get(name)
+            if name in self._kinds and values is not None:
+                found[name] = image_of(make, header, values)
 
         if calibration is not None:
             depth = calibration.depth(result.disparity)

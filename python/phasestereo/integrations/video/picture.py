@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from phasestereo._images import as_pixels, as_rgb8
-from phasestereo.views.picture import NEUTRAL, colorize
+from phasestereo.views.picture import NEUTRAL, colorize, hatched
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from phasestereo.integrations.video.streaming import Frame
+    from phasestereo.result import Result
 
 _STEPS = 256  # of the colors: one more stands for no estimate
 
@@ -53,7 +54,12 @@ class FramePicture:
     def __call__(self, frame: Frame) -> NDArray[np.uint8]:
         """Return the picture: uint8 (H, 2 W, 3), RGB."""
         left = as_rgb8(as_pixels(frame.left, "left"))
-        return np.concatenate([left, self.colored(frame.result.disparity)], axis=1)
+        return np.concatenate([left, self.drawn(frame.result)], axis=1)
+
+    def drawn(self, result: Result) -> NDArray[np.uint8]:
+        """Return the disparities of a result in color, hatched where they are not trusted."""
+        unsure = np.isfinite(result.disparity) & ~result.trusted
+        return hatched(self.colored(result.disparity), unsure)
 
     def colored(self, disparity: NDArray[np.float32]) -> NDArray[np.uint8]:
         """Return disparities (H, W) in color: uint8 (H, W, 3), RGB."""

@@ -251,6 +251,8 @@ def readout(
     ]
     if result.confidence is not None:
         rows.append(("confidence", "Confidence"))
+    if result.uncertainty is not None:
+        rows.append(("uncertainty", "Error bar"))
     rows.append(("flags", "Flags"))
     if truth is not None:
         rows += [("truth", "Truth"), ("error", "d \N{MINUS SIGN} truth")]

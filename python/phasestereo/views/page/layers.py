@@ -9,17 +9,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from phasestereo._extras import require
-from phasestereo.result import Flag, count_flags
-from phasestereo.views.page.embedding import packed
+from phasestereo.result import MAPS, Flag, count_flags
+from phasestereo.views.page.embedding import coding_of, packed
 from phasestereo.views.picture import (
     CONFIDENCE_COLORS,
     DISPARITY_COLORS,
     ERROR_COLORS,
     GOOD,
+    UNCERTAINTY_COLORS,
     limits,
+    longest,
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import NDArray
 
     from phasestereo.result import Result
@@ -27,7 +31,16 @@ if TYPE_CHECKING:
 
     Map = NDArray[np.float32]
 
-__all__ = ["FLAGS", "FlagKind", "Layer", "arrays_of", "flag_kinds", "layers_of", "views"]
+__all__ = [
+    "FLAGS",
+    "FlagKind",
+    "Layer",
+    "arrays_of",
+    "codings_of",
+    "flag_kinds",
+    "layers_of",
+    "views",
+]
 
 _WORST = 4.0  # error in pixels from which on the color is the darkest
 
@@ -106,6 +119,13 @@ def layers_of(result: Result, truth: Map | None) -> list[Layer]:
         lookup = colors(CONFIDENCE_COLORS)
         found.append(Layer("confidence", "Confidence", "", 0, 1, lookup, 2, sure, "no estimate"))
 
+    if result.uncertainty is not None:
+        bar = "the true disparity is within so much, with a probability of 90 %"
+        lookup, end = colors(UNCERTAINTY_COLORS), longest(result.uncertainty)
+        found.append(
+            Layer("uncertainty", "Error bars", "px", 0, end, lookup, 2, bar, "no estimate")
+        )
+
     if truth is not None:
         wrong = f"|disparity - truth|: up to {GOOD:g} px is white"
         lookup = colors(ERROR_COLORS, white=GOOD / _WORST)
@@ -136,7 +156,7 @@ def views(layers: list[Layer]) -> list[tuple[str, str]]:
     """Return the keys and labels of all that can be looked at, in the order of their buttons."""
     maps = [(layer.key, layer.label) for layer in layers]
     pair = [("left", "Left image"), ("right", "Right image")]
-    place = 1 + any(key == "confidence" for key, _ in maps)  # flags come after these
+    place = sum(key in MAPS for key, _ in maps)  # flags come after what a result says of itself
     return [*pair, *maps[:place], ("flags", "Flags"), *maps[place:]]
 
 
@@ -145,19 +165,32 @@ def arrays_of(
     truth: Map | None,
     scored: NDArray[np.bool_] | None,
     step: int,
-    coding: Coding,
+    codings: Mapping[str, Coding],
 ) -> dict[str, str]:
     """Return what the page's layers hold, every step-th pixel of every step-th row, as text."""
+    coded = {"disparity": result.disparity, "uncertainty": result.uncertainty, "truth": truth}
     thin = (slice(None, None, step), slice(None, None, step))
     found: dict[str, NDArray[Any] | None] = {
-        "disparity": coding.encode(result.disparity),
+        **{
+            name: None if values is None else codings[name].encode(values)
+            for name, values in coded.items()
+        },
         "flags": result.flags,
         "confidence": None if result.confidence is None else _bytes(result.confidence),
-        "truth": None if truth is None else coding.encode(truth),
         "scored": None if scored is None else scored.astype(np.uint8),
     }
 
     return {name: packed(array[thin]) for name, array in found.items() if array is not None}
+
+
+def codings_of(result: Result, truth: Map | None) -> dict[str, Coding]:
+    """Return how the maps of floats are coded; disparities and their truth alike."""
+    disparities = coding_of(result.disparity, truth)
+    return {
+        "disparity": disparities,
+        "truth": disparities,
+        "uncertainty": coding_of(result.uncertainty),
+    }
 
 
 def _bytes(shares: Map) -> NDArray[np.uint8]:

@@ -13,8 +13,9 @@ from phasestereo.io import Calibration
 from phasestereo.io.files import replacing, suffix
 from phasestereo.metrics.scores import score as score_map
 from phasestereo.result import Result
+from phasestereo.views.depths import YAW, ranging
 from phasestereo.views.page import facts, layers
-from phasestereo.views.page.embedding import coding_of, photograph_uri
+from phasestereo.views.page.embedding import photograph_uri
 from phasestereo.views.page.scene import ScenePoints, scene_points
 from phasestereo.views.templating import render_page
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
     from phasestereo._images import Pixels
     from phasestereo.io.files import StrPath
+    from phasestereo.views.depths import Anchor
 
     Map = NDArray[np.float32]
     Mask = NDArray[np.bool_]
@@ -46,17 +48,20 @@ def write_pair_page(
     mask: ArrayLike | None = None,
     calibration: Calibration | None = None,
     max_depth: float | None = None,
+    yaw: float = YAW,
+    anchor: Anchor | None = None,
     min_disparity: int = 0,
     num_disparities: int | None = None,
     title: str = "Stereo pair",
 ) -> None:
     """Write a page that shows a result: one HTML file, which needs no network.
 
-    It has the pair to flick between, disparities, confidences, flags and errors with their values
-    under the cursor, the diagnosis of the blur, metrics, settings and times, and the points in
-    three dimensions. It needs a browser of 2023 or later. Disparities are given to 1/128 px, or as
-    fine as 16 bits can. Of maps of more than 2.1 million pixels, that is beyond Full HD, it shows
-    every n-th pixel of every n-th row, with the values of just these, and says so.
+    It has the pair to flick between, disparities, confidences, error bars, flags and errors with
+    their values under the cursor, the diagnosis of the blur, metrics, settings and times, and the
+    points in three dimensions. It needs a browser of 2023 or later. Disparities are given to
+    1/128 px, or as fine as 16 bits can. Of maps of more than 2.1 million pixels, that is beyond
+    Full HD, it shows every n-th pixel of every n-th row, with the values of just these, and says
+    so.
 
     Parameters
     ----------
@@ -77,6 +82,8 @@ def write_pair_page(
     max_depth
         Points farther away, in the unit of the baseline, are left out; None: those more than half
         as far again as nine tenths of them.
+    yaw, anchor
+        How exact the calibration is, as `phasestereo.depth_interval` takes them.
     min_disparity, num_disparities
         What was searched, for the page to say so; None: it does not.
     title
@@ -104,7 +111,16 @@ def write_pair_page(
     shown = _Shown(pair, result, known, counted, _step(size))
     _check_geometry(size, calibration, max_depth)
 
-    scene = scene_points(result.disparity, calibration, step=shown.step, max_depth=max_depth)
+    geometry = None
+    if calibration is not None:
+        geometry = ranging(
+            result.disparity,
+            calibration,
+            uncertainty=result.uncertainty,
+            yaw=yaw,
+            anchor=anchor,
+        )
+    scene = scene_points(result.disparity, geometry, step=shown.step, max_depth=max_depth)
     search = None if num_disparities is None else (min_disparity, num_disparities)
     page = render_page("pair.html.j2", title=str(title), **_context(shown, scene, search))
     with replacing(path) as file:
@@ -186,7 +202,7 @@ def _context(shown: _Shown, scene: ScenePoints, search: tuple[int, int] | None) 
         photograph_uri(_as_picture(image[thin], ends), exact=is_small) for image in shown.pair
     )
 
-    coding = coding_of(result.disparity, truth)
+    codings = layers.codings_of(result, truth)
     maps = layers.layers_of(result, truth)
     views = layers.views(maps)
     charts = facts.charts(result, truth, scored)
@@ -209,7 +225,9 @@ def _context(shown: _Shown, scene: ScenePoints, search: tuple[int, int] | None) 
         "search": search,
         "kinds": kinds,
         "findings": result.findings,
-        "trusted": 100 * float((np.isfinite(result.disparity) & (result.flags == 0)).mean()),
+        "verdict": result.verdict,
+        "metric_bars": result.uncertainty is not None,
+        "trusted": 100 * float(result.trusted.mean()),
         "unflagged": 100 * float((result.flags == 0).mean()),
         "seconds": sum(result.timings.values()),
         "score": score,
@@ -219,7 +237,7 @@ def _context(shown: _Shown, scene: ScenePoints, search: tuple[int, int] | None) 
         "timings": facts.timing_rows(result.timings),
         "versions": facts.versions(),
         "blur": None if result.blur is None else facts.blur_facts(result.blur, (rows, cols)),
-        "arrays": layers.arrays_of(result, truth, scored, shown.step, coding),
+        "arrays": layers.arrays_of(result, truth, scored, shown.step, codings),
         "page": {
             "cols": -(-cols // shown.step),
             "rows": -(-rows // shown.step),
@@ -230,7 +248,8 @@ def _context(shown: _Shown, scene: ScenePoints, search: tuple[int, int] | None) 
             "layers": [asdict(layer) for layer in maps],
             "flags": [asdict(kind) for kind in kinds],
             "charts": charts,
-            "scene": scene.described() | {"coding": [coding.low, coding.step]},
+            "codings": {name: [coding.low, coding.step] for name, coding in codings.items()},
+            "scene": scene.described(),
         },
     }
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from phasestereo.io import Calibration
+from phasestereo.views.depths import Ranging
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -33,8 +34,8 @@ class ScenePoints:
         Share of these that are too far away to be shown.
     limit
         The largest depth that is shown.
-    geometry
-        The geometry that makes points of pixels.
+    ranging
+        What makes points of pixels, and ends of depths of error bars.
     nominal
         Whether it is made up, for want of a calibration.
     """
@@ -43,8 +44,13 @@ class ScenePoints:
     total: int
     far: float
     limit: float
-    geometry: Calibration
+    ranging: Ranging
     nominal: bool
+
+    @property
+    def geometry(self) -> Calibration:
+        """The geometry of the points."""
+        return self.ranging.calibration
 
     def described(self) -> dict[str, Any]:
         """Return it as the page has it."""
@@ -55,6 +61,8 @@ class ScenePoints:
             "scale": focal * self.geometry.baseline,  # depth = scale / (disparity + doffs)
             "doffs": self.geometry.doffs,
             "limit": self.limit,
+            "right": [self.geometry.cam1[0][0], self.geometry.cam1[0][2]],
+            "share": self.ranging.share,  # px that the yaw adds to an error bar
         }
 
     @property
@@ -65,7 +73,7 @@ class ScenePoints:
 
 def scene_points(
     disparity: Map,
-    calibration: Calibration | None,
+    ranging: Ranging | None,
     *,
     step: int,
     max_depth: float | None = None,
@@ -76,16 +84,16 @@ def scene_points(
     ----------
     disparity
         float32 (H, W), pixels.
-    calibration
-        The geometry; None: the focal length is the images' width, the cameras look the same way
-        from one unit apart.
+    ranging
+        The geometry, and how exact it is; None: the focal length is the images' width, the cameras
+        look the same way from one unit apart.
     step
         Only pixels count that the layers of the page hold: every step-th of every step-th row.
     max_depth
         Points farther away are left out; None: those far beyond nearly all of them.
     """
-    geometry = calibration or _nominal(disparity.shape)
-    depth = geometry.depth(disparity[::step, ::step]).ravel()
+    known = ranging or _nominal(disparity.shape)
+    depth = known.calibration.depth(disparity[::step, ::step]).ravel()
     index = np.flatnonzero(np.isfinite(depth))
 
     limit = max_depth
@@ -94,9 +102,10 @@ def scene_points(
 
     near = int(np.count_nonzero(depth[index] <= limit))
     far = 1 - near / index.size if index.size else 0.0
-    return ScenePoints(near, index.size, far, limit, geometry, calibration is None)
+    return ScenePoints(near, index.size, far, limit, known, ranging is None)
 
 
-def _nominal(size: tuple[int, ...]) -> Calibration:
+def _nominal(size: tuple[int, ...]) -> Ranging:
     rows, cols = size
-    return Calibration.from_focal(cols, 1.0, width=cols, height=rows)
+    geometry = Calibration.from_focal(cols, 1.0, width=cols, height=rows)
+    return Ranging(geometry, 0.0, 0.0, (0.0, 0.0, 0.0))

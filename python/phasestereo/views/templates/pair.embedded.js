@@ -17,22 +17,22 @@ async function unpacked(text, Numbers) {
   return numbers;
 }
 
-// Disparities from their codes; the last code stands for none.
-function decoded(codes) {
-  const [low, step] = page.scene.coding;
+// The values of a map from their codes; the last code stands for none.
+function decoded(codes, [low, step]) {
   return Float32Array.from(codes, (code) => (code === 0xffff ? NaN : low + code * step));
 }
 
 async function loadMaps() {
   const types = {
-    disparity: Uint16Array, confidence: Uint8Array, truth: Uint16Array, flags: Uint16Array, scored: Uint8Array,
+    disparity: Uint16Array, confidence: Uint8Array, uncertainty: Uint16Array, truth: Uint16Array, flags: Uint16Array,
+    scored: Uint8Array,
   };
   for (const [name, Numbers] of Object.entries(types)) {
     const holder = element(`array-${name}`);
     if (holder) maps[name] = await unpacked(holder.textContent, Numbers);
   }
   maps.codes = maps.disparity;
-  for (const name of ["disparity", "truth"]) if (maps[name]) maps[name] = decoded(maps[name]);
+  for (const [name, coding] of Object.entries(page.codings)) if (maps[name]) maps[name] = decoded(maps[name], coding);
   if (maps.confidence) maps.confidence = Float32Array.from(maps.confidence, (code) => code / 255);
   if (maps.truth) maps.error = maps.disparity.map((found, at) => errorOf(found, at));
 }

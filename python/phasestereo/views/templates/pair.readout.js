@@ -25,13 +25,23 @@ function valuesOf({ x, y }) {
     disparity: known ? numberOf(found, 2, "px") : "no estimate",
     match: known ? numberOf(match, 2) : none,
     confidence: maps.confidence && numberOf(maps.confidence[at], 2),
+    uncertainty: maps.uncertainty && (known ? `\u00b1${numberOf(maps.uncertainty[at], 2, "px")}` : none),
     flags: named(maps.flags[at]).join(", ") || "none",
     truth: Number.isFinite(maps.truth?.[at]) ? numberOf(maps.truth[at], 2, "px") : "unknown",
     error: !maps.scored?.[at] ? "not scored" : known ? numberOf(found - maps.truth[at], 2, "px") : "missing",
-    depth: depth > 0 ? String(Number(depth.toPrecision(4))) : none,
+    depth: depth > 0 ? depthText(depth, x * page.step, at) : none,
     left: intensity("left", x, y),
     right: known ? intensity("right", Math.round(match / page.step), y) : none,
   };
+}
+
+const figures = (value) => (Number.isFinite(value) ? String(Number(value.toPrecision(4))) : "\u221e");
+
+// A depth, and the ends of its error bar.
+function depthText(depth, x, at) {
+  if (!maps.uncertainty) return figures(depth);
+  const [near, far] = depthEnds(x, maps.disparity[at], maps.uncertainty[at]).map(figures);
+  return `${figures(depth)} (${near} to ${far})`;
 }
 
 function readOut(pixel) {

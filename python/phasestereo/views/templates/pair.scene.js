@@ -4,6 +4,14 @@
 
 const depthOf = (disparity) => page.scene.scale / (disparity + page.scene.doffs);
 
+// The nearest and the farthest depth of a pixel's error bar, as phasestereo.depth_interval has them.
+function depthEnds(x, disparity, uncertainty) {
+  const { right: [focal, center], share: [constant, slope, middle] } = page.scene;
+  const t = (x - disparity - center) / focal;
+  const bar = uncertainty + constant + slope * Math.abs(t * t - middle);
+  return [bar, -bar].map((end) => (disparity + page.scene.doffs + end > 0 ? depthOf(disparity + end) : Infinity));
+}
+
 // Left camera's coordinates of a pixel: x to the right, y down, z ahead.
 function pointOf(at) {
   const { focal, center } = page.scene;
@@ -17,6 +25,7 @@ const TINTS = {
   picture: { label: "left image", of: (at) => pictures.left.bytes.subarray(4 * at, 4 * at + 3) },
   disparity: { label: "disparity", of: (at) => colorOf(viewOf("disparity"), maps.disparity[at]) },
   confidence: { label: "confidence", of: (at) => colorOf(viewOf("confidence"), maps.confidence[at]) },
+  uncertainty: { label: "error bars", of: (at) => colorOf(viewOf("uncertainty"), maps.uncertainty[at]) },
   error: { label: "error", of: (at) => colorOf(viewOf("error"), maps.error[at]) },
   flags: { label: "flags", of: (at) => flagColor(maps.flags[at]) },
 };
@@ -173,13 +182,13 @@ class Cloud {
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.useProgram(this.program);
     const { eye, right, down, ahead } = this.view;
-    const { focal, center, scale, doffs, coding } = page.scene;
+    const { focal, center, scale, doffs } = page.scene;
     gl.uniform1i(places.cols, page.cols);
     gl.uniform4f(places.lens, ...focal, ...center);
     const { sight } = this;
     const dot = (Number(element("dot").value) * (page.step / focal[0]) * canvas.height) / (2 * sight);
     gl.uniform4f(places.depths, page.step, scale, doffs, dot);
-    gl.uniform2f(places.coding, ...coding);
+    gl.uniform2f(places.coding, ...page.codings.disparity);
     gl.uniform3f(places.eye, ...eye);
     gl.uniformMatrix3fv(places.turn, true, [...right, ...down, ...ahead]);
     gl.uniform4f(places.shape, 1 / (sight * this.aspect), 1 / sight, this.distance / 100, this.distance * 1000);

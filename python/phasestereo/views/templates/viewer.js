@@ -61,8 +61,9 @@ async function show(news) {
   const frame = news.frame;
   if (!frame) return;
   const failed = news.failed ? `, ${news.failed} failed` : "";
+  const verdict = frame.verdict && `${frame.verdict[0].toUpperCase()}${frame.verdict.slice(1)}. `;
   element("status").textContent =
-    `${frame.width} \u00d7 ${frame.height}, frame ${frame.index}${failed}, ${frame.rate} a second, ${frame.trusted}\u00a0% trusted`;
+    `${verdict}${frame.width} \u00d7 ${frame.height}, frame ${frame.index}${failed}, ${frame.rate} a second, ${frame.trusted}\u00a0% trusted`;
   if (shown.frame?.index === frame.index && shown.frame.low === frame.low && shown.frame.high === frame.high) return;
   await showFrame(frame);
   await showValue();
@@ -176,7 +177,7 @@ async function showValue() {
   try {
     const value = await ask(`value?x=${x}&y=${y}`);
     setText("at", `${x}, ${y}`);
-    setText("value", value.disparity === null ? "no estimate" : `${value.disparity.toFixed(2)} px`);
+    setText("value", disparityOf(value));
     setText("depth", depthOf(value));
     setText("flags", value.flags.join(", ") || "none");
   } catch {
@@ -187,9 +188,18 @@ async function showValue() {
   if (shown.cursor && (shown.cursor[0] !== x || shown.cursor[1] !== y)) showValue();
 }
 
-function depthOf(value) {
+function disparityOf({ disparity, uncertainty }) {
+  if (disparity === null) return "no estimate";
+  const bar = uncertainty === null ? "" : ` \u00b1 ${uncertainty.toFixed(2)}`;
+  return `${disparity.toFixed(2)}${bar} px`;
+}
+
+// A depth, and the ends of its error bar; the far one may be infinite, which JSON does not have.
+function depthOf({ depth, near, far }) {
   if (!shown.metric) return "needs a calibration";
-  return value.depth === null ? "no estimate" : `${value.depth.toPrecision(4)} ${shown.unit}`.trim();
+  if (depth === null) return "no estimate";
+  const ends = near === null ? "" : ` (${near.toPrecision(4)} to ${far === null ? "\u221e" : far.toPrecision(4)})`;
+  return `${depth.toPrecision(4)}${ends} ${shown.unit}`.trim();
 }
 
 function bindViews() {

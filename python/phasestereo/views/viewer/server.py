@@ -152,7 +152,7 @@ class _Answers:
         return self._drawn("JPEG", lambda frame: as_rgb8(as_pixels(frame.left, "left")))
 
     def _disparity(self, _: dict[str, str]) -> bytes:
-        return self._drawn("PNG", lambda frame: self._colors().colored(frame.result.disparity))
+        return self._drawn("PNG", lambda frame: self._colors().drawn(frame.result))
 
     def _scale(self, _: dict[str, str]) -> bytes:
         low, high = self._show.ends()

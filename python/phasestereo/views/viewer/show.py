@@ -15,6 +15,7 @@ import numpy as np
 from phasestereo._numbers import as_json
 from phasestereo.io import write_image
 from phasestereo.result import Flag
+from phasestereo.views.depths import YAW, ranging
 from phasestereo.views.page import write_pair_page
 
 if TYPE_CHECKING:
@@ -188,7 +189,6 @@ class Show:
             return None
 
         rows, cols = self.frame.result.disparity.shape
-        trusted = float((self.frame.result.flags == 0).mean())
         low, high = self.ends()
         return {
             "index": self.frame.index,
@@ -196,7 +196,8 @@ class Show:
             "width": cols,
             "height": rows,
             "rate": round(self._rate, 1),
-            "trusted": round(100 * trusted, 1),
+            "verdict": self.frame.result.verdict,
+            "trusted": round(100 * float(self.frame.result.trusted.mean()), 1),
             "low": low,
             "high": high,
         }
@@ -277,15 +278,21 @@ class Show:
         if frame is None or not (0 <= x < cols and 0 <= y < rows):
             raise ValueError(f"x, y: got {x}, {y}; accepts pixels of {cols} x {rows}")
 
-        found = frame.result.disparity[y, x]
-        depth = math.nan
+        disparity, bars = frame.result.disparity, frame.result.uncertainty
+        found = disparity[y, x]
+        bar = math.nan if bars is None else bars[y, x]
+        depth = near = far = math.nan
         if self._calibration is not None and self._calibration.width == cols:
-            depth = float(self._calibration.depth(found))
+            known = ranging(disparity, self._calibration, uncertainty=bars, yaw=YAW, anchor=None)
+            depth, near, far = map(float, known.interval(found, bar, x))
 
         flags = Flag(int(frame.result.flags[y, x]))
         return {
             "disparity": as_json(float(found)),
+            "uncertainty": as_json(float(bar)),
             "depth": as_json(depth),
+            "near": as_json(near),
+            "far": as_json(far),
             "flags": [str(flag.name).lower() for flag in Flag if flag & flags],
         }
 

@@ -1,0 +1,95 @@
+"""``phasestereo bench confidence``: spoiled pairs -> the weights that make confidences probabilities."""
+
+# No `from __future__ import annotations`: the command line is made of these annotations.
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Group, Parameter, validators
+from rich.console import Console
+
+from phasestereo.cli.errors import CommandError, refusals
+from phasestereo.cli.terminal import printable, say
+from phasestereo_bench.cli.bench_runs import prepare, run_cells
+from phasestereo_bench.cli.bench_scenes import SceneChoice
+from phasestereo_bench.confidence import (
+    confidence_jobs,
+    held_out,
+    learned_weights,
+    verdict_table,
+    write_weights,
+)
+from phasestereo_bench.confidence.learning import observed_of
+
+_OPTIONS = {"scene", "every", "weights"}
+_SCENES = Group.create_ordered("Scenes")
+_RUN = Group.create_ordered("Run")
+_COUNT = validators.Number(gte=0)
+_STEP = validators.Number(gte=1)
+_ALL = SceneChoice()
+_PIPED_WIDTH = 140
+
+
+def confidence(
+    *folders: Annotated[Path, Parameter(group=_SCENES)],
+    choice: Annotated[SceneChoice, Parameter(name="*", group=_SCENES)] = _ALL,
+    every: Annotated[int, Parameter(group=_RUN, validator=_STEP)] = 1,
+    output: Annotated[Path, Parameter(alias="-o", group=_RUN)] = Path("confidence.jsonl"),
+    weights: Annotated[Path | None, Parameter(group=_RUN)] = None,
+    workers: Annotated[int | None, Parameter(group=_RUN, validator=_COUNT)] = None,
+    fresh: Annotated[bool, Parameter(negative=(), show_default=False, group=_RUN)] = False,
+) -> None:
+    """Learn what raw confidences mean, from pairs that are spoiled in many ways.
+
+    Every scene, and some rendered ones, are matched as they are and under faults of the suites, one
+    or two in a row, about 600 matches. Of each remain counts of its errors in a file of JSON lines;
+    a run that was interrupted goes on where it stopped when the same command is given again. The
+    weights are judged by faults and by scenes that they were not learned from. For example:
+
+    ```
+    phasestereo bench confidence ~/middlebury -o confidence.jsonl
+    phasestereo bench confidence ~/middlebury --weights rust/refinement/calibration/weights.rs
+    ```
+
+    Parameters
+    ----------
+    folders
+        Official folder trees: folders that hold scenes2001, MiddEval3 and so on, or one of these,
+        or one scene in it.
+    every
+        Only every so many matches, for a quick look.
+    output
+        File for the records.
+    weights
+        File of Rust to write the weights to.
+    workers
+        Number of processes, each on one thread; without it, as many as there are processors. 0
+        runs everything in one process.
+    fresh
+        Begin anew: rename an existing file of records, and run every match.
+    """
+    with refusals(options=_OPTIONS):
+        scenes, left_out = choice.select(folders, "confidence")
+        jobs = confidence_jobs(scenes, every=every)
+        if left_out:
+            say(left_out)
+
+        prepare(output, jobs, cells="matches", fresh=fresh)
+        records = run_cells(jobs, output, workers=workers, title="Matching", cells="matches")
+
+        good = [record for record in records if record["status"] == "ok"]
+        learned = learned_weights(good)
+        verdicts = held_out(observed_of(good))
+        if weights is not None:
+            write_weights(learned, weights)
+
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
+    console.print(verdict_table(verdicts))
+    console.print(printable(f"Records: {output}"), markup=False, soft_wrap=True)
+
+    failed = [record for record in records if record["status"] != "ok"]
+    if failed:
+        first = failed[0]
+        message = f"{len(failed)} of {len(records)} matches failed, the first of them"
+        raise CommandError(f"{message} {first['scene']}, {first['faults']}: {first['error']}")

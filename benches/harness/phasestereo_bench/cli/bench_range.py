@@ -1,0 +1,85 @@
+"""``phasestereo bench range``: pairs of known disparities -> whether their range is found."""
+
+# No `from __future__ import annotations`: the command line is made of these annotations.
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from rich.console import Console
+
+from phasestereo.cli.errors import refusals
+from phasestereo.cli.terminal import progress_bar
+from phasestereo_bench.cli.bench_scenes import SceneChoice
+from phasestereo_bench.cli.bench_tables import filled
+from phasestereo_bench.ranges import (
+    KINDS,
+    compare,
+    compared_table,
+    constructions,
+    found_table,
+    search,
+)
+
+_SEVERAL = Parameter(consume_multiple=True, show_default=False)
+_ALL = SceneChoice()
+_PIPED_WIDTH = 120
+
+
+def range_(
+    *folders: Path,
+    choice: Annotated[SceneChoice, Parameter(name="*")] = _ALL,
+    kind: Annotated[tuple[str, ...], _SEVERAL] = (),
+    held: Annotated[bool, Parameter(negative=(), show_default=False)] = False,
+    told: Annotated[bool, Parameter(negative=())] = True,
+) -> None:
+    """Check whether the range is found where none is given.
+
+    Pairs are made of the scenes, always the same: near objects, poles and squares before far
+    backgrounds, disparities of either sign in images of many widths, the same image twice, and
+    weak texture. Then the scenes are matched told nothing and told their range. For example:
+
+    ```
+    phasestereo bench range ~/middlebury
+    phasestereo bench range ~/middlebury --kind poles squares --held
+    ```
+
+    Parameters
+    ----------
+    folders
+        Official folder trees: folders that hold scenes2001, MiddEval3 and so on.
+    kind
+        Only these: near, poles, squares, signed, same, parallel, weak.
+    held
+        Other pairs than those that the search was developed with: other textures, places, sizes
+        and faults.
+    told
+        Match the scenes, too.
+    """
+    with refusals(options={"scene", "kind"}):
+        unknown = sorted(set(kind) - set(KINDS))
+        if unknown:
+            raise ValueError(f"kind: got {', '.join(unknown)}; accepts {', '.join(KINDS)}")
+
+        chosen, _ = choice.select(folders, "one-sided-blur")
+        scenes = [scene.load() for scene in chosen]
+        made = list(constructions(scenes, kind or KINDS, held=held))
+
+        trials, comparisons = [], []
+        count = len(made) + len(scenes) * told
+        with progress_bar("Searching") as progress:
+            for construction in made:
+                trials.append(search(construction))
+                progress(len(trials), count)
+            for pair in scenes if told else ():
+                comparisons.append(compare(pair, repeats=3))
+                progress(len(trials) + len(comparisons), count)
+
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
+    console.print(filled("Outside the range that was found", found_table(trials)))
+    for trial in trials:
+        if trial.outside:
+            console.print(f"{trial.kind}: {trial.name}: searched {trial.search}")
+    if comparisons:
+        console.print(filled("Told nothing, and told the range", compared_table(comparisons)))

@@ -1,0 +1,72 @@
+"""``phasestereo bench verify``: maps of other matchers -> how well a second opinion judges them."""
+
+# No `from __future__ import annotations`: the command line is made of these annotations.
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Group, Parameter
+from rich.console import Console
+
+from phasestereo.cli.errors import refusals
+from phasestereo.cli.terminal import say
+from phasestereo_bench.cli.bench_middlebury import rivals
+from phasestereo_bench.cli.bench_scenes import SceneChoice
+from phasestereo_bench.cli.bench_tables import filled
+from phasestereo_bench.verification import CONDITIONS, opinion_table, opinions
+
+_SEVERAL = Parameter(consume_multiple=True, show_default=False)
+_SCENES = Group.create_ordered("Scenes")
+_OPTIONS = {"scene", "condition", "method", "hitnet"}
+_ALL = SceneChoice()
+_PIPED_WIDTH = 160
+
+
+def verify(
+    *folders: Annotated[Path, Parameter(group=_SCENES)],
+    choice: Annotated[SceneChoice, Parameter(name="*", group=_SCENES)] = _ALL,
+    condition: Annotated[tuple[str, ...], _SEVERAL] = tuple(CONDITIONS),
+    method: Annotated[tuple[str, ...], _SEVERAL] = ("opencv:sgbm",),
+    hitnet: Path | None = None,
+) -> None:
+    """Judge the maps of other matchers, and say how often that is right.
+
+    Of each map: the share of the visible pixels that are off by more than 1 px, the shares of these
+    and of the right ones that are refuted (beside that, what a confident match that differs by
+    more than 1.5 px would refute), how often the better disparity is right, what is supported, and
+    what is refuted of the right disparities that the other image does not see. Means over the
+    scenes, in %. For example:
+
+    ```
+    phasestereo bench verify ~/middlebury --hitnet hitnet_eth3d.onnx
+    ```
+
+    Parameters
+    ----------
+    folders
+        Official folder trees: folders that hold scenes2001, MiddEval3 and so on, or one of these,
+        or one scene in it.
+    condition
+        What is done to the pairs: sharp, "disk 6", "gauss 2", "motion 9", "noise 20", "jpeg 70",
+        "both disk 3", "rows 1"; all of them without it.
+    method
+        Whose maps: any that ``phasestereo bench middlebury`` takes.
+    hitnet
+        HITNet's ONNX file for ETH3D: the network takes part, too, if onnxruntime is installed.
+    """
+    with refusals(options=_OPTIONS):
+        unknown = [name for name in condition if name not in CONDITIONS]
+        if unknown:
+            raise ValueError(f"condition: got {unknown[0]!r}; accepts {', '.join(CONDITIONS)}")
+
+        scenes, left_out = choice.select(folders, "sharp")
+        if left_out:
+            say(left_out)
+
+        methods = [*rivals(hitnet), *method]
+        say(f"matching and judging {len(scenes)} scenes under {len(condition)} conditions")
+        table = opinion_table(list(opinions(scenes, methods, condition)))
+
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
+    console.print(filled(f"A second opinion, %, means of {len(scenes)} scenes", table))

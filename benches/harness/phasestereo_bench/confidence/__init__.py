@@ -1,0 +1,18 @@
+"""Confidence that is a probability: what the core's calibration is learned from, and how well it holds.
+
+`observation` matches spoiled pairs and counts how far their disparities are off, `learning` fits the
+weights to these counts, `verdict` says what they are worth on faults and scenes that were left out,
+`weights` writes them as the core has them.
+"""
+
+from phasestereo_bench.confidence.observation import confidence_jobs
+from phasestereo_bench.confidence.verdict import held_out, verdict_table
+from phasestereo_bench.confidence.weights import learned_weights, write_weights
+
+__all__ = [
+    "confidence_jobs",
+    "held_out",
+    "learned_weights",
+    "verdict_table",
+    "write_weights",
+]

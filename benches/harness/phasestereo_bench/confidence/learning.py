@@ -1,0 +1,222 @@
+"""Counts of errors -> the weights of the core's calibration.
+
+The odds are a logistic regression, by Newton's method. The bars are the line through points that
+holds 90 % of the errors, a quantile regression, by least squares that are weighted anew until the
+absolute values are those that count. Every pair has the same weight, whatever its size.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from phasestereo_bench.confidence.observation import ERRORS, ODDS
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    Numbers = NDArray[np.float64]
+
+TRAITS = 8
+KNOTS, FIRST_KNOT = 10, -4.0
+COVERED = 0.9
+# The core's names for what these are.
+_CERTAIN, _LOW, _STEPS, _NO_NOISE, _NO_SMOOTHING, _NONE_AT_ENDS = 0.004, 1.5, 2**20, 0.3, 0.1, 0.003
+
+# Which weights there are, of each trait: height and slope, and what filled pixels add to both.
+_USED = np.array(
+    [
+        [1, 1, 1, 1],  # 1
+        [1, 1, 1, 1],  # odds of the mean raw confidence
+        [1, 1, 1, 0],  # how far below LOW
+        [1, 0, 1, 0],  # odds of the share that fails
+        [1, 1, 1, 0],  # noise
+        [1, 1, 1, 0],  # smoothing
+        [1, 1, 1, 0],  # blur
+        [1, 0, 1, 0],  # at the ends
+    ],
+    dtype=bool,
+)
+_WIDENS = np.array([0, 1, 0, 0, 1, 1, 1, 0], dtype=bool)  # which traits bars depend on
+_STEADY = 1e-2  # weight of the squares of the weights, a pair
+_SMOOTH = 2e-3  # weight of the squares of the differences of neighboring points
+_FAILED, _LESS = 0.3, 0.3  # bars of pairs with more wrong pixels count so much
+_MIDDLES = np.array([ODDS[0], *((ODDS[1:] + ODDS[:-1]) / 2), ODDS[-1]])
+SIZES = np.array([0.03, *np.sqrt(ERRORS[1:] * ERRORS[:-1]), 80.0])
+
+
+@dataclass(frozen=True, slots=True)
+class Weights:
+    """What `Weights` of the core has."""
+
+    odds: Numbers
+    knots: Numbers
+    bars: Numbers
+
+
+@dataclass(frozen=True, slots=True)
+class Observed:
+    """What is known of a match: its traits, and counts by filled, raw confidence and error."""
+
+    scene: str
+    faults: tuple[str, ...]
+    traits: Numbers
+    counts: NDArray[np.int64]
+    cells: Numbers = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Keep what is asked for often: pixels, and right ones, of every raw confidence."""
+        right = self.counts[:, :, : np.searchsorted(ERRORS, 1.0) + 1].sum(axis=2)
+        cells = np.stack([self.counts.sum(axis=2), right]).astype(np.float64)
+        object.__setattr__(self, "cells", cells)
+
+    @property
+    def wrong(self) -> float:
+        """The share of the pixels that are off by more than 1 px."""
+        pixels, right = self.cells.sum(axis=(1, 2))
+        return float(1 - right / pixels)
+
+
+def observed_of(records: Sequence[Mapping[str, Any]]) -> list[Observed]:
+    """Return what records of `observe` say, of matches of which anything can be scored."""
+    shape = 2, len(ODDS) + 1, len(ERRORS) + 1
+    found = [
+        Observed(
+            scene=record["scene"],
+            faults=tuple(record["faults"].split(" + ")),
+            traits=traits(record),
+            counts=np.array(record["counts"]).reshape(shape),
+        )
+        for record in records
+    ]
+    return [one for one in found if one.counts.any()]
+
+
+def traits(record: Mapping[str, Any]) -> Numbers:
+    """Return the traits of a pair, as the core has them."""
+    confidence, own, failed, ends, pixels = record["tally"]
+    sure = odds(confidence / _STEPS / max(own, 1))
+    return np.array(
+        [
+            1.0,
+            sure,
+            max(0.0, _LOW - sure),
+            odds(failed / pixels),
+            np.log(record["noise"] + _NO_NOISE),
+            np.log(record["smoothing"] + _NO_SMOOTHING),
+            float(record["blurred"]),
+            np.log(ends / pixels + _NONE_AT_ENDS),
+        ]
+    )
+
+
+def odds(share: float) -> float:
+    """Return the logarithm of the odds of a share."""
+    bounded = min(max(share, _CERTAIN), 1 - _CERTAIN)
+    return float(np.log(bounded / (1 - bounded)))
+
+
+def learn(pairs: Sequence[Observed]) -> Weights:
+    """Return the weights that fit these matches best."""
+    heights = _odds(pairs)
+    return Weights(heights, *_bars(pairs, heights))
+
+
+def log_odds(pair: Observed, heights: Numbers) -> Numbers:
+    """Return the calibrated odds, as logarithms, of own and filled pixels of each raw confidence."""
+    height, slope, filled_height, filled_slope = pair.traits @ heights
+    bound = np.clip(_MIDDLES, odds(0), odds(1))
+    filled = height + filled_height + (slope + filled_slope) * bound
+    return np.stack([height + slope * bound, filled])
+
+
+def sigmoid(z: Numbers) -> Numbers:
+    """Return the probability with these logarithms of the odds."""
+    return np.asarray(1 / (1 + np.exp(-z)))
+
+
+def bars_of(pair: Observed, z: Numbers, weights: Weights) -> Numbers:
+    """Return the bars, px, of own and filled pixels with these odds."""
+    points = np.arange(KNOTS) + FIRST_KNOT
+    line = [np.interp(z[kind], points, weights.knots[kind]) for kind in (0, 1)]
+    return np.asarray(np.exp(np.stack(line) + pair.traits @ weights.bars))
+
+
+def _odds(pairs: Sequence[Observed]) -> Numbers:
+    bound = np.clip(_MIDDLES, odds(0), odds(1))
+    one, none = np.ones_like(bound), np.zeros_like(bound)
+    kinds = np.stack([[one, bound, none, none], [one, bound, one, bound]]).transpose(0, 2, 1)
+
+    rows, pixels, right = [], [], []
+    for pair in pairs:
+        share = pair.cells / pair.cells[0].sum()
+        seen = share[0] > 0
+        rows.append((pair.traits[:, None] * kinds[seen][:, None, :])[:, _USED])
+        pixels.append(share[0][seen])
+        right.append(share[1][seen])
+    design, weight, hits = np.concatenate(rows), np.concatenate(pixels), np.concatenate(right)
+
+    found = np.zeros(design.shape[1])
+    steady = _STEADY * np.eye(found.size)
+    for _ in range(30):
+        share = sigmoid(design @ found)
+        slope = design.T @ (hits - weight * share) - steady @ found
+        curve = (design * (weight * share * (1 - share))[:, None]).T @ design + steady
+        found += np.linalg.solve(curve, slope)
+
+    heights = np.zeros(_USED.shape)
+    heights[_USED] = found
+    return heights
+
+
+def _bars(pairs: Sequence[Observed], heights: Numbers) -> tuple[Numbers, Numbers]:
+    rows, sizes, weights = [], [], []
+    for pair in pairs:
+        kind, raw, size = np.nonzero(pair.counts)
+        share = pair.counts[kind, raw, size] / pair.counts.sum()
+        rows.append(_design(pair, log_odds(pair, heights)[kind, raw], kind))
+        sizes.append(np.log(SIZES[size]))
+        weights.append(share * (_LESS if pair.wrong >= _FAILED else 1.0))
+    design, error, weight = np.concatenate(rows), np.concatenate(sizes), np.concatenate(weights)
+
+    smooth = _differences(design.shape[1]) * _SMOOTH * len(pairs)
+    found = np.linalg.solve((design * weight[:, None]).T @ design + smooth, design.T @ (weight * error))
+    for turn in range(60):
+        off = error - design @ found
+        least = 0.1 if turn < 15 else 0.02  # the closer, the more exact, but the less steady
+        pull = weight * np.where(off > 0, COVERED, 1 - COVERED) / np.maximum(np.abs(off), least)
+        curve = (design * pull[:, None]).T @ design + smooth
+        found = np.linalg.solve(curve, design.T @ (pull * error))
+
+    bars = np.zeros(TRAITS)
+    bars[_WIDENS] = found[2 * KNOTS :]
+    return found[: 2 * KNOTS].reshape(2, KNOTS), bars
+
+
+def _design(pair: Observed, z: Numbers, kind: NDArray[np.intp]) -> Numbers:
+    """Return what the logarithm of a bar is a sum of: shares of two points, and of traits."""
+    place = np.clip(z - FIRST_KNOT, 0, KNOTS - 1)
+    left = np.minimum(place.astype(int), KNOTS - 2)
+    rows = np.arange(z.size)
+
+    design = np.zeros((z.size, 2 * KNOTS + int(_WIDENS.sum())))
+    design[rows, kind * KNOTS + left] = 1 - (place - left)
+    design[rows, kind * KNOTS + left + 1] += place - left
+    design[:, 2 * KNOTS :] = pair.traits[_WIDENS]
+    return design
+
+
+def _differences(count: int) -> Numbers:
+    """Return the squares of differences of points, so that those nobody has seen follow others."""
+    steps = np.zeros((2 * (KNOTS - 1) + KNOTS, count))
+    for kind in (0, 1):
+        for point in range(KNOTS - 1):
+            row = kind * (KNOTS - 1) + point
+            steps[row, kind * KNOTS + point : kind * KNOTS + point + 2] = -1, 1
+    for point in range(KNOTS):
+        steps[2 * (KNOTS - 1) + point, [point, KNOTS + point]] = -0.3, 0.3
+    return np.asarray(steps.T @ steps + 1e-6 * np.eye(count))

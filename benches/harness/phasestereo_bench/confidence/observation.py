@@ -1,0 +1,159 @@
+"""Spoiled pairs -> how far disparities are off, by their raw confidence.
+
+Every scene is matched as it is, under faults of the suites, under two of them in a row, and with a
+range that is too short. Of each match remain the tally and the noise that the core's calibration
+looks at, and a table of counts: pixels that both images see, by whether they are filled, by their
+raw confidence and by their error.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from phasestereo import pair_statistics
+from phasestereo._core import match_raw
+from phasestereo.result import Flag
+from phasestereo_bench.cases import SUITES, load
+from phasestereo_bench.datasets import Scene
+from phasestereo_bench.rendering import render_pair
+from phasestereo_bench.rigs import Fault
+from phasestereo_bench.runner import Job
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from phasestereo_bench.datasets import Pair
+
+ODDS = np.linspace(-5.6, 5.6, 57)
+"""Edges of the logarithm of the odds of a raw confidence."""
+ERRORS = np.array(
+    [0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 1, 1.2, 1.5, 2, 2.5, 3, 4, 5]
+    + [6, 8, 10, 13, 16, 20, 25, 32, 40, 50, 64]
+)
+"""Edges of the errors, px; smaller and larger ones have a class of their own each."""
+
+SHORT = "range too short"
+SHARP = "sharp"
+RENDERED = 6  # scenes
+_FIRST_SEED = 100
+_SCENES_PER_FAULT = 7
+_IN_A_ROW = 180
+_SHORTENED = 20
+_SEED = 5
+
+
+def faults() -> dict[str, Any]:
+    """Return what pairs are spoiled by: a `Fault`, or what takes one image."""
+    blurs = {f"one {name}": recipe for name, recipe in SUITES["one-sided-blur"].items()}
+    del blurs[f"one {SHARP}"]
+    return {**SUITES["rigs"], **blurs}
+
+
+def confidence_jobs(scenes: Sequence[Scene], *, every: int = 1) -> list[Job]:
+    """Return the matches to count: which faults of which scenes is drawn, always alike.
+
+    Parameters
+    ----------
+    scenes
+        Scenes with a truth; rendered ones are added.
+    every
+        Only every so many matches.
+    """
+    rng = np.random.default_rng(_SEED)
+    names = [str(scene) for scene in scenes] + [f"rendered/{k}" for k in range(RENDERED)]
+    sources: dict[str, Scene | int] = {str(scene): scene for scene in scenes}
+    sources |= {f"rendered/{k}": _FIRST_SEED + k for k in range(RENDERED)}
+
+    kinds = [name for name in faults() if name != SHARP]
+    drawn = [(name, (SHARP,)) for name in names]
+    for kind in kinds:
+        several = rng.choice(len(names), min(_SCENES_PER_FAULT, len(names)), replace=False)
+        drawn += [(names[index], (kind,)) for index in several]
+    for _ in range(_IN_A_ROW):
+        first, second = rng.choice(len(kinds), 2, replace=False)
+        drawn.append((names[rng.integers(len(names))], (kinds[first], kinds[second])))
+    for _ in range(_SHORTENED):
+        drawn.append((names[rng.integers(len(names))], (kinds[rng.integers(len(kinds))], SHORT)))
+
+    return [
+        Job(
+            key={"suite": "confidence", "scene": name, "faults": " + ".join(spoiled)},
+            work=observe,
+            arguments={"source": sources[name], "spoiled": spoiled, "seed": number},
+        )
+        for number, (name, spoiled) in enumerate(drawn)
+    ][::every]
+
+
+def observe(source: Scene | int, spoiled: Sequence[str], seed: int) -> dict[str, Any]:
+    """Match a spoiled pair, and return its tally, its noise, and the counts of its errors."""
+    pair = load(source) if isinstance(source, Scene) else render_pair(source)
+    rng = np.random.default_rng(seed)
+    side = ("left", "right")[int(rng.integers(2))]
+
+    known = faults()
+    search: dict[str, int] = {}
+    for name in spoiled:
+        if name == SHORT:
+            largest = float(np.nanmax(_truth(pair)))
+            search = {"num_disparities": max(8, int(largest * rng.uniform(0.3, 0.8)))}
+        else:
+            pair = _spoiled(pair, known[name], side)
+
+    return observed(pair, **search)
+
+
+def observed(pair: Pair, **search: int) -> dict[str, Any]:
+    """Match a pair with `robust`, and return what `observe` does."""
+    size = pair.left.shape[:2]
+
+    def read(first: int, last: int) -> tuple[Any, Any, None, None]:
+        return pair.left[first:last], pair.right[first:last], None, None
+
+    statistics = pair_statistics(read, size, threads=1, **search)
+    images = np.ascontiguousarray(pair.left), np.ascontiguousarray(pair.right)
+    (disparity, flags, confidence, _, _), _ = match_raw(
+        images, (None, None), statistics, 0, (0, size[0]), 1
+    )
+    assert confidence is not None  # noqa: S101 - `robust` has confidences
+
+    counted = pair.masks["nonocc"] & np.isfinite(disparity)
+    error = np.abs(disparity - _truth(pair))[counted]
+    raw = confidence[counted].astype(np.float64).clip(1e-4, 1 - 1e-4)
+    filled = (flags[counted] & Flag.FILLED) != 0
+
+    compensation = statistics.blur_compensation
+    place = np.searchsorted(ODDS, np.log(raw / (1 - raw)))
+    counts = np.zeros((2, len(ODDS) + 1, len(ERRORS) + 1), int)
+    np.add.at(counts, (filled.astype(int), place, np.searchsorted(ERRORS, error)), 1)
+
+    return {
+        "tally": list(statistics.tally or ()),
+        "noise": max(compensation.noise) if compensation else 0.0,
+        "smoothing": max(compensation.smoothing) if compensation else 0.0,
+        "blurred": compensation is not None and _has_kernels(compensation.kernels),
+        "counts": counts.ravel().tolist(),
+    }
+
+
+def _has_kernels(kernels: Any) -> bool:
+    return any(taps is not None for both in kernels for taps in both)
+
+
+def _spoiled(pair: Pair, fault: Any, side: str) -> Pair:
+    if isinstance(fault, Fault):
+        return fault(pair, side)
+    if side == "left":
+        return replace(pair, left=fault(pair.left))
+    return replace(pair, right=fault(pair.right))
+
+
+def _truth(pair: Pair) -> NDArray[np.float32]:
+    if pair.truth is None:
+        raise ValueError(f"{pair.name}: no truth is known")
+    return pair.truth

@@ -1,0 +1,48 @@
+"""What was found, as tables."""
+
+from __future__ import annotations
+
+from statistics import fmean
+from typing import TYPE_CHECKING
+
+from phasestereo_bench.report.tables import Table
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from phasestereo_bench.ranges.trials import Comparison, Trial
+
+
+def found_table(trials: Sequence[Trial]) -> Table:
+    """Return how many constructions of each kind lie outside the range, and how long this is."""
+    rows = []
+    for kind in dict.fromkeys(trial.kind for trial in trials):
+        some = [trial for trial in trials if trial.kind == kind]
+        longer = [trial.longer for trial in some]
+        outside = sum(trial.outside for trial in some)
+        said = sum(trial.outside and bool(trial.search.left_out) for trial in some)
+        cells = f"{len(some)}", f"{outside}", f"{said}", f"{fmean(longer):.2f}", f"{max(longer):.2f}"
+        rows.append((kind, *cells))
+
+    header = "kind", "pairs", "outside", "of them said", "length / needed, mean", "worst"
+    return Table(header=header, rows=tuple(rows), labels=1)
+
+
+def compared_table(scenes: Sequence[Comparison]) -> Table:
+    """Return what it costs to give no range."""
+    rows = [
+        (
+            scene.name,
+            *(f"{100 * bad:.2f}" for bad in scene.bad),
+            f"{scene.longer:.2f}",
+            f"{scene.seconds[0] / scene.seconds[1]:.2f}",
+        )
+        for scene in scenes
+    ]
+    means = (
+        *(f"{100 * fmean(scene.bad[side] for scene in scenes):.2f}" for side in (0, 1)),
+        f"{fmean(scene.longer for scene in scenes):.2f}",
+        f"{fmean(scene.seconds[0] / scene.seconds[1] for scene in scenes):.2f}",
+    )
+    header = "scene", "bad-1.0 told nothing", "told", "length / needed", "time / told"
+    return Table(header=header, rows=(*rows, ("mean", *means)), labels=1)

@@ -1,0 +1,108 @@
+"""Ranges that are found in constructions; matches told nothing against matches told the range."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+import phasestereo as ps
+
+if TYPE_CHECKING:
+    from phasestereo import SearchRange
+    from phasestereo_bench.datasets import Pair
+    from phasestereo_bench.ranges.constructions import Construction
+
+_FAST = ps.PRESETS["fast"]
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """The range of a construction.
+
+    Attributes
+    ----------
+    kind, name
+        Those of the construction.
+    search
+        The range that is searched when none is given.
+    outside
+        Whether an end of the true disparities, or an object, lies outside it.
+    longer
+        Its length over the one that is needed.
+    """
+
+    kind: str
+    name: str
+    search: SearchRange
+    outside: bool
+    longer: float
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """A scene matched told nothing and told the range.
+
+    Attributes
+    ----------
+    name
+        That of the scene.
+    bad
+        Share of the pixels with a truth that are more than 1 px off, told nothing and told.
+    seconds
+        Of the matches.
+    longer
+        Length of the range that was found, over the length of the true one.
+    """
+
+    name: str
+    bad: tuple[float, float]
+    seconds: tuple[float, float]
+    longer: float
+
+
+def search(made: Construction) -> Trial:
+    """Search the range of a construction."""
+    found = _matched(made.left, made.right, settings=_FAST).search
+    first, last = found.min_disparity, found.min_disparity + found.num_disparities - 1
+
+    # A candidate stands for half a pixel on either side.
+    wanted = made.objects or (made.low, made.high)
+    outside = any(not first - 0.5 <= each <= last + 0.5 for each in wanted)
+    longer = (last - first + 1) / (made.high - made.low + 1)
+    return Trial(made.kind, made.name, found, outside, longer)
+
+
+def compare(pair: Pair, *, repeats: int = 1) -> Comparison:
+    """Match a scene told nothing and told its range: the disparities of its truth and a pixel."""
+    truth = pair.truth
+    if truth is None:
+        raise ValueError(f"pair: got {pair.name}, without a truth")
+
+    known = np.isfinite(truth)
+    low, high = float(truth[known].min()), float(truth[known].max())
+    told = {"num_disparities": int(np.ceil(high)) + 2}
+
+    bad, seconds, longer = [], [], 1.0
+    for given in ({}, told):
+        took = []
+        for _ in range(repeats):
+            started = time.perf_counter()
+            result = _matched(pair.left, pair.right, **given)
+            took.append(time.perf_counter() - started)
+        off = ~(np.abs(result.disparity - truth) <= 1)
+        bad.append(float(off[known].mean()))
+        seconds.append(min(took))
+        if not given and result.search is not None:
+            longer = result.search.num_disparities / (high - min(low, 0) + 1)
+
+    return Comparison(pair.name, (bad[0], bad[1]), (seconds[0], seconds[1]), longer)
+
+
+def _matched(left: object, right: object, **given: object) -> ps.Result:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ps.MatchWarning)
+        return ps.match(left, right, threads=1, **given)  # type: ignore[arg-type]

@@ -1,0 +1,181 @@
+"""How good a second opinion is: maps of other matchers, judged by `phasestereo.verify`.
+
+Scored are pixels whose truth is known. A disparity is wrong if it is off by more than 1 px.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+import phasestereo as ps
+from phasestereo_bench.cases import Case, usual_side
+from phasestereo_bench.methods import method as as_method
+from phasestereo_bench.report.tables import Entry, Table
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from phasestereo_bench.datasets import Pair, Scene
+    from phasestereo_bench.methods import Method
+
+    Mask = NDArray[np.bool_]
+    Map = NDArray[np.float32]
+
+CONDITIONS: Mapping[str, str] = {
+    "sharp": "rigs",
+    "disk 6": "one-sided-blur",
+    "gauss 2": "one-sided-blur",
+    "motion 9": "one-sided-blur",
+    "noise 20": "rigs",
+    "jpeg 70": "rigs",
+    "both disk 3": "rigs",
+    "rows 1": "rigs",
+}
+"""The degradations of pairs, and the suite of each."""
+
+_WRONG = 1.0  # px
+_DIFFERENT, _CONFIDENT = 1.5, 0.8  # a map refuted by disagreement alone
+
+
+@dataclass(frozen=True, slots=True)
+class Opinion:
+    """Shares of the pixels of a map by what was said of them, 0 to 1; NaN where there are none.
+
+    Attributes
+    ----------
+    wrong
+        Of the visible pixels those that are wrong.
+    refuted_wrong, refuted_right
+        Of the wrong and of the right ones those that are refuted.
+    differ_wrong, differ_right
+        The same by disagreement alone: a confident match is more than 1.5 px away.
+    better
+        Of the refuted ones those whose better disparity is right.
+    supported, supported_wrong
+        Of the visible pixels those that are supported, and of these the wrong ones.
+    refuted_hidden
+        Of the right ones that the other image does not see those that are refuted.
+    """
+
+    wrong: float
+    refuted_wrong: float
+    refuted_right: float
+    differ_wrong: float
+    differ_right: float
+    better: float
+    supported: float
+    supported_wrong: float
+    refuted_hidden: float
+
+
+def opinions(
+    scenes: Sequence[Scene], methods: Sequence[str], conditions: Iterable[str]
+) -> Iterator[tuple[str, str, Opinion]]:
+    """Yield condition, method and means over the scenes.
+
+    Raises
+    ------
+    OSError, ValueError, ImportError
+        If a scene cannot be loaded or has no truth, or a method cannot run.
+    """
+    chosen = [as_method(each) for each in methods]
+
+    for condition in conditions:
+        suite = CONDITIONS[condition]
+        cases = [Case(scene, suite, condition, usual_side(suite)) for scene in scenes]
+        judged = [_judged(case.pair(true_blur=False), chosen) for case in cases]
+        for method, of_scenes in zip(chosen, zip(*judged, strict=True), strict=True):
+            yield condition, str(method), _mean(of_scenes)
+
+
+def opinion_table(rows: Iterable[tuple[str, str, Opinion]]) -> Table:
+    """Return conditions and methods down, shares in % across."""
+    headings = (
+        "condition", "method", "wrong", "wrong refuted", "right refuted", "by difference",
+        "better is right", "supported", "of these wrong", "hidden, right refuted",
+    )  # fmt: skip
+
+    entries = [
+        (
+            Entry(condition),
+            Entry(method),
+            _percent(found.wrong),
+            _percent(found.refuted_wrong),
+            _percent(found.refuted_right),
+            Entry(f"{100 * found.differ_wrong:.1f} / {100 * found.differ_right:.1f}"),
+            _percent(found.better),
+            _percent(found.supported),
+            _percent(found.supported_wrong),
+            _percent(found.refuted_hidden),
+        )
+        for condition, method, found in rows
+    ]
+    return Table(headings, tuple(entries), labels=2)
+
+
+def _judged(pair: Pair, methods: Sequence[Method]) -> list[Opinion]:
+    if pair.truth is None or "nonocc" not in pair.masks:
+        raise ValueError(f"{pair.name}: its truth or its mask of visible pixels is missing")
+
+    seen = pair.masks["nonocc"] & np.isfinite(pair.truth)
+    columns = np.arange(pair.truth.shape[1])
+    seen &= columns >= np.nan_to_num(pair.truth)
+    hidden = pair.masks.get("all", seen) & np.isfinite(pair.truth) & ~pair.masks["nonocc"]
+
+    found = []
+    for method in methods:
+        answer = method.match(pair.left, pair.right, pair.num_disparities)
+        claims = np.asarray(answer[0] if isinstance(answer, tuple) else answer, np.float32)
+        found.append(_opinion(pair, claims, seen, hidden))
+    return found
+
+
+def _opinion(pair: Pair, claims: Map, seen: Mask, hidden: Mask) -> Opinion:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ps.MatchWarning)
+        said = ps.verify(pair.left, pair.right, claims, threads=1)
+
+    truth = np.asarray(pair.truth)
+    claimed = np.isfinite(claims)
+    right = claimed & (np.abs(claims - truth) <= _WRONG)
+    wrong = claimed & ~right
+
+    refuted, supported = said.verdict == ps.Verdict.REFUTED, said.verdict == ps.Verdict.SUPPORTED
+    differ = np.abs(said.result.disparity - claims) > _DIFFERENT
+    if said.result.confidence is not None:
+        differ &= said.result.confidence > _CONFIDENT
+
+    return Opinion(
+        wrong=_share(wrong, seen & claimed),
+        refuted_wrong=_share(refuted, seen & wrong),
+        refuted_right=_share(refuted, seen & right),
+        differ_wrong=_share(differ, seen & wrong),
+        differ_right=_share(differ, seen & right),
+        better=_share(np.abs(said.better - truth) <= _WRONG, seen & refuted),
+        supported=_share(supported, seen & claimed),
+        supported_wrong=_share(wrong, seen & supported),
+        refuted_hidden=_share(refuted, hidden & right),
+    )
+
+
+def _share(pixels: Mask, of: Mask) -> float:
+    return float(pixels[of].mean()) if of.any() else float("nan")
+
+
+def _mean(found: Sequence[Opinion]) -> Opinion:
+    def mean(name: str) -> float:
+        values = np.array([getattr(each, name) for each in found])
+        known = values[np.isfinite(values)]
+        return float(known.mean()) if known.size else float("nan")
+
+    return Opinion(**{field.name: mean(field.name) for field in fields(Opinion)})
+
+
+def _percent(share: float) -> Entry:
+    return Entry(f"{100 * share:.1f}" if np.isfinite(share) else "-")

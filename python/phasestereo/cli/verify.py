@@ -1,0 +1,128 @@
+"""``phasestereo verify``: two image files and a disparity map in, what the images say of it out."""
+
+# No `from __future__ import annotations`: the command line is made of these annotations.
+
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+import phasestereo
+from phasestereo.cli.errors import UNTRUSTED, WRONG_USAGE, CommandError, option, refusals, refuse_taken
+from phasestereo.cli.terminal import print_json, print_lines, progress_bar
+from phasestereo.io import read_disparity, read_image, write_disparity, write_image
+from phasestereo.verification import Verification
+from phasestereo.verification import verify as verify_map
+
+_MAPS = frozenset([".pfm", ".npy", ".tif", ".tiff"])
+_PICTURES = frozenset([".png"])
+
+
+def verify(
+    left: Path,
+    right: Path,
+    disparity: Path,
+    /,
+    *,
+    picture: Path | None = None,
+    better: Path | None = None,
+    verdict: Path | None = None,
+    threads: int | None = None,
+    as_json: Annotated[bool, Parameter(name="--json", negative=(), show_default=False)] = False,
+    strict: Annotated[bool, Parameter(negative=())] = False,
+) -> None:
+    """Judge a disparity map of any origin by the images that it is of.
+
+    Prints which shares of the map the images refute, support and cannot judge, and what is wrong
+    with the map or the pair as a whole. Lines begin with ``ok``, ``note`` or ``warning``. For
+    example:
+
+    ```
+    phasestereo verify left.png right.png network.pfm --picture verdicts.png
+    ```
+
+    Parameters
+    ----------
+    left
+        Left image: PNG, JPEG, WebP, HEIF, PBM/PGM/PPM, BMP, TIFF, .npy or PFM; gray or color.
+    right
+        Right image, of the same size and type.
+    disparity
+        The map of the left image, in pixels: .pfm, .npy, .tif, or .png as KITTI has it (16 bits,
+        256 d). What is not finite claims nothing.
+    picture
+        PNG file for the left image in gray, blue where the map is supported, orange where it is
+        refuted, darker where it cannot be judged.
+    better
+        File for the disparities that fit better where the map is refuted: .pfm, .npy or .tif.
+    verdict
+        PNG file for the verdicts, 8 bits: 0 no disparity, 1 cannot be judged, 2 supported, 3
+        refuted.
+    threads
+        Number of threads; without it, as many as there are processors.
+    as_json
+        Print one JSON object on standard output: shares, findings, files.
+    strict
+        Exit with 3 if there is a warning; files are written all the same.
+    """
+    files = {"picture": picture, "better": better, "verdict": verdict}
+    _check_targets(files, [left, right, disparity])
+
+    with refusals():
+        images, claims = (read_image(left), read_image(right)), read_disparity(disparity)
+    with refusals(options={"threads"}), progress_bar("Matching") as progress:
+        found = verify_map(*images, claims, threads=threads, progress=progress)
+
+    with refusals():
+        _write(found, files)
+
+    if as_json:
+        print_json(_record(found, files))
+    else:
+        print_lines(str(found).splitlines())
+
+    grave = [each.sentence for each in found.findings if each.severity == "warning"]
+    if strict and grave:
+        raise CommandError(grave[0], UNTRUSTED)
+
+
+def _check_targets(files: dict[str, Path | None], taken: list[Path]) -> None:
+    """Refuse files of other formats, and those that are read or written already."""
+    for name, path in files.items():
+        if path is None:
+            continue
+
+        accepted = _MAPS if name == "better" else _PICTURES
+        if path.suffix.lower() not in accepted:
+            named = ", ".join(sorted(accepted))
+            raise CommandError(f"{option(name)}: got {path}; accepts {named}", WRONG_USAGE)
+        refuse_taken(name, path, taken)
+        taken.append(path)
+
+
+def _write(found: Verification, files: dict[str, Path | None]) -> None:
+    writers: dict[str, Callable[[Path], None]] = {
+        "picture": lambda path: write_image(path, found.picture()),
+        "better": lambda path: write_disparity(path, found.better),
+        "verdict": lambda path: write_image(path, found.verdict),
+    }
+
+    for name, path in files.items():
+        if path is not None:
+            writers[name](path)
+
+
+def _record(found: Verification, files: dict[str, Path | None]) -> dict[str, Any]:
+    rows, cols = found.verdict.shape
+    return {
+        "version": phasestereo.__version__,
+        "width": cols,
+        "height": rows,
+        "refuted": found.refuted,
+        "supported": found.supported,
+        "unknown": found.unknown,
+        "findings": [asdict(each) for each in found.findings],
+        "files": {name: str(path) for name, path in files.items() if path is not None},
+    }

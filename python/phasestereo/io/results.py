@@ -1,0 +1,88 @@
+"""The maps of a result in files: each in one of its own, or all of them in a ``.npz``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from phasestereo.io.disparity import write_disparity
+from phasestereo.io.files import replacing, suffix
+from phasestereo.io.geotiff import write_geotiff
+from phasestereo.io.image import write_image
+from phasestereo.io.maps import write_floats
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from phasestereo.io.files import StrPath
+    from phasestereo.io.geotiff import Georeference
+
+
+def write_maps(path: StrPath, maps: Mapping[str, NDArray[Any]]) -> None:
+    """Write maps, such as `phasestereo.Result.maps`, as one file of arrays by name.
+
+    Parameters
+    ----------
+    path
+        The file, ``.npz``, as `numpy.load` reads it; an existing one is replaced, and only once the
+        new one is complete.
+    maps
+        Arrays by their names; they are written to the bit.
+
+    Raises
+    ------
+    TypeError
+        If what is to be written is no array of numbers.
+    ValueError
+        If the suffix is another one.
+    OSError
+        If the file cannot be written.
+    """
+    if suffix(path) != ".npz":
+        raise ValueError(f"path of several maps must end in .npz, got {suffix(path)!r}")
+    for name, values in maps.items():
+        if not isinstance(values, np.ndarray) or values.dtype.kind not in "biuf":
+            got = getattr(values, "dtype", type(values).__name__)
+            raise TypeError(f"maps: got {got} as {name!r}; accepts arrays of numbers")
+
+    with replacing(path) as file:
+        named: dict[str, Any] = dict(maps)
+        np.savez(file, **named)
+
+
+def write_map(
+    path: Path, name: str, values: NDArray[Any], place: Georeference | None = None
+) -> None:
+    """Write one map of a result in the format that the suffix names.
+
+    Parameters
+    ----------
+    path
+        The file: for floats ``.pfm``, ``.npy``, ``.tif``, and ``.png`` for disparities; for flags
+        ``.npy``, ``.tif``, ``.png``.
+    name
+        Which map it is: "disparity" or one of `phasestereo.result.LAYERS`.
+    values
+        The map.
+    place
+        Where it lies, which a TIFF keeps; None: not known.
+
+    Raises
+    ------
+    ValueError
+        If the format does not hold it.
+    OSError
+        If the file cannot be written.
+    """
+    if place is not None and suffix(path) in (".tif", ".tiff"):
+        write_geotiff(path, {name: values}, like=place)
+    elif name == "disparity":
+        write_disparity(path, values)
+    elif values.dtype == np.float32:
+        write_floats(path, values)
+    else:
+        write_image(path, values)

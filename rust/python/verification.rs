@@ -1,0 +1,79 @@
+//! The second opinion on a disparity map, for Python.
+
+use ndarray::Dimension;
+use numpy::{PyArray2, PyArrayMethods};
+use pyo3::exceptions::PyTypeError;
+use pyo3::prelude::*;
+
+use super::arguments::{Both, read_images, values};
+use super::estimates::{EstimatesTuple, FindingTuple, estimates_to_py, findings_to_py};
+use super::supervisor::supervised;
+use super::workers::Pool;
+use super::{Matched, SummaryTuple, disparity_to_py, summary_to_py, wrap};
+use crate::findings;
+use crate::image::plane::Plane;
+use crate::pipeline::matcher::Execution;
+use crate::pipeline::summary::Summary;
+use crate::rig::estimation::Means;
+use crate::settings::Settings;
+use crate::simd::Level;
+use crate::verification::{Verification, verify};
+
+/// Verdicts and better disparities.
+type Judged<'py> = (Bound<'py, PyArray2<u8>>, Bound<'py, PyArray2<f32>>);
+
+/// Verdicts and better disparities, findings on the map, and the own match with what was found out for it.
+type Verified<'py> = (
+    Judged<'py>,
+    Vec<FindingTuple>,
+    Matched<'py>,
+    SummaryTuple,
+    EstimatesTuple<'py>,
+    Vec<FindingTuple>,
+);
+
+/// Judges a disparity map; the own match is as `match_pair` returns it.
+#[pyfunction]
+pub fn verify_map<'py>(
+    py: Python<'py>,
+    images: Both<'py>,
+    masks: Both<'py>,
+    disparity: &Bound<'py, PyAny>,
+    threads: &Bound<'py, PyAny>,
+    progress: Option<Bound<'py, PyAny>>,
+) -> PyResult<Verified<'py>> {
+    let pair = read_images(&images, &masks, None)?;
+    let map = read_map(disparity)?;
+
+    let pool = Pool::for_argument(threads)?;
+    let (rows, cols) = pair.size();
+    let how = Execution { threads: pool.threads(), level: Level::best() };
+    let (judged, summary) = supervised(py, &pool, rows, progress, move |matcher, control| {
+        let means = Means { matcher, how, control };
+        let judged = verify(pair, &map, &Settings::default(), means)?;
+        let summary = Summary::new(&judged.own, judged.prepared.estimates.candidates);
+        Ok((judged, summary))
+    })?;
+
+    let Verification { verdicts, better, findings, own, prepared, .. } = judged;
+    let said = findings::of_match(&prepared.estimates, &summary, (rows, cols));
+
+    Ok((
+        (wrap(py, verdicts)?, wrap(py, better)?),
+        findings_to_py(findings),
+        disparity_to_py(py, own)?,
+        summary_to_py(summary),
+        estimates_to_py(py, prepared.estimates)?,
+        findings_to_py(said),
+    ))
+}
+
+/// Reads the map that is judged.
+fn read_map(disparity: &Bound<'_, PyAny>) -> PyResult<Plane<f32>> {
+    let Ok(array) = disparity.cast::<PyArray2<f32>>() else {
+        return Err(PyTypeError::new_err("disparity: accepts a 2-D array of float32"));
+    };
+
+    let (rows, cols) = array.dims().into_pattern();
+    Ok(Plane::from_vec(rows, cols, values(array)?)?)
+}

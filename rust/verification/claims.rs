@@ -1,0 +1,187 @@
+//! What a map claims as a whole: the disparities to search because of it, and whether its numbers are meant otherwise.
+
+use crate::cost::Costs;
+use crate::cost::candidates::Candidates;
+use crate::image::plane::Plane;
+use crate::settings::MOST_DISPARITIES;
+use crate::verification::evidence::{STEPS, cost_at};
+
+/// Share of the claims at either end that do not widen the range: maps have outliers.
+const OUTLIERS: usize = 200;
+/// Pixels that are searched beyond the claims.
+const MARGIN: i64 = 2;
+/// Rows and columns that are sampled, at most, to find a misreading.
+const SAMPLES: usize = 96;
+/// Least advantage over pixels paired at random, as a share of their cost, of numbers that are read otherwise. Right maps
+/// have 0.5 to 0.8 on sharp pairs, and 0.15 or more under noise of 20 gray levels.
+const LEAST_ADVANTAGE: f64 = 0.1;
+/// Times the advantage of the claims as they are.
+const CLEARLY: f64 = 3.0;
+
+/// How the numbers of a map are meant, if not as disparities in pixels that are positive in front of infinity.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Misreading {
+    /// With the opposite sign.
+    Sign,
+    /// As so many parts of a pixel, 16 or 256.
+    Parts(u16),
+}
+
+impl Misreading {
+    const ALL: [Self; 3] = [Self::Sign, Self::Parts(16), Self::Parts(256)];
+
+    /// The disparity that a number means.
+    fn read(self, claim: f32) -> f32 {
+        match self {
+            Self::Sign => -claim,
+            Self::Parts(parts) => claim / f32::from(parts),
+        }
+    }
+
+    /// The reading under which pixels match far better than as they stand, if there is one.
+    pub fn of(map: &Plane<f32>, costs: &Costs) -> Option<Self> {
+        let sample = Sample::new(map, costs);
+        let plain = sample.advantage(|claim| claim).max(0.0);
+
+        let advantage = |reading: Self| sample.advantage(|claim| reading.read(claim));
+        let readings = Self::ALL.map(|reading| (reading, advantage(reading)));
+        let (reading, best) =
+            readings.into_iter().reduce(|best, next| if next.1 > best.1 { next } else { best })?;
+
+        (best > LEAST_ADVANTAGE.max(CLEARLY * plain)).then_some(reading)
+    }
+}
+
+/// Some of the claims, and the costs of their pixels.
+struct Sample<'a> {
+    costs: &'a Costs<'a>,
+    cols: usize,
+    /// Row, column and claim.
+    claims: Vec<(usize, usize, f32)>,
+    /// Sum of the costs of as many pixels with others of their row, in the unit of [`cost_at`].
+    random: i64,
+}
+
+impl<'a> Sample<'a> {
+    fn new(map: &Plane<f32>, costs: &'a Costs<'a>) -> Self {
+        let (rows, cols) = (map.rows(), map.cols());
+        let [down, across] = [rows, cols].map(|length| length.div_ceil(SAMPLES));
+
+        let places = (0..rows).step_by(down).flat_map(|y| {
+            // The columns of one row lie between those of the next.
+            let first = y / down % 2 * (across / 2);
+            (first..cols).step_by(across).map(move |x| (y, x, map.row(y)[x]))
+        });
+        let claims: Vec<_> = places.filter(|(_, _, claim)| claim.is_finite()).collect();
+
+        // A fixed stride pairs pixels as well as chance does.
+        let pair = |(index, (y, x, _)): (usize, &(usize, usize, f32))| -> i64 {
+            let other = (x + cols / 3 + index * 61 % cols.div_ceil(3)) % cols;
+            i64::from(costs.between(*y, *x, other).unwrap_or_default()) * i64::from(STEPS)
+        };
+        let random = claims.iter().enumerate().map(pair).sum();
+
+        Self { costs, cols, claims, random }
+    }
+
+    /// By what share the costs at some disparities are below those of pixels paired at random. Pixels whose match would lie
+    /// outside the right image cost as much as these.
+    fn advantage(&self, read: impl Fn(f32) -> f32) -> f64 {
+        let found: Vec<_> = self
+            .claims
+            .iter()
+            .filter_map(|(y, x, claim)| cost_at(self.costs, self.cols, (*y, *x), read(*claim)))
+            .collect();
+
+        let count = self.claims.len().max(1) as f64;
+        let mean = self.random as f64 / count;
+        let lower =
+            found.len() as f64 * mean - found.iter().copied().map(i64::from).sum::<i64>() as f64;
+        if mean > 0.0 { lower / (count * mean) } else { 0.0 }
+    }
+}
+
+/// The disparities that were found, and those of nearly all claims whose match lies in the right image; the former alone
+/// if that were more than can be searched.
+pub fn widened(found: Candidates, map: &Plane<f32>) -> Candidates {
+    let cols = map.cols();
+    // Disparities from `1 - cols` to `cols - 1`.
+    let mut counts = vec![0usize; 2 * cols - 1];
+    for y in 0..map.rows() {
+        for (x, claim) in map.row(y).iter().enumerate() {
+            if let Some(right) = right_column(x, *claim, cols) {
+                counts[x + cols - 1 - right] += 1;
+            }
+        }
+    }
+
+    let total: usize = counts.iter().sum();
+    let few = total / OUTLIERS;
+    let beyond_few = |passed: &mut usize, (index, count): (usize, &usize)| {
+        *passed += count;
+        (*passed > few).then_some(index as i64 + 1 - cols as i64)
+    };
+    let disparities = || counts.iter().enumerate();
+
+    let low = disparities().scan(0, |passed, next| Some(beyond_few(passed, next))).flatten().next();
+    let high =
+        disparities().rev().scan(0, |passed, next| Some(beyond_few(passed, next))).flatten().next();
+    let (Some(low), Some(high)) = (low, high) else { return found };
+
+    let (first, last) = (found.min() as i64, found.min() as i64 + found.count() as i64 - 1);
+    // Only claims beyond what was found need a margin of their own.
+    let low = if low < first { low - MARGIN } else { first }.max(1 - cols as i64);
+    let high = if high > last { high + MARGIN } else { last }.min(cols as i64 - 1);
+    let count = high - low + 1;
+
+    if count > cols.min(MOST_DISPARITIES) as i64 {
+        return found;
+    }
+    Candidates::new(low, count, cols).unwrap_or(found)
+}
+
+/// The right column nearest to the match that is claimed; `None` outside the image.
+pub fn right_column(x: usize, claim: f32, cols: usize) -> Option<usize> {
+    let right = (x as f32 - claim).round();
+    let is_inside = right >= 0.0 && right < cols as f32;
+    is_inside.then_some(right as usize)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_range_covers_nearly_all_claims_and_what_was_found() {
+        let found = Candidates::new(2, 6, 100).expect("legal");
+        let claims = |far: f32| {
+            Plane::from_fn(40, 100, |y, x| match (y, x) {
+                (0, 70) => far,
+                (_, 60..90) => 20.0,
+                _ => f32::NAN,
+            })
+        };
+
+        let range = widened(found, &claims(20.0));
+        assert_eq!((range.min(), range.count()), (2, 21));
+        // One outlier does not widen it, nor does what lies outside the right image.
+        assert_eq!(widened(found, &claims(65.0)), range);
+        assert_eq!(widened(found, &claims(1e9)), range);
+        assert_eq!(widened(found, &claims(20.0).map(|_| f32::NAN)), found);
+        assert_eq!(widened(found, &claims(20.0).map(|_| -1e30)), found);
+    }
+
+    #[test]
+    fn a_match_outside_the_right_image_has_no_column() {
+        assert_eq!(right_column(5, 5.4, 10), Some(0));
+        assert_eq!(right_column(5, 5.6, 10), None);
+        assert_eq!(right_column(5, -4.0, 10), Some(9));
+        assert_eq!(right_column(5, -5.0, 10), None);
+        assert!(
+            [1e9, -1e9, f32::NAN, f32::MAX]
+                .map(|d| right_column(5, d, 10))
+                .iter()
+                .all(Option::is_none)
+        );
+    }
+}

@@ -1,0 +1,215 @@
+//! Areas outside the run of disparities: as a naive search finds them, and where things were put.
+
+use crate::common::{hash, levels};
+use phasestereo::internals::cost::Costs;
+use phasestereo::internals::cost::candidates::Candidates;
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::image::view::View;
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::pipeline::matcher::{Execution, Matcher};
+use phasestereo::internals::rig::blur::rough::as_view;
+use phasestereo::internals::rig::estimation::Means;
+use phasestereo::internals::rig::estimation::areas::{Area, areas};
+use phasestereo::internals::rig::estimation::overview::Overview;
+use phasestereo::internals::settings::Settings;
+use phasestereo::internals::settings::presets::Preset;
+use phasestereo::internals::simd::Level;
+
+/// Rows and columns of the copies.
+const SIZE: (usize, usize) = (61, 117);
+/// Disparity of the background, and the run that holds it.
+const FAR: isize = 3;
+const RUN: (isize, isize) = (1, 6);
+const REACH: (isize, isize) = (-30, 52);
+
+fn noise(salt: u64, y: usize, x: usize) -> f32 {
+    (hash(salt, y, x) % 256) as f32 / 2.0
+}
+
+/// Copies of a background with things before it: top, rows, first column of the left image, columns, disparity.
+fn copies(things: &[(usize, usize, usize, usize, isize)]) -> Overview {
+    let background = |y: usize, x: isize| noise(1, y, (x + 500) as usize);
+    let seen = |y: usize, x: usize, is_right: bool| {
+        let shift = |disparity: isize| if is_right { disparity } else { 0 };
+        let thing =
+            things.iter().enumerate().find(|(_, (top, rows, first, columns, disparity))| {
+                let column = x as isize + shift(*disparity) - *first as isize;
+                (*top..top + rows).contains(&y) && (0..*columns as isize).contains(&column)
+            });
+
+        match thing {
+            Some((number, (.., disparity))) => {
+                noise(number as u64 + 2, y, (x as isize + shift(*disparity) + 500) as usize)
+            }
+            None => background(y, x as isize + shift(FAR)),
+        }
+    };
+
+    let plane = |is_right| Plane::from_fn(SIZE.0, SIZE.1, |y, x| seen(y, x, is_right));
+    let valid = Plane::from_fn(SIZE.0, SIZE.1, |y, x| y > 2 || x > 20);
+    Overview { factor: 1, planes: [plane(false), plane(true)], valid }
+}
+
+fn found(copies: &Overview, threads: usize, level: Level) -> Vec<Area> {
+    let matcher = Matcher::new(threads).expect("threads");
+    let control = Control::default();
+    let means = Means { matcher: &matcher, how: Execution { threads, level }, control: &control };
+
+    matcher.install(|| areas(copies, RUN, REACH, None, means)).expect("it runs")
+}
+
+/// The sums of a pixel over its window by disparity; `None` where the match lies outside the image.
+struct Sums {
+    costs: Plane<u16>,
+    low: isize,
+    count: usize,
+}
+
+impl Sums {
+    fn new(left: &View, right: &View, (low, high): (isize, isize)) -> Self {
+        let count = (high - low + 1) as usize;
+        let candidates = Candidates::new(low as i64, count as i64, SIZE.1).expect("legal");
+        let settings =
+            Settings { neighborhood: 3, frequencies: (1, 1), ..Preset::Paper.settings() };
+
+        let (level, control) = (Level::best(), Control::default());
+        let costs = Costs::new([left, right], candidates, &settings, None, level, &control);
+        let costs = costs.expect("legal").volume(SIZE.0, level, &control).expect("it fits");
+        Self { costs, low, count }
+    }
+
+    fn at(&self, y: usize, x: usize, disparity: isize) -> Option<u64> {
+        let k = usize::try_from(disparity - self.low).ok().filter(|k| *k < self.count)?;
+        if !(0..SIZE.1 as isize).contains(&(x as isize - disparity)) {
+            return None;
+        }
+
+        let clamped = |at: usize, by: isize, length: usize| {
+            (at as isize + by).clamp(0, length as isize - 1) as usize
+        };
+        let places = (-4..=4).flat_map(|dy| (-1..=1).map(move |dx| (dy, dx)));
+        Some(
+            places
+                .map(|(dy, dx)| {
+                    let column = clamped(x, dx, SIZE.1);
+                    u64::from(self.costs.row(clamped(y, dy, SIZE.0))[column * self.count + k])
+                })
+                .sum(),
+        )
+    }
+
+    /// The least sum over some disparities, and the first that has it.
+    fn least(&self, y: usize, x: usize, is_one: impl Fn(isize) -> bool) -> (u64, isize) {
+        (self.low..self.low + self.count as isize)
+            .filter(|disparity| is_one(*disparity))
+            .filter_map(|disparity| self.at(y, x, disparity).map(|sum| (sum, disparity)))
+            .min_by_key(|(sum, _)| *sum)
+            .unwrap_or((255, isize::MIN))
+    }
+}
+
+/// The areas by the definition.
+fn naive(copies: &Overview) -> Vec<Area> {
+    let [left, right] = copies.planes.each_ref().map(|plane| as_view(plane.clone()));
+    let (forward, back) =
+        (Sums::new(&left, &right, REACH), Sums::new(&right, &left, (-REACH.1, -REACH.0)));
+    let run = Sums::new(&left, &right, RUN);
+    let pixels: Vec<(usize, usize)> =
+        (0..SIZE.0).flat_map(|y| (0..SIZE.1).map(move |x| (y, x))).collect();
+
+    let along = |(y, x): (usize, usize)| run.least(y, x, |_| true).0;
+    let is_judged = |(y, x): (usize, usize)| {
+        copies.valid.row(y)[x] && (0..SIZE.1 as isize).contains(&(x as isize - 3))
+    };
+    let mut judged: Vec<u64> =
+        pixels.iter().filter(|at| is_judged(**at)).map(|at| along(*at)).collect();
+    judged.sort_unstable();
+    let median = judged[judged.len() / 2];
+
+    let mut many = vec![0; 100 * 100];
+    for at in pixels.iter().filter(|at| is_judged(**at) && along(**at) > median + 27) {
+        many[at.0 / 8 * 100 + at.1 / 8] += 1;
+    }
+
+    // The disparity and the gain of the pixels that stand out.
+    let is_along = |disparity: isize| (RUN.0 - 1..=RUN.1 + 1).contains(&disparity);
+    let stands_out = |(y, x): (usize, usize)| {
+        let (own, disparity) = forward.least(y, x, |disparity| !is_along(disparity));
+        let others =
+            forward.least(y, x, |other| is_along(other) || (other - disparity).abs() > 2).0;
+        let is_searched = many[y / 8 * 100 + x / 8] >= 10;
+        (is_searched && 8 * own < 7 * others).then_some((disparity, others - own))
+    };
+    let mut open: Vec<Option<(isize, u64)>> = pixels.iter().map(|at| stands_out(*at)).collect();
+
+    let mut found = vec![];
+    for start in 0..pixels.len() {
+        let Some(first) = open[start].take() else { continue };
+        let mut members = vec![(pixels[start], first)];
+        let mut next = 0;
+        while next < members.len() {
+            let ((y, x), (disparity, _)) = members[next];
+            next += 1;
+            for (dy, dx) in [(0, 1), (1, 0), (0, -1), (-1, 0)] {
+                let (row, column) = (y as isize + dy, x as isize + dx);
+                let is_inside =
+                    (0..SIZE.0 as isize).contains(&row) && (0..SIZE.1 as isize).contains(&column);
+                let at = if is_inside { row as usize * SIZE.1 + column as usize } else { continue };
+                if open[at].is_some_and(|(other, _)| (other - disparity).abs() <= 1) {
+                    members.extend(open[at].take().map(|known| (pixels[at], known)));
+                }
+            }
+        }
+
+        let is_seen = |((y, x), (disparity, _)): &((usize, usize), (isize, u64))| {
+            let column = (*x as isize - disparity) as usize;
+            (back.least(*y, column, |_| true).1 + disparity).abs() <= 2
+        };
+        let ends = |of: &dyn Fn(&((usize, usize), (isize, u64))) -> isize| {
+            let values = members.iter().map(of);
+            (values.clone().min().expect("one"), values.max().expect("one"))
+        };
+        let ((top, bottom), (first, last)) =
+            (ends(&|member| member.0.0 as isize), ends(&|member| member.0.1 as isize));
+        if members.len() >= 12 {
+            found.push(Area {
+                rows: top as usize..bottom as usize + 1,
+                columns: first as usize..last as usize + 1,
+                span: ends(&|member| member.1.0),
+                size: members.len(),
+                seen: members.iter().filter(|member| is_seen(member)).count(),
+                gain: members.iter().map(|member| member.1.1).sum(),
+            });
+        }
+    }
+    found
+}
+
+#[test]
+fn areas_are_those_of_the_definition() {
+    let copies = copies(&[(10, 30, 60, 4, 34), (44, 12, 40, 14, -22), (0, 9, 80, 20, 25)]);
+    let expected = naive(&copies);
+    assert!(expected.len() >= 2, "{expected:?}");
+
+    for level in levels() {
+        for threads in [1, 3] {
+            assert_eq!(found(&copies, threads, level), expected, "{}", level.name());
+        }
+    }
+}
+
+#[test]
+fn a_thin_thing_is_found_where_it_is() {
+    let found = found(&copies(&[(10, 30, 60, 4, 34)]), 1, Level::best());
+    let largest = found.iter().max_by_key(|area| area.gain).expect("one");
+
+    assert_eq!(largest.span, (34, 34));
+    assert!((8..=14).contains(&largest.rows.start) && (36..=42).contains(&largest.rows.end));
+    assert!(58 <= largest.columns.start && largest.columns.end <= 66);
+    assert!(largest.size >= 60 && largest.seen == largest.size, "{largest:?}");
+}
+
+#[test]
+fn nothing_is_found_where_all_lies_in_the_run() {
+    assert_eq!(found(&copies(&[]), 1, Level::best()), []);
+}

@@ -1,0 +1,175 @@
+"""Error bars of depths: their ends, what a yaw adds to them, what an anchor takes away."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+import phasestereo as ps
+from phasestereo.io import Calibration
+from phasestereo_bench.rendering import render_pair
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from phasestereo_bench.datasets import Pair
+
+    Map = NDArray[np.float32]
+
+RIG = Calibration.from_focal(1000, 0.5, width=4, height=2, doffs=2.0)
+DISPARITY = np.array([[98, 48, -1.5, np.nan], [8, 3, -4, 498]], np.float32)
+BAR = np.where(np.isnan(DISPARITY), np.nan, 1).astype(np.float32)
+TURNED = 0.1  # degrees of yaw that the calibration does not know
+
+
+@pytest.fixture(scope="module")
+def pair() -> Pair:
+    return render_pair(7, height=240, width=400, num_disparities=48)
+
+
+def moved_by_yaw(x: NDArray[np.float64], calibration: Calibration) -> NDArray[np.float64]:
+    """Return where columns of the right image are seen if its camera is turned."""
+    (focal, _, center), _, _ = calibration.cam1
+    angle = np.arctan((x - center) / focal) - np.radians(TURNED)
+    seen: NDArray[np.float64] = center + focal * np.tan(angle)
+    return seen
+
+
+def covered(found: ps.DepthInterval, truth: NDArray[Any], mask: NDArray[np.bool_]) -> float:
+    """Return the share of the depths that lie between their ends."""
+    inside = (found.near <= truth) & (truth <= found.far)
+    return float(inside[mask & np.isfinite(found.near)].mean())
+
+
+def test_the_ends_are_those_of_the_disparities() -> None:
+    depth, near, far = ps.depth_interval(DISPARITY, RIG, uncertainty=BAR, yaw=0)
+    np.testing.assert_allclose(depth, [[5, 10, 1000, np.nan], [50, 100, np.nan, 1]])
+    np.testing.assert_allclose(
+        near, [[500 / 101, 500 / 51, 500 / 1.5, np.nan], [500 / 11, 500 / 6, np.inf, 500 / 501]],
+        rtol=1e-6,
+    )  # fmt: skip
+    np.testing.assert_allclose(
+        far, [[500 / 99, 500 / 49, np.inf, np.nan], [500 / 9, 500 / 4, np.inf, 500 / 499]],
+        rtol=1e-6,
+    )  # fmt: skip
+    known = np.isfinite(depth) & np.isfinite(far)
+    assert (far - depth > depth - near)[known].all(), "what is far is less certain"
+
+
+def test_a_yaw_is_added_to_the_bars() -> None:
+    wide = replace(RIG, width=1001, cam0=((1000, 0, 500), *RIG.cam0[1:]))
+    wide = replace(wide, cam1=((1000, 0, 502), *RIG.cam1[1:]))
+    disparity, bar = np.full((2, 1001), 8, np.float32), np.full((2, 1001), 0.5, np.float32)
+    found = ps.depth_interval(disparity, wide, uncertainty=bar, yaw=0.1)
+
+    share = 500 / found.near - 10 - 0.5
+    assert share[0, 510] == pytest.approx(1000 * math.tan(math.radians(0.1)), rel=1e-3)
+    assert share[0, 10] == pytest.approx(share[0, 510] * 1.25, rel=1e-3), "t is -0.5 there"
+
+    by_default = ps.depth_interval(disparity, wide, uncertainty=bar)
+    wanted = ps.depth_interval(disparity, wide, uncertainty=bar, yaw=0.01)
+    np.testing.assert_array_equal(by_default.far, wanted.far)
+
+
+def test_an_unknown_yaw_is_covered_and_an_anchor_takes_it_away(pair: Pair) -> None:
+    """The bars of the matching are short: without the yaw's share next to nothing is covered."""
+    known = pair.calibration
+    assert known is not None
+    assert pair.truth is not None
+    columns = np.arange(pair.truth.shape[1], dtype=np.float64)
+    measured = columns - moved_by_yaw(columns - pair.truth, known)
+    truth, bar = known.depth(pair.truth), np.full(pair.truth.shape, 0.05)
+    everywhere = np.isfinite(truth)
+
+    blind = ps.depth_interval(measured, known, uncertainty=bar, yaw=0)
+    assert covered(blind, truth, everywhere) < 0.01
+    aware = ps.depth_interval(measured, known, uncertainty=bar, yaw=TURNED)
+    assert covered(aware, truth, everywhere) == 1
+
+    anchor = 90, 200, float(truth[200, 90])
+    for yaw in (0.0, TURNED):
+        fixed = ps.depth_interval(measured, known, uncertainty=bar, yaw=yaw, anchor=anchor)
+        assert fixed.depth[200, 90] == pytest.approx(truth[200, 90], rel=1e-6)
+        assert covered(fixed, truth, everywhere) == 1
+        assert np.median(fixed.far - fixed.near) < 0.4 * np.median(aware.far - aware.near)
+
+
+def test_the_sky_is_an_anchor() -> None:
+    disparity = np.array([[1.0, 9.0, 17.0, 25.0]] * 2)
+    rig = Calibration.from_focal(1000, 0.5, width=4, height=2)
+    found = ps.depth_interval(
+        disparity, rig, uncertainty=0 * disparity, yaw=0, anchor=(0, 1, math.inf)
+    )
+    np.testing.assert_allclose(found.depth[0], [np.nan, 500 / 8, 500 / 16, 500 / 24])
+
+
+def test_a_rendered_pair_of_a_turned_camera_is_within_its_bars(pair: Pair) -> None:
+    known, valid = pair.calibration, pair.masks["nonocc"]
+    assert known is not None
+    assert pair.truth is not None
+    # The turned camera sees at `columns` what the right one sees at `source`.
+    columns = np.arange(pair.truth.shape[1], dtype=np.float64)
+    (focal, _, center), _, _ = known.cam1
+    source = center + focal * np.tan(np.arctan((columns - center) / focal) + np.radians(TURNED))
+    rows = np.arange(pair.truth.shape[0], dtype=np.float64)
+    turned = np.stack(
+        [
+            ndimage.map_coordinates(
+                channel.astype(np.float64), np.meshgrid(rows, source, indexing="ij"), mode="nearest"
+            )
+            for channel in np.moveaxis(pair.right, 2, 0)
+        ],
+        axis=2,
+    )
+    right = np.clip(np.rint(turned), 0, 255).astype(np.uint8)
+    result = ps.match(pair.left, right, num_disparities=50)
+    truth = known.depth(pair.truth)
+
+    seen = valid & result.trusted
+    blind = ps.depth_interval(result, known, yaw=0)
+    aware = ps.depth_interval(result, known, yaw=TURNED)
+    fixed = ps.depth_interval(result, known, anchor=(90, 200, float(truth[200, 90])))
+    assert covered(blind, truth, seen) < 0.7
+    assert covered(aware, truth, seen) > 0.9
+    assert covered(fixed, truth, seen) > 0.9
+    assert np.median(fixed.far - fixed.near) < np.median(aware.far - aware.near)
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "message"),
+    [
+        ({"uncertainty": None}, ValueError, "^uncertainty: got None, and a result without"),
+        ({"uncertainty": BAR[:1]}, ValueError, r"^uncertainty: got shape \(1, 4\); accepts"),
+        ({"uncertainty": -BAR}, ValueError, "^uncertainty: got -1; accepts 0 or more"),
+        ({"uncertainty": BAR > 0}, TypeError, "^uncertainty: got dtype bool"),
+        ({"yaw": -0.1}, ValueError, "^yaw: got -0.1; accepts"),
+        ({"yaw": 11}, ValueError, "^yaw: got 11; accepts 0 to 10 degrees"),
+        ({"yaw": "0.1"}, TypeError, "^yaw: got str"),
+        ({"anchor": (1, 1)}, ValueError, r"^anchor: got \(1, 1\); accepts \(x, y, depth\)"),
+        ({"anchor": (4, 1, 5.0)}, ValueError, "^anchor: got 4; accepts 0 to 3"),
+        ({"anchor": (1, 2, 5.0)}, ValueError, "^anchor: got 2; accepts 0 to 1"),
+        ({"anchor": (1, 1, 0.0)}, ValueError, "^anchor: got 0.0; accepts a positive"),
+        ({"anchor": (3, 0, 5.0)}, ValueError, r"^anchor: got pixel \(3, 0\), which has no est"),
+        ({"calibration": "calib.txt"}, TypeError, "^calibration: got str"),
+        (
+            {"disparity": DISPARITY[:1], "uncertainty": BAR[:1]},
+            ValueError,
+            "^calibration: got that of 4 x 2 pixels",
+        ),
+    ],
+)
+def test_errors_name_the_argument(
+    given: dict[str, Any], error: type[Exception], message: str
+) -> None:
+    arguments: dict[str, Any] = {
+        "disparity": DISPARITY,
+        "calibration": RIG,
+        "uncertainty": BAR,
+    } | given
+    with pytest.raises(error, match=message):
+        ps.depth_interval(arguments.pop("disparity"), arguments.pop("calibration"), **arguments)
