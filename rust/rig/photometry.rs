@@ -275,18 +275,34 @@ impl Counts {
         view: &View,
         y: usize,
     ) -> Self {
-        let valid = || row.outer_iter().enumerate().filter(|(x, _)| view.is_valid(y, *x));
-        let values = || valid().flat_map(|(_, pixel)| pixel.into_iter().copied());
+        // A slice, since iterators of views of single pixels are slow.
+        let row = row.as_standard_layout();
+        let (values, channels) = (row.as_slice().unwrap_or_default(), row.ncols().max(1));
+        let mask = view.mask.as_ref().map(|mask| mask.row(y));
+        let valid = || {
+            let pixels = values.chunks_exact(channels).enumerate();
+            pixels.filter(|(x, _)| mask.is_none_or(|mask| mask[*x])).map(|(_, pixel)| pixel)
+        };
 
-        let least = values().reduce(|a, b| if b < a { b } else { a });
-        let largest = values().reduce(|a, b| if b > a { b } else { a });
-        let (Some(least), Some(largest)) = (least, largest) else { return Self::default() };
+        let Some(first) = valid().next().and_then(|pixel| pixel.first()).copied() else {
+            return Self::default();
+        };
+        let (mut least, mut largest) = (first, first);
+        for value in valid().flatten().copied() {
+            least = if value < least { value } else { least };
+            largest = if value > largest { value } else { largest };
+        }
 
-        let count = |end: T| valid().filter(|(_, pixel)| pixel.iter().any(|v| *v == end)).count();
+        let [mut pixels, mut dark, mut bright] = [0u64; 3];
+        for pixel in valid() {
+            pixels += 1;
+            dark += u64::from(pixel.contains(&least));
+            bright += u64::from(pixel.contains(&largest));
+        }
         Self {
-            least: (least.into(), count(least) as u64),
-            largest: (largest.into(), count(largest) as u64),
-            pixels: valid().count() as u64,
+            least: (least.into(), dark),
+            largest: (largest.into(), bright),
+            pixels,
             ..Self::default()
         }
     }
