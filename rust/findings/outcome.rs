@@ -62,7 +62,7 @@ impl Outcome<'_> {
 
         // Small copies may differ where whole images match.
         let is_refuted = found.topic == Topic::Match && self.summary.wrong < WRONG;
-        let is_decisive = found.topic.is_decisive() && !(is_refuted && !self.is_identical());
+        let is_decisive = found.topic.is_decisive() && (!is_refuted || self.is_identical());
         let most = if is_decisive { Severity::Warning } else { Severity::Note };
         Some(Finding { severity: found.severity.min(most), ..found.clone() })
     }
@@ -167,10 +167,8 @@ impl Outcome<'_> {
             Topic::Range => Some("a range that is too short"),
             Topic::Alignment => self.has_rows_off().then_some("rows that do not correspond"),
             Topic::Blur => Some("blur"),
-            // Phase hardly depends on it.
-            Topic::Contrast => None,
-            // It is about another map.
-            Topic::Map => None,
+            // Phase hardly depends on contrast, and a finding on a map is about another one.
+            Topic::Contrast | Topic::Map => None,
             Topic::Noise => Some("noise"),
             Topic::Coding => Some("lossy compression"),
             Topic::Saturation => self.is_clipped().then_some("saturated areas"),
