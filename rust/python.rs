@@ -210,7 +210,7 @@ fn match_pair<'py>(
 }
 
 fn disparity_to_py(py: Python<'_>, map: Disparity) -> PyResult<Matched<'_>> {
-    let Disparity { disparity, flags, confidence, uncertainty, timings: times } = map;
+    let Disparity { disparity, flags, confidence, uncertainty, timings: times, .. } = map;
 
     let timings = PyDict::new(py);
     timings.set_item("description", times.description.as_secs_f64())?;

@@ -92,7 +92,9 @@ class Summary:
         Mean confidence; NaN if none was worked out.
     wrong
         Estimated share, 0 to 1, of the pixels with an estimate whose disparity is off by more than
-        1 px: what the mean of their confidences lacks to 1. NaN if no confidence was worked out.
+        1 px: what the mean of their confidences lacks to 1. Without confidences, as with `fast`, it
+        is that of one row in 64; NaN in images of less than 37 rows, and where nothing is compared
+        with the texture of the image.
     """
 
     estimated: float
@@ -171,11 +173,13 @@ class Result:
     def trusted(self) -> NDArray[np.bool_]:
         """Where the disparity is probably within 1 px, bool (H, W).
 
-        Those with a confidence of at least 0.5; without confidences, estimates without a flag.
+        Those with a confidence of at least 0.5. Without confidences, estimates without a flag, and
+        none at all where the summary says that most are wrong.
         """
         estimated = np.isfinite(self.disparity)
         if self.confidence is None:
-            return estimated & (self.flags == 0)
+            failed = self.summary is not None and self.summary.wrong > 1 - TRUSTED
+            return estimated & (self.flags == 0) & (not failed)
         return estimated & (self.confidence >= TRUSTED)
 
     @property

@@ -19,7 +19,7 @@ pub struct Summary {
     /// Mean confidence; NaN if no confidence was computed.
     pub confidence: f64,
     /// Estimated share of the pixels with an estimate whose disparity is off by more than 1 px: what their mean confidence
-    /// lacks to 1. NaN if no confidence was computed.
+    /// lacks to 1, or without confidences that of some rows. NaN where nothing is known.
     pub wrong: f64,
 }
 
@@ -60,7 +60,7 @@ impl Summary {
             at_high: share(counts.at_high),
             confidence: confidence
                 .map_or(f64::NAN, |_| share(counts.confidence) / f64::from(STEPS)),
-            wrong: confidence.map_or(f64::NAN, |_| {
+            wrong: confidence.map_or(map.wrong.unwrap_or(f64::NAN), |_| {
                 1.0 - counts.right as f64 / f64::from(STEPS) / counts.estimated.max(1) as f64
             }),
         }
@@ -110,6 +110,7 @@ mod tests {
             flags: Plane::from_vec(1, 8, flags.to_vec()).expect("legal"),
             confidence: Some(row(&confidence)),
             uncertainty: None,
+            wrong: None,
             timings: Timings::default(),
         };
 
