@@ -249,7 +249,8 @@ impl CandidateSearch<'_> {
         workspace: &'w mut Workspace<T>,
     ) -> Result<&'w Evidence> {
         // The vertical pass selects and weighs in one go.
-        let is_weighed = self.weighs != Weighing::Nothing || self.optimizer == Optimizer::SemiGlobal;
+        let is_weighed =
+            self.weighs != Weighing::Nothing || self.optimizer == Optimizer::SemiGlobal;
         workspace.evidence.begin(rows.len(), self.size.1, is_weighed)?;
 
         match self.optimizer {

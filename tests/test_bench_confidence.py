@@ -25,7 +25,7 @@ WEIGHTS = Path(__file__).parents[1] / "rust" / "refinement" / "calibration" / "w
 
 
 def made_up(seed: int) -> dict[str, object]:
-    """Return the record of a pair whose confidences are too high, the more so the more it failed."""
+    """Return the record of a pair whose raw confidences are too high, most so where it failed."""
     rng = np.random.default_rng(seed)
     quality = rng.uniform(-1, 3)
     counts = np.zeros((2, len(ODDS) + 1, len(ERRORS) + 1), int)
@@ -33,7 +33,9 @@ def made_up(seed: int) -> dict[str, object]:
         right = float(sigmoid(np.array(0.5 * ODDS[place] + quality - 1)))
         within = rng.multinomial(round(400 * right), np.full(12, 1 / 12))
         counts[0, place, :12] = within
-        counts[0, place, 12:] = rng.multinomial(400 - within.sum(), np.full(len(ERRORS) - 11, 1 / (len(ERRORS) - 11)))
+        counts[0, place, 12:] = rng.multinomial(
+            400 - within.sum(), np.full(len(ERRORS) - 11, 1 / (len(ERRORS) - 11))
+        )
 
     own = float(sigmoid(np.array(quality)))
     return {
@@ -48,10 +50,10 @@ def made_up(seed: int) -> dict[str, object]:
 
 
 def test_what_is_learned_keeps_its_promises() -> None:
-    pairs = observed_of([made_up(seed) for seed in range(60)])
-    weights = learn(pairs[:40])
+    pairs = observed_of([made_up(seed) for seed in range(16)])
+    weights = learn(pairs[:10])
 
-    verdict = judged("unseen", pairs[40:], [weights] * 20)
+    verdict = judged("unseen", pairs[10:], [weights] * 6)
     assert verdict.gap < 0.02
     assert verdict.right == pytest.approx(0.9, abs=0.02)
     assert verdict.covered == pytest.approx(0.9, abs=0.04)

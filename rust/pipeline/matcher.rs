@@ -378,8 +378,7 @@ impl Matcher {
 
         let job = Job { costs: &costs, window, search, settings };
 
-        let mut map =
-            DraftMap::new((section.rows.len(), pair.size().1), texture.is_some())?;
+        let mut map = DraftMap::new((section.rows.len(), pair.size().1), texture.is_some())?;
         let bands = map.bands(job.search.bands(section.rows.clone()));
         // The narrower the integers, the more candidates fit a register.
         match Width::new(settings, window, job.search.penalties, costs.has_masks()) {

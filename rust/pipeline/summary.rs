@@ -3,6 +3,7 @@
 use crate::cost::candidates::Candidates;
 use crate::image::plane::Plane;
 use crate::pipeline::matcher::Disparity;
+use crate::refinement::calibration::{FAILED, STEPS};
 use crate::refinement::flag;
 
 /// Shares of the pixels of a map, and their mean confidence.
@@ -36,12 +37,8 @@ struct PixelCounts {
     right: u64,
 }
 
-/// Flags of pixels that fail the left-right check or are speckles.
-const FLAGGED: u16 = flag::OCCLUDED | flag::MISMATCHED | flag::SPECKLE;
 /// Flags of pixels whose disparity is not that of a match within the image.
 const FOREIGN: u16 = flag::OUTSIDE | flag::FILLED;
-/// Steps of a confidence that is summed.
-const STEPS: f32 = (1 << 20) as f32;
 
 impl Summary {
     /// The summary of a map whose disparities were searched among these candidates.
@@ -75,7 +72,7 @@ impl PixelCounts {
             let is_own = flags & FOREIGN == 0;
 
             counts.estimated += u64::from(!disparity.is_nan());
-            counts.flagged += u64::from(flags & FLAGGED != 0);
+            counts.flagged += u64::from(flags & FAILED != 0);
             // Sub-pixel disparities lie up to half a pixel from their candidate.
             counts.at_low += u64::from(is_own & (*disparity < ends[0] + 0.5));
             counts.at_high += u64::from(is_own & (*disparity > ends[1] - 0.5));

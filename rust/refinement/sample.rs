@@ -14,7 +14,7 @@ use crate::image::plane::Plane;
 use crate::image::texture::Texture;
 use crate::pipeline::control::Control;
 use crate::refinement::calibration::weights::WEIGHTS;
-use crate::refinement::calibration::{Calibration, Tally, traits};
+use crate::refinement::calibration::{Calibration, STEPS, Tally, traits};
 use crate::refinement::confidence::{RADIUS, VotedMap};
 use crate::rig::blur_compensation::BlurCompensation;
 use crate::simd::Level;
@@ -67,14 +67,16 @@ impl SampledMap<'_> {
         }
 
         let calibration = Calibration::new(&traits(tally, compensation), &WEIGHTS);
-        let (mut right, mut count) = (0.0, 0u64);
+        let (mut right, mut count) = (0u64, 0u64);
         for (mut confidence, disparity, flags) in sampled {
             calibration.apply(&mut confidence, &disparity, &flags)?;
-            right += confidence.as_slice().iter().map(|value| f64::from(*value)).sum::<f64>();
-            count += disparity.as_slice().iter().map(|value| u64::from(!value.is_nan())).sum::<u64>();
+            for (confidence, disparity) in confidence.as_slice().iter().zip(disparity.as_slice()) {
+                right += u64::from((confidence * STEPS) as u32);
+                count += u64::from(!disparity.is_nan());
+            }
         }
 
-        Ok((count > 0).then(|| 1.0 - right / count as f64))
+        Ok((count > 0).then(|| 1.0 - right as f64 / f64::from(STEPS) / count as f64))
     }
 
     /// The raw confidences of a row.
@@ -86,7 +88,8 @@ impl SampledMap<'_> {
             Plane::from_vec(rows, cols, plane.as_slice()[places.clone()].to_vec())
         };
 
-        let gray = Plane::from_vec(rows, cols, self.texture.gray.as_slice()[places.clone()].to_vec())?;
+        let gray =
+            Plane::from_vec(rows, cols, self.texture.gray.as_slice()[places.clone()].to_vec())?;
         let texture = Texture { gray, roughness: self.texture.roughness };
         let (disparity, votes) = (around(self.disparity)?, around(self.votes)?);
 

@@ -127,7 +127,7 @@ def learn(pairs: Sequence[Observed]) -> Weights:
 
 
 def log_odds(pair: Observed, heights: Numbers) -> Numbers:
-    """Return the calibrated odds, as logarithms, of own and filled pixels of each raw confidence."""
+    """Return the logarithms of the calibrated odds, own and filled, of each raw confidence."""
     height, slope, filled_height, filled_slope = pair.traits @ heights
     bound = np.clip(_MIDDLES, odds(0), odds(1))
     filled = height + filled_height + (slope + filled_slope) * bound
@@ -184,10 +184,12 @@ def _bars(pairs: Sequence[Observed], heights: Numbers) -> tuple[Numbers, Numbers
     design, error, weight = np.concatenate(rows), np.concatenate(sizes), np.concatenate(weights)
 
     smooth = _differences(design.shape[1]) * _SMOOTH * len(pairs)
-    found = np.linalg.solve((design * weight[:, None]).T @ design + smooth, design.T @ (weight * error))
-    for turn in range(60):
+    found = np.linalg.solve(
+        (design * weight[:, None]).T @ design + smooth, design.T @ (weight * error)
+    )
+    for turn in range(25):
         off = error - design @ found
-        least = 0.1 if turn < 15 else 0.02  # the closer, the more exact, but the less steady
+        least = 0.1 if turn < 8 else 0.02  # the closer, the more exact, but the less steady
         pull = weight * np.where(off > 0, COVERED, 1 - COVERED) / np.maximum(np.abs(off), least)
         curve = (design * pull[:, None]).T @ design + smooth
         found = np.linalg.solve(curve, design.T @ (pull * error))

@@ -31,10 +31,9 @@ if TYPE_CHECKING:
 
 ODDS = np.linspace(-5.6, 5.6, 57)
 """Edges of the logarithm of the odds of a raw confidence."""
-ERRORS = np.array(
-    [0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 1, 1.2, 1.5, 2, 2.5, 3, 4, 5]
-    + [6, 8, 10, 13, 16, 20, 25, 32, 40, 50, 64]
-)
+_RIGHT = 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 1
+_WRONG = 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50, 64
+ERRORS = np.array([*_RIGHT, *_WRONG])
 """Edges of the errors, px; smaller and larger ones have a class of their own each."""
 
 SHORT = "range too short"
