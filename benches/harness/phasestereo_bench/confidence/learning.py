@@ -44,6 +44,10 @@ _USED = np.array(
 _WIDENS = np.array([0, 1, 0, 0, 1, 1, 1, 0], dtype=bool)  # which traits bars depend on
 _STEADY = 1e-2  # weight of the squares of the weights, a pair
 _SMOOTH = 2e-3  # weight of the squares of the differences of neighboring points
+# Faults that nobody has thought of are worse than those that were: so much less of every logarithm
+# of the odds. On 27 kinds that are not in the suites the share right at 0.9 is 86 % without, 87 %
+# with it, and the mean confidence 4.7 and 4.6 points off.
+_CAUTION = 0.1
 _FAILED, _LESS = 0.3, 0.3  # bars of pairs with more wrong pixels count so much
 _MIDDLES = np.array([ODDS[0], *((ODDS[1:] + ODDS[:-1]) / 2), ODDS[-1]])
 SIZES = np.array([0.03, *np.sqrt(ERRORS[1:] * ERRORS[:-1]), 80.0])
@@ -170,6 +174,7 @@ def _odds(pairs: Sequence[Observed]) -> Numbers:
 
     heights = np.zeros(_USED.shape)
     heights[_USED] = found
+    heights[0, 0] -= _CAUTION
     return heights
 
 
