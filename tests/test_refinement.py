@@ -259,7 +259,7 @@ def test_scanlines_can_be_refined_as_well(optimizer: Any) -> None:
 
     for check, kinds in checks:
         small = replace(ROBUST, sizes=1, p1=5.0, p2=20.0, optimizer=optimizer)
-        wanted = replace(small, min_confidence=0.5, **check)
+        wanted = replace(small, min_confidence=0.8, **check)
         result = assert_equals_the_oracle(two_surfaces(5, (40, 26)), wanted, (-1, 7))
         for kind in (kinds, ps.Flag.FILLED, ps.Flag.LOW_CONFIDENCE):
             assert (result.flags & kind != 0).any()

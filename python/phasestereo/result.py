@@ -180,7 +180,8 @@ class Result:
         if self.confidence is None:
             failed = self.summary is not None and self.summary.wrong > 1 - TRUSTED
             return estimated & (self.flags == 0) & (not failed)
-        return estimated & (self.confidence >= TRUSTED)
+        trusted: NDArray[np.bool_] = estimated & (self.confidence >= TRUSTED)
+        return trusted
 
     @property
     def findings(self) -> tuple[Finding, ...]:

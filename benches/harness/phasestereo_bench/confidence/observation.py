@@ -69,7 +69,7 @@ def confidence_jobs(scenes: Sequence[Scene], *, every: int = 1) -> list[Job]:
     sources |= {f"rendered/{k}": _FIRST_SEED + k for k in range(RENDERED)}
 
     kinds = [name for name in faults() if name != SHARP]
-    drawn = [(name, (SHARP,)) for name in names]
+    drawn: list[tuple[str, tuple[str, ...]]] = [(name, (SHARP,)) for name in names]
     for kind in kinds:
         several = rng.choice(len(names), min(_SCENES_PER_FAULT, len(names)), replace=False)
         drawn += [(names[index], (kind,)) for index in several]
@@ -107,7 +107,7 @@ def observe(source: Scene | int, spoiled: Sequence[str], seed: int) -> dict[str,
     return observed(pair, **search)
 
 
-def observed(pair: Pair, **search: int) -> dict[str, Any]:
+def observed(pair: Pair, **search: Any) -> dict[str, Any]:
     """Match a pair with `robust`, and return what `observe` does."""
     size = pair.left.shape[:2]
 
