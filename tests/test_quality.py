@@ -217,7 +217,7 @@ def test_fast_says_that_a_range_is_too_short(data: Path) -> None:
         assert whole.summary is not None
         assert short.summary is not None
         assert whole.summary.wrong < 0.45
-        assert whole.trusted.mean() > 0.95
+        assert whole.trusted.mean() > 0.75  # matches outside the image are flagged
         assert short.summary.wrong > 0.5
         assert not short.trusted.any()
 
