@@ -458,7 +458,7 @@ mod optimization {
     use phasestereo::internals::optimization::edges::Edges;
     use phasestereo::internals::optimization::{
         BAND, CandidateSearch, CostSource, LOOKAHEAD_COLUMNS, LOOKAHEAD_ROWS, PANEL, Penalties,
-        Workspace,
+        Weighing, Workspace,
     };
     use phasestereo::internals::value::{LANES, Lanes, Value};
 
@@ -493,7 +493,7 @@ mod optimization {
 
         let (size, first) = ((ROWS, COLS), BAND - LOOKAHEAD_ROWS);
         let (penalties, edges, weighs) =
-            (Penalties { p1: 10, p2: 50 }, &edges.expect("memory"), true);
+            (Penalties { p1: 10, p2: 50 }, &edges.expect("memory"), Weighing::All);
         let search = CandidateSearch {
             size,
             first,
@@ -821,6 +821,7 @@ mod temporal {
             flags: Plane::new(ROWS, COLS).expect("memory"),
             confidence: None,
             uncertainty: None,
+            wrong: None,
             timings: Timings { description, matching, refinement },
         };
         let (settings, control) = (fast(), Control::default());

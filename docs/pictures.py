@@ -24,16 +24,18 @@ from phasestereo_bench.demo import Demo, run_demo
 from phasestereo_bench.demo.methods import ROBUST, SGBM
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike, NDArray
 
     from phasestereo import PointCloud
+    from phasestereo_bench.datasets import Pair
 
     Picture = NDArray[np.uint8]
 
 QUALITY = 88  # of 100; with colors at full resolution, so that maps keep their edges
+_SEVERAL = 200  # pixels
 _SHARP = 200  # dots per inch: screens of two dots a pixel show them all
 
 
@@ -120,6 +122,39 @@ def drawn(figure: Figure) -> Picture:
     file = io.BytesIO()
     figure.savefig(file, format="png", dpi=_SHARP)
     return np.asarray(Image.open(file).convert("RGB"))
+
+
+def reliability(matches: Sequence[tuple[ps.Result, Pair]]) -> Figure:
+    """Return diagrams of what confidences and error bars of matches promise, and what they keep."""
+    from matplotlib.figure import Figure  # noqa: PLC0415  # slow to import, and most pages do without
+
+    promised, bars, errors = [], [], []
+    for result, pair in matches:
+        seen = pair.masks["nonocc"] & np.isfinite(result.disparity)
+        promised.append(result.confidence[seen])
+        bars.append(result.uncertainty[seen])
+        errors.append(np.abs(result.disparity - pair.truth)[seen])
+    confidence, bar, error = (np.concatenate(one) for one in (promised, bars, errors))
+
+    figure = Figure(figsize=(8, 3.4), layout="constrained")
+    left, right = figure.subplots(1, 2)
+
+    tenth = np.minimum((10 * confidence).astype(int), 9)
+    counts = np.bincount(tenth, minlength=10)
+    many = counts >= _SEVERAL  # shares of a few pixels say nothing
+    mean = np.bincount(tenth, confidence, 10)[many] / counts[many]
+    share = np.bincount(tenth, error <= 1, 10)[many] / counts[many]
+    left.plot([0, 1], [0, 1], color="0.7")
+    left.plot(mean, share, "o-")
+    left.set(xlabel="confidence", ylabel="share within 1 px", xlim=(0, 1), ylim=(0, 1))
+
+    order = np.argsort(bar)
+    tenths = np.array_split(order, 10)
+    middle = [float(np.median(bar[one])) for one in tenths]
+    right.axhline(0.9, color="0.7")
+    right.plot(middle, [float((error[one] <= bar[one]).mean()) for one in tenths], "o-")
+    right.set(xlabel="error bar, px", ylabel="share within the bar", xscale="log", ylim=(0, 1))
+    return figure
 
 
 def _uri(picture: Picture) -> str:

@@ -39,6 +39,7 @@ use crate::optimization::edges::Edges;
 use crate::optimization::evidence::Evidence;
 use crate::pipeline::control::Control;
 use crate::pipeline::memory::RunMemory;
+use crate::refinement::sample;
 use crate::settings::{Optimizer, Settings};
 use crate::simd::{Level, Loop};
 use crate::value::{LANES, Lanes, Value};
@@ -93,6 +94,17 @@ impl Penalties {
     }
 }
 
+/// The rows of which more is needed than the chosen candidates.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Weighing {
+    /// None.
+    Nothing,
+    /// Those of [`sample`].
+    Sampled,
+    /// All.
+    All,
+}
+
 /// How the best candidates of an image are chosen.
 #[derive(Debug, Clone, Copy)]
 pub struct CandidateSearch<'a> {
@@ -109,7 +121,7 @@ pub struct CandidateSearch<'a> {
     /// Where P2 is lower.
     pub edges: &'a Edges,
     /// Whether the cost margin and the sub-pixel offset are needed beside the chosen candidates.
-    pub weighs: bool,
+    pub weighs: Weighing,
     /// Instructions to use.
     pub level: Level,
     /// Progress and cancellation.
@@ -237,7 +249,8 @@ impl CandidateSearch<'_> {
         workspace: &'w mut Workspace<T>,
     ) -> Result<&'w Evidence> {
         // The vertical pass selects and weighs in one go.
-        let is_weighed = self.weighs || self.optimizer == Optimizer::SemiGlobal;
+        let is_weighed =
+            self.weighs != Weighing::Nothing || self.optimizer == Optimizer::SemiGlobal;
         workspace.evidence.begin(rows.len(), self.size.1, is_weighed)?;
 
         match self.optimizer {
@@ -249,6 +262,16 @@ impl CandidateSearch<'_> {
         }
 
         Ok(&workspace.evidence)
+    }
+
+    /// Whether a row of the image is weighed.
+    #[inline(always)]
+    pub fn weighs(&self, y: usize) -> bool {
+        match self.weighs {
+            Weighing::Nothing => false,
+            Weighing::Sampled => sample::is_weighed(self.first + y),
+            Weighing::All => true,
+        }
     }
 
     /// The panels of the image.
@@ -407,8 +430,16 @@ impl CandidateSearch<'_> {
                 self.control.checkpoint()?;
                 let chosen = ordered.choose(costs, self.candidates, self.penalties)?;
 
-                let row = y - rows.start;
-                self.level.run(WeighRow { search: self, row, chosen, costs, selection, evidence });
+                let (row, is_weighed) = (y - rows.start, self.weighs(y));
+                self.level.run(WeighRow {
+                    search: self,
+                    row,
+                    is_weighed,
+                    chosen,
+                    costs,
+                    selection,
+                    evidence,
+                });
             }
         }
 
@@ -448,7 +479,7 @@ impl<T: Value> Loop for SelectPixels<'_, T> {
 
                 selection.settle();
 
-                if search.weighs {
+                if search.weighs(block.rows.start + row) {
                     let costs = costs.map(|costs| &costs[place..][..pixels * runs]);
                     selection.weigh(totals, costs, (pixels, search.candidates, runs));
                     selection.write(pixels, evidence, (row, columns.start));
@@ -464,6 +495,7 @@ impl<T: Value> Loop for SelectPixels<'_, T> {
 struct WeighRow<'a, T> {
     search: &'a CandidateSearch<'a>,
     row: usize,
+    is_weighed: bool,
     chosen: &'a [u16],
     costs: &'a mut [Lanes<T>],
     selection: &'a mut Selection<T>,
@@ -475,8 +507,8 @@ impl<T: Value> Loop for WeighRow<'_, T> {
 
     #[inline(always)]
     fn run(self) {
-        let Self { search, row, chosen, costs, selection, evidence } = self;
-        if !search.weighs {
+        let Self { search, row, is_weighed, chosen, costs, selection, evidence } = self;
+        if !is_weighed {
             return evidence.choose(row, 0, chosen);
         }
         let runs = search.runs();
@@ -516,7 +548,7 @@ pub fn optimize(
         p2: penalties.p2.min(LARGEST_SUMMED_PENALTY),
     };
 
-    let (edges, weighs) = (&Edges::nowhere(cols)?, false);
+    let (edges, weighs) = (&Edges::nowhere(cols)?, Weighing::Nothing);
     let search = CandidateSearch {
         size,
         first: 0,

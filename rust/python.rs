@@ -238,7 +238,7 @@ fn summary_to_py(summary: Summary) -> SummaryTuple {
 }
 
 fn disparity_to_py(py: Python<'_>, map: Disparity) -> PyResult<Matched<'_>> {
-    let Disparity { disparity, flags, confidence, uncertainty, timings: times } = map;
+    let Disparity { disparity, flags, confidence, uncertainty, timings: times, .. } = map;
 
     let timings = PyDict::new(py);
     timings.set_item("description", times.description.as_secs_f64())?;

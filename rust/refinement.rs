@@ -8,6 +8,7 @@ pub mod jumps;
 pub mod left_right_check;
 pub mod median;
 pub mod outlines;
+pub mod sample;
 pub mod speckles;
 pub mod subpixel;
 pub mod synthesis;

@@ -9,7 +9,9 @@ thresholds are held against their differences; what is summed is summed in float
 from __future__ import annotations
 
 import itertools
+import re
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -315,6 +317,69 @@ def confidence(disparity: Map, reliable: Floats, gray: Ints, agree: float = 1.0)
     known = ~np.isnan(disparity)
     share = (support / np.where(known, weight, 1)) ** 3
     return np.where(known, share / (share + 0.01), 0)
+
+
+def learned() -> tuple[Floats, Floats, Floats]:
+    """Return the weights of the calibration: of traits (8, 4), points (2, 10), of bars (8,)."""
+    text = (Path(__file__).parents[1] / "rust/refinement/calibration/weights.rs").read_text()
+    numbers = [float(one) for one in re.findall(r"-?\d+\.\d+", text)]
+    assert len(numbers) == 60
+    odds, points, bars = np.split(np.array(numbers), [32, 52])
+    return odds.reshape(8, 4), points.reshape(2, 10), bars
+
+
+def calibrated(
+    raw: NDArray[Any],
+    disparity: Map,
+    flags: Ints,
+    *,
+    low: int,
+    number: int,
+    noise: float = 0.0,
+    smoothing: float = 0.0,
+    blurred: bool = False,
+    whole: NDArray[Any] | None = None,
+) -> tuple[Floats, Floats]:
+    """Return probabilities and bars from raw confidences and eight traits of the whole map.
+
+    The logarithm of the odds is a line in that of the raw odds, in steps of 1/1024, another one for
+    filled pixels; that of the bar is a line through ten points above -4 to 5. Maps are sampled
+    whole up to 768 rows. `whole` are other raw confidences, to take the mean of.
+    """
+    assert raw.shape[0] <= 768
+    known, filled = ~np.isnan(disparity), flags & ps.Flag.FILLED != 0
+    own, high = known & ~filled, low + number - 1
+    failed = flags & (ps.Flag.OCCLUDED | ps.Flag.MISMATCHED | ps.Flag.SPECKLE) != 0
+    at_low = (disparity < low + 0.5) & (low != 0)
+    at_high = (disparity > high - 0.5) & (high != 0)
+
+    odds, points, wider = learned()
+    sure = log_odds(np.mean((raw if whole is None else whole)[own]) if own.any() else 0.0)
+    traits = np.array(
+        [
+            1.0,
+            sure,
+            max(0.0, 1.5 - sure),
+            log_odds(failed.mean()),
+            np.log(noise + 0.3),
+            np.log(smoothing + 0.1),
+            float(blurred),
+            np.log((own & (at_low | at_high)).mean() + 0.003),
+        ]
+    )
+
+    height, slope, filled_height, filled_slope = traits @ odds
+    step = log_odds((np.minimum(np.floor(raw * 1024), 1023) + 0.5) / 1024)
+    z = height + slope * step + filled * (filled_height + filled_slope * step)
+    line = [np.interp(z, np.arange(-4, 6), points[kind]) for kind in (0, 1)]
+    bars = np.exp(np.where(filled, line[1], line[0]) + traits @ wider)
+    return np.where(known, 1 / (1 + np.exp(-z)), 0), np.where(known, bars, np.nan)
+
+
+def log_odds(share: Any) -> Any:
+    """Return the logarithms of the odds of shares, which are taken to be 0.004 to 0.996."""
+    bounded = np.clip(share, 0.004, 0.996)
+    return np.log(bounded / (1 - bounded))
 
 
 def invalidate(

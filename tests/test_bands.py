@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 import phasestereo as ps
 from phasestereo import _core
-from phasestereo.bands import halo, match_rows, working_memory
+from phasestereo.bands import halo, match_rows, pair_statistics, working_memory
 from test_pair_statistics import ERRORS, WRONG_ROWS, Reading, gathered, scene
 from test_process import run, run_forking
 
@@ -82,7 +82,7 @@ class BandCase:
 
 def assert_rows(found: ps.Result, whole: ps.Result, first: int, last: int) -> None:
     """Check that a result is that of some rows of another one, to the bit."""
-    for name in ("disparity", "flags", "confidence"):
+    for name in ("disparity", "flags", "confidence", "uncertainty"):
         ours, theirs = getattr(found, name), getattr(whole, name)
         assert (ours is None) == (theirs is None)
         if ours is not None:
@@ -463,3 +463,28 @@ def test_bands_come_from_one_set_of_workers() -> None:
     workers = _core.Workers(2)
     for first in (0, 100, 200):
         known.check(first, first + 50, threads=workers)
+
+
+def test_parts_of_tall_pairs_share_what_some_rows_say() -> None:
+    # Only three bands of the rows are asked; the others, without texture, would say otherwise.
+    rng = np.random.default_rng(8)
+    left = rng.integers(0, 256, (1200, 48), np.uint8)
+    for third in range(3):
+        left[400 * third : 400 * third + 140] = 90
+    pair = left, np.roll(left, -3, axis=1)
+    settings = replace(ps.PRESETS["paper"], lr_check=1, speckle_size=9)
+    whole = ps.match(*pair, num_disparities=8, settings=settings)
+
+    def read(first: int, last: int) -> tuple[Any, Any, None, None]:
+        return pair[0][first:last], pair[1][first:last], None, None
+
+    statistics = pair_statistics(read, (1200, 48), num_disparities=8, settings=settings)
+    assert statistics.tally is not None
+    assert statistics.tally[-1] == 3 * 96 * 48
+    for first, last in ((0, 90), (600, 700), (1150, 1200)):
+        found = match_rows(read, statistics, first, last)
+        assert_rows(found, whole, first, last)
+
+    bare = replace(statistics, tally=None)
+    with pytest.raises(ValueError, match=r"^tally: got None; accepts the tally of the whole pair"):
+        match_rows(read, bare, 0, 90)

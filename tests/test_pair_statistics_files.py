@@ -42,6 +42,7 @@ def test_what_is_no_integer_is_refused(name: str) -> None:
     {"settings": [1]}, {"settings": "x"}, {"size": [64]}, {"size": [-1, 5]}, {"size": ["a", "b"]},
     {"size": [64.0, 64.0]}, {"num_disparities": "8"}, {"ranges": [[0, 1]]}, {"ranges": "ab"},
     {"roughness": [-1, 5]}, {"roughness": [10**40, 1]}, {"roughness": ["a", 1]},
+    {"tally": [1, 2, 3]}, {"tally": [1, 2, 3, -4, 5]}, {"tally": ["a", 2, 3, 4, 5]},
     {"classes": 10**9}, {"classes": "1"}, {"blur": 5}, {"blurs": [{"a": 1}]},
 ])  # fmt: skip
 def test_statistics_with_a_wrong_value_is_refused(path: Path, change: dict[str, Any]) -> None:

@@ -5,6 +5,7 @@ Bounds are the figures of the day with a little room: what makes them worse has 
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import astuple, replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -18,6 +19,7 @@ from phasestereo.metrics import bad_pixels, middlebury_v2, roc_area, subpixel
 from phasestereo_bench.cases import SUITES
 from phasestereo_bench.datasets import find_scene
 from phasestereo_bench.rendering import render_pair
+from phasestereo_bench.rigs import FAULTS
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -166,6 +168,58 @@ def test_confidences_are_about_the_share_of_right_disparities(data: Path, name: 
     right = 1 - bad(pair, result.disparity) / 100
     assert float(result.confidence[mask].mean()) == pytest.approx(right, abs=0.06)
     assert roc_area(result.confidence, result.disparity, pair.truth, mask=mask) > 0.85
+
+
+CALIBRATED_UNDER = "sharp", "noise 20", "jpeg 30", "both disk 3", "depth 8 opposite", "motion 30"
+CALIBRATED_ON = "cones", "Lampshade1", "Playroom"
+
+
+def test_promises_are_kept_on_sharp_and_on_spoiled_pairs(data: Path) -> None:
+    gaps, covered, trusted, wrong = [], [], 0, 0
+    for name in CALIBRATED_ON:
+        scene = find_scene(data / "middlebury", name)
+        for fault in CALIBRATED_UNDER:
+            pair = FAULTS[fault](scene.load(), "left")
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", ps.MatchWarning)
+                result = ps.match(pair.left, pair.right)
+            seen = pair.masks["nonocc"] & np.isfinite(result.disparity)
+            error = np.abs(result.disparity - pair.truth)
+
+            assert result.confidence is not None
+            assert result.uncertainty is not None
+            assert result.summary is not None
+            share = float(result.confidence[np.isfinite(result.disparity)].mean())
+            assert result.summary.wrong == pytest.approx(1 - share, abs=1e-5)
+
+            gaps.append(abs(float(result.confidence[seen].mean()) - (error <= 1)[seen].mean()))
+            covered.append((error <= result.uncertainty)[seen].mean())
+            if (error > 1)[seen].mean() >= 0.3:
+                trusted += np.count_nonzero(result.trusted & seen)
+                wrong += np.count_nonzero(result.trusted & seen & (error > 1))
+
+    # Raw confidences have 0.15, and half of what they trust in failed pairs is wrong.
+    assert np.mean(gaps) < 0.07
+    assert 0.85 < np.mean(covered) < 0.95
+    assert trusted > 0
+    assert wrong < 0.35 * trusted
+
+
+def test_fast_says_that_a_range_is_too_short(data: Path) -> None:
+    for name in ("cones", "Motorcycle", "Art"):
+        pair = find_scene(data / "middlebury", name).load()
+        whole, short = (
+            ps.match(pair.left, pair.right, num_disparities=number, preset="fast")
+            for number in (pair.num_disparities, 16)
+        )
+
+        assert whole.confidence is None
+        assert whole.summary is not None
+        assert short.summary is not None
+        assert whole.summary.wrong < 0.45
+        assert whole.trusted.mean() > 0.75  # matches outside the image are flagged
+        assert short.summary.wrong > 0.5
+        assert not short.trusted.any()
 
 
 def test_less_is_kept_and_it_is_better_the_more_confidence_is_asked_for(data: Path) -> None:

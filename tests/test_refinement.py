@@ -127,9 +127,23 @@ def assert_equals_the_oracle(
         least, most = (
             refinement.confidence(disparity, reliable, gray, agree) for agree in (0.99999, 1.00001)
         )
-        assert (result.confidence >= least - 1e-5).all()
-        assert (result.confidence <= most + 1e-5).all()
+        known = {"low": low, "number": number, "noise": NOISE if settings.noise_threshold else 0}
+        around = np.array(
+            [
+                refinement.calibrated(raw, disparity, flags, whole=whole, **known)
+                for raw in (least - 1e-5, most + 1e-5)
+                for whole in (least, most)
+            ]
+        )
+        smallest, largest = around.min(axis=0) * (1 - 1e-3), around.max(axis=0) * (1 + 1e-3)
         trust = result.confidence
+        assert ((trust >= smallest[0]) & (trust <= largest[0])).all()
+
+        bars, estimated = result.uncertainty, np.isfinite(result.disparity)
+        assert bars is not None
+        assert (np.isnan(bars) == ~estimated).all()
+        assert (bars >= smallest[1])[estimated].all()
+        assert (bars <= largest[1])[estimated].all()
 
     disparity, flags = refinement.invalidate(
         disparity, flags, trust, least=settings.min_confidence, filled=settings.fill
@@ -245,7 +259,7 @@ def test_scanlines_can_be_refined_as_well(optimizer: Any) -> None:
 
     for check, kinds in checks:
         small = replace(ROBUST, sizes=1, p1=5.0, p2=20.0, optimizer=optimizer)
-        wanted = replace(small, min_confidence=0.5, **check)
+        wanted = replace(small, min_confidence=0.8, **check)
         result = assert_equals_the_oracle(two_surfaces(5, (40, 26)), wanted, (-1, 7))
         for kind in (kinds, ps.Flag.FILLED, ps.Flag.LOW_CONFIDENCE):
             assert (result.flags & kind != 0).any()

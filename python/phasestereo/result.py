@@ -144,7 +144,9 @@ class Summary:
         Mean confidence; NaN if none was worked out.
     wrong
         Estimated share, 0 to 1, of the pixels with an estimate whose disparity is off by more than
-        1 px: what the mean of their confidences lacks to 1. NaN if no confidence was worked out.
+        1 px: what the mean of their confidences lacks to 1. Without confidences, as with `fast`, it
+        is that of one row in 64; NaN in images of less than 37 rows, and where nothing is compared
+        with the texture of the image.
     """
 
     estimated: float
@@ -234,11 +236,16 @@ class Result:
     def trusted(self) -> NDArray[np.bool_]:
         """Where the disparity is probably within 1 px, bool (H, W).
 
-        Those with a confidence of at least 0.5; without confidences, estimates without a flag.
+        Those with a confidence of at least 0.5. Without confidences, estimates without a flag, and
+        none at all where the summary says that most are wrong.
         """
-        sure = self.flags == 0 if self.confidence is None else self.confidence >= TRUSTED
-        trusted: NDArray[np.bool_] = np.isfinite(self.disparity) & sure
+        estimated = np.isfinite(self.disparity)
+        if self.confidence is None:
+            failed = self.summary is not None and self.summary.wrong > 1 - TRUSTED
+            return estimated & (self.flags == 0) & (not failed)
+        trusted: NDArray[np.bool_] = estimated & (self.confidence >= TRUSTED)
         return trusted
+
 
     def __reduce__(self) -> tuple[type[Result], tuple[Any, ...]]:
         """Return how to make another one without the pair, which would be most of a pickle."""

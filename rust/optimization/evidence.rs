@@ -31,6 +31,13 @@ pub struct EvidenceRow<'a> {
     pub offset: &'a [f32],
 }
 
+impl EvidenceRow<'_> {
+    /// The chosen candidates alone.
+    pub fn bare(self) -> Self {
+        Self { own: &[], elsewhere: &[], offset: &[], ..self }
+    }
+}
+
 impl Evidence {
     /// Sizes the buffers for a band. Unless the band is weighed, only the chosen candidates are kept.
     pub fn begin(&mut self, rows: usize, cols: usize, is_weighed: bool) -> Result<()> {

@@ -20,7 +20,7 @@ use crate::image::view::View;
 use crate::optimization::edges::Edges;
 use crate::optimization::evidence::{Evidence, NONE};
 use crate::optimization::selection::Selection;
-use crate::optimization::{AggregatedCosts, CandidateSearch, Penalties, Workspace};
+use crate::optimization::{AggregatedCosts, CandidateSearch, Penalties, Weighing, Workspace};
 use crate::pipeline::control::Control;
 use crate::pipeline::halo::Halo;
 use crate::pipeline::map::{DraftMap, MapBand};
@@ -29,6 +29,7 @@ use crate::pipeline::section::Section;
 use crate::refinement::calibration::weights::WEIGHTS;
 use crate::refinement::calibration::{Calibration, Tally, traits};
 use crate::refinement::left_right_check::Checker;
+use crate::refinement::sample::{self, SampledMap};
 use crate::refinement::synthesis;
 use crate::refinement::{Draft, Judge, invalidate};
 use crate::rig::alignment::Alignment;
@@ -71,6 +72,9 @@ pub struct Disparity {
     /// Half the width of the interval that holds the true disparity with a probability of 90 %, pixels; NaN where there
     /// is no estimate. `None`: not computed.
     pub uncertainty: Option<Plane<f32>>,
+    /// Without confidences, the estimated share of the disparities that are off by more than 1 px, by those of a few
+    /// rows; `None`: with confidences, or where nothing could be sampled.
+    pub wrong: Option<f64>,
     /// Wall-clock time of each stage.
     pub timings: Timings,
 }
@@ -372,15 +376,14 @@ impl Matcher {
             optimizer: settings.optimizer,
             penalties: Penalties::new(settings, window, costs.steps()),
             edges: &edges,
-            weighs: settings.needs_evidence(),
+            weighs: if settings.needs_evidence() { Weighing::All } else { Weighing::Sampled },
             level,
             control,
         };
 
         let job = Job { costs: &costs, window, search, settings };
 
-        let mut map =
-            DraftMap::new((section.rows.len(), pair.size().1), settings.needs_confidence())?;
+        let mut map = DraftMap::new((section.rows.len(), pair.size().1), texture.is_some())?;
         let bands = map.bands(job.search.bands(section.rows.clone()));
         // The narrower the integers, the more candidates fit a register.
         match Width::new(settings, window, job.search.penalties, costs.has_masks()) {
@@ -434,7 +437,14 @@ impl Job<'_> {
         let mut checker = Checker::default();
 
         for (row, y) in band.rows().enumerate() {
-            judge.write(y, evidence.row(row), &mut checker, band.row(row), self.search.level)?;
+            let (found, mut out) = (evidence.row(row), band.row(row));
+            let found = if self.search.weighs(y) { found } else { found.bare() };
+            // Without confidences, those of a sample say how much is wrong.
+            let is_voted =
+                self.settings.needs_confidence() || sample::is_weighed(self.search.first + y);
+            out.votes = out.votes.filter(|_| is_voted);
+
+            judge.write(y, found, &mut checker, out, self.search.level)?;
         }
 
         Ok(())
@@ -477,20 +487,29 @@ impl Unrefined {
             level,
             control,
         )?;
+        let is_whole = rows.len() == pair.size().0;
         let texture = self.texture.map(|texture| texture.of_rows(rows));
 
         let DraftMap { disparity, mut flags, votes } = self.map;
         let draft = Draft {
             disparity,
             flags: &mut flags,
-            votes: votes.as_ref(),
+            votes: votes.as_ref().filter(|_| settings.needs_confidence()),
             texture: texture.as_ref(),
             blurred_pair: blurred_pair.as_ref(),
         };
 
         let (disparity, confidence) = draft.refine(settings, level, control)?;
+        let wrong = match (&confidence, &votes, &texture) {
+            // Rows of a part are not those of the whole.
+            (None, Some(votes), Some(texture)) if is_whole => {
+                let map = SampledMap { disparity: &disparity, flags: &flags, votes, texture };
+                map.wrong(pair.candidates, compensation, level, control)?
+            }
+            _ => None,
+        };
         let timings = Timings { refinement: started.elapsed(), ..self.timings };
-        Ok(Disparity { disparity, flags, confidence, uncertainty: None, timings })
+        Ok(Disparity { disparity, flags, confidence, uncertainty: None, wrong, timings })
     }
 }
 
@@ -537,6 +556,7 @@ impl Disparity {
             flags: self.flags.of_rows(rows.clone()),
             confidence: self.confidence.map(|confidence| confidence.of_rows(rows.clone())),
             uncertainty: self.uncertainty.map(|uncertainty| uncertainty.of_rows(rows)),
+            wrong: self.wrong,
             timings: self.timings,
         }
     }

@@ -3,6 +3,7 @@
 use crate::cost::candidates::Candidates;
 use crate::image::plane::Plane;
 use crate::pipeline::matcher::Disparity;
+use crate::refinement::calibration::{FAILED, STEPS};
 use crate::refinement::flag;
 
 /// Shares of the pixels of a map, and their mean confidence.
@@ -19,7 +20,7 @@ pub struct Summary {
     /// Mean confidence; NaN if no confidence was computed.
     pub confidence: f64,
     /// Estimated share of the pixels with an estimate whose disparity is off by more than 1 px: what their mean confidence
-    /// lacks to 1. NaN if no confidence was computed.
+    /// lacks to 1, or without confidences that of some rows. NaN where nothing is known.
     pub wrong: f64,
 }
 
@@ -36,12 +37,8 @@ struct PixelCounts {
     right: u64,
 }
 
-/// Flags of pixels that fail the left-right check or are speckles.
-const FLAGGED: u16 = flag::OCCLUDED | flag::MISMATCHED | flag::SPECKLE;
 /// Flags of pixels whose disparity is not that of a match within the image.
 const FOREIGN: u16 = flag::OUTSIDE | flag::FILLED;
-/// Steps of a confidence that is summed.
-const STEPS: f32 = (1 << 20) as f32;
 
 impl Summary {
     /// The summary of a map whose disparities were searched among these candidates.
@@ -60,7 +57,7 @@ impl Summary {
             at_high: share(counts.at_high),
             confidence: confidence
                 .map_or(f64::NAN, |_| share(counts.confidence) / f64::from(STEPS)),
-            wrong: confidence.map_or(f64::NAN, |_| {
+            wrong: confidence.map_or(map.wrong.unwrap_or(f64::NAN), |_| {
                 1.0 - counts.right as f64 / f64::from(STEPS) / counts.estimated.max(1) as f64
             }),
         }
@@ -75,7 +72,7 @@ impl PixelCounts {
             let is_own = flags & FOREIGN == 0;
 
             counts.estimated += u64::from(!disparity.is_nan());
-            counts.flagged += u64::from(flags & FLAGGED != 0);
+            counts.flagged += u64::from(flags & FAILED != 0);
             // Sub-pixel disparities lie up to half a pixel from their candidate.
             counts.at_low += u64::from(is_own & (*disparity < ends[0] + 0.5));
             counts.at_high += u64::from(is_own & (*disparity > ends[1] - 0.5));
@@ -110,6 +107,7 @@ mod tests {
             flags: Plane::from_vec(1, 8, flags.to_vec()).expect("legal"),
             confidence: Some(row(&confidence)),
             uncertainty: None,
+            wrong: None,
             timings: Timings::default(),
         };
 

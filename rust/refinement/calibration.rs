@@ -59,7 +59,7 @@ const NO_SMOOTHING: f64 = 0.1;
 /// Share of the pixels at the ends of the range that is taken to be none.
 const NONE_AT_ENDS: f64 = 0.003;
 /// Flags of pixels that fail the left-right check or are speckles.
-const FAILED: u16 = flag::OCCLUDED | flag::MISMATCHED | flag::SPECKLE;
+pub const FAILED: u16 = flag::OCCLUDED | flag::MISMATCHED | flag::SPECKLE;
 
 /// What was learned.
 #[derive(Debug, Clone, PartialEq)]

@@ -538,6 +538,7 @@ impl DraftMap {
             flags: flags.of_rows(rows.clone()),
             confidence: confidence.map(|plane| plane.of_rows(rows)),
             uncertainty: None,
+            wrong: None,
             timings: Timings::default(),
         })
     }

@@ -14,7 +14,7 @@ use phasestereo::internals::optimization::evidence::NONE;
 use phasestereo::internals::optimization::selection::Selection;
 use phasestereo::internals::optimization::{
     BAND, CandidateSearch, CostVolume, LARGEST_SUMMED_PENALTY, LOOKAHEAD_COLUMNS, LOOKAHEAD_ROWS,
-    PANEL, Penalties, Workspace, optimize,
+    PANEL, Penalties, Weighing, Workspace, optimize,
 };
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::on_threads;
@@ -123,7 +123,7 @@ impl Volume {
             optimizer,
             penalties,
             edges,
-            weighs,
+            weighs: if weighs { Weighing::All } else { Weighing::Nothing },
             level,
             control,
         };
@@ -470,7 +470,7 @@ fn bands_are_those_of_the_whole() {
         let (level, control) = (levels()[0], &Control::default());
         let size = (1000, 1);
         let penalties = Penalties::default();
-        let (candidates, weighs) = (1, true);
+        let (candidates, weighs) = (1, Weighing::All);
 
         let search = CandidateSearch {
             size,

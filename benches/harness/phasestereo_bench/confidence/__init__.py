@@ -1,8 +1,8 @@
-"""Confidence that is a probability: what the core's calibration is learned from, and how well it holds.
+"""Confidence that is a probability: what the core's calibration is learned from, and how it holds.
 
-`observation` matches spoiled pairs and counts how far their disparities are off, `learning` fits the
-weights to these counts, `verdict` says what they are worth on faults and scenes that were left out,
-`weights` writes them as the core has them.
+`observation` matches spoiled pairs and counts how far their disparities are off, `learning` fits
+the weights to these counts, `verdict` says what they are worth on faults and scenes that were left
+out, `weights` writes them as the core has them.
 """
 
 from phasestereo_bench.confidence.observation import confidence_jobs

@@ -44,6 +44,10 @@ _USED = np.array(
 _WIDENS = np.array([0, 1, 0, 0, 1, 1, 1, 0], dtype=bool)  # which traits bars depend on
 _STEADY = 1e-2  # weight of the squares of the weights, a pair
 _SMOOTH = 2e-3  # weight of the squares of the differences of neighboring points
+# Faults that nobody has thought of are worse than those that were: so much less of every logarithm
+# of the odds. On 27 kinds that are not in the suites the share right at 0.9 is 86 % without, 87 %
+# with it, and the mean confidence 4.7 and 4.6 points off.
+_CAUTION = 0.1
 _FAILED, _LESS = 0.3, 0.3  # bars of pairs with more wrong pixels count so much
 _MIDDLES = np.array([ODDS[0], *((ODDS[1:] + ODDS[:-1]) / 2), ODDS[-1]])
 SIZES = np.array([0.03, *np.sqrt(ERRORS[1:] * ERRORS[:-1]), 80.0])
@@ -127,7 +131,7 @@ def learn(pairs: Sequence[Observed]) -> Weights:
 
 
 def log_odds(pair: Observed, heights: Numbers) -> Numbers:
-    """Return the calibrated odds, as logarithms, of own and filled pixels of each raw confidence."""
+    """Return the logarithms of the calibrated odds, own and filled, of each raw confidence."""
     height, slope, filled_height, filled_slope = pair.traits @ heights
     bound = np.clip(_MIDDLES, odds(0), odds(1))
     filled = height + filled_height + (slope + filled_slope) * bound
@@ -170,6 +174,7 @@ def _odds(pairs: Sequence[Observed]) -> Numbers:
 
     heights = np.zeros(_USED.shape)
     heights[_USED] = found
+    heights[0, 0] -= _CAUTION
     return heights
 
 
@@ -184,10 +189,12 @@ def _bars(pairs: Sequence[Observed], heights: Numbers) -> tuple[Numbers, Numbers
     design, error, weight = np.concatenate(rows), np.concatenate(sizes), np.concatenate(weights)
 
     smooth = _differences(design.shape[1]) * _SMOOTH * len(pairs)
-    found = np.linalg.solve((design * weight[:, None]).T @ design + smooth, design.T @ (weight * error))
-    for turn in range(60):
+    found = np.linalg.solve(
+        (design * weight[:, None]).T @ design + smooth, design.T @ (weight * error)
+    )
+    for turn in range(25):
         off = error - design @ found
-        least = 0.1 if turn < 15 else 0.02  # the closer, the more exact, but the less steady
+        least = 0.1 if turn < 8 else 0.02  # the closer, the more exact, but the less steady
         pull = weight * np.where(off > 0, COVERED, 1 - COVERED) / np.maximum(np.abs(off), least)
         curve = (design * pull[:, None]).T @ design + smooth
         found = np.linalg.solve(curve, design.T @ (pull * error))

@@ -31,16 +31,15 @@ if TYPE_CHECKING:
 
 ODDS = np.linspace(-5.6, 5.6, 57)
 """Edges of the logarithm of the odds of a raw confidence."""
-ERRORS = np.array(
-    [0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 1, 1.2, 1.5, 2, 2.5, 3, 4, 5]
-    + [6, 8, 10, 13, 16, 20, 25, 32, 40, 50, 64]
-)
+_RIGHT = 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 1
+_WRONG = 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50, 64
+ERRORS = np.array([*_RIGHT, *_WRONG])
 """Edges of the errors, px; smaller and larger ones have a class of their own each."""
 
 SHORT = "range too short"
 SHARP = "sharp"
 RENDERED = 6  # scenes
-_FIRST_SEED = 100
+_FIRST_SEED = 200
 _SCENES_PER_FAULT = 7
 _IN_A_ROW = 180
 _SHORTENED = 20
@@ -70,7 +69,7 @@ def confidence_jobs(scenes: Sequence[Scene], *, every: int = 1) -> list[Job]:
     sources |= {f"rendered/{k}": _FIRST_SEED + k for k in range(RENDERED)}
 
     kinds = [name for name in faults() if name != SHARP]
-    drawn = [(name, (SHARP,)) for name in names]
+    drawn: list[tuple[str, tuple[str, ...]]] = [(name, (SHARP,)) for name in names]
     for kind in kinds:
         several = rng.choice(len(names), min(_SCENES_PER_FAULT, len(names)), replace=False)
         drawn += [(names[index], (kind,)) for index in several]
@@ -108,7 +107,7 @@ def observe(source: Scene | int, spoiled: Sequence[str], seed: int) -> dict[str,
     return observed(pair, **search)
 
 
-def observed(pair: Pair, **search: int) -> dict[str, Any]:
+def observed(pair: Pair, **search: Any) -> dict[str, Any]:
     """Match a pair with `robust`, and return what `observe` does."""
     size = pair.left.shape[:2]
 

@@ -1,0 +1,103 @@
+"""The benchmark that the calibration is learned by: weights that are put in come out."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from phasestereo_bench.confidence import learned_weights, write_weights
+from phasestereo_bench.confidence.learning import (
+    SIZES,
+    bars_of,
+    learn,
+    log_odds,
+    observed_of,
+    sigmoid,
+)
+from phasestereo_bench.confidence.observation import ERRORS, ODDS, confidence_jobs, observed
+from phasestereo_bench.confidence.verdict import judged
+from phasestereo_bench.rendering import render_pair
+
+WEIGHTS = Path(__file__).parents[1] / "rust" / "refinement" / "calibration" / "weights.rs"
+
+
+def made_up(seed: int) -> dict[str, object]:
+    """Return the record of a pair whose raw confidences are too high, most so where it failed."""
+    rng = np.random.default_rng(seed)
+    quality = rng.uniform(-1, 3)
+    counts = np.zeros((2, len(ODDS) + 1, len(ERRORS) + 1), int)
+    for place in range(10, len(ODDS) - 4):
+        right = float(sigmoid(np.array(0.5 * ODDS[place] + quality - 1)))
+        within = rng.multinomial(round(400 * right), np.full(12, 1 / 12))
+        counts[0, place, :12] = within
+        counts[0, place, 12:] = rng.multinomial(
+            400 - within.sum(), np.full(len(ERRORS) - 11, 1 / (len(ERRORS) - 11))
+        )
+
+    own = float(sigmoid(np.array(quality)))
+    return {
+        "scene": f"scene {seed % 5}",
+        "faults": f"fault {seed % 7}",
+        "tally": [round(own * 1000 * 2**20), 1000, 100, 0, 1200],
+        "noise": 1.0,
+        "smoothing": 0.0,
+        "blurred": False,
+        "counts": counts.ravel().tolist(),
+    }
+
+
+def test_what_is_learned_keeps_its_promises() -> None:
+    pairs = observed_of([made_up(seed) for seed in range(16)])
+    weights = learn(pairs[:10])
+
+    verdict = judged("unseen", pairs[10:], [weights] * 6)
+    assert verdict.gap < 0.03, "a little less is promised than was seen"
+    assert verdict.right == pytest.approx(0.9, abs=0.02)
+    assert verdict.covered == pytest.approx(0.9, abs=0.04)
+
+
+def test_counts_are_those_of_the_match() -> None:
+    pair = render_pair(0, height=96, width=128, num_disparities=24)
+    record = observed(pair, num_disparities=24)
+    (one,) = observed_of([{"scene": "rendered", "faults": "sharp", **record}])
+
+    assert one.counts.sum() == np.count_nonzero(pair.masks["nonocc"])
+    assert 0 < one.wrong < 0.5
+    assert one.traits[0] == 1
+    assert record["tally"][4] == pair.left.shape[0] * pair.left.shape[1]
+
+
+def test_the_same_matches_are_drawn_again() -> None:
+    jobs = confidence_jobs([], every=1)
+    assert [job.arguments for job in jobs] == [job.arguments for job in confidence_jobs([])]
+    assert len({tuple(job.key.values()) for job in jobs}) > 200
+    assert confidence_jobs([], every=7) == jobs[::7]
+
+
+def test_the_file_of_weights_is_as_the_core_has_it(tmp_path: Path) -> None:
+    weights = learned_weights([made_up(seed) for seed in range(8)])
+    write_weights(weights, tmp_path / "weights.rs")
+    text = (tmp_path / "weights.rs").read_text()
+
+    numbers = re.compile(r"-?\d+\.\d+")
+    assert numbers.sub("x", text) == numbers.sub("x", WEIGHTS.read_text())
+    written = [float(number) for number in numbers.findall(text)]
+    expected = [*weights.odds.ravel(), *weights.knots.ravel(), *weights.bars]
+    np.testing.assert_allclose(written, expected, atol=5e-5)
+
+
+def test_no_records_are_refused() -> None:
+    with pytest.raises(ValueError, match="^records: got no match"):
+        learned_weights([])
+
+
+def test_bars_hold_what_they_are_asked_for() -> None:
+    (pair,) = observed_of([made_up(3)])
+    weights = learn([pair])
+    bars = bars_of(pair, log_odds(pair, weights.odds), weights)
+
+    within = (pair.counts * (bars[:, :, None] >= SIZES)).sum() / pair.counts.sum()
+    assert within == pytest.approx(0.9, abs=0.05)
