@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import pickle
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -17,9 +16,11 @@ from phasestereo_bench.rendering import render_pair
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
+
+    from numpy.typing import NDArray
 
     from conftest import Run
-    from numpy.typing import NDArray
 
     Map = NDArray[np.float32]
 
@@ -194,7 +195,7 @@ def test_it_is_shown_and_pickled(scene: Scene, spoiled: Map) -> None:
     assert repr(found).startswith(f"<Verification {WIDTH}x{HEIGHT}, {found.refuted:.1%} refuted, ")
     assert str(found).splitlines()[0].endswith(f"cannot judge {100 * found.unknown:.1f} %")
 
-    again = pickle.loads(pickle.dumps(found))
+    again = pickle.loads(pickle.dumps(found))  # noqa: S301 - our own
     assert np.array_equal(again.verdict, found.verdict)
     with pytest.raises(ValueError, match="result: got no pair"):
         again.picture()

@@ -119,8 +119,9 @@ class Verification:
         return f"<Verification {cols}x{rows}, {told}>"
 
     def _share(self, verdict: Verdict) -> float:
-        claims = np.count_nonzero(self.verdict != Verdict.NO_CLAIM)
-        return float(np.count_nonzero(self.verdict == verdict) / max(claims, 1))
+        counts = np.bincount(self.verdict.ravel(), minlength=len(Verdict))
+        claims = int(counts[Verdict.UNKNOWN :].sum())
+        return float(counts[verdict]) / max(claims, 1)
 
 
 def verify(

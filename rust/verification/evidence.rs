@@ -88,7 +88,8 @@ impl Difference {
     fn of(costs: &Costs, cols: usize, place: (usize, usize), claim: f32, own: f32) -> Self {
         let by = own - claim;
         let side = i8::from(by > DIFFERENT) - i8::from(by < -DIFFERENT);
-        if side == 0 {
+        // Infinity claims nothing, as NaN does.
+        if side == 0 || !claim.is_finite() {
             return Self::default();
         }
 

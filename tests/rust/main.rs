@@ -28,3 +28,4 @@ mod speckles;
 mod subpixel;
 mod synthesis;
 mod temporal;
+mod verification;
