@@ -193,8 +193,6 @@ fn judged(map: &Plane<f32>, own: &Disparity, against: f32, y: usize, x: usize) -
         return (verdict::UNKNOWN, f32::NAN);
     }
 
-    let filled = |v: usize, u: usize| own.flags.row(v)[u] & flag::FILLED != 0;
-    let whole = mean(window(0, 0, ROWS).filter(|(v, u)| !filled(*v, *u)).collect());
     let trust = logit(mean(window(y, x, 4).collect())).clamp(-3.0, 4.0);
 
     let around = || window(y, x, 3).map(|(v, u)| map.row(v)[u]).filter(|claim| claim.is_finite());
@@ -210,14 +208,14 @@ fn judged(map: &Plane<f32>, own: &Disparity, against: f32, y: usize, x: usize) -
 
     let by = (matched - claim).abs();
     let beyond = f64::from(by) - 1.0;
-    let score = -1.52 - 0.17 * logit(whole)
+    let score = -1.95
         + 0.21 * trust
         + 0.43 * beyond.clamp(-0.2, 2.0)
         + 1.34 * beyond.clamp(-0.2, 0.5)
         + 0.029 * f64::from(against).clamp(-20.0, 60.0)
         + 0.35 * f64::from(jump).min(3.0)
         + 0.87 * f64::from(nowhere).min(1.5)
-        + if is_hidden { -0.7 } else { 0.0 };
+        + if is_hidden { -0.4 } else { 0.0 };
     assert!((score - 1.45).abs() > 1e-9, "sums in another order might differ: {y} {x}");
 
     match (by > 0.8 && score > 1.45, by <= 1.5 && confidence.row(y)[x] > 0.8) {
