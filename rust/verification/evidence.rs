@@ -202,7 +202,7 @@ mod tests {
 
     #[test]
     fn window_sums_equal_those_of_every_window_by_itself() {
-        let (rows, cols) = (9, 7);
+        let (rows, cols) = (9_usize, 7_usize);
         let value = |y: usize, x: usize| [(y * 31 + x * 17) as i32 % 11 - 5, (y + x) as i32 % 3];
 
         for radius in [0, 1, 3, 12] {
