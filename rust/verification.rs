@@ -9,12 +9,12 @@
 //! claims          = finite disparities of the map         # is their sign or their scale another one?
 //! own             = match(pair, range found + range claimed)
 //! for each pixel with a claim:
-//!     refuted   if the score of `judgment` is high and the own match does not see an occlusion
+//!     refuted   if the score of `judgment` is high, and the own match holds the pixel for visible
 //!     supported if own and claim differ by at most 1.5 px, and the own match is confident
 //!     unknown   else
 //! ```
 //!
-//! Occlusions are no match's business: a claim there is neither refuted nor supported by the images.
+//! What the right image does not see it cannot refute, as far as the own match and the map know of it.
 
 pub mod claims;
 pub mod evidence;
@@ -128,8 +128,7 @@ pub fn verify(
         let own = matcher.match_pair(&pair, &prepared.settings, how, control)?;
 
         let evidence = Evidence::new(map, &own, &costs, control)?;
-        let is_blurred = compensation.is_some_and(|compensation| compensation.has_kernels());
-        let jury = Jury { map, own: &own, evidence: &evidence, is_blurred };
+        let jury = Jury { map, own: &own, evidence: &evidence };
         let (verdicts, better, counts) = jury.judge(control)?;
         drop(costs);
 

@@ -97,6 +97,14 @@ def all_of(result: ps.Result) -> NDArray[np.bool_]:
     return doubted
 
 
+def verified(left: Image, right: Image, theirs: Map) -> Map:
+    found: ps.Verification = ps.verify(left, right, theirs, threads=1)
+    refuted: NDArray[np.bool_] = found.verdict == ps.Verdict.REFUTED
+    use(found.refuted + found.supported + found.unknown, found.findings, found.result.search)
+    use(found.picture())
+    return np.where(refuted, found.better, theirs)
+
+
 def diagnosed(left: Image, right: Image) -> ps.Diagnosis:
     """Ask what is wrong with a pair."""
     estimate: ps.BlurEstimate = ps.estimate_blur(left, right, num_disparities=64)

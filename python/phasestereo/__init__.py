@@ -83,9 +83,9 @@ if TYPE_CHECKING:
     from phasestereo.rig.diagnosis import Diagnosis, check
     from phasestereo.rig.estimation import estimate_blur
     from phasestereo.stages import aggregate, cost_volume, descriptor, optimize
+    from phasestereo.verification import Verdict, Verification, verify
     from phasestereo.views.depths import DepthInterval, depth_interval
     from phasestereo.views.meshing import Mesh, surface_mesh
-    from phasestereo.verification import Verdict, Verification, verify
     from phasestereo.views.triangulation import PointCloud, point_cloud
 else:
     _ON_DEMAND = {

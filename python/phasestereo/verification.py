@@ -120,8 +120,9 @@ class Verification:
         return f"<Verification {cols}x{rows}, {told}>"
 
     def _share(self, verdict: Verdict) -> float:
-        claims = np.count_nonzero(self.verdict != Verdict.NO_CLAIM)
-        return float(np.count_nonzero(self.verdict == verdict) / max(claims, 1))
+        counts = np.bincount(self.verdict.ravel(), minlength=len(Verdict))
+        claims = int(counts[Verdict.UNKNOWN :].sum())
+        return float(counts[verdict]) / max(claims, 1)
 
 
 def verify(
@@ -169,9 +170,10 @@ def verify(
     A map with the opposite sign, or in 16ths (what OpenCV's matchers return) or 256ths of a pixel
     (what KITTI's files hold), is judged as it stands, and a finding says so.
 
-    Of the disparities that HITNet gets wrong by more than 1 px on 12 Middlebury pairs about half
-    are refuted, of those it gets right fewer than 1 %; under noise or blur it is fewer of either.
-    `phasestereo bench verify` measures it. It takes one match of the pair and about a third more.
+    Of the disparities that HITNet gets wrong by more than 1 px on 12 Middlebury pairs 45 % are
+    refuted, of those it gets right 0.7 %; with noise of 20 gray levels 21 and 0.8 %, with one image
+    out of focus 52 and 2.2 %. `phasestereo bench verify` measures it. It takes 1.3 to 1.45 times as
+    long as the match.
     """
     if progress is not None and not callable(progress):
         raise TypeError(f"progress: got {type(progress).__name__}; accepts a callable or None")

@@ -88,7 +88,8 @@ impl Difference {
     fn of(costs: &Costs, cols: usize, place: (usize, usize), claim: f32, own: f32) -> Self {
         let by = own - claim;
         let side = i8::from(by > DIFFERENT) - i8::from(by < -DIFFERENT);
-        if side == 0 {
+        // Infinity claims nothing, as NaN does.
+        if side == 0 || !claim.is_finite() {
             return Self::default();
         }
 
@@ -201,7 +202,7 @@ mod tests {
 
     #[test]
     fn window_sums_equal_those_of_every_window_by_itself() {
-        let (rows, cols) = (9, 7);
+        let (rows, cols) = (9_usize, 7_usize);
         let value = |y: usize, x: usize| [(y * 31 + x * 17) as i32 % 11 - 5, (y + x) as i32 % 3];
 
         for radius in [0, 1, 3, 12] {

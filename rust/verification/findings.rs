@@ -6,8 +6,7 @@ use crate::findings::{Finding, Severity, Topic};
 use crate::verification::claims::Misreading;
 use crate::verification::{Counts, verdict};
 
-/// Shares of the claims that are refuted from which on that is noted, and warned of. Of maps of the network HITNet are
-/// refuted: 2 to 6 % of sharp pairs, 8 to 30 % where one image is out of focus.
+/// Shares of the claims that are refuted from which on that is noted, and warned of.
 const MANY: [f64; 2] = [0.1, 0.3];
 /// The same of claims outside the right image; occlusions at the left edge are seldom more.
 const OUTSIDE: [f64; 2] = [0.15, 0.5];

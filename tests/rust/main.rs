@@ -29,3 +29,4 @@ mod speckles;
 mod subpixel;
 mod synthesis;
 mod temporal;
+mod verification;

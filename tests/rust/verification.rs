@@ -1,0 +1,253 @@
+//! The second opinion: its evidence and its verdicts, pixel by pixel from their definitions.
+
+use std::time::Duration;
+
+use crate::common::{hash, levels, mask, view};
+use phasestereo::internals::cost::Costs;
+use phasestereo::internals::cost::candidates::Candidates;
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::image::view::View;
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::pipeline::matcher::{Disparity, Timings};
+use phasestereo::internals::refinement::flag;
+use phasestereo::internals::settings::presets::Preset;
+use phasestereo::internals::settings::{CostKind, Settings};
+use phasestereo::internals::verification::evidence::Evidence;
+use phasestereo::internals::verification::judgment::Jury;
+use phasestereo::internals::verification::verdict;
+
+const ROWS: usize = 40;
+const COLS: usize = 37;
+
+/// A pair of unlike views, with masks or without.
+fn views(is_masked: bool) -> [View; 2] {
+    [1, 2].map(|seed| View {
+        mask: is_masked.then(|| mask(ROWS, COLS, 80, seed)),
+        ..view(ROWS, COLS, |y, x| hash(seed, y, x) as u8)
+    })
+}
+
+/// A number from 0 to 1 that depends on the place.
+fn share(seed: u64, y: usize, x: usize) -> f32 {
+    (hash(seed, y, x) % 1009) as f32 / 1009.0
+}
+
+/// Claims with holes, infinite ones, and some far outside the image.
+fn claims() -> Plane<f32> {
+    Plane::from_fn(ROWS, COLS, |y, x| match hash(3, y, x) % 23 {
+        0 => f32::NAN,
+        1 => f32::INFINITY,
+        2 => 1e30,
+        3 => -40.0,
+        _ => 4.0 + 3.0 * share(4, y / 9, x / 7) + share(5, y, x),
+    })
+}
+
+/// A match that agrees with some of them.
+fn own() -> Disparity {
+    let disparity = |y: usize, x: usize| match hash(6, y, x) % 29 {
+        0 => f32::NAN,
+        _ => 4.0 + 3.0 * share(7, y / 8, x / 9) + share(8, y, x),
+    };
+    let flags = |y: usize, x: usize| match hash(9, y, x) % 11 {
+        0 => flag::OCCLUDED | flag::FILLED,
+        1 => flag::OUTSIDE,
+        2 | 3 => flag::FILLED,
+        _ => 0,
+    };
+    let confidence = |y: usize, x: usize| share(10, y / 6, x / 5).sqrt();
+    let none = Duration::ZERO;
+
+    Disparity {
+        disparity: Plane::from_fn(ROWS, COLS, disparity),
+        flags: Plane::from_fn(ROWS, COLS, flags),
+        confidence: Some(Plane::from_fn(ROWS, COLS, confidence)),
+        timings: Timings { description: none, matching: none, refinement: none },
+    }
+}
+
+/// The costs of a pair of which any two columns can be compared.
+fn any_columns<'a>(views: [&'a View; 2], settings: &Settings) -> Costs<'a> {
+    let any = Candidates::new(0, 1, COLS).expect("legal");
+    Costs::new(views, any, settings, None, levels()[0], &Control::default()).expect("memory")
+}
+
+/// Window around a place, as far as the image has it.
+fn window(y: usize, x: usize, radius: usize) -> impl Iterator<Item = (usize, usize)> {
+    let rows = y.saturating_sub(radius)..(y + radius + 1).min(ROWS);
+    rows.flat_map(move |v| {
+        let columns = x.saturating_sub(radius)..(x + radius + 1).min(COLS);
+        columns.map(move |u| (v, u))
+    })
+}
+
+/// -1, 0 or 1: how a claim and the own disparity differ.
+fn side(map: &Plane<f32>, own: &Disparity, y: usize, x: usize) -> i32 {
+    let (claim, own) = (map.row(y)[x], own.disparity.row(y)[x]);
+    match own - claim {
+        _ if !claim.is_finite() || own.is_nan() => 0,
+        by if by > 0.8 => 1,
+        by if by < -0.8 => -1,
+        _ => 0,
+    }
+}
+
+/// The cost at a disparity, in 256ths of a bit.
+fn cost(costs: &Costs, y: usize, x: usize, disparity: f32) -> Option<i64> {
+    let right = x as f64 * 256.0 - f64::from((disparity * 256.0).round());
+    if !(0.0..=(COLS as f64 - 1.0) * 256.0).contains(&right) {
+        return None;
+    }
+
+    let (column, rest) = (right as usize / 256, right as i64 % 256);
+    let at = |column| costs.between(y, x, column).map(i64::from);
+    let near = at(column)? * (256 - rest);
+    if rest == 0 { Some(near) } else { Some(near + at(column + 1)? * rest) }
+}
+
+#[test]
+fn any_two_columns_cost_what_the_volume_has() {
+    for cost in [CostKind::Phase, CostKind::Sad, CostKind::NormalizedSad] {
+        for is_masked in [false, true] {
+            let settings = Settings { cost, ..Preset::Paper.settings() };
+            let [left, right] = &views(is_masked);
+            let costs = any_columns([left, right], &settings);
+
+            let candidates = Candidates::new(-9, 20, COLS).expect("legal");
+            let control = Control::default();
+            let volume =
+                Costs::new([left, right], candidates, &settings, None, levels()[0], &control)
+                    .and_then(|costs| costs.volume(ROWS, levels()[0], &control))
+                    .expect("memory");
+
+            let is_valid = |view: &View, y: usize, x: usize| {
+                view.mask.as_ref().is_none_or(|mask| mask.row(y)[x])
+            };
+            for (y, x) in window(ROWS / 2, COLS / 2, COLS) {
+                for k in 0..20 {
+                    let Ok(column) = usize::try_from(x as i64 + 9 - k as i64) else { continue };
+                    if column >= COLS {
+                        continue;
+                    }
+                    let expected = (is_valid(left, y, x) && is_valid(right, y, column))
+                        .then(|| u32::from(volume.row(y)[x * 20 + k]));
+                    assert_eq!(costs.between(y, x, column), expected, "{cost:?} {y} {x} {k}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn evidence_is_what_its_definition_says() {
+    let (map, own) = (claims(), own());
+    let mut told = 0;
+
+    for is_masked in [false, true] {
+        let [left, right] = &views(is_masked);
+        let costs = any_columns([left, right], &Preset::Robust.settings());
+        let found = Evidence::new(&map, &own, &costs, &Control::default()).expect("memory");
+
+        for (y, x) in window(0, 0, ROWS) {
+            let here = side(&map, &own, y, x);
+            let same = window(y, x, 7).filter(|(v, u)| side(&map, &own, *v, *u) == here);
+            let (mut sum, mut pixels) = (0, 0);
+            for (v, u) in same {
+                let claimed = cost(&costs, v, u, map.row(v)[u]);
+                let matched = cost(&costs, v, u, own.disparity.row(v)[u]);
+                sum += claimed.zip(matched).map_or(0, |(claimed, matched)| claimed - matched);
+                pixels += 1;
+            }
+
+            let expected = if here == 0 {
+                0.0
+            } else {
+                (sum as f64 / 256.0 / (f64::from(pixels) + 4.0).sqrt()) as f32
+            };
+            told += i32::from(expected != 0.0);
+            assert_eq!(found.against.row(y)[x].to_bits(), expected.to_bits(), "{y} {x}");
+        }
+    }
+
+    assert!(told > 1000, "hardly anything differs: {told}");
+}
+
+/// Verdict and better disparity of a pixel.
+fn judged(map: &Plane<f32>, own: &Disparity, against: f32, y: usize, x: usize) -> (u8, f32) {
+    let logit = |p: f64| {
+        let p = p.clamp(0.001, 0.999);
+        phasestereo::internals::math::ln(p / (1.0 - p))
+    };
+    let confidence = own.confidence.as_ref().expect("confidences");
+    let mean = |places: Vec<(usize, usize)>| {
+        let whole: u64 =
+            places.iter().map(|(v, u)| (confidence.row(*v)[*u] * 1_048_576.0) as u64).sum();
+        whole as f64 / 1_048_576.0 / places.len() as f64
+    };
+
+    let (claim, matched) = (map.row(y)[x], own.disparity.row(y)[x]);
+    if !claim.is_finite() {
+        return (verdict::NO_CLAIM, f32::NAN);
+    }
+    if matched.is_nan() || own.flags.row(y)[x] & (flag::OCCLUDED | flag::OUTSIDE) != 0 {
+        return (verdict::UNKNOWN, f32::NAN);
+    }
+
+    let trust = logit(mean(window(y, x, 4).collect())).clamp(-3.0, 4.0);
+
+    let around = || window(y, x, 3).map(|(v, u)| map.row(v)[u]).filter(|claim| claim.is_finite());
+    let jump = around().fold(f32::NEG_INFINITY, f32::max) - around().fold(f32::INFINITY, f32::min);
+    let nowhere = window(y, x, 3)
+        .map(|(v, u)| (own.disparity.row(v)[u] - claim).abs())
+        .fold(f32::INFINITY, f32::min);
+
+    let column = |u: usize| (u as f32 - map.row(y)[u]).round();
+    let is_seen = (0.0..COLS as f32).contains(&column(x));
+    let is_hidden =
+        is_seen && (0..COLS).any(|u| map.row(y)[u] > claim + 1.0 && column(u) == column(x));
+
+    let by = (matched - claim).abs();
+    let beyond = f64::from(by) - 1.0;
+    let score = -1.95
+        + 0.21 * trust
+        + 0.43 * beyond.clamp(-0.2, 2.0)
+        + 1.34 * beyond.clamp(-0.2, 0.5)
+        + 0.029 * f64::from(against).clamp(-20.0, 60.0)
+        + 0.35 * f64::from(jump).min(3.0)
+        + 0.87 * f64::from(nowhere).min(1.5)
+        + if is_hidden { -0.4 } else { 0.0 };
+    assert!((score - 1.45).abs() > 1e-9, "sums in another order might differ: {y} {x}");
+
+    match (by > 0.8 && score > 1.45, by <= 1.5 && confidence.row(y)[x] > 0.8) {
+        (true, _) => (verdict::REFUTED, matched),
+        (_, true) => (verdict::SUPPORTED, f32::NAN),
+        _ => (verdict::UNKNOWN, f32::NAN),
+    }
+}
+
+#[test]
+fn verdicts_are_what_their_definition_says() {
+    let (map, own) = (claims(), own());
+    let [left, right] = &views(false);
+    let costs = any_columns([left, right], &Preset::Robust.settings());
+    let evidence = Evidence::new(&map, &own, &costs, &Control::default()).expect("memory");
+
+    let jury = Jury { map: &map, own: &own, evidence: &evidence };
+    let (verdicts, better, counts) = jury.judge(&Control::default()).expect("memory");
+
+    let mut expected = [0; 4];
+    for (y, x) in window(0, 0, ROWS) {
+        let (verdict, instead) = judged(&map, &own, evidence.against.row(y)[x], y, x);
+        assert_eq!(verdicts.row(y)[x], verdict, "{y} {x}");
+        assert_eq!(better.row(y)[x].to_bits(), instead.to_bits(), "{y} {x}");
+        expected[usize::from(verdict)] += 1;
+    }
+
+    assert_eq!(counts.verdicts, expected);
+    assert!(expected.iter().all(|count| *count > 20), "a verdict is missing: {expected:?}");
+    let outside = window(0, 0, ROWS).filter(|(y, x)| {
+        let claim = map.row(*y)[*x];
+        claim.is_finite() && !(0.0..COLS as f32).contains(&(*x as f32 - claim).round())
+    });
+    assert_eq!(counts.outside, outside.count() as u64);
+}
