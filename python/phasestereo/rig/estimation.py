@@ -102,7 +102,8 @@ def _response(
     pair: tuple[Pixels, Pixels], masks: tuple[Mask | None, Mask | None], search: tuple[int, int]
 ) -> tuple[float, float]:
     """Return gain and gamma, (1, 1) where the images are too small."""
-    left, right, _ = fractions(*map(_unmasked, pair, masks))
+    values, _ = _core.packed_pair((_unmasked(pair[0], masks[0]), _unmasked(pair[1], masks[1])))
+    left, right, _ = fractions(*values)
     if min(left.shape) < LEAST_SIZE:
         return 1.0, 1.0
 
