@@ -83,9 +83,9 @@ mod _core {
     #[pymodule_export]
     use super::{
         TemporalFilter, Workers, aggregate_volume, blur_is_as_before, check_blur_compensation,
-        check_settings, cost_volume, descriptor, estimate_pair, estimate_pair_by_rows, find_roughness,
-        find_scale, halo, match_pair, match_rows, optimize_volume, packed_pair, preset, simd_level,
-        working_memory,
+        check_settings, cost_volume, descriptor, estimate_pair, estimate_pair_by_rows,
+        find_roughness, find_scale, halo, match_pair, match_rows, optimize_volume, packed_pair,
+        preset, simd_level, working_memory,
     };
 
     #[pymodule_init]

@@ -158,7 +158,8 @@ impl Window {
             }
         } else {
             for (sum, count) in sums.iter_mut().zip(counts) {
-                let mean = f64::from(sum.widened() as i32) * area / f64::from(count.widened() as i32);
+                let mean =
+                    f64::from(sum.widened() as i32) * area / f64::from(count.widened() as i32);
                 let least = if mean < largest { mean } else { largest };
                 *sum = V::truncated(nearest(least + tie) as u64);
             }

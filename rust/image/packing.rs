@@ -348,12 +348,15 @@ mod tests {
 
             for step in [1u16, 2, 3, 16, 100, 256, 257] {
                 let words = |bytes: &Array3<u8>| bytes.mapv(|byte| step * u16::from(byte));
-                check(bytes.each_ref().map(|bytes| Image::U16(words(bytes))), &expected, step.into());
+                check(
+                    bytes.each_ref().map(|bytes| Image::U16(words(bytes))),
+                    &expected,
+                    step.into(),
+                );
             }
 
             for step in [1.0, 0.1, 1.0 / 255.0, 1.0 / 256.0, 257.0, 3.7e-12, 1e20] {
-                let singles =
-                    |bytes: &Array3<u8>| bytes.mapv(|byte| f32::from(byte) * step as f32);
+                let singles = |bytes: &Array3<u8>| bytes.mapv(|byte| f32::from(byte) * step as f32);
                 check(bytes.each_ref().map(|bytes| Image::F32(singles(bytes))), &expected, step);
                 let doubles = |bytes: &Array3<u8>| bytes.mapv(|byte| f64::from(byte) * step);
                 check(bytes.each_ref().map(|bytes| Image::F64(doubles(bytes))), &expected, step);
@@ -374,7 +377,8 @@ mod tests {
 
     #[test]
     fn integers_beyond_bytes_are_words_and_fractions_of_white_too() {
-        let words = Array3::from_shape_fn((9, 120, 1), |(y, x, _)| (37 * (y * 120 + x) % 4096) as u16);
+        let words =
+            Array3::from_shape_fn((9, 120, 1), |(y, x, _)| (37 * (y * 120 + x) % 4096) as u16);
         let expected = [Image::U16(words.clone()), Image::U16(words.clone())];
         check(expected.clone(), &expected, 1.0);
 
@@ -388,8 +392,10 @@ mod tests {
 
     #[test]
     fn what_is_no_integer_of_one_step_stays_as_it_is() {
-        let roots = Image::F64(Array3::from_shape_fn((9, 90, 1), |(y, x, _)| (x as f64).sqrt() + y as f64));
-        let negative = Image::F32(Array3::from_shape_fn((9, 90, 1), |(y, x, _)| x as f32 - y as f32));
+        let roots =
+            Image::F64(Array3::from_shape_fn((9, 90, 1), |(y, x, _)| (x as f64).sqrt() + y as f64));
+        let negative =
+            Image::F32(Array3::from_shape_fn((9, 90, 1), |(y, x, _)| x as f32 - y as f32));
         let bytes = Image::F32(Array3::from_shape_fn((9, 90, 1), |(_, x, _)| x as f32));
 
         let single = [bytes, negative];

@@ -117,7 +117,8 @@ impl Pair {
 
     /// The pair with its values in the narrowest type that holds them: how it is matched depends on the values alone.
     pub fn packed(self, packing: &Packing) -> Self {
-        let [left, right] = [(self.left, 0), (self.right, 1)].map(|(view, i)| packing.packed(view, i));
+        let [left, right] =
+            [(self.left, 0), (self.right, 1)].map(|(view, i)| packing.packed(view, i));
         Self { left, right, ..self }
     }
 

@@ -78,7 +78,8 @@ impl MatchJob {
     /// Bytes of the integers that are wide enough for the costs and the totals of this match.
     fn bytes(&self) -> usize {
         let (window, penalties) = naive::scale(&self.pair, &self.settings);
-        let is_masked = Validity::new(self.pair.views(), self.pair.candidates()).expect("memory").is_some();
+        let is_masked =
+            Validity::new(self.pair.views(), self.pair.candidates()).expect("memory").is_some();
 
         let total = match self.settings.optimizer {
             Optimizer::DynamicProgramming | Optimizer::WinnerTakesAll => 0,
