@@ -45,7 +45,7 @@ FORMS: dict[str, Callable[[NDArray[np.uint8]], NDArray[Any]]] = {
 
 @pytest.fixture(scope="module")
 def soft() -> Images:
-    """Gray bytes, the right image softer and noisier than the left one, so that all is estimated."""
+    """Gray bytes, the right image softer and noisier, so all is estimated."""
     rng = np.random.default_rng(8)
     scene = rng.normal(size=(240, 330))
     for axis in (0, 1):
