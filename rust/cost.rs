@@ -649,11 +649,22 @@ fn add_differences<V: Value>(left: u16, right: &[Lanes<u16>], out: &mut [Lanes<V
     }
 }
 
+/// 1 for the candidates of a pixel that are valid as it is, else 0: in registers, as what is written may not overlap it.
+#[inline(always)]
+fn both_valid(left: u8, right: &Lanes<u8>) -> Lanes<u8> {
+    let mut both = *right;
+    for both in &mut both {
+        *both &= left;
+    }
+    both
+}
+
 #[inline(always)]
 fn mark_valid<V: Value>(left: u8, right: &[Lanes<u8>], out: &mut [Lanes<V>]) {
     for (out, right) in out.iter_mut().zip(right) {
+        let both = both_valid(left, right);
         for j in 0..LANES {
-            out[j] = V::truncated((left & right[j]).into());
+            out[j] = V::truncated(both[j].into());
         }
     }
 }
@@ -661,10 +672,10 @@ fn mark_valid<V: Value>(left: u8, right: &[Lanes<u8>], out: &mut [Lanes<V>]) {
 #[inline(always)]
 fn mask_out<V: Value>(left: u8, right: &[Lanes<u8>], out: &mut [Lanes<V>]) {
     for (out, right) in out.iter_mut().zip(right) {
+        let both = both_valid(left, right);
         for j in 0..LANES {
             // All bits or none: the compiler makes choices lane by lane.
-            let kept = u64::from(left & right[j]).wrapping_neg();
-            out[j] = V::truncated(out[j].widened() & kept);
+            out[j] = V::truncated(out[j].widened() & u64::from(both[j]).wrapping_neg());
         }
     }
 }

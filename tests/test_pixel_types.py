@@ -45,7 +45,7 @@ FORMS: dict[str, Callable[[NDArray[np.uint8]], NDArray[Any]]] = {
 
 @pytest.fixture(scope="module")
 def soft() -> Images:
-    """Gray bytes, the right image softer and noisier than the left one, so that all is estimated."""
+    """Gray bytes, the right image softer and noisier, so all is estimated."""
     rng = np.random.default_rng(8)
     scene = rng.normal(size=(240, 330))
     for axis in (0, 1):
@@ -84,7 +84,9 @@ def test_differences_of_intensities_do_not_depend_on_their_type_either(
 
 def test_words_are_the_same_as_integers_and_as_fractions_of_white(soft: Images) -> None:
     rng = np.random.default_rng(3)
-    words = [16 * image.astype(np.uint16) + rng.integers(0, 16, image.shape, np.uint16) for image in soft]
+    words = [
+        16 * image.astype(np.uint16) + rng.integers(0, 16, image.shape, np.uint16) for image in soft
+    ]
     options: dict[str, Any] = {"num_disparities": 24, "preset": "robust"}
     expected = ps.match(*words, **options)
     for step in (1.0, 1 / 4095):
@@ -96,7 +98,9 @@ def test_words_are_the_same_as_integers_and_as_fractions_of_white(soft: Images) 
 @pytest.mark.parametrize("form", ["uint16, times 257", "float32, over 255", "RGB"])
 def test_parts_are_those_of_bytes_whatever_their_own_values(soft: Images, form: str) -> None:
     # The first rows alone would be bytes of another scale, and gray.
-    left, right = (np.where(np.arange(240)[:, np.newaxis] < 90, image // 2 * 2, image) for image in soft)
+    left, right = (
+        np.where(np.arange(240)[:, np.newaxis] < 90, image // 2 * 2, image) for image in soft
+    )
     expected = ps.match(left, right, num_disparities=16, preset="robust")
     images = FORMS[form](left), FORMS[form](right)
 
@@ -117,10 +121,8 @@ def test_a_diagnosis_is_of_the_values(load: Callable[[str], Pair]) -> None:
     for name, form in FORMS.items():
         found = ps.check(form(left), form(right))
         scale = found.intensity_range / expected.intensity_range
-        sentences = [one.sentence.split(" on a scale")[0] for one in found.findings]
         if abs(scale - 1) < 1e-6:
             assert str(found) == str(expected), name
-        assert len(sentences) == len(expected.findings), name
         assert [one.severity for one in found.findings] == [
             one.severity for one in expected.findings
         ], name
