@@ -46,13 +46,13 @@ def test_pairs_are_the_same_every_time() -> None:
 def test_a_range_that_lacks_an_object_is_counted() -> None:
     made = ranges.Construction("near", "", SCENES[0].left, SCENES[0].right, 3, 45, (45,))
     trials = [ranges.Trial.of(made, SearchRange(0, count, "found")) for count in (20, 45, 46, 60)]
-    assert [trial.outside for trial in trials] == [True, False, False, False]
+    assert [trial.outside for trial in trials] == [True, True, False, False]
     assert trials[-1].longer == pytest.approx(60 / 43)
 
     table = ranges.found_table(trials)
     mean = (20 + 45 + 46 + 60) / 4 / 43
     (row,) = table.rows
-    assert [entry.text for entry in row] == ["near", "4", "1", "0", f"{mean:.2f}", "1.40"]
+    assert [entry.text for entry in row] == ["near", "4", "2", "0", f"{mean:.2f}", "1.40"]
 
 
 def test_ends_and_textures_need_two_scenes() -> None:

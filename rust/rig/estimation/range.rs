@@ -405,11 +405,13 @@ mod tests {
     }
 
     #[test]
-    fn margins_stay_on_their_side_of_zero() {
-        assert_eq!(with_margin(2.0, 52.0, 2.0), (0, 57));
+    fn margins_stay_on_their_side_of_zero_unless_the_ends_do_not() {
+        assert_eq!(with_margin(2.0, 52.0, 2.0), (0, 58));
         assert_eq!(with_margin(30.0, 60.0, 2.0), (0, 64));
-        assert_eq!(with_margin(200.0, 250.0, 2.0), (195, 255));
-        assert_eq!(with_margin(-52.0, -2.0, 2.0), (-57, 0));
-        assert_eq!(with_margin(-20.0, 30.0, 2.0), (-25, 35));
+        assert_eq!(with_margin(200.0, 250.0, 2.0), (194, 256));
+        assert_eq!(with_margin(-52.0, -2.0, 2.0), (-58, 0));
+        assert_eq!(with_margin(-20.0, 30.0, 2.0), (-26, 36));
+        assert_eq!(with_margin(-0.4, 40.0, 2.0), (-5, 45));
+        assert_eq!(with_margin(0.0, 0.0, 2.0), (-2, 2));
     }
 }
