@@ -123,7 +123,7 @@ def assert_equals_the_oracle(
     trust: NDArray[Any] = np.ones(disparity.shape)
     if result.confidence is not None:
         # Whether disparities agree that are one apart may depend on the last bit.
-        reliable = refinement.reliability(evidence, unit, np.floor(bits / 2 * unit))
+        reliable = refinement.reliability(evidence, unit, np.floor(bits / 3 * unit))
         least, most = (
             refinement.confidence(disparity, reliable, gray, agree) for agree in (0.99999, 1.00001)
         )
