@@ -196,9 +196,10 @@ impl<'a> Costs<'a> {
         self.ceiling
     }
 
-    /// The mean cost of pixels that have nothing to do with one another: half of the bits of a code. `None`: unknown.
+    /// What pixels that have nothing to do with one another cost at least, on average: a third of the bits of a code.
+    /// Random codes differ in half of them, those with a weak level in fewer. `None`: unknown.
     pub fn unrelated(&self) -> Option<f64> {
-        matches!(self.compared, Compared::Codes(_)).then(|| f64::from(self.ceiling) / 2.0)
+        matches!(self.compared, Compared::Codes(_)).then(|| f64::from(self.ceiling) / 3.0)
     }
 
     /// Steps of the cost per unit of the penalties.

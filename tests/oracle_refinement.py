@@ -292,9 +292,13 @@ def smooth(disparity: Map) -> Map:
 # --- trust ---
 
 
-def reliability(evidence: Evidence, unit: float) -> Floats:
-    """Return a / (a + 4) of each pixel, a being by how many units its disparity is ahead."""
-    ahead = np.maximum(evidence.elsewhere - evidence.own, 0) / unit
+def reliability(evidence: Evidence, unit: float, unrelated: float = np.inf) -> Floats:
+    """Return a / (a + 4) of each pixel, a being by how many units its disparity is ahead.
+
+    Where no candidate is elsewhere, it is ahead of a match of `unrelated` pixels.
+    """
+    elsewhere = np.where(np.isinf(evidence.elsewhere), unrelated, evidence.elsewhere)
+    ahead = np.maximum(elsewhere - evidence.own, 0) / unit
     return np.where(np.isinf(ahead), 0, ahead / (np.where(np.isinf(ahead), 0, ahead) + 4))
 
 

@@ -28,8 +28,8 @@ ROBUST = replace(ps.PRESETS["robust"], compensate_blur=False, despike=False, den
 
 def volume_of(
     pair: NDArray[Any], settings: ps.Settings, search: tuple[int, int], masks: Masks | None
-) -> tuple[NDArray[np.int64], int]:
-    """Return the oracle's aggregated costs of phase codes, and how many bits they lost."""
+) -> tuple[NDArray[np.int64], int, int]:
+    """Return the oracle's aggregated costs of phase codes, the bits they lost, those of a code."""
     r, s = settings.frequencies
     components = r * (2 * s + 1) + s
     noise = NOISE if settings.noise_threshold else None
@@ -67,7 +67,7 @@ def volume_of(
         ceiling=ceiling,
         dropped=dropped,
     )
-    return volume, dropped
+    return volume, dropped, ceiling
 
 
 def evidence_of(
@@ -108,7 +108,7 @@ def assert_equals_the_oracle(
     gray = np.rint(thousandths * oracle.to_gray(pair[0])).astype(np.int64)
     gray = gray if masks is None else oracle.fill_masked(gray, masks[0])
 
-    volume, dropped = volume_of(pair, settings, search, masks)
+    volume, dropped, bits = volume_of(pair, settings, search, masks)
     evidence, unit = evidence_of(volume, settings, dropped, gray)
 
     disparity, flags = refinement.refine(
@@ -123,7 +123,7 @@ def assert_equals_the_oracle(
     trust: NDArray[Any] = np.ones(disparity.shape)
     if result.confidence is not None:
         # Whether disparities agree that are one apart may depend on the last bit.
-        reliable = refinement.reliability(evidence, unit)
+        reliable = refinement.reliability(evidence, unit, np.floor(bits / 3 * unit))
         least, most = (
             refinement.confidence(disparity, reliable, gray, agree) for agree in (0.99999, 1.00001)
         )

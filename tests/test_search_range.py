@@ -105,7 +105,9 @@ def far_and_near(
     right = ndimage.gaussian_filter(noise(0, size), 0.7)
     places = np.arange(columns)
     ramp = np.linspace(*far, rows)
-    left = np.array([np.interp(places - d, places, row) for d, row in zip(ramp, right, strict=True)])
+    left = np.array(
+        [np.interp(places - d, places, row) for d, row in zip(ramp, right, strict=True)]
+    )
     left = left.astype(np.float32)
 
     if near:
@@ -184,12 +186,8 @@ def test_few_candidates_have_confidences(count: int) -> None:
     scene = noise(0)
     left, right = scene[:, :-5], scene[:, 5:]  # disparity 5
     for preset in ("robust", "paper"):
-        near = ps.match(
-            left, right, min_disparity=5, num_disparities=count, preset=preset
-        )
-        far = ps.match(
-            left, right, min_disparity=20, num_disparities=count, preset=preset
-        )
+        near = ps.match(left, right, min_disparity=5, num_disparities=count, preset=preset)
+        far = ps.match(left, right, min_disparity=20, num_disparities=count, preset=preset)
         assert near.confidence is not None
         assert far.confidence is not None
         assert np.median(near.confidence) > 0.6

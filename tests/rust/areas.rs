@@ -1,13 +1,14 @@
 //! Areas outside the run of disparities: as a naive search finds them, and where things were put.
 
 use crate::common::{hash, levels};
+use ndarray::Array3;
 use phasestereo::internals::cost::Costs;
 use phasestereo::internals::cost::candidates::Candidates;
+use phasestereo::internals::image::intensity::IntensityRange;
 use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::image::view::View;
+use phasestereo::internals::image::view::{Image, View};
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::{Execution, Matcher};
-use phasestereo::internals::rig::blur::rough::as_view;
 use phasestereo::internals::rig::estimation::Means;
 use phasestereo::internals::rig::estimation::areas::{Area, areas};
 use phasestereo::internals::rig::estimation::overview::Overview;
@@ -24,6 +25,14 @@ const REACH: (isize, isize) = (-30, 52);
 
 fn noise(salt: u64, y: usize, x: usize) -> f32 {
     (hash(salt, y, x) % 256) as f32 / 2.0
+}
+
+/// A copy as a view, of which a gray level is a thousand steps.
+fn as_view(plane: Plane<f32>) -> View {
+    let pixels =
+        Array3::from_shape_fn((plane.rows(), plane.cols(), 1), |(y, x, _)| plane.row(y)[x]);
+    let range = IntensityRange { black: -128_000.0, white: 128_000.0 };
+    View { range: Some(range), ..View::from(Image::F32(pixels)) }
 }
 
 /// Copies of a background with things before it: top, rows, first column of the left image, columns, disparity.
@@ -108,6 +117,9 @@ impl Sums {
     }
 }
 
+/// A pixel, its disparity and its gain.
+type Member = ((usize, usize), (isize, u64));
+
 /// The areas by the definition.
 fn naive(copies: &Overview) -> Vec<Area> {
     let [left, right] = copies.planes.each_ref().map(|plane| as_view(plane.clone()));
@@ -161,11 +173,11 @@ fn naive(copies: &Overview) -> Vec<Area> {
             }
         }
 
-        let is_seen = |((y, x), (disparity, _)): &((usize, usize), (isize, u64))| {
+        let is_seen = |((y, x), (disparity, _)): &Member| {
             let column = (*x as isize - disparity) as usize;
             (back.least(*y, column, |_| true).1 + disparity).abs() <= 2
         };
-        let ends = |of: &dyn Fn(&((usize, usize), (isize, u64))) -> isize| {
+        let ends = |of: &dyn Fn(&Member) -> isize| {
             let values = members.iter().map(of);
             (values.clone().min().expect("one"), values.max().expect("one"))
         };

@@ -146,9 +146,10 @@ fn found_by_rows(pair: &Pair, is_known: bool, most: usize) -> Estimates {
 /// Compares all but the times.
 fn assert_same(found: &Estimates, expected: &Estimates, what: &str) {
     let parts = |found: &Estimates| {
-        let Estimates { candidates, range, offsets, alignment, blur, compensation, .. } = found;
-        let blur = blur.clone();
-        (*candidates, *range, offsets.clone(), alignment.clone(), blur, compensation.clone())
+        let Estimates { candidates, range, left_out, offsets, .. } = found;
+        let Estimates { alignment, blur, compensation, .. } = found;
+        let range = (*candidates, *range, left_out.clone());
+        (range, offsets.clone(), alignment.clone(), blur.clone(), compensation.clone())
     };
 
     assert_eq!(parts(found), parts(expected), "{what}");

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields, replace
 from itertools import chain
-from typing import TYPE_CHECKING, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Literal, TypeAlias, TypeVar
 
 from phasestereo.rig.alignment import Alignment
 from phasestereo.rig.blur import as_estimate
@@ -153,8 +153,9 @@ def _search(
     if span is None:
         return SearchRange(*disparities, "given" if is_given else "default", sure)
 
-    _, _, *rest = span
-    return SearchRange(*disparities, "given" if is_given else "found", sure, *rest)
+    _, _, low, high, swapped, mixed, identical = span
+    origin: Literal["given", "found"] = "given" if is_given else "found"
+    return SearchRange(*disparities, origin, sure, low, high, swapped, mixed, identical)
 
 
 def _alignment(

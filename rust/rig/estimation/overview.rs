@@ -206,9 +206,20 @@ impl Overview {
         self.reduced(WIDTH, means)
     }
 
-    /// The same, reduced still more.
+    /// The same, reduced by two more; `None` where these are the smallest copies.
+    pub fn halved(&self, means: Means) -> Result<Option<Self>> {
+        let size = (self.valid.rows(), self.valid.cols());
+        let is_larger = reduction(size, COARSE_WIDTH) > 1;
+        is_larger.then(|| self.reduced_by(2, means)).transpose()
+    }
+
+    /// The same, reduced still more, to so many columns.
     fn reduced(&self, width: usize, means: Means) -> Result<Self> {
-        let by = reduction((self.valid.rows(), self.valid.cols()), width);
+        self.reduced_by(reduction((self.valid.rows(), self.valid.cols()), width), means)
+    }
+
+    /// The same, reduced by so much more.
+    fn reduced_by(&self, by: usize, means: Means) -> Result<Self> {
         let [left, right] = &self.planes;
         let copy = |plane| reduced(plane, by, means.how.level, means.control);
         let planes = [copy(left)?, copy(right)?];

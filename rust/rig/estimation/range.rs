@@ -165,7 +165,7 @@ pub fn left_out(
     means: Means,
 ) -> Result<Vec<LeftOut>> {
     let run = overview.span(candidates);
-    let mut places = outside(overview, overview, run, map.field.as_ref(), means)?;
+    let mut places = places_of(overview, run, overview.widest(), map.field.as_ref(), means)?;
     places.retain(|place| place.is_certain);
     Ok(beyond(places, candidates))
 }
@@ -177,8 +177,8 @@ struct Outside {
     is_certain: bool,
 }
 
-/// The places outside a run of the copies that may belong to the range. On finer copies, only nearer ones are looked for:
-/// what is farther than a run is not small.
+/// The places outside a run of the copies that may belong to the range, on these and all coarser copies, which withstand
+/// noise. On copies finer than the overview, only nearer places are looked for: what is farther than a run is not small.
 fn outside(
     copies: &Overview,
     overview: &Overview,
@@ -187,30 +187,48 @@ fn outside(
     means: Means,
 ) -> Result<Vec<Outside>> {
     let mut places = vec![];
-    let finer = (overview.factor / copies.factor) as isize;
-    let mut look = |copies: &Overview, run: Span, reach: Span| -> Result<()> {
-        for area in areas(copies, run, reach, field, means)? {
-            let is_seen = 10 * area.seen >= 7 * area.size;
-            let is_certain =
-                area.gain >= CERTAIN || (area.gain >= BESIDE.0 && is_beside(&area, run));
-            if is_seen && (is_certain || area.gain >= LIKELY) {
-                places.push(Outside { place: LeftOut::new(&area, copies.factor), is_certain });
-            }
+    let mut coarser: Option<Overview> = None;
+
+    loop {
+        let here = coarser.as_ref().unwrap_or(copies);
+        let by = (here.factor / copies.factor) as isize;
+        let run = (run.0.div_euclid(by), (run.1 + by - 1).div_euclid(by));
+
+        let (lowest, highest) = here.widest();
+        let reach = if here.factor >= overview.factor {
+            (lowest, highest)
+        } else if run.0 + run.1 >= 0 {
+            (run.0.min(highest), highest)
+        } else {
+            (lowest, run.1.max(lowest))
+        };
+        places.extend(places_of(here, run, reach, field, means)?);
+
+        match here.halved(means)? {
+            Some(next) => coarser = Some(next),
+            None => return Ok(places),
         }
-        Ok(())
+    }
+}
+
+/// The places outside a run of some copies that may belong to the range.
+fn places_of(
+    copies: &Overview,
+    run: Span,
+    reach: Span,
+    field: Option<&Alignment>,
+    means: Means,
+) -> Result<Vec<Outside>> {
+    let place = |area: Area| {
+        let is_seen = 10 * area.seen >= 7 * area.size;
+        let is_certain = area.gain >= CERTAIN || (area.gain >= BESIDE.0 && is_beside(&area, run));
+
+        let is_likely = is_seen && (is_certain || area.gain >= LIKELY);
+        is_likely.then(|| Outside { place: LeftOut::new(&area, copies.factor), is_certain })
     };
 
-    if finer > 1 {
-        let (lowest, highest) = copies.widest();
-        let is_near_above = run.0 + run.1 >= 0;
-        let near =
-            if is_near_above { (run.0.min(highest), highest) } else { (lowest, run.1.max(lowest)) };
-        look(copies, run, near)?;
-    }
-    let run = (run.0.div_euclid(finer), (run.1 + finer - 1).div_euclid(finer));
-    look(overview, run, overview.widest())?;
-
-    Ok(places)
+    let found = areas(copies, run, reach, field, means)?;
+    Ok(found.into_iter().filter_map(place).collect())
 }
 
 /// Whether an area is next to a run, on its near side.
@@ -228,7 +246,7 @@ fn beyond(places: Vec<Outside>, candidates: Candidates) -> Vec<LeftOut> {
     let first = candidates.min() as f64 - 0.5;
     let last = candidates.disparity(candidates.count() - 1) as f64 + 0.5;
 
-    let middle = |place: &LeftOut| (place.low + place.high) / 2.0;
+    let middle = |place: &LeftOut| f64::midpoint(place.low, place.high);
     let places = places.into_iter().map(|outside| outside.place);
     places.filter(|place| !(first..=last).contains(&middle(place))).collect()
 }
@@ -387,11 +405,13 @@ mod tests {
     }
 
     #[test]
-    fn margins_stay_on_their_side_of_zero() {
-        assert_eq!(with_margin(2.0, 52.0, 2.0), (0, 57));
+    fn margins_stay_on_their_side_of_zero_unless_the_ends_do_not() {
+        assert_eq!(with_margin(2.0, 52.0, 2.0), (0, 58));
         assert_eq!(with_margin(30.0, 60.0, 2.0), (0, 64));
-        assert_eq!(with_margin(200.0, 250.0, 2.0), (195, 255));
-        assert_eq!(with_margin(-52.0, -2.0, 2.0), (-57, 0));
-        assert_eq!(with_margin(-20.0, 30.0, 2.0), (-25, 35));
+        assert_eq!(with_margin(200.0, 250.0, 2.0), (194, 256));
+        assert_eq!(with_margin(-52.0, -2.0, 2.0), (-58, 0));
+        assert_eq!(with_margin(-20.0, 30.0, 2.0), (-26, 36));
+        assert_eq!(with_margin(-0.4, 40.0, 2.0), (-5, 45));
+        assert_eq!(with_margin(0.0, 0.0, 2.0), (-2, 2));
     }
 }

@@ -15,6 +15,8 @@ from phasestereo_bench.cli.bench_scenes import SceneChoice
 from phasestereo_bench.cli.bench_tables import filled
 from phasestereo_bench.ranges import (
     KINDS,
+    Comparison,
+    Trial,
     compare,
     compared_table,
     constructions,
@@ -66,15 +68,21 @@ def range_(
         scenes = [scene.load() for scene in chosen]
         made = list(constructions(scenes, kind or KINDS, held=held))
 
-        trials, comparisons = [], []
-        count = len(made) + len(scenes) * told
+        trials: list[Trial] = []
+        comparisons: list[Comparison] = []
         with progress_bar("Searching") as progress:
+
+            def count() -> None:
+                if progress is not None:
+                    done = len(trials) + len(comparisons)
+                    progress(done, len(made) + len(scenes) * told)
+
             for construction in made:
                 trials.append(search(construction))
-                progress(len(trials), count)
+                count()
             for pair in scenes if told else ():
                 comparisons.append(compare(pair, repeats=3))
-                progress(len(trials) + len(comparisons), count)
+                count()
 
     console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
     console.print(filled("Outside the range that was found", found_table(trials)))

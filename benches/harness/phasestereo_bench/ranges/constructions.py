@@ -86,7 +86,7 @@ def constructions(
     ValueError
         If there are fewer than two scenes.
     """
-    if len(scenes) < 2:  # noqa: PLR2004 - texture and background
+    if len(scenes) < 2:
         raise ValueError(f"scenes: got {len(scenes)}; accepts two or more")
 
     makers = {
@@ -102,15 +102,15 @@ def constructions(
     names = {pair.name for pair in scenes}
     textures = [_gray(pair.left) for pair in scenes if pair.name[:-1] not in names]
     for kind in kinds:
-        yield from makers[kind](scenes, textures, held)
+        yield from makers[kind](scenes, textures, held=held)
 
 
-def _near(pairs: Sequence[Pair], textures: list[Image], held: bool) -> Iterator[Construction]:
+def _near(pairs: Sequence[Pair], textures: list[Image], *, held: bool) -> Iterator[Construction]:
     """Yield scenes of few disparities with an object that covers a share of the image."""
     backgrounds: list[tuple[str, Views, float, float]] = []
     for pair in pairs:
         known = _known(pair)
-        if known is not None and known[1] <= 20:  # noqa: PLR2004 - px
+        if known is not None and known[1] <= 20:
             views = _gray(pair.left), _gray(pair.right)
             backgrounds.append((pair.name, views, *known))
     for number in range(max(3 - len(backgrounds), 1)):
@@ -133,27 +133,30 @@ def _near(pairs: Sequence[Pair], textures: list[Image], held: bool) -> Iterator[
         yield Construction("near", what, left, right, low, max(high, near), (near,))
 
 
-def _poles(_: Sequence[Pair], textures: list[Image], held: bool) -> Iterator[Construction]:
-    yield from _thin("poles", textures, held)
+def _poles(_: Sequence[Pair], textures: list[Image], *, held: bool) -> Iterator[Construction]:
+    yield from _thin("poles", textures, held=held)
 
 
-def _squares(_: Sequence[Pair], textures: list[Image], held: bool) -> Iterator[Construction]:
-    yield from _thin("squares", textures, held)
+def _squares(_: Sequence[Pair], textures: list[Image], *, held: bool) -> Iterator[Construction]:
+    yield from _thin("squares", textures, held=held)
 
 
-def _thin(kind: str, textures: list[Image], held: bool) -> Iterator[Construction]:
+def _thin(kind: str, textures: list[Image], *, held: bool) -> Iterator[Construction]:
     """Yield wide and narrow backgrounds with one pole or one square."""
     faults = _faults() if held else {"": _unchanged}
-    sizes = (9, 11, 13) if held else (8, 11, 14)
+    sizes: tuple[int, ...] = (9, 11, 13) if held else (8, 11, 14)
     if kind == "squares":
         sizes = (26, 34) if held else (24, 32, 40)
     cases = product((520, 1300, 1920) if held else _THIN, sizes, (55, 110) if held else _NEAR)
 
     for index, (columns, size, near) in enumerate(cases):
-        shape = round(columns * (0.3 if columns > 600 else 0.8)), columns  # noqa: PLR2004 - px
+        shape = round(columns * (0.3 if columns > 600 else 0.8)), columns
         height = size if kind == "squares" else round(shape[0] * (0.33 + 0.17 * (index % 2)))
-        views, low, high = _background(textures, shape, (3.0, 19.0), index + 31 * held)
-        place = (shape[0] - height) * (1 + index % 2) // 3, near + (columns - near) * (2 + index % 3) // 6
+        views, low, _ = _background(textures, shape, (3.0, 19.0), index + 31 * held)
+        place = (
+            (shape[0] - height) * (1 + index % 2) // 3,
+            near + (columns - near) * (2 + index % 3) // 6,
+        )
         patch = _cut(textures[(index + 3) % len(textures)], (height, size), index + 90 * held)
         fault = list(faults)[index % len(faults)]
         left, right = faults[fault](_pasted(views, patch, place, near))
@@ -161,7 +164,7 @@ def _thin(kind: str, textures: list[Image], held: bool) -> Iterator[Construction
         yield Construction(kind, what, left, right, low, near, (near,))
 
 
-def _signed(_: Sequence[Pair], textures: list[Image], held: bool) -> Iterator[Construction]:
+def _signed(_: Sequence[Pair], textures: list[Image], *, held: bool) -> Iterator[Construction]:
     widths = (640, 1600, 3000) if held else _WIDTHS
     spans = ((-2.0, 5.0), (-15.0, 15.0), (-5.0, 60.0)) if held else _SIGNED
     for index, (columns, span) in enumerate(product(widths, spans)):
@@ -171,14 +174,14 @@ def _signed(_: Sequence[Pair], textures: list[Image], held: bool) -> Iterator[Co
         yield Construction("signed", what, left, right, low, high)
 
 
-def _same(_: Sequence[Pair], textures: list[Image], held: bool) -> Iterator[Construction]:
+def _same(_: Sequence[Pair], textures: list[Image], *, held: bool) -> Iterator[Construction]:
     for index, sigma in enumerate((0.0, 5.0, 10.0) if held else (0.0, 2.0)):
         image = textures[index + held]
         left, right = (_noisy(image, sigma, seed) for seed in (1, 2))
         yield Construction("same", f"noise {sigma:g}", left, right, 0, 0)
 
 
-def _parallel(_: Sequence[Pair], textures: list[Image], held: bool) -> Iterator[Construction]:
+def _parallel(_: Sequence[Pair], textures: list[Image], *, held: bool) -> Iterator[Construction]:
     """Yield far scenes: disparities of zero, about, and other light."""
     for index, columns in enumerate((600, 1500) if held else (450, 1240)):
         (left, right), low, high = _background(
@@ -188,7 +191,7 @@ def _parallel(_: Sequence[Pair], textures: list[Image], held: bool) -> Iterator[
         yield Construction("parallel", f"{columns} columns", left, right, low, high)
 
 
-def _weak(pairs: Sequence[Pair], _: list[Image], held: bool) -> Iterator[Construction]:
+def _weak(pairs: Sequence[Pair], _: list[Image], *, held: bool) -> Iterator[Construction]:
     """Yield scenes of which little contrast is left."""
     for pair in pairs[held::2]:
         known = _known(pair)
@@ -211,7 +214,7 @@ def _known(pair: Pair) -> tuple[float, float] | None:
 
 
 def _gray(image: NDArray[Any]) -> Image:
-    if image.ndim == 3:  # noqa: PLR2004 - with channels
+    if image.ndim == 3:
         image = np.rint(image[..., :3] @ np.array([0.299, 0.587, 0.114]))
     return image.astype(np.uint8)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from statistics import fmean
 from typing import TYPE_CHECKING
 
-from phasestereo_bench.report.tables import Table
+from phasestereo_bench.report.tables import Entry, Table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,11 +21,17 @@ def found_table(trials: Sequence[Trial]) -> Table:
         longer = [trial.longer for trial in some]
         outside = sum(trial.outside for trial in some)
         said = sum(trial.outside and bool(trial.search.left_out) for trial in some)
-        cells = f"{len(some)}", f"{outside}", f"{said}", f"{fmean(longer):.2f}", f"{max(longer):.2f}"
+        cells = (
+            f"{len(some)}",
+            f"{outside}",
+            f"{said}",
+            f"{fmean(longer):.2f}",
+            f"{max(longer):.2f}",
+        )
         rows.append((kind, *cells))
 
     header = "kind", "pairs", "outside", "of them said", "length / needed, mean", "worst"
-    return Table(header=header, rows=tuple(rows), labels=1)
+    return _table(header, rows)
 
 
 def compared_table(scenes: Sequence[Comparison]) -> Table:
@@ -45,4 +51,8 @@ def compared_table(scenes: Sequence[Comparison]) -> Table:
         f"{fmean(scene.seconds[0] / scene.seconds[1] for scene in scenes):.2f}",
     )
     header = "scene", "bad-1.0 told nothing", "told", "length / needed", "time / told"
-    return Table(header=header, rows=(*rows, ("mean", *means)), labels=1)
+    return _table(header, [*rows, ("mean", *means)])
+
+
+def _table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> Table:
+    return Table(header, tuple(tuple(map(Entry, row)) for row in rows), labels=1)

@@ -5,13 +5,15 @@ from __future__ import annotations
 import time
 import warnings
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import phasestereo as ps
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from phasestereo import SearchRange
     from phasestereo_bench.datasets import Pair
     from phasestereo_bench.ranges.constructions import Construction
@@ -41,6 +43,17 @@ class Trial:
     outside: bool
     longer: float
 
+    @classmethod
+    def of(cls, made: Construction, found: SearchRange) -> Trial:
+        """Judge the range of a construction."""
+        first, last = found.min_disparity, found.min_disparity + found.num_disparities - 1
+
+        # A candidate stands for half a pixel on either side.
+        wanted = made.objects or (made.low, made.high)
+        outside = any(not first - 0.5 <= each <= last + 0.5 for each in wanted)
+        longer = (last - first + 1) / (made.high - made.low + 1)
+        return cls(made.kind, made.name, found, outside, longer)
+
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
@@ -66,14 +79,10 @@ class Comparison:
 
 def search(made: Construction) -> Trial:
     """Search the range of a construction."""
-    found = _matched(made.left, made.right, settings=_FAST).search
-    first, last = found.min_disparity, found.min_disparity + found.num_disparities - 1
-
-    # A candidate stands for half a pixel on either side.
-    wanted = made.objects or (made.low, made.high)
-    outside = any(not first - 0.5 <= each <= last + 0.5 for each in wanted)
-    longer = (last - first + 1) / (made.high - made.low + 1)
-    return Trial(made.kind, made.name, found, outside, longer)
+    found = _matched(made.left, made.right, settings=_FAST, align_rows=True).search
+    if found is None:
+        raise ValueError(f"made: got {made.name}, of which no range was searched")
+    return Trial.of(made, found)
 
 
 def compare(pair: Pair, *, repeats: int = 1) -> Comparison:
@@ -86,9 +95,12 @@ def compare(pair: Pair, *, repeats: int = 1) -> Comparison:
     low, high = float(truth[known].min()), float(truth[known].max())
     told = {"num_disparities": int(np.ceil(high)) + 2}
 
-    bad, seconds, longer = [], [], 1.0
+    bad: list[float] = []
+    seconds: list[float] = []
+    longer = 1.0
+    given: dict[str, Any]
     for given in ({}, told):
-        took = []
+        took: list[float] = []
         for _ in range(repeats):
             started = time.perf_counter()
             result = _matched(pair.left, pair.right, **given)
@@ -102,7 +114,7 @@ def compare(pair: Pair, *, repeats: int = 1) -> Comparison:
     return Comparison(pair.name, (bad[0], bad[1]), (seconds[0], seconds[1]), longer)
 
 
-def _matched(left: object, right: object, **given: object) -> ps.Result:
+def _matched(left: NDArray[Any], right: NDArray[Any], **given: Any) -> ps.Result:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ps.MatchWarning)
-        return ps.match(left, right, threads=1, **given)  # type: ignore[arg-type]
+        return ps.match(left, right, threads=1, **given)
