@@ -1,7 +1,7 @@
 """The compiled core: validated again here, so that no argument can make it panic."""
 
 from collections.abc import Callable
-from typing import Any, Literal, TypeAlias, final
+from typing import Any, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray

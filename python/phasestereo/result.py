@@ -246,7 +246,6 @@ class Result:
         trusted: NDArray[np.bool_] = estimated & (self.confidence >= TRUSTED)
         return trusted
 
-
     def __reduce__(self) -> tuple[type[Result], tuple[Any, ...]]:
         """Return how to make another one without the pair, which would be most of a pickle."""
         kept = {f.name: None if f.name == "pair" else getattr(self, f.name) for f in fields(self)}

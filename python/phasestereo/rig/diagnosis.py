@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, cast
 
-from phasestereo._core import LEAST_SIZE, packed_pair
+from phasestereo._core import LEAST_SIZE
 from phasestereo._images import opened_pair
 from phasestereo._numbers import as_json
 from phasestereo.rig.estimation import estimate_pair
