@@ -5,7 +5,7 @@ use super::Weights;
 /// The weights that calibrate all confidences.
 pub const WEIGHTS: Weights = Weights {
     odds: [
-        [-1.6986, 0.1226, -1.9082, 0.0234],
+        [-1.7986, 0.1226, -1.9082, 0.0234],
         [-0.4205, 0.412, 0.2369, -0.2245],
         [-1.1425, -0.0892, 0.7534, 0.0],
         [-0.1286, 0.0, -0.4422, 0.0],
