@@ -23,6 +23,8 @@ const NEXT: f64 = 0.12;
 const MARGIN: f64 = 0.08;
 /// ... and as a share of a pixel of the copy on which the ends were found.
 const COARSE: f64 = 0.1;
+/// Length of a long range, pixels.
+const LONG: f64 = 16.0;
 /// Nearly all of the matches.
 const NEARLY_ALL: f64 = 0.95;
 /// Least mean confidence of the match of finer copies; with less, noise or blur leave nothing to be seen in them.
@@ -382,8 +384,9 @@ fn with_margin(low: f64, high: f64, factor: f64) -> (i64, i64) {
     let end = (high + margin).ceil() as i64;
     let length = end - start;
 
-    // Ends that are this much on one side of zero are not across it by mistake.
-    let clear = factor / 4.0;
+    // Ends that are this much on one side of zero are not across it by mistake. The candidate 0 stands for half a pixel on
+    // either side: in a long range an end that is no farther across is most often a mistake.
+    let clear = if high - low > LONG { -0.5 } else { factor / 4.0 };
     if low + high > 0.0 {
         let start = if low >= clear && start <= length { 0 } else { start };
         (start, end)
@@ -411,7 +414,8 @@ mod tests {
         assert_eq!(with_margin(200.0, 250.0, 2.0), (194, 256));
         assert_eq!(with_margin(-52.0, -2.0, 2.0), (-58, 0));
         assert_eq!(with_margin(-20.0, 30.0, 2.0), (-26, 36));
-        assert_eq!(with_margin(-0.4, 40.0, 2.0), (-5, 45));
+        assert_eq!(with_margin(-0.4, 40.0, 2.0), (0, 45));
+        assert_eq!(with_margin(-0.4, 6.0, 2.0), (-3, 8));
         assert_eq!(with_margin(0.0, 0.0, 2.0), (-2, 2));
     }
 }
