@@ -115,10 +115,14 @@ def test_search_masks_and_settings_arrive(run: Callable[..., Run]) -> None:
 
 @pytest.mark.usefixtures("folder")
 def test_color_image_shows_the_map(run: Callable[..., Run]) -> None:
-    code, _, _ = match(run, "--color", "out.png", "-o", "out.npy", "--no-fill")
+    code, out, _ = match(run, "--color", "out.png", "-o", "out.npz", "--no-fill")
     assert code == 0
-    shown = io.read_image("out.png")
-    np.testing.assert_array_equal(shown, disparity_picture(io.read_disparity("out.npy")))
+    assert re.match(r"(about \d+|less than 1) % of the pixels are probably wrong\n", out)
+
+    shown, maps = io.read_image("out.png"), np.load("out.npz")
+    trusted = maps["confidence"] >= 0.5
+    wanted = disparity_picture(maps["disparity"], title=out.splitlines()[0], trusted=trusted)
+    np.testing.assert_array_equal(shown, wanted)
     assert (shown == NEUTRAL).all(axis=2).any()
 
 

@@ -278,8 +278,12 @@ def test_an_overview_has_all_there_is(result: ps.Result) -> None:
     figure = Figure()
     assert plot.overview(result, figure) is figure
     titles = [axes.get_title() for axes in figure.axes]
-    assert titles == ["Disparity", "Histogram", "Flags", "Confidence", "Blur", "Pair"]
-    bare = plot.overview(replace(result, confidence=None, blur=None, pair=None), Figure())
+    optional = ["Confidence", "Error bars", "Blur", "Pair"]
+    assert titles == ["Disparity", "Histogram", "Flags", *optional]
+    assert figure.get_suptitle() == result.verdict != ""
+
+    none: dict[str, Any] = dict.fromkeys(("confidence", "uncertainty", "blur", "pair"))
+    bare = plot.overview(replace(result, **none), Figure())
     assert [axes.get_title() for axes in bare.axes] == titles[:3]
 
 
@@ -296,7 +300,8 @@ def test_with_axes_pyplot_is_left_alone(
     monkeypatch: pytest.MonkeyPatch, axes: Axes, result: ps.Result
 ) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)  # its import would raise
-    for draw in (plot.disparity, plot.confidence, plot.flags, plot.histogram, plot.pair, plot.blur):
+    maps = plot.disparity, plot.confidence, plot.uncertainty, plot.flags
+    for draw in (*maps, plot.histogram, plot.pair, plot.blur):
         draw(result, axes)
     plot.error(result, result.disparity, axes)
     plot.overview(result, Figure())
