@@ -287,9 +287,9 @@ mod tests {
         RowOffsets { field, error: 0.02, blocks: 100, spread: 0.1, wobble: 0.0 }
     }
 
-    fn softer(side: Side, psf: Psf, other: Option<Psf>, certainty: f32) -> Option<blur::Estimate> {
+    fn softer(side: Side, psf: Psf, other: Option<Psf>, certainty: f32) -> blur::Estimate {
         let kind = blur::Blur { side: Some(side), psf: Some(psf), taps: Some(psf.taps()), other };
-        Some(blur::Estimate { blurs: vec![kind], certainty, ..blur::Estimate::unknown(SIZE) })
+        blur::Estimate { blurs: vec![kind], certainty, ..blur::Estimate::unknown(SIZE) }
     }
 
     /// The severity and the sentence of the finding on a topic that is not well.
@@ -392,7 +392,7 @@ mod tests {
     fn blur_is_as_grave_as_it_is_large_and_certain() {
         let of = |psf: Psf, certainty: f32| {
             said(
-                &Estimates { blur: softer(Side::Left, psf, None, certainty), ..sound() },
+                &Estimates { blur: Some(softer(Side::Left, psf, None, certainty)), ..sound() },
                 Topic::Blur,
             )
         };
@@ -405,15 +405,15 @@ mod tests {
         assert_eq!(of(Psf::round(Family::Disk, 3.1), 0.9).1, disk);
 
         let both = softer(Side::Right, Psf::motion(9.0, 30.0), Some(Psf::motion(15.0, 0.0)), 0.9);
-        let both = said(&Estimates { blur: both, ..sound() }, Topic::Blur).1;
+        let both = said(&Estimates { blur: Some(both), ..sound() }, Topic::Blur).1;
         assert!(both.contains("the right image is blurred by a motion of 9.0 px at 30 degrees, the left one by a motion"));
 
         // What does not match has no blur in common.
         let blur = || softer(Side::Left, Psf::round(Family::Disk, 3.1), None, 0.9);
-        let unlike = Estimates { blur: blur(), confidence: Some(0.3), ..sound() };
+        let unlike = Estimates { blur: Some(blur()), confidence: Some(0.3), ..sound() };
         assert!(said(&unlike, Topic::Blur).1.contains("too little in common"));
         let stripes = Photometry { repeated: [0.6; 2], ..PHOTOMETRY };
-        let stripes = Estimates { blur: blur(), ..with_photometry(stripes) };
+        let stripes = Estimates { blur: Some(blur()), ..with_photometry(stripes) };
         assert!(said(&stripes, Topic::Blur).1.contains("too little in common"));
     }
 

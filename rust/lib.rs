@@ -86,10 +86,12 @@ mod c;
 mod python;
 
 pub use error::{Error, Result};
+pub use findings::{Finding, Severity, Topic, of_match as findings_of_match};
 pub use image::plane::Plane;
 pub use image::view::{Image, Mask, View};
 pub use pipeline::control::Control;
 pub use pipeline::matcher::{Disparity, Execution, Matcher, Pair, Timings};
+pub use pipeline::summary::Summary;
 pub use pipeline::temporal::TemporalFilter;
 pub use refinement::flag;
 pub use rig::estimation::{Estimates, Known, Means, Prepared, prepare, prepare_and_match};

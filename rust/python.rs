@@ -14,7 +14,7 @@ mod workers;
 use std::sync::Arc;
 
 use ndarray::{Array2, Array3};
-use numpy::{Element, IntoPyArray, PyArray2, PyArray3, PyArrayMethods, ToPyArray};
+use numpy::{Element, IntoPyArray, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::exceptions::{PyMemoryError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -42,7 +42,6 @@ use crate::image::intensity::Gray;
 use crate::image::packing::Packing;
 use crate::image::plane::Plane;
 use crate::image::texture::Roughness;
-use crate::image::view::{Image, View};
 use crate::optimization::{BAND, Penalties, optimize};
 use crate::pipeline::control::Control;
 use crate::pipeline::footprint::Demand;
@@ -93,7 +92,7 @@ mod _core {
         TemporalFilter, Workers, aggregate_volume, blur_is_as_before, check_blur_compensation,
         check_settings, cost_volume, descriptor, estimate_pair, estimate_pair_by_rows,
         find_roughness, find_scale, halo, match_pair, match_raw, match_rows, optimize_volume,
-        packed_pair, preset, rows_to_tally, simd_level, verify_map, working_memory,
+        preset, rows_to_tally, simd_level, verify_map, working_memory,
     };
 
     #[pymodule_init]
@@ -248,30 +247,6 @@ fn disparity_to_py(py: Python<'_>, map: Disparity) -> PyResult<Matched<'_>> {
     let confidence = confidence.map(|plane| wrap(py, plane)).transpose()?;
     let uncertainty = uncertainty.map(|plane| wrap(py, plane)).transpose()?;
     Ok((wrap(py, disparity)?, wrap(py, flags)?, confidence, uncertainty, timings))
-}
-
-/// Both images in the narrowest type that holds their values, and what 1 stands for in them.
-#[pyfunction]
-fn packed_pair<'py>(
-    py: Python<'py>,
-    images: Both<'py>,
-) -> PyResult<((Bound<'py, PyAny>, Bound<'py, PyAny>), f64)> {
-    let none = py.None().into_bound(py);
-    let pair = read_images(&images, &(none.clone(), none), None)?;
-    let rows = pair.size().0;
-    let pair = supervised(py, &Pool::new(1)?, rows, None, move |_, control| {
-        let packing = Packing::of_views(pair.views(), control)?;
-        Ok(pair.packed(&packing))
-    })?;
-
-    let [left, right] = pair.views();
-    let array = |view: &View| match &view.image {
-        Image::U8(pixels) => pixels.to_pyarray(py).into_any(),
-        Image::U16(pixels) => pixels.to_pyarray(py).into_any(),
-        Image::F32(pixels) => pixels.to_pyarray(py).into_any(),
-        Image::F64(pixels) => pixels.to_pyarray(py).into_any(),
-    };
-    Ok(((array(left), array(right)), left.unit))
 }
 
 /// The estimates of a pair, without a match.

@@ -45,7 +45,6 @@ __all__ = [
     "match_raw",
     "match_rows",
     "optimize_volume",
-    "packed_pair",
     "preset",
     "rows_to_tally",
     "simd_level",
@@ -165,7 +164,6 @@ def verify_map(
     Found,
     list[Said],
 ]: ...
-def packed_pair(images: tuple[Pixels, Pixels]) -> tuple[tuple[Pixels, Pixels], float]: ...
 def descriptor(
     image: Pixels,
     mask: NDArray[np.bool_] | None,

@@ -182,6 +182,7 @@ impl Scan {
     }
 
     /// Adds the valid pixels of a row.
+    #[expect(clippy::float_cmp, reason = "the same values are meant, to the bit")]
     fn add_row(&mut self, row: &[f64], side: usize) {
         self.is_gray[side] &= row.as_chunks().0.iter().all(|[r, g, b]| r == g && g == b);
 

@@ -75,8 +75,7 @@ impl Evidence {
             let rows = first..first + band.len() / cols;
             let value = |y: usize, x: usize| differences.row(y)[x].by_side();
             window_sums(size, rows, RADIUS, value, |y, x, sums| {
-                let side = differences.row(y)[x].side;
-                band[(y - first) * cols + x] = strength(side, sums);
+                band[(y - first) * cols + x] = strength(differences.row(y)[x].side, sums);
             })
         })?;
 
@@ -123,7 +122,7 @@ fn strength(side: i8, [below, few, above, many]: [i32; 4]) -> f32 {
 /// outside the right image.
 pub fn cost_at(costs: &Costs, cols: usize, (y, x): (usize, usize), disparity: f32) -> Option<i32> {
     // Beyond the image anyway, and too far for the integers below.
-    if !(disparity.abs() < cols as f32) {
+    if disparity.is_nan() || disparity.abs() >= cols as f32 {
         return None;
     }
 

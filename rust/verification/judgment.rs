@@ -14,11 +14,12 @@
 //!          + HIDDEN   if the map itself has a nearer pixel before the right one that this pixel claims
 //! ```
 //!
-//! The weights are those of a logistic regression over maps of HITNet and of `StereoSGBM`: 12 Middlebury pairs, as they
+//! The weights are those of a logistic regression over maps of `HITNet` and of `StereoSGBM`: 12 Middlebury pairs, as they
 //! are, with one image out of focus, with noise, as JPEG, and with both out of focus. Each of these conditions was left out
 //! once while the inputs were chosen: none that helps on the others alone was kept. The offset was then set so that of
-//! HITNet's right pixels fewer than 1 % are refuted in pairs as they are and with noise, and about 2 % out of focus. Trees over 44 inputs, a match of the
-//! other image and one by other settings among them, refute 2 to 6 points more of what is wrong.
+//! the right pixels of `HITNet` fewer than 1 % are refuted in pairs as they are and with noise, and about 2 % out of focus.
+//! Trees over 44 inputs, a match of the other image and one by other settings among them, refute 2 to 6 points more of what
+//! is wrong.
 //!
 //! `HIDDEN` was set by hand: pixels that the right image does not see are not in the regression, and a map that is right
 //! there contradicts the match. With -0.7 fewer of them are refuted, and 1 to 2 points less of what is wrong.
@@ -171,13 +172,13 @@ impl Jury<'_> {
         let size = (self.map.rows(), self.map.cols());
         let mut trust = zeroed(rows.len() * size.1)?;
         let first = rows.start;
-        let side = |place: usize, length: usize| {
+        let reach = |place: usize, length: usize| {
             (place + TRUST_RADIUS + 1).min(length) - place.saturating_sub(TRUST_RADIUS)
         };
 
         let value = |y: usize, x: usize| [(self.confidence(y, x) * STEPS) as i32];
         window_sums(size, rows, TRUST_RADIUS, value, |y, x, [sum]| {
-            let pixels = (side(y, size.0) * side(x, size.1)) as f64;
+            let pixels = (reach(y, size.0) * reach(x, size.1)) as f64;
             let mean = f64::from(sum) / f64::from(STEPS) / pixels;
             trust[(y - first) * size.1 + x] = logit(mean).clamp(-3.0, 4.0);
         })?;

@@ -94,19 +94,6 @@ proptest! {
         let is_needed = finer.largest_sum() > 170 || is_worth_it;
         prop_assert!(window.dropped == 0 || is_needed, "{:?}", window);
     }
-
-    /// Integers are chosen by the largest sum: the mean of few valid pixels must not exceed it.
-    #[test]
-    fn no_scaled_sum_is_above_the_largest(settings in settings(), ceiling in 1u16..=64) {
-        let settings = Settings { precision: Precision::Byte, ..settings };
-        let window = Window::new((9, 9), 5, &settings, ceiling);
-
-        for support in 1..=window.side as u64 {
-            let sum = (support * u64::from(ceiling)) >> window.dropped;
-            let scaled = window.scaled(sum, support);
-            prop_assert!(scaled <= window.largest_sum(), "{} by {}: {:?}", scaled, support, window);
-        }
-    }
 }
 
 #[test]
@@ -148,17 +135,6 @@ fn the_largest_costs_do_not_overflow() {
         let sums = aggregated(&volume, window, levels()[0]);
         assert!(sums.as_slice().iter().all(|&sum| sum == 63 * 63 * 65_535));
     }
-}
-
-#[test]
-fn sums_are_scaled_to_the_whole_window() {
-    let window =
-        Window { rows: 1, cols: 1, candidates: 1, side: 3, ceiling: 14, ..Window::default() };
-
-    assert_eq!(window.scaled(30, 9), 30, "all are valid");
-    assert_eq!(window.scaled(10, 3), 30, "a third is valid");
-    assert_eq!(window.scaled(1, 2), 5, "4.5 is rounded up");
-    assert_eq!(window.scaled(0, 0), 9 * 14, "none is valid");
 }
 
 #[test]

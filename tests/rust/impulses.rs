@@ -97,6 +97,7 @@ fn gray_values_are_repaired_once_masked_pixels_are_filled() {
             mask: Some(mask.clone()),
             range: None,
             impulses,
+            unit: 1.0,
         };
 
         let control = Control::default();

@@ -201,7 +201,8 @@ fn a_dead_pixel_does_not_coarsen_a_float_image() {
     let apart =
         |y, x: usize| (clean.row(y)[x] - dead.row(y)[x]) - (clean.row(0)[0] - dead.row(0)[0]);
 
-    assert!((0..40).all(|y| (0..40).all(|x| (y, x) == (9, 9) || apart(y, x) == 0)));
+    // The range, which has 2^22 steps, ends a pixel earlier or later: by less than 0.1 %.
+    assert!((0..40).all(|y| (0..40).all(|x| (y, x) == (9, 9) || apart(y, x).abs() <= 4096)));
     assert_eq!(dead.row(9)[9], 1 << 24, "clamped");
 }
 

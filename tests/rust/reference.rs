@@ -304,13 +304,21 @@ pub fn absolute_differences(
     })
 }
 
+/// The sum over a whole window, from that over its `support` valid pixels; without any the largest there is. Bits are
+/// dropped from the sum of each column, so the mean of a few may exceed the largest sum.
+fn scaled(sum: u64, support: u64, window: Window) -> u64 {
+    let pixels = (window.side * window.side) as u64;
+    let mean = (sum * pixels + support / 2).checked_div(support);
+    mean.unwrap_or(u64::MAX).min(window.largest_sum())
+}
+
 /// Reference implementation of [`phasestereo::internals::cost::aggregation::Aggregator`]: each window summed by itself, over the whole image.
 pub fn aggregate(costs: &Plane<u16>, validity: &Plane<u16>, window: Window) -> Plane<u32> {
     let count = window.candidates;
     let boxes = Plane::from_fn(window.rows, window.cols * count, |y, place| {
         let (x, k) = (place / count, place % count);
         let support = box_sum(validity, Window { dropped: 0, ..window }, y, x, k);
-        window.scaled(box_sum(costs, window, y, x, k), support) as u32
+        scaled(box_sum(costs, window, y, x, k), support, window) as u32
     });
 
     if !window.shiftable {

@@ -13,7 +13,7 @@ use phasestereo::internals::image::view::{Image, Mask, View};
 use phasestereo::internals::math;
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::{Execution, Matcher, Pair};
-use phasestereo::internals::pipeline::source::{ranges, roughness};
+use phasestereo::internals::pipeline::source::{packing, ranges, roughness};
 use phasestereo::internals::rig::blur::{Blur, Estimate};
 use phasestereo::internals::rig::psf::{Family, Psf, Taps, path};
 use phasestereo::internals::simd::Level;
@@ -75,13 +75,13 @@ fn array<T>(plane: &Plane<f32>, pixel: impl Fn(f32) -> T) -> Array3<T> {
     Array3::from_shape_fn((plane.rows(), plane.cols(), 1), |(y, x, _)| pixel(plane.row(y)[x]))
 }
 
-/// A view of pixels of one type: 0 bytes, 1 words, 2 and 3 floats.
+/// A view of pixels of one type, which no narrower one holds: 0 bytes, 1 words, 2 and 3 floats.
 fn view(plane: &Plane<f32>, kind: usize) -> View {
     let image = match kind {
         0 => Image::U8(array(plane, |value| value as u8)),
-        1 => Image::U16(array(plane, |value| 200 * value as u16)),
+        1 => Image::U16(array(plane, |value| 200 * value as u16 + 1)),
         2 => Image::F32(array(plane, |value| 1e-3 * value - 7.0)),
-        _ => Image::F64(array(plane, |value| 1e6 * f64::from(value))),
+        _ => Image::F64(array(plane, |value| 1e6 * f64::from(value) + math::sin(f64::from(value)))),
     };
 
     View::from(image)
@@ -119,10 +119,12 @@ fn estimated(pair: &Pair, most_rows: Option<usize>, threads: usize) -> Estimate 
     let found = match most_rows {
         None => estimate(pair, &matcher, how, &control),
         Some(most) => {
-            // Parts of float images need the range of the whole.
-            let whole = Slow::new(pair, most);
+            // Parts are packed as the whole is, and those of float images need its range.
+            let packing = packing(pair, &Slow::new(pair, most), &control).expect("all rows");
+            let pair = pair.clone().packed(&packing);
+            let whole = Slow::new(&pair, most);
             let known = ranges(&whole, &control).expect("all rows").map(Some);
-            let source = Slow::new(&pair.clone().with_ranges(known), most);
+            let source = Slow::new(&pair.with_ranges(known), most);
 
             let found = estimate_by_rows(&source, &matcher, how, &control);
 

@@ -62,8 +62,15 @@ fn own() -> Disparity {
         disparity: Plane::from_fn(ROWS, COLS, disparity),
         flags: Plane::from_fn(ROWS, COLS, flags),
         confidence: Some(Plane::from_fn(ROWS, COLS, confidence)),
+        uncertainty: None,
+        wrong: None,
         timings: Timings { description: none, matching: none, refinement: none },
     }
+}
+
+/// Settings that need no noise to be known.
+fn settings() -> Settings {
+    Settings { noise_threshold: 0.0, ..Preset::Robust.settings() }
 }
 
 /// The costs of a pair of which any two columns can be compared.
@@ -145,7 +152,7 @@ fn evidence_is_what_its_definition_says() {
 
     for is_masked in [false, true] {
         let [left, right] = &views(is_masked);
-        let costs = any_columns([left, right], &Preset::Robust.settings());
+        let costs = any_columns([left, right], &settings());
         let found = Evidence::new(&map, &own, &costs, &Control::default()).expect("memory");
 
         for (y, x) in window(0, 0, ROWS) {
@@ -229,7 +236,7 @@ fn judged(map: &Plane<f32>, own: &Disparity, against: f32, y: usize, x: usize) -
 fn verdicts_are_what_their_definition_says() {
     let (map, own) = (claims(), own());
     let [left, right] = &views(false);
-    let costs = any_columns([left, right], &Preset::Robust.settings());
+    let costs = any_columns([left, right], &settings());
     let evidence = Evidence::new(&map, &own, &costs, &Control::default()).expect("memory");
 
     let jury = Jury { map: &map, own: &own, evidence: &evidence };

@@ -223,9 +223,10 @@ pub fn matched(pair: &Pair, settings: &Settings) -> ResultBits {
     let texture = Texture::new(gray(pair.views()[0]));
 
     let unit = unit(pair, settings);
+    let unrelated = unrelated(pair, settings);
 
     let votes = found.map(|found| {
-        let elsewhere = (found.elsewhere != NONE).then_some(found.elsewhere);
+        let elsewhere = if found.elsewhere == NONE { unrelated } else { Some(found.elsewhere) };
         vote(CostMargin { own: found.own, elsewhere }, unit)
     });
 
@@ -319,6 +320,15 @@ pub fn optimized(
 fn unit(pair: &Pair, settings: &Settings) -> f32 {
     let (window, steps) = window(pair, settings);
     window.unit(steps) as f32
+}
+
+/// What a window of unrelated codes costs, in steps of the aggregated costs: a third of the bits.
+fn unrelated(pair: &Pair, settings: &Settings) -> Option<u32> {
+    let (window, _) = window(pair, settings);
+    let pixels = f64::from(window.area()) / f64::from(1 << window.dropped);
+    let bits = settings.code_length() as f64 / 3.0;
+
+    (settings.cost == CostKind::Phase).then_some((bits * pixels) as u32)
 }
 
 /// Disparities and flags, each row by itself.
