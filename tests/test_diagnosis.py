@@ -126,6 +126,7 @@ def test_dict_is_json_and_holds_what_was_found() -> None:
     assert found.blur is not None
     assert said["blur"]["blurs"] == found.blur.as_dicts()
     assert said["blur"]["labels"] == found.blur.labels.tolist()
+    assert found.contrast is not None
     assert said["contrast"] == asdict(found.contrast)
     assert said["noise"] == dict(zip(("left", "right"), found.blur.noise, strict=True))
     assert len(said["findings"]) == len(found.findings)

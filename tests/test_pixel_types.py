@@ -28,7 +28,8 @@ def load(data: Path) -> Callable[[str], Pair]:
 
 
 def gray(image: NDArray[Any]) -> NDArray[np.uint8]:
-    return np.rint(image @ [0.299, 0.587, 0.114]).astype(np.uint8)
+    shades: NDArray[np.uint8] = np.rint(image @ [0.299, 0.587, 0.114]).astype(np.uint8)
+    return shades
 
 
 FORMS: dict[str, Callable[[NDArray[np.uint8]], NDArray[Any]]] = {
@@ -52,7 +53,7 @@ def soft() -> Images:
         scene += np.roll(scene, 1, axis) + 0.5 * np.roll(scene, 2, axis)
     left, right = scene[:, :300], scene[:, 9:309]
     for axis in (0, 1):
-        right = sum(np.roll(right, by, axis) for by in (-2, -1, 0, 1, 2)) / 5
+        right = np.mean([np.roll(right, by, axis) for by in (-2, -1, 0, 1, 2)], axis=0)
     right = right + 0.1 * rng.normal(size=right.shape)
     return tuple(np.clip(110 + 12 * image, 0, 255).astype(np.uint8) for image in (left, right))  # type: ignore[return-value]
 

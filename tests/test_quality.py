@@ -184,6 +184,7 @@ def test_promises_are_kept_on_sharp_and_on_spoiled_pairs(data: Path) -> None:
                 warnings.simplefilter("ignore", ps.MatchWarning)
                 result = ps.match(pair.left, pair.right)
             seen = pair.masks["nonocc"] & np.isfinite(result.disparity)
+            assert pair.truth is not None
             error = np.abs(result.disparity - pair.truth)
 
             assert result.confidence is not None
@@ -195,8 +196,8 @@ def test_promises_are_kept_on_sharp_and_on_spoiled_pairs(data: Path) -> None:
             gaps.append(abs(float(result.confidence[seen].mean()) - (error <= 1)[seen].mean()))
             covered.append((error <= result.uncertainty)[seen].mean())
             if (error > 1)[seen].mean() >= 0.3:
-                trusted += np.count_nonzero(result.trusted & seen)
-                wrong += np.count_nonzero(result.trusted & seen & (error > 1))
+                trusted += int(np.count_nonzero(result.trusted & seen))
+                wrong += int(np.count_nonzero(result.trusted & seen & (error > 1)))
 
     # Raw confidences have 0.15, and half of what they trust in failed pairs is wrong.
     assert np.mean(gaps) < 0.07

@@ -127,7 +127,11 @@ def assert_equals_the_oracle(
         least, most = (
             refinement.confidence(disparity, reliable, gray, agree) for agree in (0.99999, 1.00001)
         )
-        known = {"low": low, "number": number, "noise": NOISE if settings.noise_threshold else 0}
+        known: dict[str, Any] = {
+            "low": low,
+            "number": number,
+            "noise": NOISE if settings.noise_threshold else 0,
+        }
         around = np.array(
             [
                 refinement.calibrated(raw, disparity, flags, whole=whole, **known)

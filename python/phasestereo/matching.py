@@ -288,7 +288,7 @@ def match_silently(
         )
         found = as_estimates(estimated, settings, search, given[1])
 
-    return result_of(matched, summary, found, arrays, said, supported)
+    return result_of(matched, summary, found, arrays, said, supported=supported)
 
 
 def result_of(
@@ -297,6 +297,7 @@ def result_of(
     found: Estimates,
     pair: tuple[NDArray[Any], NDArray[Any]],
     said: list[Said],
+    *,
     supported: Supported | None = None,
 ) -> Result:
     """Return what the core has matched and estimated as a result, beside the pair as given."""

@@ -239,11 +239,13 @@ class Result:
         Those with a confidence of at least 0.5. Without confidences, estimates without a flag, and
         none at all where the summary says that most are wrong.
         """
-        estimated = np.isfinite(self.disparity)
         if self.confidence is None:
             failed = self.summary is not None and self.summary.wrong > 1 - TRUSTED
-            return estimated & (self.flags == 0) & (not failed)
-        trusted: NDArray[np.bool_] = estimated & (self.confidence >= TRUSTED)
+            sure = (self.flags == 0) & (not failed)
+        else:
+            sure = self.confidence >= TRUSTED
+
+        trusted: NDArray[np.bool_] = np.isfinite(self.disparity) & sure
         return trusted
 
     def __reduce__(self) -> tuple[type[Result], tuple[Any, ...]]:

@@ -27,7 +27,7 @@ use crate::pipeline::map::{DraftMap, MapBand};
 use crate::pipeline::platform::{Instant, ThreadPool};
 use crate::pipeline::section::Section;
 use crate::refinement::calibration::weights::WEIGHTS;
-use crate::refinement::calibration::{Calibration, Tally, traits};
+use crate::refinement::calibration::{Calibration, Faults, Tally, traits};
 use crate::refinement::left_right_check::Checker;
 use crate::refinement::sample::{self, SampledMap};
 use crate::refinement::synthesis;
@@ -286,10 +286,10 @@ impl Matcher {
         control: &Control,
     ) -> Result<Disparity> {
         let raw = self.match_raw(pair, section, settings, how, control)?;
-        let compensation = pair.blur_compensation();
         self.pool.install(|| {
             let tally = section.tally.or_else(|| raw.tally(pair.candidates));
-            Ok(raw.calibrated(tally, compensation)?.returned(settings))
+            let faults = Faults::of_pair(pair, control)?;
+            Ok(raw.calibrated(tally, faults)?.returned(settings))
         })
     }
 
@@ -504,7 +504,7 @@ impl Unrefined {
             // Rows of a part are not those of the whole.
             (None, Some(votes), Some(texture)) if is_whole => {
                 let map = SampledMap { disparity: &disparity, flags: &flags, votes, texture };
-                map.wrong(pair.candidates, compensation, level, control)?
+                map.wrong(pair.candidates, Faults::of_pair(pair, control)?, level, control)?
             }
             _ => None,
         };
@@ -521,13 +521,9 @@ impl Disparity {
     }
 
     /// Calibrates raw confidences, if there are any, by the sums over the whole map.
-    fn calibrated(
-        mut self,
-        tally: Option<Tally>,
-        compensation: Option<&BlurCompensation>,
-    ) -> Result<Self> {
+    fn calibrated(mut self, tally: Option<Tally>, faults: Faults) -> Result<Self> {
         if let (Some(tally), Some(confidence)) = (tally, &mut self.confidence) {
-            let calibration = Calibration::new(&traits(tally, compensation), &WEIGHTS);
+            let calibration = Calibration::new(&traits(tally, faults), &WEIGHTS);
             let bars = calibration.apply(confidence, &self.disparity, &self.flags)?;
             self.uncertainty = Some(bars);
         }

@@ -97,7 +97,9 @@ pub fn ranges(source: &dyn Source, control: &Control) -> Result<[intensity::Inte
 /// Whether a match with these settings depends on the ranges of a pair; `first` are some of its rows, packed.
 pub fn needs_ranges(first: &Pair, settings: &Settings) -> bool {
     match (&first.views()[0].image, settings.cost) {
-        (Image::U8(_), _) | (Image::U16(_), CostKind::Phase) => false,
+        (Image::U8(_), _) => false,
+        // Confidences depend on the noise in gray levels.
+        (Image::U16(_), CostKind::Phase) => settings.needs_confidence(),
         (_, CostKind::Phase) => true,
         (_, CostKind::Sad | CostKind::NormalizedSad) => settings.intensity_range.is_none(),
     }

@@ -30,8 +30,11 @@ use rayon::prelude::*;
 
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
+use crate::image::intensity::intensity_range;
 use crate::image::plane::Plane;
 use crate::math::{exp, ln};
+use crate::pipeline::control::Control;
+use crate::pipeline::matcher::Pair;
 use crate::refinement::flag;
 use crate::rig::blur_compensation::BlurCompensation;
 
@@ -157,19 +160,49 @@ fn odds(share: f64) -> f64 {
     ln(share / (1.0 - share))
 }
 
+/// What was found to spoil a pair.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Faults {
+    /// Standard deviation of the noise of the noisier image, gray levels of 8 bits.
+    noise: f64,
+    /// That by which the image that is smoothed more is smoothed, likewise.
+    smoothing: f64,
+    /// Whether a blur is compensated.
+    is_blurred: bool,
+}
+
+impl Faults {
+    /// What is compensated, where a gray level is so many units of the pixels.
+    pub fn new(compensation: Option<&BlurCompensation>, gray_level: f64) -> Self {
+        let largest = |values: [f64; 2]| values[0].max(values[1]) / gray_level;
+
+        compensation.map_or(Self::default(), |found| Self {
+            noise: largest(found.noise()),
+            smoothing: largest(found.smoothing()),
+            is_blurred: found.has_kernels(),
+        })
+    }
+
+    /// What is compensated in a pair. The left image, which is never resampled, says what a gray level is.
+    pub fn of_pair(pair: &Pair, control: &Control) -> Result<Self> {
+        let [left, _] = pair.views();
+        // Ranges are in thousandths of the unit. A constant image has none.
+        let width = intensity_range(left, control)?.width() * left.unit / 255e3;
+
+        Ok(Self::new(pair.blur_compensation(), if width > 0.0 { width } else { 1.0 }))
+    }
+}
+
 /// The traits of a pair.
-pub fn traits(tally: Tally, compensation: Option<&BlurCompensation>) -> [f64; TRAITS] {
+pub fn traits(tally: Tally, faults: Faults) -> [f64; TRAITS] {
     let share = |part: u64, whole: u64| part as f64 / whole.max(1) as f64;
     let own = odds(share(tally.confidence, tally.own) / f64::from(STEPS));
     let failed = odds(share(tally.failed, tally.pixels));
     let ends = ln(share(tally.ends, tally.pixels) + NONE_AT_ENDS);
 
-    let largest = |values: [f64; 2]| values[0].max(values[1]);
-    let noise = compensation.map_or(0.0, |found| largest(found.noise()));
-    let smoothing = compensation.map_or(0.0, |found| largest(found.smoothing()));
-    let blur = if compensation.is_some_and(BlurCompensation::has_kernels) { 1.0 } else { 0.0 };
-
-    let (noise, smoothing) = (ln(noise + NO_NOISE), ln(smoothing + NO_SMOOTHING));
+    let blur = if faults.is_blurred { 1.0 } else { 0.0 };
+    let noise = ln(faults.noise + NO_NOISE);
+    let smoothing = ln(faults.smoothing + NO_SMOOTHING);
     [1.0, own, (LOW - own).max(0.0), failed, noise, smoothing, blur, ends]
 }
 

@@ -14,9 +14,8 @@ use crate::image::plane::Plane;
 use crate::image::texture::Texture;
 use crate::pipeline::control::Control;
 use crate::refinement::calibration::weights::WEIGHTS;
-use crate::refinement::calibration::{Calibration, STEPS, Tally, traits};
+use crate::refinement::calibration::{Calibration, Faults, STEPS, Tally, traits};
 use crate::refinement::confidence::{RADIUS, VotedMap};
-use crate::rig::blur_compensation::BlurCompensation;
 use crate::simd::Level;
 
 /// Rows from one sampled row to the next.
@@ -47,7 +46,7 @@ impl SampledMap<'_> {
     pub fn wrong(
         self,
         candidates: Candidates,
-        compensation: Option<&BlurCompensation>,
+        faults: Faults,
         level: Level,
         control: &Control,
     ) -> Result<Option<f64>> {
@@ -66,7 +65,7 @@ impl SampledMap<'_> {
             sampled.push((confidence, disparity, flags));
         }
 
-        let calibration = Calibration::new(&traits(tally, compensation), &WEIGHTS);
+        let calibration = Calibration::new(&traits(tally, faults), &WEIGHTS);
         let (mut right, mut count) = (0u64, 0u64);
         for (mut confidence, disparity, flags) in sampled {
             calibration.apply(&mut confidence, &disparity, &flags)?;

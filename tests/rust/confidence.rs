@@ -13,7 +13,7 @@ use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::refinement::CostMargin;
 use phasestereo::internals::refinement::calibration::weights::WEIGHTS;
 use phasestereo::internals::refinement::calibration::{
-    Calibration, Tally, Weights, sampled, traits,
+    Calibration, Faults, Tally, Weights, sampled, traits,
 };
 use phasestereo::internals::refinement::confidence::{RADIUS, VotedMap, confidence, similar, vote};
 use phasestereo::internals::refinement::flag;
@@ -224,6 +224,7 @@ proptest! {
         (first, count) in (-12i64..6, 1i64..14),
         noise in prop_oneof![Just(None), (0.0..30.0f64, 0.0..30.0f64).prop_map(Some)],
         scale in -3.0..3.0f64,
+        gray_level in 0.001..300.0f64,
     ) {
         let (disparity, flags, raw) = raw_map(seed, size);
         let candidates = Candidates::new(first, count, 64).expect("legal");
@@ -241,12 +242,12 @@ proptest! {
 
         for weights in [&weights, &WEIGHTS] {
             let tally = Tally::of_sample(&raw, &disparity, &flags, candidates);
-            let calibration = Calibration::new(&traits(tally, known.as_ref()), weights);
+            let calibration = Calibration::new(&traits(tally, Faults::new(known.as_ref(), gray_level)), weights);
             let mut confidence = raw.clone();
             let bars = calibration.apply(&mut confidence, &disparity, &flags).expect("memory");
 
             let map = RawMap { disparity: &disparity, flags: &flags, confidence: &raw };
-            let expected = reference::calibrated(map, candidates, known.as_ref(), weights);
+            let expected = reference::calibrated(map, candidates, (known.as_ref(), gray_level), weights);
             for (found, expected) in [confidence, bars].iter().zip(&expected) {
                 prop_assert_eq!(found.map(|v| v.to_bits()), expected.map(|v| v.to_bits()));
             }

@@ -686,7 +686,7 @@ pub struct RawMap<'a> {
 pub fn calibrated(
     map: RawMap,
     candidates: Candidates,
-    compensation: Option<&BlurCompensation>,
+    compensation: (Option<&BlurCompensation>, f64),
     weights: &CalibrationWeights,
 ) -> [Plane<f32>; 2] {
     let (rows, cols) = (map.disparity.rows(), map.disparity.cols());
@@ -739,7 +739,7 @@ fn log_odds(share: f64) -> f64 {
 fn calibration_traits(
     map: RawMap,
     candidates: Candidates,
-    compensation: Option<&BlurCompensation>,
+    (compensation, gray_level): (Option<&BlurCompensation>, f64),
 ) -> [f64; 8] {
     let (rows, cols) = (map.disparity.rows(), map.disparity.cols());
     let is_counted = |y: usize| {
@@ -781,7 +781,7 @@ fn calibration_traits(
     let sure = log_odds(of(sum, own) / 1_048_576.0);
     let [noise, smoothing] = [BlurCompensation::noise, BlurCompensation::smoothing].map(|of| {
         let [left, right] = compensation.map_or([0.0; 2], of);
-        if left > right { left } else { right }
+        if left > right { left / gray_level } else { right / gray_level }
     });
     let is_blurred = compensation.is_some_and(|known| known.every_kernel().next().is_some());
 

@@ -7,7 +7,7 @@ use phasestereo::internals::cost::aggregation::Window;
 use phasestereo::internals::cost::candidates::Candidates;
 use phasestereo::internals::descriptor::basis::Basis;
 use phasestereo::internals::image::convolution::Kernel;
-use phasestereo::internals::image::intensity::Gray;
+use phasestereo::internals::image::intensity::{Gray, intensity_range};
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::texture::Texture;
 use phasestereo::internals::image::view::View;
@@ -238,7 +238,7 @@ pub fn matched(pair: &Pair, settings: &Settings) -> ResultBits {
     });
 
     let map = RawMap { disparity: &disparity, flags: &flags, confidence: &raw };
-    let known = pair.blur_compensation();
+    let known = (pair.blur_compensation(), gray_level(pair.views()[0]));
     let [confidences, mut bars] = reference::calibrated(map, pair.candidates(), known, &WEIGHTS);
 
     let mut disparity = disparity.into_vec();
@@ -320,6 +320,13 @@ pub fn optimized(
 fn unit(pair: &Pair, settings: &Settings) -> f32 {
     let (window, steps) = window(pair, settings);
     window.unit(steps) as f32
+}
+
+/// One of 255 steps from black to white of a view that is not packed.
+fn gray_level(view: &View) -> f64 {
+    let range = intensity_range(view, &Control::default()).expect("not cancelled");
+    let width = (range.white - range.black) / 255_000.0;
+    if width > 0.0 { width } else { 1.0 }
 }
 
 /// What a window of unrelated codes costs, in steps of the aggregated costs: a third of the bits.

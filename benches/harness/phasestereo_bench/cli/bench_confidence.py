@@ -1,4 +1,4 @@
-"""``phasestereo bench confidence``: spoiled pairs -> weights that make confidences probabilities."""
+"""``phasestereo bench confidence``: spoiled pairs -> weights of probable confidences."""
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
