@@ -323,12 +323,12 @@ def confidence(disparity: Map, reliable: Floats, gray: Ints, agree: float = 1.0)
     return np.where(known, share / (share + 0.01), 0)
 
 
-def learned() -> tuple[Floats, Floats, Floats]:
+def learned(optimizer: str) -> tuple[Floats, Floats, Floats]:
     """Return the weights of the calibration: of traits (8, 4), points (2, 10), of bars (8,)."""
     text = (Path(__file__).parents[1] / "rust/refinement/calibration/weights.rs").read_text()
-    numbers = [float(one) for one in re.findall(r"-?\d+\.\d+", text)]
-    assert len(numbers) == 60
-    odds, points, bars = np.split(np.array(numbers), [32, 52])
+    several = np.array([float(one) for one in re.findall(r"-?\d+\.\d+", text)]).reshape(3, 60)
+    place = {"sgm": 0, "so": 1}.get(optimizer, 2)
+    odds, points, bars = np.split(several[place], [32, 52])
     return odds.reshape(8, 4), points.reshape(2, 10), bars
 
 
@@ -339,6 +339,7 @@ def calibrated(
     *,
     low: int,
     number: int,
+    optimizer: str,
     noise: float = 0.0,
     smoothing: float = 0.0,
     blurred: bool = False,
@@ -357,8 +358,9 @@ def calibrated(
     at_low = (disparity < low + 0.5) & (low != 0)
     at_high = (disparity > high - 0.5) & (high != 0)
 
-    odds, points, wider = learned()
-    sure = log_odds(np.mean((raw if whole is None else whole)[own]) if own.any() else 0.0)
+    odds, points, wider = learned(optimizer)
+    mean = np.mean((raw if whole is None else whole)[own]) if own.any() else 0.0
+    sure = log_odds(max(mean, 0.4))
     traits = np.array(
         [
             1.0,

@@ -17,7 +17,13 @@ from phasestereo_bench.confidence.learning import (
     observed_of,
     sigmoid,
 )
-from phasestereo_bench.confidence.observation import ERRORS, ODDS, confidence_jobs, observed
+from phasestereo_bench.confidence.observation import (
+    ERRORS,
+    ODDS,
+    PRESETS,
+    confidence_jobs,
+    observed,
+)
 from phasestereo_bench.confidence.verdict import judged
 from phasestereo_bench.rendering import render_pair
 
@@ -41,6 +47,7 @@ def made_up(seed: int) -> dict[str, object]:
     return {
         "scene": f"scene {seed % 5}",
         "faults": f"fault {seed % 7}",
+        "preset": PRESETS[seed % 3],
         "tally": [round(own * 1000 * 2**20), 1000, 100, 0, 1200],
         "noise": 1.0,
         "smoothing": 0.0,
@@ -81,11 +88,14 @@ def test_the_file_of_weights_is_as_the_core_has_it(tmp_path: Path) -> None:
     weights = learned_weights([made_up(seed) for seed in range(8)])
     write_weights(weights, tmp_path / "weights.rs")
     text = (tmp_path / "weights.rs").read_text()
+    assert len(weights) == len(PRESETS)
 
     numbers = re.compile(r"-?\d+\.\d+")
     assert numbers.sub("x", text) == numbers.sub("x", WEIGHTS.read_text())
     written = [float(number) for number in numbers.findall(text)]
-    expected = [*weights.odds.ravel(), *weights.knots.ravel(), *weights.bars]
+    expected = [
+        number for one in weights for number in (*one.odds.ravel(), *one.knots.ravel(), *one.bars)
+    ]
     np.testing.assert_allclose(written, expected, atol=5e-5)
 
 

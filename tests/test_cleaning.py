@@ -81,7 +81,11 @@ def test_impulses_are_repaired_as_by_the_oracle() -> None:
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32, np.float64])
 def test_images_are_smoothed_as_by_the_oracle(dtype: type[np.generic]) -> None:
     unit = {"u": 1, "f": 1e-3}[np.dtype(dtype).kind] * (100 if dtype is np.uint16 else 1)
-    left, right = ((unit * image).astype(dtype) for image in (SCENE.left, SCENE.right))
+    # Values of more than 8 bits, or they would be processed as bytes.
+    finer = np.random.default_rng(4).integers(0, 100, (2, *SCENE.left.shape)) / 100
+    finer *= dtype is not np.uint8
+    images = zip((SCENE.left, SCENE.right), finer, strict=True)
+    left, right = ((unit * (0.9 * image + more)).astype(dtype) for image, more in images)
 
     deviations = 5.0 * unit, 9.0 * unit
     versions = ps.BlurCompensation(noise=(1, 1), smoothing=deviations)

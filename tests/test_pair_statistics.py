@@ -239,7 +239,7 @@ def kept() -> list[ps.PairStatistics]:
     )
 
     assert areas.blur is not None
-    assert np.isnan(areas.blur.gain)
+    assert areas.blur.gain > 0
     return [areas, given_versions, plain, others]
 
 

@@ -90,7 +90,7 @@ def pair(kind: str) -> tuple[NDArray[np.generic], NDArray[np.generic]]:
 def digest(result: ps.Result) -> str:
     """Return the first half of the SHA-256 of all maps, little-endian as they are stored."""
     found = hashlib.sha256()
-    for plane in (result.disparity, result.flags, result.confidence):
+    for plane in (result.disparity, result.flags, result.confidence, result.uncertainty):
         if plane is not None:
             found.update(plane.astype(plane.dtype.newbyteorder("<")).tobytes())
     return found.hexdigest()[:32]

@@ -130,6 +130,7 @@ def assert_equals_the_oracle(
         known: dict[str, Any] = {
             "low": low,
             "number": number,
+            "optimizer": settings.optimizer,
             "noise": NOISE if settings.noise_threshold else 0,
         }
         around = np.array(

@@ -169,7 +169,8 @@ def in_space(result: ps.Result, folder: Path) -> Map:
     surface: ps.Mesh = ps.surface_mesh(result, rig, mask=result.flags == 0, max_step=0.5)
     ps.io.write_glb(folder / "surface.glb", surface)
     ps.io.write_depth(folder / "depth.png", rig.depth(result.disparity), unit="m")
-    use(len(cloud), cloud.points.shape, cloud.colors, rig.q)
+    bars: ps.DepthInterval = ps.depth_interval(result, rig, anchor=(320, 240, 4.0))
+    use(len(cloud), cloud.points.shape, cloud.colors, rig.q, bars.near, bars.far)
 
     return ps.io.read_depth(folder / "depth.png", unit="m")
 

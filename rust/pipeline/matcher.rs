@@ -26,8 +26,7 @@ use crate::pipeline::halo::Halo;
 use crate::pipeline::map::{DraftMap, MapBand};
 use crate::pipeline::platform::{Instant, ThreadPool};
 use crate::pipeline::section::Section;
-use crate::refinement::calibration::weights::WEIGHTS;
-use crate::refinement::calibration::{Calibration, Faults, Tally, traits};
+use crate::refinement::calibration::{Calibration, Faults, Tally, Weights, traits};
 use crate::refinement::left_right_check::Checker;
 use crate::refinement::sample::{self, SampledMap};
 use crate::refinement::synthesis;
@@ -289,7 +288,7 @@ impl Matcher {
         self.pool.install(|| {
             let tally = section.tally.or_else(|| raw.tally(pair.candidates));
             let faults = Faults::of_pair(pair, control)?;
-            Ok(raw.calibrated(tally, faults)?.returned(settings))
+            Ok(raw.calibrated(tally, faults, settings.optimizer)?.returned(settings))
         })
     }
 
@@ -504,7 +503,8 @@ impl Unrefined {
             // Rows of a part are not those of the whole.
             (None, Some(votes), Some(texture)) if is_whole => {
                 let map = SampledMap { disparity: &disparity, flags: &flags, votes, texture };
-                map.wrong(pair.candidates, Faults::of_pair(pair, control)?, level, control)?
+                let faults = Faults::of_pair(pair, control)?;
+                map.wrong(pair.candidates, faults, settings.optimizer, level, control)?
             }
             _ => None,
         };
@@ -521,9 +521,14 @@ impl Disparity {
     }
 
     /// Calibrates raw confidences, if there are any, by the sums over the whole map.
-    fn calibrated(mut self, tally: Option<Tally>, faults: Faults) -> Result<Self> {
+    fn calibrated(
+        mut self,
+        tally: Option<Tally>,
+        faults: Faults,
+        optimizer: Optimizer,
+    ) -> Result<Self> {
         if let (Some(tally), Some(confidence)) = (tally, &mut self.confidence) {
-            let calibration = Calibration::new(&traits(tally, faults), &WEIGHTS);
+            let calibration = Calibration::new(&traits(tally, faults), Weights::of(optimizer));
             let bars = calibration.apply(confidence, &self.disparity, &self.flags)?;
             self.uncertainty = Some(bars);
         }

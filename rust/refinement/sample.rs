@@ -13,9 +13,9 @@ use crate::error::Result;
 use crate::image::plane::Plane;
 use crate::image::texture::Texture;
 use crate::pipeline::control::Control;
-use crate::refinement::calibration::weights::WEIGHTS;
-use crate::refinement::calibration::{Calibration, Faults, STEPS, Tally, traits};
+use crate::refinement::calibration::{Calibration, Faults, STEPS, Tally, Weights, traits};
 use crate::refinement::confidence::{RADIUS, VotedMap};
+use crate::settings::Optimizer;
 use crate::simd::Level;
 
 /// Rows from one sampled row to the next.
@@ -47,6 +47,7 @@ impl SampledMap<'_> {
         self,
         candidates: Candidates,
         faults: Faults,
+        optimizer: Optimizer,
         level: Level,
         control: &Control,
     ) -> Result<Option<f64>> {
@@ -65,7 +66,7 @@ impl SampledMap<'_> {
             sampled.push((confidence, disparity, flags));
         }
 
-        let calibration = Calibration::new(&traits(tally, faults), &WEIGHTS);
+        let calibration = Calibration::new(&traits(tally, faults), Weights::of(optimizer));
         let (mut right, mut count) = (0u64, 0u64);
         for (mut confidence, disparity, flags) in sampled {
             calibration.apply(&mut confidence, &disparity, &flags)?;

@@ -45,6 +45,8 @@ const TEXTURED: f64 = 3.0;
 /// Interlaced images: shifted back, the fields differ by at most this share of what they differ by as they are. Of
 /// progressive images, no shift makes even and odd rows more alike.
 const ALIKE: f64 = 0.9;
+/// By chance, sums over `n` differences of noise differ by about `1 / sqrt(n)` of themselves; so many times that is no chance.
+const BEYOND_CHANCE: f64 = 6.0;
 
 /// Shares of an image's pixels, 0 to 1, a channel of which is at an end of the values that the image has.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -338,7 +340,10 @@ impl Counts {
         let differences = self.fields.iter().enumerate();
         let best = differences.min_by_key(|(_, sum)| **sum).map_or(FIELD_REACH, |(at, _)| at);
 
-        let is_clear = (self.fields[best] as f64) < ALIKE * self.fields[FIELD_REACH] as f64;
+        // Of a strip, one row of pixels is compared, and one of every `EVERY` is looked at.
+        let compared = (self.pixels * EVERY as u64 / STRIP as u64).max(1) as f64;
+        let most = ALIKE.min(1.0 - BEYOND_CHANCE / compared.sqrt());
+        let is_clear = (self.fields[best] as f64) < most * self.fields[FIELD_REACH] as f64;
         if is_clear { best as i32 - FIELD_REACH as i32 } else { 0 }
     }
 }

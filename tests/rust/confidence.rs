@@ -11,13 +11,13 @@ use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::texture::{Roughness, Texture};
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::refinement::CostMargin;
-use phasestereo::internals::refinement::calibration::weights::WEIGHTS;
 use phasestereo::internals::refinement::calibration::{
     Calibration, Faults, Tally, Weights, sampled, traits,
 };
 use phasestereo::internals::refinement::confidence::{RADIUS, VotedMap, confidence, similar, vote};
 use phasestereo::internals::refinement::flag;
 use phasestereo::internals::rig::blur_compensation::BlurCompensation;
+use phasestereo::internals::settings::Optimizer;
 use proptest::prelude::*;
 
 /// The planes of a map with votes.
@@ -240,7 +240,7 @@ proptest! {
             bars: std::array::from_fn(|i| part(200 + i)),
         };
 
-        for weights in [&weights, &WEIGHTS] {
+        for weights in [&weights, Weights::of(Optimizer::SemiGlobal)] {
             let tally = Tally::of_sample(&raw, &disparity, &flags, candidates);
             let calibration = Calibration::new(&traits(tally, Faults::new(known.as_ref(), gray_level)), weights);
             let mut confidence = raw.clone();

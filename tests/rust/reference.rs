@@ -778,7 +778,8 @@ fn calibration_traits(
 
     let of =
         |part: u64, whole: u64| if whole == 0 { part as f64 } else { part as f64 / whole as f64 };
-    let sure = log_odds(of(sum, own) / 1_048_576.0);
+    let mean = of(sum, own) / 1_048_576.0;
+    let sure = log_odds(if mean < 0.4 { 0.4 } else { mean });
     let [noise, smoothing] = [BlurCompensation::noise, BlurCompensation::smoothing].map(|of| {
         let [left, right] = compensation.map_or([0.0; 2], of);
         if left > right { left / gray_level } else { right / gray_level }

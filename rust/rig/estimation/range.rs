@@ -31,12 +31,10 @@ const NEARLY_ALL: f64 = 0.95;
 const LEAST_FINE: f64 = 0.5;
 /// Bits by which an area has to be explained better by disparities outside the run to belong to the range. Of 54 things of
 /// 0.5 % of an image, 8 to 14 px wide, or of 24 to 40 px, one has less; in 27 pairs without such things, no area has more
-/// than 857,
+/// than 857 ...
 const CERTAIN: u64 = 1000;
-/// ... or, on the near side of the run, within this share of its length of it,
+/// ... or, on the near side of the run, within this share of its length of it.
 const BESIDE: (u64, f64) = (500, 0.25);
-/// ... and to be reported.
-const LIKELY: u64 = 900;
 /// Longest run, pixels of the copy, of an image and its copy with noise.
 const NARROW: isize = 8;
 /// Tiles on each side of an image.
@@ -131,7 +129,7 @@ pub fn range(
         [low, high] = ends(&fine, run).map(|end| end * factor);
         places = outside(copies, overview, run, field, means)?;
     }
-    for Outside { place, .. } in places.iter().filter(|place| place.is_certain) {
+    for place in &places {
         (low, high) = (low.min(place.low), high.max(place.high));
     }
 
@@ -167,19 +165,11 @@ pub fn left_out(
     means: Means,
 ) -> Result<Vec<LeftOut>> {
     let run = overview.span(candidates);
-    let mut places = places_of(overview, run, overview.widest(), map.field.as_ref(), means)?;
-    places.retain(|place| place.is_certain);
+    let places = places_of(overview, run, overview.widest(), map.field.as_ref(), means)?;
     Ok(beyond(places, candidates))
 }
 
-/// A place outside a run.
-struct Outside {
-    place: LeftOut,
-    /// Whether there is so much evidence that it belongs to the range.
-    is_certain: bool,
-}
-
-/// The places outside a run of the copies that may belong to the range, on these and all coarser copies, which withstand
+/// The places outside a run of the copies that belong to the range, on these and all coarser copies, which withstand
 /// noise. On copies finer than the overview, only nearer places are looked for: what is farther than a run is not small.
 fn outside(
     copies: &Overview,
@@ -187,7 +177,7 @@ fn outside(
     run: Span,
     field: Option<&Alignment>,
     means: Means,
-) -> Result<Vec<Outside>> {
+) -> Result<Vec<LeftOut>> {
     let mut places = vec![];
     let mut coarser: Option<Overview> = None;
 
@@ -213,20 +203,19 @@ fn outside(
     }
 }
 
-/// The places outside a run of some copies that may belong to the range.
+/// The places outside a run of some copies that belong to the range.
 fn places_of(
     copies: &Overview,
     run: Span,
     reach: Span,
     field: Option<&Alignment>,
     means: Means,
-) -> Result<Vec<Outside>> {
+) -> Result<Vec<LeftOut>> {
     let place = |area: Area| {
         let is_seen = 10 * area.seen >= 7 * area.size;
         let is_certain = area.gain >= CERTAIN || (area.gain >= BESIDE.0 && is_beside(&area, run));
 
-        let is_likely = is_seen && (is_certain || area.gain >= LIKELY);
-        is_likely.then(|| Outside { place: LeftOut::new(&area, copies.factor), is_certain })
+        (is_seen && is_certain).then(|| LeftOut::new(&area, copies.factor))
     };
 
     let found = areas(copies, run, reach, field, means)?;
@@ -244,13 +233,13 @@ fn is_beside(area: &Area, run: Span) -> bool {
 }
 
 /// The places with disparities beyond the candidates.
-fn beyond(places: Vec<Outside>, candidates: Candidates) -> Vec<LeftOut> {
+fn beyond(mut places: Vec<LeftOut>, candidates: Candidates) -> Vec<LeftOut> {
     let first = candidates.min() as f64 - 0.5;
     let last = candidates.disparity(candidates.count() - 1) as f64 + 0.5;
 
     let middle = |place: &LeftOut| f64::midpoint(place.low, place.high);
-    let places = places.into_iter().map(|outside| outside.place);
-    places.filter(|place| !(first..=last).contains(&middle(place))).collect()
+    places.retain(|place| !(first..=last).contains(&middle(place)));
+    places
 }
 
 impl LeftOut {

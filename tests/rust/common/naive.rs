@@ -15,7 +15,7 @@ use phasestereo::internals::optimization::Penalties;
 use phasestereo::internals::optimization::evidence::NONE;
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::{Disparity, Pair};
-use phasestereo::internals::refinement::calibration::weights::WEIGHTS;
+use phasestereo::internals::refinement::calibration::Weights;
 use phasestereo::internals::refinement::confidence::{VotedMap, vote};
 use phasestereo::internals::refinement::left_right_check::Choices;
 use phasestereo::internals::refinement::synthesis::is_asked_for;
@@ -239,7 +239,8 @@ pub fn matched(pair: &Pair, settings: &Settings) -> ResultBits {
 
     let map = RawMap { disparity: &disparity, flags: &flags, confidence: &raw };
     let known = (pair.blur_compensation(), gray_level(pair.views()[0]));
-    let [confidences, mut bars] = reference::calibrated(map, pair.candidates(), known, &WEIGHTS);
+    let weights = Weights::of(settings.optimizer);
+    let [confidences, mut bars] = reference::calibrated(map, pair.candidates(), known, weights);
 
     let mut disparity = disparity.into_vec();
     for (place, disparity) in disparity.iter_mut().enumerate() {

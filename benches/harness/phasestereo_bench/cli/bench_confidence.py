@@ -21,6 +21,7 @@ from phasestereo_bench.confidence import (
     write_weights,
 )
 from phasestereo_bench.confidence.learning import observed_of
+from phasestereo_bench.confidence.observation import PRESETS
 
 _OPTIONS = {"scene", "every", "weights"}
 _SCENES = Group.create_ordered("Scenes")
@@ -43,9 +44,10 @@ def confidence(
     """Learn what raw confidences mean, from pairs that are spoiled in many ways.
 
     Every scene, and some rendered ones, are matched as they are and under faults of the suites, one
-    or two in a row, about 600 matches. Of each remain counts of its errors in a file of JSON lines;
-    a run that was interrupted goes on where it stopped when the same command is given again. The
-    weights are judged by faults and by scenes that they were not learned from. For example:
+    or two in a row, by each preset: about 1000 matches. Of each remain counts of its errors in a
+    file of JSON lines; a run that was interrupted goes on where it stopped when the same command is
+    given again. The weights are judged by faults and by scenes that they were not learned from. For
+    example:
 
     ```
     phasestereo bench confidence ~/middlebury -o confidence.jsonl
@@ -80,12 +82,16 @@ def confidence(
 
         good = [record for record in records if record["status"] == "ok"]
         learned = learned_weights(good)
-        verdicts = held_out(observed_of(good))
+        verdicts = {
+            preset: held_out(observed_of([one for one in good if one["preset"] == preset]))
+            for preset in PRESETS
+        }
         if weights is not None:
             write_weights(learned, weights)
 
     console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
-    console.print(verdict_table(verdicts))
+    for preset, several in verdicts.items():
+        console.print(preset, verdict_table(several))
     console.print(printable(f"Records: {output}"), markup=False, soft_wrap=True)
 
     failed = [record for record in records if record["status"] != "ok"]

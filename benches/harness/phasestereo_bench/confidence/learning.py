@@ -25,7 +25,8 @@ TRAITS = 8
 KNOTS, FIRST_KNOT = 10, -4.0
 COVERED = 0.9
 # The core's names for what these are.
-_CERTAIN, _LOW, _STEPS, _NO_NOISE, _NO_SMOOTHING, _NONE_AT_ENDS = 0.004, 1.5, 2**20, 0.3, 0.1, 0.003
+_CERTAIN, _LEAST_OWN, _LOW, _STEPS = 0.004, 0.4, 1.5, 2**20
+_NO_NOISE, _NO_SMOOTHING, _NONE_AT_ENDS = 0.3, 0.1, 0.003
 
 # Which weights there are, of each trait: height and slope, and what filled pixels add to both.
 _USED = np.array(
@@ -103,7 +104,7 @@ def observed_of(records: Sequence[Mapping[str, Any]]) -> list[Observed]:
 def traits(record: Mapping[str, Any]) -> Numbers:
     """Return the traits of a pair, as the core has them."""
     confidence, own, failed, ends, pixels = record["tally"]
-    sure = odds(confidence / _STEPS / max(own, 1))
+    sure = odds(max(confidence / _STEPS / max(own, 1), _LEAST_OWN))
     return np.array(
         [
             1.0,

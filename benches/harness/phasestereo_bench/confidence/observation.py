@@ -36,6 +36,9 @@ _WRONG = 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50, 64
 ERRORS = np.array([*_RIGHT, *_WRONG])
 """Edges of the errors, px; smaller and larger ones have a class of their own each."""
 
+PRESETS = "robust", "fast", "paper"
+"""Those with weights of their own, in the order in which the core has them."""
+_SELDOM = 3  # of the matches of the others, whose maps are simpler, one in so many
 SHORT = "range too short"
 SHARP = "sharp"
 RENDERED = 6  # scenes
@@ -81,15 +84,27 @@ def confidence_jobs(scenes: Sequence[Scene], *, every: int = 1) -> list[Job]:
 
     return [
         Job(
-            key={"suite": "confidence", "scene": name, "faults": " + ".join(spoiled)},
+            key={
+                "suite": "confidence",
+                "scene": name,
+                "faults": " + ".join(spoiled),
+                "preset": preset,
+            },
             work=observe,
-            arguments={"source": sources[name], "spoiled": spoiled, "seed": number},
+            arguments={
+                "source": sources[name],
+                "spoiled": spoiled,
+                "seed": number,
+                "preset": preset,
+            },
         )
+        for preset in PRESETS
         for number, (name, spoiled) in enumerate(drawn)
+        if preset == PRESETS[0] or number % _SELDOM == 0
     ][::every]
 
 
-def observe(source: Scene | int, spoiled: Sequence[str], seed: int) -> dict[str, Any]:
+def observe(source: Scene | int, spoiled: Sequence[str], seed: int, preset: str) -> dict[str, Any]:
     """Match a spoiled pair, and return its tally, its noise, and the counts of its errors."""
     pair = load(source) if isinstance(source, Scene) else render_pair(source)
     rng = np.random.default_rng(seed)
@@ -104,22 +119,23 @@ def observe(source: Scene | int, spoiled: Sequence[str], seed: int) -> dict[str,
         else:
             pair = _spoiled(pair, known[name], side)
 
-    return observed(pair, **search)
+    return observed(pair, preset=preset, **search)
 
 
-def observed(pair: Pair, **search: Any) -> dict[str, Any]:
-    """Match a pair with `robust`, and return what `observe` does."""
+def observed(pair: Pair, *, preset: str = "robust", **search: Any) -> dict[str, Any]:
+    """Match a pair by a preset, with confidences, and return what `observe` does."""
     size = pair.left.shape[:2]
 
     def read(first: int, last: int) -> tuple[Any, Any, None, None]:
         return pair.left[first:last], pair.right[first:last], None, None
 
-    statistics = pair_statistics(read, size, threads=1, **search)
+    options = {"preset": preset, "confidence": True, **search}
+    statistics = pair_statistics(read, size, threads=1, **options)
     images = np.ascontiguousarray(pair.left), np.ascontiguousarray(pair.right)
     (disparity, flags, confidence, _, _), _ = match_raw(
         images, (None, None), statistics, 0, (0, size[0]), 1
     )
-    assert confidence is not None  # noqa: S101 - `robust` has confidences
+    assert confidence is not None  # noqa: S101 - they were asked for
 
     counted = pair.masks["nonocc"] & np.isfinite(disparity)
     error = np.abs(disparity - _truth(pair))[counted]

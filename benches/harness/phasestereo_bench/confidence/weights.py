@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from phasestereo.io.files import replacing
 from phasestereo_bench.confidence.learning import learn, observed_of
+from phasestereo_bench.confidence.observation import PRESETS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -18,32 +19,38 @@ _FILE = """//! Learned by `phasestereo bench confidence`, which writes this file
 
 use super::Weights;
 
-/// The weights that calibrate all confidences.
-pub const WEIGHTS: Weights = Weights {{
-    odds: [
-{odds}    ],
-    knots: [
-{knots}    ],
-    bars: {bars},
-}};
+/// The weights by what chose the disparities: four paths, two, or pixels and rows by themselves.
+pub const WEIGHTS: [Weights; 3] = [
+{weights}];
+"""
+_WEIGHTS = """    Weights {{
+        odds: [
+{odds}        ],
+        knots: [
+{knots}        ],
+        bars: {bars},
+    }},
 """
 
 
-def learned_weights(records: Sequence[Mapping[str, Any]]) -> Weights:
-    """Return the weights that fit the records best.
+def learned_weights(records: Sequence[Mapping[str, Any]]) -> list[Weights]:
+    """Return the weights that fit the records best, those of each preset.
 
     Raises
     ------
     ValueError
-        If none of the matches can be scored.
+        If none of the matches of a preset can be scored.
     """
-    pairs = observed_of(records)
-    if not pairs:
-        raise ValueError("records: got no match with a pixel that can be scored")
-    return learn(pairs)
+    found = []
+    for preset in PRESETS:
+        pairs = observed_of([record for record in records if record["preset"] == preset])
+        if not pairs:
+            raise ValueError(f"records: got no match with a pixel that can be scored by {preset}")
+        found.append(learn(pairs))
+    return found
 
 
-def write_weights(weights: Weights, path: Path) -> None:
+def write_weights(weights: Sequence[Weights], path: Path) -> None:
     """Write weights as the core has them.
 
     Raises
@@ -51,11 +58,15 @@ def write_weights(weights: Weights, path: Path) -> None:
     OSError
         If the file cannot be written.
     """
-    text = _FILE.format(
-        odds="".join(f"        {_listed(row)},\n" for row in weights.odds),
-        knots="".join(f"        {_listed(row)},\n" for row in weights.knots),
-        bars=_listed(weights.bars),
-    )
+    several = [
+        _WEIGHTS.format(
+            odds="".join(f"            {_listed(row)},\n" for row in one.odds),
+            knots="".join(f"            {_listed(row)},\n" for row in one.knots),
+            bars=_listed(one.bars),
+        )
+        for one in weights
+    ]
+    text = _FILE.format(weights="".join(several))
     with replacing(path) as file:
         file.write(text.encode())
 
