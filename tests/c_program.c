@@ -65,7 +65,7 @@ int main(int count, char **arguments) {
         return 1;
     }
 
-    float *planes = (float *)room(2 * pixels * sizeof(float));
+    float *planes = (float *)room(3 * pixels * sizeof(float));
     uint16_t *flags = (uint16_t *)room(pixels * sizeof(uint16_t));
     const ptrdiff_t row = (ptrdiff_t)(width * sizeof(float));
     const phasestereo_map map = {planes, row, flags, row / 2, planes + pixels, row, planes + 2 * pixels, row};

@@ -174,7 +174,8 @@ def test_memory_that_cannot_be_had_is_a_memory_error(case: str) -> None:
 import re, resource
 import numpy as np, phasestereo as ps
 wide, long = np.zeros((4, 16384), np.uint8), np.zeros((1, 4_000_000), np.uint8)
-tall, broad = np.zeros((2000, 600), np.uint8), np.zeros((5000, 5000), np.float32)
+tall = np.zeros((2000, 600), np.uint8)
+broad = np.random.default_rng(0).random((5000, 5000), np.float32)  # of no narrower type
 vast = np.zeros((11000, 11000), np.uint8)
 ps.match(wide[:, :64], wide[:, :64], num_disparities=4, threads=1)
 used = int(re.search(r"VmSize:\\s+(\\d+)", open("/proc/self/status").read())[1]) << 10

@@ -86,6 +86,9 @@ def all_of(result: ps.Result) -> NDArray[np.bool_]:
     search: ps.SearchRange | None = result.search
     rows: ps.Alignment | None = result.alignment
     summary: ps.Summary | None = result.summary
+    if search is not None:
+        places: tuple[ps.LeftOut, ...] = search.left_out
+        use(places, search.identical)
     if search is not None and rows is not None and summary is not None:
         use(search.origin, search.low + 1.0, rows.rms + rows.rotation, summary.flagged + 1.0)
 
