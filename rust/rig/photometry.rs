@@ -384,7 +384,7 @@ mod tests {
     #[test]
     fn fields_are_shifted_where_that_makes_them_clearly_more_alike() {
         let mut fields = [100; 2 * FIELD_REACH + 1];
-        let shift = |fields, pixels| Counts { fields, pixels, ..Counts::default() }.field_shift();
+        let shift = |fields, pixels| Counts { pixels, fields, ..Counts::default() }.field_shift();
         fields[FIELD_REACH + 3] = 95;
         assert_eq!(shift(fields, 100_000), 0);
 

@@ -208,8 +208,8 @@ fn judged(map: &Plane<f32>, own: &Disparity, against: f32, y: usize, x: usize) -
         .map(|(v, u)| (own.disparity.row(v)[u] - claim).abs())
         .fold(f32::INFINITY, f32::min);
 
-    let column = |u: usize| (u as f32 - map.row(y)[u]).round();
-    let is_seen = (0.0..COLS as f32).contains(&column(x));
+    let column = |u: usize| (u as f32 - map.row(y)[u]).round() as i64;
+    let is_seen = (0..COLS as i64).contains(&column(x));
     let is_hidden =
         is_seen && (0..COLS).any(|u| map.row(y)[u] > claim + 1.0 && column(u) == column(x));
 
