@@ -124,7 +124,8 @@ def test_a_slider_matches_at_once_and_again_when_it_rests(opened: Browser) -> No
     assert calls[-1]["first"] < 0.3 * calls[-1]["second"]  # the left image is dim
 
     # Those of the match and of the check, each once, the worst first.
-    assert opened.text("findings").splitlines() == [
+    items = "document.querySelectorAll('#findings li')"
+    assert opened.run(f"return Array.from({items}, (item) => item.textContent)") == [
         "warning about 40 % of the pixels are probably wrong",
         "note the left image is softer than the right",
         "ok noise of 1.0 gray levels",

@@ -60,7 +60,7 @@ def test_new_frames_and_troubles_appear_by_themselves(
     browser: Browser, server: Server, show: Show
 ) -> None:
     look(browser, server)
-    assert browser.text("status").startswith(f"{COLS} \u00d7 {ROWS}, frame 0")
+    assert f". {COLS} \u00d7 {ROWS}, frame 0" in browser.text("status"), "after how much is wrong"
 
     show.fail(Failure(1, None, OSError("camera 1: gave no frame")))
     show.add(frame(2, apart=0.02))
