@@ -9,21 +9,33 @@ meet into photographs.
 from __future__ import annotations
 
 from dataclasses import replace
-from numbers import Integral
+from math import ceil
+from numbers import Integral, Real
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from phasestereo.io import Calibration
 from phasestereo_bench.datasets import Pair
 from phasestereo_bench.rendering.camera import LEFT, RIGHT, Camera
-from phasestereo_bench.rendering.casting import disparities, near_jumps, visible_in_both
-from phasestereo_bench.rendering.light import exposure_of, photograph
+from phasestereo_bench.rendering.casting import disparities, near_jumps, seen, visible_in_both
+from phasestereo_bench.rendering.light import MIDDLE_GRAY, SENSOR_NOISE, exposure_of, photograph
+from phasestereo_bench.rendering.rooms import ROOMS, RoomKind, furnish_room
 from phasestereo_bench.rendering.scenery import furnish
+from phasestereo_bench.rendering.shapes import Patch
 
-__all__ = ["render_pair"]
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from phasestereo_bench.rendering.light import Scenery
+
+__all__ = ["ROOMS", "RoomKind", "render_pair", "render_room"]
 
 MIN_SIDE, MAX_SIDE = 16, 8192
 MIN_DISPARITIES = 8
+MAX_NOISE = 64.0
+ROOM_GRAY = 0.6  # of white: rooms are lighter than gardens
+THUMBNAIL = 320  # px: the longer side of the grid on which a room's nearest point is looked for
 
 
 def render_pair(
@@ -60,20 +72,113 @@ def render_pair(
     count = _integer("num_disparities", num_disparities, low=MIN_DISPARITIES, high=width // 2)
 
     # The scene and the noise of either view have generators of their own.
-    scene_seed, left_seed, right_seed = np.random.SeedSequence(seed).spawn(3)
+    scene_seed, *noise_seeds = np.random.SeedSequence(seed).spawn(3)
     camera = Camera(height=height, width=width)
     scene = furnish(np.random.default_rng(scene_seed), camera)
     # The baseline follows from the nearest thing, which has the largest disparity.
     camera = replace(camera, near=scene.near, near_disparity=count - 2.0)
-    exposure = exposure_of(scene, camera)
 
+    pair = _taken(scene, camera, f"rendered-{seed}", noise_seeds)
+    return replace(pair, num_disparities=count, calibration=_calibration(camera, count))
+
+
+def render_room(
+    seed: int = 0,
+    kind: RoomKind = "room",
+    *,
+    height: int = 600,
+    width: int = 800,
+    noise: float = 1.5,
+) -> Pair:
+    """Render a stereo pair of a room with plain walls, tables and things, with its truth.
+
+    Parameters
+    ----------
+    seed
+        Of the room and the noise, an integer >= 0. Images of the same proportions are samplings of
+        the same room, whose disparities keep their share of the width.
+    kind
+        One of `ROOMS`.
+    height, width
+        Size of both images in pixels, 16 to 8192.
+    noise
+        Standard deviation of the Gaussian noise of a pixel, gray levels, >= 0.
+
+    Returns
+    -------
+    Pair
+        As of `render_pair`, with another mask: ``curved`` (those of ``nonocc`` on things that are
+        not flat). `Pair.num_disparities` holds all disparities; the largest is 8 to 22 % of the
+        width.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument has the wrong type, or is out of range.
+    """
+    seed = _integer("seed", seed, low=0)
+    if kind not in ROOMS:
+        raise ValueError(f"kind must be one of {', '.join(ROOMS)}, got {kind!r}")
+    height = _integer("height", height, low=MIN_SIDE, high=MAX_SIDE)
+    width = _integer("width", width, low=MIN_SIDE, high=MAX_SIDE)
+    if not isinstance(noise, Real) or isinstance(noise, bool):
+        raise TypeError(f"noise must be a number, got {type(noise).__name__}")
+    if not 0 <= noise <= MAX_NOISE:
+        raise ValueError(f"noise must be >= 0 and <= {MAX_NOISE:g}, got {noise}")
+
+    scene_seed, *noise_seeds = np.random.SeedSequence([seed, ROOMS.index(kind)]).spawn(3)
+    room = furnish_room(np.random.default_rng(scene_seed), kind)
+    camera = Camera(height=height, width=width, eye=room.eye, pitch=room.pitch)
+    camera = replace(
+        camera, near=_nearest(room.scenery, camera), near_disparity=room.reach * camera.width
+    )
+
+    name = f"{kind}-{seed}"
+    pair = _taken(room.scenery, camera, name, noise_seeds, noise=float(noise), gray=ROOM_GRAY)
+    curved = [not isinstance(shape, Patch) for shape in room.scenery.shapes]
+    on_curved = np.array(curved)[seen(room.scenery.shapes, camera, LEFT)[1]]
+
+    largest = max(float(np.max(truth)) for truth in (pair.truth, pair.truth_right))
+    count = 16 * ceil((largest + 2) / 16)
+    return replace(
+        pair,
+        masks={**pair.masks, "curved": pair.masks["nonocc"] & on_curved},
+        num_disparities=count,
+        calibration=_calibration(camera, count),
+    )
+
+
+def _nearest(scene: Scenery, camera: Camera) -> float:
+    """Find the least depth that the left view sees, on a grid that no image's size changes."""
+    thumbnail = replace(camera, near=1.0, near_disparity=1.0)
+    shrink = THUMBNAIL / max(camera.height, camera.width)
+    height, width = (max(1, round(n * shrink)) for n in (camera.height, camera.width))
+    thumbnail = replace(thumbnail, height=height, width=width)
+    return 1 / float(disparities(scene.shapes, thumbnail, LEFT).max())
+
+
+def _taken(
+    scene: Scenery,
+    camera: Camera,
+    name: str,
+    noise_seeds: Sequence[np.random.SeedSequence],
+    *,
+    noise: float = SENSOR_NOISE,
+    gray: float = MIDDLE_GRAY,
+) -> Pair:
+    """Take both views of a scene, with the truth; the range is left open."""
+    exposure = exposure_of(scene, camera, gray=gray)
     truth = disparities(scene.shapes, camera, LEFT)
     nonocc = visible_in_both(scene.shapes, camera, truth)
+    views = [
+        photograph(scene, camera, side, exposure, np.random.default_rng(noise_seed), noise=noise)
+        for side, noise_seed in zip((LEFT, RIGHT), noise_seeds, strict=True)
+    ]
 
     return Pair(
-        name=f"rendered-{seed}",
-        left=photograph(scene, camera, LEFT, exposure, np.random.default_rng(left_seed)),
-        right=photograph(scene, camera, RIGHT, exposure, np.random.default_rng(right_seed)),
+        name=name,
+        left=views[0],
+        right=views[1],
         truth=truth.astype(np.float32),
         truth_right=disparities(scene.shapes, camera, RIGHT).astype(np.float32),
         masks={
@@ -81,8 +186,8 @@ def render_pair(
             "all": np.ones_like(nonocc),
             "disc": nonocc & near_jumps(truth),
         },
-        num_disparities=count,
-        calibration=_calibration(camera, count),
+        num_disparities=0,
+        calibration=None,
     )
 
 

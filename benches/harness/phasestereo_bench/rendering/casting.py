@@ -67,14 +67,23 @@ def cast(
 
 def disparities(shapes: Sequence[Shape], camera: Camera, side: int) -> Disparity:
     """Disparities at the pixel centers of a view."""
+    return seen(shapes, camera, side)[0]
+
+
+def seen(
+    shapes: Sequence[Shape], camera: Camera, side: int
+) -> tuple[Disparity, NDArray[np.uint16]]:
+    """Disparities at the pixel centers of a view, and which shape is seen there."""
     bounds = windows(shapes, camera, side)
     disparity = np.empty((camera.height, camera.width))
+    number = np.empty(disparity.shape, dtype=np.uint16)
 
     for band, columns, rows in camera.bands():
-        depth, _ = cast(shapes, camera.rays(columns, rows, side), bounds, band.start)
+        rays = camera.rays(columns, rows, side)
+        depth, number[band] = cast(shapes, rays, bounds, band.start)
         disparity[band] = camera.focal_baseline / depth
 
-    return disparity
+    return disparity, number
 
 
 def visible_in_both(shapes: Sequence[Shape], camera: Camera, truth: Disparity) -> Mask:

@@ -121,8 +121,8 @@ def photograph(
     return picture
 
 
-def exposure_of(scene: Scenery, camera: Camera) -> float:
-    """Find the exposure that makes the median of the left view a middle gray, from a thumbnail."""
+def exposure_of(scene: Scenery, camera: Camera, *, gray: float = MIDDLE_GRAY) -> float:
+    """Find the exposure that makes the median of the left view a gray, from a thumbnail."""
     shrink = 96 / max(camera.height, camera.width)
     height, width = (max(1, round(n * shrink)) for n in (camera.height, camera.width))
     thumbnail = replace(camera, height=height, width=width)
@@ -131,8 +131,8 @@ def exposure_of(scene: Scenery, camera: Camera) -> float:
     bounds = windows(scene.shapes, thumbnail, LEFT)
     light = _radiance(scene, thumbnail, thumbnail.rays(x, y, LEFT), bounds, 0)
 
-    # The tones of `photograph`, solved for the light that comes out as middle gray.
-    return -math.log(1 - MIDDLE_GRAY**GAMMA) / float(np.median(light))
+    # The tones of `photograph`, solved for the light that comes out as that gray.
+    return -math.log(1 - gray**GAMMA) / float(np.median(light))
 
 
 def light_falling_on(patch: Patch, occluders: Sequence[Shape]) -> Lightmap:

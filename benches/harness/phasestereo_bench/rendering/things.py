@@ -15,10 +15,12 @@ from phasestereo_bench.rendering.shapes import Ellipsoid, Frustum, Patch
 from phasestereo_bench.rendering.textures import GREENS, STONES, WOODS, Texture
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from phasestereo_bench.rendering.shapes import Shape, Vector
     from phasestereo_bench.rendering.textures import Color, Studio
+
+    Cover = Callable[[Patch, Texture], Surface]
 
 PAPERS: list[Color] = [
     (226, 216, 192),
@@ -80,11 +82,11 @@ class Workshop:
 
     def box(self, spot: Spot) -> Iterator[Surface]:
         """Build a printed carton, turned a little."""
-        return self._block(spot, self._block_size(spot), self._pick(self._prints))
+        return self.block(spot, self.block_size(spot), self._pick(self._prints))
 
     def crate(self, spot: Spot) -> Iterator[Surface]:
         """Build a box of boards, turned a little."""
-        return self._block(spot, self._block_size(spot), self._wood)
+        return self.block(spot, self.block_size(spot), self._wood)
 
     def books(self, spot: Spot) -> Iterator[Surface]:
         """Stack three books, each turned differently."""
@@ -92,7 +94,7 @@ class Workshop:
         for _ in range(3):
             width, height, depth = self.rng.uniform((0.32, 0.27, 0.24), (0.42, 0.4, 0.3)).tolist()
             size = (width, height * spot.height, depth)
-            yield from self._block(spot, size, self._pick(self._prints), floor=floor)
+            yield from self.block(spot, size, self._pick(self._prints), floor=floor)
             floor += size[1]
 
     def pot(self, spot: Spot) -> Iterator[Surface]:
@@ -144,27 +146,38 @@ class Workshop:
         across, along = self.rng.uniform(0, 9, size=2).tolist()
         return Surface(shape, texture, (across, along))
 
-    def _block_size(self, spot: Spot) -> Vector:
+    def block_size(self, spot: Spot) -> Vector:
+        """Choose width, height and depth of a box."""
         width, depth = (spot.height * self.rng.uniform((0.6, 0.4), (0.9, 0.7))).tolist()
         return width, spot.height, depth
 
-    def _block(
-        self, spot: Spot, size: Vector, texture: Texture, *, floor: float = 0.0
+    def block(
+        self,
+        spot: Spot,
+        size: Vector,
+        texture: Texture,
+        *,
+        floor: float = 0.0,
+        yaw: float | None = None,
+        cover: Cover | None = None,
     ) -> Iterator[Surface]:
-        """Four sides and a lid, turned by up to 35 degrees."""
+        """Four sides and a lid, turned by up to 35 degrees if no angle is given."""
         width, height, depth = size
-        yaw = float(self.rng.uniform(-0.6, 0.6))
+        if yaw is None:
+            yaw = float(self.rng.uniform(-0.6, 0.6))
+        if cover is None:
+            cover = printed
 
         for k in range(4):
             turn = yaw + k * math.pi / 2
             wide, out = (width, depth) if k % 2 == 0 else (depth, width)
             x, z = spot.x + out / 2 * math.sin(turn), spot.z - out / 2 * math.cos(turn)
             side = upright((x, floor + height / 2, z), turn, wide / 2, height / 2)
-            yield printed(side, texture)
+            yield cover(side, texture)
 
         right, front = (math.cos(yaw), 0.0, math.sin(yaw)), (math.sin(yaw), 0.0, -math.cos(yaw))
         lid = Patch((spot.x, floor + height, spot.z), right, front, width / 2, depth / 2)
-        yield printed(lid, texture)
+        yield cover(lid, texture)
 
     def _plant(self, foot: Vector, height: float) -> Iterator[Surface]:
         """Long leaves that lean outwards from one place, and a stake."""

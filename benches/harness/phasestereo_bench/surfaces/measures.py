@@ -1,0 +1,171 @@
+"""What is counted of a map: pixels that are off, by the kind of surface that they are on, stripes.
+
+Kinds of pixels follow from the truth, so that rendered and real pairs are counted alike, and from
+the left image. All measures of length are in pixels of the map, but for the width of thin things.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.floating[Any]]
+    Mask = NDArray[np.bool_]
+
+KINDS = ("all", "plain", "flat", "slanted", "edge", "thin", "curved")
+"""All pixels that count; of these the ones without texture; and apart from one another: flat and
+slanted ones, those near an edge, on a thin thing, on a curved one."""
+
+JUMP = 2.0  # px between neighbors: an edge of a surface, or a stripe
+EDGE_REACH = 2  # px
+THIN_SHARE = 0.015  # of the image's width
+STEEP = 0.05  # px a px: the slope from which on a surface is slanted
+PLAIN, PLAIN_NOISE = 1.5, 2.0  # gray levels of local deviation, and how much noise adds
+
+_SLOPE_SIGMA = 3.0  # px over which slopes are averaged
+_STEP = 1.0  # px between neighbors from which on a difference is not a slope
+_ENOUGH = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Counts:
+    """How many pixels count, and how many of them are off by more than 1 and 2 px or missing."""
+
+    pixels: int
+    bad_1: int
+    bad_2: int
+
+
+def kinds_of_pixels(
+    truth: Floats, scored: Mask, gray: Floats, curved: Mask | None = None
+) -> dict[str, Mask]:
+    """Sort the pixels that count into `KINDS`.
+
+    Parameters
+    ----------
+    truth
+        Disparities (H, W), px; NaN or infinite = unknown.
+    scored
+        bool (H, W): the pixels that count, where the truth is known.
+    gray
+        Left image (H, W), gray levels.
+    curved
+        bool (H, W): what is on a curved surface, if that is known.
+
+    Returns
+    -------
+    dict
+        A mask (H, W) for each of `KINDS`; without `curved`, nothing is curved.
+    """
+    from scipy import ndimage  # noqa: PLC0415  # slow to import, and most of the harness does without
+
+    known = np.isfinite(truth)
+    scored = scored & known
+    # What is unknown continues what is next to it.
+    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    whole = np.asarray(truth, dtype=np.float64)[tuple(nearest)]
+
+    thin = _thin(whole)
+    edge = _near_jumps(whole) & ~thin
+    inside = scored & ~thin & ~edge
+    bent = np.zeros_like(scored) if curved is None else curved
+    steep = _slopes(whole) >= STEEP
+
+    return {
+        "all": scored,
+        "plain": scored & _plain(np.asarray(gray, dtype=np.float64)),
+        "flat": inside & ~bent & ~steep,
+        "slanted": inside & ~bent & steep,
+        "edge": scored & edge,
+        "thin": scored & thin,
+        "curved": inside & bent,
+    }
+
+
+def count_bad(
+    disparity: Floats, truth: Floats, kinds: Mapping[str, Mask], *, scale: float = 1.0
+) -> dict[str, Counts]:
+    """Count what is off, in units of `scale` px of the map; a pixel without estimate is off."""
+    error = np.abs(np.asarray(disparity, dtype=np.float64) - truth) / scale
+    off_1, off_2 = ~(error <= 1.0), ~(error <= 2.0)
+    return {
+        kind: Counts(int(mask.sum()), int((off_1 & mask).sum()), int((off_2 & mask).sum()))
+        for kind, mask in kinds.items()
+    }
+
+
+def stripes(disparity: Floats, where: Mask) -> float:
+    """Return the share of neighbors in a column that differ by more than 2 px, 0 to 1.
+
+    Of the pairs of which both pixels are in `where` and have an estimate; NaN if there is none.
+    """
+    step = np.abs(np.diff(np.asarray(disparity, dtype=np.float64), axis=0))
+    both = where[1:] & where[:-1] & np.isfinite(step)
+    return float((step[both] > JUMP).mean()) if both.any() else float("nan")
+
+
+def gray_of(image: NDArray[Any]) -> NDArray[np.float64]:
+    """Return an image (H, W) or (H, W, 3) as gray levels."""
+    if image.ndim == 2:
+        return image.astype(np.float64)
+    return np.asarray(image[..., :3] @ np.array([0.299, 0.587, 0.114]), dtype=np.float64)
+
+
+def _thin(truth: Floats) -> Mask:
+    """Return what stands out by more than a jump and is narrower than a share of the image."""
+    from scipy import ndimage  # noqa: PLC0415
+
+    size = 2 * round(THIN_SHARE * truth.shape[1] / 2) + 1
+    across, down = (ndimage.grey_opening(truth, size=each) for each in ((1, size), (size, 1)))
+    thin: Mask = truth - np.minimum(across, down) > JUMP
+    return thin
+
+
+def _near_jumps(truth: Floats) -> Mask:
+    from scipy import ndimage  # noqa: PLC0415
+
+    jumps = np.zeros(truth.shape, dtype=bool)
+    across, down = (np.abs(np.diff(truth, axis=axis)) > JUMP for axis in (1, 0))
+    jumps[:, 1:] |= across
+    jumps[:, :-1] |= across
+    jumps[1:] |= down
+    jumps[:-1] |= down
+
+    # A pixel beside a jump is 1 px from it.
+    near: Mask = ndimage.maximum_filter(jumps, size=2 * EDGE_REACH - 1)
+    return near
+
+
+def _slopes(truth: Floats) -> Floats:
+    """Return the steepness of the surface, of differences that are not steps."""
+    from scipy import ndimage  # noqa: PLC0415
+
+    square = np.zeros(truth.shape)
+    for axis in (0, 1):
+        rise = np.diff(truth, axis=axis, append=np.take(truth, [-1], axis))
+        smooth = (np.abs(rise) <= _STEP).astype(np.float64)
+        total, weight = (
+            ndimage.gaussian_filter(each, _SLOPE_SIGMA) for each in (rise * smooth, smooth)
+        )
+        square += (total / np.maximum(weight, _ENOUGH)) ** 2
+    return np.sqrt(square)
+
+
+def _plain(gray: Floats) -> Mask:
+    """Return where 5 x 5 pixels deviate by little more than noise does."""
+    from scipy import ndimage  # noqa: PLC0415
+
+    mean, square = (ndimage.uniform_filter(each, 5) for each in (gray, gray * gray))
+    deviation = np.sqrt(np.maximum(square - mean * mean, 0))
+
+    # Of the median of what a Laplacian leaves, whose standard deviation is sqrt(20) that of noise.
+    noise = float(np.median(np.abs(ndimage.laplace(gray)))) / (0.6745 * np.sqrt(20))
+    plain: Mask = deviation < PLAIN + PLAIN_NOISE * noise
+    return plain
