@@ -14,6 +14,7 @@ from phasestereo_bench.cli import (
     bench_recordings,
     bench_report,
     bench_speed,
+    bench_surfaces,
     bench_verify,
     bench_video,
 )
@@ -32,6 +33,7 @@ app.command(bench_confidence.confidence)
 app.command(bench_range.range_, name="range")
 app.command(bench_recordings.recordings)
 app.command(bench_speed.speed)
+app.command(bench_surfaces.surfaces)
 app.command(bench_video.video)
 app.command(bench_verify.verify)
 app.command(bench_report.report)

@@ -1,0 +1,72 @@
+"""The suite "surfaces": plain, slanted and curved surfaces, edges and thin things, at many sizes.
+
+    from pathlib import Path
+
+    from phasestereo_bench.surfaces import run_surfaces, surface_cases, surface_table
+
+    records = run_surfaces(surface_cases([Path("middlebury")]), Path("surfaces.jsonl"))
+    table = surface_table(records)
+
+Data flow: `cases` -> `trials`, which count by `measures` -> records, in a store -> `results`.
+"""
+
+from phasestereo_bench.surfaces.cases import (
+    FACTORS,
+    MEGAPIXELS,
+    PLANES,
+    SEEDS,
+    UPSAMPLED,
+    RoomCase,
+    SceneCase,
+    SurfaceCase,
+    TableCase,
+    Task,
+    View,
+    surface_cases,
+)
+from phasestereo_bench.surfaces.measures import (
+    KINDS,
+    Counts,
+    count_bad,
+    gray_of,
+    kinds_of_pixels,
+    stripes,
+)
+from phasestereo_bench.surfaces.results import surface_table, upsampled_table
+from phasestereo_bench.surfaces.trials import (
+    KIND,
+    OURS,
+    default_methods,
+    run_surfaces,
+    surface_jobs,
+    try_out,
+)
+
+__all__ = [
+    "FACTORS",
+    "KIND",
+    "KINDS",
+    "MEGAPIXELS",
+    "OURS",
+    "PLANES",
+    "SEEDS",
+    "UPSAMPLED",
+    "Counts",
+    "RoomCase",
+    "SceneCase",
+    "SurfaceCase",
+    "TableCase",
+    "Task",
+    "View",
+    "count_bad",
+    "default_methods",
+    "gray_of",
+    "kinds_of_pixels",
+    "run_surfaces",
+    "stripes",
+    "surface_cases",
+    "surface_jobs",
+    "surface_table",
+    "try_out",
+    "upsampled_table",
+]

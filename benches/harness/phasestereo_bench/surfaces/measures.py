@@ -90,10 +90,10 @@ def kinds_of_pixels(
 
 
 def count_bad(
-    disparity: Floats, truth: Floats, kinds: Mapping[str, Mask], *, scale: float = 1.0
+    disparity: Floats, truth: Floats, kinds: Mapping[str, Mask]
 ) -> dict[str, Counts]:
-    """Count what is off, in units of `scale` px of the map; a pixel without estimate is off."""
-    error = np.abs(np.asarray(disparity, dtype=np.float64) - truth) / scale
+    """Count what is off; a pixel without an estimate is off."""
+    error = np.abs(np.asarray(disparity, dtype=np.float64) - truth)
     off_1, off_2 = ~(error <= 1.0), ~(error <= 2.0)
     return {
         kind: Counts(int(mask.sum()), int((off_1 & mask).sum()), int((off_2 & mask).sum()))
@@ -101,13 +101,13 @@ def count_bad(
     }
 
 
-def stripes(disparity: Floats, where: Mask) -> float:
+def stripes(disparity: Floats) -> float:
     """Return the share of neighbors in a column that differ by more than 2 px, 0 to 1.
 
-    Of the pairs of which both pixels are in `where` and have an estimate; NaN if there is none.
+    Of the pairs of which both pixels have an estimate; NaN if there is none.
     """
     step = np.abs(np.diff(np.asarray(disparity, dtype=np.float64), axis=0))
-    both = where[1:] & where[:-1] & np.isfinite(step)
+    both = np.isfinite(step)
     return float((step[both] > JUMP).mean()) if both.any() else float("nan")
 
 

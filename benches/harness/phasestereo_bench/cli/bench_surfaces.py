@@ -1,0 +1,100 @@
+"""``phasestereo bench surfaces``: rooms, upsampled scenes, table tops -> records and a table."""
+
+# No `from __future__ import annotations`: the command line is made of these annotations.
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Group, Parameter, validators
+from rich.console import Console
+
+from phasestereo.cli.errors import CommandError, refusals
+from phasestereo.cli.terminal import printable
+from phasestereo_bench.cli.bench_middlebury import rivals
+from phasestereo_bench.cli.bench_runs import prepare, run_cells
+from phasestereo_bench.cli.bench_tables import filled
+from phasestereo_bench.surfaces import (
+    MEGAPIXELS,
+    SEEDS,
+    default_methods,
+    surface_cases,
+    surface_jobs,
+    surface_table,
+    upsampled_table,
+)
+
+_OPTIONS = {"megapixels", "seeds", "method", "hitnet"}
+_SEVERAL = Parameter(consume_multiple=True, show_default=False)
+_SCENES = Group.create_ordered("Scenes")
+_RUN = Group.create_ordered("Run")
+_COUNT = validators.Number(gte=0)
+_PIPED_WIDTH = 200
+
+
+def surfaces(
+    *folders: Annotated[Path, Parameter(group=_SCENES)],
+    megapixels: Annotated[tuple[float, ...], _SEVERAL, Parameter(group=_SCENES)] = MEGAPIXELS,
+    seeds: Annotated[int, Parameter(group=_SCENES, validator=_COUNT)] = SEEDS,
+    method: Annotated[tuple[str, ...], _SEVERAL] = (),
+    hitnet: Path | None = None,
+    output: Annotated[Path, Parameter(alias="-o", group=_RUN)] = Path("surfaces.jsonl"),
+    workers: Annotated[int | None, Parameter(group=_RUN, validator=_COUNT)] = None,
+    fresh: Annotated[bool, Parameter(negative=(), show_default=False, group=_RUN)] = False,
+) -> None:
+    """Score matchers on plain, slanted and curved surfaces, and on finer samplings of a scene.
+
+    Rooms with plain walls, tables and things are rendered at several sizes. Folders add scenes
+    that are upsampled, scenes with large planes, and real table tops. The table has bad-1 and bad-2
+    by kind of pixel, and the share of neighbors in a column that differ by more than 2 px, beside
+    that of the truth. It takes about three minutes on one core. For example:
+
+    ```
+    phasestereo bench surfaces ~/middlebury ~/planes ~/tabletop
+    phasestereo bench surfaces --megapixels 12 --seeds 1
+    ```
+
+    Parameters
+    ----------
+    folders
+        Official folder trees of Middlebury's scenes, of which Art, Moebius, Aloe and Lampshade1 are
+        upsampled; and folders with tabletop/NAME/left.png, right.png and disparity.png. Without
+        any, rooms alone.
+    megapixels
+        Sizes of the rooms; 0.5 and 2 without it.
+    seeds
+        How many rooms of each kind and size.
+    method
+        What to compare, as of ``phasestereo bench middlebury``; without it, ours told nothing and
+        opencv:sgbm, which is told the range.
+    hitnet
+        HITNet's ONNX file for ETH3D: the network takes part, too, if onnxruntime is installed.
+    output
+        File for the records.
+    workers
+        Number of processes, each on one thread; without it, as many as there are processors. 0
+        runs everything in one process.
+    fresh
+        Begin anew: rename an existing file of records, and run everything.
+    """
+    with refusals(options=_OPTIONS):
+        cases = surface_cases(folders, megapixels=megapixels, seeds=seeds)
+        jobs = surface_jobs(cases, [*(method or default_methods()), *rivals(hitnet)])
+        prepare(output, jobs, cells="maps", fresh=fresh)
+        records = run_cells(jobs, output, workers=workers, title="Matching", cells="maps")
+
+    good = [record for record in records if record["status"] == "ok"]
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
+    if good:
+        title = "Off by more than 1 / 2 px, %; stripes (of the truth), %"
+        console.print(filled(title, surface_table(good)))
+        compared = upsampled_table(good)
+        if compared is not None:
+            console.print(filled("Upsampled scenes at their own scale: bad-1, %", compared))
+        console.print(printable(f"Records: {output}"), markup=False, soft_wrap=True)
+
+    failed = [record for record in records if record["status"] != "ok"]
+    if failed:
+        first = failed[0]
+        message = f"{len(failed)} of {len(records)} maps failed, the first of them {first['method']}"
+        raise CommandError(f"{message} on {first['scene']}, {first['row']}: {first['error']}")

@@ -1,0 +1,351 @@
+"""What the suite matches: rendered rooms, scenes as they are and upsampled, real table tops.
+
+A case is light and says where its images come from; its task has the images, and how maps of them
+are counted.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from PIL import Image as Pillow
+
+from phasestereo import MatchWarning, match
+from phasestereo.io import read_image
+from phasestereo_bench.datasets import find_scenes
+from phasestereo_bench.degradation import Degradation
+from phasestereo_bench.rendering import ROOMS, render_room
+from phasestereo_bench.surfaces.measures import gray_of, kinds_of_pixels
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from phasestereo_bench.datasets import Pair, Scene
+    from phasestereo_bench.rendering import RoomKind
+
+    Image = NDArray[np.uint8]
+    Floats = NDArray[np.floating[Any]]
+    Mask = NDArray[np.bool_]
+
+UPSAMPLED = frozenset(
+    f"{collection}/{scene}"
+    for collection, scenes in (
+        ("scenes2005/ThirdSize", ("Art", "Moebius")),
+        ("scenes2006/ThirdSize", ("Aloe", "Lampshade1")),
+    )
+    for scene in scenes
+)
+"""The scenes that are upsampled: three of rich texture, one with a large plain shade."""
+
+PLANES = frozenset(
+    f"{collection}/{scene}"
+    for collection, scenes in (
+        ("MiddEval3/trainingQ", ("PianoL", "Playtable")),
+        ("scenes2006/ThirdSize", ("Lampshade2", "Midd2", "Monopoly", "Plastic")),
+    )
+    for scene in scenes
+)
+"""Scenes with large planes."""
+
+FACTORS = 1, 2, 3
+"""How many times finer the sampling of an upsampled scene is."""
+
+MEGAPIXELS = 0.5, 2.0
+SEEDS = 2
+
+AS_IS = "scenes as they are"
+OWN = ", own pixels"
+
+_UPSAMPLED_NOISE = 1.5  # gray levels
+_TABLE_FOLDER = "tabletop"
+_TABLE_FILES = "left.png", "right.png", "disparity.png"
+_ROOM_NAMES = {"table": "rendered table tops", "room": "rooms", "curved": "plain curved things"}
+_LONG_MEGAPIXELS = 68.0  # 8192 px wide
+
+_SURE = 0.9  # of the quarter-size match: a confidence to fit the sensor's scale to
+_FIT_ROUNDS, _FIT_LEAST = 15, 1.0  # px
+_FIT_POINTS = 200
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """How maps of a task are counted.
+
+    Attributes
+    ----------
+    row
+        The row of the table.
+    truth
+        Disparities (H, W) at the scale of the view, px; NaN = unknown.
+    kinds
+        Which pixels are of which kind, as `kinds_of_pixels` has them.
+    every
+        The view takes the middle one of so many pixels of the map in either direction, and divides
+        its disparity by this number.
+    """
+
+    row: str
+    truth: Floats
+    kinds: Mapping[str, Mask]
+    every: int = 1
+
+    def seen(self, disparity: Floats) -> Floats:
+        """Return the map at the scale of the view."""
+        first = self.every // 2
+        found: Floats = disparity[first :: self.every, first :: self.every] / self.every
+        return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Task:
+    """Images to match, and how the maps are counted."""
+
+    left: Image
+    right: Image
+    num_disparities: int
+    views: tuple[View, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class RoomCase:
+    """A rendered room at a size."""
+
+    kind: RoomKind
+    seed: int
+    width: int
+    height: int
+
+    @property
+    def row(self) -> str:
+        """What the table calls it."""
+        return f"{_ROOM_NAMES[self.kind]}, {self.width * self.height / 1e6:.2g} MP"
+
+    @property
+    def name(self) -> str:
+        """What the scene is called."""
+        return f"{self.kind}-{self.seed}"
+
+    def load(self) -> Task:
+        """Render it."""
+        pair = render_room(self.seed, self.kind, height=self.height, width=self.width)
+        return Task(pair.left, pair.right, pair.num_disparities, (_view(self.row, pair),))
+
+
+@dataclass(frozen=True, slots=True)
+class SceneCase:
+    """A scene as it is, or upsampled with fresh noise."""
+
+    scene: Scene
+    factor: int = 1
+    row: str = AS_IS
+
+    @property
+    def name(self) -> str:
+        """What the scene is called."""
+        return str(self.scene)
+
+    def load(self) -> Task:
+        """Read the scene, and upsample it; its maps are counted at either scale."""
+        pair = self.scene.load()
+        if pair.truth is None or "nonocc" not in pair.masks:
+            raise ValueError(f"{pair.name}: its truth or its mask of visible pixels is missing")
+
+        factor = self.factor
+        view = _view(self.row, pair, every=factor)
+        if factor == 1:
+            return Task(pair.left, pair.right, pair.num_disparities, (view,))
+
+        left, right = (
+            _upsampled(image, factor, seed) for seed, image in enumerate((pair.left, pair.right))
+        )
+        square = np.ones((factor, factor))
+        truth = np.kron(pair.truth, square) * factor
+        seen = np.kron(pair.masks["nonocc"], square) > 0
+        own = View(self.row + OWN, truth, kinds_of_pixels(truth, seen, gray_of(left)))
+        return Task(left, right, pair.num_disparities * factor, (view, own))
+
+
+@dataclass(frozen=True, slots=True)
+class TableCase:
+    """A real table top, with the map of the sensor that took the pair."""
+
+    folder: Path
+    row: str = field(default="real table tops", init=False)
+
+    @property
+    def name(self) -> str:
+        """What the scene is called."""
+        return f"{_TABLE_FOLDER}/{self.folder.name}"
+
+    def load(self) -> Task:
+        """Read it, and fit the sensor's map to a match of a quarter of the size."""
+        left, right, levels = (read_image(self.folder / name) for name in _TABLE_FILES)
+        levels = levels if levels.ndim == 2 else levels[..., 0]
+        if left.dtype != np.uint8 or right.shape != left.shape or levels.shape != left.shape[:2]:
+            raise ValueError(f"{self.folder}: the three images differ in size, or not in 8 bits")
+
+        left, right = left.astype(np.uint8), right.astype(np.uint8)
+        truth = _fitted(self.folder, left, right, levels)
+        known = np.isfinite(truth)
+        view = View(self.row, truth, kinds_of_pixels(truth, known, gray_of(left)))
+        count = 16 * math.ceil((float(truth[known].max()) + 16) / 16)
+        return Task(left, right, count, (view,))
+
+
+SurfaceCase = RoomCase | SceneCase | TableCase
+
+
+@lru_cache(1)
+def load(case: SurfaceCase) -> Task:
+    """Load a case; the jobs of all methods share it, so it must not be changed."""
+    return case.load()
+
+
+def surface_cases(
+    folders: Iterable[Path] = (),
+    *,
+    megapixels: Sequence[float] = MEGAPIXELS,
+    seeds: int = SEEDS,
+) -> list[SurfaceCase]:
+    """Return the cases of the suite.
+
+    Parameters
+    ----------
+    folders
+        That hold the scenes of `UPSAMPLED` and `PLANES` as `find_scenes` finds them, or table tops
+        as ``tabletop/NAME/left.png``, ``right.png`` and ``disparity.png``; or the folder of these.
+        None: rooms alone.
+    megapixels
+        Sizes of the rooms, each from 0.01 to 67.
+    seeds
+        How many rooms of each kind, >= 0.
+
+    Raises
+    ------
+    OSError
+        If a folder does not exist.
+    ValueError
+        If an argument is out of range, a folder has none of that, or there is no case.
+    """
+    if seeds < 0:
+        raise ValueError(f"seeds: got {seeds}; accepts 0 and more")
+    wrong = [size for size in megapixels if not 0.01 <= size < _LONG_MEGAPIXELS]
+    if wrong:
+        raise ValueError(f"megapixels: got {wrong[0]:g}; accepts 0.01 to {_LONG_MEGAPIXELS:g}")
+
+    rooms: list[SurfaceCase] = [
+        RoomCase(kind, seed, *_room_size(size))
+        for size in dict.fromkeys(megapixels)
+        for kind in ROOMS
+        for seed in range(seeds)
+    ]
+
+    scenes, tables = _found(folders)
+    there = {str(scene): scene for scene in scenes}
+    upsampled = [
+        SceneCase(there[name], factor, AS_IS if factor == 1 else f"upsampled {factor}x")
+        for factor in FACTORS
+        for name in sorted(UPSAMPLED & set(there))
+    ]
+    planes = [
+        SceneCase(there[name], row="large planes") for name in sorted(PLANES & set(there))
+    ]
+
+    cases = [*rooms, *upsampled, *planes, *map(TableCase, tables)]
+    if not cases:
+        raise ValueError("there is nothing to match: no rooms are wanted, and no folder is given")
+    return cases
+
+
+def _room_size(megapixels: float) -> tuple[int, int]:
+    """Return width and height, 4:3."""
+    quarter = max(round(math.sqrt(megapixels * 1e6 / 12)), 8)
+    return 4 * quarter, 3 * quarter
+
+
+def _found(folders: Iterable[Path]) -> tuple[list[Scene], list[Path]]:
+    """Return the scenes and the table tops of folders."""
+    scenes: dict[Path, Scene] = {}
+    tables: dict[Path, None] = {}
+
+    for folder in folders:
+        root = Path(folder).absolute()
+        of_tables = root if root.name == _TABLE_FOLDER else root / _TABLE_FOLDER
+        there = [each for each in sorted(of_tables.glob("*")) if _is_table(each)]
+        tables |= dict.fromkeys(there)
+
+        try:
+            scenes |= {scene.folder: scene for scene in find_scenes(root)}
+        except ValueError as error:
+            if not there:
+                tops = f"{_TABLE_FOLDER}/*/{_TABLE_FILES[0]}"
+                raise ValueError(f"{error}, and for {tops}") from error
+
+    return list(scenes.values()), list(tables)
+
+
+def _is_table(folder: Path) -> bool:
+    return all((folder / name).is_file() for name in _TABLE_FILES)
+
+
+def _view(row: str, pair: Pair, *, every: int = 1) -> View:
+    """Return the view of a pair at its own scale."""
+    truth = pair.truth
+    if truth is None:
+        raise ValueError(f"{pair.name}: its truth is missing")
+    seen, curved = pair.masks["nonocc"], pair.masks.get("curved")
+    return View(row, truth, kinds_of_pixels(truth, seen, gray_of(pair.left), curved), every)
+
+
+def _upsampled(image: Image, factor: int, seed: int) -> Image:
+    """Interpolate an image by cubics, and add the noise of a sensor."""
+    height, width = image.shape[:2]
+    size = (width * factor, height * factor)
+    smooth = np.asarray(Pillow.fromarray(image).resize(size, Pillow.Resampling.BICUBIC))
+    return Degradation(noise=_UPSAMPLED_NOISE, seed=seed)(smooth)
+
+
+def _fitted(folder: Path, left: Image, right: Image, levels: NDArray[Any]) -> Floats:
+    """Return the sensor's map in px: its levels are linear in the disparity, 0 is unknown.
+
+    Scale and offset are those that fit the confident pixels of a quarter-size match best.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MatchWarning)
+        found = match(_quarter(left), _quarter(right), threads=1)
+
+    # The middle of four by four pixels.
+    height, width = found.disparity.shape
+    level = levels[2::4, 2::4][:height, :width].astype(np.float64)
+    use = (level > 0) & np.isfinite(found.disparity)
+    if found.confidence is not None:
+        use &= found.confidence >= _SURE
+    x, y = level[use], 4.0 * found.disparity[use]
+    if x.size < _FIT_POINTS or np.ptp(x) == 0:
+        raise ValueError(f"{folder}: too little of it is matched to know the scale of its map")
+
+    # Least squares, again and again without what is off by more than twice the median.
+    keep = np.ones(x.size, dtype=bool)
+    slope, offset = 0.0, 0.0
+    for _ in range(_FIT_ROUNDS):
+        slope, offset = np.polyfit(x[keep], y[keep], 1).tolist()
+        off = np.abs(slope * x + offset - y)
+        keep = off < max(_FIT_LEAST, 2 * float(np.median(off)))
+
+    fitted: Floats = np.where(levels > 0, slope * levels + offset, np.nan)
+    return fitted
+
+
+def _quarter(image: Image) -> Image:
+    """Return the means of four by four pixels."""
+    height, width = (4 * (size // 4) for size in image.shape[:2])
+    blocks = image[:height, :width].reshape(height // 4, 4, width // 4, 4, -1)
+    return np.rint(blocks.mean(axis=(1, 3))).astype(np.uint8).squeeze()

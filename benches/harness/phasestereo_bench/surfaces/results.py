@@ -1,0 +1,93 @@
+"""Results: the records of the trials as tables."""
+
+from __future__ import annotations
+
+from statistics import fmean
+from typing import TYPE_CHECKING, Any
+
+from phasestereo_bench.report.tables import MISSING, Entry, Table
+from phasestereo_bench.surfaces.cases import AS_IS, OWN
+from phasestereo_bench.surfaces.measures import KINDS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    Record = Mapping[str, Any]
+    Found = Mapping[str, Any]
+
+FEWEST = 100
+"""Pixels of a kind that a scene must have to be part of the kind's mean."""
+
+_HEADINGS = {"edge": "near an edge"}
+
+
+def surface_table(records: Sequence[Record]) -> Table:
+    """Return rows and methods down, kinds of pixels across: bad-1 / bad-2 in %, means of scenes."""
+    header = "row", "method", "scenes", *(_HEADINGS.get(kind, kind) for kind in KINDS), "stripes"
+    rows = []
+    for (row, method), views in _by_row(records).items():
+        cells = (_bad(views, kind) for kind in KINDS)
+        entries = (row, method, str(len(views)), *cells, _stripes(views))
+        rows.append(tuple(map(Entry, entries)))
+    return Table(header, tuple(rows), labels=2)
+
+
+def upsampled_table(records: Sequence[Record]) -> Table | None:
+    """Return bad-1 of upsampled scenes at their own scale beside that of the scenes as they are.
+
+    Means over the scenes, and the scene that loses most; None if no scene is upsampled.
+    """
+    found = {
+        (row, record["method"], record["scene"]): _share(view, "bad_1", "all")
+        for record in records
+        for row, view in record["views"].items()
+        if row == AS_IS or (row.startswith("upsampled") and not row.endswith(OWN))
+    }
+
+    rows = []
+    for row, method in dict.fromkeys((row, method) for row, method, _ in found if row != AS_IS):
+        changes = {
+            scene: (share, found[AS_IS, method, scene])
+            for (of_row, of_method, scene), share in found.items()
+            if (of_row, of_method) == (row, method) and (AS_IS, method, scene) in found
+        }
+        if changes:
+            worst = max(changes, key=lambda scene: changes[scene][0] - changes[scene][1])
+            now, then = (100 * fmean(column) for column in zip(*changes.values(), strict=True))
+            most = 100 * (changes[worst][0] - changes[worst][1])
+            cells = (row, method, f"{then:.1f}", f"{now:.1f}", f"{most:+.1f}", worst)
+            rows.append(tuple(map(Entry, cells)))
+
+    header = "row", "method", "as they are", "upsampled", "worst change", "of"
+    return Table(header, tuple(rows), labels=2) if rows else None
+
+
+def _by_row(records: Iterable[Record]) -> dict[tuple[str, str], list[Found]]:
+    """Return what was counted, by row and method, rows in order."""
+    grouped: dict[str, dict[str, list[Found]]] = {}
+    for record in records:
+        for row, view in record["views"].items():
+            grouped.setdefault(row, {}).setdefault(record["method"], []).append(view)
+    return {(row, method): views for row, some in grouped.items() for method, views in some.items()}
+
+
+def _share(view: Found, measure: str, kind: str) -> float:
+    return float(view[measure][kind] / view["pixels"][kind])
+
+
+def _bad(views: Sequence[Found], kind: str) -> str:
+    """Return means over the scenes that have enough pixels of a kind."""
+    some = [view for view in views if view["pixels"][kind] >= FEWEST]
+    if not some:
+        return MISSING
+    one, two = (100 * fmean(_share(each, name, kind) for each in some) for name in ("bad_1", "bad_2"))
+    return f"{one:.1f} / {two:.1f}"
+
+
+def _stripes(views: Sequence[Found]) -> str:
+    """Return the share of stripes, and that of the truth in brackets."""
+    known = [view for view in views if view["stripes"] is not None]
+    if not known:
+        return MISSING
+    found, true = (100 * fmean(view[name] for view in known) for name in ("stripes", "truth_stripes"))
+    return f"{found:.2f} ({true:.2f})"

@@ -1,0 +1,132 @@
+"""Trials: cases matched by methods, and records of what is off."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from phasestereo_bench.measurement import measured
+from phasestereo_bench.methods import available, method
+from phasestereo_bench.runner import Job, run_jobs
+from phasestereo_bench.surfaces import cases
+from phasestereo_bench.surfaces.measures import count_bad, stripes
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from phasestereo_bench.methods import Method
+    from phasestereo_bench.surfaces.cases import SurfaceCase, View
+
+KIND = "surfaces"
+"""The kind of the records."""
+
+OURS = "robust:num_disparities=auto"
+
+
+def default_methods() -> list[str]:
+    """Return ours told nothing, and OpenCV's if it is installed."""
+    return [name for name in (OURS, "opencv:sgbm") if name == OURS or name in available()]
+
+
+def run_surfaces(
+    chosen: Sequence[SurfaceCase],
+    store: Path,
+    *,
+    methods: Sequence[str] | None = None,
+    workers: int | None = None,
+    progress: Callable[[int, int], object] | None = None,
+) -> list[dict[str, Any]]:
+    """Match cases, and keep a record of each map.
+
+    Parameters
+    ----------
+    chosen
+        As `phasestereo_bench.surfaces.surface_cases` returns them.
+    store
+        File of JSON lines which keeps every record as soon as it is there; a run goes on where an
+        earlier one with the same file stopped.
+    methods
+        Names as `phasestereo_bench.method` takes them. Default: ours told nothing, and StereoSGBM,
+        which is told the range.
+    workers, progress
+        As for `phasestereo_bench.run_jobs`.
+
+    Returns
+    -------
+    list of dict
+        A record per case and method: "kind", "row", "scene" and "method" identify it; "status" is
+        "ok" or "failed". With "ok" there are "views", by the row of the table: "pixels", "bad_1"
+        and "bad_2" by kind of pixel (how many count, and how many of them are off by more than 1
+        and 2 px or missing), "stripes" and "truth_stripes" (0 to 1); "num_disparities", "width"
+        and "height"; "seconds" and "peak_bytes" of the match on one thread. Otherwise "error" says
+        why.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If there is no such method, or no case.
+    ImportError
+        If what a method needs is not installed.
+    OSError, RuntimeError, KeyboardInterrupt
+        As `phasestereo_bench.run_jobs`.
+    """
+    jobs = surface_jobs(chosen, methods)
+    return run_jobs(jobs, store, workers=workers, progress=progress)
+
+
+def surface_jobs(chosen: Sequence[SurfaceCase], methods: Sequence[str] | None = None) -> list[Job]:
+    """Return the jobs of `run_surfaces`, whose arguments these are, without running them."""
+    specs = list(dict.fromkeys(default_methods() if methods is None else methods))
+    if not chosen or not specs:
+        raise ValueError("there is nothing to match: give cases and methods")
+
+    # Files may have changed since an earlier call in this process.
+    cases.load.cache_clear()
+    names = {spec: str(method(spec)) for spec in specs}
+    return [
+        Job(_key(case, names[spec]), try_out, {"case": case, "spec": spec})
+        for case in chosen
+        for spec in specs
+    ]
+
+
+def try_out(case: SurfaceCase, spec: str | Method) -> dict[str, Any]:
+    """Match a case and return what is to be recorded of it."""
+    entrant, task = method(spec), cases.load(case)
+    left, right = task.left.copy(), task.right.copy()
+    done = measured(lambda: entrant.match(left, right, task.num_disparities))
+
+    answer = done.answer[0] if isinstance(done.answer, tuple) else done.answer
+    disparity = np.asarray(answer, dtype=np.float64)
+    height, width = left.shape[:2]
+    if disparity.shape != (height, width):
+        raise ValueError(f"the method returned shape {disparity.shape}, not {(height, width)}")
+
+    return {
+        "views": {view.row: _counted(view, disparity) for view in task.views},
+        "num_disparities": task.num_disparities,
+        "width": width,
+        "height": height,
+        "seconds": done.seconds,
+        "peak_bytes": done.peak_bytes,
+    }
+
+
+def _counted(view: View, disparity: NDArray[np.float64]) -> dict[str, Any]:
+    seen = view.seen(disparity)
+    counts = count_bad(seen, view.truth, view.kinds)
+    return {
+        "pixels": {kind: found.pixels for kind, found in counts.items()},
+        "bad_1": {kind: found.bad_1 for kind, found in counts.items()},
+        "bad_2": {kind: found.bad_2 for kind, found in counts.items()},
+        "stripes": stripes(seen),
+        "truth_stripes": stripes(view.truth),
+    }
+
+
+def _key(case: SurfaceCase, name: str) -> dict[str, str | int | float | bool | None]:
+    return {"kind": KIND, "row": case.row, "scene": case.name, "method": name}
