@@ -16,7 +16,7 @@ from phasestereo.cli.terminal import printable, say
 from phasestereo_bench.cases import SUITES
 from phasestereo_bench.cli.bench_runs import prepare, run_cells
 from phasestereo_bench.cli.bench_scenes import SceneChoice
-from phasestereo_bench.cli.bench_tables import costs_table, means_table, name_of
+from phasestereo_bench.cli.bench_tables import costs_table, means_tables, name_of
 from phasestereo_bench.methods import present
 from phasestereo_bench.middlebury import default_methods, middlebury_jobs
 from phasestereo_bench.rigs import QUICK_SCENES
@@ -49,11 +49,13 @@ def middlebury(
 
     Every combination of method, scene and degradation is a cell, which becomes a record in a file
     of JSON lines as soon as it is done. A run that was interrupted goes on where it stopped when
-    the same command is given again. For example:
+    the same command is given again. Half and full size of MiddEval3 (trainingH, trainingF) have
+    tables of their own. For example:
 
     ```
     phasestereo bench middlebury ~/middlebury
     phasestereo bench middlebury ~/middlebury --suite sharp --method paper opencv:sgbm
+    phasestereo bench middlebury ~/middlebury --suite sharp --scene "training?/*" --method robust
     ```
 
     Parameters
@@ -102,7 +104,7 @@ def middlebury(
         records = run_cells(jobs, output, workers=workers, title="Matching", cells="cells")
 
     console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
-    for table in (means_table(records), costs_table(records)):
+    for table in (*means_tables(records), costs_table(records)):
         console.print(table)
         console.print()
 

@@ -12,7 +12,9 @@ from rich.text import Text
 
 from phasestereo_bench.blur import blur_table, explain_blur
 from phasestereo_bench.methods import TRUE_BLUR
+from phasestereo_bench.report.cells import read_cell
 from phasestereo_bench.report.origin import made_with
+from phasestereo_bench.report.sizes import SIZES, size_of, size_table
 from phasestereo_bench.report.tables import MOST_COLUMNS
 from phasestereo_bench.rigs import ALTERNATING
 from phasestereo_bench.speed import explain_speed, memory_table, time_table
@@ -27,12 +29,28 @@ if TYPE_CHECKING:
     Record = Mapping[str, Any]
 
 
-def means_table(records: Sequence[Record]) -> Table:
+def means_tables(records: Sequence[Record]) -> list[Table]:
+    """Return a table of means for each size of the pairs, and one that compares these sizes."""
+    by_size: dict[str, list[Record]] = {}
+    for record in records:
+        size = size_of(record["collection"]) or "Q"
+        by_size.setdefault(size, []).append(record)
+
+    tables = [
+        _means_table(some, "" if size == "Q" else f" of {SIZES[size].name} size")
+        for size, some in by_size.items()
+    ]
+    compared = size_table(map(read_cell, records))
+    if compared is not None:
+        tables.append(filled("The sizes of MiddEval3, sharp pairs", compared))
+    return tables
+
+
+def _means_table(records: Sequence[Record], of_size: str) -> Table:
     """Return means over the scenes: methods down, degradations across, or if many the other way."""
     scenes = {(record["collection"], record["scene"]) for record in records}
-    table = _table(
-        f"More than 1 px off, % of the non-occluded pixels, mean of {len(scenes)} scenes"
-    )
+    title = "More than 1 px off, % of the non-occluded pixels, mean of"
+    table = _table(f"{title} {len(scenes)} scenes{of_size}")
 
     degradations = list(dict.fromkeys(record["degradation"] for record in records))
     rows = {

@@ -11,6 +11,7 @@ from statistics import fmean
 from typing import TYPE_CHECKING
 
 from phasestereo_bench.report.cells import METRICS
+from phasestereo_bench.report.sizes import explain_sizes, size_table
 from phasestereo_bench.report.tables import Entry, Table, figures, means, place_names
 
 if TYPE_CHECKING:
@@ -46,13 +47,16 @@ _V3 = {
 
 
 def sharp_tables(results: Results) -> dict[str, tuple[str, Table]]:
-    """Return both tables by title, each behind what its figures are; none of another suite."""
+    """Return the tables by title, each behind what its figures are; none of another suite."""
     if results.suite != "sharp":
         return {}
     tables = {
         "As in version 2 of the Middlebury evaluation": (explain_v2(results), v2_table(results)),
         "As in version 3": (explain_v3(results), v3_table(results)),
     }
+    sizes = size_table(results.cells.values())
+    if sizes is not None:
+        tables["The sizes of version 3"] = (explain_sizes(), sizes)
     return {title: both for title, both in tables.items() if both[1].header[1:]}
 
 

@@ -59,7 +59,7 @@ FACTORS = 1, 2, 3
 """How many times finer the sampling of an upsampled scene is."""
 
 MEGAPIXELS = 0.5, 2.0
-SEEDS = 2
+SEEDS = 3
 
 AS_IS = "scenes as they are"
 OWN = ", own pixels"
