@@ -21,6 +21,8 @@ from phasestereo_bench.cases import SUITE_SCENES, Case
 from phasestereo_bench.datasets import find_scenes
 from phasestereo_bench.degradation import Degradation, disk_psf
 from phasestereo_bench.middlebury import middlebury_jobs
+from phasestereo_bench.report.results import read_results
+from phasestereo_bench.report.sharp import sharp_tables
 from test_bench_cases import SHIFT, plant
 from test_bench_methods import own
 from test_bench_runner import start, wait_for_record
@@ -90,6 +92,11 @@ def careless(left: Any, right: Any, _count: int) -> Any:
 
 def crash(_left: Any, _right: Any, _count: int) -> Any:
     os._exit(7)
+
+
+def beside(left: Any, _right: Any, _count: int) -> Any:
+    """Be off by 1.5 px everywhere."""
+    return np.full(left.shape[:2], SHIFT + 1.5)
 
 
 def nap(left: Any, right: Any, count: int) -> Any:
@@ -472,6 +479,51 @@ def test_command_takes_what_the_suite_is_of(run_bench: Callable[..., Run], tree:
         == 0
     )
     assert _scenes("c.jsonl") == ["one", "three"]
+
+
+def test_sizes_of_version_3_have_tables_of_their_own(
+    run_bench: Callable[..., Run], tmp_path: Path
+) -> None:
+    root = tmp_path / "data" / "MiddEval3"
+    for number, letter in enumerate("QHF"):
+        plant_v3(root / f"training{letter}" / "Piano", 2**number)
+    plant_v3(root / "trainingF" / "Jadeplant", 4)
+
+    code, out, err = run_bench(
+        *("middlebury", root.parent, "--suite", "sharp", "--scene", "training?/*"),
+        *("--method", f"{HERE}:beside", "--workers", "0"),
+    )
+    assert code == 0, err
+    records = {
+        (record["collection"], record["scene"]): record
+        for record in read_store("results.jsonl")[1:]
+    }
+    assert [record["width"] for record in records.values()] == [256, 256, 128, 64]
+    assert records["MiddEval3/trainingH", "Piano"]["num_disparities"] == 160
+
+    words = " ".join(out.split())
+    for size in ("mean of 1 scenes ", "mean of 1 scenes of half size", "mean of 2 scenes of full"):
+        assert size in words
+    # 1.5 px are 6 px of the full size at a quarter of it, 3 px at half of it: beyond 2 px of it.
+    name = f"{HERE}:beside"
+    lines = [line.split() for line in out.splitlines()]
+    for size, count, official in (("quarter", 1, 100), ("half", 1, 100), ("full", 2, 0)):
+        (line,) = [line for line in lines if line[:2] == [size, name]]
+        assert line[2:8] == [str(count), f"{official:.1f}", "100.0", "100.0", "0.0", "0.0"]
+
+    (*_, title) = sharp_tables(read_results(["results.jsonl"]))
+    assert title == "The sizes of version 3"
+
+
+def plant_v3(folder: Path, factor: int) -> None:
+    """Plant a scene of MiddEval3 at a size, everywhere at disparity SHIFT."""
+    folder.mkdir(parents=True)
+    height, width = 48 * factor, 64 * factor
+    texture = np.random.default_rng(0).integers(40, 216, (height, width + SHIFT, 3), np.uint8)
+    io.write_image(folder / "im0.png", texture[:, :-SHIFT].copy())
+    io.write_image(folder / "im1.png", texture[:, SHIFT:].copy())
+    io.write_disparity(folder / "disp0GT.pfm", np.full((height, width), SHIFT, np.float32))
+    io.write_image(folder / "mask0nocc.png", np.full((height, width), 255, np.uint8))
 
 
 def _scenes(store: str) -> list[str]:

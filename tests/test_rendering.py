@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from phasestereo_bench.rendering import render_pair
+from phasestereo_bench.rendering import ROOMS, render_pair, render_room
 from phasestereo_bench.rendering.camera import LEFT, RIGHT, Camera
 from phasestereo_bench.rendering.casting import (
     cast,
@@ -18,6 +18,7 @@ from phasestereo_bench.rendering.casting import (
     windows,
 )
 from phasestereo_bench.rendering.light import exposure_of, light_falling_on, photograph
+from phasestereo_bench.rendering.rooms import furnish_room
 from phasestereo_bench.rendering.scenery import furnish
 from phasestereo_bench.rendering.shapes import Ellipsoid, Frustum, Patch
 from phasestereo_bench.rendering.textures import Studio, Texture, fractal, look_up
@@ -369,3 +370,117 @@ def test_arguments_are_checked(
 ) -> None:
     with pytest.raises(error, match=name):
         render_pair(**arguments)
+
+
+# Rooms
+
+
+@pytest.fixture(scope="module", params=ROOMS)
+def room(request: pytest.FixtureRequest) -> Pair:
+    return render_room(3, request.param, height=150, width=200)
+
+
+def test_a_table_top_has_the_disparities_of_its_plane() -> None:
+    pair = render_room(5, "table", height=120, width=160)
+    assert pair.calibration is not None
+    assert pair.truth is not None
+
+    # The table is at height 0: a ray that falls by `fall` a unit of depth meets it at eye / fall.
+    (scene_seed, *_) = np.random.SeedSequence([5, ROOMS.index("table")]).spawn(3)
+    made = furnish_room(np.random.default_rng(scene_seed), "table")
+    focal, baseline = pair.calibration.focal, pair.calibration.baseline / 1000
+    down = (np.arange(120) - 59.5) / focal
+    fall = down * np.cos(made.pitch) + np.sin(made.pitch)
+    plane = np.repeat((focal * baseline * fall / made.eye)[:, None], 160, axis=1)
+
+    on_table = abs(pair.truth - plane) < 1e-4
+    assert on_table[-1].all()
+    assert on_table.mean() > 0.5
+    np.testing.assert_allclose(np.diff(plane, n=2, axis=0), 0, atol=1e-12)
+    # All else on the lower half stands on it, so it is nearer.
+    assert (pair.truth > plane - 1e-4)[60:].all()
+
+
+def test_the_views_of_a_room_fit_by_its_truth(room: Pair) -> None:
+    assert room.truth is not None
+    assert room.truth_right is not None
+    assert room.truth.max() <= room.num_disparities - 1
+
+    smooth = away_from_jumps(room.truth, 1) & room.masks["nonocc"]
+    smooth &= warped(away_from_jumps(room.truth_right, 1).astype(float), room.truth) == 1
+    assert smooth.mean() > 0.5
+    difference = abs(warped(room.truth_right, room.truth) - room.truth)[smooth]
+    assert (difference < 0.05).mean() > 0.98
+
+    # Plain surfaces look alike everywhere, so only pixels with texture tell.
+    gray = room.left.astype(float).mean(axis=2)
+    steep = abs(np.gradient(ndimage.gaussian_filter(gray, 1), axis=1)) > 4
+    residual, wrong = (
+        abs(warped(room.right, room.truth + shift) - room.left).mean(axis=2) for shift in (0, 2)
+    )
+    assert np.median(residual[smooth]) < 2.5
+    assert (smooth & steep).sum() > 30
+    assert np.median(wrong[smooth & steep]) > 2 * np.median(residual[smooth & steep])
+
+
+def test_a_finer_sampling_shows_the_same_room() -> None:
+    coarse = render_room(1, "room", height=96, width=128, noise=0)
+    fine = render_room(1, "room", height=192, width=256, noise=0)
+    assert coarse.truth is not None
+    assert fine.truth is not None
+
+    # A coarse pixel is four fine ones; disparities of planes are linear between these.
+    means = fine.left.reshape(96, 2, 128, 2, 3).mean(axis=(1, 3))
+    assert np.percentile(abs(means - coarse.left), 95) < 4
+    halved = fine.truth.reshape(96, 2, 128, 2).mean(axis=(1, 3)) / 2
+    assert (abs(halved - coarse.truth) < 0.01).mean() > 0.85
+
+
+def test_a_room_has_the_noise_that_is_asked_for_and_the_bits_of_its_seed() -> None:
+    clean, noisy, again = (
+        render_room(0, "curved", height=60, width=80, noise=noise) for noise in (0, 3, 3)
+    )
+    difference = noisy.left.astype(float) - clean.left
+    assert difference.std() == pytest.approx(np.sqrt(9 + 1 / 12), rel=0.05)
+    np.testing.assert_array_equal(noisy.left, again.left)
+    np.testing.assert_array_equal(noisy.right, again.right)
+
+    other = render_room(1, "curved", height=60, width=80)
+    assert clean.truth is not None
+    assert other.truth is not None
+    assert (abs(other.truth - clean.truth) > 1).mean() > 0.1
+
+
+def test_most_of_a_room_is_plain_and_curved_things_are_marked(room: Pair) -> None:
+    assert room.truth is not None
+    gray = room.left.astype(float).mean(axis=2)
+    rough = ndimage.generic_filter(gray, np.std, 3)
+    assert (rough < 3).mean() > 0.6
+
+    # Disparities of a plane have no second differences, those of a ball or a cylinder have.
+    bend = np.zeros(room.truth.shape)
+    bend[:, 1:-1] = abs(np.diff(room.truth.astype(float), n=2, axis=1))
+    curved, inner = room.masks["curved"], away_from_jumps(room.truth, 2)
+    assert not (curved & ~room.masks["nonocc"]).any()
+    assert (bend[inner & room.masks["nonocc"] & ~curved] < 1e-3).mean() > 0.95
+    if room.name.startswith("curved"):
+        assert (bend[inner & curved] > 1e-3).mean() > 0.6
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "name"),
+    [
+        ({"seed": -1}, ValueError, "seed"),
+        ({"kind": "cellar"}, ValueError, "kind must be one of table, room, curved"),
+        ({"height": 15}, ValueError, "height"),
+        ({"width": 9000}, ValueError, "width"),
+        ({"noise": -1}, ValueError, "noise"),
+        ({"noise": float("nan")}, ValueError, "noise"),
+        ({"noise": "much"}, TypeError, "noise"),
+    ],
+)
+def test_arguments_of_rooms_are_checked(
+    arguments: dict[str, Any], error: type[Exception], name: str
+) -> None:
+    with pytest.raises(error, match=name):
+        render_room(**arguments)

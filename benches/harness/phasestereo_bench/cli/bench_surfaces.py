@@ -96,5 +96,7 @@ def surfaces(
     failed = [record for record in records if record["status"] != "ok"]
     if failed:
         first = failed[0]
-        message = f"{len(failed)} of {len(records)} maps failed, the first of them {first['method']}"
+        message = (
+            f"{len(failed)} of {len(records)} maps failed, the first of them {first['method']}"
+        )
         raise CommandError(f"{message} on {first['scene']}, {first['row']}: {first['error']}")

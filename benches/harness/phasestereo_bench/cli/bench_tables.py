@@ -37,8 +37,9 @@ def means_tables(records: Sequence[Record]) -> list[Table]:
         by_size.setdefault(size, []).append(record)
 
     tables = [
-        _means_table(some, "" if size == "Q" else f" of {SIZES[size].name} size")
-        for size, some in by_size.items()
+        _means_table(by_size[size], "" if size == "Q" else f" of {known.name} size")
+        for size, known in SIZES.items()
+        if size in by_size
     ]
     compared = size_table(map(read_cell, records))
     if compared is not None:

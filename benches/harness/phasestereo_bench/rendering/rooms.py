@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from phasestereo_bench.rendering.shapes import Shape, Vector
     from phasestereo_bench.rendering.textures import Color
 
-    Furniture = Callable[["_Decorator"], tuple[list[Patch], list[Surface]]]
+    Furniture = Callable[["_Maker"], tuple[list[Patch], list[Surface]]]
 
 RoomKind: TypeAlias = Literal["table", "room", "curved"]
 ROOMS: tuple[RoomKind, ...] = get_args(RoomKind)
@@ -32,10 +32,13 @@ ROOMS: tuple[RoomKind, ...] = get_args(RoomKind)
 thin legs; shades, cylinders and balls before a wall."""
 
 PAINTS: list[Color] = [(214, 210, 200), (196, 202, 206), (222, 212, 186), (176, 180, 172)]
+STEEL: Color = (78, 78, 82)
 TEXELS = 1024  # of every tile, whatever the camera
 DETAIL_SIZE = 0.3  # world units of the tile of finest detail: texels of 0.3 mm
 PLAIN_SIZE = 1.3  # the same of plain surfaces
 GRAIN = 0.004, 0.03  # log brightness: standard deviation of what a plain surface shows
+BOARD = 0.015  # thickness
+PRINTED = 0.6  # probability that a thing on a table has a texture
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,41 +66,44 @@ def furnish_room(rng: np.random.Generator, kind: RoomKind) -> Room:
     eye, pitch, reach = (float(rng.uniform(*span)) for span in _VIEWS[kind])
     center = eye / math.tan(pitch)  # where the middle of the image meets the ground
 
-    decorator = _Decorator(rng, Studio(rng, TEXELS), center)
-    large, things = _FURNITURE[kind](decorator)
+    maker = _Maker(rng, center)
+    large, things = _FURNITURE[kind](maker)
 
     # A lamp makes brightness fall off slowly over whatever is large and plain.
     lamp = (float(rng.uniform(-1.5, 1.5)), float(rng.uniform(1.6, 2.2)), 0.6 * center)
     shapes = [thing.shape for thing in things]
-    lit = [Surface(each, decorator.plain(), light=_lamplight(each, shapes, lamp)) for each in large]
+    lit = [Surface(each, maker.plain(), light=_lamplight(each, shapes, lamp)) for each in large]
 
     (grains,) = rng.spawn(1)
     detail = Texture.of(fractal(grains, TEXELS)[..., None], DETAIL_SIZE)
     return Room(Scenery([*lit, *things], detail, near=0.0), eye, pitch, reach)
 
 
-class _Decorator:
+class _Maker:
     """Makes plain and printed things; every choice comes from one generator."""
 
-    def __init__(self, rng: np.random.Generator, studio: Studio, center: float) -> None:
-        self.rng, self.studio, self.center = rng, studio, center
+    def __init__(self, rng: np.random.Generator, center: float) -> None:
+        self.rng, self.center = rng, center
         self.workshop = Workshop(rng, Studio(rng, TEXELS // 2))
+        self._studio = Studio(rng, TEXELS)
 
-    def plain(self, color: Color | None = None) -> Texture:
-        """Paint with a faint grain."""
+    def between(self, low: float, high: float) -> float:
+        """Choose a number."""
+        return float(self.rng.uniform(low, high))
+
+    def plain(self, *colors: Color) -> Texture:
+        """Paint in one of some colors, or of all paints, with a faint grain."""
+        choice = colors or PAINTS
+        paint = choice[int(self.rng.integers(len(choice)))]
         low, high = GRAIN
-        tone = low * (high / low) ** float(self.rng.uniform())
-        paint = PAINTS[int(self.rng.integers(len(PAINTS)))] if color is None else color
-        return Texture.of(self.studio.plain(paint, tone=tone, hue=tone / 4), PLAIN_SIZE, relief=tone)
-
-    def wood(self) -> Color:
-        """Choose the color of furniture."""
-        return [*WOODS, *PAINTS][int(self.rng.integers(len(WOODS) + len(PAINTS)))]
+        tone = low * (high / low) ** self.between(0, 1)
+        tile = self._studio.plain(paint, tone=tone, hue=tone / 4)
+        return Texture.of(tile, PLAIN_SIZE, relief=tone)
 
     def spot(self, x: float, z: float, height: float) -> Spot:
         """Find a place near x, z."""
-        dx, dz = self.rng.uniform(-0.06, 0.06, size=2).tolist()
-        return Spot(x + dx, z + dz, height * float(self.rng.uniform(0.8, 1.2)))
+        near_x, near_z = (each + self.between(-0.06, 0.06) for each in (x, z))
+        return Spot(near_x, near_z, height * self.between(0.8, 1.2))
 
     def carton(self, spot: Spot, *, floor: float = 0.0) -> Iterator[Surface]:
         """Build a white box."""
@@ -108,84 +114,74 @@ class _Decorator:
         """Build one of the things with a texture."""
         shop = self.workshop
         builders = [shop.box, shop.tin, shop.books, shop.fruit, shop.stones]
-        yield from builders[int(self.rng.integers(len(builders)))](spot)
-
-    def pole(self, foot: Vector, height: float, radius: float, texture: Texture) -> Surface:
-        """Stand a thin leg up."""
-        return Surface(Frustum(foot, height, radius, radius), texture)
+        return builders[int(self.rng.integers(len(builders)))](spot)
 
 
-def _table(with_: _Decorator) -> tuple[list[Patch], list[Surface]]:
-    """A table top that fills the image or ends before a wall, and one to three things on it."""
-    rng, center = with_.rng, with_.center
-    end = center * float(rng.uniform(1.15, 2.2))  # the table's far edge
+def _table(maker: _Maker) -> tuple[list[Patch], list[Surface]]:
+    """Furnish a table top that fills the image or ends before a wall: one to three things."""
+    center = maker.center
+    end = center * maker.between(1.15, 2.2)  # the table's far edge
     top = Patch((0.0, 0.0, end - 1.5), EAST, TOWARDS, 2.5, 1.5)
     floor = Patch((0.0, -0.75, 3.0), EAST, TOWARDS, 8.0, 6.0)
-    yaw = float(rng.uniform(-0.3, 0.3))
-    wall = upright((0.0, 0.5, end + float(rng.uniform(0.6, 1.5))), yaw, 8.0, 2.0)
+    wall = upright((0.0, 0.5, end + maker.between(0.6, 1.5)), maker.between(-0.3, 0.3), 8.0, 2.0)
 
     things: list[Surface] = []
     places = [(0.0, center), (-0.28, center - 0.12), (0.3, center + 0.1)]
-    for number in range(int(rng.integers(1, 4))):
-        spot = with_.spot(*places[number], 0.16)
-        things += with_.printed(spot) if rng.uniform() < 0.6 else with_.carton(spot)
+    for x, z in places[: int(maker.rng.integers(1, 4))]:
+        build = maker.printed if maker.between(0, 1) < PRINTED else maker.carton
+        things += build(maker.spot(x, z, 0.16))
     return [top, floor, wall], things
 
 
-def _room(with_: _Decorator) -> tuple[list[Patch], list[Surface]]:
-    """A floor, a back wall, a side wall, a table and a stool on thin legs, boxes, a lamp."""
-    rng = with_.rng
-    depth, side = float(rng.uniform(3.6, 4.6)), int(rng.choice([-1, 1]))
-    yaw = float(rng.uniform(-0.25, 0.25))
+def _room(maker: _Maker) -> tuple[list[Patch], list[Surface]]:
+    """Furnish a room of three walls: a table and a stool, boxes, something printed, a lamp."""
+    side = int(maker.rng.choice([-1, 1]))  # of the wall that is seen at a slant
     floor = Patch((0.0, 0.0, 4.0), EAST, TOWARDS, 8.0, 5.0)
-    back = upright((0.0, 1.5, depth), yaw, 8.0, 1.5)
-    flank = upright((side * float(rng.uniform(1.5, 1.9)), 1.5, 3.0), -side * 1.4, 5.0, 1.5)
+    back = upright((0.0, 1.5, maker.between(3.6, 4.6)), maker.between(-0.25, 0.25), 8.0, 1.5)
+    flank = upright((side * maker.between(1.5, 1.9), 1.5, 3.0), -side * 1.4, 5.0, 1.5)
 
-    things: list[Surface] = []
-    table_x, table_z = -side * 0.35 + float(rng.uniform(-0.1, 0.1)), float(rng.uniform(2.2, 2.6))
-    things += _desk(with_, (table_x, table_z), (0.6, 0.36), 0.72, legs=0.015)
-    things += _desk(with_, (side * 0.75, float(rng.uniform(1.9, 2.3))), (0.17, 0.17), 0.45, legs=0.01)
-    for x, z, height in ((side * 1.0, 3.1, 0.6), (-side * 0.75, 1.75, 0.3), (side * 0.2, 3.2, 0.45)):
-        things += with_.carton(with_.spot(x, z, height))
-    things += with_.printed(with_.spot(side * 0.25, 1.8, 0.25))
-    things += with_.carton(with_.spot(table_x - 0.2, table_z, 0.2), floor=0.735)
+    table_x, table_z = maker.between(-0.1, 0.1) - side * 0.35, maker.between(2.2, 2.6)
+    stool_z, mast_z = maker.between(1.9, 2.3), maker.between(2.6, 3.2)
+    steel = maker.plain(STEEL)
 
-    # A lamp on its cord, and a mast.
-    x, z = table_x + 0.2, table_z + 0.1
-    things.append(with_.pole((x, 1.25, z), 1.5, 0.005, with_.plain((60, 60, 62))))
-    things += _shade((x, 1.05, z), 0.22, 0.13, with_.plain())
-    mast = (-side * 1.15, 0.0, float(rng.uniform(2.6, 3.2)))
-    things.append(with_.pole(mast, 1.9, 0.012, with_.plain((120, 122, 126))))
+    things = [
+        *_desk(maker, (table_x, table_z), (0.6, 0.36), 0.72, leg=0.015),
+        *_desk(maker, (side * 0.75, stool_z), (0.17, 0.17), 0.45, leg=0.01),
+        *maker.carton(maker.spot(table_x - 0.2, table_z, 0.2), floor=0.735),
+        *maker.printed(maker.spot(side * 0.25, 1.8, 0.25)),
+        # A lamp on its cord, and a mast.
+        _pole((table_x + 0.2, 1.25, table_z + 0.1), 1.5, 0.005, steel),
+        *_shade((table_x + 0.2, 1.05, table_z + 0.1), 0.22, 0.13, maker.plain()),
+        _pole((-side * 1.15, 0.0, mast_z), 1.9, 0.012, steel),
+    ]
+    for x, z, height in ((1.0, 3.1, 0.6), (-0.75, 1.75, 0.3), (0.2, 3.2, 0.45)):
+        things += maker.carton(maker.spot(side * x, z, height))
     return [floor, back, flank], things
 
 
-def _curved(with_: _Decorator) -> tuple[list[Patch], list[Surface]]:
-    """Shades, cylinders and balls, all of them plain, on a plain floor before a wall."""
-    rng = with_.rng
-    depth = float(rng.uniform(2.6, 3.4))
+def _curved(maker: _Maker) -> tuple[list[Patch], list[Surface]]:
+    """Put shades, cylinders and balls, all of them plain, on a plain floor before a wall."""
     floor = Patch((0.0, 0.0, 4.0), EAST, TOWARDS, 8.0, 5.0)
-    back = upright((0.0, 1.5, depth), float(rng.uniform(-0.3, 0.3)), 8.0, 1.5)
+    back = upright((0.0, 1.5, maker.between(2.6, 3.4)), maker.between(-0.3, 0.3), 8.0, 1.5)
 
-    things: list[Surface] = []
     # Two rows: large ones behind, small ones before them.
-    for (x, z), size in zip(
-        ((-0.75, 2.3), (0.0, 2.45), (0.75, 2.3), (-0.42, 1.6), (0.05, 1.5), (0.45, 1.65)),
-        (0.62, 0.75, 0.62, 0.28, 0.22, 0.28),
-        strict=True,
-    ):
-        things += _round(with_, with_.spot(x, z, size))
+    places = [
+        *((-0.75, 2.3, 0.62), (0.0, 2.45, 0.75), (0.75, 2.3, 0.62)),
+        *((-0.42, 1.6, 0.28), (0.05, 1.5, 0.22), (0.45, 1.65, 0.28)),
+    ]
+    things = [thing for place in places for thing in _round(maker, maker.spot(*place))]
     return [floor, back], things
 
 
-def _round(with_: _Decorator, spot: Spot) -> Iterator[Surface]:
-    """A shade, a cylinder with a lid, or a ball."""
-    texture, (x, z, height) = with_.plain(), spot
-    radius = height * float(with_.rng.uniform(0.3, 0.42))
+def _round(maker: _Maker, spot: Spot) -> Iterator[Surface]:
+    """Build a shade on its foot, a cylinder with a lid, or a ball."""
+    texture, (x, z, height) = maker.plain(), spot
+    radius = height * maker.between(0.3, 0.42)
 
-    match int(with_.rng.integers(3)):
+    match int(maker.rng.integers(3)):
         case 0:
             foot = 0.35 * height
-            yield with_.pole((x, 0.0, z), foot, 0.03 * height, with_.plain((90, 88, 84)))
+            yield _pole((x, 0.0, z), foot, 0.03 * height, maker.plain(STEEL))
             yield from _shade((x, foot, z), height - foot, radius, texture)
         case 1:
             yield Surface(Frustum((x, 0.0, z), height, radius, radius), texture)
@@ -194,30 +190,38 @@ def _round(with_: _Decorator, spot: Spot) -> Iterator[Surface]:
             yield Surface(Ellipsoid((x, radius, z), (radius, radius, radius)), texture)
 
 
+def _pole(foot: Vector, height: float, radius: float, texture: Texture) -> Surface:
+    """Stand a thin leg up."""
+    return Surface(Frustum(foot, height, radius, radius), texture)
+
+
 def _shade(foot: Vector, height: float, radius: float, texture: Texture) -> Iterator[Surface]:
-    """A cone that is cut and covered, since of a bare one only the outside is seen."""
+    """Cut a cone and cover it, since of a bare one only the outside is seen."""
     x, y, z = foot
     yield Surface(Frustum(foot, height, radius, 0.55 * radius), texture)
     yield Surface(disc((x, y + height, z), 0.55 * radius), texture)
 
 
 def _desk(
-    with_: _Decorator, place: tuple[float, float], half: tuple[float, float], height: float,
-    *, legs: float,
-) -> Iterator[Surface]:  # fmt: skip
-    """A board on four thin legs."""
+    maker: _Maker,
+    place: tuple[float, float],
+    half: tuple[float, float],
+    height: float,
+    *,
+    leg: float,
+) -> Iterator[Surface]:
+    """Lay a board on four thin legs."""
     (x, z), (half_width, half_depth) = place, half
-    board, leg = with_.plain(with_.wood()), with_.plain((70, 70, 74))
-    thick = 0.015
+    board, steel = maker.plain(*WOODS, *PAINTS), maker.plain(STEEL)
 
-    size = 2 * half_width, thick, 2 * half_depth
-    yield from with_.workshop.block(
-        Spot(x, z, thick), size, board, floor=height, yaw=0.0, cover=Surface
+    size = 2 * half_width, BOARD, 2 * half_depth
+    yield from maker.workshop.block(
+        Spot(x, z, BOARD), size, board, floor=height, yaw=0.0, cover=Surface
     )
     for i in (-1, 1):
         for j in (-1, 1):
             foot = (x + 0.92 * i * half_width, 0.0, z + 0.9 * j * half_depth)
-            yield with_.pole(foot, height, legs, leg)
+            yield _pole(foot, height, leg, steel)
 
 
 def _lamplight(patch: Patch, occluders: list[Shape], lamp: Vector) -> Lightmap:
@@ -230,7 +234,8 @@ def _lamplight(patch: Patch, occluders: list[Shape], lamp: Vector) -> Lightmap:
     square = np.zeros((n, n), dtype=np.float32)
     for center, right, up, at in zip(patch.center, patch.right, patch.up, lamp, strict=True):
         square += (center + u * right + v * up - at) ** 2
-    return Lightmap(lit.light + 1 / (1 + square), lit.half_width, lit.half_height)
+    light = (lit.light + 1 / (1 + square)).astype(np.float32)
+    return Lightmap(light, lit.half_width, lit.half_height)
 
 
 # Height of the eye, pitch (radians), largest disparity over the image's width.

@@ -35,7 +35,12 @@ SIZES = {
 """The sizes by the last letter of the collection's name."""
 
 _COLLECTIONS = {f"MiddEval3/training{letter}": letter for letter in SIZES}
-_OWN = {"v3.bad_0_5": "bad-0.5", "v3.bad_1": "bad-1.0", "v3.bad_2": "bad-2.0", "v3.bad_4": "bad-4.0"}
+_OWN = {
+    "v3.bad_0_5": "bad-0.5",
+    "v3.bad_1": "bad-1.0",
+    "v3.bad_2": "bad-2.0",
+    "v3.bad_4": "bad-4.0",
+}
 _HEADER = "size", "method", "scenes", "official bad-2.0", *_OWN.values(), "mean error", "seconds"
 
 
@@ -45,9 +50,9 @@ def size_of(collection: str) -> str | None:
 
 
 def size_table(cells: Iterable[Cell]) -> Table | None:
-    """Return sizes and methods down, errors across: means over the scenes all methods of a size have.
+    """Return sizes and methods down, errors across; None if no cell is of half or full size.
 
-    None if there are no cells of another size than a quarter. Cells of degraded pairs are left out.
+    Means are over the scenes that all methods of a size have. Degraded pairs are left out.
     """
     groups: dict[str, dict[str, list[Cell]]] = {}
     for cell in cells:

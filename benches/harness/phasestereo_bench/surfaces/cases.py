@@ -187,12 +187,14 @@ class TableCase:
 
     def load(self) -> Task:
         """Read it, and fit the sensor's map to a match of a quarter of the size."""
-        left, right, levels = (read_image(self.folder / name) for name in _TABLE_FILES)
+        images = [read_image(self.folder / name) for name in _TABLE_FILES]
+        left, right, levels = (image.astype(np.uint8) for image in images)
         levels = levels if levels.ndim == 2 else levels[..., 0]
-        if left.dtype != np.uint8 or right.shape != left.shape or levels.shape != left.shape[:2]:
-            raise ValueError(f"{self.folder}: the three images differ in size, or not in 8 bits")
+        if any(image.dtype != np.uint8 for image in images):
+            raise ValueError(f"{self.folder}: its images must have 8 bits")
+        if right.shape != left.shape or levels.shape != left.shape[:2]:
+            raise ValueError(f"{self.folder}: its images differ in size")
 
-        left, right = left.astype(np.uint8), right.astype(np.uint8)
         truth = _fitted(self.folder, left, right, levels)
         known = np.isfinite(truth)
         view = View(self.row, truth, kinds_of_pixels(truth, known, gray_of(left)))
@@ -255,9 +257,7 @@ def surface_cases(
         for factor in FACTORS
         for name in sorted(UPSAMPLED & set(there))
     ]
-    planes = [
-        SceneCase(there[name], row="large planes") for name in sorted(PLANES & set(there))
-    ]
+    planes = [SceneCase(there[name], row="large planes") for name in sorted(PLANES & set(there))]
 
     cases = [*rooms, *upsampled, *planes, *map(TableCase, tables)]
     if not cases:
@@ -348,4 +348,5 @@ def _quarter(image: Image) -> Image:
     """Return the means of four by four pixels."""
     height, width = (4 * (size // 4) for size in image.shape[:2])
     blocks = image[:height, :width].reshape(height // 4, 4, width // 4, 4, -1)
-    return np.rint(blocks.mean(axis=(1, 3))).astype(np.uint8).squeeze()
+    means: Image = np.rint(blocks.mean(axis=(1, 3))).astype(np.uint8)
+    return means if image.ndim == 3 else means[..., 0]

@@ -89,9 +89,7 @@ def kinds_of_pixels(
     }
 
 
-def count_bad(
-    disparity: Floats, truth: Floats, kinds: Mapping[str, Mask]
-) -> dict[str, Counts]:
+def count_bad(disparity: Floats, truth: Floats, kinds: Mapping[str, Mask]) -> dict[str, Counts]:
     """Count what is off; a pixel without an estimate is off."""
     error = np.abs(np.asarray(disparity, dtype=np.float64) - truth)
     off_1, off_2 = ~(error <= 1.0), ~(error <= 2.0)

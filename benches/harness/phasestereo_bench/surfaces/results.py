@@ -80,8 +80,8 @@ def _bad(views: Sequence[Found], kind: str) -> str:
     some = [view for view in views if view["pixels"][kind] >= FEWEST]
     if not some:
         return MISSING
-    one, two = (100 * fmean(_share(each, name, kind) for each in some) for name in ("bad_1", "bad_2"))
-    return f"{one:.1f} / {two:.1f}"
+    one, two = (fmean(_share(each, name, kind) for each in some) for name in ("bad_1", "bad_2"))
+    return f"{100 * one:.1f} / {100 * two:.1f}"
 
 
 def _stripes(views: Sequence[Found]) -> str:
@@ -89,5 +89,5 @@ def _stripes(views: Sequence[Found]) -> str:
     known = [view for view in views if view["stripes"] is not None]
     if not known:
         return MISSING
-    found, true = (100 * fmean(view[name] for view in known) for name in ("stripes", "truth_stripes"))
-    return f"{found:.2f} ({true:.2f})"
+    found, true = (fmean(view[name] for view in known) for name in ("stripes", "truth_stripes"))
+    return f"{100 * found:.2f} ({100 * true:.2f})"
