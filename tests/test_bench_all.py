@@ -88,6 +88,7 @@ def test_a_plan_has_all_that_there_is(data: Path) -> None:
         "parts",
         "synthesis",
         "rendered",
+        "surfaces",
         "blur",
         "real",
         "costs",

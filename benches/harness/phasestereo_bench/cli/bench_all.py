@@ -50,8 +50,8 @@ def tables(
     Parameters
     ----------
     data
-        Folder with middlebury, and if possible rigs/euroc, rigs/stereopi, real_defocus/breakfast,
-        large/chess_1920x1080 and rivals/hitnet_eth3d.onnx.
+        Folder with middlebury, and if possible planes, tabletop, rigs/euroc, rigs/stereopi,
+        real_defocus/breakfast, large/chess_1920x1080 and rivals/hitnet_eth3d.onnx.
     hitnet
         HITNet's ONNX file for ETH3D. Without it, rivals/hitnet_eth3d.onnx below the data.
     readme

@@ -57,6 +57,8 @@ _OTHERS = (
     "recordings-rows",
     "rendered",
     "speed",
+    "surfaces",
+    "surfaces-upsampled",
     "synthesis",
 )
 """Names of markers that are filled from results of another kind."""

@@ -12,6 +12,7 @@ from phasestereo_bench.datasets import find_scenes
 from phasestereo_bench.middlebury import default_methods, middlebury_jobs
 from phasestereo_bench.real import find_recording, real_jobs, recording_jobs
 from phasestereo_bench.rigs import QUICK_SCENES
+from phasestereo_bench.surfaces import surface_cases, surface_jobs
 from phasestereo_bench.tables.ours import PARTS, WITHOUT_SYNTHESIS, rendered_jobs
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from phasestereo_bench.runner import Job
 
 RECORDINGS = ("rigs/euroc", "rigs/stereopi")
+SURFACES = ("middlebury", "planes", "tabletop")
 HITNET = "rivals/hitnet_eth3d.onnx"
 
 AUTO = "robust:num_disparities=auto"
@@ -61,8 +63,8 @@ def job_groups(root: Path, rivals: Sequence[str], *, quick: bool = False) -> lis
     Parameters
     ----------
     root
-        Holds ``middlebury``, and if possible ``rigs/euroc``, ``rigs/stereopi`` and
-        ``real_defocus/breakfast``.
+        Holds ``middlebury``, and if possible ``planes``, ``tabletop``, ``rigs/euroc``,
+        ``rigs/stereopi`` and ``real_defocus/breakfast``.
     rivals
         Learned methods that are present.
     quick
@@ -86,6 +88,7 @@ def job_groups(root: Path, rivals: Sequence[str], *, quick: bool = False) -> lis
     found.append(JobGroup("synthesis", _synthesis_jobs(scenes)))
     if not quick:
         found.append(JobGroup("rendered", rendered_jobs(rivals)))
+        found.append(JobGroup("surfaces", _surface_jobs(root, rivals)))
     found.append(JobGroup("blur", blur_jobs(scenes, every=1)))
 
     frames = [
@@ -109,6 +112,11 @@ def _scenes(root: Path, *, quick: bool) -> list[Scene]:
     if not scenes:
         raise ValueError(f"{root / 'middlebury'}: there is none of {', '.join(sorted(wanted))}")
     return scenes
+
+
+def _surface_jobs(root: Path, rivals: Sequence[str]) -> list[Job]:
+    there = [root / name for name in SURFACES if (root / name).is_dir()]
+    return surface_jobs(surface_cases(there), [AUTO, "opencv:sgbm", *rivals])
 
 
 def _synthesis_jobs(scenes: Sequence[Scene]) -> list[Job]:

@@ -17,6 +17,7 @@ from phasestereo_bench.speed import read_speed
 from phasestereo_bench.speed.document import MARKER as SPEED
 from phasestereo_bench.speed.document import speed_text
 from phasestereo_bench.store import read_store
+from phasestereo_bench.surfaces import surface_table, upsampled_table
 from phasestereo_bench.tables.headline import cost_table, headline_table
 from phasestereo_bench.tables.ours import parts_table, rendered_table, synthesis_table
 from phasestereo_bench.tables.plan import SYNTHESIZED
@@ -50,6 +51,13 @@ _WORDS = {
     "rendered": "Bad-1.0 and bad-2.0, non-occluded pixels, %: less is better. Means over ten "
     "rendered pairs.",
     "synthesis": "Bad-1.0, non-occluded pixels, %: less is better. Means over the scenes.",
+    "surfaces": "Bad-1.0 / bad-2.0, non-occluded pixels, %, means over the scenes that have at "
+    "least 100 pixels of the kind: less is better. Plain: without texture. Flat, slanted, near an "
+    "edge (within 2 px of a jump of more than 2 px), thin (narrower than 1.5 % of the width) and "
+    "curved pixels are apart. Stripes: share of neighbors in a column that differ by more than 2 "
+    "px, and that of the truth. Real table tops: of the sensor's own map, so only bad-2.0 counts.",
+    "surfaces-upsampled": "Bad-1.0, non-occluded pixels, %, at the scale of the scenes as they "
+    "are: less is better. Last the scene that loses most.",
     "real-pairs": "Bad-1.0, %: less is better. Bold: the best. Exposure: MotorcycleE. Focus: "
     "breakfast, one image focused far and one near, moved by 16 px.",
 }
@@ -57,6 +65,7 @@ _WORDS = {
 
 _CELL = (
     "kind",
+    "row",
     "recording",
     "frame",
     "rectified",
@@ -133,7 +142,7 @@ def table_texts(folder: Path) -> dict[str, str]:
         }
         texts |= {name: _text(table, _WORDS[name], seen_in) for name, table in tables.items()}
 
-    return texts | _own(folder) | _others(folder)
+    return texts | _own(folder) | _surfaces(folder) | _others(folder)
 
 
 def _own(folder: Path) -> dict[str, str]:
@@ -151,6 +160,20 @@ def _own(folder: Path) -> dict[str, str]:
             texts[name] = _text(make(records), _WORDS[name], ran_in)
 
     return texts
+
+
+def _surfaces(folder: Path) -> dict[str, str]:
+    """Return the tables of the suite of surfaces."""
+    records, ran_in = read_records(folder, "surfaces")
+    tables = {
+        "surfaces": surface_table(records) if records else None,
+        "surfaces-upsampled": upsampled_table(records),
+    }
+    return {
+        name: _text(table, _WORDS[name], ran_in)
+        for name, table in tables.items()
+        if table is not None
+    }
 
 
 def _others(folder: Path) -> dict[str, str]:
