@@ -53,7 +53,7 @@ _WORDS = {
     "synthesis": "Bad-1.0, non-occluded pixels, %: less is better. Means over the scenes.",
     "surfaces": "Bad-1.0 / bad-2.0, non-occluded pixels, %, means over the scenes that have at "
     "least 100 pixels of the kind: less is better. Plain: without texture. Flat, slanted, near an "
-    "edge (within 2 px of a jump of more than 2 px), thin (narrower than 1.5 % of the width) and "
+    "edge (within 2 px of a jump of more than 2 px), thin (narrower than 2 % of the width) and "
     "curved pixels are apart. Stripes: share of neighbors in a column that differ by more than 2 "
     "px, and that of the truth. Real table tops: of the sensor's own map, so only bad-2.0 counts.",
     "surfaces-upsampled": "Bad-1.0, non-occluded pixels, %, at the scale of the scenes as they "
