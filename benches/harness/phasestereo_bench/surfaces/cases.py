@@ -224,7 +224,7 @@ def surface_cases(
     folders
         That hold the scenes of `UPSAMPLED` and `PLANES` as `find_scenes` finds them, or table tops
         as ``tabletop/NAME/left.png``, ``right.png`` and ``disparity.png``; or the folder of these.
-        None: rooms alone.
+        Without any, rooms alone.
     megapixels
         Sizes of the rooms, each from 0.01 to 67.
     seeds
