@@ -78,6 +78,7 @@ mod optimization;
 mod pipeline;
 mod refinement;
 mod rig;
+mod scales;
 mod verification;
 
 #[cfg(feature = "c")]

@@ -122,6 +122,8 @@ mod _core {
         flags.set_item("AMBIGUOUS", flag::AMBIGUOUS)?;
         flags.set_item("SPECKLE", flag::SPECKLE)?;
         flags.set_item("FILLED", flag::FILLED)?;
+        flags.set_item("INFERRED", flag::INFERRED)?;
+        flags.set_item("COARSE", flag::COARSE)?;
         module.add("FLAGS", flags)?;
 
         let verdicts = PyDict::new(module.py());
@@ -243,6 +245,9 @@ fn disparity_to_py(py: Python<'_>, map: Disparity) -> PyResult<Matched<'_>> {
     timings.set_item("description", times.description.as_secs_f64())?;
     timings.set_item("matching", times.matching.as_secs_f64())?;
     timings.set_item("refinement", times.refinement.as_secs_f64())?;
+    if !times.scales.is_zero() {
+        timings.set_item("scales", times.scales.as_secs_f64())?;
+    }
 
     let confidence = confidence.map(|plane| wrap(py, plane)).transpose()?;
     let uncertainty = uncertainty.map(|plane| wrap(py, plane)).transpose()?;

@@ -51,6 +51,11 @@ pub mod flag {
     pub const FILLED: u16 = 256;
     /// A disparity elsewhere fits nearly as well.
     pub const AMBIGUOUS: u16 = 512;
+    /// The disparity is that of a plane, drawn into a flat area without evidence of its own.
+    pub const INFERRED: u16 = 1024;
+    /// The disparity is that of a smaller copy of the pair, which is more likely to be right there. The other flags are
+    /// those of the copy.
+    pub const COARSE: u16 = 2048;
 
     /// Flags of pixels without an estimate.
     pub const MISSING: u16 = MASKED | NO_CANDIDATE;
@@ -62,7 +67,8 @@ pub mod flag {
         | MISMATCHED
         | LOW_CONFIDENCE
         | SPECKLE
-        | AMBIGUOUS;
+        | AMBIGUOUS
+        | INFERRED;
 }
 
 /// Writes disparities, flags and votes of a row from its evidence: what all rows have in common.

@@ -120,6 +120,7 @@ macro_rules! with_every_setting {
             fill,
             confidence,
             min_confidence,
+            scales,
         }
     };
 }
@@ -205,6 +206,9 @@ pub struct Settings {
     pub confidence: bool,
     /// Least confidence of an estimate that stays in the map, 0 to 1.
     pub min_confidence: f64,
+    /// Whether copies of half the size, a quarter ... decide where they are more likely to be right than the pair as it
+    /// is, and flat areas become planes, for phase codes. It needs confidences.
+    pub scales: bool,
 }
 
 impl Settings {
@@ -229,6 +233,7 @@ impl Settings {
             ("compensate_blur", self.compensate_blur),
             ("despike", self.despike),
             ("denoise", self.denoise),
+            ("scales", self.scales),
         ];
         if let Some((name, _)) =
             of_codes.into_iter().find(|(_, is_on)| *is_on && self.cost != CostKind::Phase)
@@ -296,7 +301,7 @@ impl Settings {
 
     /// Whether confidences are needed.
     pub fn needs_confidence(&self) -> bool {
-        self.confidence || self.min_confidence > 0.0
+        self.confidence || self.min_confidence > 0.0 || self.scales
     }
 
     /// Whether costs beside that of the chosen candidate are needed.

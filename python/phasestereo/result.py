@@ -101,6 +101,11 @@ class Flag(IntFlag):
     """The disparity is that of the background beside: the pixel's own is not to be trusted."""
     AMBIGUOUS = 512
     """A disparity elsewhere fits nearly as well: less worse than ``uniqueness`` asks for."""
+    INFERRED = 1024
+    """The disparity is that of a plane, drawn into a flat area that shows nothing to match."""
+    COARSE = 2048
+    """The disparity is that of a copy of the pair of half the size or less, which is more likely to
+    be right there; the other flags are those of the copy."""
 
     @property
     def words(self) -> str:

@@ -209,6 +209,7 @@ class Settings:
     fill: bool = _DEFAULTS["fill"]
     confidence: bool = _DEFAULTS["confidence"]
     min_confidence: float = _DEFAULTS["min_confidence"]
+    scales: bool = _DEFAULTS["scales"]
 
     def __post_init__(self) -> None:
         """Check every field at once, in the core, which owns the ranges."""

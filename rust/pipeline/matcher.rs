@@ -87,6 +87,8 @@ pub struct Timings {
     pub matching: Duration,
     /// From unrefined to filled and smoothed disparities, with confidences.
     pub refinement: Duration,
+    /// From there to a map that is decided over scales; the match of smaller copies is part of it.
+    pub scales: Duration,
 }
 
 impl Pair {
@@ -284,11 +286,33 @@ impl Matcher {
         how: Execution,
         control: &Control,
     ) -> Result<Disparity> {
+        Ok(self.match_and_calibrate(pair, section, settings, how, control)?.returned(settings))
+    }
+
+    /// Matches a pair, and keeps every disparity that there is, whatever is held against it.
+    pub fn match_calibrated(
+        &self,
+        pair: &Pair,
+        settings: &Settings,
+        how: Execution,
+        control: &Control,
+    ) -> Result<Disparity> {
+        self.match_and_calibrate(pair, &Section::whole(pair), settings, how, control)
+    }
+
+    fn match_and_calibrate(
+        &self,
+        pair: &Pair,
+        section: &Section,
+        settings: &Settings,
+        how: Execution,
+        control: &Control,
+    ) -> Result<Disparity> {
         let raw = self.match_raw(pair, section, settings, how, control)?;
         self.pool.install(|| {
             let tally = section.tally.or_else(|| raw.tally(pair.candidates));
             let faults = Faults::of_pair(pair, control)?;
-            Ok(raw.calibrated(tally, faults, settings.optimizer)?.returned(settings))
+            raw.calibrated(tally, faults, settings.optimizer)
         })
     }
 
@@ -392,7 +416,7 @@ impl Matcher {
         }?;
         let matching = started.elapsed();
 
-        let timings = Timings { description, matching, refinement: Duration::ZERO };
+        let timings = Timings { description, matching, ..Timings::default() };
         Ok(Unrefined { map, texture, timings })
     }
 
@@ -537,7 +561,7 @@ impl Disparity {
     }
 
     /// What the settings return of it: no estimates that they refuse, no confidences that they need for that alone.
-    fn returned(mut self, settings: &Settings) -> Self {
+    pub fn returned(mut self, settings: &Settings) -> Self {
         let confidence = self.confidence.as_ref().map(Plane::as_slice);
         let uncertainty = self.uncertainty.as_mut().map(Plane::as_mut_slice);
         let (disparity, flags) = (self.disparity.as_mut_slice(), self.flags.as_mut_slice());

@@ -49,6 +49,7 @@ use crate::rig::blur::parts::{PairRows, Part};
 use crate::rig::blur::rough::{self, Rough};
 use crate::rig::blur_compensation::BlurCompensation;
 use crate::rig::photometry::{Contrast, Photometry, Scales};
+use crate::scales::match_over_scales;
 use crate::settings::Settings;
 
 /// Where the range is unknown, one in so many columns is the number of disparities to search.
@@ -192,8 +193,7 @@ pub fn prepare_and_match(
     means: Means,
 ) -> Result<(Disparity, Prepared)> {
     let prepared = prepare(pair, known, settings, means)?;
-    let Means { matcher, how, control } = means;
-    let disparity = matcher.match_pair(&prepared.pair, &prepared.settings, how, control)?;
+    let disparity = match_over_scales(&prepared, settings, means)?;
 
     Ok((disparity, prepared))
 }

@@ -97,6 +97,7 @@ fn robust() -> Settings {
         synthesis: true,
         guided_median: true,
         median: 3,
+        scales: true,
         ..paper()
     }
 }
@@ -134,6 +135,7 @@ fn paper() -> Settings {
         fill: true,
         confidence: true,
         min_confidence: 0.0,
+        scales: false,
     }
 }
 

@@ -55,6 +55,8 @@ FLAGS = {
     Flag.LOW_CONFIDENCE: ("#cc79a7", "the confidence is below the limit"),
     Flag.SPECKLE: ("#009e73", "part of a small region that stands out"),
     Flag.AMBIGUOUS: ("#8250df", "another disparity fits nearly as well"),
+    Flag.COARSE: ("#a0a0a0", "a smaller copy of the pair is more likely to be right there"),
+    Flag.INFERRED: ("#7f4f24", "a flat area that shows nothing to match: a plane"),
     Flag.FILLED: ("#f0e442", "it has the disparity of the background beside"),
 }
 

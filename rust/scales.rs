@@ -1,0 +1,80 @@
+//! Matching over scales: one answer whatever the sensor's sampling.
+//!
+//! The windows of codes and costs are a few pixels wide. Where a large image shows a plain wall, they hold noise alone,
+//! and a copy of half the size, in which they reach twice as far and noise is halved, holds what the image shows. So a
+//! map is decided, coarse to fine, between itself and that of such a copy, by the probability that each is right:
+//!
+//! ```text
+//! decided(pair):
+//!     map = match(pair)                                       calibrated confidences
+//!     if the pixels in doubt are many, and a copy is not too small:
+//!         coarse = decided(pair / 2)
+//!         map = choice of map and coarse                      (choice.rs)
+//!     return map
+//!
+//! map = decided(pair), where flat areas become planes         (planes.rs)
+//! ```
+//!
+//! Where the map as it is has evidence, nothing changes: thin things and edges are the fine scale's. The number of
+//! scales is not chosen, it follows from where doubt ends.
+//!
+//! Passing a left-right check at a smaller scale, or a higher raw confidence there, is not evidence: what is filled in
+//! at the full size is often right where the copy matches by mistake. Calibrated confidences know both.
+
+pub mod areas;
+pub mod choice;
+pub mod local_means;
+pub mod planes;
+pub mod reduction;
+
+use crate::error::Result;
+use crate::pipeline::matcher::{Disparity, Pair};
+use crate::pipeline::platform::Instant;
+use crate::rig::blur::parts::Means;
+use crate::rig::estimation::{Known, Prepared, prepare};
+use crate::scales::choice::Doubt;
+use crate::scales::reduction::halved;
+use crate::settings::Settings;
+
+/// Matches a prepared pair as [`crate::pipeline::matcher::Matcher::match_pair`] does, and decides over scales where these
+/// settings, from which it was prepared, ask for it.
+pub fn match_over_scales(
+    prepared: &Prepared,
+    settings: &Settings,
+    means: Means,
+) -> Result<Disparity> {
+    let Prepared { pair, settings: suited, .. } = prepared;
+    let Means { matcher, how, control } = means;
+    if !settings.scales {
+        return matcher.match_pair(pair, suited, how, control);
+    }
+
+    let mut map = matcher.match_calibrated(pair, suited, how, control)?;
+
+    let started = Instant::now();
+    matcher.install(|| {
+        decide(&mut map, pair, settings, means)?;
+        planes::draw(&mut map, pair, how.level, control)
+    })?;
+    map.timings.scales = started.elapsed();
+
+    Ok(map.returned(suited))
+}
+
+/// Decides between a map and that of the pair at half the size, if many pixels are in doubt.
+fn decide(map: &mut Disparity, pair: &Pair, settings: &Settings, means: Means) -> Result<()> {
+    let Some(doubt) = Doubt::of_map(map)?.filter(Doubt::is_widespread) else { return Ok(()) };
+    let Some(copy) = halved(pair, means)? else { return Ok(()) };
+
+    // Its rows correspond by now, and its progress is not that of the map.
+    let control = means.control.aside();
+    let means = Means { control: &control, ..means };
+    let settings = Settings { align_rows: false, ..settings.clone() };
+    let known = Known { candidates: Some(copy.candidates()), ..Known::default() };
+
+    let Prepared { pair: copy, settings: suited, .. } = prepare(copy, known, &settings, means)?;
+    let mut coarse = means.matcher.match_calibrated(&copy, &suited, means.how, means.control)?;
+    decide(&mut coarse, &copy, &settings, means)?;
+
+    choice::choose(map, &doubt, &coarse)
+}

@@ -1,0 +1,161 @@
+//! The choice, pixel by pixel, between a map and that of the pair at half the size.
+//!
+//! A confidence is the probability that a disparity is within 1 px of the true one, so the two are compared, once that of
+//! the copy is of the same pixels. The tolerance there is half as large:
+//!
+//! ```text
+//! same(c)  = c / (c + (1 - c) STRICTER)
+//! doubt    = mean of 1 - c, of the copy of 1 - same(c), over the same surroundings
+//! choice   = the copy's where c < same(c of the copy), doubt > LEAST_DOUBT and doubt > doubt of the copy + LEAST_GAIN
+//! ```
+//!
+//! The surroundings decide, not the pixel alone: a copy is not better because it is lucky somewhere.
+
+use rayon::prelude::*;
+
+use crate::error::Result;
+use crate::image::plane::Plane;
+use crate::pipeline::matcher::Disparity;
+use crate::refinement::flag;
+use crate::scales::local_means::local_means;
+
+/// How far surroundings reach, pixels of the map.
+const RADIUS: usize = 15;
+/// Below this mean doubt nothing is changed.
+const LEAST_DOUBT: f32 = 0.4;
+/// A copy has to be better by this.
+const LEAST_GAIN: f32 = 0.05;
+/// The factor by which the odds of an error grow when the tolerance is halved: 2.0 to 2.7 on the maps of the development
+/// scenes at half and a quarter of their size, and caution.
+const STRICTER: f32 = 3.0;
+/// Least share of the pixels in doubt with which a smaller copy is matched at all.
+const LEAST_SHARE: f64 = 0.01;
+/// Largest difference between neighbors of a copy between which its disparities are interpolated, pixels there.
+const ONE_SURFACE: f32 = 1.0;
+
+/// The mean doubt around each pixel of a map.
+pub struct Doubt(Plane<f32>);
+
+impl Doubt {
+    /// The doubt of a map; `None` if it has no confidences.
+    pub fn of_map(map: &Disparity) -> Result<Option<Self>> {
+        let Some(confidence) = &map.confidence else { return Ok(None) };
+        Self::new(confidence, RADIUS, |confidence| 1.0 - confidence).map(Some)
+    }
+
+    fn new(
+        confidence: &Plane<f32>,
+        radius: usize,
+        doubt: impl Fn(f32) -> f32 + Sync,
+    ) -> Result<Self> {
+        let size = (confidence.rows(), confidence.cols());
+        let means = local_means(size, radius, |y, values| {
+            for (value, confidence) in values.iter_mut().zip(confidence.row(y)) {
+                *value = doubt(*confidence);
+            }
+        })?;
+
+        Ok(Self(means))
+    }
+
+    /// Whether so many pixels are in doubt that a smaller copy may be worth its time.
+    pub fn is_widespread(&self) -> bool {
+        let doubts = self.0.as_slice();
+        let count = doubts.iter().filter(|doubt| **doubt > LEAST_DOUBT).count();
+
+        count as f64 > LEAST_SHARE * doubts.len() as f64
+    }
+}
+
+/// The probability that a disparity of the copy is right by the tolerance of the larger map.
+fn same(confidence: f32) -> f32 {
+    confidence / (confidence + (1.0 - confidence) * STRICTER)
+}
+
+/// Replaces what the copy knows better.
+pub fn choose(map: &mut Disparity, doubt: &Doubt, coarse: &Disparity) -> Result<()> {
+    let (Some(confidence), Some(uncertainty)) = (&mut map.confidence, &mut map.uncertainty) else {
+        return Ok(());
+    };
+    let (Some(coarse_confidence), Some(coarse_uncertainty)) =
+        (&coarse.confidence, &coarse.uncertainty)
+    else {
+        return Ok(());
+    };
+    // The same surroundings are half as wide there.
+    let coarse_doubt = Doubt::new(coarse_confidence, RADIUS / 2, |c| 1.0 - same(c))?;
+
+    let cols = map.disparity.cols();
+    let rows = map.disparity.as_mut_slice().par_chunks_mut(cols);
+    let rows = rows.zip(map.flags.as_mut_slice().par_chunks_mut(cols));
+    let rows = rows.zip(confidence.as_mut_slice().par_chunks_mut(cols));
+    let rows = rows.zip(uncertainty.as_mut_slice().par_chunks_mut(cols));
+
+    rows.enumerate().for_each(|(y, (((disparity, flags), confidence), uncertainty))| {
+        let doubts = doubt.0.row(y);
+
+        for x in 0..cols {
+            if doubts[x] <= LEAST_DOUBT || disparity[x].is_nan() {
+                continue;
+            }
+
+            let around = Neighbors::new((y, x), &coarse.disparity);
+            let sure = same(around.mean(coarse_confidence));
+            let is_better = doubts[x] > around.mean(&coarse_doubt.0) + LEAST_GAIN;
+            let found = around.disparity(&coarse.disparity);
+
+            if is_better && sure > confidence[x] && !found.is_nan() {
+                let (row, col) = around.nearest();
+                disparity[x] = 2.0 * found;
+                flags[x] = coarse.flags.row(row)[col] | flag::COARSE;
+                confidence[x] = sure;
+                uncertainty[x] = 2.0 * coarse_uncertainty.row(row)[col];
+            }
+        }
+    });
+
+    Ok(())
+}
+
+/// The four pixels of a copy nearest to a pixel: its own, and those beside, above or below, and across.
+struct Neighbors {
+    rows: [usize; 2],
+    cols: [usize; 2],
+}
+
+impl Neighbors {
+    /// Those of the pixel `(y, x)`.
+    fn new((y, x): (usize, usize), copy: &Plane<f32>) -> Self {
+        let pair = |at: usize, count: usize| {
+            let beside = if at % 2 == 0 { (at / 2).saturating_sub(1) } else { at / 2 + 1 };
+            [at / 2, beside].map(|place| place.min(count - 1))
+        };
+
+        Self { rows: pair(y, copy.rows()), cols: pair(x, copy.cols()) }
+    }
+
+    /// The pixel of the copy that the pixel lies in.
+    fn nearest(&self) -> (usize, usize) {
+        (self.rows[0], self.cols[0])
+    }
+
+    fn values(&self, plane: &Plane<f32>) -> [f32; 4] {
+        let [row, other] = self.rows.map(|y| plane.row(y));
+        let [x, beside] = self.cols;
+        [row[x], row[beside], other[x], other[beside]]
+    }
+
+    /// The values of a plane, interpolated: its center is a quarter of a pixel off that of the copy's.
+    fn mean(&self, plane: &Plane<f32>) -> f32 {
+        let [a, b, c, d] = self.values(plane);
+        (9.0 * a + 3.0 * (b + c) + d) / 16.0
+    }
+
+    /// The same for disparities, unless they are of several surfaces: then that of the nearest pixel.
+    fn disparity(&self, plane: &Plane<f32>) -> f32 {
+        let values = self.values(plane);
+        let is_one = values[1..].iter().all(|value| (value - values[0]).abs() <= ONE_SURFACE);
+
+        if is_one { self.mean(plane) } else { values[0] }
+    }
+}

@@ -1,0 +1,330 @@
+//! Flat areas become planes where these are more likely to be right than what was matched.
+//!
+//! A table, a wall, a road has no texture to match, but an outline, and grain here and there. So a plane is fitted to the
+//! confident disparities of each flat area, with its outline, and competes with the map by evidence of the same kind, the
+//! share of confident disparities that agree with it, of the area and nearby:
+//!
+//! ```text
+//! weight    = confidence^2, in the area and RING pixels around it
+//! samples   = SAMPLES pixels at even steps of the sum of weights, of those with weight > LEAST_WEIGHT
+//! plane     = of TRIALS planes through three samples, the one that most samples are near; then least squares
+//! agree     = |disparity - plane| < 1
+//! whole     = share of the weight that agrees; no plane unless it is the larger part
+//! p         = TRUST (n near + PRIOR whole) / (n + PRIOR),  n the mean weight, near the share that agrees, nearby
+//! disparity = plane where p > mean confidence of a few pixels and |disparity - plane| > 1/2, in the area
+//! ```
+//!
+//! Drawn pixels are flagged as inferred and have the confidence p. Their error bar follows from it, if the odds of an error
+//! fall in proportion to the tolerance: 9 (1 - p) / p px for 90 %.
+
+use std::ops::Range;
+
+use crate::error::Result;
+use crate::image::intensity::Gray;
+use crate::image::plane::Plane;
+use crate::pipeline::control::Control;
+use crate::pipeline::matcher::{Disparity, Pair};
+use crate::refinement::flag;
+use crate::scales::areas::{Area, Areas};
+use crate::scales::local_means::local_means;
+use crate::simd::Level;
+
+/// How far from an area pixels count for its plane.
+const RING: usize = 4;
+/// How far from it the plane is drawn.
+const DRAWN: usize = 2;
+/// Least weight of a pixel that a plane is fitted to.
+const LEAST_WEIGHT: f32 = 0.25;
+/// Fewest such pixels.
+const LEAST_PIXELS: usize = 100;
+/// Pixels that a plane is fitted to, and planes that are tried.
+const SAMPLES: usize = 2000;
+const TRIALS: usize = 300;
+/// How near a plane samples have to be, pixels.
+const NEAR: f64 = 0.7;
+/// Steepest planes, disparity by column and by row.
+const STEEPEST: [f64; 2] = [0.5, 0.7];
+/// Least area that three samples span, twice, pixels.
+const LEAST_SPAN: f64 = 100.0;
+/// How far "nearby" reaches.
+const NEARBY: usize = 30;
+/// The mean weight nearby that counts as much as the whole area.
+const PRIOR: f32 = 0.2;
+/// The probability of a plane with which all agrees.
+const TRUST: f32 = 0.9;
+/// How far the confidence that it competes with is averaged.
+const FEW: usize = 4;
+/// Least difference that is drawn, pixels.
+const LEAST_CHANGE: f32 = 0.5;
+/// Least share of the image in doubt with which planes are looked for.
+const LEAST_DOUBT: f64 = 0.01;
+
+/// `disparity = x slopes[0] + y slopes[1] + height`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Surface {
+    slopes: [f64; 2],
+    height: f64,
+}
+
+/// A pixel that a plane is fitted to: column, row and disparity.
+type Sample = [f64; 3];
+
+/// What is drawn of a plane: place in the map, disparity and confidence.
+type Drawn = Vec<(usize, f32, f32)>;
+
+/// Draws the planes of a pair into its map.
+pub fn draw(map: &mut Disparity, pair: &Pair, level: Level, control: &Control) -> Result<()> {
+    let Some(confidence) = &map.confidence else { return Ok(()) };
+    let doubtful = confidence.as_slice().iter().filter(|value| **value < TRUST).count();
+    if (doubtful as f64) < LEAST_DOUBT * confidence.as_slice().len() as f64 {
+        return Ok(());
+    }
+
+    let [left, _] = pair.views();
+    let gray = Gray::new(left, level, control)?.plane(level, control)?;
+    let areas = Areas::new(&gray, control)?;
+    drop(gray);
+
+    let size = (confidence.rows(), confidence.cols());
+    let around = local_means(size, FEW, |y, row| row.copy_from_slice(confidence.row(y)))?;
+    let low = pair.candidates().min();
+    let scene = Scene {
+        disparity: &map.disparity,
+        confidence,
+        around: &around,
+        areas: &areas,
+        // Nothing lies behind infinity.
+        least: if low >= 0 { 0.0 } else { f32::NEG_INFINITY },
+        control,
+    };
+
+    let mut drawn = vec![];
+    for area in &areas.large {
+        control.checkpoint()?;
+        drawn.extend(scene.drawn(area)?);
+    }
+
+    for (place, disparity, confidence) in drawn {
+        map.disparity.as_mut_slice()[place] = disparity;
+        let flags = &mut map.flags.as_mut_slice()[place];
+        *flags = *flags & !(flag::FILLED | flag::COARSE) | flag::INFERRED;
+
+        if let Some(plane) = &mut map.confidence {
+            plane.as_mut_slice()[place] = confidence;
+        }
+        if let Some(plane) = &mut map.uncertainty {
+            plane.as_mut_slice()[place] = 9.0 * (1.0 - confidence) / confidence;
+        }
+    }
+
+    Ok(())
+}
+
+/// What planes are fitted to and compete with.
+struct Scene<'a> {
+    disparity: &'a Plane<f32>,
+    confidence: &'a Plane<f32>,
+    /// Mean confidences of a few pixels.
+    around: &'a Plane<f32>,
+    areas: &'a Areas,
+    /// Least disparity.
+    least: f32,
+    control: &'a Control,
+}
+
+/// An area with the pixels around it.
+struct Frame {
+    rows: Range<usize>,
+    cols: Range<usize>,
+    /// Weights of the pixels, 0 far from the area.
+    weights: Plane<f32>,
+}
+
+impl Scene<'_> {
+    /// What is drawn of the plane of an area.
+    fn drawn(&self, area: &Area) -> Result<Drawn> {
+        let frame = self.frame(area)?;
+        let Some(surface) = Surface::of_samples(&self.samples(&frame)) else { return Ok(vec![]) };
+
+        let size = (frame.rows.len(), frame.cols.len());
+        let agreeing = |y: usize, row: &mut [f32]| {
+            let disparities = &self.disparity.row(frame.rows.start + y)[frame.cols.clone()];
+            let places = disparities.iter().zip(frame.weights.row(y)).zip(frame.cols.clone());
+            for (value, ((disparity, weight), x)) in row.iter_mut().zip(places) {
+                let plane = surface.disparity(frame.rows.start + y, x);
+                *value = if (disparity - plane).abs() < 1.0 { *weight } else { 0.0 };
+            }
+        };
+
+        let whole = self.share(&frame, agreeing);
+        if whole <= 0.5 {
+            return Ok(vec![]);
+        }
+
+        let agree = local_means(size, NEARBY, agreeing)?;
+        let all = local_means(size, NEARBY, |y, row| row.copy_from_slice(frame.weights.row(y)))?;
+        let inside = self.areas.near(area, (frame.rows.clone(), frame.cols.clone()), DRAWN, self.control)?;
+
+        let mut drawn = vec![];
+        for (row, y) in frame.rows.clone().enumerate() {
+            let [disparity, around] = [self.disparity, self.around].map(|plane| plane.row(y));
+
+            for (col, x) in frame.cols.clone().enumerate() {
+                // Of n weights nearby the mean is all, and the sum that agrees is agree.
+                let p = TRUST * (agree.row(row)[col] + PRIOR * whole) / (all.row(row)[col] + PRIOR);
+                let plane = surface.disparity(y, x);
+
+                let is_better = p > around[x] && plane >= self.least;
+                let is_other = (disparity[x] - plane).abs() > LEAST_CHANGE;
+                if inside.row(row)[col] && is_better && is_other {
+                    drawn.push((y * self.disparity.cols() + x, plane, p));
+                }
+            }
+        }
+
+        Ok(drawn)
+    }
+
+    /// An area with the pixels that count for its plane.
+    fn frame(&self, area: &Area) -> Result<Frame> {
+        let (rows, cols) = (self.disparity.rows(), self.disparity.cols());
+        let wider = |range: &Range<usize>, most: usize| {
+            range.start.saturating_sub(RING)..(range.end + RING).min(most)
+        };
+        let (rows, cols) = (wider(&area.rows, rows), wider(&area.cols, cols));
+
+        let near = self.areas.near(area, (rows.clone(), cols.clone()), RING, self.control)?;
+        let weight = |y: usize, x: usize| {
+            let confidence = self.confidence.row(rows.start + y)[cols.start + x];
+            if near.row(y)[x] { confidence * confidence } else { 0.0 }
+        };
+
+        let weights = Plane::from_fn(rows.len(), cols.len(), weight);
+        Ok(Frame { rows, cols, weights })
+    }
+
+    /// Pixels at even steps of the sum of weights.
+    fn samples(&self, frame: &Frame) -> Vec<Sample> {
+        let heavy = || {
+            let places = frame.weights.as_slice().iter().enumerate();
+            places.filter(|(_, weight)| **weight > LEAST_WEIGHT)
+        };
+        if heavy().count() < LEAST_PIXELS {
+            return vec![];
+        }
+
+        let step = heavy().map(|(_, weight)| f64::from(*weight)).sum::<f64>() / SAMPLES as f64;
+        let (mut sum, mut samples) = (0.0, vec![]);
+        for (place, weight) in heavy() {
+            sum += f64::from(*weight);
+            let (y, x) = (place / frame.cols.len(), place % frame.cols.len());
+            let (y, x) = (frame.rows.start + y, frame.cols.start + x);
+
+            // A pixel heavier than a step counts more than once.
+            while sum >= step * (samples.len() + 1) as f64 {
+                samples.push([x as f64, y as f64, f64::from(self.disparity.row(y)[x])]);
+            }
+        }
+
+        samples
+    }
+
+    /// The share of the weight that agrees.
+    fn share(&self, frame: &Frame, agreeing: impl Fn(usize, &mut [f32])) -> f32 {
+        let mut row = vec![0.0; frame.cols.len()];
+        let (mut agree, mut all) = (0.0, 0.0);
+
+        for y in 0..frame.rows.len() {
+            agreeing(y, &mut row);
+            agree += row.iter().map(|value| f64::from(*value)).sum::<f64>();
+            all += frame.weights.row(y).iter().map(|value| f64::from(*value)).sum::<f64>();
+        }
+
+        (agree / all.max(f64::MIN_POSITIVE)) as f32
+    }
+}
+
+impl Surface {
+    /// The disparity of a pixel.
+    fn disparity(&self, y: usize, x: usize) -> f32 {
+        self.at([x as f64, y as f64]) as f32
+    }
+
+    fn at(&self, [x, y]: [f64; 2]) -> f64 {
+        x * self.slopes[0] + y * self.slopes[1] + self.height
+    }
+
+    fn is_near(&self, [x, y, disparity]: Sample) -> bool {
+        (disparity - self.at([x, y])).abs() < NEAR
+    }
+
+    /// The plane that most samples are near, fitted to these.
+    fn of_samples(samples: &[Sample]) -> Option<Self> {
+        if samples.is_empty() {
+            return None;
+        }
+
+        let mut random = Random(1);
+        let (mut best, mut most) = (None, 0);
+        for _ in 0..TRIALS {
+            let three = [(); 3].map(|()| samples[random.below(samples.len())]);
+            let Some(surface) = Self::through(three) else { continue };
+
+            let count = samples.iter().filter(|sample| surface.is_near(**sample)).count();
+            if count > most {
+                (best, most) = (Some(surface), count);
+            }
+        }
+
+        // The samples that are near change with the plane.
+        (0..3).fold(best, |surface, _| {
+            surface.map(|surface| surface.fitted(samples).unwrap_or(surface))
+        })
+    }
+
+    /// The plane through three samples, unless they are nearly on a line, or it is too steep.
+    fn through([[x, y, disparity], b, c]: [Sample; 3]) -> Option<Self> {
+        let [b, c] = [b, c].map(|other| [other[0] - x, other[1] - y, other[2] - disparity]);
+        let span = b[0] * c[1] - b[1] * c[0];
+        if span.abs() < LEAST_SPAN {
+            return None;
+        }
+
+        let slopes = [(b[2] * c[1] - b[1] * c[2]) / span, (b[0] * c[2] - b[2] * c[0]) / span];
+        let is_gentle = slopes.iter().zip(STEEPEST).all(|(slope, most)| slope.abs() <= most);
+        is_gentle.then(|| Self { slopes, height: disparity - slopes[0] * x - slopes[1] * y })
+    }
+
+    /// The plane with the least squares of distances from the samples that are near this one.
+    fn fitted(&self, samples: &[Sample]) -> Option<Self> {
+        let near = || samples.iter().filter(|sample| self.is_near(**sample));
+        let count = near().count() as f64;
+        let [x, y, disparity] =
+            [0, 1, 2].map(|i| near().map(|sample| sample[i]).sum::<f64>() / count);
+
+        // About the mean, the two slopes have equations of their own.
+        let product = |i: usize, j: usize| {
+            let means = [x, y, disparity];
+            near().map(|sample| (sample[i] - means[i]) * (sample[j] - means[j])).sum::<f64>()
+        };
+        let [xx, xy, yy, xd, yd] = [(0, 0), (0, 1), (1, 1), (0, 2), (1, 2)].map(|(i, j)| product(i, j));
+        let determinant = xx * yy - xy * xy;
+        if determinant < 1.0 {
+            return None;
+        }
+
+        let slopes = [(xd * yy - yd * xy) / determinant, (yd * xx - xd * xy) / determinant];
+        Some(Self { slopes, height: disparity - slopes[0] * x - slopes[1] * y })
+    }
+}
+
+/// The same numbers in every run.
+struct Random(u64);
+
+impl Random {
+    /// A number below `count`. Knuth, MMIX.
+    fn below(&mut self, count: usize) -> usize {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 33) as usize % count
+    }
+}

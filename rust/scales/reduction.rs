@@ -1,0 +1,70 @@
+//! A pair -> the same pair at half the size: the mean of each square of four pixels.
+//!
+//! Means of integers are kept in 16 bits, which hold those of squares of 256 pixels of bytes exactly: over a few scales
+//! no noise of rounding hides what a plain surface shows. They are of gray values, all that phase codes see; impulses
+//! are repaired before, and a pixel is valid if all four are.
+
+use ndarray::Array3;
+
+use crate::error::Result;
+use crate::image::intensity::Gray;
+use crate::image::plane::Plane;
+use crate::image::view::{Image, View};
+use crate::pipeline::matcher::Pair;
+use crate::rig::blur::parts::Means;
+
+/// Fewest rows and columns of a copy.
+pub const LEAST_SIZE: usize = 100;
+/// Fewest disparities to search of a pair whose copy has any to tell apart.
+pub const FEWEST_CANDIDATES: usize = 8;
+
+/// A pair at half the size; `None` if it is too small for that.
+pub fn halved(pair: &Pair, means: Means) -> Result<Option<Pair>> {
+    let (rows, cols) = pair.size();
+    let candidates = pair.candidates();
+    if rows.min(cols) / 2 < LEAST_SIZE || candidates.count() < FEWEST_CANDIDATES {
+        return Ok(None);
+    }
+
+    let (low, high) = (candidates.min(), candidates.disparity(candidates.count() - 1));
+    // Both ends lie within the range of the copy.
+    let (low, high) = (low.div_euclid(2), -(-high).div_euclid(2));
+    let count = (high - low + 1).min(cols as isize / 2);
+
+    let [left, right] = pair.views();
+    let (left, right) = (halved_view(left, means)?, halved_view(right, means)?);
+    // At its very ends a range may have none on the copy.
+    Ok(Pair::new(left, right, low as i64, count as i64).ok())
+}
+
+/// The gray values of an image at half the size.
+fn halved_view(view: &View, means: Means) -> Result<View> {
+    let Means { how, control, .. } = means;
+    let gray = Gray::new(view, how.level, control)?;
+    let steps = gray.plane(how.level, control)?;
+    let (rows, cols) = (steps.rows() / 2, steps.cols() / 2);
+
+    // Four times the mean.
+    let sum = |y: usize, x: usize| {
+        let pairs = [steps.row(2 * y), steps.row(2 * y + 1)].map(|row| row[2 * x] + row[2 * x + 1]);
+        i64::from(pairs[0]) + i64::from(pairs[1])
+    };
+
+    let reach = i64::from(gray.reach());
+    let (image, step) = if view.image.middle().is_some() {
+        let mean = |(y, x, _)| ((sum(y, x) + 4 * reach) * (1 << 16) / (8 * reach)) as u16;
+        let pixels = Array3::from_shape_fn((rows, cols, 1), mean);
+        (Image::U16(pixels), 2.0 * reach as f64 / f64::from(1 << 16))
+    } else {
+        let mean = |(y, x, _)| sum(y, x) as f32 / 4.0;
+        (Image::F32(Array3::from_shape_fn((rows, cols, 1), mean)), 1.0)
+    };
+
+    let is_valid = |mask: &Plane<bool>, y: usize, x: usize| {
+        [2 * y, 2 * y + 1].iter().all(|y| mask.row(*y)[2 * x] && mask.row(*y)[2 * x + 1])
+    };
+    let mask = view.mask.as_ref();
+    let mask = mask.map(|mask| Plane::from_fn(rows, cols, |y, x| is_valid(mask, y, x)));
+
+    Ok(View { mask, unit: step / gray.steps(1.0), ..View::from(image) })
+}
