@@ -31,6 +31,7 @@ use crate::error::Result;
 use crate::pipeline::matcher::{Disparity, Pair};
 use crate::pipeline::platform::Instant;
 use crate::rig::blur::parts::Means;
+use crate::rig::blur_compensation::BlurCompensation;
 use crate::rig::estimation::{Known, Prepared, prepare};
 use crate::scales::choice::Doubt;
 use crate::scales::reduction::halved;
@@ -70,7 +71,10 @@ fn decide(map: &mut Disparity, pair: &Pair, settings: &Settings, means: Means) -
     let control = means.control.aside();
     let means = Means { control: &control, ..means };
     let settings = Settings { align_rows: false, ..settings.clone() };
-    let known = Known { candidates: Some(copy.candidates()), ..Known::default() };
+    // A blur is estimated anew. Otherwise what is known of the noise holds for the copy, too.
+    let compensation = pair.blur_compensation().filter(|found| !found.has_kernels());
+    let compensation = compensation.map(BlurCompensation::halved).transpose()?;
+    let known = Known { candidates: Some(copy.candidates()), compensation, ..Known::default() };
 
     let Prepared { pair: copy, settings: suited, .. } = prepare(copy, known, &settings, means)?;
     let mut coarse = means.matcher.match_calibrated(&copy, &suited, means.how, means.control)?;

@@ -11,8 +11,6 @@
 
 use std::ops::Range;
 
-use rayon::prelude::*;
-
 use crate::error::Result;
 use crate::image::plane::Plane;
 use crate::pipeline::control::Control;
@@ -21,114 +19,82 @@ use crate::pipeline::control::Control;
 const LEAST_SHARE: f64 = 0.01;
 /// How far the window of the deviation reaches.
 const RADIUS: usize = 2;
+/// Most bits of the magnitude of a gray value.
+const MOST_BITS: u32 = 15;
 /// About so many pixels are looked at for the noise.
-const SAMPLES: usize = 1 << 18;
+const SAMPLES: usize = 1 << 15;
 
 /// A connected flat area.
-#[derive(Debug)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Area {
     /// Rows that hold it.
     pub rows: Range<usize>,
     /// Columns that hold it.
     pub cols: Range<usize>,
-    /// Its label in [`Areas::labels`].
-    pub label: u32,
+    /// Its pixels: a row, and columns.
+    runs: Vec<(usize, Range<usize>)>,
 }
 
-/// All flat areas of an image.
-#[derive(Debug)]
-pub struct Areas {
-    /// The area that each pixel belongs to; 0: none.
-    pub labels: Plane<u32>,
-    /// The large ones.
-    pub large: Vec<Area>,
+/// The large flat areas of an image of this reach, from top to bottom.
+pub fn flat_areas(gray: &Plane<i32>, reach: u32, control: &Control) -> Result<Vec<Area>> {
+    // Sums of squares then fit.
+    let surplus = (u32::BITS - reach.leading_zeros()).saturating_sub(MOST_BITS);
+    let flat = flat(&gray.map(|gray| gray >> surplus), control)?;
+
+    let lost = grown(&flat.map(|is_flat| !is_flat), 1, control)?;
+    let opened = grown(&lost.map(|is_lost| !is_lost), 1, control)?;
+
+    let least = LEAST_SHARE * (gray.rows() * gray.cols()) as f64;
+    let mut areas = connected(&opened);
+    areas.retain(|area| area.pixels() as f64 >= least);
+    Ok(areas)
 }
 
-impl Areas {
-    /// The flat areas of an image.
-    pub fn new(gray: &Plane<i32>, control: &Control) -> Result<Self> {
-        let flat = flat(gray, control)?;
-        control.checkpoint()?;
-        Ok(Self::of_flat(&opened(&flat, control)?))
+impl Area {
+    /// The number of its pixels.
+    pub fn pixels(&self) -> usize {
+        self.runs.iter().map(|(_, run)| run.len()).sum()
     }
 
-    /// The connected areas of marked pixels.
-    fn of_flat(flat: &Plane<bool>) -> Self {
-        let (rows, cols) = (flat.rows(), flat.cols());
-        let least = (LEAST_SHARE * (rows * cols) as f64) as usize;
-        let mut labels = flat.map(|_| 0);
-        let (mut large, mut label, mut open) = (vec![], 0, vec![]);
-
-        for (y, x) in (0..rows).flat_map(|y| (0..cols).map(move |x| (y, x))) {
-            if !flat.row(y)[x] || labels.row(y)[x] != 0 {
-                continue;
-            }
-
-            label += 1;
-            let mut area = Area { rows: y..y + 1, cols: x..x + 1, label };
-            let mut count = 0;
-            labels.row_mut(y)[x] = label;
-            open.push((y, x));
-
-            while let Some((y, x)) = open.pop() {
-                count += 1;
-                area.rows = area.rows.start.min(y)..area.rows.end.max(y + 1);
-                area.cols = area.cols.start.min(x)..area.cols.end.max(x + 1);
-
-                let [above, before] = [y, x].map(|at| at.wrapping_sub(1));
-                for (y, x) in [(above, x), (y + 1, x), (y, before), (y, x + 1)] {
-                    let is_inside = y < rows && x < cols;
-                    if is_inside && flat.row(y)[x] && labels.row(y)[x] == 0 {
-                        labels.row_mut(y)[x] = label;
-                        open.push((y, x));
-                    }
-                }
-            }
-
-            if count >= least.max(1) {
-                large.push(area);
-            }
-        }
-
-        Self { labels, large }
-    }
-
-    /// The pixels of these rows and columns that are at most `radius` rows and columns from an area.
+    /// The pixels of these rows and columns that are at most `radius` rows and columns from the area.
     pub fn near(
         &self,
-        area: &Area,
-        (rows, cols): (Range<usize>, Range<usize>),
+        (rows, cols): (&Range<usize>, &Range<usize>),
         radius: usize,
         control: &Control,
     ) -> Result<Plane<bool>> {
-        let is_area = |y, x| self.labels.row(rows.start + y)[cols.start + x] == area.label;
-        grown(&Plane::from_fn(rows.len(), cols.len(), is_area), radius, control)
+        let mut marked = Plane::new(rows.len(), cols.len())?;
+        for (y, run) in &self.runs {
+            marked.row_mut(y - rows.start)[run.start - cols.start..run.end - cols.start].fill(true);
+        }
+
+        grown(&marked, radius, control)
     }
 }
 
 /// Which pixels are flat.
 fn flat(gray: &Plane<i32>, control: &Control) -> Result<Plane<bool>> {
     let (rows, cols) = (gray.rows(), gray.cols());
-    let noise = i128::from(noise(gray));
+    let noise = noise(gray);
+    let window = |at: usize, count| at.saturating_sub(RADIUS)..(at + RADIUS + 1).min(count);
 
     Plane::by_rows((rows, cols), control, |y, flat: &mut [bool]| {
-        let window = y.saturating_sub(RADIUS)..(y + RADIUS + 1).min(rows);
-        let height = window.len() as i64;
-
         // Sums, and sums of squares, of the columns of the window.
-        let mut columns = vec![[0_i64; 2]; cols];
-        for y in window {
-            for ([sum, squares], gray) in columns.iter_mut().zip(gray.row(y)) {
+        let (mut sums, mut squares) = (vec![0_i64; cols], vec![0_i64; cols]);
+        for y in window(y, rows) {
+            for ((sum, square), gray) in sums.iter_mut().zip(&mut squares).zip(gray.row(y)) {
                 let gray = i64::from(*gray);
                 *sum += gray;
-                *squares += gray * gray;
+                *square += gray * gray;
             }
         }
 
+        let height = window(y, rows).len();
         for (x, flat) in flat.iter_mut().enumerate() {
-            let window = &columns[x.saturating_sub(RADIUS)..(x + RADIUS + 1).min(cols)];
-            let count = i128::from(height * window.len() as i64);
-            let [sum, squares] = [0, 1].map(|i| window.iter().map(|c| i128::from(c[i])).sum::<i128>());
+            let window = window(x, cols);
+            let count = (height * window.len()) as i64;
+            let sum: i64 = sums[window.clone()].iter().sum();
+            let squares: i64 = squares[window].iter().sum();
 
             *flat = count * squares - sum * sum <= count * count * noise * noise;
         }
@@ -140,16 +106,16 @@ fn noise(gray: &Plane<i32>) -> i64 {
     let (rows, cols) = (gray.rows(), gray.cols());
     let step = (rows * cols / SAMPLES).max(1);
 
-    let inner: Vec<usize> = (1..rows.saturating_sub(1)).step_by(step).collect();
     let of_row = |y: usize| {
         let [above, row, below] = [y - 1, y, y + 1].map(|y| gray.row(y));
         (1..cols.saturating_sub(1)).map(move |x| {
-            let around = [above[x], below[x], row[x - 1], row[x + 1]].map(i64::from);
-            (4 * i64::from(row[x]) - around.iter().sum::<i64>()).abs()
+            let around = above[x] + below[x] + row[x - 1] + row[x + 1];
+            i64::from(4 * row[x] - around).abs()
         })
     };
 
-    let mut magnitudes: Vec<i64> = inner.into_par_iter().flat_map_iter(of_row).collect();
+    let mut magnitudes: Vec<i64> =
+        (1..rows.saturating_sub(1)).step_by(step).flat_map(of_row).collect();
     if magnitudes.is_empty() {
         return 0;
     }
@@ -157,28 +123,81 @@ fn noise(gray: &Plane<i32>) -> i64 {
     *magnitudes.select_nth_unstable(middle).1
 }
 
-/// The marked pixels whose neighbors are all marked, and these neighbors.
-fn opened(marked: &Plane<bool>, control: &Control) -> Result<Plane<bool>> {
-    let lost = grown(&marked.map(|is_marked| !is_marked), 1, control)?;
-    grown(&lost.map(|is_lost| !is_lost), 1, control)
-}
-
 /// The pixels that are at most `radius` rows and columns from a marked one.
 fn grown(marked: &Plane<bool>, radius: usize, control: &Control) -> Result<Plane<bool>> {
     let (rows, cols) = (marked.rows(), marked.cols());
     let window = |at: usize, count| at.saturating_sub(radius)..(at + radius + 1).min(count);
 
-    let along = Plane::by_rows((rows, cols), control, |y, row: &mut [bool]| {
-        for (x, is_near) in row.iter_mut().enumerate() {
-            *is_near = marked.row(y)[window(x, cols)].contains(&true);
+    let along = Plane::by_rows((rows, cols), control, |y, near: &mut [bool]| {
+        let marked = marked.row(y);
+        for shift in 0..=radius.min(cols) {
+            for (near, marked) in near[shift..].iter_mut().zip(marked) {
+                *near |= marked;
+            }
+            for (near, marked) in near.iter_mut().zip(&marked[shift..]) {
+                *near |= marked;
+            }
         }
     })?;
 
-    Plane::by_rows((rows, cols), control, |y, row: &mut [bool]| {
+    Plane::by_rows((rows, cols), control, |y, near: &mut [bool]| {
         for y in window(y, rows) {
-            for (is_near, is_marked) in row.iter_mut().zip(along.row(y)) {
-                *is_near |= is_marked;
+            for (near, marked) in near.iter_mut().zip(along.row(y)) {
+                *near |= marked;
             }
         }
     })
+}
+
+/// The 4-connected areas of marked pixels: runs along rows, joined where they touch.
+fn connected(marked: &Plane<bool>) -> Vec<Area> {
+    let mut runs: Vec<(usize, Range<usize>)> = vec![];
+    // Each run leads to another one of its area, or to itself.
+    let mut joined: Vec<usize> = vec![];
+    let mut above = 0..0;
+
+    for y in 0..marked.rows() {
+        let first = runs.len();
+        let mut start = 0;
+        for part in marked.row(y).chunk_by(|a, b| a == b) {
+            if part[0] {
+                joined.push(runs.len());
+                runs.push((y, start..start + part.len()));
+            }
+            start += part.len();
+        }
+
+        let mut next = above.start;
+        for index in first..runs.len() {
+            let run = runs[index].1.clone();
+            while next < above.end && runs[next].1.end <= run.start {
+                next += 1;
+            }
+            for other in (next..above.end).take_while(|other| runs[*other].1.start < run.end) {
+                let [a, b] = [root(&joined, index), root(&joined, other)];
+                joined[a.max(b)] = a.min(b);
+            }
+        }
+        above = first..runs.len();
+    }
+
+    let mut areas: Vec<Option<Area>> = vec![None; runs.len()];
+    for (index, (y, run)) in runs.into_iter().enumerate() {
+        let of_none = || Area { rows: y..y + 1, cols: run.clone(), runs: vec![] };
+        let area = areas[root(&joined, index)].get_or_insert_with(of_none);
+
+        area.rows.end = y + 1;
+        area.cols = area.cols.start.min(run.start)..area.cols.end.max(run.end);
+        area.runs.push((y, run));
+    }
+
+    areas.into_iter().flatten().collect()
+}
+
+/// The first run of the area of a run.
+fn root(joined: &[usize], mut index: usize) -> usize {
+    while joined[index] != index {
+        index = joined[index];
+    }
+    index
 }

@@ -28,8 +28,9 @@ const LEAST_GAIN: f32 = 0.05;
 /// The factor by which the odds of an error grow when the tolerance is halved: 2.0 to 2.7 on the maps of the development
 /// scenes at half and a quarter of their size, and caution.
 const STRICTER: f32 = 3.0;
-/// Least share of the pixels in doubt with which a smaller copy is matched at all.
-const LEAST_SHARE: f64 = 0.01;
+/// Least share of the pixels in doubt with which a smaller copy is matched at all: of sharp pairs with fewer it decides
+/// less than 1 %.
+const LEAST_SHARE: f64 = 0.05;
 /// Largest difference between neighbors of a copy between which its disparities are interpolated, pixels there.
 const ONE_SURFACE: f32 = 1.0;
 

@@ -25,7 +25,7 @@ use crate::image::plane::Plane;
 use crate::pipeline::control::Control;
 use crate::pipeline::matcher::{Disparity, Pair};
 use crate::refinement::flag;
-use crate::scales::areas::{Area, Areas};
+use crate::scales::areas::{Area, flat_areas};
 use crate::scales::local_means::local_means;
 use crate::simd::Level;
 
@@ -38,16 +38,18 @@ const LEAST_WEIGHT: f32 = 0.25;
 /// Fewest such pixels.
 const LEAST_PIXELS: usize = 100;
 /// Pixels that a plane is fitted to, and planes that are tried.
-const SAMPLES: usize = 2000;
-const TRIALS: usize = 300;
+const SAMPLES: usize = 1000;
+const TRIALS: usize = 200;
 /// How near a plane samples have to be, pixels.
 const NEAR: f64 = 0.7;
 /// Steepest planes, disparity by column and by row.
 const STEEPEST: [f64; 2] = [0.5, 0.7];
 /// Least area that three samples span, twice, pixels.
 const LEAST_SPAN: f64 = 100.0;
-/// How far "nearby" reaches.
-const NEARBY: usize = 30;
+/// Side of the tiles in which agreement is summed, pixels.
+const TILE: usize = 4;
+/// How far "nearby" reaches, tiles.
+const NEARBY: usize = 7;
 /// The mean weight nearby that counts as much as the whole area.
 const PRIOR: f32 = 0.2;
 /// The probability of a plane with which all agrees.
@@ -81,26 +83,22 @@ pub fn draw(map: &mut Disparity, pair: &Pair, level: Level, control: &Control) -
     }
 
     let [left, _] = pair.views();
-    let gray = Gray::new(left, level, control)?.plane(level, control)?;
-    let areas = Areas::new(&gray, control)?;
-    drop(gray);
+    let gray = Gray::new(left, level, control)?;
+    let areas = flat_areas(&gray.plane(level, control)?, gray.reach(), control)?;
 
     let size = (confidence.rows(), confidence.cols());
     let around = local_means(size, FEW, |y, row| row.copy_from_slice(confidence.row(y)))?;
-    let low = pair.candidates().min();
     let scene = Scene {
         disparity: &map.disparity,
         confidence,
         around: &around,
-        areas: &areas,
         // Nothing lies behind infinity.
-        least: if low >= 0 { 0.0 } else { f32::NEG_INFINITY },
+        least: if pair.candidates().min() >= 0 { 0.0 } else { f32::NEG_INFINITY },
         control,
     };
 
     let mut drawn = vec![];
-    for area in &areas.large {
-        control.checkpoint()?;
+    for area in &areas {
         drawn.extend(scene.drawn(area)?);
     }
 
@@ -126,7 +124,6 @@ struct Scene<'a> {
     confidence: &'a Plane<f32>,
     /// Mean confidences of a few pixels.
     around: &'a Plane<f32>,
-    areas: &'a Areas,
     /// Least disparity.
     least: f32,
     control: &'a Control,
@@ -146,37 +143,41 @@ impl Scene<'_> {
         let frame = self.frame(area)?;
         let Some(surface) = Surface::of_samples(&self.samples(&frame)) else { return Ok(vec![]) };
 
-        let size = (frame.rows.len(), frame.cols.len());
-        let agreeing = |y: usize, row: &mut [f32]| {
-            let disparities = &self.disparity.row(frame.rows.start + y)[frame.cols.clone()];
-            let places = disparities.iter().zip(frame.weights.row(y)).zip(frame.cols.clone());
-            for (value, ((disparity, weight), x)) in row.iter_mut().zip(places) {
-                let plane = surface.disparity(frame.rows.start + y, x);
-                *value = if (disparity - plane).abs() < 1.0 { *weight } else { 0.0 };
-            }
+        let agreeing = |y: usize, x: usize| {
+            let distance = self.disparity.row(y)[x] - surface.disparity(y, x);
+            distance.abs() < 1.0
         };
-
-        let whole = self.share(&frame, agreeing);
+        let agree = self.tiles(&frame, agreeing)?;
+        let all = self.tiles(&frame, |_, _| true)?;
+        let sum = |tiles: &Plane<f32>| tiles.as_slice().iter().copied().map(f64::from).sum::<f64>();
+        let whole = (sum(&agree) / sum(&all)) as f32;
         if whole <= 0.5 {
             return Ok(vec![]);
         }
 
-        let agree = local_means(size, NEARBY, agreeing)?;
-        let all = local_means(size, NEARBY, |y, row| row.copy_from_slice(frame.weights.row(y)))?;
-        let inside = self.areas.near(area, (frame.rows.clone(), frame.cols.clone()), DRAWN, self.control)?;
+        let nearby = |tiles: &Plane<f32>| {
+            let size = (tiles.rows(), tiles.cols());
+            local_means(size, NEARBY, |y, row| row.copy_from_slice(tiles.row(y)))
+        };
+        let (agree, all) = (nearby(&agree)?, nearby(&all)?);
+        let inside = area.near((&frame.rows, &frame.cols), DRAWN, self.control)?;
 
         let mut drawn = vec![];
         for (row, y) in frame.rows.clone().enumerate() {
             let [disparity, around] = [self.disparity, self.around].map(|plane| plane.row(y));
+            let [agree, all] = [&agree, &all].map(|plane| plane.row(row / TILE));
 
-            for (col, x) in frame.cols.clone().enumerate() {
-                // Of n weights nearby the mean is all, and the sum that agrees is agree.
-                let p = TRUST * (agree.row(row)[col] + PRIOR * whole) / (all.row(row)[col] + PRIOR);
+            for ((col, x), is_inside) in frame.cols.clone().enumerate().zip(inside.row(row)) {
+                if !is_inside || around[x] >= TRUST {
+                    continue;
+                }
+
+                // Of the weights nearby, the mean is all, and the mean of those that agree is agree.
+                let p = TRUST * (agree[col / TILE] + PRIOR * whole) / (all[col / TILE] + PRIOR);
                 let plane = surface.disparity(y, x);
 
                 let is_better = p > around[x] && plane >= self.least;
-                let is_other = (disparity[x] - plane).abs() > LEAST_CHANGE;
-                if inside.row(row)[col] && is_better && is_other {
+                if is_better && (disparity[x] - plane).abs() > LEAST_CHANGE {
                     drawn.push((y * self.disparity.cols() + x, plane, p));
                 }
             }
@@ -187,20 +188,46 @@ impl Scene<'_> {
 
     /// An area with the pixels that count for its plane.
     fn frame(&self, area: &Area) -> Result<Frame> {
-        let (rows, cols) = (self.disparity.rows(), self.disparity.cols());
         let wider = |range: &Range<usize>, most: usize| {
             range.start.saturating_sub(RING)..(range.end + RING).min(most)
         };
-        let (rows, cols) = (wider(&area.rows, rows), wider(&area.cols, cols));
+        let rows = wider(&area.rows, self.disparity.rows());
+        let cols = wider(&area.cols, self.disparity.cols());
 
-        let near = self.areas.near(area, (rows.clone(), cols.clone()), RING, self.control)?;
-        let weight = |y: usize, x: usize| {
-            let confidence = self.confidence.row(rows.start + y)[cols.start + x];
-            if near.row(y)[x] { confidence * confidence } else { 0.0 }
-        };
+        let near = area.near((&rows, &cols), RING, self.control)?;
+        let size = (rows.len(), cols.len());
+        let weights = Plane::by_rows(size, self.control, |row, weights: &mut [f32]| {
+            let confidences = &self.confidence.row(rows.start + row)[cols.clone()];
+            for ((weight, confidence), is_near) in
+                weights.iter_mut().zip(confidences).zip(near.row(row))
+            {
+                *weight = if *is_near { confidence * confidence } else { 0.0 };
+            }
+        })?;
 
-        let weights = Plane::from_fn(rows.len(), cols.len(), weight);
         Ok(Frame { rows, cols, weights })
+    }
+
+    /// The mean over tiles of the weights of those pixels of which `is_counted(y, x)` holds.
+    fn tiles(
+        &self,
+        frame: &Frame,
+        is_counted: impl Fn(usize, usize) -> bool + Sync,
+    ) -> Result<Plane<f32>> {
+        let size = (frame.rows.len().div_ceil(TILE), frame.cols.len().div_ceil(TILE));
+
+        Plane::by_rows(size, self.control, |tile, means: &mut [f32]| {
+            for row in tile * TILE..((tile + 1) * TILE).min(frame.rows.len()) {
+                let tiles = frame.weights.row(row).chunks(TILE).enumerate();
+                for (mean, (tile, weights)) in means.iter_mut().zip(tiles) {
+                    let first = frame.cols.start + tile * TILE;
+                    for (x, weight) in (first..).zip(weights) {
+                        let is_counted = *weight > 0.0 && is_counted(frame.rows.start + row, x);
+                        *mean += if is_counted { weight / (TILE * TILE) as f32 } else { 0.0 };
+                    }
+                }
+            }
+        })
     }
 
     /// Pixels at even steps of the sum of weights.
@@ -217,30 +244,15 @@ impl Scene<'_> {
         let (mut sum, mut samples) = (0.0, vec![]);
         for (place, weight) in heavy() {
             sum += f64::from(*weight);
-            let (y, x) = (place / frame.cols.len(), place % frame.cols.len());
-            let (y, x) = (frame.rows.start + y, frame.cols.start + x);
-
             // A pixel heavier than a step counts more than once.
             while sum >= step * (samples.len() + 1) as f64 {
+                let (row, col) = (place / frame.cols.len(), place % frame.cols.len());
+                let (y, x) = (frame.rows.start + row, frame.cols.start + col);
                 samples.push([x as f64, y as f64, f64::from(self.disparity.row(y)[x])]);
             }
         }
 
         samples
-    }
-
-    /// The share of the weight that agrees.
-    fn share(&self, frame: &Frame, agreeing: impl Fn(usize, &mut [f32])) -> f32 {
-        let mut row = vec![0.0; frame.cols.len()];
-        let (mut agree, mut all) = (0.0, 0.0);
-
-        for y in 0..frame.rows.len() {
-            agreeing(y, &mut row);
-            agree += row.iter().map(|value| f64::from(*value)).sum::<f64>();
-            all += frame.weights.row(y).iter().map(|value| f64::from(*value)).sum::<f64>();
-        }
-
-        (agree / all.max(f64::MIN_POSITIVE)) as f32
     }
 }
 
