@@ -31,7 +31,6 @@ use crate::error::Result;
 use crate::pipeline::matcher::{Disparity, Pair};
 use crate::pipeline::platform::Instant;
 use crate::rig::blur::parts::Means;
-use crate::rig::blur_compensation::BlurCompensation;
 use crate::rig::estimation::{Known, Prepared, prepare};
 use crate::scales::choice::Doubt;
 use crate::scales::reduction::halved;
@@ -67,14 +66,11 @@ fn decide(map: &mut Disparity, pair: &Pair, settings: &Settings, means: Means) -
     let Some(doubt) = Doubt::of_map(map)?.filter(Doubt::is_widespread) else { return Ok(()) };
     let Some(copy) = halved(pair, means)? else { return Ok(()) };
 
-    // Its rows correspond by now, and its progress is not that of the map.
+    // Its rows correspond by now, and its progress is not that of the map. Noise and blur are others: those of means.
     let control = means.control.aside();
     let means = Means { control: &control, ..means };
     let settings = Settings { align_rows: false, ..settings.clone() };
-    // A blur is estimated anew. Otherwise what is known of the noise holds for the copy, too.
-    let compensation = pair.blur_compensation().filter(|found| !found.has_kernels());
-    let compensation = compensation.map(BlurCompensation::halved).transpose()?;
-    let known = Known { candidates: Some(copy.candidates()), compensation, ..Known::default() };
+    let known = Known { candidates: Some(copy.candidates()), ..Known::default() };
 
     let Prepared { pair: copy, settings: suited, .. } = prepare(copy, known, &settings, means)?;
     let mut coarse = means.matcher.match_calibrated(&copy, &suited, means.how, means.control)?;

@@ -97,12 +97,6 @@ impl BlurCompensation {
         Self::new(noise, vec![[None, None]], Plane::from_fn(1, 1, |_, _| 0), 1)
     }
 
-    /// What is left of noise, by which pixels differ each by itself, in means of four pixels; impulses are repaired by then.
-    pub fn halved(&self) -> Result<Self> {
-        let halved = |deviations: [f64; 2]| deviations.map(|deviation| deviation / 2.0);
-        Self::of_noise(halved(self.noise))?.with_smoothing(halved(self.smoothing))
-    }
-
     /// The same for a pair whose first row is row `first` of the labeled one.
     pub fn starting_at_row(self, first: usize) -> Self {
         Self { first, ..self }
