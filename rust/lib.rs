@@ -175,6 +175,10 @@ pub mod internals {
         pub use crate::rig::*;
     }
     /// See the crate.
+    pub mod scales {
+        pub use crate::scales::*;
+    }
+    /// See the crate.
     pub mod verification {
         pub use crate::verification::*;
     }

@@ -23,6 +23,7 @@ mod normalization;
 mod optimization;
 mod outlines;
 mod reference;
+mod scales;
 mod smoothing;
 mod source;
 mod speckles;
