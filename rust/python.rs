@@ -55,7 +55,7 @@ use crate::refinement::flag;
 use crate::rig::alignment::Alignment;
 use crate::rig::blur;
 use crate::rig::blur_compensation::MOST_CLASSES;
-use crate::rig::estimation::compensation_plan::{LARGER, MUCH_LARGER};
+use crate::rig::estimation::suited::{LARGER, MUCH_LARGER};
 use crate::rig::estimation::overview::LEAST_SIZE;
 use crate::rig::estimation::{Known, Means, Prepared, prepare, prepare_and_match, prepare_by_rows};
 use crate::settings::presets::Preset;
