@@ -684,7 +684,8 @@ impl RegionMap {
         let mut areas = vec![0; kinds];
 
         self.labels.iter().for_each(|label| areas[usize::from(*label)] += 1);
-        let mut order: Vec<usize> = (0..kinds).filter(|kind| RARE * areas[*kind] >= self.labels.len()).collect();
+        let mut order: Vec<usize> =
+            (0..kinds).filter(|kind| RARE * areas[*kind] >= self.labels.len()).collect();
         order.sort_by_key(|kind| std::cmp::Reverse(areas[*kind]));
 
         let mut number = [0; MOST];

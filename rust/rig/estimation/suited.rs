@@ -126,7 +126,9 @@ impl Faults {
                 suited.p1 += STEP[0] * share;
                 suited.p2 += STEP[1] * share;
             }
-            if settings.smoothing_reach == usual.smoothing_reach && (is_blurred || self.blunts(share)) {
+            if settings.smoothing_reach == usual.smoothing_reach
+                && (is_blurred || self.blunts(share))
+            {
                 suited.smoothing_reach = FARTHER;
             }
             if settings.neighborhood == usual.neighborhood && (self.is_soft || self.noise >= NOISY)
