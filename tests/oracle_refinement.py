@@ -273,7 +273,7 @@ def median(disparity: Map) -> Map:
 
 
 def smooth(disparity: Map, reach: int) -> Map:
-    """Return the mean over `reach` pixels around of those that lie, as those opposite do, within 1."""
+    """Return the mean over the pixels around that lie, as those opposite do, within 1 of it."""
     total, count = np.zeros(disparity.shape), np.ones(disparity.shape)
     for dy, dx in itertools.product(range(-reach, reach + 1), repeat=2):
         if (dy, dx) != (0, 0):
