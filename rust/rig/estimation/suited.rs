@@ -220,7 +220,7 @@ mod tests {
         assert_eq!(changed(coding(1.0)), (3, 5, 6.0, 24.0, 5));
         assert_eq!(changed(coding(4.0)), (3, 5, 7.5, 36.0, 5));
         assert_eq!(changed(Faults { is_soft: true, ..NONE }), (5, 5, 8.0, 40.0, 5));
-        assert_eq!(changed(Faults { is_soft: true, ..noise(9.0) }), (5, 5, 9.5, 52.0, 5));
+        assert_eq!(changed(Faults { is_soft: true, ..noise(9.0) }), (5, 5, 9.0, 48.0, 5));
     }
 
     #[test]
