@@ -122,7 +122,8 @@ impl Faults {
 
         if settings.denoise {
             let share = self.share();
-            if [settings.p1, settings.p2] == [usual.p1, usual.p2] {
+            let penalties = |of: &Settings| [of.p1, of.p2].map(f64::to_bits);
+            if penalties(settings) == penalties(&usual) {
                 suited.p1 += STEP[0] * share;
                 suited.p2 += STEP[1] * share;
             }
