@@ -280,7 +280,8 @@ impl Draft<'_> {
         }
 
         if settings.subpixel {
-            let smooth = |from: &_, to: &mut _| subpixel::smooth(from, to, level, control);
+            let reach = settings.smoothing_reach;
+            let smooth = |from: &_, to: &mut _| subpixel::smooth(from, to, reach, level, control);
             replace(&mut disparity, &mut spare, smooth)?;
         }
 

@@ -23,6 +23,7 @@ pub mod compensation_plan;
 pub mod overview;
 pub mod range;
 pub mod rows;
+pub mod suited;
 pub mod tracks;
 pub mod trial;
 
@@ -34,6 +35,7 @@ use self::compensation_plan::CompensationPlan;
 use self::overview::{Overview, RoughMap};
 use self::range::{LeftOut, SearchRange};
 use self::rows::RowOffsets;
+use self::suited::suited;
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
 use crate::findings::{self, Finding};
@@ -414,7 +416,9 @@ fn estimate(
 
     let compensation = match (&blur, request.noise) {
         _ if request.compensation.is_some() => None,
-        (Some(blur), noise) => Some(CompensationPlan::new(blur, noise, settings)?),
+        (Some(blur), noise) => {
+            Some(CompensationPlan::new(blur, noise, &suited(blur, noise, &photometry, settings))?)
+        }
         (None, Some(noise)) => Some(CompensationPlan::of_noise(noise, settings)?),
         (None, None) => None,
     };
