@@ -168,7 +168,8 @@ def pair_statistics(
 ) -> PairStatistics:
     """Gather what must be known of a whole pair, in memory that does not grow with its height.
 
-    Parts that are matched with it come out as `phasestereo.match` has them, to the bit.
+    Parts that are matched with it come out as `phasestereo.match` has them with ``scales=False``, to
+    the bit: parts are matched at one scale.
 
     Parameters
     ----------
@@ -199,7 +200,8 @@ def pair_statistics(
     TypeError, ValueError, MemoryError, KeyboardInterrupt
         As `phasestereo.match`.
     """
-    asked = resolve(preset, settings, overrides)
+    # Parts are matched at one scale: what smaller copies of the whole pair say is not known in a part.
+    asked = replace(resolve(preset, settings, overrides), scales=False)
     rows = Checked(read, as_size(size))
 
     (left, right), masks = rows(0, 1)

@@ -193,7 +193,8 @@ class Result:
     timings
         Wall-clock seconds of the stages: ``"estimation"`` (of blur and noise, if they were asked
         for), ``"description"`` (images to codes), ``"matching"`` (codes to disparities),
-        ``"refinement"`` (checks, filling, smoothing, confidences), ``"temporal filter"`` (if there
+        ``"refinement"`` (checks, filling, smoothing, confidences), ``"scales"`` (smaller copies, if
+        they were matched, and planes), ``"temporal filter"`` (if there
         is one).
     uncertainty
         float32 (H, W), pixels: half the width of the interval around the disparity that holds the

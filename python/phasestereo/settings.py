@@ -181,6 +181,11 @@ class Settings:
         Estimates of less confidence, filled ones too, become NaN and are flagged; 0 to 1: 0.9
         leaves those of which at most one in ten is expected to be off by more than 1 px.
         Default 0.
+    scales
+        Whether copies of half the size, a quarter and so on decide where they are more likely to be
+        right than the pair as it is, as on plain surfaces in large images, and flat areas become
+        planes where these are (flags ``COARSE`` and ``INFERRED``). For ``cost="phase"``; parts of a
+        pair are matched without. Default True.
 
     Raises
     ------

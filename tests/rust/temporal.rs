@@ -1,6 +1,5 @@
 //! The temporal filter, against the recurrence as it is written down, pixel by pixel.
 
-use std::time::Duration;
 
 use crate::common::maps::bits;
 use crate::common::{at_every_level, hash, levels, mask, random, view};
@@ -41,8 +40,7 @@ fn seen(map: &Disparity, support: &Plane<u8>) -> Seen {
 }
 
 fn map(disparity: Plane<f32>, flags: Plane<u16>, confidence: Option<Plane<f32>>) -> Disparity {
-    let [description, matching, refinement] = [Duration::ZERO; 3];
-    let timings = Timings { description, matching, refinement };
+    let timings = Timings::default();
     // Bars of their own, which no confidence stands in for.
     let uncertainty = confidence.as_ref().map(|plane| plane.map(|value| 3.0 - value));
     Disparity { disparity, flags, confidence, uncertainty, wrong: None, timings }

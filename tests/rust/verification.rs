@@ -1,6 +1,5 @@
 //! The second opinion: its evidence and its verdicts, pixel by pixel from their definitions.
 
-use std::time::Duration;
 
 use crate::common::{hash, levels, mask, view};
 use phasestereo::internals::cost::Costs;
@@ -56,7 +55,6 @@ fn own() -> Disparity {
         _ => 0,
     };
     let confidence = |y: usize, x: usize| share(10, y / 6, x / 5).sqrt();
-    let none = Duration::ZERO;
 
     Disparity {
         disparity: Plane::from_fn(ROWS, COLS, disparity),
@@ -64,7 +62,7 @@ fn own() -> Disparity {
         confidence: Some(Plane::from_fn(ROWS, COLS, confidence)),
         uncertainty: None,
         wrong: None,
-        timings: Timings { description: none, matching: none, refinement: none },
+        timings: Timings::default(),
     }
 }
 
