@@ -141,6 +141,24 @@ impl<'a> Costs<'a> {
         Ok(Self { compared, candidates, cols, ceiling, steps, validity, valid })
     }
 
+    /// The Hamming distances of codes of one byte, which are known.
+    pub fn of_codes([left, right]: [&Plane<u8>; 2], candidates: Candidates) -> Result<Self> {
+        let cols = left.cols();
+        let bytes = |plane: Plane<u8>| BytePlanes { width: plane.cols(), plane, count: 1 };
+        let rights = vec![bytes(unroll(right, candidates, |code| code)?)];
+        let codes = PairCodes { left: bytes(left.clone()), rights, labels: None };
+
+        Ok(Self {
+            compared: Compared::Codes(codes),
+            candidates,
+            cols,
+            ceiling: 8,
+            steps: 1,
+            validity: None,
+            valid: None,
+        })
+    }
+
     /// Costs of the caller: rows of `columns x candidates`.
     pub fn of_volume(volume: &'a Plane<u16>, candidates: Candidates) -> Self {
         let cols = volume.cols() / candidates.count();

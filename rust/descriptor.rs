@@ -45,7 +45,7 @@ macro_rules! code {
         }
     )*};
 }
-code!(u16, u32, u64);
+code!(u8, u16, u32, u64);
 
 /// Codes in the narrowest words that hold them.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -166,7 +166,7 @@ impl Pair {
         let compensation =
             self.compensation.clone().map(|compensation| compensation.below(rows.start));
 
-        Self { left, right, compensation, ..self.clone() }
+        Self { left, right, candidates: self.candidates, compensation }
     }
 
     /// The pair with its ranges computed, so that any part of it is a part of the whole.

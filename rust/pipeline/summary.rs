@@ -5,6 +5,7 @@ use crate::image::plane::Plane;
 use crate::pipeline::matcher::Disparity;
 use crate::refinement::calibration::{FAILED, STEPS};
 use crate::refinement::flag;
+use crate::simd::{Level, Loop};
 
 /// Shares of the pixels of a map, and their mean confidence.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -37,6 +38,8 @@ struct PixelCounts {
     right: u64,
 }
 
+/// Pixels that are summed in 32 bits.
+const PART: usize = 2048;
 /// Flags of pixels whose disparity is not that of a match within the image.
 const FOREIGN: u16 = flag::OUTSIDE | flag::FILLED;
 
@@ -67,24 +70,74 @@ impl Summary {
 impl PixelCounts {
     fn new(disparity: &[f32], flags: &[u16], confidence: Option<&[f32]>, ends: [f32; 2]) -> Self {
         let mut counts = Self::default();
+        let level = Level::best();
 
-        for (disparity, flags) in disparity.iter().zip(flags) {
-            let is_own = flags & FOREIGN == 0;
-
-            counts.estimated += u64::from(!disparity.is_nan());
-            counts.flagged += u64::from(flags & FAILED != 0);
-            // Sub-pixel disparities lie up to half a pixel from their candidate.
-            counts.at_low += u64::from(is_own & (*disparity < ends[0] + 0.5));
-            counts.at_high += u64::from(is_own & (*disparity > ends[1] - 0.5));
+        // Sub-pixel disparities lie up to half a pixel from their candidate.
+        let ends = [ends[0] + 0.5, ends[1] - 0.5];
+        for (disparity, flags) in disparity.chunks(PART).zip(flags.chunks(PART)) {
+            let part = level.run(CountPart { disparity, flags, ends });
+            let [estimated, flagged, at_low, at_high] = part.map(u64::from);
+            counts.estimated += estimated;
+            counts.flagged += flagged;
+            counts.at_low += at_low;
+            counts.at_high += at_high;
         }
 
-        for (confidence, disparity) in confidence.unwrap_or_default().iter().zip(disparity) {
-            let steps = u64::from((confidence * STEPS) as u32);
-            counts.confidence += steps;
-            counts.right += if disparity.is_nan() { 0 } else { steps };
+        let confidence = confidence.unwrap_or_default().chunks(PART);
+        for (confidence, disparity) in confidence.zip(disparity.chunks(PART)) {
+            let [all, right] = level.run(SumPart { confidence, disparity });
+            counts.confidence += u64::from(all);
+            counts.right += u64::from(right);
         }
 
         counts
+    }
+}
+
+/// Counts pixels with an estimate, flagged ones, and those at either end.
+struct CountPart<'a> {
+    disparity: &'a [f32],
+    flags: &'a [u16],
+    ends: [f32; 2],
+}
+
+impl Loop for CountPart<'_> {
+    type Output = [u32; 4];
+
+    #[inline(always)]
+    fn run(self) -> [u32; 4] {
+        let [mut estimated, mut flagged, mut at_low, mut at_high] = [0; 4];
+
+        for (disparity, flags) in self.disparity.iter().zip(self.flags) {
+            let is_own = flags & FOREIGN == 0;
+            estimated += u32::from(!disparity.is_nan());
+            flagged += u32::from(flags & FAILED != 0);
+            at_low += u32::from(is_own & (*disparity < self.ends[0]));
+            at_high += u32::from(is_own & (*disparity > self.ends[1]));
+        }
+        [estimated, flagged, at_low, at_high]
+    }
+}
+
+/// Sums confidences, in steps: of all pixels, and of those with an estimate.
+struct SumPart<'a> {
+    confidence: &'a [f32],
+    disparity: &'a [f32],
+}
+
+impl Loop for SumPart<'_> {
+    type Output = [u32; 2];
+
+    #[inline(always)]
+    fn run(self) -> [u32; 2] {
+        let [mut all, mut right] = [0; 2];
+
+        for (confidence, disparity) in self.confidence.iter().zip(self.disparity) {
+            let steps = (confidence * STEPS) as i32 as u32;
+            all += steps;
+            right += if disparity.is_nan() { 0 } else { steps };
+        }
+        [all, right]
     }
 }
 

@@ -25,6 +25,7 @@ mod weights;
 
 use std::iter;
 use std::ops::Range;
+use std::sync::OnceLock;
 
 use rayon::prelude::*;
 
@@ -38,6 +39,7 @@ use crate::pipeline::matcher::Pair;
 use crate::refinement::flag;
 use crate::rig::blur_compensation::BlurCompensation;
 use crate::settings::Optimizer;
+use crate::simd::{Level, Loop};
 
 /// Traits of a pair.
 pub const TRAITS: usize = 8;
@@ -49,6 +51,8 @@ pub const FIRST_KNOT: f64 = -4.0;
 pub const BINS: usize = 1024;
 /// Steps of a confidence that is summed: integers sum to the same in any order.
 pub const STEPS: f32 = (1 << 20) as f32;
+/// Pixels whose confidences, in steps, sum to less than 2^32.
+const PART: usize = 2048;
 /// Images of at most so many rows are summed whole.
 pub const FEW_ROWS: usize = 768;
 /// Of others, so many bands of so many rows.
@@ -120,17 +124,12 @@ impl Tally {
         let below = if low == 0.0 { f32::NEG_INFINITY } else { low + 0.5 };
         let above = if high == 0.0 { f32::INFINITY } else { high - 0.5 };
 
-        let mut tally = Self { pixels: flags.len() as u64, ..Self::default() };
-
-        for ((confidence, disparity), flags) in confidence.iter().zip(disparity).zip(flags) {
-            let is_own = flags & flag::FILLED == 0 && !disparity.is_nan();
-            tally.confidence += if is_own { u64::from((confidence * STEPS) as u32) } else { 0 };
-            tally.own += u64::from(is_own);
-            tally.ends += u64::from(is_own & ((*disparity < below) | (*disparity > above)));
-            tally.failed += u64::from(flags & FAILED != 0);
-        }
-
-        tally
+        let parts = confidence.chunks(PART).zip(disparity.chunks(PART)).zip(flags.chunks(PART));
+        let tally = |((confidence, disparity), flags)| {
+            let part = TallyPart { confidence, disparity, flags, ends: [below, above] };
+            Level::best().run(part)
+        };
+        parts.map(tally).fold(Self::default(), Self::and)
     }
 
     /// The sums over those rows of a whole raw map that are to be sampled.
@@ -159,6 +158,42 @@ impl Tally {
     }
 }
 
+/// Sums over at most [`PART`] pixels.
+struct TallyPart<'a> {
+    confidence: &'a [f32],
+    disparity: &'a [f32],
+    flags: &'a [u16],
+    /// Disparities below the first and above the second are at an end.
+    ends: [f32; 2],
+}
+
+impl Loop for TallyPart<'_> {
+    type Output = Tally;
+
+    #[inline(always)]
+    fn run(self) -> Tally {
+        let Self { confidence, disparity, flags, ends } = self;
+        let [mut confidences, mut own, mut failed, mut at_ends] = [0u32; 4];
+
+        for ((confidence, disparity), flags) in confidence.iter().zip(disparity).zip(flags) {
+            let is_own = (flags & flag::FILLED == 0) & !disparity.is_nan();
+            let steps = (confidence * STEPS) as i32 as u32;
+            confidences += if is_own { steps } else { 0 };
+            own += u32::from(is_own);
+            at_ends += u32::from(is_own & ((*disparity < ends[0]) | (*disparity > ends[1])));
+            failed += u32::from(flags & FAILED != 0);
+        }
+
+        Tally {
+            confidence: confidences.into(),
+            own: own.into(),
+            failed: failed.into(),
+            ends: at_ends.into(),
+            pixels: flags.len() as u64,
+        }
+    }
+}
+
 /// The rows of an image of this height that a tally is taken of.
 pub fn sampled(height: usize) -> Vec<Range<usize>> {
     if height <= FEW_ROWS {
@@ -174,6 +209,12 @@ pub fn sampled(height: usize) -> Vec<Range<usize>> {
 fn odds(share: f64) -> f64 {
     let share = share.clamp(CERTAIN, 1.0 - CERTAIN);
     ln(share / (1.0 - share))
+}
+
+/// The same of the middle of every step of a raw confidence, which are computed once.
+fn odds_of_bins() -> &'static [f64] {
+    static ODDS: OnceLock<Vec<f64>> = OnceLock::new();
+    ODDS.get_or_init(|| (0..BINS).map(|bin| odds((bin as f64 + 0.5) / BINS as f64)).collect())
 }
 
 /// What was found to spoil a pair.
@@ -225,8 +266,8 @@ pub fn traits(tally: Tally, faults: Faults) -> [f64; TRAITS] {
 /// The confidence and the bar of every raw confidence, of one pair.
 #[derive(Debug)]
 pub struct Calibration {
-    /// Of disparities of their own, and of filled ones.
-    tables: [Vec<[f32; 2]>; 2],
+    /// Of disparities of their own, then of filled ones.
+    tables: Vec<[f32; 2]>,
 }
 
 impl Calibration {
@@ -240,7 +281,7 @@ impl Calibration {
             traits.iter().zip(&weights.bars).map(|(value, weight)| value * weight).sum();
 
         let entry = |bin: usize, [height, slope]: [f64; 2], knots: &[f64; KNOTS]| {
-            let z = height + slope * odds((bin as f64 + 0.5) / BINS as f64);
+            let z = height + slope * odds_of_bins()[bin];
             let confidence = 1.0 / (1.0 + exp(-z));
             [confidence as f32, exp(at(knots, z) + wider) as f32]
         };
@@ -249,7 +290,7 @@ impl Calibration {
         let table = |which: usize| {
             (0..BINS).map(move |bin| entry(bin, lines[which], &weights.knots[which]))
         };
-        Self { tables: [table(0).collect(), table(1).collect()] }
+        Self { tables: table(0).chain(table(1)).collect() }
     }
 
     /// Replaces raw confidences, and returns the bars: 0 and NaN where there is no disparity.
@@ -279,12 +320,9 @@ impl Calibration {
     /// Confidence and bar of a pixel, from its raw confidence and its disparity.
     #[inline(always)]
     fn of_pixel(&self, [raw, disparity]: [f32; 2], is_filled: bool) -> [f32; 2] {
-        if disparity.is_nan() {
-            return [0.0, f32::NAN];
-        }
-
-        let bin = ((raw * BINS as f32) as usize).min(BINS - 1);
-        self.tables[usize::from(is_filled)][bin]
+        let bin = ((raw * BINS as f32) as i32).clamp(0, BINS as i32 - 1) as usize;
+        let known = self.tables[usize::from(is_filled) * BINS + bin];
+        if disparity.is_nan() { [0.0, f32::NAN] } else { known }
     }
 }
 

@@ -4,8 +4,9 @@
 //!    the two images that show the same.
 //! 2. The power spectra of each such pair of blocks are taken (`spectrum`) and averaged in bins (`bins`). Their quotient
 //!    is made of gain, noise, and the response of the relative blur, whatever the blocks show.
-//! 3. Each of a bank of blurs (`bank`) is fitted to every pair of blocks (`fit`); the fewest that explain
-//!    the tiles of the image are kept (`regions`).
+//! 3. Each of a bank of blurs (`bank`) is fitted to all blocks together, then to every pair of blocks (`fit`); the fewest
+//!    that explain the tiles of the image are kept (`regions`). Where none explains all of them together, only the
+//!    pairs are fitted to the whole bank that one of a few blurs explains better than none.
 //!    Where no blur of one image explains all blocks together, one of each image may do (`two_sided`).
 //! 4. Size and direction of each kind are refined (`refine`) on the powers of all its blocks together; where no family
 //!    explains these well, the kernel is measured (`measured`).
@@ -29,6 +30,7 @@ mod transform;
 mod two_sided;
 
 use std::borrow::Cow;
+use std::iter;
 use std::ops::Range;
 
 use rayon::prelude::*;
@@ -42,7 +44,7 @@ pub use self::glance::Glance;
 use self::measured::{add_cross_spectra, measured};
 use self::parts::{Means, PairRows, Part, ROUGHEST, blocks};
 use self::refine::refine;
-use self::regions::{Losses, MOST};
+use self::regions::{Losses, MOST, first};
 use self::rough::{Correspondence, Rough, RoughScale, shades_per_unit};
 use self::search::{Blocks, Choice, flat, searched};
 pub use self::spectrum::BlockPlace;
@@ -142,6 +144,16 @@ struct Grid {
     cols: usize,
     places: Vec<Option<BlockPlace>>,
     powers: Vec<Powers>,
+}
+
+/// The blocks of a grid together.
+struct AllBlocks {
+    /// Their mean powers.
+    powers: Powers,
+    /// The evidence of these.
+    blocks: Blocks,
+    /// The loss of every choice.
+    losses: Vec<f32>,
 }
 
 /// The pair, and what the steps of its estimation have in common.
@@ -260,14 +272,16 @@ impl<'a> BlurEstimation<'a> {
         // Steps 1 and 2.
         let grid = self.grid(self.spacing(), |_| true)?;
         let noise = grid.noise();
-        if let Some(kind) = self.two_sided(&grid, noise) {
+        let all = AllBlocks::new(&grid, noise, self.level());
+        if let Some(kind) = all.as_ref().and_then(|all| self.two_sided(all)) {
             return Ok(self.finished(vec![kind], RegionMap::uniform(self.size), grid, noise));
         }
 
         let blocks = grid.blocks(noise, self.level());
 
         // Step 3: which blurs explain the tiles, and which tiles each of them explains best.
-        let chosen = grid.searched(&blocks, self.level()).chosen();
+        let is_sharp = all.is_some_and(|all| first(iter::once(&*all.losses)) == Some(0));
+        let chosen = grid.searched(&blocks, is_sharp, self.level()).chosen();
         let choices: Vec<Choice> = chosen.iter().map(|choice| Choice::at(*choice)).collect();
         let losses = grid.losses(&blocks, &choices, self.level());
 
@@ -356,27 +370,19 @@ impl<'a> BlurEstimation<'a> {
     }
 
     /// The blurs of both images, if they explain all blocks together clearly better than any blur of one image.
-    fn two_sided(&self, grid: &Grid, noise: [f32; 2]) -> Option<FittedBlur> {
-        let tiles: Vec<usize> =
-            (0..grid.places.len()).filter(|tile| grid.places[*tile].is_some()).collect();
-        if tiles.len() < LEAST_BLOCKS {
-            return None;
-        }
-
-        let powers = grid.together(&tiles);
-        let blocks = Blocks::new(&powers, noise, self.level());
-        let one_sided = blocks.losses(self.level()).into_iter().fold(f32::INFINITY, f32::min);
+    fn two_sided(&self, all: &AllBlocks) -> Option<FittedBlur> {
+        let one_sided = all.losses.iter().copied().fold(f32::INFINITY, f32::min);
         if one_sided <= DOUBTFUL {
             return None;
         }
 
-        let found = find_two_sided(&blocks.evidence, self.level())?;
+        let found = find_two_sided(&all.blocks.evidence, self.level())?;
         let is_slight = found.entries.iter().any(|entry| entry.psf.spread() < LEAST_SPREAD);
         if is_slight || found.loss() > CLEARLY_BETTER * one_sided {
             return None;
         }
 
-        Some(FittedBlur::of_both_images(found, powers))
+        Some(FittedBlur::of_both_images(found, all.powers.clone()))
     }
 
     /// The blur of these tiles together: of a family, or measured, or none.
@@ -529,6 +535,22 @@ impl<'a> BlurEstimation<'a> {
     }
 }
 
+impl AllBlocks {
+    /// `None` where there are few blocks.
+    fn new(grid: &Grid, noise: [f32; 2], level: Level) -> Option<Self> {
+        let tiles: Vec<usize> =
+            (0..grid.places.len()).filter(|tile| grid.places[*tile].is_some()).collect();
+        if tiles.len() < LEAST_BLOCKS {
+            return None;
+        }
+
+        let powers = grid.together(&tiles);
+        let blocks = Blocks::new(&powers, noise, level);
+        let losses = blocks.losses(level);
+        Some(Self { powers, blocks, losses })
+    }
+}
+
 impl Grid {
     /// The power of the noise of either image, from its quietest blocks.
     fn noise(&self) -> [f32; 2] {
@@ -560,7 +582,7 @@ impl Grid {
     }
 
     /// The loss of each of all blurs on every tile; some blocks are not fitted to all of them.
-    fn searched(&self, blocks: &[Blocks], level: Level) -> Losses {
+    fn searched(&self, blocks: &[Blocks], is_sharp: bool, level: Level) -> Losses {
         let with_blocks = self.places.iter().enumerate().filter(|(_, place)| place.is_some());
         // Samples lie in every row, shifted by half a sample from row to row.
         let is_sample = with_blocks.map(|(tile, _)| {
@@ -569,7 +591,7 @@ impl Grid {
         });
         let is_sample: Vec<bool> = is_sample.collect();
 
-        self.on_tiles(1 + 2 * bank().len(), searched(blocks, &is_sample, level))
+        self.on_tiles(1 + 2 * bank().len(), searched(blocks, &is_sample, is_sharp, level))
     }
 
     /// Losses of blocks as losses of tiles; infinite for tiles without a block.

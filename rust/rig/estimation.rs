@@ -458,19 +458,20 @@ impl Geometry {
         let Some(copies) = is_needed.then(|| copies(means)).transpose()?.flatten() else {
             return Ok(Self::default());
         };
-        let overview = copies.usual(means)?;
+        let usual = copies.usual(means)?;
+        let overview = usual.as_ref().unwrap_or(&copies);
 
         let mut rough = overview.rough(request.candidates, None, means)?;
         let (mut offsets, mut alignment) = (None, None);
         if request.rows {
-            let found = rows::offsets(rows, &overview, &rough, request.candidates, means)?;
+            let found = rows::offsets(rows, overview, &rough, request.candidates, means)?;
             offsets = found.offsets;
             let significant = offsets.as_ref().filter(|offsets| offsets.is_significant());
             alignment = significant.map(|offsets| offsets.field.clone());
 
             if let Some(field) = &alignment {
                 rough = found.map.unwrap_or(rough);
-                if !rows::is_straight(&overview, &rough, field) {
+                if !rows::is_straight(overview, &rough, field) {
                     rough = overview.rough(request.candidates, Some(field), means)?;
                 }
             }
@@ -483,10 +484,10 @@ impl Geometry {
 
         let last = wide.as_ref().unwrap_or(&rough);
         let is_asked = request.candidates.is_none() || is_poor;
-        let found = is_asked.then(|| range::range(&copies, &overview, last, means)).transpose()?;
+        let found = is_asked.then(|| range::range(&copies, overview, last, means)).transpose()?;
         let found = found.flatten();
         let left_out = match (request.candidates, &found) {
-            (Some(given), _) => range::left_out(&overview, &rough, given, means)?,
+            (Some(given), _) => range::left_out(overview, &rough, given, means)?,
             (None, Some(found)) => found.left_out.clone(),
             (None, None) => vec![],
         };
@@ -497,7 +498,7 @@ impl Geometry {
             && overview.inverted().rough(None, None, means)?.confidence
                 >= overview::GOOD_CONFIDENCE;
 
-        let contrast = sample.scales.contrast(&overview, last);
+        let contrast = sample.scales.contrast(overview, last);
         let rough = Some((rough, overview.factor));
         Ok(Self { confidence, is_inverted, range, left_out, offsets, alignment, contrast, rough })
     }

@@ -10,7 +10,7 @@ use phasestereo::internals::image::view::{Image, View};
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::{Execution, Matcher};
 use phasestereo::internals::rig::estimation::Means;
-use phasestereo::internals::rig::estimation::areas::{Area, areas};
+use phasestereo::internals::rig::estimation::areas::{Area, Guess, areas};
 use phasestereo::internals::rig::estimation::overview::Overview;
 use phasestereo::internals::settings::Settings;
 use phasestereo::internals::settings::presets::Preset;
@@ -59,12 +59,28 @@ fn copies(things: &[(usize, usize, usize, usize, isize)]) -> Overview {
     Overview { factor: 1, planes: [plane(false), plane(true)], valid }
 }
 
-fn found(copies: &Overview, threads: usize, level: Level) -> Vec<Area> {
+/// A rough match of copies of the same size that has found the background, with errors and gaps.
+fn guessed() -> Plane<f32> {
+    Plane::from_fn(SIZE.0, SIZE.1, |y, x| match hash(99, y, x) % 16 {
+        0 => f32::NAN,
+        1 => FAR as f32 + 1.0,
+        _ if x < 5 => f32::NAN,
+        _ => FAR as f32,
+    })
+}
+
+/// One of copies of half the size.
+fn guessed_on_smaller() -> Plane<f32> {
+    let (rows, cols) = (SIZE.0 / 2, SIZE.1 / 2);
+    Plane::from_fn(rows, cols, |y, x| if hash(98, y, x).is_multiple_of(9) { f32::NAN } else { 2.0 })
+}
+
+fn found(copies: &Overview, guess: Guess, threads: usize, level: Level) -> Vec<Area> {
     let matcher = Matcher::new(threads).expect("threads");
     let control = Control::default();
     let means = Means { matcher: &matcher, how: Execution { threads, level }, control: &control };
 
-    matcher.install(|| areas(copies, RUN, REACH, None, means)).expect("it runs")
+    matcher.install(|| areas(copies, guess, RUN, REACH, None, means)).expect("it runs")
 }
 
 /// The sums of a pixel over its window by disparity; `None` where the match lies outside the image.
@@ -107,6 +123,21 @@ impl Sums {
         )
     }
 
+    /// The sum where every pixel of the window has a disparity of its own; matches outside the image are on its border.
+    fn along(&self, y: usize, x: usize, disparity: impl Fn(usize, usize) -> isize) -> u64 {
+        let clamped = |at: usize, by: isize, length: usize| {
+            (at as isize + by).clamp(0, length as isize - 1) as usize
+        };
+        let places = (-4..=4).flat_map(|dy| (-1..=1).map(move |dx| (dy, dx)));
+        places
+            .map(|(dy, dx)| {
+                let (y, x) = (clamped(y, dy, SIZE.0), clamped(x, dx, SIZE.1));
+                let k = (disparity(y, x) - self.low) as usize;
+                u64::from(self.costs.row(y)[x * self.count + k])
+            })
+            .sum()
+    }
+
     /// The least sum over some disparities, and the first that has it.
     fn least(&self, y: usize, x: usize, is_one: impl Fn(isize) -> bool) -> (u64, isize) {
         (self.low..self.low + self.count as isize)
@@ -121,7 +152,7 @@ impl Sums {
 type Member = ((usize, usize), (isize, u64));
 
 /// The areas by the definition.
-fn naive(copies: &Overview) -> Vec<Area> {
+fn naive(copies: &Overview, guess: Guess) -> Vec<Area> {
     let [left, right] = copies.planes.each_ref().map(|plane| as_view(plane.clone()));
     let (forward, back) =
         (Sums::new(&left, &right, REACH), Sums::new(&right, &left, (-REACH.1, -REACH.0)));
@@ -133,14 +164,37 @@ fn naive(copies: &Overview) -> Vec<Area> {
     let is_judged = |(y, x): (usize, usize)| {
         copies.valid.row(y)[x] && (0..SIZE.1 as isize).contains(&(x as isize - 3))
     };
-    let mut judged: Vec<u64> =
-        pixels.iter().filter(|at| is_judged(**at)).map(|at| along(*at)).collect();
+    // The disparity that the rough match found at a pixel, or left of it.
+    let rough = |y: usize, x: usize| {
+        let plane = guess.disparity;
+        let row = plane.row((y * guess.by / guess.finer).min(plane.rows() - 1));
+        let at = |x: usize| row[(x * guess.by / guess.finer).min(plane.cols() - 1)];
+        let known = (0..=x).rev().map(at).find(|value| !value.is_nan());
+        let scaled = |value: f32| value * guess.finer as f32 / guess.by as f32;
+        known
+            .map_or(isize::midpoint(RUN.0, RUN.1), |value| scaled(value).round_ties_even() as isize)
+    };
+    let within = guess.finer as isize / 2;
+    let guessed = |(y, x): (usize, usize)| {
+        let sums = (-within..=within).map(|off| forward.along(y, x, |y, x| rough(y, x) + off));
+        sums.min().expect("one")
+    };
+
+    let guessed: Vec<u64> = pixels.iter().map(|at| guessed(*at)).collect();
+    let mut judged: Vec<u64> = pixels
+        .iter()
+        .zip(&guessed)
+        .filter(|(at, _)| is_judged(**at))
+        .map(|(_, sum)| *sum)
+        .collect();
     judged.sort_unstable();
     let median = judged[judged.len() / 2];
 
-    let mut many = vec![0; 100 * 100];
-    for at in pixels.iter().filter(|at| is_judged(**at) && along(**at) > median + 27) {
-        many[at.0 / 8 * 100 + at.1 / 8] += 1;
+    let (mut doubtful, mut many) = (vec![0; 100 * 100], vec![0; 100 * 100]);
+    for (at, sum) in pixels.iter().zip(guessed).filter(|(at, _)| is_judged(**at)) {
+        let block = at.0 / 8 * 100 + at.1 / 8;
+        doubtful[block] += usize::from(sum > median + 27);
+        many[block] += usize::from(along(*at) > median + 27);
     }
 
     // The disparity and the gain of the pixels that stand out.
@@ -149,7 +203,8 @@ fn naive(copies: &Overview) -> Vec<Area> {
         let (own, disparity) = forward.least(y, x, |disparity| !is_along(disparity));
         let others =
             forward.least(y, x, |other| is_along(other) || (other - disparity).abs() > 2).0;
-        let is_searched = many[y / 8 * 100 + x / 8] >= 10;
+        let block = y / 8 * 100 + x / 8;
+        let is_searched = doubtful[block] >= 10 && many[block] >= 10;
         (is_searched && 8 * own < 7 * others).then(|| (disparity, others - own))
     };
     let mut open: Vec<Option<(isize, u64)>> = pixels.iter().map(|at| stands_out(*at)).collect();
@@ -200,19 +255,38 @@ fn naive(copies: &Overview) -> Vec<Area> {
 #[test]
 fn areas_are_those_of_the_definition() {
     let copies = copies(&[(10, 30, 60, 4, 34), (44, 12, 40, 14, -22), (0, 9, 80, 20, 25)]);
-    let expected = naive(&copies);
-    assert!(expected.len() >= 2, "{expected:?}");
+    let (same, smaller) = (guessed(), guessed_on_smaller());
 
-    for level in levels() {
-        for threads in [1, 3] {
-            assert_eq!(found(&copies, threads, level), expected, "{}", level.name());
+    for guess in [
+        Guess { disparity: &same, by: 1, finer: 1 },
+        Guess { disparity: &smaller, by: 1, finer: 2 },
+    ] {
+        let expected = naive(&copies, guess);
+        assert!(expected.len() >= 2, "{expected:?}");
+
+        for level in levels() {
+            for threads in [1, 3] {
+                assert_eq!(found(&copies, guess, threads, level), expected, "{}", level.name());
+            }
         }
     }
 }
 
 #[test]
+fn what_a_larger_match_says_is_scaled() {
+    let copies = copies(&[(10, 30, 60, 4, 34), (0, 9, 80, 20, 25)]);
+    let large = Plane::from_fn(2 * SIZE.0, 2 * SIZE.1, |y, x| {
+        if (y * x).is_multiple_of(6) { 2.0 * FAR as f32 } else { 99.0 }
+    });
+
+    let guess = Guess { disparity: &large, by: 2, finer: 1 };
+    assert_eq!(found(&copies, guess, 1, Level::best()), naive(&copies, guess));
+}
+
+#[test]
 fn a_thin_thing_is_found_where_it_is() {
-    let found = found(&copies(&[(10, 30, 60, 4, 34)]), 1, Level::best());
+    let guess = Guess { disparity: &guessed(), by: 1, finer: 1 };
+    let found = found(&copies(&[(10, 30, 60, 4, 34)]), guess, 1, Level::best());
     let largest = found.iter().max_by_key(|area| area.gain).expect("one");
 
     assert_eq!(largest.span, (34, 34));
@@ -223,5 +297,6 @@ fn a_thin_thing_is_found_where_it_is() {
 
 #[test]
 fn nothing_is_found_where_all_lies_in_the_run() {
-    assert_eq!(found(&copies(&[]), 1, Level::best()), []);
+    let guess = Guess { disparity: &guessed(), by: 1, finer: 1 };
+    assert_eq!(found(&copies(&[]), guess, 1, Level::best()), []);
 }

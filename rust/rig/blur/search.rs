@@ -145,9 +145,13 @@ impl Blocks {
     }
 }
 
-/// The losses of all choices on many pairs of blocks. Those of a sample are tried with all choices; the others only if
-/// something explains them better than what explains the sample best.
-pub fn searched(all: &[Blocks], is_sample: &[bool], level: Level) -> Vec<Vec<f32>> {
+/// The losses of all choices on many pairs of blocks. Those of a sample are tried with all choices, if not all blocks
+/// together are sharp; the others only if something explains them better than what explains the sample best.
+pub fn searched(all: &[Blocks], is_sample: &[bool], is_sharp: bool, level: Level) -> Vec<Vec<f32>> {
+    if is_sharp {
+        return all.par_iter().map(|blocks| blocks.losses_unless_explained(0, level)).collect();
+    }
+
     let of_sample: Vec<Option<Vec<f32>>> = all
         .par_iter()
         .zip(is_sample)
@@ -237,7 +241,7 @@ mod tests {
             let blocks = [usual, usual, usual, odd]
                 .map(|blur| Blocks::new(&spectra(blur, 0.1), [0.1; 2], level));
 
-            let found = searched(&blocks, &[true, true, false, false], level);
+            let found = searched(&blocks, &[true, true, false, false], false, level);
             assert_eq!(found[0], blocks[0].losses(level));
             assert_eq!(found[3], blocks[3].losses(level), "it is not explained");
 
@@ -248,5 +252,16 @@ mod tests {
                 assert_eq!(loss.to_bits(), expected.to_bits(), "{choice}");
             }
         }
+    }
+
+    #[test]
+    fn where_all_blocks_together_are_sharp_the_bank_is_tried_on_those_that_are_not() {
+        let disk = bank().iter().position(|entry| entry.psf.family == Family::Disk);
+        let level = Level::best();
+        let blocks = [None, disk].map(|blur| Blocks::new(&spectra(blur, 0.1), [0.1; 2], level));
+
+        let found = searched(&blocks, &[true, true], true, level);
+        assert_eq!(found[1], blocks[1].losses(level));
+        assert!(found[0][1..].iter().all(|loss| loss.to_bits() == UNTRIED.to_bits()));
     }
 }

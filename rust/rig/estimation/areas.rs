@@ -1,11 +1,16 @@
 //! Areas that match outside the run of disparities that most of a pair has: small, near or thin things.
 //!
 //! Where pixels cost much along the run, every disparity within reach is tried, on copies of the images, by the codes of
-//! small neighborhoods summed over small windows: things a few pixels wide fill them.
+//! small neighborhoods summed over small windows: things a few pixels wide fill them. A rough match of the run says first
+//! where that may be: most pixels cost little at the disparities that it found.
 //!
 //! ```text
 //! sum(y, x, d)    = bits in which the codes of left (y, x) and right (y, x - d) differ, summed over WINDOW around them
-//! block           = searched if in MANY of its pixels the least sum along the run is above the median plus DEAR
+//! guessed         = the same sum, but each pixel of the window has the disparity that the rough match found there; if that
+//!                   is one of smaller copies, the least of those that this may stand for
+//! median          = that of guessed, of the pixels that see the middle of the run
+//! doubtful block  = guessed is above the median plus DEAR in MANY of its pixels
+//! block           = searched if it is doubtful, and so is the least sum along the run in MANY of its pixels
 //! own, d          = min, argmin of sum(y, x, d) over the d outside the run
 //! along           = min of sum(y, x, d) over the run
 //! elsewhere       = min of sum(y, x, d') over all d' but d and those NEXT to it
@@ -23,22 +28,27 @@ use rayon::prelude::*;
 use super::overview::{Overview, Span};
 use crate::cost::Costs;
 use crate::cost::candidates::Candidates;
+use crate::descriptor::describe_as;
 use crate::error::Result;
+use crate::image::intensity::Gray;
 use crate::image::plane::Plane;
-use crate::image::view::View;
 use crate::rig::alignment::Alignment;
 use crate::rig::blur::parts::Means;
 use crate::rig::blur::rough::{as_view, raised};
 use crate::settings::Settings;
 use crate::settings::presets::Preset;
 use crate::simd::Loop;
-use crate::value::{LANES, Lanes};
+use crate::value::{LANES, Lanes, least_lane, nearest};
 
 /// Rows, and columns, on either side of the middle of a window: tall ones lie within upright things. Sums over them of
 /// codes of 8 bits fit a byte.
 const AROUND: (usize, usize) = (4, 1);
 /// Rows and columns of a window.
 const WINDOW: (usize, usize) = (2 * AROUND.0 + 1, 2 * AROUND.1 + 1);
+/// Rows of a task that sums at the guessed disparities.
+const GUESSED_ROWS: usize = 64;
+/// Columns that are searched together: sums over them stay in the first-level cache.
+const LONGEST: usize = 64;
 /// Side of the blocks of pixels that are searched or left out together.
 const BLOCK: usize = 8;
 /// Pixels of a block that cost much along the run, from which on it is searched.
@@ -69,141 +79,163 @@ pub struct Area {
     pub gain: u64,
 }
 
-/// What is known of a pixel of the copies.
+/// A pixel that stands out.
 #[derive(Debug, Clone, Copy)]
-struct Best {
+struct Found {
     /// The candidate with the least sum outside the run.
     chosen: u16,
-    /// That sum.
-    own: u8,
-    /// The least sum along the run.
-    along: u8,
-    /// The least sum of all candidates not next to the chosen one.
-    elsewhere: u8,
+    /// By how many bits nothing else fits as well.
+    gain: u16,
 }
 
-impl Best {
-    /// Not searched.
-    const NONE: Self = Self { chosen: 0, own: u8::MAX, along: 0, elsewhere: 0 };
+/// A pixel that stands out, and its place in the copy.
+type Member = (usize, Found);
 
-    /// Whether nothing else fits nearly as well.
-    fn stands_out(self) -> bool {
-        8 * u32::from(self.own) < 7 * u32::from(self.along.min(self.elsewhere))
-    }
-
-    /// By how many bits nothing else fits as well.
-    fn gain(self) -> u64 {
-        self.along.min(self.elsewhere).saturating_sub(self.own).into()
-    }
+/// The disparities of copies that a rough match found, of which every pixel of the copies has one.
+#[derive(Debug, Clone, Copy)]
+pub struct Guess<'a> {
+    /// Disparities of copies of another size; NaN where there is none.
+    pub disparity: &'a Plane<f32>,
+    /// The factor by which these are larger, or 1,
+    pub by: usize,
+    /// ... or smaller, or 1.
+    pub finer: usize,
 }
 
 /// The blocks of an image that are searched.
 struct Blocks {
+    /// Rows of pixels.
+    rows: usize,
+    /// Blocks of a row.
     cols: usize,
     is_searched: Vec<bool>,
+}
+
+/// What is searched: the codes of both copies, and the run.
+struct Search<'a> {
+    codes: [Plane<u8>; 2],
+    /// Whether the pixels of the left copy are valid.
+    valid: &'a Plane<bool>,
+    run: Span,
+    means: Means<'a>,
 }
 
 /// The areas that match outside a run of disparities of the copies, from the top left. `low` to `high` are tried.
 pub fn areas(
     copies: &Overview,
+    guess: Guess,
     run: Span,
     (low, high): Span,
     field: Option<&Alignment>,
     means: Means,
 ) -> Result<Vec<Area>> {
-    let [left, right] = &copies.planes;
-    let (rows, cols) = (left.rows(), left.cols());
-    let right = match field {
-        Some(field) => raised(right, field, copies.factor, means.control)?,
-        None => right.clone(),
-    };
-    let views = [as_view(left.clone()), as_view(right)];
-    let [left, right] = &views;
-
-    let candidates = |(low, high): Span| {
-        let count = (high - low + 1).clamp(1, cols as isize);
-        let low = low.clamp(1 - cols as isize - (count - 1), cols as isize - 1);
-        Candidates::new(low as i64, count as i64, cols)
-    };
-    let blocks = Blocks::searched([left, right], copies, candidates(run)?, run, means)?;
-    if !blocks.is_searched.contains(&true) {
+    let search = Search::new(copies, run, field, means)?;
+    let Some(blocks) = search.blocks(guess)? else {
         return Ok(vec![]);
-    }
-
-    let tried = candidates((low, high))?;
-    let index =
-        |disparity: isize| (disparity - tried.min()).clamp(0, tried.count() as isize) as usize;
-    let along = index(run.0 - 1)..index(run.1 + 2);
-
-    let found = searched([left, right], tried, along, &blocks, means)?;
-    let areas = connected(&found, (rows, cols), |at| found[at].stands_out());
-    if areas.is_empty() {
-        return Ok(vec![]);
-    }
-
-    // The same from the right image, only where these areas are seen there.
-    let mut is_hit = Plane::new(rows, cols)?;
-    let at_right = |at: usize| {
-        let column = tried.column(at % cols, usize::from(found[at].chosen), cols);
-        (at / cols, column)
-    };
-    for at in areas.iter().flatten() {
-        let (y, x) = at_right(*at);
-        is_hit.row_mut(y)[x] = true;
-    }
-    // From the right image, disparities are negative.
-    let mirrored = candidates((-tried.disparity(tried.count() - 1), -tried.min()))?;
-    let blocks = Blocks::with_at_least(1, &is_hit);
-    let back = searched([right, left], mirrored, 0..0, &blocks, means)?;
-    let is_seen = |at: usize| {
-        let (y, x) = at_right(at);
-        let expected = tried.count() - 1 - usize::from(found[at].chosen);
-        usize::from(back[y * cols + x].chosen).abs_diff(expected) <= NEXT
     };
 
-    let area = |pixels: &Vec<usize>| {
-        let bounds = |of: &dyn Fn(usize) -> usize| {
-            let values = pixels.iter().map(|at| of(*at));
+    let cols = search.codes[0].cols();
+    let tried = candidates((low, high), cols)?;
+    let found = search.outside(tried, &blocks)?;
+    let areas = connected(&found, cols);
+
+    // The same from the right image, where disparities are negative.
+    let mirrored = candidates((-tried.disparity(tried.count() - 1), -tried.min()), cols)?;
+    let [left, right] = &search.codes;
+    let back = Costs::of_codes([right, left], mirrored)?;
+    let is_seen = |(at, found): &&Member| {
+        let x = tried.column(at % cols, found.chosen.into(), cols);
+        let choose = Choose { costs: &back, rows: left.rows(), cols, y: at / cols, x };
+        let there = mirrored.disparity(means.how.level.run(choose));
+        (there + tried.disparity(found.chosen.into())).unsigned_abs() <= NEXT
+    };
+
+    let area = |members: &Vec<Member>| {
+        means.control.checkpoint()?;
+        let bounds = |of: &dyn Fn(&Member) -> usize| {
+            let values = members.iter().map(of);
             let least = values.clone().min().unwrap_or_default();
             (least, values.max().unwrap_or_default())
         };
-        let (top, bottom) = bounds(&|at| at / cols);
-        let (first, last) = bounds(&|at| at % cols);
-        let (nearest, farthest) = bounds(&|at| usize::from(found[at].chosen));
+        let (top, bottom) = bounds(&|(at, _)| at / cols);
+        let (first, last) = bounds(&|(at, _)| at % cols);
+        let (nearest, farthest) = bounds(&|(_, found)| found.chosen.into());
 
-        Area {
+        Ok(Area {
             rows: top..bottom + 1,
             columns: first..last + 1,
             span: (tried.disparity(nearest), tried.disparity(farthest)),
-            size: pixels.len(),
-            seen: pixels.iter().filter(|at| is_seen(**at)).count(),
-            gain: pixels.iter().map(|at| found[*at].gain()).sum(),
-        }
+            size: members.len(),
+            seen: members.iter().filter(is_seen).count(),
+            gain: members.iter().map(|(_, found)| u64::from(found.gain)).sum(),
+        })
     };
-
-    Ok(areas.iter().map(area).collect())
+    areas.par_iter().map(area).collect()
 }
 
-impl Blocks {
-    /// The blocks with enough pixels that cost much along a run, of those that see the middle of it.
-    fn searched(
-        views: [&View; 2],
-        copies: &Overview,
-        candidates: Candidates,
-        run: Span,
-        means: Means,
-    ) -> Result<Self> {
-        let (rows, cols, _) = views[0].image.shape();
-        let all = Self::with_at_least(0, &Plane::new(rows, cols)?);
-        let found = searched(views, candidates, 0..0, &all, means)?;
+/// The candidates of a span, cut to what the width of the copies allows.
+fn candidates((low, high): Span, cols: usize) -> Result<Candidates> {
+    let count = (high - low + 1).clamp(1, cols as isize);
+    let low = low.clamp(1 - cols as isize - (count - 1), cols as isize - 1);
+    Candidates::new(low as i64, count as i64, cols)
+}
 
-        let middle = (run.0 + run.1).div_euclid(2);
-        let is_judged = |y: usize, x: usize| {
-            copies.valid.row(y)[x] && (0..cols as isize).contains(&(x as isize - middle))
+impl<'a> Search<'a> {
+    fn new(
+        copies: &'a Overview,
+        run: Span,
+        field: Option<&Alignment>,
+        means: Means<'a>,
+    ) -> Result<Self> {
+        let Means { how, control, .. } = means;
+        let [left, right] = &copies.planes;
+        let right = match field {
+            Some(field) => raised(right, field, copies.factor, control)?,
+            None => right.clone(),
         };
+
+        let codes = |plane: Plane<f32>| -> Result<Plane<u8>> {
+            let view = as_view(plane);
+            let gray = Gray::new(&view, how.level, control)?;
+            describe_as(&gray, &codes(), None, how.level, control)
+        };
+        let codes = [codes(left.clone())?, codes(right)?];
+        Ok(Self { codes, valid: &copies.valid, run, means })
+    }
+
+    /// The blocks with enough pixels that cost much along the run, of those that see the middle of it; `None`: there are
+    /// none.
+    fn blocks(&self, guess: Guess) -> Result<Option<Blocks>> {
+        let [left, right] = &self.codes;
+        let (rows, cols) = (left.rows(), left.cols());
+        let Means { how, control, .. } = self.means;
+
+        let mut sums = Plane::new(rows, cols)?;
+        sums.write_bands(GUESSED_ROWS, |top, band| {
+            control.checkpoint()?;
+            band.fill(u8::MAX);
+            // A disparity of smaller copies stands for several here.
+            let within = guess.finer as i32 / 2;
+            for off in -within..=within {
+                let (codes, run) = ([left, right], self.run);
+                how.level.run(SumGuessed { codes, guess, run, off, top, sums: &mut *band });
+            }
+            Ok(())
+        })?;
+
+        let middle = (self.run.0 + self.run.1).div_euclid(2);
+        // The columns whose matches in the middle of the run lie within the image.
+        let seen = middle.clamp(0, cols as isize) as usize
+            ..(cols as isize + middle).clamp(0, cols as isize) as usize;
+        let judged = |y: usize| {
+            let columns = seen.start.min(seen.end)..seen.end;
+            let valid = &self.valid.row(y)[columns.clone()];
+            columns.zip(valid).filter(|(_, valid)| **valid).map(|(x, _)| x)
+        };
+
         let mut counts = [0usize; u8::MAX as usize + 1];
-        for (at, best) in found.iter().enumerate() {
-            counts[usize::from(best.own)] += usize::from(is_judged(at / cols, at % cols));
+        for y in 0..rows {
+            judged(y).for_each(|x| counts[usize::from(sums.row(y)[x])] += 1);
         }
         let half = counts.iter().sum::<usize>() / 2;
         let mut sum = 0;
@@ -211,26 +243,97 @@ impl Blocks {
             sum += count;
             sum > half
         });
-
         let most = median.unwrap_or_default() + DEAR;
-        let costs_much =
-            |y: usize, x: usize| is_judged(y, x) && usize::from(found[y * cols + x].own) > most;
-        Ok(Self::with_at_least(MANY, &Plane::from_fn(rows, cols, costs_much)))
-    }
 
-    /// The blocks with so many of these pixels.
-    fn with_at_least(least: usize, pixels: &Plane<bool>) -> Self {
-        let cols = pixels.cols().div_ceil(BLOCK);
-        let mut counts = vec![0; pixels.rows().div_ceil(BLOCK) * cols];
-
-        for y in 0..pixels.rows() {
-            for (x, is_one) in pixels.row(y).iter().enumerate() {
-                counts[y / BLOCK * cols + x / BLOCK] += usize::from(*is_one);
-            }
+        let mut doubtful = Blocks::none(rows, cols);
+        doubtful.search_where(|y| {
+            let sums = sums.row(y);
+            judged(y).filter(move |x| usize::from(sums[*x]) > most)
+        });
+        if !doubtful.is_searched.contains(&true) {
+            return Ok(None);
         }
 
-        let is_searched = counts.into_iter().map(|count| count >= least).collect();
-        Self { cols, is_searched }
+        // Most of these are errors of the rough match.
+        let least = self.along(&doubtful)?;
+        let mut blocks = Blocks::none(rows, cols);
+        blocks.search_where(|y| {
+            let least = least.row(y);
+            judged(y).filter(move |x| usize::from(least[*x]) > most)
+        });
+        Ok(blocks.is_searched.contains(&true).then_some(blocks))
+    }
+
+    /// The least sums along the run in these blocks, 0 elsewhere.
+    fn along(&self, blocks: &Blocks) -> Result<Plane<u8>> {
+        let [left, right] = &self.codes;
+        let (rows, cols) = (left.rows(), left.cols());
+        let costs = Costs::of_codes([left, right], candidates(self.run, cols)?)?;
+        let borders = Borders::new(&costs, cols, 0..0);
+
+        let mut least = Plane::new(rows, cols)?;
+        least.write_bands(BLOCK, |top, band| {
+            self.means.control.checkpoint()?;
+            for columns in blocks.stretches(top / BLOCK, cols) {
+                let windows =
+                    Windows { costs: &costs, rows, cols, top, count: band.len() / cols, columns };
+                let each = |y: usize, x: usize, sums: &[Lanes<u8>]| {
+                    band[y * cols + x] = borders.least(sums, x)[0];
+                };
+                self.means.how.level.run(Visit { windows, each });
+            }
+            Ok(())
+        })?;
+        Ok(least)
+    }
+
+    /// The pixels of these blocks that stand out, row after row.
+    fn outside(&self, tried: Candidates, blocks: &Blocks) -> Result<Vec<Member>> {
+        let [left, right] = &self.codes;
+        let (rows, cols) = (left.rows(), left.cols());
+        let costs = Costs::of_codes([left, right], tried)?;
+        let index =
+            |disparity: isize| (disparity - tried.min()).clamp(0, tried.count() as isize) as usize;
+        let borders = Borders::new(&costs, cols, index(self.run.0 - 1)..index(self.run.1 + 2));
+
+        let of_row = |row: usize| -> Result<Vec<Member>> {
+            self.means.control.checkpoint()?;
+            let top = row * BLOCK;
+            let count = BLOCK.min(rows - top);
+            let mut found = vec![];
+            for columns in blocks.stretches(row, cols) {
+                let windows = Windows { costs: &costs, rows, cols, top, count, columns };
+                let each = |y: usize, x: usize, sums: &[Lanes<u8>]| {
+                    let one = borders.outside(sums, x);
+                    found.extend(one.map(|one| ((top + y) * cols + x, one)));
+                };
+                self.means.how.level.run(Visit { windows, each });
+            }
+            found.sort_unstable_by_key(|(at, _)| *at);
+            Ok(found)
+        };
+
+        let found: Result<Vec<_>> = (0..rows.div_ceil(BLOCK)).into_par_iter().map(of_row).collect();
+        Ok(found?.concat())
+    }
+}
+
+impl Blocks {
+    /// None of the blocks of an image.
+    fn none(rows: usize, cols: usize) -> Self {
+        let cols = cols.div_ceil(BLOCK);
+        Self { rows, cols, is_searched: vec![false; rows.div_ceil(BLOCK) * cols] }
+    }
+
+    /// Searches those with [`MANY`] of these pixels, whose columns are given by row.
+    fn search_where<I: Iterator<Item = usize>>(&mut self, columns: impl Fn(usize) -> I) {
+        for (row, blocks) in self.is_searched.chunks_exact_mut(self.cols).enumerate() {
+            let mut counts = vec![0; self.cols];
+            for y in row * BLOCK..((row + 1) * BLOCK).min(self.rows) {
+                columns(y).for_each(|x| counts[x / BLOCK] += 1);
+            }
+            blocks.iter_mut().zip(counts).for_each(|(block, count)| *block = count >= MANY);
+        }
     }
 
     /// The columns of neighboring blocks of a row of blocks that are searched.
@@ -241,7 +344,9 @@ impl Blocks {
         {
             let (start, end) = (block * BLOCK, ((block + 1) * BLOCK).min(cols));
             match stretches.last_mut() {
-                Some(last) if *is_searched && last.end == start => last.end = end,
+                Some(last) if *is_searched && last.end == start && last.len() < LONGEST => {
+                    last.end = end;
+                }
                 _ if *is_searched => stretches.push(start..end),
                 _ => {}
             }
@@ -255,86 +360,137 @@ fn codes() -> Settings {
     Settings { neighborhood: 3, frequencies: (1, 1), ..Preset::Paper.settings() }
 }
 
-/// The best candidates of the pixels of these blocks.
-fn searched(
-    views: [&View; 2],
-    candidates: Candidates,
-    along: Range<usize>,
-    blocks: &Blocks,
-    Means { how, control, .. }: Means,
-) -> Result<Vec<Best>> {
-    let (rows, cols, _) = views[0].image.shape();
-    let costs = Costs::new(views, candidates, &codes(), None, how.level, control)?;
-
-    let mut found = vec![Best::NONE; rows * cols];
-    found.par_chunks_mut(BLOCK * cols).enumerate().try_for_each(|(row, found)| {
-        control.checkpoint()?;
-        for columns in blocks.stretches(row, cols) {
-            let along = along.clone();
-            let top = row * BLOCK;
-            let search = SearchStretch { costs: &costs, along, rows, cols, top, columns, found };
-            how.level.run(search);
-        }
-        Ok(())
-    })?;
-
-    Ok(found)
-}
-
-/// Searches neighboring columns of a row of blocks, of which `top` is the first row.
-struct SearchStretch<'a> {
-    costs: &'a Costs<'a>,
-    along: Range<usize>,
-    rows: usize,
-    cols: usize,
+/// Lowers sums to those so far off the guessed disparities, of a band of rows from `top` on.
+struct SumGuessed<'a> {
+    codes: [&'a Plane<u8>; 2],
+    guess: Guess<'a>,
+    run: Span,
+    off: i32,
     top: usize,
-    columns: Range<usize>,
-    /// All columns of the row of blocks.
-    found: &'a mut [Best],
+    sums: &'a mut [u8],
 }
 
-impl Loop for SearchStretch<'_> {
+impl Loop for SumGuessed<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
-        let Self { costs, along, rows, cols, top, columns, found } = self;
+        let Self { codes, guess, run, off, top, sums } = self;
+        let (rows, cols) = (codes[0].rows(), codes[0].cols());
+        let clamped = |y: usize| y.saturating_sub(AROUND.0).min(rows - 1);
+
+        // The differences of the rows of a window, in turns, and their sums by column.
+        let mut lines = vec![0u8; WINDOW.0 * cols];
+        let mut columns = vec![0u8; cols];
+        for (row, sums) in sums.chunks_exact_mut(cols).enumerate() {
+            let y = top + row;
+            let begun = if row == 0 { 0..WINDOW.0 } else { WINDOW.0 - 1..WINDOW.0 };
+            for number in begun {
+                let line = &mut lines[(y + number) % WINDOW.0 * cols..][..cols];
+                for x in 0..cols {
+                    columns[x] = columns[x].wrapping_sub(line[x]);
+                }
+                guess.differences(codes, run, off, clamped(y + number), line);
+                for x in 0..cols {
+                    columns[x] = columns[x].wrapping_add(line[x]);
+                }
+            }
+
+            for x in 1..cols - 1 {
+                sums[x] = sums[x].min(columns[x - 1] + columns[x] + columns[x + 1]);
+            }
+            // At the border the last pixel is repeated.
+            sums[0] = sums[0].min(2 * columns[0] + columns[1]);
+            sums[cols - 1] = sums[cols - 1].min(columns[cols - 2] + 2 * columns[cols - 1]);
+        }
+    }
+}
+
+impl Guess<'_> {
+    /// Writes the bits in which the codes of a row differ from those so far off the guessed disparities. Where there is
+    /// no disparity, the last one to the left counts, or else the middle of the run.
+    #[inline(always)]
+    fn differences(
+        &self,
+        [left, right]: [&Plane<u8>; 2],
+        run: Span,
+        off: i32,
+        y: usize,
+        line: &mut [u8],
+    ) {
+        let share = self.finer as f32 / self.by as f32;
+        // The others may lack what is left of a division.
+        let last = (self.disparity.rows() - 1, self.disparity.cols() - 1);
+        let guessed = self.disparity.row((y * self.by / self.finer).min(last.0));
+        let reduced = self.finer.ilog2();
+        let (left, right) = (left.row(y), right.row(y));
+        let last_column = left.len() as i32 - 1;
+
+        let mut disparity = (run.0 + run.1) as i32 / 2;
+        for x in 0..line.len() {
+            let guess = guessed[((x * self.by) >> reduced).min(last.1)];
+            disparity = if guess.is_nan() { disparity } else { nearest((guess * share).into()) };
+            let column = (x as i32 - disparity - off).clamp(0, last_column) as usize;
+            line[x] = (left[x] ^ right[column]).count_ones() as u8;
+        }
+    }
+}
+
+/// Sums of neighboring columns of a row of blocks, of which `top` is the first of `count` rows.
+struct Windows<'a> {
+    costs: &'a Costs<'a>,
+    rows: usize,
+    cols: usize,
+    top: usize,
+    count: usize,
+    columns: Range<usize>,
+}
+
+/// Calls `each(row, column, sums of all candidates)` for every pixel of the windows.
+struct Visit<'a, F> {
+    windows: Windows<'a>,
+    each: F,
+}
+
+impl<F: FnMut(usize, usize, &[Lanes<u8>])> Loop for Visit<'_, F> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { windows: Windows { costs, rows, cols, top, count, columns }, mut each } = self;
         let runs = costs.runs();
 
-        // The windows of the stretch reach beyond it; at the border of the image its last pixel is repeated.
+        // The windows reach beyond the columns; at the border of the image its last pixel is repeated.
         let first = columns.start.saturating_sub(AROUND.1);
         let wide = first..(columns.end + AROUND.1).min(cols);
         let length = wide.len() * runs;
         let clamped = |y: usize| y.saturating_sub(AROUND.0).min(rows - 1);
 
-        // The costs of the rows of a window, in turns, and their sums.
-        let mut lines = vec![[0u8; LANES]; WINDOW.0 * length];
+        let mut line = vec![[0u8; LANES]; length];
         let mut sums = vec![[0u8; LANES]; length];
         let mut window = vec![[0u8; LANES]; runs];
-
-        for y in top..top + found.len() / cols {
+        for y in top..top + count {
+            if y > top {
+                costs.write::<u8>(clamped(y - 1), wide.clone(), &mut line);
+                add(&mut sums, &line, u8::wrapping_sub);
+            }
             let begun = if y == top { 0..WINDOW.0 } else { WINDOW.0 - 1..WINDOW.0 };
             for number in begun {
-                let line = &mut lines[(y + number) % WINDOW.0 * length..][..length];
-                add(&mut sums, line, u8::wrapping_sub);
-                costs.write::<u8>(clamped(y + number), wide.clone(), line);
-                add(&mut sums, line, u8::wrapping_add);
-            }
-
-            // The sums of a column of the stretch.
-            let column = |x: usize| {
-                let at = x.saturating_sub(AROUND.1).clamp(wide.start, wide.end - 1) - wide.start;
-                &sums[at * runs..][..runs]
-            };
-            window.fill([0; LANES]);
-            for number in 0..WINDOW.1 {
-                add(&mut window, column(columns.start + number), u8::wrapping_add);
+                costs.write::<u8>(clamped(y + number), wide.clone(), &mut line);
+                add(&mut sums, &line, u8::wrapping_add);
             }
 
             for x in columns.clone() {
-                found[(y - top) * cols + x] = best(&window, costs.candidates(), &along, x, cols);
-                add(&mut window, column(x), u8::wrapping_sub);
-                add(&mut window, column(x + WINDOW.1), u8::wrapping_add);
+                let column = |x: usize| {
+                    let at =
+                        x.saturating_sub(AROUND.1).clamp(wide.start, wide.end - 1) - wide.start;
+                    &sums[at * runs..][..runs]
+                };
+                let [before, here, after] = [column(x), column(x + 1), column(x + 2)];
+                window.copy_from_slice(here);
+                add(&mut window, before, u8::wrapping_add);
+                add(&mut window, after, u8::wrapping_add);
+                each(y - top, x, &window);
             }
         }
     }
@@ -343,86 +499,158 @@ impl Loop for SearchStretch<'_> {
 /// Adds, or subtracts, every lane.
 #[inline(always)]
 fn add(sums: &mut [Lanes<u8>], terms: &[Lanes<u8>], step: impl Fn(u8, u8) -> u8) {
+    // Whole runs by value: the compiler does not know that sums and terms are apart.
     for (sums, terms) in sums.iter_mut().zip(terms) {
+        let (mut summed, terms) = (*sums, *terms);
         for lane in 0..LANES {
-            sums[lane] = step(sums[lane], terms[lane]);
+            summed[lane] = step(summed[lane], terms[lane]);
         }
+        *sums = summed;
     }
 }
 
-/// The best candidate of column `x` outside the run, of those that see the right image.
-#[inline(always)]
-fn best(
-    window: &[Lanes<u8>],
-    candidates: Candidates,
-    along: &Range<usize>,
-    x: usize,
+/// Which candidates see the right image, and which lie along the run.
+struct Borders {
     cols: usize,
-) -> Best {
-    let sums = &window.as_flattened()[..candidates.count()];
-    let index = |disparity: isize| {
-        (disparity - candidates.min()).clamp(0, candidates.count() as isize) as usize
-    };
-    // x - d is a column from 0 on, and before the last.
-    let (start, end) = (index(x as isize + 1 - cols as isize), index(x as isize + 1));
-    let along = along.start.clamp(start, end)..along.end.clamp(start, end);
-
-    let below = least(&sums[start..along.start]);
-    let above = least(&sums[along.end..end]);
-    let own = below.min(above);
-    let within = if below <= above { start..along.start } else { along.end..end };
-    let Some(place) = sums[within.clone()].iter().position(|sum| *sum == own) else {
-        return Best::NONE;
-    };
-    let chosen = within.start + place;
-
-    let before = start..chosen.saturating_sub(NEXT).max(start);
-    let after = (chosen + NEXT + 1).min(end)..end;
-    let elsewhere = least(&sums[before]).min(least(&sums[after]));
-    Best { chosen: chosen as u16, own, along: least(&sums[along]), elsewhere }
+    count: usize,
+    /// From place `cols - 1 - x` on, for candidate after candidate: 0 where column `x` sees the right image, else 255.
+    beyond: Vec<u8>,
+    /// 255 for the candidates along the run, else 0; and 255 for those outside it. Lanes beyond the last one have 255.
+    excluded: [Vec<Lanes<u8>>; 2],
 }
 
-/// The least of some sums.
-#[inline(always)]
-fn least(sums: &[u8]) -> u8 {
-    sums.iter().fold(u8::MAX, |least, sum| least.min(*sum))
+impl Borders {
+    fn new(costs: &Costs, cols: usize, along: Range<usize>) -> Self {
+        let (candidates, lanes) = (costs.candidates(), costs.runs() * LANES);
+        let is_within =
+            |place: usize| (0..cols as isize).contains(&(place as isize + candidates.min()));
+        let byte = |is_none: bool| if is_none { u8::MAX } else { 0 };
+
+        let beyond = (0..cols + lanes).map(|place| byte(!is_within(place))).collect();
+        let excluded = [true, false].map(|is_excluded| {
+            let is_one = |k: usize| k >= candidates.count() || along.contains(&k) == is_excluded;
+            let bytes: Vec<u8> = (0..lanes).map(|k| byte(is_one(k))).collect();
+            bytes.as_chunks().0.to_vec()
+        });
+        Self { cols, count: candidates.count(), beyond, excluded }
+    }
+
+    /// The least sums of column `x` outside the run and along it.
+    #[inline(always)]
+    fn least(&self, sums: &[Lanes<u8>], x: usize) -> [u8; 2] {
+        let beyond = self.beyond[self.cols - 1 - x..].as_chunks::<LANES>().0;
+        let (mut outside, mut along) = ([u8::MAX; LANES], [u8::MAX; LANES]);
+
+        for run in 0..sums.len() {
+            let (sums, beyond) = (sums[run], beyond[run]);
+            let excluded = [self.excluded[0][run], self.excluded[1][run]];
+            for lane in 0..LANES {
+                let sum = sums[lane] | beyond[lane];
+                outside[lane] = outside[lane].min(sum | excluded[0][lane]);
+                along[lane] = along[lane].min(sum | excluded[1][lane]);
+            }
+        }
+        [least_lane(&outside), least_lane(&along)]
+    }
+
+    /// What stands out outside the run.
+    #[inline(always)]
+    fn outside(&self, sums: &[Lanes<u8>], x: usize) -> Option<Found> {
+        let [own, along] = self.least(sums, x);
+        if 8 * u32::from(own) >= 7 * u32::from(along) {
+            return None;
+        }
+
+        let beyond = &self.beyond[self.cols - 1 - x..][..self.count];
+        let sums = &sums.as_flattened()[..self.count];
+        let is_along = &self.excluded[0].as_flattened()[..self.count];
+        let chosen = (0..self.count).find(|k| sums[*k] | beyond[*k] | is_along[*k] == own)?;
+
+        let least = |within: Range<usize>| {
+            let known = sums[within.clone()].iter().zip(&beyond[within]);
+            known.fold(u8::MAX, |least, (sum, beyond)| least.min(sum | beyond))
+        };
+        let before = least(0..chosen.saturating_sub(NEXT));
+        let after = least((chosen + NEXT + 1).min(self.count)..self.count);
+        let others = along.min(before).min(after);
+
+        let stands_out = 8 * u32::from(own) < 7 * u32::from(others);
+        stands_out.then(|| Found { chosen: chosen as u16, gain: u16::from(others - own) })
+    }
 }
 
-/// The pixels of each area.
-fn connected(
-    found: &[Best],
-    (rows, cols): (usize, usize),
-    is_found: impl Fn(usize) -> bool,
-) -> Vec<Vec<usize>> {
-    let mut is_open: Vec<bool> = (0..rows * cols).map(is_found).collect();
+/// The candidate of a pixel with the least sum, of those that see the other image.
+struct Choose<'a> {
+    costs: &'a Costs<'a>,
+    rows: usize,
+    cols: usize,
+    y: usize,
+    x: usize,
+}
+
+impl Loop for Choose<'_> {
+    type Output = usize;
+
+    #[inline(always)]
+    fn run(self) -> usize {
+        let Self { costs, rows, cols, y, x } = self;
+        let (candidates, runs) = (costs.candidates(), costs.runs());
+        let mut line = vec![[0u8; LANES]; runs];
+        let mut sums = vec![[0u8; LANES]; runs];
+
+        for dy in 0..WINDOW.0 {
+            let y = (y + dy).saturating_sub(AROUND.0).min(rows - 1);
+            for dx in 0..WINDOW.1 {
+                let x = (x + dx).saturating_sub(AROUND.1).min(cols - 1);
+                costs.write::<u8>(y, x..x + 1, &mut line);
+                add(&mut sums, &line, u8::wrapping_add);
+            }
+        }
+
+        // x - d is a column from 0 on, and before the last.
+        let index = |disparity: isize| {
+            (disparity - candidates.min()).clamp(0, candidates.count() as isize) as usize
+        };
+        let (start, end) = (index(x as isize + 1 - cols as isize), index(x as isize + 1));
+        let sums = &sums.as_flattened()[start..end];
+        let least = sums.iter().enumerate().min_by_key(|(_, sum)| **sum);
+        start + least.map_or(0, |(k, _)| k)
+    }
+}
+
+/// The pixels of each area; those that stand out are in the order of their places.
+fn connected(found: &[Member], cols: usize) -> Vec<Vec<Member>> {
+    let mut is_open = vec![true; found.len()];
     let mut areas = vec![];
 
-    for start in 0..rows * cols {
+    for start in 0..found.len() {
         if !is_open[start] {
             continue;
         }
         is_open[start] = false;
-        let mut pixels = vec![start];
+        let mut members = vec![found[start]];
         let mut next = 0;
 
-        while let Some(at) = pixels.get(next).copied() {
+        while let Some((at, one)) = members.get(next).copied() {
             next += 1;
             let (y, x) = (at / cols, at % cols);
-            for row in y.saturating_sub(GAP)..(y + GAP + 1).min(rows) {
-                for neighbor in
-                    row * cols + x.saturating_sub(GAP)..row * cols + (x + GAP + 1).min(cols)
-                {
-                    let apart = found[neighbor].chosen.abs_diff(found[at].chosen);
+            for row in y.saturating_sub(GAP)..=y + GAP {
+                let columns = x.saturating_sub(GAP)..(x + GAP + 1).min(cols);
+                let first = found.partition_point(|(at, _)| *at < row * cols + columns.start);
+                let end = row * cols + columns.end;
+
+                for neighbor in (first..found.len()).take_while(|index| found[*index].0 < end) {
+                    let apart = found[neighbor].1.chosen.abs_diff(one.chosen);
                     if is_open[neighbor] && apart <= 1 {
                         is_open[neighbor] = false;
-                        pixels.push(neighbor);
+                        members.push(found[neighbor]);
                     }
                 }
             }
         }
 
-        if pixels.len() >= LEAST_SIZE {
-            areas.push(pixels);
+        if members.len() >= LEAST_SIZE {
+            areas.push(members);
         }
     }
 

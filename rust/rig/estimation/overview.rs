@@ -1,9 +1,13 @@
 //! Both images reduced to some hundred columns, and their rough disparities.
 
+use std::ops::Range;
+
+use super::areas::Guess;
 use super::range::extent;
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
 use crate::image::plane::Plane;
+use crate::pipeline::control::Control;
 use crate::pipeline::matcher::{Disparity, Pair};
 use crate::pipeline::section::Section;
 use crate::refinement::flag;
@@ -193,6 +197,30 @@ impl Overview {
         Ok(best)
     }
 
+    /// Some bands of rows, one below the other, the right image resampled by the field.
+    pub fn bands(
+        &self,
+        bands: &[Range<usize>],
+        field: Option<&Alignment>,
+        control: &Control,
+    ) -> Result<Self> {
+        let right = field.map(|field| raised(&self.planes[1], field, self.factor, control));
+        let right = right.transpose()?;
+        let planes = [&self.planes[0], right.as_ref().unwrap_or(&self.planes[1])];
+
+        Ok(Self {
+            factor: self.factor,
+            planes: [of_bands(planes[0], bands)?, of_bands(planes[1], bands)?],
+            valid: of_bands(&self.valid, bands)?,
+        })
+    }
+
+    /// What a rough match of these copies guesses of others of the same pair.
+    pub fn guess<'a>(&self, map: &'a RoughMap, others: &Self) -> Guess<'a> {
+        let finer = (self.factor / others.factor).max(1);
+        Guess { disparity: &map.unsure, by: (others.factor / self.factor).max(1), finer }
+    }
+
     /// The same with the negative of the right image.
     pub fn inverted(&self) -> Self {
         let [left, right] = &self.planes;
@@ -201,9 +229,10 @@ impl Overview {
         Self { factor: self.factor, planes, valid: self.valid.clone() }
     }
 
-    /// The same, reduced to the width of [`Self::new`].
-    pub fn usual(&self, means: Means) -> Result<Self> {
-        self.reduced(WIDTH, means)
+    /// The same, reduced to the width of [`Self::new`]; `None`: it has that width.
+    pub fn usual(&self, means: Means) -> Result<Option<Self>> {
+        let by = reduction((self.valid.rows(), self.valid.cols()), WIDTH);
+        (by > 1).then(|| self.reduced_by(by, means)).transpose()
     }
 
     /// The same, reduced by two more; `None` where these are the smallest copies.
@@ -288,6 +317,15 @@ impl Overview {
         let map = matcher.match_alone(&pair, &all, &settings, how, &control.aside())?;
         Ok(RoughMap::new(map, &self.valid, alignment.cloned()))
     }
+}
+
+/// Some bands of the rows of a plane, one below the other.
+fn of_bands<T: Copy>(plane: &Plane<T>, bands: &[Range<usize>]) -> Result<Plane<T>> {
+    let cols = plane.cols();
+    let values = |rows: &Range<usize>| &plane.as_slice()[rows.start * cols..rows.end * cols];
+
+    let rows = bands.iter().map(Range::len).sum();
+    Plane::from_vec(rows, cols, bands.iter().map(values).collect::<Vec<_>>().concat())
 }
 
 impl RoughMap {

@@ -1,13 +1,13 @@
 //! The range of disparities to search: the run that holds nearly all of those found in reduced copies of a pair, with what
 //! lies next to it, and the areas that match outside it ([`super::areas`]), however small.
 
+use std::cmp::Reverse;
 use std::ops::Range;
 
-use super::areas::{Area, areas};
+use super::areas::{Area, Guess, areas};
 use super::overview::{FINE, Overview, RoughMap, Span};
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
-use crate::rig::alignment::Alignment;
 use crate::rig::blur::parts::Means;
 use crate::settings::MOST_DISPARITIES;
 
@@ -35,6 +35,12 @@ const LEAST_FINE: f64 = 0.5;
 const CERTAIN: u64 = 1000;
 /// ... or, on the near side of the run, within this share of its length of it.
 const BESIDE: (u64, f64) = (500, 0.25);
+/// Rows of the finer copies of a band in which an end of the run is refined.
+const BAND: usize = 16;
+/// Fewest bands of an end, and one in how many of all.
+const BANDS: (usize, usize) = (2, 6);
+/// Of the disparities on the other side of zero, the share of one in so many is tried.
+const OTHER_SIDE: isize = 4;
 /// Longest run, pixels of the copy, of an image and its copy with noise.
 const NARROW: isize = 8;
 /// Tiles on each side of an image.
@@ -108,18 +114,14 @@ pub fn range(
         return Ok(None);
     };
 
-    let field = map.field.as_ref();
-    let finer = (overview.factor / copies.factor) as isize;
-    let around = ((first - 1) * finer - 1, (last + 2) * finer);
-    let mut fine = copies.matched(around, field, FINE, means)?;
     let mut copies = copies;
-    if fine.confidence < LEAST_FINE && finer > 1 {
+    let (mut run, mut fine) = refined(copies, overview, map, (first, last), means)?;
+    if fine.confidence < LEAST_FINE && copies.factor < overview.factor {
         copies = overview;
-        fine = overview.matched((first - 2, last + 2), field, FINE, means)?;
+        (run, fine) = refined(overview, overview, map, (first, last), means)?;
     }
 
     let factor = copies.factor as f64;
-    let run = extent(&fine).unwrap_or(around);
     let is_narrow = run.0 <= 0 && run.1 >= 0 && run.1 - run.0 <= NARROW;
     let identical = is_narrow && is_identical(copies);
 
@@ -127,7 +129,7 @@ pub fn range(
     let mut places = vec![];
     if !identical {
         [low, high] = ends(&fine, run).map(|end| end * factor);
-        places = outside(copies, overview, run, field, means)?;
+        places = outside(copies, overview, map, run, means)?;
     }
     for place in &places {
         (low, high) = (low.min(place.low), high.max(place.high));
@@ -141,6 +143,66 @@ pub fn range(
 
     let left_out = beyond(places, range.candidates(width)?);
     Ok(Some(Found { range, left_out }))
+}
+
+/// The run of a rough map of the overview as its ends are on finer copies, and a match of these where the ends are.
+fn refined(
+    copies: &Overview,
+    overview: &Overview,
+    map: &RoughMap,
+    (first, last): Span,
+    means: Means,
+) -> Result<(Span, RoughMap)> {
+    let finer = overview.factor / copies.factor;
+    let bands = bands_at_ends(map, (first, last), BAND.div_ceil(finer));
+    let bands: Vec<Range<usize>> =
+        bands.iter().map(|rows| rows.start * finer..rows.end * finer).collect();
+
+    let by = finer as isize;
+    let around = ((first - 1) * by - 1, (last + 2) * by);
+    let bands = copies.bands(&bands, map.field.as_ref(), means.control)?;
+    let fine = bands.matched(around, None, FINE, means)?;
+
+    // Each end is the outermost of the disparities about it that has enough matches.
+    let mut counts = vec![0usize; (around.1 - around.0 + 1) as usize];
+    for value in known(&fine) {
+        let at = value.round_ties_even() as isize - around.0;
+        let count = usize::try_from(at).ok().and_then(|at| counts.get_mut(at));
+        if let Some(count) = count {
+            *count += 1;
+        }
+    }
+    let enough = (FEW * counts.iter().sum::<usize>() as f64).max(2.0);
+    let is_likely = |count: &usize| *count as f64 >= enough;
+    let disparity = |at: usize| at as isize + around.0;
+    let low = counts.iter().position(is_likely).map_or(first * by, disparity);
+    let high = counts.iter().rposition(is_likely).map_or(last * by, disparity);
+    Ok(((low.min((first + 1) * by), high.max((last - 1) * by).max(low)), fine))
+}
+
+/// The bands of so many rows that show most of the disparities at either end of a run, and the outermost ones, from the top
+/// down.
+fn bands_at_ends(map: &RoughMap, (first, last): Span, height: usize) -> Vec<Range<usize>> {
+    let rows = map.disparity.rows();
+    let bands: Vec<Range<usize>> =
+        (0..rows).step_by(height).map(|top| top..(top + height).min(rows)).collect();
+    let wanted = (bands.len() / BANDS.1).max(BANDS.0);
+
+    // Of a floor or a slope, the border shows the ends.
+    let mut chosen = vec![0, bands.len() - 1];
+    for end in [first, last] {
+        let is_there = |value: &&f32| (**value - end as f32).abs() < 0.5;
+        let count = |rows: &Range<usize>| -> usize {
+            rows.clone().map(|y| map.disparity.row(y).iter().filter(is_there).count()).sum()
+        };
+        let mut order: Vec<(usize, usize)> = bands.iter().map(count).zip(0..).collect();
+        order.sort_by_key(|(count, band)| (Reverse(*count), *band));
+        chosen.extend(order.into_iter().take(wanted).map(|(_, band)| band));
+    }
+
+    chosen.sort_unstable();
+    chosen.dedup();
+    chosen.into_iter().map(|band| bands[band].clone()).collect()
 }
 
 /// Whether nearly all disparities are negative, and whether there are many of either sign.
@@ -165,17 +227,18 @@ pub fn left_out(
     means: Means,
 ) -> Result<Vec<LeftOut>> {
     let run = overview.span(candidates);
-    let places = places_of(overview, run, overview.widest(), map.field.as_ref(), means)?;
+    let places =
+        places_of(overview, overview.guess(map, overview), run, reach(overview, run), map, means)?;
     Ok(beyond(places, candidates))
 }
 
 /// The places outside a run of the copies that belong to the range, on these and all coarser copies, which withstand
-/// noise. On copies finer than the overview, only nearer places are looked for: what is farther than a run is not small.
+/// noise. `map` is the rough match of the overview. On copies finer than the overview, only nearer places are looked for: what is farther than a run is not small.
 fn outside(
     copies: &Overview,
     overview: &Overview,
+    map: &RoughMap,
     run: Span,
-    field: Option<&Alignment>,
     means: Means,
 ) -> Result<Vec<LeftOut>> {
     let mut places = vec![];
@@ -186,7 +249,7 @@ fn outside(
         let by = (here.factor / copies.factor) as isize;
         let run = (run.0.div_euclid(by), (run.1 + by - 1).div_euclid(by));
 
-        let (lowest, highest) = here.widest();
+        let (lowest, highest) = reach(here, run);
         let reach = if here.factor >= overview.factor {
             (lowest, highest)
         } else if run.0 + run.1 >= 0 {
@@ -194,7 +257,7 @@ fn outside(
         } else {
             (lowest, run.1.max(lowest))
         };
-        places.extend(places_of(here, run, reach, field, means)?);
+        places.extend(places_of(here, overview.guess(map, here), run, reach, map, means)?);
 
         match here.halved(means)? {
             Some(next) => coarser = Some(next),
@@ -203,12 +266,24 @@ fn outside(
     }
 }
 
+/// The disparities that are tried beside a run: all that are nearer, and as far on the other side of zero as cameras that are
+/// not quite parallel see.
+fn reach(copies: &Overview, run: Span) -> Span {
+    let (lowest, highest) = copies.widest();
+    if run.0 + run.1 >= 0 {
+        (run.0.min(lowest / OTHER_SIDE), highest)
+    } else {
+        (lowest, run.1.max(highest / OTHER_SIDE))
+    }
+}
+
 /// The places outside a run of some copies that belong to the range.
 fn places_of(
     copies: &Overview,
+    guess: Guess,
     run: Span,
     reach: Span,
-    field: Option<&Alignment>,
+    map: &RoughMap,
     means: Means,
 ) -> Result<Vec<LeftOut>> {
     let place = |area: Area| {
@@ -218,7 +293,7 @@ fn places_of(
         (is_seen && is_certain).then(|| LeftOut::new(&area, copies.factor))
     };
 
-    let found = areas(copies, run, reach, field, means)?;
+    let found = areas(copies, guess, run, reach, map.field.as_ref(), means)?;
     Ok(found.into_iter().filter_map(place).collect())
 }
 

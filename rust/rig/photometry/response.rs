@@ -16,10 +16,16 @@ use super::Scale;
 use crate::math;
 use crate::rig::estimation::overview::{Overview, RoughMap};
 
-/// Side of a window, pixels of the copy: little light moves across its border.
-const WINDOW: usize = 12;
-/// Distance of windows, pixels of the copy.
-const STRIDE: usize = 8;
+/// Side of a cell, pixels of the copy. Of its rows, every other one is looked at.
+const CELL: usize = 4;
+/// Cells along the side of a window: little light moves across the border of so many pixels.
+const CELLS: usize = 3;
+/// Distance of windows, cells.
+const STRIDE: usize = 2;
+/// Pixels of a window that are looked at.
+const WINDOW: usize = CELLS * CELL * CELLS * CELL / 2;
+/// Of the pixels of the copy, every one of so many has a part in the percentiles: prime, so that they lie in all columns.
+const EVERY: usize = 7;
 /// Pixels of the right image beyond these fractions may be clipped.
 const USABLE: [f64; 2] = [0.005, 0.985];
 /// Windows of which so much is known are used.
@@ -91,11 +97,12 @@ impl Contrast {
 
         let (gain, gamma) = fitted(&usable);
 
-        let right = overview.planes[1].as_slice();
-        let mut grays: Vec<f64> = right.iter().map(|shade| scales[1].fraction(*shade)).collect();
-        grays.sort_unstable_by(f64::total_cmp);
-        let ratio = |tenths: usize| {
-            let gray = grays[(grays.len() - 1) * tenths / 10].clamp(GRAYS[0], GRAYS[1]);
+        let mut shades: Vec<f32> =
+            overview.planes[1].as_slice().iter().step_by(EVERY).copied().collect();
+        let mut ratio = |tenths: usize| {
+            let at = (shades.len() - 1) * tenths / 10;
+            let shade = *shades.select_nth_unstable_by(at, f32::total_cmp).1;
+            let gray = scales[1].fraction(shade).clamp(GRAYS[0], GRAYS[1]);
             gain * math::exp((gamma - 1.0) * math::ln(gray))
         };
         Some(Self { gain, gamma, ratio: ratio(5), ends: [ratio(1), ratio(9)] })
@@ -105,32 +112,38 @@ impl Contrast {
 /// The windows of which enough is known.
 fn windows(overview: &Overview, rough: &RoughMap, scales: &[Scale; 2]) -> Vec<Window> {
     let [left, right] = &overview.planes;
-    let (rows, cols) = (left.rows(), left.cols());
+    let (rows, cols) = (left.rows() / CELL, left.cols() / CELL);
 
-    let mut windows = vec![];
-    for top in (0..(rows + 1).saturating_sub(WINDOW)).step_by(STRIDE) {
-        for first in (0..(cols + 1).saturating_sub(WINDOW)).step_by(STRIDE) {
+    // Windows overlap, so sums are taken over cells first.
+    let mut cells = vec![Sums::default(); rows * cols];
+    for y in (0..rows * CELL).step_by(2) {
+        let (disparities, _) = rough.disparity.row(y).as_chunks::<CELL>();
+        let of_row = cells[y / CELL * cols..][..cols].iter_mut().zip(disparities);
+        for ((cell, disparities), first) in of_row.zip((0..).step_by(CELL)) {
             let mut sums = Sums::default();
-            for y in top..top + WINDOW {
-                let disparities = &rough.disparity.row(y)[first..first + WINDOW];
-                for (x, disparity) in (first..).zip(disparities) {
-                    let match_x = x as f32 - disparity;
-                    // NaN is in no range.
-                    if !(0.0..cols as f32).contains(&match_x) {
-                        continue;
-                    }
+            for (x, disparity) in (first..).zip(disparities) {
+                let match_x = x as f32 - disparity;
+                // NaN is in no range.
+                if !(0.0..right.cols() as f32).contains(&match_x) {
+                    continue;
+                }
 
-                    let there = scales[1].fraction(right.row(y)[match_x as usize]);
-                    if there > USABLE[0] && there < USABLE[1] {
-                        sums.add(scales[0].fraction(left.row(y)[x]), there);
-                    }
+                let there = scales[1].fraction(right.row(y)[match_x as usize]);
+                if there > USABLE[0] && there < USABLE[1] {
+                    sums.add(scales[0].fraction(left.row(y)[x]), there);
                 }
             }
-            windows.extend(sums.window());
+            *cell = cell.and(sums);
         }
     }
 
-    windows
+    let starts = |length: usize| (0..(length + 1).saturating_sub(CELLS)).step_by(STRIDE);
+    let window = |top: usize, first: usize| {
+        let cell = |at: usize| cells[(top + at / CELLS) * cols + first + at % CELLS];
+        (0..CELLS * CELLS).map(cell).fold(Sums::default(), Sums::and).window()
+    };
+    let of_row = |top: usize| starts(cols).filter_map(move |first| window(top, first));
+    starts(rows).flat_map(of_row).collect()
 }
 
 /// Sums over the known pixels of a window.
@@ -150,9 +163,18 @@ impl Sums {
         }
     }
 
+    fn and(self, other: Self) -> Self {
+        let sum = |own: [f64; 2], other: [f64; 2]| [own[0] + other[0], own[1] + other[1]];
+        Self {
+            count: self.count + other.count,
+            values: sum(self.values, other.values),
+            squares: sum(self.squares, other.squares),
+        }
+    }
+
     /// The statistics; `None` where too little is known.
     fn window(&self) -> Option<Window> {
-        if self.count < LEAST_KNOWN * (WINDOW * WINDOW) as f64 {
+        if self.count < LEAST_KNOWN * WINDOW as f64 {
             return None;
         }
 

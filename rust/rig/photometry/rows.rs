@@ -27,6 +27,8 @@ const LONGEST: usize = 64;
 const LEFT: f64 = 0.25;
 /// The mean of the difference of two values with noise, in standard deviations of it.
 const MEAN_OF_NOISE: f64 = 1.13;
+/// Differences that are summed in 32 bits; each has 15 bits at most.
+const SUMMED: usize = 4096;
 /// Largest shift between two fields, pixels.
 pub const FIELD_REACH: usize = 12;
 
@@ -176,8 +178,13 @@ impl Loop for FieldDifferences<'_> {
             let back = 2 * FIELD_REACH - at;
             let (moved, other) = (&odd[at..at + count], &next[back..back + count]);
 
-            for x in 0..count {
-                *sum += u64::from(first[x].abs_diff(moved[x]) + second[x].abs_diff(other[x]));
+            for at in (0..count).step_by(SUMMED) {
+                let part = at..(at + SUMMED).min(count);
+                let differences = |one: &[i32], two: &[i32]| -> u32 {
+                    one.iter().zip(two).map(|(a, b)| a.abs_diff(*b)).sum()
+                };
+                *sum += u64::from(differences(&first[part.clone()], &moved[part.clone()]));
+                *sum += u64::from(differences(&second[part.clone()], &other[part]));
             }
         }
         sums
