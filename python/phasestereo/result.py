@@ -152,6 +152,9 @@ class Summary:
         1 px: what the mean of their confidences lacks to 1. Without confidences, as with `fast`, it
         is that of one row in 64; NaN in images of less than 37 rows, and where nothing is compared
         with the texture of the image.
+    coarse, inferred
+        Share whose disparity is that of a smaller copy of the pair, and of a plane drawn into a
+        flat area: flags `COARSE` and `INFERRED`.
     """
 
     estimated: float
@@ -160,6 +163,8 @@ class Summary:
     at_high: float
     confidence: float
     wrong: float
+    coarse: float = 0.0
+    inferred: float = 0.0
 
     def __str__(self) -> str:
         """Say how many pixels are probably wrong: what a result leads with; "" if not known."""

@@ -50,6 +50,8 @@ pub const LEAST_ROUGH: f64 = 0.45;
 /// Share of wrong pixels from which on a match is warned of: of 532 pairs under 28 kinds of faults, all 236 of which 30 %
 /// were wrong or more, and 3 of the 178 with less than 15 %.
 pub const WRONG: f64 = 0.25;
+/// Share of pixels that smaller copies and planes decide from which on it is said.
+pub const PLAIN: f64 = 0.25;
 /// Flagged pixels, where the share of wrong ones is unknown. Of 12 pairs up to 22 %, of unrelated images 43 % or more, with
 /// rows 2 px off 38 % or more.
 pub const FLAGGED: [f64; 2] = [0.25, 0.35];

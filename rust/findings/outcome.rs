@@ -2,7 +2,9 @@
 
 use std::cmp::Reverse;
 
-use super::levels::{AT_END, AT_ZERO, FLAGGED, LEAST_ROUGH, ROWS, SATURATED, SMEARED, WRONG};
+use super::levels::{
+    AT_END, AT_ZERO, FLAGGED, LEAST_ROUGH, PLAIN, ROWS, SATURATED, SMEARED, WRONG,
+};
 use super::{Finding, Severity, Topic};
 use crate::pipeline::summary::Summary;
 use crate::rig::estimation::Estimates;
@@ -34,6 +36,7 @@ pub fn of_match(
     let of_pair = estimates.findings.iter().filter_map(|found| outcome.of_pair(found));
     let mut findings: Vec<Finding> = of_pair.collect();
     findings.extend(outcome.ends(&findings));
+    findings.extend(outcome.scales());
     let failure = outcome.failure(&findings);
 
     // Of equal ones, the match comes first, then the topics as they are.
@@ -100,6 +103,20 @@ impl Outcome<'_> {
                  its end at {end} px; search more disparities there{mend}"
             );
             Finding::new(Topic::Range, severity, sentence)
+        })
+    }
+
+    /// That much of the image shows too little detail for its size.
+    fn scales(&self) -> Option<Finding> {
+        let Summary { coarse, inferred, .. } = *self.summary;
+
+        (coarse + inferred >= PLAIN).then(|| {
+            let [coarse, inferred] = [coarse, inferred].map(|share| 100.0 * share);
+            let sentence = format!(
+                "{coarse:.0} % of the pixels are decided by copies of half the size or less, and \
+                 {inferred:.0} % by planes drawn into flat areas: the images show nothing finer there"
+            );
+            Finding::note(Topic::Texture, sentence)
         })
     }
 
@@ -208,6 +225,8 @@ mod tests {
         at_high: 0.0,
         confidence: 1.0,
         wrong: 0.0,
+        coarse: 0.0,
+        inferred: 0.0,
     };
 
     fn estimates(first: i64, findings: Vec<Finding>) -> Estimates {
@@ -251,6 +270,15 @@ mod tests {
             found[0].1.starts_with("about 40 % of the pixels are probably wrong: check that rows")
         );
         assert!(said(vec![], 0, Summary { wrong: 0.21, flagged: 0.9, ..WELL }).is_empty());
+    }
+
+    #[test]
+    fn plain_images_are_named() {
+        let found = said(vec![], 0, Summary { coarse: 0.3, inferred: 0.12, ..WELL });
+        assert_eq!(found.len(), 1);
+        assert!(found[0].1.starts_with("30 % of the pixels are decided by copies"));
+        assert!(found[0].1.contains("12 % by planes"));
+        assert!(said(vec![], 0, Summary { coarse: 0.1, inferred: 0.1, ..WELL }).is_empty());
     }
 
     #[test]

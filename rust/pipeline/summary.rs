@@ -23,6 +23,10 @@ pub struct Summary {
     /// Estimated share of the pixels with an estimate whose disparity is off by more than 1 px: what their mean confidence
     /// lacks to 1, or without confidences that of some rows. NaN where nothing is known.
     pub wrong: f64,
+    /// Share whose disparity is that of a smaller copy.
+    pub coarse: f64,
+    /// Share whose disparity is that of a plane drawn into a flat area.
+    pub inferred: f64,
 }
 
 /// Numbers of pixels.
@@ -32,6 +36,8 @@ struct PixelCounts {
     flagged: u64,
     at_low: u64,
     at_high: u64,
+    coarse: u64,
+    inferred: u64,
     /// The sum, in units of 2^-20: integers sum to the same in any order.
     confidence: u64,
     /// The sum over pixels with an estimate.
@@ -41,7 +47,7 @@ struct PixelCounts {
 /// Pixels that are summed in 32 bits.
 const PART: usize = 2048;
 /// Flags of pixels whose disparity is not that of a match within the image.
-const FOREIGN: u16 = flag::OUTSIDE | flag::FILLED;
+const FOREIGN: u16 = flag::OUTSIDE | flag::FILLED | flag::INFERRED | flag::COARSE;
 
 impl Summary {
     /// The summary of a map whose disparities were searched among these candidates.
@@ -60,6 +66,8 @@ impl Summary {
             at_high: share(counts.at_high),
             confidence: confidence
                 .map_or(f64::NAN, |_| share(counts.confidence) / f64::from(STEPS)),
+            coarse: share(counts.coarse),
+            inferred: share(counts.inferred),
             wrong: confidence.map_or(map.wrong.unwrap_or(f64::NAN), |_| {
                 1.0 - counts.right as f64 / f64::from(STEPS) / counts.estimated.max(1) as f64
             }),
@@ -76,11 +84,13 @@ impl PixelCounts {
         let ends = [ends[0] + 0.5, ends[1] - 0.5];
         for (disparity, flags) in disparity.chunks(PART).zip(flags.chunks(PART)) {
             let part = level.run(CountPart { disparity, flags, ends });
-            let [estimated, flagged, at_low, at_high] = part.map(u64::from);
+            let [estimated, flagged, at_low, at_high, coarse, inferred] = part.map(u64::from);
             counts.estimated += estimated;
             counts.flagged += flagged;
             counts.at_low += at_low;
             counts.at_high += at_high;
+            counts.coarse += coarse;
+            counts.inferred += inferred;
         }
 
         let confidence = confidence.unwrap_or_default().chunks(PART);
@@ -102,11 +112,12 @@ struct CountPart<'a> {
 }
 
 impl Loop for CountPart<'_> {
-    type Output = [u32; 4];
+    type Output = [u32; 6];
 
     #[inline(always)]
-    fn run(self) -> [u32; 4] {
+    fn run(self) -> [u32; 6] {
         let [mut estimated, mut flagged, mut at_low, mut at_high] = [0; 4];
+        let [mut coarse, mut inferred] = [0; 2];
 
         for (disparity, flags) in self.disparity.iter().zip(self.flags) {
             let is_own = flags & FOREIGN == 0;
@@ -114,8 +125,10 @@ impl Loop for CountPart<'_> {
             flagged += u32::from(flags & FAILED != 0);
             at_low += u32::from(is_own & (*disparity < self.ends[0]));
             at_high += u32::from(is_own & (*disparity > self.ends[1]));
+            coarse += u32::from(flags & flag::COARSE != 0);
+            inferred += u32::from(flags & flag::INFERRED != 0);
         }
-        [estimated, flagged, at_low, at_high]
+        [estimated, flagged, at_low, at_high, coarse, inferred]
     }
 }
 

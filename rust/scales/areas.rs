@@ -90,13 +90,24 @@ fn flat(gray: &Plane<i32>, control: &Control) -> Result<Plane<bool>> {
         }
 
         let height = window(y, rows).len();
-        for (x, flat) in flat.iter_mut().enumerate() {
-            let window = window(x, cols);
-            let count = (height * window.len()) as i64;
-            let sum: i64 = sums[window.clone()].iter().sum();
-            let squares: i64 = squares[window].iter().sum();
+        let (mut sum, mut square) = (0, 0);
+        for x in 0..RADIUS.min(cols) {
+            sum += sums[x];
+            square += squares[x];
+        }
 
-            *flat = count * squares - sum * sum <= count * count * noise * noise;
+        for (x, flat) in flat.iter_mut().enumerate() {
+            if x + RADIUS < cols {
+                sum += sums[x + RADIUS];
+                square += squares[x + RADIUS];
+            }
+            if x > RADIUS {
+                sum -= sums[x - RADIUS - 1];
+                square -= squares[x - RADIUS - 1];
+            }
+
+            let count = (height * window(x, cols).len()) as i64;
+            *flat = count * square - sum * sum <= count * count * noise * noise;
         }
     })
 }

@@ -319,7 +319,8 @@ impl Surface {
             let means = [x, y, disparity];
             near().map(|sample| (sample[i] - means[i]) * (sample[j] - means[j])).sum::<f64>()
         };
-        let [xx, xy, yy, xd, yd] = [(0, 0), (0, 1), (1, 1), (0, 2), (1, 2)].map(|(i, j)| product(i, j));
+        let [xx, xy, yy, xd, yd] =
+            [(0, 0), (0, 1), (1, 1), (0, 2), (1, 2)].map(|(i, j)| product(i, j));
         let determinant = xx * yy - xy * xy;
         if determinant < 1.0 {
             return None;
@@ -336,7 +337,8 @@ struct Random(u64);
 impl Random {
     /// A number below `count`. Knuth, MMIX.
     fn below(&mut self, count: usize) -> usize {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        self.0 =
+            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (self.0 >> 33) as usize % count
     }
 }

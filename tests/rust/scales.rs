@@ -26,9 +26,8 @@ fn random(salt: u64, y: usize, x: usize) -> f32 {
 /// A map whose confidences are low in some places and high in others.
 fn map((rows, cols): (usize, usize), salt: u64, scale: f32) -> Disparity {
     let patch = |y: usize, x: usize| random(salt, y / 9, x / 11);
-    let confidence = |y: usize, x: usize| {
-        (0.7 * patch(y, x) + 0.3 * random(salt + 1, y, x)).clamp(0.0, 1.0)
-    };
+    let confidence =
+        |y: usize, x: usize| (0.7 * patch(y, x) + 0.3 * random(salt + 1, y, x)).clamp(0.0, 1.0);
     let disparity = |y: usize, x: usize| {
         let is_missing = hash(salt + 2, y, x) % 17 == 0;
         if is_missing { f32::NAN } else { scale * (8.0 + 3.0 * random(salt + 3, y / 4, x / 6)) }
@@ -50,8 +49,8 @@ fn naive_mean(plane: &Plane<f32>, (y, x): (usize, usize), radius: isize) -> f32 
     for dy in -radius..=radius {
         for dx in -radius..=radius {
             let (y, x) = (y as isize + dy, x as isize + dx);
-            let is_inside = (0..plane.rows() as isize).contains(&y)
-                && (0..plane.cols() as isize).contains(&x);
+            let is_inside =
+                (0..plane.rows() as isize).contains(&y) && (0..plane.cols() as isize).contains(&x);
             if is_inside {
                 sum += (plane.row(y as usize)[x as usize] * 1_048_576.0) as u64;
                 count += 1;
@@ -254,7 +253,11 @@ fn board(surface: impl Fn(usize, usize) -> f32) -> (Pair, Disparity) {
     let map = Disparity {
         disparity: Plane::from_fn(180, 260, disparity),
         flags: Plane::from_fn(180, 260, |_, _| flag::FILLED),
-        confidence: Some(Plane::from_fn(180, 260, |y, x| if is_unknown(y, x) { 0.2 } else { 0.95 })),
+        confidence: Some(Plane::from_fn(
+            180,
+            260,
+            |y, x| if is_unknown(y, x) { 0.2 } else { 0.95 },
+        )),
         uncertainty: Some(Plane::from_fn(180, 260, |_, _| 1.0)),
         wrong: None,
         timings: Timings::default(),
@@ -303,7 +306,12 @@ fn what_is_not_a_plane_is_not_drawn() {
     assert_eq!(drawn(&pair, before.clone()), before);
 }
 
-fn means<'a>(matcher: &'a Matcher, threads: usize, level: Level, control: &'a Control) -> Means<'a> {
+fn means<'a>(
+    matcher: &'a Matcher,
+    threads: usize,
+    level: Level,
+    control: &'a Control,
+) -> Means<'a> {
     Means { matcher, how: Execution { threads, level }, control }
 }
 
@@ -391,11 +399,15 @@ fn copies_decide_where_the_pair_has_no_evidence_with_the_same_bits_everywhere() 
     let coarse = found.flags.as_slice().iter().filter(|flags| **flags & flag::COARSE != 0).count();
     assert!(coarse > 260 * 300 / 4, "{coarse} pixels of copies");
 
-    for (threads, level) in levels().into_iter().map(|level| (1, level)).chain([(3, Level::best())]) {
+    for (threads, level) in levels().into_iter().map(|level| (1, level)).chain([(3, Level::best())])
+    {
         let other = matched(threads, level);
         assert_eq!(other.disparity, found.disparity);
         assert_eq!(other.flags, found.flags);
-        assert_eq!((other.confidence, other.uncertainty), (found.confidence.clone(), found.uncertainty.clone()));
+        assert_eq!(
+            (other.confidence, other.uncertainty),
+            (found.confidence.clone(), found.uncertainty.clone())
+        );
     }
 
     // They make it better.

@@ -1,6 +1,5 @@
 //! The temporal filter, against the recurrence as it is written down, pixel by pixel.
 
-
 use crate::common::maps::bits;
 use crate::common::{at_every_level, hash, levels, mask, random, view};
 use ndarray::Array3;

@@ -1,6 +1,5 @@
 //! The second opinion: its evidence and its verdicts, pixel by pixel from their definitions.
 
-
 use crate::common::{hash, levels, mask, view};
 use phasestereo::internals::cost::Costs;
 use phasestereo::internals::cost::candidates::Candidates;
