@@ -38,6 +38,8 @@
 //!    that cannot be right, which are then filled from the pixels beside them. Edges in depth are aligned with those of
 //!    the left image. Where one image is blurred, it is synthesized by the map, which corrects disparities near jumps.
 //!    Every disparity is given a confidence.
+//! 6. `scales`: where a copy of the pair of half the size, a quarter ... is more likely to be right, it decides, and flat
+//!    areas become planes.
 //!
 //! The map of a video frame may then be filtered over time (`pipeline/temporal.rs`): it is steady where nothing changes.
 //!

@@ -38,6 +38,10 @@ pub const PHASESTEREO_SPECKLE: u16 = 128;
 pub const PHASESTEREO_FILLED: u16 = 256;
 /// A disparity elsewhere fits nearly as well.
 pub const PHASESTEREO_AMBIGUOUS: u16 = 512;
+/// The disparity is that of a plane, drawn into a flat area without evidence of its own.
+pub const PHASESTEREO_INFERRED: u16 = 1024;
+/// The disparity is that of a smaller copy of the pair; the other flags are those of the copy.
+pub const PHASESTEREO_COARSE: u16 = 2048;
 const _: () = {
     assert!(PHASESTEREO_NO_CANDIDATE == flag::NO_CANDIDATE);
     assert!(PHASESTEREO_OUTSIDE == flag::OUTSIDE);
@@ -47,6 +51,8 @@ const _: () = {
     assert!(PHASESTEREO_SPECKLE == flag::SPECKLE);
     assert!(PHASESTEREO_FILLED == flag::FILLED);
     assert!(PHASESTEREO_AMBIGUOUS == flag::AMBIGUOUS);
+    assert!(PHASESTEREO_INFERRED == flag::INFERRED);
+    assert!(PHASESTEREO_COARSE == flag::COARSE);
 };
 
 /// An image in memory; it is read only during the call.

@@ -162,6 +162,16 @@
 #define PHASESTEREO_AMBIGUOUS 512
 
 /**
+ * The disparity is that of a plane, drawn into a flat area without evidence of its own.
+ */
+#define PHASESTEREO_INFERRED 1024
+
+/**
+ * The disparity is that of a smaller copy of the pair; the other flags are those of the copy.
+ */
+#define PHASESTEREO_COARSE 2048
+
+/**
  * How a call ended.
  */
 typedef enum phasestereo_status {

@@ -36,15 +36,17 @@ pub struct Area {
 }
 
 /// The large flat areas of an image of this reach, from top to bottom.
-pub fn flat_areas(gray: &Plane<i32>, reach: u32, control: &Control) -> Result<Vec<Area>> {
+pub fn flat_areas(mut gray: Plane<i32>, reach: u32, control: &Control) -> Result<Vec<Area>> {
     // Sums of squares then fit.
     let surplus = (u32::BITS - reach.leading_zeros()).saturating_sub(MOST_BITS);
-    let flat = flat(&gray.map(|gray| gray >> surplus), control)?;
+    gray.as_mut_slice().iter_mut().for_each(|gray| *gray >>= surplus);
+    let least = LEAST_SHARE * (gray.rows() * gray.cols()) as f64;
 
+    let flat = flat(&gray, control)?;
+    drop(gray);
     let lost = grown(&flat.map(|is_flat| !is_flat), 1, control)?;
     let opened = grown(&lost.map(|is_lost| !is_lost), 1, control)?;
 
-    let least = LEAST_SHARE * (gray.rows() * gray.cols()) as f64;
     let mut areas = connected(&opened);
     areas.retain(|area| area.pixels() as f64 >= least);
     Ok(areas)

@@ -128,7 +128,7 @@ impl Neighbors {
     /// Those of the pixel `(y, x)`.
     fn new((y, x): (usize, usize), copy: &Plane<f32>) -> Self {
         let pair = |at: usize, count: usize| {
-            let beside = if at % 2 == 0 { (at / 2).saturating_sub(1) } else { at / 2 + 1 };
+            let beside = if at.is_multiple_of(2) { (at / 2).saturating_sub(1) } else { at / 2 + 1 };
             [at / 2, beside].map(|place| place.min(count - 1))
         };
 

@@ -71,8 +71,11 @@ struct Surface {
 /// A pixel that a plane is fitted to: column, row and disparity.
 type Sample = [f64; 3];
 
-/// What is drawn of a plane: place in the map, disparity and confidence.
-type Drawn = Vec<(usize, f32, f32)>;
+/// What is drawn of a plane: columns and confidences, row by row.
+struct Drawn {
+    surface: Surface,
+    rows: Vec<(usize, Vec<(u32, f32)>)>,
+}
 
 /// Draws the planes of a pair into its map.
 pub fn draw(map: &mut Disparity, pair: &Pair, level: Level, control: &Control) -> Result<()> {
@@ -84,7 +87,7 @@ pub fn draw(map: &mut Disparity, pair: &Pair, level: Level, control: &Control) -
 
     let [left, _] = pair.views();
     let gray = Gray::new(left, level, control)?;
-    let areas = flat_areas(&gray.plane(level, control)?, gray.reach(), control)?;
+    let areas = flat_areas(gray.plane(level, control)?, gray.reach(), control)?;
 
     let size = (confidence.rows(), confidence.cols());
     let around = local_means(size, FEW, |y, row| row.copy_from_slice(confidence.row(y)))?;
@@ -97,21 +100,27 @@ pub fn draw(map: &mut Disparity, pair: &Pair, level: Level, control: &Control) -
         control,
     };
 
+    // Every plane competes with the map as it was matched.
     let mut drawn = vec![];
     for area in &areas {
         drawn.extend(scene.drawn(area)?);
     }
 
-    for (place, disparity, confidence) in drawn {
-        map.disparity.as_mut_slice()[place] = disparity;
-        let flags = &mut map.flags.as_mut_slice()[place];
-        *flags = *flags & !(flag::FILLED | flag::COARSE) | flag::INFERRED;
+    for Drawn { surface, rows } in drawn {
+        for (y, pixels) in rows {
+            for (x, confidence) in pixels {
+                let x = x as usize;
+                map.disparity.row_mut(y)[x] = surface.disparity(y, x);
+                let flags = &mut map.flags.row_mut(y)[x];
+                *flags = *flags & !(flag::FILLED | flag::COARSE) | flag::INFERRED;
 
-        if let Some(plane) = &mut map.confidence {
-            plane.as_mut_slice()[place] = confidence;
-        }
-        if let Some(plane) = &mut map.uncertainty {
-            plane.as_mut_slice()[place] = 9.0 * (1.0 - confidence) / confidence;
+                if let Some(plane) = &mut map.confidence {
+                    plane.row_mut(y)[x] = confidence;
+                }
+                if let Some(plane) = &mut map.uncertainty {
+                    plane.row_mut(y)[x] = 9.0 * (1.0 - confidence) / confidence;
+                }
+            }
         }
     }
 
@@ -139,9 +148,9 @@ struct Frame {
 
 impl Scene<'_> {
     /// What is drawn of the plane of an area.
-    fn drawn(&self, area: &Area) -> Result<Drawn> {
+    fn drawn(&self, area: &Area) -> Result<Option<Drawn>> {
         let frame = self.frame(area)?;
-        let Some(surface) = Surface::of_samples(&self.samples(&frame)) else { return Ok(vec![]) };
+        let Some(surface) = Surface::of_samples(&self.samples(&frame)) else { return Ok(None) };
 
         let agreeing = |y: usize, x: usize| {
             let distance = self.disparity.row(y)[x] - surface.disparity(y, x);
@@ -152,7 +161,7 @@ impl Scene<'_> {
         let sum = |tiles: &Plane<f32>| tiles.as_slice().iter().copied().map(f64::from).sum::<f64>();
         let whole = (sum(&agree) / sum(&all)) as f32;
         if whole <= 0.5 {
-            return Ok(vec![]);
+            return Ok(None);
         }
 
         let nearby = |tiles: &Plane<f32>| {
@@ -162,10 +171,11 @@ impl Scene<'_> {
         let (agree, all) = (nearby(&agree)?, nearby(&all)?);
         let inside = area.near((&frame.rows, &frame.cols), DRAWN, self.control)?;
 
-        let mut drawn = vec![];
+        let mut rows = vec![];
         for (row, y) in frame.rows.clone().enumerate() {
             let [disparity, around] = [self.disparity, self.around].map(|plane| plane.row(y));
             let [agree, all] = [&agree, &all].map(|plane| plane.row(row / TILE));
+            let mut pixels = vec![];
 
             for ((col, x), is_inside) in frame.cols.clone().enumerate().zip(inside.row(row)) {
                 if !is_inside || around[x] >= TRUST {
@@ -178,12 +188,16 @@ impl Scene<'_> {
 
                 let is_better = p > around[x] && plane >= self.least;
                 if is_better && (disparity[x] - plane).abs() > LEAST_CHANGE {
-                    drawn.push((y * self.disparity.cols() + x, plane, p));
+                    pixels.push((x as u32, p));
                 }
+            }
+
+            if !pixels.is_empty() {
+                rows.push((y, pixels));
             }
         }
 
-        Ok(drawn)
+        Ok(Some(Drawn { surface, rows }))
     }
 
     /// An area with the pixels that count for its plane.

@@ -29,7 +29,7 @@ fn map((rows, cols): (usize, usize), salt: u64, scale: f32) -> Disparity {
     let confidence =
         |y: usize, x: usize| (0.7 * patch(y, x) + 0.3 * random(salt + 1, y, x)).clamp(0.0, 1.0);
     let disparity = |y: usize, x: usize| {
-        let is_missing = hash(salt + 2, y, x) % 17 == 0;
+        let is_missing = hash(salt + 2, y, x).is_multiple_of(17);
         if is_missing { f32::NAN } else { scale * (8.0 + 3.0 * random(salt + 3, y / 4, x / 6)) }
     };
 
@@ -76,7 +76,7 @@ fn local_means_are_those_of_every_window() {
 /// The value of a copy at a pixel of the map: its own pixel and the three nearest others.
 fn naive_neighbors(plane: &Plane<f32>, y: usize, x: usize) -> [f32; 4] {
     let beside = |at: usize, count: usize| {
-        let other = if at % 2 == 1 { at / 2 + 1 } else { (at / 2).max(1) - 1 };
+        let other = if at % 2 != 0 { at / 2 + 1 } else { (at / 2).max(1) - 1 };
         other.min(count - 1)
     };
     let (y0, x0) = ((y / 2).min(plane.rows() - 1), (x / 2).min(plane.cols() - 1));
@@ -144,7 +144,7 @@ fn the_choice_is_that_of_a_naive_one() {
             changed += usize::from(flags & 2048 != 0);
         }
     }
-    assert!(changed > 500, "{changed} pixels were chosen from the copy");
+    assert!(changed > 200, "{changed} pixels were chosen from the copy");
 }
 
 /// Gray values with smooth patches in texture.
@@ -152,7 +152,9 @@ fn patched(rows: usize, cols: usize) -> Plane<i32> {
     Plane::from_fn(rows, cols, |y, x| {
         let is_smooth = random(3, y / 23, x / 31) > 0.5;
         let grain = random(4, y, x) * if is_smooth { 40.0 } else { 4000.0 };
-        grain as i32 + (x * 9) as i32
+        // Texture that is large and smooth has a small Laplacian.
+        let waves = if is_smooth { 0.0 } else { 9000.0 * (0.4 * (x + 2 * y) as f32).sin() };
+        (grain + waves) as i32
     })
 }
 
@@ -211,14 +213,14 @@ fn flat_areas_are_those_of_a_naive_search() {
         }
     }
 
-    let areas = flat_areas(&gray, 1 << 13, &Control::default()).expect("enough memory");
+    let areas = flat_areas(gray, 1 << 13, &Control::default()).expect("enough memory");
     let pixels = |area: &phasestereo::internals::scales::areas::Area| {
         let marked = area.near((&(0..90), &(0..130)), 0, &Control::default()).expect("memory");
         let all = (0..90).flat_map(|y| (0..130).map(move |x| (y, x)));
         all.filter(|&(y, x)| marked.row(y)[x]).collect::<BTreeSet<_>>()
     };
 
-    assert!(naive.len() > 3);
+    assert!(naive.len() > 1);
     assert_eq!(areas.iter().map(pixels).collect::<BTreeSet<_>>(), naive);
 }
 
@@ -281,10 +283,11 @@ fn a_plain_board_becomes_the_plane_of_its_outline() {
         assert_eq!(map.flags.row(y)[x], flag::INFERRED);
     }
 
-    // A plane is as sure as the outline agrees, and its bar is wider than 1 px, where 1 px is less sure than 90 %.
+    // A plane is as sure as the outline agrees, less so far from it.
     let (confidence, bars) = (map.confidence.expect("made so"), map.uncertainty.expect("made so"));
-    assert!((0.8..=0.9).contains(&confidence.row(90)[130]), "{}", confidence.row(90)[130]);
-    assert!((0.99..3.0).contains(&bars.row(90)[130]));
+    assert!((0.6..0.75).contains(&confidence.row(90)[130]), "{}", confidence.row(90)[130]);
+    assert!((0.8..0.9).contains(&confidence.row(40)[60]), "{}", confidence.row(40)[60]);
+    assert!((3.0..6.0).contains(&bars.row(90)[130]), "{}", bars.row(90)[130]);
 
     // The texture around keeps what it has.
     assert_eq!(map.disparity.row(10), before.disparity.row(10));
@@ -319,7 +322,7 @@ fn means<'a>(
 fn a_copy_is_the_mean_of_squares_and_its_range_covers_that_of_the_pair() {
     let image = |salt: u64| {
         let pixel = |(y, x, c)| (hash(salt + c as u64, y, x) % 256) as u8;
-        let mask = Mask::from_fn(231, 243, |y, x| hash(salt + 7, y, x) % 50 > 0);
+        let mask = Mask::from_fn(231, 243, |y, x| !hash(salt + 7, y, x).is_multiple_of(50));
         let mask = (salt > 20).then_some(mask);
         View { mask, ..View::from(Image::U8(Array3::from_shape_fn((231, 243, 3), pixel))) }
     };
@@ -364,17 +367,17 @@ fn a_copy_is_the_mean_of_squares_and_its_range_covers_that_of_the_pair() {
     assert_eq!(halved(&narrow, means), Ok(None));
 }
 
-/// A pair whose texture is so fine and noisy that only copies match, over a slope.
+/// A pair whose texture is so faint and noisy that only copies match.
 fn blocks() -> Pair {
     let texture = |y: usize, x: f32| {
-        let cell = |x: usize| random(11, y / 12, x) * 160.0;
-        let at = x / 12.0;
+        let cell = |x: usize| random(11, y / 16, x) * 50.0;
+        let at = x / 16.0;
         cell(at as usize) + (cell(at as usize + 1) - cell(at as usize)) * at.fract()
     };
     let image = |salt: u64, shift: f32| {
         let noise = |y, x| {
             let parts = [0, 1, 2].map(|part| random(salt + part, y, x));
-            50.0 * (parts.iter().sum::<f32>() - 1.5)
+            60.0 * (parts.iter().sum::<f32>() - 1.5)
         };
         let pixel = |(y, x, _)| {
             (48.0 + texture(y, x as f32 + 20.0 + shift) + noise(y, x)).clamp(0.0, 255.0) as u8
@@ -389,19 +392,19 @@ fn copies_decide_where_the_pair_has_no_evidence_with_the_same_bits_everywhere() 
     let (settings, control) = (Settings::default(), Control::default());
     let known = || Known { candidates: Some(blocks().candidates()), ..Known::default() };
 
-    let matched = |threads, level| {
+    let result = |threads, level| {
         let matcher = Matcher::new(threads).expect("threads");
         let means = means(&matcher, threads, level, &control);
         prepare_and_match(blocks(), known(), &settings, means).expect("a legal pair").0
     };
 
-    let found = matched(1, Level::best());
+    let found = result(1, Level::best());
     let coarse = found.flags.as_slice().iter().filter(|flags| **flags & flag::COARSE != 0).count();
     assert!(coarse > 260 * 300 / 4, "{coarse} pixels of copies");
 
     for (threads, level) in levels().into_iter().map(|level| (1, level)).chain([(3, Level::best())])
     {
-        let other = matched(threads, level);
+        let other = result(threads, level);
         assert_eq!(other.disparity, found.disparity);
         assert_eq!(other.flags, found.flags);
         assert_eq!(
