@@ -29,7 +29,6 @@ use crate::pipeline::control::Control;
 use crate::pipeline::footprint::Demand;
 use crate::pipeline::matcher::{self, Execution, Pair, usable_threads};
 use crate::pipeline::summary::Summary;
-use crate::rig::estimation::suited::most_demanding;
 use crate::rig::estimation::{Known, Means, prepare, prepare_and_match};
 use crate::settings::Settings;
 use crate::settings::presets::Preset;
@@ -175,7 +174,7 @@ pub unsafe extern "C" fn phasestereo_memory(
         }
 
         let demand = Demand {
-            settings: &most_demanding(&matcher.settings),
+            settings: &matcher.settings,
             compensation: None,
             alignment: None,
             cols: width as usize,

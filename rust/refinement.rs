@@ -280,8 +280,7 @@ impl Draft<'_> {
         }
 
         if settings.subpixel {
-            let reach = settings.smoothing_reach;
-            let smooth = |from: &_, to: &mut _| subpixel::smooth(from, to, reach, level, control);
+            let smooth = |from: &_, to: &mut _| subpixel::smooth(from, to, level, control);
             replace(&mut disparity, &mut spare, smooth)?;
         }
 

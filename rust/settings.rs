@@ -110,7 +110,6 @@ macro_rules! with_every_setting {
             align_rows,
             intensity_range,
             subpixel,
-            smoothing_reach,
             lr_check,
             uniqueness,
             speckle_size,
@@ -185,8 +184,6 @@ pub struct Settings {
     pub intensity_range: Option<(f64, f64)>,
     /// Whether disparities are refined between candidates and smoothed over surfaces.
     pub subpixel: bool,
-    /// Rows and columns on either side that surfaces are smoothed over, with `subpixel`: 3 or 5.
-    pub smoothing_reach: usize,
     /// Left-right check: pixels by which the disparities of two left pixels with one match may differ, 0 to 16384;
     /// `None`: no check.
     pub lr_check: Option<usize>,
@@ -252,9 +249,6 @@ impl Settings {
 
         if !matches!(self.median, 0 | 3) {
             return Err(Error::value("median", self.median, "0 or 3"));
-        }
-        if !matches!(self.smoothing_reach, 3 | 5) {
-            return Err(Error::value("smoothing_reach", self.smoothing_reach, "3 or 5"));
         }
         number_between("min_confidence", self.min_confidence, 1.0)?;
         self.check_intensity_range()

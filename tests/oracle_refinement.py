@@ -272,10 +272,10 @@ def median(disparity: Map) -> Map:
     return np.where(np.isnan(disparity), disparity, medians)
 
 
-def smooth(disparity: Map, reach: int) -> Map:
-    """Return the mean over the pixels around that lie, as those opposite do, within 1 of it."""
+def smooth(disparity: Map) -> Map:
+    """Return the mean over 7 x 7 of the pixels that lie, as those opposite do, within 1 of it."""
     total, count = np.zeros(disparity.shape), np.ones(disparity.shape)
-    for dy, dx in itertools.product(range(-reach, reach + 1), repeat=2):
+    for dy, dx in itertools.product(range(-3, 4), repeat=2):
         if (dy, dx) != (0, 0):
             one, other = (
                 shifted(disparity, *there).astype(np.float32) - disparity
@@ -435,6 +435,6 @@ def refine(
         disparity = median(disparity)
 
     if settings.subpixel:
-        disparity = smooth(disparity, settings.smoothing_reach)
+        disparity = smooth(disparity)
 
     return disparity, flags

@@ -33,7 +33,6 @@ CASES: dict[str, tuple[dict[str, Any], str, bool, slice | None]] = {
     "robust areas": ({}, "uint16", False, slice(150, None)),
     "robust soft masked floats": ({}, "float32", True, slice(0, None)),
     "robust, noise given": ({"noise": (0.5, 1.0), "min_disparity": -3}, "float64", True, None),
-    "robust, much noise given": ({"noise": (12.0, 12.0)}, "uint8", False, None),
     "paper": ({"preset": "paper"}, "uint8", False, None),
     "paper masked": ({"preset": "paper"}, "uint16", True, None),
     "paper floats": ({"preset": "paper", "min_confidence": 0.3}, "float32", True, None),

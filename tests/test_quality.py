@@ -83,38 +83,6 @@ def test_robust_where_the_left_image_is_blurred(data: Path, name: str) -> None:
     assert np.mean([bad(pair, each.disparity) for each in maps]) < BAD_BLURRED[name] + 0.4
 
 
-@pytest.mark.parametrize("fault", ["noise 20", "jpeg 30", "both disk 3"])
-def test_settings_that_suit_what_both_images_suffer_from_are_better(data: Path, fault: str) -> None:
-    """Better than the preset's own ones, with the same compensation; the noise is found."""
-    gains = []
-    for name in ("venus", "Piano", "Lampshade1"):
-        pair = FAULTS[fault](find_scene(data / "middlebury", name).load(), "left")
-        images, options = (pair.left, pair.right), {"num_disparities": pair.num_disparities}
-
-        found = ps.match(*images, **options)
-        assert found.settings.p2 > ps.Settings().p2
-        assert found.settings.smoothing_reach == 5
-
-        as_said = ps.match(*images, **options, blur_compensation=found.blur_compensation)
-        assert as_said.settings == ps.Settings()
-        gains.append(bad(pair, as_said.disparity) - bad(pair, found.disparity))
-
-    assert np.mean(gains) > 0.5
-
-
-@pytest.mark.parametrize("name", ["tsukuba", "Aloe"])
-def test_settings_stay_where_nothing_is_found_and_where_they_are_chosen(
-    data: Path, name: str
-) -> None:
-    pair, result = matched(data, name)
-    assert result.settings == ps.Settings()
-
-    noisy = FAULTS["noise 20"](pair, "left")
-    chosen = {"p1": 5.0, "p2": 30.0, "neighborhood": 7, "smoothing_reach": 5}
-    result = ps.match(noisy.left, noisy.right, num_disparities=pair.num_disparities, **chosen)
-    assert result.settings == ps.Settings(**chosen)
-
-
 def test_robust_beats_semi_global_block_matching_in_every_region(data: Path) -> None:
     """On sharp pairs; in means over the scenes there was half of its errors."""
     pytest.importorskip("cv2")

@@ -200,7 +200,6 @@ SETTINGS = st.builds(
     p2=st.sampled_from([1, 2, 16]),
     adaptive_p2=st.sampled_from([0, 0.3, 1]),
     subpixel=st.booleans(),
-    smoothing_reach=st.sampled_from([3, 5]),
     lr_check=st.sampled_from([None, 0, 1]),
     uniqueness=st.sampled_from([0, 0, 5, 30, 100]),
     speckle_size=st.sampled_from([0, 3, 20]),
@@ -389,10 +388,10 @@ def test_medians_by_hand() -> None:
 
 def test_smoothing_leaves_slants_and_steps() -> None:
     slant = (0.25 * np.arange(12, dtype=np.float32)).reshape(1, 12).repeat(4, axis=0)
-    np.testing.assert_allclose(refinement.smooth(slant, 3), slant, atol=1e-6)
+    np.testing.assert_allclose(refinement.smooth(slant), slant, atol=1e-6)
     step = a_map([1, 1, 1, 5, 5, 5])
-    np.testing.assert_array_equal(refinement.smooth(step, 3), step)
-    np.testing.assert_allclose(refinement.smooth(a_map([1, 1.75, 1]), 3), [[1, 1.25, 1]])
+    np.testing.assert_array_equal(refinement.smooth(step), step)
+    np.testing.assert_allclose(refinement.smooth(a_map([1, 1.75, 1])), [[1, 1.25, 1]])
 
 
 def test_votes_and_confidence_by_hand() -> None:

@@ -137,7 +137,6 @@ BAD_VALUES: list[tuple[dict[str, Any], str]] = [
     ({"uniqueness": 10**30}, "uniqueness"),
     ({"speckle_size": -1}, "speckle_size"),
     ({"speckle_size": 10**30}, "speckle_size"),
-    ({"smoothing_reach": 4}, "smoothing_reach"),
     ({"speckle_range": -1}, "speckle_range"),
     ({"speckle_range": 16384.5}, "speckle_range"),
     ({"speckle_range": float("nan")}, "speckle_range"),

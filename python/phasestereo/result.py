@@ -193,8 +193,7 @@ class Result:
         without an estimate have theirs, others without one 0. None if the settings have
         ``confidence=False``.
     settings
-        The settings that were used: those that suit what was found, with ``compensate_blur=True``
-        the blur, with ``denoise=True`` noise, compression and softness.
+        The settings that were used: with ``compensate_blur=True`` those that suit the blur.
     timings
         Wall-clock seconds of the stages: ``"estimation"`` (of blur and noise, if they were asked
         for), ``"description"`` (images to codes), ``"matching"`` (codes to disparities),

@@ -109,9 +109,7 @@ class Settings:
         What is left of a blur is described by larger neighborhoods: where any is found,
         `neighborhood` and `window` are two pixels larger than said (`neighborhood` four, where all
         of it is Gaussian, of 2.25 pixels or more), 61 and 63 at most; with ``sizes=2`` both
-        neighborhoods grow. Not where all of it is slight, of a standard deviation below 2 pixels
-        along an axis, and the noise of the softer image, and what compression has lost in either,
-        are below half a gray level. Default True.
+        neighborhoods grow. Default True.
     align_rows
         Whether it is estimated how the rows of the images correspond: a smooth field of vertical
         offsets (shift, turn, focal length, keystone, distortion). Where it is significant, the
@@ -127,14 +125,7 @@ class Settings:
     denoise
         Whether the noise of the images, and what compression in blocks (JPEG, video) has lost, are
         estimated and smoothed away before they are described, edges kept; for ``cost="phase"``. The
-        weak level stays that of the noise as it was. Where both images suffer, `p1`, `p2`,
-        `neighborhood` and `smoothing_reach` rise with the harm, unless they have other values than
-        the default; ``result.settings`` has the ones in use. The harm, in gray levels of 256, is
-        the larger one of the noise, 1.5 times the loss of compression, and 7 where four fifths of
-        the texture are smeared, each of the image that has less of it. From 3 to 11 `p1` rises
-        from 6 to 10 and `p2` from 24 to 56. `neighborhood` is 5 with a noise from 7 on or smeared
-        texture; `smoothing_reach` is 5 with a harm beyond 3, a loss of compression from 1 on, or
-        where a blur is compensated. Default True.
+        weak level stays that of the noise as it was. Default True.
     intensity_range
         Intensities (black, white) of the images, which set the unit of ``"sad"`` and ``"nsad"``;
         values beyond one range below black or above white are clamped. None: 0 to 255 for values
@@ -142,11 +133,8 @@ class Settings:
         0.1 % at either end. Phase codes do not depend on it. Default None.
     subpixel
         Whether disparities lie between whole pixels: at the tip of a V through the costs about the
-        chosen one, corrected for what a V gets wrong; then smoothed over the pixels of the same
-        surface around. Default True.
-    smoothing_reach
-        With ``subpixel``: rows and columns on either side over which disparities are smoothed, 3 or
-        5. Default 3.
+        chosen one, corrected for what a V gets wrong; then smoothed over 7 x 7 pixels of the same
+        surface. Default True.
     lr_check
         Left-right check: a pixel is flagged when the right pixel that was chosen for it fits
         another left pixel better whose disparity differs by more than so many pixels, 0 to 16384
@@ -216,7 +204,6 @@ class Settings:
     denoise: bool = _DEFAULTS["denoise"]
     intensity_range: tuple[float, float] | None = _DEFAULTS["intensity_range"]
     subpixel: bool = _DEFAULTS["subpixel"]
-    smoothing_reach: int = _DEFAULTS["smoothing_reach"]
     lr_check: int | None = _DEFAULTS["lr_check"]
     uniqueness: int = _DEFAULTS["uniqueness"]
     speckle_size: int = _DEFAULTS["speckle_size"]

@@ -41,8 +41,8 @@ pub const TEXTURELESS: [f64; 2] = [0.5, 0.8];
 pub const UNIFORM: f64 = 0.97;
 /// Texture that repeats itself within the range, as a share of the image: of 21 pairs up to 3 %.
 pub const REPEATED: [f64; 2] = [0.2, 0.45];
-/// Smeared texture, as a share of it: of 20 sharp pairs up to 57 %.
-pub const SMEARED: f64 = 0.65;
+/// Smeared texture, as a share of it: of 21 sharp images less than half.
+pub const SMEARED: f64 = 0.55;
 
 /// Least mean confidence of a rough match of a pair: 0.58 to 0.95 for 12 pairs, sharp, after six one-sided blurs and with
 /// changed contrast; 0.11 to 0.44 for images that have nothing in common.

@@ -10,6 +10,7 @@ use crate::refinement::confidence;
 use crate::refinement::filling;
 use crate::refinement::guided_median;
 use crate::refinement::median;
+use crate::refinement::subpixel;
 use crate::refinement::synthesis;
 use crate::rig::alignment::Alignment;
 use crate::rig::blur_compensation::BlurCompensation;
@@ -83,7 +84,7 @@ fn refinement(settings: &Settings, compensation: Option<&BlurCompensation>) -> u
         // A jump between two rows belongs to both.
         (settings.guided_median, guided_median::REACH + 1),
         (settings.median > 0, median::REACH),
-        (settings.subpixel, settings.smoothing_reach),
+        (settings.subpixel, subpixel::REACH),
         (settings.needs_confidence(), confidence::RADIUS),
     ];
 

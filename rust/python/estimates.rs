@@ -2,9 +2,7 @@
 
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
 
-use super::arguments::write_settings;
 use super::{internal, wrap};
 use crate::error::{Error, Result};
 use crate::findings::{Finding, Severity, Topic};
@@ -42,9 +40,10 @@ type EstimateTuple<'py> = (
 /// The kernels of the left and of the right image.
 type Kernels<'py> = (Option<Bound<'py, PyArray2<f32>>>, Option<Bound<'py, PyArray2<f32>>>);
 
-/// Noise, impulses and smoothing, kernels, labels and tile of a blur compensation; the settings that suit it.
+/// Noise, impulses and smoothing, kernels, labels and tile of a blur compensation; neighborhood and window that suit
+/// it.
 type PlanTuple<'py> =
-    ([(f64, f64); 3], Vec<Kernels<'py>>, Bound<'py, PyArray2<u8>>, usize, Bound<'py, PyDict>);
+    ([(f64, f64); 3], Vec<Kernels<'py>>, Bound<'py, PyArray2<u8>>, usize, (usize, usize));
 
 /// Least disparity, number of disparities, low and high end, swapped, mixed, identical.
 type RangeTuple = (i64, i64, f64, f64, bool, bool, bool);
@@ -167,7 +166,7 @@ pub fn read_field(field: Option<Field>) -> Result<Option<Alignment>> {
 }
 
 fn compensation_to_py(py: Python<'_>, plan: CompensationPlan) -> PyResult<PlanTuple<'_>> {
-    let settings = write_settings(py, &plan.settings)?;
+    let sides = (plan.settings.neighborhood, plan.settings.window);
 
     let kernel = |taps: Option<Plane<f32>>| taps.map(|taps| wrap(py, taps)).transpose();
     let kernels = plan.kernels.into_iter().map(|[left, right]| Ok((kernel(left)?, kernel(right)?)));
@@ -175,7 +174,7 @@ fn compensation_to_py(py: Python<'_>, plan: CompensationPlan) -> PyResult<PlanTu
 
     let both = [plan.noise, plan.impulses, plan.smoothing].map(|[left, right]| (left, right));
 
-    Ok((both, kernels?, wrap(py, plan.labels)?, plan.tile, settings))
+    Ok((both, kernels?, wrap(py, plan.labels)?, plan.tile, sides))
 }
 
 fn estimate_to_py(py: Python<'_>, estimate: blur::Estimate) -> PyResult<EstimateTuple<'_>> {

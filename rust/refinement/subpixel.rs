@@ -32,8 +32,14 @@ const OWN_SHARE: u32 = 2;
 /// at 0, else 0.139.
 const STEEPER: f32 = 0.6;
 
+/// Rows and columns on either side that surfaces are smoothed over. Root mean square, bad-0.5 and bad-1.0 as for
+/// `OWN_SHARE`: not at all: 0.153, 12.6, 6.3; 2: 0.139, 12.1, 6.1; 3: 0.139, 11.9, 6.0; 4: 0.141, 11.7, 6.0.
+pub const REACH: usize = 3;
 /// Largest difference of the disparities of neighbors on one surface, pixels.
 const SAME_SURFACE: f32 = 1.0;
+
+/// Rows that a pixel is smoothed over, its own in the middle.
+const SIDE: usize = 2 * REACH + 1;
 
 /// The cost of a candidate for [`offset`]: the mean of the paths' totals, plus the weighted cost of the pixel's own window,
 /// which each total contains once already; at most [`i32::MAX`].
@@ -58,29 +64,11 @@ pub fn offset(below: u32, own: u32, above: u32) -> f32 {
     0.5 * tip * (1.0 + STEEPER * (1.0 - tip.abs()))
 }
 
-/// Replaces disparities by the mean over `reach` pixels on either side, 3 or 5, of pixels on the same surface. NaN stays NaN
-/// and does not count.
+/// Replaces disparities by the mean over [`REACH`] pixels around, of pixels on the same surface. NaN stays NaN and does not
+/// count.
 ///
 /// Pixels count in pairs opposite one another, so that the mean of a slanted surface is the surface, up to its edge.
-///
-/// Of sharp pairs, root mean square, bad-0.5 and bad-1.0 as for `OWN_SHARE`: not at all: 0.153, 12.6, 6.3; 2: 0.139, 12.1,
-/// 6.1; 3: 0.139, 11.9, 6.0; 4: 0.141, 11.7, 6.0. What is farther away than 3 pays off where offsets are worse
-/// ([`crate::rig::estimation::suited`]).
 pub fn smooth(
-    disparity: &Plane<f32>,
-    smoothed: &mut Plane<f32>,
-    reach: usize,
-    level: Level,
-    control: &Control,
-) -> Result<()> {
-    match reach {
-        5 => smooth_over::<11>(disparity, smoothed, level, control),
-        _ => smooth_over::<7>(disparity, smoothed, level, control),
-    }
-}
-
-/// The same over squares of this side.
-fn smooth_over<const SIDE: usize>(
     disparity: &Plane<f32>,
     smoothed: &mut Plane<f32>,
     level: Level,
@@ -90,35 +78,35 @@ fn smooth_over<const SIDE: usize>(
     smoothed.write_bands(BAND, |first, smoothed| {
         control.checkpoint()?;
 
-        let rows = WindowRows::<f32, SIDE>::new(cols, f32::NAN)?;
+        let rows = WindowRows::new(cols, f32::NAN)?;
         let counts = zeroed(cols)?;
         level.run(SmoothRows { disparity, first, rows, counts, smoothed });
         Ok(())
     })
 }
 
-/// Writes a band of rows, of which `first` is the first, smoothed over the `SIDE` rows around each.
-struct SmoothRows<'a, const SIDE: usize> {
+/// Writes a band of rows, of which `first` is the first, smoothed over the rows around each.
+struct SmoothRows<'a> {
     disparity: &'a Plane<f32>,
     first: usize,
-    /// Row `y` of the map is number `y + SIDE / 2`.
+    /// Row `y` of the map is number `y + REACH`.
     rows: WindowRows<f32, SIDE>,
     /// Pairs of each pixel of a row that count.
     counts: Vec<i32>,
     smoothed: &'a mut [f32],
 }
 
-impl<const SIDE: usize> Loop for SmoothRows<'_, SIDE> {
+impl Loop for SmoothRows<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
         let Self { disparity, first, mut rows, mut counts, smoothed } = self;
-        let (cols, reach) = (disparity.cols(), SIDE / 2);
+        let cols = disparity.cols();
 
         for (y, sums) in (first..).zip(smoothed.chunks_mut(cols)) {
             for number in missing_rows::<SIDE>(y, first) {
-                let row = number.checked_sub(reach).filter(|y| *y < disparity.rows());
+                let row = number.checked_sub(REACH).filter(|y| *y < disparity.rows());
                 match row {
                     Some(y) => rows.row_mut(number).copy_from_slice(disparity.row(y)),
                     None => rows.row_mut(number).fill(f32::NAN),
@@ -129,12 +117,12 @@ impl<const SIDE: usize> Loop for SmoothRows<'_, SIDE> {
             counts.fill(0);
 
             // The pixels ahead in reading order, each with its opposite.
-            let own = &rows.row(y + reach, 0)[..cols];
-            let row = |at: usize| rows.row(y + at, reach);
-            add_pairs::<SIDE>(reach + 1, own, [row(reach); 2], sums, &mut counts);
-            for down in 1..=reach {
-                let around = [row(reach + down), row(reach - down)];
-                add_pairs::<SIDE>(0, own, around, sums, &mut counts);
+            let own = &rows.row(y + REACH, 0)[..cols];
+            let row = |at: usize| rows.row(y + at, REACH);
+            add_pairs::<{ REACH + 1 }>(own, [row(REACH); 2], sums, &mut counts);
+            for down in 1..=REACH {
+                let around = [row(REACH + down), row(REACH - down)];
+                add_pairs::<0>(own, around, sums, &mut counts);
             }
 
             for ((sum, count), own) in sums.iter_mut().zip(&counts).zip(own) {
@@ -144,13 +132,12 @@ impl<const SIDE: usize> Loop for SmoothRows<'_, SIDE> {
     }
 }
 
-/// Adds the pairs of two rows that count to the sums of each pixel, from column `start` of the windows on: the differences
+/// Adds the pairs of two rows that count to the sums of each pixel, from column `FIRST` of the windows on: the differences
 /// from the pixel's own value, and their number.
 ///
 /// One loop over the pixels, in which all pairs are a constant distance away: the sums stay in registers.
 #[inline(always)]
-fn add_pairs<const SIDE: usize>(
-    start: usize,
+fn add_pairs<const FIRST: usize>(
     own: &[f32],
     [ahead, behind]: [&[f32]; 2],
     sums: &mut [f32],
@@ -163,7 +150,7 @@ fn add_pairs<const SIDE: usize>(
     for x in 0..cols {
         let (mut sum, mut count) = (sums[x], counts[x]);
 
-        for at in start..SIDE {
+        for at in FIRST..SIDE {
             let (a, b) = (ahead[x + at] - own[x], behind[x + SIDE - 1 - at] - own[x]);
             let is_same = (a.abs() <= SAME_SURFACE) & (b.abs() <= SAME_SURFACE);
             sum += if is_same { a + b } else { 0.0 };

@@ -87,8 +87,6 @@ const LEAST_BLOCKS: usize = 12;
 const LEAST_PART: usize = 20;
 /// ... and unless the measured kernel has a loss larger than the family's by this factor.
 const MUCH_WORSE: f32 = 1.5;
-/// A kind of blur of less than one in so many tiles is dropped: it would take codes and a synthesis of its own.
-const RARE: usize = 50;
 /// One block in so many is fitted to all blurs, whatever explains the others,
 const SAMPLE: usize = 4;
 /// ... unless there would be fewer than this.
@@ -700,14 +698,12 @@ impl RegionMap {
         Self { rows: 1, cols: 1, labels: vec![0], tile: rows.max(cols) }
     }
 
-    /// The map with its kinds numbered by falling area, and their old numbers. Tiles of kinds that are too rare go to the
-    /// first one.
+    /// The map with its kinds numbered by falling area, without those of no tile, and the old numbers of these.
     fn by_area(mut self, kinds: usize) -> (Self, Vec<usize>) {
         let mut areas = vec![0; kinds];
 
         self.labels.iter().for_each(|label| areas[usize::from(*label)] += 1);
-        let mut order: Vec<usize> =
-            (0..kinds).filter(|kind| RARE * areas[*kind] >= self.labels.len()).collect();
+        let mut order: Vec<usize> = (0..kinds).filter(|kind| areas[*kind] > 0).collect();
         order.sort_by_key(|kind| std::cmp::Reverse(areas[*kind]));
 
         let mut number = [0; MOST];
@@ -745,16 +741,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn kinds_are_numbered_by_area_and_rare_ones_left_out() {
+    fn kinds_are_numbered_by_area_and_those_without_tiles_left_out() {
         let map = RegionMap { rows: 1, cols: 6, labels: vec![3, 0, 0, 0, 3, 2], tile: 16 };
 
         let (map, order) = map.by_area(4);
         assert_eq!((map.labels, order), (vec![1, 0, 0, 0, 1, 2], vec![0, 3, 2]));
-
-        let mut labels = vec![0; 101];
-        labels[3..6].fill(2);
-        labels[7..9].fill(1);
-        let (map, order) = RegionMap { rows: 1, cols: 101, labels, tile: 16 }.by_area(3);
-        assert_eq!((&map.labels[2..9], order), (&[0, 1, 1, 1, 0, 0, 0][..], vec![0, 2]));
     }
 }

@@ -23,7 +23,6 @@ pub mod compensation_plan;
 pub mod overview;
 pub mod range;
 pub mod rows;
-pub mod suited;
 pub mod tracks;
 pub mod trial;
 
@@ -35,7 +34,6 @@ use self::compensation_plan::CompensationPlan;
 use self::overview::{Overview, RoughMap};
 use self::range::{LeftOut, SearchRange};
 use self::rows::RowOffsets;
-use self::suited::suited;
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
 use crate::findings::{self, Finding};
@@ -416,9 +414,7 @@ fn estimate(
 
     let compensation = match (&blur, request.noise) {
         _ if request.compensation.is_some() => None,
-        (Some(blur), noise) => {
-            Some(CompensationPlan::new(blur, noise, &suited(blur, noise, &photometry, settings))?)
-        }
+        (Some(blur), noise) => Some(CompensationPlan::new(blur, noise, settings)?),
         (None, Some(noise)) => Some(CompensationPlan::of_noise(noise, settings)?),
         (None, None) => None,
     };

@@ -40,11 +40,8 @@ const STEPS: f32 = 64.0;
 const QUIET: f64 = 2.0;
 /// ... and so are those below this share of the range, half a gray level of 8 bits, however little noise there is.
 const FLAT: f64 = 0.002;
-/// Runs of so many times that, four gray levels of 8 bits, are judged for how sharp they are: in fainter texture the
-/// rounding to levels looks sharp. Least and largest share of smeared runs, 20 pairs, with 3 and with 8: as they are 0.09 to
-/// 0.48, 0.09 to 0.56; both after a disk of 2 px 0.42 to 0.85, 0.81 to 0.93; of 3 px 0.43 to 0.85, 0.84 to 0.95; JPEG of
-/// quality 50 0.29 to 0.63, 0.26 to 0.65.
-const TEXTURED: f64 = 8.0;
+/// Runs of so many times that are judged for how sharp they are.
+const TEXTURED: f64 = 3.0;
 /// Interlaced images: shifted back, the fields differ by at most this share of what they differ by as they are. Of
 /// progressive images, no shift makes even and odd rows more alike.
 const ALIKE: f64 = 0.9;

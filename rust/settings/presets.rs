@@ -125,7 +125,6 @@ fn paper() -> Settings {
         align_rows: false,
         intensity_range: None,
         subpixel: false,
-        smoothing_reach: 3,
         lr_check: None,
         uniqueness: 0,
         speckle_size: 0,

@@ -600,9 +600,9 @@ pub fn offset(below: u32, own: u32, above: u32) -> f64 {
 }
 
 /// Reference implementation of [`phasestereo::internals::refinement::subpixel::smooth`]: every pair of neighbors by itself.
-pub fn smooth_surfaces(disparity: &Plane<f32>, reach: usize) -> Plane<f32> {
+pub fn smooth_surfaces(disparity: &Plane<f32>) -> Plane<f32> {
     let (rows, cols) = (disparity.rows(), disparity.cols());
-    let reach = reach as isize;
+    let reach = subpixel::REACH as isize;
     let at = |y: usize, x: usize, dy: isize, dx: isize| {
         let (y, x) = (y.checked_add_signed(dy)?, x.checked_add_signed(dx)?);
         (y < rows && x < cols).then(|| disparity.row(y)[x])

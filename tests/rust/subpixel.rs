@@ -8,13 +8,11 @@ use crate::reference;
 use phasestereo::internals::error::Error;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::refinement::subpixel::{evidence, offset, smooth};
+use phasestereo::internals::refinement::subpixel::{REACH, evidence, offset, smooth};
 use proptest::prelude::*;
 
-const REACHES: [usize; 2] = [3, 5];
-
-fn smoothed(disparity: &Plane<f32>, reach: usize) -> Plane<f32> {
-    drawn(disparity, |out, level| smooth(disparity, out, reach, level, &Control::default()))
+fn smoothed(disparity: &Plane<f32>) -> Plane<f32> {
+    drawn(disparity, |out, level| smooth(disparity, out, level, &Control::default()))
 }
 
 /// Any costs, or costs close together.
@@ -80,11 +78,9 @@ proptest! {
     #[test]
     fn smoothing_equals_its_definition(disparity in disparities()) {
         let bits = |plane: Plane<f32>| plane.map(|d| if d.is_nan() { None } else { Some(d.to_bits()) });
+        let expected = bits(reference::smooth_surfaces(&disparity));
 
-        for reach in REACHES {
-            let expected = bits(reference::smooth_surfaces(&disparity, reach));
-            prop_assert!(bits(smoothed(&disparity, reach)) == expected);
-        }
+        prop_assert!(bits(smoothed(&disparity)) == expected);
     }
 
     /// In steps that floats hold exactly.
@@ -98,9 +94,7 @@ proptest! {
             if x < edge { slanted } else { slanted + 20.0 }
         });
 
-        for reach in REACHES {
-            prop_assert_eq!(smoothed(&plane, reach), plane.clone());
-        }
+        prop_assert_eq!(smoothed(&plane), plane);
     }
 }
 
@@ -130,7 +124,7 @@ fn only_neighbors_within_a_pixel_on_either_side_count() {
     let own = 35.0 / 64.0;
     let mut row = Plane::from_fn(1, 9, |_, x| if x == 4 { own } else { 0.0 });
 
-    let at = |row: &Plane<f32>, x: usize| smoothed(row, 3).row(0)[x];
+    let at = |row: &Plane<f32>, x: usize| smoothed(row).row(0)[x];
     assert_eq!(at(&row, 4), own / 7.0);
 
     row.row_mut(0)[5] = 2.25;
@@ -145,18 +139,15 @@ fn only_neighbors_within_a_pixel_on_either_side_count() {
 
 #[test]
 fn the_reach_is_a_square() {
-    for reach in REACHES {
-        let size = 4 * reach + 1;
-        let center = 2 * reach;
-        let is_center = |y, x| (y, x) == (center, center);
-        let spot = Plane::from_fn(size, size, |y, x| f32::from(u8::from(is_center(y, x))));
-        let found = smoothed(&spot, reach);
+    let size = 4 * REACH + 1;
+    let center = 2 * REACH;
+    let spot = Plane::from_fn(size, size, |y, x| f32::from(u8::from((y, x) == (center, center))));
+    let found = smoothed(&spot);
 
-        for (y, x) in (0..size).flat_map(|y| (0..size).map(move |x| (y, x))) {
-            let is_reached = y.abs_diff(center) <= reach && x.abs_diff(center) <= reach;
+    for (y, x) in (0..size).flat_map(|y| (0..size).map(move |x| (y, x))) {
+        let is_reached = y.abs_diff(center) <= REACH && x.abs_diff(center) <= REACH;
 
-            assert_eq!(found.row(y)[x] > 0.0, is_reached, "{y} {x}");
-        }
+        assert_eq!(found.row(y)[x] > 0.0, is_reached, "{y} {x}");
     }
 }
 
@@ -166,6 +157,6 @@ fn a_cancelled_smoothing_stops() {
     control.cancel();
 
     let plane = Plane::from_fn(2, 3, |_, _| 1.0);
-    let stopped = smooth(&plane, &mut plane.clone(), 3, levels()[0], &control);
+    let stopped = smooth(&plane, &mut plane.clone(), levels()[0], &control);
     assert_eq!(stopped, Err(Error::Cancelled));
 }

@@ -181,7 +181,7 @@ def _settings(cfg: dict[str, Any]) -> Settings:
 
 def _support(settings: Settings) -> int:
     """Return how many pixels across a cost rests on, at most."""
-    larger = _core.LARGER + _core.MUCH_LARGER if settings.compensate_blur or settings.denoise else 0
+    larger = _core.LARGER + _core.MUCH_LARGER if settings.compensate_blur else 0
     return settings.neighborhood + settings.window - 1 + larger
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import chain
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Literal, TypeAlias, TypeVar
 
 from phasestereo.rig.alignment import Alignment
 from phasestereo.rig.blur import as_estimate
@@ -44,7 +44,7 @@ Found: TypeAlias = tuple[
     "Field | None",
     "Estimated | None",
     "tuple[list[tuple[float, float]], list[tuple[_Taps, _Taps]], NDArray[np.uint8], int, "
-    "dict[str, Any]] | None",
+    "tuple[int, int]] | None",
     float,
     "Measured | None",
     "list[Said]",
@@ -98,9 +98,9 @@ def as_estimates(
     photometry = None if measured is None else as_photometry(measured)
     curve = None if photometry is None else photometry.contrast
 
-    # What the core found calls for a compensation, and for settings that suit it.
+    # What the core found calls for a compensation, and for sizes that suit it.
     if suited is not None:
-        (noise, impulses, smoothing), kernels, labels, tile, suits = suited
+        (noise, impulses, smoothing), kernels, labels, tile, (neighborhood, window) = suited
         for array in (labels, *chain.from_iterable(kernels)):
             if array is not None:
                 array.flags.writeable = False
@@ -114,7 +114,9 @@ def as_estimates(
             impulses=impulses,
             smoothing=smoothing,
         )
-        settings = _from_core(Settings, **suits)
+        same = {field.name: getattr(settings, field.name) for field in fields(settings)}
+        suits = {"neighborhood": neighborhood, "window": window}
+        settings = _from_core(Settings, **(same | suits))
 
     return Estimates(
         settings=settings,

@@ -219,19 +219,16 @@ pub fn refinements() -> impl Strategy<Value = Settings> {
 
     let switches = [any::<bool>(); 5];
     let checks = (consistency, uniqueness);
-    let reach = select(vec![3, 5]);
-    (checks, speckles, median, least, switches, reach).prop_map(
+    (checks, speckles, median, least, switches).prop_map(
         |(
             checks,
             speckles,
             median,
             min_confidence,
             [subpixel, synthesis, guided_median, fill, confidence],
-            smoothing_reach,
         )| {
             Settings {
                 subpixel,
-                smoothing_reach,
                 lr_check: checks.0,
                 uniqueness: checks.1,
                 speckle_size: speckles.0,

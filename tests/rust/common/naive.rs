@@ -424,7 +424,7 @@ fn refined(
     }
 
     if settings.subpixel {
-        disparity = reference::smooth_surfaces(&disparity, settings.smoothing_reach);
+        disparity = reference::smooth_surfaces(&disparity);
     }
 
     (disparity, flags)
