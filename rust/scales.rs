@@ -7,12 +7,12 @@
 //! ```text
 //! decided(pair):
 //!     map = match(pair)                                       calibrated confidences
-//!     if the pixels in doubt are many, and a copy is not too small:
+//!     if many pixels are in doubt, and a copy is not too small:
 //!         coarse = decided(pair / 2)
 //!         map = choice of map and coarse                      (choice.rs)
 //!     return map
 //!
-//! map = decided(pair), where flat areas become planes         (planes.rs)
+//! map = decided(pair); if some pixels were in doubt, flat areas become planes (planes.rs)
 //! ```
 //!
 //! Where the map as it is has evidence, nothing changes: thin things and edges are the fine scale's. The number of
@@ -36,6 +36,11 @@ use crate::scales::choice::Doubt;
 use crate::scales::reduction::halved;
 use crate::settings::Settings;
 
+/// Share of the pixels in doubt from which on planes are looked for.
+const SOME: f64 = 0.01;
+/// Share of the pixels in doubt from which on a smaller copy is matched: of sharp pairs with fewer it decides less than 1 %.
+const MANY: f64 = 0.05;
+
 /// Matches a prepared pair as [`crate::pipeline::matcher::Matcher::match_pair`] does, and decides over scales where these
 /// settings, from which it was prepared, ask for it.
 pub fn match_over_scales(
@@ -52,9 +57,12 @@ pub fn match_over_scales(
     let mut map = matcher.match_calibrated(pair, suited, how, control)?;
 
     let started = Instant::now();
-    matcher.install(|| {
-        decide(&mut map, pair, settings, means)?;
-        planes::draw(&mut map, pair, how.level, control)
+    matcher.install(|| match Doubt::of_map(&map)? {
+        Some(doubt) if doubt.share() > SOME => {
+            decide(&mut map, &doubt, pair, settings, means)?;
+            planes::draw(&mut map, pair, how.level, control)
+        }
+        _ => Ok(()),
     })?;
     map.timings.scales = started.elapsed();
 
@@ -62,9 +70,15 @@ pub fn match_over_scales(
 }
 
 /// Decides between a map and that of the pair at half the size, if many pixels are in doubt.
-fn decide(map: &mut Disparity, pair: &Pair, settings: &Settings, means: Means) -> Result<()> {
-    let Some(doubt) = Doubt::of_map(map)?.filter(Doubt::is_widespread) else { return Ok(()) };
-    let Some(copy) = halved(pair, means)? else { return Ok(()) };
+fn decide(
+    map: &mut Disparity,
+    doubt: &Doubt,
+    pair: &Pair,
+    settings: &Settings,
+    means: Means,
+) -> Result<()> {
+    let copy = if doubt.share() > MANY { halved(pair, means)? } else { None };
+    let Some(copy) = copy else { return Ok(()) };
 
     // Its rows correspond by now, and its progress is not that of the map. Noise and blur are others: those of means.
     let control = means.control.aside();
@@ -74,7 +88,9 @@ fn decide(map: &mut Disparity, pair: &Pair, settings: &Settings, means: Means) -
 
     let Prepared { pair: copy, settings: suited, .. } = prepare(copy, known, &settings, means)?;
     let mut coarse = means.matcher.match_calibrated(&copy, &suited, means.how, means.control)?;
-    decide(&mut coarse, &copy, &settings, means)?;
+    if let Some(doubt) = Doubt::of_map(&coarse)? {
+        decide(&mut coarse, &doubt, &copy, &settings, means)?;
+    }
 
-    choice::choose(map, &doubt, &coarse)
+    choice::choose(map, doubt, &coarse)
 }

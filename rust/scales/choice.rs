@@ -28,9 +28,6 @@ const LEAST_GAIN: f32 = 0.05;
 /// The factor by which the odds of an error grow when the tolerance is halved: 2.0 to 2.7 on the maps of the development
 /// scenes at half and a quarter of their size, and caution.
 const STRICTER: f32 = 3.0;
-/// Least share of the pixels in doubt with which a smaller copy is matched at all: of sharp pairs with fewer it decides
-/// less than 1 %.
-const LEAST_SHARE: f64 = 0.05;
 /// Largest difference between neighbors of a copy between which its disparities are interpolated, pixels there.
 const ONE_SURFACE: f32 = 1.0;
 
@@ -59,12 +56,12 @@ impl Doubt {
         Ok(Self(means))
     }
 
-    /// Whether so many pixels are in doubt that a smaller copy may be worth its time.
-    pub fn is_widespread(&self) -> bool {
+    /// The share of the pixels in doubt.
+    pub fn share(&self) -> f64 {
         let doubts = self.0.as_slice();
         let count = doubts.iter().filter(|doubt| **doubt > LEAST_DOUBT).count();
 
-        count as f64 > LEAST_SHARE * doubts.len() as f64
+        count as f64 / doubts.len() as f64
     }
 }
 

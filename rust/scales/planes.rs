@@ -38,8 +38,8 @@ const LEAST_WEIGHT: f32 = 0.25;
 /// Fewest such pixels.
 const LEAST_PIXELS: usize = 100;
 /// Pixels that a plane is fitted to, and planes that are tried.
-const SAMPLES: usize = 1000;
-const TRIALS: usize = 200;
+const SAMPLES: usize = 2000;
+const TRIALS: usize = 300;
 /// How near a plane samples have to be, pixels.
 const NEAR: f64 = 0.7;
 /// Steepest planes, disparity by column and by row.
@@ -58,8 +58,6 @@ const TRUST: f32 = 0.9;
 const FEW: usize = 4;
 /// Least difference that is drawn, pixels.
 const LEAST_CHANGE: f32 = 0.5;
-/// Least share of the image in doubt with which planes are looked for.
-const LEAST_DOUBT: f64 = 0.01;
 
 /// `disparity = x slopes[0] + y slopes[1] + height`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -80,11 +78,6 @@ struct Drawn {
 /// Draws the planes of a pair into its map.
 pub fn draw(map: &mut Disparity, pair: &Pair, level: Level, control: &Control) -> Result<()> {
     let Some(confidence) = &map.confidence else { return Ok(()) };
-    let doubtful = confidence.as_slice().iter().filter(|value| **value < TRUST).count();
-    if (doubtful as f64) < LEAST_DOUBT * confidence.as_slice().len() as f64 {
-        return Ok(());
-    }
-
     let [left, _] = pair.views();
     let gray = Gray::new(left, level, control)?;
     let areas = flat_areas(gray.plane(level, control)?, gray.reach(), control)?;
