@@ -60,7 +60,9 @@ pub fn match_over_scales(
     matcher.install(|| match Doubt::of_map(&map)? {
         Some(doubt) if doubt.share() > SOME => {
             decide(&mut map, &doubt, pair, settings, means)?;
-            planes::draw(&mut map, pair, how.level, control)
+            planes::draw(&mut map, pair, how.level, control)?;
+            choice::discount(&mut map);
+            Ok(())
         }
         _ => Ok(()),
     })?;

@@ -212,7 +212,7 @@ def test_parts_are_those_of_the_whole(tmp_path: Path) -> None:
     right[120:140, 30:60] = hot(right[120:140, 30:60], 0.2, 3)
     left[5:15] = hot(left[5:15], 0.05, 3)
 
-    whole = ps.match(left, right, **SEARCH)
+    whole = ps.match(left, right, **SEARCH, scales=False)
     assert whole.blur is not None
     assert min(whole.blur.impulses) > 0
     assert whole.blur.coding[0] > 1

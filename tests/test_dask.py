@@ -36,7 +36,7 @@ pytestmark = [
 
 HEIGHT, WIDTH, COUNT = 331, 97, 24
 FAST: dict[str, Any] = {"preset": "fast", "num_disparities": COUNT}
-ROBUST: dict[str, Any] = {"num_disparities": COUNT}
+ROBUST: dict[str, Any] = {"num_disparities": COUNT, "scales": False}  # parts have one scale
 """The default preset."""
 
 

@@ -470,7 +470,13 @@ def test_results_tell_about_themselves_and_travel() -> None:
     assert result.confidence is not None
     assert result.disparity.dtype == result.confidence.dtype == np.float32
     assert result.flags.dtype == np.uint16
-    assert set(result.timings) == {"estimation", "description", "matching", "refinement"}
+    assert set(result.timings) == {
+        "estimation",
+        "description",
+        "matching",
+        "refinement",
+        "scales",
+    }
     assert "100.0% estimated" in repr(result)
     assert result.summary is not None
     told = replace(result, summary=replace(result.summary, wrong=0.374))

@@ -56,6 +56,7 @@ class Reading:
     def matched(self, **options: Any) -> ps.Result:
         """Match the whole of it in memory."""
         left_mask, right_mask = self.masks
+        options = {"scales": False} | options  # parts are matched at one scale
         return ps.match(*self.images, left_mask=left_mask, right_mask=right_mask, **options)
 
 

@@ -246,7 +246,7 @@ def test_a_rectified_pair_is_matched(scene: tuple[Any, Any]) -> None:
     found = ps.rectify(*raw)
 
     masks: Any = {"left_mask": found.left_mask, "right_mask": found.right_mask}
-    kept: Any = {"num_disparities": 120, "fill": False}
+    kept: Any = {"num_disparities": 120, "fill": False, "scales": False}
 
     good = np.isfinite(ps.match(found.left, found.right, **kept, **masks).disparity).mean()
     bad = np.isfinite(ps.match(*raw, **kept).disparity).mean()

@@ -28,6 +28,9 @@ const LEAST_GAIN: f32 = 0.05;
 /// The factor by which the odds of an error grow when the tolerance is halved: 2.0 to 2.7 on the maps of the development
 /// scenes at half and a quarter of their size, and caution.
 const STRICTER: f32 = 3.0;
+/// The same factor for what was chosen because it seemed surer, and by how much its bars are wider: on the development
+/// scenes, sharp and under faults, a mean confidence of 0.57 to 0.67 stood for 45 to 50 % right pixels.
+const CHOSEN: (f32, f32) = (2.0, 1.25);
 /// Largest difference between neighbors of a copy between which its disparities are interpolated, pixels there.
 const ONE_SURFACE: f32 = 1.0;
 
@@ -113,6 +116,22 @@ pub fn choose(map: &mut Disparity, doubt: &Doubt, coarse: &Disparity) -> Result<
     });
 
     Ok(())
+}
+
+/// Lowers the confidences of what was chosen, once all is decided: the surer one of two is less sure than it seems.
+pub fn discount(map: &mut Disparity) {
+    let (Some(confidence), Some(uncertainty)) = (&mut map.confidence, &mut map.uncertainty) else {
+        return;
+    };
+
+    let (factor, wider) = CHOSEN;
+    let places = confidence.as_mut_slice().iter_mut().zip(uncertainty.as_mut_slice());
+    for ((confidence, bar), flags) in places.zip(map.flags.as_slice()) {
+        if flags & flag::COARSE != 0 {
+            *confidence /= *confidence + (1.0 - *confidence) * factor;
+            *bar *= wider;
+        }
+    }
 }
 
 /// The four pixels of a copy nearest to a pixel: its own, and those beside, above or below, and across.

@@ -53,7 +53,7 @@ __all__ = [
     "uncertainty",
 ]
 
-_CATEGORIES = "tab10"
+_CATEGORIES = "tab20"  # ten colors, each beside a lighter one
 _UNFLAGGED = "#ffffff"
 _SHADES = 1024
 _GRAY = np.array([0.299, 0.587, 0.114])
@@ -536,6 +536,7 @@ def _error_colors(worst: float) -> Any:
 
 def _category_colors(count: int) -> list[Any]:
     colors = require("matplotlib", extra="plot").colormaps[_CATEGORIES].colors
+    colors = [*colors[::2], *colors[1::2]]
     return [colors[number % len(colors)] for number in range(count)]
 
 
