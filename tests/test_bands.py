@@ -54,7 +54,7 @@ CASES: dict[str, tuple[dict[str, Any], str, bool, slice | None]] = {
     "alone": (
         {"cost": "sad", "window": 1, "noise_threshold": 0, "compensate_blur": False, "despike":
          False, "denoise": False, "confidence": False, "guided_median": False, "adaptive_p2": 0,
-         "speckle_size": 0, "lr_check": None, "subpixel": False},
+         "speckle_size": 0, "lr_check": None, "subpixel": False, "scales": False},
         "uint8", False, None,
     ),
     "refined": (

@@ -168,8 +168,8 @@ def pair_statistics(
 ) -> PairStatistics:
     """Gather what must be known of a whole pair, in memory that does not grow with its height.
 
-    Parts that are matched with it come out as `phasestereo.match` has them with ``scales=False``, to
-    the bit: parts are matched at one scale.
+    Parts are matched at one scale: they come out as `phasestereo.match` has them with
+    ``scales=False``, to the bit.
 
     Parameters
     ----------
@@ -200,7 +200,7 @@ def pair_statistics(
     TypeError, ValueError, MemoryError, KeyboardInterrupt
         As `phasestereo.match`.
     """
-    # Parts are matched at one scale: what smaller copies of the whole pair say is not known in a part.
+    # Parts are matched at one scale: they do not know what smaller copies of the whole pair say.
     asked = replace(resolve(preset, settings, overrides), scales=False)
     rows = Checked(read, as_size(size))
 

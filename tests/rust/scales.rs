@@ -76,7 +76,7 @@ fn local_means_are_those_of_every_window() {
 /// The value of a copy at a pixel of the map: its own pixel and the three nearest others.
 fn naive_neighbors(plane: &Plane<f32>, y: usize, x: usize) -> [f32; 4] {
     let beside = |at: usize, count: usize| {
-        let other = if at % 2 != 0 { at / 2 + 1 } else { (at / 2).max(1) - 1 };
+        let other = if at.is_multiple_of(2) { (at / 2).max(1) - 1 } else { at / 2 + 1 };
         other.min(count - 1)
     };
     let (y0, x0) = ((y / 2).min(plane.rows() - 1), (x / 2).min(plane.cols() - 1));
@@ -152,8 +152,8 @@ fn patched(rows: usize, cols: usize) -> Plane<i32> {
     Plane::from_fn(rows, cols, |y, x| {
         let is_smooth = random(3, y / 23, x / 31) > 0.5;
         let grain = random(4, y, x) * if is_smooth { 40.0 } else { 4000.0 };
-        // Texture that is large and smooth has a small Laplacian.
-        let waves = if is_smooth { 0.0 } else { 9000.0 * (0.4 * (x + 2 * y) as f32).sin() };
+        // Large texture has a small Laplacian.
+        let waves = if is_smooth { 0.0 } else { 1500.0 * (((x + 2 * y) % 16) as f32 - 8.0).abs() };
         (grain + waves) as i32
     })
 }

@@ -61,8 +61,8 @@ def surfaces(
         upsampled; and folders with tabletop/NAME/left.png, right.png and disparity.png. Without
         any, rooms alone.
     megapixels
-        Sizes of the rooms; 0.5 and 2 without it. One of 12 takes a minute and a half to render; the memory of
-        opencv:sgbm grows with pixels times disparities.
+        Sizes of the rooms; 0.5 and 2 without it. One of 12 takes a minute and a half to render; the
+        memory of opencv:sgbm grows with pixels times disparities.
     seeds
         How many rooms of each kind and size.
     method
