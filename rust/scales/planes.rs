@@ -11,7 +11,7 @@
 //! agree     = |disparity - plane| < 1
 //! whole     = share of the weight that agrees; no plane unless it is the larger part
 //! p         = TRUST (n near + PRIOR whole) / (n + PRIOR),  n the mean weight, near the share that agrees, nearby
-//! disparity = plane where p > mean confidence of a few pixels and |disparity - plane| > 1/2, in the area
+//! disparity = plane where p > confidence, own and of a few pixels, and |disparity - plane| > 1/2, in the area
 //! ```
 //!
 //! Drawn pixels are flagged as inferred and have the confidence p. Their error bar follows from it, if the odds of an error
@@ -166,12 +166,15 @@ impl Scene<'_> {
 
         let mut rows = vec![];
         for (row, y) in frame.rows.clone().enumerate() {
-            let [disparity, around] = [self.disparity, self.around].map(|plane| plane.row(y));
+            let [disparity, own, around] =
+                [self.disparity, self.confidence, self.around].map(|plane| plane.row(y));
             let [agree, all] = [&agree, &all].map(|plane| plane.row(row / TILE));
             let mut pixels = vec![];
 
             for ((col, x), is_inside) in frame.cols.clone().enumerate().zip(inside.row(row)) {
-                if !is_inside || around[x] >= TRUST {
+                // A thin thing may be sure of itself amid doubt.
+                let sure = around[x].max(own[x]);
+                if !is_inside || sure >= TRUST {
                     continue;
                 }
 
@@ -179,7 +182,7 @@ impl Scene<'_> {
                 let p = TRUST * (agree[col / TILE] + PRIOR * whole) / (all[col / TILE] + PRIOR);
                 let plane = surface.disparity(y, x);
 
-                let is_better = p > around[x] && plane >= self.least;
+                let is_better = p > sure && plane >= self.least;
                 if is_better && (disparity[x] - plane).abs() > LEAST_CHANGE {
                     pixels.push((x as u32, p));
                 }
