@@ -21,8 +21,8 @@
 //! Passing a left-right check at a smaller scale, or a higher raw confidence there, is not evidence: what is filled in
 //! at the full size is often right where the copy matches by mistake. Calibrated confidences know both.
 
-pub mod areas;
 pub mod choice;
+pub mod flat_areas;
 pub mod local_means;
 pub mod planes;
 pub mod reduction;
@@ -30,6 +30,7 @@ pub mod reduction;
 use crate::error::Result;
 use crate::pipeline::matcher::{Disparity, Pair};
 use crate::pipeline::platform::Instant;
+use crate::pipeline::section::Section;
 use crate::rig::blur::parts::Means;
 use crate::rig::estimation::{Known, Prepared, prepare};
 use crate::scales::choice::Doubt;
@@ -54,7 +55,7 @@ pub fn match_over_scales(
         return matcher.match_pair(pair, suited, how, control);
     }
 
-    let mut map = matcher.match_calibrated(pair, suited, how, control)?;
+    let mut map = matcher.match_calibrated(pair, &Section::whole(pair), suited, how, control)?;
 
     let started = Instant::now();
     matcher.install(|| match Doubt::of_map(&map)? {
@@ -89,7 +90,9 @@ fn decide(
     let known = Known { candidates: Some(copy.candidates()), ..Known::default() };
 
     let Prepared { pair: copy, settings: suited, .. } = prepare(copy, known, &settings, means)?;
-    let mut coarse = means.matcher.match_calibrated(&copy, &suited, means.how, means.control)?;
+    let Means { matcher, how, control } = means;
+    let all = Section::whole(&copy);
+    let mut coarse = matcher.match_calibrated(&copy, &all, &suited, how, control)?;
     if let Some(doubt) = Doubt::of_map(&coarse)? {
         decide(&mut coarse, &doubt, &copy, &settings, means)?;
     }

@@ -126,7 +126,7 @@ def match(
     and 1920 columns; with ``optimizer="dp"`` up to ``100 * W * num_disparities`` bytes. For the
     whole pair there are copies of the images, codes (a byte for each eight bits and pixel, of the
     right image once for each version), gray values and the result: 6 bytes a pixel, 10 with
-    confidences; with ``scales``, where pixels are in doubt, about 13 more. Pairs that do not fit
+    confidences; with ``scales``, where pixels are in doubt, about 11 more. Pairs that do not fit
     into memory: `phasestereo.outofcore`, `match_rows`. Nothing but that is kept, nor are any
     threads: to match one pair after another, `Matcher` keeps them.
     """

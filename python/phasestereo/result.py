@@ -163,8 +163,8 @@ class Summary:
     at_high: float
     confidence: float
     wrong: float
-    coarse: float = 0.0
-    inferred: float = 0.0
+    coarse: float
+    inferred: float
 
     def __str__(self) -> str:
         """Say how many pixels are probably wrong: what a result leads with; "" if not known."""
@@ -198,8 +198,7 @@ class Result:
         Wall-clock seconds of the stages: ``"estimation"`` (of blur and noise, if they were asked
         for), ``"description"`` (images to codes), ``"matching"`` (codes to disparities),
         ``"refinement"`` (checks, filling, smoothing, confidences), ``"scales"`` (smaller copies, if
-        they were matched, and planes), ``"temporal filter"`` (if there
-        is one).
+        they were matched, and planes), ``"temporal filter"`` (if there is one).
     uncertainty
         float32 (H, W), pixels: half the width of the interval around the disparity that holds the
         true one with a probability of 90 %; NaN where there is no estimate. None if the settings

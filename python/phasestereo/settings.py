@@ -172,8 +172,9 @@ class Settings:
     scales
         Whether copies of half the size, a quarter and so on decide where they are more likely to be
         right than the pair as it is, as on plain surfaces in large images, and flat areas become
-        planes where these are (flags ``COARSE`` and ``INFERRED``). For ``cost="phase"``; parts of a
-        pair are matched without. Default True.
+        planes where these are (flags ``COARSE`` and ``INFERRED``). For ``cost="phase"``; it needs
+        confidences, which take their time with ``confidence=False``, too. Parts of a pair are
+        matched without. Default True.
 
     Raises
     ------

@@ -286,21 +286,11 @@ impl Matcher {
         how: Execution,
         control: &Control,
     ) -> Result<Disparity> {
-        Ok(self.match_and_calibrate(pair, section, settings, how, control)?.returned(settings))
+        Ok(self.match_calibrated(pair, section, settings, how, control)?.returned(settings))
     }
 
-    /// Matches a pair, and keeps every disparity that there is, whatever is held against it.
+    /// The same with every disparity that there is, whatever is held against it.
     pub fn match_calibrated(
-        &self,
-        pair: &Pair,
-        settings: &Settings,
-        how: Execution,
-        control: &Control,
-    ) -> Result<Disparity> {
-        self.match_and_calibrate(pair, &Section::whole(pair), settings, how, control)
-    }
-
-    fn match_and_calibrate(
         &self,
         pair: &Pair,
         section: &Section,
@@ -316,7 +306,7 @@ impl Matcher {
         })
     }
 
-    /// The same with raw confidences, and with every disparity that there is, whatever is held against it. The sums over
+    /// The same with raw confidences. The sums over
     /// these rows are those that calibration needs, if they are rows to sample.
     pub fn match_raw(
         &self,

@@ -25,7 +25,7 @@ use crate::image::plane::Plane;
 use crate::pipeline::control::Control;
 use crate::pipeline::matcher::{Disparity, Pair};
 use crate::refinement::flag;
-use crate::scales::areas::{Area, flat_areas};
+use crate::scales::flat_areas::{FlatArea, flat_areas};
 use crate::scales::local_means::local_means;
 use crate::simd::Level;
 
@@ -141,7 +141,7 @@ struct Frame {
 
 impl Scene<'_> {
     /// What is drawn of the plane of an area.
-    fn drawn(&self, area: &Area) -> Result<Option<Drawn>> {
+    fn drawn(&self, area: &FlatArea) -> Result<Option<Drawn>> {
         let frame = self.frame(area)?;
         let Some(surface) = Surface::of_samples(&self.samples(&frame)) else { return Ok(None) };
 
@@ -197,7 +197,7 @@ impl Scene<'_> {
     }
 
     /// An area with the pixels that count for its plane.
-    fn frame(&self, area: &Area) -> Result<Frame> {
+    fn frame(&self, area: &FlatArea) -> Result<Frame> {
         let wider = |range: &Range<usize>, most: usize| {
             range.start.saturating_sub(RING)..(range.end + RING).min(most)
         };

@@ -10,8 +10,8 @@ use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::{Disparity, Execution, Matcher, Pair, Timings};
 use phasestereo::internals::refinement::flag;
 use phasestereo::internals::rig::estimation::{Known, Means, prepare, prepare_and_match};
-use phasestereo::internals::scales::areas::flat_areas;
 use phasestereo::internals::scales::choice::{Doubt, choose};
+use phasestereo::internals::scales::flat_areas::{FlatArea, flat_areas};
 use phasestereo::internals::scales::local_means::local_means;
 use phasestereo::internals::scales::planes::draw;
 use phasestereo::internals::scales::reduction::halved;
@@ -214,7 +214,7 @@ fn flat_areas_are_those_of_a_naive_search() {
     }
 
     let areas = flat_areas(gray, 1 << 13, &Control::default()).expect("enough memory");
-    let pixels = |area: &phasestereo::internals::scales::areas::Area| {
+    let pixels = |area: &FlatArea| {
         let marked = area.near((&(0..90), &(0..130)), 0, &Control::default()).expect("memory");
         let all = (0..90).flat_map(|y| (0..130).map(move |x| (y, x)));
         all.filter(|&(y, x)| marked.row(y)[x]).collect::<BTreeSet<_>>()

@@ -157,9 +157,9 @@ impl Overview {
     ) -> Result<RoughMap> {
         if let Some(all) = candidates {
             return self.matched(self.span(all), field, ROUGH, means);
-
-            // Coarse to fine: a wide search on few pixels, then a narrow one on more.
         }
+
+        // Coarse to fine: a wide search on few pixels, then a narrow one on more.
         let coarse = self.reduced(COARSE_WIDTH, means)?;
         let map = coarse.matched(coarse.widest(), field, ROUGH, means)?;
         // A quarter of the range on either side makes up for what the smaller copies do not show.

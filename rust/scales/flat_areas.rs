@@ -26,7 +26,7 @@ const SAMPLES: usize = 1 << 15;
 
 /// A connected flat area.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Area {
+pub struct FlatArea {
     /// Rows that hold it.
     pub rows: Range<usize>,
     /// Columns that hold it.
@@ -36,7 +36,7 @@ pub struct Area {
 }
 
 /// The large flat areas of an image of this reach, from top to bottom.
-pub fn flat_areas(mut gray: Plane<i32>, reach: u32, control: &Control) -> Result<Vec<Area>> {
+pub fn flat_areas(mut gray: Plane<i32>, reach: u32, control: &Control) -> Result<Vec<FlatArea>> {
     // Sums of squares then fit.
     let surplus = (u32::BITS - reach.leading_zeros()).saturating_sub(MOST_BITS);
     gray.as_mut_slice().iter_mut().for_each(|gray| *gray >>= surplus);
@@ -52,7 +52,7 @@ pub fn flat_areas(mut gray: Plane<i32>, reach: u32, control: &Control) -> Result
     Ok(areas)
 }
 
-impl Area {
+impl FlatArea {
     /// The number of its pixels.
     pub fn pixels(&self) -> usize {
         self.runs.iter().map(|(_, run)| run.len()).sum()
@@ -163,7 +163,7 @@ fn grown(marked: &Plane<bool>, radius: usize, control: &Control) -> Result<Plane
 }
 
 /// The 4-connected areas of marked pixels: runs along rows, joined where they touch.
-fn connected(marked: &Plane<bool>) -> Vec<Area> {
+fn connected(marked: &Plane<bool>) -> Vec<FlatArea> {
     let mut runs: Vec<(usize, Range<usize>)> = vec![];
     // Each run leads to another one of its area, or to itself.
     let mut joined: Vec<usize> = vec![];
@@ -194,9 +194,9 @@ fn connected(marked: &Plane<bool>) -> Vec<Area> {
         above = first..runs.len();
     }
 
-    let mut areas: Vec<Option<Area>> = vec![None; runs.len()];
+    let mut areas: Vec<Option<FlatArea>> = vec![None; runs.len()];
     for (index, (y, run)) in runs.into_iter().enumerate() {
-        let of_none = || Area { rows: y..y + 1, cols: run.clone(), runs: vec![] };
+        let of_none = || FlatArea { rows: y..y + 1, cols: run.clone(), runs: vec![] };
         let area = areas[root(&joined, index)].get_or_insert_with(of_none);
 
         area.rows.end = y + 1;
