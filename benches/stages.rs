@@ -365,7 +365,7 @@ mod cost {
         fn run(self) {
             for (y, start) in (0..ROWS).flat_map(|y| (0..COLS).step_by(PANEL).map(move |x| (y, x)))
             {
-                self.costs.write(y, start..start + PANEL, self.out);
+                self.costs.write(y, start..start + PANEL, self.costs.searched(), self.out);
             }
         }
     }
@@ -427,6 +427,7 @@ mod aggregation {
                 for start in (0..COLS).step_by(PANEL) {
                     let columns = start..start + PANEL;
                     let block = PixelBlock { rows: 0..ROWS, columns, strip: STRIP };
+                    let block = (block, costs.searched());
                     let out = divan::black_box(&mut out[..]);
                     aggregator.aggregate(costs, window, block, case.level, out).expect("memory");
                 }
@@ -454,6 +455,7 @@ mod aggregation {
 mod optimization {
     use super::{Bencher, COLS, Case, Control, Optimizer, Texture, cases, noise};
     use phasestereo::internals::cost::aggregation::{Aggregator, PixelBlock};
+    use phasestereo::internals::cost::candidates::Searched;
     use phasestereo::internals::error::Result;
     use phasestereo::internals::optimization::edges::Edges;
     use phasestereo::internals::optimization::{
@@ -469,7 +471,12 @@ mod optimization {
     struct Same<T>(Vec<Lanes<T>>);
 
     impl<T: Value> CostSource<T> for Same<T> {
-        fn write(&self, _: &mut Aggregator<T>, _: PixelBlock, out: &mut [Lanes<T>]) -> Result<()> {
+        fn write(
+            &self,
+            _: &mut Aggregator<T>,
+            _: (PixelBlock, Searched),
+            out: &mut [Lanes<T>],
+        ) -> Result<()> {
             out.copy_from_slice(&self.0[..out.len()]);
             Ok(())
         }
@@ -498,6 +505,7 @@ mod optimization {
             size,
             first,
             candidates,
+            ranges: None,
             optimizer,
             penalties,
             edges,

@@ -19,7 +19,7 @@ pub mod validity;
 
 use std::ops::Range;
 
-use crate::cost::candidates::Candidates;
+use crate::cost::candidates::{Candidates, Searched};
 use crate::cost::validity::Validity;
 use crate::descriptor::spectrum::Word;
 use crate::descriptor::{RowOfCodes, describe_rows};
@@ -189,9 +189,14 @@ impl<'a> Costs<'a> {
         })
     }
 
+    /// All candidates.
+    pub fn searched(&self) -> Searched {
+        Searched::all(self.candidates.count())
+    }
+
     /// Runs of [`LANES`] candidates of a pixel, the last of them padded.
     pub fn runs(&self) -> usize {
-        self.candidates.count().div_ceil(LANES)
+        self.searched().runs()
     }
 
     /// Whether either image has a mask.
@@ -225,37 +230,50 @@ impl<'a> Costs<'a> {
         self.steps
     }
 
-    /// Writes the costs of some columns of row `y`, all candidates of one column after another; 0 where either pixel is
-    /// invalid. Values beyond the last candidate are undefined.
+    /// Writes the costs of some columns of row `y`, the searched candidates of one column after another; 0 where either
+    /// pixel is invalid. Values beyond the last candidate are undefined.
     #[inline(always)]
-    pub fn write<V: Value>(&self, y: usize, columns: Range<usize>, out: &mut [Lanes<V>]) {
+    pub fn write<V: Value>(
+        &self,
+        y: usize,
+        columns: Range<usize>,
+        searched: Searched,
+        out: &mut [Lanes<V>],
+    ) {
+        let runs = searched.runs();
+
         match &self.compared {
-            Compared::Codes(codes) => match codes.left.count {
-                1 => self.write_distances::<V, 1>(codes, (0, false), y, columns.clone(), out),
-                2 => self.write_distances::<V, 2>(codes, (0, false), y, columns.clone(), out),
-                // Longer codes: one byte after another.
-                bytes => {
-                    out.fill([V::default(); LANES]);
-                    for byte in 0..bytes {
-                        self.write_distances::<V, 1>(codes, (byte, true), y, columns.clone(), out);
+            Compared::Codes(codes) => {
+                let block = (y, columns.clone(), searched);
+                match codes.left.count {
+                    1 => self.write_distances::<V, 1>(codes, (0, false), block, out),
+                    2 => self.write_distances::<V, 2>(codes, (0, false), block, out),
+                    // Longer codes: one byte after another.
+                    bytes => {
+                        out.fill([V::default(); LANES]);
+                        for byte in 0..bytes {
+                            let block = (y, columns.clone(), searched);
+                            self.write_distances::<V, 1>(codes, (byte, true), block, out);
+                        }
                     }
                 }
-            },
+            }
             Compared::Levels(channels) => {
                 out.fill([V::default(); LANES]);
                 for [left, right] in channels {
                     let left = &left.row(y)[columns.clone()];
-                    for ((x, left), out) in columns.clone().zip(left).zip(self.pixels(out)) {
-                        add_differences(*left, self.unrolled(right, y, x), out);
+                    let pixels = columns.clone().zip(left).zip(out.chunks_exact_mut(runs));
+                    for ((x, left), out) in pixels {
+                        add_differences(*left, self.unrolled(right, y, x, searched), out);
                     }
                 }
             }
             Compared::Volume(volume) => {
                 let count = self.candidates.count();
                 let costs = volume.row(y)[columns.start * count..].chunks_exact(count);
-                for (out, costs) in self.pixels(out).zip(costs) {
-                    let lanes = out.as_flattened_mut().iter_mut();
-                    lanes.zip(costs).for_each(|(out, cost)| *out = V::truncated((*cost).into()));
+                for (out, costs) in out.chunks_exact_mut(runs).zip(costs) {
+                    let lanes = out.as_flattened_mut().iter_mut().zip(&costs[searched.start..]);
+                    lanes.for_each(|(out, cost)| *out = V::truncated((*cost).into()));
                 }
             }
         }
@@ -263,8 +281,9 @@ impl<'a> Costs<'a> {
         // Invalid pairs add nothing to sums, which aggregation scales by the number of valid ones.
         if let (Some(validity), Some([left, right])) = (&self.validity, &self.valid) {
             let (whole, left) = (validity.whole(y), left.row(y));
-            for (x, out) in columns.zip(self.pixels(out)).filter(|(x, _)| !whole[*x]) {
-                mask_out(left[x], self.unrolled(right, y, x), out);
+            let pixels = columns.zip(out.chunks_exact_mut(runs));
+            for (x, out) in pixels.filter(|(x, _)| !whole[*x]) {
+                mask_out(left[x], self.unrolled(right, y, x, searched), out);
             }
         }
     }
@@ -272,12 +291,19 @@ impl<'a> Costs<'a> {
     /// Writes 1 where a pixel of some columns of row `y` and its candidate are both valid, else 0. Writes nothing without
     /// masks.
     #[inline(always)]
-    pub fn write_validity<V: Value>(&self, y: usize, columns: Range<usize>, out: &mut [Lanes<V>]) {
+    pub fn write_validity<V: Value>(
+        &self,
+        y: usize,
+        columns: Range<usize>,
+        searched: Searched,
+        out: &mut [Lanes<V>],
+    ) {
         let Some([left, right]) = &self.valid else { return };
 
         let left = &left.row(y)[columns.clone()];
-        for ((x, left), out) in columns.zip(left).zip(self.pixels(out)) {
-            mark_valid(*left, self.unrolled(right, y, x), out);
+        let pixels = columns.zip(left).zip(out.chunks_exact_mut(searched.runs()));
+        for ((x, left), out) in pixels {
+            mark_valid(*left, self.unrolled(right, y, x, searched), out);
         }
     }
 
@@ -287,12 +313,12 @@ impl<'a> Costs<'a> {
         &self,
         codes: &PairCodes,
         (first, adds): (usize, bool),
-        y: usize,
-        columns: Range<usize>,
+        (y, columns, searched): (usize, Range<usize>, Searched),
         out: &mut [Lanes<V>],
     ) {
         let Some(labels) = &codes.labels else {
-            return self.write_stretch::<V, N>(codes, (0, first, adds), y, columns, out);
+            let block = (y, columns, searched);
+            return self.write_stretch::<V, N>(codes, (0, first, adds), block, out);
         };
 
         // Most neighbors have the same label, so are compared with the same version of the right image.
@@ -302,9 +328,10 @@ impl<'a> Costs<'a> {
             let columns = start..start + stretch.len();
             start = columns.end;
 
-            let (here, rest) = out.split_at_mut(stretch.len() * self.runs());
+            let (here, rest) = out.split_at_mut(stretch.len() * searched.runs());
             out = rest;
-            self.write_stretch::<V, N>(codes, (version, first, adds), y, columns, here);
+            let block = (y, columns, searched);
+            self.write_stretch::<V, N>(codes, (version, first, adds), block, here);
         }
     }
 
@@ -314,23 +341,23 @@ impl<'a> Costs<'a> {
         &self,
         codes: &PairCodes,
         (version, first, adds): (usize, usize, bool),
-        y: usize,
-        columns: Range<usize>,
+        (y, columns, searched): (usize, Range<usize>, Searched),
         out: &mut [Lanes<V>],
     ) {
+        let runs = searched.runs();
         let mut lefts: [&[u8]; N] = codes.left.rows(first, y);
         let mut rights: [&[u8]; N] = codes.rights[version].rows(first, y);
 
         // What the last of these columns meets comes first.
-        let start = self.cols - columns.end;
-        let width = columns.len() - 1 + self.runs() * LANES;
+        let start = self.cols - columns.end + searched.start;
+        let width = columns.len() - 1 + runs * LANES;
         for byte in 0..N {
             lefts[byte] = &lefts[byte][columns.clone()];
             rights[byte] = &rights[byte][start..][..width];
         }
 
         // Usual numbers of runs as constants, so that the loop over runs is unrolled.
-        match self.runs() {
+        match runs {
             1 => compare(lefts, rights, 1, adds, out),
             2 => compare(lefts, rights, 2, adds, out),
             runs => compare(lefts, rights, runs, adds, out),
@@ -366,16 +393,16 @@ impl<'a> Costs<'a> {
         })
     }
 
-    /// The pixels under the candidates of column `x`, of row `y` of an unrolled plane.
+    /// The pixels under the searched candidates of column `x`, of row `y` of an unrolled plane.
     #[inline(always)]
-    fn unrolled<'p, T>(&self, plane: &'p Plane<T>, y: usize, x: usize) -> &'p [Lanes<T>] {
-        plane.row(y)[self.cols - 1 - x..].as_chunks().0
-    }
-
-    /// Splits values into the candidates of one pixel after another.
-    #[inline(always)]
-    fn pixels<'o, V>(&self, out: &'o mut [Lanes<V>]) -> std::slice::ChunksExactMut<'o, Lanes<V>> {
-        out.chunks_exact_mut(self.runs())
+    fn unrolled<'p, T>(
+        &self,
+        plane: &'p Plane<T>,
+        y: usize,
+        x: usize,
+        searched: Searched,
+    ) -> &'p [Lanes<T>] {
+        plane.row(y)[self.cols - 1 - x + searched.start..].as_chunks().0
     }
 }
 
@@ -613,7 +640,7 @@ impl simd::Loop for WriteRow<'_> {
 
     #[inline(always)]
     fn run(self) {
-        self.costs.write(self.y, 0..self.costs.cols, self.out);
+        self.costs.write(self.y, 0..self.costs.cols, self.costs.searched(), self.out);
     }
 }
 

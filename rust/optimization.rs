@@ -12,6 +12,7 @@
 //! ```text
 //! for band in bands:                                       # any thread, any order
 //!     for panel in panels, from the left:
+//!         candidates that are searched in it               # all, or those of panel_ranges
 //!         costs of the panel and its look-ahead columns    # aggregation
 //!         paths from the right, then from the left         # paths::HorizontalPass; keeps their mean
 //!         paths from below, then from above                # paths::VerticalPass
@@ -24,6 +25,7 @@
 pub mod edges;
 pub mod evidence;
 pub mod ordered;
+pub mod panel_ranges;
 pub mod paths;
 pub mod selection;
 
@@ -33,6 +35,7 @@ use rayon::prelude::*;
 
 use crate::cost::Costs;
 use crate::cost::aggregation::{Aggregator, PixelBlock, Window};
+use crate::cost::candidates::Searched;
 use crate::error::{Error, Result};
 use crate::image::plane::Plane;
 use crate::optimization::edges::Edges;
@@ -45,6 +48,7 @@ use crate::simd::{Level, Loop};
 use crate::value::{LANES, Lanes, Value};
 
 use self::ordered::Ordered;
+use self::panel_ranges::PanelRanges;
 use self::paths::{
     AdaptivePenalties, Horizontal, HorizontalPass, Panel, Smoothness, Vertical, VerticalPass,
 };
@@ -114,6 +118,8 @@ pub struct CandidateSearch<'a> {
     pub first: usize,
     /// Candidates of each pixel.
     pub candidates: usize,
+    /// Those that are searched along paths in each panel; `None`: all of them everywhere.
+    pub ranges: Option<&'a PanelRanges>,
     /// How costs become disparities.
     pub optimizer: Optimizer,
     /// P1 and P2.
@@ -130,11 +136,11 @@ pub struct CandidateSearch<'a> {
 
 /// Where aggregated costs come from.
 pub trait CostSource<T>: Sync {
-    /// Writes the costs of a block into its places, all candidates of a pixel in neighboring lanes.
+    /// Writes the costs of a block into its places, the searched candidates of a pixel in neighboring lanes.
     fn write(
         &self,
         aggregator: &mut Aggregator<T>,
-        block: PixelBlock,
+        block: (PixelBlock, Searched),
         out: &mut [Lanes<T>],
     ) -> Result<()>;
 }
@@ -154,7 +160,7 @@ impl<T: Value> CostSource<T> for AggregatedCosts<'_> {
     fn write(
         &self,
         aggregator: &mut Aggregator<T>,
-        block: PixelBlock,
+        block: (PixelBlock, Searched),
         out: &mut [Lanes<T>],
     ) -> Result<()> {
         aggregator.aggregate(self.costs, self.window, block, self.level, out)
@@ -171,8 +177,13 @@ pub struct CostVolume<'a> {
 }
 
 impl<T: Value> CostSource<T> for CostVolume<'_> {
-    fn write(&self, _: &mut Aggregator<T>, block: PixelBlock, out: &mut [Lanes<T>]) -> Result<()> {
-        let runs = self.candidates.div_ceil(LANES);
+    fn write(
+        &self,
+        _: &mut Aggregator<T>,
+        (block, searched): (PixelBlock, Searched),
+        out: &mut [Lanes<T>],
+    ) -> Result<()> {
+        let runs = searched.runs();
 
         for (row, y) in block.rows.clone().enumerate() {
             for (strip, columns) in block.strips().enumerate() {
@@ -181,7 +192,8 @@ impl<T: Value> CostSource<T> for CostVolume<'_> {
                 let out = out[block.place(strip, row) * runs..].chunks_exact_mut(runs);
 
                 for (out, costs) in out.take(columns.len()).zip(costs) {
-                    let (out, filling) = out.as_flattened_mut().split_at_mut(self.candidates);
+                    let (out, filling) = out.as_flattened_mut().split_at_mut(searched.count);
+                    let costs = &costs[searched.start..];
                     out.iter_mut().zip(costs).for_each(|(o, c)| *o = T::truncated((*c).into()));
                     filling.fill(T::FAR);
                 }
@@ -236,9 +248,14 @@ impl CandidateSearch<'_> {
         })
     }
 
-    /// Runs of candidates of a pixel.
-    fn runs(&self) -> usize {
-        self.candidates.div_ceil(LANES)
+    /// All candidates.
+    fn all(&self) -> Searched {
+        Searched::all(self.candidates)
+    }
+
+    /// The candidates that are searched in a panel, of the band of row `y` of the image, from column `x` on.
+    fn searched(&self, y: usize, x: usize) -> Searched {
+        self.ranges.map_or(self.all(), |ranges| ranges.at(self.first + y, x))
     }
 
     /// Chooses candidates for some rows of one band; row 0 of the evidence is the first of these rows.
@@ -297,51 +314,59 @@ impl CandidateSearch<'_> {
         workspace: &mut Workspace<T>,
     ) -> Result<()> {
         let is_vertical = self.optimizer == Optimizer::SemiGlobal;
-        let runs = self.runs();
         let cols = self.size.1;
         // Vertical paths also need the costs of the look-ahead rows.
         let seen = if is_vertical { self.seen(&rows) } else { rows.clone() };
+        let searched = |x: usize| self.searched(rows.start, x);
+        let most = (0..cols).step_by(PANEL).map(|x| searched(x).runs()).max().unwrap_or_default();
 
         let Workspace { aggregator, costs, horizontal, vertical, selection, evidence, .. } =
             workspace;
 
-        costs.resize(seen.len() * (PANEL + LOOKAHEAD_COLUMNS) * runs)?;
-        horizontal.begin(rows.len(), runs)?;
+        costs.resize(seen.len() * (PANEL + LOOKAHEAD_COLUMNS) * most)?;
+        horizontal.begin(rows.len(), most)?;
         if is_vertical {
-            vertical.begin(rows.len(), runs)?;
+            vertical.begin(rows.len(), most)?;
         }
 
         let smoothness =
             Smoothness { penalties: AdaptivePenalties::new(self.penalties), edges: self.edges };
+        let mut before = None;
 
         for columns in self.panels() {
             self.control.checkpoint()?;
 
+            let searched = searched(columns.start);
+            if before != Some(searched) {
+                horizontal.search(before, searched)?;
+                vertical.search(searched)?;
+            }
+
             let end = (columns.end + LOOKAHEAD_COLUMNS).min(cols);
             let around =
                 PixelBlock { rows: seen.clone(), columns: columns.start..end, strip: STRIP };
-            self.write_costs(&around, source, aggregator, costs)?;
+            let is_known = before.replace(searched) == Some(searched);
+            write_costs((&around, searched), is_known, source, aggregator, costs)?;
 
             let block = PixelBlock { rows: rows.clone(), columns, strip: STRIP };
-            let panel = &Panel { block, seen: around, costs, runs };
+            let panel = &Panel { block, seen: around, costs, searched };
 
             self.level.run(HorizontalPass { horizontal, panel, smoothness });
 
-            let (means, candidates) = (horizontal.means(), self.candidates);
+            let means = horizontal.means();
             if is_vertical {
                 self.level.run(VerticalPass {
                     vertical,
                     panel,
                     means,
                     smoothness,
-                    candidates,
                     selection,
                     evidence,
                 });
             } else {
                 self.level.run(SelectPixels {
                     search: self,
-                    block: &panel.block,
+                    block: (&panel.block, searched),
                     totals: means,
                     costs: Some(panel.costs),
                     selection,
@@ -353,30 +378,6 @@ impl CandidateSearch<'_> {
         Ok(())
     }
 
-    /// Writes the costs of a panel and its look-ahead columns. The latter are the first ones of the next panel, which takes
-    /// them over.
-    fn write_costs<T: Value>(
-        &self,
-        panel: &PixelBlock,
-        source: &impl CostSource<T>,
-        aggregator: &mut Aggregator<T>,
-        costs: &mut [Lanes<T>],
-    ) -> Result<()> {
-        let PixelBlock { columns: Range { start, end }, .. } = *panel;
-        if start == 0 {
-            return source.write(aggregator, panel.clone(), costs);
-        }
-
-        let strip = panel.place(1, 0) * self.runs();
-        costs.copy_within(PANEL / STRIP * strip.., 0);
-
-        let columns = start + LOOKAHEAD_COLUMNS..end;
-        if columns.is_empty() {
-            return Ok(());
-        }
-        source.write(aggregator, PixelBlock { columns, ..panel.clone() }, &mut costs[strip..])
-    }
-
     /// Chooses for each pixel by its own costs.
     fn choose_singly<T: Value>(
         &self,
@@ -386,17 +387,18 @@ impl CandidateSearch<'_> {
     ) -> Result<()> {
         let Workspace { aggregator, costs, selection, evidence, .. } = workspace;
 
-        costs.resize(rows.len() * PANEL * self.runs())?;
+        let all = self.all();
+        costs.resize(rows.len() * PANEL * all.runs())?;
 
         for columns in self.panels() {
             self.control.checkpoint()?;
 
             let block = &PixelBlock { rows: rows.clone(), columns, strip: STRIP };
-            let totals = &mut costs[..block.places() * self.runs()];
-            source.write(aggregator, block.clone(), totals)?;
+            let totals = &mut costs[..block.places() * all.runs()];
+            source.write(aggregator, (block.clone(), all), totals)?;
             self.level.run(SelectPixels {
                 search: self,
-                block,
+                block: (block, all),
                 totals,
                 costs: None,
                 selection,
@@ -415,7 +417,8 @@ impl CandidateSearch<'_> {
         workspace: &mut Workspace<T>,
     ) -> Result<()> {
         let Workspace { aggregator, costs, ordered, selection, evidence, .. } = workspace;
-        let width = self.size.1 * self.runs();
+        let all = self.all();
+        let width = self.size.1 * all.runs();
         costs.resize(ORDERED_ROWS.min(rows.len()) * width)?;
 
         for first in rows.clone().step_by(ORDERED_ROWS) {
@@ -424,7 +427,7 @@ impl CandidateSearch<'_> {
             let group = first..(first + ORDERED_ROWS).min(rows.end);
             let columns = 0..self.size.1;
             let block = PixelBlock { rows: group.clone(), columns, strip: self.size.1 };
-            source.write(aggregator, block, &mut costs[..group.len() * width])?;
+            source.write(aggregator, (block, all), &mut costs[..group.len() * width])?;
 
             for (y, costs) in group.zip(costs.chunks_exact_mut(width)) {
                 self.control.checkpoint()?;
@@ -447,11 +450,35 @@ impl CandidateSearch<'_> {
     }
 }
 
+/// Writes the costs of a panel and its look-ahead columns. The latter are the first ones of the next panel, which takes
+/// them over if they are of the candidates that it searches.
+fn write_costs<T: Value>(
+    (panel, searched): (&PixelBlock, Searched),
+    is_known: bool,
+    source: &impl CostSource<T>,
+    aggregator: &mut Aggregator<T>,
+    costs: &mut [Lanes<T>],
+) -> Result<()> {
+    if !is_known {
+        return source.write(aggregator, (panel.clone(), searched), costs);
+    }
+
+    let strip = panel.place(1, 0) * searched.runs();
+    costs.copy_within(PANEL / STRIP * strip..(PANEL / STRIP + 1) * strip, 0);
+
+    let columns = panel.columns.start + LOOKAHEAD_COLUMNS..panel.columns.end;
+    if columns.is_empty() {
+        return Ok(());
+    }
+    let rest = PixelBlock { columns, ..panel.clone() };
+    source.write(aggregator, (rest, searched), &mut costs[strip..])
+}
+
 /// The best candidates of a block of strips of [`STRIP`] columns, by totals of paths or by costs alone. Overwrites the
 /// totals.
 struct SelectPixels<'a, T> {
     search: &'a CandidateSearch<'a>,
-    block: &'a PixelBlock,
+    block: (&'a PixelBlock, Searched),
     totals: &'a mut [Lanes<T>],
     costs: Option<&'a [Lanes<T>]>,
     selection: &'a mut Selection<T>,
@@ -463,8 +490,8 @@ impl<T: Value> Loop for SelectPixels<'_, T> {
 
     #[inline(always)]
     fn run(self) {
-        let Self { search, block, totals, costs, selection, evidence } = self;
-        let runs = search.runs();
+        let Self { search, block: (block, searched), totals, costs, selection, evidence } = self;
+        let runs = searched.runs();
 
         for (strip, columns) in block.strips().enumerate() {
             for row in 0..block.rows.len() {
@@ -481,9 +508,11 @@ impl<T: Value> Loop for SelectPixels<'_, T> {
 
                 if search.weighs(block.rows.start + row) {
                     let costs = costs.map(|costs| &costs[place..][..pixels * runs]);
-                    selection.weigh(totals, costs, (pixels, search.candidates, runs));
+                    selection.weigh(totals, costs, (pixels, searched.count, runs));
+                    selection.number_from(searched.start);
                     selection.write(pixels, evidence, (row, columns.start));
                 } else {
+                    selection.number_from(searched.start);
                     evidence.choose(row, columns.start, selection.chosen(pixels));
                 }
             }
@@ -511,7 +540,7 @@ impl<T: Value> Loop for WeighRow<'_, T> {
         if !is_weighed {
             return evidence.choose(row, 0, chosen);
         }
-        let runs = search.runs();
+        let runs = search.all().runs();
 
         let groups = chosen.chunks(PIXELS).zip(costs.chunks_mut(PIXELS * runs));
         for (first, (chosen, costs)) in (0..).step_by(PIXELS).zip(groups) {
@@ -553,6 +582,7 @@ pub fn optimize(
         size,
         first: 0,
         candidates,
+        ranges: None,
         optimizer,
         penalties,
         edges,

@@ -518,6 +518,7 @@ impl PartOfPair {
         let section = Section {
             rows: rows.0.saturating_sub(first)..rows.1.saturating_sub(first),
             roughness: whole.roughness,
+            ranges: None,
             tally: whole.tally,
             first,
         };

@@ -25,6 +25,7 @@ pub mod choice;
 pub mod flat_areas;
 pub mod local_means;
 pub mod planes;
+pub mod ranges;
 pub mod reduction;
 
 use crate::error::Result;
@@ -34,6 +35,7 @@ use crate::pipeline::section::Section;
 use crate::rig::blur::parts::Means;
 use crate::rig::estimation::{Known, Prepared, prepare};
 use crate::scales::choice::Doubt;
+use crate::scales::ranges::panel_ranges;
 use crate::scales::reduction::halved;
 use crate::settings::Settings;
 
@@ -55,7 +57,12 @@ pub fn match_over_scales(
         return matcher.match_pair(pair, suited, how, control);
     }
 
-    let mut map = matcher.match_calibrated(pair, &Section::whole(pair), suited, how, control)?;
+    let started = Instant::now();
+    let ranges = matcher.install(|| panel_ranges(pair, suited.optimizer, means))?;
+    let found = started.elapsed();
+
+    let section = Section { ranges, ..Section::whole(pair) };
+    let mut map = matcher.match_calibrated(pair, &section, suited, how, control)?;
 
     let started = Instant::now();
     matcher.install(|| match Doubt::of_map(&map)? {
@@ -67,7 +74,7 @@ pub fn match_over_scales(
         }
         _ => Ok(()),
     })?;
-    map.timings.scales = started.elapsed();
+    map.timings.scales = found + started.elapsed();
 
     Ok(map.returned(suited))
 }
@@ -91,8 +98,9 @@ fn decide(
 
     let Prepared { pair: copy, settings: suited, .. } = prepare(copy, known, &settings, means)?;
     let Means { matcher, how, control } = means;
-    let all = Section::whole(&copy);
-    let mut coarse = matcher.match_calibrated(&copy, &all, &suited, how, control)?;
+    let ranges = panel_ranges(&copy, suited.optimizer, means)?;
+    let section = Section { ranges, ..Section::whole(&copy) };
+    let mut coarse = matcher.match_calibrated(&copy, &section, &suited, how, control)?;
     if let Some(doubt) = Doubt::of_map(&coarse)? {
         decide(&mut coarse, &doubt, &copy, &settings, means)?;
     }

@@ -27,7 +27,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use crate::cost::candidates::Candidates;
+use crate::cost::candidates::{Candidates, Searched};
 use crate::cost::validity::Validity;
 use crate::cost::{Costs, steps_of};
 use crate::error::Result;
@@ -227,23 +227,23 @@ pub struct Aggregator<V> {
 }
 
 impl<V: Value> Aggregator<V> {
-    /// Writes the aggregated costs of a block into its places, all candidates of a pixel in neighboring lanes, and
-    /// [`Value::FAR`] beyond the last candidate.
+    /// Writes the aggregated costs of a block into its places, the searched candidates of a pixel in neighboring lanes, and
+    /// [`Value::FAR`] beyond the last one.
     pub fn aggregate(
         &mut self,
         costs: &Costs,
         window: Window,
-        block: PixelBlock,
+        (block, searched): (PixelBlock, Searched),
         level: Level,
         out: &mut [Lanes<V>],
     ) -> Result<()> {
-        let runs = costs.runs();
+        let runs = searched.runs();
         let shift = window.largest_shift();
         let around = block.columns.len() + 2 * shift;
         // Fixed windows need no ring.
         let ring = if shift > 0 { window.side } else { 0 };
         self.boxes.resize(around * ring * runs)?;
-        self.costs.begin(window, &block.columns, runs)?;
+        self.costs.begin(window, &block.columns, searched)?;
 
         self.stretches.clear();
         if let Some(validity) = costs.validity() {
@@ -255,7 +255,7 @@ impl<V: Value> Aggregator<V> {
         let counted = Window { dropped: 0, shiftable: false, ..window };
         self.validity.resize_with(self.stretches.len().max(self.validity.len()), BoxSums::default);
         for (counts, columns) in self.validity.iter_mut().zip(&self.stretches) {
-            counts.begin(counted, columns, runs)?;
+            counts.begin(counted, columns, searched)?;
         }
 
         level.run(Aggregate { aggregator: self, costs, window, block, out });
@@ -307,7 +307,7 @@ impl<V: Value> Aggregator<V> {
         columns: Range<usize>,
         out: &mut [Lanes<V>],
     ) {
-        let runs = of_costs.runs;
+        let runs = of_costs.searched.runs();
         of_costs.write_row(columns.clone(), out);
 
         for (stretch, validity) in stretches.iter().zip(of_validity) {
@@ -337,10 +337,11 @@ impl<V: Value> Aggregate<'_, V> {
     /// Writes the sum over the centered window of each pixel.
     #[inline(always)]
     fn centered(self) {
-        let Self { aggregator, costs, window, block, out } = self;
+        let Self { aggregator, costs, block, out, .. } = self;
         let Aggregator { costs: of_costs, validity, stretches, counts, .. } = aggregator;
         let validity = &mut validity[..stretches.len()];
-        let runs = costs.runs();
+        let searched = of_costs.searched;
+        let runs = searched.runs();
 
         for (row, y) in block.rows.clone().enumerate() {
             Aggregator::center_on((of_costs, validity), costs, y);
@@ -349,7 +350,7 @@ impl<V: Value> Aggregate<'_, V> {
                 let out = &mut out[block.place(strip, row) * runs..][..columns.len() * runs];
                 let sums = (&*of_costs, &stretches[..]);
                 Aggregator::write_boxes(sums, (validity, counts), columns, out);
-                pad(out, window.candidates);
+                pad(out, searched.count);
             }
         }
     }
@@ -362,7 +363,8 @@ impl<V: Value> Aggregate<'_, V> {
         let Aggregator { costs: of_costs, validity, stretches, boxes, counts } = aggregator;
         let validity = &mut validity[..stretches.len()];
         let PixelBlock { rows, columns, .. } = &block;
-        let runs = costs.runs();
+        let searched = of_costs.searched;
+        let runs = searched.runs();
         let shift = window.largest_shift();
         let around = columns.start.saturating_sub(shift)..(columns.end + shift).min(window.cols);
         let width = around.len() * runs;
@@ -386,7 +388,7 @@ impl<V: Value> Aggregate<'_, V> {
                 let out = &mut out[block.place(strip, row) * runs..][..columns.len() * runs];
                 let places = (columns, around.start, window);
                 write_least(rows, places, runs, out);
-                pad(out, window.candidates);
+                pad(out, searched.count);
             }
         }
     }
@@ -452,10 +454,15 @@ enum Summed {
 impl Summed {
     /// Writes the summands of some columns of a row.
     #[inline(always)]
-    fn write<V: Value>(self, costs: &Costs, y: usize, columns: Range<usize>, out: &mut [Lanes<V>]) {
+    fn write<V: Value>(
+        self,
+        costs: &Costs,
+        (y, columns, searched): (usize, Range<usize>, Searched),
+        out: &mut [Lanes<V>],
+    ) {
         match self {
-            Self::Costs => costs.write(y, columns, out),
-            Self::Validity => costs.write_validity(y, columns, out),
+            Self::Costs => costs.write(y, columns, searched, out),
+            Self::Validity => costs.write_validity(y, columns, searched, out),
         }
     }
 }
@@ -464,7 +471,7 @@ impl Summed {
 #[derive(Debug, Default)]
 struct BoxSums<V> {
     window: Window,
-    runs: usize,
+    searched: Searched,
     /// The columns of the block and its halo, within the image.
     around: Range<usize>,
     /// How many columns of the halo lie beyond the image, on the left.
@@ -481,12 +488,13 @@ struct BoxSums<V> {
 
 impl<V: Value> BoxSums<V> {
     /// Sizes the buffers for some columns, before the first row.
-    fn begin(&mut self, window: Window, columns: &Range<usize>, runs: usize) -> Result<()> {
+    fn begin(&mut self, window: Window, columns: &Range<usize>, searched: Searched) -> Result<()> {
+        let runs = searched.runs();
         let halo = window.halo();
         self.around = columns.start.saturating_sub(halo)..(columns.end + halo).min(window.cols);
         self.beyond = halo.saturating_sub(columns.start);
         self.window = window;
-        self.runs = runs;
+        self.searched = searched;
         self.center = None;
 
         let width = self.around.len() * runs;
@@ -516,7 +524,7 @@ impl<V: Value> BoxSums<V> {
 
         for place in entering {
             let entered = &mut self.rows[slot(place)..][..width];
-            summed.write(costs, row(place), self.around.clone(), entered);
+            summed.write(costs, (row(place), self.around.clone(), self.searched), entered);
 
             let entered = self.rows[slot(place)..][..width].as_flattened();
             let left = self.rows[slot(place + 1)..][..width].as_flattened();
@@ -540,8 +548,8 @@ impl<V: Value> BoxSums<V> {
     /// Writes the sums of the columns without their lowest bits.
     #[inline(always)]
     fn drop_bits(&mut self, bits: u32) {
-        let Self { runs, beyond, columns, summands, .. } = self;
-        let runs = *runs;
+        let Self { searched, beyond, columns, summands, .. } = self;
+        let runs = searched.runs();
 
         let (left, rest) = summands.split_at_mut(*beyond * runs);
         let (within, right) = rest.split_at_mut(columns.len());
@@ -561,10 +569,11 @@ impl<V: Value> BoxSums<V> {
     fn write_row(&self, columns: Range<usize>, out: &mut [Lanes<V>]) {
         // The first window begins `radius` columns left of its center, which may be beyond the image.
         let first = columns.start + self.beyond - self.window.radius() - self.around.start;
-        let summands = &self.summands[first * self.runs..];
+        let runs = self.searched.runs();
+        let summands = &self.summands[first * runs..];
 
         // Usual numbers as constants, so that places are found without a multiplication.
-        match self.runs {
+        match runs {
             1 => sum_windows(summands, self.window.side, 1, out),
             2 => sum_windows(summands, self.window.side, 2, out),
             runs => sum_windows(summands, self.window.side, runs, out),
@@ -630,7 +639,7 @@ pub fn aggregate(
         aggregator.aggregate(
             &costs,
             window,
-            PixelBlock { rows, columns: 0..cols, strip: cols },
+            (PixelBlock { rows, columns: 0..cols, strip: cols }, costs.searched()),
             level,
             &mut lanes,
         )?;

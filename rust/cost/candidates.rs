@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::settings::MOST_DISPARITIES;
+use crate::value::LANES;
 
 /// The disparities `min .. min + count`, half-open.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -59,6 +60,34 @@ impl Candidates {
     #[inline(always)]
     pub fn column_or_beyond(self, x: i32, k: u16) -> u32 {
         (x - self.min as i32 - i32::from(k)) as u32
+    }
+}
+
+/// Neighboring candidates that are searched, of all of a pair.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Searched {
+    /// The first of them.
+    pub start: usize,
+    /// How many there are.
+    pub count: usize,
+}
+
+impl Searched {
+    /// All of so many candidates.
+    pub fn all(count: usize) -> Self {
+        Self { start: 0, count }
+    }
+
+    /// The fewest whole runs of [`LANES`] out of `count` candidates that hold those from `first` to `last`.
+    pub fn holding(first: usize, last: usize, count: usize) -> Self {
+        let searched = (last + 1 - first).next_multiple_of(LANES).min(count);
+        Self { start: first.min(count - searched), count: searched }
+    }
+
+    /// Runs of [`LANES`] candidates, the last of them padded.
+    #[inline(always)]
+    pub fn runs(self) -> usize {
+        self.count.div_ceil(LANES)
     }
 }
 

@@ -27,6 +27,7 @@
 use std::ops::Range;
 
 use crate::cost::aggregation::PixelBlock;
+use crate::cost::candidates::Searched;
 use crate::error::Result;
 use crate::optimization::edges::{Edges, Neighbor};
 use crate::optimization::evidence::Evidence;
@@ -138,15 +139,23 @@ impl<T: Value> Paths<T> {
         }
     }
 
-    /// Takes up as many paths where they were left: `totals` and their `least`, of rows from `first` on.
+    /// Takes up as many paths where they were left: `totals`, with places for so many runs each, and their `least`, of rows
+    /// from `first` on.
     #[inline(always)]
-    fn restore(&mut self, paths: usize, (totals, least): (&[T], &[T]), first: usize, runs: usize) {
+    fn restore(
+        &mut self,
+        paths: usize,
+        (totals, most): (&[T], usize),
+        least: &[T],
+        first: usize,
+        runs: usize,
+    ) {
         self.least[..paths].copy_from_slice(&least[first..][..paths]);
 
         for (path, before) in self.halves()[0].chunks_exact_mut(span(runs)).take(paths).enumerate()
         {
-            let totals = row_of(totals, first + path, runs * LANES);
-            before[LANES..][..runs * LANES].copy_from_slice(totals);
+            let totals = row_of(totals, first + path, most * LANES);
+            before[LANES..][..runs * LANES].copy_from_slice(&totals[..runs * LANES]);
         }
     }
 
@@ -155,15 +164,16 @@ impl<T: Value> Paths<T> {
     fn save(
         &mut self,
         paths: usize,
-        (totals, least): (&mut [T], &mut [T]),
+        (totals, most): (&mut [T], usize),
+        least: &mut [T],
         first: usize,
         runs: usize,
     ) {
         least[first..][..paths].copy_from_slice(&self.least[..paths]);
 
         for (path, before) in self.halves()[0].chunks_exact(span(runs)).take(paths).enumerate() {
-            let totals = row_of_mut(totals, first + path, runs * LANES);
-            totals.copy_from_slice(&before[LANES..][..runs * LANES]);
+            let totals = row_of_mut(totals, first + path, most * LANES);
+            totals[..runs * LANES].copy_from_slice(&before[LANES..][..runs * LANES]);
         }
     }
 
@@ -285,8 +295,9 @@ impl<T: Value> Sink<T> for AverageTotals<'_, T> {
 #[derive(Debug, Default)]
 pub struct Horizontal<T: Value> {
     paths: Paths<T>,
-    /// Totals of the paths from the left at the last column of the previous panel, row by row.
+    /// Totals of the paths from the left at the last column of the previous panel, row by row: places for `most` runs.
     left: Memory<T>,
+    most: usize,
     /// The least total of each of these rows.
     least: Memory<T>,
     /// Half the sum of the totals of both paths, of the current panel.
@@ -296,17 +307,42 @@ pub struct Horizontal<T: Value> {
 }
 
 impl<T: Value> Horizontal<T> {
-    /// Starts a band of so many rows: every path from the left restarts.
-    pub fn begin(&mut self, rows: usize, runs: usize) -> Result<()> {
-        self.left.resize(rows * runs * LANES)?;
+    /// Starts a band of so many rows: every path from the left restarts, and no panel has more than `most` runs.
+    pub fn begin(&mut self, rows: usize, most: usize) -> Result<()> {
+        self.most = most;
+        self.left.resize(rows * most * LANES)?;
         self.left.fill(T::default());
 
         self.least.resize(rows)?;
         self.least.fill(T::default());
 
-        self.means.resize(rows * PANEL * runs)?;
-        self.p2.resize((PANEL + 2 * STRIP) * STRIP)?;
-        self.paths.begin(runs)
+        self.means.resize(rows * PANEL * most)?;
+        self.p2.resize((PANEL + 2 * STRIP) * STRIP)
+    }
+
+    /// Goes on with other candidates than those `before`. Paths from the left reach those that were not searched only by a
+    /// jump, and keep nothing but the least total of those that are not searched any more.
+    pub fn search(&mut self, before: Option<Searched>, searched: Searched) -> Result<()> {
+        if let Some(before) = before {
+            let (ends, width) = (before.runs() * LANES, searched.runs() * LANES);
+            for totals in self.left.chunks_exact_mut(self.most * LANES) {
+                totals[ends..].fill(T::FAR);
+
+                if searched.start >= before.start {
+                    let skipped = (searched.start - before.start).min(ends);
+                    totals.copy_within(skipped..ends, 0);
+                    totals[ends - skipped..].fill(T::FAR);
+                } else {
+                    let added = (before.start - searched.start).min(width);
+                    let kept = (width - added).min(ends);
+                    totals.copy_within(..kept, added);
+                    totals[..added].fill(T::FAR);
+                }
+                totals[searched.count..].fill(T::FAR);
+            }
+        }
+
+        self.paths.begin(searched.runs())
     }
 
     /// The means of the totals of both paths. The caller may overwrite them.
@@ -324,8 +360,8 @@ pub struct Panel<'a, T> {
     pub seen: PixelBlock,
     /// The costs of all these pixels.
     pub costs: &'a [Lanes<T>],
-    /// Runs of candidates of a pixel.
-    pub runs: usize,
+    /// The candidates that they are of.
+    pub searched: Searched,
 }
 
 /// The values of some rows of a strip of a block.
@@ -382,7 +418,7 @@ impl<T: Value> Loop for HorizontalPass<'_, T> {
     #[inline(always)]
     fn run(mut self) {
         // Usual numbers of runs as constants, so that the loop over runs is unrolled.
-        match self.panel.runs {
+        match self.panel.searched.runs() {
             1 => self.through(1),
             2 => self.through(2),
             3 => self.through(3),
@@ -455,11 +491,12 @@ impl<T: Value> HorizontalPass<'_, T> {
     #[inline(always)]
     fn rightward(&mut self, rows: Range<usize>, runs: usize) {
         let Self { horizontal, panel, smoothness } = self;
-        let Horizontal { paths, left, least, means, p2 } = &mut **horizontal;
+        let Horizontal { paths, left, most, least, means, p2 } = &mut **horizontal;
         let Panel { block, seen, .. } = panel;
         let p1 = smoothness.penalties.p1;
 
-        paths.restore(rows.len(), (left, least), rows.start - block.rows.start, runs);
+        let first = rows.start - block.rows.start;
+        paths.restore(rows.len(), (left, *most), least, first, runs);
 
         // The totals of the paths from the right are there: the mean with them replaces them.
         for (strip, columns) in block.strips().enumerate() {
@@ -474,7 +511,7 @@ impl<T: Value> HorizontalPass<'_, T> {
             }
         }
 
-        paths.save(rows.len(), (left, least), rows.start - block.rows.start, runs);
+        paths.save(rows.len(), (left, *most), least, first, runs);
     }
 }
 
@@ -501,11 +538,15 @@ pub struct Vertical<T: Value> {
 }
 
 impl<T: Value> Vertical<T> {
-    /// Sizes the buffers for a band of so many rows.
-    pub fn begin(&mut self, rows: usize, runs: usize) -> Result<()> {
-        self.paths.begin(runs)?;
-        self.below.resize(rows * STRIP * runs)?;
-        self.sums.resize(STRIP * runs)
+    /// Sizes the buffers for a band of so many rows, of which no panel has more than `most` runs.
+    pub fn begin(&mut self, rows: usize, most: usize) -> Result<()> {
+        self.below.resize(rows * STRIP * most)?;
+        self.sums.resize(STRIP * most)
+    }
+
+    /// Goes on with other candidates.
+    pub fn search(&mut self, searched: Searched) -> Result<()> {
+        self.paths.begin(searched.runs())
     }
 }
 
@@ -520,8 +561,6 @@ pub struct VerticalPass<'a, T: Value> {
     pub means: &'a [Lanes<T>],
     /// The smoothness term.
     pub smoothness: Smoothness<'a, T>,
-    /// Candidates of each pixel.
-    pub candidates: usize,
     /// Selects the candidates by all four paths.
     pub selection: &'a mut Selection<T>,
     /// What was found about the rows of the band.
@@ -534,7 +573,7 @@ impl<T: Value> Loop for VerticalPass<'_, T> {
     #[inline(always)]
     fn run(mut self) {
         // Usual numbers of runs as constants, so that the loop over runs is unrolled.
-        match self.panel.runs {
+        match self.panel.searched.runs() {
             1 => self.through(1),
             2 => self.through(2),
             3 => self.through(3),
@@ -637,7 +676,8 @@ impl<T: Value> VerticalPass<'_, T> {
         let row = y - panel.block.rows.start;
 
         selection.settle();
-        selection.weigh(sums, Some(costs), (pixels, self.candidates, runs));
+        selection.weigh(sums, Some(costs), (pixels, panel.searched.count, runs));
+        selection.number_from(panel.searched.start);
         selection.write(pixels, self.evidence, (row, columns.start));
     }
 }

@@ -99,6 +99,14 @@ impl<T: Value> Selection<T> {
         &self.chosen[..pixels]
     }
 
+    /// Numbers the chosen candidates among all, where those that were searched begin with `start`.
+    #[inline(always)]
+    pub fn number_from(&mut self, start: usize) {
+        for chosen in &mut self.chosen {
+            *chosen += start as u16;
+        }
+    }
+
     /// Sets the candidate chosen for a pixel and its cost, where something else has chosen.
     #[inline(always)]
     pub fn choose(&mut self, pixel: usize, chosen: u16, own: T) {

@@ -386,6 +386,7 @@ impl Matcher {
             size: pair.size(),
             first: section.first,
             candidates: candidates.count(),
+            ranges: section.ranges.as_ref(),
             optimizer: settings.optimizer,
             penalties: Penalties::new(settings, window, costs.steps()),
             edges: &edges,

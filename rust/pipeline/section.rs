@@ -7,6 +7,7 @@ use std::ops::Range;
 
 use crate::error::{Error, Result};
 use crate::image::texture::Roughness;
+use crate::optimization::panel_ranges::PanelRanges;
 use crate::pipeline::matcher::Pair;
 use crate::refinement::calibration::Tally;
 
@@ -19,6 +20,8 @@ pub struct Section {
     pub first: usize,
     /// The roughness of the whole left image; `None`: the pair is the whole.
     pub roughness: Option<Roughness>,
+    /// The candidates that are searched along paths in each panel of the whole pair; `None`: all.
+    pub ranges: Option<PanelRanges>,
     /// Sums over the whole map that its confidences depend on; `None`: the pair is the whole.
     pub tally: Option<Tally>,
 }
@@ -26,7 +29,7 @@ pub struct Section {
 impl Section {
     /// All rows of a whole pair.
     pub fn whole(pair: &Pair) -> Self {
-        Self { rows: 0..pair.size().0, first: 0, roughness: None, tally: None }
+        Self { rows: 0..pair.size().0, first: 0, roughness: None, ranges: None, tally: None }
     }
 
     /// The rows and up to `by` more on either side, as far as the pair has them.

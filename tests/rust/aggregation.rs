@@ -6,7 +6,7 @@ use crate::common::{
 };
 use crate::reference;
 use phasestereo::internals::cost::aggregation::{Aggregator, PixelBlock, Window, aggregate};
-use phasestereo::internals::cost::candidates::Candidates;
+use phasestereo::internals::cost::candidates::{Candidates, Searched};
 use phasestereo::internals::cost::{Costs, steps_of};
 use phasestereo::internals::error::Error;
 use phasestereo::internals::image::plane::Plane;
@@ -179,19 +179,35 @@ impl MaskedCosts {
             // Strips of one column, of a few, and one of all.
             let strip = [1, 3, columns.len()][(y + x) % 3];
             let block = PixelBlock { rows: rows.clone(), columns: columns.clone(), strip };
-            let mut out = vec![[V::truncated(77); LANES]; block.places() * costs.runs()];
-            aggregator.aggregate(costs, window, block, level, &mut out).expect("memory");
 
-            let pixels: Vec<_> = out.chunks_exact(costs.runs()).map(<[_]>::as_flattened).collect();
+            // All candidates together, or two overlapping parts of them.
+            let middle = (y + x) % count;
+            let parts = [0..middle.max(1), middle..count].map(|part| {
+                if (y + x) % 2 == 0 {
+                    Searched::all(count)
+                } else {
+                    Searched::holding(part.start, part.end - 1, count)
+                }
+            });
+            assert!(parts[0].start == 0 && parts[1].start <= middle);
 
-            for (y, x) in rows.clone().flat_map(|y| columns.clone().map(move |x| (y, x))) {
-                let (row, col) = (y - rows.start, x - columns.start);
-                let place = (col / strip * rows.len() + row) * strip + col % strip;
-                let (sums, beyond) = pixels[place].split_at(count);
+            for searched in parts {
+                let block = (block.clone(), searched);
+                let mut out = vec![[V::truncated(77); LANES]; block.0.places() * searched.runs()];
+                aggregator.aggregate(costs, window, block, level, &mut out).expect("memory");
 
-                assert!(beyond.iter().all(|sum| *sum == V::FAR), "beyond the last candidate");
-                let row = &mut result.row_mut(y)[x * count..];
-                row.iter_mut().zip(sums).for_each(|(out, sum)| *out = sum.widened() as u32);
+                let pixels: Vec<_> =
+                    out.chunks_exact(searched.runs()).map(<[_]>::as_flattened).collect();
+
+                for (y, x) in rows.clone().flat_map(|y| columns.clone().map(move |x| (y, x))) {
+                    let (row, col) = (y - rows.start, x - columns.start);
+                    let place = (col / strip * rows.len() + row) * strip + col % strip;
+                    let (sums, beyond) = pixels[place].split_at(searched.count);
+
+                    assert!(beyond.iter().all(|sum| *sum == V::FAR), "beyond the last candidate");
+                    let row = &mut result.row_mut(y)[x * count + searched.start..];
+                    row.iter_mut().zip(sums).for_each(|(out, sum)| *out = sum.widened() as u32);
+                }
             }
         }
 

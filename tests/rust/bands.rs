@@ -121,6 +121,7 @@ impl PartsJob {
             rows: rows.start - read.start..rows.end - read.start,
             first: read.start,
             roughness: Some(self.roughness),
+            ranges: None,
             tally: self.tally,
         };
         (without_full_masks(known_part(&self.pair, read, self.ranges)), section)

@@ -1,16 +1,20 @@
 //! Candidates chosen along paths, in order and pixel by pixel: lanes of narrow integers, band by band and panel by panel,
 //! against the reference implementations, which try every path, every origin and every candidate.
 
+use std::ops::Range;
+
 use crate::common::{COUNTS, OPTIMIZERS, hash, heights, levels, naive, random, widths};
 use crate::reference;
 use crate::reference::PixelEvidence;
 use phasestereo::internals::cost::aggregation::Window;
+use phasestereo::internals::cost::candidates::Searched;
 use phasestereo::internals::error::{Error, Result};
 use phasestereo::internals::image::intensity::LARGEST_REACH;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::texture::Texture;
 use phasestereo::internals::optimization::edges::Edges;
 use phasestereo::internals::optimization::evidence::NONE;
+use phasestereo::internals::optimization::panel_ranges::PanelRanges;
 use phasestereo::internals::optimization::selection::Selection;
 use phasestereo::internals::optimization::{
     BAND, CandidateSearch, CostVolume, LARGEST_SUMMED_PENALTY, LOOKAHEAD_COLUMNS, LOOKAHEAD_ROWS,
@@ -39,6 +43,8 @@ struct Volume {
     penalties: Penalties,
     /// Gray values, and the threshold of their jumps.
     gray: Option<(Plane<i32>, f64)>,
+    /// A number from which the candidates of each panel are drawn; `None`: all of them everywhere.
+    ranges: Option<u64>,
 }
 
 /// Buffers for integers of every width, reused from volume to volume.
@@ -69,7 +75,7 @@ impl Volume {
             if is_scene { ramp.min(largest) as u32 } else { noise as u32 }
         });
 
-        Self { costs, candidates, optimizer, penalties, gray: None }
+        Self { costs, candidates, optimizer, penalties, gray: None, ranges: None }
     }
 
     /// Adds gray values, patches with some noise: jumps of every size.
@@ -80,6 +86,16 @@ impl Volume {
         });
 
         Self { gray: Some((gray, threshold)), ..self }
+    }
+
+    /// The candidates that are searched in a band and a panel: one, some, or all.
+    fn searched(&self, band: usize, panel: usize) -> Range<usize> {
+        let Some(seed) = self.ranges else { return 0..self.candidates };
+        let number = |salt: u64| hash(seed ^ salt, band, panel) as usize;
+        let start = number(1) % self.candidates;
+        let count = 1 + number(2) % (self.candidates - start);
+        // Neighbors often have the same ones.
+        if number(3).is_multiple_of(3) { 0..self.candidates } else { start..start + count }
     }
 
     /// Rows and columns of the image.
@@ -93,7 +109,8 @@ impl Volume {
         let edges = gray.map(|(gray, threshold)| reference::edges(gray, *threshold));
 
         let Self { costs, candidates, optimizer, penalties, .. } = self;
-        naive::optimized(costs, *candidates, *optimizer, *penalties, edges.as_ref())
+        let searched = |band: usize, panel: usize| self.searched(band, panel);
+        naive::optimized(costs, *candidates, *optimizer, *penalties, edges.as_ref(), &searched)
     }
 
     /// The evidence by bands, from the last one up, since bands must not depend on one another.
@@ -116,10 +133,18 @@ impl Volume {
         let Self { ref costs, candidates, optimizer, penalties, .. } = *self;
         let edges = &edges.expect("memory");
 
+        let ranges = self.ranges.map(|_| {
+            PanelRanges::new(size, |[rows, columns]| {
+                let Range { start, end } = self.searched(rows.start / BAND, columns.start / PANEL);
+                Searched { start, count: end - start }
+            })
+        });
+
         let search = CandidateSearch {
             size,
             first: 0,
             candidates,
+            ranges: ranges.as_ref(),
             optimizer,
             penalties,
             edges,
@@ -191,13 +216,14 @@ impl Volume {
 
             assert!(
                 wrong.is_none(),
-                "{:?} of {:?}, {} candidates, {:?}, {:?}, edges: {}, {}, {}",
+                "{:?} of {:?}, {} candidates, {:?}, {:?}, edges: {}, ranges: {:?}, {}, {}",
                 wrong,
                 self.size(),
                 self.candidates,
                 self.optimizer,
                 self.penalties,
                 self.gray.is_some(),
+                self.ranges,
                 level.name(),
                 std::any::type_name::<T>(),
             );
@@ -256,17 +282,19 @@ fn volumes() -> impl Strategy<Value = Volume> {
     let size = (heights(), widths(), select(COUNTS.to_vec()), any::<bool>());
     let threshold = prop_oneof![3 => 0.05..3.0f64, 1 => Just(LARGEST_EDGES)];
     let optimizers = OPTIMIZERS.into_iter().chain([Optimizer::SemiGlobal; 2]).collect::<Vec<_>>();
-    let choices = (select(optimizers), prop::option::of(threshold));
+    let choices = (select(optimizers), prop::option::of(threshold), prop::option::of(any::<u64>()));
 
     (size, scales(), choices, any::<u64>()).prop_map(
         |(
             (rows, cols, candidates, is_wide),
             (largest, penalties),
-            (optimizer, threshold),
+            (optimizer, threshold, ranges),
             seed,
         )| {
             let (rows, cols) = affordable(rows, cols, candidates, is_wide);
-            let volume = Volume::new((rows, cols, candidates), largest, optimizer, penalties, seed);
+            let size = (rows, cols, candidates);
+            let volume =
+                Volume { ranges, ..Volume::new(size, largest, optimizer, penalties, seed) };
 
             match threshold {
                 Some(threshold) => volume.with_gray(threshold, seed),
@@ -349,6 +377,7 @@ fn sizes_around_every_border() {
             let volume =
                 Volume::new((rows, cols, candidates), 150, optimizer, penalties, index as u64);
             let volume = if index % 4 < 2 { volume.with_gray(1.0, 5) } else { volume };
+            let volume = Volume { ranges: (index % 3 > 0).then_some(index as u64), ..volume };
             volume.check(&mut workspaces);
         }
     }
@@ -376,7 +405,8 @@ fn totals_up_to_the_largest_are_exact() {
 
             for optimizer in OPTIMIZERS {
                 let costs = costs.clone();
-                let volume = Volume { costs, candidates, optimizer, penalties, gray: None };
+                let volume =
+                    Volume { costs, candidates, optimizer, penalties, gray: None, ranges: None };
                 let volume = if odds == 2 { volume.with_gray(1.0, 4) } else { volume };
                 volume.check(&mut workspaces);
             }
@@ -399,7 +429,7 @@ fn the_last_of_the_most_candidates_can_be_chosen() {
         let cost = |_, place| u32::from(place % candidates != good[place / candidates]) * 9;
         let costs = Plane::from_fn(1, 3 * candidates, cost);
 
-        let volume = Volume { costs, candidates, optimizer, penalties, gray: None };
+        let volume = Volume { costs, candidates, optimizer, penalties, gray: None, ranges: None };
         let chosen = volume.expected().map(|found| usize::from(found.chosen));
         assert_eq!(chosen.row(0), good, "{optimizer:?}");
         volume.check(&mut Workspaces::default());
@@ -414,11 +444,12 @@ fn a_pixel_is_drawn_to_its_neighbor() {
     let penalties = Penalties { p1: 1, p2: 4 };
 
     // The second pixel's totals are 4, 10, 7 from the left and 4, 9, 3 from everywhere else.
-    let sums = reference::scanline_optimization(&costs, 3, penalties, None);
+    let sums = reference::scanline_optimization(&costs, 3, penalties, None, &|_, _| 0..3);
     assert_eq!(sums.row(0)[3..], [4, 10, 5]);
-    assert_eq!(reference::semi_global(&costs, 3, penalties, None).row(0)[3..], [4, 10, 4]);
+    let sums = reference::semi_global(&costs, 3, penalties, None, &|_, _| 0..3);
+    assert_eq!(sums.row(0)[3..], [4, 10, 4]);
 
-    let volume = Volume { costs, candidates: 3, optimizer, penalties, gray: None };
+    let volume = Volume { costs, candidates: 3, optimizer, penalties, gray: None, ranges: None };
     let found = volume.expected().row(0)[1];
     assert_eq!((found.chosen, found.own, found.elsewhere), (0, 4, 5));
     volume.check(&mut Workspaces::default());
@@ -435,7 +466,7 @@ fn is_seen(
     let costs = Plane::from_fn(rows, cols * 4, |y, place| 100 * u32::from(is_there(y, place)));
 
     let penalties = Penalties { p1: 200, p2: 200 };
-    let volume = Volume { costs, candidates: 4, optimizer, penalties, gray: None };
+    let volume = Volume { costs, candidates: 4, optimizer, penalties, gray: None, ranges: None };
 
     let found =
         volume.found(&mut Workspace::<u16>::default(), true, levels()[0], &Control::default());
@@ -476,6 +507,7 @@ fn bands_are_those_of_the_whole() {
             size,
             first,
             candidates,
+            ranges: None,
             optimizer,
             penalties,
             edges,

@@ -418,6 +418,21 @@ pub fn edges(gray: &Plane<i32>, threshold: f64) -> Plane<u8> {
     })
 }
 
+/// The candidates that are searched in a band and a panel, by their numbers.
+pub type Searched<'a> = &'a dyn Fn(usize, usize) -> Range<usize>;
+
+/// The costs where a band and a panel decide which candidates are searched: all others cost more than any.
+fn limited(
+    costs: &Plane<u32>,
+    candidates: usize,
+    searched: impl Fn(usize, usize) -> Range<usize>,
+) -> Plane<u32> {
+    Plane::from_fn(costs.rows(), costs.cols(), |y, place| {
+        let is_searched = searched(y, place / candidates).contains(&(place % candidates));
+        if is_searched { costs.row(y)[place] } else { u32::MAX }
+    })
+}
+
 /// Reference implementation of the sums of [`phasestereo::internals::optimization`] that decide by horizontal paths alone: half
 /// the sum of both totals, rounded up, for every candidate of every pixel. `edges` are those of [`edges`](fn@edges).
 pub fn scanline_optimization(
@@ -425,15 +440,22 @@ pub fn scanline_optimization(
     candidates: usize,
     penalties: Penalties,
     edges: Option<&Plane<u8>>,
+    searched: Searched,
 ) -> Plane<u64> {
-    let image = PathCosts { costs, candidates, penalties, edges };
     let rows = 0..costs.rows();
     let cols = costs.cols() / candidates;
+    let totals = |step, columns, costs: &Plane<u32>| {
+        let image = PathCosts { costs, candidates, penalties, edges };
+        image.totals((0, step), rows.clone(), columns)
+    };
 
-    let left = image.totals((0, 1), rows.clone(), 0..cols);
+    // From the left, each pixel has the candidates of its own panel; from the right, those of the panel that the path is for.
+    let own = limited(costs, candidates, |y, x| searched(y / BAND, x / PANEL));
+    let left = totals(1, 0..cols, &own);
     let right = |first: usize| {
         let end = ((first + PANEL).min(cols) + LOOKAHEAD_COLUMNS).min(cols);
-        image.totals((0, -1), rows.clone(), first..end)
+        let costs = limited(costs, candidates, |y, _| searched(y / BAND, first / PANEL));
+        totals(-1, first..end, &costs)
     };
     let right: Vec<_> = (0..cols).step_by(PANEL).map(right).collect();
 
@@ -450,13 +472,15 @@ pub fn semi_global(
     candidates: usize,
     penalties: Penalties,
     edges: Option<&Plane<u8>>,
+    searched: Searched,
 ) -> Plane<u64> {
-    let image = PathCosts { costs, candidates, penalties, edges };
     let (rows, cols) = (costs.rows(), costs.cols() / candidates);
 
-    let horizontal = scanline_optimization(costs, candidates, penalties, edges);
+    let horizontal = scanline_optimization(costs, candidates, penalties, edges, searched);
     let vertical = |first: usize| {
         let seen = first.saturating_sub(LOOKAHEAD_ROWS)..(first + BAND + LOOKAHEAD_ROWS).min(rows);
+        let costs = &limited(costs, candidates, |_, x| searched(first / BAND, x / PANEL));
+        let image = PathCosts { costs, candidates, penalties, edges };
         [1, -1].map(|dy| image.totals((dy, 0), seen.clone(), 0..cols))
     };
     let vertical: Vec<_> = (0..rows).step_by(BAND).map(vertical).collect();
@@ -494,13 +518,19 @@ impl PathCosts<'_> {
                 let is_inside = rows.contains(&from.0) && columns.contains(&from.1);
 
                 let places = |x: usize| x * candidates..(x + 1) * candidates;
+                let costs = &costs.row(y)[places(x)];
                 let steps = if is_inside {
-                    self.steps(&totals.row(from.0)[places(from.1)], self.p2(from, (y, x)))
+                    let mut before = totals.row(from.0)[places(from.1)].to_vec();
+                    let least = before[least(&before)];
+                    // Of a candidate that is not searched here a path keeps nothing but its least total.
+                    let ends = before.iter_mut().zip(costs).filter(|(_, cost)| **cost == u32::MAX);
+                    ends.for_each(|(total, _)| *total = u64::MAX / 2);
+
+                    self.steps(&before, least, self.p2(from, (y, x)))
                 } else {
                     vec![0; candidates]
                 };
 
-                let costs = &costs.row(y)[places(x)];
                 for ((total, step), cost) in
                     totals.row_mut(y)[places(x)].iter_mut().zip(steps).zip(costs)
                 {
@@ -514,8 +544,7 @@ impl PathCosts<'_> {
 
     /// The cost of the step to each candidate, beyond the least total of the pixel before: to stay, to change by one, or to
     /// come from the candidate with that least total. (If this is at most one away, P2 is no less than the right penalty.)
-    fn steps(&self, before: &[u64], p2: u64) -> Vec<u64> {
-        let least = before[least(before)];
+    fn steps(&self, before: &[u64], least: u64, p2: u64) -> Vec<u64> {
         let step = |k: usize| {
             let beside = [k.checked_sub(1), Some(k + 1)].into_iter().flatten();
             let changed =

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use crate::common::{hash, levels};
 use ndarray::Array3;
+use phasestereo::internals::cost::candidates::Candidates;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::view::{Image, Mask, View};
 use phasestereo::internals::pipeline::control::Control;
@@ -14,8 +15,9 @@ use phasestereo::internals::scales::choice::{Doubt, choose};
 use phasestereo::internals::scales::flat_areas::{FlatArea, flat_areas};
 use phasestereo::internals::scales::local_means::local_means;
 use phasestereo::internals::scales::planes::draw;
+use phasestereo::internals::scales::ranges::panel_ranges;
 use phasestereo::internals::scales::reduction::halved;
-use phasestereo::internals::settings::Settings;
+use phasestereo::internals::settings::{Optimizer, Settings};
 use phasestereo::internals::simd::Level;
 
 /// A number from 0 to 1.
@@ -424,4 +426,63 @@ fn copies_decide_where_the_pair_has_no_evidence_with_the_same_bits_everywhere() 
         map.disparity.as_slice().iter().filter(|value| (**value - 14.0).abs() <= 2.0).count()
     };
     assert!(right(&found) > right(&alone) + 260 * 300 / 20, "{} {}", right(&found), right(&alone));
+}
+
+/// A wall 30 px off, a board in front of it 120 px off, and a stretch in which the images have nothing to do with each other.
+fn deep() -> Pair {
+    let truth = |y: usize, x: usize| if y < 300 && (400..700).contains(&x) { 120 } else { 30 };
+    let texture = |y: usize, x: usize| (hash(40, y / 2, x / 2) % 200) as u8;
+
+    let (rows, cols) = (804, 900);
+    let mut right = Array3::from_shape_fn((rows, cols, 1), |(y, x, _)| texture(y, x + 30));
+    for (y, x) in (0..300).flat_map(|y| (400..700).map(move |x| (y, x))) {
+        right[(y, x - 120, 0)] = texture(y, x + 1000);
+    }
+    let left = Array3::from_shape_fn((rows, cols, 1), |(y, x, _)| match truth(y, x) {
+        120 => texture(y, x + 1000),
+        _ if y >= 600 => (hash(41, y, x) % 200) as u8,
+        _ => texture(y, x),
+    });
+    Pair::new(View::from(Image::U8(left)), View::from(Image::U8(right)), -4, 150).expect("legal")
+}
+
+#[test]
+fn a_panel_is_searched_where_its_copy_matches() {
+    let ranges = |pair: &Pair, threads: usize, level: Level| {
+        let (matcher, control) = (Matcher::new(threads).expect("threads"), Control::default());
+        let means = means(&matcher, threads, level, &control);
+        let found = || panel_ranges(pair, Optimizer::SemiGlobal, means).expect("enough memory");
+        matcher.install(found)
+    };
+    let found = ranges(&deep(), 1, Level::best()).expect("large enough");
+
+    // Candidate 0 is the disparity of -4.
+    let span = |y: usize, x: usize| {
+        let searched = found.at(y, x);
+        (searched.start, searched.start + searched.count)
+    };
+    // Panels by the middle of each. Left of the board, the right image does not show the wall.
+    let shown = [288, 416, 480, 544, 608, 672, 736, 800];
+    for (y, x) in (0..9).flat_map(|band| shown.map(|x| (64 * band + 32, x))) {
+        let (start, end) = span(y, x);
+        let has_board = y < 300 && (400..=704).contains(&x);
+        let has_wall = y > 256 || !(416..=640).contains(&x);
+
+        assert!(!has_wall || (start <= 34 && 34 < end), "the wall at {y}, {x}: {start}..{end}");
+        assert!(!has_board || (start <= 124 && 124 < end), "the board at {y}, {x}: {start}..{end}");
+        if y > 350 || x == 800 || (y < 200 && (480..=608).contains(&x)) {
+            assert_eq!(end - start, 32, "{y}, {x}");
+        }
+    }
+    // Where nothing matches all are searched.
+    assert_eq!((span(700, 300), span(803, 899)), ((0, 150), (0, 150)));
+
+    for (threads, level) in levels().into_iter().map(|level| (1, level)).chain([(3, Level::best())])
+    {
+        assert_eq!(ranges(&deep(), threads, level).as_ref(), Some(&found));
+    }
+
+    let all = |pair: &Pair| ranges(pair, 1, Level::best()) == None;
+    let few = Candidates::new(-4, 127, 900).expect("legal");
+    assert!(all(&deep().of_rows(0..799)) && all(&deep().searched(few)));
 }

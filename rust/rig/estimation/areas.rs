@@ -471,12 +471,12 @@ impl<F: FnMut(usize, usize, &[Lanes<u8>])> Loop for Visit<'_, F> {
         let mut window = vec![[0u8; LANES]; runs];
         for y in top..top + count {
             if y > top {
-                costs.write::<u8>(clamped(y - 1), wide.clone(), &mut line);
+                costs.write::<u8>(clamped(y - 1), wide.clone(), costs.searched(), &mut line);
                 add(&mut sums, &line, u8::wrapping_sub);
             }
             let begun = if y == top { 0..WINDOW.0 } else { WINDOW.0 - 1..WINDOW.0 };
             for number in begun {
-                costs.write::<u8>(clamped(y + number), wide.clone(), &mut line);
+                costs.write::<u8>(clamped(y + number), wide.clone(), costs.searched(), &mut line);
                 add(&mut sums, &line, u8::wrapping_add);
             }
 
@@ -602,7 +602,7 @@ impl Loop for Choose<'_> {
             let y = (y + dy).saturating_sub(AROUND.0).min(rows - 1);
             for dx in 0..WINDOW.1 {
                 let x = (x + dx).saturating_sub(AROUND.1).min(cols - 1);
-                costs.write::<u8>(y, x..x + 1, &mut line);
+                costs.write::<u8>(y, x..x + 1, costs.searched(), &mut line);
                 add(&mut sums, &line, u8::wrapping_add);
             }
         }

@@ -11,8 +11,8 @@ use phasestereo::internals::image::intensity::{Gray, intensity_range};
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::texture::Texture;
 use phasestereo::internals::image::view::View;
-use phasestereo::internals::optimization::Penalties;
 use phasestereo::internals::optimization::evidence::NONE;
+use phasestereo::internals::optimization::{BAND, PANEL, Penalties};
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::{Disparity, Pair};
 use phasestereo::internals::refinement::calibration::Weights;
@@ -279,22 +279,27 @@ fn found(pair: &Pair, settings: &Settings) -> Plane<PixelEvidence> {
 
     let gray = gray(pair.views()[0]);
     let edges = (settings.adaptive_p2 > 0.0).then(|| reference::edges(&gray, settings.adaptive_p2));
-    optimized(&costs, candidates.count(), settings.optimizer, penalties, edges.as_ref())
+    let count = candidates.count();
+    optimized(&costs, count, settings.optimizer, penalties, edges.as_ref(), &|_, _| 0..count)
 }
 
-/// The evidence by aggregated costs; `edges` are those of [`reference::edges`].
+/// The evidence by aggregated costs; `edges` are those of [`reference::edges`], `searched` those of paths.
 pub fn optimized(
     costs: &Plane<u32>,
     candidates: usize,
     optimizer: Optimizer,
     penalties: Penalties,
     edges: Option<&Plane<u8>>,
+    searched: reference::Searched,
 ) -> Plane<PixelEvidence> {
     let (rows, cols) = (costs.rows(), costs.cols() / candidates);
     let of_pixel = |x: usize| x * candidates..(x + 1) * candidates;
-    let by_sums = |sums: &Plane<u64>, costs: &Plane<u32>| {
+    let by_sums = |sums: &Plane<u64>, costs: &Plane<u32>, searched: reference::Searched| {
         Plane::from_fn(rows, cols, |y, x| {
-            reference::select(&sums.row(y)[of_pixel(x)], &costs.row(y)[of_pixel(x)])
+            let searched = searched(y / BAND, x / PANEL);
+            let places = x * candidates + searched.start..x * candidates + searched.end;
+            let found = reference::select(&sums.row(y)[places.clone()], &costs.row(y)[places]);
+            PixelEvidence { chosen: found.chosen + searched.start as u16, ..found }
         })
     };
 
@@ -308,11 +313,17 @@ pub fn optimized(
             })
         }
         Optimizer::ScanlineOptimization => {
-            by_sums(&reference::scanline_optimization(costs, candidates, penalties, edges), costs)
+            let sums =
+                reference::scanline_optimization(costs, candidates, penalties, edges, searched);
+            by_sums(&sums, costs, searched)
         }
-        Optimizer::WinnerTakesAll => by_sums(&costs.map(|&cost| cost.into()), &costs.map(|_| 0)),
+        Optimizer::WinnerTakesAll => {
+            let sums = costs.map(|&cost| cost.into());
+            by_sums(&sums, &costs.map(|_| 0), &|_, _| 0..candidates)
+        }
         Optimizer::SemiGlobal => {
-            by_sums(&reference::semi_global(costs, candidates, penalties, edges), costs)
+            let sums = reference::semi_global(costs, candidates, penalties, edges, searched);
+            by_sums(&sums, costs, searched)
         }
     }
 }

@@ -1,0 +1,111 @@
+//! The disparities that are searched in each panel, where a pair has many: those that a rough match of it at half the size
+//! finds there and nearby.
+//!
+//! ```text
+//! ranges(pair):
+//!     if it has few disparities, or is too small: all of them everywhere
+//!     copy     = pair / 2
+//!     rough    = match(copy, ranges(copy)), left-right check and speckles, nothing filled or smoothed
+//!     searched = min .. max of 2 rough within REACH of the panel, and MARGIN more on either side, in whole runs
+//!                all, where most of that is unknown
+//! ```
+//!
+//! It is matched along rows alone, since paths along columns lose what is thin and upright. Where it is mistaken here and
+//! there, more is searched than needed, so noise costs time and not quality. What no pixel of the copy shows is lost, and
+//! that is more the fewer pixels it has: small copies are not asked.
+
+use std::ops::Range;
+
+use crate::cost::candidates::{Candidates, Searched};
+use crate::error::Result;
+use crate::image::plane::Plane;
+use crate::optimization::panel_ranges::PanelRanges;
+use crate::pipeline::matcher::Pair;
+use crate::pipeline::section::Section;
+use crate::rig::blur::parts::Means;
+use crate::scales::reduction::halved;
+use crate::settings::presets::Preset;
+use crate::settings::{Optimizer, Precision, Settings};
+
+/// Fewest disparities of a pair that are narrowed.
+const MANY: usize = 128;
+/// Fewest rows and columns of a copy that is asked.
+const LEAST_SIDE: usize = 400;
+/// How far around a panel the copy is looked at: as far as the paths through it start.
+const REACH: usize = 16;
+/// Disparities that are searched below the least and above the largest one of the copy.
+const MARGIN: isize = 4;
+
+/// The disparities that are searched in each panel; `None`: all.
+pub fn panel_ranges(
+    pair: &Pair,
+    optimizer: Optimizer,
+    means: Means,
+) -> Result<Option<PanelRanges>> {
+    let follows_paths =
+        matches!(optimizer, Optimizer::SemiGlobal | Optimizer::ScanlineOptimization);
+    let (rows, cols) = pair.size();
+    let is_small = rows.min(cols) / 2 < LEAST_SIDE || pair.candidates().count() < MANY;
+    if !follows_paths || is_small {
+        return Ok(None);
+    }
+    let Some(copy) = halved(pair, means)? else { return Ok(None) };
+    let rough = roughly_matched(&copy, means)?;
+
+    let all = pair.candidates();
+    let searched = |panel: [Range<usize>; 2]| searched(&rough, panel, all);
+    Ok(Some(PanelRanges::new(pair.size(), searched)))
+}
+
+/// The disparities of a copy; NaN where the match is in doubt.
+fn roughly_matched(copy: &Pair, means: Means) -> Result<Plane<f32>> {
+    let settings = Settings {
+        neighborhood: 5,
+        window: 5,
+        frequencies: (1, 1),
+        precision: Precision::Byte,
+        optimizer: Optimizer::ScanlineOptimization,
+        shiftable: false,
+        p1: 2.0,
+        p2: 9.0,
+        lr_check: Some(3),
+        speckle_size: 20,
+        fill: false,
+        confidence: false,
+        ..Preset::Paper.settings()
+    };
+
+    let ranges = panel_ranges(copy, settings.optimizer, means)?;
+    let section = Section { ranges, ..Section::whole(copy) };
+    // Its rows are not rows of the result: its progress is counted apart.
+    let Means { matcher, how, control } = means;
+    let map = matcher.match_alone(copy, &section, &settings, how, &control.aside())?;
+    Ok(map.disparity)
+}
+
+/// The candidates that are searched in a panel, of all.
+fn searched(rough: &Plane<f32>, [rows, cols]: [Range<usize>; 2], all: Candidates) -> Searched {
+    let near = |range: Range<usize>, most: usize| {
+        range.start.saturating_sub(REACH) / 2..((range.end + REACH).div_ceil(2)).min(most)
+    };
+    let (rows, cols) = (near(rows, rough.rows()), near(cols, rough.cols()));
+    let (mut least, mut most, mut known) = (f32::INFINITY, f32::NEG_INFINITY, 0);
+
+    for y in rows.clone() {
+        for disparity in &rough.row(y)[cols.clone()] {
+            // Those that are unknown are passed over.
+            (least, most) = (least.min(*disparity), most.max(*disparity));
+            known += usize::from(!disparity.is_nan());
+        }
+    }
+    if 2 * known <= rows.len() * cols.len() {
+        return Searched::all(all.count());
+    }
+
+    // A disparity of the copy stands for two.
+    let index =
+        |disparity: isize| (disparity - all.min()).clamp(0, all.count() as isize - 1) as usize;
+    let first = index(2 * least as isize - MARGIN);
+    let last = index(2 * most as isize + 1 + MARGIN);
+    Searched::holding(first, last, all.count())
+}
