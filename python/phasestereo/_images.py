@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-from importlib import import_module
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -62,25 +61,6 @@ def as_pixels(image: ArrayLike, name: str) -> Pixels:
     colors = pixels[:, :, :3]
     native: Pixels = np.require(colors, colors.dtype.newbyteorder("="), ["C", "ALIGNED"])
     return native
-
-
-def opened(image: ImageOrPath) -> ArrayLike:
-    """Return an image; where it is a path, read it, as `phasestereo.io.read_image` does.
-
-    Raises
-    ------
-    OSError, ValueError, ImportError
-        As `phasestereo.io.read_image`.
-    """
-    if isinstance(image, str | os.PathLike):
-        pixels: Pixels = import_module("phasestereo.io").read_image(image)
-        return pixels
-    return image
-
-
-def opened_pair(left: ImageOrPath, right: ImageOrPath) -> tuple[Pixels, Pixels]:
-    """Return both images of a pair as `as_pair` does; those of which there is a path are read."""
-    return as_pair(opened(left), opened(right))
 
 
 def as_pair(left: ArrayLike, right: ArrayLike) -> tuple[Pixels, Pixels]:

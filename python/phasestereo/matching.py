@@ -7,7 +7,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from phasestereo import _core
-from phasestereo._images import as_array, as_mask, as_pair, opened
+from phasestereo._images import as_array, as_mask, as_pair
+from phasestereo._opening import opened
 from phasestereo.result import Result, Summary
 from phasestereo.rig.alignment import applied_field
 from phasestereo.rig.compensation import BlurCompensation, Noise, as_noise

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from phasestereo import _core
-from phasestereo._images import as_array, as_mask, as_pair, as_pixels, as_rgb8, opened
+from phasestereo._images import as_array, as_mask, as_pair, as_pixels, as_rgb8
+from phasestereo._opening import opened
 from phasestereo.matching import result_of
 from phasestereo.rig.estimates import as_estimates
 from phasestereo.rig.findings import as_findings

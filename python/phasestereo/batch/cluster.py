@@ -10,7 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-import phasestereo
 from phasestereo import _core
 from phasestereo._extras import require
 from phasestereo.batch.processes import DIED, WorkerDiedError
@@ -182,9 +181,9 @@ def _lost(error: Exception) -> ConnectionError:
 
 def _check_versions(client: Any) -> None:
     for address, found in client.run(version, on_error="return").items():
-        if found != phasestereo.__version__:
+        if found != _core.__version__:
             has = f"({found!r})" if isinstance(found, Exception) else found
             raise ValueError(
                 f"scheduler: worker {address} has phasestereo {has}; accepts "
-                f"{phasestereo.__version__}, as here"
+                f"{_core.__version__}, as here"
             )

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-import phasestereo
+from phasestereo import _core
 from phasestereo._images import join_masks
 from phasestereo.batch.manifest import DONE, FAILED, Record
 from phasestereo.io.files import describe_error
@@ -71,7 +71,7 @@ class Order:
     layers: tuple[str, ...]
     threads: int
     seconds: float | None = None
-    version: str = phasestereo.__version__
+    version: str = _core.__version__
 
     def recipe(self, pair: PairFiles) -> str:
         """Return a digest of all that a result depends on; a file that is not there is one, too."""
@@ -88,7 +88,7 @@ class Order:
 
 def version() -> str:
     """Return the version that a worker has."""
-    return phasestereo.__version__
+    return _core.__version__
 
 
 def blank(pair: PairFiles, recipe: str, reason: str) -> Record:
@@ -129,9 +129,9 @@ def match_files(pair: PairFiles, order: Order, recipe: str) -> Record:
 
 
 def _matched(pair: PairFiles, order: Order, recipe: str) -> Record:
-    if order.version != phasestereo.__version__:  # a worker that came after the run had begun
+    if order.version != _core.__version__:  # a worker that came after the run had begun
         raise RuntimeError(
-            f"the worker has phasestereo {phasestereo.__version__}; accepts {order.version}"
+            f"the worker has phasestereo {_core.__version__}; accepts {order.version}"
         )
 
     in_time = _clock(order.seconds)

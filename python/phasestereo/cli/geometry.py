@@ -16,9 +16,10 @@ from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refuse_pic
 from phasestereo.cli.options import POSITIVE
 from phasestereo.io import Calibration, LengthUnit, read_calibration, read_q
 from phasestereo.result import Result
+from phasestereo.shapes import Mesh, PointCloud
 from phasestereo.views.depths import YAW, Anchor, Ranging, check_anchor, ranging
-from phasestereo.views.meshing import Mesh, surface_mesh
-from phasestereo.views.triangulation import PointCloud, point_cloud
+from phasestereo.views.meshing import surface_mesh
+from phasestereo.views.triangulation import point_cloud
 
 Map = NDArray[np.float32]
 

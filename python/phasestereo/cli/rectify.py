@@ -18,8 +18,8 @@ from phasestereo.cli.errors import (
 )
 from phasestereo.cli.pairing import read_both
 from phasestereo.cli.terminal import print_json, print_lines
-from phasestereo.integrations.video.capture import Layout
 from phasestereo.io import write_image
+from phasestereo.io.pair import Layout
 from phasestereo.rectification import Rectification
 from phasestereo.rectification import rectify as rectify_pair
 

@@ -24,8 +24,8 @@ from phasestereo.settings import resolve
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from phasestereo.bands import PairStatistics
     from phasestereo.rig.compensation import BlurCompensation, Noise
+    from phasestereo.rig.pair_statistics import PairStatistics
     from phasestereo.settings import Settings
 
     Array: TypeAlias = Any  # dask.array.Array, whose package has no types

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-import phasestereo
+from phasestereo import _core
 from phasestereo._extras import require
 from phasestereo._images import as_mask, join_masks
 from phasestereo.io.pixels import as_samples
@@ -171,7 +171,7 @@ def as_dataset(result: Result, *, like: DataArray | None = None) -> Dataset:
     attrs = {
         "Conventions": "CF-1.11",
         "title": "disparities of a rectified stereo pair",
-        "source": f"phasestereo {phasestereo.__version__}",
+        "source": f"phasestereo {_core.__version__}",
         "settings": json.dumps(asdict(result.settings)),
     }
     if result.blur is not None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from phasestereo._extras import require
 from phasestereo.io.files import replacing, suffix
-from phasestereo.views.meshing import Mesh
+from phasestereo.shapes import Mesh
 
 if TYPE_CHECKING:
     from phasestereo.io.files import StrPath

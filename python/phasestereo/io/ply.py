@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from phasestereo.io.files import replacing, suffix
-from phasestereo.views.triangulation import PointCloud
+from phasestereo.shapes import PointCloud
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -18,8 +18,8 @@ from phasestereo.settings import PRESETS
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from phasestereo.bands import PairStatistics
     from phasestereo.io.windows import RasterPair
+    from phasestereo.rig.pair_statistics import PairStatistics
 
 BAND_ROWS = _core.BAND_ROWS
 """Bands are of multiples of so many rows, unless it is asked otherwise."""

@@ -9,9 +9,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from phasestereo.bands import PairStatistics
     from phasestereo.outofcore.plan import Plan
     from phasestereo.result import Flag
+    from phasestereo.rig.pair_statistics import PairStatistics
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

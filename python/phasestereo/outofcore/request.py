@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import phasestereo
+from phasestereo import _core
 from phasestereo._numbers import as_integer
 from phasestereo.outofcore.sinks import check_suffix
 from phasestereo.result import maps_with
@@ -58,7 +58,7 @@ class Request:
         files = zip(names, self.sources, strict=True)
 
         return {
-            "version": phasestereo.__version__,
+            "version": _core.__version__,
             **{name: None if path is None else _identity(path) for name, path in files},
             "bands": None if self.bands is None else [int(band) for band in self.bands],
             "min_disparity": self.min_disparity,

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from phasestereo.bands import PairStatistics
     from phasestereo.io.files import StrPath
     from phasestereo.io.windows import RasterPair
     from phasestereo.matching import Progress
@@ -35,6 +34,7 @@ if TYPE_CHECKING:
     from phasestereo.outofcore.report import MapReport
     from phasestereo.outofcore.store import Store
     from phasestereo.rig.compensation import Noise
+    from phasestereo.rig.pair_statistics import PairStatistics
 
 
 def match(

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from phasestereo.bands import PairStatistics
+    from phasestereo.rig.pair_statistics import PairStatistics
 
     Arrays = Mapping[str, NDArray[Any]]
     Rows = tuple[int, int]

@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from phasestereo.bands import PairStatistics
     from phasestereo.io.windows import RasterPair
     from phasestereo.matching import Progress
     from phasestereo.outofcore.request import Request
     from phasestereo.outofcore.store import Store
     from phasestereo.result import Result
+    from phasestereo.rig.pair_statistics import PairStatistics
 
 _SAMPLE = 2048  # columns of the part by which the speed of this machine is measured
 

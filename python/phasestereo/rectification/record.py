@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from phasestereo._extras import require
-from phasestereo._images import as_mask, as_pair, opened_pair
+from phasestereo._images import as_mask, as_pair
+from phasestereo._opening import opened_pair
 from phasestereo.io.files import replacing
 from phasestereo.rectification.cameras import MAPS
 from phasestereo.rectification.documents import Document, read_document

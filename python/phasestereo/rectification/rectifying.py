@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from phasestereo._images import opened_pair
+from phasestereo._opening import opened_pair
 from phasestereo.rectification.cameras import Cameras, Warp
 from phasestereo.rectification.estimating import estimated
 from phasestereo.rectification.reading import read_calibration

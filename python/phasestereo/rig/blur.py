@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from importlib import import_module
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
+
+from phasestereo._tables import as_html
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -190,9 +191,10 @@ class BlurEstimate:
 
     def _repr_html_(self) -> str:
         """Show the kinds as a table in notebooks."""
-        notebook = import_module("phasestereo.views.notebook")  # light until asked for
-        shown: str = notebook.blur_html(self)
-        return shown
+        left, right = self.noise
+        numbers = f"certainty {self.certainty:.2f}, noise {left:.3g} left, {right:.3g} right"
+        kinds = zip(map(str, self.blurs), map("{:.1%}".format, self.areas()), strict=True)
+        return as_html("BlurEstimate", numbers, ("Relative blur", "share of the image"), kinds)
 
     def areas(self) -> tuple[float, ...]:
         """Return the share of the image that each of `blurs` has."""

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass, replace
-from importlib import import_module
 from typing import TYPE_CHECKING, Any, cast
 
 from phasestereo._core import LEAST_SIZE
-from phasestereo._images import opened_pair
 from phasestereo._numbers import as_json
+from phasestereo._opening import opened_pair
+from phasestereo._tables import as_html
 from phasestereo.rig.estimation import estimate_pair
 
 if TYPE_CHECKING:
@@ -78,8 +78,10 @@ class Diagnosis:
 
     def _repr_html_(self) -> str:
         """Show the findings as a table in notebooks."""
-        shown: str = import_module("phasestereo.views.notebook").diagnosis_html(self)
-        return shown
+        rows, cols = self.size
+        found = [(one.topic, one.severity, one.sentence) for one in self.findings]
+        heads = "Topic", "severity", "finding"
+        return as_html("Diagnosis", f"{cols} x {rows} pixels", heads, found, bold="warning")
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything as JSON has it; numbers that JSON does not have are None."""

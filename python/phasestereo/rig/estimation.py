@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, cast
 
 from phasestereo import _core
-from phasestereo._images import as_mask, opened_pair
+from phasestereo._images import as_mask
+from phasestereo._opening import opened_pair
 from phasestereo.rig.estimates import as_estimates
 from phasestereo.settings import PRESETS
 

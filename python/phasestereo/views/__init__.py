@@ -3,7 +3,6 @@
 Each module says which extra it needs, and is imported when it is first asked for.
 """
 
-from importlib import import_module
 from typing import TYPE_CHECKING
 
 __all__ = ["depths", "meshing", "page", "picture", "plot", "triangulation", "viewer"]
@@ -20,6 +19,21 @@ else:
 
     def __getattr__(name):
         """Import a module when it is first asked for, as `ps.views.plot`."""
-        if name in __all__:
-            return import_module(f"{__name__}.{name}")
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        match name:
+            case "depths":
+                import phasestereo.views.depths as found
+            case "meshing":
+                import phasestereo.views.meshing as found
+            case "page":
+                import phasestereo.views.page as found
+            case "picture":
+                import phasestereo.views.picture as found
+            case "plot":
+                import phasestereo.views.plot as found
+            case "triangulation":
+                import phasestereo.views.triangulation as found
+            case "viewer":
+                import phasestereo.views.viewer as found
+            case _:
+                raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        return found

@@ -15,14 +15,13 @@ import numpy as np
 
 from phasestereo._images import as_array
 from phasestereo._numbers import as_integer, as_number
+from phasestereo.io.calibration import Calibration
 from phasestereo.result import Result
 
 if TYPE_CHECKING:
     from typing import Any
 
     from numpy.typing import ArrayLike, NDArray
-
-    from phasestereo.io import Calibration
 
     Map = NDArray[np.float32]
 
@@ -268,8 +267,6 @@ def check_anchor(anchor: Anchor, size: tuple[int, ...]) -> Anchor:
 
 def _check_calibration(calibration: Calibration, shape: tuple[int, ...]) -> None:
     """Refuse what is no calibration, or one of another size."""
-    from phasestereo.io import Calibration  # noqa: PLC0415 - `import phasestereo` reads no files
-
     if not isinstance(calibration, Calibration):
         got = type(calibration).__name__
         raise TypeError(f"calibration: got {got}; accepts a phasestereo.io.Calibration")

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from phasestereo.integrations.video.cameras import PATIENCE, open_camera, open_cameras
-from phasestereo.integrations.video.capture import AXES, Capture, CaptureSource, Layout, join, split
+from phasestereo.integrations.video.capture import Capture, CaptureSource, join, split
 from phasestereo.integrations.video.decoding import is_address, open_video
 from phasestereo.integrations.video.folders import open_folder, open_folders, open_rig
+from phasestereo.io.pair import AXES, Layout
 
 if TYPE_CHECKING:
     from collections.abc import Callable

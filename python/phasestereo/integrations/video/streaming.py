@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, replace
-from importlib import import_module
 from itertools import chain, islice
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -18,12 +18,14 @@ import numpy as np
 
 from phasestereo._closing import Closing
 from phasestereo._core import MOST_DISPARITIES
-from phasestereo._images import as_mask, opened_pair
+from phasestereo._images import as_mask
 from phasestereo._numbers import as_integer
+from phasestereo._opening import opened_pair
 from phasestereo.integrations.video.cameras import PATIENCE
-from phasestereo.integrations.video.capture import LayoutError
 from phasestereo.integrations.video.sources import open_source
+from phasestereo.io.pair import LayoutError
 from phasestereo.matching import Matcher
+from phasestereo.rectification.streams import Rectifier
 from phasestereo.rig.findings import untrusted
 from phasestereo.temporal import TemporalFilter
 
@@ -33,12 +35,12 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from phasestereo._images import ImageOrPath
-    from phasestereo.integrations.video.capture import Capture, CaptureSource, Image, Layout, Pair
+    from phasestereo.integrations.video.capture import Capture, CaptureSource, Image, Pair
     from phasestereo.integrations.video.sources import Place
+    from phasestereo.io.pair import Layout
     from phasestereo.rectification import Rectification
     from phasestereo.rectification.cameras import Cameras
     from phasestereo.rectification.reading import CalibrationSource
-    from phasestereo.rectification.streams import Rectifier
     from phasestereo.result import Result
     from phasestereo.rig.compensation import BlurCompensation, Noise
     from phasestereo.settings import Settings
@@ -241,7 +243,7 @@ def stream(
 
     # Wrong arguments are refused before any source is opened.
     _try(matcher, given, width=None)
-    rectifier = None if rectify is None else _rectifier(rectify, (left_mask, right_mask))
+    rectifier = None if rectify is None else Rectifier(rectify, (left_mask, right_mask))
     opened = open_source(source, right, layout=layout, patience=patience)
     try:
         return Stream(
@@ -476,19 +478,9 @@ class _Work:
         return self._last if self._reused + 1 < self._reestimate else None
 
 
-def _rectifier(
-    source: CalibrationSource | Rectification | Cameras,
-    masks: tuple[ArrayLike | None, ArrayLike | None],
-) -> Rectifier:
-    home = import_module("phasestereo.rectification.streams")  # it takes a while
-    rectifier: Rectifier = home.Rectifier(source, masks)
-    return rectifier
-
-
 def _ahead(items: Iterator[T]) -> Generator[T]:
     """Yield items, and have another thread fetch each while the one before is in use."""
-    executor = import_module("concurrent.futures").ThreadPoolExecutor  # it takes a while
-    with executor(1, thread_name_prefix="phasestereo-ahead") as thread:
+    with ThreadPoolExecutor(1, thread_name_prefix="phasestereo-ahead") as thread:
         coming = thread.submit(next, items, _END)
         while (item := coming.result()) is not _END:
             coming = thread.submit(next, items, _END)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-import phasestereo
+from phasestereo import _core
 from phasestereo.metrics.scores import unit_of
 from phasestereo.settings import PRESETS
 from phasestereo.views.page.embedding import picture_uri
@@ -166,7 +166,7 @@ def _duration(seconds: float) -> str:
 def versions() -> list[tuple[str, str]]:
     """Return what the result was made with."""
     return [
-        ("phasestereo", phasestereo.__version__),
+        ("phasestereo", _core.__version__),
         ("NumPy", np.__version__),
         ("Python", platform.python_version()),
         ("system", f"{platform.system()} {platform.machine()}"),
