@@ -25,9 +25,9 @@ from phasestereo.rig.pair_statistics import PairStatistics, as_size, load
 from phasestereo.settings import Settings, resolve
 
 if TYPE_CHECKING:
-    import numpy as np
     from collections.abc import Callable
 
+    import numpy as np
     from numpy.typing import ArrayLike, NDArray
 
     from phasestereo._images import Pixels
