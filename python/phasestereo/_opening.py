@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING
 
-from phasestereo._images import as_pair
+from numpy.typing import ArrayLike
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from phasestereo._images import ImageOrPath, Pixels
+from phasestereo._images import ImageOrPath, Pixels, as_pair
 
 
 def opened(image: ImageOrPath) -> ArrayLike:

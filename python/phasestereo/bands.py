@@ -11,33 +11,27 @@ that is matched together with so many rows around it is that of the whole pair.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from phasestereo import _core
-from phasestereo._images import as_mask, as_pair
+from phasestereo._images import Pixels, as_mask, as_pair
 from phasestereo._numbers import as_integer
 from phasestereo.result import Result
 from phasestereo.rig.alignment import Alignment, applied_field
-from phasestereo.rig.compensation import BlurCompensation, as_blur_compensation, as_noise
-from phasestereo.rig.estimates import as_estimates
+from phasestereo.rig.compensation import BlurCompensation, Noise, as_blur_compensation, as_noise
+from phasestereo.rig.estimates import Known, as_estimates
 from phasestereo.rig.pair_statistics import PairStatistics, as_size, load
 from phasestereo.settings import Settings, resolve
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    import numpy as np
-    from numpy.typing import ArrayLike, NDArray
-
-    from phasestereo._images import Pixels
-    from phasestereo.rig.compensation import Noise
-    from phasestereo.rig.estimates import Known
-
-    Mask = NDArray[np.bool_]
-    Rows: TypeAlias = tuple[ArrayLike, ArrayLike, ArrayLike | None, ArrayLike | None]
-    Reader: TypeAlias = Callable[[int, int], Rows]
-    Progress: TypeAlias = Callable[[int, int], object]
+Mask = NDArray[np.bool_]
+Rows: TypeAlias = tuple[ArrayLike, ArrayLike, ArrayLike | None, ArrayLike | None]
+Reader: TypeAlias = Callable[[int, int], Rows]
+Progress: TypeAlias = Callable[[int, int], object]
 
 __all__ = ["PairStatistics", "halo", "load", "match_rows", "pair_statistics", "working_memory"]
 

@@ -2,35 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import astuple, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from phasestereo import _core
-from phasestereo._images import as_array, as_mask, as_pair
+from phasestereo._images import ImageOrPath, Pixels, as_array, as_mask, as_pair
 from phasestereo._opening import opened
 from phasestereo.result import Result, Summary
 from phasestereo.rig.alignment import applied_field
 from phasestereo.rig.compensation import BlurCompensation, Noise, as_noise
-from phasestereo.rig.estimates import Known, as_estimates
-from phasestereo.rig.findings import as_findings, warn
+from phasestereo.rig.estimates import Estimates, Known, Matched, Summarized, Supported, as_estimates
+from phasestereo.rig.findings import Said, as_findings, warn
 from phasestereo.settings import Settings, resolve
-from phasestereo.temporal import as_core_filter
+from phasestereo.temporal import TemporalFilter, as_core_filter
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    import numpy as np
-    from numpy.typing import ArrayLike, NDArray
-
-    from phasestereo._images import ImageOrPath, Pixels
-    from phasestereo.rig.estimates import Estimates, Matched, Summarized, Supported
-    from phasestereo.rig.findings import Said
-    from phasestereo.temporal import TemporalFilter
-
-    Mask = NDArray[np.bool_]
-    Progress = Callable[[int, int], object]
-    Search = tuple[int, int | None]
+Mask = NDArray[np.bool_]
+Progress = Callable[[int, int], object]
+Search = tuple[int, int | None]
 
 
 def match(

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from enum import IntFlag
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias, get_args
+from typing import Any, ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from numpy.typing import NDArray
-
-    from phasestereo.rig.alignment import Alignment
-    from phasestereo.rig.blur import BlurEstimate
-    from phasestereo.rig.compensation import BlurCompensation
-    from phasestereo.rig.findings import Finding
-    from phasestereo.rig.search_range import SearchRange
-    from phasestereo.settings import Settings
+from phasestereo.rig.alignment import Alignment
+from phasestereo.rig.blur import BlurEstimate
+from phasestereo.rig.compensation import BlurCompensation
+from phasestereo.rig.findings import Finding
+from phasestereo.rig.search_range import SearchRange
+from phasestereo.settings import Settings
 
 Layer: TypeAlias = Literal["flags", "confidence", "uncertainty"]
 """A map of a result beside its disparities."""

@@ -5,22 +5,19 @@ from __future__ import annotations
 import gc
 import logging
 import os
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 from phasestereo import _core
 from phasestereo._extras import require
 from phasestereo.batch.processes import DIED, WorkerDiedError
 from phasestereo.batch.work import FullDiskError, version
+from phasestereo.io.files import StrPath
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from phasestereo.io.files import StrPath
-
-    TaskResult: TypeAlias = Callable[[], Any]
+TaskResult: TypeAlias = Callable[[], Any]
 
 _FIRST_WORKER = 60  # seconds until one must have come: those of a batch system take a while
 

@@ -11,6 +11,7 @@ import os
 import signal
 import threading
 from collections import deque
+from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -18,15 +19,12 @@ from dataclasses import dataclass
 from functools import partial
 from multiprocessing import connection, get_context, parent_process, resource_tracker
 from time import monotonic
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 from phasestereo._interrupts import unheard
 from phasestereo.batch import work  # noqa: F401 - before the first task, whose time it would take
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    TaskResult: TypeAlias = Callable[[], Any]
+TaskResult: TypeAlias = Callable[[], Any]
 
 DIED = "its worker died: it ran out of memory, was killed, or crashed"
 

@@ -9,30 +9,27 @@ import os
 import shutil
 import socket
 import traceback
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from phasestereo import _core
 from phasestereo._images import join_masks
 from phasestereo.batch.manifest import DONE, FAILED, Record
+from phasestereo.batch.pairs import PairFiles
+from phasestereo.io import Georeference
 from phasestereo.io.files import describe_error
 from phasestereo.io.mask import read_mask
 from phasestereo.io.results import write_map
 from phasestereo.io.views import read_views
 from phasestereo.matching import match_silently
+from phasestereo.result import Result
 from phasestereo.rig.findings import untrusted
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from phasestereo.batch.pairs import PairFiles
-    from phasestereo.io import Georeference
-    from phasestereo.result import Result
-    from phasestereo.settings import Settings
+from phasestereo.settings import Settings
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _EXPECTED = (OSError, ValueError, TypeError, MemoryError, RuntimeError, ImportError)

@@ -9,13 +9,7 @@ import numpy as np
 from cyclopts import Parameter, validators
 
 import phasestereo
-from phasestereo.cli.errors import (
-    WRONG_USAGE,
-    CommandError,
-    refusals,
-    refuse_picture,
-    refuse_taken,
-)
+from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals, refuse_picture, refuse_taken
 from phasestereo.cli.pairing import read_both
 from phasestereo.cli.terminal import print_json, print_lines
 from phasestereo.io import write_image

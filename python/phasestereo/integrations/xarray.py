@@ -7,28 +7,25 @@ is first needed.
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from dataclasses import asdict
 from numbers import Real
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from phasestereo import _core
 from phasestereo._extras import require
 from phasestereo._images import as_mask, join_masks
-from phasestereo.io.pixels import as_samples
+from phasestereo.io.pixels import Pixels, as_samples
 from phasestereo.matching import match as match_pair
 from phasestereo.result import MAPS, Flag, Result
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from numpy.typing import ArrayLike, NDArray
     from xarray import DataArray, Dataset
 
-    from phasestereo.io.pixels import Pixels
-
-    Mask = NDArray[np.bool_]
+Mask = NDArray[np.bool_]
 
 __all__ = ["as_dataset", "match"]
 

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
-from phasestereo.io.files import decoding
+from numpy.typing import NDArray
+
+from phasestereo.io.files import StrPath, decoding
 from phasestereo.io.image import as_image, read_image
+from phasestereo.io.pixels import Pixels
 from phasestereo.io.raster import decode_frames
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from phasestereo.io.files import StrPath
-    from phasestereo.io.pixels import Pixels
 
 Layout: TypeAlias = Literal["side-by-side", "top-bottom"]
 

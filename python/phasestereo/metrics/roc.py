@@ -11,24 +11,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from phasestereo._numbers import as_number
-from phasestereo.metrics.pixels import (
-    checked_shape,
-    scored_pixels,
-    scored_values,
-)
+from phasestereo.metrics.pixels import checked_shape, scored_pixels, scored_values
 
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    Floats = npt.NDArray[np.floating]
-    Values = npt.NDArray[np.float64]
-    Mask = npt.NDArray[np.bool_]
-    Indices = npt.NDArray[np.intp]
+Floats = npt.NDArray[np.floating]
+Values = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+Indices = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True)

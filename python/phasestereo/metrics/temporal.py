@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from phasestereo.metrics.pixels import checked_disparities, checked_mask
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    import numpy.typing as npt
-
-    Floats = npt.NDArray[np.floating]
-    Mask = npt.NDArray[np.bool_]
+Floats = npt.NDArray[np.floating]
+Mask = npt.NDArray[np.bool_]
 
 _LEAST_FRAMES = 2
 

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from phasestereo import _core
 from phasestereo._numbers import as_integer
+from phasestereo.io.files import StrPath
 from phasestereo.outofcore.sinks import check_suffix
 from phasestereo.result import maps_with
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from phasestereo.io.files import StrPath
-    from phasestereo.rig.compensation import Noise
-    from phasestereo.settings import Settings
+from phasestereo.rig.compensation import Noise
+from phasestereo.settings import Settings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phasestereo._extras import require
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 Matrix: TypeAlias = NDArray[np.float64]
 Map: TypeAlias = NDArray[np.float32]

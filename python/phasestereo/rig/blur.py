@@ -9,17 +9,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo._tables import as_html
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from phasestereo.rig.photometry import Contrast
-
+from phasestereo.rig.photometry import Contrast
 
 Side = Literal["none", "left", "right"]
 BlurKind = Literal["none", "gaussian", "disk", "motion", "annulus", "other"]

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, cast
+from typing import cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from phasestereo import _core
-from phasestereo._images import as_mask
+from phasestereo._images import ImageOrPath, Pixels, as_mask
 from phasestereo._opening import opened_pair
-from phasestereo.rig.estimates import as_estimates
+from phasestereo.rig.blur import BlurEstimate
+from phasestereo.rig.estimates import Estimates, as_estimates
 from phasestereo.settings import PRESETS
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import ArrayLike, NDArray
-
-    from phasestereo._images import ImageOrPath, Pixels
-    from phasestereo.rig.blur import BlurEstimate
-    from phasestereo.rig.estimates import Estimates
-
-    Mask = NDArray[np.bool_]
+Mask = NDArray[np.bool_]
 
 
 def estimate_blur(

@@ -8,36 +8,30 @@ from __future__ import annotations
 
 import json
 import math
+import os
+from collections.abc import Mapping
 from dataclasses import asdict, astuple, dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo._core import MOST_CLASSES
 from phasestereo._numbers import as_integer
 from phasestereo.io.files import decoding, read_bounded, replacing
 from phasestereo.io.limits import STATISTICS
 from phasestereo.io.npz import decode_arrays
-from phasestereo.rig.alignment import Alignment, applied_field
+from phasestereo.rig.alignment import Alignment, Field, applied_field
 from phasestereo.rig.blur import Blur, BlurEstimate
 from phasestereo.rig.compensation import BlurCompensation
-from phasestereo.rig.findings import Finding
+from phasestereo.rig.findings import Finding, Severity
 from phasestereo.rig.search_range import LeftOut, SearchRange
 from phasestereo.settings import Settings
 
-if TYPE_CHECKING:
-    import os
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
-    from phasestereo.rig.alignment import Field
-    from phasestereo.rig.findings import Severity
-
-    Range: TypeAlias = tuple[float, float]
-    Packing: TypeAlias = tuple[float, int, bool, bool]
-    Plain: TypeAlias = dict[str, Any]
-    Arrays: TypeAlias = dict[str, NDArray[Any]]
+Range: TypeAlias = tuple[float, float]
+Packing: TypeAlias = tuple[float, int, bool, bool]
+Plain: TypeAlias = dict[str, Any]
+Arrays: TypeAlias = dict[str, NDArray[Any]]
 
 _ESTIMATE = "tile", "certainty", "contrast", "noise", "gain", "gamma", "impulses", "coding"
 _BOTH = "noise", "impulses", "coding"  # of the left and of the right image

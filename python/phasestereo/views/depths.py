@@ -9,21 +9,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._images import as_array
 from phasestereo._numbers import as_integer, as_number
 from phasestereo.io.calibration import Calibration
 from phasestereo.result import Result
 
-if TYPE_CHECKING:
-    from typing import Any
-
-    from numpy.typing import ArrayLike, NDArray
-
-    Map = NDArray[np.float32]
+Map = NDArray[np.float32]
 
 Anchor: TypeAlias = tuple[int, int, float]
 """Column and row of a pixel of the left image, and its depth, which may be infinite."""

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._numbers import as_number
+from phasestereo.io import Calibration
+from phasestereo.result import Result
 from phasestereo.shapes import Mesh
+from phasestereo.views.depths import Anchor
 from phasestereo.views.triangulation import triangulate
-
-if TYPE_CHECKING:
-    from typing import Any
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from phasestereo.io import Calibration
-    from phasestereo.result import Result
-    from phasestereo.views.depths import Anchor
 
 
 def surface_mesh(

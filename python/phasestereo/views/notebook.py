@@ -9,32 +9,28 @@ from __future__ import annotations
 
 import base64
 import io
+from collections.abc import Iterable
 from html import escape
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo._extras import require
 from phasestereo._tables import BLOCK
-from phasestereo.result import describe_flags
+from phasestereo.result import Result, describe_flags
 from phasestereo.views.picture import (
     CONFIDENCE_COLORS,
     NEUTRAL,
     UNCERTAINTY_COLORS,
+    Ends,
+    Picture,
     colorize,
     distribution,
     limits,
     longest,
     viewable,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from numpy.typing import NDArray
-
-    from phasestereo.result import Result
-    from phasestereo.views.picture import Ends, Picture
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 

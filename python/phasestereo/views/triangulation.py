@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._images import as_mask, as_pixels, as_rgb8
 from phasestereo._numbers import as_number
+from phasestereo.io import Calibration
 from phasestereo.result import Result
 from phasestereo.shapes import PointCloud
-from phasestereo.views.depths import YAW, as_disparities, as_uncertainty, ranging
-
-if TYPE_CHECKING:
-    from typing import Any
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from phasestereo.io import Calibration
-    from phasestereo.views.depths import Anchor
+from phasestereo.views.depths import YAW, Anchor, as_disparities, as_uncertainty, ranging
 
 
 def point_cloud(

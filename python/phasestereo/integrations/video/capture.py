@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import zip_longest
-from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
+from typing import Any, Generic, TypeAlias, TypeVar
 
 from numpy.typing import NDArray
 
-from phasestereo.io.pair import halves
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from phasestereo.io.pair import Layout
+from phasestereo.io.pair import Layout, halves
 
 T = TypeVar("T")
 Image: TypeAlias = NDArray[Any]

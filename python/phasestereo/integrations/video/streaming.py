@@ -7,45 +7,37 @@ numbers. Where the pairs come from is the business of `phasestereo.integrations.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import chain, islice
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._closing import Closing
 from phasestereo._core import MOST_DISPARITIES
-from phasestereo._images import as_mask
+from phasestereo._images import ImageOrPath, as_mask
 from phasestereo._numbers import as_integer
 from phasestereo._opening import opened_pair
 from phasestereo.integrations.video.cameras import PATIENCE
-from phasestereo.integrations.video.sources import open_source
-from phasestereo.io.pair import LayoutError
+from phasestereo.integrations.video.capture import Capture, CaptureSource, Image, Pair
+from phasestereo.integrations.video.sources import Place, open_source
+from phasestereo.io.pair import Layout, LayoutError
 from phasestereo.matching import Matcher
+from phasestereo.rectification import Rectification
+from phasestereo.rectification.cameras import Cameras
+from phasestereo.rectification.reading import CalibrationSource
 from phasestereo.rectification.streams import Rectifier
+from phasestereo.result import Result
+from phasestereo.rig.compensation import BlurCompensation, Noise
 from phasestereo.rig.findings import untrusted
+from phasestereo.settings import Settings
 from phasestereo.temporal import TemporalFilter
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterable, Mapping
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from phasestereo._images import ImageOrPath
-    from phasestereo.integrations.video.capture import Capture, CaptureSource, Image, Pair
-    from phasestereo.integrations.video.sources import Place
-    from phasestereo.io.pair import Layout
-    from phasestereo.rectification import Rectification
-    from phasestereo.rectification.cameras import Cameras
-    from phasestereo.rectification.reading import CalibrationSource
-    from phasestereo.result import Result
-    from phasestereo.rig.compensation import BlurCompensation, Noise
-    from phasestereo.settings import Settings
-
-    _Taken = tuple[Capture[Pair], Pair | Exception]
+_Taken = tuple[Capture[Pair], Pair | Exception]
 
 T = TypeVar("T")
 

@@ -4,27 +4,22 @@ from __future__ import annotations
 
 import math
 import platform
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo import _core
+from phasestereo.metrics import Score
 from phasestereo.metrics.scores import unit_of
-from phasestereo.settings import PRESETS
+from phasestereo.result import Result
+from phasestereo.rig.blur import Blur, BlurEstimate
+from phasestereo.settings import PRESETS, Settings
 from phasestereo.views.page.embedding import picture_uri
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
-    from phasestereo.metrics import Score
-    from phasestereo.result import Result
-    from phasestereo.rig.blur import Blur, BlurEstimate
-    from phasestereo.settings import Settings
-
-    Map = NDArray[np.float32]
+Map = NDArray[np.float32]
 
 
 _NAMES = {"avgerr": "mean error (avgerr, EPE)"}
