@@ -5,7 +5,7 @@ Each module says which extra it needs, and is imported when it is first asked fo
 
 from typing import TYPE_CHECKING
 
-__all__ = ["depths", "meshing", "page", "picture", "plot", "triangulation", "viewer"]
+__all__ = ["depths", "meshing", "page", "picture", "plot", "triangulation"]
 
 if TYPE_CHECKING:
     from phasestereo.views import depths as depths
@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from phasestereo.views import picture as picture
     from phasestereo.views import plot as plot
     from phasestereo.views import triangulation as triangulation
-    from phasestereo.views import viewer as viewer
 else:
 
     def __getattr__(name):
@@ -32,8 +31,6 @@ else:
                 import phasestereo.views.plot as found
             case "triangulation":
                 import phasestereo.views.triangulation as found
-            case "viewer":
-                import phasestereo.views.viewer as found
             case _:
                 raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         return found

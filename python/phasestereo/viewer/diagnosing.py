@@ -6,7 +6,7 @@ from threading import Thread
 from time import monotonic
 
 from phasestereo.rig.diagnosis import check
-from phasestereo.views.viewer.show import Show
+from phasestereo.viewer.show import Show
 
 _PAUSE = 1.0  # seconds
 _SHARE = 4.0  # times what a look takes: a fifth of one processor at most

@@ -24,8 +24,8 @@ from phasestereo._images import as_pixels, as_rgb8
 from phasestereo.integrations.video.picture import FramePicture
 from phasestereo.integrations.video.streaming import Frame
 from phasestereo.io.raster import encode_raster
+from phasestereo.viewer.show import RANGES, Show
 from phasestereo.views.templating import render_page
-from phasestereo.views.viewer.show import RANGES, Show
 
 _HOME = "127.0.0.1"
 _LONGEST = 4096  # bytes of what a browser may send
