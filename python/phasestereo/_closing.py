@@ -13,9 +13,7 @@ class Closing:
         raise NotImplementedError
 
     def __enter__(self) -> Self:
-        """Return it."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close it."""
         self.close()

@@ -242,7 +242,6 @@ class Matcher:
         return partial(type(self), settings=self._settings, threads=self._asked), ()
 
     def __repr__(self) -> str:
-        """Show the settings and the number of threads."""
         return f"Matcher(settings={self._settings}, threads={self.threads})"
 
 

@@ -55,7 +55,6 @@ class PointCloud:
                     )
 
     def __len__(self) -> int:
-        """Return the number of points."""
         return len(self.points)
 
     def __repr__(self) -> str:

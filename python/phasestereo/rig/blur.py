@@ -98,7 +98,6 @@ class Blur:
         return plain | {"other": None if self.other is None else self.other.as_dict()}
 
     def __str__(self) -> str:
-        """Return the blur in words."""
         if self.side == "none":
             return "none"
 

@@ -103,7 +103,6 @@ def _known(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _main(result: Result, ends: Ends) -> str:
-    """Return the map."""
     rows, cols = result.disparity.shape
     low, high = ends
     alt = (

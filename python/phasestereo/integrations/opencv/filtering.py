@@ -45,7 +45,6 @@ class RightMatcher:
         return self._left.getNumDisparities()
 
     def __repr__(self) -> str:
-        """Show whose right matcher it is."""
         return f"RightMatcher({self._left!r})"
 
 

@@ -95,7 +95,6 @@ class Failure:
     error: Exception
 
     def __str__(self) -> str:
-        """Return which frame failed, and why."""
         return f"frame {self.index}: {self.error}"
 
 
@@ -343,7 +342,6 @@ class Stream(Iterator[Frame], Closing):
         self._source.close()
 
     def __next__(self) -> Frame:
-        """Return the next frame that did not fail."""
         return next(self._frames)
 
 
