@@ -39,8 +39,8 @@ BOUNDS = {
     "files in a circle of imports": 0,
     "imports of the same or a higher floor": 0,
     "own modules imported by a string": 0,
-    "statements": 0,
-    "public names": 0,
+    "statements": 10_150,
+    "public names": 124,
 }
 
 
@@ -141,8 +141,8 @@ FIGURES: dict[str, Callable[[], list[str]]] = dict(
 @pytest.mark.parametrize("figure", BOUNDS)
 def test_the_structure_has_not_grown(figure: str) -> None:
     found = FIGURES[figure]()
-    print(f"{figure}: {len(found)}, at most {BOUNDS[figure]}")  # noqa: T201 -- for ``pytest -s``
-
     if len(found) > BOUNDS[figure]:
         which = ", ".join(found[:20]) if len(found) < 100 else "raise it if it is worth it"
         pytest.fail(f"{figure}: {len(found)}, at most {BOUNDS[figure]}: {which}", pytrace=False)
+
+    print(f"{figure}: {len(found)}, at most {BOUNDS[figure]}")  # noqa: T201 -- for ``pytest -s``

@@ -14,6 +14,12 @@ Pixels: TypeAlias = (
     NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float32] | NDArray[np.float64]
 )
 
+Mask: TypeAlias = NDArray[np.bool_]
+"""Where pixels are valid: True."""
+
+Map: TypeAlias = NDArray[np.float32]
+"""Disparities, or what else there is of each pixel; NaN where nothing is known."""
+
 ImageOrPath: TypeAlias = ArrayLike | os.PathLike[str]
 """An image as an array, or the file of one (`ArrayLike` has names of files among its types)."""
 

@@ -15,11 +15,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, TypeAlias
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from phasestereo import _core
-from phasestereo._images import Pixels, as_mask, as_pair
+from phasestereo._images import Mask, Pixels, as_mask, as_pair
 from phasestereo._numbers import as_integer
 from phasestereo.result import Result
 from phasestereo.rig.alignment import Alignment, applied_field
@@ -28,7 +27,6 @@ from phasestereo.rig.estimates import Known, as_estimates
 from phasestereo.rig.pair_statistics import PairStatistics, as_size, load
 from phasestereo.settings import Settings, resolve
 
-Mask = NDArray[np.bool_]
 Rows: TypeAlias = tuple[ArrayLike, ArrayLike, ArrayLike | None, ArrayLike | None]
 Reader: TypeAlias = Callable[[int, int], Rows]
 Progress: TypeAlias = Callable[[int, int], object]

@@ -7,11 +7,10 @@ from dataclasses import astuple, replace
 from functools import partial
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from phasestereo import _core
-from phasestereo._images import ImageOrPath, Pixels, as_array, as_mask, as_pair
+from phasestereo._images import ImageOrPath, Mask, Pixels, as_array, as_mask, as_pair
 from phasestereo._opening import opened
 from phasestereo.result import Result, Summary
 from phasestereo.rig.alignment import applied_field
@@ -21,7 +20,6 @@ from phasestereo.rig.findings import Said, as_findings, warn
 from phasestereo.settings import Settings, resolve
 from phasestereo.temporal import TemporalFilter, as_core_filter
 
-Mask = NDArray[np.bool_]
 Progress = Callable[[int, int], object]
 Search = tuple[int, int | None]
 

@@ -9,15 +9,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 from phasestereo import _core
 from phasestereo._extras import require
-from phasestereo.batch.processes import DIED, WorkerDiedError
+from phasestereo.batch.processes import DIED, TaskResult, WorkerDiedError
 from phasestereo.batch.work import FullDiskError, version
 from phasestereo.io.files import StrPath
-
-TaskResult: TypeAlias = Callable[[], Any]
 
 _FIRST_WORKER = 60  # seconds until one must have come: those of a batch system take a while
 

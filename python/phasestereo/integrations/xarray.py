@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from phasestereo import _core
 from phasestereo._extras import require
-from phasestereo._images import as_mask, join_masks
+from phasestereo._images import Mask, as_mask, join_masks
 from phasestereo.io.pixels import Pixels, as_samples
 from phasestereo.matching import match as match_pair
 from phasestereo.result import MAPS, Flag, Result
@@ -25,7 +25,6 @@ from phasestereo.result import MAPS, Flag, Result
 if TYPE_CHECKING:
     from xarray import DataArray, Dataset
 
-Mask = NDArray[np.bool_]
 
 __all__ = ["as_dataset", "match"]
 

@@ -19,11 +19,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._extras import require
+from phasestereo._images import Mask
 from phasestereo.io.files import StrPath, decoding, replacing
 from phasestereo.io.pixels import Pixels, as_samples, channels, look_up
 from phasestereo.io.tiff_layout import TIFF_MAGICS, Directory, check_whole, read_layout
-
-Mask = NDArray[np.bool_]
 
 # What is wrong with a file is raised; without a handler, log lines would reach the terminal, too.
 logging.getLogger("rasterio").addHandler(logging.NullHandler())

@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
+from phasestereo._images import Mask
 from phasestereo.io import GeoImage, Georeference, read_image
 from phasestereo.io.geotiff import check_pair, read_geotiff
 from phasestereo.io.tiff import is_geotiff
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

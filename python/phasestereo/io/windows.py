@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phasestereo._extras import require
-from phasestereo._images import join_masks
+from phasestereo._images import Mask, join_masks
 from phasestereo.io.files import StrPath, decoding, is_of_the_system, named, open_regular
 from phasestereo.io.geotiff import (
     Georeference,
@@ -37,7 +37,6 @@ from phasestereo.io.npy import read_header
 from phasestereo.io.pixels import Pixels, as_samples, channels
 from phasestereo.io.tiff_layout import TIFF_MAGICS
 
-Mask = NDArray[np.bool_]
 Window = tuple[slice, slice]
 Piece = Callable[[Window], tuple[Pixels, Mask | None]]
 

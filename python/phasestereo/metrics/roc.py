@@ -16,11 +16,15 @@ import numpy as np
 import numpy.typing as npt
 
 from phasestereo._numbers import as_number
-from phasestereo.metrics.pixels import checked_shape, scored_pixels, scored_values
+from phasestereo.metrics.pixels import (
+    Floats,
+    Mask,
+    Values,
+    checked_shape,
+    scored_pixels,
+    scored_values,
+)
 
-Floats = npt.NDArray[np.floating]
-Values = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.intp]
 
 

@@ -11,11 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from phasestereo._numbers import as_integer, as_number
-from phasestereo.metrics.pixels import scored_values
-
-Floats = npt.NDArray[np.floating]
-Values = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
+from phasestereo.metrics.pixels import Floats, Mask, Values, scored_values
 
 _D1_PIXELS = 3.0
 _D1_SHARE = 0.05

@@ -5,12 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
-from phasestereo.metrics.pixels import checked_disparities, checked_mask
-
-Floats = npt.NDArray[np.floating]
-Mask = npt.NDArray[np.bool_]
+from phasestereo.metrics.pixels import Floats, Mask, checked_disparities, checked_mask
 
 _LEAST_FRAMES = 2
 

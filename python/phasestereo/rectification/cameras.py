@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phasestereo._extras import require
+from phasestereo._images import Map
 
 Matrix: TypeAlias = NDArray[np.float64]
-Map: TypeAlias = NDArray[np.float32]
 Maps: TypeAlias = tuple[tuple[Map, Map], tuple[Map, Map]]
 """Of the left and of the right image: column and row at which to read each rectified pixel."""
 

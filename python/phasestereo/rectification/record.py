@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._extras import require
-from phasestereo._images import ImageOrPath, as_mask, as_pair
+from phasestereo._images import ImageOrPath, Map, Mask, as_mask, as_pair
 from phasestereo._opening import opened_pair
 from phasestereo.io.files import replacing
-from phasestereo.rectification.cameras import MAPS, Map, Maps, Matrix
+from phasestereo.rectification.cameras import MAPS, Maps, Matrix
 from phasestereo.rectification.documents import Document, read_document
 
-Mask = NDArray[np.bool_]
 Method = Literal["calibration", "images"]
 Interpolation = Literal["linear", "cubic", "lanczos"]
 

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from typing import cast
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from phasestereo import _core
-from phasestereo._images import ImageOrPath, Pixels, as_mask
+from phasestereo._images import ImageOrPath, Mask, Pixels, as_mask
 from phasestereo._opening import opened_pair
 from phasestereo.rig.blur import BlurEstimate
 from phasestereo.rig.estimates import Estimates, as_estimates
 from phasestereo.settings import PRESETS
-
-Mask = NDArray[np.bool_]
 
 
 def estimate_blur(

@@ -14,12 +14,10 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from phasestereo._images import as_array
+from phasestereo._images import Map, as_array
 from phasestereo._numbers import as_integer, as_number
 from phasestereo.io.calibration import Calibration
 from phasestereo.result import Result
-
-Map = NDArray[np.float32]
 
 Anchor: TypeAlias = tuple[int, int, float]
 """Column and row of a pixel of the left image, and its depth, which may be infinite."""

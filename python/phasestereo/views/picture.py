@@ -14,12 +14,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._extras import require
-from phasestereo._images import as_mask, as_pixels, on_screen, screen_range
+from phasestereo._images import Mask, as_mask, as_pixels, on_screen, screen_range
 from phasestereo._numbers import as_integer, as_number
 
 Picture = NDArray[np.uint8]
 Map = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Ends = tuple[float, float]
 
 __all__ = [

@@ -12,15 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phasestereo import _core
+from phasestereo._images import Map
 from phasestereo.metrics import Score
 from phasestereo.metrics.scores import unit_of
 from phasestereo.result import Result
 from phasestereo.rig.blur import Blur, BlurEstimate
 from phasestereo.settings import PRESETS, Settings
 from phasestereo.views.page.embedding import picture_uri
-
-Map = NDArray[np.float32]
-
 
 _NAMES = {"avgerr": "mean error (avgerr, EPE)"}
 _BINS = 120

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phasestereo._extras import require
+from phasestereo._images import Map
 from phasestereo.result import MAPS, Flag, Result, count_flags
 from phasestereo.views.page.embedding import Coding, coding_of, packed
 from phasestereo.views.picture import (
@@ -22,8 +23,6 @@ from phasestereo.views.picture import (
     limits,
     longest,
 )
-
-Map = NDArray[np.float32]
 
 __all__ = [
     "FLAGS",

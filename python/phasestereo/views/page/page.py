@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._extras import require
-from phasestereo._images import Pixels, as_mask, as_pair, on_screen, screen_range
+from phasestereo._images import Map, Mask, Pixels, as_mask, as_pair, on_screen, screen_range
 from phasestereo.io import Calibration
 from phasestereo.io.files import StrPath, replacing, suffix
 from phasestereo.metrics.scores import score as score_map
@@ -19,9 +19,6 @@ from phasestereo.views.page import facts, layers
 from phasestereo.views.page.embedding import photograph_uri
 from phasestereo.views.page.scene import ScenePoints, scene_points
 from phasestereo.views.templating import render_page
-
-Map = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 
 __all__ = ["require_page", "write_pair_page"]
 

@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from phasestereo._images import Map
 from phasestereo.io import Calibration
 from phasestereo.views.depths import Ranging
-
-Map = NDArray[np.float32]
 
 __all__ = ["ScenePoints", "scene_points"]
 
