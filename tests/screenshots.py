@@ -19,8 +19,8 @@ from selenium import webdriver
 
 import phasestereo as ps
 from browser import Browser, running, serving
+from phasestereo.viewer import Server, Show
 from phasestereo.views.page import write_pair_page
-from phasestereo.views.viewer import Server, Show
 from phasestereo_bench.degradation import Degradation, disk_psf
 from phasestereo_bench.rendering import render_pair
 

@@ -903,7 +903,7 @@ def test_workers_of_another_version_are_refused(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(ps, "__version__", "99.0")
+    monkeypatch.setattr(ps._core, "__version__", "99.0")
     with pytest.raises(ValueError, match=r"^scheduler: worker tcp://.* has phasestereo .*99.0, as"):
         matching(pairs, tmp_path / "out")
 

@@ -10,7 +10,7 @@ import pytest
 import phasestereo as ps
 from phasestereo.integrations.video.streaming import Failure
 from phasestereo.io import Calibration
-from phasestereo.views.viewer import Server, Show
+from phasestereo.viewer import Server, Show
 from test_viewer import COLS, COUNT, FAST, LEFT, RIGHT, ROWS, SHIFT, frame
 from test_viewer import server as server  # noqa: PLC0414 - a fixture
 

@@ -14,11 +14,11 @@ from conftest import counterpart
 from footage import INTRA, LOSSLESS, damage, film, pair, side_by_side
 from phasestereo import io
 from phasestereo.integrations.video import FramePicture, VideoWriter, writing
-from phasestereo.integrations.video.capture import LayoutError, halves
 from phasestereo.integrations.video.decoding import open_video
 from phasestereo.integrations.video.folders import open_folders, open_rig
 from phasestereo.integrations.video.sources import open_source
 from phasestereo.integrations.video.streaming import Frame
+from phasestereo.io.pair import LayoutError, halves
 from phasestereo.result import Result
 from phasestereo.settings import Settings
 from phasestereo.views.picture import NEUTRAL, colorize

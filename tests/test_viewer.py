@@ -18,8 +18,8 @@ from conftest import counterpart
 from phasestereo.integrations.video.streaming import Failure, Frame
 from phasestereo.io import Calibration, read_image
 from phasestereo.io.raster import decode_raster
-from phasestereo.views.viewer import Server, Show
-from phasestereo.views.viewer.diagnosing import diagnosing
+from phasestereo.viewer import Server, Show
+from phasestereo.viewer.diagnosing import diagnosing
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from importlib import import_module
 
 from phasestereo._extras import require
 
@@ -34,8 +33,9 @@ def _start() -> int:
         sys.stderr.write(f"phasestereo: error: {error}\n")
         return 1
 
-    code: int = import_module("phasestereo.cli").run(sys.argv[1:])
-    return code
+    from phasestereo.cli import run  # noqa: PLC0415 - it needs the extra
+
+    return run(sys.argv[1:])
 
 
 if __name__ == "__main__":

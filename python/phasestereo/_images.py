@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import os
 import sys
-from importlib import import_module
-from typing import TYPE_CHECKING, Any, TypeAlias
+from collections.abc import Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
 Pixels: TypeAlias = (
     NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float32] | NDArray[np.float64]
 )
+
+Mask: TypeAlias = NDArray[np.bool_]
+"""Where pixels are valid: True."""
+
+Map: TypeAlias = NDArray[np.float32]
+"""Disparities, or what else there is of each pixel; NaN where nothing is known."""
 
 ImageOrPath: TypeAlias = ArrayLike | os.PathLike[str]
 """An image as an array, or the file of one (`ArrayLike` has names of files among its types)."""
@@ -62,25 +65,6 @@ def as_pixels(image: ArrayLike, name: str) -> Pixels:
     colors = pixels[:, :, :3]
     native: Pixels = np.require(colors, colors.dtype.newbyteorder("="), ["C", "ALIGNED"])
     return native
-
-
-def opened(image: ImageOrPath) -> ArrayLike:
-    """Return an image; where it is a path, read it, as `phasestereo.io.read_image` does.
-
-    Raises
-    ------
-    OSError, ValueError, ImportError
-        As `phasestereo.io.read_image`.
-    """
-    if isinstance(image, str | os.PathLike):
-        pixels: Pixels = import_module("phasestereo.io").read_image(image)
-        return pixels
-    return image
-
-
-def opened_pair(left: ImageOrPath, right: ImageOrPath) -> tuple[Pixels, Pixels]:
-    """Return both images of a pair as `as_pair` does; those of which there is a path are read."""
-    return as_pair(opened(left), opened(right))
 
 
 def as_pair(left: ArrayLike, right: ArrayLike) -> tuple[Pixels, Pixels]:

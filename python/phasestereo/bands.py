@@ -11,146 +11,27 @@ that is matched together with so many rows around it is that of the whole pair.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from importlib import import_module
-from typing import TYPE_CHECKING, Any, TypeAlias
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, TypeAlias
 
-import numpy as np
+from numpy.typing import ArrayLike
 
 from phasestereo import _core
-from phasestereo._images import as_mask, as_pair
+from phasestereo._images import Mask, Pixels, as_mask, as_pair
 from phasestereo._numbers import as_integer
 from phasestereo.result import Result
-from phasestereo.rig.alignment import applied_field
-from phasestereo.rig.compensation import BlurCompensation, as_blur_compensation, as_noise
-from phasestereo.rig.estimates import as_estimates
+from phasestereo.rig.alignment import Alignment, applied_field
+from phasestereo.rig.compensation import BlurCompensation, Noise, as_blur_compensation, as_noise
+from phasestereo.rig.estimates import Known, as_estimates
+from phasestereo.rig.pair_statistics import PairStatistics, as_size, load
 from phasestereo.settings import Settings, resolve
 
-if TYPE_CHECKING:
-    import os
-    from collections.abc import Callable
+Rows: TypeAlias = tuple[ArrayLike, ArrayLike, ArrayLike | None, ArrayLike | None]
+Reader: TypeAlias = Callable[[int, int], Rows]
+Progress: TypeAlias = Callable[[int, int], object]
 
-    from numpy.typing import ArrayLike, NDArray
-
-    from phasestereo._images import Pixels
-    from phasestereo.rig.alignment import Alignment, Field
-    from phasestereo.rig.blur import BlurEstimate
-    from phasestereo.rig.compensation import Noise
-    from phasestereo.rig.estimates import Known
-    from phasestereo.rig.findings import Finding
-    from phasestereo.rig.search_range import SearchRange
-
-    Mask = NDArray[np.bool_]
-    Rows: TypeAlias = tuple[ArrayLike, ArrayLike, ArrayLike | None, ArrayLike | None]
-    Reader: TypeAlias = Callable[[int, int], Rows]
-    Range: TypeAlias = tuple[float, float]
-    Packing: TypeAlias = tuple[float, int, bool, bool]
-    Progress: TypeAlias = Callable[[int, int], object]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PairStatistics:
-    """The statistics of a whole pair, by `pair_statistics`; they can be pickled and saved.
-
-    Parameters
-    ----------
-    size
-        Rows and columns of either image.
-    dtype
-        Type of the pixels, "uint8", "uint16", "float32" or "float64".
-    min_disparity, num_disparities
-        The disparities to search.
-    settings
-        The settings that every part is matched with: with ``compensate_blur=True`` those that suit
-        the blur that was found.
-    blur_compensation
-        The versions in which pixels are compared, of the whole pair; it has the noise, too. None:
-        the images as they are.
-    blur
-        What was found out about blur and noise, if that was asked for.
-    alignment
-        How the rows of the images correspond, if that was asked for and could be estimated.
-    search
-        The disparities to search, and whether they were given or found. None: they were given.
-    packing
-        How the pair is stored while it is matched, which depends on its values alone: the step and
-        the bits of the integers that the pixels become, 0 bits where they keep their type; whether
-        the channels of the left and of the right image are equal, so that one is enough.
-    ranges
-        Where the pixels of the left and of the right image lie, packed: (black, white) in
-        thousandths of their unit, but for 0.1 % at either end. None: not needed.
-    findings
-        What there is to say about the pair, as `phasestereo.check` says it.
-    roughness
-        By how much horizontal neighbors of the left image differ: the sum, in steps of gray
-        values, and of how many pairs. None: not needed.
-    tally
-        What all confidences depend on, counted over some rows of the map: the sum of the raw
-        confidences of pixels not filled, in steps of 2^-20, and the number of these pixels; of
-        pixels that fail the left-right check or are speckles; of those at the ends of the range;
-        of all. None: not needed.
-    """
-
-    size: tuple[int, int]
-    dtype: str
-    min_disparity: int
-    num_disparities: int
-    settings: Settings
-    blur_compensation: BlurCompensation | None = None
-    blur: BlurEstimate | None = None
-    alignment: Alignment | None = None
-    search: SearchRange | None = None
-    packing: Packing = (1.0, 0, False, False)
-    ranges: tuple[Range, Range] | None = None
-    roughness: tuple[int, int] | None = None
-    tally: tuple[int, int, int, int, int] | None = None
-    findings: tuple[Finding, ...] = ()
-
-    @property
-    def field(self) -> Field | None:
-        """The field that the right image is straightened by, as the core takes it."""
-        return applied_field(self.alignment)
-
-    @property
-    def is_inverted(self) -> bool:
-        """Whether the negative of the right image is matched."""
-        return self.search is not None and self.search.inverted and self.settings.compensate_blur
-
-    @property
-    def is_compensated(self) -> bool:
-        """Whether a blur was found, and settings that suit it were taken."""
-        found = self.blur is not None and any(blur.psf is not None for blur in self.blur.blurs)
-        return found and self.settings.compensate_blur
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write it to a file, ``.npz`` without pickled objects, which `load` reads.
-
-        Raises
-        ------
-        OSError
-            If the file cannot be written.
-        """
-        arrays = import_module("phasestereo.io.pair_statistics").as_arrays(self)
-        with import_module("phasestereo.io.files").replacing(path) as file:
-            np.savez(file, allow_pickle=False, **arrays)
-
-
-def load(path: str | os.PathLike[str]) -> PairStatistics:
-    """Read what `PairStatistics.save` has written.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be read.
-    ValueError
-        If it is no such file.
-    """
-    names = "io.files", "io.limits", "io.npz", "io.pair_statistics"
-    files, limits, npz, arrays = (import_module(f"phasestereo.{name}") for name in names)
-    with files.decoding(path) as file:
-        content = files.read_bounded(file, limits.STATISTICS)
-        found: PairStatistics = arrays.from_arrays(npz.decode_arrays(content, limits.STATISTICS))
-        return found
+__all__ = ["PairStatistics", "halo", "load", "match_rows", "pair_statistics", "working_memory"]
 
 
 def pair_statistics(
@@ -455,12 +336,3 @@ class Checked:
 
         masks = as_mask(left_mask, size, "left_mask"), as_mask(right_mask, size, "right_mask")
         return pair, masks
-
-
-def as_size(size: tuple[int, int]) -> tuple[int, int]:
-    """Return numbers of rows and columns, or say by name why they are none."""
-    if not isinstance(size, (tuple, list)) or len(size) != 2:
-        raise TypeError(f"size: got {size!r}; accepts a pair (rows, columns)")
-
-    rows, cols = size
-    return as_integer("size", rows, least=1), as_integer("size", cols, least=1)

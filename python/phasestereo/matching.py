@@ -2,34 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import astuple, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from numpy.typing import ArrayLike, NDArray
 
 from phasestereo import _core
-from phasestereo._images import as_array, as_mask, as_pair, opened
+from phasestereo._images import ImageOrPath, Mask, Pixels, as_array, as_mask, as_pair
+from phasestereo._opening import opened
 from phasestereo.result import Result, Summary
 from phasestereo.rig.alignment import applied_field
 from phasestereo.rig.compensation import BlurCompensation, Noise, as_noise
-from phasestereo.rig.estimates import Known, as_estimates
-from phasestereo.rig.findings import as_findings, warn
+from phasestereo.rig.estimates import Estimates, Known, Matched, Summarized, Supported, as_estimates
+from phasestereo.rig.findings import Said, as_findings, warn
 from phasestereo.settings import Settings, resolve
-from phasestereo.temporal import as_core_filter
+from phasestereo.temporal import TemporalFilter, as_core_filter
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    import numpy as np
-    from numpy.typing import ArrayLike, NDArray
-
-    from phasestereo._images import ImageOrPath, Pixels
-    from phasestereo.rig.estimates import Estimates, Matched, Summarized, Supported
-    from phasestereo.rig.findings import Said
-    from phasestereo.temporal import TemporalFilter
-
-    Mask = NDArray[np.bool_]
-    Progress = Callable[[int, int], object]
-    Search = tuple[int, int | None]
+Progress = Callable[[int, int], object]
+Search = tuple[int, int | None]
 
 
 def match(
@@ -248,7 +240,6 @@ class Matcher:
         return partial(type(self), settings=self._settings, threads=self._asked), ()
 
     def __repr__(self) -> str:
-        """Show the settings and the number of threads."""
         return f"Matcher(settings={self._settings}, threads={self.threads})"
 
 

@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from enum import IntFlag
-from importlib import import_module
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import Any, ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
-    from phasestereo.rig.alignment import Alignment
-    from phasestereo.rig.blur import BlurEstimate
-    from phasestereo.rig.compensation import BlurCompensation
-    from phasestereo.rig.findings import Finding
-    from phasestereo.rig.search_range import SearchRange
-    from phasestereo.settings import Settings
+from phasestereo.rig.alignment import Alignment
+from phasestereo.rig.blur import BlurEstimate
+from phasestereo.rig.compensation import BlurCompensation
+from phasestereo.rig.findings import Finding
+from phasestereo.rig.search_range import SearchRange
+from phasestereo.settings import Settings
 
 Layer: TypeAlias = Literal["flags", "confidence", "uncertainty"]
 """A map of a result beside its disparities."""
@@ -242,6 +238,9 @@ class Result:
     findings: tuple[Finding, ...] = ()
     temporal_support: NDArray[np.uint8] | None = None
 
+    _repr_html_: ClassVar[Callable[[Result], str]]
+    """Jupyter and marimo show a result by it; the package, which knows the views, has set it."""
+
     @property
     def trusted(self) -> NDArray[np.bool_]:
         """Where the disparity is probably within 1 px, bool (H, W).
@@ -274,12 +273,6 @@ class Result:
         estimated = f"{np.isfinite(self.disparity).mean():.1%} estimated"
         parts = f"Result {cols}x{rows}", wrong, estimated, f"{sum(self.timings.values()):.3f} s"
         return f"<{', '.join(part for part in parts if part)}>"
-
-    def _repr_html_(self) -> str:
-        """Show the maps, the pair and what is known of them, in Jupyter and in marimo."""
-        notebook = import_module("phasestereo.views.notebook")  # it needs `Flag` from here
-        shown: str = notebook.html(self)
-        return shown
 
     @property
     def maps(self) -> dict[str, NDArray[Any]]:

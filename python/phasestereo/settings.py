@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from phasestereo import _core
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
 
 _DEFAULTS = _core.preset("robust")
 

@@ -8,18 +8,16 @@ never makes a volume.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from phasestereo import _core
 from phasestereo._images import as_array, as_mask, as_pair, as_pixels
 from phasestereo._numbers import as_integer
 from phasestereo.rig.compensation import BlurCompensation, Noise, compensation_of
 from phasestereo.settings import Settings, resolve
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
 
 LARGEST_PENALTY = 2**40
 

@@ -4,24 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from phasestereo import _core
-from phasestereo._images import as_array, as_mask, as_pair, as_pixels, as_rgb8, opened
-from phasestereo.matching import result_of
+from phasestereo._images import ImageOrPath, as_array, as_mask, as_pair, as_pixels, as_rgb8
+from phasestereo._opening import opened
+from phasestereo.matching import Progress, result_of
+from phasestereo.result import Result
 from phasestereo.rig.estimates import as_estimates
-from phasestereo.rig.findings import as_findings
+from phasestereo.rig.findings import Finding, as_findings
 from phasestereo.settings import PRESETS
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from phasestereo._images import ImageOrPath
-    from phasestereo.matching import Progress
-    from phasestereo.result import Result
-    from phasestereo.rig.findings import Finding
 
 __all__ = ["Verdict", "Verification", "verify"]
 

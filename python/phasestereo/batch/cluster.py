@@ -5,23 +5,17 @@ from __future__ import annotations
 import gc
 import logging
 import os
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any
 
-import phasestereo
 from phasestereo import _core
 from phasestereo._extras import require
-from phasestereo.batch.processes import DIED, WorkerDiedError
+from phasestereo.batch.processes import DIED, TaskResult, WorkerDiedError
 from phasestereo.batch.work import FullDiskError, version
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from phasestereo.io.files import StrPath
-
-    TaskResult: TypeAlias = Callable[[], Any]
+from phasestereo.io.files import StrPath
 
 _FIRST_WORKER = 60  # seconds until one must have come: those of a batch system take a while
 
@@ -182,9 +176,9 @@ def _lost(error: Exception) -> ConnectionError:
 
 def _check_versions(client: Any) -> None:
     for address, found in client.run(version, on_error="return").items():
-        if found != phasestereo.__version__:
+        if found != _core.__version__:
             has = f"({found!r})" if isinstance(found, Exception) else found
             raise ValueError(
                 f"scheduler: worker {address} has phasestereo {has}; accepts "
-                f"{phasestereo.__version__}, as here"
+                f"{_core.__version__}, as here"
             )

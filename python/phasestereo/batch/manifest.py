@@ -9,18 +9,13 @@ from __future__ import annotations
 import errno
 import json
 import os
+from collections.abc import Iterable
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, BinaryIO, Literal, TypeAlias
 
 from phasestereo._extras import require
-from phasestereo.io.files import decoding, replacing
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-    from typing import BinaryIO
-
-    from phasestereo.io.files import StrPath
+from phasestereo.io.files import StrPath, decoding, replacing
 
 State: TypeAlias = Literal["done", "failed"]
 """What may have become of a pair."""

@@ -5,21 +5,17 @@ from __future__ import annotations
 import csv
 import os
 import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from io import TextIOWrapper
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO
+from typing import TextIO
 
 from phasestereo.integrations.video.folders import paths_of_rig
 from phasestereo.io.calibration import read_calibration
-from phasestereo.io.files import open_regular
+from phasestereo.io.files import StrPath, open_regular
 from phasestereo.io.limits import LIST
 from phasestereo.result import LAYERS
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-
-    from phasestereo.io.files import StrPath
 
 _NEEDED = ("left", "right")
 _COLUMNS = (*_NEEDED, "name", "num_disparities", "min_disparity", "left_mask", "right_mask")

@@ -11,22 +11,20 @@ import os
 import signal
 import threading
 from collections import deque
+from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from importlib import import_module
 from multiprocessing import connection, get_context, parent_process, resource_tracker
 from time import monotonic
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 from phasestereo._interrupts import unheard
+from phasestereo.batch import work  # noqa: F401 - before the first task, whose time it would take
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    TaskResult: TypeAlias = Callable[[], Any]
+TaskResult: TypeAlias = Callable[[], Any]
 
 DIED = "its worker died: it ran out of memory, was killed, or crashed"
 
@@ -219,11 +217,7 @@ class _Process:
 
 
 def _begin() -> None:
-    """End this process when the one that started it ends, however that comes about.
-
-    What all tasks need is imported before the first one, whose time it would take.
-    """
-    import_module("phasestereo.batch.work")
+    """End this process when the one that started it ends, however that comes about."""
     parent = parent_process()
 
     if parent is not None:

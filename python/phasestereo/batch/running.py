@@ -4,35 +4,27 @@ from __future__ import annotations
 
 import secrets
 from collections import deque
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from itertools import chain, islice
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from phasestereo._extras import require
 from phasestereo._numbers import as_integer, as_number
-from phasestereo.batch.cluster import remote, share
+from phasestereo.batch.cluster import Cluster, remote, share
 from phasestereo.batch.manifest import DONE, Manifest, Record
-from phasestereo.batch.pairs import check_names
-from phasestereo.batch.processes import WorkerDiedError, local
+from phasestereo.batch.pairs import PairFiles, check_names
+from phasestereo.batch.processes import Processes, WorkerDiedError, local
 from phasestereo.batch.work import FullDiskError, Order, blank, match_files
+from phasestereo.io.files import StrPath
 from phasestereo.io.maps import FLOAT_SUFFIXES
 from phasestereo.result import LAYERS, maps_with
-from phasestereo.settings import resolve
+from phasestereo.settings import Settings, resolve
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
-    from contextlib import AbstractContextManager
-
-    from phasestereo.batch.cluster import Cluster
-    from phasestereo.batch.pairs import PairFiles
-    from phasestereo.batch.processes import Processes
-    from phasestereo.io.files import StrPath
-    from phasestereo.settings import Settings
-
-    WorkerPool = Cluster | Processes
+WorkerPool = Cluster | Processes
 
 _AHEAD = 2  # pairs under way for each that is at work, so that no worker waits for its next
 _LOCK = ".batch.lock"

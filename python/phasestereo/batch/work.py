@@ -9,30 +9,27 @@ import os
 import shutil
 import socket
 import traceback
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-import phasestereo
+from phasestereo import _core
 from phasestereo._images import join_masks
 from phasestereo.batch.manifest import DONE, FAILED, Record
+from phasestereo.batch.pairs import PairFiles
+from phasestereo.io import Georeference
 from phasestereo.io.files import describe_error
 from phasestereo.io.mask import read_mask
 from phasestereo.io.results import write_map
 from phasestereo.io.views import read_views
 from phasestereo.matching import match_silently
+from phasestereo.result import Result
 from phasestereo.rig.findings import untrusted
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from phasestereo.batch.pairs import PairFiles
-    from phasestereo.io import Georeference
-    from phasestereo.result import Result
-    from phasestereo.settings import Settings
+from phasestereo.settings import Settings
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _EXPECTED = (OSError, ValueError, TypeError, MemoryError, RuntimeError, ImportError)
@@ -71,7 +68,7 @@ class Order:
     layers: tuple[str, ...]
     threads: int
     seconds: float | None = None
-    version: str = phasestereo.__version__
+    version: str = _core.__version__
 
     def recipe(self, pair: PairFiles) -> str:
         """Return a digest of all that a result depends on; a file that is not there is one, too."""
@@ -88,7 +85,7 @@ class Order:
 
 def version() -> str:
     """Return the version that a worker has."""
-    return phasestereo.__version__
+    return _core.__version__
 
 
 def blank(pair: PairFiles, recipe: str, reason: str) -> Record:
@@ -129,9 +126,9 @@ def match_files(pair: PairFiles, order: Order, recipe: str) -> Record:
 
 
 def _matched(pair: PairFiles, order: Order, recipe: str) -> Record:
-    if order.version != phasestereo.__version__:  # a worker that came after the run had begun
+    if order.version != _core.__version__:  # a worker that came after the run had begun
         raise RuntimeError(
-            f"the worker has phasestereo {phasestereo.__version__}; accepts {order.version}"
+            f"the worker has phasestereo {_core.__version__}; accepts {order.version}"
         )
 
     in_time = _clock(order.seconds)

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Sequence
 from importlib.metadata import entry_points
-from typing import TYPE_CHECKING
 
 from cyclopts import App, CycloptsError, Parameter, UnusedCliTokensError
 
@@ -19,9 +19,6 @@ import phasestereo
 from phasestereo.cli import match
 from phasestereo.cli.errors import WRONG_USAGE, CommandError
 from phasestereo.cli.terminal import say
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 __all__ = ["app", "run"]
 

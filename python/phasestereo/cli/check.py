@@ -14,8 +14,8 @@ import phasestereo
 from phasestereo.cli.errors import UNTRUSTED, WRONG_USAGE, CommandError, refusals, refuse_taken
 from phasestereo.cli.pairing import read_both
 from phasestereo.cli.terminal import print_json, print_lines
-from phasestereo.integrations.video.capture import Layout
 from phasestereo.io import read_image, write_image
+from phasestereo.io.pair import Layout
 from phasestereo.rig.blur import Blur, BlurEstimate
 from phasestereo.rig.diagnosis import check as check_pair
 

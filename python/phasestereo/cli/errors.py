@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from phasestereo.io.files import describe_error
 from phasestereo.io.image import is_picture
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Iterator
 
 RUN_FAILED = 1
 WRONG_USAGE = 2

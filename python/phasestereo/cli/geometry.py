@@ -12,15 +12,15 @@ import numpy as np
 from cyclopts import Parameter, Token, validators
 from numpy.typing import NDArray
 
+from phasestereo._images import Map
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refuse_picture
 from phasestereo.cli.options import POSITIVE
 from phasestereo.io import Calibration, LengthUnit, read_calibration, read_q
 from phasestereo.result import Result
+from phasestereo.shapes import Mesh, PointCloud
 from phasestereo.views.depths import YAW, Anchor, Ranging, check_anchor, ranging
-from phasestereo.views.meshing import Mesh, surface_mesh
-from phasestereo.views.triangulation import PointCloud, point_cloud
-
-Map = NDArray[np.float32]
+from phasestereo.views.meshing import surface_mesh
+from phasestereo.views.triangulation import point_cloud
 
 _WITH_FOCAL = ("baseline", "doffs", "cx", "cy")
 _EXACTNESS = ("yaw", "anchor")

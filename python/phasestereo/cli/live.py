@@ -24,11 +24,11 @@ from phasestereo.cli.terminal import say
 from phasestereo.cli.trust import unwarned
 from phasestereo.integrations.ros.recordings import Recording
 from phasestereo.integrations.video.cameras import PATIENCE
-from phasestereo.integrations.video.capture import Layout
 from phasestereo.integrations.video.decoding import is_address
 from phasestereo.integrations.video.folders import folders_of
 from phasestereo.integrations.video.streaming import REESTIMATE, Failure, Frame, Stream, stream
 from phasestereo.io import read_calibration
+from phasestereo.io.pair import Layout
 from phasestereo.settings import PRESET, PRESETS, Settings, resolve
 
 _VALUES = {"preset", "num_disparities", "min_disparity", "threads", "noise", "layout", "rectify"}

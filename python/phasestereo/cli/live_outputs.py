@@ -146,7 +146,6 @@ class Writers:
         self.sinks: list[FrameSink] = []
 
     def __enter__(self) -> Self:
-        """Open the files."""
         # If one of them cannot be opened, those that are open are closed again.
         with ExitStack() as opened:
             recording = self._outputs.recording
@@ -167,7 +166,6 @@ class Writers:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Complete the files."""
         with held_back():
             self._open.close()
 

@@ -20,8 +20,8 @@ from phasestereo.integrations.video import FramePicture
 from phasestereo.integrations.video.streaming import Failure, Frame, Stream
 from phasestereo.io import Calibration
 from phasestereo.settings import Settings
-from phasestereo.views.viewer import Server, Show
-from phasestereo.views.viewer.diagnosing import diagnosing
+from phasestereo.viewer import Server, Show
+from phasestereo.viewer.diagnosing import diagnosing
 
 Way = Literal["page", "window"]
 

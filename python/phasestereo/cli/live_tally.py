@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from time import monotonic
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
@@ -14,12 +15,8 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
 import phasestereo
 from phasestereo.cli.terminal import print_json, print_lines, say
 from phasestereo.integrations.ros.pairing import UnpairedError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from phasestereo.integrations.video.streaming import Failure, Frame
-    from phasestereo.settings import Settings
+from phasestereo.integrations.video.streaming import Failure, Frame
+from phasestereo.settings import Settings
 
 _KEPT = 1000  # failures to list: a camera may fail for days
 

@@ -6,26 +6,13 @@ But for the defaults: the class has those of one preset, and ``--preset`` may na
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from inspect import cleandoc
-from typing import (
-    TYPE_CHECKING,
-    Annotated,
-    Any,
-    TypedDict,
-    get_type_hints,
-)
+from typing import TYPE_CHECKING, Annotated, Any, TypedDict, get_type_hints
 
-from cyclopts import Parameter, validators
+from cyclopts import Parameter, Token, validators
 
 from phasestereo.settings import Settings
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from cyclopts import Token
-
-    Overrides = dict[str, Any]
-    """The fields that were given, by name."""
 
 
 def _whole_numbers(_hint: Any, tokens: Sequence[Token]) -> tuple[int, ...]:
@@ -61,7 +48,10 @@ Bands = Annotated[tuple[int, ...], Parameter(converter=_whole_numbers, n_tokens=
 """Whole numbers within one word of the command line."""
 
 
-if not TYPE_CHECKING:
+if TYPE_CHECKING:
+    Overrides = dict[str, Any]
+    """The fields that were given, by name."""
+else:
     # One key a field, none of them required: those that were given are the overrides.
     Overrides = TypedDict(
         "Overrides",

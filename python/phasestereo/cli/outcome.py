@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from phasestereo.cli.geometry import Rig
+from phasestereo.cli.scoring import Truth
+from phasestereo.io import Georeference
+from phasestereo.metrics import Score
+from phasestereo.rectification import Rectification
 from phasestereo.result import Result
+from phasestereo.settings import Settings
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from phasestereo.cli.geometry import Rig
-    from phasestereo.cli.scoring import Truth
-    from phasestereo.io import Georeference
-    from phasestereo.metrics import Score
-    from phasestereo.rectification import Rectification
-    from phasestereo.settings import Settings
-
-    Image = NDArray[Any]
+Image = NDArray[Any]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,21 +5,18 @@
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 from numpy.typing import NDArray
 
 from phasestereo._images import join_masks
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, refuse_picture
-from phasestereo.integrations.video.capture import Layout
 from phasestereo.io import read_pair
+from phasestereo.io.pair import Layout
 from phasestereo.io.views import View, read_views
-
-if TYPE_CHECKING:
-    from phasestereo.rectification import Rectification
+from phasestereo.rectification import Rectification, rectify
 
 AUTO = "auto"
 OPTIONS = frozenset(["layout", "rectify"])
@@ -67,7 +64,7 @@ class Pairing:
                 View(right.image, right_mask, right.place),
             ), None
 
-        found: Rectification = import_module("phasestereo.rectification").rectify(
+        found = rectify(
             views[0].image,
             views[1].image,
             as_calibration(self.rectify),

@@ -9,17 +9,11 @@ import numpy as np
 from cyclopts import Parameter, validators
 
 import phasestereo
-from phasestereo.cli.errors import (
-    WRONG_USAGE,
-    CommandError,
-    refusals,
-    refuse_picture,
-    refuse_taken,
-)
+from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals, refuse_picture, refuse_taken
 from phasestereo.cli.pairing import read_both
 from phasestereo.cli.terminal import print_json, print_lines
-from phasestereo.integrations.video.capture import Layout
 from phasestereo.io import write_image
+from phasestereo.io.pair import Layout
 from phasestereo.rectification import Rectification
 from phasestereo.rectification import rectify as rectify_pair
 

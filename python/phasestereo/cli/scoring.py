@@ -10,12 +10,11 @@ import numpy as np
 from cyclopts import Parameter, validators
 from numpy.typing import NDArray
 
+from phasestereo._images import Map
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, option
 from phasestereo.io import read_disparity, read_truth
 from phasestereo.io.mask import read_mask
 from phasestereo.metrics import Score, bad_pixels, score
-
-Map = NDArray[np.float32]
 
 _FLOATS = {".pfm", ".npy"}  # never gray-coded
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -11,17 +12,12 @@ from rich.table import Table
 
 import phasestereo
 from phasestereo._numbers import as_json as plain
+from phasestereo.cli.outcome import Outcome
 from phasestereo.cli.terminal import print_json, print_lines
+from phasestereo.metrics import Score
 from phasestereo.metrics.scores import unit_of
-from phasestereo.result import count_flags, describe_flags
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from phasestereo.cli.outcome import Outcome
-    from phasestereo.metrics import Score
-    from phasestereo.result import Result
-    from phasestereo.views.depths import Ranging
+from phasestereo.result import Result, count_flags, describe_flags
+from phasestereo.views.depths import Ranging
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
 from phasestereo.cli.errors import UNTRUSTED, CommandError
 from phasestereo.cli.terminal import say
-from phasestereo.rig.findings import MatchWarning, untrusted
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-
-    from phasestereo.rig.findings import Finding
+from phasestereo.rig.findings import Finding, MatchWarning, untrusted
 
 
 @contextmanager

@@ -2,9 +2,10 @@
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
@@ -21,9 +22,6 @@ from phasestereo.cli.terminal import print_json, print_lines, progress_bar
 from phasestereo.io import read_disparity, read_image, write_disparity, write_image
 from phasestereo.verification import Verification
 from phasestereo.verification import verify as verify_map
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 _MAPS = frozenset([".pfm", ".npy", ".tif", ".tiff"])
 _PICTURES = frozenset([".png"])

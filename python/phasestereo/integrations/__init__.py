@@ -3,7 +3,6 @@
 Each module says which extra it needs, and is imported when it is first asked for.
 """
 
-from importlib import import_module
 from typing import TYPE_CHECKING
 
 __all__ = ["dask", "opencv", "pandora", "rerun", "ros", "video", "xarray"]
@@ -20,6 +19,21 @@ else:
 
     def __getattr__(name):
         """Import a module when it is first asked for, as `ps.integrations.opencv`."""
-        if name in __all__:
-            return import_module(f"{__name__}.{name}")
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        match name:
+            case "dask":
+                import phasestereo.integrations.dask as found
+            case "opencv":
+                import phasestereo.integrations.opencv as found
+            case "pandora":
+                import phasestereo.integrations.pandora as found
+            case "rerun":
+                import phasestereo.integrations.rerun as found
+            case "ros":
+                import phasestereo.integrations.ros as found
+            case "video":
+                import phasestereo.integrations.video as found
+            case "xarray":
+                import phasestereo.integrations.xarray as found
+            case _:
+                raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        return found

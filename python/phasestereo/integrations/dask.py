@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from dataclasses import fields, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from phasestereo import _core
 from phasestereo._core import MOST_DISPARITIES
@@ -19,16 +20,11 @@ from phasestereo._images import as_pair
 from phasestereo._numbers import as_integer
 from phasestereo.bands import match_rows, pair_statistics
 from phasestereo.result import MAPS, maps_with
-from phasestereo.settings import resolve
+from phasestereo.rig.compensation import BlurCompensation, Noise
+from phasestereo.rig.pair_statistics import PairStatistics
+from phasestereo.settings import Settings, resolve
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from phasestereo.bands import PairStatistics
-    from phasestereo.rig.compensation import BlurCompensation, Noise
-    from phasestereo.settings import Settings
-
-    Array: TypeAlias = Any  # dask.array.Array, whose package has no types
+Array: TypeAlias = Any  # dask.array.Array, whose package has no types
 
 __all__ = ["Maps", "maps", "match"]
 

@@ -8,13 +8,15 @@ that the later steps of its pipelines, and the tiles of CARS, can rely on it.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo import _core
 from phasestereo._extras import require
 from phasestereo._images import as_pair
+from phasestereo.rig.compensation import BlurCompensation
 from phasestereo.rig.estimates import as_estimates
 from phasestereo.settings import Settings
 from phasestereo.stages import aggregate
@@ -30,13 +32,8 @@ except ModuleNotFoundError:
     require("pandora", extra="pandora")  # raises, and names the extra
     raise
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from phasestereo.rig.compensation import BlurCompensation
-
-    Plane = NDArray[np.float32]
-    Volume = NDArray[np.float32]
+Plane = NDArray[np.float32]
+Volume = NDArray[np.float32]
 
 METHOD = "phase"
 """Value of ``matching_cost_method``."""

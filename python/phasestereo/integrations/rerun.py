@@ -5,19 +5,16 @@ Needs the extra ``rerun``.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from phasestereo._extras import require
 from phasestereo.integrations.video.drafts import draft_of
+from phasestereo.integrations.video.streaming import Failure, Frame
+from phasestereo.io import Calibration
+from phasestereo.io.files import StrPath
 from phasestereo.views.triangulation import point_cloud
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from phasestereo.integrations.video.streaming import Failure, Frame
-    from phasestereo.io import Calibration
-    from phasestereo.io.files import StrPath
 
 __all__ = ["log_failure", "log_frame", "saving"]
 

@@ -7,28 +7,24 @@ is first needed.
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from dataclasses import asdict
 from numbers import Real
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-import phasestereo
+from phasestereo import _core
 from phasestereo._extras import require
-from phasestereo._images import as_mask, join_masks
-from phasestereo.io.pixels import as_samples
+from phasestereo._images import Mask, as_mask, join_masks
+from phasestereo.io.pixels import Pixels, as_samples
 from phasestereo.matching import match as match_pair
 from phasestereo.result import MAPS, Flag, Result
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from numpy.typing import ArrayLike, NDArray
     from xarray import DataArray, Dataset
 
-    from phasestereo.io.pixels import Pixels
-
-    Mask = NDArray[np.bool_]
 
 __all__ = ["as_dataset", "match"]
 
@@ -171,7 +167,7 @@ def as_dataset(result: Result, *, like: DataArray | None = None) -> Dataset:
     attrs = {
         "Conventions": "CF-1.11",
         "title": "disparities of a rectified stereo pair",
-        "source": f"phasestereo {phasestereo.__version__}",
+        "source": f"phasestereo {_core.__version__}",
         "settings": json.dumps(asdict(result.settings)),
     }
     if result.blur is not None:

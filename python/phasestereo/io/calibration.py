@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from numbers import Integral
-from typing import TYPE_CHECKING, Any, Self, TypeAlias
+from typing import Any, Self, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._numbers import as_number
-from phasestereo.io.files import decoding, read_bounded
+from phasestereo.io.files import StrPath, decoding, read_bounded
 from phasestereo.io.limits import SMALL
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from phasestereo.io.files import StrPath
 
 Camera: TypeAlias = tuple[tuple[float, ...], ...]
 """A 3 x 3 matrix of intrinsics by rows, in pixels: [f 0 cx; 0 f cy; 0 0 1]."""

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
+from phasestereo.io.files import StrPath
 from phasestereo.io.image import write_image
 from phasestereo.io.maps import check_map, known_suffix, read_stored, write_floats
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from phasestereo.io.files import StrPath
 
 LengthUnit: TypeAlias = Literal["mm", "cm", "m"]
 """A unit of length."""

@@ -3,25 +3,16 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo._numbers import as_integer, as_number
+from phasestereo.io.files import StrPath
 from phasestereo.io.image import read_image, write_image
-from phasestereo.io.maps import (
-    FLOAT_SUFFIXES,
-    check_map,
-    known_suffix,
-    read_stored,
-    write_floats,
-)
+from phasestereo.io.maps import FLOAT_SUFFIXES, check_map, known_suffix, read_stored, write_floats
 from phasestereo.io.pixels import channels
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from phasestereo.io.files import StrPath
 
 _KITTI_SCALE = 256
 _KITTI_END = 65535.5 / _KITTI_SCALE  # the first value to round to 65536

@@ -9,30 +9,20 @@ import logging
 import os
 import sys
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, BinaryIO
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._extras import require
-from phasestereo.io.files import decoding, replacing
-from phasestereo.io.pixels import as_samples, channels, look_up
-from phasestereo.io.tiff_layout import TIFF_MAGICS, check_whole, read_layout
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-    from typing import BinaryIO
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from phasestereo.io.files import StrPath
-    from phasestereo.io.pixels import Pixels
-    from phasestereo.io.tiff_layout import Directory
-
-    Mask = NDArray[np.bool_]
+from phasestereo._images import Mask
+from phasestereo.io.files import StrPath, decoding, replacing
+from phasestereo.io.pixels import Pixels, as_samples, channels, look_up
+from phasestereo.io.tiff_layout import TIFF_MAGICS, Directory, check_whole, read_layout
 
 # What is wrong with a file is raised; without a handler, log lines would reach the terminal, too.
 logging.getLogger("rasterio").addHandler(logging.NullHandler())

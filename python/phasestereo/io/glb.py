@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from phasestereo._extras import require
-from phasestereo.io.files import replacing, suffix
-from phasestereo.views.meshing import Mesh
-
-if TYPE_CHECKING:
-    from phasestereo.io.files import StrPath
+from phasestereo.io.files import StrPath, replacing, suffix
+from phasestereo.shapes import Mesh
 
 _TURNED = (1, -1, -1)  # glTF has Y up and looks along -Z
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo._extras import require
 from phasestereo.io.limits import check_size
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 # The first box of a file: its length, then its kind. MP4 begins so, too; the brand decides.
 HEIF_MAGICS = tuple(bytes([0, 0, 0, length]) + b"ftyp" for length in range(16, 68, 4))

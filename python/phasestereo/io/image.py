@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any, BinaryIO, cast
+from typing import Any, BinaryIO, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
-from phasestereo.io.files import decoding, replacing, suffix
+from phasestereo.io.files import StrPath, decoding, replacing, suffix
 from phasestereo.io.heif import HEIF_MAGICS, decode_heif
 from phasestereo.io.npy import decode_npy, encode_npy
 from phasestereo.io.pfm import decode_pfm, encode_pfm
-from phasestereo.io.pixels import channels
+from phasestereo.io.pixels import Pixels, channels
 from phasestereo.io.raster import RASTER_MAGICS, decode_raster, encode_raster
 from phasestereo.io.tiff import decode_tiff, encode_tiff
 from phasestereo.io.tiff_layout import TIFF_MAGICS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    from phasestereo.io.files import StrPath
-    from phasestereo.io.pixels import Pixels
 
 # How a file starts -> what decodes it.
 _DECODERS: dict[tuple[bytes, ...], Callable[[BinaryIO], NDArray[Any]]] = {

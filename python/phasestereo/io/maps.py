@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from phasestereo.io.files import suffix
+from phasestereo.io.files import StrPath, suffix
 from phasestereo.io.image import read_image, write_image
 from phasestereo.io.pixels import channels
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from phasestereo.io.files import StrPath
 
 FLOAT_SUFFIXES = (".pfm", ".npy", ".tif", ".tiff")
 _SUFFIXES = (*FLOAT_SUFFIXES, ".png")

@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 import os
 import struct
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.lib import format as npy_format
+from numpy.typing import NDArray
 
 from phasestereo.io.limits import check_size
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 _DTYPES = ("uint8", "uint16", "float32", "float64")
 _MAGIC = 8  # bytes before the length of the header

@@ -5,14 +5,12 @@ from __future__ import annotations
 import io
 import math
 import zipfile
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo.io.npy import read_header
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 _MOST_ARRAYS = 256
 _METHODS = zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED  # as NumPy writes; others may ask for gigabytes

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import os
-from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import Any, Literal, TypeAlias
 
-from phasestereo.io.files import decoding
+from numpy.typing import NDArray
+
+from phasestereo.io.files import StrPath, decoding
 from phasestereo.io.image import as_image, read_image
+from phasestereo.io.pixels import Pixels
 from phasestereo.io.raster import decode_frames
 
-if TYPE_CHECKING:
-    from phasestereo.integrations.video.capture import Layout
-    from phasestereo.io.files import StrPath
-    from phasestereo.io.pixels import Pixels
+Layout: TypeAlias = Literal["side-by-side", "top-bottom"]
+
+AXES = {"side-by-side": 1, "top-bottom": 0}
+"""Along which axis of a picture its left and its right view follow each other, by layout."""
+
+
+class LayoutError(ValueError):
+    """A picture cannot be cut in two equal halves."""
 
 
 def read_pair(path: StrPath, layout: Layout | None = None) -> tuple[Pixels, Pixels]:
@@ -42,14 +48,12 @@ def read_pair(path: StrPath, layout: Layout | None = None) -> tuple[Pixels, Pixe
         As `read_image`; also if the layout is unknown or missing, the picture has an odd number of
         columns or rows there, or the pictures of a file differ in size.
     """
-    capture = import_module("phasestereo.integrations.video.capture")
-    if layout is not None and layout not in capture.AXES:
-        names = ", ".join(map(repr, capture.AXES))
+    if layout is not None and layout not in AXES:
+        names = ", ".join(map(repr, AXES))
         raise ValueError(f"layout: got {layout!r}; accepts {names}, or None for a file of two")
 
     if layout is not None:
-        left, right = capture.halves(read_image(path), layout)
-        return left, right
+        return halves(read_image(path), layout)
 
     with decoding(path) as file:
         # An MPO file is a JPEG with further pictures behind the first.
@@ -69,3 +73,21 @@ def read_pair(path: StrPath, layout: Layout | None = None) -> tuple[Pixels, Pixe
             "accepts two of one size"
         )
     return left, right
+
+
+def halves(picture: NDArray[Any], layout: Layout) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Cut a picture that holds both views in two.
+
+    Raises
+    ------
+    LayoutError
+        If it has an odd number of columns or rows there.
+    """
+    axis = AXES[layout]
+    half, rest = divmod(picture.shape[axis], 2)
+
+    if rest or not half:
+        size, sides = f"{picture.shape[1]} x {picture.shape[0]}", ("rows", "columns")[axis]
+        raise LayoutError(f"layout: {layout!r} needs an even number of {sides}, got {size} pixels")
+
+    return (picture[:half], picture[half:]) if axis == 0 else (picture[:, :half], picture[:, half:])

@@ -11,18 +11,14 @@ from __future__ import annotations
 import math
 import os
 import re
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
-from phasestereo.io.files import decoding, replacing
+from phasestereo.io.files import StrPath, decoding, replacing
 from phasestereo.io.limits import check_size
 from phasestereo.io.pixels import channels
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from phasestereo.io.files import StrPath
 
 _MAGICS = {1: b"Pf", 3: b"PF"}  # by the number of channels
 _HEADER = re.compile(rb"(P[fF])\s+(\S+)\s+(\S+)\s+(\S+)(?:\r\n|\s)")

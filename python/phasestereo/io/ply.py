@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from phasestereo.io.files import replacing, suffix
-from phasestereo.views.triangulation import PointCloud
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from phasestereo.io.files import StrPath
+from phasestereo.io.files import StrPath, replacing, suffix
+from phasestereo.shapes import PointCloud
 
 _POSITION = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
 _COLOR = [("red", "u1"), ("green", "u1"), ("blue", "u1")]

@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
-from phasestereo.io.files import decoding, read_bounded, suffix
+from phasestereo.io.files import StrPath, decoding, read_bounded, suffix
 from phasestereo.io.limits import SMALL
 from phasestereo.io.npz import decode_array, decode_arrays
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    from phasestereo.io.files import StrPath
-
-    Matrix = NDArray[np.float64]
+Matrix = NDArray[np.float64]
 
 # A 4 x 4 matrix named Q as cv2.FileStorage writes it; it may be one of many things in the file.
 _YAML = r"^Q: *!!opencv-matrix\s+rows: *4\s+cols: *4\s+dt: *[df]\s+data: *\[([^\]]*)\]"

@@ -11,18 +11,14 @@ the class of the format does not, so that is what is called here, with the limit
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo._extras import require
 from phasestereo.io.limits import check_size, check_unpacked
-from phasestereo.io.pixels import expand_bits, look_up
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from phasestereo.io.pixels import Pixels
+from phasestereo.io.pixels import Pixels, expand_bits, look_up
 
 # How a file starts -> Pillow's module for the format, and what opens the file there.
 _OPENERS = {

@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo.io.disparity import write_disparity
-from phasestereo.io.files import replacing, suffix
-from phasestereo.io.geotiff import write_geotiff
+from phasestereo.io.files import StrPath, replacing, suffix
+from phasestereo.io.geotiff import Georeference, write_geotiff
 from phasestereo.io.image import write_image
 from phasestereo.io.maps import write_floats
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from phasestereo.io.files import StrPath
-    from phasestereo.io.geotiff import Georeference
 
 
 def write_maps(path: StrPath, maps: Mapping[str, NDArray[Any]]) -> None:

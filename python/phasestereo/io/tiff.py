@@ -5,27 +5,16 @@ from __future__ import annotations
 import logging
 import math
 import zlib
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo._extras import require
-from phasestereo.io.files import decoding
+from phasestereo.io.files import StrPath, decoding
 from phasestereo.io.limits import UNPACKING
-from phasestereo.io.pixels import channels, expand_bits, look_up
-from phasestereo.io.tiff_layout import (
-    BOUNDED,
-    DEFLATED,
-    TIFF_MAGICS,
-    check_whole,
-    read_layout,
-)
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from phasestereo.io.files import StrPath
-    from phasestereo.io.pixels import Pixels
+from phasestereo.io.pixels import Pixels, channels, expand_bits, look_up
+from phasestereo.io.tiff_layout import BOUNDED, DEFLATED, TIFF_MAGICS, check_whole, read_layout
 
 # What tifffile is to say about an image, by the number of channels.
 _TAGS: dict[int, dict[str, Any]] = {

@@ -9,17 +9,14 @@ from __future__ import annotations
 
 import os
 import struct
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo.io.limits import UNPACKING, check_size, check_unpacked, max_pixels
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
 
 TIFF_MAGICS = b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"
 """How a TIFF or BigTIFF file starts."""

@@ -4,21 +4,15 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
-from phasestereo.io import read_image
+from numpy.typing import NDArray
+
+from phasestereo._images import Mask
+from phasestereo.io import GeoImage, Georeference, read_image
 from phasestereo.io.geotiff import check_pair, read_geotiff
 from phasestereo.io.tiff import is_geotiff
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from phasestereo.io import GeoImage, Georeference
-
-    Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,18 +8,20 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from numbers import Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo._extras import require
-from phasestereo._images import join_masks
-from phasestereo.io.files import decoding, is_of_the_system, named, open_regular
+from phasestereo._images import Mask, join_masks
+from phasestereo.io.files import StrPath, decoding, is_of_the_system, named, open_regular
 from phasestereo.io.geotiff import (
     Georeference,
     as_bands,
@@ -32,20 +34,11 @@ from phasestereo.io.geotiff import (
     unplaced_allowed,
 )
 from phasestereo.io.npy import read_header
-from phasestereo.io.pixels import as_samples, channels
+from phasestereo.io.pixels import Pixels, as_samples, channels
 from phasestereo.io.tiff_layout import TIFF_MAGICS
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-
-    from numpy.typing import NDArray
-
-    from phasestereo.io.files import StrPath
-    from phasestereo.io.pixels import Pixels
-
-    Mask = NDArray[np.bool_]
-    Window = tuple[slice, slice]
-    Piece = Callable[[Window], tuple[Pixels, Mask | None]]
+Window = tuple[slice, slice]
+Piece = Callable[[Window], tuple[Pixels, Mask | None]]
 
 MAX_BYTES = 2**30
 """Memory that the blocks across an image may take, where nothing else is said."""

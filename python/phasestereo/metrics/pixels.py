@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+import numpy.typing as npt
 
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    Floats = npt.NDArray[np.floating]
-    Values = npt.NDArray[np.float64]
-    Mask = npt.NDArray[np.bool_]
+Floats = npt.NDArray[np.floating]
+Values = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
 
 _MAP_NDIM = 2
 

@@ -11,24 +11,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from phasestereo._numbers import as_number
 from phasestereo.metrics.pixels import (
+    Floats,
+    Mask,
+    Values,
     checked_shape,
     scored_pixels,
     scored_values,
 )
 
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    Floats = npt.NDArray[np.floating]
-    Values = npt.NDArray[np.float64]
-    Mask = npt.NDArray[np.bool_]
-    Indices = npt.NDArray[np.intp]
+Indices = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,22 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from phasestereo._numbers import as_integer, as_number
-from phasestereo.metrics.pixels import scored_values
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    import numpy.typing as npt
-
-    Floats = npt.NDArray[np.floating]
-    Values = npt.NDArray[np.float64]
-    Mask = npt.NDArray[np.bool_]
+from phasestereo.metrics.pixels import Floats, Mask, Values, scored_values
 
 _D1_PIXELS = 3.0
 _D1_SHARE = 0.05

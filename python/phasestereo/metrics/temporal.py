@@ -2,19 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
 
-from phasestereo.metrics.pixels import checked_disparities, checked_mask
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    import numpy.typing as npt
-
-    Floats = npt.NDArray[np.floating]
-    Mask = npt.NDArray[np.bool_]
+from phasestereo.metrics.pixels import Floats, Mask, checked_disparities, checked_mask
 
 _LEAST_FRAMES = 2
 

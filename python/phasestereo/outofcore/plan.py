@@ -4,22 +4,18 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from phasestereo import _core
 from phasestereo.bands import working_memory
+from phasestereo.io.windows import RasterPair
 from phasestereo.outofcore.sizes import format_bytes
+from phasestereo.rig.pair_statistics import PairStatistics
 from phasestereo.settings import PRESETS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from phasestereo.bands import PairStatistics
-    from phasestereo.io.windows import RasterPair
 
 BAND_ROWS = _core.BAND_ROWS
 """Bands are of multiples of so many rows, unless it is asked otherwise."""

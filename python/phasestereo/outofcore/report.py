@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from phasestereo.bands import PairStatistics
-    from phasestereo.outofcore.plan import Plan
-    from phasestereo.result import Flag
+from phasestereo.outofcore.plan import Plan
+from phasestereo.result import Flag
+from phasestereo.rig.pair_statistics import PairStatistics
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

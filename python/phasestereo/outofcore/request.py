@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import phasestereo
+from phasestereo import _core
 from phasestereo._numbers import as_integer
+from phasestereo.io.files import StrPath
 from phasestereo.outofcore.sinks import check_suffix
 from phasestereo.result import maps_with
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from phasestereo.io.files import StrPath
-    from phasestereo.rig.compensation import Noise
-    from phasestereo.settings import Settings
+from phasestereo.rig.compensation import Noise
+from phasestereo.settings import Settings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,7 +55,7 @@ class Request:
         files = zip(names, self.sources, strict=True)
 
         return {
-            "version": phasestereo.__version__,
+            "version": _core.__version__,
             **{name: None if path is None else _identity(path) for name, path in files},
             "bands": None if self.bands is None else [int(band) for band in self.bands],
             "min_disparity": self.min_disparity,

@@ -4,37 +4,30 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from phasestereo._extras import require
 from phasestereo._numbers import as_integer
 from phasestereo.bands import pair_statistics
-from phasestereo.io.files import suffix
-from phasestereo.io.windows import open_pair
-from phasestereo.matching import Matcher
+from phasestereo.io.files import StrPath, suffix
+from phasestereo.io.windows import RasterPair, open_pair
+from phasestereo.matching import Matcher, Progress
 from phasestereo.outofcore import plan as planning
+from phasestereo.outofcore.plan import Plan
+from phasestereo.outofcore.report import MapReport
 from phasestereo.outofcore.request import Request, as_outputs
 from phasestereo.outofcore.sinks import Sink
 from phasestereo.outofcore.sizes import as_bytes
-from phasestereo.outofcore.store import opened
+from phasestereo.outofcore.store import Store, opened
 from phasestereo.outofcore.work import Work
 from phasestereo.result import LAYERS
+from phasestereo.rig.compensation import Noise
+from phasestereo.rig.pair_statistics import PairStatistics
 from phasestereo.settings import Settings, resolve
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-    from pathlib import Path
-
-    from phasestereo.bands import PairStatistics
-    from phasestereo.io.files import StrPath
-    from phasestereo.io.windows import RasterPair
-    from phasestereo.matching import Progress
-    from phasestereo.outofcore.plan import Plan
-    from phasestereo.outofcore.report import MapReport
-    from phasestereo.outofcore.store import Store
-    from phasestereo.rig.compensation import Noise
 
 
 def match(

@@ -8,30 +8,26 @@ from __future__ import annotations
 
 import errno
 import shutil
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.lib import format as npy_format
+from numpy.typing import NDArray
 
 from phasestereo._extras import require
+from phasestereo.io import Georeference
 from phasestereo.io.files import flush, suffix, target_of
 from phasestereo.io.geotiff import TILE, placed, point_tag, storage, unplaced_allowed
 from phasestereo.io.windows import open_raster
 from phasestereo.outofcore.sizes import format_bytes
 from phasestereo.result import MAPS
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from phasestereo.io import Georeference
-
-    Write = Callable[[int, NDArray[Any]], None]
-    Windows = Callable[[], Iterator[tuple[int, NDArray[Any]]]]
+Write = Callable[[int, NDArray[Any]], None]
+Windows = Callable[[], Iterator[tuple[int, NDArray[Any]]]]
 
 WINDOW_ROWS = TILE
 """Windows are of so many rows, and begin at multiples of them."""

@@ -14,29 +14,25 @@ import json
 import re
 import shutil
 import zipfile
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
+from pathlib import Path
+from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo import bands
 from phasestereo._extras import require
 from phasestereo.io.files import flush
 from phasestereo.outofcore.sinks import place_of
 from phasestereo.outofcore.sizes import format_bytes
+from phasestereo.rig.pair_statistics import PairStatistics
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from phasestereo.bands import PairStatistics
-
-    Arrays = Mapping[str, NDArray[Any]]
-    Rows = tuple[int, int]
+Arrays = Mapping[str, NDArray[Any]]
+Rows = tuple[int, int]
 
 T = TypeVar("T")
 

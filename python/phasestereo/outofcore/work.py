@@ -2,33 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo import _core
 from phasestereo.bands import halo, match_rows
-from phasestereo.matching import match
+from phasestereo.io.windows import RasterPair
+from phasestereo.matching import Progress, match
 from phasestereo.outofcore import plan as planning
 from phasestereo.outofcore.plan import Plan
 from phasestereo.outofcore.report import MapReport
+from phasestereo.outofcore.request import Request
 from phasestereo.outofcore.sinks import WINDOW_ROWS
-from phasestereo.result import MAPS, Flag, count_flags
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from typing import Any
-
-    from numpy.typing import NDArray
-
-    from phasestereo.bands import PairStatistics
-    from phasestereo.io.windows import RasterPair
-    from phasestereo.matching import Progress
-    from phasestereo.outofcore.request import Request
-    from phasestereo.outofcore.store import Store
-    from phasestereo.result import Result
+from phasestereo.outofcore.store import Store
+from phasestereo.result import MAPS, Flag, Result, count_flags
+from phasestereo.rig.pair_statistics import PairStatistics
 
 _SAMPLE = 2048  # columns of the part by which the speed of this machine is measured
 

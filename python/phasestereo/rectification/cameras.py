@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phasestereo._extras import require
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from phasestereo._images import Map
 
 Matrix: TypeAlias = NDArray[np.float64]
-Map: TypeAlias = NDArray[np.float32]
 Maps: TypeAlias = tuple[tuple[Map, Map], tuple[Map, Map]]
 """Of the left and of the right image: column and row at which to read each rectified pixel."""
 

@@ -4,19 +4,14 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, BinaryIO, TypeAlias
 
 import numpy as np
 
 from phasestereo._extras import require
-from phasestereo.io.files import decoding, read_bounded
+from phasestereo.io.files import StrPath, decoding, read_bounded
 from phasestereo.io.limits import SMALL, max_pixels
 from phasestereo.io.npz import decode_array, decode_arrays
-
-if TYPE_CHECKING:
-    from typing import BinaryIO
-
-    from phasestereo.io.files import StrPath
 
 Document: TypeAlias = dict[str, Any]
 

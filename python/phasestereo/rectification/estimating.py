@@ -7,23 +7,19 @@ fitted to these (`features`). It says so, rather than guess, where the images do
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from phasestereo._extras import require
-from phasestereo.rectification.features import followed, led_back, matched
+from phasestereo._images import Pixels
+from phasestereo.rectification.cameras import Maps
+from phasestereo.rectification.features import Matches, Plane, Points, followed, led_back, matched
 from phasestereo.rectification.fitting import Fit, consensus, fitted, fitted_anew
 from phasestereo.rectification.record import inside
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from phasestereo._images import Pixels
-    from phasestereo.rectification.cameras import Maps
-    from phasestereo.rectification.features import Matches, Plane, Points
-
-    Planes = tuple[Plane, Plane]
+Planes = tuple[Plane, Plane]
 
 _LEAST = 40  # matches of features: unrelated images have 20 or so
 _LEAST_AGREE = 30

@@ -7,15 +7,13 @@ belongs that they are spread over the image, since a camera is known only where 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phasestereo._extras import require
-
-if TYPE_CHECKING:
-    from phasestereo.rectification.cameras import Maps
+from phasestereo.rectification.cameras import Maps
 
 Plane: TypeAlias = NDArray[np.float32]
 Gray: TypeAlias = NDArray[np.uint8]

@@ -10,16 +10,12 @@ far from the others (Tukey's biweight) and numbers far from what they usually ar
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
+from phasestereo.rectification.features import Matches, Points
 from phasestereo.rectification.model import DISTORTION, SIZE, Model
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from phasestereo.rectification.features import Matches, Points
 
 _SAMPLES = 2000
 _NEAR = 0.012  # of the width: rows that agree roughly, with distortion and perspective left in

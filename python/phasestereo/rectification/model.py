@@ -14,17 +14,15 @@ do not determine, as the focal length where the view is narrow, stay what they u
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from phasestereo._extras import require
+from phasestereo.rectification.cameras import Maps, Matrix
+from phasestereo.rectification.features import Matches, Points
 
-if TYPE_CHECKING:
-    from phasestereo.rectification.cameras import Maps, Matrix
-    from phasestereo.rectification.features import Matches, Points
-
-    Shifts = tuple[tuple[float, float], tuple[float, float]]
+Shifts = tuple[tuple[float, float], tuple[float, float]]
 
 _FOCAL = 0.85  # of the width
 _ITERATIONS = 15  # to undo a distortion

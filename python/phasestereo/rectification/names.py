@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator, Mapping
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from phasestereo._extras import require
-from phasestereo.rectification.cameras import MAPS, Cameras
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    from phasestereo.rectification.cameras import Matrix
+from phasestereo.rectification.cameras import MAPS, Cameras, Matrix
 
 _OF_PAIR = {
     "R": "r rot rotation rotmat rotmatrix rotationmatrix stereor",

@@ -5,25 +5,20 @@ from __future__ import annotations
 import json
 import os
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._extras import require
-from phasestereo._images import as_mask, as_pair, opened_pair
+from phasestereo._images import ImageOrPath, Map, Mask, as_mask, as_pair
+from phasestereo._opening import opened_pair
 from phasestereo.io.files import replacing
-from phasestereo.rectification.cameras import MAPS
+from phasestereo.rectification.cameras import MAPS, Maps, Matrix
 from phasestereo.rectification.documents import Document, read_document
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from phasestereo._images import ImageOrPath
-    from phasestereo.rectification.cameras import Map, Maps, Matrix
-
-    Mask = NDArray[np.bool_]
-    Method = Literal["calibration", "images"]
-    Interpolation = Literal["linear", "cubic", "lanczos"]
+Method = Literal["calibration", "images"]
+Interpolation = Literal["linear", "cubic", "lanczos"]
 
 _IMAGES = "left", "right", "left_mask", "right_mask"
 _METHODS = "calibration", "images"

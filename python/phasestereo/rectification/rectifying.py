@@ -2,29 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from numbers import Real
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from phasestereo._images import opened_pair
+from phasestereo._images import ImageOrPath, Pixels
+from phasestereo._opening import opened_pair
 from phasestereo.rectification.cameras import Cameras, Warp
 from phasestereo.rectification.estimating import estimated
-from phasestereo.rectification.reading import read_calibration
-from phasestereo.rectification.record import INTERPOLATIONS, Rectification, masks_of, warped
+from phasestereo.rectification.reading import CalibrationSource, read_calibration
+from phasestereo.rectification.record import (
+    INTERPOLATIONS,
+    Interpolation,
+    Method,
+    Rectification,
+    masks_of,
+    warped,
+)
 from phasestereo.rig.diagnosis import check
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from numpy.typing import ArrayLike
-
-    from phasestereo._images import ImageOrPath, Pixels
-    from phasestereo.rectification.reading import CalibrationSource
-    from phasestereo.rectification.record import Interpolation, Method
-
-    Masks = tuple[ArrayLike | None, ArrayLike | None]
+Masks = tuple[ArrayLike | None, ArrayLike | None]
 
 _OFF = 1.0  # rows: more than a calibration that fits leaves
 

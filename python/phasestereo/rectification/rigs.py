@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from phasestereo.rectification.cameras import Cameras, Matrix
 from phasestereo.rectification.documents import Document, numbers
 from phasestereo.rectification.names import as_cameras
-
-if TYPE_CHECKING:
-    from phasestereo.rectification.cameras import Cameras, Matrix
 
 _PINHOLE = "radtan", "radial-tangential", "plumb_bob", "rational_polynomial", "none", ""
 _FISHEYE = "equi", "equidistant", "fisheye"

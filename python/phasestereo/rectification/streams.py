@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from phasestereo.rectification.reading import read_calibration
+from numpy.typing import ArrayLike, NDArray
+
+from phasestereo._images import ImageOrPath
+from phasestereo.rectification.cameras import Cameras, Matrix
+from phasestereo.rectification.reading import CalibrationSource, read_calibration
+from phasestereo.rectification.record import Rectification
 from phasestereo.rectification.rectifying import rectify
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from phasestereo._images import ImageOrPath
-    from phasestereo.rectification.cameras import Cameras, Matrix
-    from phasestereo.rectification.reading import CalibrationSource
-    from phasestereo.rectification.record import Rectification
 
 AUTO = "auto"
 

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from numpy.typing import NDArray
 
 Field: TypeAlias = tuple[list[float], tuple[int, int], int]
 """A field as the core takes and returns it: its eight coefficients, rows and columns of the image,

@@ -9,16 +9,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from importlib import import_module
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from phasestereo.rig.photometry import Contrast
-
+from phasestereo._tables import as_html
+from phasestereo.rig.photometry import Contrast
 
 Side = Literal["none", "left", "right"]
 BlurKind = Literal["none", "gaussian", "disk", "motion", "annulus", "other"]
@@ -101,7 +98,6 @@ class Blur:
         return plain | {"other": None if self.other is None else self.other.as_dict()}
 
     def __str__(self) -> str:
-        """Return the blur in words."""
         if self.side == "none":
             return "none"
 
@@ -190,9 +186,10 @@ class BlurEstimate:
 
     def _repr_html_(self) -> str:
         """Show the kinds as a table in notebooks."""
-        notebook = import_module("phasestereo.views.notebook")  # light until asked for
-        shown: str = notebook.blur_html(self)
-        return shown
+        left, right = self.noise
+        numbers = f"certainty {self.certainty:.2f}, noise {left:.3g} left, {right:.3g} right"
+        kinds = zip(map(str, self.blurs), map("{:.1%}".format, self.areas()), strict=True)
+        return as_html("BlurEstimate", numbers, ("Relative blur", "share of the image"), kinds)
 
     def areas(self) -> tuple[float, ...]:
         """Return the share of the image that each of `blurs` has."""

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from phasestereo import _core
 from phasestereo._images import as_array
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from numpy.typing import ArrayLike, NDArray
-
-    Taps = NDArray[np.float32]
+Taps = NDArray[np.float32]
 
 Noise: TypeAlias = float | tuple[float, float]
 """Standard deviations of the noise of both images, or those of the left and of the right one."""

@@ -6,24 +6,21 @@ Here belongs the record of what the core has measured, and said about it.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from importlib import import_module
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 from phasestereo._core import LEAST_SIZE
-from phasestereo._images import opened_pair
+from phasestereo._images import ImageOrPath
 from phasestereo._numbers import as_json
+from phasestereo._opening import opened_pair
+from phasestereo._tables import as_html
+from phasestereo.rig.alignment import Alignment
+from phasestereo.rig.blur import BlurEstimate
 from phasestereo.rig.estimation import estimate_pair
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from phasestereo._images import ImageOrPath
-    from phasestereo.rig.alignment import Alignment
-    from phasestereo.rig.blur import BlurEstimate
-    from phasestereo.rig.findings import Finding
-    from phasestereo.rig.photometry import Contrast, Photometry, Saturation
-    from phasestereo.rig.search_range import SearchRange
+from phasestereo.rig.findings import Finding
+from phasestereo.rig.photometry import Contrast, Photometry, Saturation
+from phasestereo.rig.search_range import SearchRange
 
 __all__ = ["Diagnosis", "check"]
 
@@ -78,8 +75,10 @@ class Diagnosis:
 
     def _repr_html_(self) -> str:
         """Show the findings as a table in notebooks."""
-        shown: str = import_module("phasestereo.views.notebook").diagnosis_html(self)
-        return shown
+        rows, cols = self.size
+        found = [(one.topic, one.severity, one.sentence) for one in self.findings]
+        heads = "Topic", "severity", "finding"
+        return as_html("Diagnosis", f"{cols} x {rows} pixels", heads, found, bold="warning")
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything as JSON has it; numbers that JSON does not have are None."""

@@ -5,26 +5,20 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields, replace
 from itertools import chain
-from typing import TYPE_CHECKING, Literal, TypeAlias, TypeVar
+from typing import Literal, TypeAlias, TypeVar
 
-from phasestereo.rig.alignment import Alignment
-from phasestereo.rig.blur import as_estimate
+import numpy as np
+from numpy.typing import NDArray
+
+from phasestereo.rig.alignment import Alignment, Field
+from phasestereo.rig.blur import BlurEstimate, Estimated, as_estimate
 from phasestereo.rig.compensation import BlurCompensation
-from phasestereo.rig.findings import as_findings
-from phasestereo.rig.photometry import as_photometry
+from phasestereo.rig.findings import Finding, Said, as_findings
+from phasestereo.rig.photometry import Measured, Photometry, as_photometry
 from phasestereo.rig.search_range import LeftOut, SearchRange
 from phasestereo.settings import Settings
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from phasestereo.rig.alignment import Field
-    from phasestereo.rig.blur import BlurEstimate, Estimated
-    from phasestereo.rig.findings import Finding, Said
-    from phasestereo.rig.photometry import Measured, Photometry
-
-    _Taps: TypeAlias = NDArray[np.float32] | None
+_Taps: TypeAlias = NDArray[np.float32] | None
 
 _Checked = TypeVar("_Checked", Settings, BlurCompensation)
 

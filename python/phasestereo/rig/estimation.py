@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, cast
+from typing import cast
+
+from numpy.typing import ArrayLike
 
 from phasestereo import _core
-from phasestereo._images import as_mask, opened_pair
-from phasestereo.rig.estimates import as_estimates
+from phasestereo._images import ImageOrPath, Mask, Pixels, as_mask
+from phasestereo._opening import opened_pair
+from phasestereo.rig.blur import BlurEstimate
+from phasestereo.rig.estimates import Estimates, as_estimates
 from phasestereo.settings import PRESETS
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import ArrayLike, NDArray
-
-    from phasestereo._images import ImageOrPath, Pixels
-    from phasestereo.rig.blur import BlurEstimate
-    from phasestereo.rig.estimates import Estimates
-
-    Mask = NDArray[np.bool_]
 
 
 def estimate_blur(

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 from phasestereo._core import DECISIVE_TOPICS
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    Severity = Literal["ok", "note", "warning"]
+Severity = Literal["ok", "note", "warning"]
 
 Said: TypeAlias = "tuple[str, Severity, str]"
 """A finding as the core takes and returns it: topic, severity, sentence."""

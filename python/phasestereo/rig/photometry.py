@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
-if TYPE_CHECKING:
-    _Both = tuple[float, float]
+_Both = tuple[float, float]
 
 Measured: TypeAlias = (
     "tuple[float, tuple[_Both, _Both], _Both, _Both, _Both, tuple[int, int], "

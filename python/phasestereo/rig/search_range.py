@@ -25,7 +25,6 @@ class LeftOut:
     high: float
 
     def __str__(self) -> str:
-        """Return the place in words."""
         (top, bottom), (first, end) = self.rows, self.columns
         return (
             f"{self.low:g} to {self.high:g} px in rows {top} to {bottom - 1}, "
@@ -80,6 +79,5 @@ class SearchRange:
     left_out: tuple[LeftOut, ...] = ()
 
     def __str__(self) -> str:
-        """Return the range in words."""
         last = self.min_disparity + self.num_disparities - 1
         return f"{self.min_disparity} to {last} px, {self.origin}"

@@ -3,10 +3,9 @@
 Each module says which extra it needs, and is imported when it is first asked for.
 """
 
-from importlib import import_module
 from typing import TYPE_CHECKING
 
-__all__ = ["depths", "meshing", "page", "picture", "plot", "triangulation", "viewer"]
+__all__ = ["depths", "meshing", "page", "picture", "plot", "triangulation"]
 
 if TYPE_CHECKING:
     from phasestereo.views import depths as depths
@@ -15,11 +14,23 @@ if TYPE_CHECKING:
     from phasestereo.views import picture as picture
     from phasestereo.views import plot as plot
     from phasestereo.views import triangulation as triangulation
-    from phasestereo.views import viewer as viewer
 else:
 
     def __getattr__(name):
         """Import a module when it is first asked for, as `ps.views.plot`."""
-        if name in __all__:
-            return import_module(f"{__name__}.{name}")
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        match name:
+            case "depths":
+                import phasestereo.views.depths as found
+            case "meshing":
+                import phasestereo.views.meshing as found
+            case "page":
+                import phasestereo.views.page as found
+            case "picture":
+                import phasestereo.views.picture as found
+            case "plot":
+                import phasestereo.views.plot as found
+            case "triangulation":
+                import phasestereo.views.triangulation as found
+            case _:
+                raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        return found

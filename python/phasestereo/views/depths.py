@@ -9,22 +9,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from phasestereo._images import as_array
+from phasestereo._images import Map, as_array
 from phasestereo._numbers import as_integer, as_number
+from phasestereo.io.calibration import Calibration
 from phasestereo.result import Result
-
-if TYPE_CHECKING:
-    from typing import Any
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from phasestereo.io import Calibration
-
-    Map = NDArray[np.float32]
 
 Anchor: TypeAlias = tuple[int, int, float]
 """Column and row of a pixel of the left image, and its depth, which may be infinite."""
@@ -268,8 +261,6 @@ def check_anchor(anchor: Anchor, size: tuple[int, ...]) -> Anchor:
 
 def _check_calibration(calibration: Calibration, shape: tuple[int, ...]) -> None:
     """Refuse what is no calibration, or one of another size."""
-    from phasestereo.io import Calibration  # noqa: PLC0415 - `import phasestereo` reads no files
-
     if not isinstance(calibration, Calibration):
         got = type(calibration).__name__
         raise TypeError(f"calibration: got {got}; accepts a phasestereo.io.Calibration")

@@ -2,51 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._numbers import as_number
+from phasestereo.io import Calibration
+from phasestereo.result import Result
+from phasestereo.shapes import Mesh
+from phasestereo.views.depths import Anchor
 from phasestereo.views.triangulation import triangulate
-
-if TYPE_CHECKING:
-    from typing import Any
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from phasestereo.io import Calibration
-    from phasestereo.result import Result
-    from phasestereo.views.depths import Anchor
-
-__all__ = ["Mesh", "surface_mesh"]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Mesh:
-    """A surface in the frame of the left camera: X to the right, Y down, Z forward.
-
-    Parameters
-    ----------
-    points
-        float32 (N, 3): corners, in the unit of the baseline.
-    faces
-        int64 (M, 3): the corners of each triangle, by their row in `points`; counter-clockwise as
-        the camera sees them.
-    pixels
-        float32 (N, 2): column and row of each corner in the picture.
-    picture
-        uint8 (H, W, 3), RGB: what is on the surface; None: nothing.
-    """
-
-    points: NDArray[np.float32]
-    faces: NDArray[np.int64]
-    pixels: NDArray[np.float32]
-    picture: NDArray[np.uint8] | None
-
-    def __repr__(self) -> str:
-        """Show the numbers of corners and triangles: arrays would say nothing."""
-        return f"<Mesh {len(self.points)} points, {len(self.faces)} triangles>"
 
 
 def surface_mesh(

@@ -9,17 +9,22 @@ from __future__ import annotations
 
 import base64
 import io
+from collections.abc import Iterable
 from html import escape
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo._extras import require
-from phasestereo.result import describe_flags
+from phasestereo._tables import BLOCK
+from phasestereo.result import Result, describe_flags
 from phasestereo.views.picture import (
     CONFIDENCE_COLORS,
     NEUTRAL,
     UNCERTAINTY_COLORS,
+    Ends,
+    Picture,
     colorize,
     distribution,
     limits,
@@ -27,19 +32,7 @@ from phasestereo.views.picture import (
     viewable,
 )
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from numpy.typing import NDArray
-
-    from phasestereo.result import Result
-    from phasestereo.rig.blur import BlurEstimate
-    from phasestereo.rig.diagnosis import Diagnosis
-    from phasestereo.views.picture import Ends, Picture
-
 Scalar = TypeVar("Scalar", bound=np.generic)
-
-__all__ = ["blur_html", "diagnosis_html", "html"]
 
 _MAP = 440, 330  # pixels, width and height: without any compression still below 0.6 MB of text
 _THUMBNAIL = 144, 144  # three of them are as wide as a map
@@ -49,13 +42,10 @@ _SAMPLES = 2**20  # disparities that show how all are distributed
 _BARS, _GAP, _STRIP = 72, 4, 12  # rows of the histogram, and of the colors below it
 _PHOTOGRAPH_QUALITY = 85  # of a JPEG
 
-_BLOCK = "max-width:980px;line-height:1.4;"
 _BESIDE = "display:inline-block;vertical-align:top;max-width:520px;"
 _FIGURE = "display:inline-block;vertical-align:top;margin:6px 14px 6px 0;max-width:100%;"
 _IMAGE = "display:block;margin:0;max-width:100%;"
 _CAPTION = "margin:3px 0 0;font-size:90%;"
-_TABLE = "border-collapse:collapse;margin:6px 0;"
-_CELL = "text-align:left;vertical-align:top;padding:2px 16px 2px 0;"
 _TICKS = "position:relative;height:1.5em;font-size:90%;"
 _TICK = "position:absolute;width:6em;margin-left:-3em;text-align:center;"
 
@@ -84,45 +74,7 @@ def html(result: Result) -> str:
         pictures = f"<div>No pictures: {escape(str(error))}</div>"
 
     words = "".join(f"<div>{line}</div>" for line in _words(result))
-    return f'<div style="{_BLOCK}">{words}{pictures}</div>'
-
-
-def blur_html(estimate: BlurEstimate) -> str:
-    """Return the kinds of blur as a table, with the share of the image that each has."""
-    rows = [
-        (str(kind), f"{share:.1%}")
-        for kind, share in zip(estimate.blurs, estimate.areas(), strict=True)
-    ]
-
-    left, right = estimate.noise
-    numbers = f"certainty {estimate.certainty:.2f}, noise {left:.3g} left, {right:.3g} right"
-    table = _table(("Relative blur", "share of the image"), rows)
-    return f'<div style="{_BLOCK}"><b>phasestereo.BlurEstimate</b> {escape(numbers)}{table}</div>'
-
-
-def diagnosis_html(diagnosis: Diagnosis) -> str:
-    """Return what there is to say about a pair as a table, warnings in bold."""
-    rows, cols = diagnosis.size
-    found = [(one.topic, one.severity, one.sentence) for one in diagnosis.findings]
-    table = _table(("Topic", "severity", "finding"), found, bold="warning")
-    return f'<div style="{_BLOCK}"><b>phasestereo.Diagnosis</b> {cols} x {rows} pixels{table}</div>'
-
-
-def _table(
-    heads: tuple[str, ...], rows: Iterable[tuple[str, ...]], *, bold: str | None = None
-) -> str:
-    """Return a table; rows that have the text ``bold`` in a cell are in bold."""
-    head = "".join(f'<th style="{_CELL}">{escape(text)}</th>' for text in heads)
-    lines = [
-        "".join(
-            f'<td style="{_CELL}">{f"<b>{escape(text)}</b>" if bold in row else escape(text)}</td>'
-            for text in row
-        )
-        for row in rows
-    ]
-
-    body = "".join(f"<tr>{line}</tr>" for line in (head, *lines))
-    return f'<table style="{_TABLE}">{body}</table>'
+    return f'<div style="{BLOCK}">{words}{pictures}</div>'
 
 
 def _words(result: Result) -> Iterable[str]:
@@ -151,7 +103,6 @@ def _known(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _main(result: Result, ends: Ends) -> str:
-    """Return the map."""
     rows, cols = result.disparity.shape
     low, high = ends
     alt = (

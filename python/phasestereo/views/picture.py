@@ -7,23 +7,19 @@ state knows of.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._extras import require
-from phasestereo._images import as_mask, as_pixels, on_screen, screen_range
+from phasestereo._images import Mask, as_mask, as_pixels, on_screen, screen_range
 from phasestereo._numbers import as_integer, as_number
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import ArrayLike, NDArray
-
-    Picture = NDArray[np.uint8]
-    Map = NDArray[np.float64]
-    Mask = NDArray[np.bool_]
-    Ends = tuple[float, float]
+Picture = NDArray[np.uint8]
+Map = NDArray[np.float64]
+Ends = tuple[float, float]
 
 __all__ = [
     "CONFIDENCE_COLORS",

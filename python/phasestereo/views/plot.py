@@ -8,9 +8,11 @@ added, or the axes. matplotlib comes with the extra ``plot``; the colors are tho
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._extras import require
 from phasestereo.result import Flag, Result
@@ -32,14 +34,11 @@ from phasestereo.views.picture import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
-    from numpy.typing import ArrayLike, NDArray
 
-    Disparities: TypeAlias = Result | ArrayLike
+Disparities: TypeAlias = Result | ArrayLike
 
 __all__ = [
     "blur",

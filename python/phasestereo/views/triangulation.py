@@ -2,80 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._images import as_mask, as_pixels, as_rgb8
 from phasestereo._numbers import as_number
+from phasestereo.io import Calibration
 from phasestereo.result import Result
-from phasestereo.views.depths import YAW, as_disparities, as_uncertainty, ranging
-
-if TYPE_CHECKING:
-    from typing import Any
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from phasestereo.io import Calibration
-    from phasestereo.views.depths import Anchor
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PointCloud:
-    """Points in the frame of the left camera: X to the right, Y down, Z forward.
-
-    Parameters
-    ----------
-    points
-        float32 (N, 3), finite: X, Y, Z in the unit of the baseline.
-    colors
-        uint8 (N, 3), RGB; None: the points have no colors.
-    near, far
-        float32 (N,): the depths at the ends of the error bars, as `depth_interval` gives them;
-        ``far`` may be infinite. None: there are no error bars.
-
-    Raises
-    ------
-    TypeError
-        If an array is not of its type.
-    ValueError
-        If an array is not of its shape, a coordinate is not finite, or there is but one end.
-    """
-
-    points: NDArray[np.float32]
-    colors: NDArray[np.uint8] | None = None
-    near: NDArray[np.float32] | None = None
-    far: NDArray[np.float32] | None = None
-
-    def __post_init__(self) -> None:
-        """Refuse what no file of points could hold."""
-        _check_rows("points", self.points, np.float32, (3,))
-        if not np.isfinite(self.points).all():
-            raise ValueError("points: got infinity or NaN; accepts finite coordinates")
-        if (self.near is None) != (self.far is None):
-            raise ValueError("near, far: got one of them; accepts both or none")
-
-        wanted = len(self.points)
-        kinds = ("colors", np.uint8, (3,)), ("near", np.float32, ()), ("far", np.float32, ())
-        for name, dtype, shape in kinds:
-            rows = getattr(self, name)
-            if rows is not None:
-                _check_rows(name, rows, dtype, shape)
-                if len(rows) != wanted:
-                    raise ValueError(
-                        f"{name}: got {len(rows)} of {wanted} points; accepts one each"
-                    )
-
-    def __len__(self) -> int:
-        """Return the number of points."""
-        return len(self.points)
-
-    def __repr__(self) -> str:
-        """Show the number of points and how far away they are: arrays would say nothing."""
-        depth = self.points[:, 2]
-        span = f", depth {depth.min():.5g} to {depth.max():.5g}" if len(self) else ""
-        return f"<PointCloud {len(self)} points{span}{'' if self.colors is None else ', colored'}>"
+from phasestereo.shapes import PointCloud
+from phasestereo.views.depths import YAW, Anchor, as_disparities, as_uncertainty, ranging
 
 
 def point_cloud(
@@ -212,13 +149,3 @@ def _picture(image: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     if pixels.shape[:2] != shape:
         raise ValueError(f"image: got {pixels.shape[:2]} pixels; accepts the map's {shape}")
     return as_rgb8(pixels)
-
-
-def _check_rows(name: str, rows: object, dtype: type, shape: tuple[int, ...]) -> None:
-    wanted = np.dtype(dtype)
-    if not isinstance(rows, np.ndarray) or rows.dtype != wanted:
-        got = getattr(rows, "dtype", type(rows).__name__)
-        raise TypeError(f"{name}: got {got}; accepts an array of {wanted}")
-    if not rows.ndim or rows.shape[1:] != shape:
-        accepted = ", ".join(["(N", *map(str, shape)])
-        raise ValueError(f"{name}: got shape {rows.shape}; accepts {accepted}{',' * (not shape)})")

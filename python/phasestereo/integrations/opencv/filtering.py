@@ -4,14 +4,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._extras import require
 from phasestereo.integrations.opencv.stereo import StereoPhase
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import ArrayLike, NDArray
 
 NO_CHECK = 1_000_000
 """The disp12MaxDiff by which `cv2.ximgproc` switches the left-right check off."""
@@ -46,7 +45,6 @@ class RightMatcher:
         return self._left.getNumDisparities()
 
     def __repr__(self) -> str:
-        """Show whose right matcher it is."""
         return f"RightMatcher({self._left!r})"
 
 

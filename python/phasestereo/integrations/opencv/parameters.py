@@ -4,13 +4,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 from phasestereo._numbers import as_integer
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 ANY = -(2**31), 2**31 - 1
 """What an int of C++ holds."""

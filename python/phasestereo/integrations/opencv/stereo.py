@@ -5,23 +5,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._core import MOST_DISPARITIES
-from phasestereo._images import as_array, as_pair
+from phasestereo._images import Pixels, as_array, as_pair
 from phasestereo.integrations.opencv.parameters import DEFAULTS, LARGEST_DISPARITY, Parameters
 from phasestereo.matching import Matcher
-from phasestereo.settings import PRESET, resolve
+from phasestereo.settings import PRESET, Settings, resolve
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from phasestereo._images import Pixels
-    from phasestereo.settings import Settings
-
-    Sixteenths: TypeAlias = NDArray[np.int16]
+Sixteenths: TypeAlias = NDArray[np.int16]
 
 SCALE = 16
 """What one pixel of disparity is in OpenCV's maps."""

@@ -5,17 +5,13 @@ from __future__ import annotations
 import os
 import secrets
 import shutil
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from phasestereo._closing import Closing
 from phasestereo._extras import require
-from phasestereo.io.files import named, suffix, target_of
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-
-    from phasestereo.io.files import StrPath
+from phasestereo.io.files import StrPath, named, suffix, target_of
 
 SUFFIXES = (".mcap", ".db3", ".bag")
 

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import io
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo._extras import require
 from phasestereo.io.files import named
 from phasestereo.io.image import as_image
+from phasestereo.io.pixels import Pixels
 from phasestereo.io.raster import RASTER_MAGICS, decode_raster
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from phasestereo.io.pixels import Pixels
 
 # Encoding -> type of its samples, how many a pixel has, and which of them are red, green and blue
 # (or red, green, blue and alpha).

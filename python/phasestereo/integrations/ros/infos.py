@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from phasestereo.rectification.cameras import q_of
+from phasestereo.rectification.cameras import Cameras, Matrix, q_of
 from phasestereo.rectification.rigs import cameras_of_pair
-
-if TYPE_CHECKING:
-    from phasestereo.rectification.cameras import Cameras, Matrix
 
 _RECTIFIED = re.compile(r"(?<![a-z])rect(ified)?(?![a-z])")
 _SAME = 1e-6  # relative: matrices that have been through text

@@ -6,25 +6,20 @@ of a node.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Callable
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-from phasestereo._images import as_pixels, as_rgb8
+from phasestereo._images import Map, as_pixels, as_rgb8
 from phasestereo.integrations.ros.images import encode_image
+from phasestereo.integrations.ros.pairing import Header
+from phasestereo.io import Calibration
+from phasestereo.result import Result
+from phasestereo.rig.diagnosis import Diagnosis
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    from phasestereo.integrations.ros.pairing import Header
-    from phasestereo.io import Calibration
-    from phasestereo.result import Result
-    from phasestereo.rig.diagnosis import Diagnosis
-
-    Map = NDArray[np.float32]
-    Make = Callable[..., Any]
+Make = Callable[..., Any]
 
 Depths = Literal["32FC1", "16UC1"]
 DEPTHS: tuple[Depths, ...] = ("32FC1", "16UC1")

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Literal, get_args
+from collections.abc import Collection
+from typing import Literal, get_args
 
+from phasestereo.integrations.ros.bags import RecordingWriter
 from phasestereo.integrations.ros.messages import (
     DEPTHS,
     MAP_IMAGES,
@@ -14,15 +16,10 @@ from phasestereo.integrations.ros.messages import (
     image_of,
     point_cloud2,
 )
+from phasestereo.integrations.ros.pairing import Header
+from phasestereo.integrations.video.streaming import Frame
+from phasestereo.io import Calibration
 from phasestereo.rig.diagnosis import check
-
-if TYPE_CHECKING:
-    from collections.abc import Collection
-
-    from phasestereo.integrations.ros.bags import RecordingWriter
-    from phasestereo.integrations.ros.pairing import Header
-    from phasestereo.integrations.video.streaming import Frame
-    from phasestereo.io import Calibration
 
 MessageKind = Literal["disparity", "confidence", "uncertainty", "depth", "points", "diagnostics"]
 KINDS: tuple[MessageKind, ...] = get_args(MessageKind)

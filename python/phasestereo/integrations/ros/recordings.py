@@ -4,22 +4,18 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from phasestereo.integrations.ros.bags import Bag
+from phasestereo.integrations.ros.bags import Bag, Item
 from phasestereo.integrations.ros.images import decode_image
 from phasestereo.integrations.ros.infos import RigGeometry, geometry_of, info_topic
 from phasestereo.integrations.ros.pairing import SIDES, Arrival, Header, paired
 from phasestereo.integrations.video.capture import Capture, CaptureSource, Pair, lost
-
-if TYPE_CHECKING:
-    from collections.abc import Generator, Iterator, Sequence
-
-    from phasestereo.integrations.ros.bags import Item
-    from phasestereo.io.files import StrPath
-    from phasestereo.rectification.cameras import Cameras, Matrix
+from phasestereo.io.files import StrPath
+from phasestereo.rectification.cameras import Cameras, Matrix
 
 TOLERANCE = 0.01
 """Seconds by which the stamps of a pair may differ: less than half of the time between frames."""

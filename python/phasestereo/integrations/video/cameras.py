@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
 from time import monotonic, sleep
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from phasestereo._extras import require
 from phasestereo.integrations.video.capture import Capture, CaptureSource, Image, Pair, lost
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
 
 PATIENCE = 5
 """Frames in a row that may be missed before the cameras count as gone."""

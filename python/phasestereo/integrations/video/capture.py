@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import zip_longest
-from typing import TYPE_CHECKING, Any, Generic, Literal, TypeAlias, TypeVar
+from typing import Any, Generic, TypeAlias, TypeVar
 
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+from phasestereo.io.pair import Layout, halves
 
 T = TypeVar("T")
 Image: TypeAlias = NDArray[Any]
 Pair: TypeAlias = tuple[Image, Image]
-Layout: TypeAlias = Literal["side-by-side", "top-bottom"]
-
-AXES = {"side-by-side": 1, "top-bottom": 0}
-"""Along which axis of a picture its left and its right view follow each other, by layout."""
-
-
-class LayoutError(ValueError):
-    """A picture cannot be cut in two equal halves."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,24 +62,6 @@ class CaptureSource(Generic[T]):
     length: int | None = None
     rate: float | None = None
     ahead: bool = False
-
-
-def halves(picture: Image, layout: Layout) -> Pair:
-    """Cut a picture that holds both views in two.
-
-    Raises
-    ------
-    LayoutError
-        If it has an odd number of columns or rows there.
-    """
-    axis = AXES[layout]
-    half, rest = divmod(picture.shape[axis], 2)
-
-    if rest or not half:
-        size, sides = f"{picture.shape[1]} x {picture.shape[0]}", ("rows", "columns")[axis]
-        raise LayoutError(f"layout: {layout!r} needs an even number of {sides}, got {size} pixels")
-
-    return (picture[:half], picture[half:]) if axis == 0 else (picture[:, :half], picture[:, half:])
 
 
 def split(source: CaptureSource[Image], layout: Layout) -> CaptureSource[Pair]:

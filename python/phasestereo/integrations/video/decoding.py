@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from fractions import Fraction
 from heapq import heappop, heappush
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from phasestereo._extras import require
 from phasestereo.integrations.video.capture import Capture, CaptureSource, Image, lost
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from fractions import Fraction
-
-    from phasestereo.io.files import StrPath
+from phasestereo.io.files import StrPath
 
 _PATIENCE = 10.0  # seconds to wait for a network stream before giving it up
 _UNTIMED = "no picture came of it"

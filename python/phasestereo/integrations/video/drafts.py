@@ -4,15 +4,10 @@ from __future__ import annotations
 
 import os
 import secrets
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from pathlib import Path
 
-from phasestereo.io.files import created, suffix, target_of
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from phasestereo.io.files import StrPath
+from phasestereo.io.files import StrPath, created, suffix, target_of
 
 
 def draft_of(path: StrPath, suffixes: Sequence[str], what: str) -> tuple[Path, Path]:

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo._images import as_pixels, as_rgb8
+from phasestereo.integrations.video.streaming import Frame
+from phasestereo.result import Result
 from phasestereo.views.picture import NEUTRAL, colorize, hatched
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from phasestereo.integrations.video.streaming import Frame
-    from phasestereo.result import Result
 
 _STEPS = 256  # of the colors: one more stands for no estimate
 

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sized
+from collections.abc import Callable, Iterable, Sized
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from phasestereo.integrations.video.cameras import PATIENCE, open_camera, open_cameras
-from phasestereo.integrations.video.capture import AXES, Capture, CaptureSource, Layout, join, split
+from phasestereo.integrations.video.capture import Capture, CaptureSource, Image, Pair, join, split
 from phasestereo.integrations.video.decoding import is_address, open_video
 from phasestereo.integrations.video.folders import open_folder, open_folders, open_rig
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from phasestereo.integrations.video.capture import Image, Pair
+from phasestereo.io.pair import AXES, Layout
 
 Place: TypeAlias = str | os.PathLike[str] | int
 """A video file or its address, a folder of images, or the number of a camera."""

@@ -7,43 +7,37 @@ numbers. Where the pairs come from is the business of `phasestereo.integrations.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, replace
-from importlib import import_module
 from itertools import chain, islice
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._closing import Closing
 from phasestereo._core import MOST_DISPARITIES
-from phasestereo._images import as_mask, opened_pair
+from phasestereo._images import ImageOrPath, as_mask
 from phasestereo._numbers import as_integer
+from phasestereo._opening import opened_pair
 from phasestereo.integrations.video.cameras import PATIENCE
-from phasestereo.integrations.video.capture import LayoutError
-from phasestereo.integrations.video.sources import open_source
+from phasestereo.integrations.video.capture import Capture, CaptureSource, Image, Pair
+from phasestereo.integrations.video.sources import Place, open_source
+from phasestereo.io.pair import Layout, LayoutError
 from phasestereo.matching import Matcher
+from phasestereo.rectification import Rectification
+from phasestereo.rectification.cameras import Cameras
+from phasestereo.rectification.reading import CalibrationSource
+from phasestereo.rectification.streams import Rectifier
+from phasestereo.result import Result
+from phasestereo.rig.compensation import BlurCompensation, Noise
 from phasestereo.rig.findings import untrusted
+from phasestereo.settings import Settings
 from phasestereo.temporal import TemporalFilter
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterable, Mapping
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from phasestereo._images import ImageOrPath
-    from phasestereo.integrations.video.capture import Capture, CaptureSource, Image, Layout, Pair
-    from phasestereo.integrations.video.sources import Place
-    from phasestereo.rectification import Rectification
-    from phasestereo.rectification.cameras import Cameras
-    from phasestereo.rectification.reading import CalibrationSource
-    from phasestereo.rectification.streams import Rectifier
-    from phasestereo.result import Result
-    from phasestereo.rig.compensation import BlurCompensation, Noise
-    from phasestereo.settings import Settings
-
-    _Taken = tuple[Capture[Pair], Pair | Exception]
+_Taken = tuple[Capture[Pair], Pair | Exception]
 
 T = TypeVar("T")
 
@@ -101,7 +95,6 @@ class Failure:
     error: Exception
 
     def __str__(self) -> str:
-        """Return which frame failed, and why."""
         return f"frame {self.index}: {self.error}"
 
 
@@ -241,7 +234,7 @@ def stream(
 
     # Wrong arguments are refused before any source is opened.
     _try(matcher, given, width=None)
-    rectifier = None if rectify is None else _rectifier(rectify, (left_mask, right_mask))
+    rectifier = None if rectify is None else Rectifier(rectify, (left_mask, right_mask))
     opened = open_source(source, right, layout=layout, patience=patience)
     try:
         return Stream(
@@ -349,7 +342,6 @@ class Stream(Iterator[Frame], Closing):
         self._source.close()
 
     def __next__(self) -> Frame:
-        """Return the next frame that did not fail."""
         return next(self._frames)
 
 
@@ -476,19 +468,9 @@ class _Work:
         return self._last if self._reused + 1 < self._reestimate else None
 
 
-def _rectifier(
-    source: CalibrationSource | Rectification | Cameras,
-    masks: tuple[ArrayLike | None, ArrayLike | None],
-) -> Rectifier:
-    home = import_module("phasestereo.rectification.streams")  # it takes a while
-    rectifier: Rectifier = home.Rectifier(source, masks)
-    return rectifier
-
-
 def _ahead(items: Iterator[T]) -> Generator[T]:
     """Yield items, and have another thread fetch each while the one before is in use."""
-    executor = import_module("concurrent.futures").ThreadPoolExecutor  # it takes a while
-    with executor(1, thread_name_prefix="phasestereo-ahead") as thread:
+    with ThreadPoolExecutor(1, thread_name_prefix="phasestereo-ahead") as thread:
         coming = thread.submit(next, items, _END)
         while (item := coming.result()) is not _END:
             coming = thread.submit(next, items, _END)

@@ -5,20 +5,16 @@ from __future__ import annotations
 import math
 import os
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo._closing import Closing
 from phasestereo._extras import require
 from phasestereo.integrations.video.drafts import draft_of
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from phasestereo.io.files import StrPath
+from phasestereo.io.files import StrPath
 
 SUFFIXES = (".mp4", ".m4v", ".mov", ".mkv")
 

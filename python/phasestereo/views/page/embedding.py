@@ -6,16 +6,14 @@ import base64
 import io
 import zlib
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo._extras import require
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Picture = NDArray[np.uint8]
+Picture = NDArray[np.uint8]
 
 __all__ = ["Coding", "coding_of", "packed", "photograph_uri", "picture_uri"]
 

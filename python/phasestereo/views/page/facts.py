@@ -4,28 +4,21 @@ from __future__ import annotations
 
 import math
 import platform
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-import phasestereo
+from phasestereo import _core
+from phasestereo._images import Map
+from phasestereo.metrics import Score
 from phasestereo.metrics.scores import unit_of
-from phasestereo.settings import PRESETS
+from phasestereo.result import Result
+from phasestereo.rig.blur import Blur, BlurEstimate
+from phasestereo.settings import PRESETS, Settings
 from phasestereo.views.page.embedding import picture_uri
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
-    from phasestereo.metrics import Score
-    from phasestereo.result import Result
-    from phasestereo.rig.blur import Blur, BlurEstimate
-    from phasestereo.settings import Settings
-
-    Map = NDArray[np.float32]
-
 
 _NAMES = {"avgerr": "mean error (avgerr, EPE)"}
 _BINS = 120
@@ -166,7 +159,7 @@ def _duration(seconds: float) -> str:
 def versions() -> list[tuple[str, str]]:
     """Return what the result was made with."""
     return [
-        ("phasestereo", phasestereo.__version__),
+        ("phasestereo", _core.__version__),
         ("NumPy", np.__version__),
         ("Python", platform.python_version()),
         ("system", f"{platform.system()} {platform.machine()}"),

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo._extras import require
-from phasestereo.result import MAPS, Flag, count_flags
-from phasestereo.views.page.embedding import coding_of, packed
+from phasestereo._images import Map
+from phasestereo.result import MAPS, Flag, Result, count_flags
+from phasestereo.views.page.embedding import Coding, coding_of, packed
 from phasestereo.views.picture import (
     CONFIDENCE_COLORS,
     DISPARITY_COLORS,
@@ -20,16 +23,6 @@ from phasestereo.views.picture import (
     limits,
     longest,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
-    from phasestereo.result import Result
-    from phasestereo.views.page.embedding import Coding
-
-    Map = NDArray[np.float32]
 
 __all__ = [
     "FLAGS",

@@ -3,31 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._extras import require
-from phasestereo._images import as_mask, as_pair, on_screen, screen_range
+from phasestereo._images import Map, Mask, Pixels, as_mask, as_pair, on_screen, screen_range
 from phasestereo.io import Calibration
-from phasestereo.io.files import replacing, suffix
+from phasestereo.io.files import StrPath, replacing, suffix
 from phasestereo.metrics.scores import score as score_map
 from phasestereo.result import Result
-from phasestereo.views.depths import YAW, ranging
+from phasestereo.views.depths import YAW, Anchor, ranging
 from phasestereo.views.page import facts, layers
 from phasestereo.views.page.embedding import photograph_uri
 from phasestereo.views.page.scene import ScenePoints, scene_points
 from phasestereo.views.templating import render_page
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from phasestereo._images import Pixels
-    from phasestereo.io.files import StrPath
-    from phasestereo.views.depths import Anchor
-
-    Map = NDArray[np.float32]
-    Mask = NDArray[np.bool_]
 
 __all__ = ["require_page", "write_pair_page"]
 

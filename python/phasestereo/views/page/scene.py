@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from phasestereo._images import Map
 from phasestereo.io import Calibration
 from phasestereo.views.depths import Ranging
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Map = NDArray[np.float32]
 
 __all__ = ["ScenePoints", "scene_points"]
 

@@ -3,30 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from threading import Condition, Lock
 from time import monotonic
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from phasestereo._numbers import as_json
-from phasestereo.io import write_image
+from phasestereo.integrations.video.streaming import Failure, Frame
+from phasestereo.io import Calibration, write_image
 from phasestereo.result import Flag
+from phasestereo.rig.diagnosis import Diagnosis
+from phasestereo.rig.findings import Finding
+from phasestereo.settings import Settings
 from phasestereo.views.depths import YAW, ranging
 from phasestereo.views.page import write_pair_page
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
-    from pathlib import Path
-
-    from phasestereo.integrations.video.streaming import Failure, Frame
-    from phasestereo.io import Calibration
-    from phasestereo.rig.diagnosis import Diagnosis
-    from phasestereo.rig.findings import Finding
-    from phasestereo.settings import Settings
 
 Change = Callable[["Settings", int | None], None]
 """Matches the coming frames with other settings and another number of disparities."""

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from threading import Thread
 from time import monotonic
-from typing import TYPE_CHECKING
 
 from phasestereo.rig.diagnosis import check
-
-if TYPE_CHECKING:
-    from phasestereo.views.viewer.show import Show
+from phasestereo.viewer.show import Show
 
 _PAUSE = 1.0  # seconds
 _SHARE = 4.0  # times what a look takes: a fifth of one processor at most

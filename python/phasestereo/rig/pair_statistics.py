@@ -1,44 +1,154 @@
-"""Pair statistics as arrays, which ``.npz`` files hold without pickled objects, and back.
+"""What must be known of a whole pair to match parts of it, and the files that keep it.
 
-Whatever is no array is in one array of JSON. Files may come from anywhere: all is checked.
+A file is an ``.npz`` without pickled objects; what is not an array is in one array of JSON. Files
+may come from anywhere: all is checked.
 """
 
 from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict, astuple
-from typing import TYPE_CHECKING, Any, TypeAlias
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, astuple, dataclass
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo._core import MOST_CLASSES
 from phasestereo._numbers import as_integer
-from phasestereo.bands import PairStatistics, as_size
-from phasestereo.rig.alignment import Alignment
+from phasestereo.io.files import decoding, read_bounded, replacing
+from phasestereo.io.limits import STATISTICS
+from phasestereo.io.npz import decode_arrays
+from phasestereo.rig.alignment import Alignment, Field, applied_field
 from phasestereo.rig.blur import Blur, BlurEstimate
 from phasestereo.rig.compensation import BlurCompensation
-from phasestereo.rig.findings import Finding
+from phasestereo.rig.findings import Finding, Severity
 from phasestereo.rig.search_range import LeftOut, SearchRange
 from phasestereo.settings import Settings
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
-    from phasestereo.bands import Packing, Range
-    from phasestereo.rig.findings import Severity
-
-    Plain: TypeAlias = dict[str, Any]
-    Arrays: TypeAlias = dict[str, NDArray[Any]]
+Range: TypeAlias = tuple[float, float]
+Packing: TypeAlias = tuple[float, int, bool, bool]
+Plain: TypeAlias = dict[str, Any]
+Arrays: TypeAlias = dict[str, NDArray[Any]]
 
 _ESTIMATE = "tile", "certainty", "contrast", "noise", "gain", "gamma", "impulses", "coding"
 _BOTH = "noise", "impulses", "coding"  # of the left and of the right image
 
 
-def as_arrays(statistics: PairStatistics) -> Arrays:
-    """Return arrays that `from_arrays` makes the same statistics of."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PairStatistics:
+    """The statistics of a whole pair, by `pair_statistics`; they can be pickled and saved.
+
+    Parameters
+    ----------
+    size
+        Rows and columns of either image.
+    dtype
+        Type of the pixels, "uint8", "uint16", "float32" or "float64".
+    min_disparity, num_disparities
+        The disparities to search.
+    settings
+        The settings that every part is matched with: with ``compensate_blur=True`` those that suit
+        the blur that was found.
+    blur_compensation
+        The versions in which pixels are compared, of the whole pair; it has the noise, too. None:
+        the images as they are.
+    blur
+        What was found out about blur and noise, if that was asked for.
+    alignment
+        How the rows of the images correspond, if that was asked for and could be estimated.
+    search
+        The disparities to search, and whether they were given or found. None: they were given.
+    packing
+        How the pair is stored while it is matched, which depends on its values alone: the step and
+        the bits of the integers that the pixels become, 0 bits where they keep their type; whether
+        the channels of the left and of the right image are equal, so that one is enough.
+    ranges
+        Where the pixels of the left and of the right image lie, packed: (black, white) in
+        thousandths of their unit, but for 0.1 % at either end. None: not needed.
+    findings
+        What there is to say about the pair, as `phasestereo.check` says it.
+    roughness
+        By how much horizontal neighbors of the left image differ: the sum, in steps of gray
+        values, and of how many pairs. None: not needed.
+    tally
+        What all confidences depend on, counted over some rows of the map: the sum of the raw
+        confidences of pixels not filled, in steps of 2^-20, and the number of these pixels; of
+        pixels that fail the left-right check or are speckles; of those at the ends of the range;
+        of all. None: not needed.
+    """
+
+    size: tuple[int, int]
+    dtype: str
+    min_disparity: int
+    num_disparities: int
+    settings: Settings
+    blur_compensation: BlurCompensation | None = None
+    blur: BlurEstimate | None = None
+    alignment: Alignment | None = None
+    search: SearchRange | None = None
+    packing: Packing = (1.0, 0, False, False)
+    ranges: tuple[Range, Range] | None = None
+    roughness: tuple[int, int] | None = None
+    tally: tuple[int, int, int, int, int] | None = None
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def field(self) -> Field | None:
+        """The field that the right image is straightened by, as the core takes it."""
+        return applied_field(self.alignment)
+
+    @property
+    def is_inverted(self) -> bool:
+        """Whether the negative of the right image is matched."""
+        return self.search is not None and self.search.inverted and self.settings.compensate_blur
+
+    @property
+    def is_compensated(self) -> bool:
+        """Whether a blur was found, and settings that suit it were taken."""
+        found = self.blur is not None and any(blur.psf is not None for blur in self.blur.blurs)
+        return found and self.settings.compensate_blur
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write it to a file, ``.npz`` without pickled objects, which `load` reads.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        """
+        arrays = _as_arrays(self)
+        with replacing(path) as file:
+            np.savez(file, allow_pickle=False, **arrays)
+
+
+def load(path: str | os.PathLike[str]) -> PairStatistics:
+    """Read what `PairStatistics.save` has written.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    ValueError
+        If it is no such file.
+    """
+    with decoding(path) as file:
+        return _from_arrays(decode_arrays(read_bounded(file, STATISTICS), STATISTICS))
+
+
+def as_size(size: tuple[int, int]) -> tuple[int, int]:
+    """Return numbers of rows and columns, or say by name why they are none."""
+    if not isinstance(size, (tuple, list)) or len(size) != 2:
+        raise TypeError(f"size: got {size!r}; accepts a pair (rows, columns)")
+
+    rows, cols = size
+    return as_integer("size", rows, least=1), as_integer("size", cols, least=1)
+
+
+def _as_arrays(statistics: PairStatistics) -> Arrays:
+    """Return arrays that `_from_arrays` makes the same statistics of."""
     names = (
         "size",
         "dtype",
@@ -67,7 +177,7 @@ def as_arrays(statistics: PairStatistics) -> Arrays:
     return arrays | {"plain": np.array(text)}
 
 
-def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> PairStatistics:
+def _from_arrays(arrays: Mapping[str, NDArray[Any]]) -> PairStatistics:
     """Return the statistics that arrays hold.
 
     Raises

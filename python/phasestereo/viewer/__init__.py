@@ -6,7 +6,7 @@ beside the matches. The page itself is made of the templates ``viewer.*``.
 
 from __future__ import annotations
 
-from phasestereo.views.viewer.server import Server
-from phasestereo.views.viewer.show import Show
+from phasestereo.viewer.server import Server
+from phasestereo.viewer.show import Show
 
 __all__ = ["Server", "Show"]

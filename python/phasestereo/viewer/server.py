@@ -10,27 +10,22 @@ from __future__ import annotations
 import io
 import json
 import secrets
+from collections.abc import Callable
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
 from threading import Lock, Thread
-from typing import TYPE_CHECKING, Any
+from typing import Any, Self
 from urllib.parse import parse_qs
 
 import numpy as np
 
 from phasestereo._images import as_pixels, as_rgb8
 from phasestereo.integrations.video.picture import FramePicture
+from phasestereo.integrations.video.streaming import Frame
 from phasestereo.io.raster import encode_raster
+from phasestereo.viewer.show import RANGES, Show
 from phasestereo.views.templating import render_page
-from phasestereo.views.viewer.show import RANGES
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from typing import Self
-
-    from phasestereo.integrations.video.streaming import Frame
-    from phasestereo.views.viewer.show import Show
 
 _HOME = "127.0.0.1"
 _LONGEST = 4096  # bytes of what a browser may send
