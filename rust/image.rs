@@ -11,3 +11,4 @@ pub mod plane;
 pub mod smoothing;
 pub mod texture;
 pub mod view;
+pub mod window_sums;

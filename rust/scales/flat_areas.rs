@@ -13,12 +13,15 @@ use std::ops::Range;
 
 use crate::error::Result;
 use crate::image::plane::Plane;
+use crate::image::window_sums::{Beyond, Windows};
 use crate::pipeline::control::Control;
 
 /// Least share of the image of an area.
 const LEAST_SHARE: f64 = 0.01;
 /// How far the window of the deviation reaches.
 const RADIUS: usize = 2;
+/// Rows in which one task takes the deviations.
+const BAND: usize = 32;
 /// Most bits of the magnitude of a gray value.
 const MOST_BITS: u32 = 15;
 /// About so many pixels are looked at for the noise.
@@ -78,39 +81,15 @@ impl FlatArea {
 fn flat(gray: &Plane<i32>, control: &Control) -> Result<Plane<bool>> {
     let (rows, cols) = (gray.rows(), gray.cols());
     let noise = noise(gray);
-    let window = |at: usize, count| at.saturating_sub(RADIUS)..(at + RADIUS + 1).min(count);
+    let windows = Windows { size: (rows, cols), radius: RADIUS, beyond: Beyond::Nothing };
+    let moments = |y: usize| gray.row(y).iter().map(|gray| i64::from(*gray)).map(|g| [g, g * g]);
 
-    Plane::by_rows((rows, cols), control, |y, flat: &mut [bool]| {
-        // Sums, and sums of squares, of the columns of the window.
-        let (mut sums, mut squares) = (vec![0_i64; cols], vec![0_i64; cols]);
-        for y in window(y, rows) {
-            for ((sum, square), gray) in sums.iter_mut().zip(&mut squares).zip(gray.row(y)) {
-                let gray = i64::from(*gray);
-                *sum += gray;
-                *square += gray * gray;
-            }
-        }
-
-        let height = window(y, rows).len();
-        let (mut sum, mut square) = (0, 0);
-        for x in 0..RADIUS.min(cols) {
-            sum += sums[x];
-            square += squares[x];
-        }
-
-        for (x, flat) in flat.iter_mut().enumerate() {
-            if x + RADIUS < cols {
-                sum += sums[x + RADIUS];
-                square += squares[x + RADIUS];
-            }
-            if x > RADIUS {
-                sum -= sums[x - RADIUS - 1];
-                square -= squares[x - RADIUS - 1];
-            }
-
-            let count = (height * window(x, cols).len()) as i64;
-            *flat = count * square - sum * sum <= count * count * noise * noise;
-        }
+    Plane::by_bands((rows, cols), BAND, |first, band| {
+        control.checkpoint()?;
+        windows.write((first, band), moments, |y, x, [sum, squares]| {
+            let count = windows.pixels(y, x) as i64;
+            count * squares - sum * sum <= count * count * noise * noise
+        })
     })
 }
 

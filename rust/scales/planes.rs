@@ -22,11 +22,11 @@ use std::ops::Range;
 use crate::error::Result;
 use crate::image::intensity::Gray;
 use crate::image::plane::Plane;
+use crate::image::window_sums::window_means;
 use crate::pipeline::control::Control;
 use crate::pipeline::matcher::{Disparity, Pair};
 use crate::refinement::flag;
 use crate::scales::flat_areas::{FlatArea, flat_areas};
-use crate::scales::local_means::local_means;
 use crate::simd::Level;
 
 /// How far from an area pixels count for its plane.
@@ -83,7 +83,7 @@ pub fn draw(map: &mut Disparity, pair: &Pair, level: Level, control: &Control) -
     let areas = flat_areas(gray.plane(level, control)?, gray.reach(), control)?;
 
     let size = (confidence.rows(), confidence.cols());
-    let around = local_means(size, FEW, |y, row| row.copy_from_slice(confidence.row(y)))?;
+    let around = window_means(size, FEW, |y| confidence.row(y).iter().copied())?;
     let scene = Scene {
         disparity: &map.disparity,
         confidence,
@@ -159,7 +159,7 @@ impl Scene<'_> {
 
         let nearby = |tiles: &Plane<f32>| {
             let size = (tiles.rows(), tiles.cols());
-            local_means(size, NEARBY, |y, row| row.copy_from_slice(tiles.row(y)))
+            window_means(size, NEARBY, |y| tiles.row(y).iter().copied())
         };
         let (agree, all) = (nearby(&agree)?, nearby(&all)?);
         let inside = area.near((&frame.rows, &frame.cols), DRAWN, self.control)?;

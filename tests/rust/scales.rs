@@ -6,13 +6,13 @@ use crate::common::{hash, levels};
 use ndarray::Array3;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::view::{Image, Mask, View};
+use phasestereo::internals::image::window_sums::window_means;
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::{Disparity, Execution, Matcher, Pair, Timings};
 use phasestereo::internals::refinement::flag;
 use phasestereo::internals::rig::estimation::{Known, Means, prepare, prepare_and_match};
 use phasestereo::internals::scales::choice::{Doubt, choose};
 use phasestereo::internals::scales::flat_areas::{FlatArea, flat_areas};
-use phasestereo::internals::scales::local_means::local_means;
 use phasestereo::internals::scales::planes::draw;
 use phasestereo::internals::scales::reduction::halved;
 use phasestereo::internals::settings::Settings;
@@ -61,11 +61,11 @@ fn naive_mean(plane: &Plane<f32>, (y, x): (usize, usize), radius: isize) -> f32 
 }
 
 #[test]
-fn local_means_are_those_of_every_window() {
+fn means_of_windows_are_those_of_every_window_by_itself() {
     for (size, radius) in [((1, 1), 3), ((70, 9), 2), ((131, 40), 15), ((5, 80), 30)] {
         let plane = Plane::from_fn(size.0, size.1, |y, x| random(7, y, x));
 
-        let means = local_means(size, radius, |y, row| row.copy_from_slice(plane.row(y)));
+        let means = window_means(size, radius, |y| plane.row(y).iter().copied());
 
         let naive =
             Plane::from_fn(size.0, size.1, |y, x| naive_mean(&plane, (y, x), radius as isize));
