@@ -8,6 +8,7 @@ pub mod masking;
 pub mod normalization;
 pub mod packing;
 pub mod plane;
+pub mod regions;
 pub mod smoothing;
 pub mod texture;
 pub mod view;

@@ -13,6 +13,7 @@ use std::ops::Range;
 
 use crate::error::Result;
 use crate::image::plane::Plane;
+use crate::image::regions::{Connectivity, Region, Regions, Run};
 use crate::image::window_sums::{Beyond, Windows};
 use crate::pipeline::control::Control;
 
@@ -50,17 +51,10 @@ pub fn flat_areas(mut gray: Plane<i32>, reach: u32, control: &Control) -> Result
     let lost = grown(&flat.map(|is_flat| !is_flat), 1, control)?;
     let opened = grown(&lost.map(|is_lost| !is_lost), 1, control)?;
 
-    let mut areas = connected(&opened);
-    areas.retain(|area| area.pixels() as f64 >= least);
-    Ok(areas)
+    large(&opened, least, control)
 }
 
 impl FlatArea {
-    /// The number of its pixels.
-    pub fn pixels(&self) -> usize {
-        self.runs.iter().map(|(_, run)| run.len()).sum()
-    }
-
     /// The pixels of these rows and columns that are at most `radius` rows and columns from the area.
     pub fn near(
         &self,
@@ -141,55 +135,55 @@ fn grown(marked: &Plane<bool>, radius: usize, control: &Control) -> Result<Plane
     })
 }
 
-/// The 4-connected areas of marked pixels: runs along rows, joined where they touch.
-fn connected(marked: &Plane<bool>) -> Vec<FlatArea> {
-    let mut runs: Vec<(usize, Range<usize>)> = vec![];
-    // Each run leads to another one of its area, or to itself.
-    let mut joined: Vec<usize> = vec![];
-    let mut above = 0..0;
+/// Marked pixels, which are connected with marked neighbors.
+struct Marked<'a>(&'a Plane<bool>);
 
-    for y in 0..marked.rows() {
-        let first = runs.len();
+impl<'a> Connectivity for Marked<'a> {
+    type Row = &'a [bool];
+
+    fn size(&self) -> (usize, usize) {
+        (self.0.rows(), self.0.cols())
+    }
+
+    fn row(&self, y: usize) -> &'a [bool] {
+        self.0.row(y)
+    }
+
+    fn add_runs(row: &&[bool], runs: &mut Vec<Run>) {
         let mut start = 0;
-        for part in marked.row(y).chunk_by(|a, b| a == b) {
+        for part in row.chunk_by(|a, b| a == b) {
+            let end = start + part.len() as u32;
             if part[0] {
-                joined.push(runs.len());
-                runs.push((y, start..start + part.len()));
+                runs.push(Run { start, end });
             }
-            start += part.len();
+            start = end;
         }
-
-        let mut next = above.start;
-        for index in first..runs.len() {
-            let run = runs[index].1.clone();
-            while next < above.end && runs[next].1.end <= run.start {
-                next += 1;
-            }
-            for other in (next..above.end).take_while(|other| runs[*other].1.start < run.end) {
-                let [a, b] = [root(&joined, index), root(&joined, other)];
-                joined[a.max(b)] = a.min(b);
-            }
-        }
-        above = first..runs.len();
     }
 
-    let mut areas: Vec<Option<FlatArea>> = vec![None; runs.len()];
-    for (index, (y, run)) in runs.into_iter().enumerate() {
-        let of_none = || FlatArea { rows: y..y + 1, cols: run.clone(), runs: vec![] };
-        let area = areas[root(&joined, index)].get_or_insert_with(of_none);
-
-        area.rows.end = y + 1;
-        area.cols = area.cols.start.min(run.start)..area.cols.end.max(run.end);
-        area.runs.push((y, run));
+    fn is_connected(&self, _: &&[bool], _: &&[bool], _: Range<usize>) -> bool {
+        true
     }
-
-    areas.into_iter().flatten().collect()
 }
 
-/// The first run of the area of a run.
-fn root(joined: &[usize], mut index: usize) -> usize {
-    while joined[index] != index {
-        index = joined[index];
+/// The areas of so many marked pixels or more, by their first pixels.
+fn large(marked: &Plane<bool>, least: f64, control: &Control) -> Result<Vec<FlatArea>> {
+    let regions = Regions::find(&Marked(marked), control)?;
+    let mut areas: Vec<(Region, FlatArea)> = vec![];
+
+    for y in 0..marked.rows() {
+        for (run, region) in regions.row(y).filter(|(_, region)| region.pixels as f64 >= least) {
+            // There are few.
+            let known = areas.iter().position(|(one, _)| *one == region).unwrap_or(areas.len());
+            if known == areas.len() {
+                areas.push((region, FlatArea { rows: y..y, cols: run.clone(), runs: vec![] }));
+            }
+
+            let area = &mut areas[known].1;
+            area.rows.end = y + 1;
+            area.cols = area.cols.start.min(run.start)..area.cols.end.max(run.end);
+            area.runs.push((y, run));
+        }
     }
-    index
+
+    Ok(areas.into_iter().map(|(_, area)| area).collect())
 }
