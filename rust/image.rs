@@ -8,6 +8,8 @@ pub mod masking;
 pub mod normalization;
 pub mod packing;
 pub mod plane;
+pub mod regions;
 pub mod smoothing;
 pub mod texture;
 pub mod view;
+pub mod window_sums;

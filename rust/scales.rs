@@ -23,7 +23,6 @@
 
 pub mod choice;
 pub mod flat_areas;
-pub mod local_means;
 pub mod planes;
 pub mod ranges;
 pub mod reduction;

@@ -15,9 +15,9 @@ use rayon::prelude::*;
 
 use crate::error::Result;
 use crate::image::plane::Plane;
+use crate::image::window_sums::window_means;
 use crate::pipeline::matcher::Disparity;
 use crate::refinement::flag;
-use crate::scales::local_means::local_means;
 
 /// How far surroundings reach, pixels of the map.
 const RADIUS: usize = 15;
@@ -50,13 +50,9 @@ impl Doubt {
         doubt: impl Fn(f32) -> f32 + Sync,
     ) -> Result<Self> {
         let size = (confidence.rows(), confidence.cols());
-        let means = local_means(size, radius, |y, values| {
-            for (value, confidence) in values.iter_mut().zip(confidence.row(y)) {
-                *value = doubt(*confidence);
-            }
-        })?;
+        let doubts = |y: usize| confidence.row(y).iter().map(|confidence| doubt(*confidence));
 
-        Ok(Self(means))
+        Ok(Self(window_means(size, radius, doubts)?))
     }
 
     /// The share of the pixels in doubt.

@@ -13,12 +13,16 @@ use std::ops::Range;
 
 use crate::error::Result;
 use crate::image::plane::Plane;
+use crate::image::regions::{Connectivity, Region, Regions, Run};
+use crate::image::window_sums::{Beyond, Windows};
 use crate::pipeline::control::Control;
 
 /// Least share of the image of an area.
 const LEAST_SHARE: f64 = 0.01;
 /// How far the window of the deviation reaches.
 const RADIUS: usize = 2;
+/// Rows in which one task takes the deviations.
+const BAND: usize = 32;
 /// Most bits of the magnitude of a gray value.
 const MOST_BITS: u32 = 15;
 /// About so many pixels are looked at for the noise.
@@ -47,17 +51,10 @@ pub fn flat_areas(mut gray: Plane<i32>, reach: u32, control: &Control) -> Result
     let lost = grown(&flat.map(|is_flat| !is_flat), 1, control)?;
     let opened = grown(&lost.map(|is_lost| !is_lost), 1, control)?;
 
-    let mut areas = connected(&opened);
-    areas.retain(|area| area.pixels() as f64 >= least);
-    Ok(areas)
+    large(&opened, least, control)
 }
 
 impl FlatArea {
-    /// The number of its pixels.
-    pub fn pixels(&self) -> usize {
-        self.runs.iter().map(|(_, run)| run.len()).sum()
-    }
-
     /// The pixels of these rows and columns that are at most `radius` rows and columns from the area.
     pub fn near(
         &self,
@@ -78,39 +75,15 @@ impl FlatArea {
 fn flat(gray: &Plane<i32>, control: &Control) -> Result<Plane<bool>> {
     let (rows, cols) = (gray.rows(), gray.cols());
     let noise = noise(gray);
-    let window = |at: usize, count| at.saturating_sub(RADIUS)..(at + RADIUS + 1).min(count);
+    let windows = Windows { size: (rows, cols), radius: RADIUS, beyond: Beyond::Nothing };
+    let moments = |y: usize| gray.row(y).iter().map(|gray| i64::from(*gray)).map(|g| [g, g * g]);
 
-    Plane::by_rows((rows, cols), control, |y, flat: &mut [bool]| {
-        // Sums, and sums of squares, of the columns of the window.
-        let (mut sums, mut squares) = (vec![0_i64; cols], vec![0_i64; cols]);
-        for y in window(y, rows) {
-            for ((sum, square), gray) in sums.iter_mut().zip(&mut squares).zip(gray.row(y)) {
-                let gray = i64::from(*gray);
-                *sum += gray;
-                *square += gray * gray;
-            }
-        }
-
-        let height = window(y, rows).len();
-        let (mut sum, mut square) = (0, 0);
-        for x in 0..RADIUS.min(cols) {
-            sum += sums[x];
-            square += squares[x];
-        }
-
-        for (x, flat) in flat.iter_mut().enumerate() {
-            if x + RADIUS < cols {
-                sum += sums[x + RADIUS];
-                square += squares[x + RADIUS];
-            }
-            if x > RADIUS {
-                sum -= sums[x - RADIUS - 1];
-                square -= squares[x - RADIUS - 1];
-            }
-
-            let count = (height * window(x, cols).len()) as i64;
-            *flat = count * square - sum * sum <= count * count * noise * noise;
-        }
+    Plane::by_bands((rows, cols), BAND, |first, band| {
+        control.checkpoint()?;
+        windows.write((first, band), moments, |y, x, [sum, squares]| {
+            let count = windows.pixels(y, x) as i64;
+            count * squares - sum * sum <= count * count * noise * noise
+        })
     })
 }
 
@@ -162,55 +135,55 @@ fn grown(marked: &Plane<bool>, radius: usize, control: &Control) -> Result<Plane
     })
 }
 
-/// The 4-connected areas of marked pixels: runs along rows, joined where they touch.
-fn connected(marked: &Plane<bool>) -> Vec<FlatArea> {
-    let mut runs: Vec<(usize, Range<usize>)> = vec![];
-    // Each run leads to another one of its area, or to itself.
-    let mut joined: Vec<usize> = vec![];
-    let mut above = 0..0;
+/// Marked pixels, which are connected with marked neighbors.
+struct Marked<'a>(&'a Plane<bool>);
 
-    for y in 0..marked.rows() {
-        let first = runs.len();
+impl<'a> Connectivity for Marked<'a> {
+    type Row = &'a [bool];
+
+    fn size(&self) -> (usize, usize) {
+        (self.0.rows(), self.0.cols())
+    }
+
+    fn row(&self, y: usize) -> &'a [bool] {
+        self.0.row(y)
+    }
+
+    fn add_runs(row: &&[bool], runs: &mut Vec<Run>) {
         let mut start = 0;
-        for part in marked.row(y).chunk_by(|a, b| a == b) {
+        for part in row.chunk_by(|a, b| a == b) {
+            let end = start + part.len() as u32;
             if part[0] {
-                joined.push(runs.len());
-                runs.push((y, start..start + part.len()));
+                runs.push(Run { start, end });
             }
-            start += part.len();
+            start = end;
         }
-
-        let mut next = above.start;
-        for index in first..runs.len() {
-            let run = runs[index].1.clone();
-            while next < above.end && runs[next].1.end <= run.start {
-                next += 1;
-            }
-            for other in (next..above.end).take_while(|other| runs[*other].1.start < run.end) {
-                let [a, b] = [root(&joined, index), root(&joined, other)];
-                joined[a.max(b)] = a.min(b);
-            }
-        }
-        above = first..runs.len();
     }
 
-    let mut areas: Vec<Option<FlatArea>> = vec![None; runs.len()];
-    for (index, (y, run)) in runs.into_iter().enumerate() {
-        let of_none = || FlatArea { rows: y..y + 1, cols: run.clone(), runs: vec![] };
-        let area = areas[root(&joined, index)].get_or_insert_with(of_none);
-
-        area.rows.end = y + 1;
-        area.cols = area.cols.start.min(run.start)..area.cols.end.max(run.end);
-        area.runs.push((y, run));
+    fn is_connected(&self, _: &&[bool], _: &&[bool], _: Range<usize>) -> bool {
+        true
     }
-
-    areas.into_iter().flatten().collect()
 }
 
-/// The first run of the area of a run.
-fn root(joined: &[usize], mut index: usize) -> usize {
-    while joined[index] != index {
-        index = joined[index];
+/// The areas of so many marked pixels or more, by their first pixels.
+fn large(marked: &Plane<bool>, least: f64, control: &Control) -> Result<Vec<FlatArea>> {
+    let regions = Regions::find(&Marked(marked), control)?;
+    let mut areas: Vec<(Region, FlatArea)> = vec![];
+
+    for y in 0..marked.rows() {
+        for (run, region) in regions.row(y).filter(|(_, region)| region.pixels as f64 >= least) {
+            // There are few.
+            let known = areas.iter().position(|(one, _)| *one == region).unwrap_or(areas.len());
+            if known == areas.len() {
+                areas.push((region, FlatArea { rows: y..y, cols: run.clone(), runs: vec![] }));
+            }
+
+            let area = &mut areas[known].1;
+            area.rows.end = y + 1;
+            area.cols = area.cols.start.min(run.start)..area.cols.end.max(run.end);
+            area.runs.push((y, run));
+        }
     }
-    index
+
+    Ok(areas.into_iter().map(|(_, area)| area).collect())
 }

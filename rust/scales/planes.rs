@@ -6,13 +6,22 @@
 //!
 //! ```text
 //! weight    = confidence^2, in the area and RING pixels around it
-//! samples   = SAMPLES pixels at even steps of the sum of weights, of those with weight > LEAST_WEIGHT
-//! plane     = of TRIALS planes through three samples, the one that most samples are near; then least squares
+//! samples   = the pixels with weight > LEAST_WEIGHT at which the sum of these reaches k / SAMPLES of all, k = 1, 2, ..
+//! plane     = of TRIALS planes through three samples, the one that most samples are near; then least squares, three times,
+//!             of the samples that are near
 //! agree     = |disparity - plane| < 1
 //! whole     = share of the weight that agrees; no plane unless it is the larger part
 //! p         = TRUST (n near + PRIOR whole) / (n + PRIOR),  n the mean weight, near the share that agrees, nearby
 //! disparity = plane where p > confidence, own and of a few pixels, and |disparity - plane| > 1/2, in the area
+//!
+//! trial:   sample i mod count, with i the upper 31 bits of the next state of Knuth's MMIX generator, which begins with 1
+//! through: of two samples less the first one, (x, y, d) and (u, v, e): span = x v - y u, not below LEAST_SPAN
+//!          slopes = (d v - y e) / span, (x e - d u) / span, not beyond STEEPEST
+//! fitted:  of the samples less their mean, with xy the sum of x y: determinant = xx yy - xy xy, not below 1
+//!          slopes = (xd yy - yd xy) / determinant, (yd xx - xd xy) / determinant
 //! ```
+//!
+//! Sums of floats are taken in reading order; over areas, of tiles, which count from the corner of the area and its ring.
 //!
 //! Drawn pixels are flagged as inferred and have the confidence p. Their error bar follows from it, if the odds of an error
 //! fall in proportion to the tolerance: 9 (1 - p) / p px for 90 %.
@@ -22,11 +31,11 @@ use std::ops::Range;
 use crate::error::Result;
 use crate::image::intensity::Gray;
 use crate::image::plane::Plane;
+use crate::image::window_sums::window_means;
 use crate::pipeline::control::Control;
 use crate::pipeline::matcher::{Disparity, Pair};
 use crate::refinement::flag;
 use crate::scales::flat_areas::{FlatArea, flat_areas};
-use crate::scales::local_means::local_means;
 use crate::simd::Level;
 
 /// How far from an area pixels count for its plane.
@@ -83,7 +92,7 @@ pub fn draw(map: &mut Disparity, pair: &Pair, level: Level, control: &Control) -
     let areas = flat_areas(gray.plane(level, control)?, gray.reach(), control)?;
 
     let size = (confidence.rows(), confidence.cols());
-    let around = local_means(size, FEW, |y, row| row.copy_from_slice(confidence.row(y)))?;
+    let around = window_means(size, FEW, |y| confidence.row(y).iter().copied())?;
     let scene = Scene {
         disparity: &map.disparity,
         confidence,
@@ -159,7 +168,7 @@ impl Scene<'_> {
 
         let nearby = |tiles: &Plane<f32>| {
             let size = (tiles.rows(), tiles.cols());
-            local_means(size, NEARBY, |y, row| row.copy_from_slice(tiles.row(y)))
+            window_means(size, NEARBY, |y| tiles.row(y).iter().copied())
         };
         let (agree, all) = (nearby(&agree)?, nearby(&all)?);
         let inside = area.near((&frame.rows, &frame.cols), DRAWN, self.control)?;

@@ -18,7 +18,8 @@
 
 use crate::cost::Costs;
 use crate::error::Result;
-use crate::image::plane::{Plane, zeroed};
+use crate::image::plane::Plane;
+use crate::image::window_sums::{Beyond, Windows};
 use crate::pipeline::control::Control;
 use crate::pipeline::matcher::Disparity;
 
@@ -70,12 +71,12 @@ impl Evidence {
             Ok(())
         })?;
 
+        let windows = Windows { size, radius: RADIUS, beyond: Beyond::Nothing };
         let against = Plane::by_bands(size, BAND, |first, band| {
             control.checkpoint()?;
-            let rows = first..first + band.len() / cols;
-            let value = |y: usize, x: usize| differences.row(y)[x].by_side();
-            window_sums(size, rows, RADIUS, value, |y, x, sums| {
-                band[(y - first) * cols + x] = strength(differences.row(y)[x].side, sums);
+            let values = |y: usize| differences.row(y).iter().map(|one| one.by_side());
+            windows.write((first, band), values, |y, x, sums| {
+                strength(differences.row(y)[x].side, sums)
             })
         })?;
 
@@ -140,93 +141,9 @@ pub fn cost_at(costs: &Costs, cols: usize, (y, x): (usize, usize), disparity: f3
     Some(near + costs.between(y, x, column + 1)? as i32 * rest)
 }
 
-/// Sums over the square windows around the pixels of some rows, as far as the image has them.
-pub fn window_sums<const N: usize>(
-    (rows, cols): (usize, usize),
-    wanted: std::ops::Range<usize>,
-    radius: usize,
-    value: impl Fn(usize, usize) -> [i32; N],
-    mut take: impl FnMut(usize, usize, [i32; N]),
-) -> Result<()> {
-    // The sums of each column over the rows of the window.
-    let mut columns = zeroed::<i32>(cols * N)?;
-    let add = |columns: &mut [i32], y: usize, sign: i32| {
-        for (x, sums) in columns.as_chunks_mut::<N>().0.iter_mut().enumerate() {
-            let values = value(y, x);
-            for (sum, value) in sums.iter_mut().zip(values) {
-                *sum += sign * value;
-            }
-        }
-    };
-
-    for y in wanted.start.saturating_sub(radius)..(wanted.start + radius).min(rows) {
-        add(&mut columns, y, 1);
-    }
-
-    for y in wanted {
-        if y + radius < rows {
-            add(&mut columns, y + radius, 1);
-        }
-
-        let columns_now = columns.as_chunks::<N>().0;
-        let mut sums = [0; N];
-        let change = |sums: &mut [i32; N], x: usize, sign: i32| {
-            for (sum, column) in sums.iter_mut().zip(columns_now[x]) {
-                *sum += sign * column;
-            }
-        };
-
-        (0..radius.min(cols)).for_each(|x| change(&mut sums, x, 1));
-        for x in 0..cols {
-            if x + radius < cols {
-                change(&mut sums, x + radius, 1);
-            }
-            take(y, x, sums);
-            if x >= radius {
-                change(&mut sums, x - radius, -1);
-            }
-        }
-
-        if y >= radius {
-            add(&mut columns, y - radius, -1);
-        }
-    }
-
-    Ok(())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn window_sums_equal_those_of_every_window_by_itself() {
-        let (rows, cols) = (9_usize, 7_usize);
-        let value = |y: usize, x: usize| [(y * 31 + x * 17) as i32 % 11 - 5, (y + x) as i32 % 3];
-
-        for radius in [0, 1, 3, 12] {
-            for wanted in [0..rows, 0..1, 3..8] {
-                let mut seen = 0;
-                let check = |y: usize, x: usize, sums: [i32; 2]| {
-                    let mut expected = [0, 0];
-                    for v in 0..rows {
-                        for u in 0..cols {
-                            if v.abs_diff(y) <= radius && u.abs_diff(x) <= radius {
-                                expected[0] += value(v, u)[0];
-                                expected[1] += value(v, u)[1];
-                            }
-                        }
-                    }
-                    assert_eq!(sums, expected, "row {y}, column {x}, radius {radius}");
-                    seen += 1;
-                };
-
-                let count = wanted.len() * cols;
-                window_sums((rows, cols), wanted, radius, value, check).expect("enough memory");
-                assert_eq!(seen, count);
-            }
-        }
-    }
 
     #[test]
     fn costs_between_two_columns_are_interpolated() {

@@ -26,12 +26,13 @@
 
 use crate::error::Result;
 use crate::image::plane::{Plane, zeroed};
+use crate::image::window_sums::{Beyond, Windows};
 use crate::math::ln;
 use crate::pipeline::control::Control;
 use crate::pipeline::matcher::Disparity;
 use crate::refinement::flag;
 use crate::verification::claims::right_column;
-use crate::verification::evidence::{DIFFERENT, Evidence, window_sums};
+use crate::verification::evidence::{DIFFERENT, Evidence};
 use crate::verification::{Counts, verdict};
 
 const OFFSET: f64 = -1.95;
@@ -170,17 +171,13 @@ impl Jury<'_> {
     /// The logit of the mean confidence around the pixels of some rows.
     fn trust(&self, rows: std::ops::Range<usize>) -> Result<Vec<f64>> {
         let size = (self.map.rows(), self.map.cols());
+        let windows = Windows { size, radius: TRUST_RADIUS, beyond: Beyond::Nothing };
         let mut trust = zeroed(rows.len() * size.1)?;
-        let first = rows.start;
-        let reach = |place: usize, length: usize| {
-            (place + TRUST_RADIUS + 1).min(length) - place.saturating_sub(TRUST_RADIUS)
-        };
 
-        let value = |y: usize, x: usize| [(self.confidence(y, x) * STEPS) as i32];
-        window_sums(size, rows, TRUST_RADIUS, value, |y, x, [sum]| {
-            let pixels = (reach(y, size.0) * reach(x, size.1)) as f64;
-            let mean = f64::from(sum) / f64::from(STEPS) / pixels;
-            trust[(y - first) * size.1 + x] = logit(mean).clamp(-3.0, 4.0);
+        let steps = |y: usize| (0..size.1).map(move |x| [(self.confidence(y, x) * STEPS) as i32]);
+        windows.write((rows.start, &mut trust), steps, |y, x, [sum]| {
+            let mean = f64::from(sum) / f64::from(STEPS) / windows.pixels(y, x) as f64;
+            logit(mean).clamp(-3.0, 4.0)
         })?;
 
         Ok(trust)

@@ -22,6 +22,7 @@ mod median;
 mod normalization;
 mod optimization;
 mod outlines;
+mod planes;
 mod reference;
 mod scales;
 mod smoothing;

@@ -1,27 +1,23 @@
-//! Matching over scales: every stage as a naive one computes it, and planes where they were put.
-
-use std::collections::BTreeSet;
+//! Matching over scales: every stage as a naive one computes it.
 
 use crate::common::{hash, levels};
 use ndarray::Array3;
 use phasestereo::internals::cost::candidates::Candidates;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::view::{Image, Mask, View};
+use phasestereo::internals::image::window_sums::window_means;
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::{Disparity, Execution, Matcher, Pair, Timings};
 use phasestereo::internals::refinement::flag;
 use phasestereo::internals::rig::estimation::{Known, Means, prepare, prepare_and_match};
 use phasestereo::internals::scales::choice::{Doubt, choose};
-use phasestereo::internals::scales::flat_areas::{FlatArea, flat_areas};
-use phasestereo::internals::scales::local_means::local_means;
-use phasestereo::internals::scales::planes::draw;
 use phasestereo::internals::scales::ranges::panel_ranges;
 use phasestereo::internals::scales::reduction::halved;
 use phasestereo::internals::settings::{Optimizer, Settings};
 use phasestereo::internals::simd::Level;
 
 /// A number from 0 to 1.
-fn random(salt: u64, y: usize, x: usize) -> f32 {
+pub fn random(salt: u64, y: usize, x: usize) -> f32 {
     (hash(salt, y, x) % 1024) as f32 / 1023.0
 }
 
@@ -46,7 +42,7 @@ fn map((rows, cols): (usize, usize), salt: u64, scale: f32) -> Disparity {
 }
 
 /// The mean of the window that reaches so far, as far as the plane does.
-fn naive_mean(plane: &Plane<f32>, (y, x): (usize, usize), radius: isize) -> f32 {
+pub fn naive_mean(plane: &Plane<f32>, (y, x): (usize, usize), radius: isize) -> f32 {
     let (mut sum, mut count) = (0_u64, 0_u64);
     for dy in -radius..=radius {
         for dx in -radius..=radius {
@@ -63,11 +59,11 @@ fn naive_mean(plane: &Plane<f32>, (y, x): (usize, usize), radius: isize) -> f32 
 }
 
 #[test]
-fn local_means_are_those_of_every_window() {
+fn means_of_windows_are_those_of_every_window_by_itself() {
     for (size, radius) in [((1, 1), 3), ((70, 9), 2), ((131, 40), 15), ((5, 80), 30)] {
         let plane = Plane::from_fn(size.0, size.1, |y, x| random(7, y, x));
 
-        let means = local_means(size, radius, |y, row| row.copy_from_slice(plane.row(y)));
+        let means = window_means(size, radius, |y| plane.row(y).iter().copied());
 
         let naive =
             Plane::from_fn(size.0, size.1, |y, x| naive_mean(&plane, (y, x), radius as isize));
@@ -147,168 +143,6 @@ fn the_choice_is_that_of_a_naive_one() {
         }
     }
     assert!(changed > 200, "{changed} pixels were chosen from the copy");
-}
-
-/// Gray values with smooth patches in texture.
-fn patched(rows: usize, cols: usize) -> Plane<i32> {
-    Plane::from_fn(rows, cols, |y, x| {
-        let is_smooth = random(3, y / 23, x / 31) > 0.5;
-        let grain = random(4, y, x) * if is_smooth { 40.0 } else { 4000.0 };
-        // Large texture has a small Laplacian.
-        let waves = if is_smooth { 0.0 } else { 1500.0 * (((x + 2 * y) % 16) as f32 - 8.0).abs() };
-        (grain + waves) as i32
-    })
-}
-
-fn naive_flat(gray: &Plane<i32>) -> Plane<bool> {
-    let (rows, cols) = (gray.rows(), gray.cols());
-    let mut laplacian: Vec<i64> = (1..rows - 1)
-        .flat_map(|y| (1..cols - 1).map(move |x| (y, x)))
-        .map(|(y, x)| {
-            let [g, n, s] = [y, y - 1, y + 1].map(|y| gray.row(y));
-            i64::from((4 * g[x] - n[x] - s[x] - g[x - 1] - g[x + 1]).abs())
-        })
-        .collect();
-    laplacian.sort_unstable();
-    let noise = i128::from(laplacian[laplacian.len() / 2]);
-
-    let near = |at: usize, by: usize, count: usize| at.saturating_sub(by)..(at + by + 1).min(count);
-    let flat = Plane::from_fn(rows, cols, |y, x| {
-        let values: Vec<i128> = near(y, 2, rows)
-            .flat_map(|y| near(x, 2, cols).map(move |x| (y, x)))
-            .map(|(y, x)| gray.row(y)[x].into())
-            .collect();
-        let count = values.len() as i128;
-        let sum: i128 = values.iter().sum();
-        let squares: i128 = values.iter().map(|value| value * value).sum();
-        count * squares - sum * sum <= (count * noise).pow(2)
-    });
-
-    let every = |plane: &Plane<bool>, y: usize, x: usize, wanted: bool| {
-        near(y, 1, rows).all(|y| near(x, 1, cols).all(|x| plane.row(y)[x] == wanted))
-    };
-    let eroded = Plane::from_fn(rows, cols, |y, x| every(&flat, y, x, true));
-    Plane::from_fn(rows, cols, |y, x| !every(&eroded, y, x, false))
-}
-
-#[test]
-fn flat_areas_are_those_of_a_naive_search() {
-    let gray = patched(90, 130);
-    let flat = naive_flat(&gray);
-
-    // Every pixel of a flat area, by the first pixel that it is connected with.
-    let mut naive = BTreeSet::new();
-    let mut seen = BTreeSet::new();
-    for start in (0..90).flat_map(|y| (0..130).map(move |x| (y, x))) {
-        let (mut open, mut area) = (vec![start], BTreeSet::new());
-        while let Some((y, x)) = open.pop() {
-            let is_inside = y < 90 && x < 130;
-            if is_inside && flat.row(y)[x] && seen.insert((y, x)) {
-                area.insert((y, x));
-                open.extend([(y + 1, x), (y, x + 1)]);
-                open.extend(y.checked_sub(1).map(|y| (y, x)));
-                open.extend(x.checked_sub(1).map(|x| (y, x)));
-            }
-        }
-        if area.len() >= 117 {
-            naive.insert(area);
-        }
-    }
-
-    let areas = flat_areas(gray, 1 << 13, &Control::default()).expect("enough memory");
-    let pixels = |area: &FlatArea| {
-        let marked = area.near((&(0..90), &(0..130)), 0, &Control::default()).expect("memory");
-        let all = (0..90).flat_map(|y| (0..130).map(move |x| (y, x)));
-        all.filter(|&(y, x)| marked.row(y)[x]).collect::<BTreeSet<_>>()
-    };
-
-    assert!(naive.len() > 1);
-    assert_eq!(areas.iter().map(pixels).collect::<BTreeSet<_>>(), naive);
-}
-
-/// Gray values as a view.
-fn as_view(plane: &Plane<i32>) -> View {
-    let pixel = |(y, x, _)| plane.row(y)[x] as u16;
-    View::from(Image::U16(Array3::from_shape_fn((plane.rows(), plane.cols(), 1), pixel)))
-}
-
-/// A smooth board in texture: rows, columns.
-const BOARD: [std::ops::Range<usize>; 2] = [30..150, 40..220];
-
-fn is_board(y: usize, x: usize) -> bool {
-    BOARD[0].contains(&y) && BOARD[1].contains(&x)
-}
-
-/// A pair that shows the board, and a map that knows `surface` at its outline alone.
-fn board(surface: impl Fn(usize, usize) -> f32) -> (Pair, Disparity) {
-    let gray = Plane::from_fn(180, 260, |y, x| {
-        let grain = hash(5, y, x) % 2000;
-        if is_board(y, x) { 9000 + grain as i32 / 100 } else { 8000 + 2 * grain as i32 }
-    });
-    let pair = Pair::new(as_view(&gray), as_view(&gray), 0, 64).expect("a legal pair");
-
-    // Inside, 8 px from the outline, nothing is known: the disparities are wrong and in doubt.
-    let is_unknown = |y: usize, x: usize| {
-        is_board(y.saturating_sub(8), x.saturating_sub(8)) && is_board(y + 8, x + 8)
-    };
-    let disparity = |y: usize, x: usize| {
-        if is_unknown(y, x) { 60.0 * random(6, y / 5, x / 5) } else { surface(y, x) }
-    };
-    let map = Disparity {
-        disparity: Plane::from_fn(180, 260, disparity),
-        flags: Plane::from_fn(180, 260, |_, _| flag::FILLED),
-        confidence: Some(Plane::from_fn(
-            180,
-            260,
-            |y, x| if is_unknown(y, x) { 0.2 } else { 0.95 },
-        )),
-        uncertainty: Some(Plane::from_fn(180, 260, |_, _| 1.0)),
-        wrong: None,
-        timings: Timings::default(),
-    };
-    (pair, map)
-}
-
-fn drawn(pair: &Pair, mut map: Disparity) -> Disparity {
-    draw(&mut map, pair, Level::best(), &Control::default()).expect("enough memory");
-    map
-}
-
-#[test]
-fn a_plain_board_becomes_the_plane_of_its_outline() {
-    let plane = |y: usize, x: usize| 10.0 + 0.1 * x as f32 - 0.05 * y as f32;
-    let (pair, before) = board(plane);
-    let map = drawn(&pair, before.clone());
-
-    for (y, x) in [(40, 60), (90, 130), (140, 200)] {
-        assert!((map.disparity.row(y)[x] - plane(y, x)).abs() < 0.05, "{y}, {x}");
-        assert_eq!(map.flags.row(y)[x], flag::INFERRED);
-    }
-
-    // A plane is as sure as the outline agrees, less so far from it.
-    let (confidence, bars) = (map.confidence.expect("made so"), map.uncertainty.expect("made so"));
-    assert!((0.6..0.75).contains(&confidence.row(90)[130]), "{}", confidence.row(90)[130]);
-    assert!((0.8..0.9).contains(&confidence.row(40)[60]), "{}", confidence.row(40)[60]);
-    assert!((3.0..6.0).contains(&bars.row(90)[130]), "{}", bars.row(90)[130]);
-
-    // The texture around keeps what it has.
-    assert_eq!(map.disparity.row(10), before.disparity.row(10));
-    assert_eq!(map.flags.row(10), before.flags.row(10));
-}
-
-#[test]
-fn what_is_not_a_plane_is_not_drawn() {
-    let ball = |y: usize, x: usize| {
-        let [y, x] = [y as f32 - 90.0, x as f32 - 130.0];
-        40.0 - (y * y + x * x) / 500.0
-    };
-    let (pair, before) = board(ball);
-    let map = drawn(&pair, before.clone());
-    assert_eq!(map, before);
-
-    // Nothing lies behind infinity.
-    let (pair, before) = board(|y, _| -3.0 - 0.1 * y as f32);
-    assert_eq!(drawn(&pair, before.clone()), before);
 }
 
 fn means<'a>(
