@@ -820,6 +820,7 @@ mod temporal {
             confidence: None,
             uncertainty: None,
             wrong: None,
+            detail: None,
             timings: Timings::default(),
         };
         let (settings, control) = (fast(), Control::default());

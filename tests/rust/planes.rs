@@ -299,6 +299,7 @@ fn scattered((rows, cols): (usize, usize), plane: [f32; 3], off: f32, salt: u64)
         confidence: Some(Plane::from_fn(rows, cols, confidence)),
         uncertainty: Some(Plane::from_fn(rows, cols, |y, x| random(salt + 7, y, x))),
         wrong: None,
+        detail: None,
         timings: Timings::default(),
     }
 }
@@ -395,6 +396,7 @@ fn board(surface: impl Fn(usize, usize) -> f32) -> (Pair, Disparity) {
         )),
         uncertainty: Some(Plane::from_fn(180, 260, |_, _| 1.0)),
         wrong: None,
+        detail: None,
         timings: Timings::default(),
     };
     (pair, map)
