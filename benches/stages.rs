@@ -828,6 +828,7 @@ mod temporal {
             confidence: None,
             uncertainty: None,
             wrong: None,
+            detail: None,
             timings: Timings::default(),
         };
         let (settings, control) = (fast(), Control::default());

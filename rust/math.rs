@@ -7,4 +7,4 @@
 
 #[cfg(test)]
 pub use libm::tan;
-pub use libm::{atan2, cos, exp, hypot, log as ln, sin, sincos as sin_cos};
+pub use libm::{atan2, cos, exp, exp2, hypot, log as ln, sin, sincos as sin_cos};

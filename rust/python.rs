@@ -182,7 +182,7 @@ type SupportTuple<'py> = (Bound<'py, PyArray2<u8>>, f64);
 
 /// The shares of pixels with an estimate, flagged, at the least and at the largest disparity; mean confidence; the
 /// estimated share of wrong pixels; the shares decided by smaller copies and by planes.
-type SummaryTuple = (f64, f64, f64, f64, f64, f64, f64, f64);
+type SummaryTuple = (f64, f64, f64, f64, f64, f64, f64, f64, f64);
 
 /// The map, its summary, the estimates, what a temporal filter gives, and findings on the match.
 type WholeTuple<'py> =
@@ -234,9 +234,18 @@ fn match_pair<'py>(
 }
 
 fn summary_to_py(summary: Summary) -> SummaryTuple {
-    let Summary { estimated, flagged, at_low, at_high, confidence, wrong, coarse, inferred } =
-        summary;
-    (estimated, flagged, at_low, at_high, confidence, wrong, coarse, inferred)
+    let Summary {
+        estimated,
+        flagged,
+        at_low,
+        at_high,
+        confidence,
+        wrong,
+        coarse,
+        inferred,
+        detail,
+    } = summary;
+    (estimated, flagged, at_low, at_high, confidence, wrong, coarse, inferred, detail)
 }
 
 fn disparity_to_py(py: Python<'_>, map: Disparity) -> PyResult<Matched<'_>> {

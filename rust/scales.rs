@@ -68,7 +68,7 @@ pub fn match_over_scales(
         Some(doubt) if doubt.share() > SOME => {
             decide(&mut map, &doubt, pair, settings, means)?;
             planes::draw(&mut map, pair, how.level, control)?;
-            choice::discount(&mut map);
+            choice::conclude(&mut map);
             Ok(())
         }
         _ => Ok(()),

@@ -91,6 +91,26 @@ def test_a_failed_match_names_its_cause(scene: tuple[Image, Image]) -> None:
     assert result.findings[0].topic == "match"
 
 
+def test_a_match_says_where_images_are_larger_than_what_they_show(
+    scene: tuple[Image, Image],
+) -> None:
+    parts = [image[150:310, 300:540, 1] for image in scene]
+    left, right = (noisy(part.repeat(3, axis=0).repeat(3, axis=1)) for part in parts)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ps.MatchWarning)
+        result = ps.match(left, right)
+
+    summary = result.summary
+    assert summary is not None
+    assert summary.coarse == (result.flags & ps.Flag.COARSE != 0).mean() > 0.25
+    assert 2 < summary.detail <= 4
+    sentence = (
+        f"{100 * summary.coarse:.0f} % of the disparities were decided by smaller copies: there "
+        f"the images hold no detail finer than about {summary.detail:.0f} px"
+    )
+    assert sentence in [one.sentence for one in result.findings]
+
+
 def test_both_ends_of_a_given_range_are_looked_at(scene: tuple[Image, Image]) -> None:
     for preset in ("robust", "fast"):
         for first, count in ((0, 20), (40, 40)):

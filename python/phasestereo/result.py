@@ -151,6 +151,9 @@ class Summary:
     coarse, inferred
         Share whose disparity is that of a smaller copy of the pair, and of a plane drawn into a
         flat area: flags `COARSE` and `INFERRED`.
+    detail
+        Where smaller copies decided, the images hold no detail finer than this, pixels, 2 or more:
+        how many times smaller these are, as a geometric mean over the pixels. NaN if none decided.
     """
 
     estimated: float
@@ -161,6 +164,7 @@ class Summary:
     wrong: float
     coarse: float
     inferred: float
+    detail: float
 
     def __str__(self) -> str:
         """Say how many pixels are probably wrong: what a result leads with; "" if not known."""

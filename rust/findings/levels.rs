@@ -52,6 +52,8 @@ pub const LEAST_ROUGH: f64 = 0.45;
 pub const WRONG: f64 = 0.25;
 /// Share of pixels that smaller copies and planes decide from which on it is said.
 pub const PLAIN: f64 = 0.25;
+/// ... and least share of either that is named: less rounds to 0 %.
+pub const MENTIONED: f64 = 0.005;
 /// Flagged pixels, where the share of wrong ones is unknown. Of 12 pairs up to 22 %, of unrelated images 43 % or more, with
 /// rows 2 px off 38 % or more.
 pub const FLAGGED: [f64; 2] = [0.25, 0.35];

@@ -3,7 +3,7 @@
 use std::cmp::Reverse;
 
 use super::levels::{
-    AT_END, AT_ZERO, FLAGGED, LEAST_ROUGH, PLAIN, ROWS, SATURATED, SMEARED, WRONG,
+    AT_END, AT_ZERO, FLAGGED, LEAST_ROUGH, MENTIONED, PLAIN, ROWS, SATURATED, SMEARED, WRONG,
 };
 use super::{Finding, Severity, Topic};
 use crate::pipeline::summary::Summary;
@@ -108,16 +108,23 @@ impl Outcome<'_> {
 
     /// That much of the image shows too little detail for its size.
     fn scales(&self) -> Option<Finding> {
-        let Summary { coarse, inferred, .. } = *self.summary;
+        let Summary { coarse, inferred, detail, .. } = *self.summary;
+        if coarse + inferred < PLAIN {
+            return None;
+        }
 
-        (coarse + inferred >= PLAIN).then(|| {
-            let [coarse, inferred] = [coarse, inferred].map(|share| 100.0 * share);
-            let sentence = format!(
-                "{coarse:.0} % of the pixels are decided by copies of half the size or less, and \
-                 {inferred:.0} % by planes drawn into flat areas: the images show nothing finer there"
-            );
-            Finding::note(Topic::Texture, sentence)
-        })
+        let said = |share: f64, sentence: String| {
+            (share >= MENTIONED)
+                .then(|| format!("{:.0} % of the disparities {sentence}", 100.0 * share))
+        };
+        let of_copies = format!(
+            "were decided by smaller copies: there the images hold no detail finer than about {detail:.0} px"
+        );
+        let of_planes = "are those of planes drawn into flat areas, which show nothing to match";
+        let both = [said(coarse, of_copies), said(inferred, of_planes.to_owned())];
+
+        let both: Vec<String> = both.into_iter().flatten().collect();
+        Some(Finding::note(Topic::Texture, both.join("; ")))
     }
 
     /// The share of the pixels that are wrong, as far as it is known.
@@ -227,6 +234,7 @@ mod tests {
         wrong: 0.0,
         coarse: 0.0,
         inferred: 0.0,
+        detail: f64::NAN,
     };
 
     fn estimates(first: i64, findings: Vec<Finding>) -> Estimates {
@@ -274,11 +282,19 @@ mod tests {
 
     #[test]
     fn plain_images_are_named() {
-        let found = said(vec![], 0, Summary { coarse: 0.3, inferred: 0.12, ..WELL });
-        assert_eq!(found.len(), 1);
-        assert!(found[0].1.starts_with("30 % of the pixels are decided by copies"));
-        assert!(found[0].1.contains("12 % by planes"));
-        assert!(said(vec![], 0, Summary { coarse: 0.1, inferred: 0.1, ..WELL }).is_empty());
+        let copies = Summary { coarse: 0.3, detail: 3.2, ..WELL };
+        let of_copies = "30 % of the disparities were decided by smaller copies: there the images \
+                         hold no detail finer than about 3 px";
+        let of_planes = "27 % of the disparities are those of planes drawn into flat areas, which \
+                         show nothing to match";
+        let note = |sentence: String| vec![(Severity::Note, sentence)];
+
+        assert_eq!(said(vec![], 0, copies), note(of_copies.to_owned()));
+        let planes = Summary { coarse: 0.004, inferred: 0.27, detail: 2.0, ..WELL };
+        assert_eq!(said(vec![], 0, planes), note(of_planes.to_owned()));
+        let both = Summary { inferred: 0.27, ..copies };
+        assert_eq!(said(vec![], 0, both), note(format!("{of_copies}; {of_planes}")));
+        assert!(said(vec![], 0, Summary { coarse: 0.1, inferred: 0.1, ..copies }).is_empty());
     }
 
     #[test]

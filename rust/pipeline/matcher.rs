@@ -74,6 +74,9 @@ pub struct Disparity {
     /// Without confidences, the estimated share of the disparities that are off by more than 1 px, by those of a few
     /// rows; `None`: with confidences, or where nothing could be sampled.
     pub wrong: Option<f64>,
+    /// Where smaller copies decided, the images hold no detail finer than this, pixels: how many times smaller these are, as a
+    /// geometric mean over the pixels. `None`: none decided.
+    pub detail: Option<f64>,
     /// Wall-clock time of each stage.
     pub timings: Timings,
 }
@@ -524,7 +527,8 @@ impl Unrefined {
             _ => None,
         };
         let timings = Timings { refinement: started.elapsed(), ..self.timings };
-        Ok(Disparity { disparity, flags, confidence, uncertainty: None, wrong, timings })
+        let (uncertainty, detail) = (None, None);
+        Ok(Disparity { disparity, flags, confidence, uncertainty, wrong, detail, timings })
     }
 }
 
@@ -573,6 +577,7 @@ impl Disparity {
             confidence: self.confidence.map(|confidence| confidence.of_rows(rows.clone())),
             uncertainty: self.uncertainty.map(|uncertainty| uncertainty.of_rows(rows)),
             wrong: self.wrong,
+            detail: self.detail,
             timings: self.timings,
         }
     }

@@ -27,6 +27,8 @@ pub struct Summary {
     pub coarse: f64,
     /// Share whose disparity is that of a plane drawn into a flat area.
     pub inferred: f64,
+    /// Where smaller copies decided, the images hold no detail finer than this, pixels; NaN if none did.
+    pub detail: f64,
 }
 
 /// Numbers of pixels.
@@ -68,6 +70,7 @@ impl Summary {
                 .map_or(f64::NAN, |_| share(counts.confidence) / f64::from(STEPS)),
             coarse: share(counts.coarse),
             inferred: share(counts.inferred),
+            detail: map.detail.unwrap_or(f64::NAN),
             wrong: confidence.map_or(map.wrong.unwrap_or(f64::NAN), |_| {
                 1.0 - counts.right as f64 / f64::from(STEPS) / counts.estimated.max(1) as f64
             }),
@@ -174,6 +177,7 @@ mod tests {
             confidence: Some(row(&confidence)),
             uncertainty: None,
             wrong: None,
+            detail: None,
             timings: Timings::default(),
         };
 

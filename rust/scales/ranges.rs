@@ -7,12 +7,13 @@
 //!     copy     = pair / 2
 //!     rough    = match(copy, ranges(copy)), left-right check and speckles, nothing filled or smoothed
 //!     searched = min .. max of 2 rough within REACH of the panel, and MARGIN more on either side, in whole runs
-//!                all, where most of that is unknown
+//!                all, where more than a fifth of that is unknown
 //! ```
 //!
-//! It is matched along rows alone, since paths along columns lose what is thin and upright. Where it is mistaken here and
-//! there, more is searched than needed, so noise costs time and not quality. What no pixel of the copy shows is lost, and
-//! that is more the fewer pixels it has: small copies are not asked.
+//! The copy is matched along rows alone, since paths along columns lose what is thin and upright. Where it is mistaken here
+//! and there, more is searched than needed, so noise costs time and not quality. What no pixel of the copy shows is lost, and
+//! that is more the fewer pixels it has: small copies are not asked. How much cheaper a match is than all others is what its
+//! confidence rests on, so where the copy is in doubt, all are searched.
 
 use std::ops::Range;
 
@@ -98,7 +99,7 @@ fn searched(rough: &Plane<f32>, [rows, cols]: [Range<usize>; 2], all: Candidates
             known += usize::from(!disparity.is_nan());
         }
     }
-    if 2 * known <= rows.len() * cols.len() {
+    if 5 * known <= 4 * rows.len() * cols.len() {
         return Searched::all(all.count());
     }
 

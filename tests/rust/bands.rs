@@ -540,6 +540,7 @@ impl DraftMap {
             confidence: confidence.map(|plane| plane.of_rows(rows)),
             uncertainty: None,
             wrong: None,
+            detail: None,
             timings: Timings::default(),
         })
     }

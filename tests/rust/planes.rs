@@ -285,7 +285,7 @@ fn scattered((rows, cols): (usize, usize), plane: [f32; 3], off: f32, salt: u64)
         match (is_missing(y, x), is_off(y, x)) {
             (true, _) => f32::NAN,
             (_, true) => right + 3.0 + 20.0 * random(salt + 2, y, x),
-            (_, false) => right + 0.8 * (random(salt + 3, y, x) - 0.5),
+            (_, false) => right + 2.4 * (random(salt + 3, y, x) - 0.5),
         }
     };
     let confidence = |y: usize, x: usize| match (is_missing(y, x), is_off(y, x)) {
@@ -299,6 +299,7 @@ fn scattered((rows, cols): (usize, usize), plane: [f32; 3], off: f32, salt: u64)
         confidence: Some(Plane::from_fn(rows, cols, confidence)),
         uncertainty: Some(Plane::from_fn(rows, cols, |y, x| random(salt + 7, y, x))),
         wrong: None,
+        detail: None,
         timings: Timings::default(),
     }
 }
@@ -395,6 +396,7 @@ fn board(surface: impl Fn(usize, usize) -> f32) -> (Pair, Disparity) {
         )),
         uncertainty: Some(Plane::from_fn(180, 260, |_, _| 1.0)),
         wrong: None,
+        detail: None,
         timings: Timings::default(),
     };
     (pair, map)

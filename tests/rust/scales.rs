@@ -10,7 +10,7 @@ use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::{Disparity, Execution, Matcher, Pair, Timings};
 use phasestereo::internals::refinement::flag;
 use phasestereo::internals::rig::estimation::{Known, Means, prepare, prepare_and_match};
-use phasestereo::internals::scales::choice::{Doubt, choose};
+use phasestereo::internals::scales::choice::{Doubt, choose, conclude};
 use phasestereo::internals::scales::ranges::panel_ranges;
 use phasestereo::internals::scales::reduction::halved;
 use phasestereo::internals::settings::{Optimizer, Settings};
@@ -37,6 +37,7 @@ fn map((rows, cols): (usize, usize), salt: u64, scale: f32) -> Disparity {
         confidence: Some(Plane::from_fn(rows, cols, confidence)),
         uncertainty: Some(Plane::from_fn(rows, cols, |y, x| 1.0 + random(salt + 5, y, x))),
         wrong: None,
+        detail: None,
         timings: Timings::default(),
     }
 }
@@ -117,7 +118,8 @@ fn naive_choice(fine: &Disparity, coarse: &Disparity, y: usize, x: usize) -> (f3
         return as_it_is;
     }
     let (row, col) = ((y / 2).min(means.rows() - 1), (x / 2).min(means.cols() - 1));
-    let flags = coarse.flags.row(row)[col] | 2048;
+    // Halved once more.
+    let flags = (coarse.flags.row(row)[col] | 2048) + 4096;
     (disparity, flags, sure, 2.0 * coarse_bars.row(row)[col])
 }
 
@@ -143,6 +145,38 @@ fn the_choice_is_that_of_a_naive_one() {
         }
     }
     assert!(changed > 200, "{changed} pixels were chosen from the copy");
+}
+
+#[test]
+fn the_detail_of_a_map_is_the_mean_factor_of_the_copies_that_decided() {
+    // Sure of this disparity up to a column: the copy knows the left half, and a copy of its own the right one.
+    let certain = |size: (usize, usize), disparity: f32, from: usize| Disparity {
+        disparity: Plane::from_fn(size.0, size.1, |_, _| disparity),
+        flags: Plane::from_fn(size.0, size.1, |_, _| flag::FILLED),
+        confidence: Some(Plane::from_fn(size.0, size.1, |_, x| if x < from { 0.99 } else { 0.01 })),
+        ..map(size, 1, 1.0)
+    };
+    let (mut fine, mut half) = (certain((120, 160), 5.0, 0), certain((60, 80), 10.0, 40));
+    let quarter = certain((30, 40), 30.0, 40);
+
+    let decide = |map: &mut Disparity, copy: &Disparity| {
+        let doubt = Doubt::of_map(map).expect("enough memory").expect("confidences");
+        choose(map, &doubt, copy).expect("enough memory");
+    };
+    decide(&mut half, &quarter);
+    decide(&mut fine, &half);
+    conclude(&mut fine);
+
+    // One half of the pixels of each, with no other flags.
+    let expected = Plane::from_fn(120, 160, |_, x| if x < 80 { 20.0 } else { 120.0 });
+    assert_eq!(fine.disparity, expected);
+    assert_eq!(fine.flags, expected.map(|_| flag::FILLED | flag::COARSE));
+    assert!(fine.detail.is_some_and(|detail| (detail - 8_f64.sqrt()).abs() < 1e-9));
+
+    // Where none decides, there is nothing to say.
+    let mut alone = certain((120, 160), 5.0, 160);
+    conclude(&mut alone);
+    assert_eq!(alone.detail, None);
 }
 
 fn means<'a>(
@@ -237,6 +271,8 @@ fn copies_decide_where_the_pair_has_no_evidence_with_the_same_bits_everywhere() 
     let found = result(1, Level::best());
     let coarse = found.flags.as_slice().iter().filter(|flags| **flags & flag::COARSE != 0).count();
     assert!(coarse > 260 * 300 / 4, "{coarse} pixels of copies");
+    assert!(found.detail.is_some_and(|detail| (2.0..=4.0).contains(&detail)), "{:?}", found.detail);
+    assert!(found.flags.as_slice().iter().all(|flags| *flags < 4096));
 
     for (threads, level) in levels().into_iter().map(|level| (1, level)).chain([(3, Level::best())])
     {

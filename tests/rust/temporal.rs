@@ -42,7 +42,7 @@ fn map(disparity: Plane<f32>, flags: Plane<u16>, confidence: Option<Plane<f32>>)
     let timings = Timings::default();
     // Bars of their own, which no confidence stands in for.
     let uncertainty = confidence.as_ref().map(|plane| plane.map(|value| 3.0 - value));
-    Disparity { disparity, flags, confidence, uncertainty, wrong: None, timings }
+    Disparity { disparity, flags, confidence, uncertainty, wrong: None, detail: None, timings }
 }
 
 /// What the filter makes of a sequence.

@@ -61,6 +61,7 @@ fn own() -> Disparity {
         confidence: Some(Plane::from_fn(ROWS, COLS, confidence)),
         uncertainty: None,
         wrong: None,
+        detail: None,
         timings: Timings::default(),
     }
 }

@@ -53,7 +53,7 @@ Matched: TypeAlias = (
 )
 """What a match gives: disparities, flags, confidence, uncertainty, seconds of its stages."""
 
-Summarized: TypeAlias = tuple[float, float, float, float, float, float, float, float]
+Summarized: TypeAlias = tuple[float, float, float, float, float, float, float, float, float]
 """What a map says about itself: the fields of `phasestereo.Summary`."""
 
 Supported: TypeAlias = "tuple[NDArray[np.uint8], float]"
