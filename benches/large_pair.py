@@ -26,6 +26,7 @@ from rasterio.windows import Window
 
 import phasestereo as ps
 from phasestereo_bench.datasets import find_scenes
+from phasestereo_large import geotiff
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -151,7 +152,7 @@ def tell_differences(
 ) -> None:
     """Match the whole pair in memory, and print how many pixels differ in any bit."""
     preset = options[options.index("--preset") + 1] if "--preset" in options else "robust"
-    left, right = (ps.io.read_geotiff(name).image for name in names)
+    left, right = (geotiff.read_geotiff(name).image for name in names)
     started = time.perf_counter()
     whole = ps.match(left, right, num_disparities=size.disparities, preset=preset)
     say(f"in memory: {time.perf_counter() - started:.1f} s")

@@ -14,9 +14,9 @@ import pytest
 
 import hostile
 from conftest import ROOT, counterpart
-from phasestereo import outofcore
-from phasestereo.io import read_geotiff, write_geotiff
-from phasestereo.io.windows import open_raster
+from phasestereo_large import outofcore
+from phasestereo_large.geotiff import read_geotiff, write_geotiff
+from phasestereo_large.windows import open_raster
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -25,11 +25,11 @@ from phasestereo.io import (
     read_truth,
     set_max_pixels,
     write_disparity,
-    write_geotiff,
     write_image,
     write_pfm,
     write_ply,
 )
+from phasestereo_large.geotiff import write_geotiff
 
 if TYPE_CHECKING:
     from collections.abc import Callable

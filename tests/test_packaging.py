@@ -20,11 +20,13 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 import phasestereo as ps
+import phasestereo_live as live
 from conftest import ROOT, counterpart
 from phasestereo._extras import require
-from phasestereo.integrations import xarray as labeled
-from phasestereo.io import read_geotiff, read_image, write_geotiff
+from phasestereo.io import read_image
 from phasestereo.views.picture import colorize
+from phasestereo_large import xarray as labeled
+from phasestereo_large.geotiff import read_geotiff, write_geotiff
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -371,7 +373,7 @@ def _color(_: Path) -> object:
 
 def _film(folder: Path) -> object:
     (folder / "video.mp4").touch()
-    return ps.stream(folder / "video.mp4", num_disparities=16)
+    return live.stream(folder / "video.mp4", num_disparities=16)
 
 
 def _record(folder: Path) -> object:
@@ -390,7 +392,7 @@ CALLS = [
     ("PIL", "io", _read("a.png")),
     ("tifffile", "io", _read("a.tif")),
     ("matplotlib", "plot", _color),
-    ("cv2", "live", lambda _: ps.stream(0, num_disparities=16)),
+    ("cv2", "live", lambda _: live.stream(0, num_disparities=16)),
     ("cv2", "rectify", lambda _: ps.rectify(PAIR[0], PAIR[1])),
     ("av", "live", _film),
     ("rerun", "rerun", _record),
@@ -425,7 +427,7 @@ def test_the_command_without_its_extra_says_how_to_get_it(module: str) -> None:
 
 def test_the_plugin_without_pandora_says_how_to_get_it() -> None:
     finished = run(
-        "-c", "import sys; sys.modules['pandora'] = None\nimport phasestereo.integrations.pandora"
+        "-c", "import sys; sys.modules['pandora'] = None\nimport pandora_plugin_phasestereo"
     )
 
     message = (
@@ -532,6 +534,7 @@ from __future__ import annotations
 import numpy as np
 
 import phasestereo as ps
+import phasestereo_live as live
 
 image = np.zeros((40, 60), np.uint8)
 ps.match(image)  # wrong: no right image

@@ -17,7 +17,7 @@ from phasestereo_bench.degradation import convolve, gaussian_psf
 from phasestereo_bench.rendering import render_pair
 
 pandora = counterpart("pandora")
-plugin = counterpart("phasestereo.integrations.pandora")
+plugin = counterpart("pandora_plugin_phasestereo")
 xarray = counterpart("xarray")
 rasterio = counterpart("rasterio")
 

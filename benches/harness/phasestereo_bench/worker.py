@@ -17,8 +17,8 @@ from multiprocessing.reduction import ForkingPickler
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from phasestereo_large._interrupts import unheard
 
-from phasestereo._interrupts import unheard
 from phasestereo_bench.measurement import measured
 
 if TYPE_CHECKING:
