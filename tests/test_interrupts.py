@@ -7,6 +7,7 @@ import threading
 from typing import TYPE_CHECKING
 
 import pytest
+
 from phasestereo_large._interrupts import unheard
 from phasestereo_live._interrupts import held_back
 

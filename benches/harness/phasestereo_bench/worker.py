@@ -17,9 +17,9 @@ from multiprocessing.reduction import ForkingPickler
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from phasestereo_large._interrupts import unheard
 
 from phasestereo_bench.measurement import measured
+from phasestereo_large._interrupts import unheard
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

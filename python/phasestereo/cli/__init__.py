@@ -86,8 +86,12 @@ def _add_commands_of_others() -> None:
     found = {point.name: point.value for point in entry_points(group=COMMANDS)}
     for name in OTHERS | found:
         text, requirement = OTHERS.get(name, (None, ""))
-        # Imported only when it is called, for the sake of the others.
-        app.command(found.get(name) or missing(requirement), name=name, help=text)
+        if name in found:
+            # Imported only when it is called, for the sake of the others.
+            app.command(found[name], name=name, help=text)
+        else:
+            note = f"{text}\n\nNot installed; it comes with: pip install {requirement}"
+            app.command(missing(requirement), name=name, help=note)
 
 
 _add_commands_of_others()
