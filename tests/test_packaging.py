@@ -689,6 +689,8 @@ def test_everything_beside_the_code_is_in_the_source_distribution(tmp_path: Path
 
     assert {"LICENSE", "README.md", "Cargo.lock", "rust/lib.rs", "pyproject.toml"} <= names
     assert not [name for name in names if name.endswith((".so", ".pyd"))]
+    modules = [name for name in names if name.startswith("python/")]
+    assert all(name.startswith("python/phasestereo/") for name in modules)
 
 
 def _is_kept(path: Path) -> bool:

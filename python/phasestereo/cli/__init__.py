@@ -42,7 +42,12 @@ OTHERS = {
         "Match many pairs, on all processors of this machine or on a Dask cluster.",
         "'phasestereo[batch]'",
     ),
-    "large": ("Match a pair larger than memory, from file to file.", "'phasestereo[large]'"),
+    "large": (
+        "Match a pair larger than memory, from file to file.\n\n"
+        "It is read, matched and written band by band, and the same command goes on after "
+        "whatever ended it.",
+        "'phasestereo[large]'",
+    ),
     "demo": (
         "Show what one image out of focus does to stereo matching.\n\n"
         "Renders a pair with its true disparities, degrades the left image (defocus, contrast, "
