@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import os
 import re
 import shutil
 import subprocess
@@ -21,7 +20,7 @@ from packaging.utils import canonicalize_name
 
 import phasestereo as ps
 import phasestereo_live as live
-from conftest import ROOT, counterpart
+from conftest import ENVIRONMENT, ROOT, counterpart
 from phasestereo._extras import require
 from phasestereo.io import read_image
 from phasestereo.views.picture import colorize
@@ -103,16 +102,13 @@ def run(
     *arguments: str, cwd: Path | None = None, **environment: str
 ) -> subprocess.CompletedProcess[str]:
     """Run Python in a process of its own, from which this package can be imported."""
-    ours = [str(package.parent) for package in PACKAGES.values()]
-    path = os.pathsep.join([*ours, os.environ.get("PYTHONPATH", "")])
-
     return subprocess.run(  # noqa: S603  # our own interpreter on our own code
         [sys.executable, *arguments],
         capture_output=True,
         text=True,
         check=False,
         cwd=cwd,
-        env=os.environ | {"PYTHONPATH": path.rstrip(os.pathsep)} | environment,
+        env=ENVIRONMENT | environment,
     )
 
 

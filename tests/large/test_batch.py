@@ -27,7 +27,7 @@ import pytest
 
 import phasestereo as ps
 from batch_tasks import sleepily
-from conftest import ROOT, counterpart
+from conftest import ENVIRONMENT, counterpart
 from phasestereo.io import read_disparity, read_image, write_image
 from phasestereo.result import LAYERS
 from phasestereo_large.batch import PairFiles, Record, read_manifest, read_pairs, run
@@ -353,7 +353,7 @@ def test_a_disk_that_is_full_is_reported_and_leaves_nothing(images: Path, tmp_pa
 
     finished = subprocess.run(  # noqa: S603  # our own interpreter on our own code
         [sys.executable, "-c", FULL, str(images), str(tmp_path)],
-        env=os.environ | {"PYTHONPATH": str(ROOT / "python")},
+        env=ENVIRONMENT,
         capture_output=True,
         text=True,
         check=True,
@@ -745,7 +745,7 @@ def test_a_run_that_is_killed_goes_on_from_its_log(
             *("--num-disparities", str(COUNT), "--preset", "fast", "-o", str(folder)),
             *("--scheduler", cluster.scheduler_address),
         ],
-        env=os.environ | {"PYTHONPATH": str(ROOT / "python")},
+        env=ENVIRONMENT,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
@@ -787,7 +787,7 @@ def test_ctrl_c_is_reported_in_one_line_and_leaves_no_process(
             str(save_list(tmp_path, "\n".join(["left,right,name", *rows]))),
             *("--num-disparities", str(COUNT), "--preset", "fast", "-o", str(folder)),
         ],
-        env=os.environ | {"PYTHONPATH": str(ROOT / "python")},
+        env=ENVIRONMENT,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
