@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 CORE := python/phasestereo/_core.abi3.so
 C_LIBRARY := target/c/release/libphasestereo.so
-# Distributions on top of the core, all at once: they need each other, and PyPI must not be asked for ours.
+# Distributions on top of the core: installed from here before anything asks for them, so that PyPI is not asked.
 OURS := python/phasestereo-live python/phasestereo-large python/pandora-plugin-phasestereo benches/harness
 RUST := Cargo.toml Cargo.lock $(shell find rust -name '*.rs')
 
@@ -104,5 +104,6 @@ web/phasestereo.wasm: $(RUST) web/build.sh web/toolchain.sh
 	touch $@
 
 $(VENV)/harness: $(CORE) $(OURS:%=%/pyproject.toml)
-	$(BIN)/pip install --quiet $(OURS:%=--editable %)
+	$(BIN)/pip install --quiet --no-deps $(OURS:%=--editable %)
+	$(BIN)/pip install --quiet phasestereo-bench # is there by now: what it needs of others
 	touch $@

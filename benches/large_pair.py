@@ -2,7 +2,7 @@
 
     python benches/large_pair.py FOLDER --data MIDDLEBURY
 
-Makes two GeoTIFF files in FOLDER (once), matches them by `phasestereo match --max-memory` in a
+Makes two GeoTIFF files in FOLDER (once), matches them by `phasestereo large` in a
 process of its own, and prints its peak of resident memory as the kernel counts it, its time for a
 billion pairs of a pixel and a disparity, and how far it is from the disparities that the pair was
 made with. Then the whole pair is matched in memory, which has to be there, and bands of both are
@@ -124,7 +124,7 @@ def matched(
     names: tuple[Path, Path], output: Path, size: Size, options: list[str]
 ) -> tuple[float, int]:
     """Match from file to file; return seconds and the most resident memory, in bytes."""
-    command = [sys.executable, "-m", "phasestereo", "match", *map(str, names), "-o", str(output)]
+    command = [sys.executable, "-m", "phasestereo", "large", *map(str, names), "-o", str(output)]
     command += ["--num-disparities", str(size.disparities), *options]
     started = time.perf_counter()
     process = subprocess.Popen(command)  # noqa: S603 - our own command
