@@ -546,7 +546,7 @@ def test_statistics_at_the_same_time_do_not_disturb_one_another() -> None:
 def test_statistics_can_be_interrupted_while_it_reads() -> None:
     finished = run("""
 import _thread, threading, time
-import numpy as np, phasestereo as ps
+import numpy as np, phasestereo_large as large
 image = np.random.default_rng(0).integers(0, 256, (1, 70000), np.uint8)
 def read(first, last):
     if last > 1:
