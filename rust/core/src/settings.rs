@@ -85,7 +85,8 @@ pub const OPTIMIZERS: [(&str, Optimizer); 4] = [
 ];
 
 /// Passes the names of all settings to a macro that does something with each: every face of the core reads them so.
-#[cfg(any(feature = "python", feature = "c"))]
+#[doc(hidden)]
+#[macro_export]
 macro_rules! with_every_setting {
     ($then:ident) => {
         $then! {
@@ -124,8 +125,7 @@ macro_rules! with_every_setting {
         }
     };
 }
-#[cfg(any(feature = "python", feature = "c"))]
-pub(crate) use with_every_setting;
+pub use with_every_setting;
 
 /// All settings of a match; the defaults are those of [`presets::Preset::Robust`].
 #[derive(Debug, Clone, PartialEq)]

@@ -4,13 +4,13 @@ use std::sync::{Arc, Mutex, PoisonError, TryLockError};
 
 use pyo3::prelude::*;
 
-use crate::error::{Error, Result};
-use crate::image::plane::Plane;
-use crate::pipeline::matcher::{Disparity, Pair};
-use crate::pipeline::platform::Instant;
-use crate::pipeline::temporal::TemporalFilter as Filter;
-use crate::rig::estimation::Means;
-use crate::settings::Settings;
+use phasestereo::Error;
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::pipeline::matcher::{Disparity, Pair};
+use phasestereo::internals::pipeline::platform::Instant;
+use phasestereo::internals::pipeline::temporal::TemporalFilter as Filter;
+use phasestereo::internals::rig::estimation::Means;
+use phasestereo::internals::settings::Settings;
 
 /// A filter that a running call and Python both hold.
 pub type Shared = Arc<Mutex<Filter>>;
@@ -43,7 +43,7 @@ pub fn apply(
     settings: &Settings,
     map: &mut Disparity,
     means: Means,
-) -> Result<(Plane<u8>, f64)> {
+) -> phasestereo::Result<(Plane<u8>, f64)> {
     let started = Instant::now();
 
     // The lock is not waited for: frames come one after another, and in a forked child the holder may not exist.

@@ -5,19 +5,20 @@ use numpy::{PyArray2, PyArrayMethods};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 
-use super::arguments::{Both, read_images, values};
-use super::estimates::{EstimatesTuple, FindingTuple, estimates_to_py, findings_to_py};
-use super::supervisor::supervised;
-use super::workers::Pool;
+use crate::failure::Result;
+use crate::arguments::{Both, read_images, values};
+use crate::estimates::{EstimatesTuple, FindingTuple, estimates_to_py, findings_to_py};
+use crate::supervisor::supervised;
+use crate::workers::Pool;
 use super::{Matched, SummaryTuple, disparity_to_py, summary_to_py, wrap};
-use crate::findings;
-use crate::image::plane::Plane;
-use crate::pipeline::matcher::Execution;
-use crate::pipeline::summary::Summary;
-use crate::rig::estimation::Means;
-use crate::settings::Settings;
-use crate::simd::Level;
-use crate::verification::{Verification, verify};
+use phasestereo::internals::findings;
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::pipeline::matcher::Execution;
+use phasestereo::internals::pipeline::summary::Summary;
+use phasestereo::internals::rig::estimation::Means;
+use phasestereo::internals::settings::Settings;
+use phasestereo::internals::simd::Level;
+use phasestereo::internals::verification::{Verification, verify};
 
 /// Verdicts and better disparities.
 type Judged<'py> = (Bound<'py, PyArray2<u8>>, Bound<'py, PyArray2<f32>>);
@@ -41,7 +42,7 @@ pub fn verify_map<'py>(
     disparity: &Bound<'py, PyAny>,
     threads: &Bound<'py, PyAny>,
     progress: Option<Bound<'py, PyAny>>,
-) -> PyResult<Verified<'py>> {
+) -> Result<Verified<'py>> {
     let pair = read_images(&images, &masks, None)?;
     let map = read_map(disparity)?;
 
@@ -69,9 +70,10 @@ pub fn verify_map<'py>(
 }
 
 /// Reads the map that is judged.
-fn read_map(disparity: &Bound<'_, PyAny>) -> PyResult<Plane<f32>> {
+fn read_map(disparity: &Bound<'_, PyAny>) -> Result<Plane<f32>> {
     let Ok(array) = disparity.cast::<PyArray2<f32>>() else {
-        return Err(PyTypeError::new_err("disparity: accepts a 2-D array of float32"));
+        let message = "disparity: accepts a 2-D array of float32";
+        return Err(PyTypeError::new_err(message).into());
     };
 
     let (rows, cols) = array.dims().into_pattern();

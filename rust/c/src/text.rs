@@ -1,7 +1,7 @@
 //! Settings by name, as text.
 
-use crate::error::{Error, Result};
-use crate::settings::{
+use phasestereo::internals::error::{Error, Result};
+use phasestereo::internals::settings::{
     COSTS, CostKind, OPTIMIZERS, Optimizer, PRECISIONS, Precision, Settings, TAPERS, Taper,
     with_every_setting,
 };

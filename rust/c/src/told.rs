@@ -3,7 +3,7 @@
 use std::cell::RefCell;
 use std::ffi::{CString, c_char};
 
-use crate::findings::{self, Severity};
+use phasestereo::internals::findings::{self, Severity};
 
 /// All is well.
 pub const PHASESTEREO_OK: u32 = 0;
@@ -83,7 +83,7 @@ mod tests {
     use std::ptr;
 
     use super::*;
-    use crate::findings::Topic;
+    use phasestereo::internals::findings::Topic;
 
     #[test]
     fn findings_are_read_one_after_another() {

@@ -2,14 +2,14 @@
 
 use std::array;
 
-use crate::rig::alignment::TERMS;
-use crate::rig::blur::{self, Side};
-use crate::rig::estimation::Estimates;
-use crate::rig::psf::{Family, Psf};
+use phasestereo::internals::rig::alignment::TERMS;
+use phasestereo::internals::rig::blur::{self, Side};
+use phasestereo::internals::rig::estimation::Estimates;
+use phasestereo::internals::rig::psf::{Family, Psf};
 
 /// Most kinds of blur in one image.
 pub const PHASESTEREO_MOST_BLURS: usize = 8;
-const _: () = assert!(PHASESTEREO_MOST_BLURS == crate::rig::blur::regions::MOST);
+const _: () = assert!(PHASESTEREO_MOST_BLURS == phasestereo::internals::rig::blur::regions::MOST);
 /// Coefficients of the field of vertical offsets.
 pub const PHASESTEREO_TERMS: usize = 8;
 const _: () = assert!(PHASESTEREO_TERMS == TERMS);
@@ -126,10 +126,10 @@ impl Found {
 
         Self {
             confidence: estimates.confidence.unwrap_or(f64::NAN),
-            low: of_range(|range: &crate::rig::estimation::range::SearchRange| range.low),
+            low: of_range(|range: &phasestereo::internals::rig::estimation::range::SearchRange| range.low),
             high: of_range(|range| range.high),
             rows: offsets.as_ref().map_or([f64::NAN; TERMS], |rows| *rows.field.coefficients()),
-            rows_rms: of_rows(|rows: &crate::rig::estimation::rows::RowOffsets| rows.field.rms()),
+            rows_rms: of_rows(|rows: &phasestereo::internals::rig::estimation::rows::RowOffsets| rows.field.rms()),
             rows_error: of_rows(|rows| rows.error),
             rows_spread: of_rows(|rows| rows.spread),
             certainty: of_blur(|blur: &blur::Estimate| blur.certainty.into()),

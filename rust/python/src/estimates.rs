@@ -3,18 +3,19 @@
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 
+use crate::failure::Result;
 use super::{internal, wrap};
-use crate::error::{Error, Result};
-use crate::findings::{Finding, Severity, Topic};
-use crate::image::plane::Plane;
-use crate::rig::alignment::{Alignment, TERMS};
-use crate::rig::blur::{self, BlockPlace, Glance, Side};
-use crate::rig::estimation::Estimates;
-use crate::rig::estimation::compensation_plan::CompensationPlan;
-use crate::rig::estimation::range::{LeftOut, SearchRange};
-use crate::rig::estimation::rows::RowOffsets;
-use crate::rig::photometry::Photometry;
-use crate::rig::psf::{Family, Taps};
+use phasestereo::Error;
+use phasestereo::internals::findings::{Finding, Severity, Topic};
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::rig::alignment::{Alignment, TERMS};
+use phasestereo::internals::rig::blur::{self, BlockPlace, Glance, Side};
+use phasestereo::internals::rig::estimation::Estimates;
+use phasestereo::internals::rig::estimation::compensation_plan::CompensationPlan;
+use phasestereo::internals::rig::estimation::range::{LeftOut, SearchRange};
+use phasestereo::internals::rig::estimation::rows::RowOffsets;
+use phasestereo::internals::rig::photometry::Photometry;
+use phasestereo::internals::rig::psf::{Family, Psf, Taps};
 
 /// Family, size, angle and kernel of a blur.
 type KernelTuple<'py> = (&'static str, f64, f64, Option<Bound<'py, PyArray2<f64>>>);
@@ -87,7 +88,7 @@ pub type EstimatesTuple<'py> = (
 );
 
 /// The estimates for Python.
-pub fn estimates_to_py(py: Python<'_>, estimates: Estimates) -> PyResult<EstimatesTuple<'_>> {
+pub fn estimates_to_py(py: Python<'_>, estimates: Estimates) -> Result<EstimatesTuple<'_>> {
     let Estimates { candidates, confidence, is_inverted, range, left_out, .. } = estimates;
     let Estimates { offsets, alignment, blur, photometry, compensation, .. } = estimates;
     let Estimates { findings, time, .. } = estimates;
@@ -118,7 +119,7 @@ pub fn findings_to_py(findings: Vec<Finding>) -> Vec<FindingTuple> {
 }
 
 /// The findings that Python hands back.
-pub fn read_findings(findings: &[(String, String, String)]) -> Result<Vec<Finding>> {
+pub fn read_findings(findings: &[(String, String, String)]) -> phasestereo::Result<Vec<Finding>> {
     let read = |(topic, severity, sentence): &(String, String, String)| {
         let refused =
             || Error::value("findings", format!("'{severity}: {topic}'"), "those of a match");
@@ -157,7 +158,7 @@ fn field_to_py(field: &Alignment) -> Field {
 }
 
 /// The field that Python hands back.
-pub fn read_field(field: Option<Field>) -> Result<Option<Alignment>> {
+pub fn read_field(field: Option<Field>) -> phasestereo::Result<Option<Alignment>> {
     let field = field.map(|(coefficients, size, first)| {
         Ok(Alignment::new(coefficients, size)?.starting_at_column(first))
     });
@@ -165,20 +166,20 @@ pub fn read_field(field: Option<Field>) -> Result<Option<Alignment>> {
     field.transpose()
 }
 
-fn compensation_to_py(py: Python<'_>, plan: CompensationPlan) -> PyResult<PlanTuple<'_>> {
+fn compensation_to_py(py: Python<'_>, plan: CompensationPlan) -> Result<PlanTuple<'_>> {
     let sides = (plan.settings.neighborhood, plan.settings.window);
 
     let kernel = |taps: Option<Plane<f32>>| taps.map(|taps| wrap(py, taps)).transpose();
     let kernels = plan.kernels.into_iter().map(|[left, right]| Ok((kernel(left)?, kernel(right)?)));
-    let kernels: PyResult<Vec<_>> = kernels.collect();
+    let kernels: Result<Vec<_>> = kernels.collect();
 
     let both = [plan.noise, plan.impulses, plan.smoothing].map(|[left, right]| (left, right));
 
     Ok((both, kernels?, wrap(py, plan.labels)?, plan.tile, sides))
 }
 
-fn estimate_to_py(py: Python<'_>, estimate: blur::Estimate) -> PyResult<EstimateTuple<'_>> {
-    let blurs: PyResult<_> = estimate.blurs.iter().map(|blur| blur_to_py(py, blur)).collect();
+fn estimate_to_py(py: Python<'_>, estimate: blur::Estimate) -> Result<EstimateTuple<'_>> {
+    let blurs: Result<_> = estimate.blurs.iter().map(|blur| blur_to_py(py, blur)).collect();
 
     let (rows, cols, labels) = estimate.labels;
     let labels = wrap(py, Plane::from_vec(rows, cols, labels)?)?;
@@ -190,7 +191,7 @@ fn estimate_to_py(py: Python<'_>, estimate: blur::Estimate) -> PyResult<Estimate
     Ok((blurs?, labels, estimate.tile, estimate.certainty, estimate.gain, both, glance))
 }
 
-fn blur_to_py<'py>(py: Python<'py>, blur: &blur::Blur) -> PyResult<BlurTuple<'py>> {
+fn blur_to_py<'py>(py: Python<'py>, blur: &blur::Blur) -> Result<BlurTuple<'py>> {
     let kernel = |taps: &Taps| {
         let kernel = Plane::from_vec(taps.side(), taps.side(), taps.values.clone())?;
         wrap(py, kernel)
@@ -208,12 +209,12 @@ fn blur_to_py<'py>(py: Python<'py>, blur: &blur::Blur) -> PyResult<BlurTuple<'py
     };
 
     let own = (family, size, angle, blur.taps.as_ref().map(kernel).transpose()?);
-    let other = blur.other.map(|psf| {
+    let other = |psf: Psf| -> Result<_> {
         let kernel = kernel(&psf.taps())?;
-        PyResult::Ok((family_name(psf.family), psf.size, psf.angle, Some(kernel)))
-    });
+        Ok((family_name(psf.family), psf.size, psf.angle, Some(kernel)))
+    };
 
-    Ok((softer, own, other.transpose()?))
+    Ok((softer, own, blur.other.map(other).transpose()?))
 }
 
 fn family_name(family: Family) -> &'static str {
@@ -226,7 +227,7 @@ fn family_name(family: Family) -> &'static str {
 }
 
 /// The glance that Python hands back.
-pub fn read_glance((places, excess): GlanceTuple) -> PyResult<Glance> {
+pub fn read_glance((places, excess): GlanceTuple) -> Result<Glance> {
     let places: Vec<u32> = places.to_vec().map_err(internal)?;
     let (places, _) = places.as_chunks();
 
@@ -239,7 +240,7 @@ pub fn read_glance((places, excess): GlanceTuple) -> PyResult<Glance> {
     Ok(Glance { places, excess: excess.to_vec().map_err(internal)? })
 }
 
-fn glance_to_py(py: Python<'_>, Glance { places, excess }: Glance) -> PyResult<GlanceTuple<'_>> {
+fn glance_to_py(py: Python<'_>, Glance { places, excess }: Glance) -> Result<GlanceTuple<'_>> {
     let corners = |place: &BlockPlace| [place.top, place.left, place.right_top, place.right];
     let values = places.iter().flat_map(corners).map(|value| value as u32).collect();
 

@@ -11,10 +11,11 @@ use std::{mem, process};
 
 use pyo3::prelude::*;
 
-use super::arguments::read_threads;
-use crate::error::Result;
-use crate::pipeline::control::Control;
-use crate::pipeline::matcher::Matcher;
+use crate::failure::Result;
+use crate::arguments::read_threads;
+
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::pipeline::matcher::Matcher;
 
 /// Most calls that run in one pool at once; others wait for their turn. Each holds the codes of a pair. Besides, a
 /// thread that waits for others starts the next call meanwhile, on the same stack.
@@ -37,14 +38,14 @@ pub struct Pool {
 
 impl Pool {
     /// A pool of its own threads.
-    pub fn new(threads: usize) -> Result<Arc<Self>> {
+    pub fn new(threads: usize) -> phasestereo::Result<Arc<Self>> {
         let matcher = Matcher::new(threads)?;
         let (calls, call_ended) = (Mutex::default(), Condvar::default());
         Ok(Arc::new(Self { matcher, threads, process: process::id(), calls, call_ended }))
     }
 
     /// The pool for an argument `threads`: [`Workers`], a number of threads, or None for the shared pool.
-    pub fn for_argument(threads: &Bound<'_, PyAny>) -> PyResult<Arc<Self>> {
+    pub fn for_argument(threads: &Bound<'_, PyAny>) -> Result<Arc<Self>> {
         if let Ok(workers) = threads.cast::<Workers>() {
             return Ok(workers.get().pool()?);
         }
@@ -55,7 +56,7 @@ impl Pool {
 
     /// The shared pool. Only threads that hold the GIL take this lock. A thread that forks also holds the GIL, so the
     /// child never inherits it locked; if it was forked by other means, it does not wait for the lock.
-    fn shared(threads: usize) -> Result<Arc<Self>> {
+    fn shared(threads: usize) -> phasestereo::Result<Arc<Self>> {
         let Ok(mut shared) = SHARED.try_lock() else {
             return Self::new(threads);
         };
@@ -100,8 +101,8 @@ impl Turn {
     pub fn start<T: Send + 'static>(
         self,
         control: &Arc<Control>,
-        work: impl FnOnce(&Matcher, &Control) -> Result<T> + Send + 'static,
-    ) -> Receiver<Result<T>> {
+        work: impl FnOnce(&Matcher, &Control) -> phasestereo::Result<T> + Send + 'static,
+    ) -> Receiver<phasestereo::Result<T>> {
         let (finish, finished) = channel();
         let pool = Arc::clone(&self.0);
         let control = Arc::clone(control);
@@ -142,7 +143,7 @@ pub struct Workers {
 #[pymethods]
 impl Workers {
     #[new]
-    fn new(threads: &Bound<'_, PyAny>) -> PyResult<Self> {
+    fn new(threads: &Bound<'_, PyAny>) -> Result<Self> {
         Ok(Self { pool: Pool::new(read_threads(threads)?)?, forked: Mutex::default() })
     }
 
@@ -154,7 +155,7 @@ impl Workers {
 
 impl Workers {
     /// The pool of this process: another one after a fork.
-    fn pool(&self) -> Result<Arc<Pool>> {
+    fn pool(&self) -> phasestereo::Result<Arc<Pool>> {
         if self.pool.is_ours() {
             return Ok(Arc::clone(&self.pool));
         }

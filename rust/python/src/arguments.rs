@@ -6,24 +6,25 @@ use pyo3::exceptions::{PyException, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDict};
 
-use super::estimates::{Field, read_field, read_findings};
+use crate::failure::{Failure, Result};
+use crate::estimates::{Field, read_field, read_findings};
 use super::internal;
-use super::reader::{as_packing, as_ranges};
-use crate::cost::candidates::Candidates;
-use crate::error::Error;
-use crate::image::convolution::Kernel;
-use crate::image::intensity;
-use crate::image::packing::Packing;
-use crate::image::plane::{Plane, zeroed};
-use crate::image::texture::{Roughness, Texture};
-use crate::image::view::{Image, Mask, View};
-use crate::pipeline::matcher::{Pair, usable_threads};
-use crate::refinement::calibration::Tally;
-use crate::rig::alignment::Alignment;
-use crate::rig::blur_compensation::{BlurCompensation, check_noise};
-use crate::rig::estimation::Known;
-use crate::settings::presets::Preset;
-use crate::settings::{
+use crate::reader::{as_packing, as_ranges};
+use phasestereo::internals::cost::candidates::Candidates;
+use phasestereo::Error;
+use phasestereo::internals::image::convolution::Kernel;
+use phasestereo::internals::image::intensity;
+use phasestereo::internals::image::packing::Packing;
+use phasestereo::internals::image::plane::{Plane, zeroed};
+use phasestereo::internals::image::texture::{Roughness, Texture};
+use phasestereo::internals::image::view::{Image, Mask, View};
+use phasestereo::internals::pipeline::matcher::{Pair, usable_threads};
+use phasestereo::internals::refinement::calibration::Tally;
+use phasestereo::internals::rig::alignment::Alignment;
+use phasestereo::internals::rig::blur_compensation::{BlurCompensation, check_noise};
+use phasestereo::internals::rig::estimation::Known;
+use phasestereo::internals::settings::presets::Preset;
+use phasestereo::internals::settings::{
     COSTS, CostKind, MOST_DISPARITIES, OPTIMIZERS, Optimizer, PRECISIONS, Precision, Settings,
     TAPERS, Taper, with_every_setting,
 };
@@ -37,7 +38,7 @@ const KERNELS: &str = "pairs (left, right) of 2-D arrays of float32, or None";
 pub type Disparities = Option<(i64, i64)>;
 
 /// Reads (`min_disparity`, `num_disparities`), the latter an integer or None.
-pub fn read_search((min, count): &Both<'_>) -> PyResult<Disparities> {
+pub fn read_search((min, count): &Both<'_>) -> Result<Disparities> {
     let min = integer(min, "min_disparity")?;
     if !count.is_none() {
         return Ok(Some((min, integer(count, "num_disparities")?)));
@@ -57,7 +58,7 @@ pub fn candidates_of(pair: &Pair, search: Disparities) -> Option<Candidates> {
 }
 
 /// Reads both images, their masks, and (`min_disparity`, `num_disparities`).
-pub fn read_pair(images: &Both<'_>, masks: &Both<'_>, disparities: &Both<'_>) -> PyResult<Pair> {
+pub fn read_pair(images: &Both<'_>, masks: &Both<'_>, disparities: &Both<'_>) -> Result<Pair> {
     let (min, count) = disparities;
     let search = (integer(min, "min_disparity")?, integer(count, "num_disparities")?);
 
@@ -70,7 +71,7 @@ pub fn read_images(
     (left, right): &Both<'_>,
     masks: &Both<'_>,
     search: Disparities,
-) -> PyResult<Pair> {
+) -> Result<Pair> {
     let (min, count) = search.unwrap_or((0, 1));
     let left = read_view(left, &masks.0, "left")?;
     let right = read_view(right, &masks.1, "right")?;
@@ -79,7 +80,7 @@ pub fn read_images(
 }
 
 /// Reads an image of rows x columns x channels, 1 or 3 of them, and its mask or None.
-pub fn read_view(image: &Bound<'_, PyAny>, mask: &Bound<'_, PyAny>, name: &str) -> PyResult<View> {
+pub fn read_view(image: &Bound<'_, PyAny>, mask: &Bound<'_, PyAny>, name: &str) -> Result<View> {
     let image = if let Ok(array) = image.cast::<PyArray3<u8>>() {
         Image::U8(copied(array)?)
     } else if let Ok(array) = image.cast::<PyArray3<u16>>() {
@@ -90,7 +91,7 @@ pub fn read_view(image: &Bound<'_, PyAny>, mask: &Bound<'_, PyAny>, name: &str) 
         Image::F64(copied(array)?)
     } else {
         let message = format!("{name}: accepts 3-D arrays of uint8, uint16, float32 or float64");
-        return Err(PyTypeError::new_err(message));
+        return Err(PyTypeError::new_err(message).into());
     };
 
     let (rows, cols, channels) = image.shape();
@@ -99,7 +100,7 @@ pub fn read_view(image: &Bound<'_, PyAny>, mask: &Bound<'_, PyAny>, name: &str) 
             "{name}: got shape {:?}; accepts at least one pixel, 1 or 3 channels",
             image.shape()
         );
-        return Err(PyValueError::new_err(message));
+        return Err(PyValueError::new_err(message).into());
     }
 
     Ok(View { mask: read_mask(mask, (rows, cols), name)?, ..View::from(image) })
@@ -107,34 +108,35 @@ pub fn read_view(image: &Bound<'_, PyAny>, mask: &Bound<'_, PyAny>, name: &str) 
 
 /// Reads a mask of a given size, or None. True is whatever byte is not 0, as `NumPy` has it: arrays of bool may be views of
 /// any bytes, and most of those are no `bool` of Rust.
-fn read_mask(mask: &Bound<'_, PyAny>, size: (usize, usize), name: &str) -> PyResult<Option<Mask>> {
+fn read_mask(mask: &Bound<'_, PyAny>, size: (usize, usize), name: &str) -> Result<Option<Mask>> {
     if mask.is_none() {
         return Ok(None);
     }
 
     let Ok(array) = mask.cast::<PyArray2<bool>>() else {
-        return Err(PyTypeError::new_err(format!("{name}_mask: accepts 2-D arrays of bool")));
+        let message = format!("{name}_mask: accepts 2-D arrays of bool");
+        return Err(PyTypeError::new_err(message).into());
     };
 
     let shape: (usize, usize) = array.dims().into_pattern();
     if shape != size {
         let message = format!("{name}_mask: got shape {shape:?}; accepts the image's {size:?}");
-        return Err(PyValueError::new_err(message));
+        return Err(PyValueError::new_err(message).into());
     }
 
     let bytes = mask.call_method1("view", ("uint8",))?;
-    let bytes = values(bytes.cast::<PyArray2<u8>>()?)?;
+    let bytes = values(bytes.cast::<PyArray2<u8>>().map_err(PyErr::from)?)?;
     Ok(Some(Plane::from_vec(size.0, size.1, bytes.into_iter().map(|byte| byte != 0).collect())?))
 }
 
 /// A copy of the pixels of an image.
-fn copied<T: Element + Copy + Default>(array: &Bound<'_, PyArray3<T>>) -> PyResult<Array3<T>> {
+fn copied<T: Element + Copy + Default>(array: &Bound<'_, PyArray3<T>>) -> Result<Array3<T>> {
     let dimensions = array.dims();
     Array3::from_shape_vec(dimensions, values(array)?).map_err(internal)
 }
 
 /// The values of an array in the order of its indices; an exception, not an abort, without the memory.
-pub fn values<T, D>(array: &Bound<'_, PyArray<T, D>>) -> PyResult<Vec<T>>
+pub fn values<T, D>(array: &Bound<'_, PyArray<T, D>>) -> Result<Vec<T>>
 where
     T: Element + Copy + Default,
     D: Dimension,
@@ -154,7 +156,7 @@ where
 pub fn read_volume<T: Element + Copy + Default>(
     volume: &Bound<'_, PyArray3<T>>,
     name: &'static str,
-) -> PyResult<(Plane<T>, (usize, usize, usize))> {
+) -> Result<(Plane<T>, (usize, usize, usize))> {
     let (rows, cols, count) = volume.dims().into_pattern();
     if rows * cols == 0 || !(1..=MOST_DISPARITIES).contains(&count) {
         let accepts = format!("at least one pixel, 1 to {MOST_DISPARITIES} candidates");
@@ -171,14 +173,14 @@ macro_rules! settings_by_name {
         pub fn write_settings<'py>(
             py: Python<'py>,
             settings: &Settings,
-        ) -> PyResult<Bound<'py, PyDict>> {
+        ) -> Result<Bound<'py, PyDict>> {
             let fields = PyDict::new(py);
             $(fields.set_item(stringify!($name), settings.$name.to_py())?;)*
             Ok(fields)
         }
 
         /// Reads the fields of `phasestereo.Settings` and checks them.
-        pub fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
+        pub fn read_settings(settings: &Bound<'_, PyAny>) -> Result<Settings> {
             let settings = Settings {
                 $($name: SettingValue::from_py(&settings.getattr(stringify!($name))?, stringify!($name))?),*
             };
@@ -196,7 +198,7 @@ trait SettingValue: Sized {
     type Python;
 
     /// Reads the value of a setting; an exception names the setting.
-    fn from_py(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Self>;
+    fn from_py(value: &Bound<'_, PyAny>, name: &'static str) -> Result<Self>;
 
     /// The value for Python.
     fn to_py(&self) -> Self::Python;
@@ -207,7 +209,7 @@ macro_rules! plain_settings {
         $(impl SettingValue for $kind {
             type Python = Self;
 
-            fn from_py(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Self> {
+            fn from_py(value: &Bound<'_, PyAny>, name: &'static str) -> Result<Self> {
                 $read(value, name)
             }
 
@@ -232,7 +234,7 @@ macro_rules! choices {
         $(impl SettingValue for $kind {
             type Python = Option<&'static str>;
 
-            fn from_py(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Self> {
+            fn from_py(value: &Bound<'_, PyAny>, name: &'static str) -> Result<Self> {
                 choice(value, name, &$choices)
             }
 
@@ -245,12 +247,12 @@ macro_rules! choices {
 
 choices!(CostKind: COSTS, Taper: TAPERS, Precision: PRECISIONS, Optimizer: OPTIMIZERS);
 
-fn frequencies(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<(usize, usize)> {
+fn frequencies(value: &Bound<'_, PyAny>, name: &'static str) -> Result<(usize, usize)> {
     let (r, s) = both(value, name, "a pair of integers (r, s)")?;
     Ok((natural(&r, name)?, natural(&s, name)?))
 }
 
-fn intensities(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Option<(f64, f64)>> {
+fn intensities(value: &Bound<'_, PyAny>, name: &'static str) -> Result<Option<(f64, f64)>> {
     if value.is_none() {
         return Ok(None);
     }
@@ -259,7 +261,7 @@ fn intensities(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Option<
     Ok(Some((number(&black, name)?, number(&white, name)?)))
 }
 
-fn natural_or_none(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Option<usize>> {
+fn natural_or_none(value: &Bound<'_, PyAny>, name: &'static str) -> Result<Option<usize>> {
     if value.is_none() { Ok(None) } else { natural(value, name).map(Some) }
 }
 
@@ -273,7 +275,7 @@ pub fn read_known(
     (noise, compensation, field, is_inverted, findings): &KnownOfPair<'_>,
     size: (usize, usize),
     search: Disparities,
-) -> PyResult<Known> {
+) -> Result<Known> {
     let noise = if noise.is_none() {
         None
     } else {
@@ -311,7 +313,7 @@ pub struct Statistics<'py> {
 
 impl<'py> Statistics<'py> {
     /// Reads the fields and checks them.
-    pub fn read(statistics: &Bound<'py, PyAny>) -> PyResult<Self> {
+    pub fn read(statistics: &Bound<'py, PyAny>) -> Result<Self> {
         let settings = read_settings(&statistics.getattr("settings")?)?;
 
         let roughness: Option<(u64, u64)> = statistics.getattr("roughness")?.extract()?;
@@ -346,7 +348,7 @@ impl<'py> Statistics<'py> {
 }
 
 /// Reads a standard deviation, or None.
-pub fn read_noise(noise: &Bound<'_, PyAny>) -> PyResult<Option<f64>> {
+pub fn read_noise(noise: &Bound<'_, PyAny>) -> Result<Option<f64>> {
     if noise.is_none() {
         return Ok(None);
     }
@@ -357,7 +359,7 @@ pub fn read_noise(noise: &Bound<'_, PyAny>) -> PyResult<Option<f64>> {
 /// Reads the fields of `phasestereo.BlurCompensation` and checks them; or None.
 pub fn read_blur_compensation(
     compensation: &Bound<'_, PyAny>,
-) -> PyResult<Option<BlurCompensation>> {
+) -> Result<Option<BlurCompensation>> {
     if compensation.is_none() {
         return Ok(None);
     }
@@ -384,7 +386,7 @@ pub fn read_blur_compensation(
     let compensation =
         BlurCompensation::new(noise, kernels, labels, natural(&field("tile")?, "tile")?)?;
 
-    let deviations = |name: &'static str| -> PyResult<[f64; 2]> {
+    let deviations = |name: &'static str| -> Result<[f64; 2]> {
         let (left, right) = both(&field(name)?, name, "a pair of numbers (left, right)")?;
         Ok([number(&left, name)?, number(&right, name)?])
     };
@@ -394,7 +396,7 @@ pub fn read_blur_compensation(
 }
 
 /// Reads a kernel, or None.
-fn read_kernel(kernel: &Bound<'_, PyAny>) -> PyResult<Option<Kernel>> {
+fn read_kernel(kernel: &Bound<'_, PyAny>) -> Result<Option<Kernel>> {
     if kernel.is_none() {
         return Ok(None);
     }
@@ -410,7 +412,7 @@ fn read_kernel(kernel: &Bound<'_, PyAny>) -> PyResult<Option<Kernel>> {
 }
 
 /// Reads the name of a preset.
-pub fn read_preset(name: &Bound<'_, PyAny>) -> PyResult<Preset> {
+pub fn read_preset(name: &Bound<'_, PyAny>) -> Result<Preset> {
     let Ok(word) = name.extract::<String>() else {
         return Err(wrong_type(name, "preset", "a string"));
     };
@@ -419,7 +421,7 @@ pub fn read_preset(name: &Bound<'_, PyAny>) -> PyResult<Preset> {
 }
 
 /// Reads a number of threads; None: that of `RAYON_NUM_THREADS`, or as many as the process may use.
-pub fn read_threads(threads: &Bound<'_, PyAny>) -> PyResult<usize> {
+pub fn read_threads(threads: &Bound<'_, PyAny>) -> Result<usize> {
     if threads.is_none() { Ok(usable_threads()) } else { natural(threads, "threads") }
 }
 
@@ -428,7 +430,7 @@ fn choice<T: Copy>(
     value: &Bound<'_, PyAny>,
     name: &'static str,
     choices: &[(&str, T)],
-) -> PyResult<T> {
+) -> Result<T> {
     let Ok(word) = value.extract::<String>() else {
         return Err(wrong_type(value, name, "a string"));
     };
@@ -440,24 +442,24 @@ fn choice<T: Copy>(
 }
 
 /// Reads an integer of any type, but no bool.
-fn integer(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<i64> {
+fn integer(value: &Bound<'_, PyAny>, name: &'static str) -> Result<i64> {
     match value.call_method0("__index__") {
         // A huge integer is not printed: Python may refuse to.
         Ok(whole) if !value.is_instance_of::<PyBool>() => whole
             .extract()
             .map_err(|_| Error::value(name, "an integer beyond 64 bits", "a smaller one").into()),
-        Err(error) if !error.is_instance_of::<PyException>(value.py()) => Err(error),
+        Err(error) if !error.is_instance_of::<PyException>(value.py()) => Err(error.into()),
         _ => Err(wrong_type(value, name, "an integer")),
     }
 }
 
-fn natural(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<usize> {
+fn natural(value: &Bound<'_, PyAny>, name: &'static str) -> Result<usize> {
     let whole = integer(value, name)?;
     usize::try_from(whole)
         .map_err(|_| Error::value(name, whole, "an integer that is not negative").into())
 }
 
-fn number(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<f64> {
+fn number(value: &Bound<'_, PyAny>, name: &'static str) -> Result<f64> {
     // NumPy's numbers are registered as real ones; bool is one, too, but is refused.
     let real = value.py().import("numbers")?.getattr("Real")?;
     if !value.is_instance(&real)? || value.is_instance_of::<PyBool>() {
@@ -468,15 +470,15 @@ fn number(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<f64> {
     value.extract().map_err(beyond)
 }
 
-fn boolean(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<bool> {
+fn boolean(value: &Bound<'_, PyAny>, name: &'static str) -> Result<bool> {
     value.extract().map_err(|_| wrong_type(value, name, "True or False"))
 }
 
-fn both<'py>(value: &Bound<'py, PyAny>, name: &str, accepts: &str) -> PyResult<Both<'py>> {
+fn both<'py>(value: &Bound<'py, PyAny>, name: &str, accepts: &str) -> Result<Both<'py>> {
     value.extract().map_err(|_| wrong_type(value, name, accepts))
 }
 
-fn wrong_type(value: &Bound<'_, PyAny>, name: &str, accepts: &str) -> PyErr {
+fn wrong_type(value: &Bound<'_, PyAny>, name: &str, accepts: &str) -> Failure {
     let kind = value.get_type().name().map_or_else(|_| "?".into(), |name| name.to_string());
-    PyTypeError::new_err(format!("{name}: got {kind}; accepts {accepts}"))
+    PyTypeError::new_err(format!("{name}: got {kind}; accepts {accepts}")).into()
 }

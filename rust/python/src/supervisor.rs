@@ -6,11 +6,12 @@ use std::time::Duration;
 
 use pyo3::prelude::*;
 
+use crate::failure::{Failure, Result};
 use super::internal;
-use super::workers::Pool;
-use crate::error::Result;
-use crate::pipeline::control::Control;
-use crate::pipeline::matcher::Matcher;
+use crate::workers::Pool;
+
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::pipeline::matcher::Matcher;
 
 /// How often a running call checks for Ctrl-C and reports its progress.
 const TICK: Duration = Duration::from_millis(50);
@@ -24,18 +25,19 @@ pub fn supervised<T: Send + 'static>(
     pool: &Arc<Pool>,
     rows: usize,
     progress: Option<Bound<'_, PyAny>>,
-    work: impl FnOnce(&Matcher, &Control) -> Result<T> + Send + 'static,
-) -> PyResult<T> {
+    work: impl FnOnce(&Matcher, &Control) -> phasestereo::Result<T> + Send + 'static,
+) -> Result<T> {
     let progress = progress.map(Bound::unbind);
     let control = Arc::new(Control::default());
 
-    let report = |py: Python<'_>| -> PyResult<()> {
+    let report = |py: Python<'_>| -> Result<()> {
         py.check_signals()?;
         let Some(progress) = &progress else {
             return Ok(());
         };
 
-        progress.call1(py, (control.rows_done(), rows)).map(drop)
+        progress.call1(py, (control.rows_done(), rows))?;
+        Ok(())
     };
 
     let outcome = py.detach(|| {
@@ -50,7 +52,7 @@ pub fn supervised<T: Send + 'static>(
         let finished = turn.start(&control, work);
         loop {
             match finished.recv_timeout(TICK) {
-                Ok(outcome) => return outcome.map_err(PyErr::from),
+                Ok(outcome) => return outcome.map_err(Failure::from),
                 Err(RecvTimeoutError::Disconnected) => {
                     return Err(internal("a worker thread panicked"));
                 }

@@ -5,6 +5,7 @@
 
 mod arguments;
 mod estimates;
+mod failure;
 mod reader;
 mod supervisor;
 mod temporal;
@@ -15,7 +16,7 @@ use std::sync::Arc;
 
 use ndarray::{Array2, Array3};
 use numpy::{Element, IntoPyArray, PyArray2, PyArray3, PyArrayMethods};
-use pyo3::exceptions::{PyMemoryError, PyRuntimeError, PyValueError};
+use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -24,6 +25,7 @@ use self::arguments::{
     read_noise, read_pair, read_preset, read_search, read_settings, read_view, read_volume,
     write_settings,
 };
+use self::failure::{Failure, Result};
 use self::estimates::{
     EstimatesTuple, Field, FindingTuple, GlanceTuple, estimates_to_py, findings_to_py, read_field,
     read_glance,
@@ -33,46 +35,35 @@ use self::supervisor::supervised;
 use self::temporal::{Shared, TemporalFilter};
 use self::verification::verify_map;
 use self::workers::{Pool, Workers};
-use crate::cost::Costs;
-use crate::cost::aggregation::{Window, aggregate};
-use crate::descriptor::{Codes, describe};
-use crate::error::{Error, Result};
-use crate::findings::{self, Topic};
-use crate::image::intensity::Gray;
-use crate::image::packing::Packing;
-use crate::image::plane::Plane;
-use crate::image::texture::Roughness;
-use crate::optimization::{BAND, Penalties, optimize};
-use crate::pipeline::control::Control;
-use crate::pipeline::footprint::Demand;
-use crate::pipeline::halo::Halo;
-use crate::pipeline::matcher::{Disparity, Execution, Matcher, Pair, on_threads};
-use crate::pipeline::section::Section;
-use crate::pipeline::source;
-use crate::pipeline::summary::Summary;
-use crate::refinement::calibration::{Tally, sampled};
-use crate::refinement::flag;
-use crate::rig::alignment::Alignment;
-use crate::rig::blur;
-use crate::rig::blur_compensation::MOST_CLASSES;
-use crate::rig::estimation::compensation_plan::{LARGER, MUCH_LARGER};
-use crate::rig::estimation::overview::LEAST_SIZE;
-use crate::rig::estimation::{Known, Means, Prepared, prepare, prepare_and_match, prepare_by_rows};
-use crate::settings::presets::Preset;
-use crate::settings::{MOST_DISPARITIES, Settings};
-use crate::simd::Level;
-use crate::verification::verdict;
-
-impl From<Error> for PyErr {
-    fn from(error: Error) -> Self {
-        let message = error.to_string();
-        match error {
-            Error::Value { .. } => PyValueError::new_err(message),
-            Error::OutOfMemory { .. } => PyMemoryError::new_err(message),
-            Error::Cancelled | Error::Threads(_) => PyRuntimeError::new_err(message),
-        }
-    }
-}
+use phasestereo::internals::cost::Costs;
+use phasestereo::internals::cost::aggregation::{Window, aggregate};
+use phasestereo::internals::descriptor::{Codes, describe};
+use phasestereo::Error;
+use phasestereo::internals::findings::{self, Topic};
+use phasestereo::internals::image::intensity::Gray;
+use phasestereo::internals::image::packing::Packing;
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::image::texture::Roughness;
+use phasestereo::internals::optimization::{BAND, Penalties, optimize};
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::pipeline::footprint::Demand;
+use phasestereo::internals::pipeline::halo::Halo;
+use phasestereo::internals::pipeline::matcher::{Disparity, Execution, Matcher, Pair, on_threads};
+use phasestereo::internals::pipeline::section::Section;
+use phasestereo::internals::pipeline::source;
+use phasestereo::internals::pipeline::summary::Summary;
+use phasestereo::internals::refinement::calibration::{Tally, sampled};
+use phasestereo::internals::refinement::flag;
+use phasestereo::internals::rig::alignment::Alignment;
+use phasestereo::internals::rig::blur;
+use phasestereo::internals::rig::blur_compensation::MOST_CLASSES;
+use phasestereo::internals::rig::estimation::compensation_plan::{LARGER, MUCH_LARGER};
+use phasestereo::internals::rig::estimation::overview::LEAST_SIZE;
+use phasestereo::internals::rig::estimation::{Known, Means, Prepared, prepare, prepare_and_match, prepare_by_rows};
+use phasestereo::internals::settings::presets::Preset;
+use phasestereo::internals::settings::{MOST_DISPARITIES, Settings};
+use phasestereo::internals::simd::Level;
+use phasestereo::internals::verification::verdict;
 
 /// `phasestereo._core`: see the stub beside the Python modules for what each function takes and returns.
 ///
@@ -84,7 +75,7 @@ impl From<Error> for PyErr {
 mod _core {
     use super::{
         BAND, Bound, LARGER, LEAST_SIZE, MOST_CLASSES, MOST_DISPARITIES, MUCH_LARGER, Preset,
-        PyDict, PyDictMethods, PyModule, PyModuleMethods, PyResult, Topic, flag, verdict, warm_up,
+        PyDict, PyDictMethods, PyModule, PyModuleMethods, Result, Topic, flag, verdict, warm_up,
     };
 
     #[pymodule_export]
@@ -96,7 +87,7 @@ mod _core {
     };
 
     #[pymodule_init]
-    fn constants(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    fn constants(module: &Bound<'_, PyModule>) -> Result<()> {
         warm_up(module.py())?;
         module.add("__version__", env!("CARGO_PKG_VERSION"))?;
         module.add("PRESETS", Preset::ALL.map(Preset::name))?;
@@ -131,7 +122,7 @@ mod _core {
         verdicts.set_item("UNKNOWN", verdict::UNKNOWN)?;
         verdicts.set_item("SUPPORTED", verdict::SUPPORTED)?;
         verdicts.set_item("REFUTED", verdict::REFUTED)?;
-        module.add("VERDICTS", verdicts)
+        Ok(module.add("VERDICTS", verdicts)?)
     }
 }
 
@@ -140,7 +131,7 @@ mod _core {
 ///
 /// A process that is forked while another thread initializes them would inherit a half-done initialization and wait for
 /// its end forever.
-fn warm_up(py: Python<'_>) -> PyResult<()> {
+fn warm_up(py: Python<'_>) -> Result<()> {
     PyArray2::<u8>::zeros(py, (1, 1), false).try_readonly().map_err(internal)?;
     Level::best();
     blur::prepare();
@@ -153,18 +144,18 @@ fn simd_level() -> &'static str {
 }
 
 #[pyfunction]
-fn check_settings(settings: &Bound<'_, PyAny>) -> PyResult<()> {
+fn check_settings(settings: &Bound<'_, PyAny>) -> Result<()> {
     read_settings(settings).map(drop)
 }
 
 /// The settings of a preset, by name.
 #[pyfunction]
-fn preset<'py>(py: Python<'py>, name: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyDict>> {
+fn preset<'py>(py: Python<'py>, name: &Bound<'py, PyAny>) -> Result<Bound<'py, PyDict>> {
     write_settings(py, &read_preset(name)?.settings())
 }
 
 #[pyfunction]
-fn check_blur_compensation(compensation: &Bound<'_, PyAny>) -> PyResult<()> {
+fn check_blur_compensation(compensation: &Bound<'_, PyAny>) -> Result<()> {
     read_blur_compensation(compensation).map(drop)
 }
 
@@ -202,7 +193,7 @@ fn match_pair<'py>(
     progress: Option<Bound<'py, PyAny>>,
     known: KnownOfPair<'py>,
     temporal: Option<PyRef<'py, TemporalFilter>>,
-) -> PyResult<WholeTuple<'py>> {
+) -> Result<WholeTuple<'py>> {
     let settings = read_settings(settings)?;
     let search = read_search(&disparities)?;
     let pair = read_images(&images, &masks, search)?;
@@ -248,7 +239,7 @@ fn summary_to_py(summary: Summary) -> SummaryTuple {
     (estimated, flagged, at_low, at_high, confidence, wrong, coarse, inferred, detail)
 }
 
-fn disparity_to_py(py: Python<'_>, map: Disparity) -> PyResult<Matched<'_>> {
+fn disparity_to_py(py: Python<'_>, map: Disparity) -> Result<Matched<'_>> {
     let Disparity { disparity, flags, confidence, uncertainty, timings: times, .. } = map;
 
     let timings = PyDict::new(py);
@@ -273,7 +264,7 @@ fn estimate_pair<'py>(
     disparities: Both<'py>,
     settings: &Bound<'py, PyAny>,
     threads: &Bound<'py, PyAny>,
-) -> PyResult<EstimatesTuple<'py>> {
+) -> Result<EstimatesTuple<'py>> {
     let settings = read_settings(settings)?;
     let search = read_search(&disparities)?;
     let pair = read_images(&images, &masks, search)?;
@@ -300,7 +291,7 @@ fn blur_is_as_before<'py>(
     glance: GlanceTuple<'py>,
     impulses: [f64; 2],
     threads: &Bound<'py, PyAny>,
-) -> PyResult<bool> {
+) -> Result<bool> {
     let pair = read_images(&images, &masks, None)?;
     let before = read_glance(glance)?;
 
@@ -326,7 +317,7 @@ fn estimate_pair_by_rows<'py>(
     scale: Option<ScaleOfPair>,
     threads: &Bound<'py, PyAny>,
     known: KnownOfPair<'py>,
-) -> PyResult<EstimatesTuple<'py>> {
+) -> Result<EstimatesTuple<'py>> {
     let settings = read_settings(settings)?;
     let search = read_search(&disparities)?;
     let known = read_known(&known, size, search)?;
@@ -354,7 +345,7 @@ fn find_scale(
     size: (usize, usize),
     disparities: Both<'_>,
     settings: &Bound<'_, PyAny>,
-) -> PyResult<ScaleOfPair> {
+) -> Result<ScaleOfPair> {
     let settings = read_settings(settings)?;
     let search = read_search(&disparities)?;
     let first = read_images(&images, &masks, search)?;
@@ -390,7 +381,7 @@ fn find_roughness(
     disparities: Both<'_>,
     scale: Option<ScaleOfPair>,
     impulses: f64,
-) -> PyResult<(u64, u64)> {
+) -> Result<(u64, u64)> {
     let reader = Reader::new(read, size, read_search(&disparities)?, scale)?;
     let source = Arc::clone(&reader);
     let found = supervised(py, &Pool::new(1)?, size.0, None, move |_, control| {
@@ -407,7 +398,7 @@ fn halo(
     settings: &Bound<'_, PyAny>,
     compensation: &Bound<'_, PyAny>,
     alignment: Option<Field>,
-) -> PyResult<(usize, usize)> {
+) -> Result<(usize, usize)> {
     let settings = read_settings(settings)?;
     let compensation = read_blur_compensation(compensation)?;
     let field = read_field(alignment)?;
@@ -423,7 +414,7 @@ fn working_memory(
     rows: usize,
     threads: usize,
     itemsize: usize,
-) -> PyResult<u64> {
+) -> Result<u64> {
     let whole = Statistics::read(statistics)?;
     let (_, cols): (usize, usize) = statistics.getattr("size")?.extract()?;
     let candidates: usize = whole.disparities.1.extract()?;
@@ -452,7 +443,7 @@ fn match_rows<'py>(
     rows: (usize, usize),
     threads: &Bound<'py, PyAny>,
     progress: Option<Bound<'py, PyAny>>,
-) -> PyResult<Matched<'py>> {
+) -> Result<Matched<'py>> {
     let whole = Statistics::read(statistics)?;
     if whole.tally.is_none() && whole.settings.needs_confidence() {
         let accepts = "the tally of the whole pair, with these settings";
@@ -484,7 +475,7 @@ fn match_raw<'py>(
     first: usize,
     rows: (usize, usize),
     threads: &Bound<'py, PyAny>,
-) -> PyResult<(Matched<'py>, TallyTuple)> {
+) -> Result<(Matched<'py>, TallyTuple)> {
     let whole = Statistics::read(statistics)?;
     let part = PartOfPair::new(&images, &masks, whole, first, rows)?;
     let candidates = part.pair.candidates();
@@ -506,7 +497,7 @@ struct PartOfPair {
 }
 
 /// A way to match some rows of a pair.
-type MatchRows = fn(&Matcher, &Pair, &Section, &Settings, Execution, &Control) -> Result<Disparity>;
+type MatchRows = fn(&Matcher, &Pair, &Section, &Settings, Execution, &Control) -> phasestereo::Result<Disparity>;
 
 impl PartOfPair {
     /// The rows `rows` of a whole pair, of which the images begin with row `first`.
@@ -516,7 +507,7 @@ impl PartOfPair {
         whole: Statistics<'_>,
         first: usize,
         rows: (usize, usize),
-    ) -> PyResult<Self> {
+    ) -> Result<Self> {
         let pair = read_pair(images, masks, &whole.disparities)?
             .packed(&whole.packing)
             .with_blur_compensation(
@@ -546,7 +537,7 @@ impl PartOfPair {
         threads: &Bound<'_, PyAny>,
         progress: Option<Bound<'_, PyAny>>,
         by: MatchRows,
-    ) -> PyResult<Disparity> {
+    ) -> Result<Disparity> {
         let Self { pair, field, section, settings } = self;
 
         let pool = Pool::for_argument(threads)?;
@@ -572,7 +563,7 @@ fn descriptor<'py>(
     settings: &Bound<'py, PyAny>,
     threads: &Bound<'py, PyAny>,
     noise: &Bound<'py, PyAny>,
-) -> PyResult<Bound<'py, PyAny>> {
+) -> Result<Bound<'py, PyAny>> {
     let settings = read_settings(settings)?;
     let noise = read_noise(noise)?;
     let view = read_view(image, mask, "image")?;
@@ -600,7 +591,7 @@ fn cost_volume<'py>(
     settings: &Bound<'py, PyAny>,
     threads: &Bound<'py, PyAny>,
     compensation: &Bound<'py, PyAny>,
-) -> PyResult<Bound<'py, PyArray3<u16>>> {
+) -> Result<Bound<'py, PyArray3<u16>>> {
     let settings = read_settings(settings)?;
     let none = py.None().into_bound(py);
     let pair = read_pair(&images, &(none.clone(), none), &disparities)?;
@@ -626,7 +617,7 @@ fn aggregate_volume<'py>(
     py: Python<'py>,
     costs: &Bound<'py, PyArray3<u16>>,
     settings: &Bound<'py, PyAny>,
-) -> PyResult<Bound<'py, PyArray3<u32>>> {
+) -> Result<Bound<'py, PyArray3<u32>>> {
     let settings = read_settings(settings)?;
     let (costs, (rows, cols, count)) = read_volume(costs, "costs")?;
     let window = Window::new((rows, cols), count, &settings, u16::MAX);
@@ -646,7 +637,7 @@ fn optimize_volume<'py>(
     settings: &Bound<'py, PyAny>,
     p1: u64,
     p2: u64,
-) -> PyResult<Bound<'py, PyArray2<u16>>> {
+) -> Result<Bound<'py, PyArray2<u16>>> {
     let settings = read_settings(settings)?;
     let (costs, (rows, _, count)) = read_volume(costs, "costs")?;
     let penalties = Penalties { p1, p2 };
@@ -658,12 +649,12 @@ fn optimize_volume<'py>(
     wrap(py, chosen)
 }
 
-fn wrap<T: Element>(py: Python<'_>, plane: Plane<T>) -> PyResult<Bound<'_, PyArray2<T>>> {
+fn wrap<T: Element>(py: Python<'_>, plane: Plane<T>) -> Result<Bound<'_, PyArray2<T>>> {
     let (rows, cols) = (plane.rows(), plane.cols());
     Ok(Array2::from_shape_vec((rows, cols), plane.into_vec()).map_err(internal)?.into_pyarray(py))
 }
 
 /// An exception for what cannot happen, which asks for a report; instead of a panic.
-fn internal(fault: impl std::fmt::Display) -> PyErr {
-    PyRuntimeError::new_err(format!("internal error, please report it: {fault}"))
+fn internal(fault: impl std::fmt::Display) -> Failure {
+    PyRuntimeError::new_err(format!("internal error, please report it: {fault}")).into()
 }

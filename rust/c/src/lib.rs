@@ -22,17 +22,17 @@ use std::ptr;
 
 pub use self::found::Found;
 pub use self::images::{Image, Map};
-use crate::cost::candidates::Candidates;
-use crate::error::{Error, Result};
-use crate::findings;
-use crate::pipeline::control::Control;
-use crate::pipeline::footprint::Demand;
-use crate::pipeline::matcher::{self, Execution, Pair, usable_threads};
-use crate::pipeline::summary::Summary;
-use crate::rig::estimation::{Known, Means, prepare, prepare_and_match};
-use crate::settings::Settings;
-use crate::settings::presets::Preset;
-use crate::simd::Level;
+use phasestereo::internals::cost::candidates::Candidates;
+use phasestereo::internals::error::{Error, Result};
+use phasestereo::internals::findings;
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::pipeline::footprint::Demand;
+use phasestereo::internals::pipeline::matcher::{self, Execution, Pair, usable_threads};
+use phasestereo::internals::pipeline::summary::Summary;
+use phasestereo::internals::rig::estimation::{Known, Means, prepare, prepare_and_match};
+use phasestereo::internals::settings::Settings;
+use phasestereo::internals::settings::presets::Preset;
+use phasestereo::internals::simd::Level;
 
 thread_local! {
     /// The message of the last call on this thread that failed.

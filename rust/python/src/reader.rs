@@ -5,13 +5,14 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use pyo3::prelude::*;
 
-use super::arguments::{Both, Disparities, read_images};
-use crate::cost::candidates::Candidates;
-use crate::error::{Error, Result};
-use crate::image::intensity;
-use crate::image::packing::{Integers, Packing};
-use crate::pipeline::matcher::Pair;
-use crate::pipeline::source::Source;
+use crate::failure::{Failure, Result};
+use crate::arguments::{Both, Disparities, read_images};
+use phasestereo::internals::cost::candidates::Candidates;
+use phasestereo::Error;
+use phasestereo::internals::image::intensity;
+use phasestereo::internals::image::packing::{Integers, Packing};
+use phasestereo::internals::pipeline::matcher::Pair;
+use phasestereo::internals::pipeline::source::Source;
 
 /// A callable `read(first, last)` that returns ((left, right), masks) of these rows, as [`read_images`] takes them.
 pub struct Reader {
@@ -23,7 +24,7 @@ pub struct Reader {
     packing: Option<Packing>,
     ranges: [Option<intensity::IntensityRange>; 2],
     /// The exception that the callable raised.
-    raised: Mutex<Option<PyErr>>,
+    raised: Mutex<Option<Failure>>,
 }
 
 /// Black and white of the left and of the right image, in thousandths of their unit.
@@ -43,7 +44,7 @@ impl Reader {
         size: (usize, usize),
         search: Disparities,
         scale: Option<ScaleOfPair>,
-    ) -> Result<Arc<Self>> {
+    ) -> phasestereo::Result<Arc<Self>> {
         let (min, count) = search.unwrap_or((0, 1));
         let candidates = Candidates::new(min, count, size.1)?;
 
@@ -54,12 +55,12 @@ impl Reader {
     }
 
     /// The exception that the callable raised, if that is why a call failed.
-    pub fn reason(&self, failure: PyErr) -> PyErr {
+    pub fn reason(&self, failure: Failure) -> Failure {
         let raised = self.raised.lock().unwrap_or_else(PoisonError::into_inner).take();
         raised.unwrap_or(failure)
     }
 
-    fn call(&self, py: Python<'_>, rows: &Range<usize>) -> PyResult<Pair> {
+    fn call(&self, py: Python<'_>, rows: &Range<usize>) -> Result<Pair> {
         let (images, masks): (Both<'_>, Both<'_>) =
             self.read.bind(py).call1((rows.start, rows.end))?.extract()?;
 
@@ -81,7 +82,7 @@ impl Source for Reader {
         self.candidates
     }
 
-    fn rows(&self, rows: Range<usize>) -> Result<Pair> {
+    fn rows(&self, rows: Range<usize>) -> phasestereo::Result<Pair> {
         // The core knows no Python exceptions: the reader keeps it, and the call fails as if cancelled.
         let pair = Python::attach(|py| self.call(py, &rows)).map_err(|raised| {
             *self.raised.lock().unwrap_or_else(PoisonError::into_inner) = Some(raised);

@@ -58,14 +58,6 @@
 //!
 //! M. Pedone, J. Heikkilä: *Blur and Contrast Invariant Fast Stereo Matching*, ACIVS 2008.
 
-#![cfg_attr(
-    not(feature = "python"),
-    allow(
-        dead_code,
-        reason = "single stages, parts of a pair and the memory model are for the Python face, with which lints are run"
-    )
-)]
-
 mod error;
 mod findings;
 mod math;
@@ -82,11 +74,6 @@ mod refinement;
 mod rig;
 mod scales;
 mod verification;
-
-#[cfg(feature = "c")]
-mod c;
-#[cfg(feature = "python")]
-mod python;
 
 pub use error::{Error, Result};
 pub use findings::{Finding, Severity, Topic, of_match as findings_of_match};
@@ -124,13 +111,17 @@ pub fn match_pair(
     Ok((disparity, prepared.estimates))
 }
 
-/// All stages, for tests and benches.
-#[cfg(feature = "internals")]
+/// All stages, for the extension module of Python, the tests and the benches. They are no part of the interface: any of
+/// them may change with any version.
 #[doc(hidden)]
 pub mod internals {
     /// See the crate.
     pub mod error {
         pub use crate::error::*;
+    }
+    /// See the crate.
+    pub mod findings {
+        pub use crate::findings::*;
     }
     /// See the crate.
     pub mod math {

@@ -5,11 +5,11 @@ use std::ffi::c_void;
 
 use ndarray::Array3;
 
-use crate::error::{Error, Result};
-use crate::image::plane::{Plane, zeroed};
-use crate::image::view::{self, View};
-use crate::pipeline::matcher::Disparity;
-use crate::refinement::flag;
+use phasestereo::internals::error::{Error, Result};
+use phasestereo::internals::image::plane::{Plane, zeroed};
+use phasestereo::internals::image::view::{self, View};
+use phasestereo::internals::pipeline::matcher::Disparity;
+use phasestereo::internals::refinement::flag;
 
 /// One channel.
 pub const PHASESTEREO_GRAY: u32 = 0;
