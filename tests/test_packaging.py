@@ -474,7 +474,7 @@ def test_the_package_holds_and_imports_nothing_of_the_harness() -> None:
 
 
 def test_the_harness_is_made_for_this_version_and_asks_for_what_it_imports() -> None:
-    core = tomllib.loads((ROOT / "Cargo.toml").read_text("utf-8"))["package"]["version"]
+    core = tomllib.loads((ROOT / "Cargo.toml").read_text("utf-8"))["workspace"]["package"]["version"]
 
     asked = {one.name: one for one in map(Requirement, HARNESS_PROJECT["dependencies"])}
     ours = asked.pop("phasestereo")
@@ -613,7 +613,7 @@ def test_everything_beside_the_code_is_in_the_source_distribution(tmp_path: Path
     assert any(name.endswith(".j2") for name in there)
     assert there <= names
 
-    assert {"LICENSE", "README.md", "Cargo.lock", "rust/lib.rs", "pyproject.toml"} <= names
+    assert {"LICENSE", "README.md", "Cargo.lock", "rust/core/src/lib.rs", "pyproject.toml"} <= names
     assert not [name for name in names if name.endswith((".so", ".pyd"))]
 
 

@@ -2,14 +2,16 @@
 
 use std::array;
 
+use phasestereo::Estimates;
 use phasestereo::internals::rig::alignment::TERMS;
 use phasestereo::internals::rig::blur::{self, Side};
-use phasestereo::internals::rig::estimation::Estimates;
+use phasestereo::internals::rig::estimation::range::SearchRange;
+use phasestereo::internals::rig::estimation::rows::RowOffsets;
 use phasestereo::internals::rig::psf::{Family, Psf};
 
 /// Most kinds of blur in one image.
 pub const PHASESTEREO_MOST_BLURS: usize = 8;
-const _: () = assert!(PHASESTEREO_MOST_BLURS == phasestereo::internals::rig::blur::regions::MOST);
+const _: () = assert!(PHASESTEREO_MOST_BLURS == blur::regions::MOST);
 /// Coefficients of the field of vertical offsets.
 pub const PHASESTEREO_TERMS: usize = 8;
 const _: () = assert!(PHASESTEREO_TERMS == TERMS);
@@ -126,10 +128,10 @@ impl Found {
 
         Self {
             confidence: estimates.confidence.unwrap_or(f64::NAN),
-            low: of_range(|range: &phasestereo::internals::rig::estimation::range::SearchRange| range.low),
+            low: of_range(|range: &SearchRange| range.low),
             high: of_range(|range| range.high),
             rows: offsets.as_ref().map_or([f64::NAN; TERMS], |rows| *rows.field.coefficients()),
-            rows_rms: of_rows(|rows: &phasestereo::internals::rig::estimation::rows::RowOffsets| rows.field.rms()),
+            rows_rms: of_rows(|rows: &RowOffsets| rows.field.rms()),
             rows_error: of_rows(|rows| rows.error),
             rows_spread: of_rows(|rows| rows.spread),
             certainty: of_blur(|blur: &blur::Estimate| blur.certainty.into()),

@@ -3,13 +3,8 @@
 use std::cell::LazyCell;
 use std::ffi::c_void;
 
-use ndarray::Array3;
-
-use phasestereo::internals::error::{Error, Result};
-use phasestereo::internals::image::plane::{Plane, zeroed};
-use phasestereo::internals::image::view::{self, View};
-use phasestereo::internals::pipeline::matcher::Disparity;
-use phasestereo::internals::refinement::flag;
+use phasestereo::internals::image::plane::zeroed;
+use phasestereo::{Error, Match, Pixel, Plane, Result, flag};
 
 /// One channel.
 pub const PHASESTEREO_GRAY: u32 = 0;
@@ -106,7 +101,7 @@ impl Image {
     /// # Safety
     ///
     /// The image is what its fields say.
-    pub unsafe fn view(&self, argument: &'static str) -> Result<View> {
+    pub unsafe fn copied(&self, argument: &'static str) -> Result<phasestereo::Image> {
         let refused = |got: String, accepts| Err(Error::value(argument, got, accepts));
         if self.data.is_null() {
             return refused("data that are NULL".into(), "a pointer to pixels");
@@ -120,12 +115,13 @@ impl Image {
         };
 
         // SAFETY: as the caller promises, of this many bytes.
-        let image = match self.bits {
-            8 => view::Image::U8(unsafe { self.copied(layout, |[value]: [u8; 1]| value) }?),
-            16 => view::Image::U16(unsafe { self.copied(layout, u16::from_ne_bytes) }?),
-            bits => return refused(format!("{bits} bits a channel"), "8 or 16"),
-        };
-        Ok(View::from(image))
+        unsafe {
+            match self.bits {
+                8 => self.read(layout, |[value]: [u8; 1]| value),
+                16 => self.read(layout, u16::from_ne_bytes),
+                bits => refused(format!("{bits} bits a channel"), "8 or 16"),
+            }
+        }
     }
 
     fn layout(&self) -> Option<Layout> {
@@ -144,14 +140,11 @@ impl Image {
     /// # Safety
     ///
     /// The image is what its fields say, of channels of `N` bytes.
-    unsafe fn copied<T, const N: usize>(
+    unsafe fn read<T: Pixel, const N: usize>(
         &self,
         (channels, taken): Layout,
         value: impl Fn([u8; N]) -> T,
-    ) -> Result<Array3<T>>
-    where
-        T: Copy + Default,
-    {
+    ) -> Result<phasestereo::Image> {
         let (rows, cols) = (self.height as usize, self.width as usize);
         let mut pixels = zeroed(rows.saturating_mul(cols).saturating_mul(taken.len()))?;
 
@@ -170,8 +163,7 @@ impl Image {
             }
         }
 
-        let internal = |_| Error::value("image", "another number of pixels", "its own");
-        Array3::from_shape_vec((rows, cols, taken.len()), pixels).map_err(internal)
+        phasestereo::Image::from_vec(pixels, (rows, cols))
     }
 }
 
@@ -181,7 +173,7 @@ impl Map {
     /// # Safety
     ///
     /// The planes are as large as the map, or NULL.
-    pub unsafe fn write(&self, found: &Disparity) {
+    pub unsafe fn write(&self, found: &Match) {
         let none = LazyCell::new(|| found.disparity.map(|_| f32::NAN));
         let confidence = found.confidence.as_ref().unwrap_or_else(|| &none);
         let uncertainty = found.uncertainty.as_ref().unwrap_or_else(|| &none);

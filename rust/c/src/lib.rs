@@ -1,4 +1,4 @@
-//! The C interface: `rust/c/phasestereo.h` is generated from this module, and says what each function takes.
+//! The C interface: `rust/c/phasestereo.h` is generated from this crate, and says what each function takes.
 //!
 //! Images are copied in and maps are copied out, so no call keeps a pointer of its caller's. No panic leaves a call:
 //! like every failure it becomes an error, whose message the calling thread can read.
@@ -6,10 +6,7 @@
 #![allow(unsafe_code, reason = "what C hands over are pointers, which only unsafe code can read")]
 
 mod found;
-#[cfg(test)]
-mod header;
 mod images;
-mod text;
 mod told;
 #[cfg(target_family = "wasm")]
 mod web;
@@ -17,22 +14,14 @@ mod web;
 use std::any::Any;
 use std::cell::RefCell;
 use std::ffi::{CStr, CString, c_char};
+use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::ptr;
 
+use phasestereo::{Error, Preset, Result};
+
 pub use self::found::Found;
 pub use self::images::{Image, Map};
-use phasestereo::internals::cost::candidates::Candidates;
-use phasestereo::internals::error::{Error, Result};
-use phasestereo::internals::findings;
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::footprint::Demand;
-use phasestereo::internals::pipeline::matcher::{self, Execution, Pair, usable_threads};
-use phasestereo::internals::pipeline::summary::Summary;
-use phasestereo::internals::rig::estimation::{Known, Means, prepare, prepare_and_match};
-use phasestereo::internals::settings::Settings;
-use phasestereo::internals::settings::presets::Preset;
-use phasestereo::internals::simd::Level;
 
 thread_local! {
     /// The message of the last call on this thread that failed.
@@ -41,11 +30,7 @@ thread_local! {
 
 /// Settings, threads and working memory; any number of threads may use one at the same time.
 #[derive(Debug)]
-pub struct Matcher {
-    core: matcher::Matcher,
-    settings: Settings,
-    threads: usize,
-}
+pub struct Matcher(phasestereo::Matcher);
 
 /// A setting by its name, both as text that ends with a zero. Names, meanings and ranges are those of the class `Settings`
 /// of the Python package; values are written as there, "none" and "true" or "false" in small letters, pairs as "0, 4095".
@@ -110,12 +95,11 @@ pub unsafe extern "C" fn phasestereo_new(
             // SAFETY: as the caller promises.
             let (name, value) = unsafe { (text(*name, "name")?, text(*value, "value")?) };
             let (name, value) = (name.unwrap_or_default(), value.unwrap_or_default());
-            text::set(&mut settings, name, value)?;
+            settings.set(name, value)?;
         }
-        settings.check()?;
 
-        let threads = if threads == 0 { usable_threads() } else { threads as usize };
-        Ok(Matcher { core: matcher::Matcher::new(threads)?, settings, threads })
+        let threads = (threads != 0).then_some(threads as usize);
+        Ok(Matcher(phasestereo::Matcher::new(settings, threads)?))
     });
 
     made.map_or(ptr::null_mut(), |matcher| Box::into_raw(Box::new(matcher)))
@@ -147,7 +131,7 @@ pub unsafe extern "C" fn phasestereo_free(matcher: *mut Matcher) {
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn phasestereo_threads(matcher: *const Matcher) -> u32 {
     // SAFETY: as the caller promises.
-    unsafe { matcher.as_ref() }.map_or(0, |matcher| matcher.threads as u32)
+    unsafe { matcher.as_ref() }.map_or(0, |Matcher(matcher)| matcher.threads() as u32)
 }
 
 /// The most bytes of working memory that the match of images takes, whose pixels, all channels together, take
@@ -167,22 +151,9 @@ pub unsafe extern "C" fn phasestereo_memory(
 ) -> u64 {
     let bytes = guarded(|| {
         // SAFETY: as the caller promises.
-        let matcher = unsafe { reference(matcher, "matcher")? };
-        let candidates = Candidates::new(0, num_disparities.into(), width as usize)?;
-        if !(1..=8).contains(&pixel_bytes) {
-            return Err(Error::value("pixel_bytes", pixel_bytes, "an integer from 1 to 8"));
-        }
-
-        let demand = Demand {
-            settings: &matcher.settings,
-            compensation: None,
-            alignment: None,
-            cols: width as usize,
-            candidates: candidates.count(),
-            pixel: pixel_bytes as usize,
-            threads: matcher.threads,
-        };
-        Ok(demand.bytes(height as usize))
+        let Matcher(matcher) = unsafe { reference(matcher, "matcher")? };
+        let size = (height as usize, width as usize);
+        matcher.working_memory(size, pixel_bytes as usize, num_disparities as usize)
     });
 
     bytes.unwrap_or(0)
@@ -209,22 +180,21 @@ pub unsafe extern "C" fn phasestereo_match(
 ) -> Status {
     status(|| {
         // SAFETY: as the caller promises.
-        let (matcher, map) = unsafe { (reference(matcher, "matcher")?, reference(map, "map")?) };
+        let Matcher(matcher) = unsafe { reference(matcher, "matcher")? };
         // SAFETY: as above.
-        let (pair, known) = unsafe { read_pair([left, right], min_disparity, num_disparities)? };
-        let is_given = known.candidates.is_some();
+        let map = unsafe { reference(map, "map")? };
+        let disparities = read_disparities(min_disparity, num_disparities)?;
+        // SAFETY: as above.
+        let [left, right] = unsafe { read_images([left, right])? };
 
-        let (result, prepared) =
-            matcher.on_threads(|means| prepare_and_match(pair, known, &matcher.settings, means))?;
-
-        let summary = Summary::new(&result, prepared.estimates.candidates);
-        told::keep(findings::of_match(&prepared.estimates, &summary, prepared.pair.size()));
+        let result = matcher.match_pair(left, right, disparities.clone())?;
 
         // SAFETY: as above.
         unsafe {
             map.write(&result);
-            write(found, &Found::new(&prepared.estimates, is_given));
+            write(found, &Found::new(&result.estimates, disparities.is_some()));
         }
+        told::keep(result.findings);
         Ok(())
     })
 }
@@ -246,60 +216,45 @@ pub unsafe extern "C" fn phasestereo_check(
 ) -> Status {
     status(|| {
         // SAFETY: as the caller promises.
-        let matcher = unsafe { reference(matcher, "matcher")? };
+        let Matcher(matcher) = unsafe { reference(matcher, "matcher")? };
+        let disparities = read_disparities(min_disparity, num_disparities)?;
         // SAFETY: as above.
-        let (pair, known) = unsafe { read_pair([left, right], min_disparity, num_disparities)? };
-        let is_given = known.candidates.is_some();
+        let [left, right] = unsafe { read_images([left, right])? };
 
-        let prepared =
-            matcher.on_threads(|means| prepare(pair, known, &matcher.settings, means))?;
-        told::keep(prepared.estimates.findings.clone());
+        let estimates = matcher.estimate(left, right, disparities.clone())?;
 
         // SAFETY: as above.
-        unsafe { write(found, &Found::new(&prepared.estimates, is_given)) };
+        unsafe { write(found, &Found::new(&estimates, disparities.is_some())) };
+        told::keep(estimates.findings);
         Ok(())
     })
 }
 
-impl Matcher {
-    /// Runs all work on the matcher's threads: on the calling thread, rayon would start another pool.
-    fn on_threads<T: Send>(&self, work: impl FnOnce(Means) -> Result<T> + Send) -> Result<T> {
-        let control = Control::default();
-        let how = Execution { threads: self.threads, level: Level::best() };
-
-        let means = Means { matcher: &self.core, how, control: &control };
-
-        self.core.install(|| work(means))
+/// The disparities if they are given.
+fn read_disparities(min_disparity: i32, num_disparities: i32) -> Result<Option<Range<i64>>> {
+    if num_disparities != 0 {
+        let (min, count) = (i64::from(min_disparity), i64::from(num_disparities));
+        return Ok(Some(min..min + count));
     }
-}
 
-/// Both images, and the disparities if they are given.
-///
-/// # Safety
-///
-/// The images are what their fields say, or NULL.
-unsafe fn read_pair(
-    [left, right]: [*const Image; 2],
-    min_disparity: i32,
-    num_disparities: i32,
-) -> Result<(Pair, Known)> {
-    let is_given = num_disparities != 0;
-    if !is_given && min_disparity != 0 {
+    if min_disparity != 0 {
         let accepts = "0 where num_disparities is 0, since the whole range is then estimated";
         return Err(Error::value("min_disparity", min_disparity, accepts));
     }
 
+    Ok(None)
+}
+
+/// Both images.
+///
+/// # Safety
+///
+/// The images are what their fields say, or NULL.
+unsafe fn read_images([left, right]: [*const Image; 2]) -> Result<[phasestereo::Image; 2]> {
     // SAFETY: as the caller promises.
-    let [left, right] = unsafe {
-        [reference(left, "left")?.view("left")?, reference(right, "right")?.view("right")?]
-    };
-
-    // The pair needs some range until its own is estimated.
-    let count = if is_given { num_disparities.into() } else { 1 };
-    let pair = Pair::new(left, right, min_disparity.into(), count)?;
-    let candidates = is_given.then(|| pair.candidates());
-
-    Ok((pair, Known { candidates, ..Known::default() }))
+    unsafe {
+        Ok([reference(left, "left")?.copied("left")?, reference(right, "right")?.copied("right")?])
+    }
 }
 
 /// The value that a pointer points to; NULL is refused.
@@ -391,7 +346,8 @@ impl From<&Error> for Status {
             Error::Value { .. } => Self::InvalidArgument,
             Error::OutOfMemory { .. } => Self::OutOfMemory,
             Error::Threads(_) => Self::Threads,
-            Error::Cancelled => Self::Internal,
+            // Nothing cancels a call; what else there may be one day is no fault of its arguments.
+            _ => Self::Internal,
         }
     }
 }

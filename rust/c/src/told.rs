@@ -3,7 +3,7 @@
 use std::cell::RefCell;
 use std::ffi::{CString, c_char};
 
-use phasestereo::internals::findings::{self, Severity};
+use phasestereo::Severity;
 
 /// All is well.
 pub const PHASESTEREO_OK: u32 = 0;
@@ -36,8 +36,8 @@ struct Kept {
     severity: u32,
 }
 
-impl From<findings::Finding> for Kept {
-    fn from(found: findings::Finding) -> Self {
+impl From<phasestereo::Finding> for Kept {
+    fn from(found: phasestereo::Finding) -> Self {
         let text = |text: &str| CString::new(text).unwrap_or_default();
         let severity = match found.severity {
             Severity::Ok => PHASESTEREO_OK,
@@ -50,7 +50,7 @@ impl From<findings::Finding> for Kept {
 }
 
 /// Keeps what a call has found for its thread.
-pub fn keep(findings: Vec<findings::Finding>) {
+pub fn keep(findings: Vec<phasestereo::Finding>) {
     FINDINGS.set(findings.into_iter().map(Kept::from).collect());
 }
 
@@ -83,12 +83,12 @@ mod tests {
     use std::ptr;
 
     use super::*;
-    use phasestereo::internals::findings::Topic;
+    use phasestereo::Topic;
 
     #[test]
     fn findings_are_read_one_after_another() {
-        let found = findings::Finding::new(Topic::Range, Severity::Warning, "too short");
-        keep(vec![findings::Finding::new(Topic::Noise, Severity::Note, "noisy"), found]);
+        let found = phasestereo::Finding::new(Topic::Range, Severity::Warning, "too short");
+        keep(vec![phasestereo::Finding::new(Topic::Noise, Severity::Note, "noisy"), found]);
 
         let mut place = MaybeUninit::uninit();
         // SAFETY: the pointer is to a place for a finding, or NULL, which is refused.

@@ -58,7 +58,6 @@ pub enum Codes {
     U64(Plane<u64>),
 }
 
-#[cfg(any(test, feature = "internals"))]
 impl Codes {
     /// The same codes in the widest words.
     pub fn widened(self) -> Plane<u64> {

@@ -1,9 +1,10 @@
-//! Everything that can go wrong, in one enum; `python.rs` turns each kind into Python's own exception type.
+//! Everything that can go wrong, in one enum; the extension module turns each kind into Python's own exception type.
 
 use thiserror::Error;
 
 /// Why a computation was refused or stopped.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[non_exhaustive]
 pub enum Error {
     /// An argument has the right type but not an acceptable value.
     #[error("{argument}: got {got}; accepts {accepts}")]

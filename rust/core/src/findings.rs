@@ -19,6 +19,7 @@ use crate::settings::Settings;
 
 /// What a finding is about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Topic {
     /// The match as a whole, or whether the images belong together.
     Match,

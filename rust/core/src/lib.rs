@@ -1,25 +1,4 @@
-//! Dense stereo matching on quantized local phase, which is insensitive to blur and contrast.
-//!
-//! A match is one call. The settings are those of a preset. [`Preset::Robust`], the default, estimates what the pair lacks:
-//! the range of disparities, how the rows of the images correspond, which image is blurred, where and by what, and the
-//! noise.
-//!
-//! ```
-//! use phasestereo::{Image, Pair, Settings, View, match_pair};
-//!
-//! // Rows x columns x channels: texture, 5 columns further left in the right image.
-//! let texture = |shift: usize| {
-//!     let gray = |(y, x, _)| ((x + shift) * 89 % 251) as u8 ^ (y * 37 % 256) as u8;
-//!     View::from(Image::U8(ndarray::Array3::from_shape_fn((80, 120, 1), gray)))
-//! };
-//! let pair = Pair::new(texture(0), texture(5), 0, 16)?;
-//!
-//! let (map, estimates) = match_pair(pair, &Settings::default(), 1)?;
-//!
-//! assert!((map.disparity.row(40)[60] - 5.0).abs() < 0.5);
-//! assert!(estimates.alignment.is_none(), "the rows correspond");
-//! # Ok::<(), phasestereo::Error>(())
-//! ```
+#![doc = include_str!("../README.md")]
 //!
 //! # The story of one disparity map
 //!
@@ -51,7 +30,7 @@
 //! with the costs of both.
 //!
 //! Costs and totals are integers as narrow as the settings allow (`value`). The candidates of a pixel lie in neighboring
-//! lanes, in loops that are compiled for every instruction set (`simd`, the only unsafe code except for the C interface).
+//! lanes, in loops that are compiled for every instruction set (`simd`, the only unsafe code).
 //! All arithmetic is that of integers (the descriptor may use floats that hold them exactly), so the result is the same to
 //! the bit for any number of threads, any part of a pair and any instructions, and equals that of a reference
 //! implementation, which computes the same in the most obvious way (`tests/rust/reference.rs`).
@@ -60,6 +39,7 @@
 
 mod error;
 mod findings;
+mod interface;
 mod math;
 mod settings;
 mod simd;
@@ -76,40 +56,18 @@ mod scales;
 mod verification;
 
 pub use error::{Error, Result};
-pub use findings::{Finding, Severity, Topic, of_match as findings_of_match};
+pub use findings::{Finding, Severity, Topic};
 pub use image::plane::Plane;
-pub use image::view::{Image, Mask, View};
+pub use interface::image::{Image, Pixel};
+pub use interface::{Match, Matcher, Verification};
 pub use pipeline::control::Control;
-pub use pipeline::matcher::{Disparity, Execution, Matcher, Pair, Timings};
+pub use pipeline::matcher::Timings;
 pub use pipeline::summary::Summary;
-pub use pipeline::temporal::TemporalFilter;
 pub use refinement::flag;
-pub use rig::estimation::{Estimates, Known, Means, Prepared, prepare, prepare_and_match};
+pub use rig::estimation::Estimates;
 pub use settings::presets::Preset;
 pub use settings::{CostKind, Optimizer, Precision, Settings, Taper};
-pub use simd::Level;
-pub use verification::{Verification, verdict, verify};
-
-/// Matches a pair on threads that are started for it: its disparity map, and what was estimated from the pair.
-///
-/// The disparities of the pair are searched, and all else is estimated that the settings ask for. [`prepare_and_match`]
-/// is for disparities to be estimated, for pairs of which something is known, and for one pair after another on the
-/// same threads; [`prepare`] and [`Matcher::match_pair`] are its two steps.
-pub fn match_pair(
-    pair: Pair,
-    settings: &Settings,
-    threads: usize,
-) -> Result<(Disparity, Estimates)> {
-    let matcher = Matcher::new(threads)?;
-    let control = Control::default();
-
-    let how = Execution { threads, level: Level::best() };
-    let known = Known { candidates: Some(pair.candidates()), ..Known::default() };
-    let means = Means { matcher: &matcher, how, control: &control };
-
-    let (disparity, prepared) = prepare_and_match(pair, known, settings, means)?;
-    Ok((disparity, prepared.estimates))
-}
+pub use verification::verdict;
 
 /// All stages, for the extension module of Python, the tests and the benches. They are no part of the interface: any of
 /// them may change with any version.

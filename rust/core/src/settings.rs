@@ -1,6 +1,7 @@
 //! The settings of the matcher: meaning, unit, range and default, checked once.
 
 pub mod presets;
+mod text;
 
 use crate::error::{Error, Result};
 
@@ -84,7 +85,7 @@ pub const OPTIMIZERS: [(&str, Optimizer); 4] = [
     ("sgm", Optimizer::SemiGlobal),
 ];
 
-/// Passes the names of all settings to a macro that does something with each: every face of the core reads them so.
+/// Passes the names of all settings to a macro that does something with each.
 #[doc(hidden)]
 #[macro_export]
 macro_rules! with_every_setting {
@@ -127,7 +128,9 @@ macro_rules! with_every_setting {
 }
 pub use with_every_setting;
 
-/// All settings of a match; the defaults are those of [`presets::Preset::Robust`].
+/// All settings of a match; the defaults are those of [`Preset::Robust`](presets::Preset::Robust).
+///
+/// Settings will be added: write those that matter, and the others as `..Settings::default()`.
 #[derive(Debug, Clone, PartialEq)]
 #[expect(clippy::struct_excessive_bools, reason = "each is a choice of its own, made by name")]
 pub struct Settings {

@@ -6,12 +6,12 @@ use pyo3::exceptions::{PyException, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDict};
 
-use crate::failure::{Failure, Result};
-use crate::estimates::{Field, read_field, read_findings};
 use super::internal;
+use crate::estimates::{Field, read_field, read_findings};
+use crate::failure::{Failure, Result};
 use crate::reader::{as_packing, as_ranges};
-use phasestereo::internals::cost::candidates::Candidates;
 use phasestereo::Error;
+use phasestereo::internals::cost::candidates::Candidates;
 use phasestereo::internals::image::convolution::Kernel;
 use phasestereo::internals::image::intensity;
 use phasestereo::internals::image::packing::Packing;
@@ -357,9 +357,7 @@ pub fn read_noise(noise: &Bound<'_, PyAny>) -> Result<Option<f64>> {
 }
 
 /// Reads the fields of `phasestereo.BlurCompensation` and checks them; or None.
-pub fn read_blur_compensation(
-    compensation: &Bound<'_, PyAny>,
-) -> Result<Option<BlurCompensation>> {
+pub fn read_blur_compensation(compensation: &Bound<'_, PyAny>) -> Result<Option<BlurCompensation>> {
     if compensation.is_none() {
         return Ok(None);
     }

@@ -3,8 +3,8 @@
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 
-use crate::failure::Result;
 use super::{internal, wrap};
+use crate::failure::Result;
 use phasestereo::Error;
 use phasestereo::internals::findings::{Finding, Severity, Topic};
 use phasestereo::internals::image::plane::Plane;

@@ -25,20 +25,20 @@ use self::arguments::{
     read_noise, read_pair, read_preset, read_search, read_settings, read_view, read_volume,
     write_settings,
 };
-use self::failure::{Failure, Result};
 use self::estimates::{
     EstimatesTuple, Field, FindingTuple, GlanceTuple, estimates_to_py, findings_to_py, read_field,
     read_glance,
 };
+use self::failure::{Failure, Result};
 use self::reader::{Reader, ScaleOfPair, packing_to_py};
 use self::supervisor::supervised;
 use self::temporal::{Shared, TemporalFilter};
 use self::verification::verify_map;
 use self::workers::{Pool, Workers};
+use phasestereo::Error;
 use phasestereo::internals::cost::Costs;
 use phasestereo::internals::cost::aggregation::{Window, aggregate};
 use phasestereo::internals::descriptor::{Codes, describe};
-use phasestereo::Error;
 use phasestereo::internals::findings::{self, Topic};
 use phasestereo::internals::image::intensity::Gray;
 use phasestereo::internals::image::packing::Packing;
@@ -59,7 +59,9 @@ use phasestereo::internals::rig::blur;
 use phasestereo::internals::rig::blur_compensation::MOST_CLASSES;
 use phasestereo::internals::rig::estimation::compensation_plan::{LARGER, MUCH_LARGER};
 use phasestereo::internals::rig::estimation::overview::LEAST_SIZE;
-use phasestereo::internals::rig::estimation::{Known, Means, Prepared, prepare, prepare_and_match, prepare_by_rows};
+use phasestereo::internals::rig::estimation::{
+    Known, Means, Prepared, prepare, prepare_and_match, prepare_by_rows,
+};
 use phasestereo::internals::settings::presets::Preset;
 use phasestereo::internals::settings::{MOST_DISPARITIES, Settings};
 use phasestereo::internals::simd::Level;
@@ -235,6 +237,7 @@ fn summary_to_py(summary: Summary) -> SummaryTuple {
         coarse,
         inferred,
         detail,
+        ..
     } = summary;
     (estimated, flagged, at_low, at_high, confidence, wrong, coarse, inferred, detail)
 }
@@ -497,7 +500,8 @@ struct PartOfPair {
 }
 
 /// A way to match some rows of a pair.
-type MatchRows = fn(&Matcher, &Pair, &Section, &Settings, Execution, &Control) -> phasestereo::Result<Disparity>;
+type MatchRows =
+    fn(&Matcher, &Pair, &Section, &Settings, Execution, &Control) -> phasestereo::Result<Disparity>;
 
 impl PartOfPair {
     /// The rows `rows` of a whole pair, of which the images begin with row `first`.

@@ -5,10 +5,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use pyo3::prelude::*;
 
-use crate::failure::{Failure, Result};
 use crate::arguments::{Both, Disparities, read_images};
-use phasestereo::internals::cost::candidates::Candidates;
+use crate::failure::{Failure, Result};
 use phasestereo::Error;
+use phasestereo::internals::cost::candidates::Candidates;
 use phasestereo::internals::image::intensity;
 use phasestereo::internals::image::packing::{Integers, Packing};
 use phasestereo::internals::pipeline::matcher::Pair;

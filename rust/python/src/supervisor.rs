@@ -6,8 +6,8 @@ use std::time::Duration;
 
 use pyo3::prelude::*;
 
-use crate::failure::{Failure, Result};
 use super::internal;
+use crate::failure::{Failure, Result};
 use crate::workers::Pool;
 
 use phasestereo::internals::pipeline::control::Control;

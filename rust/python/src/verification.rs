@@ -5,12 +5,12 @@ use numpy::{PyArray2, PyArrayMethods};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 
-use crate::failure::Result;
+use super::{Matched, SummaryTuple, disparity_to_py, summary_to_py, wrap};
 use crate::arguments::{Both, read_images, values};
 use crate::estimates::{EstimatesTuple, FindingTuple, estimates_to_py, findings_to_py};
+use crate::failure::Result;
 use crate::supervisor::supervised;
 use crate::workers::Pool;
-use super::{Matched, SummaryTuple, disparity_to_py, summary_to_py, wrap};
 use phasestereo::internals::findings;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::pipeline::matcher::Execution;

@@ -11,8 +11,8 @@ use std::{mem, process};
 
 use pyo3::prelude::*;
 
-use crate::failure::Result;
 use crate::arguments::read_threads;
+use crate::failure::Result;
 
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::Matcher;

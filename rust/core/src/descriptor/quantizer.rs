@@ -64,7 +64,6 @@ impl Quantizer {
     /// Reference implementation of [`Self::add`]: the code of the component `re + i im`. A boundary belongs to the sector
     /// counter-clockwise of it, zero to the first sector. With a weak level: the clearly negative parts, then the clearly
     /// positive ones.
-    #[cfg(any(test, feature = "internals"))]
     pub fn code(&self, re: i64, im: i64) -> u64 {
         if let Some(threshold) = self.weak {
             let [re, im] = if self.power == 1 {
@@ -270,7 +269,6 @@ impl<T: Lane> PhasePosition<T> {
 
 /// The Johnson code of `level` on a circle of `2 * length` levels: ones enter at the low end until
 /// the word is full, then zeros do.
-#[cfg(any(test, feature = "internals"))]
 fn johnson(level: usize, length: usize) -> u64 {
     let ones = |count: usize| (1u64 << count) - 1;
     if level < length { ones(level) } else { ones(length) & !ones(level - length) }

@@ -50,6 +50,7 @@ impl<T> Plane<T> {
     }
 
     /// Row `y`; empty above and below the plane.
+    #[doc(hidden)]
     pub fn row_or_nothing(&self, y: isize) -> &[T] {
         usize::try_from(y).ok().filter(|y| *y < self.rows).map_or(&[], |y| self.row(y))
     }
@@ -75,6 +76,7 @@ impl<T> Plane<T> {
     }
 
     /// Some of the rows, without the memory of the others.
+    #[doc(hidden)]
     pub fn of_rows(mut self, rows: Range<usize>) -> Self {
         if rows != (0..self.rows) {
             // The end goes first, so that fewer values are moved.
@@ -101,6 +103,7 @@ impl<T: Clone + Default> Plane<T> {
     }
 }
 
+#[doc(hidden)]
 impl<T: Send> Plane<T> {
     /// Overwrites bands of `band_rows` rows by `write(first_row, values)`, on the threads of the current pool.
     pub fn write_bands(
@@ -113,6 +116,7 @@ impl<T: Send> Plane<T> {
     }
 }
 
+#[doc(hidden)]
 impl<T: Clone + Default + Send> Plane<T> {
     /// A plane whose bands of `band_rows` rows are written by `write(first_row, values)`, on the threads of the current
     /// pool.

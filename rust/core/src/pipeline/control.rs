@@ -15,6 +15,7 @@ pub struct Control {
 impl Control {
     /// A control for work whose rows are not those of the disparity map: it is cancelled together with this one, and
     /// its rows are counted apart.
+    #[doc(hidden)]
     pub fn aside(&self) -> Self {
         Self { cancelled: Arc::clone(&self.cancelled), rows_done: AtomicUsize::new(0) }
     }
@@ -25,11 +26,13 @@ impl Control {
     }
 
     /// An error once [`Self::cancel`] was called; long loops call this every few milliseconds.
+    #[doc(hidden)]
     pub fn checkpoint(&self) -> Result<()> {
         if self.cancelled.load(Ordering::Relaxed) { Err(Error::Cancelled) } else { Ok(()) }
     }
 
     /// Adds finished rows of the disparity map.
+    #[doc(hidden)]
     pub fn finish_rows(&self, rows: usize) {
         self.rows_done.fetch_add(rows, Ordering::Relaxed);
     }

@@ -83,6 +83,7 @@ pub struct Disparity {
 
 /// Wall-clock time of each stage.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Timings {
     /// From images to codes (or to what else the cost compares).
     pub description: Duration,

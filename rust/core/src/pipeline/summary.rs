@@ -9,6 +9,7 @@ use crate::simd::{Level, Loop};
 
 /// Shares of the pixels of a map, and their mean confidence.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[non_exhaustive]
 pub struct Summary {
     /// Share with an estimate.
     pub estimated: f64,
@@ -53,6 +54,7 @@ const FOREIGN: u16 = flag::OUTSIDE | flag::FILLED | flag::INFERRED | flag::COARS
 
 impl Summary {
     /// The summary of a map whose disparities were searched among these candidates.
+    #[doc(hidden)]
     pub fn new(map: &Disparity, candidates: Candidates) -> Self {
         let (disparity, flags) = (map.disparity.as_slice(), map.flags.as_slice());
         let confidence = map.confidence.as_ref().map(Plane::as_slice);

@@ -89,8 +89,10 @@ pub struct Known {
 
 /// What was estimated from a pair, and the settings and kernels that suit it.
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct Estimates {
     /// The disparities to search.
+    #[doc(hidden)]
     pub candidates: Candidates,
     /// Mean confidence of the rough match of the reduced images, if there was one.
     pub confidence: Option<f64>,
@@ -98,18 +100,25 @@ pub struct Estimates {
     /// estimated with the negative of the right image.
     pub is_inverted: bool,
     /// The range of disparities, if it was to be estimated, or the known one matches badly.
+    #[doc(hidden)]
     pub range: Option<SearchRange>,
     /// Places that seem to have disparities that are not searched.
+    #[doc(hidden)]
     pub left_out: Vec<LeftOut>,
     /// The vertical offsets, if they were to be estimated and enough blocks were found in both images.
+    #[doc(hidden)]
     pub offsets: Option<RowOffsets>,
     /// The field by which the right image is straightened.
+    #[doc(hidden)]
     pub alignment: Option<Alignment>,
     /// Noise and blur, if they were to be estimated.
+    #[doc(hidden)]
     pub blur: Option<blur::Estimate>,
     /// What the gray values say, if anything was to be estimated.
+    #[doc(hidden)]
     pub photometry: Option<Photometry>,
     /// The settings and kernels that suit the blur and the noise, of which one or both are estimated or known.
+    #[doc(hidden)]
     pub compensation: Option<CompensationPlan>,
     /// What there is to say about the pair, in a fixed order of topics.
     pub findings: Vec<Finding>,
@@ -307,6 +316,22 @@ impl Request<'_> {
 }
 
 impl Estimates {
+    /// The disparities to search, half-open: those that were given, or else those that were found.
+    pub fn disparities(&self) -> Range<i64> {
+        let (min, count) = (self.candidates.min() as i64, self.candidates.count() as i64);
+        min..min + count
+    }
+
+    /// Whether the right image is straightened, since its rows do not correspond to those of the left one.
+    pub fn is_straightened(&self) -> bool {
+        self.alignment.is_some()
+    }
+
+    /// Standard deviations of the noise, left and right, in units of the pixels; `None`: not estimated.
+    pub fn noise(&self) -> Option<[f64; 2]> {
+        self.blur.as_ref().map(|blur| blur.noise)
+    }
+
     /// The estimates of the pair with the negative of the right image, but for the pixels as they are.
     fn with_negative(self, negative: Self) -> Self {
         let saturation = self.photometry.map(|own| own.saturation);

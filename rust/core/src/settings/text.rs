@@ -1,7 +1,7 @@
 //! Settings by name, as text.
 
-use phasestereo::internals::error::{Error, Result};
-use phasestereo::internals::settings::{
+use crate::error::{Error, Result};
+use crate::settings::{
     COSTS, CostKind, OPTIMIZERS, Optimizer, PRECISIONS, Precision, Settings, TAPERS, Taper,
     with_every_setting,
 };
@@ -14,18 +14,21 @@ trait Readable: Sized {
 
 macro_rules! set_by_name {
     ($($name:ident),* $(,)?) => {
-        /// Sets the field of this name; [`Settings::check`] has to be called afterwards.
-        pub fn set(settings: &mut Settings, name: &str, text: &str) -> Result<()> {
-            match name {
-                $(stringify!($name) => {
-                    settings.$name = Readable::read(stringify!($name), text.trim())?;
-                })*
-                _ => {
-                    let names = [$(stringify!($name)),*].join(", ");
-                    return Err(Error::value("settings", format!("'{name}'"), names));
+        impl Settings {
+            /// Sets the field of this name to a value that is written as in Python, with "none", "true" and "false" in
+            /// small letters and pairs as "0, 4095"; [`Self::check`] has to be called afterwards.
+            pub fn set(&mut self, name: &str, text: &str) -> Result<()> {
+                match name {
+                    $(stringify!($name) => {
+                        self.$name = Readable::read(stringify!($name), text.trim())?;
+                    })*
+                    _ => {
+                        let names = [$(stringify!($name)),*].join(", ");
+                        return Err(Error::value("settings", format!("'{name}'"), names));
+                    }
                 }
+                Ok(())
             }
-            Ok(())
         }
     };
 }

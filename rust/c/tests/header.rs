@@ -1,4 +1,6 @@
-//! The header, generated from the code by cbindgen.
+//! The header of the C interface is what cbindgen generates from the code.
+//!
+//! These tests are not in the library: Cargo builds it beside them, and the tests in Python link to that.
 
 use std::fs;
 use std::path::Path;
@@ -34,8 +36,8 @@ fn header() -> String {
     };
     config.enumeration.rename_variants = RenameRule::QualifiedScreamingSnakeCase;
 
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("rust");
-    let sources = ["c/found.rs", "c/told.rs", "c/images.rs", "c.rs"].map(|name| folder.join(name));
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let sources = ["found.rs", "told.rs", "images.rs", "lib.rs"].map(|name| folder.join(name));
     let builder = sources.into_iter().fold(Builder::new().with_config(config), Builder::with_src);
     let mut header = vec![];
     builder.generate().expect("the interface is one of C").write(&mut header);
@@ -46,7 +48,7 @@ fn header() -> String {
 /// A header that differs from the code is rewritten, so that it can be committed.
 #[test]
 fn the_header_is_that_of_the_code() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("rust/c/phasestereo.h");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("phasestereo.h");
     let (made, kept) = (header(), fs::read_to_string(&path).unwrap_or_default());
 
     if made != kept {
