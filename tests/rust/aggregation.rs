@@ -186,7 +186,7 @@ impl MaskedCosts {
                 if (y + x) % 2 == 0 {
                     Searched::all(count)
                 } else {
-                    Searched::holding(part.start, part.end - 1, count)
+                    Searched::holding(part.start, part.end - 1, 1, count)
                 }
             });
             assert!(parts[0].start == 0 && parts[1].start <= middle);

@@ -341,7 +341,7 @@ fn a_panel_is_searched_where_its_copy_matches() {
         assert!(!has_wall || (start <= 34 && 34 < end), "the wall at {y}, {x}: {start}..{end}");
         assert!(!has_board || (start <= 124 && 124 < end), "the board at {y}, {x}: {start}..{end}");
         if y > 350 || x == 800 || (y < 200 && (480..=608).contains(&x)) {
-            assert_eq!(end - start, 32, "{y}, {x}");
+            assert_eq!(end - start, 64, "{y}, {x}");
         }
     }
     // Where nothing matches all are searched.

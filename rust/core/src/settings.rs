@@ -210,7 +210,8 @@ pub struct Settings {
     /// Least confidence of an estimate that stays in the map, 0 to 1.
     pub min_confidence: f64,
     /// Whether copies of half the size, a quarter ... decide where they are more likely to be right than the pair as it
-    /// is, and flat areas become planes, for phase codes. It needs confidences.
+    /// is, and flat areas become planes, for phase codes; where there are many disparities, a copy also tells where each
+    /// panel is searched. It needs confidences.
     pub scales: bool,
 }
 

@@ -78,10 +78,14 @@ impl Searched {
         Self { start: 0, count }
     }
 
-    /// The fewest whole runs of [`LANES`] out of `count` candidates that hold those from `first` to `last`.
-    pub fn holding(first: usize, last: usize, count: usize) -> Self {
-        let searched = (last + 1 - first).next_multiple_of(LANES).min(count);
-        Self { start: first.min(count - searched), count: searched }
+    /// The fewest whole runs of [`LANES`] out of `count` candidates, `least` runs at least, that hold those from `first` to
+    /// `last`, with as many more on either side.
+    pub fn holding(first: usize, last: usize, least: usize, count: usize) -> Self {
+        let needed = last + 1 - first;
+        let searched = needed.next_multiple_of(LANES).max(least * LANES).min(count);
+        let start = first.saturating_sub((searched - needed) / 2);
+
+        Self { start: start.min(count - searched), count: searched }
     }
 
     /// Runs of [`LANES`] candidates, the last of them padded.
@@ -115,5 +119,23 @@ mod tests {
 
         let leftmost = Candidates::new(-5, 2, 5).expect("accepted");
         assert!(leftmost.column_or_beyond(0, 1) < 5 && leftmost.column_or_beyond(0, 0) >= 5);
+    }
+
+    #[test]
+    fn whole_runs_hold_a_range_in_their_middle() {
+        let holding = |first, last, least, count| {
+            let Searched { start, count } = Searched::holding(first, last, least, count);
+            (start, start + count)
+        };
+
+        assert_eq!(holding(100, 110, 1, 200), (90, 122));
+        assert_eq!(holding(100, 110, 2, 200), (74, 138));
+        assert_eq!(holding(100, 140, 1, 200), (89, 153));
+        // At either end they are shifted.
+        assert_eq!(holding(3, 5, 2, 200), (0, 64));
+        assert_eq!(holding(190, 199, 1, 200), (168, 200));
+        // All, where there are no more.
+        assert_eq!(holding(3, 5, 2, 40), (0, 40));
+        assert_eq!(holding(0, 199, 1, 200), (0, 200));
     }
 }
