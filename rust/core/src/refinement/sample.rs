@@ -1,6 +1,6 @@
 //! The share of wrong pixels of a map without confidences, from those of a few rows.
 //!
-//! Costs beside that of the chosen candidate take a fifth of the time of a fast match. One row in [`PERIOD`] says as
+//! Costs beside that of the chosen candidate take a fifth of the time of a fast match. One row in `PERIOD` says as
 //! much of the map as a whole, and its confidences look at [`RADIUS`] rows on either side, so that many are weighed:
 //!
 //! ```text

@@ -721,7 +721,7 @@ impl Estimate {
     }
 
     /// The estimate where there is no evidence.
-    pub(crate) fn unknown((rows, cols): (usize, usize)) -> Self {
+    pub fn unknown((rows, cols): (usize, usize)) -> Self {
         Self {
             blurs: vec![Blur { side: None, psf: None, taps: None, other: None }],
             labels: (1, 1, vec![0]),

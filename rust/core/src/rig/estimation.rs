@@ -11,7 +11,7 @@
 //!    matched both ways ([`trial`]), and it is straightened only if the match gets better by it.
 //!
 //! 5. What the gray values say is counted and fitted ([`crate::rig::photometry`]), and what it all means is said
-//!    ([`crate::findings`]).
+//!    (`crate::findings`).
 //!
 //! Where nothing matches, the reduced images are tried once more with the negative of one. If that matches, all of the
 //! above is repeated with the negative of the right image, which is then matched, too.
