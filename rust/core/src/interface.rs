@@ -191,7 +191,7 @@ impl Match {
 fn pair(left: Image, right: Image, disparities: Option<Range<i64>>) -> Result<(Pair, Known)> {
     // The pair needs some range until its own is estimated.
     let Range { start, end } = disparities.clone().unwrap_or(0..1);
-    let pair = Pair::new(left.into(), right.into(), start, end.saturating_sub(start))?;
+    let pair = Pair::new(left.into_view(), right.into_view(), start, end.saturating_sub(start))?;
     let candidates = disparities.map(|_| pair.candidates());
 
     Ok((pair, Known { candidates, ..Known::default() }))

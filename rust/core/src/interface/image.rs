@@ -70,11 +70,10 @@ impl Image {
         let mask = Plane::from_vec(rows, cols, mask).map_err(|error| error.about("mask"))?;
         Ok(Self(View { mask: Some(mask), ..self.0 }))
     }
-}
 
-impl From<Image> for View {
-    fn from(image: Image) -> Self {
-        image.0
+    /// The image as the stages have it.
+    pub(crate) fn into_view(self) -> View {
+        self.0
     }
 }
 
