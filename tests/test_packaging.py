@@ -474,7 +474,8 @@ def test_the_package_holds_and_imports_nothing_of_the_harness() -> None:
 
 
 def test_the_harness_is_made_for_this_version_and_asks_for_what_it_imports() -> None:
-    core = tomllib.loads((ROOT / "Cargo.toml").read_text("utf-8"))["workspace"]["package"]["version"]
+    workspace = tomllib.loads((ROOT / "Cargo.toml").read_text("utf-8"))["workspace"]
+    core = workspace["package"]["version"]
 
     asked = {one.name: one for one in map(Requirement, HARNESS_PROJECT["dependencies"])}
     ours = asked.pop("phasestereo")
