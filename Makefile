@@ -19,7 +19,8 @@ demo: $(VENV)/harness ## Render a pair, spoil one image, match it, print the sco
 test: $(VENV)/counterparts ## Build and run all the tests on every core, about 9 minutes on two (PHASESTEREO_DATA: the real pairs, default ../shared)
 	CARGO_PROFILE_TEST_OPT_LEVEL=0 cargo test --locked --lib
 	cargo test --locked --test '*'
-	cargo test --locked --doc --package phasestereo
+	cargo test --locked --doc
+	cargo build --locked --package phasestereo-c --profile test # tests in Python link to it
 	$(BIN)/python -m pytest --numprocesses auto --dist worksteal
 
 test-arm64: $(VENV)/ready ## Test the core and its wheel on an emulated aarch64 (ARGS=rust, wheel or python: one part)

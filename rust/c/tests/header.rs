@@ -1,6 +1,4 @@
 //! The header of the C interface is what cbindgen generates from the code.
-//!
-//! These tests are not in the library: Cargo builds it beside them, and the tests in Python link to that.
 
 use std::fs;
 use std::path::Path;
@@ -30,15 +28,16 @@ fn header() -> String {
         documentation_length: cbindgen::DocumentationLength::Full,
         export: ExportConfig {
             rename: names.map(renamed).into_iter().collect(),
+            // Of the module for browsers alone.
+            exclude: ["phasestereo_allocate", "phasestereo_release"].map(Into::into).into(),
             ..Default::default()
         },
         ..Config::default()
     };
     config.enumeration.rename_variants = RenameRule::QualifiedScreamingSnakeCase;
 
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
-    let sources = ["found.rs", "told.rs", "images.rs", "lib.rs"].map(|name| folder.join(name));
-    let builder = sources.into_iter().fold(Builder::new().with_config(config), Builder::with_src);
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/lib.rs"); // and its modules
+    let builder = Builder::new().with_config(config).with_src(root);
     let mut header = vec![];
     builder.generate().expect("the interface is one of C").write(&mut header);
     // Rust's section title has no meaning in C.
