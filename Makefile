@@ -20,7 +20,7 @@ test: $(VENV)/counterparts ## Build and run all the tests on every core, about 9
 	CARGO_PROFILE_TEST_OPT_LEVEL=0 cargo test --locked --lib
 	cargo test --locked --test '*'
 	cargo test --locked --doc
-	cargo build --locked --package phasestereo-c --profile test # tests in Python link to it
+	cargo build --locked --profile test --lib --test '*' # tests in Python link to the C library
 	$(BIN)/python -m pytest --numprocesses auto --dist worksteal
 
 test-arm64: $(VENV)/ready ## Test the core and its wheel on an emulated aarch64 (ARGS=rust, wheel or python: one part)
