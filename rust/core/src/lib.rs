@@ -26,6 +26,9 @@
 //! runs bands of rows on threads. It knows the rows that a part of a pair depends on (its halo), the memory that a
 //! match takes, and the statistics of a whole pair that the match of its parts needs.
 //!
+//! On top, `interface` takes images that are slices, matches them on threads that are kept, and returns the map with what
+//! there is to say about it.
+//!
 //! A disparity map of another origin is judged by the same means: `verification` compares it with a match of its own and
 //! with the costs of both.
 //!
