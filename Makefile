@@ -5,6 +5,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 CORE := python/phasestereo/_core.abi3.so
 C_LIBRARY := target/c/release/libphasestereo.so
+# Distributions on top of the core: installed from here before anything asks for them, so that PyPI is not asked.
+OURS := python/phasestereo-live python/phasestereo-large python/pandora-plugin-phasestereo benches/harness
 RUST := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name Cargo.toml)
 
 .DEFAULT_GOAL := help
@@ -101,6 +103,7 @@ web/phasestereo.wasm: $(RUST) web/build.sh web/toolchain.sh
 	web/build.sh
 	touch $@
 
-$(VENV)/harness: $(CORE) benches/harness/pyproject.toml
-	$(BIN)/pip install --quiet --editable benches/harness
+$(VENV)/harness: $(CORE) $(OURS:%=%/pyproject.toml)
+	$(BIN)/pip install --quiet --no-deps $(OURS:%=--editable %)
+	$(BIN)/pip install --quiet phasestereo-bench # is there by now: what it needs of others
 	touch $@

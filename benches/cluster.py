@@ -25,10 +25,10 @@ from dask.system import CPU_COUNT
 from distributed import Client
 
 import phasestereo as ps
-from phasestereo.batch import PairFiles, Record, run
-from phasestereo.batch.work import Order, match_files
-from phasestereo.integrations import dask as lazily
 from phasestereo.io import read_image
+from phasestereo_large import dask as lazily
+from phasestereo_large.batch import PairFiles, Record, run
+from phasestereo_large.batch.work import Order, match_files
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -2,7 +2,7 @@
 
     python benches/large_pair.py FOLDER --data MIDDLEBURY
 
-Makes two GeoTIFF files in FOLDER (once), matches them by `phasestereo match --max-memory` in a
+Makes two GeoTIFF files in FOLDER (once), matches them by `phasestereo large` in a
 process of its own, and prints its peak of resident memory as the kernel counts it, its time for a
 billion pairs of a pixel and a disparity, and how far it is from the disparities that the pair was
 made with. Then the whole pair is matched in memory, which has to be there, and bands of both are
@@ -26,6 +26,7 @@ from rasterio.windows import Window
 
 import phasestereo as ps
 from phasestereo_bench.datasets import find_scenes
+from phasestereo_large import geotiff
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -123,7 +124,7 @@ def matched(
     names: tuple[Path, Path], output: Path, size: Size, options: list[str]
 ) -> tuple[float, int]:
     """Match from file to file; return seconds and the most resident memory, in bytes."""
-    command = [sys.executable, "-m", "phasestereo", "match", *map(str, names), "-o", str(output)]
+    command = [sys.executable, "-m", "phasestereo", "large", *map(str, names), "-o", str(output)]
     command += ["--num-disparities", str(size.disparities), *options]
     started = time.perf_counter()
     process = subprocess.Popen(command)  # noqa: S603 - our own command
@@ -151,7 +152,7 @@ def tell_differences(
 ) -> None:
     """Match the whole pair in memory, and print how many pixels differ in any bit."""
     preset = options[options.index("--preset") + 1] if "--preset" in options else "robust"
-    left, right = (ps.io.read_geotiff(name).image for name in names)
+    left, right = (geotiff.read_geotiff(name).image for name in names)
     started = time.perf_counter()
     whole = ps.match(left, right, num_disparities=size.disparities, preset=preset)
     say(f"in memory: {time.perf_counter() - started:.1f} s")

@@ -23,14 +23,15 @@ import numpy as np
 from distributed import Client
 
 import phasestereo as ps
-from phasestereo.batch import PairFiles, run
-from phasestereo.batch.work import Order, match_files
+import phasestereo_large as large
 from phasestereo.io import read_image, write_image
+from phasestereo_large.batch import PairFiles, run
+from phasestereo_large.batch.work import Order, match_files
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from phasestereo.bands import Reader
+    from phasestereo_large.bands import Reader
 
 COUNT = 256  # disparities
 STRIP = 30_000  # rows and columns of the strip
@@ -100,18 +101,18 @@ def pair_rate(left: Path, right: Path, settings: ps.Settings) -> Rate:
 def band_rate(images: tuple[NDArray[Any], ...], way: ps.Settings) -> float:
     """Return the seconds that a band of the strip takes."""
     sides = [strip(image) for image in images]
-    known = ps.pair_statistics(
+    known = large.pair_statistics(
         reader(sides), (STRIP, STRIP), num_disparities=COUNT, settings=way, threads=1
     )
     started = perf_counter()
-    ps.match_rows(reader(sides), known, BAND, 2 * BAND, threads=1)
+    large.match_rows(reader(sides), known, BAND, 2 * BAND, threads=1)
     return perf_counter() - started
 
 
 def statistics_seconds(images: tuple[NDArray[Any], ...]) -> float:
     """Return the seconds that the statistics of the strip take, on all threads."""
     started = perf_counter()
-    ps.pair_statistics(
+    large.pair_statistics(
         reader([strip(image) for image in images]), (STRIP, STRIP), num_disparities=COUNT
     )
     return perf_counter() - started

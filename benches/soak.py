@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 import phasestereo as ps
-from phasestereo.outofcore.plan import resident
+from phasestereo_large.outofcore.plan import resident
 
 SIZES = (37, 64, 120, 181, 240, 333)
 PRESETS = "robust", "fast", "paper"

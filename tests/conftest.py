@@ -21,6 +21,19 @@ if TYPE_CHECKING:
     Run = tuple[int, str, str]
 
 ROOT = Path(__file__).resolve().parent.parent
+PACKAGES = (
+    ROOT / "python",
+    *(ROOT / "python" / name for name in ("phasestereo-live", "phasestereo-large")),
+    ROOT / "python/pandora-plugin-phasestereo",
+    ROOT / "benches/harness",
+)
+"""The folders that hold our packages."""
+
+ENVIRONMENT = os.environ | {
+    "PYTHONPATH": os.pathsep.join([*map(str, PACKAGES), os.environ.get("PYTHONPATH", "")])
+}
+"""Of processes that import our packages from the tree."""
+
 ON_CI = os.environ.get("CI") == "true"
 
 # The same examples every time and everywhere; new ones are what `make fuzz` is for, which loads

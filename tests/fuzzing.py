@@ -30,24 +30,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import phasestereo as ps
-from phasestereo.bands import load
-from phasestereo.batch import Record, read_manifest, read_pairs
+import phasestereo_large as large
 from phasestereo.io import (
     read_calibration,
     read_depth,
     read_disparity,
-    read_geotiff,
     read_image,
     read_pair,
     read_pfm,
     read_q,
-    write_geotiff,
     write_image,
 )
 from phasestereo.io.tiff import is_geotiff
-from phasestereo.io.windows import open_raster
 from phasestereo.rectification.reading import read_calibration as read_rig
 from phasestereo.rectification.record import Rectification
+from phasestereo_large import geotiff
+from phasestereo_large.bands import load
+from phasestereo_large.batch import Record, read_manifest, read_pairs
+from phasestereo_large.geotiff import read_geotiff, write_geotiff
+from phasestereo_large.windows import open_raster
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -197,7 +198,7 @@ def make_corpus(folder: Path) -> list[Path]:
     write_image(folder / "alpha.png", np.dstack([color, gray]))
     _by_pillow(folder, gray, color)
     _by_tifffile(folder, gray, color, real)
-    place = ps.io.Georeference(crs="EPSG:32631", transform=(0.5, 0, 500000, 0, -0.5, 4800000))
+    place = geotiff.Georeference(crs="EPSG:32631", transform=(0.5, 0, 500000, 0, -0.5, 4800000))
     write_geotiff(folder / "placed.tif", gray, like=place, tags={"A": "b"})
     write_geotiff(folder / "masked.tif", np.where(real > 3, real, np.nan), like=place)
     array = _array(folder, gray)
@@ -284,7 +285,7 @@ def _words(folder: Path, gray: Any) -> None:
 
     image = np.kron(gray, np.ones((8, 8), np.uint8))
 
-    statistics = ps.pair_statistics(
+    statistics = large.pair_statistics(
         lambda first, last: (image[first:last], image[first:last], None, None),
         image.shape[:2],
         num_disparities=8,

@@ -262,11 +262,11 @@ def cases(folder: Path) -> Iterator[tuple[str, Path]]:
 def readers() -> dict[str, Callable[[Path], Any]]:
     """Return what reads files, by the name of the function."""
     import phasestereo as ps  # noqa: PLC0415 -- the process that makes the files needs none of it
-    from phasestereo import batch  # noqa: PLC0415
-    from phasestereo.bands import load  # noqa: PLC0415
     from phasestereo.io.tiff import is_geotiff  # noqa: PLC0415
-    from phasestereo.io.windows import open_raster  # noqa: PLC0415
     from phasestereo.rectification.reading import read_calibration  # noqa: PLC0415
+    from phasestereo_large import batch, geotiff  # noqa: PLC0415
+    from phasestereo_large.bands import load  # noqa: PLC0415
+    from phasestereo_large.windows import open_raster  # noqa: PLC0415
 
     def open_one(path: Path) -> None:
         with open_raster(path):
@@ -274,7 +274,7 @@ def readers() -> dict[str, Callable[[Path], Any]]:
 
     return {
         "read_image": ps.io.read_image,
-        "read_geotiff": ps.io.read_geotiff,
+        "read_geotiff": geotiff.read_geotiff,
         "read_disparity": ps.io.read_disparity,
         "open_raster": open_one,
         "is_geotiff": is_geotiff,

@@ -18,11 +18,12 @@ from PIL import Image
 from selenium import webdriver
 
 import phasestereo as ps
+import phasestereo_live as live
 from browser import Browser, running, serving
-from phasestereo.viewer import Server, Show
 from phasestereo.views.page import write_pair_page
 from phasestereo_bench.degradation import Degradation, disk_psf
 from phasestereo_bench.rendering import render_pair
+from phasestereo_live.viewer import Server, Show
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -88,7 +89,7 @@ def take_live_page(browser: Browser) -> None:
     result = ps.match(left, pair.right, num_disparities=64)
 
     show = Show(ps.PRESETS["robust"], 64, Path())
-    show.add(ps.Frame(311, 12.4, left, pair.right, result))
+    show.add(live.Frame(311, 12.4, left, pair.right, result))
     show.diagnose(ps.check(left, pair.right))
 
     with Server(show) as server:

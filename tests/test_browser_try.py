@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import subprocess
 import sys
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from browser import serving
-from conftest import counterpart
+from conftest import ENVIRONMENT, counterpart
 from documentation import ROOT
 
 if TYPE_CHECKING:
@@ -34,9 +33,8 @@ MOST_BYTES = 1_000_000  # compressed
 def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with the page twice: with the core, if it is there, and with a stand-in."""
     folder = tmp_path_factory.mktemp("web")
-    path = os.pathsep.join(str(ROOT / place) for place in ("python", "benches/harness"))
     program = [sys.executable, str(ROOT / "docs" / "try_page.py"), str(folder / "core")]
-    subprocess.run(program, env=os.environ | {"PYTHONPATH": path}, check=True)  # noqa: S603  # ours
+    subprocess.run(program, env=ENVIRONMENT, check=True)  # noqa: S603  # ours
     shutil.copytree(folder / "core", folder / "stand-in")
     shutil.copy(ROOT / "tests" / "stand_in_matcher.js", folder / "stand-in" / "matcher.js")
     return folder

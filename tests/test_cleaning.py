@@ -13,9 +13,10 @@ from PIL import Image
 
 import oracle
 import phasestereo as ps
-from phasestereo import bands
+import phasestereo_large as large
 from phasestereo.metrics import bad_pixels
 from phasestereo_bench.rendering import render_pair
+from phasestereo_large import bands
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -220,7 +221,7 @@ def test_parts_are_those_of_the_whole(tmp_path: Path) -> None:
     def read(first: int, last: int) -> tuple[Any, Any, None, None]:
         return left[first:last], right[first:last], None, None
 
-    known = ps.pair_statistics(read, left.shape[:2], **SEARCH)
+    known = large.pair_statistics(read, left.shape[:2], **SEARCH)
     known.save(tmp_path / "statistics.npz")
     for statistics in (known, bands.load(tmp_path / "statistics.npz")):
         assert statistics.blur_compensation is not None
@@ -229,7 +230,7 @@ def test_parts_are_those_of_the_whole(tmp_path: Path) -> None:
         assert statistics.blur.coding == whole.blur.coding
 
         cuts = [0, 1, 64, 125, 130, 200]
-        parts = [ps.match_rows(read, statistics, a, b) for a, b in pairwise(cuts)]
+        parts = [large.match_rows(read, statistics, a, b) for a, b in pairwise(cuts)]
 
         for name in ("disparity", "flags", "confidence"):
             joined = np.concatenate([getattr(part, name) for part in parts])

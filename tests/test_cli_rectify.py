@@ -210,8 +210,6 @@ def test_a_folder_of_frames_is_rectified(run: Callable[..., Run], scene: tuple[A
      "--rectify: got left.png, which is a picture"),
     ("match left.png right.png --num-disparities 9 -o rig.npz --rectify rig.npz", WRONG,
      "--output: rig.npz is in use already"),
-    ("match left.png --layout top-bottom --num-disparities 9 -o o.npy --max-memory 1GB", WRONG,
-     "--max-memory: accepts two files of rectified images"),
     ("match left.png --bands 1 --num-disparities 9 --json", WRONG, "--bands: has no effect"),
     ("rectify left.png right.png --calibration left.png --json", WRONG,
      "--calibration: got left.png, which is a picture"),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import io
-import os
 import re
 import shutil
 import subprocess
@@ -19,7 +18,7 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from conftest import counterpart
+from conftest import ENVIRONMENT, counterpart
 from documentation import PAGES, ROOT, CodeBlock, blocks, commands, name
 from phasestereo.io import Calibration, read_image, write_disparity, write_image
 from phasestereo.metrics import bad_pixels
@@ -102,13 +101,13 @@ def _foreign(found: list[CodeBlock]) -> list[str]:
     """Return the optional packages that examples import themselves."""
     text = "".join(block.text for block in found)
     imported = re.findall(r"^\s*(?:import|from) (\w+)", text, re.MULTILINE)
-    ours = {"phasestereo", "numpy", *sys.stdlib_module_names}
-    return sorted(set(imported) - ours)
+    ours = {"phasestereo", "phasestereo_live", "phasestereo_large", "numpy"}
+    return sorted(set(imported) - ours - sys.stdlib_module_names)
 
 
 def _pandora_finds_the_plugin() -> bool:
     plugins = metadata.entry_points(group="pandora.plugin")
-    return any(plugin.value.startswith("phasestereo.") for plugin in plugins)
+    return any(plugin.value.startswith("pandora_plugin_phasestereo:") for plugin in plugins)
 
 
 def test_a_broken_example_fails(tmp_path: Path) -> None:
@@ -218,11 +217,10 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
         counterpart(module)
 
     folder = tmp_path_factory.mktemp("site")
-    path = os.pathsep.join(str(ROOT / place) for place in ("python", "benches/harness"))
     finished = subprocess.run(  # noqa: S603  # our own interpreter
         [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)],
         cwd=ROOT,
-        env=os.environ | {"PYTHONPATH": path, "NO_MKDOCS_2_WARNING": "1"},
+        env=ENVIRONMENT | {"NO_MKDOCS_2_WARNING": "1"},
         capture_output=True,
         text=True,
         check=False,

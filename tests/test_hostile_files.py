@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -13,10 +12,10 @@ import numpy as np
 import pytest
 
 import hostile
-from conftest import ROOT, counterpart
-from phasestereo import outofcore
-from phasestereo.io import read_geotiff, write_geotiff
-from phasestereo.io.windows import open_raster
+from conftest import ENVIRONMENT, counterpart
+from phasestereo_large import outofcore
+from phasestereo_large.geotiff import read_geotiff, write_geotiff
+from phasestereo_large.windows import open_raster
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -42,7 +41,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_every_hostile_file_is_refused_soon_by_name_and_in_little_memory(folder: Path) -> None:
     finished = subprocess.run(  # noqa: S603  # our own interpreter on our own code
         [sys.executable, hostile.__file__, str(folder)],
-        env=os.environ | {"PYTHONPATH": str(ROOT / "python")},
+        env=ENVIRONMENT,
         capture_output=True,
         text=True,
         timeout=120,

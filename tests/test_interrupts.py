@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from phasestereo._interrupts import held_back, unheard
+from phasestereo_large._interrupts import unheard
+from phasestereo_live._interrupts import held_back
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import os
 import struct
 import subprocess
 import sys
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from conftest import ROOT, counterpart
+from conftest import ENVIRONMENT, counterpart
 from phasestereo import PointCloud
 from phasestereo.io import (
     max_pixels,
@@ -25,11 +24,11 @@ from phasestereo.io import (
     read_truth,
     set_max_pixels,
     write_disparity,
-    write_geotiff,
     write_image,
     write_pfm,
     write_ply,
 )
+from phasestereo_large.geotiff import write_geotiff
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -196,7 +195,7 @@ def test_a_library_does_not_write_into_the_terminal_of_others(tmp_path: Path) ->
     done = subprocess.run(  # noqa: S603  # our own interpreter on our own code
         [sys.executable, "-c", "import sys, phasestereo as ps; ps.io.read_image(sys.argv[1])",
          str(tmp_path / "a.tif")],
-        env=os.environ | {"PYTHONPATH": str(ROOT / "python")},
+        env=ENVIRONMENT,
         capture_output=True, text=True, check=False,
     )  # fmt: skip
 

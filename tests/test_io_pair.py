@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
+import phasestereo_live as live
 from conftest import counterpart
 from phasestereo.io import read_image, read_pair, write_image
 
@@ -111,5 +112,5 @@ def test_paths_stand_for_images(paths: tuple[str, Path]) -> None:
     assert str(ps.check(*paths)) == str(ps.check(*images))
     assert str(ps.estimate_blur(*paths)) == str(ps.estimate_blur(*images))
 
-    [frame] = ps.stream([paths], num_disparities=16)
+    [frame] = live.stream([paths], num_disparities=16)
     np.testing.assert_array_equal(frame.result.disparity, expected.disparity)

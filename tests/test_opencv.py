@@ -13,13 +13,13 @@ import pytest
 
 import phasestereo as ps
 from conftest import counterpart
-from phasestereo.integrations.opencv import (
+from phasestereo.metrics import bad_pixels
+from phasestereo.opencv import (
     StereoPhase,
     StereoPhase_create,
     createDisparityWLSFilter,
     createRightMatcher,
 )
-from phasestereo.metrics import bad_pixels
 from phasestereo_bench.datasets import find_scene
 from phasestereo_bench.rendering import render_pair
 from test_matcher import noise_pair
@@ -636,7 +636,7 @@ def test_a_program_with_the_wls_filter_and_three_names_exchanged(pair: Pair) -> 
 
 
 def test_opencv_is_needed_for_the_filter_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    code = "import sys, phasestereo.integrations.opencv; sys.exit('cv2' in sys.modules)"
+    code = "import sys, phasestereo.opencv; sys.exit('cv2' in sys.modules)"
     quiet = "-W", "error", "-W", "ignore::UserWarning"
     subprocess.run([sys.executable, *quiet, "-c", code], check=True)  # noqa: S603 - our code
 
@@ -681,7 +681,7 @@ def test_threads_are_kept_while_settings_are(pair: Pair, monkeypatch: pytest.Mon
             made.append(options["threads"])
             super().__init__(**options)
 
-    monkeypatch.setattr("phasestereo.integrations.opencv.stereo.Matcher", Counted)
+    monkeypatch.setattr("phasestereo.opencv.stereo.Matcher", Counted)
 
     images = bgr(pair.left)[:40], bgr(pair.right)[:40]
     stereo = StereoPhase_create(0, 20, threads=1)

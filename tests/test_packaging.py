@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import os
 import re
 import shutil
 import subprocess
@@ -20,18 +19,40 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 import phasestereo as ps
-from conftest import ROOT, counterpart
+import phasestereo_live as live
+from conftest import ENVIRONMENT, ROOT, counterpart
 from phasestereo._extras import require
-from phasestereo.integrations import xarray as labeled
-from phasestereo.io import read_geotiff, read_image, write_geotiff
+from phasestereo.io import read_image
 from phasestereo.views.picture import colorize
+from phasestereo_large import dask as lazily
+from phasestereo_large import geotiff
+from phasestereo_large import xarray as labeled
+from phasestereo_large.geotiff import Georeference, read_geotiff, write_geotiff
+from phasestereo_live import rerun
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 PACKAGE = ROOT / "python/phasestereo"
-HARNESS = ROOT / "benches/harness"
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+FOLDERS = {
+    "phasestereo": ROOT,
+    "phasestereo-live": ROOT / "python/phasestereo-live",
+    "phasestereo-large": ROOT / "python/phasestereo-large",
+    "pandora-plugin-phasestereo": ROOT / "python/pandora-plugin-phasestereo",
+    "phasestereo-bench": ROOT / "benches/harness",
+}
+"""The folder of each distribution, from the ground up."""
+
+PROJECTS: dict[str, Any] = {
+    name: tomllib.loads((folder / "pyproject.toml").read_text("utf-8"))["project"]
+    for name, folder in FOLDERS.items()
+}
+PACKAGES = {
+    "phasestereo": PACKAGE,
+    **{name: folder / name.replace("-", "_") for name, folder in FOLDERS.items() if folder != ROOT},
+}
+OTHERS = [name for name in FOLDERS if name != "phasestereo"]
+PROJECT = PROJECTS["phasestereo"]
 EXTRAS: dict[str, list[str]] = PROJECT["optional-dependencies"]
 WANTED = [
     "cli",
@@ -62,10 +83,15 @@ DISTRIBUTIONS = {
 }
 """What brings a module whose name is another."""
 
-IMPORTED_FREELY = {"cli": "cli", "integrations/pandora.py": "pandora"}
+IMPORTED_FREELY = {
+    "phasestereo/cli": "cli",
+    "phasestereo_live/cli": "cli",
+    "phasestereo_large/cli": "cli",
+    "pandora_plugin_phasestereo": "pandora",
+}
 """Parts of the package that are only imported when an extra is there, which they may use."""
 
-DYNAMIC = {("io/raster.py", "module"): ["PIL"]}
+DYNAMIC = {("phasestereo/io/raster.py", "module"): ["PIL"]}
 """Modules that `require` is given in a way that cannot be read from the source."""
 
 
@@ -76,15 +102,13 @@ def run(
     *arguments: str, cwd: Path | None = None, **environment: str
 ) -> subprocess.CompletedProcess[str]:
     """Run Python in a process of its own, from which this package can be imported."""
-    path = os.pathsep.join([str(ROOT / "python"), os.environ.get("PYTHONPATH", "")])
-
     return subprocess.run(  # noqa: S603  # our own interpreter on our own code
         [sys.executable, *arguments],
         capture_output=True,
         text=True,
         check=False,
         cwd=cwd,
-        env=os.environ | {"PYTHONPATH": path.rstrip(os.pathsep)} | environment,
+        env=ENVIRONMENT | environment,
     )
 
 
@@ -116,7 +140,7 @@ def test_an_import_loads_none_of_what_only_some_need() -> None:
 
     ours = {name.removeprefix("phasestereo.") for name in loaded}
     assert "_core" in ours
-    others = {"bands", "cli", "integrations", "io", "metrics", "rectification", "stages", "views"}
+    others = {"cli", "io", "metrics", "opencv", "rectification", "stages", "views"}
     assert ours & (others | {"rig.diagnosis", "rig.estimation"}) == set()
 
 
@@ -157,15 +181,20 @@ def test_all_is_everything() -> None:
     assert brought("all") == {name for extra in EXTRAS for name in brought(extra)}
 
 
-def brought(extra: str) -> set[str]:
+def brought(extra: str, of: str = "phasestereo") -> set[str]:
     """Return the distributions that an extra names, itself and by the extras it is made of."""
+    return named(PROJECTS[of]["optional-dependencies"][extra])
+
+
+def named(lines: list[str]) -> set[str]:
+    """Return the distributions that requirements name; of ours those that they ask for."""
     names: set[str] = set()
 
-    for line in EXTRAS[extra]:
-        asked = Requirement(line)
-        if asked.name == "phasestereo":
-            names = names.union(*(brought(inner) for inner in asked.extras))
-        else:
+    for asked in map(Requirement, lines):
+        if asked.name in PROJECTS:
+            names |= named(PROJECTS[asked.name]["dependencies"])
+            names = names.union(*(brought(inner, asked.name) for inner in asked.extras))
+        if asked.name != "phasestereo":
             names.add(canonicalize_name(asked.name))
 
     return names
@@ -198,9 +227,13 @@ def with_theirs(names: set[str]) -> set[str]:
 
 
 def sources() -> Iterator[tuple[str, ast.Module]]:
-    """Return every module of the package, by its path, as a syntax tree."""
-    for path in sorted(PACKAGE.rglob("*.py")):
-        yield path.relative_to(PACKAGE).as_posix(), ast.parse(path.read_text(encoding="utf-8"))
+    """Return every module of the product, by its path, as a syntax tree."""
+    for name, package in PACKAGES.items():
+        if name == "phasestereo-bench":  # which asks for all that it imports
+            continue
+        for path in sorted(package.rglob("*.py")):
+            where = path.relative_to(package.parent).as_posix()
+            yield where, ast.parse(path.read_text(encoding="utf-8"))
 
 
 def asked_for() -> list[tuple[str, str, str]]:
@@ -303,8 +336,7 @@ def test_an_error_inside_an_optional_package_is_not_taken_for_its_absence(
 
 def test_every_command_that_is_named_installs_something() -> None:
     files = [
-        *PACKAGE.rglob("*.py"),
-        *HARNESS.rglob("*.py"),
+        *(path for package in PACKAGES.values() for path in package.rglob("*.py")),
         ROOT / "README.md",
         *(ROOT / "docs").rglob("*.md"),
     ]
@@ -321,7 +353,7 @@ def test_every_command_that_is_named_installs_something() -> None:
 
 
 def test_what_is_optional_is_never_imported_outright() -> None:
-    ours = {"phasestereo", "numpy", *sys.stdlib_module_names}
+    ours = {"numpy", *sys.stdlib_module_names, *(package.name for package in PACKAGES.values())}
 
     freely = [
         f"{path}:{node.lineno}: {name}"
@@ -335,8 +367,8 @@ def test_what_is_optional_is_never_imported_outright() -> None:
 
 
 def _allowed(path: str) -> set[str]:
-    extra = IMPORTED_FREELY.get(path.partition("/")[0]) or IMPORTED_FREELY.get(path)
-    return set() if extra is None else with_theirs(brought(extra))
+    extras = [extra for place, extra in IMPORTED_FREELY.items() if path.startswith(f"{place}/")]
+    return with_theirs(set().union(*map(brought, extras)))
 
 
 def _imports(tree: ast.AST) -> Iterator[tuple[ast.stmt, str]]:
@@ -371,11 +403,11 @@ def _color(_: Path) -> object:
 
 def _film(folder: Path) -> object:
     (folder / "video.mp4").touch()
-    return ps.stream(folder / "video.mp4", num_disparities=16)
+    return live.stream(folder / "video.mp4", num_disparities=16)
 
 
 def _record(folder: Path) -> object:
-    with ps.integrations.rerun.saving(folder / "recording.rrd") as recording:
+    with rerun.saving(folder / "recording.rrd") as recording:
         return recording
 
 
@@ -390,14 +422,14 @@ CALLS = [
     ("PIL", "io", _read("a.png")),
     ("tifffile", "io", _read("a.tif")),
     ("matplotlib", "plot", _color),
-    ("cv2", "live", lambda _: ps.stream(0, num_disparities=16)),
+    ("cv2", "live", lambda _: live.stream(0, num_disparities=16)),
     ("cv2", "rectify", lambda _: ps.rectify(PAIR[0], PAIR[1])),
     ("av", "live", _film),
     ("rerun", "rerun", _record),
     ("rasterio", "geo", lambda folder: write_geotiff(folder / "out.tif", np.ones((8, 8), "f4"))),
     ("rasterio", "geo", lambda folder: read_geotiff(folder / "a.tif")),
     ("xarray", "geo", _label),
-    ("dask", "dask", lambda _: ps.integrations.dask.match(PAIR[0], PAIR[1], num_disparities=8)),
+    ("dask", "dask", lambda _: lazily.match(PAIR[0], PAIR[1], num_disparities=8)),
 ]
 
 
@@ -425,7 +457,7 @@ def test_the_command_without_its_extra_says_how_to_get_it(module: str) -> None:
 
 def test_the_plugin_without_pandora_says_how_to_get_it() -> None:
     finished = run(
-        "-c", "import sys; sys.modules['pandora'] = None\nimport phasestereo.integrations.pandora"
+        "-c", "import sys; sys.modules['pandora'] = None\nimport pandora_plugin_phasestereo"
     )
 
     message = (
@@ -450,43 +482,38 @@ def test_the_command_with_its_extra_starts() -> None:
     assert re.fullmatch(r"\d+\.\d+\.\d+\S*\n", finished.stdout)
 
 
-# The harness, which is a distribution of its own
+# Distributions on top of the first one
 
 
-HARNESS_PROJECT = tomllib.loads((HARNESS / "pyproject.toml").read_text("utf-8"))["project"]
-
-
-def test_the_package_holds_and_imports_nothing_of_the_harness() -> None:
-    assert [path.name for path in PACKAGE.parent.iterdir() if path.is_dir()] == ["phasestereo"]
-    trees = dict(sources())
-
-    assert len(trees) > 50
-
-    imported = [
-        f"{path}:{node.lineno}"
-        for path, tree in trees.items()
-        for node in ast.walk(tree)  # what is imported for types, too
-        if isinstance(node, ast.Import | ast.ImportFrom)
-        and "phasestereo_bench" in ast.unparse(node)
-    ]
-
-    assert imported == []
-
-
-def test_the_harness_is_made_for_this_version_and_asks_for_what_it_imports() -> None:
+@pytest.mark.parametrize("name", OTHERS)
+def test_a_distribution_is_made_for_this_version_of_ours(name: str) -> None:
     workspace = tomllib.loads((ROOT / "Cargo.toml").read_text("utf-8"))["workspace"]
     core = workspace["package"]["version"]
+    asked = [Requirement(line) for line in PROJECTS[name]["dependencies"]]
+    ours = {one.name: str(one.specifier) for one in asked if one.name in PROJECTS}
+    assert "phasestereo" in ours
+    assert {PROJECTS[name]["version"], *ours.values()} == {core, f"=={core}"}
 
-    asked = {one.name: one for one in map(Requirement, HARNESS_PROJECT["dependencies"])}
-    ours = asked.pop("phasestereo")
-    assert (HARNESS_PROJECT["version"], str(ours.specifier)) == (core, f"=={core}")
 
-    there = {canonicalize_name(name) for name in asked}.union(*map(brought, ours.extras))
-    freely = {"phasestereo", "phasestereo_bench", "numpy", *sys.stdlib_module_names}
+@pytest.mark.parametrize("name", OTHERS)
+def test_a_distribution_asks_for_what_it_imports_of_ours(name: str) -> None:
+    asked = {Requirement(line).name.replace("-", "_") for line in PROJECTS[name]["dependencies"]}
+    imported = {
+        found
+        for path in PACKAGES[name].rglob("*.py")
+        for _, found in _imports(ast.parse(path.read_text("utf-8")))
+        if found != PACKAGES[name].name
+    }
+    assert imported & {package.name for package in PACKAGES.values()} <= asked
+
+
+def test_the_harness_asks_for_what_it_imports() -> None:
+    there = named(PROJECTS["phasestereo-bench"]["dependencies"])
+    freely = {"numpy", *sys.stdlib_module_names, *(package.name for package in PACKAGES.values())}
 
     imported = {
         canonicalize_name(DISTRIBUTIONS.get(name, name))
-        for path in HARNESS.rglob("*.py")
+        for path in PACKAGES["phasestereo-bench"].rglob("*.py")
         for node in ast.walk(ast.parse(path.read_text("utf-8")))
         if isinstance(node, ast.Import | ast.ImportFrom)
         for _, name in _imports(ast.Module([node], []))
@@ -496,15 +523,50 @@ def test_the_harness_is_made_for_this_version_and_asks_for_what_it_imports() -> 
     assert {"scipy", "cyclopts"} <= imported <= with_theirs(there)
 
 
-@pytest.mark.parametrize("arguments", [["demo"], ["bench", "speed", "--pairs", "rendered"]])
-def test_a_command_of_the_harness_says_how_to_get_it_where_it_is_missing(
-    arguments: list[str],
+@pytest.mark.parametrize(
+    ("arguments", "requirement"),
+    [
+        (["live", "video.mp4", "--num-disparities", "16"], "'phasestereo[live]'"),
+        (["batch", "pairs.csv", "-o", "maps"], "'phasestereo[batch]'"),
+        (["large", "left.tif", "right.tif"], "'phasestereo[large]'"),
+        (["demo"], "phasestereo-bench"),
+        (["bench", "speed", "--pairs", "rendered"], "phasestereo-bench"),
+    ],
+)
+def test_a_command_of_a_distribution_says_how_to_get_it_where_it_is_missing(
+    arguments: list[str], requirement: str
 ) -> None:
     counterpart("cyclopts")
     finished = run("-c", f"{WITHOUT_OTHERS}sys.argv[1:] = {arguments}\nsys.exit(main())")
-    message = "this command is not installed; it comes with: pip install phasestereo-bench"
+    message = f"this command is not installed; it comes with: pip install {requirement}"
     assert (finished.returncode, finished.stdout) == (1, "")
     assert finished.stderr == f"phasestereo: error: {message}\n"
+
+
+def test_the_help_of_a_command_that_is_missing_says_how_to_get_it() -> None:
+    counterpart("cyclopts")
+    finished = run(
+        "-c", f"{WITHOUT_OTHERS}sys.argv[1:] = ['live', '--help']\nsys.exit(main())", COLUMNS="200"
+    )
+    assert finished.returncode == 0
+    assert "Not installed; it comes with: pip install 'phasestereo[live]'" in finished.stdout
+
+
+def test_a_geotiff_is_not_read_without_its_distribution(tmp_path: Path) -> None:
+    counterpart("rasterio")
+    for name in ("left.tif", "right.tif"):
+        write_geotiff(
+            tmp_path / name, np.zeros((40, 60), np.uint8), like=Georeference(crs="EPSG:32631")
+        )
+
+    arguments = ["match", "left.tif", "right.tif", "--json"]
+    code = f"{WITHOUT_OTHERS}sys.argv[1:] = {arguments}\nsys.exit(main())"
+    finished = run("-c", code, cwd=tmp_path)
+    assert (finished.returncode, finished.stdout) == (1, "")
+    assert finished.stderr == (
+        "phasestereo: error: left.tif is a GeoTIFF, whose masks and place count: phasestereo-large "
+        "is not installed; it comes with: pip install 'phasestereo[geo]'\n"
+    )
 
 
 WITHOUT_OTHERS = """
@@ -515,13 +577,20 @@ from phasestereo.__main__ import main
 """
 
 
-def test_the_commands_of_the_harness_are_declared_and_there() -> None:
+def test_what_distributions_add_is_declared_and_there() -> None:
     cli = pytest.importorskip("phasestereo.cli")
-    declared = HARNESS_PROJECT["entry-points"][cli.COMMANDS]
-    assert declared.keys() == cli.HARNESS.keys()
-    for place in declared.values():
+    formats = pytest.importorskip("phasestereo.io.formats")
+
+    groups = [project.get("entry-points", {}) for project in PROJECTS.values()]
+    commands = [point for group in groups for point in group.get(cli.COMMANDS, {}).items()]
+    assert sorted(name for name, _ in commands) == sorted(cli.OTHERS)
+    for _, place in commands:
         module, _, name = place.partition(":")
         assert callable(getattr(import_module(module), name))
+
+    (declared,) = [group[formats.FORMATS] for group in groups if formats.FORMATS in group]
+    assert set(declared) == {"geotiff"}
+    assert import_module(declared["geotiff"]) is geotiff
 
 
 # Types
@@ -533,6 +602,7 @@ from __future__ import annotations
 import numpy as np
 
 import phasestereo as ps
+import phasestereo_live as live
 
 image = np.zeros((40, 60), np.uint8)
 ps.match(image)  # wrong: no right image
@@ -616,6 +686,8 @@ def test_everything_beside_the_code_is_in_the_source_distribution(tmp_path: Path
 
     assert {"LICENSE", "README.md", "Cargo.lock", "rust/core/src/lib.rs", "pyproject.toml"} <= names
     assert not [name for name in names if name.endswith((".so", ".pyd"))]
+    modules = [name for name in names if name.startswith("python/")]
+    assert all(name.startswith("python/phasestereo/") for name in modules)
 
 
 def _is_kept(path: Path) -> bool:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
+import phasestereo_large as large
 from phasestereo_bench.datasets import find_scene
 
 if TYPE_CHECKING:
@@ -108,9 +109,9 @@ def test_parts_are_those_of_bytes_whatever_their_own_values(soft: Images, form: 
     def read(first: int, last: int) -> Any:
         return images[0][first:last], images[1][first:last], None, None
 
-    statistics = ps.pair_statistics(read, left.shape, num_disparities=16, preset="robust")
+    statistics = large.pair_statistics(read, left.shape, num_disparities=16, preset="robust")
     for first, last in ((0, 60), (130, 240)):
-        part = ps.match_rows(read, statistics, first, last)
+        part = large.match_rows(read, statistics, first, last)
         np.testing.assert_array_equal(part.disparity, expected.disparity[first:last], form)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
+import phasestereo_live as live
 from conftest import counterpart
 from phasestereo.io import Calibration, read_image, write_image
 from rigs import SIZE, cv2, euroc, euroc_frames, made_up, of_opencv, turned
@@ -524,7 +525,7 @@ def test_a_stream_rectifies_its_frames() -> None:
     frames: Any = RNG.integers(0, 256, (3, 2, SIZE[1], SIZE[0]), np.uint8)
     rig = rectified(made_up(), alpha=1)
     for source in (rig, made_up()):
-        with ps.stream(list(frames), num_disparities=16, preset="fast", rectify=source) as stream:
+        with live.stream(list(frames), num_disparities=16, preset="fast", rectify=source) as stream:
             matched = list(stream)
 
         for frame, pair in zip(matched, frames, strict=True):
@@ -540,4 +541,4 @@ def test_a_stream_rectifies_its_frames() -> None:
 
 def test_a_stream_refuses_a_calibration_at_once(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
-        ps.stream(list(PAIR[np.newaxis]), num_disparities=8, rectify=tmp_path / "no.yml")
+        live.stream(list(PAIR[np.newaxis]), num_disparities=8, rectify=tmp_path / "no.yml")

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
+import phasestereo_live as live
 from conftest import counterpart
 from phasestereo_bench.rendering import render_pair
 from rigs import EXACT, Lens, cv2, euroc, euroc_frames, of_opencv, row_errors, turned
@@ -223,8 +224,8 @@ def test_other_pairs_help_and_must_be_of_one_size(scene: tuple[Any, Any]) -> Non
 def test_a_stream_rectifies_itself(scene: tuple[Any, Any]) -> None:
     left, right = RIGS["turned by 3 degrees"]
     pair = seen_by(scene[0], left), seen_by(scene[1], right)
-    failures: list[ps.Failure] = []
-    with ps.stream(
+    failures: list[live.Failure] = []
+    with live.stream(
         [tuple(NOISE), pair, pair], num_disparities=64, preset="fast", rectify="auto",
 
         on_error=failures.append,

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
+import phasestereo_large as large
 from phasestereo.metrics import bad_pixels
 from phasestereo.rig.findings import untrusted
 from phasestereo_bench import degradation
@@ -148,23 +149,23 @@ def test_parts_of_a_crooked_pair_are_those_of_the_whole(dtype: str) -> None:
     assert whole.search is not None
     assert whole.search.origin == "found"
 
-    statistics = ps.pair_statistics(read, left.shape)
+    statistics = large.pair_statistics(read, left.shape)
     assert (statistics.alignment, statistics.search) == (whole.alignment, whole.search)
 
     for first, last in ((0, 40), (90, 170), (300, 340)):
-        part = ps.match_rows(read, statistics, first, last)
+        part = large.match_rows(read, statistics, first, last)
         np.testing.assert_array_equal(part.disparity, whole.disparity[first:last])
         np.testing.assert_array_equal(part.flags, whole.flags[first:last])
         assert whole.confidence is not None
         np.testing.assert_array_equal(part.confidence, whole.confidence[first:last])
 
-    around = ps.halo(statistics.settings, statistics.blur_compensation, statistics.alignment)
-    assert around > ps.halo(statistics.settings, statistics.blur_compensation)
+    around = large.halo(statistics.settings, statistics.blur_compensation, statistics.alignment)
+    assert around > large.halo(statistics.settings, statistics.blur_compensation)
 
 
 def test_what_was_found_travels(tmp_path: Path) -> None:
     shot = np.random.default_rng(0).integers(0, 256, (120, 160), np.uint8)
-    statistics = ps.pair_statistics(
+    statistics = large.pair_statistics(
         lambda a, b: (shot[a:b, :-9], shot[a:b, 9:], None, None), (120, 151)
     )
     statistics.save(tmp_path / "statistics.npz")
@@ -173,8 +174,8 @@ def test_what_was_found_travels(tmp_path: Path) -> None:
     assert again.search == statistics.search
 
 
-def importlib_load(path: Path) -> ps.PairStatistics:
-    from phasestereo.bands import load as load_statistics  # noqa: PLC0415  (a name that is taken)
+def importlib_load(path: Path) -> large.PairStatistics:
+    from phasestereo_large.bands import load as load_statistics  # noqa: PLC0415  (a name that is taken)
 
     return load_statistics(path)
 
@@ -300,10 +301,10 @@ def test_parts_of_an_inverted_pair_are_those_of_the_whole(load: Callable[[str], 
     def read(first: int, last: int) -> Any:
         return left[first:last], right[first:last], None, None
 
-    found = ps.pair_statistics(read, left.shape[:2])
+    found = large.pair_statistics(read, left.shape[:2])
     assert found.is_inverted
 
-    part, whole = ps.match_rows(read, found, 100, 180), ps.match(left, right)
+    part, whole = large.match_rows(read, found, 100, 180), ps.match(left, right)
     np.testing.assert_array_equal(part.disparity, whole.disparity[100:180])
     np.testing.assert_array_equal(part.flags, whole.flags[100:180])
 

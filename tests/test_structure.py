@@ -1,4 +1,4 @@
-"""The structure of the package: figures that may fall, and grow on purpose alone.
+"""The structure of the distributions: figures that may fall, and grow on purpose alone.
 
 Every import counts, inside functions and under ``TYPE_CHECKING``, too. That a package is imported
 with each of its modules does not. ``pytest -s`` prints the figures.
@@ -7,6 +7,7 @@ with each of its modules does not. ``pytest -s`` prints the figures.
 from __future__ import annotations
 
 import ast
+from functools import partial
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,41 +17,80 @@ import pytest
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-PACKAGE = Path(__file__).parent.parent / "python/phasestereo"
+ROOT = Path(__file__).parent.parent
 
-FLOORS = (
-    "_core",  # in Rust
-    "_closing _extras _images _interrupts _numbers _tables settings shapes temporal",
-    "io metrics",  # files, scores
-    "_opening",  # of images that a caller names the files of
-    "rig",  # what is found out of a pair
-    "rectification result",
-    "bands matching stages",
-    "verification views",  # what is made of a result
-    "integrations",
-    "batch outofcore viewer",  # many pairs, large ones, cameras
-    "",  # the package itself, which names all of the interface
-    "cli",
-    "__main__",
-)
+DISTRIBUTIONS = {
+    "phasestereo": "python",
+    "phasestereo_live": "python/phasestereo-live",
+    "phasestereo_large": "python/phasestereo-large",
+    "pandora_plugin_phasestereo": "python/pandora-plugin-phasestereo",
+    "phasestereo_bench": "benches/harness",
+}
+"""The folder of each package."""
+
+BELOW = {
+    "phasestereo": (),
+    "phasestereo_live": ("phasestereo",),
+    "phasestereo_large": ("phasestereo",),
+    "pandora_plugin_phasestereo": ("phasestereo",),
+    "phasestereo_bench": ("phasestereo", "phasestereo_live", "phasestereo_large"),
+}
+"""What each may import of the others."""
+
+FLOORS = {
+    "phasestereo": (
+        "_core",  # in Rust
+        "_extras _images _numbers _tables settings shapes temporal",
+        "io metrics",  # files, scores
+        "_opening",  # of images that a caller names the files of
+        "rig",  # what is found out of a pair
+        "rectification result",
+        "matching stages",
+        "opencv verification views",  # what is made of a result, and a stand-in for a matcher
+        "",  # the package itself, which names all of the interface
+        "cli",
+        "__main__",
+    ),
+    "phasestereo_live": (
+        "_closing _interrupts",
+        "video",
+        "rerun ros viewer",  # where frames come from and go
+        "cli",
+        "",
+    ),
+    "phasestereo_large": (
+        "_interrupts geotiff statistics",
+        "bands windows xarray",
+        "batch dask outofcore",
+        "cli",
+        "",
+    ),
+    "pandora_plugin_phasestereo": ("",),
+}
 """Rooms, modules or folders, from the ground up: each imports of lower floors alone."""
 
 BOUNDS = {
     "files in a circle of imports": 0,
     "imports of the same or a higher floor": 0,
+    "imports of another distribution than those below": 0,
     "own modules imported by a string": 0,
-    "statements": 10_150,
-    "public names": 124,
+    "statements of phasestereo": 5_500,
+    "statements of phasestereo_live": 2_100,
+    "statements of phasestereo_large": 2_460,
+    "statements of pandora_plugin_phasestereo": 120,
+    "statements of phasestereo_bench": 7_060,
+    "public names": 112,
 }
 
 
 def modules() -> dict[str, ast.Module]:
-    """Return the modules by their names within the package, packages by those of their folders."""
-    found = {"_core": ast.Module([], [])}
-    for path in sorted(PACKAGE.rglob("*.py")):
-        *folders, name = path.relative_to(PACKAGE).with_suffix("").parts
-        parts = folders if name == "__init__" else [*folders, name]
-        found[".".join(parts)] = ast.parse(path.read_text("utf-8"))
+    """Return the modules by their full names, packages by those of their folders."""
+    found = {"phasestereo._core": ast.Module([], [])}
+    for package, folder in DISTRIBUTIONS.items():
+        for path in sorted((ROOT / folder / package).rglob("*.py")):
+            *folders, name = path.relative_to(ROOT / folder).with_suffix("").parts
+            parts = folders if name == "__init__" else [*folders, name]
+            found[".".join(parts)] = ast.parse(path.read_text("utf-8"))
     return found
 
 
@@ -58,7 +98,7 @@ MODULES = modules()
 
 
 def imports(tree: ast.Module) -> Iterator[str]:
-    """Yield what a module imports of the package; of ``from package import module`` the module."""
+    """Yield what a module imports of ours; of ``from package import module`` the module."""
     for node in ast.walk(tree):
         names = []
         if isinstance(node, ast.Import):
@@ -67,19 +107,24 @@ def imports(tree: ast.Module) -> Iterator[str]:
             names = [f"{node.module}.{name.name}" for name in node.names]
 
         for name in names:
-            top, _, inner = name.partition(".")
-            if top == "phasestereo":
-                yield inner if inner in MODULES else inner.rpartition(".")[0]
+            if package(name) in DISTRIBUTIONS:
+                yield name if name in MODULES else name.rpartition(".")[0]
+
+
+def package(module: str) -> str:
+    return module.partition(".")[0]
 
 
 def room(module: str) -> str:
-    """Return the room that a module is in: the one with the longest name."""
-    rooms = " ".join(FLOORS).split()
-    return max((one for one in rooms if f"{module}.".startswith(f"{one}.")), key=len, default="")
+    """Return the room of its package that a module is in: the one with the longest name."""
+    top, _, inner = module.partition(".")
+    rooms = " ".join(FLOORS[top]).split()
+    return max((one for one in rooms if f"{inner}.".startswith(f"{one}.")), key=len, default="")
 
 
 def floor(module: str) -> int:
-    return next(n for n, rooms in enumerate(FLOORS) if room(module) in (rooms.split() or [""]))
+    floors = enumerate(FLOORS[package(module)])
+    return next(n for n, rooms in floors if room(module) in (rooms.split() or [""]))
 
 
 def in_a_circle() -> list[str]:
@@ -95,7 +140,18 @@ def not_down() -> list[str]:
         f"{name} -> {other}"
         for name, tree in MODULES.items()
         for other in imports(tree)
-        if room(name) != room(other) and floor(name) <= floor(other)
+        if package(name) == package(other) in FLOORS
+        and room(name) != room(other)
+        and floor(name) <= floor(other)
+    ]
+
+
+def not_below() -> list[str]:
+    return [
+        f"{name} -> {other}"
+        for name, tree in MODULES.items()
+        for other in imports(tree)
+        if package(other) not in (package(name), *BELOW[package(name)])
     ]
 
 
@@ -110,11 +166,12 @@ def by_a_string() -> list[str]:
     ]
 
 
-def statements() -> list[str]:
-    """Return the module of each statement; a docstring is none."""
+def statements(of: str) -> list[str]:
+    """Return the module of each statement of a distribution; a docstring is none."""
     return [
         name
         for name, tree in MODULES.items()
+        if package(name) == of
         for node in ast.walk(tree)
         if isinstance(node, ast.stmt)
         and not (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant))
@@ -122,20 +179,29 @@ def statements() -> list[str]:
 
 
 def public_names() -> list[str]:
-    """Return the names in ``__all__`` of the package and of its folders."""
+    """Return the names in ``__all__`` of the packages and of their folders, but for the harness."""
     return [
         f"{module}.{name}"
         for module, tree in MODULES.items()
-        if (PACKAGE / module.replace(".", "/")).is_dir() and "cli" not in module
+        if package(module) in FLOORS and ".cli" not in module and is_folder(module)
         for node in tree.body
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__"
         for name in ast.literal_eval(node.value)
     ]
 
 
-FIGURES: dict[str, Callable[[], list[str]]] = dict(
-    zip(BOUNDS, (in_a_circle, not_down, by_a_string, statements, public_names), strict=True)
-)
+def is_folder(module: str) -> bool:
+    return (ROOT / DISTRIBUTIONS[package(module)] / module.replace(".", "/")).is_dir()
+
+
+FIGURES: dict[str, Callable[[], list[str]]] = {
+    "files in a circle of imports": in_a_circle,
+    "imports of the same or a higher floor": not_down,
+    "imports of another distribution than those below": not_below,
+    "own modules imported by a string": by_a_string,
+    **{f"statements of {name}": partial(statements, name) for name in DISTRIBUTIONS},
+    "public names": public_names,
+}
 
 
 @pytest.mark.parametrize("figure", BOUNDS)
@@ -146,3 +212,14 @@ def test_the_structure_has_not_grown(figure: str) -> None:
         pytest.fail(f"{figure}: {len(found)}, at most {BOUNDS[figure]}: {which}", pytrace=False)
 
     print(f"{figure}: {len(found)}, at most {BOUNDS[figure]}")  # noqa: T201 -- for ``pytest -s``
+
+
+def test_every_module_that_is_imported_is_there() -> None:
+    """A type checker may find those of an older installation, too."""
+    missing = [
+        f"{name} -> {other}"
+        for name, tree in MODULES.items()
+        for other in imports(tree)
+        if other not in MODULES
+    ]
+    assert missing == []

@@ -10,6 +10,7 @@ import pytest
 from scipy import ndimage
 
 import phasestereo as ps
+import phasestereo_live as live
 from phasestereo.metrics import bad_pixels, temporal_deviation
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ def shots(count: int = FRAMES, seed: int = 0, noise: float = NOISE) -> list[tupl
 
 
 def results(pairs: Sequence[Any], **options: Any) -> list[ps.Result]:
-    return [frame.result for frame in ps.stream(pairs, **{**FAST, **options})]
+    return [frame.result for frame in live.stream(pairs, **{**FAST, **options})]
 
 
 def maps(found: Sequence[ps.Result]) -> list[NDArray[np.float32]]:
@@ -148,7 +149,7 @@ def test_another_size_other_settings_and_another_range_begin_anew() -> None:
     supports = [result.temporal_support for result in results([*pairs, *smaller])]
     assert [None if each is None else each.max() for each in supports] == [1, 2, 1, 2]
 
-    frames = ps.stream(shots(6), **FAST)
+    frames = live.stream(shots(6), **FAST)
     fast = ps.Settings.preset("fast")
     largest = [next(frames).result.temporal_support for _ in range(2)]
     frames.change(fast, COUNT + 4)
@@ -160,7 +161,7 @@ def test_another_size_other_settings_and_another_range_begin_anew() -> None:
 
 def test_a_frame_that_fails_changes_nothing() -> None:
     pairs = shots(4)
-    failures: list[ps.Failure] = []
+    failures: list[live.Failure] = []
     broken = [*pairs[:2], (pairs[2][0], pairs[2][1][:, 1:]), *pairs[2:]]
     found = results(broken, on_error=failures.append)
     assert [failure.index for failure in failures] == [2]
@@ -243,7 +244,7 @@ def test_anything_else_is_refused() -> None:
         ps.Matcher().match(*shots(1)[0], num_disparities=COUNT, temporal_filter=wrong)
     wrong = 1
     with pytest.raises(TypeError, match="temporal_filter: got int; accepts True or False"):
-        ps.stream(shots(1), num_disparities=COUNT, temporal_filter=wrong)
+        live.stream(shots(1), num_disparities=COUNT, temporal_filter=wrong)
 
 
 def test_the_command_line_has_a_switch(

@@ -15,20 +15,22 @@ import xarray
 from numpy.typing import NDArray
 
 import phasestereo as ps
-from phasestereo.integrations import opencv
-from phasestereo.integrations import xarray as labeled
-from phasestereo.io import (
+import phasestereo_large as large
+import phasestereo_live as live
+from phasestereo import opencv
+from phasestereo.io import read_calibration, read_disparity, read_image, write_disparity
+from phasestereo.views.page import write_pair_page
+from phasestereo_large import batch, outofcore
+from phasestereo_large import dask as dask_maps
+from phasestereo_large import xarray as labeled
+from phasestereo_large.geotiff import (
     GeoImage,
     Georeference,
-    read_calibration,
-    read_disparity,
     read_geotiff,
     read_geotiff_pair,
-    read_image,
-    write_disparity,
     write_geotiff,
 )
-from phasestereo.views.page import write_pair_page
+from phasestereo_live import rerun, video
 
 if TYPE_CHECKING:
     import dask.array
@@ -180,22 +182,22 @@ def in_space(result: ps.Result, folder: Path) -> Map:
 
 def in_time(film: Path) -> int:
     """Match a video, write another one, and a recording."""
-    failures: list[ps.Failure] = []
+    failures: list[live.Failure] = []
 
-    picture = ps.integrations.video.FramePicture(low=0, high=64)
-    frames: ps.Stream = ps.stream(
+    picture = video.FramePicture(low=0, high=64)
+    frames: live.Stream = live.stream(
         film, num_disparities=64, preset="fast", layout="side-by-side", on_error=failures.append
     )
 
     with (
         frames,
-        ps.integrations.video.VideoWriter(film.with_suffix(".mp4")) as video,
-        ps.integrations.rerun.saving("recording.rrd") as recording,
+        video.VideoWriter(film.with_suffix(".mp4")) as written,
+        rerun.saving("recording.rrd") as recording,
     ):
         for frame in frames:
-            one: ps.Frame = frame
-            video.write(picture(one), one.time)
-            ps.integrations.rerun.log_frame(one, recording=recording)
+            one: live.Frame = frame
+            written.write(picture(one), one.time)
+            rerun.log_frame(one, recording=recording)
             use(one.index, one.result.disparity)
 
     return frames.failed + len(failures)
@@ -225,15 +227,15 @@ def beyond_memory(
     def read(first: int, last: int) -> tuple[Image, Image, None, None]:
         return left[first:last], right[first:last], None, None
 
-    known: ps.PairStatistics = ps.pair_statistics(
+    known: large.PairStatistics = large.pair_statistics(
         read, (left.shape[0], left.shape[1]), num_disparities=64
     )
     known.save(folder / "statistics.npz")
 
-    around: int = ps.halo(known.settings, known.blur_compensation)
-    use(around, ps.match_rows(read, known, 128, 256, threads=1).flags)
+    around: int = large.halo(known.settings, known.blur_compensation)
+    use(around, large.match_rows(read, known, 128, 256, threads=1).flags)
 
-    report = ps.outofcore.match(
+    report = outofcore.match(
         folder / "left.tif",
         folder / "right.tif",
         folder / "out.tif",
@@ -241,10 +243,10 @@ def beyond_memory(
         max_memory="2GB",
     )
 
-    use(report.seconds, ps.integrations.dask.match(*lazy, num_disparities=64))
+    use(report.seconds, dask_maps.match(*lazy, num_disparities=64))
 
-    pairs = ps.batch.read_pairs(folder / "pairs.csv", num_disparities=64)
-    return len(ps.batch.run(pairs, folder / "maps", preset="fast").failed)
+    pairs = batch.read_pairs(folder / "pairs.csv", num_disparities=64)
+    return len(batch.run(pairs, folder / "maps", preset="fast").failed)
 
 
 def raw(folder: Path, left: Image, right: Image) -> ps.Result:
@@ -259,7 +261,7 @@ def raw(folder: Path, left: Image, right: Image) -> ps.Result:
     use(known.Q, known.maps, known.error, found.sentences, both)
     use(ps.match("left.png", folder / "right.png", num_disparities=64), ps.io.read_pair("a.mpo"))
 
-    for frame in ps.stream("video.mp4", num_disparities=64, rectify=known):
+    for frame in live.stream("video.mp4", num_disparities=64, rectify=known):
         use(frame.result)
 
     return ps.match(

@@ -30,21 +30,17 @@ __all__ = [
     "BlurEstimate",
     "DepthInterval",
     "Diagnosis",
-    "Failure",
     "Finding",
     "Flag",
-    "Frame",
     "LeftOut",
     "MatchWarning",
     "Matcher",
     "Mesh",
-    "PairStatistics",
     "PointCloud",
     "Rectification",
     "Result",
     "SearchRange",
     "Settings",
-    "Stream",
     "Summary",
     "TemporalFilter",
     "Verdict",
@@ -55,29 +51,21 @@ __all__ = [
     "depth_interval",
     "descriptor",
     "estimate_blur",
-    "halo",
     "match",
-    "match_rows",
     "optimize",
-    "pair_statistics",
     "point_cloud",
     "rectify",
-    "stream",
     "surface_mesh",
     "verify",
 ]
 __version__ = _core.__version__
 
 if TYPE_CHECKING:
-    from phasestereo import batch as batch
-    from phasestereo import integrations as integrations
     from phasestereo import io as io
     from phasestereo import metrics as metrics
-    from phasestereo import outofcore as outofcore
+    from phasestereo import opencv as opencv
     from phasestereo import rectification as rectification
     from phasestereo import views as views
-    from phasestereo.bands import PairStatistics, halo, match_rows, pair_statistics
-    from phasestereo.integrations.video.streaming import Failure, Frame, Stream, stream
     from phasestereo.rectification import Rectification, rectify
     from phasestereo.rig.diagnosis import Diagnosis, check
     from phasestereo.rig.estimation import estimate_blur
@@ -88,29 +76,21 @@ if TYPE_CHECKING:
     from phasestereo.views.meshing import surface_mesh
     from phasestereo.views.triangulation import point_cloud
 else:
-    _ROOMS = "batch", "integrations", "io", "metrics", "outofcore", "rectification", "views"
+    _ROOMS = "io", "metrics", "opencv", "rectification", "views"
 
     def __getattr__(name):
         """Import what is first asked for: with all of it an import would take twice as long."""
         match name:
-            case "batch":
-                import phasestereo.batch as home
-            case "integrations":
-                import phasestereo.integrations as home
             case "io":
                 import phasestereo.io as home
             case "metrics":
                 import phasestereo.metrics as home
-            case "outofcore":
-                import phasestereo.outofcore as home
+            case "opencv":
+                import phasestereo.opencv as home
             case "rectification" | "Rectification" | "rectify":
                 import phasestereo.rectification as home
             case "views":
                 import phasestereo.views as home
-            case "PairStatistics" | "halo" | "match_rows" | "pair_statistics":
-                from phasestereo import bands as home
-            case "Failure" | "Frame" | "Stream" | "stream":
-                from phasestereo.integrations.video import streaming as home
             case "Diagnosis" | "check":
                 from phasestereo.rig import diagnosis as home
             case "estimate_blur":

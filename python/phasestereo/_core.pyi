@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phasestereo._images import Pixels
-from phasestereo.bands import Checked, PairStatistics
 from phasestereo.rig.alignment import Field
 from phasestereo.rig.blur import Glance
 from phasestereo.rig.compensation import BlurCompensation
 from phasestereo.rig.estimates import Found, Known, Matched, Summarized, Supported
 from phasestereo.rig.findings import Said
 from phasestereo.settings import Settings
+from phasestereo_large.bands import Checked, PairStatistics
 
 __all__ = [
     "BAND_ROWS",

@@ -119,7 +119,7 @@ def match(
     whole pair there are copies of the images, codes (a byte for each eight bits and pixel, of the
     right image once for each version), gray values and the result: 6 bytes a pixel, 10 with
     confidences; with ``scales``, where pixels are in doubt, about 11 more. Pairs that do not fit
-    into memory: `phasestereo.outofcore`, `match_rows`. Nothing but that is kept, nor are any
+    into memory: `phasestereo_large.outofcore`, `match_rows`. Nothing but that is kept, nor are any
     threads: to match one pair after another, `Matcher` keeps them.
     """
     result = match_silently(
@@ -208,7 +208,7 @@ class Matcher:
             which is seen at a glance, all that was estimated then is taken over: blur, noise and
             contrast, the field of the rows, and the range of disparities unless it is given; and
             ``result.blur.reused`` is True. What a glance does not see is in the notes of
-            `phasestereo.stream`. None: all is estimated anew, if need be.
+            `phasestereo_live.stream`. None: all is estimated anew, if need be.
         temporal_filter
             What steadies the disparities of a video, of which this is the next frame;
             ``result.temporal_support`` says where it did. None: nothing does.

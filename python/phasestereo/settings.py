@@ -169,10 +169,10 @@ class Settings:
     scales
         Whether copies of half the size, a quarter and so on decide where they are more likely to be
         right than the pair as it is, as on plain surfaces in large images, and flat areas become
-        planes where these are (flags ``COARSE`` and ``INFERRED``). From 800 rows and columns and
-        128 disparities on a copy also tells where each part of the image is searched. For
-        ``cost="phase"``; it needs confidences, which take their time with ``confidence=False``,
-        too. Parts of a pair are matched without. Default True.
+        planes where these are (flags ``COARSE`` and ``INFERRED``). From 384 disparities on a copy
+        also tells where each part of the image is searched. For ``cost="phase"``; it needs
+        confidences, which take their time with ``confidence=False``, too. Parts of a pair are
+        matched without. Default True.
 
     Raises
     ------

@@ -15,8 +15,8 @@ class TemporalFilter:
     a cut, or a camera that moves, gives the maps that frames give by themselves.
 
     A filter is of one video, whose frames are matched one after another: give it to each
-    `Matcher.match`. `phasestereo.stream` does that by itself. It keeps 15 bytes a pixel, 19 with
-    confidences. It can be pickled, and forgets what it knows by that.
+    `Matcher.match`, as `phasestereo_live.stream` does by itself. It keeps 15 bytes a pixel, 19
+    with confidences. It can be pickled, and forgets what it knows by that.
 
     Notes
     -----

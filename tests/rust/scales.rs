@@ -313,7 +313,7 @@ fn deep() -> Pair {
         _ if y >= 600 => (hash(41, y, x) % 200) as u8,
         _ => texture(y, x),
     });
-    Pair::new(View::from(Image::U8(left)), View::from(Image::U8(right)), -4, 150).expect("legal")
+    Pair::new(View::from(Image::U8(left)), View::from(Image::U8(right)), -4, 400).expect("legal")
 }
 
 #[test]
@@ -340,12 +340,13 @@ fn a_panel_is_searched_where_its_copy_matches() {
 
         assert!(!has_wall || (start <= 34 && 34 < end), "the wall at {y}, {x}: {start}..{end}");
         assert!(!has_board || (start <= 124 && 124 < end), "the board at {y}, {x}: {start}..{end}");
-        if y > 350 || x == 800 || (y < 200 && (480..=608).contains(&x)) {
+        let has_one = x == 800 || (400..500).contains(&y) || (480..=608).contains(&x) && y < 160;
+        if has_one && y < 500 {
             assert_eq!(end - start, 64, "{y}, {x}");
         }
     }
     // Where nothing matches all are searched.
-    assert_eq!((span(700, 300), span(803, 899)), ((0, 150), (0, 150)));
+    assert_eq!((span(700, 300), span(803, 899)), ((0, 400), (0, 400)));
 
     for (threads, level) in levels().into_iter().map(|level| (1, level)).chain([(3, Level::best())])
     {
@@ -353,6 +354,6 @@ fn a_panel_is_searched_where_its_copy_matches() {
     }
 
     let all = |pair: &Pair| ranges(pair, 1, Level::best()) == None;
-    let few = Candidates::new(-4, 127, 900).expect("legal");
-    assert!(all(&deep().of_rows(0..799)) && all(&deep().searched(few)));
+    let few = Candidates::new(-4, 383, 900).expect("legal");
+    assert!(all(&deep().of_rows(0..199)) && all(&deep().searched(few)));
 }

@@ -18,6 +18,7 @@ from cyclopts import App, CycloptsError, Parameter, UnusedCliTokensError
 import phasestereo
 from phasestereo.cli import match
 from phasestereo.cli.errors import WRONG_USAGE, CommandError
+from phasestereo.cli.missing import missing
 from phasestereo.cli.terminal import say
 
 __all__ = ["app", "run"]
@@ -32,14 +33,32 @@ phasestereo match left.png right.png -o out.pfm
 COMMANDS = "phasestereo.commands"
 """The group of entry points by which other distributions add commands."""
 
-HARNESS = {
-    "demo": "Show what one image out of focus does to stereo matching.\n\n"
-    "Renders a pair with its true disparities, degrades the left image (defocus, contrast, noise), "
-    "and matches the sharp and the degraded pair by phase codes, SAD and normalized SAD, and by "
-    "OpenCV's StereoSGBM. Takes a few seconds.",
-    "bench": "Score matchers, and repeat the paper's experiments.",
+OTHERS = {
+    "live": (
+        "Match every frame of a video, a folder of images, or a pair of cameras.",
+        "'phasestereo[live]'",
+    ),
+    "batch": (
+        "Match many pairs, on all processors of this machine or on a Dask cluster.",
+        "'phasestereo[batch]'",
+    ),
+    "large": (
+        "Match a pair larger than memory, from file to file.\n\n"
+        "It is read, matched and written band by band, and the same command goes on after "
+        "whatever ended it.",
+        "'phasestereo[large]'",
+    ),
+    "demo": (
+        "Show what one image out of focus does to stereo matching.\n\n"
+        "Renders a pair with its true disparities, degrades the left image (defocus, contrast, "
+        "noise), and matches the sharp and the degraded pair by phase codes, SAD and normalized "
+        "SAD, and by OpenCV's StereoSGBM. Takes a few seconds.",
+        "phasestereo-bench",
+    ),
+    "bench": ("Score matchers, and repeat the paper's experiments.", "phasestereo-bench"),
 }
-"""The commands of ``phasestereo-bench``, and their help: listing them imports none of it."""
+"""The commands of our other distributions: their help, which imports none of them, and what pip
+installs them by."""
 
 app = App(
     name="phasestereo",
@@ -65,25 +84,19 @@ app.command(
     name="rectify",
     help="Rectify a stereo pair, by a calibration or from the images alone.",
 )
-app.command(
-    "phasestereo.cli.live:live",
-    name="live",
-    help="Match every frame of a video, a folder of images, or a pair of cameras.",
-)
-app.command(
-    "phasestereo.cli.batch:batch",
-    name="batch",
-    help="Match many pairs, on all processors of this machine or on a Dask cluster.",
-)
 
 
 def _add_commands_of_others() -> None:
     """Add what other distributions declare as entry points, and what ours would if installed."""
     found = {point.name: point.value for point in entry_points(group=COMMANDS)}
-    for name in HARNESS | found:
-        # Imported only when it is called, for the sake of the others.
-        where = found.get(name, "phasestereo.cli.missing:missing")
-        app.command(where, name=name, help=HARNESS.get(name))
+    for name in OTHERS | found:
+        text, requirement = OTHERS.get(name, (None, ""))
+        if name in found:
+            # Imported only when it is called, for the sake of the others.
+            app.command(found[name], name=name, help=text)
+        else:
+            note = f"{text}\n\nNot installed; it comes with: pip install {requirement}"
+            app.command(missing(requirement), name=name, help=note)
 
 
 _add_commands_of_others()

@@ -10,7 +10,6 @@ from cyclopts import Group, Parameter
 
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
 from phasestereo.cli.geometry import GeometryOptions
-from phasestereo.cli.large import Large, match_large
 from phasestereo.cli.options import AT_LEAST_ONE, REASONABLE, Bands, Count, Overrides
 from phasestereo.cli.outcome import Outcome, rehearsal
 from phasestereo.cli.outputs import Outputs
@@ -32,11 +31,10 @@ _SEARCH = Group.create_ordered("Search")
 _PAIR = Group.create_ordered("Pair")
 _GEOMETRY = Group.create_ordered("Geometry", help="For --ply, --mesh, --depth and --report.")
 _SCORE = Group.create_ordered("Score")
-_LARGE = Group.create_ordered("Pairs larger than memory")
 _SETTINGS = Group.create_ordered(
     "Expert settings", help="Each takes the place of the preset's. Two penalties are written 0.5,2."
 )
-_OUTPUTS, _NO_GEOMETRY, _SCORING, _ALL_AT_ONCE = Outputs(), GeometryOptions(), Scoring(), Large()
+_OUTPUTS, _NO_GEOMETRY, _SCORING = Outputs(), GeometryOptions(), Scoring()
 _AS_IT_IS = Pairing()
 _PRESET_HELP = f"Settings to start from: {', '.join(PRESETS)}."
 
@@ -59,7 +57,6 @@ def match(
     outputs: Annotated[Outputs, Parameter(name="*", group=_OUTPUT)] = _OUTPUTS,
     geometry: Annotated[GeometryOptions, Parameter(name="*", group=_GEOMETRY)] = _NO_GEOMETRY,
     scoring: Annotated[Scoring, Parameter(name="*", group=_SCORE)] = _SCORING,
-    large: Annotated[Large, Parameter(name="*", group=_LARGE)] = _ALL_AT_ONCE,
     overrides: Annotated[Overrides | None, Parameter(name="*", group=_SETTINGS)] = None,
 ) -> None:
     """Match a rectified stereo pair.
@@ -108,28 +105,6 @@ def match(
 
     with refusals(options=_OPTIONS):
         settings = resolve(preset, None, overrides or {})
-
-    if large.asked_for():
-        given = {
-            "num_disparities": num_disparities,
-            "min_disparity": min_disparity,
-            "settings": settings,
-            "threads": threads,
-            "left_mask": left_mask,
-            "right_mask": right_mask,
-            "bands": bands,
-            "noise": noise,
-            **outputs.layers(),
-        }
-        if right is None or pairing.rectify or pairing.layout:
-            raise CommandError(
-                "--max-memory: accepts two files of rectified images, without --rectify or "
-                "--layout",
-                WRONG_USAGE,
-            )
-        output = large.check(outputs, scoring)
-        match_large((left, right), output, large, given, options=_OPTIONS, as_json=outputs.json)
-        return
 
     sources = [left, right, left_mask, right_mask, *scoring.sources(), *pairing.sources()]
     sources += geometry.sources()

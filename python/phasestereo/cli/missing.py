@@ -2,6 +2,7 @@
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
+from collections.abc import Callable
 from typing import Annotated
 
 from cyclopts import Parameter
@@ -11,8 +12,12 @@ from phasestereo.cli.errors import CommandError
 _ANYTHING = Parameter(allow_leading_hyphen=True, show=False)
 
 
-def missing(*_: Annotated[str, _ANYTHING]) -> None:
-    """Refuse, whatever follows the command, and say what installs it."""
-    raise CommandError(
-        "this command is not installed; it comes with: pip install phasestereo-bench"
-    )
+def missing(requirement: str) -> Callable[..., None]:
+    """Return a command that refuses, whatever follows it, and says what pip is to install."""
+
+    def refuse(*_: Annotated[str, _ANYTHING]) -> None:
+        raise CommandError(
+            f"this command is not installed; it comes with: pip install {requirement}"
+        )
+
+    return refuse

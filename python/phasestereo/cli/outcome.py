@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from phasestereo.cli.geometry import Rig
 from phasestereo.cli.scoring import Truth
-from phasestereo.io import Georeference
 from phasestereo.metrics import Score
 from phasestereo.rectification import Rectification
 from phasestereo.result import Result
@@ -49,7 +48,7 @@ class Outcome:
     truth: Truth | None = None
     score: Score | None = None
     rig: Rig | None = None
-    place: Georeference | None = None
+    place: Any = None
     names: tuple[str, str] = ("left", "right")
     rectified: Rectification | None = None
 

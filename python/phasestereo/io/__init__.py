@@ -3,8 +3,8 @@
 In memory a disparity map is float32 with NaN where there is no estimate; every format's own mark
 for that (+inf in PFM, 0 in KITTI's PNG) is translated here and nowhere else. What a file holds
 arrives exactly, to the bit, or not at all: nothing is narrowed, rescaled or clipped on the way.
-Files are written whole or not at all. Images need the extra ``io``, GeoTIFF the extra ``geo``;
-``.npy``, ``.npz``, ``.pfm`` and ``.ply`` need neither.
+Files are written whole or not at all. Images need the extra ``io``; ``.npy``, ``.npz``, ``.pfm``
+and ``.ply`` do not. GeoTIFF is read and written by `phasestereo_large.geotiff`, the extra ``geo``.
 
 Files may come from anywhere: pictures of more than `max_pixels` pixels are refused, as is anything
 that would unpack to more than a picture needs, and what is no regular file.
@@ -15,13 +15,6 @@ from __future__ import annotations
 from phasestereo.io.calibration import Calibration, read_calibration
 from phasestereo.io.depth import LengthUnit, read_depth, write_depth
 from phasestereo.io.disparity import read_disparity, read_truth, write_disparity
-from phasestereo.io.geotiff import (
-    GeoImage,
-    Georeference,
-    read_geotiff,
-    read_geotiff_pair,
-    write_geotiff,
-)
 from phasestereo.io.glb import write_glb
 from phasestereo.io.image import read_image, write_image
 from phasestereo.io.limits import max_pixels, set_max_pixels
@@ -33,15 +26,11 @@ from phasestereo.io.results import write_maps
 
 __all__ = [
     "Calibration",
-    "GeoImage",
-    "Georeference",
     "LengthUnit",
     "max_pixels",
     "read_calibration",
     "read_depth",
     "read_disparity",
-    "read_geotiff",
-    "read_geotiff_pair",
     "read_image",
     "read_pair",
     "read_pfm",
@@ -50,7 +39,6 @@ __all__ = [
     "set_max_pixels",
     "write_depth",
     "write_disparity",
-    "write_geotiff",
     "write_glb",
     "write_image",
     "write_maps",

@@ -33,7 +33,7 @@ def max_pixels() -> int:
     """Return how many pixels a picture may have that is read as a whole.
 
     200 million, unless `set_max_pixels` or the environment variable ``PHASESTEREO_MAX_PIXELS`` says
-    otherwise. Files that are read by windows (`phasestereo.outofcore`) may have any number.
+    otherwise. Files that are read by windows (`phasestereo_large.outofcore`) may have any number.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def check_size(width: int, height: int) -> None:
     if width * height > (most := max_pixels()):
         raise ValueError(
             f"the header says {width} x {height} pixels; at most {most} are read: raise that with "
-            f"{_VARIABLE} or phasestereo.io.set_max_pixels, or match out of core (--max-memory)"
+            f"{_VARIABLE} or phasestereo.io.set_max_pixels, or phasestereo large"
         )
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from phasestereo.io.disparity import write_disparity
 from phasestereo.io.files import StrPath, replacing, suffix
-from phasestereo.io.geotiff import Georeference, write_geotiff
+from phasestereo.io.formats import geotiff
 from phasestereo.io.image import write_image
 from phasestereo.io.maps import write_floats
 
@@ -48,9 +48,7 @@ def write_maps(path: StrPath, maps: Mapping[str, NDArray[Any]]) -> None:
         np.savez(file, **named)
 
 
-def write_map(
-    path: Path, name: str, values: NDArray[Any], place: Georeference | None = None
-) -> None:
+def write_map(path: Path, name: str, values: NDArray[Any], place: Any = None) -> None:
     """Write one map of a result in the format that the suffix names.
 
     Parameters
@@ -63,7 +61,7 @@ def write_map(
     values
         The map.
     place
-        Where it lies, which a TIFF keeps; None: not known.
+        Where it lies, as `View.place` has it, which a TIFF keeps; None: not known.
 
     Raises
     ------
@@ -73,7 +71,7 @@ def write_map(
         If the file cannot be written.
     """
     if place is not None and suffix(path) in (".tif", ".tiff"):
-        write_geotiff(path, {name: values}, like=place)
+        geotiff().write_geotiff(path, {name: values}, like=place)
     elif name == "disparity":
         write_disparity(path, values)
     elif values.dtype == np.float32:

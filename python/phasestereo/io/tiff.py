@@ -91,7 +91,7 @@ def _check_bounds(file: BinaryIO) -> None:
     if page.compression not in BOUNDED:
         raise ValueError(
             f"the TIFF is compressed in a way (number {page.compression}) that is not read here: "
-            "uncompressed, deflate, PackBits and LZW are; read_geotiff reads more"
+            "uncompressed, deflate, PackBits and LZW are; phasestereo_large.geotiff reads more"
         )
 
     check_whole(file, page)

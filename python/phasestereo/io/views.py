@@ -10,8 +10,8 @@ from typing import Any
 from numpy.typing import NDArray
 
 from phasestereo._images import Mask
-from phasestereo.io import GeoImage, Georeference, read_image
-from phasestereo.io.geotiff import check_pair, read_geotiff
+from phasestereo.io import read_image
+from phasestereo.io.formats import geotiff
 from phasestereo.io.tiff import is_geotiff
 
 
@@ -26,12 +26,13 @@ class View:
     mask
         bool (H, W), True = valid; None: all.
     place
-        Where on Earth it lies; None: the file does not say.
+        Where on Earth it lies, a `phasestereo_large.geotiff.Georeference`; None: the file does not
+        say.
     """
 
     image: NDArray[Any]
     mask: Mask | None = None
-    place: Georeference | None = None
+    place: Any = None
 
 
 def read_views(left: Path, right: Path, bands: tuple[int, ...] | None = None) -> tuple[View, View]:
@@ -47,7 +48,7 @@ def read_views(left: Path, right: Path, bands: tuple[int, ...] | None = None) ->
     Raises
     ------
     OSError, TypeError, ValueError, ImportError
-        As `phasestereo.io.read_image`, `read_geotiff` and `check_pair`.
+        As `phasestereo.io.read_image`, and `phasestereo_large.geotiff.read_geotiff_pair`.
     """
     paths = left, right
     if bands is None and not all(is_geotiff(path) for path in paths):
@@ -55,7 +56,7 @@ def read_views(left: Path, right: Path, bands: tuple[int, ...] | None = None) ->
         return found[0], found[1]
 
     pair = [_read_geotiff(path, bands) for path in paths]
-    check_pair(pair[0], pair[1], names=(os.fspath(left), os.fspath(right)))
+    geotiff().check_pair(pair[0], pair[1], names=(os.fspath(left), os.fspath(right)))
     return _as_view(pair[0]), _as_view(pair[1])
 
 
@@ -63,13 +64,13 @@ def _read_alone(path: Path) -> View:
     return _as_view(_read_geotiff(path)) if is_geotiff(path) else View(read_image(path))
 
 
-def _read_geotiff(path: Path, bands: tuple[int, ...] | None = None) -> GeoImage:
+def _read_geotiff(path: Path, bands: tuple[int, ...] | None = None) -> Any:
     """Read a GeoTIFF file; without what that takes, say why other readers will not do."""
     try:
-        return read_geotiff(path, bands=bands)
+        return geotiff().read_geotiff(path, bands=bands)
     except ImportError as error:
         raise ImportError(f"{path} is a GeoTIFF, whose masks and place count: {error}") from error
 
 
-def _as_view(found: GeoImage) -> View:
+def _as_view(found: Any) -> View:
     return View(found.image, found.mask, found.georeference)

@@ -6,7 +6,7 @@
 //!
 //! ```text
 //! decided(pair):
-//!     map = match(pair)                                       calibrated confidences
+//!     map = match(pair), each panel within its range (ranges.rs)   calibrated confidences
 //!     if many pixels are in doubt, and a copy is not too small:
 //!         coarse = decided(pair / 2)
 //!         map = choice of map and coarse                      (choice.rs)
@@ -56,12 +56,7 @@ pub fn match_over_scales(
         return matcher.match_pair(pair, suited, how, control);
     }
 
-    let started = Instant::now();
-    let ranges = matcher.install(|| panel_ranges(pair, suited.optimizer, means))?;
-    let found = started.elapsed();
-
-    let section = Section { ranges, ..Section::whole(pair) };
-    let mut map = matcher.match_calibrated(pair, &section, suited, how, control)?;
+    let mut map = matcher.install(|| matched(pair, suited, means))?;
 
     let started = Instant::now();
     matcher.install(|| match Doubt::of_map(&map)? {
@@ -73,9 +68,23 @@ pub fn match_over_scales(
         }
         _ => Ok(()),
     })?;
-    map.timings.scales = found + started.elapsed();
+    map.timings.scales += started.elapsed();
 
     Ok(map.returned(suited))
+}
+
+/// Matches a pair by itself, each panel where its disparities are to be expected.
+fn matched(pair: &Pair, settings: &Settings, means: Means) -> Result<Disparity> {
+    let started = Instant::now();
+    let ranges = panel_ranges(pair, settings.optimizer, means)?;
+    let narrowing = started.elapsed();
+
+    let Means { matcher, how, control } = means;
+    let section = Section { ranges, ..Section::whole(pair) };
+    let mut map = matcher.match_calibrated(pair, &section, settings, how, control)?;
+    map.timings.scales = narrowing;
+
+    Ok(map)
 }
 
 /// Decides between a map and that of the pair at half the size, if many pixels are in doubt.
@@ -96,10 +105,7 @@ fn decide(
     let known = Known { candidates: Some(copy.candidates()), ..Known::default() };
 
     let Prepared { pair: copy, settings: suited, .. } = prepare(copy, known, &settings, means)?;
-    let Means { matcher, how, control } = means;
-    let ranges = panel_ranges(&copy, suited.optimizer, means)?;
-    let section = Section { ranges, ..Section::whole(&copy) };
-    let mut coarse = matcher.match_calibrated(&copy, &section, &suited, how, control)?;
+    let mut coarse = matched(&copy, &suited, means)?;
     if let Some(doubt) = Doubt::of_map(&coarse)? {
         decide(&mut coarse, &doubt, &copy, &settings, means)?;
     }

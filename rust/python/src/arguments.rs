@@ -298,7 +298,7 @@ pub fn read_known(
     Ok(Known { candidates, noise, compensation, alignment, is_inverted, findings })
 }
 
-/// The fields of `phasestereo.PairStatistics`: the statistics of a whole pair that the match of its parts needs.
+/// The fields of `phasestereo_large.PairStatistics`: the statistics of a whole pair that the match of its parts needs.
 pub struct Statistics<'py> {
     pub settings: Settings,
     pub compensation: Option<BlurCompensation>,

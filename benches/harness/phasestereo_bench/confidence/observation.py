@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from phasestereo import pair_statistics
 from phasestereo._core import match_raw
 from phasestereo.result import Flag
 from phasestereo_bench.cases import SUITES, load
@@ -21,6 +20,7 @@ from phasestereo_bench.datasets import Scene
 from phasestereo_bench.rendering import render_pair
 from phasestereo_bench.rigs import Fault
 from phasestereo_bench.runner import Job
+from phasestereo_large import pair_statistics
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

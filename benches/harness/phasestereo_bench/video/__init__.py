@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-import phasestereo as ps
+import phasestereo_live as live
 from phasestereo.metrics import bad_pixels, end_point_error, temporal_deviation
 from phasestereo_bench.rendering.sequences import MOTIONS, render_sequence
 from phasestereo_bench.report.tables import Entry, Table
@@ -123,7 +123,7 @@ def _matched(
     """Return the maps of a stream; blur is estimated in every frame, so that one thing differs."""
     pairs = [(shot.left, shot.right) for shot in shots]
 
-    frames = ps.stream(
+    frames = live.stream(
         pairs,
         num_disparities=_COUNT,
         preset=preset,
@@ -135,7 +135,7 @@ def _matched(
     return [frame.result.disparity for frame in frames]
 
 
-def _refuse(failure: ps.Failure) -> None:
+def _refuse(failure: live.Failure) -> None:
     """Let no frame be left out of the means."""
     raise failure.error
 

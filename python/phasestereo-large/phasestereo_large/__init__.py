@@ -1,0 +1,16 @@
+"""Pairs larger than memory, and many pairs: in bands, from file to file, on clusters.
+
+    from phasestereo_large import outofcore
+
+    outofcore.match("left.tif", "right.tif", "out.tif", num_disparities=256, max_memory="2GB")
+
+Here are the bands that a pair is matched in; `outofcore`, `batch`, `dask`, `geotiff` and `xarray`
+are modules of their own, each of which says which extra it needs.
+"""
+
+from __future__ import annotations
+
+from phasestereo_large.bands import halo, match_rows, pair_statistics
+from phasestereo_large.statistics import PairStatistics
+
+__all__ = ["PairStatistics", "halo", "match_rows", "pair_statistics"]

@@ -1,0 +1,336 @@
+"""Bands of rows of a pair, matched by themselves, in any order: they fit to the bit.
+
+Some things are the same for all parts, or parts would not fit together: the relative blur and the
+map of it, the noise, the type that holds all values and the range in which they lie, how much
+neighboring gray values differ, how sure the match of some rows is. `pair_statistics` gathers them,
+a few rows at a time.
+
+All else that lies between images and disparities reaches only so far up and down (`halo`): a band
+that is matched together with so many rows around it is that of the whole pair.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, TypeAlias
+
+from numpy.typing import ArrayLike
+
+from phasestereo import _core
+from phasestereo._images import Mask, Pixels, as_mask, as_pair
+from phasestereo._numbers import as_integer
+from phasestereo.result import Result
+from phasestereo.rig.alignment import Alignment, applied_field
+from phasestereo.rig.compensation import BlurCompensation, Noise, as_blur_compensation, as_noise
+from phasestereo.rig.estimates import Known, as_estimates
+from phasestereo.settings import Settings, resolve
+from phasestereo_large.statistics import PairStatistics, as_size, load
+
+Rows: TypeAlias = tuple[ArrayLike, ArrayLike, ArrayLike | None, ArrayLike | None]
+Reader: TypeAlias = Callable[[int, int], Rows]
+Progress: TypeAlias = Callable[[int, int], object]
+
+__all__ = ["PairStatistics", "halo", "load", "match_rows", "pair_statistics", "working_memory"]
+
+
+def pair_statistics(
+    read: Reader,
+    size: tuple[int, int],
+    *,
+    num_disparities: int | None = None,
+    min_disparity: int = 0,
+    preset: str | None = None,
+    settings: Settings | None = None,
+    threads: int | None = None,
+    noise: Noise | None = None,
+    blur_compensation: BlurCompensation | None = None,
+    **overrides: Any,
+) -> PairStatistics:
+    """Gather what must be known of a whole pair, in memory that does not grow with its height.
+
+    Parts are matched at one scale: they come out as `phasestereo.match` has them with
+    ``scales=False``, to the bit.
+
+    Parameters
+    ----------
+    read
+        Called as ``read(first, last)``, several times, some hundred rows at a time; returns the
+        rows [first, last) of both images and of their masks, ``(left, right, left_mask,
+        right_mask)``, as `phasestereo.match` takes them; a mask may be None. Other threads than the
+        calling one call it, one at a time. What it raises comes out as it is.
+    size
+        Rows and columns of either image.
+    num_disparities, min_disparity, preset, settings, threads, noise, blur_compensation, **overrides
+        As `phasestereo.match` takes them.
+
+    Returns
+    -------
+    PairStatistics
+        With no more than the settings need: a few rows are read in any case; the pair is gone
+        through two or three times, of 16 bits once more, for the blur and the noise
+        (``compensate_blur``, ``despike``, ``denoise`` or ``noise_threshold > 0``), a few times for
+        the rows (``align_rows``), once for the range (``num_disparities=None``), once for findings,
+        once for ``adaptive_p2``, ``synthesis``, ``guided_median`` or confidences, once for float
+        images, once where all values may fit a narrower type or all channels be equal. Where there
+        are confidences, some rows are matched: all up to 768, otherwise three bands of 96 and their
+        halos.
+
+    Raises
+    ------
+    TypeError, ValueError, MemoryError, KeyboardInterrupt
+        As `phasestereo.match`.
+    """
+    # Parts are matched at one scale: they do not know what smaller copies of the whole pair say.
+    asked = replace(resolve(preset, settings, overrides), scales=False)
+    rows = Checked(read, as_size(size))
+
+    (left, right), masks = rows(0, 1)
+    dtype = left.dtype
+    search = min_disparity, num_disparities
+    known: Known = as_noise(noise, blur_compensation), blur_compensation, None, False, []
+
+    # Workers of its own: a shared one would wait for a reader that matches.
+    workers = _core.Workers(threads)
+    # The core owns the ranges of arguments: one row is refused for what all of them would be.
+    _core.estimate_pair((left, right), masks, search, replace(asked, align_rows=False), workers)
+
+    scale = _core.find_scale((left, right), masks, rows, rows.size, search, asked)
+
+    found = as_estimates(
+        _core.estimate_pair_by_rows(rows, rows.size, search, asked, scale, workers, known),
+        asked,
+        search,
+        blur_compensation,
+    )
+
+    roughness = None
+    looks = asked.guided_median or asked.synthesis or asked.confidence
+    if looks or asked.adaptive_p2 > 0 or asked.min_confidence > 0:
+        impulses = found.blur_compensation.impulses[0] if found.blur_compensation else 0.0
+        roughness = _core.find_roughness(rows, rows.size, search, scale, impulses)
+
+    compensation = found.blur_compensation
+    if compensation is None and known[0] is not None:
+        compensation = BlurCompensation(noise=known[0])
+
+    # No later pair is compared with it.
+    blur = None if found.blur is None else replace(found.blur, glance=None)
+
+    statistics = PairStatistics(
+        size=rows.size,
+        dtype=dtype.name,
+        min_disparity=found.search.min_disparity,
+        num_disparities=found.search.num_disparities,
+        settings=found.settings,
+        blur_compensation=compensation,
+        blur=blur,
+        alignment=found.alignment,
+        search=found.search,
+        packing=scale[0],
+        ranges=scale[1],
+        roughness=roughness,
+        findings=found.findings,
+    )
+    if asked.confidence or asked.min_confidence > 0:
+        return replace(statistics, tally=_tally(rows, statistics, workers))
+    return statistics
+
+
+def _tally(
+    rows: Checked, statistics: PairStatistics, workers: _core.Workers
+) -> tuple[int, int, int, int, int]:
+    """Return the sums that all confidences depend on, from the rows that they are taken of."""
+    tallies = []
+    for first, last in _core.rows_to_tally(statistics.size[0]):
+        images, masks, top = _with_halo(rows, statistics, first, last)
+        _, tally = _core.match_raw(images, masks, statistics, top, (first, last), workers)
+        tallies.append(tally)
+
+    confidence, own, failed, ends, pixels = (sum(counts) for counts in zip(*tallies, strict=True))
+    return confidence, own, failed, ends, pixels
+
+
+def halo(
+    settings: Settings,
+    blur_compensation: BlurCompensation | None = None,
+    alignment: Alignment | None = None,
+) -> int:
+    """Return how many rows above and below a band its disparities depend on at most.
+
+    Parameters
+    ----------
+    settings
+        The settings.
+    blur_compensation
+        The versions in which pixels are compared; None: as they are. Those of a `PairStatistics`
+        belong to its settings.
+    alignment
+        How rows correspond: where it is applied, its largest offset and some more. None: they do.
+
+    Returns
+    -------
+    int
+        Rows of the images: those of the window, the neighborhood and the kernels, and those that
+        speckles, filling, smoothing and confidences look at; with ``optimizer="sgm"`` also those
+        that the paths from above and below come from. A row without any valid pixel copies another
+        one, up to 95 rows away; where there are such rows, `match_rows` reads as many more.
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
+    """
+    if not isinstance(settings, Settings):
+        raise TypeError(f"settings: got {type(settings).__name__}; accepts Settings")
+
+    field = applied_field(alignment)
+    around, _ = _core.halo(settings, as_blur_compensation(blur_compensation), field)
+    return around
+
+
+def match_rows(
+    read: Reader,
+    statistics: PairStatistics,
+    first: int,
+    last: int,
+    *,
+    threads: int | _core.Workers | None = None,
+    progress: Progress | None = None,
+) -> Result:
+    """Match the rows [first, last) of a pair by themselves, whatever the settings.
+
+    Parameters
+    ----------
+    read
+        As `pair_statistics` takes it; it is asked for these rows and those around them.
+    statistics
+        What is known of the whole pair.
+    first, last
+        The rows, half-open. Memory grows with their number.
+    threads
+        As `phasestereo.match` takes them.
+    progress
+        As `phasestereo.match` takes it; of the rows at hand, those around the band included.
+
+    Returns
+    -------
+    Result
+        Of these rows alone, without the pair: the same bits as these rows of the whole.
+
+    Raises
+    ------
+    TypeError, ValueError, MemoryError, KeyboardInterrupt
+        As `phasestereo.match`; ValueError also if there are no such rows.
+    """
+    if not isinstance(statistics, PairStatistics):
+        raise TypeError(f"statistics: got {type(statistics).__name__}; accepts a PairStatistics")
+    if progress is not None and not callable(progress):
+        raise TypeError(f"progress: got {type(progress).__name__}; accepts a callable or None")
+
+    rows = Checked(read, statistics.size, statistics.dtype)
+    as_integer("first", first, least=0, most=statistics.size[0] - 1)
+    as_integer("last", last, least=first + 1, most=statistics.size[0])
+
+    images, masks, top = _with_halo(rows, statistics, first, last)
+    disparity, flags, confidence, uncertainty, timings = _core.match_rows(
+        images, masks, statistics, top, (first, last), threads, progress
+    )
+    return Result(
+        disparity,
+        flags,
+        confidence,
+        statistics.settings,
+        timings,
+        uncertainty=uncertainty,
+        search=statistics.search,
+        blur=statistics.blur,
+        alignment=statistics.alignment,
+        blur_compensation=statistics.blur_compensation,
+    )
+
+
+def _with_halo(
+    rows: Checked, statistics: PairStatistics, first: int, last: int
+) -> tuple[tuple[Pixels, Pixels], tuple[Mask | None, Mask | None], int]:
+    """Return rows of images and masks with those that they depend on, and the first of them."""
+    around, masked = _core.halo(statistics.settings, statistics.blur_compensation, statistics.field)
+    top, bottom = _widened(first, last, around, statistics)
+    images, masks = rows(top, bottom)
+
+    # Rows without a valid pixel copy others from farther away, so the halo must be wider.
+    if any(mask is not None and not mask.any(axis=1).all() for mask in masks):
+        del images, masks  # before they are read again, or memory would hold both
+        top, bottom = _widened(top, bottom, masked, statistics)
+        images, masks = rows(top, bottom)
+
+    return images, masks, top
+
+
+def _widened(first: int, last: int, by: int, statistics: PairStatistics) -> tuple[int, int]:
+    return max(0, first - by), min(statistics.size[0], last + by)
+
+
+def working_memory(statistics: PairStatistics, rows: int, *, threads: int, itemsize: int) -> int:
+    """Return how many bytes `match_rows` takes at most, besides what the process had before.
+
+    Parameters
+    ----------
+    statistics
+        What is known of the whole pair.
+    rows
+        Rows that are matched at a time.
+    threads
+        Threads.
+    itemsize
+        Bytes of a pixel of one image, all channels together, as the reader returns it.
+
+    Returns
+    -------
+    int
+        An upper bound: of what is searched in, which does not depend on `rows`, and of images,
+        codes and maps of a band and its halo, which do.
+    """
+    return _core.working_memory(statistics, rows, threads, itemsize)
+
+
+class Checked:
+    """A reader whose rows are checked, and in the form that the core takes."""
+
+    def __init__(self, read: Reader, size: tuple[int, int], dtype: str | None = None) -> None:
+        if not callable(read):
+            raise TypeError(f"read: got {type(read).__name__}; accepts a callable")
+        self.size = size
+        self._read, self._dtype = read, dtype
+
+    def __call__(
+        self, first: int, last: int
+    ) -> tuple[tuple[Pixels, Pixels], tuple[Mask | None, Mask | None]]:
+        """Read rows, in the type of those that were read before."""
+        found = self._read(first, last)
+        if not isinstance(found, (tuple, list)) or len(found) != 4:
+            many = f" of {len(found)}" if isinstance(found, (tuple, list)) else ""
+            raise TypeError(
+                f"read: got {type(found).__name__}{many}; accepts a tuple of four, (left, right, "
+                "left_mask, right_mask)"
+            )
+
+        left, right, left_mask, right_mask = found
+        pair = as_pair(left, right)
+        size = last - first, self.size[1]
+        if pair[0].shape[:2] != size:
+            raise ValueError(
+                f"read: got {pair[0].shape[:2]} pixels for the rows {first} to {last}; "
+                f"accepts {size}"
+            )
+
+        name = pair[0].dtype.name
+        if self._dtype not in (None, name):
+            raise TypeError(
+                f"read: got {name} for the rows {first} to {last}; accepts that of "
+                f"others, {self._dtype}"
+            )
+        self._dtype = name
+
+        masks = as_mask(left_mask, size, "left_mask"), as_mask(right_mask, size, "right_mask")
+        return pair, masks

@@ -1,0 +1,184 @@
+"""The processes that match: those of a Dask cluster that is there already."""
+
+from __future__ import annotations
+
+import gc
+import logging
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from phasestereo import _core
+from phasestereo._extras import require
+from phasestereo.io.files import StrPath
+from phasestereo_large.batch.processes import DIED, TaskResult, WorkerDiedError
+from phasestereo_large.batch.work import FullDiskError, version
+
+_FIRST_WORKER = 60  # seconds until one must have come: those of a batch system take a while
+
+
+def share(workers: int | None, threads: int | None, pairs: int) -> tuple[int, int]:
+    """Return how many processes of this machine match, and on how many threads each.
+
+    All processors are used, none twice: one process a processor, fewer if there are fewer pairs, or
+    as many as are wanted; each with its part of the processors.
+    """
+    processors = _core.Workers(None).count
+
+    if workers is None:
+        workers = max(1, min(pairs, processors // (threads or 1)))
+
+    return workers, threads or max(1, processors // workers)
+
+
+def encryption(ca: StrPath, cert: StrPath, key: StrPath) -> Any:
+    """Return what encrypts a connection to a cluster and lets both ends prove who they are.
+
+    Parameters
+    ----------
+    ca
+        The certificates of those whose word is believed.
+    cert, key
+        The certificate of this end, and its key.
+
+    Raises
+    ------
+    OSError
+        If one of these files is not there.
+    ImportError
+        If Dask's scheduler is not installed.
+    """
+    for file in (ca, cert, key):
+        Path(file).stat()
+    return require("distributed", extra="dask").Security(
+        tls_ca_file=os.fspath(ca),
+        tls_client_cert=os.fspath(cert),
+        tls_client_key=os.fspath(key),
+        require_encryption=True,
+    )
+
+
+@contextmanager
+def remote(address: str, security: Any = None) -> Iterator[Cluster]:
+    """Connect to a cluster.
+
+    Parameters
+    ----------
+    address
+        That of its scheduler.
+    security
+        What `encryption` returns; None: what the configuration of Dask says.
+
+    Raises
+    ------
+    OSError
+        If there is no scheduler, or no worker comes.
+    ValueError
+        If the address is none, or a worker has another version of this package, or none.
+    ImportError
+        If Dask's scheduler is not installed.
+    """
+    with _without_logs(), _connected(address, security) as client:
+        try:
+            client.wait_for_workers(1, timeout=_FIRST_WORKER)
+        except TimeoutError as error:
+            raise ConnectionError(f"{address} has no workers") from error
+        _check_versions(client)
+        yield Cluster(client)
+
+
+@contextmanager
+def _without_logs() -> Iterator[None]:
+    """Keep Dask's client from logging, with tracebacks, what is raised anyway."""
+    logger = logging.getLogger("distributed.client")
+    before, logger.disabled = logger.disabled, True
+    try:
+        yield
+    finally:
+        logger.disabled = before
+
+
+def _connected(address: str, security: Any) -> Any:
+    distributed = require("distributed", extra="dask")
+    try:
+        return distributed.Client(address, security=security, set_as_default=False)
+    except OSError as error:
+        refusal: Exception = ConnectionError(f"no scheduler at {address}: {error}")
+    except (ValueError, TypeError) as error:
+        refusal = ValueError(
+            f"scheduler: got {address!r}; accepts an address such as tcp://host:8786: {error}"
+        )
+
+    # A client that has failed is closed when it is collected. If the thread of a later client
+    # happens to do that, the two wait for each other.
+    gc.collect()
+    raise refusal
+
+
+class Cluster:
+    """The workers of a cluster; see `remote`."""
+
+    def __init__(self, client: Any) -> None:
+        distributed = require("distributed", extra="dask")
+        self._client = client
+        self._ended = distributed.as_completed(loop=client.loop)
+        # The exceptions by which the end of a task is judged.
+        self._died = require("distributed.scheduler", extra="dask").KilledWorker
+        self._cancelled = distributed.CancelledError
+
+    def slots(self) -> int:
+        """Return how many tasks are done at the same time.
+
+        Raises
+        ------
+        OSError
+            If the scheduler is lost.
+        """
+        try:
+            threads: dict[str, int] = self._client.nthreads()
+        except OSError as error:
+            raise _lost(error) from error
+        return max(1, sum(threads.values()))  # there is none while the last one is started again
+
+    def submit(self, key: str, function: Callable[..., Any], *arguments: Any) -> None:
+        """Let a worker call a function; no two tasks have the same key."""
+        self._ended.add(self._client.submit(function, *arguments, key=key, retries=0))
+
+    def finished(self) -> list[tuple[str, TaskResult]]:
+        """Wait for a task to end; return it with what returns or raises its result.
+
+        That raises `WorkerDiedError` if its worker died, and `ConnectionError` if the scheduler is
+        lost.
+        """
+        future = next(self._ended)
+        return [(future.key, partial(self._result, future))]
+
+    def _result(self, future: Any) -> Any:
+        try:
+            return future.result()
+        except self._died as error:
+            raise WorkerDiedError(DIED) from error
+        except FullDiskError:
+            raise
+        except (self._cancelled, OSError) as error:
+            raise _lost(error) from error
+
+
+def _lost(error: Exception) -> ConnectionError:
+    """Return what to raise when a scheduler does not answer any more."""
+    return ConnectionError(
+        f"the scheduler is lost; the same run again does what is missing ({error})"
+    )
+
+
+def _check_versions(client: Any) -> None:
+    for address, found in client.run(version, on_error="return").items():
+        if found != _core.__version__:
+            has = f"({found!r})" if isinstance(found, Exception) else found
+            raise ValueError(
+                f"scheduler: worker {address} has phasestereo {has}; accepts "
+                f"{_core.__version__}, as here"
+            )

@@ -1,0 +1,365 @@
+"""The run: pairs go to workers a few at a time, records come back."""
+
+from __future__ import annotations
+
+import secrets
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, replace
+from itertools import chain, islice
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+from phasestereo._extras import require
+from phasestereo._numbers import as_integer, as_number
+from phasestereo.io.files import StrPath
+from phasestereo.io.maps import FLOAT_SUFFIXES
+from phasestereo.result import LAYERS, maps_with
+from phasestereo.settings import Settings, resolve
+from phasestereo_large.batch.cluster import Cluster, remote, share
+from phasestereo_large.batch.manifest import DONE, Manifest, Record
+from phasestereo_large.batch.pairs import PairFiles, check_names
+from phasestereo_large.batch.processes import Processes, WorkerDiedError, local
+from phasestereo_large.batch.work import FullDiskError, Order, blank, match_files
+
+WorkerPool = Cluster | Processes
+
+_AHEAD = 2  # pairs under way for each that is at work, so that no worker waits for its next
+_LOCK = ".batch.lock"
+_DRAFTS = "." + "[0-9a-f]" * 16 + ".part"  # as `phasestereo.io.files.replacing` calls them
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BatchReport:
+    """The outcome of a run over many pairs.
+
+    Parameters
+    ----------
+    pairs
+        Number of pairs of the list.
+    skipped
+        Number of those that were there already.
+    done
+        Number of those that were matched.
+    failed
+        Records of those that could not be, in the order of the list.
+    seconds
+        Wall-clock time.
+    manifest
+        The file with the records of all pairs.
+    damaged
+        The lines of an earlier manifest that were no records, by their numbers, with what was wrong
+        with them: they are in ``manifest.damaged`` beside it, and their pairs were matched again.
+    """
+
+    pairs: int
+    skipped: int
+    done: int
+    failed: list[Record]
+    seconds: float
+    manifest: Path
+    damaged: tuple[str, ...] = ()
+
+
+def run(
+    pairs: Iterable[PairFiles],
+    folder: StrPath,
+    *,
+    scheduler: str | None = None,
+    security: Any = None,
+    workers: int | None = None,
+    threads: int | None = None,
+    retries: int = 2,
+    time_limit: float | None = None,
+    suffix: str = ".tif",
+    layers: Iterable[str] = (),
+    preset: str | None = None,
+    settings: Settings | None = None,
+    progress: Callable[[int, int], object] | None = None,
+    on_failure: Callable[[Record], object] | None = None,
+    **overrides: Any,
+) -> BatchReport:
+    """Match many pairs of files by many processes; those that have a result already are skipped.
+
+    A pair is matched again if its last attempt failed, if a file of its result is missing or not
+    as long as it was, or if its images, the settings, the disparities or the version have changed.
+
+    Parameters
+    ----------
+    pairs
+        The pairs, as `read_pairs` finds them.
+    folder
+        Where results and the manifest go; it is made if it is not there. Workers write there: it
+        must be the same folder on all machines, as must be the images.
+    scheduler
+        Address of the scheduler of a Dask cluster, such as "tls://host:8786". None: processes of
+        this machine are started for this run, which nobody else can reach.
+    security
+        With a scheduler: a ``distributed.Security`` with the certificates to connect by. Whoever
+        can connect to a scheduler runs what they like on its workers and clients.
+    workers
+        Number of these processes; None: as many as there are processors.
+    threads
+        Threads of each match. None: with processes of this machine, such a number that all
+        processors are busy; with a cluster 1, since a worker matches as many pairs at once as it
+        has threads.
+    retries
+        How often a pair that failed, or whose worker died, is tried again once all others are done.
+    time_limit
+        Seconds that a pair may take, reading and writing included; None: any number. Processes of
+        this machine that do not end then are ended.
+    suffix
+        The format of the disparities: ".tif" (which keeps the georeference of the left image),
+        ".pfm" or ".npy".
+    layers
+        "flags", "confidence" and "uncertainty" (the error bars), to be written beside them as
+        NAME.flags.tif and so on.
+    preset, settings, **overrides
+        As `phasestereo.match` takes them.
+    progress
+        Called as ``progress(finished, pairs)`` from the calling thread.
+    on_failure
+        Called with the record of each pair that failed for good.
+
+    Returns
+    -------
+    BatchReport
+        What it came to. Pairs that failed are no error.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For a wrong argument, two pairs of one name, a folder whose manifest is none at all,
+        workers of another version.
+    OSError
+        If the folder cannot be written to, is full, another run is at work in it, the scheduler
+        cannot be reached, or is lost. All that was finished until then is kept.
+    ImportError
+        If the extra ``batch`` is not installed, or with a scheduler ``dask``.
+    RuntimeError
+        If no processes can be started.
+
+    Notes
+    -----
+    A script that calls this without a scheduler must do so under ``if __name__ == "__main__":``,
+    since the processes that are started import it.
+    """
+    chosen = resolve(preset, settings, overrides)
+    listed = list(pairs)
+    check_names(listed)
+    _check(suffix, tuple(layers), chosen)
+
+    for name, value, least in (
+        ("retries", retries, 0),
+        ("workers", workers, 1),
+        ("threads", threads, 1),
+    ):
+        if value is not None:
+            as_integer(name, value, least=least)
+    if time_limit is not None:
+        as_number("time_limit", time_limit, positive=True)
+
+    if scheduler is not None and workers is not None:
+        raise ValueError("workers: got a number beside a scheduler; accepts None: it has its own")
+    if scheduler is None and security is not None:
+        raise ValueError("security: got that without a scheduler; accepts None: nobody connects")
+
+    # Workers may have another current folder.
+    target = Path(folder).absolute()
+    target.mkdir(parents=True, exist_ok=True)
+
+    # A worker of a cluster matches as many pairs at once as it has threads, each on one.
+    count, each = share(workers, threads, len(listed)) if scheduler is None else (0, threads or 1)
+    order = Order(
+        settings=chosen,
+        folder=target,
+        suffix=suffix,
+        layers=tuple(layers),
+        threads=each,
+        seconds=time_limit,
+    )
+
+    # Workers are started, or connected to, only if a pair is to be matched.
+    with _alone(target):
+        work = _Run(listed, order, retries, progress, on_failure)
+        work.run(
+            lambda: local(count, time_limit) if scheduler is None else remote(scheduler, security)
+        )
+    return work.report()
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Lock a folder against other runs, and remove the drafts of killed workers."""
+    locks = require("filelock", extra="batch")
+    lock = locks.FileLock(folder / _LOCK)
+    try:
+        lock.acquire(timeout=0)
+    except locks.Timeout as error:
+        raise OSError(f"{folder}: another run is at work in this folder") from error
+
+    with lock:
+        lock.release()  # `with` has taken it once more
+
+        for draft in folder.glob(_DRAFTS):
+            draft.unlink(missing_ok=True)
+        yield
+
+
+@dataclass(slots=True)
+class _Job:
+    pair: PairFiles
+    recipe: str
+    attempts: int = 0
+
+
+class _Run:
+    """The state of a run: what is to be done still, and what has become of the rest."""
+
+    def __init__(
+        self,
+        pairs: list[PairFiles],
+        order: Order,
+        retries: int,
+        progress: Callable[[int, int], object] | None,
+        on_failure: Callable[[Record], object] | None,
+    ) -> None:
+        self._pairs, self._order, self._retries = pairs, order, retries
+        self._progress, self._on_failure = progress, on_failure
+        self._manifest = Manifest(order.folder)
+
+        self._later: deque[_Job] = deque()
+        self._suspects: deque[_Job] = deque()
+        self._skipped, self._done, self._failed = 0, 0, 0
+
+        self._started = monotonic()
+        self._token = secrets.token_hex(4)  # keys of tasks are not those of an earlier run
+
+    def run(self, connect: Callable[[], AbstractContextManager[WorkerPool]]) -> None:
+        """Do what is to be done; workers are wanted only if there is anything."""
+        self._manifest.save(pair.name for pair in self._pairs)
+        try:
+            jobs = self._missing()
+            first = list(islice(jobs, 1))
+            if first:
+                with connect() as pool:
+                    self._work(pool, chain(first, jobs))
+        finally:
+            self._manifest.save(pair.name for pair in self._pairs)
+
+    def report(self) -> BatchReport:
+        """Return what it came to."""
+        records = [self._manifest.records[pair.name] for pair in self._pairs]
+        return BatchReport(
+            pairs=len(self._pairs),
+            skipped=self._skipped,
+            done=self._done,
+            failed=[record for record in records if record.state != DONE],
+            seconds=round(monotonic() - self._started, 3),
+            manifest=self._manifest.path,
+            damaged=tuple(f"{each.where}: {each.reason}" for each in self._manifest.damaged),
+        )
+
+    def _missing(self) -> Iterator[_Job]:
+        """Yield what is to be done; of the rest nothing but its number is kept."""
+        for pair in self._pairs:
+            recipe = self._order.recipe(pair)
+            if self._is_there(self._manifest.records.get(pair.name), recipe):
+                self._skipped += 1
+                self._report_progress()
+            else:
+                yield _Job(pair, recipe)
+
+    def _is_there(self, record: Record | None, recipe: str) -> bool:
+        if record is None or record.state != DONE or record.recipe != recipe or not record.files:
+            return False
+
+        files = [(self._order.folder / name, size) for name, size in record.files.items()]
+        return all(path.is_file() and path.stat().st_size == size for path, size in files)
+
+    def _work(self, pool: WorkerPool, jobs: Iterator[_Job]) -> None:
+        """Try all once, then those again that failed, then one by one those whose worker died.
+
+        When a worker of a cluster dies, all that it had been given come under suspicion: alone,
+        each can but answer for itself.
+        """
+        self._drain(pool, jobs)
+
+        while self._later:
+            again, self._later = self._later, deque()
+            self._drain(pool, iter(again))
+
+        while self._suspects:
+            self._drain(pool, iter([self._suspects.popleft()]))
+            self._suspects += self._later
+            self._later.clear()
+
+    def _drain(self, pool: WorkerPool, jobs: Iterator[_Job]) -> None:
+        """Do these jobs, a few under way at any time."""
+        under_way: dict[str, _Job] = {}
+        self._submit(pool, jobs, under_way)
+        while under_way:
+            for key, outcome in pool.finished():
+                self._settle(under_way.pop(key), outcome)
+            self._submit(pool, jobs, under_way)
+
+    def _submit(self, pool: WorkerPool, jobs: Iterator[_Job], under_way: dict[str, _Job]) -> None:
+        free = _AHEAD * pool.slots() - len(under_way)
+        for job in islice(jobs, max(0, free)):
+            job.attempts += 1
+            key = f"phasestereo-{self._token}-{job.attempts}-{job.pair.name}"
+            under_way[key] = job
+            pool.submit(key, match_files, job.pair, self._order, job.recipe)
+
+    def _settle(self, job: _Job, outcome: Callable[[], Record]) -> None:
+        """Queue a job again that failed, or record how it ended."""
+        queue = self._later
+        try:
+            record = outcome()
+        except WorkerDiedError as error:
+            record, queue = blank(job.pair, job.recipe, str(error)), self._suspects
+        except TimeoutError as error:
+            record = blank(job.pair, job.recipe, str(error))
+        except FullDiskError as error:
+            raise OSError(
+                f"{error}; what is finished is kept, the same run again goes on"
+            ) from error
+        except ConnectionError:
+            raise
+        except Exception as error:  # noqa: BLE001 -- what a worker cannot load may raise anything
+            record = blank(job.pair, job.recipe, f"the worker could not run it: {error!r}")
+
+        if record.state != DONE and job.attempts <= self._retries:
+            queue.append(job)
+        else:
+            self._finish(replace(record, attempts=job.attempts))
+
+    def _finish(self, record: Record) -> None:
+        self._manifest.add(record)
+        if record.state == DONE:
+            self._done += 1
+        else:
+            self._failed += 1
+
+            if self._on_failure is not None:
+                self._on_failure(record)
+
+        self._report_progress()
+
+    def _report_progress(self) -> None:
+        if self._progress is not None:
+            self._progress(self._skipped + self._done + self._failed, len(self._pairs))
+
+
+def _check(suffix: str, layers: tuple[str, ...], settings: Settings) -> None:
+    if suffix not in FLOAT_SUFFIXES:
+        raise ValueError(f"suffix: got {suffix!r}; accepts {', '.join(FLOAT_SUFFIXES)}")
+
+    there = maps_with(settings)
+    for layer in layers:
+        if layer not in LAYERS:
+            raise ValueError(f"layers: got {layer!r}; accepts {', '.join(LAYERS)}")
+        if layer not in there:
+            raise ValueError(f"layers: got {layer!r} with settings that work out none")

@@ -1,0 +1,207 @@
+"""What a worker does for one pair: read, match, write, and record what it came to."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import json
+import os
+import shutil
+import socket
+import traceback
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from phasestereo import _core
+from phasestereo._images import join_masks
+from phasestereo.io.files import describe_error
+from phasestereo.io.mask import read_mask
+from phasestereo.io.results import write_map
+from phasestereo.io.views import read_views
+from phasestereo.matching import match_silently
+from phasestereo.result import Result
+from phasestereo.rig.findings import untrusted
+from phasestereo.settings import Settings
+from phasestereo_large.batch.manifest import DONE, FAILED, Record
+from phasestereo_large.batch.pairs import PairFiles
+from phasestereo_large.geotiff import Georeference
+
+_FULL = (errno.ENOSPC, errno.EDQUOT)
+_EXPECTED = (OSError, ValueError, TypeError, MemoryError, RuntimeError, ImportError)
+"""What one line says enough of; of anything else, where it came from is to be known, too."""
+
+
+class FullDiskError(OSError):
+    """The disk is full: what is true of one pair is true of all that follow."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Order:
+    """The settings and outputs that all pairs of a run share.
+
+    Parameters
+    ----------
+    settings
+        The settings to match with.
+    folder
+        Where results go.
+    suffix
+        The format of disparities, by its suffix.
+    layers
+        What is written beside them: those of `phasestereo.result.LAYERS`.
+    threads
+        Number of threads of each match.
+    seconds
+        How long a pair may take; None: any time.
+    version
+        Version of this package where the run was started; workers must have the same.
+    """
+
+    settings: Settings
+    folder: Path
+    suffix: str
+    layers: tuple[str, ...]
+    threads: int
+    seconds: float | None = None
+    version: str = _core.__version__
+
+    def recipe(self, pair: PairFiles) -> str:
+        """Return a digest of all that a result depends on; a file that is not there is one, too."""
+        parts = {
+            "version": self.version,
+            "settings": asdict(self.settings),
+            "outputs": [self.suffix, *self.layers],
+            "disparities": [pair.min_disparity, pair.num_disparities],
+            "masks": [pair.left_mask is not None, pair.right_mask is not None],
+            "files": [_identity(path) for path in pair.files],
+        }
+        return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:32]
+
+
+def version() -> str:
+    """Return the version that a worker has."""
+    return _core.__version__
+
+
+def blank(pair: PairFiles, recipe: str, reason: str) -> Record:
+    """Return the record of a pair that failed."""
+    return Record(
+        name=pair.name,
+        state=FAILED,
+        left=str(pair.left),
+        right=str(pair.right),
+        num_disparities=pair.num_disparities,
+        min_disparity=pair.min_disparity,
+        recipe=recipe,
+        reason=" ".join(reason.split()),
+    )
+
+
+def match_files(pair: PairFiles, order: Order, recipe: str) -> Record:
+    """Match a pair and write its result; whatever goes wrong is said in the record.
+
+    Raises
+    ------
+    FullDiskError
+        If there is no space for the result.
+    """
+    started = perf_counter()
+    try:
+        record = _matched(pair, order, recipe)
+    except FullDiskError:
+        raise
+    except _EXPECTED as error:
+        record = blank(pair, recipe, describe_error(error))
+    except Exception as error:  # noqa: BLE001 -- one pair must not end the run of all others
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        record = blank(pair, recipe, f"{error!r} in {place.filename}, line {place.lineno}")
+
+    here = f"{socket.gethostname()}:{os.getpid()}"
+    return replace(record, seconds=round(perf_counter() - started, 4), worker=here)
+
+
+def _matched(pair: PairFiles, order: Order, recipe: str) -> Record:
+    if order.version != _core.__version__:  # a worker that came after the run had begun
+        raise RuntimeError(
+            f"the worker has phasestereo {_core.__version__}; accepts {order.version}"
+        )
+
+    in_time = _clock(order.seconds)
+
+    left, right = read_views(pair.left, pair.right)
+    masks = read_mask(pair.left_mask), read_mask(pair.right_mask)
+
+    result = match_silently(
+        (left.image, right.image),
+        (join_masks(masks[0], left.mask), join_masks(masks[1], right.mask)),
+        (pair.min_disparity, pair.num_disparities),
+        settings=order.settings,
+        threads=order.threads,
+        progress=in_time,
+        given=(None, None),
+    )
+
+    # Writing takes time, too, which a match that ended late does not have.
+    in_time()
+
+    rows, cols = result.disparity.shape
+    searched = result.search
+
+    return replace(
+        blank(pair, recipe, ""),
+        num_disparities=searched.num_disparities if searched else pair.num_disparities,
+        min_disparity=searched.min_disparity if searched else pair.min_disparity,
+        state=DONE,
+        reason=None,
+        width=cols,
+        height=rows,
+        estimated=round(float(np.isfinite(result.disparity).mean()), 6),
+        blur=None if result.blur is None else str(result.blur),
+        doubt="; ".join(found.sentence for found in untrusted(result.findings)) or None,
+        files=_write(pair.name, order, result, left.place),
+    )
+
+
+def _clock(seconds: float | None) -> Callable[..., None]:
+    """Return what ends a match that takes too long, as its progress."""
+    end = float("inf") if seconds is None else perf_counter() + seconds
+
+    def in_time(*_: int) -> None:
+        if perf_counter() > end:
+            raise TimeoutError(f"took longer than {seconds:g} s")
+
+    return in_time
+
+
+def _write(name: str, order: Order, result: Result, place: Georeference | None) -> dict[str, int]:
+    """Write the layers, the disparities last; return the lengths of the files."""
+    files = {f"{name}.{layer}.tif": layer for layer in order.layers}
+    files[f"{name}{order.suffix}"] = "disparity"
+
+    for file, layer in files.items():
+        values = getattr(result, layer)
+        try:
+            write_map(order.folder / file, layer, values, place)
+        except OSError as error:
+            message = f"{order.folder / file} cannot be written: {error.strerror or error}"
+            if error.errno in _FULL:
+                raise FullDiskError(message) from error
+            # Some libraries raise an error of their own for a full disk.
+            if shutil.disk_usage(order.folder).free < values.nbytes:
+                raise FullDiskError(f"{message}: {os.strerror(errno.ENOSPC)}") from error
+            raise OSError(message) from error
+
+    return {file: (order.folder / file).stat().st_size for file in files}
+
+
+def _identity(path: Path) -> list[Any]:
+    try:
+        state = path.stat()
+    except (OSError, ValueError):  # as of a path with a null byte
+        return [str(path)]  # the worker will say what is wrong with it
+    return [str(path), state.st_size, state.st_mtime_ns]

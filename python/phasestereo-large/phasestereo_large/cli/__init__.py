@@ -1,0 +1,1 @@
+"""The commands ``phasestereo large`` and ``batch``, found by their entry points."""

@@ -1,0 +1,191 @@
+"""``phasestereo batch``: a list or a folder of pairs in, a disparity map for each out."""
+
+# No `from __future__ import annotations`: the command line is made of these annotations.
+
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from cyclopts import Group, Parameter
+
+import phasestereo
+from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
+from phasestereo.cli.options import (
+    AT_LEAST_ONE,
+    NOT_NEGATIVE,
+    POSITIVE,
+    REASONABLE,
+    Count,
+    Overrides,
+)
+from phasestereo.cli.terminal import print_json, print_lines, progress_bar, say
+from phasestereo.result import Layer
+from phasestereo.settings import PRESET, PRESETS, Settings, resolve
+from phasestereo_large.batch import BatchReport, Record, encryption, read_pairs, run
+
+_VALUES = {"preset", "num_disparities", "min_disparity", "threads", "workers", "scheduler"}
+_MORE = {"retries", "layers", "time_limit"}
+_OPTIONS = _VALUES | _MORE | {field.name for field in fields(Settings)}
+
+_OUTPUT = Group.create_ordered("Output")
+_SEARCH = Group.create_ordered("Search")
+_WORK = Group.create_ordered("Work")
+_SETTINGS = Group.create_ordered(
+    "Expert settings", help="Each takes the place of the preset's. Two penalties are written 0.5,2."
+)
+_PRESET_HELP = f"Settings to start from: {', '.join(PRESETS)}."
+_LISTED = 1000  # failures in the JSON: all are in the manifest
+
+_Count = Annotated[int | None, Parameter(group=_WORK, validator=AT_LEAST_ONE)]
+_File = Annotated[Path | None, Parameter(group=_WORK)]
+_Layers = tuple[Layer, ...]
+
+
+def batch(
+    source: Path,
+    /,
+    *,
+    output: Annotated[Path, Parameter(alias="-o", group=_OUTPUT)],
+    format: Annotated[Literal["tif", "pfm", "npy"], Parameter(group=_OUTPUT)] = "tif",  # noqa: A002 -- the name of the option
+    layers: Annotated[
+        _Layers, Parameter(group=_OUTPUT, consume_multiple=True, show_default=False)
+    ] = (),
+    json: Annotated[bool, Parameter(negative=(), show_default=False, group=_OUTPUT)] = False,
+    num_disparities: Annotated[Count, Parameter(group=_SEARCH, validator=AT_LEAST_ONE)] = None,
+    min_disparity: Annotated[int, Parameter(group=_SEARCH, validator=REASONABLE)] = 0,
+    preset: Annotated[str, Parameter(group=_SEARCH, help=_PRESET_HELP)] = PRESET,
+    scheduler: Annotated[str | None, Parameter(group=_WORK)] = None,
+    tls_ca: _File = None,
+    tls_cert: _File = None,
+    tls_key: _File = None,
+    workers: _Count = None,
+    threads: _Count = None,
+    retries: Annotated[int, Parameter(group=_WORK, validator=NOT_NEGATIVE)] = 2,
+    time_limit: Annotated[float | None, Parameter(group=_WORK, validator=POSITIVE)] = None,
+    overrides: Annotated[Overrides | None, Parameter(name="*", group=_SETTINGS)] = None,
+) -> None:
+    """Match many pairs, on all processors of this machine or on a Dask cluster.
+
+    Pairs whose result is in the output folder already are skipped, so the same command goes on
+    after any end. What has become of every pair is in ``manifest.jsonl`` there, one JSON object a
+    line. Those that fail are tried again at the end, and recorded with the reason; the exit code is
+    1 then. For example:
+
+    ```
+    phasestereo batch pairs.csv --num-disparities 128 -o maps
+    phasestereo batch pairs.csv --scheduler tcp://host:8786 -o /shared/maps
+    ```
+
+    Parameters
+    ----------
+    source
+        A CSV file with columns left, right and, if wanted, name, num_disparities, min_disparity,
+        left_mask, right_mask, paths being relative to it. Or a folder: of scenes with im0.png,
+        im1.png and calib.txt, as Middlebury has them, or of subfolders left and right.
+    output
+        Folder for the results, NAME.tif and so on; on a cluster one that all machines share.
+    format
+        Format of the disparities; .tif keeps the georeference of the left image.
+    layers
+        flags, confidence, uncertainty (the error bars): to be written beside the disparities, as
+        NAME.flags.tif and so on.
+    json
+        Print one JSON object on standard output: numbers, settings, failures, files.
+    num_disparities
+        Number of disparities to search where the list, or calib.txt, does not say; auto: those that
+        are found in the images of each pair.
+    min_disparity
+        Smallest disparity to search where the list does not say.
+    scheduler
+        Address of the scheduler of a Dask cluster, tls://HOST:PORT, or tcp://HOST:PORT in a network
+        of which every user is trusted: whoever can connect runs what they like.
+    tls_ca
+        File of the certificates that the cluster's must be signed by.
+    tls_cert
+        File of the certificate to connect by.
+    tls_key
+        File of its key.
+    workers
+        Number of processes on this machine; without it, as many as there are processors.
+    threads
+        Number of threads of each match; without it, such that all processors of this machine are
+        busy, and 1 on a cluster.
+    retries
+        How often a pair that failed is tried again.
+    time_limit
+        Seconds that a pair may take; without it, any number.
+    """
+    if (tls_ca or tls_cert or tls_key) and scheduler is None:
+        raise CommandError("--tls-ca: has no effect without --scheduler", WRONG_USAGE)
+
+    with refusals(options=_OPTIONS):
+        settings = resolve(preset, None, overrides or {})
+        pairs = read_pairs(source, num_disparities=num_disparities, min_disparity=min_disparity)
+
+    with refusals(options=_OPTIONS), progress_bar("Matching") as progress:
+        report = run(
+            pairs,
+            output,
+            scheduler=scheduler,
+            security=_security(tls_ca, tls_cert, tls_key),
+            workers=workers,
+            threads=threads,
+            retries=retries,
+            time_limit=time_limit,
+            suffix=f".{format}",
+            layers=layers,
+            settings=settings,
+            progress=progress,
+            on_failure=_show_failure,
+        )
+
+    for line in report.damaged:
+        say(f"{line}; set apart, and its pair matched again")
+    _show(report, settings, as_json=json)
+    if report.failed:
+        raise CommandError(
+            f"{len(report.failed)} of {report.pairs} pairs failed; {report.manifest} says why, "
+            "and the same command tries them again"
+        )
+
+
+def _show_failure(record: Record) -> None:
+    say(f"failed {record.name}: {record.reason}")
+
+
+def _security(ca: Path | None, cert: Path | None, key: Path | None) -> Any:
+    """Return what a connection is encrypted by; None: it is not."""
+    if not (ca or cert or key):
+        return None
+    if ca is None or cert is None or key is None:
+        raise CommandError("--tls-ca: needs --tls-cert and --tls-key, and they it", WRONG_USAGE)
+    return encryption(ca, cert, key)
+
+
+def _show(report: BatchReport, settings: Settings, *, as_json: bool) -> None:
+    """Print what a run came to on standard output."""
+    if as_json:
+        print_json(_as_dict(report, settings))
+        return
+
+    rate = report.done / report.seconds if report.seconds else 0.0
+    numbers = (
+        f"{report.done} pairs matched, {report.skipped} there already, {len(report.failed)} failed,"
+        f" {report.seconds:.1f} s, {rate:.2f} pairs/s"
+    )
+    print_lines([numbers, f"wrote {report.manifest}"])
+
+
+def _as_dict(report: BatchReport, settings: Settings) -> dict[str, Any]:
+    return {
+        "version": phasestereo.__version__,
+        "settings": asdict(settings),
+        "pairs": report.pairs,
+        "done": report.done,
+        "skipped": report.skipped,
+        "failed": len(report.failed),
+        "failures": [asdict(record) for record in report.failed[:_LISTED]],
+        "seconds": report.seconds,
+        "manifest": str(report.manifest),
+        "damaged": list(report.damaged),
+    }

@@ -1,0 +1,30 @@
+"""Ctrl-C, postponed where something must not be half done."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+@contextmanager
+def held_back() -> Iterator[None]:
+    """Postpone Ctrl-C to the end of a block; an exception that ends the block comes first.
+
+    A signal mask would not do: the system delivers a signal that one thread masks to another one,
+    and Python still runs the handler in the main thread.
+    """
+    handler = signal.getsignal(signal.SIGINT)
+    if not callable(handler) or threading.current_thread() is not threading.main_thread():
+        yield  # nobody handles the signal, or another thread does
+        return
+
+    received: list[int] = []
+    signal.signal(signal.SIGINT, lambda number, _: received.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+    if received:
+        handler(received[0], None)

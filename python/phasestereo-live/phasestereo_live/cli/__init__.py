@@ -1,0 +1,1 @@
+"""The command ``phasestereo live``, which `phasestereo.cli` finds by its entry point."""

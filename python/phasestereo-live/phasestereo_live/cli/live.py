@@ -1,0 +1,288 @@
+"""``phasestereo live``: videos, folders or cameras in, a disparity map for each frame out."""
+
+# No `from __future__ import annotations`: the command line is made of these annotations.
+
+from collections.abc import Callable
+from contextlib import ExitStack, closing, suppress
+from dataclasses import fields
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Group, Parameter
+
+from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
+from phasestereo.cli.options import AT_LEAST_ONE, NOT_NEGATIVE, REASONABLE, Count, Overrides
+from phasestereo.cli.pairing import AUTO, as_calibration
+from phasestereo.cli.terminal import say
+from phasestereo.cli.trust import unwarned
+from phasestereo.io import read_calibration
+from phasestereo.io.folders import folders_of
+from phasestereo.io.pair import Layout
+from phasestereo.settings import PRESET, PRESETS, Settings, resolve
+from phasestereo_live._interrupts import held_back
+from phasestereo_live.cli.outputs import FrameSink, LiveOutputs, Writers
+from phasestereo_live.cli.recordings import Messages, Topics
+from phasestereo_live.cli.show import ClosedError, Screen, Showing, Way
+from phasestereo_live.cli.show import opened as open_screen
+from phasestereo_live.cli.tally import Tally
+from phasestereo_live.ros.recordings import Recording
+from phasestereo_live.video.cameras import PATIENCE
+from phasestereo_live.video.decoding import is_address
+from phasestereo_live.video.streaming import REESTIMATE, Failure, Frame, Stream, stream
+
+_VALUES = {"preset", "num_disparities", "min_disparity", "threads", "noise", "layout", "rectify"}
+_OPTIONS = (
+    _VALUES | {"start", "stop", "every", "reestimate"} | {field.name for field in fields(Settings)}
+)
+
+_TOPIC_OPTIONS = {field.name for field in fields(Topics)}
+
+_SOURCE = Group.create_ordered("Source")
+_SEARCH = Group.create_ordered("Search")
+_RECORDING = Group.create_ordered("Recordings of robots")
+_OUTPUT = Group.create_ordered("Output")
+_SETTINGS = Group.create_ordered("Settings", help="Two penalties are written 0.5,2.")
+_OUTPUTS, _TOPICS, _MESSAGES, _SHOWING = LiveOutputs(), Topics(), Messages(), Showing()
+_PRESET_HELP = f"Settings to start from: {', '.join(PRESETS)}; fast for frame rates."
+_MORE = Parameter(group=_SOURCE, consume_multiple=True, show_default=False)
+
+
+def live(
+    source: Annotated[str | None, Parameter(group=_SOURCE)] = None,
+    right: Annotated[str | None, Parameter(group=_SOURCE)] = None,
+    /,
+    *,
+    cameras: Annotated[tuple[int, ...], _MORE] = (),
+    layout: Annotated[Layout | None, Parameter(group=_SOURCE)] = None,
+    rectify: Annotated[tuple[str, ...], Parameter(group=_SOURCE, show_default=False)] = (),
+    start: Annotated[int, Parameter(group=_SOURCE, validator=NOT_NEGATIVE)] = 0,
+    stop: Annotated[int | None, Parameter(group=_SOURCE, validator=NOT_NEGATIVE)] = None,
+    every: Annotated[int, Parameter(group=_SOURCE, validator=AT_LEAST_ONE)] = 1,
+    reestimate: Annotated[int, Parameter(group=_SOURCE, validator=AT_LEAST_ONE)] = REESTIMATE,
+    temporal_filter: Annotated[bool, Parameter(group=_SOURCE)] = True,
+    num_disparities: Annotated[Count, Parameter(group=_SEARCH, validator=AT_LEAST_ONE)] = None,
+    min_disparity: Annotated[int, Parameter(group=_SEARCH, validator=REASONABLE)] = 0,
+    threads: Annotated[int | None, Parameter(group=_SEARCH)] = None,
+    noise: Annotated[float | None, Parameter(group=_SEARCH)] = None,
+    showing: Annotated[Showing, Parameter(name="*", group=_OUTPUT)] = _SHOWING,
+    outputs: Annotated[LiveOutputs, Parameter(name="*", group=_OUTPUT)] = _OUTPUTS,
+    topics: Annotated[Topics, Parameter(name="*", group=_RECORDING)] = _TOPICS,
+    messages: Annotated[Messages, Parameter(name="*", group=_RECORDING)] = _MESSAGES,
+    preset: Annotated[str, Parameter(group=_SETTINGS, help=_PRESET_HELP)] = PRESET,
+    overrides: Annotated[Overrides | None, Parameter(name="*", group=_SETTINGS)] = None,
+) -> None:
+    """Match every frame of a video, a folder of images, a recording, or a pair of cameras.
+
+    ``--output``, ``--frames``, ``--rerun`` and ``--json`` say what to do with the disparities;
+    without any of them a page in the browser shows them. A frame that fails is reported and
+    skipped; all keep their numbers. Ctrl-C ends the run, and what was matched until then is
+    written. For example:
+
+    ```
+    phasestereo live --cameras 0 1 --show
+    phasestereo live video.mp4 --num-disparities 64 --preset fast -o disparities.mp4
+    phasestereo live --cameras 0 1 --num-disparities 64 --preset fast -o disparities.mp4
+    phasestereo live left/ right/ --num-disparities 64 --frames maps/%06d.pfm
+    phasestereo live drive.mcap --left /left/image_raw --right /right/image_raw -o depth.mcap
+    ```
+
+    Parameters
+    ----------
+    source
+        A video file or address (rtsp://...) whose pictures hold both views, or a folder with both
+        views, in subfolders left and right or in names; with RIGHT, the left view alone. Or a
+        recording of a robot, with --left and --right.
+    right
+        The right view: a second video or folder of images.
+    cameras
+        Numbers of the left and the right camera, or of one that delivers both views in each
+        picture; in place of SOURCE.
+    layout
+        Where a picture that holds both views has them: side-by-side (the default), or top-bottom
+        with the left view above. With a folder: its images hold both views.
+    rectify
+        Rectify the frames first: by a calibration or a saved rectification (twice for the files of
+        both cameras), or auto, by what the first frame shows. Needs the extra ``rectify``.
+    start
+        Number of the first frame to match.
+    stop
+        Number of the frame to stop before.
+    every
+        Match each so many-th frame.
+    reestimate
+        Estimate blur anew when it is not as it was at a glance, and at the latest after so many
+        frames; 1: of every frame.
+    temporal_filter
+        Make disparities steadier where neither image has changed.
+    num_disparities
+        Number of disparities to search, 1 to the images' width; auto: the range that is found.
+    min_disparity
+        Smallest disparity to search.
+    threads
+        Number of threads; without it, as many as there are processors.
+    noise
+        Standard deviation of the images' noise, in units of their pixels; needed with
+        --noise-threshold.
+    """
+    places = _places(source, right, cameras)
+    calibration = as_calibration(rectify) if rectify else ()
+    way = showing.way(alone=not outputs.asked_for())
+    recorded = topics.check(places)
+    if outputs.recording is not None and recorded is None:
+        raise CommandError("--output: a recording is written of a recording", WRONG_USAGE)
+
+    with refusals(options=_OPTIONS):
+        settings = resolve(preset, None, overrides or {})
+    disparities = min_disparity, num_disparities
+    outputs.check(_files(places), (min_disparity, num_disparities or 1), shown=way is not None)
+
+    tally = Tally(disparities, settings)
+    given: dict[str, Any] = {
+        "layout": layout,
+        "start": start,
+        "stop": stop,
+        "every": every,
+        "reestimate": reestimate,
+        "temporal_filter": temporal_filter,
+        "num_disparities": num_disparities,
+        "min_disparity": min_disparity,
+        "settings": settings,
+        "threads": threads,
+        "noise": noise,
+        "on_error": tally.fail,
+        "patience": PATIENCE if way is None else None,  # who looks plugs it in again
+    }
+
+    by: Any = AUTO if calibration is None else calibration or None
+
+    with ExitStack() as opened:
+        recording = None if recorded is None else _opened(opened, topics, recorded)
+        if recording is not None:
+            places, by = (recording,), by or recording.cameras
+
+        messages.check(
+            wanted=outputs.recording is not None,
+            known=bool(calibration) or (recording is not None and recording.q is not None),
+        )
+
+        with refusals(options=_OPTIONS):
+            frames = opened.enter_context(closing(stream(*places, rectify=by, **given)))
+            screen = None
+            if way is not None:
+                screen = _screen(
+                    opened,
+                    way,
+                    showing,
+                    outputs,
+                    recording,
+                    settings=settings,
+                    num_disparities=num_disparities,
+                    paced=not (outputs.asked_for() or cameras),
+                )
+
+        sink = None if recording is None else partial(messages.sink, recording, frames)
+        try:
+            with unwarned(), refusals(options=_OPTIONS):
+                _run(frames, outputs, tally, sink, screen)
+        finally:
+            tally.show(as_json=outputs.json)
+
+    if tally.interrupted:
+        raise KeyboardInterrupt
+    if not tally.done and way is None:
+        if not tally.failed:
+            raise CommandError("there is no frame to match")
+        raise CommandError(f"none of {tally.failed} frames could be matched")
+
+
+def _opened(opened: ExitStack, topics: Topics, path: Path) -> Recording:
+    """Open a recording, and say how its calibration is used."""
+    with refusals(options=_TOPIC_OPTIONS):
+        recording = topics.open(path)
+    opened.callback(recording.close)
+    say(recording.note)
+    return recording
+
+
+def _run(
+    frames: Stream,
+    outputs: LiveOutputs,
+    tally: Tally,
+    sink: Callable[[ExitStack, Path], FrameSink] | None,
+    screen: Screen | None,
+) -> None:
+    """Match, write and show all frames, or those until Ctrl-C or the end of the show."""
+    writing = Writers(outputs, tally, rate=frames.rate, messages=sink)
+    if screen is not None:
+        screen.follow(frames)
+        tally.listeners.append(screen.fail)
+        tally.reports_news_alone = True
+
+    try:
+        with suppress(ClosedError), writing as writers, tally.shown(frames.length):
+            for frame in frames:
+                with held_back():
+                    _write(frame, writers.sinks, tally)
+                if screen is not None:
+                    screen.add(frame, frames)
+                    if screen.closed:
+                        return
+        if screen is not None:
+            screen.stay()
+    except KeyboardInterrupt:
+        tally.interrupted = screen is None  # that is how a show ends
+
+
+def _screen(
+    opened: ExitStack,
+    way: Way,
+    showing: Showing,
+    outputs: LiveOutputs,
+    recording: Recording | None,
+    **more: Any,
+) -> Screen:
+    """Open what shows the frames, with the geometry that is known beforehand."""
+    known, unit = None, ""
+    if outputs.calib is not None:
+        known, unit = read_calibration(outputs.calib), "mm"
+    elif recording is not None:
+        unit = "m"
+    return open_screen(opened, way, folder=showing.save_to, calibration=known, unit=unit, **more)
+
+
+def _write(frame: Frame, sinks: list[FrameSink], tally: Tally) -> None:
+    """Write a frame everywhere it can be; where it cannot, it fails alone."""
+    tally.report_news(frame)
+    errors = []
+    for write in sinks:
+        try:
+            write(frame)
+        except (ValueError, TypeError) as error:
+            errors.append(error)
+
+    if errors:
+        tally.fail(Failure(frame.index, frame.time, errors[0]))
+    else:
+        tally.count(frame)
+
+
+def _places(source: str | None, right: str | None, cameras: tuple[int, ...]) -> tuple[Any, ...]:
+    """Return what `stream` takes as its source, and as the right view if it is apart."""
+    if cameras:
+        if source is not None:
+            raise CommandError("--cameras: stands in place of SOURCE, not beside it", WRONG_USAGE)
+        if len(cameras) > 2 or min(cameras) < 0:
+            got = " ".join(map(str, cameras))
+            raise CommandError(f"--cameras: got {got}; accepts one or two numbers", WRONG_USAGE)
+        return cameras
+
+    if source is None:
+        raise CommandError("SOURCE is missing: a video, a folder, or --cameras 0 1", WRONG_USAGE)
+    return (source,) if right is None else (source, right)
+
+
+def _files(places: tuple[Any, ...]) -> list[Path]:
+    """Return the files and folders that are read."""
+    paths = [Path(place) for place in places if isinstance(place, str) and not is_address(place)]
+    return [read for path in paths for read in (folders_of(path) if path.is_dir() else [path])]

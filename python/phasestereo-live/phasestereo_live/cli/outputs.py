@@ -1,0 +1,233 @@
+"""What ``phasestereo live`` writes: checked before it begins, whole whatever ends it."""
+
+# No `from __future__ import annotations`: the command line is made of these annotations.
+
+import os
+import secrets
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Self
+
+import numpy as np
+from cyclopts import Parameter, validators
+
+from phasestereo._extras import require
+from phasestereo.cli.errors import (
+    WRONG_USAGE,
+    CommandError,
+    option,
+    refusals,
+    refuse_picture,
+    refuse_taken,
+)
+from phasestereo.io import read_calibration, write_disparity
+from phasestereo_live._interrupts import held_back
+from phasestereo_live.cli.tally import Tally
+from phasestereo_live.rerun import log_failure, log_frame, saving
+from phasestereo_live.ros.bags import SUFFIXES as RECORDINGS
+from phasestereo_live.ros.bags import RecordingWriter
+from phasestereo_live.video import FramePicture, VideoWriter
+from phasestereo_live.video.drafts import draft_of
+from phasestereo_live.video.streaming import Frame
+
+FrameSink = Callable[[Frame], object]
+
+_RATE = 25.0  # of sources whose own is unknown
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LiveOutputs:
+    """What to do with the disparities.
+
+    Parameters
+    ----------
+    output
+        Video file, .mp4, .mov or .mkv: the left images beside the disparities in color, the same
+        from the smallest to the largest disparity searched in all frames. Of a recording also a
+        recording, .mcap, .db3 or .bag: disparities, depths and points as messages.
+    frames
+        Files for the disparities in pixels, such as maps/%06d.pfm: the number of the frame takes
+        the place of %06d. .pfm, .npy, .tif, or .png as KITTI has it (16 bits, 256 d).
+    rerun
+        Recording for the viewer rerun, .rrd: images and disparities; needs the extra ``rerun``.
+    calib
+        Middlebury's calib.txt, for colored points in --rerun and depths on the page.
+    rate
+        Frames a second of the video, where the source does not say when they were taken; without
+        it, 25.
+    json
+        Print one JSON object on standard output: settings, frames, failures, files.
+    """
+
+    output: Annotated[Path | None, Parameter(alias="-o")] = None
+    frames: str | None = None
+    rerun: Path | None = None
+    calib: Path | None = None
+    rate: Annotated[float | None, Parameter(validator=validators.Number(gt=0, lte=1000))] = None
+    json: Annotated[bool, Parameter(negative=(), show_default=False)] = False
+
+    def asked_for(self) -> bool:
+        """Return whether anything is to come out."""
+        return bool(self.output or self.frames or self.rerun or self.json)
+
+    @property
+    def recording(self) -> Path | None:
+        """The recording that is to be written, if it is one."""
+        is_one = self.output is not None and self.output.suffix.lower() in RECORDINGS
+        return self.output if is_one else None
+
+    def check(self, sources: Iterable[Path], disparities: tuple[int, int], *, shown: bool) -> None:
+        """Refuse what cannot or must not be written, and make the folder of the frames.
+
+        Raises
+        ------
+        CommandError
+            If an option has no effect, a file is a source, a folder, or cannot be written, or a
+            format does not hold all of the disparities.
+        """
+        if self.calib is not None and self.rerun is None and not shown:
+            raise CommandError("--calib: has no effect without --rerun or --show", WRONG_USAGE)
+        if self.rate is not None and self.output is None:
+            raise CommandError("--rate: has no effect without --output", WRONG_USAGE)
+        if self.calib is not None:
+            refuse_picture("calib", self.calib)
+
+        sources = list(sources)
+        for name, path in (("output", self.output), ("rerun", self.rerun)):
+            if path is not None:
+                refuse_taken(name, path, sources)
+
+        # Whatever is to be written is tried before anything is matched.
+        with refusals():
+            if self.recording is not None:
+                _checked("output", partial(RecordingWriter, self.recording))
+            elif self.output is not None:
+                require("matplotlib", extra="plot")
+                _checked("output", partial(VideoWriter, self.output))
+            if self.rerun is not None:
+                require("rerun", extra="rerun")
+                _checked("rerun", partial(draft_of, self.rerun, (".rrd",), "recording"))
+            if self.frames is not None:
+                _check_frames(self.frames, sources, disparities)
+
+
+class Writers:
+    """Everything a frame is written to, in a ``with`` block that completes it.
+
+    Parameters
+    ----------
+    outputs
+        What was asked for.
+    tally
+        What keeps count; it learns which files there are, and the failures that it counts go to
+        the recording, too.
+    rate
+        Frames a second of the source, if that is known.
+    messages
+        Makes the sink of a recording; None where none is written.
+    """
+
+    def __init__(
+        self,
+        outputs: LiveOutputs,
+        tally: Tally,
+        *,
+        rate: float | None,
+        messages: Callable[[ExitStack, Path], FrameSink] | None,
+    ) -> None:
+        self._outputs = outputs
+        self._tally = tally
+        self._messages = messages
+        self._rate = outputs.rate or rate or _RATE
+        self._open = ExitStack()
+        self.sinks: list[FrameSink] = []
+
+    def __enter__(self) -> Self:
+        # If one of them cannot be opened, those that are open are closed again.
+        with ExitStack() as opened:
+            recording = self._outputs.recording
+            if recording is not None and self._messages is not None:
+                self.sinks.append(self._messages(opened, recording))
+                self._tally.files["output"] = str(recording)
+            elif self._outputs.output is not None:
+                self._add_video(opened, self._outputs.output)
+
+            if self._outputs.frames is not None:
+                self.sinks.append(partial(_write_frame, self._outputs.frames))
+                self._tally.files["frames"] = self._outputs.frames
+
+            if self._outputs.rerun is not None:
+                self._add_recording(opened, self._outputs.rerun)
+
+            self._open = opened.pop_all()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with held_back():
+            self._open.close()
+
+    def _add_video(self, opened: ExitStack, path: Path) -> None:
+        video = opened.enter_context(VideoWriter(path, rate=self._rate))
+        pictures: list[FramePicture] = []
+
+        def write(frame: Frame) -> None:
+            if not pictures:  # the colors of all frames are those of the first one's range
+                pictures.append(FramePicture(*self._tally.searched(frame)))
+            video.write(pictures[0](frame), frame.time)
+
+        self.sinks.append(write)
+        self._tally.files["output"] = str(path)
+
+    def _add_recording(self, opened: ExitStack, path: Path) -> None:
+        calib = self._outputs.calib
+        calibration = None if calib is None else read_calibration(calib)
+        recording = opened.enter_context(saving(path))
+
+        def log(frame: Frame) -> None:
+            low, high = self._tally.searched(frame)
+            log_frame(frame, low=low, high=high, calibration=calibration, recording=recording)
+
+        self.sinks.append(log)
+        self._tally.listeners.append(partial(log_failure, recording=recording))
+        self._tally.files["rerun"] = str(path)
+
+
+def _write_frame(pattern: str, frame: Frame) -> None:
+    write_disparity(pattern % frame.index, frame.result.disparity)
+
+
+def _check_frames(pattern: str, sources: list[Path], disparities: tuple[int, int]) -> None:
+    try:
+        # A pattern that ignores the number, or a digit of it, would overwrite frames.
+        distinct = len({pattern % 0, pattern % 1, pattern % 11}) == 3
+    except (TypeError, ValueError):
+        distinct = False
+    if not distinct:
+        message = f"--frames: got {pattern}; accepts a name with one number, such as maps/%06d.pfm"
+        raise CommandError(message, WRONG_USAGE)
+
+    folder = Path(pattern % 0).parent
+    if os.path.realpath(folder) in {os.path.realpath(source) for source in sources}:
+        raise CommandError(f"--frames: {folder} holds the images", WRONG_USAGE)
+
+    folder.mkdir(parents=True, exist_ok=True)
+
+    # The extremes show whether the format holds all disparities.
+    low, count = disparities
+    extremes = np.array([[low, low + count - 1]], dtype=np.float32)
+    draft = folder / f".{secrets.token_hex(8)}{Path(pattern % 0).suffix}"
+    try:
+        _checked("frames", partial(write_disparity, draft, extremes))
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def _checked(name: str, attempt: Callable[[], object]) -> None:
+    """Try something; a value that is refused is the option's."""
+    try:
+        attempt()
+    except ValueError as error:
+        raise CommandError(f"{option(name)}: {error}", WRONG_USAGE) from error

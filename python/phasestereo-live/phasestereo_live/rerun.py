@@ -1,0 +1,135 @@
+"""Frames logged to rerun (https://rerun.io), which shows them live, or replays them.
+
+Needs the extra ``rerun``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from phasestereo._extras import require
+from phasestereo.io import Calibration
+from phasestereo.io.files import StrPath
+from phasestereo.views.triangulation import point_cloud
+from phasestereo_live.video.drafts import draft_of
+from phasestereo_live.video.streaming import Failure, Frame
+
+__all__ = ["log_failure", "log_frame", "saving"]
+
+_COLORS = "turbo"  # as in phasestereo.views.picture
+
+
+def log_frame(
+    frame: Frame,
+    *,
+    entity: str = "stereo",
+    low: float | None = None,
+    high: float | None = None,
+    calibration: Calibration | None = None,
+    recording: Any = None,
+) -> None:
+    """Log a matched frame.
+
+    On the timelines ``frame`` (its number) and ``time`` (seconds, if it has a time) there will be
+    images at ``entity/left`` and ``entity/right``, the disparities in pixels at
+    ``entity/disparity``, and with a calibration colored points at ``entity/points``.
+
+    Parameters
+    ----------
+    frame
+        A frame of `phasestereo_live.stream`.
+    entity
+        Path under which it is logged.
+    low, high
+        Disparities at the ends of the colors; None: those of each frame.
+    calibration
+        The geometry of the rig, for images of this size.
+    recording
+        A ``rerun.RecordingStream``; None: the current one, as ``rerun.init`` makes it.
+
+    Raises
+    ------
+    ValueError
+        If the calibration is for images of another size, or one of low and high is missing.
+    ImportError
+        If rerun is not installed.
+    """
+    if (low is None) != (high is None):
+        raise ValueError(f"low: got {low} and high {high}; accepts both or neither")
+
+    rerun = require("rerun", extra="rerun")
+    ends = None if low is None else (low, high)
+
+    disparity = rerun.DepthImage(
+        frame.result.disparity, meter=1.0, colormap=_COLORS, depth_range=ends
+    )
+    logged = {
+        "left": rerun.Image(frame.left),
+        "right": rerun.Image(frame.right),
+        "disparity": disparity,
+    }
+
+    if calibration is not None:
+        cloud = point_cloud(frame.result, calibration, image=frame.left)
+        logged["points"] = rerun.Points3D(cloud.points, colors=cloud.colors)
+        # Cameras look along Z, with Y down.
+        axes = rerun.ViewCoordinates.RIGHT_HAND_Y_DOWN
+        rerun.log(entity, axes, static=True, recording=recording)
+
+    _set_time(frame, recording)
+    for name, shown in logged.items():
+        rerun.log(f"{entity}/{name}", shown, recording=recording)
+
+
+def log_failure(failure: Failure, *, entity: str = "stereo", recording: Any = None) -> None:
+    """Log a frame that failed, as a warning at ``entity/failures``; see `log_frame`."""
+    rerun = require("rerun", extra="rerun")
+    _set_time(failure, recording)
+    message = rerun.TextLog(str(failure), level=rerun.TextLogLevel.WARN)
+    rerun.log(f"{entity}/failures", message, recording=recording)
+
+
+@contextmanager
+def saving(path: StrPath) -> Iterator[Any]:
+    """Record to a file while the block lasts; it appears at its end, also after an error.
+
+    Parameters
+    ----------
+    path
+        The file, .rrd; ``rerun FILE`` shows it.
+
+    Yields
+    ------
+    rerun.RecordingStream
+        What `log_frame` takes as ``recording``.
+
+    Raises
+    ------
+    OSError
+        If its folder does not exist or cannot be written to, or it is no file.
+    ValueError
+        If it does not end in .rrd.
+    ImportError
+        If rerun is not installed.
+    """
+    rerun = require("rerun", extra="rerun")
+    target, draft = draft_of(path, (".rrd",), "recording")
+    recording = rerun.RecordingStream("phasestereo")
+
+    recording.save(draft)
+
+    try:
+        yield recording
+    finally:
+        recording.flush()
+        recording.disconnect()
+        draft.replace(target)
+
+
+def _set_time(moment: Frame | Failure, recording: Any) -> None:
+    rerun = require("rerun", extra="rerun")
+    rerun.set_time("frame", sequence=moment.index, recording=recording)
+    if moment.time is not None:
+        rerun.set_time("time", duration=moment.time, recording=recording)

@@ -1,0 +1,235 @@
+"""Files of messages, through the library rosbags: opened to read, and written as a whole."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from phasestereo._extras import require
+from phasestereo.io.files import StrPath, named, suffix, target_of
+from phasestereo_live._closing import Closing
+
+SUFFIXES = (".mcap", ".db3", ".bag")
+
+
+class Item(NamedTuple):
+    """A message as it was recorded: its topic, when it was (ns since 1970), and how to read it."""
+
+    topic: str
+    time: int
+    read: Callable[[], Any]
+
+
+def is_recording(path: StrPath) -> bool:
+    """Return whether a path is that of a recording: by its suffix, or by what the folder holds."""
+    place = Path(path)
+    return suffix(place) in SUFFIXES or (place / "metadata.yaml").is_file()
+
+
+class Bag:
+    """A recording that is open.
+
+    Parameters
+    ----------
+    path
+        An ``.mcap`` or ``.db3`` file, a folder of rosbag2, or a ``.bag`` of ROS 1.
+
+    Raises
+    ------
+    OSError
+        If it does not exist or cannot be read.
+    ValueError
+        If it is no recording, or is cut short.
+    ImportError
+        If rosbags is not installed.
+    """
+
+    def __init__(self, path: StrPath) -> None:
+        self._path = Path(path)
+        stores = require("rosbags.typesys", extra="ros")
+        is_ros1 = suffix(path) == ".bag"
+        store = stores.Stores.ROS1_NOETIC if is_ros1 else stores.Stores.ROS2_HUMBLE
+        types = stores.get_typestore(store)
+        self._decode = types.deserialize_ros1 if is_ros1 else types.deserialize_cdr
+
+        self._path.stat()  # the system says what does not exist
+        self._reader: Any = None
+        with named(os.fspath(path)):
+            reader = _reader(self._path)
+            reader.open()
+            self._reader = reader
+
+    @property
+    def topics(self) -> dict[str, tuple[str, int]]:
+        """Of each topic the type, and how many messages there are."""
+        return {one.topic: (one.msgtype, one.msgcount) for one in self._reader.connections}
+
+    def items(self, topics: Sequence[str]) -> Iterator[Item]:
+        """Yield the messages of some topics in the order of recording.
+
+        Raises
+        ------
+        ValueError
+            If the file is damaged.
+        """
+        wanted = [one for one in self._reader.connections if one.topic in topics]
+        with named(os.fspath(self._path)):
+            for connection, time, data in self._reader.messages(connections=wanted):
+                yield Item(connection.topic, time, self._later(data, connection.msgtype))
+
+    def _later(self, data: bytes, kind: str) -> Callable[[], Any]:
+        def read() -> Any:
+            with named("message"):
+                return self._decode(data, kind)
+
+        return read
+
+    def close(self) -> None:
+        """Close the files; a second time does nothing."""
+        reader, self._reader = self._reader, None
+        if reader is not None:
+            reader.close()
+
+
+def _reader(path: Path) -> Any:
+    """Return the reader of such a file; single files of rosbag2 lack the folder that it expects."""
+    # Suffixes decide; a file of rosbag2 without its folder is read by the storage alone.
+    if path.is_dir():
+        return require("rosbags.rosbag2", extra="ros").Reader(path)
+    if suffix(path) == ".bag":
+        return require("rosbags.rosbag1", extra="ros").Reader(path)
+    if suffix(path) == ".mcap":
+        return require("rosbags.rosbag2.storage_mcap", extra="ros").McapReader(path)
+    return require("rosbags.rosbag2.storage_sqlite3", extra="ros").Sqlite3Reader(path)
+
+
+class RecordingWriter(Closing):
+    """Writes messages to a recording.
+
+    It takes its place when it is closed, also when an error ends the ``with`` block; without a
+    single message nothing is written, and an earlier file stays.
+
+    Parameters
+    ----------
+    path
+        ``.mcap``: one file of ROS 2; ``.db3``: a folder of rosbag2, which must not exist yet;
+        ``.bag``: one file of ROS 1.
+
+    Raises
+    ------
+    OSError
+        If its folder does not exist or cannot be written to, or the path is not that of a file.
+    ValueError
+        If the suffix is unknown.
+    ImportError
+        If rosbags is not installed.
+    """
+
+    def __init__(self, path: StrPath) -> None:
+        if suffix(path) not in SUFFIXES:
+            names = ", ".join(SUFFIXES)
+            raise ValueError(f"path of a recording must end in {names}, got {os.fspath(path)!r}")
+
+        self._kind = suffix(path)
+        self._target = target_of(path)
+        if self._kind == ".db3" and self._target.exists():
+            raise FileExistsError(17, "exists already: a recording is a folder", str(path))
+
+        stores = require("rosbags.typesys", extra="ros")
+        self.is_ros1 = self._kind == ".bag"
+        name = stores.Stores.ROS1_NOETIC if self.is_ros1 else stores.Stores.ROS2_HUMBLE
+        self._types = stores.get_typestore(name)
+
+        self._home = self._target.with_name(f".{secrets.token_hex(8)}.part")
+        self._home.mkdir()  # only trying shows all that can go wrong
+        self._home.rmdir()
+
+        self._writer: Any = None
+        self._connections: dict[str, Any] = {}
+
+    def make(self, kind: str, **fields: Any) -> Any:
+        """Make a message of a type such as ``"sensor_msgs/msg/Image"``; names are those of ROS 2.
+
+        Parameters
+        ----------
+        kind
+            Its type.
+        **fields
+            Its fields.
+        """
+        if self.is_ros1 and kind == "std_msgs/msg/Header":
+            fields["seq"] = 0
+        if self.is_ros1 and kind == "stereo_msgs/msg/DisparityImage":
+            fields["T"] = fields.pop("t")
+
+        return self._types.types[kind](**fields)
+
+    def write(self, topic: str, stamp: int, message: Any) -> None:
+        """Append a message.
+
+        Parameters
+        ----------
+        topic
+            Its topic.
+        stamp
+            When it counts as recorded, ns since 1970.
+        message
+            What `make` returned.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        """
+        kind = message.__msgtype__
+        if self._writer is None:
+            self._open()
+
+        if topic not in self._connections:
+            self._connections[topic] = self._writer.add_connection(
+                topic, kind, typestore=self._types
+            )
+
+        encode = self._types.serialize_ros1 if self.is_ros1 else self._types.serialize_cdr
+        self._writer.write(self._connections[topic], stamp, encode(message, kind))
+
+    def close(self) -> None:
+        """Complete the recording and put it in its place."""
+        writer, self._writer = self._writer, None
+        if writer is None:
+            return
+
+        try:
+            writer.close()
+            # Of the folder that rosbags makes, a rosbag2 in SQLite is all, the others are one file.
+            made = self._home / self._target.stem
+            inner = made if self._kind == ".db3" else self._home / f"{made.name}{self._kind}"
+            if self._kind == ".mcap":
+                inner = made / f"{made.name}.mcap"
+
+            inner.replace(self._target)
+        finally:
+            shutil.rmtree(self._home, ignore_errors=True)
+
+    def _open(self) -> None:
+        self._home.mkdir()
+        made = self._home / self._target.stem
+        if self.is_ros1:
+            writer = require("rosbags.rosbag1", extra="ros").Writer(
+                made.with_name(f"{made.name}.bag")
+            )
+        else:
+            rosbag2 = require("rosbags.rosbag2", extra="ros")
+            plugin = (
+                rosbag2.StoragePlugin.MCAP
+                if self._kind == ".mcap"
+                else rosbag2.StoragePlugin.SQLITE3
+            )
+            writer = rosbag2.Writer(made, version=8, storage_plugin=plugin)
+
+        writer.open()
+        self._writer = writer

@@ -1,0 +1,226 @@
+"""The messages that come out of a match, for recordings and for nodes alike.
+
+What makes a message of a type and its fields is given: `RecordingWriter.make`, or what makes those
+of a node.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phasestereo._images import Map, as_pixels, as_rgb8
+from phasestereo.io import Calibration
+from phasestereo.result import Result
+from phasestereo.rig.diagnosis import Diagnosis
+from phasestereo_live.ros.images import encode_image
+from phasestereo_live.ros.pairing import Header
+
+Make = Callable[..., Any]
+
+Depths = Literal["32FC1", "16UC1"]
+DEPTHS: tuple[Depths, ...] = ("32FC1", "16UC1")
+"""Encodings of depths: m, NaN where there is none; mm, 0 where there is none (REP 118)."""
+
+MAP_IMAGES = "confidence", "uncertainty"
+"""Maps of a result that are sent as images of 32FC1 beside the disparities."""
+
+_FLOAT32 = 7  # sensor_msgs/PointField
+_POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4")])
+_MOST_MM = np.iinfo(np.uint16).max
+_LEVELS = {"ok": 0, "note": 0, "warning": 1}  # diagnostic_msgs/DiagnosticStatus
+_NUMBERS = {"range": "search", "swap": "search", "texture": "low_texture"}
+"""Names of the numbers of a diagnosis, where they are not those of the topic."""
+
+_WHOLE, _PARTS = 1.0, 1 / 16  # pixels: the step between disparities; of parts, as is usual
+
+
+def header_of(make: Make, header: Header) -> Any:
+    """Return a ``std_msgs/Header``."""
+    seconds, nanoseconds = divmod(header.stamp, 10**9)
+    stamp = make("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
+    return make("std_msgs/msg/Header", stamp=stamp, frame_id=header.frame_id)
+
+
+def image_of(make: Make, header: Header, array: NDArray[Any]) -> Any:
+    """Return a ``sensor_msgs/Image`` of an array as `encode_image` takes it."""
+    return make("sensor_msgs/msg/Image", header=header_of(make, header), **encode_image(array))
+
+
+def disparity_image(
+    make: Make, header: Header, result: Result, calibration: Calibration | None
+) -> Any:
+    """Return a ``stereo_msgs/DisparityImage``.
+
+    Its disparities are such that ``Z = f T / d``, as ROS has it: where the principal points of the
+    cameras differ, ``doffs`` is added to them, and to the ends of the range. What has no estimate
+    is ``min_disparity - 1``. Without a calibration f and T are 0.
+
+    Parameters
+    ----------
+    make
+        Makes a message of a type and its fields.
+    header
+        That of the left image.
+    result
+        The match; it knows its range.
+    calibration
+        The geometry of the rectified pair, the baseline in m; None: not known.
+    """
+    shift = 0.0 if calibration is None else calibration.doffs
+    low, count = _range(result)
+
+    # ROS has no `doffs`: Z = f T / d must hold for what is sent.
+    found = result.disparity + np.float32(shift)
+    found[~np.isfinite(result.disparity)] = np.float32(low + shift - 1)
+
+    rows, cols = found.shape
+    window = make(
+        "sensor_msgs/msg/RegionOfInterest",
+        x_offset=0,
+        y_offset=0,
+        height=rows,
+        width=cols,
+        do_rectify=False,
+    )
+
+    return make(
+        "stereo_msgs/msg/DisparityImage",
+        header=header_of(make, header),
+        image=image_of(make, header, found),
+        f=0.0 if calibration is None else float(calibration.focal),
+        t=0.0 if calibration is None else float(calibration.baseline),
+        valid_window=window,
+        min_disparity=float(low + shift),
+        max_disparity=float(low + count - 1 + shift),
+        delta_d=_PARTS if result.settings.subpixel else _WHOLE,
+    )
+
+
+def _range(result: Result) -> tuple[int, int]:
+    if result.search is None:
+        raise ValueError("result: does not know which disparities were searched")
+    return result.search.min_disparity, result.search.num_disparities
+
+
+def depth_image(make: Make, header: Header, depth: Map, encoding: str) -> Any:
+    """Return depths as a ``sensor_msgs/Image``.
+
+    Parameters
+    ----------
+    make, header
+        As `disparity_image` takes them.
+    depth
+        float32 (H, W), m; NaN where there is none.
+    encoding
+        One of `DEPTHS`. What mm do not hold, 65.535 m and more, is 0.
+    """
+    if encoding == "32FC1":
+        return image_of(make, header, depth)
+
+    millimetres = np.rint(1000 * depth.astype(np.float64))
+    held = np.isfinite(millimetres) & (millimetres <= _MOST_MM)
+    return image_of(make, header, np.where(held, millimetres, 0).astype(np.uint16))
+
+
+def point_cloud2(
+    make: Make, header: Header, depth: Map, calibration: Calibration, left: NDArray[Any]
+) -> Any:
+    """Return a ``sensor_msgs/PointCloud2`` with one point a pixel, NaN where there is none.
+
+    Its fields are those of ``stereo_image_proc``: x, y, z in m (X to the right, Y down, Z forward,
+    as of an optical frame) and rgb.
+
+    Parameters
+    ----------
+    make, header
+        As `disparity_image` takes them.
+    depth
+        float32 (H, W), m; NaN where there is none.
+    calibration
+        The geometry of the pair.
+    left
+        The left image, for the colors.
+    """
+    (fx, _, cx), (_, fy, cy), _ = calibration.cam0
+    rows, cols = depth.shape
+
+    points = np.empty((rows, cols), _POINT)
+    z = depth.astype(np.float64)
+    points["x"] = (np.arange(cols) - cx) * z / fx
+    points["y"] = (np.arange(rows)[:, np.newaxis] - cy) * z / fy
+    points["z"] = depth
+
+    # Colors are packed as 0x00RRGGBB.
+    red, green, blue = np.moveaxis(as_rgb8(as_pixels(left, "left")).astype(np.uint32), 2, 0)
+    points["rgb"] = red << 16 | green << 8 | blue
+
+    fields = [
+        make("sensor_msgs/msg/PointField", name=name, offset=4 * place, datatype=_FLOAT32, count=1)
+        for place, name in enumerate(("x", "y", "z", "rgb"))
+    ]
+
+    return make(
+        "sensor_msgs/msg/PointCloud2",
+        header=header_of(make, header),
+        height=rows,
+        width=cols,
+        fields=fields,
+        is_bigendian=False,
+        point_step=_POINT.itemsize,
+        row_step=_POINT.itemsize * cols,
+        data=points.reshape(-1).view(np.uint8),
+        is_dense=False,
+    )
+
+
+def diagnostics(make: Make, header: Header, diagnosis: Diagnosis) -> Any:
+    """Return a ``diagnostic_msgs/DiagnosticArray``: one status a topic of `phasestereo.check`.
+
+    Parameters
+    ----------
+    make, header
+        As `disparity_image` takes them.
+    diagnosis
+        What was found of the pair: blur, rows ("alignment"), exposure ("contrast", "saturation"),
+        noise, texture.
+    """
+    topics = dict.fromkeys(found.topic for found in diagnosis.findings)
+    numbers = diagnosis.as_dict()
+
+    return make(
+        "diagnostic_msgs/msg/DiagnosticArray",
+        header=header_of(make, header),
+        status=[
+            _status(make, diagnosis, topic, numbers.get(_NUMBERS.get(topic, topic)))
+            for topic in topics
+        ],
+    )
+
+
+def _status(make: Make, diagnosis: Diagnosis, topic: str, numbers: Any) -> Any:
+    found = [one for one in diagnosis.findings if one.topic == topic]
+    values = [
+        make("diagnostic_msgs/msg/KeyValue", key=key, value=f"{value:.6g}")
+        for key, value in _flat(numbers)
+    ]
+
+    return make(
+        "diagnostic_msgs/msg/DiagnosticStatus",
+        level=max(_LEVELS[one.severity] for one in found),
+        name=f"phasestereo: {topic}",
+        message="; ".join(one.sentence for one in found),
+        hardware_id="",
+        values=values,
+    )
+
+
+def _flat(value: Any, name: str = "") -> list[tuple[str, float]]:
+    """Return the numbers of nested mappings by names such as left.bright; lists are left out."""
+    if isinstance(value, dict):
+        parts = [_flat(inner, f"{name}.{key}".strip(".")) for key, inner in value.items()]
+        return [pair for part in parts for pair in part]
+    return [(name, float(value))] if isinstance(value, int | float) else []

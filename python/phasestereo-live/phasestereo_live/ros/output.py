@@ -1,0 +1,126 @@
+"""What a recording gets: maps, depths and points of each frame, a diagnosis a second."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection
+from typing import Literal, get_args
+
+from phasestereo.io import Calibration
+from phasestereo.rig.diagnosis import check
+from phasestereo_live.ros.bags import RecordingWriter
+from phasestereo_live.ros.messages import (
+    DEPTHS,
+    MAP_IMAGES,
+    depth_image,
+    diagnostics,
+    disparity_image,
+    image_of,
+    point_cloud2,
+)
+from phasestereo_live.ros.pairing import Header
+from phasestereo_live.video.streaming import Frame
+
+MessageKind = Literal["disparity", "confidence", "uncertainty", "depth", "points", "diagnostics"]
+KINDS: tuple[MessageKind, ...] = get_args(MessageKind)
+GEOMETRIC: tuple[MessageKind, ...] = ("depth", "points")
+"""Kinds that need the geometry of the cameras."""
+
+_SECOND = 10**9  # ns
+
+
+class FrameWriter:
+    """Writes the messages of frames to a recording.
+
+    Topics are those of ``stereo_image_proc``, in the namespace that both image topics share:
+    ``disparity``, ``depth``, ``points2``; and ``/diagnostics``. No message of ROS has a place for
+    confidences or error bars, so they are images (32FC1) of the topics ``confidence`` and
+    ``uncertainty``, with the header of the disparities.
+
+    Parameters
+    ----------
+    writer
+        The recording.
+    topics
+        Those of the left and of the right images.
+    kinds
+        Messages to write, of `KINDS`. A result without confidences has none, and no error bars.
+    depth_encoding
+        "32FC1", m, or "16UC1", mm.
+
+    Raises
+    ------
+    ValueError
+        If a kind or an encoding is unknown.
+    """
+
+    def __init__(
+        self,
+        writer: RecordingWriter,
+        topics: tuple[str, str],
+        *,
+        kinds: Collection[MessageKind] = KINDS,
+        depth_encoding: str = DEPTHS[0],
+    ) -> None:
+        for kind in kinds:
+            if kind not in KINDS:
+                raise ValueError(f"kinds: got {kind!r}; accepts {', '.join(KINDS)}")
+        if depth_encoding not in DEPTHS:
+            accepted = ", ".join(DEPTHS)
+            raise ValueError(f"depth_encoding: got {depth_encoding!r}; accepts {accepted}")
+
+        self._writer = writer
+        self._kinds = kinds
+        self._encoding = depth_encoding
+        self._space = os.path.commonpath([f"/{topic.lstrip('/')}" for topic in topics]).rstrip("/")
+        self._diagnosed: int | None = None  # the stamp of the last diagnosis
+
+    def write(self, frame: Frame, header: Header, calibration: Calibration | None) -> None:
+        """Write the messages of a frame.
+
+        Parameters
+        ----------
+        frame
+            The frame.
+        header
+            That of its left image.
+        calibration
+            The geometry of the rectified pair, the baseline in m. None: not known; there are
+            neither depths nor points then.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        """
+        make, result = self._writer.make, frame.result
+        found = {}
+
+        if "disparity" in self._kinds:
+            found["disparity"] = disparity_image(make, header, result, calibration)
+
+        for name in MAP_IMAGES:
+            values = result.maps.get(name)
+            if name in self._kinds and values is not None:
+                found[name] = image_of(make, header, values)
+
+        if calibration is not None:
+            depth = calibration.depth(result.disparity)
+            if "depth" in self._kinds:
+                found["depth"] = depth_image(make, header, depth, self._encoding)
+            if "points" in self._kinds:
+                found["points2"] = point_cloud2(make, header, depth, calibration, frame.left)
+
+        for name, message in found.items():
+            self._writer.write(f"{self._space}/{name}", header.stamp, message)
+
+        if "diagnostics" in self._kinds and self._is_due(header.stamp):
+            status = diagnostics(make, header, check(frame.left, frame.right))
+            self._writer.write("/diagnostics", header.stamp, status)
+
+    def _is_due(self, stamp: int) -> bool:
+        """Return whether a second has passed, or time has gone back."""
+        last = self._diagnosed
+        due = last is None or not 0 <= stamp - last < _SECOND
+        self._diagnosed = stamp if due else last
+        return due

@@ -1,0 +1,215 @@
+"""A recording as a source of pairs: two topics, paired by time, and what the cameras are."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Generator, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from phasestereo.io.files import StrPath
+from phasestereo.rectification.cameras import Cameras, Matrix
+from phasestereo_live.ros.bags import Bag, Item
+from phasestereo_live.ros.images import decode_image
+from phasestereo_live.ros.infos import RigGeometry, geometry_of, info_topic
+from phasestereo_live.ros.pairing import SIDES, Arrival, Header, paired
+from phasestereo_live.video.capture import Capture, CaptureSource, Pair, lost
+
+TOLERANCE = 0.01
+"""Seconds by which the stamps of a pair may differ: less than half of the time between frames."""
+
+_IMAGES = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+_INFO = "sensor_msgs/msg/CameraInfo"
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Recording(CaptureSource[Pair]):
+    """The pairs of a recording, as `phasestereo_live.stream` takes them.
+
+    Parameters
+    ----------
+    captures, close, length, rate, ahead
+        As those of a `CaptureSource`.
+    topics
+        Those of the left and of the right images.
+    headers
+        Of each pair by its number: that of its left message. Whoever needs one takes it out.
+    cameras
+        What rectifies the pairs, for ``stream(..., rectify=)``; None: they are rectified, or
+        nothing is known of the cameras.
+    q
+        OpenCV's matrix Q of the rectified pairs, in m; None: not known.
+    note
+        What there is to say about the calibration; "" if nothing is.
+    """
+
+    topics: tuple[str, str]
+    headers: dict[int, Header]
+    cameras: Cameras | None
+    q: Matrix | None
+    note: str
+
+
+def open_recording(
+    path: StrPath,
+    left: str,
+    right: str,
+    *,
+    camera_info: Sequence[str] | None = None,
+    tolerance: float = TOLERANCE,
+) -> Recording:
+    """Open a recording of a robot; ROS is not needed.
+
+    Parameters
+    ----------
+    path
+        An ``.mcap`` or ``.db3`` file, a folder of rosbag2, or a ``.bag`` of ROS 1.
+    left, right
+        Topics of the images: ``sensor_msgs/Image`` or ``CompressedImage``.
+    camera_info
+        Topics of both cameras' ``sensor_msgs/CameraInfo``; None: ``camera_info`` beside the images,
+        if it is there. Images on ``image_rect`` count as rectified; others are raw.
+    tolerance
+        By how many seconds the stamps of a pair may differ, 0 or more. A frame without a partner is
+        one that failed.
+
+    Returns
+    -------
+    Recording
+        For `phasestereo_live.stream`.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    ValueError
+        If it is no recording or cut short, has no such topic, or the cameras are not calibrated as
+        a pair; if the tolerance is negative.
+    ImportError
+        If the extra ``ros`` is not installed.
+    """
+    if not 0 <= tolerance < math.inf:
+        raise ValueError(f"tolerance: got {tolerance}; accepts 0 or more seconds")
+    if left == right and left:
+        raise ValueError(f"right: got {right}, which is the left topic, too")
+
+    bag = Bag(path)
+
+    try:
+        count = min(
+            _count(bag, path, name, topic) for name, topic in zip(SIDES, (left, right), strict=True)
+        )
+        geometry, note = _geometry(bag, (left, right), camera_info)
+    except BaseException:
+        bag.close()
+        raise
+
+    # Headers are filled in as captures are read, so that each frame finds its own.
+    headers: dict[int, Header] = {}
+    captures = _captures(bag, (left, right), round(1e9 * tolerance), headers)
+
+    def close() -> None:
+        captures.close()
+        bag.close()
+
+    return Recording(
+        captures=captures,
+        close=close,
+        length=count,
+        ahead=True,
+        topics=(left, right),
+        headers=headers,
+        cameras=geometry.cameras,
+        q=geometry.q,
+        note=note,
+    )
+
+
+def _count(bag: Bag, path: StrPath, name: str, topic: str) -> int:
+    """Return how many images a topic has."""
+    kind, count = bag.topics.get(topic, ("", 0))
+    if kind not in _IMAGES:
+        found = [each for each, (kind, _) in bag.topics.items() if kind in _IMAGES]
+        raise ValueError(
+            f"{name}: got {topic}, which is no topic of images in {os.fspath(path)}; accepts "
+            f"{', '.join(found) or 'none: there are no images in it'}"
+        )
+
+    return count
+
+
+def _geometry(
+    bag: Bag, topics: tuple[str, str], given: Sequence[str] | None
+) -> tuple[RigGeometry, str]:
+    """Return what is known of the cameras, and what there is to say about it."""
+    names = tuple(given) if given is not None else tuple(map(info_topic, topics))
+    missing = [name for name in names if bag.topics.get(name, ("", 0))[0] != _INFO]
+    if missing and given is not None:
+        raise ValueError(f"camera_info: got {missing[0]}, which is no topic of camera_info")
+    if missing or len(names) != 2:
+        said = f"no {' or '.join(missing)}: frames count as rectified, and there are no depths"
+        return RigGeometry(None, None), said
+
+    # Cameras do not change within a recording: the first message of each counts.
+    found: dict[str, Any] = {}
+    for item in bag.items(names):
+        found.setdefault(item.topic, item.read())
+        if len(found) == len(set(names)):
+            break
+
+    if len(found) < len(set(names)):
+        raise ValueError(f"camera_info: {' and '.join(names)} have no message")
+
+    geometry = geometry_of(found[names[0]], found[names[1]], topics)
+    way = "frames are rectified by" if geometry.cameras else "frames are rectified; geometry of"
+    return geometry, f"{way} {names[0]} and {names[1]}"
+
+
+def _captures(
+    bag: Bag, topics: tuple[str, str], tolerance: int, headers: dict[int, Header]
+) -> Generator[Capture[Pair]]:
+    start: int | None = None
+    for index, (header, both) in enumerate(paired(_arrivals(bag, topics), tolerance)):
+        start = header.stamp if start is None else start
+        time = (header.stamp - start) / 1e9
+
+        if isinstance(both, Exception):
+            yield lost(index, time, both)
+        else:
+            headers[index] = header
+            yield Capture(index, time, partial(_decoded, *both))
+
+
+def _arrivals(bag: Bag, topics: tuple[str, str]) -> Iterator[Arrival]:
+    """Yield what was recorded; a file that is damaged ends with its fault."""
+    last = Header(0, "")
+    try:
+        for item in bag.items(topics):
+            arrival = _arrival(item, topics.index(item.topic))
+            last = arrival.header
+            yield arrival
+    except (OSError, ValueError) as error:
+        yield Arrival(0, last, error)
+
+
+def _arrival(item: Item, side: int) -> Arrival:
+    try:
+        message = item.read()
+    except ValueError as error:
+        return Arrival(side, Header(item.time, ""), error)
+
+    stamp = 10**9 * message.header.stamp.sec + message.header.stamp.nanosec
+    return Arrival(side, Header(stamp or item.time, message.header.frame_id), message)
+
+
+def _decoded(left: Any, right: Any) -> Pair:
+    images = []
+    for side, message in zip(SIDES, (left, right), strict=True):
+        try:
+            images.append(decode_image(message))
+        except ValueError as error:
+            raise ValueError(f"{side}: {error}") from error
+
+    return images[0], images[1]

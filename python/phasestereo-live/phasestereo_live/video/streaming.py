@@ -1,0 +1,507 @@
+"""Many pairs in, a disparity map for each: videos, folders of images, cameras.
+
+A pair that cannot be had, or not be matched, is reported and skipped; the others keep their
+numbers. Where the pairs come from is the business of `phasestereo_live.video`.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from dataclasses import dataclass, replace
+from itertools import chain, islice
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from phasestereo._core import MOST_DISPARITIES
+from phasestereo._images import ImageOrPath, as_mask
+from phasestereo._numbers import as_integer
+from phasestereo._opening import opened_pair
+from phasestereo.io.pair import Layout, LayoutError
+from phasestereo.matching import Matcher
+from phasestereo.rectification import Rectification
+from phasestereo.rectification.cameras import Cameras
+from phasestereo.rectification.reading import CalibrationSource
+from phasestereo.result import Result
+from phasestereo.rig.compensation import BlurCompensation, Noise
+from phasestereo.rig.findings import untrusted
+from phasestereo.settings import Settings
+from phasestereo.temporal import TemporalFilter
+from phasestereo_live._closing import Closing
+from phasestereo_live.video.cameras import PATIENCE
+from phasestereo_live.video.capture import Capture, CaptureSource, Image, Pair
+from phasestereo_live.video.rectifying import Rectifier
+from phasestereo_live.video.sources import Place, open_source
+
+_Taken = tuple[Capture[Pair], Pair | Exception]
+
+T = TypeVar("T")
+
+_LOG = logging.getLogger("phasestereo")
+_FAULTS = (OSError, ValueError, TypeError)
+"""What may be wrong with one frame and not with the next."""
+REESTIMATE = 30
+"""Frames after which blur is estimated anew, however much it looks as it was."""
+
+_END: Any = object()  # what follows the last frame
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """One pair of a stream, matched.
+
+    Parameters
+    ----------
+    index
+        Its number in the source, from 0. Frames that failed have a number, too.
+    time
+        When it was taken, in seconds: since the beginning of the video, or since the cameras were
+        opened. None where the source does not say.
+    left, right
+        The images, gray (H, W) or RGB (H, W, 3).
+    result
+        What `phasestereo.match` returns for them.
+    apart
+        Seconds between both views: of two cameras, how long the second one kept waiting after the
+        first had delivered. None where the source does not say.
+    """
+
+    index: int
+    time: float | None
+    left: Image
+    right: Image
+    result: Result
+    apart: float | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Failure:
+    """A frame that could not be had or not be matched.
+
+    Parameters
+    ----------
+    index, time
+        As those of a `Frame`.
+    error
+        What went wrong: an OSError, ValueError or TypeError.
+    """
+
+    index: int
+    time: float | None
+    error: Exception
+
+    def __str__(self) -> str:
+        return f"frame {self.index}: {self.error}"
+
+
+def stream(
+    source: Place
+    | Iterable[tuple[ImageOrPath, ImageOrPath]]
+    | Iterable[ArrayLike]
+    | CaptureSource[Pair],
+    right: Place | None = None,
+    *,
+    num_disparities: int | None = None,
+    min_disparity: int = 0,
+    layout: Layout | None = None,
+    rectify: CalibrationSource | Rectification | Cameras | None = None,
+    start: int = 0,
+    stop: int | None = None,
+    every: int = 1,
+    reestimate: int = REESTIMATE,
+    temporal_filter: bool = True,
+    patience: int | None = PATIENCE,
+    on_error: Callable[[Failure], object] | None = None,
+    preset: str | None = None,
+    settings: Settings | None = None,
+    threads: int | None = None,
+    left_mask: ArrayLike | None = None,
+    right_mask: ArrayLike | None = None,
+    noise: Noise | None = None,
+    blur_compensation: BlurCompensation | None = None,
+    **overrides: Any,
+) -> Stream:
+    """Match every frame of a video, a folder of images, or a pair of cameras.
+
+    One `Matcher` matches them all. Frames that fail are reported and skipped: those that are
+    damaged or missing, or whose two images differ in size. Whatever is wrong from the start is
+    raised at once.
+
+    Parameters
+    ----------
+    source
+        - A video file, or an address such as ``rtsp://...``: each picture holds both views.
+        - A folder of images: with both views in subfolders (``left`` and ``right``, or as in KITTI
+          and EuRoC) or in names that say ``left`` and ``right``; with ``layout``, images that hold
+          both views.
+        - The number of a camera that delivers both views in each picture.
+        - An iterable of pairs of images, or of their paths, as `match` takes them, or with
+          ``layout`` of images that hold both views. What it raises ends the stream.
+        - A recording of a robot, as `phasestereo_live.ros.open_recording` opens it.
+
+        With ``right``, the left view.
+    right
+        The right view of a source of the same kind: a second video file, folder or camera. Frames
+        of videos are paired by their number, images by their names if some agree, else in order.
+    layout
+        Where a picture that holds both views has them: ``"side-by-side"``, left and right halves,
+        or ``"top-bottom"``, the left view above. None: side by side.
+    rectify
+        Rectify the frames first: by a calibration or a saved file, as `phasestereo.rectify` takes
+        them, by a `Rectification`, or by ``"auto"``, what the first frame with enough detail shows.
+        Frames and masks that are given are raw then, those that come out are rectified. None: they
+        are rectified already.
+    start, stop, every
+        Frames to match, by number: from ``start`` up to but without ``stop``, each ``every``-th.
+    reestimate
+        The blur of a frame is estimated anew when it is not as it was at a glance, and at the
+        latest so many frames after the last estimate; 1: of every frame. See the notes.
+    temporal_filter
+        Make disparities steadier where neither image has changed, as `phasestereo.TemporalFilter`
+        does; ``frame.result.temporal_support`` says where. False: each frame by itself.
+    patience
+        Frames in a row that cameras may miss before they count as gone; None: they are waited for.
+    on_error
+        Called with a `Failure` for every frame that fails; what it raises ends the stream. None:
+        it becomes a warning of the logger ``phasestereo``.
+    num_disparities, min_disparity, preset, settings, threads, left_mask, right_mask, noise
+        As `match` takes them; masks and noise hold for every frame.
+    blur_compensation, **overrides
+        Likewise.
+
+    Returns
+    -------
+    Stream
+        An iterator of `Frame`; a context manager, too, which frees the source at its end.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For a wrong argument, a file that is no video, a folder without images, a picture that
+        cannot be cut in two, or what `match` refuses whatever the images hold.
+    OSError
+        If a file, a folder or a camera cannot be opened.
+    ImportError
+        If the extra is missing: ``live`` for videos and cameras, ``io`` for images, ``rectify`` to
+        rectify them.
+
+    Notes
+    -----
+    A decoder finds only some kinds of damage. In a video whose frames build upon each other, those
+    after a damaged one may be wrong up to the next key frame; intra-coded video (MJPEG, H.264 with
+    key frames only) does not spread damage.
+
+    ``preset="robust"`` estimates blur; ``"fast"`` does without. Frames whose blur is as it was, at
+    a glance, take over the estimate of an earlier one, and say so:
+    ``frame.result.blur.reused``. A glance compares the powers of both images, by direction, in each
+    ninth of the image with what they were when blur was estimated. It misses what comes on in less
+    than a sixteenth of the image, sizes that change by less than a fifth or so, and changes of
+    noise or contrast that both images share: that is found ``reestimate`` frames later at most. If
+    the scene moves by many pixels, blur is estimated anew, too. What a frame gives thus depends on
+    those before it, unless ``reestimate`` is 1 and ``temporal_filter`` False. A frame that fails
+    changes nothing of what is carried over.
+
+    Examples
+    --------
+    >>> with live.stream("video.mp4", num_disparities=64, preset="fast") as frames:
+    ...     for frame in frames:
+    ...         print(frame.index, np.nanmedian(frame.result.disparity))
+    """
+    if on_error is not None and not callable(on_error):
+        raise TypeError(f"on_error: got {type(on_error).__name__}; accepts a callable or None")
+    wanted = _wanted(start, stop, every)
+    as_integer("reestimate", reestimate, least=1)
+    if patience is not None:
+        as_integer("patience", patience, least=1)
+
+    if not isinstance(temporal_filter, bool):
+        kind = type(temporal_filter).__name__
+        raise TypeError(f"temporal_filter: got {kind}; accepts True or False")
+
+    matcher = Matcher(preset=preset, settings=settings, threads=threads, **overrides)
+    given = {
+        "num_disparities": num_disparities,
+        "min_disparity": min_disparity,
+        "left_mask": left_mask,
+        "right_mask": right_mask,
+        "noise": noise,
+        "blur_compensation": blur_compensation,
+    }
+
+    # Wrong arguments are refused before any source is opened.
+    _try(matcher, given, width=None)
+    rectifier = None if rectify is None else Rectifier(rectify, (left_mask, right_mask))
+    opened = open_source(source, right, layout=layout, patience=patience)
+    try:
+        return Stream(
+            opened,
+            matcher,
+            given,
+            wanted,
+            on_error,
+            reestimate=reestimate,
+            rectifier=rectifier,
+            temporal_filter=TemporalFilter() if temporal_filter else None,
+        )
+    except BaseException:
+        opened.close()
+        raise
+
+
+class Stream(Iterator[Frame], Closing):
+    """The matched frames of a source, one after another; see `stream`, which makes it.
+
+    While a frame is matched, the next one of a file is read and decoded. What the source holds is
+    freed at its end, by `close`, at the end of a ``with`` block, or with the stream itself.
+    """
+
+    def __init__(
+        self,
+        source: CaptureSource[Pair],
+        matcher: Matcher,
+        given: Mapping[str, Any],
+        wanted: slice,
+        on_error: Callable[[Failure], object] | None,
+        *,
+        reestimate: int,
+        rectifier: Rectifier | None = None,
+        temporal_filter: TemporalFilter | None = None,
+    ) -> None:
+        self._source = source
+        self._wanted = wanted
+        self._work = _Work(
+            source,
+            matcher,
+            given,
+            on_error or _warn,
+            reestimate=reestimate,
+            rectifier=rectifier,
+            temporal_filter=temporal_filter,
+        )
+        self._frames = self._work.frames(wanted)
+
+    @property
+    def failed(self) -> int:
+        """Number of frames that failed so far."""
+        return self._work.failed
+
+    @property
+    def length(self) -> int | None:
+        """Number of frames to match, if it is known; files may hold fewer than they say."""
+        known, stop = self._source.length, self._wanted.stop
+        if known is None and stop is None:
+            return None
+
+        end = min(bound for bound in (known, stop) if bound is not None)
+        return len(range(self._wanted.start, end, self._wanted.step))
+
+    @property
+    def rate(self) -> float | None:
+        """Frames a second of the source, if that is known."""
+        return self._source.rate
+
+    @property
+    def q(self) -> NDArray[np.float64] | None:
+        """OpenCV's matrix Q of the frames so far, if they are rectified here and it is known."""
+        return None if self._work.rectifier is None else self._work.rectifier.q
+
+    @property
+    def matcher(self) -> Matcher:
+        """What matches the frames."""
+        return self._work.matcher
+
+    @property
+    def rectification(self) -> Rectification | None:
+        """What rectifies the frames; None as long as there was none, or if they are not here."""
+        return None if self._work.rectifier is None else self._work.rectifier.found
+
+    def change(self, settings: Settings, num_disparities: int | None) -> None:
+        """Match the frames from the next one on in another way; any thread may call it.
+
+        Parameters
+        ----------
+        settings
+            How.
+        num_disparities
+            Number of disparities to search; None: as many as are found.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If `match` refuses that of such images.
+        """
+        self._work.change(settings, num_disparities)
+
+    def close(self) -> None:
+        """End the stream and free the source."""
+        self._frames.close()
+        self._source.close()
+
+    def __next__(self) -> Frame:
+        return next(self._frames)
+
+
+class _Work:
+    """The work of a stream. It has no reference to the stream, so that this can be freed."""
+
+    def __init__(
+        self,
+        source: CaptureSource[Pair],
+        matcher: Matcher,
+        given: Mapping[str, Any],
+        report: Callable[[Failure], object],
+        *,
+        reestimate: int,
+        rectifier: Rectifier | None,
+        temporal_filter: TemporalFilter | None,
+    ) -> None:
+        self.matcher = matcher
+        self.failed = 0
+        self.rectifier = rectifier
+
+        self._source = source
+        self._given = given
+        self._report = report
+        self._reestimate = reestimate
+        self._reused = 0  # frames since the last estimate
+        self._temporal_filter = temporal_filter
+        self._last: Result | None = None
+
+        self._checked = False
+        self._width: int | None = None
+        self._coming: tuple[Matcher, Mapping[str, Any]] | None = None
+
+    def change(self, settings: Settings, num_disparities: int | None) -> None:
+        """Match the next frame in another way."""
+        matcher = Matcher(settings=settings, threads=self.matcher.threads)
+        given = {**self._given, "num_disparities": num_disparities}
+        _try(matcher, given, width=self._width)
+        self._coming = matcher, given
+
+    def _take_change(self) -> None:
+        coming, self._coming = self._coming, None
+        if coming is not None:
+            self.matcher, self._given = coming
+            self._last = None  # which is of other settings
+
+    def frames(self, wanted: slice) -> Generator[Frame]:
+        """Return what yields the frames; what is wrong with all of them is raised at once."""
+        taken = self._taken(wanted)
+        return self._matched(_ahead(self._peeked(taken)) if self._source.ahead else taken)
+
+    def _taken(self, wanted: slice) -> Generator[_Taken]:
+        """Yield the wanted captures, and the images of each or what keeps them from being had."""
+        for capture in islice(self._source.captures, wanted.start, wanted.stop, wanted.step):
+            try:
+                yield capture, self._straight(*capture.take())
+            except _FAULTS as error:
+                yield capture, error
+
+    def _straight(self, left: ImageOrPath, right: ImageOrPath) -> Pair:
+        """Return a pair as it is to be matched."""
+        if self.rectifier is not None:
+            left, right = self.rectifier.pair(left, right)
+        return opened_pair(left, right)
+
+    def _peeked(self, taken: Iterator[_Taken]) -> Iterator[_Taken]:
+        """Check the arguments against the first frame."""
+        first = list(islice(taken, 1))
+        for _, images in first:
+            if isinstance(images, LayoutError):
+                raise images
+            self._check(images)
+        return chain(first, taken)
+
+    def _check(self, images: Pair | Exception) -> None:
+        """Raise what is wrong with the arguments, once it is known for what images they are."""
+        if self._checked or isinstance(images, Exception):
+            return
+
+        size = images[0].shape
+        _try(self.matcher, self._given, width=size[1])
+        self._width = size[1]
+
+        for name in ("left_mask", "right_mask"):
+            as_mask(self._given[name], size, name)
+        self._checked = True
+
+    def _matched(self, taken: Generator[_Taken]) -> Generator[Frame]:
+        with closing(self._source), closing(taken):
+            for capture, images in taken:
+                self._take_change()
+                self._check(images)
+                try:
+                    frame = self._frame(capture, images)
+                except _FAULTS as error:
+                    self.failed += 1
+                    self._report(Failure(capture.index, capture.time, error))
+                else:
+                    yield frame
+
+    def _frame(self, capture: Capture[Pair], images: Pair | Exception) -> Frame:
+        if isinstance(images, Exception):
+            raise images
+
+        left, right = images
+        masks = {} if self.rectifier is None else self.rectifier.masks
+        result = self.matcher.match(
+            left,
+            right,
+            **{**self._given, **masks},
+            before=self._before(),
+            temporal_filter=self._temporal_filter,
+        )
+
+        # Nothing is taken over from a match that is not to be trusted. Images would take memory.
+        self._last = None if untrusted(result.findings) else replace(result, pair=None)
+        self._reused = self._reused + 1 if result.blur and result.blur.reused else 0
+
+        images = _squeezed(left), _squeezed(right)
+        return Frame(capture.index, capture.time, *images, result, capture.apart)
+
+    def _before(self) -> Result | None:
+        """Return the result whose estimates the next frame may take over."""
+        return self._last if self._reused + 1 < self._reestimate else None
+
+
+def _ahead(items: Iterator[T]) -> Generator[T]:
+    """Yield items, and have another thread fetch each while the one before is in use."""
+    with ThreadPoolExecutor(1, thread_name_prefix="phasestereo-ahead") as thread:
+        coming = thread.submit(next, items, _END)
+        while (item := coming.result()) is not _END:
+            coming = thread.submit(next, items, _END)
+            yield item
+
+
+def _try(matcher: Matcher, given: Mapping[str, Any], *, width: int | None) -> None:
+    """Match a black row: what is refused now would be refused of any images.
+
+    Without a width, what depends on it is left to be seen.
+    """
+    count = given["num_disparities"]
+    if width is None:
+        width = MOST_DISPARITIES
+        count = 1 if type(count) is int and 1 <= count <= MOST_DISPARITIES else count
+
+    black = np.zeros((1, width), np.uint8)
+    masks = {"left_mask": None, "right_mask": None}  # are of another size
+    matcher.match(black, black, **{**given, **masks, "num_disparities": count})
+
+
+def _wanted(start: int, stop: int | None, every: int) -> slice:
+    for name, value, least in (("start", start, 0), ("stop", stop, 0), ("every", every, 1)):
+        if value is not None or name != "stop":
+            as_integer(name, value, least=least)
+    return slice(start, stop, every)
+
+
+def _squeezed(image: Image) -> Image:
+    return image[:, :, 0] if image.shape[2] == 1 else image
+
+
+def _warn(failure: Failure) -> None:
+    _LOG.warning("%s", failure)

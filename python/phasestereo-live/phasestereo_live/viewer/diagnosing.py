@@ -1,0 +1,33 @@
+"""The pair looked at beside its matches, as often as that leaves time for them."""
+
+from __future__ import annotations
+
+from threading import Thread
+from time import monotonic
+
+from phasestereo.rig.diagnosis import check
+from phasestereo_live.viewer.show import Show
+
+_PAUSE = 1.0  # seconds
+_SHARE = 4.0  # times what a look takes: a fifth of one processor at most
+
+
+def diagnosing(show: Show) -> Thread:
+    """Start a thread that diagnoses the last pair again and again until the show is closed."""
+
+    def watch() -> None:
+        index = None
+        while not show.closed:
+            start = monotonic()
+            frame = show.frame
+            if frame is not None and frame.index != index:
+                index = frame.index
+                show.diagnose(check(frame.left, frame.right))
+
+            # The longer a look takes, the longer matches are left alone.
+            if show.wait_closed(max(_PAUSE, _SHARE * (monotonic() - start))):
+                return
+
+    thread = Thread(target=watch, name="phasestereo-diagnosing", daemon=True)
+    thread.start()
+    return thread

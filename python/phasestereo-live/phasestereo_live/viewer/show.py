@@ -1,0 +1,348 @@
+"""What there is to show: the last frame, what failed, what was found; given to whoever waits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from threading import Condition, Lock
+from time import monotonic
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from phasestereo._numbers import as_json
+from phasestereo.io import Calibration, write_image
+from phasestereo.result import Flag
+from phasestereo.rig.diagnosis import Diagnosis
+from phasestereo.rig.findings import Finding
+from phasestereo.settings import Settings
+from phasestereo.views.depths import YAW, ranging
+from phasestereo.views.page import write_pair_page
+from phasestereo_live.video.streaming import Failure, Frame
+
+Change = Callable[["Settings", int | None], None]
+"""Matches the coming frames with other settings and another number of disparities."""
+
+RANGES: Mapping[str, tuple[float, float]] = {
+    "p1": (0, 100),
+    "p2": (0, 400),
+    "uniqueness": (0, 100),
+    "speckle_size": (0, 5000),
+    "num_disparities": (0, 1024),
+    "fill": (0, 1),
+}
+"""What can be set, and from where to where; 0 disparities: as many as are found."""
+
+_ORDER = "ok", "note", "warning"
+_APART = 0.004  # seconds: below, a person who walks moves by some millimetres
+_FORGET = 5.0  # seconds after which what failed is no longer news
+_SMOOTH = 0.8  # share of the rate so far
+
+
+class _Fault(NamedTuple):
+    """A failure: how often it came in a row, and when the last time."""
+
+    text: str
+    times: int
+    at: float
+
+
+class Show:
+    """The state that the page shows, shared by any number of threads.
+
+    Parameters
+    ----------
+    settings
+        What frames are matched with.
+    num_disparities
+        How many disparities are searched; None: as many as are found.
+    folder
+        Where pairs are saved.
+    """
+
+    def __init__(self, settings: Settings, num_disparities: int | None, folder: Path) -> None:
+        self.settings = settings
+        self.num_disparities = num_disparities
+        self.folder = folder
+        self.frame: Frame | None = None
+        self.closed = False
+
+        self._changed = Condition()
+        self._setting = Lock()
+        self._version = 0
+        self._change: Change | None = None
+
+        self._calibration: Calibration | None = None
+        self._unit = ""
+        self._rate = 0.0
+        self._last = math.nan  # when the last frame came
+        self._failed = 0
+        self._failure = _Fault("", 0, -math.inf)
+        self._notes: dict[str, str] = {}
+        self._ended = ""
+        self._diagnosis: Diagnosis | None = None
+
+    @contextmanager
+    def _news(self) -> Iterator[None]:
+        """Change something, and wake up whoever waits for it."""
+        with self._changed:
+            yield
+            self._version += 1
+            self._changed.notify_all()
+
+    def follow(self, change: Change) -> None:
+        """Show coming frames, whose settings are changed by this."""
+        with self._news():
+            self._change, self._ended = change, ""
+
+    def add(self, frame: Frame) -> None:
+        """Show a frame."""
+        with self._news():
+            now = monotonic()
+            # NaN is unequal to itself: before the first frame there is no rate.
+            rate = 1 / max(now - self._last, 1e-3) if self._last == self._last else 0.0
+            self._rate = _SMOOTH * self._rate + (1 - _SMOOTH) * rate if self._rate else rate
+            self.frame, self._last = frame, now
+
+            if frame.apart is not None and frame.apart > _APART:
+                self._notes["apart"] = (
+                    f"the cameras are not synchronized: the right one comes "
+                    f"{1000 * frame.apart:.0f} ms later; what moves has wrong depths"
+                )
+            else:
+                self._notes.pop("apart", None)
+
+    def fail(self, failure: Failure) -> None:
+        """Show what failed, and how often one after the other."""
+        text = " ".join(str(failure.error).split())
+        with self._news():
+            before = self._failure.times if text == self._failure.text else 0
+            self._failure = _Fault(text, before + 1, monotonic())
+            self._failed += 1
+
+    def note(self, topic: str, text: str) -> None:
+        """Show a sentence that stays."""
+        with self._news():
+            self._notes[topic] = text
+
+    def diagnose(self, diagnosis: Diagnosis) -> None:
+        """Show what was found out about the pair."""
+        with self._news():
+            self._diagnosis = diagnosis
+
+    def know(self, calibration: Calibration, unit: str) -> None:
+        """Show depths from now on; "" if the unit of the baseline is not known."""
+        with self._news():
+            self._calibration, self._unit = calibration, unit
+
+    def end(self, why: str) -> None:
+        """Show that no more frames come, and why."""
+        with self._news():
+            self._ended = why
+
+    def close(self) -> None:
+        """End it all: whoever waits gives up."""
+        with self._news():
+            self.closed = True
+
+    def wait(self, version: int, seconds: float) -> dict[str, Any]:
+        """Return everything that is shown, once it is newer than a version, or after some time."""
+        with self._changed:
+            self._changed.wait_for(lambda: self.closed or self._version > version, seconds)
+            return self._state()
+
+    def wait_closed(self, seconds: float) -> bool:
+        """Wait to be closed; return whether it is."""
+        with self._changed:
+            return self._changed.wait_for(lambda: self.closed, seconds)
+
+    def _state(self) -> dict[str, Any]:
+        fault = self._failure
+        is_news = monotonic() - fault.at < _FORGET
+        found = () if self._diagnosis is None else self._diagnosis.findings
+        grave = () if self.frame is None else self.frame.result.findings
+
+        return {
+            "version": self._version,
+            "closed": self.closed,
+            "ended": self._ended,
+            "frame": self._frame_state(),
+            "failed": self._failed,
+            "failure": {"text": fault.text, "times": fault.times} if is_news else None,
+            "notes": list(self._notes.values()),
+            "findings": _worst_first((*grave, *found)),
+            "settings": self._settings_state(),
+            "unit": self._unit,
+            "metric": self._calibration is not None,
+        }
+
+    def _frame_state(self) -> dict[str, Any] | None:
+        if self.frame is None:
+            return None
+
+        rows, cols = self.frame.result.disparity.shape
+        low, high = self.ends()
+        return {
+            "index": self.frame.index,
+            "time": self.frame.time,
+            "width": cols,
+            "height": rows,
+            "rate": round(self._rate, 1),
+            "verdict": self.frame.result.verdict,
+            "trusted": round(100 * float(self.frame.result.trusted.mean()), 1),
+            "low": low,
+            "high": high,
+        }
+
+    def ends(self) -> tuple[int, int]:
+        """Return the disparities at the ends of the colors: those searched."""
+        search = None if self.frame is None else self.frame.result.search
+        if search is None:
+            return 0, self.num_disparities or 1
+        return search.min_disparity, search.min_disparity + search.num_disparities
+
+    def _settings_state(self) -> dict[str, float]:
+        return {
+            "p1": self.settings.p1,
+            "p2": self.settings.p2,
+            "uniqueness": self.settings.uniqueness,
+            "speckle_size": self.settings.speckle_size,
+            "num_disparities": self.num_disparities or 0,
+            "fill": int(self.settings.fill),
+        }
+
+    def set(self, wanted: Mapping[str, Any]) -> None:
+        """Match the coming frames with other settings.
+
+        Parameters
+        ----------
+        wanted
+            Numbers by the names of `RANGES`; others stay.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If a name is unknown, a value is no number or out of its range, or `phasestereo.match`
+            refuses it.
+        """
+        for name, value in wanted.items():
+            if name not in RANGES:
+                raise ValueError(f"{name}: is no setting; accepts {', '.join(RANGES)}")
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                raise TypeError(f"{name}: got {type(value).__name__}; accepts a number")
+            low, high = RANGES[name]
+            if not low <= value <= high:
+                raise ValueError(f"{name}: got {value:g}; accepts {low:g} to {high:g}")
+
+        with self._setting:  # two browsers may look
+            self._set(wanted)
+
+    def _set(self, wanted: Mapping[str, Any]) -> None:
+
+        values = {**self._settings_state(), **wanted}
+        settings = replace(
+            self.settings,
+            p1=float(values["p1"]),
+            p2=float(values["p2"]),
+            uniqueness=int(values["uniqueness"]),
+            speckle_size=int(values["speckle_size"]),
+            fill=bool(values["fill"]),
+        )
+
+        count = int(values["num_disparities"]) or None
+        # Settings that are refused raise here, and are not shown.
+        if self._change is not None:
+            self._change(settings, count)
+
+        with self._news():
+            self.settings, self.num_disparities = settings, count
+
+    def value(self, x: int, y: int) -> dict[str, Any]:
+        """Return what is known of a pixel of the last frame; None for what has no number.
+
+        Raises
+        ------
+        ValueError
+            If there is no frame, or no such pixel.
+        """
+        frame = self.frame
+        rows, cols = (0, 0) if frame is None else frame.result.disparity.shape
+        if frame is None or not (0 <= x < cols and 0 <= y < rows):
+            raise ValueError(f"x, y: got {x}, {y}; accepts pixels of {cols} x {rows}")
+
+        disparity, bars = frame.result.disparity, frame.result.uncertainty
+        found = disparity[y, x]
+        bar = math.nan if bars is None else bars[y, x]
+        depth = near = far = math.nan
+        if self._calibration is not None and self._calibration.width == cols:
+            known = ranging(disparity, self._calibration, uncertainty=bars, yaw=YAW, anchor=None)
+            depth, near, far = map(float, known.interval(found, bar, x))
+
+        flags = Flag(int(frame.result.flags[y, x]))
+        return {
+            "disparity": as_json(float(found)),
+            "uncertainty": as_json(float(bar)),
+            "depth": as_json(depth),
+            "near": as_json(near),
+            "far": as_json(far),
+            "flags": [str(flag.name).lower() for flag in Flag if flag & flags],
+        }
+
+    def save(self) -> list[str]:
+        """Save the last pair, and a page that shows its match; nothing is replaced.
+
+        Returns
+        -------
+        list
+            Names of the files.
+
+        Raises
+        ------
+        OSError, ValueError
+            If there is no pair, or it cannot be written.
+        """
+        frame = self.frame
+        if frame is None:
+            raise ValueError("there is no pair to save yet")
+        stem = _free(self.folder, f"pair-{frame.index:06}")
+
+        paths = []
+        for side, image in (("left", frame.left), ("right", frame.right)):
+            # PNG holds 8 bits, and 16 bits of gray; TIFF holds all.
+            is_plain = image.dtype == np.uint8 or (image.dtype == np.uint16 and image.ndim == 2)
+            path = self.folder / f"{stem}-{side}{'.png' if is_plain else '.tif'}"
+            write_image(path, image)
+            paths.append(path.name)
+
+        low, end = self.ends()
+        known = self._calibration
+        fits = known is not None and (known.height, known.width) == frame.result.disparity.shape
+
+        write_pair_page(
+            self.folder / f"{stem}.html",
+            frame.left,
+            frame.right,
+            frame.result,
+            calibration=known if fits else None,
+            min_disparity=low,
+            num_disparities=end - low,
+            title=stem,
+        )
+        return [*paths, f"{stem}.html"]
+
+
+def _worst_first(found: Iterable[Finding]) -> list[list[str]]:
+    """Return topics, severities and sentences, each sentence once."""
+    asked: dict[str, list[str]] = {}
+    for one in sorted(found, key=lambda one: -_ORDER.index(one.severity)):
+        asked.setdefault(one.sentence, [one.topic, one.severity, one.sentence])
+    return list(asked.values())
+
+
+def _free(folder: Path, stem: str) -> str:
+    """Return a name that no file of the folder begins with."""
+    names = [stem, *(f"{stem}-{number}" for number in range(2, 10_000))]
+    return next(name for name in names if not any(folder.glob(f"{name}[.-]*")))

@@ -1,0 +1,195 @@
+"""A node in the place of ``stereo_image_proc``: its topics, its parameters, its messages.
+
+It subscribes to ``left/image_rect``, ``left/camera_info``, ``right/image_rect`` and
+``right/camera_info``, and publishes ``disparity`` (``stereo_msgs/DisparityImage``), ``points2``
+(``sensor_msgs/PointCloud2``), ``confidence`` and ``uncertainty`` (``sensor_msgs/Image``, 32FC1),
+and, once a second, ``/diagnostics``. All that is done with images is done by phasestereo, as for
+recordings.
+"""
+
+from __future__ import annotations
+
+import array
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+import message_filters
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data, qos_profile_system_default
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from stereo_msgs.msg import DisparityImage
+
+from phasestereo import Matcher, check
+from phasestereo.io import Calibration
+from phasestereo.settings import resolve
+from phasestereo_live.ros import Header
+from phasestereo_live.ros.images import decode_image
+from phasestereo_live.ros.infos import geometry_of
+from phasestereo_live.ros.messages import (
+    MAP_IMAGES,
+    diagnostics,
+    disparity_image,
+    image_of,
+    point_cloud2,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from phasestereo import Settings
+
+TOPICS = "left/image_rect", "right/image_rect"
+INFOS = "left/camera_info", "right/camera_info"
+COUNTED: dict[str, Any] = {
+    "preset": "robust",
+    "approximate_sync": False,
+    "approximate_sync_tolerance_seconds": 0.01,
+    "queue_size": 5,
+    "use_system_default_qos": False,
+    "min_disparity": 0,
+    "disparity_range": 64,
+    "correlation_window_size": 0,
+    "disp12_max_diff": 1,
+    "uniqueness_ratio": 0.0,
+    "speckle_size": 0,
+    "speckle_range": 4,
+}
+"""Parameters that count, and their defaults; sizes of 0 are those of the preset."""
+IGNORED: dict[str, Any] = {
+    "stereo_algorithm": 0,
+    "sgbm_mode": 0,
+    "full_dp": False,
+    "prefilter_size": 9,
+    "prefilter_cap": 31,
+    "texture_threshold": 10,
+    "P1": 200.0,
+    "P2": 400.0,
+}
+"""Parameters of ``stereo_image_proc`` without a meaning here, so that its files load."""
+
+_SECOND = 10**9  # ns
+
+
+@dataclass(frozen=True)
+class Search:
+    """What parameters mean: the disparities, and how they are searched."""
+
+    low: int
+    count: int
+    settings: Settings
+
+
+def search_of(values: Mapping[str, Any]) -> Search:
+    """Return what parameters mean.
+
+    Raises
+    ------
+    ValueError
+        If a value is out of its range; the message begins with the setting's name.
+    """
+    window, speckles = values["correlation_window_size"], values["speckle_size"]
+    chosen: dict[str, Any] = {"fill": False, "uniqueness": round(values["uniqueness_ratio"])}
+    chosen["lr_check"] = max(1, values["disp12_max_diff"])
+    if window > 0:
+        chosen["window"] = window
+    if speckles > 0:
+        chosen |= {"speckle_size": speckles, "speckle_range": values["speckle_range"]}
+    settings = resolve(values["preset"], None, chosen)
+    return Search(values["min_disparity"], values["disparity_range"], settings)
+
+
+def make(kind: str, **fields: Any) -> Any:
+    """Make a message of a type such as ``"sensor_msgs/msg/Image"``, as rclpy wants its fields."""
+    package, _, name = kind.split("/")
+    message = getattr(import_module(f"{package}.msg"), name)()
+    for field, value in fields.items():
+        if isinstance(value, np.ndarray):
+            setattr(message, field, array.array("B", value.tobytes()))
+        elif kind == "diagnostic_msgs/msg/DiagnosticStatus" and field == "level":
+            setattr(message, field, bytes([value]))
+        else:
+            setattr(message, field, value)
+    return message
+
+
+class PhasestereoNode(Node):  # type: ignore[misc]  # rclpy has no types
+    """Matches synchronized pairs of rectified images."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__("phasestereo_node", **options)
+        for name, default in (COUNTED | IGNORED).items():
+            self.declare_parameter(name, default)
+        values = {name: self.get_parameter(name).value for name in COUNTED}
+        unused = [name for name in IGNORED if self.get_parameter(name).value != IGNORED[name]]
+        if unused:
+            self.get_logger().warning(f"without effect here: {', '.join(unused)}")
+        self._search = search_of(values)
+        self._matcher = Matcher(settings=self._search.settings)
+        self._diagnosed: int | None = None
+        self._disparity = self.create_publisher(DisparityImage, "disparity", 1)
+        self._maps = {name: self.create_publisher(Image, name, 1) for name in MAP_IMAGES}
+        self._points = self.create_publisher(PointCloud2, "points2", 1)
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 1)
+        self._subscribe(values)
+
+    def _subscribe(self, values: Mapping[str, Any]) -> None:
+        is_default = values["use_system_default_qos"]
+        qos = qos_profile_system_default if is_default else qos_profile_sensor_data
+        wanted = [(Image, TOPICS), (CameraInfo, INFOS)]
+        views = [
+            message_filters.Subscriber(self, kind, topic, qos_profile=qos)
+            for kind, topics in wanted
+            for topic in topics
+        ]
+        if values["approximate_sync"]:
+            slop = values["approximate_sync_tolerance_seconds"]
+            self._synchronizer = message_filters.ApproximateTimeSynchronizer(
+                views, values["queue_size"], slop
+            )
+        else:
+            self._synchronizer = message_filters.TimeSynchronizer(views, values["queue_size"])
+        self._synchronizer.registerCallback(self.match)
+
+    def match(self, left: Any, right: Any, left_info: Any, right_info: Any) -> None:
+        """Match a pair and publish what is subscribed to; a pair that fails is logged."""
+        try:
+            self._publish(left, right, left_info, right_info)
+        except (ValueError, TypeError) as error:
+            self.get_logger().error(str(error), throttle_duration_sec=1.0)
+
+    def _publish(self, left: Any, right: Any, left_info: Any, right_info: Any) -> None:
+        stamp = _SECOND * left.header.stamp.sec + left.header.stamp.nanosec
+        header = Header(stamp, left.header.frame_id)
+        images = decode_image(left), decode_image(right)
+        q = geometry_of(left_info, right_info, TOPICS).q
+        rows, cols = images[0].shape[:2]
+        known = None if q is None else Calibration.from_q(q, width=cols, height=rows)
+        result = self._matcher.match(
+            *images, min_disparity=self._search.low, num_disparities=self._search.count
+        )
+        self._disparity.publish(disparity_image(make, header, result, known))
+        for name, publisher in self._maps.items():
+            values = result.maps.get(name)
+            if values is not None and publisher.get_subscription_count():
+                publisher.publish(image_of(make, header, values))
+        if known is not None and self._points.get_subscription_count():
+            depth = known.depth(result.disparity)
+            self._points.publish(point_cloud2(make, header, depth, known, images[0]))
+        if self._diagnosed is None or not 0 <= stamp - self._diagnosed < _SECOND:
+            self._diagnosed = stamp
+            self._diagnostics.publish(diagnostics(make, header, check(*images)))
+
+
+def main() -> None:
+    """Run the node until it is told to stop."""
+    rclpy.init()
+    node = PhasestereoNode()
+    try:
+        rclpy.spin(node)
+    finally:
+        node.destroy_node()
+        rclpy.shutdown()

@@ -1,0 +1,129 @@
+"""Folders of images: the views of a rig found in them, sorted as people count, and paired."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+_SUFFIXES = (
+    ".png",
+    ".jpg",
+    ".jpeg",
+    ".webp",
+    ".heic",
+    ".heif",
+    ".bmp",
+    ".tif",
+    ".tiff",
+    ".pbm",
+    ".pgm",
+    ".ppm",
+    ".pfm",
+    ".npy",
+)
+# How data sets and recorders name the folders of both views; in KITTI color comes before gray.
+_VIEWS = (
+    ("left", "right"),
+    ("image_left", "image_right"),
+    ("cam0/data", "cam1/data"),
+    ("cam0", "cam1"),
+    ("image_02/data", "image_03/data"),
+    ("image_2", "image_3"),
+    ("image_00/data", "image_01/data"),
+    ("image_0", "image_1"),
+)
+_LEFT = re.compile(r"(?<![a-z])left(?![a-z])", re.IGNORECASE)
+_SWAPPED = {"left": "right", "LEFT": "RIGHT", "Left": "Right"}
+
+
+def paths_of_rig(folder: Path) -> list[tuple[Path, Path]]:
+    """Find both views in one folder; return the left and the right file of each pair.
+
+    They are in subfolders, ``left`` and ``right`` or as KITTI and EuRoC name them, or in files
+    side by side whose names say ``left`` and ``right``.
+
+    Raises
+    ------
+    OSError
+        If the folder cannot be read.
+    ValueError
+        If there is nothing of the kind.
+    """
+    for left, right in _VIEWS:
+        if (folder / left).is_dir() and (folder / right).is_dir():
+            return pair_paths(folder / left, folder / right)
+
+    lefts = [path for path in images_of(folder) if _LEFT.search(path.name)]
+    if not lefts:
+        raise ValueError(
+            f"source: {folder} has neither folders left and right (or cam0 and cam1, or image_2 "
+            "and image_3) nor images named left... and right...; name both folders, or say layout "
+            "if each image holds both views"
+        )
+
+    return [(path, path.with_name(_LEFT.sub(_partner, path.name))) for path in lefts]
+
+
+def pair_paths(left: Path, right: Path) -> list[tuple[Path, Path]]:
+    """Return the files of two folders in pairs; of those without a partner, where it would be.
+
+    Raises
+    ------
+    OSError, ValueError
+        If a folder cannot be read, holds no image, or another number of them and no name of the
+        other's.
+    """
+    views = [images_of(folder) for folder in (left, right)]
+    named = [{path.stem: path for path in view} for view in views]
+
+    if named[0].keys() & named[1].keys():
+        # A frame of one view alone fails when it is read; the others keep their numbers.
+        stems = sorted(named[0].keys() | named[1].keys(), key=_natural)
+        return [
+            (named[0].get(stem, left / stem), named[1].get(stem, right / stem)) for stem in stems
+        ]
+
+    if len(views[0]) != len(views[1]):
+        raise ValueError(
+            f"right: got {len(views[1])} images in {right} for {len(views[0])} in {left}, no two "
+            "of one name; accepts as many, or the same names"
+        )
+
+    return list(zip(*views, strict=True))
+
+
+def folders_of(folder: Path) -> list[Path]:
+    """Return the folders whose images are those of a folder, if it is opened: itself and views."""
+    views = [folder / name for pair in _VIEWS for name in pair]
+    return [folder, *(view for view in views if view.is_dir())]
+
+
+def _partner(word: re.Match[str]) -> str:
+    return _SWAPPED.get(word[0], "right")
+
+
+def images_of(folder: Path) -> list[Path]:
+    """Return the images of a folder, sorted as people count.
+
+    Raises
+    ------
+    OSError, ValueError
+        If the folder cannot be read, or holds no image.
+    """
+    found = [
+        path
+        for path in folder.iterdir()
+        if path.suffix.lower() in _SUFFIXES and not path.name.startswith(".")
+    ]
+
+    if not found:
+        raise ValueError(f"{folder}: there is no image in this folder")
+
+    return sorted(found, key=lambda path: _natural(path.name))
+
+
+def _natural(name: str) -> list[tuple[int, str]]:
+    """Return what sorts frame10 after frame9."""
+    return [
+        (int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"([0-9]+)", name)
+    ]

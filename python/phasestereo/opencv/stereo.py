@@ -1,0 +1,321 @@
+"""The matcher that stands in for OpenCV's: BGR images in, sixteenths of pixels out."""
+
+# ruff: noqa: N802, N803 -- the names are OpenCV's
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from phasestereo._core import MOST_DISPARITIES
+from phasestereo._images import Pixels, as_array, as_pair
+from phasestereo.matching import Matcher
+from phasestereo.opencv.parameters import DEFAULTS, LARGEST_DISPARITY, Parameters
+from phasestereo.settings import PRESET, Settings, resolve
+
+Sixteenths: TypeAlias = NDArray[np.int16]
+
+SCALE = 16
+"""What one pixel of disparity is in OpenCV's maps."""
+NEGATIVE_UNIQUENESS = 10
+"""What StereoSGBM takes a uniquenessRatio below 0 for."""
+
+DECIDED = {
+    "window": "blockSize",
+    "lr_check": "disp12MaxDiff",
+    "uniqueness": "uniquenessRatio",
+    "speckle_size": "speckleWindowSize",
+    "speckle_range": "speckleRange",
+}
+"""Settings that OpenCV's parameters decide."""
+
+
+class StereoPhase(Parameters):
+    """A matcher with the methods of ``cv2.StereoSGBM``; `StereoPhase_create` makes one.
+
+    It keeps its threads and its memory from one pair to the next. While parameters are set, no
+    other thread may use it.
+    """
+
+    def __init__(
+        self, *, preset: str, threads: int | None, overrides: dict[str, Any], **values: int
+    ) -> None:
+        super().__init__(**values)
+        for name in overrides.keys() & DECIDED.keys():
+            raise TypeError(f"{name}: OpenCV's {DECIDED[name]} sets it here")
+
+        self._name = preset
+        self._overrides = overrides
+        self._threads = threads
+        self._chosen = resolve(preset, None, {"fill": False, "confidence": False, **overrides})
+        self._matchers: dict[Settings, Matcher] = {}
+
+        # What is wrong with the parameters is raised here, and not by the first pair.
+        self._check_range()
+        self._matcher(self._settings())
+
+    def compute(
+        self, left: ArrayLike, right: ArrayLike, disparity: Sixteenths | None = None
+    ) -> Sixteenths:
+        """Match a rectified stereo pair; return the disparities of the left image.
+
+        Parameters
+        ----------
+        left, right
+            Images of equal size and dtype: (H, W) or (H, W, 1) gray, (H, W, 3) BGR or (H, W, 4)
+            BGRA (alpha is left out); uint8, uint16, float32 or float64.
+        disparity
+            Where to write the map to, int16 (H, W); None: to a new array.
+
+        Returns
+        -------
+        numpy.ndarray
+            int16 (H, W), sixteenths of a pixel, rounded: left pixel (x, y) corresponds to right
+            pixel (x - disparity / 16, y). ``(minDisparity - 1) * 16`` where the match lies outside
+            the right image or a check failed, but with ``fill=True``.
+
+        Raises
+        ------
+        TypeError
+            For a wrong type or dtype.
+        ValueError
+            For a wrong shape, NaN or infinite pixels, disparities that the images or int16 cannot
+            hold.
+        """
+        pair = _pair(left, right)
+        target = _target(disparity, pair[0].shape[:2])
+        found = self._match(*pair, self._settings())
+        return _sixteenths(found, self.getMinDisparity() - 1, target)
+
+    def compute_right(self, left: ArrayLike, right: ArrayLike) -> Sixteenths:
+        """Match the same pair from the right image, for ``cv2.ximgproc``'s WLS filter.
+
+        It is the map that the matcher of `cv2.ximgproc.createRightMatcher` gives: no check has been
+        made, and disparities are negative.
+
+        Parameters
+        ----------
+        left, right
+            The images in the order, and of the kind, that `compute` takes.
+
+        Returns
+        -------
+        numpy.ndarray
+            int16 (H, W), sixteenths of a pixel: right pixel (x, y) corresponds to left pixel
+            (x - disparity / 16, y), disparities being those of `compute` times -1.
+            ``-(minDisparity + numDisparities) * 16`` where the match lies outside the left image,
+            but with ``fill=True``.
+
+        Raises
+        ------
+        TypeError, ValueError
+            As `compute` does.
+        """
+        pair = _pair(left, right)
+        # In mirror images the right camera is the left one, and what is near is on the same side.
+        mirrored = pair[1][:, ::-1], pair[0][:, ::-1]
+        found = -self._match(*mirrored, self._settings(is_checked=False))[:, ::-1]
+        lowest = 1 - self.getMinDisparity() - self.getNumDisparities()
+        return _sixteenths(found, lowest - 1, np.empty(found.shape, np.int16))
+
+    def __repr__(self) -> str:
+        """Show the call that makes such a matcher, but for what is OpenCV's default."""
+        given: dict[str, Any] = {
+            name: value
+            for name, value in self._values.items()
+            if value != DEFAULTS[name] or name in ("minDisparity", "numDisparities")
+        }
+        given |= {"preset": self._name, **self._overrides}
+        return f"StereoPhase({', '.join(f'{name}={value!r}' for name, value in given.items())})"
+
+    def _match(self, left: Pixels, right: Pixels, settings: Settings) -> NDArray[np.float32]:
+        """Return the disparities of RGB images, NaN where there is no estimate."""
+        low, count = self._check_range(left.shape[1])
+        matcher = self._matcher(settings)
+        found = matcher.match(left, right, min_disparity=low, num_disparities=count).disparity
+
+        if not settings.fill:  # smoothing has led a few out of the image
+            columns = np.arange(found.shape[1]) - np.rint(found)
+            found[(columns < 0) | (columns >= found.shape[1])] = np.nan
+        return found
+
+    def _matcher(self, settings: Settings) -> Matcher:
+        """Return a matcher of such settings, a new one if there is none yet."""
+        if settings not in self._matchers:
+            if len(self._matchers) > 1:  # one for compute, one for compute_right; others are old
+                self._matchers.clear()
+            self._matchers[settings] = Matcher(settings=settings, threads=self._threads)
+        return self._matchers[settings]
+
+    def _settings(self, *, is_checked: bool = True) -> Settings:
+        """Return what the parameters mean; without checks as `cv2.ximgproc` has right matchers."""
+        block = self.getBlockSize()
+        window = block + 1 - block % 2 if block > 0 else self._chosen.window
+
+        if not is_checked:
+            return replace(self._chosen, window=window, lr_check=None, uniqueness=0, speckle_size=0)
+
+        # Numbers out of the range of ours mean what StereoSGBM makes of them.
+        most = self.getDisp12MaxDiff() if self.getDisp12MaxDiff() > 0 else 1
+        ratio = self.getUniquenessRatio()
+        has_speckles = self.getSpeckleRange() >= 0 and self.getSpeckleWindowSize() > 0
+
+        return replace(
+            self._chosen,
+            window=window,
+            lr_check=most if most < self.getNumDisparities() - 1 else None,
+            uniqueness=ratio if ratio >= 0 else NEGATIVE_UNIQUENESS,
+            speckle_size=self.getSpeckleWindowSize() if has_speckles else 0,
+            speckle_range=min(self.getSpeckleRange(), MOST_DISPARITIES) if has_speckles else 0,
+        )
+
+    def _check_range(self, width: int | None = None) -> tuple[int, int]:
+        """Return the disparities to search; refuse what int16, or images so wide, do not hold."""
+        low, count = self.getMinDisparity(), self.getNumDisparities()
+        most = min(LARGEST_DISPARITY + 1 - low, count if width is None else width)
+        if count > most:
+            raise ValueError(
+                f"numDisparities: got {count}; accepts 1 to {most} with minDisparity {low}: at "
+                f"most the images' width, and no disparity above {LARGEST_DISPARITY}, of which "
+                "int16 holds no sixteenths"
+            )
+        if width is not None and not 2 - width - count <= low <= width - 1:
+            raise ValueError(
+                f"minDisparity: got {low}; accepts {2 - width - count} to {width - 1}: any other "
+                f"leads all {count} disparities out of images {width} pixels wide"
+            )
+
+        return low, count
+
+
+def _pair(left: ArrayLike, right: ArrayLike) -> tuple[Pixels, Pixels]:
+    """Return a pair of BGR or gray images as RGB or gray."""
+    pair = as_pair(_rgb(left, "left"), _rgb(right, "right"))
+    for image, name in zip(pair, ("left", "right"), strict=True):
+        if image.dtype.kind == "f" and not np.isfinite(image).all():
+            raise ValueError(
+                f"{name}: got NaN or infinite pixels; accepts finite ones (phasestereo.match takes "
+                "masks, too)"
+            )
+
+    return pair
+
+
+def _rgb(image: ArrayLike, name: str) -> NDArray[Any]:
+    """Return an image with its colors in the order that the rest of this package has."""
+    if image is None:
+        raise TypeError(
+            f"{name}: got None, which is what cv2.imread returns for a file that it cannot read"
+        )
+
+    pixels = as_array(image, name)
+    return pixels[:, :, 2::-1] if pixels.ndim == 3 and pixels.shape[2] in (3, 4) else pixels
+
+
+def _target(disparity: Sixteenths | None, size: tuple[int, ...]) -> Sixteenths:
+    """Return the array to write to: the given one, or a new one."""
+    if disparity is None:
+        return np.empty(size, np.int16)
+
+    if not isinstance(disparity, np.ndarray) or disparity.dtype != np.int16:
+        got = getattr(disparity, "dtype", type(disparity).__name__)
+        raise TypeError(f"disparity: got {got}; accepts an array of int16, or None")
+    if disparity.shape != size or not disparity.flags.writeable:
+        raise ValueError(
+            f"disparity: got shape {disparity.shape}; accepts a writable array of {size}"
+        )
+
+    return disparity
+
+
+def _sixteenths(disparity: NDArray[np.float32], invalid: int, target: Sixteenths) -> Sixteenths:
+    """Round pixels to sixteenths, with the given disparity for NaN."""
+    target[...] = np.rint(np.where(np.isnan(disparity), invalid, disparity) * SCALE)
+    return target
+
+
+def StereoPhase_create(  # noqa: PLR0917 -- OpenCV takes them by position
+    minDisparity: int = 0,
+    numDisparities: int = 16,
+    blockSize: int = 0,
+    P1: int = 0,
+    P2: int = 0,
+    disp12MaxDiff: int = 0,
+    preFilterCap: int = 0,
+    uniquenessRatio: int = 0,
+    speckleWindowSize: int = 0,
+    speckleRange: int = 0,
+    mode: int = 0,
+    *,
+    preset: str = PRESET,
+    threads: int | None = None,
+    **overrides: Any,
+) -> StereoPhase:
+    """Make a matcher that is used like OpenCV's; the parameters are ``StereoSGBM_create``'s.
+
+    Parameters
+    ----------
+    minDisparity
+        Smallest disparity, -2047 to 2047 pixels.
+    numDisparities
+        Number of disparities to search, 1 to the images' width; any, not only multiples of 16. All
+        are below 2048.
+    blockSize
+        Side of the window that costs are summed over, up to 63 pixels, even ones being enlarged by
+        one. 0: that of the preset, 5 for ``"robust"`` and 9 for ``"fast"``. 3 to 7 are good for
+        most pairs; blocks as large as StereoBM needs cost details here, too.
+    disp12MaxDiff
+        Left-right check: a pixel is left out when the right pixel that was chosen for it fits
+        another one better whose disparity differs by more than so many pixels. 0 or less: 1, as
+        StereoSGBM has it, whatever its documentation says; a large number, such as 1000000: no
+        check.
+    uniquenessRatio
+        Percent, up to 100: a pixel is left out when another candidate, not beside the best, costs
+        less than ``100 / (100 - uniquenessRatio)`` times what the best does. 0: no check; less: 10,
+        as StereoSGBM has it.
+    speckleWindowSize, speckleRange
+        Regions of up to speckleWindowSize pixels are left out that stand out from all around, by
+        more than speckleRange pixels. Without these (the size 0 or less, or the range less than 0)
+        none are.
+    P1, P2, preFilterCap, mode
+        Kept and returned, of no effect: they are in units of OpenCV's costs, which are not those of
+        phase codes. `Settings` ``p1``, ``p2`` and ``optimizer`` are their kin.
+    preset
+        Name of the settings to start from, one of `phasestereo.PRESETS`.
+    threads
+        Number of threads, as `phasestereo.match` takes it.
+    **overrides
+        Fields of `phasestereo.Settings` by name, but for those that the parameters above set.
+        ``fill=True`` gives every pixel a disparity: what is left out takes the background's.
+
+    Returns
+    -------
+    StereoPhase
+        With `compute`, `compute_right` and OpenCV's get and set methods.
+
+    Raises
+    ------
+    TypeError
+        For a parameter that is not an integer, or an unknown setting.
+    ValueError
+        For a value out of range, or disparities beyond what int16 holds.
+    """
+    return StereoPhase(
+        preset=preset,
+        threads=threads,
+        overrides=overrides,
+        minDisparity=minDisparity,
+        numDisparities=numDisparities,
+        blockSize=blockSize,
+        P1=P1,
+        P2=P2,
+        disp12MaxDiff=disp12MaxDiff,
+        preFilterCap=preFilterCap,
+        uniquenessRatio=uniquenessRatio,
+        speckleWindowSize=speckleWindowSize,
+        speckleRange=speckleRange,
+        mode=mode,
+    )

@@ -1,0 +1,491 @@
+"""Bands of rows of a pair, each by itself and in any order: as in a match of the whole."""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import sys
+import threading
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+
+import phasestereo as ps
+from phasestereo import _core
+from phasestereo_large.bands import halo, match_rows, pair_statistics, working_memory
+from test_pair_statistics import ERRORS, WRONG_ROWS, Reading, gathered, scene
+from test_process import run, run_forking
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+SIZE = (300, 110)
+AREAS = (360, 110)
+# Name of a case, its options, type of its pixels, whether some are masked, which rows are soft.
+CASES: dict[str, tuple[dict[str, Any], str, bool, slice | None]] = {
+    "robust": ({}, "uint8", False, None),
+    "robust areas": ({}, "uint16", False, slice(150, None)),
+    "robust soft masked floats": ({}, "float32", True, slice(0, None)),
+    "robust, noise given": ({"noise": (0.5, 1.0), "min_disparity": -3}, "float64", True, None),
+    "paper": ({"preset": "paper"}, "uint8", False, None),
+    "paper masked": ({"preset": "paper"}, "uint16", True, None),
+    "paper floats": ({"preset": "paper", "min_confidence": 0.3}, "float32", True, None),
+    "fast": ({"preset": "fast"}, "uint8", False, None),
+    "fast masked": ({"preset": "fast"}, "float64", True, None),
+    "fast areas": ({"preset": "fast", "compensate_blur": True}, "uint8", False, slice(150, None)),
+    "sad": ({"preset": "fast", "cost": "sad", "subpixel": True}, "float32", True, None),
+    "nsad": ({"preset": "paper", "cost": "nsad", "shiftable": False}, "uint8", True, None),
+    "robust so": ({"optimizer": "so"}, "uint8", False, None),
+    "robust wta": ({"optimizer": "wta", "compensate_blur": False}, "uint8", True, None),
+    "robust dp": ({"optimizer": "dp", "adaptive_p2": 0}, "uint8", False, None),
+    "robust exact": ({"precision": "full", "p1": 9, "p2": 900}, "uint16", False, None),
+    "paper sgm": ({"preset": "paper", "optimizer": "sgm"}, "uint8", True, None),
+    "paper so": ({"preset": "paper", "optimizer": "so", "adaptive_p2": 0.5}, "uint8", False, None),
+    "paper wta": ({"preset": "paper", "optimizer": "wta"}, "uint8", False, None),
+    "fast sgm": ({"preset": "fast", "optimizer": "sgm"}, "uint8", False, slice(150, None)),
+    "fast dp": ({"preset": "fast", "optimizer": "dp"}, "uint8", True, None),
+    "sad sgm": ({"preset": "fast", "cost": "sad", "optimizer": "sgm"}, "float32", False, None),
+    "alone": (
+        {"cost": "sad", "window": 1, "noise_threshold": 0, "compensate_blur": False, "despike":
+         False, "denoise": False, "confidence": False, "guided_median": False, "adaptive_p2": 0,
+         "speckle_size": 0, "lr_check": None, "subpixel": False, "scales": False},
+        "uint8", False, None,
+    ),
+    "refined": (
+        {"preset": "fast", "guided_median": True, "median": 3, "subpixel": True, "lr_check": 1,
+         "uniqueness": 5, "speckle_size": 9, "confidence": True, "fill": False},
+        "uint8", True, None,
+    ),
+}  # fmt: skip
+
+
+class BandCase:
+    """A pair, what is known of it, and how it is matched as a whole."""
+
+    def __init__(self, name: str) -> None:
+        options, dtype, masked, soft = CASES[name]
+        self.read = scene(AREAS if soft else SIZE, dtype, masked=masked, soft=soft)
+        self.statistics = gathered(self.read, **options)
+        self.whole = self.read.matched(**{"num_disparities": 16} | options)
+
+    def check(self, first: int, last: int, read: Any = None, **options: Any) -> None:
+        """Match some rows, and check that they are those of the whole."""
+        found = match_rows(read or self.read, self.statistics, first, last, **options)
+        assert_rows(found, self.whole, first, last)
+
+
+def assert_rows(found: ps.Result, whole: ps.Result, first: int, last: int) -> None:
+    """Check that a result is that of some rows of another one, to the bit."""
+    for name in ("disparity", "flags", "confidence", "uncertainty"):
+        ours, theirs = getattr(found, name), getattr(whole, name)
+        assert (ours is None) == (theirs is None)
+        if ours is not None:
+            assert ours.dtype == theirs.dtype
+            np.testing.assert_array_equal(ours, theirs[first:last])
+
+    assert found.settings == whole.settings
+    assert found.pair is None
+
+
+_known: dict[str, BandCase] = {}
+
+
+def case(name: str) -> BandCase:
+    """Return a case, made once."""
+    if name not in _known:
+        _known[name] = BandCase(name)
+    return _known[name]
+
+
+def bands_of(height: int, rows: int) -> Iterable[tuple[int, int]]:
+    """Cut a height into bands."""
+    for first in range(0, height, rows):
+        yield first, min(first + rows, height)
+
+
+@pytest.mark.parametrize("name", CASES)
+@given(ends=st.tuples(st.floats(0, 1), st.floats(0, 1)), threads=st.sampled_from([1, 2, 5, None]))
+@hypothesis_settings(max_examples=6)
+def test_rows_by_themselves_are_those_of_the_whole(
+    name: str, ends: tuple[float, float], threads: int | None
+) -> None:
+    known = case(name)
+    height = known.read.size[0]
+    first, last = sorted(round(end * (height - 1)) for end in ends)
+    known.check(first, last + 1, threads=threads)
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("rows", [63, 64, 65, 128])
+def test_bands_from_below_are_those_of_the_whole(name: str, rows: int) -> None:
+    known = case(name)
+    for first, last in reversed(list(bands_of(known.read.size[0], rows))):
+        known.check(first, last)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_few_rows_at_a_time(name: str) -> None:
+    known = case(name)
+    for first in (0, 1, 63, 64, 119, 160, known.read.size[0] - 1):
+        known.check(first, first + 1)
+    for first in (0, 59, 121, known.read.size[0] - 7):
+        known.check(first, first + 7)
+
+
+def test_all_rows_are_the_whole() -> None:
+    for name in ("robust", "paper", "fast"):
+        case(name).check(0, case(name).read.size[0])
+
+
+def test_bands_match_with_statistics_that_was_pickled() -> None:
+    known = case("fast areas")
+    statistics = pickle.loads(pickle.dumps(known.statistics))  # noqa: S301 - our own bytes
+    assert_rows(match_rows(known.read, statistics, 140, 190), known.whole, 140, 190)
+
+
+def test_masks_of_some_rows_alone_may_be_left_out() -> None:
+    for name in ("robust soft masked floats", "paper masked", "fast masked", "nsad"):
+        known = case(name)
+
+        def read(first: int, last: int) -> Any:
+            left, right, *masks = known.read(first, last)  # noqa: B023 - called in this turn
+            return left, right, *(None if mask.all() else mask for mask in masks)
+
+        for first, last in bands_of(known.read.size[0], 40):
+            known.check(first, last, read)
+
+
+def test_colors_and_strides_of_any_kind_match() -> None:
+    plain = scene(SIZE)
+    color = np.stack([plain.images[0], plain.images[0] // 2, plain.images[0]], -1)
+    read = Reading(color, plain.images[1][..., None])
+    statistics = gathered(read, preset="paper")
+    whole = read.matched(num_disparities=16, preset="paper")
+
+    doubled = [np.repeat(image, 2, axis=1) for image in read.images]
+
+    def strided(first: int, last: int) -> Any:
+        left, right = (image[first:last, ::2] for image in doubled)
+        return [left, right.astype(right.dtype.newbyteorder()), None, None]
+
+    for first, last in [(0, 50), (20, 33), (50, 300)]:
+        assert_rows(match_rows(strided, statistics, first, last), whole, first, last)
+
+
+# What is read
+
+
+@pytest.mark.parametrize(
+    "name", ["robust", "robust areas", "paper", "fast", "fast areas", "sad", "refined", "nsad"]
+)
+def test_no_more_rows_are_read_than_the_halo(name: str) -> None:
+    known = case(name)
+
+    around = halo(known.statistics.settings, known.statistics.blur_compensation)
+    height = known.read.size[0]
+
+    for first, last in [(0, 1), (120, 121), (140, 200), (height - 1, height)]:
+        known.read.asked.clear()
+        match_rows(known.read, known.statistics, first, last)
+
+        expected = max(0, first - around), min(height, last + around)
+        assert known.read.asked[0] == expected
+        assert len(known.read.asked) <= 1 + (known.read.masks[0] is not None)
+
+        for top, bottom in known.read.asked[1:]:
+            assert (top, bottom) == (max(0, expected[0] - 95), min(height, expected[1] + 95))
+
+
+def test_the_halo_is_what_the_stages_reach() -> None:
+    paper = ps.Settings.preset("paper")
+    plain = replace(paper, optimizer="wta", shiftable=False, window=1, confidence=False)
+    assert halo(plain) == 3
+
+    reaches: list[tuple[dict[str, Any], int]] = [
+        ({"window": 9}, 4),
+        ({"window": 9, "shiftable": True}, 8),
+        ({"neighborhood": 9}, 1),
+        ({"optimizer": "dp"}, 0),
+        ({"optimizer": "so"}, 0),
+        ({"optimizer": "sgm"}, 79),
+        ({"median": 3}, 1),
+        ({"subpixel": True}, 3),
+        ({"confidence": True}, 4),
+        ({"min_confidence": 0.5}, 4),
+        ({"guided_median": True}, 5),
+        ({"lr_check": 1}, 32),
+        ({"uniqueness": 1}, 32),
+        ({"speckle_size": 50}, 82),
+    ]
+
+    for options, more in reaches:
+        assert halo(replace(plain, **options)) == 3 + more, options
+
+    kernel = np.full((9, 3), 1 / 27)
+    versions = ps.BlurCompensation(noise=(0, 0), kernels=[(None, kernel), (kernel.T, None)])
+    assert halo(plain, versions) == 3 + 4
+
+    assert halo(replace(paper, cost="sad", window=1, optimizer="wta", confidence=False)) == 1
+
+
+# What it takes
+
+
+def test_working_memory_grows_with_what_it_should() -> None:
+    for name in ("robust", "fast areas", "paper"):
+        statistics = case(name).statistics
+        base = working_memory(statistics, 100, threads=1, itemsize=1)
+        assert base > 0
+        assert working_memory(statistics, 200, threads=1, itemsize=1) > base
+        assert working_memory(statistics, 100, threads=2, itemsize=1) > base
+        assert working_memory(statistics, 100, threads=1, itemsize=240) > base
+
+
+MEASURED = """
+import ctypes, json
+from pathlib import Path
+import numpy as np
+import phasestereo as ps
+from phasestereo import _core
+from phasestereo_large.bands import match_rows, pair_statistics, working_memory
+
+def memory(name):
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return 1024 * next(int(line.split()[1]) for line in lines if line.startswith(name))
+
+rows, cols, count, dtype, options = json.loads(ORDER)
+noise = np.random.default_rng(0).integers(0, 256, (64, cols + 4), np.uint8).astype(dtype)
+def read(first, last):
+    some = noise[np.arange(first, last) % 64]
+    return some[:, 4:], some[:, :-4], None, None
+statistics = pair_statistics(read, (3 * rows, cols), num_disparities=count, threads=1, **options)
+workers = _core.Workers(2)
+match_rows(read, statistics, 0, 1, threads=1)
+ctypes.CDLL("libc.so.6").malloc_trim(0)
+Path("/proc/self/clear_refs").write_text("5")
+before = memory("VmRSS")
+match_rows(read, statistics, rows, 2 * rows, threads=workers)
+expected = working_memory(statistics, rows, threads=2, itemsize=noise.itemsize)
+print(json.dumps([memory("VmHWM") - before, expected]))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the system does not tell")
+@pytest.mark.parametrize(
+    ("rows", "cols", "count", "dtype", "options"),
+    [
+        (600, 1500, 32, "uint8", {"noise": 1.0}),
+        (64, 1000, 800, "float32", {"noise": 1.0}),
+        (300, 1000, 64, "float64", {"preset": "fast"}),
+        (100, 1000, 128, "uint16", {"preset": "paper"}),
+    ],
+)
+def test_no_more_memory_is_taken_than_is_said(
+    rows: int, cols: int, count: int, dtype: str, options: dict[str, Any]
+) -> None:
+    order = json.dumps([rows, cols, count, dtype, options])
+    finished = run(MEASURED.replace("ORDER", repr(order)))
+    assert finished.returncode == 0, finished.stderr
+    taken, expected = json.loads(finished.stdout)
+    assert 0.2 * expected < taken < expected
+
+
+# Errors
+
+
+@pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
+@pytest.mark.parametrize("name", ["robust areas", "fast masked"])
+def test_errors_of_the_reader_come_out_as_they_are(name: str, error: BaseException) -> None:
+    known = case(name)
+    left, right = known.read.images
+    read = Reading(left, right, known.read.masks)
+    read.error = error
+    read.failing = lambda *_: True
+
+    with pytest.raises(type(error)) as raised:
+        match_rows(read, known.statistics, 20, 90)
+    assert raised.value is error
+
+    read.failing = lambda *_: False
+    known.check(20, 90, read)
+
+
+def test_a_second_read_may_fail_too() -> None:
+    known = case("fast masked")
+    left, right = known.read.images
+    read = Reading(left, right, known.read.masks)
+    read.failing = lambda *_: len(read.asked) == 2
+
+    with pytest.raises(LookupError, match="torn"):
+        match_rows(read, known.statistics, 0, 300)
+
+    assert len(read.asked) == 2
+    known.check(0, 300, read)
+
+
+def test_what_progress_raises_comes_out() -> None:
+    known, workers = case("robust"), _core.Workers(2)
+
+    def stop(*_: int) -> None:
+        raise InterruptedError("enough")
+
+    with pytest.raises(InterruptedError, match="enough"):
+        match_rows(known.read, known.statistics, 40, 200, threads=workers, progress=stop)
+
+    calls: list[tuple[int, int]] = []
+    known.check(40, 200, threads=workers, progress=lambda *rows: calls.append(rows))
+
+    assert calls
+    assert calls[-1][0] == calls[-1][1]
+
+
+@pytest.mark.parametrize("name", ["robust", "fast"])
+@pytest.mark.parametrize(("change", "error", "message"), WRONG_ROWS)
+def test_wrong_rows_are_refused(
+    name: str, change: Callable[[Any], Any], error: type[Exception], message: str
+) -> None:
+    known = case(name)
+    with pytest.raises(error, match=message):
+        match_rows(lambda *rows: change(known.read(*rows)), known.statistics, 3, 4)
+
+
+def test_rows_of_another_type_than_measured_are_refused() -> None:
+    known, other = case("fast"), scene(SIZE, "uint16")
+    with pytest.raises(TypeError, match="^read: got uint16 for the rows .*, uint8"):
+        match_rows(other, known.statistics, 20, 30)
+
+
+def test_pixels_that_are_no_numbers_are_refused_where_they_are() -> None:
+    read = scene(SIZE, "float32")
+    statistics = gathered(read, preset="fast")
+    whole = read.matched(num_disparities=16, preset="fast")
+    read.images[0][200, 7] = np.nan
+    assert_rows(match_rows(read, statistics, 0, 100), whole, 0, 100)
+    with pytest.raises(ValueError, match="^left: got NaN"):
+        match_rows(read, statistics, 100, 250)
+
+
+@pytest.mark.parametrize("name", ["robust", "fast"])
+@pytest.mark.parametrize(
+    ("ends", "error"),
+    [
+        ((-1, 5), ValueError), ((5, 5), ValueError), ((6, 5), ValueError), ((0, 301), ValueError),
+        ((300, 301), ValueError), ((0, 1.5), TypeError), ((0.0, 5), TypeError),
+        (("a", 5), TypeError), ((0, None), TypeError),
+    ],
+)  # fmt: skip
+def test_rows_that_there_are_not_are_refused(name: str, ends: Any, error: type[Exception]) -> None:
+    known = case(name)
+    known.read.asked.clear()
+    with pytest.raises(error, match="^(first|last): got"):
+        match_rows(known.read, known.statistics, *ends)
+    assert known.read.asked == []
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"statistics": "robust"}, TypeError, "^statistics: got str"),
+        ({"statistics": None}, TypeError, "^statistics: got NoneType"),
+        ({"read": 3}, TypeError, "^read: got int"),
+        ({"threads": 0}, ValueError, "^threads: got 0"),
+        ({"threads": 1.0}, TypeError, "^threads: got float"),
+        ({"progress": 3}, TypeError, "^progress: got int"),
+        ({"overlap": 3}, TypeError, "overlap"),
+    ],
+    ids=str,
+)
+def test_wrong_arguments_are_refused(
+    options: dict[str, Any], error: type[Exception], message: str
+) -> None:
+    for name in ("robust", "fast"):
+        known = case(name)
+        arguments: dict[str, Any] = {"read": known.read, "statistics": known.statistics} | options
+        with pytest.raises(error, match=message):
+            match_rows(**arguments, first=0, last=9)
+
+
+def test_a_halo_is_of_settings() -> None:
+    with pytest.raises(TypeError, match="^settings: got str"):
+        halo("robust")  # type: ignore[arg-type] # that is the point
+    with pytest.raises(TypeError, match="^blur_compensation: got int"):
+        halo(ps.Settings(), 3)  # type: ignore[arg-type] # that is the point
+
+
+# Threads and processes
+
+
+def test_several_threads_may_match_bands_at_the_same_time() -> None:
+    wrong: list[BaseException] = []
+
+    def work(turn: int) -> None:
+        try:
+            case(list(CASES)[turn % len(CASES)]).check(90, 150, threads=1 + turn % 2)
+        except BaseException as error:  # noqa: BLE001 - it is looked at
+            wrong.append(error)
+
+    for name in CASES:
+        case(name)
+    threads = [threading.Thread(target=work, args=[turn]) for turn in range(2 * len(CASES))]
+
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert wrong == []
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
+def test_statistics_and_bands_are_made_in_a_forked_child() -> None:
+    finished = run_forking("""
+import phasestereo_large as large
+pair = np.random.default_rng(0).integers(0, 256, (2, 200, 90), np.uint8)
+read = lambda first, last: (pair[0][first:last], pair[1][first:last], None, None)
+statistics = large.pair_statistics(read, (200, 90), num_disparities=8)
+expected = ps.match(*pair, num_disparities=8).disparity[60:]
+workers = ps._core.Workers(3)
+large.match_rows(read, statistics, 0, 60, threads=workers)
+def same():
+    statistics = large.pair_statistics(read, (200, 90), num_disparities=8)
+    found = large.match_rows(read, statistics, 60, 200, threads=workers).disparity
+    return np.array_equal(found, expected, equal_nan=True)
+""")
+    assert finished.returncode == 0, finished.stderr
+
+
+def test_bands_come_from_one_set_of_workers() -> None:
+    known = case("fast")
+    workers = _core.Workers(2)
+    for first in (0, 100, 200):
+        known.check(first, first + 50, threads=workers)
+
+
+def test_parts_of_tall_pairs_share_what_some_rows_say() -> None:
+    # Only three bands of the rows are asked; the others, without texture, would say otherwise.
+    rng = np.random.default_rng(8)
+    left = rng.integers(0, 256, (1200, 48), np.uint8)
+    for third in range(3):
+        left[400 * third : 400 * third + 140] = 90
+    pair = left, np.roll(left, -3, axis=1)
+    settings = replace(ps.PRESETS["paper"], lr_check=1, speckle_size=9)
+    whole = ps.match(*pair, num_disparities=8, settings=settings)
+
+    def read(first: int, last: int) -> tuple[Any, Any, None, None]:
+        return pair[0][first:last], pair[1][first:last], None, None
+
+    statistics = pair_statistics(read, (1200, 48), num_disparities=8, settings=settings)
+    assert statistics.tally is not None
+    assert statistics.tally[-1] == 3 * 96 * 48
+    for first, last in ((0, 90), (600, 700), (1150, 1200)):
+        found = match_rows(read, statistics, first, last)
+        assert_rows(found, whole, first, last)
+
+    bare = replace(statistics, tally=None)
+    with pytest.raises(ValueError, match=r"^tally: got None; accepts the tally of the whole pair"):
+        match_rows(read, bare, 0, 90)

@@ -1,0 +1,486 @@
+"""The page of ``phasestereo live --show``: what it answers, whom, and what it makes of frames."""
+
+from __future__ import annotations
+
+import http.client
+import io
+import json
+import threading
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import phasestereo as ps
+from conftest import counterpart
+from phasestereo.io import Calibration, read_image
+from phasestereo.io.raster import decode_raster
+from phasestereo_live.video import FramePicture
+from phasestereo_live.video.streaming import Failure, Frame, stream
+from phasestereo_live.viewer import Server, Show
+from phasestereo_live.viewer.diagnosing import diagnosing
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from numpy.typing import NDArray
+
+    from conftest import Run
+
+for needed in ("jinja2", "matplotlib", "PIL"):
+    counterpart(needed)
+
+ROWS, COLS, COUNT, SHIFT = 60, 90, 16, 5
+SCENE = np.random.default_rng(0).integers(0, 256, (ROWS, COLS + SHIFT, 3), np.uint8)
+LEFT, RIGHT = SCENE[:, :-SHIFT].copy(), SCENE[:, SHIFT:].copy()
+FAST = ps.PRESETS["fast"]
+
+
+def frame(index: int = 0, apart: float | None = None) -> Frame:
+    result = ps.match(LEFT, RIGHT, num_disparities=COUNT, settings=FAST)
+    return Frame(index, index / 10, LEFT, RIGHT, result, apart)
+
+
+@pytest.fixture
+def show(tmp_path: Path) -> Show:
+    return Show(FAST, COUNT, tmp_path)
+
+
+@pytest.fixture
+def server(show: Show) -> Iterator[Server]:
+    with Server(show) as opened:
+        yield opened
+        show.close()
+
+
+class Answer:
+    """What came back."""
+
+    def __init__(self, response: http.client.HTTPResponse) -> None:
+        self.status, self.headers, self.body = response.status, response.headers, response.read()
+
+    def json(self) -> Any:
+        return json.loads(self.body, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+
+
+def ask(server: Server, path: str, method: str = "GET", body: Any = None, **headers: str) -> Answer:
+    """Ask the server as a browser would; a path from the root begins with a slash."""
+    host, _, rest = server.address.removeprefix("http://").partition("/")
+    sent = {"Host": host} | {name.replace("_", "-"): value for name, value in headers.items()}
+
+    connection = http.client.HTTPConnection(host, timeout=20)
+    try:
+        if method == "POST":
+            sent.setdefault("Content-Type", "application/json")
+        content = None if body is None else json.dumps(body)
+        connection.request(method, path if path[:1] == "/" else f"/{rest}{path}", content, sent)
+        return Answer(connection.getresponse())
+    finally:
+        connection.close()
+
+
+# Who is answered
+
+
+@pytest.mark.parametrize("path", ["", "viewer.js", "state?after=-2", "left.jpg", "value?x=0&y=0"])
+def test_only_who_knows_the_token_is_answered(server: Server, show: Show, path: str) -> None:
+    show.add(frame())
+    assert ask(server, path).status == 200
+    token = server.address.split("/")[3]
+    assert len(token) >= 20
+    for wrong in (f"/{path}", f"/{token[:-1]}/{path}", f"/{token.lower()}x/{path}", f"//{path}"):
+        answer = ask(server, wrong)
+        assert (answer.status, answer.body) == (403, b"Forbidden\n")
+
+
+def test_only_this_machine_by_its_own_name_is_answered(server: Server) -> None:
+    """A name that leads here, as DNS rebinding makes one, is another Host."""
+    port = server.address.split(":")[2].split("/")[0]
+    assert server.address.startswith("http://127.0.0.1:")
+    assert ask(server, "", Host=f"localhost:{port}").status == 200
+    for host in (f"evil.example:{port}", "127.0.0.1", f"127.0.0.1:{int(port) + 1}", ""):
+        assert ask(server, "", Host=host).status == 403
+
+
+def test_pages_of_others_change_nothing(server: Server, show: Show) -> None:
+    origin = server.address.rsplit("/", 2)[0]
+    wanted = {"uniqueness": 7}
+
+    refused = [
+        ask(server, "settings", "POST", wanted, Origin="http://evil.example"),
+        ask(server, "settings", "POST", wanted, Origin="null"),
+        ask(server, "settings", "POST", wanted, Content_Type="text/plain"),
+        ask(server, "settings", "POST", {"uniqueness": 7, "": "x" * 5000}),
+        ask(server, "nothing", "POST", wanted),
+        ask(server, "settings"),
+        ask(server, "settings", "PUT", wanted),
+    ]
+
+    assert [answer.status for answer in refused] == [403, 403, 404, 413, 404, 404, 501]
+    assert show.settings == FAST
+
+    assert ask(server, "settings", "POST", wanted, Origin=origin).status == 200
+    assert show.settings.uniqueness == 7
+
+
+def test_answers_are_kept_by_nobody_and_load_nothing_foreign(server: Server) -> None:
+    headers = ask(server, "").headers
+    assert headers["Cache-Control"] == "no-store"
+    assert headers["Referrer-Policy"] == "no-referrer"
+    assert "Access-Control-Allow-Origin" not in headers
+
+    policy = headers["Content-Security-Policy"]
+    assert "default-src 'none'" in policy
+    assert "script-src 'self'" in policy
+    assert "http" not in policy
+
+
+# What is shown
+
+
+def test_news_come_as_soon_as_there_are_any(server: Server, show: Show) -> None:
+    first = ask(server, "state?after=-1").json()
+    assert first["frame"] is None
+
+    given = frame(3)
+    told = replace(given.result, summary=ps.Summary(1, 0, 0, 0, 0.6, 0.41, 0, 0, np.nan))
+    threading.Timer(0.2, show.add, [replace(given, result=told)]).start()
+    response = ask(server, f"state?after={first['version']}").json()
+    assert response["version"] > first["version"]
+
+    shown = response["frame"]
+    assert (shown["index"], shown["width"], shown["height"]) == (3, COLS, ROWS)
+    assert (shown["low"], shown["high"]) == (0, COUNT)
+    assert shown["verdict"] == "about 41 % of the pixels are probably wrong"
+    assert shown["trusted"] == round(100 * told.trusted.mean(), 1)
+
+
+def test_pictures_are_those_of_the_frame(server: Server, show: Show) -> None:
+    assert ask(server, "left.jpg").status == 400
+
+    given = frame()
+    show.add(given)
+    left = decode_raster(io.BytesIO(ask(server, "left.jpg").body)).astype(int)
+    assert np.abs(left - LEFT).mean() < 12
+
+    colors = decode_raster(io.BytesIO(ask(server, "disparity.png").body))
+    expected = FramePicture(0, COUNT)(given)[:, COLS:]
+    np.testing.assert_array_equal(colors, expected)
+    assert decode_raster(io.BytesIO(ask(server, "scale.png").body)).shape == (1, 256, 3)
+
+
+def test_values_are_those_under_the_cursor(server: Server, show: Show) -> None:
+    given = frame()
+    bars = np.full((ROWS, COLS), 0.5, np.float32)
+    given = replace(given, result=replace(given.result, uncertainty=bars))
+    show.add(given)
+    none: dict[str, Any] = {"depth": None, "near": None, "far": None, "flags": []}
+    response = ask(server, "value?x=40&y=20").json()
+    assert response == {"disparity": float(SHIFT), "uncertainty": 0.5, **none}
+
+    known = Calibration.from_focal(100, 0.2, width=COLS, height=ROWS)
+    show.know(known, "m")
+    response = ask(server, "value?x=40&y=20").json()
+    wanted = ps.depth_interval(given.result, known)._asdict()
+    assert {name: response[name] for name in wanted} == {
+        name: float(values[20, 40]) for name, values in wanted.items()
+    }
+    assert response["near"] < response["depth"] == pytest.approx(100 * 0.2 / SHIFT)
+    assert ask(server, "state?after=-1").json()["unit"] == "m"
+
+    given.result.disparity[0, 0] = np.nan
+    given.result.flags[0, 0] = ps.Flag.OCCLUDED
+    assert ask(server, "value?x=0&y=0").json() == {
+        "disparity": None, "uncertainty": 0.5, **none, "flags": ["occluded"],
+    }  # fmt: skip
+
+    for place in ("x=90&y=0", "x=0&y=60", "x=-1&y=0", "x=a&y=0", ""):
+        assert ask(server, f"value?{place}").status == 400
+
+
+def test_what_fails_is_said_and_counted(server: Server, show: Show) -> None:
+    for index in range(3):
+        show.fail(Failure(index, None, OSError("camera 1: gave no frame")))
+    response = ask(server, "state?after=-1").json()
+    assert response["failure"] == {"text": "camera 1: gave no frame", "times": 3}
+    assert response["failed"] == 3
+    show.fail(Failure(3, None, ValueError("right: got 4 rows")))
+    assert ask(server, "state?after=-1").json()["failure"]["times"] == 1
+
+
+def test_cameras_that_are_not_synchronized_are_reported(server: Server, show: Show) -> None:
+    show.add(frame(0, 0.02))
+    (note,) = ask(server, "state?after=-1").json()["notes"]
+    assert note.startswith("the cameras are not synchronized: the right one comes 20 ms later")
+    show.add(frame(1, 0.001))
+    assert not ask(server, "state?after=-1").json()["notes"]
+
+
+def test_findings_are_those_of_check_the_worst_first(show: Show) -> None:
+    show.add(frame())
+    thread = diagnosing(show)
+    for version in range(100):
+        state = show.wait(version, 0.2)
+        if state["findings"]:
+            break
+
+    show.close()
+    thread.join()
+
+    expected = [[one.topic, one.severity, one.sentence] for one in ps.check(LEFT, RIGHT).findings]
+    assert sorted(state["findings"]) == sorted(expected)
+
+    order = [["warning", "note", "ok"].index(severity) for _, severity, _ in state["findings"]]
+    assert order == sorted(order)
+
+
+# What can be done
+
+
+def test_settings_change_the_coming_frames(server: Server, show: Show) -> None:
+    pairs = iter([(LEFT, RIGHT)] * 2)
+    with stream(pairs, num_disparities=COUNT, settings=FAST) as frames:
+        show.follow(frames.change)
+
+        show.add(next(frames))
+        wanted = {"p1": 1.5, "p2": 9, "uniqueness": 20, "speckle_size": 30, "fill": 0}
+        answer = ask(server, "settings", "POST", wanted | {"num_disparities": 8})
+        assert (answer.status, answer.json()) == (200, {})
+        found = next(frames).result
+
+    assert (found.settings.p1, found.settings.p2) == (1.5, 9.0)
+    assert (found.settings.uniqueness, found.settings.speckle_size) == (20, 30)
+    assert not found.settings.fill
+    assert found.search is not None
+    assert found.search.num_disparities == 8
+
+    response = ask(server, "state?after=-1").json()["settings"]
+    assert response == wanted | {"num_disparities": 8}
+
+
+@pytest.mark.parametrize(
+    ("wanted", "message"),
+    [
+        ({"p1": -1}, "p1: got -1; accepts 0 to 100"),
+        ({"p1": "9"}, "p1: got str; accepts a number"),
+        ({"fill": True}, "fill: got bool; accepts a number"),
+        ({"window": 5}, "window: is no setting; accepts p1"),
+        ({"num_disparities": 500}, "num_disparities: got 500"),
+        ([1], "settings: got list; accepts an object"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(
+    server: Server, show: Show, wanted: Any, message: str
+) -> None:
+    with stream(iter([(LEFT, RIGHT)] * 2), num_disparities=COUNT, settings=FAST) as frames:
+        show.follow(frames.change)
+        show.add(next(frames))
+
+        answer = ask(server, "settings", "POST", wanted)
+        assert answer.status == 400
+        assert answer.json()["error"].startswith(message)
+        assert next(frames).result.settings == FAST
+    assert show.settings == FAST
+
+
+def test_a_pair_is_saved_with_its_report(server: Server, show: Show, tmp_path: Path) -> None:
+    assert ask(server, "save", "POST").json() == {"error": "there is no pair to save yet"}
+
+    show.add(frame(7))
+    for stem in ("pair-000007", "pair-000007-2"):
+        response = ask(server, "save", "POST").json()
+        names = [f"{stem}-left.png", f"{stem}-right.png", f"{stem}.html"]
+        assert response == {"saved": names, "folder": str(tmp_path)}
+        np.testing.assert_array_equal(read_image(tmp_path / names[0]), LEFT)
+        np.testing.assert_array_equal(read_image(tmp_path / names[1]), RIGHT)
+        assert "16 disparities searched" in (tmp_path / names[2]).read_text("utf-8")
+
+    assert len(list(tmp_path.iterdir())) == 6
+
+
+def test_the_run_can_be_ended(server: Server, show: Show) -> None:
+    assert ask(server, "close", "POST").status == 200
+    assert show.closed
+    assert ask(server, "state?after=99").json()["closed"] is True
+
+
+# The command
+
+
+def live(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: str
+) -> tuple[int, str, list[Any]]:
+    """Run ``phasestereo live`` in this thread while another one looks at the page, then ends it."""
+    cli = pytest.importorskip("phasestereo.cli")
+
+    home = pytest.importorskip("phasestereo_live.cli.show")
+    looked: list[Any] = []
+    look: list[threading.Thread] = []
+
+    class Watched(Server):
+        def __enter__(self) -> Watched:
+            super().__enter__()
+            look.append(threading.Thread(target=watch, args=[self]))
+            look[0].start()
+            return self
+
+    def watch(server: Server) -> None:
+        state: dict[str, Any] = {"version": -1, "ended": ""}
+        while not state["ended"]:
+            state = ask(server, f"state?after={state['version']}").json()
+            looked.append(state)
+        ask(server, "close", "POST")
+
+    monkeypatch.setattr(home, "Server", Watched)
+    code = cli.run(["live", *arguments])
+    look[0].join()
+    return code, capsys.readouterr().err, looked
+
+
+@pytest.fixture
+def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the current folder, with folders left and right of three frames."""
+    monkeypatch.chdir(tmp_path)
+    for side, image in (("left", LEFT), ("right", RIGHT)):
+        Path(side).mkdir()
+        for index in range(3):
+            ps.io.write_image(f"{side}/{index}.png", image)
+    return tmp_path
+
+
+SEARCH = ("--num-disparities", str(COUNT), "--preset", "fast")
+
+
+@pytest.mark.parametrize("option", [(), ("--show",), ("--show=window",)])
+def test_live_shows_frames_until_it_is_ended(
+    rig: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    option: tuple[str, ...],
+) -> None:
+    """Without an output it is what live does; a window needs an OpenCV that has one."""
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.setattr("sys.platform", "linux")
+    code, err, looked = live(monkeypatch, capsys, "left", "right", *option, *SEARCH)
+    assert code == 0
+    assert "phasestereo: look at http://127.0.0.1:" in err
+    assert ("this OpenCV has no windows" in err) == (option == ("--show=window",))
+
+    assert looked[-1]["frame"]["index"] == 2
+    assert looked[-1]["ended"].startswith("no more frames come")
+    assert sorted(path.name for path in rig.iterdir()) == ["left", "right"]
+
+
+@pytest.mark.parametrize("end", ["key", "closed"])
+def test_a_window_shows_frames_until_it_is_closed(
+    rig: Path, monkeypatch: pytest.MonkeyPatch, run: Callable[..., Run], end: str
+) -> None:
+    """OpenCV's windows are stood in for: there are none in tests."""
+    cv2 = counterpart("cv2")
+    pictures: list[NDArray[np.uint8]] = []
+    asked: list[int] = []
+
+    def wait(milliseconds: int) -> int:
+        asked.append(milliseconds)
+        return 27 if end == "key" and len(asked) > 5 else 255
+
+    stand_ins = {
+        "namedWindow": lambda *_: None,
+        "imshow": lambda _, picture: pictures.append(picture),
+        "waitKey": wait,
+        "getWindowProperty": lambda *_: float(end == "key" or len(asked) <= 5),
+        "destroyAllWindows": lambda: None,
+    }
+    for name, stand_in in stand_ins.items():
+        monkeypatch.setattr(cv2, name, stand_in)
+    monkeypatch.setenv("DISPLAY", ":0")
+    code, _, err = run("live", rig / "left", rig / "right", "--show=window", *SEARCH)
+    assert (code, err) == (0, "")
+    assert len(pictures) == 3
+    np.testing.assert_array_equal(pictures[0][:, :COLS], LEFT[:, :, ::-1])
+    assert len(asked) == 6
+
+
+def test_frames_of_another_size_are_said_and_do_not_end_the_run(
+    rig: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ps.io.write_image(rig / "right/1.png", RIGHT[:-2])
+    code, err, looked = live(monkeypatch, capsys, "left", "right", "--show", *SEARCH)
+    assert code == 0
+    assert "skipped frame 1: right: got" in err
+    assert any(
+        (state["failure"] or {}).get("text", "").startswith("right: got") for state in looked
+    )
+    assert (looked[-1]["frame"]["index"], looked[-1]["failed"]) == (2, 1)
+
+
+def test_a_wrong_calibration_is_reported_once_and_at_once(
+    rig: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    camera = "[100 0 45; 0 100 30; 0 0 1]"
+    lines = [f"cam0={camera}", f"cam1={camera}", "doffs=0", "baseline=120", f"width={COLS + 1}"]
+    (rig / "calib.txt").write_text("\n".join([*lines, f"height={ROWS}"]))
+    more = "--calib", "calib.txt", *SEARCH
+
+    _, err, looked = live(monkeypatch, capsys, "left", "right", "--show", *more)
+    assert err.count("calibration: got that of 91 x 60 pixels") == 1
+    assert looked[-1]["notes"][0].endswith("there are no depths")
+    assert not looked[-1]["metric"]
+
+    (rig / "calib.txt").write_text("\n".join([*lines[:4], f"width={COLS}", f"height={ROWS}"]))
+    _, err, looked = live(monkeypatch, capsys, "left", "right", "--show", *more)
+    assert (looked[-1]["metric"], looked[-1]["unit"]) == (True, "mm")
+    assert "calibration" not in err
+
+
+def test_a_camera_that_stops_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is opened again, and its frames go on with their numbers."""
+    cv2 = counterpart("cv2")
+    opened: list[int] = []
+    monkeypatch.setattr("phasestereo_live.video.cameras.sleep", lambda _: None)
+
+    class Camera:
+        """Delivers two frames each time that it is opened."""
+
+        def __init__(self, number: int) -> None:
+            self.open(number)
+
+        def open(self, number: int) -> None:
+            self.left = 2
+            opened.append(number)
+
+        def grab(self) -> bool:
+            self.left -= 1
+            return self.left >= 0
+
+        def retrieve(self) -> tuple[bool, NDArray[np.uint8]]:
+            return True, np.zeros((4, 8, 3), np.uint8)
+
+        def isOpened(self) -> bool:  # noqa: N802 - its name in OpenCV
+            return True
+
+        def set(self, *_: object) -> None: ...
+
+        def release(self) -> None: ...
+
+        def get(self, _: object) -> float:
+            return 30.0
+
+    monkeypatch.setattr(cv2, "VideoCapture", Camera)
+
+    failures: list[Failure] = []
+    settings: dict[str, Any] = {"num_disparities": 2, "preset": "fast"}
+
+    with stream(0, 1, patience=None, on_error=failures.append, **settings) as frames:
+        found = [next(frames) for _ in range(4)]
+    assert [one.index for one in found] == [0, 1, 7, 8]
+    assert all(one.apart is not None and one.apart >= 0 for one in found)
+    assert [str(failure.error) for failure in failures] == ["camera 0: gave no frame"] * 5
+    assert opened == [0, 1, 0, 1]
+
+    with stream(0, 1, on_error=failures.append, **settings) as frames:
+        assert len(list(frames)) == 2
+    assert str(failures[-1].error) == "camera 0: gave no frame, and is given up"
