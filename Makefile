@@ -7,7 +7,7 @@ CORE := python/phasestereo/_core.abi3.so
 C_LIBRARY := target/c/release/libphasestereo.so
 # Distributions on top of the core: installed from here before anything asks for them, so that PyPI is not asked.
 OURS := python/phasestereo-live python/phasestereo-large python/pandora-plugin-phasestereo benches/harness
-RUST := Cargo.toml Cargo.lock $(shell find rust -name '*.rs')
+RUST := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name Cargo.toml)
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test test-core test-arm64 fuzz soak lint format bench tables bench-core docs wheel c web hooks clean
@@ -19,14 +19,15 @@ demo: $(VENV)/harness ## Render a pair, spoil one image, match it, print the sco
 	$(BIN)/phasestereo demo --output demo
 
 test: $(VENV)/counterparts ## Build and run all the tests on every core, about 9 minutes on two (PHASESTEREO_DATA: the real pairs, default ../shared)
-	CARGO_PROFILE_TEST_OPT_LEVEL=0 cargo test --locked --lib --features c,internals
-	cargo test --locked --test rust --features c,internals
-	cargo test --locked --doc --features c,internals
+	CARGO_PROFILE_TEST_OPT_LEVEL=0 cargo test --locked --lib
+	cargo test --locked --test '*'
+	cargo test --locked --doc
+	cargo build --locked --profile test --lib --test '*' # tests in Python link to the C library
 	$(BIN)/python -m pytest --numprocesses auto --dist worksteal
 
 test-core: $(VENV)/harness ## Test the matcher alone: its stages and its Python face
-	CARGO_PROFILE_TEST_OPT_LEVEL=0 cargo test --locked --lib --features internals
-	cargo test --locked --test rust --features internals
+	CARGO_PROFILE_TEST_OPT_LEVEL=0 cargo test --locked --package phasestereo --lib
+	cargo test --locked --package phasestereo --test rust
 	$(BIN)/python -m pytest --numprocesses auto --dist worksteal tests/core --ignore tests/core/test_c.py
 
 test-arm64: $(VENV)/ready ## Test the core and its wheel on an emulated aarch64 (ARGS=rust, wheel or python: one part)
@@ -40,9 +41,8 @@ soak: $(CORE) ## Stream pairs with faults through one Matcher (make soak ARGS="-
 	$(BIN)/python benches/soak.py $(ARGS)
 
 lint: $(VENV)/counterparts ## Check formats, lints, types, stubs and the documentation of the code, about a minute
-	cargo fmt --check
-	cargo clippy --locked --all-targets --features python,c,internals -- --deny warnings
-	cargo clippy --locked --features python,c -- --deny warnings # without the face of the tests dead code is seen
+	cargo fmt --all --check
+	cargo clippy --locked --workspace --all-targets -- --deny warnings
 	RUSTDOCFLAGS="--deny warnings" cargo doc --locked --no-deps --document-private-items --quiet
 	$(BIN)/ruff format --check
 	$(BIN)/ruff check
@@ -50,7 +50,7 @@ lint: $(VENV)/counterparts ## Check formats, lints, types, stubs and the documen
 	$(BIN)/python -m mypy.stubtest phasestereo._core
 
 format: $(VENV)/ready ## Format the code
-	cargo fmt
+	cargo fmt --all
 	$(BIN)/ruff format
 	$(BIN)/ruff check --fix
 
@@ -62,7 +62,7 @@ tables: $(VENV)/counterparts ## Make every table of the documentation, in half a
 		--readme README.md docs/*.md $(ARGS)
 
 bench-core: ## Time each stage of the core (make bench-core ARGS=optimization: one of them)
-	cargo bench --locked --features internals -- $(ARGS)
+	cargo bench --locked --package phasestereo -- $(ARGS)
 
 docs: $(VENV)/counterparts web/phasestereo.wasm ## Build the documentation, and the pictures in it, into site/
 	$(BIN)/mkdocs build --strict
@@ -96,12 +96,12 @@ $(VENV)/counterparts: $(VENV)/harness
 	touch $@
 
 # maturin, which builds, calls itself by its name alone.
-$(CORE): $(VENV)/ready Cargo.toml Cargo.lock pyproject.toml $(wildcard rust/*.rs rust/*/*.rs rust/*/*/*.rs)
-	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/pip install --quiet --no-build-isolation --editable .
+$(CORE): $(VENV)/ready pyproject.toml $(RUST)
+	PATH="$(CURDIR)/$(BIN):$$PATH" MATURIN_PEP517_ARGS=--locked $(BIN)/pip install --quiet --no-build-isolation --editable .
 	touch $@
 
 $(C_LIBRARY): $(RUST)
-	cargo rustc --release --locked --lib --features c --crate-type cdylib,staticlib --target-dir target/c
+	cargo build --release --locked --package phasestereo-c --target-dir target/c
 	touch $@
 
 web/phasestereo.wasm: $(RUST) web/build.sh web/toolchain.sh

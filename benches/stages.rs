@@ -1,6 +1,6 @@
 //! Time of each stage alone, on one thread, in (pixel x candidate) or pixels a second.
 //!
-//! One group per stage, named as the files of `rust/`; `cargo bench -- optimization` runs one of them. The times of the
+//! One group per stage, named as the files of `rust/core/src`; `cargo bench -- optimization` runs one of them. The times of the
 //! stages compare to the limits of the machine: `cargo bench -- machine`.
 
 use divan::Bencher;

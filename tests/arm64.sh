@@ -87,7 +87,7 @@ END
 }
 
 test_rust() {
-    cargo-zigbuild test --locked --features internals --target "$triple.$glibc" --lib --tests
+    cargo-zigbuild test --locked --package phasestereo --target "$triple.$glibc" --lib --tests
 }
 
 build_wheel() {

@@ -20,5 +20,5 @@ if [ ! -d "$(rustc --print target-libdir --target $target)" ]; then
 fi
 
 export CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_RUSTFLAGS="-C target-feature=+simd128 -C strip=symbols"
-cargo build --release --locked --lib --features c --target $target --target-dir target/wasm $rebuild
+cargo build --release --locked --package phasestereo-c --target $target --target-dir target/wasm $rebuild
 cp target/wasm/$target/release/phasestereo.wasm web/phasestereo.wasm

@@ -82,21 +82,6 @@
 #define PHASESTEREO_DEFAULT 2
 
 /**
- * All is well.
- */
-#define PHASESTEREO_OK 0
-
-/**
- * Worth knowing.
- */
-#define PHASESTEREO_NOTE 1
-
-/**
- * To be mended; of a match: it is not to be trusted as a whole.
- */
-#define PHASESTEREO_WARNING 2
-
-/**
  * One channel.
  */
 #define PHASESTEREO_GRAY 0
@@ -172,6 +157,21 @@
 #define PHASESTEREO_COARSE 2048
 
 /**
+ * All is well.
+ */
+#define PHASESTEREO_OK 0
+
+/**
+ * Worth knowing.
+ */
+#define PHASESTEREO_NOTE 1
+
+/**
+ * To be mended; of a match: it is not to be trusted as a whole.
+ */
+#define PHASESTEREO_WARNING 2
+
+/**
  * How a call ended.
  */
 typedef enum phasestereo_status {
@@ -201,24 +201,6 @@ typedef enum phasestereo_status {
  * Settings, threads and working memory; any number of threads may use one at the same time.
  */
 typedef struct phasestereo_matcher phasestereo_matcher;
-
-/**
- * One thing that there is to say about a pair or its match. Texts end with a zero.
- */
-typedef struct phasestereo_finding {
-  /**
-   * What it is about, as "range"; the names are those of the Python package.
-   */
-  const char *topic;
-  /**
-   * Plain words, with numbers.
-   */
-  const char *sentence;
-  /**
-   * `PHASESTEREO_OK`, `PHASESTEREO_NOTE` or `PHASESTEREO_WARNING`.
-   */
-  uint32_t severity;
-} phasestereo_finding;
 
 /**
  * A setting by its name, both as text that ends with a zero. Names, meanings and ranges are those of the class `Settings`
@@ -429,19 +411,27 @@ typedef struct phasestereo_found {
   uint32_t inverted;
 } phasestereo_found;
 
+/**
+ * One thing that there is to say about a pair or its match. Texts end with a zero.
+ */
+typedef struct phasestereo_finding {
+  /**
+   * What it is about, as "range"; the names are those of the Python package.
+   */
+  const char *topic;
+  /**
+   * Plain words, with numbers.
+   */
+  const char *sentence;
+  /**
+   * `PHASESTEREO_OK`, `PHASESTEREO_NOTE` or `PHASESTEREO_WARNING`.
+   */
+  uint32_t severity;
+} phasestereo_finding;
+
 #ifdef __cplusplus
 extern "C" {
 #endif // __cplusplus
-
-/**
- * Writes a finding of the last `phasestereo_match` or `phasestereo_check` of this thread that succeeded, and returns 1; 0
- * if it has not so many. Those of a match are what is worth knowing, the worst first; those of a check all that was looked
- * at, in a fixed order. Texts are valid until the next match or check of this thread.
- *
- * The pointer is to a place for a finding.
- */
-uint32_t phasestereo_get_finding(uint32_t index,
-                                 struct phasestereo_finding *finding);
 
 /**
  * The version of the library, as "0.1.0".
@@ -521,6 +511,16 @@ enum phasestereo_status phasestereo_check(const struct phasestereo_matcher *matc
                                           int32_t min_disparity,
                                           int32_t num_disparities,
                                           struct phasestereo_found *found);
+
+/**
+ * Writes a finding of the last `phasestereo_match` or `phasestereo_check` of this thread that succeeded, and returns 1; 0
+ * if it has not so many. Those of a match are what is worth knowing, the worst first; those of a check all that was looked
+ * at, in a fixed order. Texts are valid until the next match or check of this thread.
+ *
+ * The pointer is to a place for a finding.
+ */
+uint32_t phasestereo_get_finding(uint32_t index,
+                                 struct phasestereo_finding *finding);
 
 #ifdef __cplusplus
 }  // extern "C"

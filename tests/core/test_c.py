@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     Pair = tuple[Image, Image]
     Change = Callable[[Image], Image]
 
-LIBRARY = ROOT / "target" / "debug" / "deps" / "libphasestereo.so"  # of the Rust tests
+LIBRARY = ROOT / "target" / "debug" / "libphasestereo.so"
 INTERFACE = ROOT / "rust" / "c"
 STRICT = "-Wall", "-Wextra", "-Wpedantic", "-Werror"
 GRAY, RGB, RGBA, BGR, BGRA = range(5)

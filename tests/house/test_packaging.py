@@ -487,7 +487,8 @@ def test_the_command_with_its_extra_starts() -> None:
 
 @pytest.mark.parametrize("name", OTHERS)
 def test_a_distribution_is_made_for_this_version_of_ours(name: str) -> None:
-    core = tomllib.loads((ROOT / "Cargo.toml").read_text("utf-8"))["package"]["version"]
+    workspace = tomllib.loads((ROOT / "Cargo.toml").read_text("utf-8"))["workspace"]
+    core = workspace["package"]["version"]
     asked = [Requirement(line) for line in PROJECTS[name]["dependencies"]]
     ours = {one.name: str(one.specifier) for one in asked if one.name in PROJECTS}
     assert "phasestereo" in ours
@@ -683,7 +684,7 @@ def test_everything_beside_the_code_is_in_the_source_distribution(tmp_path: Path
     assert any(name.endswith(".j2") for name in there)
     assert there <= names
 
-    assert {"LICENSE", "README.md", "Cargo.lock", "rust/lib.rs", "pyproject.toml"} <= names
+    assert {"LICENSE", "README.md", "Cargo.lock", "rust/core/src/lib.rs", "pyproject.toml"} <= names
     assert not [name for name in names if name.endswith((".so", ".pyd"))]
     modules = [name for name in names if name.startswith("python/")]
     assert all(name.startswith("python/phasestereo/") for name in modules)

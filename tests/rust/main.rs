@@ -15,6 +15,7 @@ mod filling;
 mod guided_median;
 mod impulses;
 mod intensity;
+mod interface;
 mod left_right_check;
 mod masking;
 mod matcher;

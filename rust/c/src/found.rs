@@ -1,0 +1,240 @@
+//! The estimates of a pair as C structures.
+
+use std::array;
+
+use phasestereo::Estimates;
+use phasestereo::internals::rig::alignment::TERMS;
+use phasestereo::internals::rig::blur::{self, Side};
+use phasestereo::internals::rig::estimation::range::SearchRange;
+use phasestereo::internals::rig::estimation::rows::RowOffsets;
+use phasestereo::internals::rig::psf::{Family, Psf};
+
+/// Most kinds of blur in one image.
+pub const PHASESTEREO_MOST_BLURS: usize = 8;
+const _: () = assert!(PHASESTEREO_MOST_BLURS == blur::regions::MOST);
+/// Coefficients of the field of vertical offsets.
+pub const PHASESTEREO_TERMS: usize = 8;
+const _: () = assert!(PHASESTEREO_TERMS == TERMS);
+
+/// Neither image: both are alike.
+pub const PHASESTEREO_NEITHER: u32 = 0;
+/// The left image.
+pub const PHASESTEREO_LEFT: u32 = 1;
+/// The right image.
+pub const PHASESTEREO_RIGHT: u32 = 2;
+
+/// No blur.
+pub const PHASESTEREO_NO_BLUR: u32 = 0;
+/// A Gaussian; its size is the standard deviation.
+pub const PHASESTEREO_GAUSSIAN: u32 = 1;
+/// Defocus; its size is the radius.
+pub const PHASESTEREO_DISK: u32 = 2;
+/// A straight motion; its size is the length.
+pub const PHASESTEREO_MOTION: u32 = 3;
+/// Defocus of a lens whose middle is covered; its size is the outer radius.
+pub const PHASESTEREO_ANNULUS: u32 = 4;
+/// None of these families; its size is the root mean square radius.
+pub const PHASESTEREO_OTHER: u32 = 5;
+
+/// The disparities were given by the caller.
+pub const PHASESTEREO_GIVEN: u32 = 0;
+/// The disparities were estimated from the images.
+pub const PHASESTEREO_FOUND: u32 = 1;
+/// The range could not be estimated: the disparities are a third of the width.
+pub const PHASESTEREO_DEFAULT: u32 = 2;
+
+/// A kind of relative blur: what one image lacks to be like the other.
+#[derive(Debug, Clone, Copy, Default)]
+#[repr(C)]
+pub struct Blur {
+    /// Its size, pixels.
+    pub size: f64,
+    /// Direction of a motion, degrees in [0, 180): 0 is along x, 90 along y.
+    pub angle: f64,
+    /// The share of the image that has it.
+    pub share: f64,
+    /// The softer image: `PHASESTEREO_NEITHER`, `PHASESTEREO_LEFT` or `PHASESTEREO_RIGHT`.
+    pub side: u32,
+    /// Its family: `PHASESTEREO_NO_BLUR`, `PHASESTEREO_GAUSSIAN` and so on
+    pub kind: u32,
+}
+
+/// What was estimated from a pair. Numbers that were not estimated, or could not be, are NaN, and counts are 0.
+#[derive(Debug, Clone, Copy)]
+#[repr(C)]
+pub struct Found {
+    /// Mean confidence, 0 to 1, of a rough match of small copies.
+    pub confidence: f64,
+    /// Least disparity found, pixels.
+    pub low: f64,
+    /// Largest disparity found, pixels.
+    pub high: f64,
+    /// The field of vertical offsets v: what is at row y of the left image is at y + v of the right one. With X and Y from
+    /// -1 to 1 over the columns of the right and the rows of the left image, and `R2 = X^2 + Y^2`, it is
+    /// `c0 + c1 X + c2 Y + c3 X Y + c4 X^2 + c5 Y^2 + c6 Y R2 + c7 X R2`, in pixels.
+    pub rows: [f64; PHASESTEREO_TERMS],
+    /// Root mean square of v over the image, pixels.
+    pub rows_rms: f64,
+    /// Its standard error, pixels.
+    pub rows_error: f64,
+    /// Robust standard deviation of the blocks from it, pixels.
+    pub rows_spread: f64,
+    /// Certainty of the first of `blurs`, from 0 to 1: by how much better it explains its part of the images than the
+    /// opposite.
+    pub certainty: f64,
+    /// Contrast of the left image relative to the right one.
+    pub contrast: f64,
+    /// Standard deviations of the noise, left and right, in units of the pixels.
+    pub noise: [f64; 2],
+    /// Least height by which hot, dead and stuck pixels stand out, left and right; 0: there are none.
+    pub impulses: [f64; 2],
+    /// Loss of compression in blocks, left and right, as the standard deviation of a noise that would do as much harm.
+    pub coding: [f64; 2],
+    /// The kinds of blur, that of the largest area first. Where each image lacks something that the other one has, both
+    /// blurs are there, one after the other, with the same share.
+    pub blurs: [Blur; PHASESTEREO_MOST_BLURS],
+    /// Number of kinds of blur; 0: blur was not estimated.
+    pub num_blurs: u32,
+    /// Number of blocks of the images that agree with the field; 0: there is none.
+    pub rows_blocks: u32,
+    /// 1: the right image was straightened by the field.
+    pub rows_applied: u32,
+    /// Smallest disparity that is searched.
+    pub min_disparity: i32,
+    /// Number of disparities that are searched.
+    pub num_disparities: i32,
+    /// Origin of the disparities: `PHASESTEREO_GIVEN`, `PHASESTEREO_FOUND` or `PHASESTEREO_DEFAULT`.
+    pub origin: u32,
+    /// 1: nearly all disparities are negative, most of them clearly, as where left and right are swapped.
+    pub swapped: u32,
+    /// 1: many disparities of either sign are clearly not zero.
+    pub mixed: u32,
+    /// 1: the images match once one of them is inverted, and not before.
+    pub inverted: u32,
+}
+
+impl Found {
+    /// The estimates for C; `is_given`: the caller gave the disparities.
+    pub fn new(estimates: &Estimates, is_given: bool) -> Self {
+        let Estimates { range, offsets, blur, .. } = estimates;
+        let blurs = blur.as_ref().map(blurs).unwrap_or_default();
+
+        // Numbers that were not estimated are NaN.
+        let of_range = |value: fn(&_) -> f64| range.as_ref().map_or(f64::NAN, value);
+        let of_rows = |value: fn(&_) -> f64| offsets.as_ref().map_or(f64::NAN, value);
+        let of_blur = |value: fn(&_) -> f64| blur.as_ref().map_or(f64::NAN, value);
+        let of_both =
+            |value: fn(&blur::Estimate) -> [f64; 2]| blur.as_ref().map_or([f64::NAN; 2], value);
+
+        Self {
+            confidence: estimates.confidence.unwrap_or(f64::NAN),
+            low: of_range(|range: &SearchRange| range.low),
+            high: of_range(|range| range.high),
+            rows: offsets.as_ref().map_or([f64::NAN; TERMS], |rows| *rows.field.coefficients()),
+            rows_rms: of_rows(|rows: &RowOffsets| rows.field.rms()),
+            rows_error: of_rows(|rows| rows.error),
+            rows_spread: of_rows(|rows| rows.spread),
+            certainty: of_blur(|blur: &blur::Estimate| blur.certainty.into()),
+            contrast: of_blur(|blur| blur.gain),
+            noise: of_both(|blur| blur.noise),
+            impulses: of_both(|blur| blur.impulses),
+            coding: of_both(|blur| blur.coding),
+            blurs: array::from_fn(|index| blurs.get(index).copied().unwrap_or_default()),
+            num_blurs: blurs.len() as u32,
+            rows_blocks: offsets.as_ref().map_or(0, |rows| rows.blocks as u32),
+            rows_applied: estimates.alignment.is_some().into(),
+            min_disparity: estimates.candidates.min() as i32,
+            num_disparities: estimates.candidates.count() as i32,
+            origin: match range {
+                _ if is_given => PHASESTEREO_GIVEN,
+                Some(_) => PHASESTEREO_FOUND,
+                None => PHASESTEREO_DEFAULT,
+            },
+            swapped: range.as_ref().is_some_and(|range| range.swapped).into(),
+            mixed: range.as_ref().is_some_and(|range| range.mixed).into(),
+            inverted: estimates.is_inverted.into(),
+        }
+    }
+}
+
+/// The kinds of blur with their shares of the image; of a kind that both images have, both blurs with the same share.
+fn blurs(estimate: &blur::Estimate) -> Vec<Blur> {
+    let (_, _, labels) = &estimate.labels;
+    let share = |index: usize| {
+        let tiles = labels.iter().filter(|label| usize::from(**label) == index).count();
+        tiles as f64 / labels.len() as f64
+    };
+
+    let mut blurs = vec![];
+    for (index, kind) in estimate.blurs.iter().enumerate() {
+        let own = Blur { share: share(index), ..Blur::new(kind) };
+        blurs.push(own);
+        if let Some(psf) = kind.other {
+            let side = PHASESTEREO_LEFT + PHASESTEREO_RIGHT - own.side;
+            blurs.push(Blur { side, ..Blur::of_psf(psf, own) });
+        }
+    }
+
+    // A kind of both images is the only one, so there is room for all.
+    blurs.truncate(PHASESTEREO_MOST_BLURS);
+    blurs
+}
+
+impl Blur {
+    /// A kind of blur, of which the share is not known yet.
+    fn new(blur: &blur::Blur) -> Self {
+        let (kind, size, angle) = match (blur.psf, &blur.taps) {
+            (Some(psf), _) => (kind(psf.family), psf.size, psf.angle),
+            (None, Some(taps)) => (PHASESTEREO_OTHER, taps.radius(), 0.0),
+            (None, None) => (PHASESTEREO_NO_BLUR, 0.0, 0.0),
+        };
+
+        let softer = match blur.side {
+            None => PHASESTEREO_NEITHER,
+            Some(Side::Left) => PHASESTEREO_LEFT,
+            Some(Side::Right) => PHASESTEREO_RIGHT,
+        };
+
+        Self { size, angle, share: 0.0, side: softer, kind }
+    }
+
+    /// The blur of a family; the rest as of another one.
+    fn of_psf(psf: Psf, like: Self) -> Self {
+        Self { size: psf.size, angle: psf.angle, kind: kind(psf.family), ..like }
+    }
+}
+
+fn kind(family: Family) -> u32 {
+    match family {
+        Family::Gaussian => PHASESTEREO_GAUSSIAN,
+        Family::Disk => PHASESTEREO_DISK,
+        Family::Motion => PHASESTEREO_MOTION,
+        Family::Annulus => PHASESTEREO_ANNULUS,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blurs_of_both_images_follow_one_another() {
+        let (left, right) = (Psf::motion(15.0, 30.0), Psf::motion(9.0, 120.0));
+        let both = blur::Blur {
+            side: Some(Side::Left),
+            psf: Some(left),
+            taps: Some(left.taps()),
+            other: Some(right),
+        };
+        let estimate = blur::Estimate { blurs: vec![both], ..blur::Estimate::unknown((64, 64)) };
+
+        let listed = blurs(&estimate);
+        let seen =
+            listed.iter().map(|blur| (blur.side, blur.kind, blur.size, blur.angle, blur.share));
+        let expected = [
+            (PHASESTEREO_LEFT, PHASESTEREO_MOTION, 15.0, 30.0, 1.0),
+            (PHASESTEREO_RIGHT, PHASESTEREO_MOTION, 9.0, 120.0, 1.0),
+        ];
+        assert!(seen.eq(expected));
+    }
+}

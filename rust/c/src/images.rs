@@ -1,0 +1,207 @@
+//! Images from C, which are copied in, and planes of disparity maps, which are copied out.
+
+use std::cell::LazyCell;
+use std::ffi::c_void;
+
+use phasestereo::internals::image::plane::zeroed;
+use phasestereo::{Error, Match, Pixel, Plane, Result, flag};
+
+/// One channel.
+pub const PHASESTEREO_GRAY: u32 = 0;
+/// Red, green, blue.
+pub const PHASESTEREO_RGB: u32 = 1;
+/// Red, green, blue, and a fourth channel that is left out.
+pub const PHASESTEREO_RGBA: u32 = 2;
+/// Blue, green, red, as `OpenCV` has them.
+pub const PHASESTEREO_BGR: u32 = 3;
+/// Blue, green, red, and a fourth channel that is left out.
+pub const PHASESTEREO_BGRA: u32 = 4;
+
+/// No candidate has a valid pixel in the right image: there is no estimate.
+pub const PHASESTEREO_NO_CANDIDATE: u16 = 2;
+/// The match lies outside the right image.
+pub const PHASESTEREO_OUTSIDE: u16 = 4;
+/// The left pixel is not seen in the right image: the right pixel of its match belongs to another one.
+pub const PHASESTEREO_OCCLUDED: u16 = 16;
+/// The match belongs to another left pixel, too, although the right image sees this one.
+pub const PHASESTEREO_MISMATCHED: u16 = 32;
+/// Another candidate costs about as much.
+pub const PHASESTEREO_LOW_CONFIDENCE: u16 = 64;
+/// The pixel belongs to a small region that differs from all around it.
+pub const PHASESTEREO_SPECKLE: u16 = 128;
+/// The disparity is that of other pixels: this one's own is not trusted.
+pub const PHASESTEREO_FILLED: u16 = 256;
+/// A disparity elsewhere fits nearly as well.
+pub const PHASESTEREO_AMBIGUOUS: u16 = 512;
+/// The disparity is that of a plane, drawn into a flat area without evidence of its own.
+pub const PHASESTEREO_INFERRED: u16 = 1024;
+/// The disparity is that of a smaller copy of the pair; the other flags are those of the copy.
+pub const PHASESTEREO_COARSE: u16 = 2048;
+const _: () = {
+    assert!(PHASESTEREO_NO_CANDIDATE == flag::NO_CANDIDATE);
+    assert!(PHASESTEREO_OUTSIDE == flag::OUTSIDE);
+    assert!(PHASESTEREO_OCCLUDED == flag::OCCLUDED);
+    assert!(PHASESTEREO_MISMATCHED == flag::MISMATCHED);
+    assert!(PHASESTEREO_LOW_CONFIDENCE == flag::LOW_CONFIDENCE);
+    assert!(PHASESTEREO_SPECKLE == flag::SPECKLE);
+    assert!(PHASESTEREO_FILLED == flag::FILLED);
+    assert!(PHASESTEREO_AMBIGUOUS == flag::AMBIGUOUS);
+    assert!(PHASESTEREO_INFERRED == flag::INFERRED);
+    assert!(PHASESTEREO_COARSE == flag::COARSE);
+};
+
+/// An image in memory; it is read only during the call.
+#[derive(Debug, Clone, Copy)]
+#[repr(C)]
+pub struct Image {
+    /// The first pixel of the first row.
+    pub data: *const c_void,
+    /// Bytes from a row to the next one: negative where the last row comes first in memory.
+    pub stride: isize,
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Channels, side by side: `PHASESTEREO_GRAY`, `PHASESTEREO_RGB` and so on
+    pub channels: u32,
+    /// Bits of a channel: 8, or 16 in the byte order of the machine.
+    pub bits: u32,
+}
+
+/// The memory that a disparity map is written to: planes of as many rows and columns as the images have. NULL: not
+/// wanted.
+#[derive(Debug, Clone, Copy)]
+#[repr(C)]
+pub struct Map {
+    /// Disparities, pixels; NaN where there is none.
+    pub disparity: *mut f32,
+    /// Bytes from a row to the next one.
+    pub disparity_stride: isize,
+    /// Flags: the sum of `PHASESTEREO_OUTSIDE`, `PHASESTEREO_OCCLUDED` and so on.
+    pub flags: *mut u16,
+    /// Bytes from a row to the next one.
+    pub flags_stride: isize,
+    /// Confidences from 0 to 1; all NaN where the settings, as those of "fast", compute none.
+    pub confidence: *mut f32,
+    /// Bytes from a row to the next one.
+    pub confidence_stride: isize,
+    /// Error bars, pixels: half the width of the interval around the disparity that holds the true one with a
+    /// probability of 90 %. NaN where there is no disparity; all NaN where there are no confidences.
+    pub uncertainty: *mut f32,
+    /// Bytes from a row to the next one.
+    pub uncertainty_stride: isize,
+}
+
+/// The layout of a pixel: the number of its channels, and the indices of those that are kept.
+type Layout = (usize, &'static [usize]);
+
+impl Image {
+    /// A copy of the image.
+    ///
+    /// # Safety
+    ///
+    /// The image is what its fields say.
+    pub unsafe fn copied(&self, argument: &'static str) -> Result<phasestereo::Image> {
+        let refused = |got: String, accepts| Err(Error::value(argument, got, accepts));
+        if self.data.is_null() {
+            return refused("data that are NULL".into(), "a pointer to pixels");
+        }
+        if self.width == 0 || self.height == 0 {
+            let got = format!("{} x {} pixels", self.height, self.width);
+            return refused(got, "at least one pixel");
+        }
+        let Some(layout) = self.layout() else {
+            return refused(format!("channels {}", self.channels), "PHASESTEREO_GRAY to _BGRA");
+        };
+
+        // SAFETY: as the caller promises, of this many bytes.
+        unsafe {
+            match self.bits {
+                8 => self.read(layout, |[value]: [u8; 1]| value),
+                16 => self.read(layout, u16::from_ne_bytes),
+                bits => refused(format!("{bits} bits a channel"), "8 or 16"),
+            }
+        }
+    }
+
+    fn layout(&self) -> Option<Layout> {
+        match self.channels {
+            PHASESTEREO_GRAY => Some((1, &[0])),
+            PHASESTEREO_RGB => Some((3, &[0, 1, 2])),
+            PHASESTEREO_RGBA => Some((4, &[0, 1, 2])),
+            PHASESTEREO_BGR => Some((3, &[2, 1, 0])),
+            PHASESTEREO_BGRA => Some((4, &[2, 1, 0])),
+            _ => None,
+        }
+    }
+
+    /// Copies the kept channels; `value` makes one from its bytes, which need not be aligned.
+    ///
+    /// # Safety
+    ///
+    /// The image is what its fields say, of channels of `N` bytes.
+    unsafe fn read<T: Pixel, const N: usize>(
+        &self,
+        (channels, taken): Layout,
+        value: impl Fn([u8; N]) -> T,
+    ) -> Result<phasestereo::Image> {
+        let (rows, cols) = (self.height as usize, self.width as usize);
+        let mut pixels = zeroed(rows.saturating_mul(cols).saturating_mul(taken.len()))?;
+
+        for (y, row) in pixels.chunks_exact_mut(cols * taken.len()).enumerate() {
+            let start = self.data.cast::<u8>().wrapping_offset(y as isize * self.stride);
+            // SAFETY: as the caller promises, row `y` begins there and has so many bytes.
+            let bytes = unsafe { std::slice::from_raw_parts(start, cols * channels * N) };
+            // Pixels may lie anywhere in memory, so channels are built from bytes.
+            let (values, _) = bytes.as_chunks::<N>();
+            for (pixel, values) in
+                row.chunks_exact_mut(taken.len()).zip(values.chunks_exact(channels))
+            {
+                for (copy, &channel) in pixel.iter_mut().zip(taken) {
+                    *copy = value(values[channel]);
+                }
+            }
+        }
+
+        phasestereo::Image::from_vec(pixels, (rows, cols))
+    }
+}
+
+impl Map {
+    /// Copies a map out.
+    ///
+    /// # Safety
+    ///
+    /// The planes are as large as the map, or NULL.
+    pub unsafe fn write(&self, found: &Match) {
+        let none = LazyCell::new(|| found.disparity.map(|_| f32::NAN));
+        let confidence = found.confidence.as_ref().unwrap_or_else(|| &none);
+        let uncertainty = found.uncertainty.as_ref().unwrap_or_else(|| &none);
+
+        // SAFETY: as the caller promises.
+        unsafe {
+            write(&found.disparity, self.disparity, self.disparity_stride);
+            write(&found.flags, self.flags, self.flags_stride);
+            write(confidence, self.confidence, self.confidence_stride);
+            write(uncertainty, self.uncertainty, self.uncertainty_stride);
+        }
+    }
+}
+
+/// Copies rows out, to memory that need not be aligned.
+///
+/// # Safety
+///
+/// There is a place for each row of the plane, so many bytes from one to the next; or the pointer is NULL.
+unsafe fn write<T>(plane: &Plane<T>, target: *mut T, stride: isize) {
+    if target.is_null() {
+        return;
+    }
+
+    for y in 0..plane.rows() {
+        let row = plane.row(y);
+        let start = target.cast::<u8>().wrapping_offset(y as isize * stride);
+        // SAFETY: as the caller promises; memory of the caller's is none of the plane's.
+        unsafe { row.as_ptr().cast::<u8>().copy_to_nonoverlapping(start, size_of_val(row)) };
+    }
+}

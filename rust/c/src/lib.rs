@@ -1,0 +1,353 @@
+//! The C interface: `rust/c/phasestereo.h` is generated from this crate, and says what each function takes.
+//!
+//! Images are copied in and maps are copied out, so no call keeps a pointer of its caller's. No panic leaves a call:
+//! like every failure it becomes an error, whose message the calling thread can read.
+
+#![allow(unsafe_code, reason = "what C hands over are pointers, which only unsafe code can read")]
+
+mod found;
+mod images;
+mod told;
+#[cfg(target_family = "wasm")]
+mod web;
+
+use std::any::Any;
+use std::cell::RefCell;
+use std::ffi::{CStr, CString, c_char};
+use std::ops::Range;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::ptr;
+
+use phasestereo::{Error, Preset, Result};
+
+pub use self::found::Found;
+pub use self::images::{Image, Map};
+
+thread_local! {
+    /// The message of the last call on this thread that failed.
+    static ERROR: RefCell<CString> = RefCell::default();
+}
+
+/// Settings, threads and working memory; any number of threads may use one at the same time.
+#[derive(Debug)]
+pub struct Matcher(phasestereo::Matcher);
+
+/// A setting by its name, both as text that ends with a zero. Names, meanings and ranges are those of the class `Settings`
+/// of the Python package; values are written as there, "none" and "true" or "false" in small letters, pairs as "0, 4095".
+#[derive(Debug)]
+#[repr(C)]
+pub struct Setting {
+    /// Its name, as "median".
+    pub name: *const c_char,
+    /// Its value, as "3".
+    pub value: *const c_char,
+}
+
+/// How a call ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(C)]
+pub enum Status {
+    /// All is done.
+    Ok = 0,
+    /// An argument is not acceptable: `phasestereo_error` names it, what it got and what it accepts.
+    InvalidArgument = 1,
+    /// The working memory could not be allocated.
+    OutOfMemory = 2,
+    /// The system refused to start the threads.
+    Threads = 3,
+    /// A fault of the library, which should be reported.
+    Internal = 4,
+}
+
+/// The version of the library, as "0.1.0".
+#[unsafe(no_mangle)]
+pub extern "C" fn phasestereo_version() -> *const c_char {
+    const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), "\0");
+    VERSION.as_ptr().cast()
+}
+
+/// The message of the last call on this thread that failed; empty if none has. It is valid until the next call that
+/// fails.
+#[unsafe(no_mangle)]
+pub extern "C" fn phasestereo_error() -> *const c_char {
+    ERROR.with_borrow(|message| message.as_ptr())
+}
+
+/// Makes a matcher with the settings of a preset, "robust", "fast" or "paper" (NULL: "robust"), but for those that are
+/// listed; `threads` is 1 to 1024, or 0: as many as the process may use. NULL if it fails: see `phasestereo_error`.
+///
+/// # Safety
+///
+/// Texts end with a zero; `settings` are `count` of them, or NULL where `count` is 0.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn phasestereo_new(
+    preset: *const c_char,
+    settings: *const Setting,
+    count: usize,
+    threads: u32,
+) -> *mut Matcher {
+    let made = guarded(|| {
+        // SAFETY: as the caller promises.
+        let (preset, listed) = unsafe { (text(preset, "preset")?, list(settings, count)?) };
+        let mut settings = Preset::named(preset.unwrap_or(Preset::Robust.name()))?.settings();
+
+        for Setting { name, value } in listed {
+            // SAFETY: as the caller promises.
+            let (name, value) = unsafe { (text(*name, "name")?, text(*value, "value")?) };
+            let (name, value) = (name.unwrap_or_default(), value.unwrap_or_default());
+            settings.set(name, value)?;
+        }
+
+        let threads = (threads != 0).then_some(threads as usize);
+        Ok(Matcher(phasestereo::Matcher::new(settings, threads)?))
+    });
+
+    made.map_or(ptr::null_mut(), |matcher| Box::into_raw(Box::new(matcher)))
+}
+
+/// Frees a matcher with its threads and its memory. NULL is ignored.
+///
+/// # Safety
+///
+/// The matcher is one of `phasestereo_new`, no call is using it, and none will.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn phasestereo_free(matcher: *mut Matcher) {
+    if !matcher.is_null() {
+        // SAFETY: as the caller promises.
+        let matcher = unsafe { Box::from_raw(matcher) };
+        // A panic while threads end tells the caller nothing that it could act on.
+        let _ = guarded(move || {
+            drop(matcher);
+            Ok(())
+        });
+    }
+}
+
+/// The number of threads of a matcher; 0 of NULL.
+///
+/// # Safety
+///
+/// The matcher is one of `phasestereo_new`, or NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn phasestereo_threads(matcher: *const Matcher) -> u32 {
+    // SAFETY: as the caller promises.
+    unsafe { matcher.as_ref() }.map_or(0, |Matcher(matcher)| matcher.threads() as u32)
+}
+
+/// The most bytes of working memory that the match of images takes, whose pixels, all channels together, take
+/// `pixel_bytes` each; 0 if an argument is not acceptable. Images and maps of the caller are not included, nor the
+/// codes of the right image that are kept for each kind of blur that is compensated for.
+///
+/// # Safety
+///
+/// The matcher is one of `phasestereo_new`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn phasestereo_memory(
+    matcher: *const Matcher,
+    width: u32,
+    height: u32,
+    pixel_bytes: u32,
+    num_disparities: u32,
+) -> u64 {
+    let bytes = guarded(|| {
+        // SAFETY: as the caller promises.
+        let Matcher(matcher) = unsafe { reference(matcher, "matcher")? };
+        let size = (height as usize, width as usize);
+        matcher.working_memory(size, pixel_bytes as usize, num_disparities as usize)
+    });
+
+    bytes.unwrap_or(0)
+}
+
+/// Matches a rectified pair of images of one size and number of bits. The disparities [`min_disparity`, `min_disparity` +
+/// `num_disparities`) are searched, `num_disparities` from 1 to the width; with 0 the range is estimated, and
+/// `min_disparity` is 0. Left pixel (x, y) corresponds to right pixel (x - d, y). What was estimated from the pair is written
+/// to `found`, unless that is NULL; `phasestereo_get_finding` says what it means. If the call fails, nothing is written.
+///
+/// # Safety
+///
+/// Pointers are to what their types say; the planes of `map` have rows of as many values as the images have columns, and
+/// as many rows.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn phasestereo_match(
+    matcher: *const Matcher,
+    left: *const Image,
+    right: *const Image,
+    min_disparity: i32,
+    num_disparities: i32,
+    map: *const Map,
+    found: *mut Found,
+) -> Status {
+    status(|| {
+        // SAFETY: as the caller promises.
+        let Matcher(matcher) = unsafe { reference(matcher, "matcher")? };
+        // SAFETY: as above.
+        let map = unsafe { reference(map, "map")? };
+        let disparities = read_disparities(min_disparity, num_disparities)?;
+        // SAFETY: as above.
+        let [left, right] = unsafe { read_images([left, right])? };
+
+        let result = matcher.match_pair(left, right, disparities.clone())?;
+
+        // SAFETY: as above.
+        unsafe {
+            map.write(&result);
+            write(found, &Found::new(&result.estimates, disparities.is_some()));
+        }
+        told::keep(result.findings);
+        Ok(())
+    })
+}
+
+/// Estimates from a pair what a match with these settings would estimate: the disparities, if they are not given, how
+/// rows correspond, blur, noise. The arguments are those of `phasestereo_match`.
+///
+/// # Safety
+///
+/// Pointers are to what their types say.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn phasestereo_check(
+    matcher: *const Matcher,
+    left: *const Image,
+    right: *const Image,
+    min_disparity: i32,
+    num_disparities: i32,
+    found: *mut Found,
+) -> Status {
+    status(|| {
+        // SAFETY: as the caller promises.
+        let Matcher(matcher) = unsafe { reference(matcher, "matcher")? };
+        let disparities = read_disparities(min_disparity, num_disparities)?;
+        // SAFETY: as above.
+        let [left, right] = unsafe { read_images([left, right])? };
+
+        let estimates = matcher.estimate(left, right, disparities.clone())?;
+
+        // SAFETY: as above.
+        unsafe { write(found, &Found::new(&estimates, disparities.is_some())) };
+        told::keep(estimates.findings);
+        Ok(())
+    })
+}
+
+/// The disparities if they are given.
+fn read_disparities(min_disparity: i32, num_disparities: i32) -> Result<Option<Range<i64>>> {
+    if num_disparities != 0 {
+        let (min, count) = (i64::from(min_disparity), i64::from(num_disparities));
+        return Ok(Some(min..min + count));
+    }
+
+    if min_disparity != 0 {
+        let accepts = "0 where num_disparities is 0, since the whole range is then estimated";
+        return Err(Error::value("min_disparity", min_disparity, accepts));
+    }
+
+    Ok(None)
+}
+
+/// Both images.
+///
+/// # Safety
+///
+/// The images are what their fields say, or NULL.
+unsafe fn read_images([left, right]: [*const Image; 2]) -> Result<[phasestereo::Image; 2]> {
+    // SAFETY: as the caller promises.
+    unsafe {
+        Ok([reference(left, "left")?.copied("left")?, reference(right, "right")?.copied("right")?])
+    }
+}
+
+/// The value that a pointer points to; NULL is refused.
+///
+/// # Safety
+///
+/// The pointer is to a value that outlives `'a`, or NULL.
+unsafe fn reference<'a, T>(pointer: *const T, argument: &'static str) -> Result<&'a T> {
+    // SAFETY: as the caller promises.
+    unsafe { pointer.as_ref() }.ok_or_else(|| Error::value(argument, "NULL", "a pointer"))
+}
+
+/// A list of `count` settings; without any, the pointer is not read.
+///
+/// # Safety
+///
+/// The pointer is to so many values that outlive `'a`, or NULL.
+unsafe fn list<'a>(settings: *const Setting, count: usize) -> Result<&'a [Setting]> {
+    if count == 0 {
+        return Ok(&[]);
+    }
+
+    // SAFETY: as the caller promises.
+    unsafe {
+        reference(settings, "settings")?;
+        Ok(std::slice::from_raw_parts(settings, count))
+    }
+}
+
+/// A text; `None` for NULL.
+///
+/// # Safety
+///
+/// The pointer is to a text that ends with a zero and outlives `'a`, or NULL.
+unsafe fn text<'a>(pointer: *const c_char, argument: &'static str) -> Result<Option<&'a str>> {
+    if pointer.is_null() {
+        return Ok(None);
+    }
+
+    // SAFETY: as the caller promises.
+    let text = unsafe { CStr::from_ptr(pointer) };
+
+    let refused = |_| Error::value(argument, format!("{text:?}"), "text in UTF-8");
+    text.to_str().map(Some).map_err(refused)
+}
+
+/// Writes the estimates, unless the pointer is NULL.
+///
+/// # Safety
+///
+/// The pointer is to a place for it, or NULL.
+unsafe fn write(place: *mut Found, found: &Found) {
+    if !place.is_null() {
+        // SAFETY: as the caller promises.
+        unsafe { place.write(*found) };
+    }
+}
+
+fn status(work: impl FnOnce() -> Result<()>) -> Status {
+    guarded(work).err().unwrap_or(Status::Ok)
+}
+
+/// Runs the work of a call; the message of a failure, also of a panic, is kept for `phasestereo_error`.
+fn guarded<T>(work: impl FnOnce() -> Result<T>) -> std::result::Result<T, Status> {
+    let (status, message) = match catch_unwind(AssertUnwindSafe(work)) {
+        Ok(Ok(done)) => return Ok(done),
+        Ok(Err(error)) => (Status::from(&error), error.to_string()),
+        Err(panic) => {
+            (Status::Internal, format!("internal error, please report it: {}", message_of(&*panic)))
+        }
+    };
+
+    // C texts end at the first zero.
+    let message = CString::new(message.replace('\0', " ")).unwrap_or_default();
+    ERROR.set(message);
+    Err(status)
+}
+
+/// The message of a panic.
+fn message_of(panic: &(dyn Any + Send)) -> &str {
+    let text = panic.downcast_ref::<&str>().copied();
+
+    text.or_else(|| panic.downcast_ref::<String>().map(String::as_str)).unwrap_or("a panic")
+}
+
+impl From<&Error> for Status {
+    fn from(error: &Error) -> Self {
+        match error {
+            Error::Value { .. } => Self::InvalidArgument,
+            Error::OutOfMemory { .. } => Self::OutOfMemory,
+            Error::Threads(_) => Self::Threads,
+            // Nothing cancels a call; what else there may be one day is no fault of its arguments.
+            _ => Self::Internal,
+        }
+    }
+}

@@ -1,0 +1,106 @@
+//! Findings as C reads them, one at a time.
+
+use std::cell::RefCell;
+use std::ffi::{CString, c_char};
+
+use phasestereo::Severity;
+
+/// All is well.
+pub const PHASESTEREO_OK: u32 = 0;
+/// Worth knowing.
+pub const PHASESTEREO_NOTE: u32 = 1;
+/// To be mended; of a match: it is not to be trusted as a whole.
+pub const PHASESTEREO_WARNING: u32 = 2;
+
+thread_local! {
+    /// What the last match or check of this thread has found.
+    static FINDINGS: RefCell<Vec<Kept>> = RefCell::default();
+}
+
+/// One thing that there is to say about a pair or its match. Texts end with a zero.
+#[derive(Debug, Clone, Copy)]
+#[repr(C)]
+pub struct Finding {
+    /// What it is about, as "range"; the names are those of the Python package.
+    pub topic: *const c_char,
+    /// Plain words, with numbers.
+    pub sentence: *const c_char,
+    /// `PHASESTEREO_OK`, `PHASESTEREO_NOTE` or `PHASESTEREO_WARNING`.
+    pub severity: u32,
+}
+
+/// A finding whose texts are kept.
+struct Kept {
+    topic: CString,
+    sentence: CString,
+    severity: u32,
+}
+
+impl From<phasestereo::Finding> for Kept {
+    fn from(found: phasestereo::Finding) -> Self {
+        let text = |text: &str| CString::new(text).unwrap_or_default();
+        let severity = match found.severity {
+            Severity::Ok => PHASESTEREO_OK,
+            Severity::Note => PHASESTEREO_NOTE,
+            Severity::Warning => PHASESTEREO_WARNING,
+        };
+
+        Self { topic: text(found.topic.name()), sentence: text(&found.sentence), severity }
+    }
+}
+
+/// Keeps what a call has found for its thread.
+pub fn keep(findings: Vec<phasestereo::Finding>) {
+    FINDINGS.set(findings.into_iter().map(Kept::from).collect());
+}
+
+/// Writes a finding of the last `phasestereo_match` or `phasestereo_check` of this thread that succeeded, and returns 1; 0
+/// if it has not so many. Those of a match are what is worth knowing, the worst first; those of a check all that was looked
+/// at, in a fixed order. Texts are valid until the next match or check of this thread.
+///
+/// # Safety
+///
+/// The pointer is to a place for a finding.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn phasestereo_get_finding(index: u32, finding: *mut Finding) -> u32 {
+    FINDINGS.with_borrow(|kept| {
+        let Some(Kept { topic, sentence, severity }) = kept.get(index as usize) else { return 0 };
+        if finding.is_null() {
+            return 0;
+        }
+
+        let (topic, sentence) = (topic.as_ptr(), sentence.as_ptr());
+        // SAFETY: as the caller promises.
+        unsafe { finding.write(Finding { topic, sentence, severity: *severity }) };
+        1
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::ffi::CStr;
+    use std::mem::MaybeUninit;
+    use std::ptr;
+
+    use super::*;
+    use phasestereo::Topic;
+
+    #[test]
+    fn findings_are_read_one_after_another() {
+        let found = phasestereo::Finding::new(Topic::Range, Severity::Warning, "too short");
+        keep(vec![phasestereo::Finding::new(Topic::Noise, Severity::Note, "noisy"), found]);
+
+        let mut place = MaybeUninit::uninit();
+        // SAFETY: the pointer is to a place for a finding, or NULL, which is refused.
+        let read = unsafe {
+            assert_eq!(phasestereo_get_finding(2, place.as_mut_ptr()), 0);
+            assert_eq!(phasestereo_get_finding(0, ptr::null_mut()), 0);
+            assert_eq!(phasestereo_get_finding(1, place.as_mut_ptr()), 1);
+            place.assume_init()
+        };
+
+        // SAFETY: the texts end with a zero and are kept until the next call.
+        let texts = unsafe { [CStr::from_ptr(read.topic), CStr::from_ptr(read.sentence)] };
+        assert_eq!((texts, read.severity), ([c"range", c"too short"], PHASESTEREO_WARNING));
+    }
+}

@@ -1,0 +1,507 @@
+//! What was found out about a pair, or about its match, in plain words, for all faces alike.
+//!
+//! [`of_pair`] says what there is to say about a pair, topic by topic, in a fixed order, also that all is well. [`of_match`]
+//! says what there is to say about its match, the worst first, and nothing if all is well: how many pixels are probably
+//! wrong, and because of what; where the range was too short; and, word for word, what is worth knowing about the pair.
+//! What a match has evened out, or has suffered from, is a note of the pair: how much it suffered is in the first sentence.
+//!
+//! From where on something is said stands in [`levels`].
+
+mod geometry;
+mod levels;
+mod lightness;
+mod outcome;
+
+pub use self::outcome::of_match;
+use crate::rig::estimation::Estimates;
+use crate::rig::estimation::overview::LEAST_SIZE;
+use crate::settings::Settings;
+
+/// What a finding is about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Topic {
+    /// The match as a whole, or whether the images belong together.
+    Match,
+    /// Which image is the left one.
+    Swap,
+    /// The disparities.
+    Range,
+    /// How rows correspond.
+    Alignment,
+    /// The relative blur.
+    Blur,
+    /// How gray levels correspond.
+    Contrast,
+    /// The noise.
+    Noise,
+    /// The loss of compression.
+    Coding,
+    /// Pixels at the ends of their values.
+    Saturation,
+    /// How much of the image has texture.
+    Texture,
+    /// Texture that comes back.
+    Repetition,
+    /// Fields of interlaced video.
+    Interlacing,
+    /// A disparity map that was verified.
+    Map,
+}
+
+/// How grave a finding is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Severity {
+    /// All is well.
+    Ok,
+    /// Worth knowing.
+    Note,
+    /// To be mended.
+    Warning,
+}
+
+/// One thing that there is to say about a pair, or about a match.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Finding {
+    /// What it is about.
+    pub topic: Topic,
+    /// How grave it is.
+    pub severity: Severity,
+    /// Plain words, with numbers.
+    pub sentence: String,
+    /// Whether it says that something cannot be told.
+    is_unknown: bool,
+}
+
+/// Topics in the order in which they are named as causes.
+const TOPICS: [(Topic, &str); 13] = [
+    (Topic::Match, "match"),
+    (Topic::Swap, "swap"),
+    (Topic::Range, "range"),
+    (Topic::Alignment, "alignment"),
+    (Topic::Blur, "blur"),
+    (Topic::Contrast, "contrast"),
+    (Topic::Noise, "noise"),
+    (Topic::Coding, "coding"),
+    (Topic::Saturation, "saturation"),
+    (Topic::Texture, "texture"),
+    (Topic::Repetition, "repetition"),
+    (Topic::Interlacing, "interlacing"),
+    (Topic::Map, "map"),
+];
+
+impl Topic {
+    /// All topics.
+    pub const ALL: [Self; TOPICS.len()] = {
+        let mut all = [Self::Match; TOPICS.len()];
+        let mut at = 0;
+        while at < all.len() {
+            all[at] = TOPICS[at].0;
+            at += 1;
+        }
+        all
+    };
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        TOPICS.iter().find(|(topic, _)| *topic == self).map_or("match", |(_, name)| name)
+    }
+
+    /// The topic of a name.
+    pub fn named(name: &str) -> Option<Self> {
+        TOPICS.iter().find(|(_, other)| *other == name).map(|(topic, _)| *topic)
+    }
+
+    /// Whether it decides if a match is to be trusted at all.
+    pub fn is_decisive(self) -> bool {
+        matches!(self, Self::Match | Self::Swap | Self::Range | Self::Repetition)
+    }
+}
+
+impl Severity {
+    /// All severities, the mildest first.
+    pub const ALL: [Self; 3] = [Self::Ok, Self::Note, Self::Warning];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Ok => "ok",
+            Self::Note => "note",
+            Self::Warning => "warning",
+        }
+    }
+
+    /// The severity of a name.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|severity| severity.name() == name)
+    }
+
+    /// The severity of a value by the levels of a note and of a warning; NaN is well.
+    pub(crate) fn of(value: f64, [note, warning]: [f64; 2]) -> Self {
+        match value {
+            _ if value >= warning => Self::Warning,
+            _ if value >= note => Self::Note,
+            _ => Self::Ok,
+        }
+    }
+}
+
+impl Finding {
+    /// A finding.
+    pub fn new(topic: Topic, severity: Severity, sentence: impl Into<String>) -> Self {
+        Self { topic, severity, sentence: sentence.into(), is_unknown: false }
+    }
+
+    /// A note that something cannot be told.
+    fn unknown(topic: Topic, sentence: impl Into<String>) -> Self {
+        Self { is_unknown: true, ..Self::note(topic, sentence) }
+    }
+
+    /// That something is well.
+    fn ok(topic: Topic, sentence: impl Into<String>) -> Self {
+        Self::new(topic, Severity::Ok, sentence)
+    }
+
+    /// Something worth knowing.
+    pub(crate) fn note(topic: Topic, sentence: impl Into<String>) -> Self {
+        Self::new(topic, Severity::Note, sentence)
+    }
+
+    /// Something to be mended.
+    pub(crate) fn warning(topic: Topic, sentence: impl Into<String>) -> Self {
+        Self::new(topic, Severity::Warning, sentence)
+    }
+}
+
+/// A pair of which something was estimated.
+#[derive(Clone, Copy)]
+struct Known<'a> {
+    estimates: &'a Estimates,
+    size: (usize, usize),
+    /// Whether the disparities were given.
+    is_given: bool,
+    settings: &'a Settings,
+}
+
+/// What there is to say about a pair of so many rows and columns, also that all is well.
+pub fn of_pair(
+    estimates: &Estimates,
+    size: (usize, usize),
+    is_given: bool,
+    settings: &Settings,
+) -> Vec<Finding> {
+    let known = Known { estimates, size, is_given, settings };
+
+    let mut findings = known.search();
+    findings.extend(known.rows());
+    findings.extend(known.blur());
+    findings.extend(known.light());
+    findings
+}
+
+impl Known<'_> {
+    /// A note that the images are too small or too uniform to tell something, if they are.
+    fn untold(&self, topic: Topic, what: &str) -> Option<Finding> {
+        let (rows, cols) = self.size;
+        if rows.min(cols) < LEAST_SIZE {
+            return Some(Finding::unknown(
+                topic,
+                format!("the images are too small to tell {what}"),
+            ));
+        }
+
+        // Texture as fine as noise counts as such, but matches.
+        let is_matched = self.matches_from(levels::LEAST_ROUGH);
+        let flat = self.estimates.photometry.map_or([0.0; 2], |found| found.flat);
+        let is_uniform = !is_matched && flat[0].max(flat[1]) >= levels::UNIFORM;
+        is_uniform.then(|| {
+            Finding::unknown(topic, format!("the images have too little texture to tell {what}"))
+        })
+    }
+
+    /// Whether small copies match with this mean confidence.
+    fn matches_from(&self, least: f64) -> bool {
+        self.estimates.confidence.is_some_and(|found| found >= least)
+    }
+
+    /// A note that something could not be told.
+    fn not_told(&self, topic: Topic, what: &str) -> Finding {
+        let sentence = || format!("the images have too little in common to tell {what}");
+        self.untold(topic, what).unwrap_or_else(|| Finding::unknown(topic, sentence()))
+    }
+}
+
+/// A share in whole percent.
+fn percent(share: f64) -> String {
+    format!("{:.0} %", 100.0 * share)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cost::candidates::Candidates;
+    use crate::rig::alignment::{Alignment, TERMS};
+    use crate::rig::blur;
+    use crate::rig::blur::Side;
+    use crate::rig::estimation::range::{LeftOut, SearchRange};
+    use crate::rig::estimation::rows::RowOffsets;
+    use crate::rig::photometry::{Contrast, Photometry, Saturation};
+    use crate::rig::psf::{Family, Psf};
+    use crate::settings::presets::Preset;
+
+    const SIZE: (usize, usize) = (200, 300);
+    const EVEN: Contrast = Contrast { gain: 1.0, gamma: 1.0, ratio: 1.0, ends: [1.0; 2] };
+    const PHOTOMETRY: Photometry = Photometry {
+        range: 255.0,
+        saturation: [Saturation { dark: 0.0, bright: 0.0 }; 2],
+        flat: [0.1; 2],
+        smeared: [0.0; 2],
+        repeated: [0.0; 2],
+        fields: [0; 2],
+        contrast: Some(EVEN),
+    };
+    const RANGE: SearchRange = SearchRange {
+        min: 0,
+        count: 20,
+        low: 2.0,
+        high: 15.0,
+        swapped: false,
+        mixed: false,
+        identical: false,
+    };
+
+    /// Estimates of a pair that has no fault.
+    fn sound() -> Estimates {
+        let candidates = Candidates::new(0, 20, SIZE.1).expect("legal");
+        Estimates {
+            confidence: Some(0.9),
+            range: Some(RANGE),
+            offsets: Some(offsets([0.0; TERMS])),
+            blur: Some(blur::Estimate { certainty: 0.9, ..blur::Estimate::unknown(SIZE) }),
+            photometry: Some(PHOTOMETRY),
+            ..Estimates::of_candidates(candidates)
+        }
+    }
+
+    fn offsets(coefficients: [f64; TERMS]) -> RowOffsets {
+        let field = Alignment::new(coefficients, SIZE).expect("legal");
+        RowOffsets { field, error: 0.02, blocks: 100, spread: 0.1, wobble: 0.0 }
+    }
+
+    fn softer(side: Side, psf: Psf, other: Option<Psf>, certainty: f32) -> blur::Estimate {
+        let kind = blur::Blur { side: Some(side), psf: Some(psf), taps: Some(psf.taps()), other };
+        blur::Estimate { blurs: vec![kind], certainty, ..blur::Estimate::unknown(SIZE) }
+    }
+
+    /// The severity and the sentence of the finding on a topic that is not well.
+    fn said(estimates: &Estimates, topic: Topic) -> (Severity, String) {
+        let found = of_pair(estimates, SIZE, false, &Preset::Robust.settings());
+        let one = found.into_iter().filter(|one| one.topic == topic).max_by_key(|one| one.severity);
+        one.map_or((Severity::Ok, String::new()), |one| (one.severity, one.sentence))
+    }
+
+    fn with_photometry(photometry: Photometry) -> Estimates {
+        Estimates { photometry: Some(photometry), ..sound() }
+    }
+
+    #[test]
+    fn a_sound_pair_is_not_accused() {
+        let found = of_pair(&sound(), SIZE, false, &Preset::Robust.settings());
+        assert!(found.iter().all(|one| one.severity == Severity::Ok), "{found:?}");
+        assert!(
+            found.iter().any(|one| one.sentence.contains("min_disparity 0 and num_disparities 20"))
+        );
+    }
+
+    #[test]
+    fn the_range_and_what_it_tells_are_said() {
+        let of =
+            |range: SearchRange| said(&Estimates { range: Some(range), ..sound() }, Topic::Swap);
+        assert!(
+            of(SearchRange { low: -15.0, high: -2.0, swapped: true, ..RANGE })
+                .1
+                .contains("swapped")
+        );
+        assert_eq!(of(SearchRange { mixed: true, ..RANGE }).0, Severity::Note);
+
+        let same = Estimates { range: Some(SearchRange { identical: true, ..RANGE }), ..sound() };
+        assert_eq!(said(&same, Topic::Match).0, Severity::Warning);
+        let nothing = Estimates { range: None, confidence: Some(0.2), ..sound() };
+        assert!(said(&nothing, Topic::Match).1.contains("these are no pair"));
+        let wall = Photometry { flat: [0.99; 2], ..PHOTOMETRY };
+        let wall = Estimates { range: None, confidence: Some(0.2), ..with_photometry(wall) };
+        assert!(
+            said(&wall, Topic::Range).1.contains("too little texture to tell which disparities")
+        );
+        assert_eq!(said(&wall, Topic::Texture).0, Severity::Warning);
+        let dots = Estimates { confidence: Some(0.95), ..wall };
+        assert_eq!(said(&dots, Topic::Texture).0, Severity::Ok, "as fine as noise, and it matches");
+
+        let place = LeftOut { rows: 5..20, columns: 30..44, low: 88.2, high: 91.0 };
+        let left_out = Estimates { left_out: vec![place], ..sound() };
+        let expected = "something at 88 to 91 px seems to be in columns 30 to 44, rows 5 to 20";
+        assert!(said(&left_out, Topic::Range).1.starts_with(expected));
+
+        let known = Known {
+            estimates: &Estimates { range: Some(SearchRange { high: 30.0, ..RANGE }), ..sound() },
+            size: SIZE,
+            is_given: true,
+            settings: &Preset::Robust.settings(),
+        };
+        assert!(
+            known.search().iter().any(|one| one.sentence.contains("there seem to be 2 to 30 px"))
+        );
+    }
+
+    #[test]
+    fn rows_are_as_grave_as_they_are_off_and_sure() {
+        let of = |coefficients: [f64; TERMS], error: f64, is_straightened: bool| {
+            let offsets = RowOffsets { error, ..offsets(coefficients) };
+            let alignment = is_straightened.then(|| offsets.field.clone());
+            said(&Estimates { offsets: Some(offsets), alignment, ..sound() }, Topic::Alignment)
+        };
+        let shift = |by: f64| [by, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+
+        assert_eq!(of(shift(0.2), 0.02, true).0, Severity::Ok);
+        assert_eq!(of(shift(0.5), 0.02, true).0, Severity::Note);
+        assert_eq!(of(shift(0.5), 0.2, true).0, Severity::Ok);
+        assert_eq!(of(shift(-2.0), 0.02, true).0, Severity::Warning);
+        assert!(
+            of(shift(-2.0), 0.02, true).1.contains("shows things 2.0 px higher than the left one")
+        );
+        assert!(of(shift(2.0), 0.02, false).1.contains("straightening does not help"));
+
+        let turned = of(
+            [0.0, 150.0 * crate::math::tan(1f64.to_radians()), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+            0.02,
+            true,
+        );
+        assert!(
+            turned.1.contains("rotated clockwise (or sheared) by 1.00 degrees"),
+            "{}",
+            turned.1
+        );
+        let bent = of([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3.0, 3.0], 0.02, true);
+        assert!(bent.1.contains("bent by 3.0 px (lens distortion left in"));
+
+        let wobbly = RowOffsets { wobble: 0.8, ..offsets([0.0; TERMS]) };
+        let wobbly = Estimates { offsets: Some(wobbly), ..sound() };
+        assert!(said(&wobbly, Topic::Alignment).1.starts_with("rows wobble by 0.8 px rms"));
+    }
+
+    #[test]
+    fn blur_is_as_grave_as_it_is_large_and_certain() {
+        let of = |psf: Psf, certainty: f32| {
+            said(
+                &Estimates { blur: Some(softer(Side::Left, psf, None, certainty)), ..sound() },
+                Topic::Blur,
+            )
+        };
+        assert_eq!(of(Psf::round(Family::Gaussian, 0.2), 1.0).0, Severity::Ok);
+        assert_eq!(of(Psf::round(Family::Gaussian, 0.5), 1.0).0, Severity::Note);
+        assert_eq!(of(Psf::round(Family::Gaussian, 2.0), 1.0).0, Severity::Warning);
+        assert!(of(Psf::round(Family::Gaussian, 2.0), 0.3).1.contains("too little in common"));
+        let disk = "the left image is softer than the right by a disk of radius 3.1 px: check its focus; \
+                    robust matching compensates it";
+        assert_eq!(of(Psf::round(Family::Disk, 3.1), 0.9).1, disk);
+
+        let both = softer(Side::Right, Psf::motion(9.0, 30.0), Some(Psf::motion(15.0, 0.0)), 0.9);
+        let both = said(&Estimates { blur: Some(both), ..sound() }, Topic::Blur).1;
+        assert!(both.contains("the right image is blurred by a motion of 9.0 px at 30 degrees, the left one by a motion"));
+
+        // What does not match has no blur in common.
+        let blur = || softer(Side::Left, Psf::round(Family::Disk, 3.1), None, 0.9);
+        let unlike = Estimates { blur: Some(blur()), confidence: Some(0.3), ..sound() };
+        assert!(said(&unlike, Topic::Blur).1.contains("too little in common"));
+        let stripes = Photometry { repeated: [0.6; 2], ..PHOTOMETRY };
+        let stripes = Estimates { blur: Some(blur()), ..with_photometry(stripes) };
+        assert!(said(&stripes, Topic::Blur).1.contains("too little in common"));
+    }
+
+    #[test]
+    fn contrast_is_judged_where_the_grays_are() {
+        let of = |gain: f64, gamma: f64, ends: [f64; 2]| {
+            let contrast = Some(Contrast { gain, gamma, ratio: gain, ends });
+            said(&with_photometry(Photometry { contrast, ..PHOTOMETRY }), Topic::Contrast)
+        };
+        assert_eq!(of(1.05, 0.97, [1.06, 1.04]).0, Severity::Ok);
+        assert_eq!(of(1.05, 0.6, [1.1, 1.0]).0, Severity::Ok, "hardly any other grays");
+        assert!(
+            of(0.8, 1.0, [0.8; 2])
+                .1
+                .contains("the left image is darker, its gray levels 0.80 times")
+        );
+        assert_eq!(of(1.8, 1.0, [1.8; 2]).0, Severity::Warning);
+        assert!(
+            of(1.8, 1.0, [1.8; 2])
+                .1
+                .contains("the right image is darker, its gray levels 0.56 times")
+        );
+        assert!(of(1.0, 0.5, [1.6, 0.8]).1.contains("another curve"));
+    }
+
+    #[test]
+    fn gray_levels_are_shares_of_their_range() {
+        let noisy = |noise: [f64; 2], range: f64| {
+            let blur = blur::Estimate { noise, certainty: 0.9, ..blur::Estimate::unknown(SIZE) };
+            let photometry = Photometry { range, ..PHOTOMETRY };
+            said(&Estimates { blur: Some(blur), ..with_photometry(photometry) }, Topic::Noise)
+        };
+        assert_eq!(noisy([1.0, 6.0], 255.0).0, Severity::Note);
+        assert_eq!(noisy([20.0, 1.0], 255.0).0, Severity::Warning);
+        assert!(
+            noisy([20.0, 1.04], 255.0)
+                .1
+                .starts_with("noise of 20 gray levels in the left image, 1.0 in")
+        );
+        assert_eq!(noisy([20.0, 20.0], 65535.0).0, Severity::Ok);
+        assert!(
+            noisy([0.0123, 0.0], 1.0)
+                .1
+                .contains("0.0123 gray levels in the left image, 0 in the right, on a scale of 1")
+        );
+
+        let coded = blur::Estimate { coding: [0.5, 4.0], ..blur::Estimate::unknown(SIZE) };
+        let coded = Estimates { blur: Some(coded), ..sound() };
+        assert!(
+            said(&coded, Topic::Coding)
+                .1
+                .contains("blocks in the right image, as harmful as noise of 4.0")
+        );
+
+        let bright = Saturation { dark: 0.0, bright: 0.25 };
+        let bright = Photometry { saturation: [bright, Saturation::default()], ..PHOTOMETRY };
+        let (severity, sentence) = said(&with_photometry(bright), Topic::Saturation);
+        assert_eq!(severity, Severity::Warning);
+        assert_eq!(sentence, "25 % of the left image is as bright as it can be: expose it less");
+    }
+
+    #[test]
+    fn what_misleads_a_match_is_said() {
+        let of = |photometry: Photometry, topic: Topic| said(&with_photometry(photometry), topic);
+        let repeated = |share: f64| Photometry { repeated: [share, 0.9], ..PHOTOMETRY };
+        assert_eq!(of(repeated(0.1), Topic::Repetition).0, Severity::Ok);
+        assert_eq!(of(repeated(0.3), Topic::Repetition).0, Severity::Note);
+        assert_eq!(of(repeated(0.5), Topic::Repetition).0, Severity::Warning);
+
+        let fields = |fields: [i32; 2]| of(Photometry { fields, ..PHOTOMETRY }, Topic::Interlacing);
+        assert_eq!(fields([0, 0]).0, Severity::Ok);
+        assert!(
+            fields([0, -4])
+                .1
+                .starts_with("the right image is interlaced: odd rows are shifted by 4 px")
+        );
+        assert!(fields([3, -4]).1.starts_with("the images are interlaced"));
+    }
+
+    #[test]
+    fn names_lead_back() {
+        for topic in Topic::ALL {
+            assert_eq!(Topic::named(topic.name()), Some(topic));
+        }
+        for severity in Severity::ALL {
+            assert_eq!(Severity::named(severity.name()), Some(severity));
+        }
+        assert_eq!((Topic::named("weather"), Severity::named("")), (None, None));
+    }
+}

@@ -1,0 +1,198 @@
+//! The interface of the crate: whole matches of images that are slices, on threads that are kept.
+
+pub mod image;
+
+use std::ops::Range;
+
+use self::image::Image;
+use crate::cost::candidates::Candidates;
+use crate::error::{Error, Result};
+use crate::findings::{self, Finding};
+use crate::image::plane::Plane;
+use crate::pipeline::control::Control;
+use crate::pipeline::footprint::Demand;
+use crate::pipeline::matcher::{self, Disparity, Execution, Pair, Timings, usable_threads};
+use crate::pipeline::summary::Summary;
+use crate::rig::estimation::{Estimates, Known, Means, Prepared, prepare, prepare_and_match};
+use crate::settings::Settings;
+use crate::simd::Level;
+use crate::verification;
+
+/// Settings, threads and working memory, which are kept from one pair to the next. Any number of threads may use one at the
+/// same time.
+#[derive(Debug)]
+pub struct Matcher {
+    core: matcher::Matcher,
+    settings: Settings,
+    threads: usize,
+}
+
+/// A disparity map as seen from the left image, and what there is to say about it.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct Match {
+    /// Disparity, pixels: left pixel (x, y) corresponds to right pixel (x - d, y). NaN where there is none.
+    pub disparity: Plane<f32>,
+    /// Bits of [`crate::flag`].
+    pub flags: Plane<u16>,
+    /// Confidence from 0 to 1; `None`: not computed.
+    pub confidence: Option<Plane<f32>>,
+    /// Half the width of the interval that holds the true disparity with a probability of 90 %, pixels; NaN where there
+    /// is no estimate. `None`: not computed.
+    pub uncertainty: Option<Plane<f32>>,
+    /// Shares of the pixels, and their mean confidence.
+    pub summary: Summary,
+    /// What is worth knowing about the match, the worst first.
+    pub findings: Vec<Finding>,
+    /// What was estimated from the pair.
+    pub estimates: Estimates,
+    /// Wall-clock time of each stage.
+    pub timings: Timings,
+}
+
+/// What the images say of a disparity map.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct Verification {
+    /// Codes of [`crate::verdict`].
+    pub verdicts: Plane<u8>,
+    /// The disparity of the own match where the claim is refuted, NaN elsewhere.
+    pub better: Plane<f32>,
+    /// What there is to say of the map as a whole, worst first.
+    pub findings: Vec<Finding>,
+    /// The own match.
+    pub own: Match,
+}
+
+impl Matcher {
+    /// A matcher with these settings and so many threads, from 1 to 1024; `None`: the number in the environment variable
+    /// `RAYON_NUM_THREADS`, or else as many as the process may use.
+    pub fn new(settings: Settings, threads: impl Into<Option<usize>>) -> Result<Self> {
+        settings.check()?;
+
+        let threads = threads.into().unwrap_or_else(usable_threads);
+        Ok(Self { core: matcher::Matcher::new(threads)?, settings, threads })
+    }
+
+    /// The settings.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// The number of threads.
+    pub fn threads(&self) -> usize {
+        self.threads
+    }
+
+    /// Matches two rectified images of one size and type of pixels over the disparities of a range, half-open, of 1 to as
+    /// many as the images have columns; `None`: the range is estimated.
+    pub fn match_pair(
+        &self,
+        left: Image,
+        right: Image,
+        disparities: impl Into<Option<Range<i64>>>,
+    ) -> Result<Match> {
+        self.match_controlled(left, right, disparities, &Control::default())
+    }
+
+    /// The same, of which another thread may see the progress, and which it may cancel.
+    pub fn match_controlled(
+        &self,
+        left: Image,
+        right: Image,
+        disparities: impl Into<Option<Range<i64>>>,
+        control: &Control,
+    ) -> Result<Match> {
+        let (pair, known) = pair(left, right, disparities.into())?;
+
+        let (map, prepared) = self
+            .on_threads(control, |means| prepare_and_match(pair, known, &self.settings, means))?;
+        Ok(Match::new(map, prepared))
+    }
+
+    /// Estimates from a pair what its match would estimate; the arguments are those of [`Self::match_pair`].
+    pub fn estimate(
+        &self,
+        left: Image,
+        right: Image,
+        disparities: impl Into<Option<Range<i64>>>,
+    ) -> Result<Estimates> {
+        let (pair, known) = pair(left, right, disparities.into())?;
+
+        let control = Control::default();
+        let prepared =
+            self.on_threads(&control, |means| prepare(pair, known, &self.settings, means))?;
+        Ok(prepared.estimates)
+    }
+
+    /// Judges a disparity map of the left image, in pixels; what is not finite claims nothing. The pair is matched anew.
+    pub fn verify(&self, left: Image, right: Image, map: &Plane<f32>) -> Result<Verification> {
+        let (pair, _) = pair(left, right, None)?;
+
+        let control = Control::default();
+        let judged = self
+            .on_threads(&control, |means| verification::verify(pair, map, &self.settings, means))?;
+
+        let verification::Verification { verdicts, better, findings, own, prepared, .. } = judged;
+        Ok(Verification { verdicts, better, findings, own: Match::new(own, prepared) })
+    }
+
+    /// The most bytes of working memory that the match of images of so many rows and columns takes, whose pixels, all
+    /// channels together, take `pixel_bytes` each. Images and maps are not included, nor the codes of the right image that
+    /// are kept for each kind of blur that is compensated for.
+    pub fn working_memory(
+        &self,
+        (rows, cols): (usize, usize),
+        pixel_bytes: usize,
+        num_disparities: usize,
+    ) -> Result<u64> {
+        let candidates = Candidates::new(0, num_disparities as i64, cols)?;
+        // 1 byte a pixel, up to 3 channels of 8.
+        if !(1..=24).contains(&pixel_bytes) {
+            return Err(Error::value("pixel_bytes", pixel_bytes, "an integer from 1 to 24"));
+        }
+
+        let demand = Demand {
+            settings: &self.settings,
+            compensation: None,
+            alignment: None,
+            cols,
+            candidates: candidates.count(),
+            pixel: pixel_bytes,
+            threads: self.threads,
+        };
+        Ok(demand.bytes(rows))
+    }
+
+    /// Runs all work on the matcher's threads: on the calling thread, rayon would start another pool.
+    fn on_threads<T: Send>(
+        &self,
+        control: &Control,
+        work: impl FnOnce(Means) -> Result<T> + Send,
+    ) -> Result<T> {
+        let how = Execution { threads: self.threads, level: Level::best() };
+        let means = Means { matcher: &self.core, how, control };
+
+        self.core.install(|| work(means))
+    }
+}
+
+impl Match {
+    fn new(map: Disparity, Prepared { pair, estimates, .. }: Prepared) -> Self {
+        let summary = Summary::new(&map, estimates.candidates);
+        let findings = findings::of_match(&estimates, &summary, pair.size());
+
+        let Disparity { disparity, flags, confidence, uncertainty, timings, .. } = map;
+        Self { disparity, flags, confidence, uncertainty, summary, findings, estimates, timings }
+    }
+}
+
+/// Both images, and the disparities if they are given.
+fn pair(left: Image, right: Image, disparities: Option<Range<i64>>) -> Result<(Pair, Known)> {
+    // The pair needs some range until its own is estimated.
+    let Range { start, end } = disparities.clone().unwrap_or(0..1);
+    let pair = Pair::new(left.into_view(), right.into_view(), start, end.saturating_sub(start))?;
+    let candidates = disparities.map(|_| pair.candidates());
+
+    Ok((pair, Known { candidates, ..Known::default() }))
+}

@@ -1,0 +1,97 @@
+//! Images as callers have them: slices of pixels.
+
+use ndarray::Array3;
+
+use crate::error::{Error, Result};
+use crate::image::plane::{Plane, zeroed};
+use crate::image::view::{self, View};
+
+/// A gray or color image, of which pixels may be masked.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Image(View);
+
+mod sealed {
+    pub trait Sealed: Sized {
+        fn image(pixels: ndarray::Array3<Self>) -> crate::image::view::Image;
+    }
+}
+
+/// The types of a pixel's channel: `u8`, `u16`, `f32` and `f64`.
+pub trait Pixel: sealed::Sealed + Copy + Default {}
+
+macro_rules! pixels {
+    ($($kind:ty: $variant:ident),*) => {
+        $(impl sealed::Sealed for $kind {
+            fn image(pixels: Array3<Self>) -> view::Image {
+                view::Image::$variant(pixels)
+            }
+        }
+
+        impl Pixel for $kind {})*
+    };
+}
+
+pixels!(u8: U8, u16: U16, f32: F32, f64: F64);
+
+impl Image {
+    /// A copy of the pixels of an image of so many rows and columns, row after row: one value each, or three, red, green
+    /// and blue.
+    pub fn from_slice<T: Pixel>(pixels: &[T], size: (usize, usize)) -> Result<Self> {
+        let mut copy = zeroed(pixels.len())?;
+        copy.copy_from_slice(pixels);
+
+        Self::from_vec(copy, size)
+    }
+
+    /// The same without a copy.
+    pub fn from_vec<T: Pixel>(pixels: Vec<T>, (rows, cols): (usize, usize)) -> Result<Self> {
+        let refused = |count: usize| {
+            let accepts = format!("1 or 3 for each of {rows} x {cols} pixels, one at least");
+            Error::value("pixels", format!("{count} values"), accepts)
+        };
+
+        let count = pixels.len();
+        let channels = match rows.checked_mul(cols) {
+            Some(all) if all > 0 && count == all => 1,
+            Some(all) if all > 0 && all.checked_mul(3) == Some(count) => 3,
+            _ => return Err(refused(count)),
+        };
+
+        let pixels = Array3::from_shape_vec((rows, cols, channels), pixels);
+        Ok(Self(View::from(T::image(pixels.map_err(|_| refused(count))?))))
+    }
+
+    /// The image of which these pixels are valid, row after row.
+    pub fn with_mask(self, valid: &[bool]) -> Result<Self> {
+        let (rows, cols, _) = self.0.image.shape();
+        let mut mask = zeroed(valid.len())?;
+        mask.copy_from_slice(valid);
+
+        let mask = Plane::from_vec(rows, cols, mask).map_err(|error| error.about("mask"))?;
+        Ok(Self(View { mask: Some(mask), ..self.0 }))
+    }
+
+    /// The image as the stages have it.
+    pub(crate) fn into_view(self) -> View {
+        self.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_number_of_values_gives_the_channels() {
+        for (count, channels) in [(6, Some(1)), (18, Some(3)), (0, None), (5, None), (12, None)] {
+            let image = Image::from_slice(&vec![0u8; count], (2, 3));
+            let shape = image.map(|image| image.0.image.shape());
+            assert_eq!(shape.ok(), channels.map(|channels| (2, 3, channels)));
+        }
+
+        assert!(Image::from_vec(Vec::<f32>::new(), (0, 3)).is_err());
+        let gray = Image::from_vec(vec![0u16; 6], (2, 3)).expect("an image");
+        let refused = gray.with_mask(&[true; 5]).expect_err("must be refused").to_string();
+        assert_eq!(refused, "mask: got 5 values; accepts 2 x 3");
+    }
+}

@@ -1,0 +1,526 @@
+//! Estimation of what a pair lacks, from the two images alone: how their rows correspond, which disparities there are,
+//! and which image is the softer one.
+//!
+//! 1. Both images are reduced to some hundred columns and matched there over all disparities ([`overview`]): that gives
+//!    the range to search ([`range`]).
+//! 2. Some hundred blocks of the left image are found again in the right one, first in the reduced images, then in the
+//!    whole ones ([`tracks`]); a smooth field of vertical offsets is fitted to them, robustly ([`rows`]).
+//! 3. The relative blur is estimated ([`crate::rig::blur`]) from blocks that show the same things: those of the right
+//!    image are taken from where the field says, not from the resampled image, since resampling changes the spectrum.
+//! 4. Significant offsets that are large beside their error straighten the right image. With smaller ones some bands are
+//!    matched both ways ([`trial`]), and it is straightened only if the match gets better by it.
+//!
+//! 5. What the gray values say is counted and fitted ([`crate::rig::photometry`]), and what it all means is said
+//!    (`crate::findings`).
+//!
+//! Where nothing matches, the reduced images are tried once more with the negative of one. If that matches, all of the
+//! above is repeated with the negative of the right image, which is then matched, too.
+//!
+//! Everything is computed in a fixed order, and a pair that is read a few rows at a time gives the same to the bit.
+
+pub mod areas;
+pub mod compensation_plan;
+pub mod overview;
+pub mod range;
+pub mod rows;
+pub mod tracks;
+pub mod trial;
+
+use std::borrow::Cow;
+use std::ops::Range;
+use std::time::Duration;
+
+use self::compensation_plan::CompensationPlan;
+use self::overview::{Overview, RoughMap};
+use self::range::{LeftOut, SearchRange};
+use self::rows::RowOffsets;
+use crate::cost::candidates::Candidates;
+use crate::error::Result;
+use crate::findings::{self, Finding};
+use crate::image::packing::Packing;
+use crate::pipeline::matcher::{Disparity, Pair};
+use crate::pipeline::platform::Instant;
+use crate::pipeline::source::Source;
+use crate::rig::alignment::Alignment;
+use crate::rig::blur;
+use crate::rig::blur::defects::{self, Defects, Repaired};
+pub use crate::rig::blur::parts::Means;
+use crate::rig::blur::parts::{PairRows, Part};
+use crate::rig::blur::rough::{self, Rough};
+use crate::rig::blur_compensation::BlurCompensation;
+use crate::rig::photometry::{Contrast, Photometry, Scales};
+use crate::scales::match_over_scales;
+use crate::settings::Settings;
+
+/// Where the range is unknown, one in so many columns is the number of disparities to search.
+const DEFAULT_SHARE: usize = 3;
+
+/// What is to be estimated, and what is known that the estimates depend on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Request<'a> {
+    /// How blur is compensated, if that is known.
+    compensation: Option<&'a BlurCompensation>,
+    /// The disparities to search, if they are known.
+    candidates: Option<Candidates>,
+    /// Standard deviations of the noise, if they are known.
+    noise: Option<[f64; 2]>,
+    /// Whether to estimate how rows correspond.
+    rows: bool,
+    /// Whether to estimate noise and blur.
+    blur: bool,
+}
+
+/// What the caller knows of a pair. The rest is estimated, as far as the settings ask for it.
+#[derive(Debug, Clone, Default)]
+pub struct Known {
+    /// The disparities to search; `None`: the range is estimated.
+    pub candidates: Option<Candidates>,
+    /// Standard deviations of the noise, left and right.
+    pub noise: Option<[f64; 2]>,
+    /// How blur is compensated before pixels are compared; if given, neither blur nor noise is estimated.
+    pub compensation: Option<BlurCompensation>,
+    /// The field of vertical offsets; if given, none is estimated.
+    pub alignment: Option<Alignment>,
+    /// Whether the images match once one of them is inverted.
+    pub is_inverted: bool,
+    /// What was said about an earlier pair of the same cameras, whose estimates are known here.
+    pub findings: Vec<Finding>,
+}
+
+/// What was estimated from a pair, and the settings and kernels that suit it.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct Estimates {
+    /// The disparities to search.
+    #[doc(hidden)]
+    pub candidates: Candidates,
+    /// Mean confidence of the rough match of the reduced images, if there was one.
+    pub confidence: Option<f64>,
+    /// Whether the images match once one of them is inverted, and not before. With `compensate_blur`, all else was then
+    /// estimated with the negative of the right image.
+    pub is_inverted: bool,
+    /// The range of disparities, if it was to be estimated, or the known one matches badly.
+    #[doc(hidden)]
+    pub range: Option<SearchRange>,
+    /// Places that seem to have disparities that are not searched.
+    #[doc(hidden)]
+    pub left_out: Vec<LeftOut>,
+    /// The vertical offsets, if they were to be estimated and enough blocks were found in both images.
+    #[doc(hidden)]
+    pub offsets: Option<RowOffsets>,
+    /// The field by which the right image is straightened.
+    #[doc(hidden)]
+    pub alignment: Option<Alignment>,
+    /// Noise and blur, if they were to be estimated.
+    #[doc(hidden)]
+    pub blur: Option<blur::Estimate>,
+    /// What the gray values say, if anything was to be estimated.
+    #[doc(hidden)]
+    pub photometry: Option<Photometry>,
+    /// The settings and kernels that suit the blur and the noise, of which one or both are estimated or known.
+    #[doc(hidden)]
+    pub compensation: Option<CompensationPlan>,
+    /// What there is to say about the pair, in a fixed order of topics.
+    pub findings: Vec<Finding>,
+    /// Wall-clock time.
+    pub time: Duration,
+}
+
+/// A pair with all that a match needs.
+#[derive(Debug)]
+pub struct Prepared {
+    /// The pair, straightened and with its blur compensation.
+    pub pair: Pair,
+    /// The settings that suit it.
+    pub settings: Settings,
+    /// What was estimated.
+    pub estimates: Estimates,
+}
+
+/// Estimates what the settings ask for and the caller does not know, and prepares the pair for its match.
+pub fn prepare(pair: Pair, known: Known, settings: &Settings, means: Means) -> Result<Prepared> {
+    settings.check()?;
+
+    let packing = Packing::of_views(pair.views(), means.control)?;
+    let (pair, estimates) = estimated(pair.packed(&packing), &known, settings, means)?;
+
+    // What the caller knows comes before what was estimated.
+    let compensation = match (&estimates.compensation, known.compensation) {
+        (_, Some(compensation)) => Some(compensation),
+        (Some(plan), None) => Some(plan.blur_compensation()?),
+        (None, None) => known.noise.map(BlurCompensation::of_noise).transpose()?,
+    };
+    let mut pair = pair.searched(estimates.candidates).with_blur_compensation(compensation);
+
+    if let Some(field) = &estimates.alignment {
+        let Means { matcher, how, control } = means;
+        pair = matcher.install(|| pair.straightened(field, how.level, control))?;
+    }
+
+    let suited = estimates.compensation.as_ref().map(|plan| plan.settings.clone());
+    Ok(Prepared { pair, settings: suited.unwrap_or_else(|| settings.clone()), estimates })
+}
+
+/// The estimates of a pair, and the pair that they are of: with its ranges, and inverted if it matches so.
+fn estimated(
+    mut pair: Pair,
+    known: &Known,
+    settings: &Settings,
+    means: Means,
+) -> Result<(Pair, Estimates)> {
+    let started = Instant::now();
+    let request = known.request(settings);
+
+    // Parts of the pair, and its negative, have to be scaled like the whole.
+    if !request.is_empty() || known.is_inverted {
+        pair = pair.with_own_ranges(means.control)?;
+    }
+    if known.is_inverted {
+        pair = pair.inverted();
+    }
+    if request.is_empty() {
+        let estimates = Estimates::none(pair.candidates(), known);
+        return Ok((pair, estimates));
+    }
+
+    let mut found = means.matcher.install(|| estimate_pair(&pair, &request, settings, means))?;
+    if settings.compensate_blur && found.is_inverted && !known.is_inverted {
+        pair = pair.inverted();
+        let negative = means.matcher.install(|| estimate_pair(&pair, &request, settings, means))?;
+        found = found.with_negative(negative);
+    }
+
+    let size = pair.size();
+    Ok((pair, found.with_known(known, size, settings, started)))
+}
+
+/// Estimates what the settings ask for and the caller does not know, and matches the pair as it was prepared.
+pub fn prepare_and_match(
+    pair: Pair,
+    known: Known,
+    settings: &Settings,
+    means: Means,
+) -> Result<(Disparity, Prepared)> {
+    let prepared = prepare(pair, known, settings, means)?;
+    let disparity = match_over_scales(&prepared, settings, means)?;
+
+    Ok((disparity, prepared))
+}
+
+/// The estimates of [`prepare`], to the bit, for a pair that is read a part at a time.
+pub fn prepare_by_rows(
+    source: &dyn Source,
+    known: Known,
+    settings: &Settings,
+    means: Means,
+) -> Result<Estimates> {
+    settings.check()?;
+
+    let started = Instant::now();
+    let request = known.request(settings);
+    if request.is_empty() {
+        return Ok(Estimates::none(source.candidates(), &known));
+    }
+
+    let inverted = Inverted(source);
+    let source = if known.is_inverted { &inverted } else { source };
+    let mut found =
+        means.matcher.install(|| estimate_by_rows(source, &request, settings, means))?;
+
+    if settings.compensate_blur && found.is_inverted && !known.is_inverted {
+        let estimate = || estimate_by_rows(&inverted, &request, settings, means);
+        found = found.with_negative(means.matcher.install(estimate)?);
+    }
+
+    Ok(found.with_known(&known, source.size(), settings, started))
+}
+
+/// A source with the negative of the right image.
+struct Inverted<'a>(&'a dyn Source);
+
+impl Source for Inverted<'_> {
+    fn size(&self) -> (usize, usize) {
+        self.0.size()
+    }
+
+    fn candidates(&self) -> Candidates {
+        self.0.candidates()
+    }
+
+    fn most_rows(&self) -> usize {
+        self.0.most_rows()
+    }
+
+    fn rows(&self, rows: Range<usize>) -> Result<Pair> {
+        Ok(self.0.rows(rows)?.inverted())
+    }
+}
+
+/// The estimates of a pair in memory.
+fn estimate_pair(
+    pair: &Pair,
+    request: &Request,
+    settings: &Settings,
+    means: Means,
+) -> Result<Estimates> {
+    let levels = defects::levels_of_pair(pair, means)?;
+    let needs_defects = request.blur && blur::is_enough(pair.size());
+    let defects = needs_defects.then(|| Defects::of_pair(pair, levels, means)).transpose()?;
+    let defects = defects.unwrap_or_default();
+
+    let repaired = defects.repaired(pair);
+    let part = Part::new(0, Cow::Borrowed(&*repaired), means)?;
+    let sample = Sample { pair: &repaired, scales: Scales::new(&repaired, levels, means)? };
+    estimate(PairRows::Kept(&part), &sample, request, defects, settings, means)
+}
+
+/// The estimates of a pair that is read a part at a time.
+fn estimate_by_rows(
+    source: &dyn Source,
+    request: &Request,
+    settings: &Settings,
+    means: Means,
+) -> Result<Estimates> {
+    let levels = defects::levels_of_source(source, means)?;
+    let needs_defects = request.blur && blur::is_enough(source.size());
+    let defects = needs_defects.then(|| Defects::of_source(source, levels, means)).transpose()?;
+    let defects = defects.unwrap_or_default();
+
+    let first = source.rows(0..1)?;
+    let sample = Sample { pair: &first, scales: Scales::new(&first, levels, means)? };
+    let repaired = Repaired { source, impulses: defects.impulses };
+    estimate(PairRows::Read(&repaired), &sample, request, defects, settings, means)
+}
+
+impl Known {
+    /// What the settings ask for and is not known.
+    fn request(&self, settings: &Settings) -> Request<'_> {
+        let needs_noise = settings.has_weak() && self.noise.is_none();
+        let needs_blur =
+            settings.compensate_blur || settings.despike || settings.denoise || needs_noise;
+
+        Request {
+            compensation: self.compensation.as_ref(),
+            candidates: self.candidates,
+            noise: self.noise,
+            rows: settings.align_rows && self.alignment.is_none(),
+            blur: self.compensation.is_none() && needs_blur,
+        }
+    }
+}
+
+impl Request<'_> {
+    fn is_empty(&self) -> bool {
+        self.candidates.is_some() && !self.rows && !self.blur
+    }
+}
+
+impl Estimates {
+    /// The disparities to search, half-open: those that were given, or else those that were found.
+    pub fn disparities(&self) -> Range<i64> {
+        let (min, count) = (self.candidates.min() as i64, self.candidates.count() as i64);
+        min..min + count
+    }
+
+    /// Whether the right image is straightened, since its rows do not correspond to those of the left one.
+    pub fn is_straightened(&self) -> bool {
+        self.alignment.is_some()
+    }
+
+    /// Standard deviations of the noise, left and right, in units of the pixels; `None`: not estimated.
+    pub fn noise(&self) -> Option<[f64; 2]> {
+        self.blur.as_ref().map(|blur| blur.noise)
+    }
+
+    /// The estimates of the pair with the negative of the right image, but for the pixels as they are.
+    fn with_negative(self, negative: Self) -> Self {
+        let saturation = self.photometry.map(|own| own.saturation);
+        let photometry = negative.photometry.zip(saturation);
+        let photometry = photometry.map(|(found, saturation)| Photometry { saturation, ..found });
+
+        Self { is_inverted: true, photometry, ..negative }
+    }
+
+    /// The same with what the caller knows, what there is to say of it, and the time since the start.
+    fn with_known(
+        mut self,
+        known: &Known,
+        size: (usize, usize),
+        settings: &Settings,
+        started: Instant,
+    ) -> Self {
+        self.alignment = self.alignment.or_else(|| known.alignment.clone());
+        self.is_inverted |= known.is_inverted;
+        self.findings = findings::of_pair(&self, size, known.candidates.is_some(), settings);
+
+        Self { time: started.elapsed(), ..self }
+    }
+
+    /// No estimates of a pair whose disparities are known.
+    #[cfg(test)]
+    pub fn of_candidates(candidates: Candidates) -> Self {
+        Self::none(candidates, &Known::default())
+    }
+
+    /// The estimates where nothing is requested: what the caller knows.
+    fn none(candidates: Candidates, known: &Known) -> Self {
+        Self {
+            candidates: known.candidates.unwrap_or(candidates),
+            confidence: None,
+            is_inverted: known.is_inverted,
+            range: None,
+            left_out: vec![],
+            offsets: None,
+            alignment: known.alignment.clone(),
+            blur: None,
+            photometry: None,
+            compensation: None,
+            findings: known
+                .findings
+                .iter()
+                .filter(|one| !one.topic.is_decisive())
+                .cloned()
+                .collect(),
+            time: Duration::ZERO,
+        }
+    }
+}
+
+/// What the reduced images show, as the fields of [`Estimates`] say.
+#[derive(Default)]
+struct Geometry {
+    confidence: Option<f64>,
+    is_inverted: bool,
+    range: Option<SearchRange>,
+    left_out: Vec<LeftOut>,
+    offsets: Option<RowOffsets>,
+    alignment: Option<Alignment>,
+    contrast: Option<Contrast>,
+    /// The rough match of the known disparities, or else of all that are tried, and the factor by which its images are
+    /// reduced.
+    rough: Option<(RoughMap, usize)>,
+}
+
+/// Some rows of a pair, and its scales.
+struct Sample<'a> {
+    pair: &'a Pair,
+    scales: Scales,
+}
+
+/// The estimates that are requested.
+fn estimate(
+    rows: PairRows,
+    sample: &Sample,
+    request: &Request,
+    defects: Defects,
+    settings: &Settings,
+    means: Means,
+) -> Result<Estimates> {
+    let Geometry { confidence, is_inverted, range, left_out, offsets, alignment, contrast, rough } =
+        Geometry::new(rows, sample, request, means)?;
+
+    let width = rows.size().1;
+    let candidates = match (request.candidates, &range) {
+        (Some(candidates), _) => candidates,
+        (None, Some(range)) => range.candidates(width)?,
+        (None, None) => Candidates::new(0, width.div_ceil(DEFAULT_SHARE) as i64, width)?,
+    };
+
+    // Blur is compared where both images show the same, so it comes after the geometry.
+    let known = rough::Correspondence { candidates, alignment: alignment.clone() };
+    let rough = rough.map(|(map, factor)| Rough::of_whole(map.unsure, factor, alignment.clone()));
+    let blur = || blur::estimate(rows, sample.pair, known, rough, means);
+    let blur = request.blur.then(blur).transpose()?;
+    let blur = blur.map(|blur| blur.with(defects));
+
+    let noise = blur.as_ref().map(|blur| blur.noise).or(request.noise).unwrap_or_default();
+    let photometry =
+        Photometry::new(rows, &sample.scales, noise, candidates.count(), contrast, means)?;
+
+    let compensation = match (&blur, request.noise) {
+        _ if request.compensation.is_some() => None,
+        (Some(blur), noise) => Some(CompensationPlan::new(blur, noise, settings)?),
+        (None, Some(noise)) => Some(CompensationPlan::of_noise(noise, settings)?),
+        (None, None) => None,
+    };
+
+    let mut estimates = Estimates {
+        candidates,
+        confidence,
+        is_inverted,
+        range,
+        left_out,
+        offsets,
+        alignment,
+        blur,
+        photometry: Some(photometry),
+        compensation,
+        findings: vec![],
+        time: Duration::ZERO,
+    };
+
+    // The trial matches bands by the settings and with the compensation of the match, so it comes last.
+    if !trial::confirms(rows, &estimates, request.compensation, settings, means)? {
+        estimates.alignment = None;
+    }
+
+    Ok(estimates)
+}
+
+impl Geometry {
+    /// Matches the reduced images, if they are needed and large enough.
+    fn new(rows: PairRows, sample: &Sample, request: &Request, means: Means) -> Result<Self> {
+        let is_needed = request.candidates.is_none() || request.rows;
+        // The ends of an unknown range are found on finer copies.
+        let copies = |means| match request.candidates {
+            Some(_) => Overview::new(rows, means),
+            None => Overview::fine(rows, means),
+        };
+        let Some(copies) = is_needed.then(|| copies(means)).transpose()?.flatten() else {
+            return Ok(Self::default());
+        };
+        let usual = copies.usual(means)?;
+        let overview = usual.as_ref().unwrap_or(&copies);
+
+        let mut rough = overview.rough(request.candidates, None, means)?;
+        let (mut offsets, mut alignment) = (None, None);
+        if request.rows {
+            let found = rows::offsets(rows, overview, &rough, request.candidates, means)?;
+            offsets = found.offsets;
+            let significant = offsets.as_ref().filter(|offsets| offsets.is_significant());
+            alignment = significant.map(|offsets| offsets.field.clone());
+
+            if let Some(field) = &alignment {
+                rough = found.map.unwrap_or(rough);
+                if !rows::is_straight(overview, &rough, field) {
+                    rough = overview.rough(request.candidates, Some(field), means)?;
+                }
+            }
+        }
+
+        let confidence = Some(rough.confidence);
+        // Where known disparities match badly, a finding names those that would match better.
+        let is_poor = request.candidates.is_some() && rough.confidence < overview::GOOD_CONFIDENCE;
+        let wide = is_poor.then(|| overview.rough(None, alignment.as_ref(), means)).transpose()?;
+
+        let last = wide.as_ref().unwrap_or(&rough);
+        let is_asked = request.candidates.is_none() || is_poor;
+        let found = is_asked.then(|| range::range(&copies, overview, last, means)).transpose()?;
+        let found = found.flatten();
+        let left_out = match (request.candidates, &found) {
+            (Some(given), _) => range::left_out(overview, &rough, given, means)?,
+            (None, Some(found)) => found.left_out.clone(),
+            (None, None) => vec![],
+        };
+        let range = found.map(|found| found.range);
+
+        let is_inverted = range.is_none()
+            && last.confidence < range::LEAST_CONFIDENCE
+            && overview.inverted().rough(None, None, means)?.confidence
+                >= overview::GOOD_CONFIDENCE;
+
+        let contrast = sample.scales.contrast(overview, last);
+        let rough = Some((rough, overview.factor));
+        Ok(Self { confidence, is_inverted, range, left_out, offsets, alignment, contrast, rough })
+    }
+}

@@ -1,0 +1,664 @@
+//! The Python face: reads arguments, copies images in, releases the interpreter, runs the core, and returns results.
+//!
+//! Both images are copied before the interpreter is released: borrowing them would not stop another Python thread from
+//! writing into them.
+
+mod arguments;
+mod estimates;
+mod failure;
+mod reader;
+mod supervisor;
+mod temporal;
+mod verification;
+mod workers;
+
+use std::sync::Arc;
+
+use ndarray::{Array2, Array3};
+use numpy::{Element, IntoPyArray, PyArray2, PyArray3, PyArrayMethods};
+use pyo3::exceptions::PyRuntimeError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use self::arguments::{
+    Both, KnownOfPair, Statistics, candidates_of, read_blur_compensation, read_images, read_known,
+    read_noise, read_pair, read_preset, read_search, read_settings, read_view, read_volume,
+    write_settings,
+};
+use self::estimates::{
+    EstimatesTuple, Field, FindingTuple, GlanceTuple, estimates_to_py, findings_to_py, read_field,
+    read_glance,
+};
+use self::failure::{Failure, Result};
+use self::reader::{Reader, ScaleOfPair, packing_to_py};
+use self::supervisor::supervised;
+use self::temporal::{Shared, TemporalFilter};
+use self::verification::verify_map;
+use self::workers::{Pool, Workers};
+use phasestereo::Error;
+use phasestereo::internals::cost::Costs;
+use phasestereo::internals::cost::aggregation::{Window, aggregate};
+use phasestereo::internals::descriptor::{Codes, describe};
+use phasestereo::internals::findings::{self, Topic};
+use phasestereo::internals::image::intensity::Gray;
+use phasestereo::internals::image::packing::Packing;
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::image::texture::Roughness;
+use phasestereo::internals::optimization::{BAND, Penalties, optimize};
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::pipeline::footprint::Demand;
+use phasestereo::internals::pipeline::halo::Halo;
+use phasestereo::internals::pipeline::matcher::{Disparity, Execution, Matcher, Pair, on_threads};
+use phasestereo::internals::pipeline::section::Section;
+use phasestereo::internals::pipeline::source;
+use phasestereo::internals::pipeline::summary::Summary;
+use phasestereo::internals::refinement::calibration::{Tally, sampled};
+use phasestereo::internals::refinement::flag;
+use phasestereo::internals::rig::alignment::Alignment;
+use phasestereo::internals::rig::blur;
+use phasestereo::internals::rig::blur_compensation::MOST_CLASSES;
+use phasestereo::internals::rig::estimation::compensation_plan::{LARGER, MUCH_LARGER};
+use phasestereo::internals::rig::estimation::overview::LEAST_SIZE;
+use phasestereo::internals::rig::estimation::{
+    Known, Means, Prepared, prepare, prepare_and_match, prepare_by_rows,
+};
+use phasestereo::internals::settings::presets::Preset;
+use phasestereo::internals::settings::{MOST_DISPARITIES, Settings};
+use phasestereo::internals::simd::Level;
+use phasestereo::internals::verification::verdict;
+
+/// `phasestereo._core`: see the stub beside the Python modules for what each function takes and returns.
+///
+/// It needs no GIL: what several calls share is behind mutexes (`Workers`, the shared pool, the spare memory of a
+/// matcher) or computed once (tables), and there is no unsafe code except in `simd.rs`, which shares nothing. Arrays
+/// are copied before a call matches anything; a copy of one that another thread changes meanwhile is half changed, as
+/// in `NumPy` itself.
+#[pymodule(gil_used = false)]
+mod _core {
+    use super::{
+        BAND, Bound, LARGER, LEAST_SIZE, MOST_CLASSES, MOST_DISPARITIES, MUCH_LARGER, Preset,
+        PyDict, PyDictMethods, PyModule, PyModuleMethods, Result, Topic, flag, verdict, warm_up,
+    };
+
+    #[pymodule_export]
+    use super::{
+        TemporalFilter, Workers, aggregate_volume, blur_is_as_before, check_blur_compensation,
+        check_settings, cost_volume, descriptor, estimate_pair, estimate_pair_by_rows,
+        find_roughness, find_scale, halo, match_pair, match_raw, match_rows, optimize_volume,
+        preset, rows_to_tally, simd_level, verify_map, working_memory,
+    };
+
+    #[pymodule_init]
+    fn constants(module: &Bound<'_, PyModule>) -> Result<()> {
+        warm_up(module.py())?;
+        module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+        module.add("PRESETS", Preset::ALL.map(Preset::name))?;
+        module.add("DEBUG_BUILD", cfg!(debug_assertions))?;
+        module.add("BAND_ROWS", BAND)?;
+        module.add("LARGER", LARGER)?;
+        module.add("MUCH_LARGER", MUCH_LARGER)?;
+        module.add("LEAST_SIZE", LEAST_SIZE)?;
+        module.add("MOST_CLASSES", MOST_CLASSES)?;
+        module.add("MOST_DISPARITIES", MOST_DISPARITIES)?;
+
+        let decisive = Topic::ALL.into_iter().filter(|topic| topic.is_decisive());
+        module.add("DECISIVE_TOPICS", decisive.map(Topic::name).collect::<Vec<_>>())?;
+
+        let flags = PyDict::new(module.py());
+        flags.set_item("MASKED", flag::MASKED)?;
+        flags.set_item("NO_CANDIDATE", flag::NO_CANDIDATE)?;
+        flags.set_item("OUTSIDE", flag::OUTSIDE)?;
+        flags.set_item("MATCH_MASKED", flag::MATCH_MASKED)?;
+        flags.set_item("OCCLUDED", flag::OCCLUDED)?;
+        flags.set_item("MISMATCHED", flag::MISMATCHED)?;
+        flags.set_item("LOW_CONFIDENCE", flag::LOW_CONFIDENCE)?;
+        flags.set_item("AMBIGUOUS", flag::AMBIGUOUS)?;
+        flags.set_item("SPECKLE", flag::SPECKLE)?;
+        flags.set_item("FILLED", flag::FILLED)?;
+        flags.set_item("INFERRED", flag::INFERRED)?;
+        flags.set_item("COARSE", flag::COARSE)?;
+        module.add("FLAGS", flags)?;
+
+        let verdicts = PyDict::new(module.py());
+        verdicts.set_item("NO_CLAIM", verdict::NO_CLAIM)?;
+        verdicts.set_item("UNKNOWN", verdict::UNKNOWN)?;
+        verdicts.set_item("SUPPORTED", verdict::SUPPORTED)?;
+        verdicts.set_item("REFUTED", verdict::REFUTED)?;
+        Ok(module.add("VERDICTS", verdicts)?)
+    }
+}
+
+/// Initializes now, on the importing thread, everything that is initialized only once: the tables of the array
+/// interface, those of the thread pool and of the blur estimation, and the detected instructions.
+///
+/// A process that is forked while another thread initializes them would inherit a half-done initialization and wait for
+/// its end forever.
+fn warm_up(py: Python<'_>) -> Result<()> {
+    PyArray2::<u8>::zeros(py, (1, 1), false).try_readonly().map_err(internal)?;
+    Level::best();
+    blur::prepare();
+    Ok(on_threads(1, || ())?)
+}
+
+#[pyfunction]
+fn simd_level() -> &'static str {
+    Level::best().name()
+}
+
+#[pyfunction]
+fn check_settings(settings: &Bound<'_, PyAny>) -> Result<()> {
+    read_settings(settings).map(drop)
+}
+
+/// The settings of a preset, by name.
+#[pyfunction]
+fn preset<'py>(py: Python<'py>, name: &Bound<'py, PyAny>) -> Result<Bound<'py, PyDict>> {
+    write_settings(py, &read_preset(name)?.settings())
+}
+
+#[pyfunction]
+fn check_blur_compensation(compensation: &Bound<'_, PyAny>) -> Result<()> {
+    read_blur_compensation(compensation).map(drop)
+}
+
+/// Disparity, flags, confidence and uncertainty if they were computed, and timings of a pair.
+type Matched<'py> = (
+    Bound<'py, PyArray2<f32>>,
+    Bound<'py, PyArray2<u16>>,
+    Option<Bound<'py, PyArray2<f32>>>,
+    Option<Bound<'py, PyArray2<f32>>>,
+    Bound<'py, PyDict>,
+);
+
+/// How many frames support each disparity, and seconds.
+type SupportTuple<'py> = (Bound<'py, PyArray2<u8>>, f64);
+
+/// The shares of pixels with an estimate, flagged, at the least and at the largest disparity; mean confidence; the
+/// estimated share of wrong pixels; the shares decided by smaller copies and by planes.
+type SummaryTuple = (f64, f64, f64, f64, f64, f64, f64, f64, f64);
+
+/// The map, its summary, the estimates, what a temporal filter gives, and findings on the match.
+type WholeTuple<'py> =
+    (Matched<'py>, SummaryTuple, EstimatesTuple<'py>, Option<SupportTuple<'py>>, Vec<FindingTuple>);
+
+/// A whole default match in one call: estimates what the pair lacks, matches the pair, summarizes the map, and says what
+/// was found.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "arguments that Python names")]
+fn match_pair<'py>(
+    py: Python<'py>,
+    images: Both<'py>,
+    masks: Both<'py>,
+    disparities: Both<'py>,
+    settings: &Bound<'py, PyAny>,
+    threads: &Bound<'py, PyAny>,
+    progress: Option<Bound<'py, PyAny>>,
+    known: KnownOfPair<'py>,
+    temporal: Option<PyRef<'py, TemporalFilter>>,
+) -> Result<WholeTuple<'py>> {
+    let settings = read_settings(settings)?;
+    let search = read_search(&disparities)?;
+    let pair = read_images(&images, &masks, search)?;
+    let known = read_known(&known, pair.size(), search)?;
+
+    let pool = Pool::for_argument(threads)?;
+    let size = pair.size();
+    let how = Execution { threads: pool.threads(), level: Level::best() };
+    let filter = temporal.map(|filter| filter.shared());
+    let (map, summary, estimates, support, findings) =
+        supervised(py, &pool, size.0, progress, move |matcher, control| {
+            let means = Means { matcher, how, control };
+            let (mut map, prepared) = prepare_and_match(pair, known, &settings, means)?;
+            let Prepared { pair, settings, estimates } = prepared;
+
+            let apply =
+                |filter: Shared| temporal::apply(&filter, &pair, &settings, &mut map, means);
+            let support = filter.map(apply).transpose()?;
+
+            let summary = Summary::new(&map, estimates.candidates);
+            let findings = findings::of_match(&estimates, &summary, size);
+            Ok((map, summary, estimates, support, findings))
+        })?;
+
+    let summary = summary_to_py(summary);
+    let support = support.map(|(frames, time)| Ok::<_, PyErr>((wrap(py, frames)?, time)));
+    let (map, estimates) = (disparity_to_py(py, map)?, estimates_to_py(py, estimates)?);
+    Ok((map, summary, estimates, support.transpose()?, findings_to_py(findings)))
+}
+
+fn summary_to_py(summary: Summary) -> SummaryTuple {
+    let Summary {
+        estimated,
+        flagged,
+        at_low,
+        at_high,
+        confidence,
+        wrong,
+        coarse,
+        inferred,
+        detail,
+        ..
+    } = summary;
+    (estimated, flagged, at_low, at_high, confidence, wrong, coarse, inferred, detail)
+}
+
+fn disparity_to_py(py: Python<'_>, map: Disparity) -> Result<Matched<'_>> {
+    let Disparity { disparity, flags, confidence, uncertainty, timings: times, .. } = map;
+
+    let timings = PyDict::new(py);
+    timings.set_item("description", times.description.as_secs_f64())?;
+    timings.set_item("matching", times.matching.as_secs_f64())?;
+    timings.set_item("refinement", times.refinement.as_secs_f64())?;
+    if !times.scales.is_zero() {
+        timings.set_item("scales", times.scales.as_secs_f64())?;
+    }
+
+    let confidence = confidence.map(|plane| wrap(py, plane)).transpose()?;
+    let uncertainty = uncertainty.map(|plane| wrap(py, plane)).transpose()?;
+    Ok((wrap(py, disparity)?, wrap(py, flags)?, confidence, uncertainty, timings))
+}
+
+/// The estimates of a pair, without a match.
+#[pyfunction]
+fn estimate_pair<'py>(
+    py: Python<'py>,
+    images: Both<'py>,
+    masks: Both<'py>,
+    disparities: Both<'py>,
+    settings: &Bound<'py, PyAny>,
+    threads: &Bound<'py, PyAny>,
+) -> Result<EstimatesTuple<'py>> {
+    let settings = read_settings(settings)?;
+    let search = read_search(&disparities)?;
+    let pair = read_images(&images, &masks, search)?;
+
+    let known = Known { candidates: candidates_of(&pair, search), ..Known::default() };
+
+    let pool = Pool::for_argument(threads)?;
+    let rows = pair.size().0;
+    let how = Execution { threads: pool.threads(), level: Level::best() };
+    let estimates = supervised(py, &pool, rows, None, move |matcher, control| {
+        let means = Means { matcher, how, control };
+        Ok(prepare(pair, known, &settings, means)?.estimates)
+    })?;
+
+    estimates_to_py(py, estimates)
+}
+
+/// Whether the blur is that of an earlier glance.
+#[pyfunction]
+fn blur_is_as_before<'py>(
+    py: Python<'py>,
+    images: Both<'py>,
+    masks: Both<'py>,
+    glance: GlanceTuple<'py>,
+    impulses: [f64; 2],
+    threads: &Bound<'py, PyAny>,
+) -> Result<bool> {
+    let pair = read_images(&images, &masks, None)?;
+    let before = read_glance(glance)?;
+
+    let pool = Pool::for_argument(threads)?;
+    let rows = pair.size().0;
+    let how = Execution { threads: pool.threads(), level: Level::best() };
+    supervised(py, &pool, rows, None, move |matcher, control| {
+        let packing = Packing::of_views(pair.views(), control)?;
+        let pair = pair.packed(&packing).with_impulses(impulses);
+        blur::is_as_before(&pair, &before, matcher, how, control)
+    })
+}
+
+/// The estimates of a pair that is read by rows.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "arguments that Python names")]
+fn estimate_pair_by_rows<'py>(
+    py: Python<'py>,
+    read: Bound<'py, PyAny>,
+    size: (usize, usize),
+    disparities: Both<'py>,
+    settings: &Bound<'py, PyAny>,
+    scale: Option<ScaleOfPair>,
+    threads: &Bound<'py, PyAny>,
+    known: KnownOfPair<'py>,
+) -> Result<EstimatesTuple<'py>> {
+    let settings = read_settings(settings)?;
+    let search = read_search(&disparities)?;
+    let known = read_known(&known, size, search)?;
+    let reader = Reader::new(read, size, search, scale)?;
+
+    let pool = Pool::for_argument(threads)?;
+    let how = Execution { threads: pool.threads(), level: Level::best() };
+    let source = Arc::clone(&reader);
+    let estimates = supervised(py, &pool, size.0, None, move |matcher, control| {
+        let means = Means { matcher, how, control };
+        prepare_by_rows(&*source, known, &settings, means)
+    });
+
+    estimates_to_py(py, estimates.map_err(|failure| reader.reason(failure))?)
+}
+
+/// How a pair is packed that is read by rows, and the ranges of its pixels if the match needs them; `images` and `masks`
+/// are the first row.
+#[pyfunction]
+fn find_scale(
+    py: Python<'_>,
+    images: Both<'_>,
+    masks: Both<'_>,
+    read: Bound<'_, PyAny>,
+    size: (usize, usize),
+    disparities: Both<'_>,
+    settings: &Bound<'_, PyAny>,
+) -> Result<ScaleOfPair> {
+    let settings = read_settings(settings)?;
+    let search = read_search(&disparities)?;
+    let first = read_images(&images, &masks, search)?;
+
+    let (reader, row) = (Reader::new(read.clone(), size, search, None)?, first.clone());
+    let source = Arc::clone(&reader);
+    let found = supervised(py, &Pool::new(1)?, size.0, None, move |_, control| {
+        source::packing(&row, &*source, control)
+    });
+    let packing = found.map_err(|failure| reader.reason(failure))?;
+
+    let packed = packing_to_py(packing);
+    if !source::needs_ranges(&first.packed(&packing), &settings) {
+        return Ok((packed, None));
+    }
+
+    let reader = Reader::new(read, size, search, Some((packed, None)))?;
+    let source = Arc::clone(&reader);
+    let found = supervised(py, &Pool::new(1)?, size.0, None, move |_, control| {
+        source::ranges(&*source, control)
+    });
+
+    let [left, right] = found.map_err(|failure| reader.reason(failure))?;
+    Ok((packed, Some(((left.black, left.white), (right.black, right.white)))))
+}
+
+/// The roughness of a left image that is read by rows: a sum of differences, and their number.
+#[pyfunction]
+fn find_roughness(
+    py: Python<'_>,
+    read: Bound<'_, PyAny>,
+    size: (usize, usize),
+    disparities: Both<'_>,
+    scale: Option<ScaleOfPair>,
+    impulses: f64,
+) -> Result<(u64, u64)> {
+    let reader = Reader::new(read, size, read_search(&disparities)?, scale)?;
+    let source = Arc::clone(&reader);
+    let found = supervised(py, &Pool::new(1)?, size.0, None, move |_, control| {
+        source::roughness(&*source, impulses, Level::best(), control)
+    });
+
+    let Roughness { sum, pairs } = found.map_err(|failure| reader.reason(failure))?;
+    Ok((sum, pairs))
+}
+
+/// The rows of the images on either side that a disparity depends on, and those added by masked rows.
+#[pyfunction]
+fn halo(
+    settings: &Bound<'_, PyAny>,
+    compensation: &Bound<'_, PyAny>,
+    alignment: Option<Field>,
+) -> Result<(usize, usize)> {
+    let settings = read_settings(settings)?;
+    let compensation = read_blur_compensation(compensation)?;
+    let field = read_field(alignment)?;
+
+    let halo = Halo::new(&settings, compensation.as_ref(), field.as_ref());
+    Ok((halo.rows(), halo.masked))
+}
+
+/// The most bytes that `match_rows` takes for so many rows; `itemsize` are the bytes of a pixel, all channels together.
+#[pyfunction]
+fn working_memory(
+    statistics: &Bound<'_, PyAny>,
+    rows: usize,
+    threads: usize,
+    itemsize: usize,
+) -> Result<u64> {
+    let whole = Statistics::read(statistics)?;
+    let (_, cols): (usize, usize) = statistics.getattr("size")?.extract()?;
+    let candidates: usize = whole.disparities.1.extract()?;
+
+    let demand = Demand {
+        settings: &whole.settings,
+        compensation: whole.compensation.as_ref(),
+        alignment: whole.alignment.as_ref(),
+        cols,
+        candidates,
+        pixel: itemsize,
+        threads,
+    };
+
+    Ok(demand.bytes(rows))
+}
+
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "arguments that Python names")]
+fn match_rows<'py>(
+    py: Python<'py>,
+    images: Both<'py>,
+    masks: Both<'py>,
+    statistics: &Bound<'py, PyAny>,
+    first: usize,
+    rows: (usize, usize),
+    threads: &Bound<'py, PyAny>,
+    progress: Option<Bound<'py, PyAny>>,
+) -> Result<Matched<'py>> {
+    let whole = Statistics::read(statistics)?;
+    if whole.tally.is_none() && whole.settings.needs_confidence() {
+        let accepts = "the tally of the whole pair, with these settings";
+        return Err(Error::value("tally", "None", accepts).into());
+    }
+
+    let part = PartOfPair::new(&images, &masks, whole, first, rows)?;
+    let found = part.matched(py, threads, progress, Matcher::match_rows)?;
+    disparity_to_py(py, found)
+}
+
+/// Sums over rows of a map that its confidences depend on: confidences in steps, their number,
+/// pixels that failed, those at the ends of the range, all.
+type TallyTuple = (u64, u64, u64, u64, u64);
+
+/// The rows of a pair of this height that the tally is taken of.
+#[pyfunction]
+fn rows_to_tally(height: usize) -> Vec<(usize, usize)> {
+    sampled(height).into_iter().map(|rows| (rows.start, rows.end)).collect()
+}
+
+/// As `match_rows`, with confidences that are not calibrated, and the sums over them.
+#[pyfunction]
+fn match_raw<'py>(
+    py: Python<'py>,
+    images: Both<'py>,
+    masks: Both<'py>,
+    statistics: &Bound<'py, PyAny>,
+    first: usize,
+    rows: (usize, usize),
+    threads: &Bound<'py, PyAny>,
+) -> Result<(Matched<'py>, TallyTuple)> {
+    let whole = Statistics::read(statistics)?;
+    let part = PartOfPair::new(&images, &masks, whole, first, rows)?;
+    let candidates = part.pair.candidates();
+    let found = part.matched(py, threads, None, Matcher::match_raw)?;
+
+    let confidence = found.confidence.as_ref().map_or(&[][..], Plane::as_slice);
+    let (disparity, flags) = (found.disparity.as_slice(), found.flags.as_slice());
+    let Tally { confidence, own, failed, ends, pixels } =
+        Tally::new(confidence, disparity, flags, candidates);
+    Ok((disparity_to_py(py, found)?, (confidence, own, failed, ends, pixels)))
+}
+
+/// Rows of a pair, and those around them, that are matched by themselves.
+struct PartOfPair {
+    pair: Pair,
+    field: Option<Alignment>,
+    section: Section,
+    settings: Settings,
+}
+
+/// A way to match some rows of a pair.
+type MatchRows =
+    fn(&Matcher, &Pair, &Section, &Settings, Execution, &Control) -> phasestereo::Result<Disparity>;
+
+impl PartOfPair {
+    /// The rows `rows` of a whole pair, of which the images begin with row `first`.
+    fn new(
+        images: &Both<'_>,
+        masks: &Both<'_>,
+        whole: Statistics<'_>,
+        first: usize,
+        rows: (usize, usize),
+    ) -> Result<Self> {
+        let pair = read_pair(images, masks, &whole.disparities)?
+            .packed(&whole.packing)
+            .with_blur_compensation(
+                whole.compensation.map(|compensation| compensation.starting_at_row(first)),
+            )
+            .with_ranges(whole.ranges);
+
+        let section = Section {
+            rows: rows.0.saturating_sub(first)..rows.1.saturating_sub(first),
+            roughness: whole.roughness,
+            ranges: None,
+            tally: whole.tally,
+            first,
+        };
+
+        Ok(Self {
+            pair: if whole.is_inverted { pair.inverted() } else { pair },
+            field: whole.alignment.map(|field| field.starting_at_row(first)),
+            section,
+            settings: whole.settings,
+        })
+    }
+
+    fn matched(
+        self,
+        py: Python<'_>,
+        threads: &Bound<'_, PyAny>,
+        progress: Option<Bound<'_, PyAny>>,
+        by: MatchRows,
+    ) -> Result<Disparity> {
+        let Self { pair, field, section, settings } = self;
+
+        let pool = Pool::for_argument(threads)?;
+        let how = Execution { threads: pool.threads(), level: Level::best() };
+        // Progress counts the rows that are chosen, which are more than those wanted.
+        let halo = Halo::new(&settings, pair.blur_compensation(), None).map;
+        let chosen = section.widened(halo, &pair).len();
+        supervised(py, &pool, chosen, progress, move |matcher, control| {
+            let pair = match &field {
+                Some(field) => pair.straightened(field, how.level, control)?,
+                None => pair,
+            };
+            by(matcher, &pair, &section, &settings, how, control)
+        })
+    }
+}
+
+#[pyfunction]
+fn descriptor<'py>(
+    py: Python<'py>,
+    image: &Bound<'py, PyAny>,
+    mask: &Bound<'py, PyAny>,
+    settings: &Bound<'py, PyAny>,
+    threads: &Bound<'py, PyAny>,
+    noise: &Bound<'py, PyAny>,
+) -> Result<Bound<'py, PyAny>> {
+    let settings = read_settings(settings)?;
+    let noise = read_noise(noise)?;
+    let view = read_view(image, mask, "image")?;
+    view.check("image")?;
+    let rows = view.image.shape().0;
+
+    let codes = supervised(py, &Pool::for_argument(threads)?, rows, None, move |_, control| {
+        let level = Level::best();
+        let view = Packing::of_views([&view, &view], control)?.packed(view, 0);
+        describe(&Gray::new(&view, level, control)?, &settings, noise, level, control)
+    })?;
+
+    Ok(match codes {
+        Codes::U16(codes) => wrap(py, codes)?.into_any(),
+        Codes::U32(codes) => wrap(py, codes)?.into_any(),
+        Codes::U64(codes) => wrap(py, codes)?.into_any(),
+    })
+}
+
+#[pyfunction]
+fn cost_volume<'py>(
+    py: Python<'py>,
+    images: Both<'py>,
+    disparities: Both<'py>,
+    settings: &Bound<'py, PyAny>,
+    threads: &Bound<'py, PyAny>,
+    compensation: &Bound<'py, PyAny>,
+) -> Result<Bound<'py, PyArray3<u16>>> {
+    let settings = read_settings(settings)?;
+    let none = py.None().into_bound(py);
+    let pair = read_pair(&images, &(none.clone(), none), &disparities)?;
+    let pair = pair.with_blur_compensation(read_blur_compensation(compensation)?);
+
+    let ((rows, cols), count) = (pair.size(), pair.candidates().count());
+    let costs = supervised(py, &Pool::for_argument(threads)?, rows, None, move |_, control| {
+        let level = Level::best();
+        let packing = Packing::of_views(pair.views(), control)?;
+        let pair = pair.packed(&packing);
+        let (views, candidates) = (pair.views(), pair.candidates());
+        let costs =
+            Costs::new(views, candidates, &settings, pair.blur_compensation(), level, control)?;
+        costs.volume(rows, level, control)
+    })?;
+
+    let array = Array3::from_shape_vec((rows, cols, count), costs.into_vec());
+    Ok(array.map_err(internal)?.into_pyarray(py))
+}
+
+#[pyfunction]
+fn aggregate_volume<'py>(
+    py: Python<'py>,
+    costs: &Bound<'py, PyArray3<u16>>,
+    settings: &Bound<'py, PyAny>,
+) -> Result<Bound<'py, PyArray3<u32>>> {
+    let settings = read_settings(settings)?;
+    let (costs, (rows, cols, count)) = read_volume(costs, "costs")?;
+    let window = Window::new((rows, cols), count, &settings, u16::MAX);
+
+    let aggregated = supervised(py, &Pool::new(1)?, rows, None, move |_, control| {
+        aggregate(&costs, window, Level::best(), control)
+    })?;
+
+    let array = Array3::from_shape_vec((rows, cols, count), aggregated.into_vec());
+    Ok(array.map_err(internal)?.into_pyarray(py))
+}
+
+#[pyfunction]
+fn optimize_volume<'py>(
+    py: Python<'py>,
+    costs: &Bound<'py, PyArray3<u32>>,
+    settings: &Bound<'py, PyAny>,
+    p1: u64,
+    p2: u64,
+) -> Result<Bound<'py, PyArray2<u16>>> {
+    let settings = read_settings(settings)?;
+    let (costs, (rows, _, count)) = read_volume(costs, "costs")?;
+    let penalties = Penalties { p1, p2 };
+
+    let chosen = supervised(py, &Pool::new(1)?, rows, None, move |_, control| {
+        optimize(&costs, count, settings.optimizer, penalties, Level::best(), control)
+    })?;
+
+    wrap(py, chosen)
+}
+
+fn wrap<T: Element>(py: Python<'_>, plane: Plane<T>) -> Result<Bound<'_, PyArray2<T>>> {
+    let (rows, cols) = (plane.rows(), plane.cols());
+    Ok(Array2::from_shape_vec((rows, cols), plane.into_vec()).map_err(internal)?.into_pyarray(py))
+}
+
+/// An exception for what cannot happen, which asks for a report; instead of a panic.
+fn internal(fault: impl std::fmt::Display) -> Failure {
+    PyRuntimeError::new_err(format!("internal error, please report it: {fault}")).into()
+}

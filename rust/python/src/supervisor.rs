@@ -1,0 +1,71 @@
+//! The supervision of a running call: while the interpreter is released, Ctrl-C and progress are handled.
+
+use std::sync::Arc;
+use std::sync::mpsc::RecvTimeoutError;
+use std::time::Duration;
+
+use pyo3::prelude::*;
+
+use super::internal;
+use crate::failure::{Failure, Result};
+use crate::workers::Pool;
+
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::pipeline::matcher::Matcher;
+
+/// How often a running call checks for Ctrl-C and reports its progress.
+const TICK: Duration = Duration::from_millis(50);
+/// How long to wait for a cancelled call. It ends within milliseconds once it has begun, and until then it may have to
+/// wait for others.
+const PATIENCE: Duration = Duration::from_millis(500);
+
+/// Does `work` on the threads of a pool. An exception, be it Ctrl-C or from `progress`, cancels it.
+pub fn supervised<T: Send + 'static>(
+    py: Python<'_>,
+    pool: &Arc<Pool>,
+    rows: usize,
+    progress: Option<Bound<'_, PyAny>>,
+    work: impl FnOnce(&Matcher, &Control) -> phasestereo::Result<T> + Send + 'static,
+) -> Result<T> {
+    let progress = progress.map(Bound::unbind);
+    let control = Arc::new(Control::default());
+
+    let report = |py: Python<'_>| -> Result<()> {
+        py.check_signals()?;
+        let Some(progress) = &progress else {
+            return Ok(());
+        };
+
+        progress.call1(py, (control.rows_done(), rows))?;
+        Ok(())
+    };
+
+    let outcome = py.detach(|| {
+        // While the call waits for its turn, Ctrl-C works as well as later.
+        let turn = loop {
+            match pool.turn(TICK) {
+                Some(turn) => break turn,
+                None => Python::attach(report)?,
+            }
+        };
+
+        let finished = turn.start(&control, work);
+        loop {
+            match finished.recv_timeout(TICK) {
+                Ok(outcome) => return outcome.map_err(Failure::from),
+                Err(RecvTimeoutError::Disconnected) => {
+                    return Err(internal("a worker thread panicked"));
+                }
+                Err(RecvTimeoutError::Timeout) => Python::attach(report).inspect_err(|_| {
+                    control.cancel();
+                    // Waits briefly for the threads to stop; the result is no longer wanted.
+                    let _ = finished.recv_timeout(PATIENCE);
+                })?,
+            }
+        }
+    })?;
+
+    // The last report has all rows, and a Ctrl-C during the last tick counts, too.
+    report(py)?;
+    Ok(outcome)
+}

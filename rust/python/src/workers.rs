@@ -1,0 +1,190 @@
+//! Thread pools and memory that calls from Python share, and the number of calls that use them at once.
+//!
+//! After a fork, the child process has none of its parent's threads, and what these were doing stays half done. So a
+//! pool belongs to one process: another one neither uses nor drops it, since dropping would wait for its threads.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::mpsc::{Receiver, channel};
+use std::sync::{Arc, Condvar, Mutex, PoisonError, Weak};
+use std::time::Duration;
+use std::{mem, process};
+
+use pyo3::prelude::*;
+
+use crate::arguments::read_threads;
+use crate::failure::Result;
+
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::pipeline::matcher::Matcher;
+
+/// Most calls that run in one pool at once; others wait for their turn. Each holds the codes of a pair. Besides, a
+/// thread that waits for others starts the next call meanwhile, on the same stack.
+const MOST_CALLS: usize = 64;
+
+/// The pool of all calls that leave the number of threads open. It lives as long as any of them runs: calls that
+/// overlap share threads and memory, and none are left behind.
+static SHARED: Mutex<Weak<Pool>> = Mutex::new(Weak::new());
+
+/// Threads of this process, and a matcher with its memory.
+#[derive(Debug)]
+pub struct Pool {
+    matcher: Matcher,
+    threads: usize,
+    process: u32,
+    /// Number of running calls.
+    calls: Mutex<usize>,
+    call_ended: Condvar,
+}
+
+impl Pool {
+    /// A pool of its own threads.
+    pub fn new(threads: usize) -> phasestereo::Result<Arc<Self>> {
+        let matcher = Matcher::new(threads)?;
+        let (calls, call_ended) = (Mutex::default(), Condvar::default());
+        Ok(Arc::new(Self { matcher, threads, process: process::id(), calls, call_ended }))
+    }
+
+    /// The pool for an argument `threads`: [`Workers`], a number of threads, or None for the shared pool.
+    pub fn for_argument(threads: &Bound<'_, PyAny>) -> Result<Arc<Self>> {
+        if let Ok(workers) = threads.cast::<Workers>() {
+            return Ok(workers.get().pool()?);
+        }
+
+        let count = read_threads(threads)?;
+        Ok(if threads.is_none() { Self::shared(count)? } else { Self::new(count)? })
+    }
+
+    /// The shared pool. Only threads that hold the GIL take this lock. A thread that forks also holds the GIL, so the
+    /// child never inherits it locked; if it was forked by other means, it does not wait for the lock.
+    fn shared(threads: usize) -> phasestereo::Result<Arc<Self>> {
+        let Ok(mut shared) = SHARED.try_lock() else {
+            return Self::new(threads);
+        };
+
+        // A pool of the parent process, or of another number of threads, is replaced.
+        let pool = shared.upgrade().filter(|pool| pool.is_ours() && pool.threads == threads);
+        let pool = pool.map_or_else(|| Self::new(threads), Ok)?;
+
+        *shared = Arc::downgrade(&pool);
+        Ok(pool)
+    }
+
+    /// The number of threads.
+    pub fn threads(&self) -> usize {
+        self.threads
+    }
+
+    fn is_ours(&self) -> bool {
+        self.process == process::id()
+    }
+
+    /// Waits for the turn of a call to run; `None` if it does not come within `patience`.
+    pub fn turn(self: &Arc<Self>, patience: Duration) -> Option<Turn> {
+        let calls = self.calls.lock().unwrap_or_else(PoisonError::into_inner);
+        let waited =
+            self.call_ended.wait_timeout_while(calls, patience, |calls| *calls >= MOST_CALLS);
+
+        let (mut calls, _) = waited.unwrap_or_else(PoisonError::into_inner);
+        (*calls < MOST_CALLS).then(|| {
+            *calls += 1;
+            Turn(Arc::clone(self))
+        })
+    }
+}
+
+/// The permission of one call to run, until it is dropped.
+#[derive(Debug)]
+pub struct Turn(Arc<Pool>);
+
+impl Turn {
+    /// Starts the work of the call on the threads. If it panics, the receiver is disconnected.
+    pub fn start<T: Send + 'static>(
+        self,
+        control: &Arc<Control>,
+        work: impl FnOnce(&Matcher, &Control) -> phasestereo::Result<T> + Send + 'static,
+    ) -> Receiver<phasestereo::Result<T>> {
+        let (finish, finished) = channel();
+        let pool = Arc::clone(&self.0);
+        let control = Arc::clone(control);
+
+        pool.matcher.spawn(move || {
+            // A panic must not end rayon's thread: the process would abort.
+            let outcome = catch_unwind(AssertUnwindSafe(|| work(&self.0.matcher, &control)));
+
+            // Dropped first, so that the receiver is the last to hold a pool of its own, and drops its memory.
+            drop(self);
+            if let Ok(outcome) = outcome {
+                // The caller may have given up waiting.
+                let _ = finish.send(outcome);
+            }
+        });
+
+        finished
+    }
+}
+
+impl Drop for Turn {
+    fn drop(&mut self) {
+        *self.0.calls.lock().unwrap_or_else(PoisonError::into_inner) -= 1;
+        self.0.call_ended.notify_one();
+    }
+}
+
+/// Threads and memory that are kept from one match to the next. Any number of threads may use them at once without
+/// waiting for each other.
+#[pyclass(module = "phasestereo._core", frozen)]
+#[derive(Debug)]
+pub struct Workers {
+    pool: Arc<Pool>,
+    /// The pool of a process that was forked since.
+    forked: Mutex<Option<Arc<Pool>>>,
+}
+
+#[pymethods]
+impl Workers {
+    #[new]
+    fn new(threads: &Bound<'_, PyAny>) -> Result<Self> {
+        Ok(Self { pool: Pool::new(read_threads(threads)?)?, forked: Mutex::default() })
+    }
+
+    #[getter]
+    fn count(&self) -> usize {
+        self.pool.threads
+    }
+}
+
+impl Workers {
+    /// The pool of this process: another one after a fork.
+    fn pool(&self) -> phasestereo::Result<Arc<Pool>> {
+        if self.pool.is_ours() {
+            return Ok(Arc::clone(&self.pool));
+        }
+
+        // No waiting: a thread that does not exist in this process may hold the lock.
+        let Ok(mut forked) = self.forked.try_lock() else {
+            return Pool::new(self.pool.threads);
+        };
+        if let Some(pool) = forked.as_ref().filter(|pool| pool.is_ours()) {
+            return Ok(Arc::clone(pool));
+        }
+
+        let pool = Pool::new(self.pool.threads)?;
+        // The old pool belongs to the parent process: dropping it would wait for threads that are not here.
+        mem::forget(forked.replace(Arc::clone(&pool)));
+
+        Ok(pool)
+    }
+}
+
+impl Drop for Workers {
+    fn drop(&mut self) {
+        let forked = self.forked.get_mut().unwrap_or_else(PoisonError::into_inner).take();
+
+        // As above: pools of another process are leaked.
+        for pool in forked.into_iter().chain([Arc::clone(&self.pool)]) {
+            if !pool.is_ours() {
+                mem::forget(pool);
+            }
+        }
+    }
+}

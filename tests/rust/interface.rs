@@ -1,0 +1,125 @@
+//! The interface of the crate gives what the stages give, and refuses by name.
+
+use phasestereo::internals::image::view::{self, View};
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::pipeline::matcher::{self, Execution, Pair};
+use phasestereo::internals::rig::estimation::{Known, Means, prepare_and_match};
+use phasestereo::internals::simd::Level;
+use phasestereo::{Error, Image, Matcher, Preset, verdict};
+
+const SIZE: (usize, usize) = (80, 120);
+
+/// Texture, so many columns further left.
+fn texture(shift: usize) -> Vec<u8> {
+    let (rows, cols) = SIZE;
+    let gray = |i: usize| ((i % cols + shift) * 89 % 251) as u8 ^ (i / cols * 37 % 256) as u8;
+    (0..rows * cols).map(gray).collect()
+}
+
+fn images() -> [Image; 2] {
+    [0, 5].map(|shift| Image::from_vec(texture(shift), SIZE).expect("an image"))
+}
+
+#[test]
+fn a_match_of_slices_is_that_of_the_stages() {
+    let settings = Preset::Robust.settings();
+    let [left, right] = images();
+    let matcher = Matcher::new(settings.clone(), 2).expect("a matcher");
+    let found = matcher.match_pair(left, right, 0..16).expect("a match");
+
+    let (rows, cols) = SIZE;
+    let view = |shift| {
+        let pixels = ndarray::Array3::from_shape_vec((rows, cols, 1), texture(shift));
+        View::from(view::Image::U8(pixels.expect("so many pixels")))
+    };
+    let pair = Pair::new(view(0), view(5), 0, 16).expect("a pair");
+    let known = Known { candidates: Some(pair.candidates()), ..Known::default() };
+    let core = matcher::Matcher::new(1).expect("a matcher");
+    let how = Execution { threads: 1, level: Level::best() };
+    let means = Means { matcher: &core, how, control: &Control::default() };
+    let (map, prepared) = prepare_and_match(pair, known, &settings, means).expect("a match");
+
+    let bits = |plane: &phasestereo::Plane<f32>| -> Vec<u32> {
+        plane.as_slice().iter().map(|value| value.to_bits()).collect()
+    };
+    assert_eq!(bits(&found.disparity), bits(&map.disparity));
+    assert_eq!(found.flags, map.flags);
+    assert_eq!(found.confidence.as_ref().map(bits), map.confidence.as_ref().map(bits));
+    assert_eq!(found.estimates.findings, prepared.estimates.findings);
+    assert_eq!(found.estimates.disparities(), 0..16);
+}
+
+#[test]
+fn masked_pixels_have_no_disparity() {
+    let [left, right] = images();
+    let valid: Vec<bool> = (0..SIZE.0 * SIZE.1).map(|i| i % SIZE.1 < 100).collect();
+    let left = left.with_mask(&valid).expect("a mask");
+
+    let matcher = Matcher::new(Preset::Fast.settings(), 1).expect("a matcher");
+    let found = matcher.match_pair(left, right, 0..16).expect("a match");
+
+    assert!(found.disparity.row(40)[100..].iter().all(|value| value.is_nan()));
+    assert!(found.disparity.row(40)[20..90].iter().all(|value| (value - 5.0).abs() < 1.0));
+}
+
+#[test]
+fn the_range_is_estimated_unless_it_is_given() {
+    let matcher = Matcher::new(Preset::Robust.settings(), 1).expect("a matcher");
+
+    let [left, right] = images();
+    let estimates = matcher.estimate(left, right, None).expect("estimates");
+    assert!(
+        estimates.range.is_some() || estimates.disparities() == (0..40),
+        "a third of the width"
+    );
+
+    let [left, right] = images();
+    let estimates = matcher.estimate(left, right, -3..9).expect("estimates");
+    assert_eq!(estimates.disparities(), -3..9);
+}
+
+#[test]
+fn a_map_is_refuted_where_the_images_say_so() {
+    let matcher = Matcher::new(Preset::Robust.settings(), 1).expect("a matcher");
+    let judged = |claim: f32| {
+        let [left, right] = images();
+        let map = phasestereo::Plane::from_fn(SIZE.0, SIZE.1, |_, _| claim);
+        matcher.verify(left, right, &map).expect("a verification").verdicts
+    };
+
+    assert_eq!(judged(5.0).row(40)[60], verdict::SUPPORTED);
+    assert_eq!(judged(12.0).row(40)[60], verdict::REFUTED);
+}
+
+#[test]
+fn what_is_refused_is_named() {
+    let matcher = Matcher::new(Preset::Fast.settings(), 1).expect("a matcher");
+    let refused = |error: Error| error.to_string();
+
+    let [left, right] = images();
+    let message = matcher.match_pair(left, right, 0..0).map_err(refused).expect_err("no disparity");
+    assert!(message.starts_with("num_disparities: got 0"), "{message}");
+
+    let [left, _] = images();
+    let other = Image::from_slice(&[0u8; 12], (3, 4)).expect("an image");
+    let message = matcher.match_pair(left, other, 0..4).map_err(refused).expect_err("sizes");
+    assert!(message.starts_with("right: got 3 x 4 pixels"), "{message}");
+
+    let message = Matcher::new(Preset::Fast.settings(), 0).map_err(refused).expect_err("threads");
+    assert!(message.starts_with("threads: got 0"), "{message}");
+
+    let mut settings = Preset::Fast.settings();
+    settings.set("window", "4").expect("a number");
+    assert!(
+        Matcher::new(settings.clone(), 1).map_err(refused).expect_err("even").contains("window")
+    );
+    assert!(
+        settings.set("no such", "4").map_err(refused).expect_err("no field").contains("median")
+    );
+
+    let control = phasestereo::Control::default();
+    control.cancel();
+    let [left, right] = images();
+    let ended = matcher.match_controlled(left, right, 0..16, &control);
+    assert_eq!(ended.expect_err("cancelled"), Error::Cancelled);
+}
