@@ -7,6 +7,7 @@ with each of its modules does not. ``pytest -s`` prints the figures.
 from __future__ import annotations
 
 import ast
+import re
 from functools import partial
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -80,6 +81,9 @@ BOUNDS = {
     "statements of pandora_plugin_phasestereo": 120,
     "statements of phasestereo_bench": 7_060,
     "public names": 112,
+    "words of documentation": 22_500,
+    "lines of Rust": 27_700,
+    "lines of tests": 28_500,
 }
 
 
@@ -194,6 +198,28 @@ def is_folder(module: str) -> bool:
     return (ROOT / DISTRIBUTIONS[package(module)] / module.replace(".", "/")).is_dir()
 
 
+def words() -> list[str]:
+    """Return the words of the documentation, without its tables, code and comments."""
+    pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    texts = (page.read_text("utf-8") for page in pages)
+    prose = (re.sub(r"```.*?```|<!--.*?-->", "", text, flags=re.DOTALL) for text in texts)
+
+    return [
+        word
+        for text in prose
+        for line in text.splitlines()
+        if not line.startswith(("|", "#", ":::"))
+        for word in line.split()
+    ]
+
+
+def lines(folder: str, pattern: str) -> list[str]:
+    """Return the lines of the files of a folder that are not empty."""
+    files = sorted((ROOT / folder).rglob(pattern))
+    every = (line for file in files for line in file.read_text("utf-8").splitlines())
+    return [line for line in every if line.strip()]
+
+
 FIGURES: dict[str, Callable[[], list[str]]] = {
     "files in a circle of imports": in_a_circle,
     "imports of the same or a higher floor": not_down,
@@ -201,6 +227,9 @@ FIGURES: dict[str, Callable[[], list[str]]] = {
     "own modules imported by a string": by_a_string,
     **{f"statements of {name}": partial(statements, name) for name in DISTRIBUTIONS},
     "public names": public_names,
+    "words of documentation": words,
+    "lines of Rust": partial(lines, "rust", "*.rs"),
+    "lines of tests": partial(lines, "tests", "*.py"),
 }
 
 
