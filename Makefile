@@ -10,7 +10,7 @@ OURS := python/phasestereo-live python/phasestereo-large python/pandora-plugin-p
 RUST := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name Cargo.toml)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-arm64 fuzz soak lint format bench tables bench-core docs wheel c web hooks clean
+.PHONY: help demo test test-core test-arm64 fuzz soak lint format bench tables bench-core docs wheel c web hooks clean
 
 help: ## List the commands
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 18
@@ -24,6 +24,11 @@ test: $(VENV)/counterparts ## Build and run all the tests on every core, about 9
 	cargo test --locked --doc
 	cargo build --locked --profile test --lib --test '*' # tests in Python link to the C library
 	$(BIN)/python -m pytest --numprocesses auto --dist worksteal
+
+test-core: $(VENV)/harness ## Test the matcher alone: its stages and its Python face
+	CARGO_PROFILE_TEST_OPT_LEVEL=0 cargo test --locked --lib
+	cargo test --locked --test rust
+	$(BIN)/python -m pytest --numprocesses auto --dist worksteal tests/core --ignore tests/core/test_c.py
 
 test-arm64: $(VENV)/ready ## Test the core and its wheel on an emulated aarch64 (ARGS=rust, wheel or python: one part)
 	PYTHON=$(CURDIR)/$(BIN)/python tests/arm64.sh $(ARGS)

@@ -100,7 +100,7 @@ build_wheel() {
 
 test_python() {
     (
-        cd tests
+        cd tests/core
         # shellcheck disable=SC2086  # the list is of words
         PYTHONPATH=$here/site "$root/usr/bin/qemu-aarch64-static" -L "$root" "$root/usr/bin/python3.11" \
             -m pytest --import-mode=append -p no:cacheprovider $test_files

@@ -353,7 +353,7 @@ fn a_panel_is_searched_where_its_copy_matches() {
         assert_eq!(ranges(&deep(), threads, level).as_ref(), Some(&found));
     }
 
-    let all = |pair: &Pair| ranges(pair, 1, Level::best()) == None;
+    let all = |pair: &Pair| ranges(pair, 1, Level::best()).is_none();
     let few = Candidates::new(-4, 383, 900).expect("legal");
     assert!(all(&deep().of_rows(0..199)) && all(&deep().searched(few)));
 }

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from phasestereo._interrupts import unheard
 from phasestereo_bench.measurement import measured
-from phasestereo_large._interrupts import unheard
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

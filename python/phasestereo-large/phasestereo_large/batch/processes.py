@@ -21,7 +21,7 @@ from multiprocessing import connection, get_context, parent_process, resource_tr
 from time import monotonic
 from typing import Any, TypeAlias
 
-from phasestereo_large._interrupts import unheard
+from phasestereo._interrupts import unheard
 from phasestereo_large.batch import work  # noqa: F401 - before the first task, whose time it would take
 
 TaskResult: TypeAlias = Callable[[], Any]

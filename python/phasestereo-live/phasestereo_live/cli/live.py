@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 from cyclopts import Group, Parameter
 
+from phasestereo._interrupts import held_back
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
 from phasestereo.cli.options import AT_LEAST_ONE, NOT_NEGATIVE, REASONABLE, Count, Overrides
 from phasestereo.cli.pairing import AUTO, as_calibration
@@ -20,7 +21,6 @@ from phasestereo.io import read_calibration
 from phasestereo.io.folders import folders_of
 from phasestereo.io.pair import Layout
 from phasestereo.settings import PRESET, PRESETS, Settings, resolve
-from phasestereo_live._interrupts import held_back
 from phasestereo_live.cli.outputs import FrameSink, LiveOutputs, Writers
 from phasestereo_live.cli.recordings import Messages, Topics
 from phasestereo_live.cli.show import ClosedError, Screen, Showing, Way

@@ -15,6 +15,7 @@ import numpy as np
 from cyclopts import Parameter, validators
 
 from phasestereo._extras import require
+from phasestereo._interrupts import held_back
 from phasestereo.cli.errors import (
     WRONG_USAGE,
     CommandError,
@@ -24,7 +25,6 @@ from phasestereo.cli.errors import (
     refuse_taken,
 )
 from phasestereo.io import read_calibration, write_disparity
-from phasestereo_live._interrupts import held_back
 from phasestereo_live.cli.tally import Tally
 from phasestereo_live.rerun import log_failure, log_frame, saving
 from phasestereo_live.ros.bags import SUFFIXES as RECORDINGS

@@ -78,11 +78,11 @@ impl Searched {
         Self { start: 0, count }
     }
 
-    /// The fewest whole runs of [`LANES`] out of `count` candidates, `least` runs at least, that hold those from `first` to
+    /// The fewest whole runs of [`LANES`] out of `count` candidates, `runs` at least, that hold those from `first` to
     /// `last`, with as many more on either side.
-    pub fn holding(first: usize, last: usize, least: usize, count: usize) -> Self {
+    pub fn holding(first: usize, last: usize, runs: usize, count: usize) -> Self {
         let needed = last + 1 - first;
-        let searched = needed.next_multiple_of(LANES).max(least * LANES).min(count);
+        let searched = needed.next_multiple_of(LANES).max(runs * LANES).min(count);
         let start = first.saturating_sub((searched - needed) / 2);
 
         Self { start: start.min(count - searched), count: searched }
@@ -123,8 +123,8 @@ mod tests {
 
     #[test]
     fn whole_runs_hold_a_range_in_their_middle() {
-        let holding = |first, last, least, count| {
-            let Searched { start, count } = Searched::holding(first, last, least, count);
+        let holding = |first, last, runs, count| {
+            let Searched { start, count } = Searched::holding(first, last, runs, count);
             (start, start + count)
         };
 

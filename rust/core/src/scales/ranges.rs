@@ -14,7 +14,7 @@
 //! The copy is matched along rows alone and with small windows, since paths along columns and large windows lose what is
 //! thin and upright, and rows are looked at beyond those that a panel's paths pass, since it is rarely lost everywhere.
 //! Where the match is mistaken here and there, more is searched than needed, so noise costs time and not quality. How much
-//! cheaper a match is than all others is what its confidence rests on: LEAST_RUNS are searched at least, and all where the
+//! cheaper a match is than all others is what its confidence rests on: `LEAST_RUNS` are searched at least, and all where the
 //! copy is in doubt.
 //!
 //! What no pixel of the copy shows is lost. Of 30 bars and squares of 6 to 24 px, 1.3 megapixels and 256 disparities, 8 were,
@@ -92,16 +92,16 @@ fn roughly_matched(copy: &Pair, means: Means) -> Result<Plane<f32>> {
 
 /// The candidates that are searched in a panel, of all.
 fn searched(rough: &Plane<f32>, [rows, cols]: [Range<usize>; 2], all: Candidates) -> Searched {
-    let near = |range: Range<usize>, reach: usize, most: usize| {
-        range.start.saturating_sub(reach) / 2..((range.end + reach).div_ceil(2)).min(most)
+    let near = |range: Range<usize>, reach: usize, count: usize| {
+        range.start.saturating_sub(reach) / 2..((range.end + reach).div_ceil(2)).min(count)
     };
     let (rows, cols) = (near(rows, REACH[0], rough.rows()), near(cols, REACH[1], rough.cols()));
-    let (mut least, mut most, mut known) = (f32::INFINITY, f32::NEG_INFINITY, 0);
+    let (mut lowest, mut highest, mut known) = (f32::INFINITY, f32::NEG_INFINITY, 0);
 
     for y in rows.clone() {
         for disparity in &rough.row(y)[cols.clone()] {
             // Those that are unknown are passed over.
-            (least, most) = (least.min(*disparity), most.max(*disparity));
+            (lowest, highest) = (lowest.min(*disparity), highest.max(*disparity));
             known += usize::from(!disparity.is_nan());
         }
     }
@@ -112,7 +112,7 @@ fn searched(rough: &Plane<f32>, [rows, cols]: [Range<usize>; 2], all: Candidates
     // A disparity of the copy stands for two.
     let index =
         |disparity: isize| (disparity - all.min()).clamp(0, all.count() as isize - 1) as usize;
-    let first = index(2 * least as isize - MARGIN);
-    let last = index(2 * most as isize + 1 + MARGIN);
+    let first = index(2 * lowest as isize - MARGIN);
+    let last = index(2 * highest as isize + 1 + MARGIN);
     Searched::holding(first, last, LEAST_RUNS, all.count())
 }

@@ -46,7 +46,7 @@ SUITE = "one-sided-blur"
 BLURS = ("gauss 2", "gauss 4", "disk 3", "disk 6", "motion 9", "motion 15")
 V2 = ("nonocc", "all", "disc")
 ENDINGS = ("", "-v2", "-v3")
-DOCUMENTS = Path(__file__).resolve().parent.parent / "docs"
+DOCUMENTS = Path(__file__).resolve().parents[2] / "docs"
 ENVIRONMENT = {
     "kind": "environment",
     "id": "e1",

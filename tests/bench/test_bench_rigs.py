@@ -26,7 +26,7 @@ from test_bench_cases import plant
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-DOCS = Path(__file__).parent.parent / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "rigs-suite.md").read_text("utf-8")
 ROWS, COLS = 96, 128
 ONE_SIDED = (

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from phasestereo_large._interrupts import unheard
-from phasestereo_live._interrupts import held_back
+from phasestereo._interrupts import held_back, unheard
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -103,3 +102,18 @@ def test_what_starts_unheard_is_not_reached() -> None:
 
     look()
     assert masks == [before | {signal.SIGINT}, before]
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="there are no signal masks")
+def test_what_another_thread_hears_waits_for_the_block() -> None:
+    done = []
+
+    def start() -> None:
+        with unheard():
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+            signal.raise_signal(signal.SIGINT)
+            done.append("started")
+
+    with pytest.raises(KeyboardInterrupt):
+        start()
+    assert done == ["started"]

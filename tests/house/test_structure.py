@@ -17,7 +17,7 @@ import pytest
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 
 DISTRIBUTIONS = {
     "phasestereo": "python",
@@ -40,7 +40,7 @@ BELOW = {
 FLOORS = {
     "phasestereo": (
         "_core",  # in Rust
-        "_extras _images _numbers _tables settings shapes temporal",
+        "_extras _images _interrupts _numbers _tables settings shapes temporal",
         "io metrics",  # files, scores
         "_opening",  # of images that a caller names the files of
         "rig",  # what is found out of a pair
@@ -52,14 +52,14 @@ FLOORS = {
         "__main__",
     ),
     "phasestereo_live": (
-        "_closing _interrupts",
+        "_closing",
         "video",
         "rerun ros viewer",  # where frames come from and go
         "cli",
         "",
     ),
     "phasestereo_large": (
-        "_interrupts geotiff statistics",
+        "geotiff statistics",
         "bands windows xarray",
         "batch dask outofcore",
         "cli",
