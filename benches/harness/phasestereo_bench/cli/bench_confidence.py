@@ -51,7 +51,8 @@ def confidence(
 
     ```
     phasestereo bench confidence ~/middlebury -o confidence.jsonl
-    phasestereo bench confidence ~/middlebury --weights rust/core/src/refinement/calibration/weights.rs
+    phasestereo bench confidence ~/middlebury \
+        --weights rust/core/src/refinement/calibration/weights.rs
     ```
 
     Parameters
