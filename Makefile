@@ -26,8 +26,8 @@ test: $(VENV)/counterparts ## Build and run all the tests on every core, about 9
 	$(BIN)/python -m pytest --numprocesses auto --dist worksteal
 
 test-core: $(VENV)/harness ## Test the matcher alone: its stages and its Python face
-	CARGO_PROFILE_TEST_OPT_LEVEL=0 cargo test --locked --package phasestereo --lib
-	cargo test --locked --package phasestereo --test rust
+	CARGO_PROFILE_TEST_OPT_LEVEL=0 cargo test --locked --lib
+	cargo test --locked --test rust
 	$(BIN)/python -m pytest --numprocesses auto --dist worksteal tests/core --ignore tests/core/test_c.py
 
 test-arm64: $(VENV)/ready ## Test the core and its wheel on an emulated aarch64 (ARGS=rust, wheel or python: one part)
