@@ -339,7 +339,7 @@ def test_the_core_matches_what_sliders_spoil(browser: Browser, site: str, core: 
     browser.run("setSlider('defocus', 0); setSlider('rows', 0); setSlider('turn', 1)")
     matched(browser)
     assert wrong(browser) < 12
-    assert "is rotated counter-clockwise by" in browser.text("findings")
+    assert "is rotated counter-clockwise (or sheared) by" in browser.text("findings")
 
 
 def wrong(browser: Browser) -> float:
