@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
+import time
 from typing import TYPE_CHECKING
 
 import pytest
@@ -106,14 +107,20 @@ def test_what_starts_unheard_is_not_reached() -> None:
 
 @pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="there are no signal masks")
 def test_what_another_thread_hears_waits_for_the_block() -> None:
-    done = []
+    done, ended = [], threading.Event()
+    other = threading.Thread(target=ended.wait)
+    other.start()
 
     def start() -> None:
         with unheard():
-            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-            signal.raise_signal(signal.SIGINT)
-            done.append("started")
+            assert other.ident is not None
+            signal.pthread_kill(other.ident, signal.SIGINT)
+            for number in range(3):  # Python runs its handlers between these
+                time.sleep(0.02)
+                done.append(number)
 
     with pytest.raises(KeyboardInterrupt):
         start()
-    assert done == ["started"]
+    ended.set()
+    other.join()
+    assert done == [0, 1, 2]

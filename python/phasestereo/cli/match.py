@@ -10,7 +10,15 @@ from cyclopts import Group, Parameter
 
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
 from phasestereo.cli.geometry import GeometryOptions
-from phasestereo.cli.options import AT_LEAST_ONE, REASONABLE, Bands, Count, Overrides
+from phasestereo.cli.options import (
+    AT_LEAST_ONE,
+    PRESET_HELP,
+    REASONABLE,
+    SETTINGS_HELP,
+    Bands,
+    Count,
+    Overrides,
+)
 from phasestereo.cli.outcome import Outcome, rehearsal
 from phasestereo.cli.outputs import Outputs
 from phasestereo.cli.pairing import OPTIONS, Pairing, names_of, read_both
@@ -20,7 +28,7 @@ from phasestereo.cli.terminal import progress_bar
 from phasestereo.cli.trust import refuse_untrusted, show_findings, unwarned
 from phasestereo.io.mask import read_mask
 from phasestereo.matching import match as match_pair
-from phasestereo.settings import PRESET, PRESETS, Settings, resolve
+from phasestereo.settings import PRESET, Settings, resolve
 
 _VALUES = frozenset(["bands", "preset", "num_disparities", "min_disparity", "threads", "noise"])
 _OPTIONS = (_VALUES | OPTIONS).union(field.name for field in fields(Settings))
@@ -31,12 +39,9 @@ _SEARCH = Group.create_ordered("Search")
 _PAIR = Group.create_ordered("Pair")
 _GEOMETRY = Group.create_ordered("Geometry", help="For --ply, --mesh, --depth and --report.")
 _SCORE = Group.create_ordered("Score")
-_SETTINGS = Group.create_ordered(
-    "Expert settings", help="Each takes the place of the preset's. Two penalties are written 0.5,2."
-)
+_SETTINGS = Group.create_ordered("Expert settings", help=SETTINGS_HELP)
 _OUTPUTS, _NO_GEOMETRY, _SCORING = Outputs(), GeometryOptions(), Scoring()
 _AS_IT_IS = Pairing()
-_PRESET_HELP = f"Settings to start from: {', '.join(PRESETS)}."
 
 
 def match(
@@ -47,7 +52,7 @@ def match(
     pairing: Annotated[Pairing, Parameter(name="*", group=_PAIR)] = _AS_IT_IS,
     num_disparities: Annotated[Count, Parameter(group=_SEARCH, validator=AT_LEAST_ONE)] = None,
     min_disparity: Annotated[int, Parameter(group=_SEARCH, validator=REASONABLE)] = 0,
-    preset: Annotated[str, Parameter(group=_SEARCH, help=_PRESET_HELP)] = PRESET,
+    preset: Annotated[str, Parameter(group=_SEARCH, help=PRESET_HELP)] = PRESET,
     left_mask: Annotated[Path | None, Parameter(group=_SEARCH)] = None,
     right_mask: Annotated[Path | None, Parameter(group=_SEARCH)] = None,
     bands: Annotated[Bands | None, Parameter(group=_SEARCH)] = None,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypedDict, get_type_hints
 
 from cyclopts import Parameter, Token, validators
 
-from phasestereo.settings import Settings
+from phasestereo.settings import PRESETS, Settings
 
 
 def _whole_numbers(_hint: Any, tokens: Sequence[Token]) -> tuple[int, ...]:
@@ -46,6 +46,9 @@ Count = Annotated[int | None, Parameter(converter=_count, n_tokens=1)]
 
 Bands = Annotated[tuple[int, ...], Parameter(converter=_whole_numbers, n_tokens=1)]
 """Whole numbers within one word of the command line."""
+
+PRESET_HELP = f"Settings to start from: {', '.join(PRESETS)}."
+SETTINGS_HELP = "Each takes the place of the preset's. Two penalties are written 0.5,2."
 
 
 if TYPE_CHECKING:

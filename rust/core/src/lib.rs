@@ -72,68 +72,23 @@ pub use settings::presets::Preset;
 pub use settings::{CostKind, Optimizer, Precision, Settings, Taper};
 pub use verification::verdict;
 
-/// All stages, for the extension module of Python, the tests and the benches. They are no part of the interface: any of
-/// them may change with any version.
-#[doc(hidden)]
-pub mod internals {
-    /// See the crate.
-    pub mod error {
-        pub use crate::error::*;
-    }
-    /// See the crate.
-    pub mod findings {
-        pub use crate::findings::*;
-    }
-    /// See the crate.
-    pub mod math {
-        pub use crate::math::*;
-    }
-    /// See the crate.
-    pub mod settings {
-        pub use crate::settings::*;
-    }
-    /// See the crate.
-    pub mod simd {
-        pub use crate::simd::*;
-    }
-    /// See the crate.
-    pub mod value {
-        pub use crate::value::*;
-    }
-    /// See the crate.
-    pub mod cost {
-        pub use crate::cost::*;
-    }
-    /// See the crate.
-    pub mod descriptor {
-        pub use crate::descriptor::*;
-    }
-    /// See the crate.
-    pub mod image {
-        pub use crate::image::*;
-    }
-    /// See the crate.
-    pub mod optimization {
-        pub use crate::optimization::*;
-    }
-    /// See the crate.
-    pub mod pipeline {
-        pub use crate::pipeline::*;
-    }
-    /// See the crate.
-    pub mod refinement {
-        pub use crate::refinement::*;
-    }
-    /// See the crate.
-    pub mod rig {
-        pub use crate::rig::*;
-    }
-    /// See the crate.
-    pub mod scales {
-        pub use crate::scales::*;
-    }
-    /// See the crate.
-    pub mod verification {
-        pub use crate::verification::*;
-    }
+macro_rules! open {
+    ($($module:ident)*) => {
+        /// All stages, for the extension module of Python, the tests and the benches. They are not part of the interface:
+        /// any of them may change with any version.
+        #[doc(hidden)]
+        pub mod internals {
+            $(
+                /// See the crate.
+                pub mod $module {
+                    pub use crate::$module::*;
+                }
+            )*
+        }
+    };
+}
+
+open! {
+    error findings math settings simd value
+    cost descriptor image optimization pipeline refinement rig scales verification
 }

@@ -339,7 +339,9 @@ impl CandidateSearch<'_> {
             let searched = searched(columns.start);
             if before != Some(searched) {
                 horizontal.search(before, searched)?;
-                vertical.search(searched)?;
+                if is_vertical {
+                    vertical.search(searched)?;
+                }
             }
 
             let end = (columns.end + LOOKAHEAD_COLUMNS).min(cols);

@@ -6,7 +6,7 @@
 //!
 //! ```text
 //! decided(pair):
-//!     map = match(pair), each panel within its range (ranges.rs)   calibrated confidences
+//!     map = match(pair)                                       calibrated confidences; ranges of panels: ranges.rs
 //!     if many pixels are in doubt, and a copy is not too small:
 //!         coarse = decided(pair / 2)
 //!         map = choice of map and coarse                      (choice.rs)

@@ -174,7 +174,7 @@ type Matched<'py> = (
 type SupportTuple<'py> = (Bound<'py, PyArray2<u8>>, f64);
 
 /// The shares of pixels with an estimate, flagged, at the least and at the largest disparity; mean confidence; the
-/// estimated share of wrong pixels; the shares decided by smaller copies and by planes.
+/// estimated share of wrong pixels; the shares decided by smaller copies and by planes; the detail where copies decided.
 type SummaryTuple = (f64, f64, f64, f64, f64, f64, f64, f64, f64);
 
 /// The map, its summary, the estimates, what a temporal filter gives, and findings on the match.

@@ -14,13 +14,15 @@ from phasestereo.cli.options import (
     AT_LEAST_ONE,
     NOT_NEGATIVE,
     POSITIVE,
+    PRESET_HELP,
     REASONABLE,
+    SETTINGS_HELP,
     Count,
     Overrides,
 )
 from phasestereo.cli.terminal import print_json, print_lines, progress_bar, say
 from phasestereo.result import Layer
-from phasestereo.settings import PRESET, PRESETS, Settings, resolve
+from phasestereo.settings import PRESET, Settings, resolve
 from phasestereo_large.batch import BatchReport, Record, encryption, read_pairs, run
 
 _VALUES = {"preset", "num_disparities", "min_disparity", "threads", "workers", "scheduler"}
@@ -30,10 +32,7 @@ _OPTIONS = _VALUES | _MORE | {field.name for field in fields(Settings)}
 _OUTPUT = Group.create_ordered("Output")
 _SEARCH = Group.create_ordered("Search")
 _WORK = Group.create_ordered("Work")
-_SETTINGS = Group.create_ordered(
-    "Expert settings", help="Each takes the place of the preset's. Two penalties are written 0.5,2."
-)
-_PRESET_HELP = f"Settings to start from: {', '.join(PRESETS)}."
+_SETTINGS = Group.create_ordered("Expert settings", help=SETTINGS_HELP)
 _LISTED = 1000  # failures in the JSON: all are in the manifest
 
 _Count = Annotated[int | None, Parameter(group=_WORK, validator=AT_LEAST_ONE)]
@@ -53,7 +52,7 @@ def batch(
     json: Annotated[bool, Parameter(negative=(), show_default=False, group=_OUTPUT)] = False,
     num_disparities: Annotated[Count, Parameter(group=_SEARCH, validator=AT_LEAST_ONE)] = None,
     min_disparity: Annotated[int, Parameter(group=_SEARCH, validator=REASONABLE)] = 0,
-    preset: Annotated[str, Parameter(group=_SEARCH, help=_PRESET_HELP)] = PRESET,
+    preset: Annotated[str, Parameter(group=_SEARCH, help=PRESET_HELP)] = PRESET,
     scheduler: Annotated[str | None, Parameter(group=_WORK)] = None,
     tls_ca: _File = None,
     tls_cert: _File = None,

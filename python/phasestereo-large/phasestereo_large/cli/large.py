@@ -10,10 +10,17 @@ from cyclopts import Group, Parameter
 
 import phasestereo
 from phasestereo.cli.errors import refusals
-from phasestereo.cli.options import AT_LEAST_ONE, REASONABLE, Bands, Overrides
+from phasestereo.cli.options import (
+    AT_LEAST_ONE,
+    PRESET_HELP,
+    REASONABLE,
+    SETTINGS_HELP,
+    Bands,
+    Overrides,
+)
 from phasestereo.cli.terminal import print_json, print_lines, progress_bar, say
 from phasestereo.result import LAYERS, format_counts
-from phasestereo.settings import PRESET, PRESETS, Settings, resolve
+from phasestereo.settings import PRESET, Settings, resolve
 from phasestereo_large import outofcore
 from phasestereo_large.outofcore import MapReport, Plan, format_bytes
 
@@ -24,10 +31,7 @@ _OPTIONS = _VALUES | _MEMORY | {field.name for field in fields(Settings)}
 _OUTPUT = Group.create_ordered("Output")
 _SEARCH = Group.create_ordered("Search")
 _WORK = Group.create_ordered("Work")
-_SETTINGS = Group.create_ordered(
-    "Expert settings", help="Each takes the place of the preset's. Two penalties are written 0.5,2."
-)
-_PRESET_HELP = f"Settings to start from: {', '.join(PRESETS)}."
+_SETTINGS = Group.create_ordered("Expert settings", help=SETTINGS_HELP)
 
 _Layer = Annotated[Path | None, Parameter(group=_OUTPUT)]
 _Mask = Annotated[Path | None, Parameter(group=_SEARCH)]
@@ -45,7 +49,7 @@ def large(
     json: Annotated[bool, Parameter(negative=(), show_default=False, group=_OUTPUT)] = False,
     num_disparities: Annotated[int, Parameter(group=_SEARCH, validator=AT_LEAST_ONE)],
     min_disparity: Annotated[int, Parameter(group=_SEARCH, validator=REASONABLE)] = 0,
-    preset: Annotated[str, Parameter(group=_SEARCH, help=_PRESET_HELP)] = PRESET,
+    preset: Annotated[str, Parameter(group=_SEARCH, help=PRESET_HELP)] = PRESET,
     left_mask: _Mask = None,
     right_mask: _Mask = None,
     bands: Annotated[Bands | None, Parameter(group=_SEARCH)] = None,
@@ -58,8 +62,8 @@ def large(
 ) -> None:
     """Match a pair larger than memory, from file to file.
 
-    The pair is read, matched and written band by band. The result is that of the whole pair, to
-    the bit, and the same command goes on after whatever ended it. For example:
+    The pair is read, matched and written band by band. The result is that of the whole pair at one
+    scale, to the bit, and the same command goes on after whatever ended it. For example:
 
     ```
     phasestereo large left.tif right.tif --num-disparities 256 --max-memory 2GB -o out.tif

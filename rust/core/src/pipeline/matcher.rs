@@ -310,8 +310,7 @@ impl Matcher {
         })
     }
 
-    /// The same with raw confidences. The sums over
-    /// these rows are those that calibration needs, if they are rows to sample.
+    /// The same with raw confidences. The sums over these rows are those that calibration needs, if they are rows to sample.
     pub fn match_raw(
         &self,
         pair: &Pair,

@@ -31,9 +31,9 @@ use crate::optimization::panel_ranges::PanelRanges;
 use crate::pipeline::matcher::Pair;
 use crate::pipeline::section::Section;
 use crate::rig::blur::parts::Means;
+use crate::rig::estimation::overview::Detail;
 use crate::scales::reduction::halved;
-use crate::settings::presets::Preset;
-use crate::settings::{Optimizer, Precision, Settings};
+use crate::settings::{Optimizer, Settings};
 
 /// Fewest disparities of a pair that are narrowed.
 const MANY: usize = 384;
@@ -41,8 +41,9 @@ const MANY: usize = 384;
 const REACH: [usize; 2] = [48, 16];
 /// Disparities that are searched below the least and above the largest one of the copy.
 const MARGIN: isize = 4;
-/// Fewest runs of candidates. On rendered rooms of 12 megapixels one alone makes confidences too high to ask a copy. Off by more
-/// than 1 px are 14.8 % with all candidates, 15.4 with one run at least, 15.2 with two.
+/// Fewest runs of candidates. One alone makes confidences too high to ask a copy: of rendered rooms of 12 megapixels 14.8 % were
+/// off by more than 1 px with all candidates, 15.4 with one run at least and 15.2 with two, where a panel was looked at as far
+/// as 16 px around it in a match with windows of 5 x 5.
 const LEAST_RUNS: usize = 2;
 
 /// The disparities that are searched in each panel; `None`: all.
@@ -66,21 +67,8 @@ pub fn panel_ranges(
 
 /// The disparities of a copy; NaN where the match is in doubt.
 fn roughly_matched(copy: &Pair, means: Means) -> Result<Plane<f32>> {
-    let settings = Settings {
-        neighborhood: 5,
-        window: 3,
-        frequencies: (1, 1),
-        precision: Precision::Byte,
-        optimizer: Optimizer::ScanlineOptimization,
-        shiftable: false,
-        p1: 2.0,
-        p2: 9.0,
-        lr_check: Some(3),
-        speckle_size: 6,
-        fill: false,
-        confidence: false,
-        ..Preset::Paper.settings()
-    };
+    let detail = Detail { neighborhood: 5, window: 3, speckle: 6, subpixel: false };
+    let settings = Settings { lr_check: Some(3), confidence: false, ..detail.settings() };
 
     let ranges = panel_ranges(copy, settings.optimizer, means)?;
     let section = Section { ranges, ..Section::whole(copy) };

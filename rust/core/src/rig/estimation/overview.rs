@@ -40,17 +40,42 @@ const SURE: f32 = 0.5;
 /// How a match of copies looks at details.
 #[derive(Debug, Clone, Copy)]
 pub struct Detail {
-    neighborhood: usize,
-    window: usize,
+    /// Side of the neighborhood of a code.
+    pub neighborhood: usize,
+    /// Side of the window that costs are summed over.
+    pub window: usize,
     /// Regions of so few pixels are mistakes.
-    speckle: usize,
-    subpixel: bool,
+    pub speckle: usize,
+    /// Whether disparities are found between whole pixels.
+    pub subpixel: bool,
 }
 
 /// Large neighborhoods withstand blur and noise.
 pub const ROUGH: Detail = Detail { neighborhood: 9, window: 9, speckle: 12, subpixel: false };
 /// Small ones show small things.
 pub const FINE: Detail = Detail { neighborhood: 3, window: 5, speckle: 40, subpixel: true };
+
+impl Detail {
+    /// The settings of a rough match: along rows alone, with a left-right check, nothing filled or smoothed.
+    pub fn settings(self) -> Settings {
+        Settings {
+            neighborhood: self.neighborhood,
+            window: self.window,
+            frequencies: (1, 1),
+            precision: Precision::Byte,
+            optimizer: Optimizer::ScanlineOptimization,
+            shiftable: false,
+            p1: 2.0,
+            p2: 9.0,
+            lr_check: Some(1),
+            speckle_size: self.speckle,
+            subpixel: self.subpixel,
+            fill: false,
+            confidence: true,
+            ..Preset::Paper.settings()
+        }
+    }
+}
 
 /// Both images, reduced.
 pub struct Overview {
@@ -295,22 +320,7 @@ impl Overview {
         let low = (low as i64).clamp(1 - width - (count - 1), width - 1);
 
         let pair = Pair::new(as_view(left.clone()), as_view(right), low, count)?;
-        let settings = Settings {
-            neighborhood: detail.neighborhood,
-            window: detail.window,
-            frequencies: (1, 1),
-            precision: Precision::Byte,
-            optimizer: Optimizer::ScanlineOptimization,
-            shiftable: false,
-            p1: 2.0,
-            p2: 9.0,
-            lr_check: Some(1),
-            speckle_size: detail.speckle,
-            subpixel: detail.subpixel,
-            fill: false,
-            confidence: true,
-            ..Preset::Paper.settings()
-        };
+        let settings = detail.settings();
 
         // Rows of the reduced pair are not rows of the result: its progress is counted apart.
         let all = Section::whole(&pair);
