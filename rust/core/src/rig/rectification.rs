@@ -1,0 +1,307 @@
+//! Rectification of a raw pair from its images alone: the cameras that bring the rows of both together.
+//!
+//! 1. Corners of both images are described by codes and matched ([`corners`], [`codes`], [`matches`]).
+//! 2. Those that agree on one way that the cameras look are kept ([`consensus`]); where few do, one image is tried turned.
+//! 3. Fourteen numbers of two cameras are fitted to them ([`cameras`], [`fit`]).
+//! 4. Both images are rectified by those, and blocks of them correlated ([`blocks`]), which are more exact than corners; the
+//!    numbers are fitted again, and all of this is repeated until they stay.
+//! 5. The rectified images are moved so that things stay about where they were, and so that disparities are positive.
+//!
+//! A pair of which too little agrees is not rectified: a wrong rectification is worse than none. Everything is computed in a
+//! fixed order.
+
+pub mod blocks;
+pub mod cameras;
+pub mod codes;
+pub mod consensus;
+pub mod corners;
+pub mod filters;
+pub mod fit;
+pub mod linear;
+pub mod matches;
+
+use self::blocks::Block;
+use self::cameras::{Cameras, Point};
+use self::codes::Features;
+use self::fit::Steps;
+use self::linear::{forward, median};
+use self::matches::Match;
+use crate::error::Result;
+use crate::image::plane::Plane;
+use crate::simd::Level;
+
+/// Fewest corners of an image; fewest matches that agree, and as a share of all.
+const LEAST_CORNERS: usize = 72;
+const LEAST_AGREEING: (usize, f64) = (45, 0.30);
+/// From so many agreeing matches on, as many of all, no image is tried turned.
+const ENOUGH: (usize, f64) = (60, 0.5);
+/// By how much the right image is tried turned, degrees.
+const TURNS: [f64; 2] = [24.0, -24.0];
+/// Fewest blocks to fit to, and fewest of a result.
+const LEAST_BLOCKS: (usize, usize) = (40, 60);
+/// Most rounds of blocks; the rows that a round changes when it is the last, pixels.
+const ROUNDS: usize = 4;
+const STILL: f64 = 0.15;
+/// Matches agree if their rows are at most so many spreads apart, or such a share of the width.
+const AGREE: (f64, f64) = (4.0, 0.003);
+/// Largest share of blocks where the distortion folds the image.
+const FOLDED: f64 = 0.05;
+/// Largest spread of the rows of blocks, pixels of an image of up to 1000 columns, and as a share of wider ones.
+const SPREAD: (f64, f64) = (1.5, 0.0015);
+/// Disparities apart from others by such a share of the width are mistakes, if they are fewer than such a share of all.
+const APART: (f64, f64) = (0.03, 0.05);
+/// Percentiles that are the ends of the disparities; negative ones beyond such a share of the width are made positive, and
+/// begin at another.
+const ENDS: [f64; 2] = [0.01, 0.99];
+const NEGATIVE: (f64, f64) = (0.01, 0.02);
+
+/// A pair that was rectified.
+#[derive(Debug, Clone)]
+pub struct Rectification {
+    /// The cameras, with how the rectified images are moved.
+    pub cameras: Cameras,
+    /// Matched corners, and those of them that agree.
+    pub matches: [usize; 2],
+    /// Blocks that the last fit uses.
+    pub blocks: usize,
+    /// Root mean square of the rows by which these blocks differ, pixels.
+    pub rms: f64,
+    /// By how much the rows of the rectified images may differ by what the blocks determine, rms in pixels.
+    pub error: f64,
+    /// By how many columns the right image was moved so that disparities are positive.
+    pub moved: f64,
+    /// Least and largest disparity of blocks and corners.
+    pub disparities: [f64; 2],
+}
+
+/// Why a pair is not rectified.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub enum Refusal {
+    /// Too few corners: left and right.
+    Corners([usize; 2]),
+    /// Too few matched corners agree: those that agree, and all.
+    Matches([usize; 2]),
+    /// Too few blocks are found in both rectified images.
+    Blocks(usize),
+    /// The lenses that fit best would show some things twice.
+    Folds,
+    /// Rows stay apart by so many pixels.
+    Rows(f64),
+}
+
+/// Rectifies a pair of gray images of one size.
+pub fn rectify(
+    left: &Plane<f32>,
+    right: &Plane<f32>,
+    level: Level,
+) -> Result<std::result::Result<Rectification, Refusal>> {
+    let pair = [&filters::stretched(left), &filters::stretched(right)];
+    let size = (left.rows(), left.cols());
+
+    let (matches, agreeing) = match matched(pair, level)? {
+        Ok(found) => found,
+        Err(refusal) => return Ok(Err(refusal)),
+    };
+    let counts = [matches.len(), agreeing.iter().filter(|is_in| **is_in).count()];
+    let starts = fit::fitted(&matches, &agreeing, size);
+
+    let mut most = 0;
+    for (cameras, kept) in starts {
+        let found = refined(pair, &matches, cameras, kept, level)?;
+        most = most.max(found.blocks.len());
+        if found.blocks.len() >= LEAST_BLOCKS.1 {
+            return Ok(found.checked(counts, size));
+        }
+    }
+    Ok(Err(Refusal::Blocks(most)))
+}
+
+/// Matched corners, and which of them agree.
+fn matched(
+    pair: [&Plane<f32>; 2],
+    level: Level,
+) -> Result<std::result::Result<(Vec<Match>, Vec<bool>), Refusal>> {
+    let cols = pair[0].cols();
+    let [left, right] = [Features::new(pair[0], level)?, Features::new(pair[1], level)?];
+    let corners = [left.places.len(), right.places.len()];
+    if corners.iter().any(|count| *count < LEAST_CORNERS) {
+        return Ok(Err(Refusal::Corners(corners)));
+    }
+
+    let codes = left.codes(0.0);
+    let turned = |turn: f64| {
+        let others = right.codes(turn.to_radians());
+        let found = matches::matched([&left, &right], [&codes, &others], cols, level);
+        let agree = consensus::agreeing(&found, cols);
+        (agree.iter().filter(|is_in| **is_in).count(), found, agree)
+    };
+
+    let mut best = turned(0.0);
+    if best.0 < ENOUGH.0 || (best.0 as f64) <= ENOUGH.1 * best.1.len() as f64 {
+        for turn in TURNS {
+            let other = turned(turn);
+            if other.0 > best.0 {
+                best = other;
+            }
+        }
+    }
+
+    let (count, found, agree) = best;
+    if count < LEAST_AGREEING.0 || (count as f64) < LEAST_AGREEING.1 * found.len() as f64 {
+        return Ok(Err(Refusal::Matches([count, found.len()])));
+    }
+    Ok(Ok((found, agree)))
+}
+
+/// Cameras that blocks were fitted to.
+struct Refined {
+    cameras: Cameras,
+    /// All blocks of the last round.
+    blocks: Vec<Block>,
+    /// The weight of each, 0 for mistakes.
+    weights: Vec<f64>,
+    /// Corners that agree.
+    kept: Vec<Match>,
+    /// The normal equations of the last fit.
+    fit: Option<fit::Fit>,
+}
+
+/// Fits cameras to blocks, again and again, until they stay.
+fn refined(
+    pair: [&Plane<f32>; 2],
+    matches: &[Match],
+    cameras: Cameras,
+    kept: Vec<Match>,
+    level: Level,
+) -> Result<Refined> {
+    let cols = pair[0].cols() as f64;
+    let mut now = Refined { cameras, blocks: vec![], weights: vec![], kept, fit: None };
+
+    for round in 0..ROUNDS {
+        let before = now.cameras.clone();
+        now.blocks = blocks::blocks(pair, &now.cameras, &now.kept, level)?;
+        if now.blocks.len() < LEAST_BLOCKS.0 {
+            break;
+        }
+
+        // Blocks alone, then with the corners, as much less exact as their rows spread more.
+        let mut places: Vec<Match> = now.blocks.iter().map(|block| block.places).collect();
+        let mut weights: Vec<f64> = now.blocks.iter().map(|block| block.weight).collect();
+        let alone = fit::fit(&places, &weights, &now.cameras, Steps(15, 3));
+
+        let rows = |cameras: &Cameras, one: &Match| cameras.row_difference([one.left, one.right]);
+        let spread = now.kept.iter().map(|one| rows(&alone.cameras, one).abs()).collect();
+        let spread = 1.4826 * median(spread) + 0.05;
+        places.extend(&now.kept);
+        weights.resize(places.len(), (alone.spread / spread).powi(2).min(1.0));
+        let both = fit::fit(&places, &weights, &alone.cameras, Steps(10, 0));
+
+        now.cameras = both.cameras.clone();
+        now.weights = both.weights[..now.blocks.len()].to_vec();
+        now.fit = Some(both);
+
+        let near = (AGREE.0 * spread).max(AGREE.1 * cols);
+        let is_near = |one: &&Match| rows(&now.cameras, one).abs() < near;
+        now.kept = matches.iter().filter(is_near).copied().collect();
+
+        let changes = now.blocks.iter().map(|block| {
+            (rows(&now.cameras, &block.places) - rows(&before, &block.places)).powi(2)
+        });
+        let change = (changes.sum::<f64>() / now.blocks.len() as f64).sqrt();
+        if round > 0 && change < STILL {
+            break;
+        }
+    }
+
+    Ok(now)
+}
+
+impl Refined {
+    /// The result, if it can be believed.
+    fn checked(
+        self,
+        matches: [usize; 2],
+        (_, cols): (usize, usize),
+    ) -> std::result::Result<Rectification, Refusal> {
+        let Self { mut cameras, blocks, weights, kept, fit } = self;
+        let cols = cols as f64;
+
+        let is_folded = |block: &&Block| {
+            let Match { left, right } = block.places;
+            cameras.is_folded(left, 0) || cameras.is_folded(right, 1)
+        };
+        if blocks.iter().filter(is_folded).count() as f64 > FOLDED * blocks.len() as f64 {
+            return Err(Refusal::Folds);
+        }
+
+        let good: Vec<Match> = blocks
+            .iter()
+            .zip(&weights)
+            .filter(|(_, weight)| **weight > 0.0)
+            .map(|(block, _)| block.places)
+            .collect();
+        let rows: Vec<f64> =
+            good.iter().map(|one| cameras.row_difference([one.left, one.right])).collect();
+        let spread = 1.4826 * median(rows.iter().map(|row| row.abs()).collect());
+        if good.is_empty() || spread > SPREAD.0.max(SPREAD.1 * cols) {
+            return Err(Refusal::Rows(spread));
+        }
+
+        let rms = (rows.iter().map(|row| row * row).sum::<f64>() / rows.len() as f64).sqrt();
+        let error = error(&cameras, &good, fit.as_ref());
+
+        cameras.shifts = shifts(&cameras, &good);
+        let mut disparities = disparities(&cameras, &good, &kept, cols);
+        let mut moved = 0.0;
+        if disparities[0] < -NEGATIVE.0 * cols {
+            moved = (NEGATIVE.1 * cols - disparities[0]).ceil();
+            cameras.shifts[1][0] -= moved;
+            disparities = disparities.map(|end| end + moved);
+        }
+
+        Ok(Rectification { cameras, matches, blocks: good.len(), rms, error, moved, disparities })
+    }
+}
+
+/// By how much rows may differ by the covariance of the numbers, at blocks, rms.
+fn error(cameras: &Cameras, blocks: &[Match], fit: Option<&fit::Fit>) -> f64 {
+    let Some(lower) = fit.and_then(|fit| fit.normal.factor()) else { return f64::INFINITY };
+    let variance = |one: &Match| -> f64 {
+        let (_, slope) = cameras.row_derivatives([one.left, one.right]);
+        forward(&lower, slope).iter().map(|value| value * value).sum()
+    };
+    (blocks.iter().map(variance).sum::<f64>() / blocks.len() as f64).sqrt()
+}
+
+/// The shifts that leave things where they were, at the median. Rows are moved alike; columns each by themselves, since what
+/// moves all disparities, as toed-in cameras do, is hardly known from rows.
+fn shifts(cameras: &Cameras, blocks: &[Match]) -> [Point; 2] {
+    let by = |side: usize, axis: usize| -> Vec<f64> {
+        let moved = |one: &Match| {
+            let raw = [one.left, one.right][side];
+            raw[axis] - cameras.rectified(raw, side)[axis]
+        };
+        blocks.iter().map(moved).collect()
+    };
+
+    let both = by(0, 1).into_iter().zip(by(1, 1)).map(|(left, right)| left + right);
+    let rows = median(both.collect()) / 2.0;
+    [[median(by(0, 0)), rows], [median(by(1, 0)), rows]]
+}
+
+/// Least and largest disparity, without clusters that are small and far from others.
+fn disparities(cameras: &Cameras, blocks: &[Match], corners: &[Match], cols: f64) -> [f64; 2] {
+    let disparity =
+        |one: &Match| cameras.rectified(one.left, 0)[0] - cameras.rectified(one.right, 1)[0];
+    let mut all: Vec<f64> = blocks.iter().chain(corners).map(disparity).collect();
+    all.sort_by(f64::total_cmp);
+
+    let clusters = all.chunk_by(|one, next| next - one <= APART.0 * cols);
+    let large = clusters.filter(|cluster| cluster.len() as f64 >= APART.1 * all.len() as f64);
+    let mut kept: Vec<f64> = large.flatten().copied().collect();
+    if kept.is_empty() {
+        kept = all;
+    }
+    ENDS.map(|share| kept[(share * (kept.len() - 1) as f64).round() as usize])
+}
