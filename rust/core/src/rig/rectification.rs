@@ -20,15 +20,21 @@ pub mod fit;
 pub mod linear;
 pub mod matches;
 
+use std::fmt;
+
 use self::blocks::Block;
-use self::cameras::{Cameras, Point};
+use self::cameras::{Cameras, NUMBERS, Point};
 use self::codes::Features;
 use self::fit::Steps;
 use self::linear::{forward, median};
 use self::matches::Match;
 use crate::error::Result;
 use crate::image::plane::Plane;
+use crate::pipeline::control::Control;
 use crate::simd::Level;
+
+/// Wider images are reduced: their rows are found as exactly as those of so many columns.
+const MOST_COLUMNS: usize = 1600;
 
 /// Fewest corners of an image; fewest matches that agree, and as a share of all.
 const LEAST_CORNERS: usize = 72;
@@ -50,9 +56,9 @@ const FOLDED: f64 = 0.05;
 const SPREAD: (f64, f64) = (1.5, 0.0015);
 /// Disparities apart from others by such a share of the width are mistakes, if they are fewer than such a share of all.
 const APART: (f64, f64) = (0.03, 0.05);
-/// Percentiles that are the ends of the disparities; negative ones beyond such a share of the width are made positive, and
-/// begin at another.
-const ENDS: [f64; 2] = [0.01, 0.99];
+/// The share of the disparities below the least one that counts. Negative ones beyond such a share of the width are made
+/// positive, and begin at another.
+const LEAST_SHARE: f64 = 0.01;
 const NEGATIVE: (f64, f64) = (0.01, 0.02);
 
 /// A pair that was rectified.
@@ -70,8 +76,8 @@ pub struct Rectification {
     pub error: f64,
     /// By how many columns the right image was moved so that disparities are positive.
     pub moved: f64,
-    /// Least and largest disparity of blocks and corners.
-    pub disparities: [f64; 2],
+    /// By how many pixels each lens moves what is at half the width from the middle, outward, and the standard error.
+    pub distortion: [(f64, f64); 2],
 }
 
 /// Why a pair is not rectified.
@@ -90,16 +96,52 @@ pub enum Refusal {
     Rows(f64),
 }
 
-/// Rectifies a pair of gray images of one size.
-pub fn rectify(
-    left: &Plane<f32>,
-    right: &Plane<f32>,
-    level: Level,
-) -> Result<std::result::Result<Rectification, Refusal>> {
-    let pair = [&filters::stretched(left), &filters::stretched(right)];
-    let size = (left.rows(), left.cols());
+impl fmt::Display for Refusal {
+    fn fmt(&self, to: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Self::Corners([left, right]) => {
+                write!(to, "they have only {left} and {right} corners that could be compared")
+            }
+            Self::Matches([agreeing, all]) => {
+                write!(to, "only {agreeing} of {all} corners that look alike agree on how the cameras look")
+            }
+            Self::Blocks(found) => write!(to, "only {found} blocks of one are found in the other"),
+            Self::Folds => write!(to, "the lenses that fit best would show some things twice"),
+            Self::Rows(spread) => write!(to, "rows would still be {spread:.1} px apart"),
+        }
+    }
+}
 
-    let (matches, agreeing) = match matched(pair, level)? {
+/// Rectifies a pair of gray images of one size. Columns are moved so that disparities are positive, if that is asked for.
+pub fn rectify(
+    pair: [&Plane<f32>; 2],
+    is_positive: bool,
+    level: Level,
+    control: &Control,
+) -> Result<std::result::Result<Rectification, Refusal>> {
+    let factor = pair[0].cols().div_ceil(MOST_COLUMNS).max(1);
+    let size = (pair[0].rows() / factor, pair[0].cols() / factor);
+    let smaller = |image: &Plane<f32>| -> Result<Plane<f32>> {
+        let image = filters::stretched(image);
+        if factor == 1 { Ok(image) } else { filters::reduced(&filters::cropped(&image, factor)?, size) }
+    };
+    let (left, right) = (smaller(pair[0])?, smaller(pair[1])?);
+
+    let found = rectify_small([&left, &right], is_positive, level, control)?;
+    Ok(found.map(|found| found.enlarged(factor, size)).map_err(|refusal| match refusal {
+        Refusal::Rows(spread) => Refusal::Rows(spread * factor as f64),
+        other => other,
+    }))
+}
+
+fn rectify_small(
+    pair: [&Plane<f32>; 2],
+    is_positive: bool,
+    level: Level,
+    control: &Control,
+) -> Result<std::result::Result<Rectification, Refusal>> {
+    let size = (pair[0].rows(), pair[0].cols());
+    let (matches, agreeing) = match matched(pair, level, control)? {
         Ok(found) => found,
         Err(refusal) => return Ok(Err(refusal)),
     };
@@ -108,10 +150,10 @@ pub fn rectify(
 
     let mut most = 0;
     for (cameras, kept) in starts {
-        let found = refined(pair, &matches, cameras, kept, level)?;
+        let found = refined(pair, &matches, cameras, kept, level, control)?;
         most = most.max(found.blocks.len());
         if found.blocks.len() >= LEAST_BLOCKS.1 {
-            return Ok(found.checked(counts, size));
+            return Ok(found.checked(counts, size, is_positive));
         }
     }
     Ok(Err(Refusal::Blocks(most)))
@@ -121,9 +163,15 @@ pub fn rectify(
 fn matched(
     pair: [&Plane<f32>; 2],
     level: Level,
+    control: &Control,
 ) -> Result<std::result::Result<(Vec<Match>, Vec<bool>), Refusal>> {
     let cols = pair[0].cols();
-    let [left, right] = [Features::new(pair[0], level)?, Features::new(pair[1], level)?];
+    let features = |side: usize| {
+        control.checkpoint()?;
+        Features::new(pair[side], level)
+    };
+    let (left, right) = rayon::join(|| features(0), || features(1));
+    let (left, right) = (left?, right?);
     let corners = [left.places.len(), right.places.len()];
     if corners.iter().any(|count| *count < LEAST_CORNERS) {
         return Ok(Err(Refusal::Corners(corners)));
@@ -174,11 +222,13 @@ fn refined(
     cameras: Cameras,
     kept: Vec<Match>,
     level: Level,
+    control: &Control,
 ) -> Result<Refined> {
     let cols = pair[0].cols() as f64;
     let mut now = Refined { cameras, blocks: vec![], weights: vec![], kept, fit: None };
 
     for round in 0..ROUNDS {
+        control.checkpoint()?;
         let before = now.cameras.clone();
         now.blocks = blocks::blocks(pair, &now.cameras, &now.kept, level)?;
         if now.blocks.len() < LEAST_BLOCKS.0 {
@@ -223,6 +273,7 @@ impl Refined {
         self,
         matches: [usize; 2],
         (_, cols): (usize, usize),
+        is_positive: bool,
     ) -> std::result::Result<Rectification, Refusal> {
         let Self { mut cameras, blocks, weights, kept, fit } = self;
         let cols = cols as f64;
@@ -249,29 +300,53 @@ impl Refined {
         }
 
         let rms = (rows.iter().map(|row| row * row).sum::<f64>() / rows.len() as f64).sqrt();
-        let error = error(&cameras, &good, fit.as_ref());
+        let lower = fit.and_then(|fit| fit.normal.factor());
+        let error = error(&cameras, &good, lower.as_ref());
+        let distortion = [0, 1].map(|side| {
+            let (moved, slope) = cameras.distortion(side);
+            (moved, lower.map_or(f64::INFINITY, |lower| length(&forward(&lower, slope))))
+        });
 
         cameras.shifts = shifts(&cameras, &good);
-        let mut disparities = disparities(&cameras, &good, &kept, cols);
+        let least = least_disparity(&cameras, &good, &kept, cols);
         let mut moved = 0.0;
-        if disparities[0] < -NEGATIVE.0 * cols {
-            moved = (NEGATIVE.1 * cols - disparities[0]).ceil();
+        if is_positive && least < -NEGATIVE.0 * cols {
+            moved = (NEGATIVE.1 * cols - least).ceil();
             cameras.shifts[1][0] -= moved;
-            disparities = disparities.map(|end| end + moved);
         }
 
-        Ok(Rectification { cameras, matches, blocks: good.len(), rms, error, moved, disparities })
+        Ok(Rectification { cameras, matches, blocks: good.len(), rms, error, moved, distortion })
     }
 }
 
+impl Rectification {
+    /// That of images so many times larger.
+    fn enlarged(self, factor: usize, (rows, cols): (usize, usize)) -> Self {
+        let times = factor as f64;
+        Self {
+            cameras: self.cameras.resized((rows * factor, cols * factor)),
+            rms: self.rms * times,
+            error: self.error * times,
+            moved: self.moved * times,
+            distortion: self.distortion.map(|(moved, error)| (moved * times, error * times)),
+            ..self
+        }
+    }
+}
+
+fn length(values: &[f64]) -> f64 {
+    values.iter().map(|value| value * value).sum::<f64>().sqrt()
+}
+
 /// By how much rows may differ by the covariance of the numbers, at blocks, rms.
-fn error(cameras: &Cameras, blocks: &[Match], fit: Option<&fit::Fit>) -> f64 {
-    let Some(lower) = fit.and_then(|fit| fit.normal.factor()) else { return f64::INFINITY };
-    let variance = |one: &Match| -> f64 {
+fn error(cameras: &Cameras, blocks: &[Match], lower: Option<&[[f64; NUMBERS]; NUMBERS]>) -> f64 {
+    let Some(lower) = lower else { return f64::INFINITY };
+    let deviation = |one: &Match| {
         let (_, slope) = cameras.row_derivatives([one.left, one.right]);
-        forward(&lower, slope).iter().map(|value| value * value).sum()
+        length(&forward(lower, slope))
     };
-    (blocks.iter().map(variance).sum::<f64>() / blocks.len() as f64).sqrt()
+    let all: Vec<f64> = blocks.iter().map(deviation).collect();
+    length(&all) / (all.len() as f64).sqrt()
 }
 
 /// The shifts that leave things where they were, at the median. Rows are moved alike; columns each by themselves, since what
@@ -290,8 +365,8 @@ fn shifts(cameras: &Cameras, blocks: &[Match]) -> [Point; 2] {
     [[median(by(0, 0)), rows], [median(by(1, 0)), rows]]
 }
 
-/// Least and largest disparity, without clusters that are small and far from others.
-fn disparities(cameras: &Cameras, blocks: &[Match], corners: &[Match], cols: f64) -> [f64; 2] {
+/// The least disparity, without clusters that are small and far from others.
+fn least_disparity(cameras: &Cameras, blocks: &[Match], corners: &[Match], cols: f64) -> f64 {
     let disparity =
         |one: &Match| cameras.rectified(one.left, 0)[0] - cameras.rectified(one.right, 1)[0];
     let mut all: Vec<f64> = blocks.iter().chain(corners).map(disparity).collect();
@@ -303,5 +378,5 @@ fn disparities(cameras: &Cameras, blocks: &[Match], corners: &[Match], cols: f64
     if kept.is_empty() {
         kept = all;
     }
-    ENDS.map(|share| kept[(share * (kept.len() - 1) as f64).round() as usize])
+    kept[(LEAST_SHARE * (kept.len() - 1) as f64).round() as usize]
 }

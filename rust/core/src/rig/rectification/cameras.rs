@@ -219,6 +219,21 @@ impl Cameras {
         (difference, from_fn(|index| all[index] * self.spreads[index]))
     }
 
+    /// By how many pixels a lens moves what is at half the width from the middle, outward, and its derivatives by the numbers.
+    pub fn distortion(&self, side: usize) -> (f64, [f64; NUMBERS]) {
+        let half = 0.5 * self.size.1 as f64;
+        let sign = if side == 0 { -0.5 } else { 0.5 };
+        let [k1, k2] = self.sides[side].distortion;
+        let square = (half / self.sides[side].focal).powi(2);
+
+        let by_k1 = half * square;
+        let by_focal = -by_k1 * (2.0 * k1 + 4.0 * k2 * square);
+        let mut slope = [0.0; NUMBERS];
+        slope[..5].copy_from_slice(&[by_focal, sign * by_focal, by_k1, by_k1 * square, sign * by_k1]);
+        let slope = from_fn(|index| slope[index] * self.spreads[index]);
+        (by_k1 * (k1 + square * k2), slope)
+    }
+
     /// Whether a place of a raw image lies where its distortion turns back.
     pub fn is_folded(&self, raw: Point, side: usize) -> bool {
         let Camera { focal, center, distortion: [k1, k2], reach, .. } = &self.sides[side];

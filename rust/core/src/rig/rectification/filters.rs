@@ -41,6 +41,14 @@ pub fn stretched(image: &Plane<f32>) -> Plane<f32> {
     image.map(|value| if *value > low { ((value - low) * scale).min(255.0) } else { 0.0 })
 }
 
+/// The image without the last rows and columns, so that their numbers are multiples of a factor.
+pub fn cropped(image: &Plane<f32>, factor: usize) -> Result<Plane<f32>> {
+    let (rows, cols) = (image.rows() / factor * factor, image.cols() / factor * factor);
+    let mut out = Plane::new(rows, cols)?;
+    (0..rows).for_each(|y| out.row_mut(y).copy_from_slice(&image.row(y)[..cols]));
+    Ok(out)
+}
+
 /// The image reduced to so many rows and columns.
 pub fn reduced(image: &Plane<f32>, (rows, cols): (usize, usize)) -> Result<Plane<f32>> {
     let (above, beside) = (shares(image.rows(), rows), shares(image.cols(), cols));
