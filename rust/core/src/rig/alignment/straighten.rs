@@ -31,14 +31,14 @@ use crate::value::nearest;
 /// Number of pixels that a resampled one is a mean of.
 pub const TAPS: usize = 8;
 /// Steps between two rows to which offsets are rounded.
-const STEPS: i32 = 64;
+pub const STEPS: i32 = 64;
 /// Weights are multiples of `2^-WEIGHT_BITS`.
-const WEIGHT_BITS: u32 = 14;
+pub const WEIGHT_BITS: u32 = 14;
 /// The tap at the rounded-down row itself.
-const CENTER: isize = TAPS as isize / 2 - 1;
+pub const CENTER: isize = TAPS as isize / 2 - 1;
 
 /// The weights at every step; the eight of a step have the sum `2^WEIGHT_BITS`.
-fn weights() -> &'static [[i32; TAPS]; STEPS as usize] {
+pub fn weights() -> &'static [[i32; TAPS]; STEPS as usize] {
     static WEIGHTS: OnceLock<[[i32; TAPS]; STEPS as usize]> = OnceLock::new();
     WEIGHTS.get_or_init(|| {
         let mut all = [[0; TAPS]; STEPS as usize];
@@ -274,7 +274,7 @@ fn without_impulses(view: &View, level: Level, control: &Control) -> Result<View
 
 /// The view with masked pixels, which may be NaN, replaced by the nearest valid ones of their column within the taps,
 /// or else by zero.
-fn without_masked(view: &View, control: &Control) -> Result<View> {
+pub fn without_masked(view: &View, control: &Control) -> Result<View> {
     let Some(mask) = &view.mask else {
         return Ok(view.clone());
     };

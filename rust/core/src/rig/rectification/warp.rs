@@ -1,0 +1,237 @@
+//! A raw view -> the rectified one, and a map of the rectified pair -> one of the raw left image.
+//!
+//! ```text
+//! place = where the rectified pixel is in the raw image, in steps of 1 / 64 pixel
+//! out = sum over rows j and columns i of 8 x 8 pixels about the place of weights[j] weights[i] raw    # Lanczos
+//! valid if the place is inside the raw image, and the raw pixel nearest to it is valid
+//!
+//! q = the place of the raw left pixel p in the rectified image;   d = disparity of the pixel nearest to q
+//! p' = the place of (q.x - d, q.y) in the raw right image
+//! disparity(p) = p.x - p'.x,  rows(p) = p'.y - p.y
+//! ```
+//!
+//! The weights are those by which rows are aligned ([`crate::rig::alignment::straighten`]). Disparities are taken as they are, from
+//! the nearest pixel, since a mean over a jump would be neither side's. Sums have a fixed order; those of integers are
+//! exact.
+
+use std::array::from_fn;
+
+use ndarray::Array3;
+
+use super::cameras::{Cameras, Point};
+use crate::error::Result;
+use crate::image::plane::Plane;
+use crate::image::view::{Image, View};
+use crate::pipeline::control::Control;
+use crate::pipeline::matcher::Disparity;
+use crate::refinement::flag;
+use crate::rig::alignment::straighten::{CENTER, STEPS, TAPS, WEIGHT_BITS, weights, without_masked};
+
+/// Where each pixel of a rectified image is in the raw one: column and row, NaN where no ray comes from.
+pub type Places = Plane<[f32; 2]>;
+
+/// The places of all pixels of the left (0) or the right image (1).
+pub fn places(
+    cameras: &Cameras,
+    side: usize,
+    size: (usize, usize),
+    control: &Control,
+) -> Result<Places> {
+    Plane::by_rows(size, control, |y, row| {
+        for (x, place) in row.iter_mut().enumerate() {
+            let raw = cameras.raw([x as f64, y as f64], side);
+            *place = raw.map_or([f32::NAN; 2], |raw| raw.map(|at| at as f32));
+        }
+    })
+}
+
+/// The rectified view.
+pub fn rectified(view: &View, places: &Places, control: &Control) -> Result<View> {
+    // Masked pixels, which may be NaN, must not spread over the taps.
+    let filled = without_masked(view, control)?;
+    let image = match &filled.image {
+        Image::U8(pixels) => Image::U8(resampled(pixels, places, control)?),
+        Image::U16(pixels) => Image::U16(resampled(pixels, places, control)?),
+        Image::F32(pixels) => Image::F32(resampled(pixels, places, control)?),
+        Image::F64(pixels) => Image::F64(resampled(pixels, places, control)?),
+    };
+
+    let (rows, cols, _) = view.image.shape();
+    let ends = [cols as f32 - 1.0, rows as f32 - 1.0];
+    let is_valid = |place: [f32; 2]| {
+        let is_inside = (0..2).all(|axis| (0.0..=ends[axis]).contains(&place[axis]));
+        let [x, y] = place.map(|at| at.round() as usize);
+        is_inside && view.is_valid(y, x)
+    };
+    let mask = Plane::by_rows((rows, cols), control, |y, row| {
+        for (valid, place) in row.iter_mut().zip(places.row(y)) {
+            *valid = is_valid(*place);
+        }
+    })?;
+
+    // A mask that is true everywhere would only cost time.
+    let mask = (!mask.as_slice().iter().all(|valid| *valid)).then_some(mask);
+    Ok(View { image, mask, range: None, ..*view })
+}
+
+/// A pixel that can be resampled.
+trait Sample: Copy + Default + Send + Sync + Into<f64> {
+    /// The nearest value of this type.
+    fn nearest(value: f64) -> Self;
+}
+
+impl Sample for u8 {
+    fn nearest(value: f64) -> Self {
+        value.round().clamp(0.0, Self::MAX.into()) as Self
+    }
+}
+
+impl Sample for u16 {
+    fn nearest(value: f64) -> Self {
+        value.round().clamp(0.0, Self::MAX.into()) as Self
+    }
+}
+
+impl Sample for f32 {
+    fn nearest(value: f64) -> Self {
+        value as Self
+    }
+}
+
+impl Sample for f64 {
+    fn nearest(value: f64) -> Self {
+        value
+    }
+}
+
+fn resampled<T: Sample>(
+    pixels: &Array3<T>,
+    places: &Places,
+    control: &Control,
+) -> Result<Array3<T>> {
+    let (rows, cols, channels) = pixels.dim();
+    let pixels = pixels.as_standard_layout();
+    let source = Source { pixels: pixels.as_slice().unwrap_or_default(), rows, cols, channels };
+
+    let out = Plane::by_rows((rows, cols * channels), control, |y, out: &mut [T]| {
+        for (out, place) in out.chunks_exact_mut(channels).zip(places.row(y)) {
+            source.write(*place, out);
+        }
+    })?;
+    // The plane has as many values as the shape says.
+    Ok(Array3::from_shape_vec((rows, cols, channels), out.into_vec()).unwrap_or_default())
+}
+
+/// An image, row after row.
+struct Source<'a, T> {
+    pixels: &'a [T],
+    rows: usize,
+    cols: usize,
+    channels: usize,
+}
+
+impl<T: Sample> Source<'_, T> {
+    /// Writes the channels at a place. Beyond the image its border is repeated; nowhere is 0.
+    fn write(&self, place: [f32; 2], out: &mut [T]) {
+        if place[0].is_nan() {
+            return;
+        }
+
+        let steps = place.map(|at| (f64::from(at) * f64::from(STEPS)).round() as i64);
+        let step = i64::from(STEPS);
+        let [along, down] = steps.map(|at| &weights()[at.rem_euclid(step) as usize]);
+        let [column, row] = steps.map(|at| at.div_euclid(step) as isize - CENTER);
+        let clamp = |at: isize, length: usize| at.clamp(0, length as isize - 1) as usize;
+        let columns: [usize; TAPS] = from_fn(|tap| clamp(column + tap as isize, self.cols));
+
+        let scale = f64::from(1u32 << WEIGHT_BITS).powi(2);
+        for (channel, out) in out.iter_mut().enumerate() {
+            let mut sum = 0.0;
+            for (tap, weight) in (0..).zip(down) {
+                let start = clamp(row + tap, self.rows) * self.cols;
+                let value = |at: usize| -> f64 {
+                    self.pixels[(start + at) * self.channels + channel].into()
+                };
+                let mut of_row = 0.0;
+                for (weight, at) in along.iter().zip(columns) {
+                    of_row += f64::from(*weight) * value(at);
+                }
+                sum += f64::from(*weight) * of_row;
+            }
+            *out = T::nearest(sum / scale);
+        }
+    }
+}
+
+/// A map of the rectified pair as one of the raw left image, and by how many rows each pixel is lower in the raw right image
+/// (NaN where there is no disparity).
+pub fn raw(
+    map: &Disparity,
+    cameras: &Cameras,
+    control: &Control,
+) -> Result<(Disparity, Plane<f32>)> {
+    let size @ (rows, cols) = (map.disparity.rows(), map.disparity.cols());
+    let nearest: Plane<u64> = Plane::by_rows(size, control, |y, out| {
+        for (x, index) in out.iter_mut().enumerate() {
+            let [u, v] = cameras.rectified([x as f64, y as f64], 0).map(f64::round);
+            let is_inside = (0.0..cols as f64).contains(&u) && (0.0..rows as f64).contains(&v);
+            // Places beyond the rectified image are the number of its pixels.
+            *index = if is_inside { v as u64 * cols as u64 + u as u64 } else { (rows * cols) as u64 };
+        }
+    })?;
+
+    let claims: Plane<[f32; 3]> = Plane::by_rows(size, control, |y, out| {
+        for (x, (claim, index)) in out.iter_mut().zip(nearest.row(y)).enumerate() {
+            let disparity = map.disparity.as_slice().get(*index as usize).copied();
+            let claimed = disparity.and_then(|d| claim_of(cameras, [x as f64, y as f64], d));
+            *claim = claimed.unwrap_or([f32::NAN; 3]);
+        }
+    })?;
+
+    let flags = sampled(&map.flags, &nearest, flag::NO_CANDIDATE, control)?;
+    let confidence = map.confidence.as_ref();
+    let confidence = confidence.map(|plane| sampled(plane, &nearest, 0.0, control)).transpose()?;
+    let uncertainty = map.uncertainty.as_ref().map(|plane| -> Result<Plane<f32>> {
+        let mut found = sampled(plane, &nearest, f32::NAN, control)?;
+        for (value, claim) in found.as_mut_slice().iter_mut().zip(claims.as_slice()) {
+            *value *= claim[2];
+        }
+        Ok(found)
+    });
+
+    let disparity = claims.map(|claim| claim[0]);
+    let raw = Disparity {
+        disparity,
+        flags,
+        confidence,
+        uncertainty: uncertainty.transpose()?,
+        ..Disparity { ..map.clone() }
+    };
+    Ok((raw, claims.map(|claim| claim[1])))
+}
+
+/// Of a raw left pixel with a rectified disparity: by how many columns it is farther left in the raw right image, by how many rows
+/// lower, and how many raw columns a rectified one is there.
+fn claim_of(cameras: &Cameras, place: Point, disparity: f32) -> Option<[f32; 3]> {
+    let rectified = cameras.rectified(place, 0);
+    let at = |by: f64| cameras.raw([rectified[0] - by, rectified[1]], 1);
+
+    let disparity = f64::from(disparity);
+    let (found, before, after) = (at(disparity)?, at(disparity - 0.5)?, at(disparity + 0.5)?);
+    let columns = place[0] - found[0];
+    let claim = [columns, found[1] - place[1], (before[0] - after[0]).abs()];
+    claim.iter().all(|value| value.is_finite()).then(|| claim.map(|value| value as f32))
+}
+
+fn sampled<T: Copy + Default + Send + Sync>(
+    plane: &Plane<T>,
+    nearest: &Plane<u64>,
+    nowhere: T,
+    control: &Control,
+) -> Result<Plane<T>> {
+    Plane::by_rows((plane.rows(), plane.cols()), control, |y, out| {
+        for (value, index) in out.iter_mut().zip(nearest.row(y)) {
+            *value = plane.as_slice().get(*index as usize).copied().unwrap_or(nowhere);
+        }
+    })
+}
