@@ -12,6 +12,7 @@ from phasestereo.rig.blur import Glance
 from phasestereo.rig.compensation import BlurCompensation
 from phasestereo.rig.estimates import Found, Known, Matched, Summarized, Supported
 from phasestereo.rig.findings import Said
+from phasestereo.rig.rectified import RectifiedByCore
 from phasestereo.settings import Settings
 from phasestereo_large.bands import Checked, PairStatistics
 
@@ -165,7 +166,9 @@ def match_pair(
     progress: Callable[[int, int], object] | None,
     known: Known,
     temporal: TemporalFilter | None,
-) -> tuple[Matched, Summarized, Found, Supported | None, list[Said]]: ...
+) -> tuple[
+    Matched, Summarized, Found, Supported | None, list[Said], RectifiedByCore | None
+]: ...
 def verify_map(
     images: tuple[Pixels, Pixels],
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],

@@ -17,6 +17,7 @@ from phasestereo.rig.alignment import applied_field
 from phasestereo.rig.compensation import BlurCompensation, Noise, as_noise
 from phasestereo.rig.estimates import Estimates, Known, Matched, Summarized, Supported, as_estimates
 from phasestereo.rig.findings import Said, as_findings, warn
+from phasestereo.rig.rectified import as_rectified
 from phasestereo.settings import Settings, resolve
 from phasestereo.temporal import TemporalFilter, as_core_filter
 
@@ -268,6 +269,7 @@ def match_silently(
 
     temporal = as_core_filter(temporal_filter)
 
+    rectified = None
     # What was estimated for an earlier pair is taken over where a glance finds the same blur.
     if before is not None and _is_as_before(before, pair, valid, threads):
         how = threads, progress
@@ -275,12 +277,16 @@ def match_silently(
             before, pair, valid, search, how, temporal=temporal
         )
     else:
-        matched, summary, estimated, supported, said = _core.match_pair(
+        matched, summary, estimated, supported, said, rectified = _core.match_pair(
             pair, valid, search, settings, threads, progress, known, temporal
         )
         found = as_estimates(estimated, settings, search, given[1])
 
-    return result_of(matched, summary, found, arrays, said, supported=supported)
+    result = result_of(matched, summary, found, arrays, said, supported=supported)
+    if rectified is None:
+        return result
+    # The field that is left is one of the rectified pair.
+    return replace(result, alignment=None, rectified=as_rectified(rectified))
 
 
 def result_of(
@@ -324,7 +330,7 @@ def _is_as_before(
     threads: int | _core.Workers | None,
 ) -> bool:
     """Return whether what was estimated for an earlier pair holds for this one, at a glance."""
-    if before.blur is None or before.blur.glance is None:
+    if before.blur is None or before.blur.glance is None or before.rectified is not None:
         return False
 
     return _core.blur_is_as_before(pair, masks, before.blur.glance, before.blur.impulses, threads)
@@ -349,7 +355,7 @@ def _match_again(
     inverted = before.search is not None and before.search.inverted and asked.compensate_blur
     said = [astuple(one) for one in before.findings]
     known: Known = None, compensation, applied_field(alignment), inverted, said
-    matched, summary, estimated, supported, found = _core.match_pair(
+    matched, summary, estimated, supported, found, _ = _core.match_pair(
         pair, masks, search, asked, *how, known, temporal
     )
 

@@ -15,6 +15,7 @@ from phasestereo.rig.alignment import Alignment
 from phasestereo.rig.blur import BlurEstimate
 from phasestereo.rig.compensation import BlurCompensation
 from phasestereo.rig.findings import Finding
+from phasestereo.rig.rectified import Rectified
 from phasestereo.rig.search_range import SearchRange
 from phasestereo.settings import Settings
 
@@ -225,6 +226,10 @@ class Result:
     temporal_support
         uint8 (H, W): how many frames of a video support each disparity, from 1 (this one alone) to
         8. None without a `phasestereo.TemporalFilter`.
+    rectified
+        The rectified pair that was matched, with ``self_rectify=True`` where the images are far
+        from rectified: then `disparity` is x - x' of pixels that may lie on other rows. None: the
+        images were matched as they are.
     """
 
     disparity: NDArray[np.float32]
@@ -241,6 +246,7 @@ class Result:
     summary: Summary | None = None
     findings: tuple[Finding, ...] = ()
     temporal_support: NDArray[np.uint8] | None = None
+    rectified: Rectified | None = None
 
     _repr_html_: ClassVar[Callable[[Result], str]]
     """Jupyter and marimo show a result by it; the package, which knows the views, has set it."""

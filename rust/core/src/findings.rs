@@ -12,6 +12,7 @@ mod levels;
 mod lightness;
 mod outcome;
 
+pub use self::geometry::{not_rectified, rectified};
 pub use self::outcome::of_match;
 use crate::rig::estimation::Estimates;
 use crate::rig::estimation::overview::LEAST_SIZE;

@@ -13,7 +13,10 @@ use crate::pipeline::control::Control;
 use crate::pipeline::footprint::Demand;
 use crate::pipeline::matcher::{self, Disparity, Execution, Pair, Timings, usable_threads};
 use crate::pipeline::summary::Summary;
-use crate::rig::estimation::{Estimates, Known, Means, Prepared, prepare, prepare_and_match};
+use crate::rig::estimation::rectified::Rectified;
+use crate::rig::estimation::{
+    Estimates, Known, Matched, Means, Prepared, prepare, prepare_and_match,
+};
 use crate::settings::Settings;
 use crate::simd::Level;
 use crate::verification;
@@ -46,6 +49,8 @@ pub struct Match {
     pub findings: Vec<Finding>,
     /// What was estimated from the pair.
     pub estimates: Estimates,
+    /// What became of a pair that was too far from rectified; `None`: it was matched as it is.
+    pub rectified: Option<Rectified>,
     /// Wall-clock time of each stage.
     pub timings: Timings,
 }
@@ -85,7 +90,8 @@ impl Matcher {
     }
 
     /// Matches two rectified images of one size and type of pixels over the disparities of a range, half-open, of 1 to as
-    /// many as the images have columns; `None`: the range is estimated.
+    /// many as the images have columns; `None`: the range is estimated. Images that are far from rectified are rectified for
+    /// that, if the settings say so and the images show how.
     pub fn match_pair(
         &self,
         left: Image,
@@ -105,9 +111,9 @@ impl Matcher {
     ) -> Result<Match> {
         let (pair, known) = pair(left, right, disparities.into())?;
 
-        let (map, prepared) = self
+        let matched = self
             .on_threads(control, |means| prepare_and_match(pair, known, &self.settings, means))?;
-        Ok(Match::new(map, prepared))
+        Ok(Match::new(matched))
     }
 
     /// Estimates from a pair what its match would estimate; the arguments are those of [`Self::match_pair`].
@@ -134,7 +140,8 @@ impl Matcher {
             .on_threads(&control, |means| verification::verify(pair, map, &self.settings, means))?;
 
         let verification::Verification { verdicts, better, findings, own, prepared, .. } = judged;
-        Ok(Verification { verdicts, better, findings, own: Match::new(own, prepared) })
+        let own = Match::new(Matched { map: own, prepared, rectified: None });
+        Ok(Verification { verdicts, better, findings, own })
     }
 
     /// The most bytes of working memory that the match of images of so many rows and columns takes, whose pixels, all
@@ -178,12 +185,23 @@ impl Matcher {
 }
 
 impl Match {
-    fn new(map: Disparity, Prepared { pair, estimates, .. }: Prepared) -> Self {
-        let summary = Summary::new(&map, estimates.candidates);
+    fn new(matched: Matched) -> Self {
+        let summary = matched.summary();
+        let Matched { map, prepared: Prepared { pair, estimates, .. }, rectified } = matched;
         let findings = findings::of_match(&estimates, &summary, pair.size());
 
         let Disparity { disparity, flags, confidence, uncertainty, timings, .. } = map;
-        Self { disparity, flags, confidence, uncertainty, summary, findings, estimates, timings }
+        Self {
+            disparity,
+            flags,
+            confidence,
+            uncertainty,
+            summary,
+            findings,
+            estimates,
+            rectified,
+            timings,
+        }
     }
 }
 

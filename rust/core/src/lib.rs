@@ -68,6 +68,7 @@ pub use pipeline::matcher::Timings;
 pub use pipeline::summary::Summary;
 pub use refinement::flag;
 pub use rig::estimation::Estimates;
+pub use rig::estimation::rectified::Rectified;
 pub use settings::presets::Preset;
 pub use settings::{CostKind, Optimizer, Precision, Settings, Taper};
 pub use settings::{LARGEST_PIXEL, LARGEST_WINDOW, MOST_DISPARITIES};

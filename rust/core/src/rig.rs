@@ -6,3 +6,4 @@ pub mod blur_compensation;
 pub mod estimation;
 pub mod photometry;
 pub mod psf;
+pub mod rectification;

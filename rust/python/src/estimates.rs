@@ -13,8 +13,10 @@ use phasestereo::internals::rig::blur::{self, BlockPlace, Glance, Side};
 use phasestereo::internals::rig::estimation::Estimates;
 use phasestereo::internals::rig::estimation::compensation_plan::CompensationPlan;
 use phasestereo::internals::rig::estimation::range::{LeftOut, SearchRange};
+use phasestereo::internals::rig::estimation::rectified::Rectified;
 use phasestereo::internals::rig::estimation::rows::RowOffsets;
 use phasestereo::internals::rig::photometry::Photometry;
+use phasestereo::internals::rig::rectification::cameras::Camera;
 use phasestereo::internals::rig::psf::{Family, Psf, Taps};
 
 /// Family, size, angle and kernel of a blur.
@@ -86,6 +88,37 @@ pub type EstimatesTuple<'py> = (
     Option<PhotometryTuple>,
     Vec<FindingTuple>,
 );
+
+/// Focal length, principal point, distortion and rotation of a camera, and the principal point of its rectified image.
+type CameraTuple = (f64, [f64; 2], [f64; 2], [[f64; 3]; 3], [f64; 2]);
+
+/// Columns and rows of the raw left and right image under rectified pixels, the disparities of the rectified pair, rows of raw
+/// pixels, both cameras, the focal length of the rectified images, and the error of their rows.
+pub type RectifiedTuple<'py> = (
+    Vec<Bound<'py, PyArray2<f32>>>,
+    Bound<'py, PyArray2<f32>>,
+    Bound<'py, PyArray2<f32>>,
+    [CameraTuple; 2],
+    f64,
+    f64,
+);
+
+/// What became of a pair that was rectified, for Python.
+pub fn rectified_to_py(py: Python<'_>, rectified: Rectified) -> Result<RectifiedTuple<'_>> {
+    let Rectified { rectification, places, map, rows, .. } = rectified;
+    let cameras = &rectification.cameras;
+
+    let camera = |side: usize| {
+        let Camera { focal, center, distortion, rotation, .. } = &cameras.sides()[side];
+        (*focal, *center, *distortion, *rotation, cameras.center(side))
+    };
+    let maps = places.iter().flat_map(|places| [0, 1].map(|axis| places.map(|at| at[axis])));
+    let maps: Result<_> = maps.map(|plane| wrap(py, plane)).collect();
+
+    let cameras = ([0, 1].map(camera), cameras.focal());
+    let disparity = wrap(py, map.disparity)?;
+    Ok((maps?, disparity, wrap(py, rows)?, cameras.0, cameras.1, rectification.rms))
+}
 
 /// The estimates for Python.
 pub fn estimates_to_py(py: Python<'_>, estimates: Estimates) -> Result<EstimatesTuple<'_>> {

@@ -26,8 +26,8 @@ use self::arguments::{
     read_noise, read_pair, read_preset, read_search, read_view, read_volume,
 };
 use self::estimates::{
-    EstimatesTuple, Field, FindingTuple, GlanceTuple, estimates_to_py, findings_to_py, read_field,
-    read_glance,
+    EstimatesTuple, Field, FindingTuple, GlanceTuple, RectifiedTuple, estimates_to_py,
+    findings_to_py, read_field, read_glance, rectified_to_py,
 };
 use self::failure::{Failure, Result};
 use self::reader::{Reader, ScaleOfPair, packing_to_py};
@@ -61,7 +61,7 @@ use phasestereo::internals::rig::blur_compensation::MOST_CLASSES;
 use phasestereo::internals::rig::estimation::compensation_plan::{LARGER, MUCH_LARGER};
 use phasestereo::internals::rig::estimation::overview::LEAST_SIZE;
 use phasestereo::internals::rig::estimation::{
-    Known, Means, Prepared, prepare, prepare_and_match, prepare_by_rows,
+    Known, Matched as MatchedPair, Means, Prepared, prepare, prepare_and_match, prepare_by_rows,
 };
 use phasestereo::internals::settings::presets::Preset;
 use phasestereo::internals::settings::{MOST_DISPARITIES, Settings};
@@ -180,9 +180,16 @@ type SupportTuple<'py> = (Bound<'py, PyArray2<u8>>, f64);
 /// estimated share of wrong pixels; the shares decided by smaller copies and by planes; the detail where copies decided.
 type SummaryTuple = (f64, f64, f64, f64, f64, f64, f64, f64, f64);
 
-/// The map, its summary, the estimates, what a temporal filter gives, and findings on the match.
-type WholeTuple<'py> =
-    (Matched<'py>, SummaryTuple, EstimatesTuple<'py>, Option<SupportTuple<'py>>, Vec<FindingTuple>);
+/// The map, its summary, the estimates, what a temporal filter gives, findings on the match, and what became of a pair that had
+/// to be rectified.
+type WholeTuple<'py> = (
+    Matched<'py>,
+    SummaryTuple,
+    EstimatesTuple<'py>,
+    Option<SupportTuple<'py>>,
+    Vec<FindingTuple>,
+    Option<RectifiedTuple<'py>>,
+);
 
 /// A whole default match in one call: estimates what the pair lacks, matches the pair, summarizes the map, and says what
 /// was found.
@@ -208,25 +215,29 @@ fn match_pair<'py>(
     let size = pair.size();
     let how = Execution { threads: pool.threads(), level: Level::best() };
     let filter = temporal.map(|filter| filter.shared());
-    let (map, summary, estimates, support, findings) =
+    let (matched, summary, support, findings) =
         supervised(py, &pool, size.0, progress, move |matcher, control| {
             let means = Means { matcher, how, control };
-            let (mut map, prepared) = prepare_and_match(pair, known, &settings, means)?;
-            let Prepared { pair, settings, estimates } = prepared;
+            let mut matched = prepare_and_match(pair, known, &settings, means)?;
 
+            let MatchedPair { map, prepared, rectified } = &mut matched;
             let apply =
-                |filter: Shared| temporal::apply(&filter, &pair, &settings, &mut map, means);
+                |filter: Shared| temporal::apply(&filter, &prepared.pair, &prepared.settings, map, means);
+            // The pair of a map of raw images is another one, and its cameras are estimated anew for each frame.
+            let filter = filter.filter(|_| rectified.is_none());
             let support = filter.map(apply).transpose()?;
 
-            let summary = Summary::new(&map, estimates.candidates);
-            let findings = findings::of_match(&estimates, &summary, size);
-            Ok((map, summary, estimates, support, findings))
+            let summary = matched.summary();
+            let findings = findings::of_match(&matched.prepared.estimates, &summary, size);
+            Ok((matched, summary, support, findings))
         })?;
 
+    let MatchedPair { map, prepared: Prepared { estimates, .. }, rectified } = matched;
     let summary = summary_to_py(summary);
     let support = support.map(|(frames, time)| Ok::<_, PyErr>((wrap(py, frames)?, time)));
     let (map, estimates) = (disparity_to_py(py, map)?, estimates_to_py(py, estimates)?);
-    Ok((map, summary, estimates, support.transpose()?, findings_to_py(findings)))
+    let rectified = rectified.map(|rectified| rectified_to_py(py, rectified)).transpose()?;
+    Ok((map, summary, estimates, support.transpose()?, findings_to_py(findings), rectified))
 }
 
 fn summary_to_py(summary: Summary) -> SummaryTuple {

@@ -164,6 +164,11 @@ impl Pair {
         Ok(Self { right, ..self.clone() })
     }
 
+    /// The pair with other views of the same size and type.
+    pub fn with_views(&self, [left, right]: [View; 2]) -> Self {
+        Self { left, right, candidates: self.candidates, compensation: None }
+    }
+
     /// Some rows of the images; their ranges should be known already.
     pub fn of_rows(&self, rows: Range<usize>) -> Self {
         let [left, right] = [&self.left, &self.right].map(|view| view.of_rows(rows.clone()));

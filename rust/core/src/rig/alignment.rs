@@ -21,6 +21,8 @@ use crate::image::impulses;
 pub const TERMS: usize = 8;
 /// Terms of a linear field.
 pub const LINEAR: usize = 3;
+/// The first of the terms that lens distortion alone has.
+pub const CUBIC: usize = 6;
 /// Places along each axis over which averages of a field are taken.
 const SAMPLES: usize = 20;
 /// Largest vertical offset there can be, pixels.

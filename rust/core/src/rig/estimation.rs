@@ -10,7 +10,8 @@
 //! 4. Significant offsets that are large beside their error straighten the right image. With smaller ones some bands are
 //!    matched both ways ([`trial`]), and it is straightened only if the match gets better by it.
 //!
-//! 5. What the gray values say is counted and fitted ([`crate::rig::photometry`]), and what it all means is said
+//! 5. A pair that hardly matches is rectified by what it shows, if that makes it match ([`rectified`]).
+//! 6. What the gray values say is counted and fitted ([`crate::rig::photometry`]), and what it all means is said
 //!    (`crate::findings`).
 //!
 //! Where nothing matches, the reduced images are tried once more with the negative of one. If that matches, all of the
@@ -22,6 +23,7 @@ pub mod areas;
 pub mod compensation_plan;
 pub mod overview;
 pub mod range;
+pub mod rectified;
 pub mod rows;
 pub mod tracks;
 pub mod trial;
@@ -33,6 +35,7 @@ use std::time::Duration;
 use self::compensation_plan::CompensationPlan;
 use self::overview::{Overview, RoughMap};
 use self::range::{LeftOut, SearchRange};
+use self::rectified::{Attempt, Rectified};
 use self::rows::RowOffsets;
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
@@ -41,6 +44,7 @@ use crate::image::packing::Packing;
 use crate::pipeline::matcher::{Disparity, Pair};
 use crate::pipeline::platform::Instant;
 use crate::pipeline::source::Source;
+use crate::pipeline::summary::Summary;
 use crate::rig::alignment::Alignment;
 use crate::rig::blur;
 use crate::rig::blur::defects::{self, Defects, Repaired};
@@ -137,13 +141,42 @@ pub struct Prepared {
     pub estimates: Estimates,
 }
 
+/// A pair that was prepared and matched.
+#[derive(Debug)]
+pub struct Matched {
+    /// The map, in pixels of the left image as it came.
+    pub map: Disparity,
+    /// The pair as it was matched: that of the rectified images, if it was rectified.
+    pub prepared: Prepared,
+    /// What became of a pair that had to be rectified; `None`: it did not.
+    pub rectified: Option<Rectified>,
+}
+
+impl Matched {
+    /// Shares of the pixels of the map as it was matched.
+    pub fn summary(&self) -> Summary {
+        let map = self.rectified.as_ref().map_or(&self.map, |rectified| &rectified.map);
+        Summary::new(map, self.prepared.estimates.candidates)
+    }
+}
+
 /// Estimates what the settings ask for and the caller does not know, and prepares the pair for its match.
 pub fn prepare(pair: Pair, known: Known, settings: &Settings, means: Means) -> Result<Prepared> {
     settings.check()?;
 
     let packing = Packing::of_views(pair.views(), means.control)?;
     let (pair, estimates) = estimated(pair.packed(&packing), &known, settings, means)?;
+    prepared(pair, estimates, known, settings, means)
+}
 
+/// A pair prepared by its estimates.
+fn prepared(
+    pair: Pair,
+    estimates: Estimates,
+    known: Known,
+    settings: &Settings,
+    means: Means,
+) -> Result<Prepared> {
     // What the caller knows comes before what was estimated.
     let compensation = match (&estimates.compensation, known.compensation) {
         (_, Some(compensation)) => Some(compensation),
@@ -194,17 +227,27 @@ fn estimated(
     Ok((pair, found.with_known(known, size, settings, started)))
 }
 
-/// Estimates what the settings ask for and the caller does not know, and matches the pair as it was prepared.
+/// Estimates what the settings ask for and the caller does not know, and matches the pair as it was prepared; one that is too far
+/// from rectified is rectified for that.
 pub fn prepare_and_match(
     pair: Pair,
     known: Known,
     settings: &Settings,
     means: Means,
-) -> Result<(Disparity, Prepared)> {
-    let prepared = prepare(pair, known, settings, means)?;
-    let disparity = match_over_scales(&prepared, settings, means)?;
+) -> Result<Matched> {
+    settings.check()?;
 
-    Ok((disparity, prepared))
+    let packing = Packing::of_views(pair.views(), means.control)?;
+    let (pair, mut estimates) = estimated(pair.packed(&packing), &known, settings, means)?;
+    let attempt = rectified::attempt(&pair, &estimates, &known, settings, means)?;
+    estimates.findings.extend(attempt.finding(&estimates));
+    if let Attempt::Done(matched) = attempt {
+        return Ok(*matched);
+    }
+
+    let prepared = prepared(pair, estimates, known, settings, means)?;
+    let map = match_over_scales(&prepared, settings, means)?;
+    Ok(Matched { map, prepared, rectified: None })
 }
 
 /// The estimates of [`prepare`], to the bit, for a pair that is read a part at a time.

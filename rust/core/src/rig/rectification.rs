@@ -19,6 +19,7 @@ pub mod filters;
 pub mod fit;
 pub mod linear;
 pub mod matches;
+pub mod warp;
 
 use std::fmt;
 
@@ -70,7 +71,9 @@ pub struct Rectification {
     pub matches: [usize; 2],
     /// Blocks that the last fit uses.
     pub blocks: usize,
-    /// Root mean square of the rows by which these blocks differ, pixels.
+    /// By how many rows these blocks differ in the raw images, rms in pixels.
+    pub rows: f64,
+    /// The same in the rectified images.
     pub rms: f64,
     /// By how much the rows of the rectified images may differ by what the blocks determine, rms in pixels.
     pub error: f64,
@@ -299,7 +302,10 @@ impl Refined {
             return Err(Refusal::Rows(spread));
         }
 
-        let rms = (rows.iter().map(|row| row * row).sum::<f64>() / rows.len() as f64).sqrt();
+        let count = (good.len() as f64).sqrt();
+        let rms = length(&rows) / count;
+        let raw: Vec<f64> = good.iter().map(|one| one.right[1] - one.left[1]).collect();
+        let raw = length(&raw) / count;
         let lower = fit.and_then(|fit| fit.normal.factor());
         let error = error(&cameras, &good, lower.as_ref());
         let distortion = [0, 1].map(|side| {
@@ -315,7 +321,7 @@ impl Refined {
             cameras.shifts[1][0] -= moved;
         }
 
-        Ok(Rectification { cameras, matches, blocks: good.len(), rms, error, moved, distortion })
+        Ok(Rectification { cameras, matches, blocks: good.len(), rows: raw, rms, error, moved, distortion })
     }
 }
 
@@ -325,6 +331,7 @@ impl Rectification {
         let times = factor as f64;
         Self {
             cameras: self.cameras.resized((rows * factor, cols * factor)),
+            rows: self.rows * times,
             rms: self.rms * times,
             error: self.error * times,
             moved: self.moved * times,

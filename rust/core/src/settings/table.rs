@@ -154,6 +154,12 @@ settings! {
     /// only if some bands are matched better so.
     align_rows: bool, default true, paper false, fast false;
 
+    /// Whether a pair that is too far from rectified for that is rectified by what its images show, and matched then.
+    ///
+    /// It is tried where small copies hardly match: turned, tilted, zoomed and toed-in cameras, lenses that distort. It is
+    /// done where they match better so, and said; disparities are then x - x' of the images as they came.
+    self_rectify: bool, default true, paper false, fast false;
+
     /// Whether impulses (hot, dead and stuck pixels, salt and pepper) are detected and repaired.
     ///
     /// They take the median of their eight neighbors before all else; it needs phase codes. An image has some if more than

@@ -137,6 +137,12 @@ impl Cameras {
         self.focal
     }
 
+    /// The principal point of a rectified image: column and row.
+    pub fn center(&self, side: usize) -> Point {
+        let middle = self.middle();
+        from_fn(|axis| middle[axis] + self.shifts[side][axis])
+    }
+
     /// The middle of the rectified images before they are moved.
     fn middle(&self) -> Point {
         [0.5 * (self.size.1 as f64 - 1.0), 0.5 * (self.size.0 as f64 - 1.0)]
@@ -145,14 +151,14 @@ impl Cameras {
     /// Where something in a raw image is in the rectified one.
     pub fn rectified(&self, raw: Point, side: usize) -> Point {
         let ray = self.sides[side].ray(raw);
-        let (middle, shift) = (self.middle(), self.shifts[side]);
-        from_fn(|axis| self.focal * ray.turned[axis] / ray.turned[2] + middle[axis] + shift[axis])
+        let center = self.center(side);
+        from_fn(|axis| self.focal * ray.turned[axis] / ray.turned[2] + center[axis])
     }
 
     /// Where something in a rectified image is in the raw one; `None` where no ray of that camera comes from.
     pub fn raw(&self, rectified: Point, side: usize) -> Option<Point> {
-        let (middle, shift) = (self.middle(), self.shifts[side]);
-        let [x, y] = from_fn(|axis| (rectified[axis] - middle[axis] - shift[axis]) / self.focal);
+        let middle = self.center(side);
+        let [x, y] = from_fn(|axis| (rectified[axis] - middle[axis]) / self.focal);
 
         let Camera { focal, center, distortion: [k1, k2], rotation, reach, .. } = &self.sides[side];
         let ray: [f64; 3] = from_fn(|k| rotation[0][k] * x + rotation[1][k] * y + rotation[2][k]);

@@ -205,7 +205,9 @@ pub fn raw(
         flags,
         confidence,
         uncertainty: uncertainty.transpose()?,
-        ..Disparity { ..map.clone() }
+        wrong: map.wrong,
+        detail: map.detail,
+        timings: map.timings,
     };
     Ok((raw, claims.map(|claim| claim[1])))
 }

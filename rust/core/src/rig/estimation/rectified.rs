@@ -1,0 +1,159 @@
+//! A pair that is farther from rectified than its rows can be straightened: it is rectified by what its images show, and matched
+//! then. Its map is given back in the pixels of the raw left image.
+//!
+//! ```text
+//! if the rough match of a pair has little confidence:
+//!     cameras = those that its images show                    # crate::rig::rectification; or nothing, with a reason
+//!     rectified = both images as these cameras would see them
+//!     if the rough match of the rectified pair has more confidence:
+//!         map = match(rectified), in the pixels of the raw left image
+//! ```
+//!
+//! Where the rows of raw images correspond about as well as can be told, nothing is tried: a pair that is hard to match for other
+//! reasons, as noise or blur, would only be resampled once more.
+
+use super::{Estimates, Known, Matched, estimated, prepared};
+use crate::error::Result;
+use crate::findings::{self, Finding};
+use crate::image::plane::Plane;
+use crate::image::view::View;
+use crate::pipeline::matcher::{Disparity, Pair};
+use crate::pipeline::platform::Instant;
+use crate::rig::blur::parts::Means;
+use crate::rig::rectification::warp;
+use crate::rig::rectification::{Rectification, Refusal, rectify};
+use crate::scales::match_over_scales;
+use crate::settings::Settings;
+
+/// Pairs whose rough match has this mean confidence are left as they are.
+const GOOD: f64 = 0.70;
+/// By how much it must rise once the pair is rectified.
+const RISE: f64 = 0.03;
+/// Rows of raw images that differ by less, rms in pixels, are left to be straightened.
+const LEAST_ROWS: f64 = 1.0;
+
+/// What became of a pair that was rectified for its match.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct Rectified {
+    /// The cameras by which it was.
+    #[doc(hidden)]
+    pub rectification: Rectification,
+    /// Where each pixel of the rectified left and right image is in the raw one: column and row,
+    /// NaN where no ray comes from.
+    pub places: [Plane<[f32; 2]>; 2],
+    /// The map of the rectified pair.
+    #[doc(hidden)]
+    pub map: Disparity,
+    /// By how many rows each pixel of the raw left image is lower in the raw right one; NaN where there is no disparity.
+    pub rows: Plane<f32>,
+}
+
+/// What came of the attempt to rectify a pair.
+pub enum Attempt {
+    /// There was no need, or it did not help.
+    None,
+    /// The images do not say how.
+    Refused(Refusal),
+    /// It was rectified and matched.
+    Done(Box<Matched>),
+}
+
+/// Rectifies and matches a pair with these estimates, if it needs to be.
+pub fn attempt(
+    pair: &Pair,
+    before: &Estimates,
+    known: &Known,
+    settings: &Settings,
+    means: Means,
+) -> Result<Attempt> {
+    let needs = |confidence: f64| confidence < GOOD && can_be_tried(before, known, settings);
+    let Some(confidence) = before.confidence.filter(|confidence| needs(*confidence)) else {
+        return Ok(Attempt::None);
+    };
+
+    let started = Instant::now();
+    let Means { matcher, how, control } = means;
+    let grays = [gray(pair.views()[0], means)?, gray(pair.views()[1], means)?];
+    // Given disparities are not moved.
+    let is_positive = known.candidates.is_none();
+    let found = matcher
+        .install(|| rectify([&grays[0], &grays[1]], is_positive, how.level, control))?;
+    let rectification = match found {
+        Ok(found) if found.rows >= LEAST_ROWS => found,
+        Ok(_) => return Ok(Attempt::None),
+        Err(refusal) => return Ok(Attempt::Refused(refusal)),
+    };
+
+    let (resampled, places) = matcher.install(|| resampled(pair, &rectification, means))?;
+    let given =
+        Known { candidates: known.candidates, noise: known.noise, ..Known::default() };
+    let (resampled, mut after) = estimated(resampled, &given, settings, means)?;
+    if after.confidence.is_none_or(|after| after < confidence + RISE) {
+        return Ok(Attempt::None);
+    }
+
+    after.findings.push(findings::rectified(&rectification));
+    after.time += before.time + started.elapsed();
+    let prepared = prepared(resampled, after, given, settings, means)?;
+    let map = match_over_scales(&prepared, settings, means)?;
+    let (raw, rows) = matcher.install(|| warp::raw(&map, &rectification.cameras, control))?;
+    let rectified = Some(Rectified { rectification, places, map, rows });
+    Ok(Attempt::Done(Box::new(Matched { map: raw, prepared, rectified })))
+}
+
+/// Whether a pair may be resampled: nothing that is known of it says otherwise.
+fn can_be_tried(estimates: &Estimates, known: &Known, settings: &Settings) -> bool {
+    let is_same = estimates.range.as_ref().is_some_and(|range| range.identical);
+    let is_known = known.alignment.is_some() || known.compensation.is_some();
+    settings.self_rectify && !is_same && !is_known && !estimates.is_inverted
+}
+
+/// The rectified pair, and where its pixels are in the raw images.
+fn resampled(
+    pair: &Pair,
+    rectification: &Rectification,
+    means: Means,
+) -> Result<(Pair, [Plane<[f32; 2]>; 2])> {
+    let control = means.control;
+    let [left, right] = pair.views();
+    let cameras = &rectification.cameras;
+    let places = [
+        warp::places(cameras, 0, pair.size(), control)?,
+        warp::places(cameras, 1, pair.size(), control)?,
+    ];
+
+    let views = [
+        warp::rectified(left, &places[0], control)?,
+        warp::rectified(right, &places[1], control)?,
+    ];
+    Ok((pair.with_views(views), places))
+}
+
+/// The gray values of a view.
+fn gray(view: &View, means: Means) -> Result<Plane<f32>> {
+    let (rows, cols, _) = view.image.shape();
+    means.matcher.install(|| {
+        Plane::by_bands_with(
+            (rows, cols),
+            1,
+            || Ok(vec![0.0; cols]),
+            |luminance, y, row| {
+                means.control.checkpoint()?;
+                view.image.write_luminance(y, luminance);
+                for (gray, luminance) in row.iter_mut().zip(luminance.iter()) {
+                    *gray = (luminance / 1000.0) as f32;
+                }
+                Ok(())
+            },
+        )
+    })
+}
+
+impl Attempt {
+    /// What is to be said where a pair could not be rectified and hardly matches either.
+    pub fn finding(&self, estimates: &Estimates) -> Option<Finding> {
+        let Self::Refused(refusal) = self else { return None };
+        findings::not_rectified(estimates, refusal)
+    }
+}
