@@ -19,6 +19,8 @@ pub mod filters;
 pub mod fit;
 pub mod linear;
 pub mod matches;
+#[cfg(test)]
+pub mod scene;
 pub mod warp;
 
 use std::fmt;
@@ -386,4 +388,88 @@ fn least_disparity(cameras: &Cameras, blocks: &[Match], corners: &[Match], cols:
         kept = all;
     }
     kept[(LEAST_SHARE * (kept.len() - 1) as f64).round() as usize]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rig::rectification::cameras::USUAL;
+
+    const SIZE: (usize, usize) = (300, 400);
+
+    fn found(pair: &[Plane<f32>; 2]) -> std::result::Result<Rectification, Refusal> {
+        let control = Control::default();
+        rectify([&pair[0], &pair[1]], true, Level::best(), &control).expect("memory")
+    }
+
+    /// The largest difference of rows, over the image, of what cameras see at the same place.
+    fn rows_apart(truth: &Cameras, found: &Cameras) -> f64 {
+        let place = |index: usize| [30.0 + 20.0 * (index % 17) as f64, 30.0 + 20.0 * (index / 17) as f64];
+        let apart = |index: usize| {
+            let [x, y] = place(index);
+            let right = [x - scene::disparity(x, y, SIZE.1), y];
+            let raw = [truth.raw([x, y], 0), truth.raw(right, 1)];
+            match raw {
+                [Some(left), Some(right)] => found.row_difference([left, right]).abs(),
+                _ => 0.0,
+            }
+        };
+        (0..17 * 12).map(apart).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn turned_tilted_and_bent_cameras_are_found() {
+        let turned = [0.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0, 1.0, 0.0, -2.0];
+        let mut bent = [0.0; NUMBERS];
+        bent[cameras::K1] = -1.0;
+        for numbers in [turned, bent] {
+            let truth = Cameras::new(numbers, USUAL, SIZE);
+            let found = found(&scene::pair(&truth, SIZE, 1)).expect("a pair");
+            assert!(found.rms < 0.3 && found.rows > 0.4, "{} {}", found.rms, found.rows);
+            let apart = rows_apart(&truth, &found.cameras);
+            assert!(apart < 0.8, "{apart}");
+        }
+    }
+
+    #[test]
+    fn disparities_are_made_positive_if_that_is_asked_for() {
+        let truth = Cameras::new([0.0; NUMBERS], USUAL, SIZE);
+        let [left, right] = scene::pair(&truth, SIZE, 2);
+        let control = Control::default();
+        let swapped = |is_positive: bool| {
+            let found = rectify([&right, &left], is_positive, Level::best(), &control);
+            found.expect("memory").expect("a pair").moved
+        };
+        assert!((12.0..40.0).contains(&swapped(true)), "{}", swapped(true));
+        assert!(swapped(false).abs() < 1e-12);
+    }
+
+    #[test]
+    fn what_is_no_pair_is_refused() {
+        let truth = Cameras::new([0.0; NUMBERS], USUAL, SIZE);
+        let [left, _] = scene::pair(&truth, SIZE, 3);
+        let [other, _] = scene::pair(&truth, SIZE, 4);
+        let flat = left.map(|_| 7.0);
+        assert!(matches!(found(&[left.clone(), other]), Err(Refusal::Matches(_))));
+        assert_eq!(found(&[left, flat.clone()]).err().map(|why| why.to_string().len() > 20), Some(true));
+        assert!(matches!(found(&[flat.clone(), flat.map(|_| f32::NAN)]), Err(Refusal::Corners([0, 0]))));
+        let tiny = Plane::from_fn(2, 3, |y, x| (x + y) as f32);
+        assert!(found(&[tiny.clone(), tiny]).is_err());
+    }
+
+    #[test]
+    fn threads_and_instructions_do_not_change_a_bit() {
+        let mut numbers = [0.0; NUMBERS];
+        numbers[13] = 1.0;
+        let pair = scene::pair(&Cameras::new(numbers, USUAL, SIZE), SIZE, 5);
+        let first = found(&pair).expect("a pair").cameras;
+
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().expect("threads");
+        for (name, level) in Level::all() {
+            let Some(level) = level else { continue };
+            let control = Control::default();
+            let again = pool.install(|| rectify([&pair[0], &pair[1]], true, level, &control));
+            assert_eq!(again.expect("memory").expect("a pair").cameras, first, "{name}");
+        }
+    }
 }

@@ -30,7 +30,7 @@ const GOOD: f64 = 0.70;
 /// By how much it must rise once the pair is rectified.
 const RISE: f64 = 0.03;
 /// Rows of raw images that differ by less, rms in pixels, are left to be straightened.
-const LEAST_ROWS: f64 = 1.0;
+const LEAST_ROWS: f64 = 0.5;
 
 /// What became of a pair that was rectified for its match.
 #[derive(Debug, Clone)]

@@ -396,3 +396,87 @@ fn peak(surface: &[f64], count: usize) -> Option<Found> {
         && 1.0 - top < UNIQUE * (1.0 - other);
     is_good.then(|| Found { by: [x as f64 + by[0], y as f64 + by[1]], curvature })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn noise(rows: usize, cols: usize, seed: usize) -> Plane<i16> {
+        Plane::from_fn(rows, cols, |y, x| {
+            let mixed = (y * 7919 + x * 104_729 + seed).wrapping_mul(2_654_435_761) >> 7;
+            (mixed % 801) as i16 - 400
+        })
+    }
+
+    /// The correlation of two blocks, as it is defined.
+    fn plain(one: &[i16], other: &[i16]) -> f64 {
+        let mean = |values: &[i16]| {
+            values.iter().map(|value| f64::from(*value)).sum::<f64>() / values.len() as f64
+        };
+        let (a, b) = (mean(one), mean(other));
+        let sum = |f: &dyn Fn(f64, f64) -> f64| -> f64 {
+            one.iter().zip(other).map(|(x, y)| f(f64::from(*x) - a, f64::from(*y) - b)).sum()
+        };
+        sum(&|x, y| x * y) / (sum(&|x, _| x * x) * sum(&|_, y| y * y)).sqrt()
+    }
+
+    #[test]
+    fn correlations_are_those_of_every_block() {
+        let (image, search) = (noise(60, 60, 1), 4);
+        let block = cut(&image, [20, 18], SIDE);
+        let area = cut(&image, [14, 15], SIDE + 2 * search);
+        for (name, level) in Level::all() {
+            let Some(level) = level else { continue };
+            let found = level.run(Correlate { block: &block, area: &area, search });
+            for (index, value) in found.iter().enumerate() {
+                let at = [14 + (index % 9) as isize, 15 + (index / 9) as isize];
+                let expected = plain(&block, &cut(&image, at, SIDE));
+                assert!((value - expected).abs() < 1e-9, "{name} {at:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn beyond_an_image_there_is_nothing() {
+        let image = noise(30, 30, 2);
+        let found = cut(&image, [-2, -1], 4);
+        assert_eq!(found[..6], [0; 6]);
+        assert_eq!(found[6..8], image.row(0)[..2]);
+        assert_eq!(cut(&image, [28, 29], 3)[..3], [image.row(29)[28], image.row(29)[29], 0]);
+        assert_eq!(cut(&image, [40, 3], 2), [0; 4]);
+    }
+
+    #[test]
+    fn light_and_contrast_are_taken_out_of_every_window() {
+        let image = Plane::from_fn(40, 50, |y, x| ((y * 13 + x * x * 7) % 97) as f32);
+        let found = even(&image).expect("memory");
+        for (y, x) in [(0usize, 0usize), (3, 20), (20, 25), (39, 49), (33, 2)] {
+            let rows = y.saturating_sub(15)..(y + 16).min(40);
+            let window = rows.flat_map(|row| &image.row(row)[x.max(15) - 15..(x + 16).min(50)]);
+            let values: Vec<f64> = window.map(|value| f64::from(*value)).collect();
+            let count = values.len() as f64;
+            let mean = values.iter().sum::<f64>() / count;
+            let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / count;
+            let expected = (f64::from(image.row(y)[x]) - mean) / (variance + 9.0).sqrt() * 64.0;
+            assert!((f64::from(found.row(y)[x]) - expected).abs() <= 0.51, "{y} {x}");
+        }
+    }
+
+    #[test]
+    fn a_moved_block_is_found_between_pixels() {
+        let wave = |x: f64, y: f64| {
+            100.0 + 30.0 * (math(0.31 * x + 0.11 * y) + math(0.17 * x - 0.41 * y) + math(0.5 * y))
+        };
+        let image = |by: [f64; 2]| {
+            even(&Plane::from_fn(80, 90, |y, x| wave(x as f64 - by[0], y as f64 - by[1]) as f32))
+        };
+        let images = [image([0.0; 2]).expect("memory"), image([-5.3, 1.4]).expect("memory")];
+        let found = correlated(&images, [45, 40], [-4, 0], 4, Level::best()).expect("a block");
+        assert!((found.by[0] + 5.3).abs() < 0.05 && (found.by[1] - 1.4).abs() < 0.05);
+        assert!(correlated(&images, [5, 40], [0, 0], 4, Level::best()).is_none(), "at the border");
+    }
+
+    fn math(angle: f64) -> f64 {
+        crate::math::sin(angle)
+    }
+}

@@ -335,3 +335,79 @@ fn turn(axis: usize, angle: f64, is_slope: bool) -> Matrix {
 fn times(one: &Matrix, other: &Matrix) -> Matrix {
     from_fn(|row| from_fn(|col| (0..3).map(|k| one[row][k] * other[k][col]).sum()))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIZE: (usize, usize) = (480, 640);
+
+    fn cameras() -> Cameras {
+        let numbers = [0.5, 1.0, -0.8, 0.4, 1.5, 0.6, -0.7, 0.3, 1.0, 0.8, -1.2, 0.9, -0.4, 1.6];
+        Cameras { shifts: [[3.0, -2.0], [-7.0, -2.0]], ..Cameras::new(numbers, USUAL, SIZE) }
+    }
+
+    fn places() -> impl Iterator<Item = Point> {
+        (0..100).map(|i| [f64::from(i % 10) * 70.0 + 3.0, f64::from(i / 10) * 50.0 + 8.0])
+    }
+
+    #[test]
+    fn raw_and_rectified_places_lead_to_each_other() {
+        let cameras = cameras();
+        for (side, place) in [0, 1].into_iter().flat_map(|side| places().map(move |at| (side, at))) {
+            let back = cameras.raw(cameras.rectified(place, side), side).expect("a ray");
+            assert!((0..2).all(|axis| (back[axis] - place[axis]).abs() < 1e-6), "{place:?} {back:?}");
+        }
+    }
+
+    #[test]
+    fn derivatives_are_those_of_small_changes() {
+        let cameras = cameras();
+        let step = 1e-6;
+        for (left, right) in places().zip(places().skip(1)) {
+            let (row, slopes) = cameras.row_derivatives([left, right]);
+            assert!((row - cameras.row_difference([left, right])).abs() < 1e-9);
+
+            for (index, slope) in slopes.iter().enumerate() {
+                let changed = |by: f64| {
+                    let mut numbers = *cameras.numbers();
+                    numbers[index] += by;
+                    cameras.with_numbers(numbers).row_difference([left, right])
+                };
+                let found = (changed(step) - changed(-step)) / (2.0 * step);
+                assert!((found - slope).abs() < 1e-4, "number {index}: {found} {slope}");
+            }
+        }
+    }
+
+    #[test]
+    fn usual_cameras_leave_images_as_they_are() {
+        let cameras = Cameras::new([0.0; NUMBERS], USUAL, SIZE);
+        for place in places() {
+            let found = cameras.rectified(place, 1);
+            assert!((0..2).all(|axis| (found[axis] - place[axis]).abs() < 1e-9));
+        }
+        assert!(cameras.distortion(0).0.abs() < 1e-12);
+    }
+
+    #[test]
+    fn cameras_of_larger_images_see_the_same() {
+        let (small, large) = (cameras(), cameras().resized((960, 1280)));
+        for place in places() {
+            let enlarged = |[x, y]: Point| [2.0 * x + 0.5, 2.0 * y + 0.5];
+            let found = large.rectified(enlarged(place), 1);
+            let expected = enlarged(small.rectified(place, 1));
+            assert!((0..2).all(|axis| (found[axis] - expected[axis]).abs() < 1e-6));
+        }
+    }
+
+    #[test]
+    fn what_lies_beyond_a_fold_is_nowhere() {
+        let mut numbers = [0.0; NUMBERS];
+        numbers[K1] = -3.0;
+        let cameras = Cameras::new(numbers, USUAL, SIZE);
+        assert!(cameras.raw([320.0, 240.0], 0).is_some() && cameras.raw([5000.0, 240.0], 0).is_none());
+        assert!(cameras.is_folded([640.0, 480.0], 0) && !cameras.is_folded([330.0, 240.0], 0));
+        assert!(cameras.rectified([640.0, 480.0], 0).iter().all(|at| at.is_finite()));
+    }
+}

@@ -131,3 +131,39 @@ impl Chance {
         ((u128::from(mixed) * end as u128) >> 64) as usize
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Matches of a right image that is turned, lower and bent; of each ten, so many lie anywhere.
+    fn matches(wrong: usize) -> Vec<Match> {
+        let mut chance = Chance(7);
+        let mut any = |end: usize| chance.below(end) as f64;
+        let one = |index: usize| {
+            let left = [any(640), any(480)];
+            let [x, y] = [left[0] - any(60), left[1]];
+            let (u, v) = (x - 320.0, y - 240.0);
+            let lower = 12.0 + 0.2 * u + 0.1 * v + 3e-7 * v * (u * u + v * v);
+            let right = if index % 10 < wrong { [any(640), any(480)] } else { [x, y + lower] };
+            Match { left, right }
+        };
+        (0..400).map(one).collect()
+    }
+
+    #[test]
+    fn matches_agree_in_spite_of_as_many_mistakes() {
+        let agree = agreeing(&matches(5), 640);
+        let right = agree.iter().enumerate().filter(|(index, _)| index % 10 >= 5);
+        assert!(right.filter(|(_, is_in)| **is_in).count() >= 195);
+        let wrong = agree.iter().enumerate().filter(|(index, _)| index % 10 < 5);
+        assert!(wrong.filter(|(_, is_in)| **is_in).count() <= 20);
+    }
+
+    #[test]
+    fn matches_anywhere_hardly_agree() {
+        let agree = agreeing(&matches(10), 640);
+        assert!(agree.iter().filter(|is_in| **is_in).count() <= 60);
+        assert!(agreeing(&matches(0)[..7], 640).iter().all(|is_in| !is_in), "too few");
+    }
+}

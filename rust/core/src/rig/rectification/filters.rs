@@ -181,3 +181,67 @@ pub fn gradients(image: &Plane<f32>) -> Result<[Plane<f32>; 2]> {
 
     Ok([along, down])
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn image(rows: usize, cols: usize) -> Plane<f32> {
+        Plane::from_fn(rows, cols, |y, x| ((31 * y * y + 17 * x + 7 * x * y) % 251) as f32)
+    }
+
+    #[test]
+    fn smoothing_is_a_sum_over_all_neighbors() {
+        let (image, sigma) = (image(9, 14), 1.3);
+        let found = smoothed(&image, sigma, Level::best()).expect("memory");
+
+        let weight = |k: isize| math::exp(-0.5 * (k as f64 / sigma).powi(2));
+        let all: f64 = (-4..=4).map(weight).sum();
+        for (y, x) in (0..9).flat_map(|y| (0..14).map(move |x| (y, x))) {
+            let mut sum = 0.0;
+            for (j, i) in (-4..=4).flat_map(|j| (-4..=4).map(move |i| (j, i))) {
+                let value = image.row(reflect(y as isize + j, 9))[reflect(x as isize + i, 14)];
+                sum += weight(j) * weight(i) * f64::from(value) / (all * all);
+            }
+            assert!((f64::from(found.row(y)[x]) - sum).abs() < 1e-3, "{y} {x}");
+        }
+    }
+
+    #[test]
+    fn every_level_gives_the_same_bits() {
+        let image = image(20, 37);
+        let all = Level::all().filter_map(|(_, level)| level);
+        let all: Vec<_> = all.map(|level| smoothed(&image, 2.5, level).expect("memory")).collect();
+        assert!(all.iter().all(|one| *one == all[0]));
+    }
+
+    #[test]
+    fn a_smaller_image_has_the_means_of_areas() {
+        let image = image(6, 10);
+        let found = reduced(&image, (3, 4)).expect("memory");
+        for (y, x) in (0..3).flat_map(|y| (0..4).map(move |x| (y, x))) {
+            // Each pixel covers 2 rows and 2.5 columns.
+            let start = 2.5 * x as f64;
+            let share = |at: usize| {
+                let at = at as f64;
+                (at + 1.0).min(start + 2.5) - at.max(start)
+            };
+            let mut sum = 0.0;
+            for (row, column) in (2 * y..2 * y + 2).flat_map(|row| (0..10).map(move |c| (row, c))) {
+                sum += share(column).max(0.0) * f64::from(image.row(row)[column]) / 5.0;
+            }
+            assert!((f64::from(found.row(y)[x]) - sum).abs() < 1e-3, "{y} {x}");
+        }
+    }
+
+    #[test]
+    fn gray_values_are_stretched_and_nan_is_black() {
+        let mut image = Plane::from_fn(40, 40, |y, _| 100.0 + y as f32);
+        image.row_mut(8)[8] = f32::NAN;
+        let found = stretched(&image);
+        assert!(found.row(0)[0].abs() < 1e-6 && found.row(8)[8].abs() < 1e-6);
+        assert!((found.row(39)[0] - 255.0).abs() < 1e-6);
+        assert!(found.row(20)[5] > 120.0 && found.row(20)[5] < 150.0);
+        assert!(stretched(&image.map(|_| f32::NAN)).as_slice().iter().all(|value| value.abs() < 1e-6));
+    }
+}

@@ -161,3 +161,50 @@ pub fn fitted(
     found.sort_by(|one, other| one.0.total_cmp(&other.0));
     found.into_iter().map(|(_, cameras, kept)| (cameras, kept)).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::cameras::Point;
+    use super::*;
+
+    const SIZE: (usize, usize) = (480, 640);
+
+    /// Matches of things at many depths, seen by cameras; one in so many is a mistake.
+    fn seen(cameras: &Cameras, wrong: usize) -> Vec<Match> {
+        let place = |index: usize| -> Option<Match> {
+            let [x, y] = [(index * 37 % 601) as f64 + 20.0, (index * 91 % 433) as f64 + 20.0];
+            let disparity = (index * 53 % 60) as f64;
+            let astray = if index.is_multiple_of(wrong) { 25.0 } else { 0.0 };
+            let left: Point = cameras.raw([x, y], 0)?;
+            let right = cameras.raw([x - disparity, y + astray], 1)?;
+            Some(Match { left, right })
+        };
+        (1..400).filter_map(place).collect()
+    }
+
+    #[test]
+    fn cameras_are_found_in_spite_of_mistakes() {
+        let numbers = [0.2, 0.5, -0.9, 0.0, 0.3, 0.0, 0.2, 0.0, -0.1, 0.3, 1.0, 0.8, -0.2, -1.5];
+        let truth = Cameras::new(numbers, USUAL, SIZE);
+        let matches = seen(&truth, 7);
+        let agree: Vec<bool> = (1..400).map(|index: usize| !index.is_multiple_of(7)).collect();
+
+        let (cameras, kept) = fitted(&matches, &agree, SIZE).swap_remove(0);
+        assert!(kept.len() >= 330 && kept.len() <= 345, "{}", kept.len());
+        for one in seen(&truth, usize::MAX) {
+            assert!(cameras.row_difference([one.left, one.right]).abs() < 0.2, "{one:?}");
+        }
+    }
+
+    #[test]
+    fn a_fit_tells_mistakes_from_the_rest() {
+        let truth = Cameras::new([0.3; NUMBERS], USUAL, SIZE);
+        let matches = seen(&truth, 5);
+        let start = Cameras::new([0.0; NUMBERS], USUAL, SIZE);
+        let found = fit(&matches, &vec![1.0; matches.len()], &start, Steps(30, 8));
+        for (weight, index) in found.weights.iter().zip(1usize..) {
+            assert_eq!(*weight > 0.0, !index.is_multiple_of(5), "match {index}");
+        }
+        assert!(found.spread < 0.2 && found.normal.factor().is_some());
+    }
+}

@@ -144,3 +144,38 @@ impl Loop for Products<'_> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::codes::LENGTH;
+    use super::*;
+
+    #[test]
+    fn products_are_sums_of_all_terms() {
+        let code = |seed: usize| -> Code {
+            std::array::from_fn(|index| ((index * 31 + seed * 97) % 2048) as i16)
+        };
+        let codes: Vec<Code> = (0..9).map(code).collect();
+        for (name, level) in Level::all() {
+            let Some(level) = level else { continue };
+            let mut out = [(4, 0), (0, 0), (8, 0)];
+            level.run(Products { code: &codes[3], codes: &codes, out: &mut out });
+            for (other, product) in out {
+                let terms = (0..LENGTH).map(|k| i64::from(codes[3][k]) * i64::from(codes[other][k]));
+                assert_eq!(i64::from(product), terms.sum::<i64>(), "{name}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_nearly_as_like_elsewhere_is_not_distinct() {
+        let unit = f64::from(UNIT * UNIT);
+        let likest = |likeness: f64, next: f64| Likest {
+            corner: 0,
+            likeness: (likeness * unit) as i32,
+            next: (next * unit) as i32,
+        };
+        assert!(likest(0.95, 0.9).is_distinct() && !likest(0.92, 0.9).is_distinct());
+        assert!(!likest(0.45, 0.0).is_distinct(), "hardly like");
+    }
+}
