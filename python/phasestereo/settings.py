@@ -125,6 +125,12 @@ class Settings:
         length, keystone, distortion). Where it is significant, the right image is straightened by
         it, that is resampled along its columns; where it is slight, only if some bands are matched
         better so. Default ``True`` (paper ``False``, fast ``False``).
+    self_rectify
+        Whether a pair that is too far from rectified for that is rectified by what its images show,
+        and matched then. It is tried where small copies hardly match: turned, tilted, zoomed and
+        toed-in cameras, lenses that distort. It is done where they match better so, and said;
+        disparities are then x - x' of the images as they came. Default ``True`` (paper ``False``,
+        fast ``False``).
     despike
         Whether impulses (hot, dead and stuck pixels, salt and pepper) are detected and repaired.
         They take the median of their eight neighbors before all else; it needs phase codes. An
@@ -225,6 +231,7 @@ class Settings:
     adaptive_p2: float = 1.0
     compensate_blur: bool = True
     align_rows: bool = True
+    self_rectify: bool = True
     despike: bool = True
     denoise: bool = True
     intensity_range: tuple[float, float] | None = None

@@ -16,8 +16,8 @@ use phasestereo::internals::rig::estimation::range::{LeftOut, SearchRange};
 use phasestereo::internals::rig::estimation::rectified::Rectified;
 use phasestereo::internals::rig::estimation::rows::RowOffsets;
 use phasestereo::internals::rig::photometry::Photometry;
-use phasestereo::internals::rig::rectification::cameras::Camera;
 use phasestereo::internals::rig::psf::{Family, Psf, Taps};
+use phasestereo::internals::rig::rectification::cameras::Camera;
 
 /// Family, size, angle and kernel of a blur.
 type KernelTuple<'py> = (&'static str, f64, f64, Option<Bound<'py, PyArray2<f64>>>);

@@ -221,8 +221,9 @@ fn match_pair<'py>(
             let mut matched = prepare_and_match(pair, known, &settings, means)?;
 
             let MatchedPair { map, prepared, rectified } = &mut matched;
-            let apply =
-                |filter: Shared| temporal::apply(&filter, &prepared.pair, &prepared.settings, map, means);
+            let apply = |filter: Shared| {
+                temporal::apply(&filter, &prepared.pair, &prepared.settings, map, means)
+            };
             // The pair of a map of raw images is another one, and its cameras are estimated anew for each frame.
             let filter = filter.filter(|_| rectified.is_none());
             let support = filter.map(apply).transpose()?;

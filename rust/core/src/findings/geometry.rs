@@ -1,16 +1,16 @@
 //! Findings on where things are: disparities, rows, and blur, which is compared where both images show the same.
 
 use super::levels::{
-    BEYOND, BLUR, BLUR_CONFIDENCE, BLUR_SHARE, DISTORTED, ERRORS, LEAST_ROUGH, PART, PART_ERRORS, REPEATED,
+    BEYOND, BLUR, BLUR_CONFIDENCE, BLUR_SHARE, ERRORS, LEAST_ROUGH, PART, PART_ERRORS, REPEATED,
     ROWS, SURE, WOBBLE,
 };
 use super::{Finding, Known, Severity, Topic, percent};
 use crate::math;
-use crate::rig::alignment::{CUBIC, LINEAR, TERMS};
+use crate::rig::alignment::{LINEAR, TERMS};
 use crate::rig::blur::{self, Side};
 use crate::rig::estimation::Estimates;
 use crate::rig::estimation::range::{LeftOut, SearchRange};
-use crate::rig::estimation::rows::RowOffsets;
+use crate::rig::estimation::rows::{DISTORTED, RowOffsets};
 use crate::rig::psf::{Family, Psf, Taps};
 use crate::rig::rectification::{Rectification, Refusal};
 
@@ -136,8 +136,7 @@ impl Known<'_> {
             ),
         }];
 
-        let distortion = distortion(found);
-        if distortion >= DISTORTED[0].max(PART_ERRORS * found.error) {
+        if let Some(distortion) = found.distortion() {
             let distorted = format!(
                 "the lenses seem to distort, one unlike the other by {distortion:.1} px at the border: \
                  straightened rows do not make the disparities a depth; calibrate the cameras"
@@ -231,12 +230,6 @@ fn bend(found: &RowOffsets) -> f64 {
     coefficients[LINEAR..TERMS].iter().fold(0.0, |most, value| most.max(value.abs()))
 }
 
-/// The largest offset at a border by the terms that lens distortion alone has, pixels.
-fn distortion(found: &RowOffsets) -> f64 {
-    let coefficients = found.field.coefficients();
-    coefficients[CUBIC..TERMS].iter().fold(0.0, |most, value| most.max(value.abs()))
-}
-
 /// That a pair was rectified by what it shows, and what its disparities are.
 pub fn rectified(found: &Rectification) -> Finding {
     let Rectification { rows, rms, blocks, moved, .. } = found;
@@ -250,7 +243,7 @@ pub fn rectified(found: &Rectification) -> Finding {
     let (bent, _) = found
         .distortion
         .into_iter()
-        .filter(|(bent, error)| bent.abs() >= DISTORTED[0].max(DISTORTED[1] * error))
+        .filter(|(bent, error)| bent.abs() >= DISTORTED.0.max(DISTORTED.1 * error))
         .fold((0.0f64, 0.0), |most, one| if one.0.abs() > most.0.abs() { one } else { most });
     if bent != 0.0 {
         let kind = if bent < 0.0 { "barrel" } else { "pincushion" };
@@ -270,8 +263,7 @@ pub fn rectified(found: &Rectification) -> Finding {
 
 /// That a pair that hardly matches could not be rectified by what it shows, and why.
 pub fn not_rectified(estimates: &Estimates, refusal: &Refusal) -> Option<Finding> {
-    let fails =
-        |one: &Finding| one.topic == Topic::Match && one.severity == Severity::Warning;
+    let fails = |one: &Finding| one.topic == Topic::Match && one.severity == Severity::Warning;
     let hardly_matches = estimates.findings.iter().any(fails);
     hardly_matches.then(|| {
         let sentence = format!("the images do not show how to rectify them: {refusal}");

@@ -11,8 +11,6 @@ pub const ERRORS: [f64; 2] = [4.0, 5.0];
 pub const PART: [f64; 2] = [0.25, 0.5];
 /// ... at least so many standard errors.
 pub const PART_ERRORS: f64 = 3.0;
-/// Lens distortion, pixels at the border, and its standard errors: of 10 pairs without any up to 2.6.
-pub const DISTORTED: [f64; 2] = [2.0, 3.0];
 /// Wobble of rows, pixels rms.
 pub const WOBBLE: f64 = 0.25;
 

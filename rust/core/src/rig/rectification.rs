@@ -108,7 +108,10 @@ impl fmt::Display for Refusal {
                 write!(to, "they have only {left} and {right} corners that could be compared")
             }
             Self::Matches([agreeing, all]) => {
-                write!(to, "only {agreeing} of {all} corners that look alike agree on how the cameras look")
+                write!(
+                    to,
+                    "only {agreeing} of {all} corners that look alike agree on how the cameras look"
+                )
             }
             Self::Blocks(found) => write!(to, "only {found} blocks of one are found in the other"),
             Self::Folds => write!(to, "the lenses that fit best would show some things twice"),
@@ -128,7 +131,11 @@ pub fn rectify(
     let size = (pair[0].rows() / factor, pair[0].cols() / factor);
     let smaller = |image: &Plane<f32>| -> Result<Plane<f32>> {
         let image = filters::stretched(image);
-        if factor == 1 { Ok(image) } else { filters::reduced(&filters::cropped(&image, factor)?, size) }
+        if factor == 1 {
+            Ok(image)
+        } else {
+            filters::reduced(&filters::cropped(&image, factor)?, size)
+        }
     };
     let (left, right) = (smaller(pair[0])?, smaller(pair[1])?);
 
@@ -323,7 +330,16 @@ impl Refined {
             cameras.shifts[1][0] -= moved;
         }
 
-        Ok(Rectification { cameras, matches, blocks: good.len(), rows: raw, rms, error, moved, distortion })
+        Ok(Rectification {
+            cameras,
+            matches,
+            blocks: good.len(),
+            rows: raw,
+            rms,
+            error,
+            moved,
+            distortion,
+        })
     }
 }
 
@@ -404,7 +420,8 @@ mod tests {
 
     /// The largest difference of rows, over the image, of what cameras see at the same place.
     fn rows_apart(truth: &Cameras, found: &Cameras) -> f64 {
-        let place = |index: usize| [30.0 + 20.0 * (index % 17) as f64, 30.0 + 20.0 * (index / 17) as f64];
+        let place =
+            |index: usize| [30.0 + 20.0 * (index % 17) as f64, 30.0 + 20.0 * (index / 17) as f64];
         let apart = |index: usize| {
             let [x, y] = place(index);
             let right = [x - scene::disparity(x, y, SIZE.1), y];
@@ -451,8 +468,14 @@ mod tests {
         let [other, _] = scene::pair(&truth, SIZE, 4);
         let flat = left.map(|_| 7.0);
         assert!(matches!(found(&[left.clone(), other]), Err(Refusal::Matches(_))));
-        assert_eq!(found(&[left, flat.clone()]).err().map(|why| why.to_string().len() > 20), Some(true));
-        assert!(matches!(found(&[flat.clone(), flat.map(|_| f32::NAN)]), Err(Refusal::Corners([0, 0]))));
+        assert_eq!(
+            found(&[left, flat.clone()]).err().map(|why| why.to_string().len() > 20),
+            Some(true)
+        );
+        assert!(matches!(
+            found(&[flat.clone(), flat.map(|_| f32::NAN)]),
+            Err(Refusal::Corners([0, 0]))
+        ));
         let tiny = Plane::from_fn(2, 3, |y, x| (x + y) as f32);
         assert!(found(&[tiny.clone(), tiny]).is_err());
     }

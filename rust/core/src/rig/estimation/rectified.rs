@@ -2,7 +2,7 @@
 //! then. Its map is given back in the pixels of the raw left image.
 //!
 //! ```text
-//! if the rough match of a pair has little confidence:
+//! if the rough match of a pair has little confidence, or its rows are bent as by lenses that distort:
 //!     cameras = those that its images show                    # crate::rig::rectification; or nothing, with a reason
 //!     rectified = both images as these cameras would see them
 //!     if the rough match of the rectified pair has more confidence:
@@ -27,8 +27,8 @@ use crate::settings::Settings;
 
 /// Pairs whose rough match has this mean confidence are left as they are.
 const GOOD: f64 = 0.70;
-/// By how much it must rise once the pair is rectified.
-const RISE: f64 = 0.03;
+/// By how much it must rise once the pair is rectified; where lenses distort, it may fall a little: small copies hardly see that.
+const RISE: [f64; 2] = [0.03, -0.02];
 /// Rows of raw images that differ by less, rms in pixels, are left to be straightened.
 const LEAST_ROWS: f64 = 0.5;
 
@@ -67,18 +67,20 @@ pub fn attempt(
     settings: &Settings,
     means: Means,
 ) -> Result<Attempt> {
-    let needs = |confidence: f64| confidence < GOOD && can_be_tried(before, known, settings);
-    let Some(confidence) = before.confidence.filter(|confidence| needs(*confidence)) else {
+    let Some(confidence) = before.confidence else { return Ok(Attempt::None) };
+    let is_distorted = before.offsets.as_ref().is_some_and(|found| found.distortion().is_some());
+    let is_needed = confidence < GOOD || is_distorted;
+    if !is_needed || !can_be_tried(before, known, settings) {
         return Ok(Attempt::None);
-    };
+    }
 
     let started = Instant::now();
     let Means { matcher, how, control } = means;
     let grays = [gray(pair.views()[0], means)?, gray(pair.views()[1], means)?];
     // Given disparities are not moved.
     let is_positive = known.candidates.is_none();
-    let found = matcher
-        .install(|| rectify([&grays[0], &grays[1]], is_positive, how.level, control))?;
+    let found =
+        matcher.install(|| rectify([&grays[0], &grays[1]], is_positive, how.level, control))?;
     let rectification = match found {
         Ok(found) if found.rows >= LEAST_ROWS => found,
         Ok(_) => return Ok(Attempt::None),
@@ -86,10 +88,10 @@ pub fn attempt(
     };
 
     let (resampled, places) = matcher.install(|| resampled(pair, &rectification, means))?;
-    let given =
-        Known { candidates: known.candidates, noise: known.noise, ..Known::default() };
+    let given = Known { candidates: known.candidates, noise: known.noise, ..Known::default() };
     let (resampled, mut after) = estimated(resampled, &given, settings, means)?;
-    if after.confidence.is_none_or(|after| after < confidence + RISE) {
+    let least = confidence + RISE[usize::from(is_distorted)];
+    if after.confidence.is_none_or(|after| after < least) {
         return Ok(Attempt::None);
     }
 
@@ -123,10 +125,8 @@ fn resampled(
         warp::places(cameras, 1, pair.size(), control)?,
     ];
 
-    let views = [
-        warp::rectified(left, &places[0], control)?,
-        warp::rectified(right, &places[1], control)?,
-    ];
+    let views =
+        [warp::rectified(left, &places[0], control)?, warp::rectified(right, &places[1], control)?];
     Ok((pair.with_views(views), places))
 }
 

@@ -13,7 +13,7 @@ use super::tracks::{BLOCK, Seed, Track, follow};
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
 use crate::math;
-use crate::rig::alignment::{Alignment, LINEAR, TERMS, places, terms};
+use crate::rig::alignment::{Alignment, CUBIC, LINEAR, TERMS, places, terms};
 use crate::rig::blur::parts::{Means, PairRows};
 
 /// Number of blocks that are followed.
@@ -56,6 +56,9 @@ const LEAST_RMS: f64 = 0.12;
 /// ... and so are offsets of fewer standard errors than this.
 const LEAST_ERRORS: f64 = 2.0;
 
+/// Lens distortion is named from so many pixels on, and so many standard errors: of 10 pairs without any up to 2.6.
+pub const DISTORTED: (f64, f64) = (2.0, 3.0);
+
 /// The vertical offsets of a pair.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RowOffsets {
@@ -73,6 +76,14 @@ pub struct RowOffsets {
 }
 
 impl RowOffsets {
+    /// The largest offset at a border by the terms that lens distortion alone has, pixels, if it is large and clearly larger than its
+    /// own error.
+    pub fn distortion(&self) -> Option<f64> {
+        let terms = &self.field.coefficients()[CUBIC..];
+        let most = terms.iter().fold(0.0f64, |most, value| most.max(value.abs()));
+        (most >= DISTORTED.0.max(DISTORTED.1 * self.error)).then_some(most)
+    }
+
     /// Whether the offsets are too large to be an error of the estimate.
     pub fn is_significant(&self) -> bool {
         let rms = self.field.rms();

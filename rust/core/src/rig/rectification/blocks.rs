@@ -88,7 +88,8 @@ pub fn blocks(
         let (Some(left), Some(right)) = (cameras.raw(place, 0), cameras.raw(other, 1)) else {
             continue;
         };
-        if [(left, pair[0]), (right, pair[1])].iter().all(|(place, image)| is_inside(*place, image)) {
+        if [(left, pair[0]), (right, pair[1])].iter().all(|(place, image)| is_inside(*place, image))
+        {
             let weight = (fine.curvature / CURVATURE.1).min(1.0);
             blocks.push(Block { places: Match { left, right }, weight });
         }

@@ -81,7 +81,8 @@ impl Cameras {
         let values: [f64; NUMBERS] = from_fn(|index| numbers[index] * spreads[index]);
         let [focal, ratio, k1, k2, differs, ..] = values;
         let [column_left, row_left, column_right, row_right] = from_fn(|index| values[5 + index]);
-        let [yaw_left, roll_left, pitch, yaw_right, roll_right] = from_fn(|index| values[9 + index]);
+        let [yaw_left, roll_left, pitch, yaw_right, roll_right] =
+            from_fn(|index| values[9 + index]);
 
         let (rows, cols) = (size.0 as f64, size.1 as f64);
         let focal = FOCAL * cols * math::exp(focal);
@@ -235,7 +236,13 @@ impl Cameras {
         let by_k1 = half * square;
         let by_focal = -by_k1 * (2.0 * k1 + 4.0 * k2 * square);
         let mut slope = [0.0; NUMBERS];
-        slope[..5].copy_from_slice(&[by_focal, sign * by_focal, by_k1, by_k1 * square, sign * by_k1]);
+        slope[..5].copy_from_slice(&[
+            by_focal,
+            sign * by_focal,
+            by_k1,
+            by_k1 * square,
+            sign * by_k1,
+        ]);
         let slope = from_fn(|index| slope[index] * self.spreads[index]);
         (by_k1 * (k1 + square * k2), slope)
     }
@@ -280,9 +287,8 @@ impl Camera {
         let shorter = if distorted > 1e-9 { radius / distorted } else { 1.0 };
         let place @ [x, y] = [x * shorter, y * shorter];
         let square = x * x + y * y;
-        let mut turned: [f64; 3] = from_fn(|k| {
-            self.rotation[k][0] * x + self.rotation[k][1] * y + self.rotation[k][2]
-        });
+        let mut turned: [f64; 3] =
+            from_fn(|k| self.rotation[k][0] * x + self.rotation[k][1] * y + self.rotation[k][2]);
         turned[2] = turned[2].max(LEAST_DEPTH);
 
         Ray {
@@ -354,9 +360,13 @@ mod tests {
     #[test]
     fn raw_and_rectified_places_lead_to_each_other() {
         let cameras = cameras();
-        for (side, place) in [0, 1].into_iter().flat_map(|side| places().map(move |at| (side, at))) {
+        for (side, place) in [0, 1].into_iter().flat_map(|side| places().map(move |at| (side, at)))
+        {
             let back = cameras.raw(cameras.rectified(place, side), side).expect("a ray");
-            assert!((0..2).all(|axis| (back[axis] - place[axis]).abs() < 1e-6), "{place:?} {back:?}");
+            assert!(
+                (0..2).all(|axis| (back[axis] - place[axis]).abs() < 1e-6),
+                "{place:?} {back:?}"
+            );
         }
     }
 
@@ -406,7 +416,9 @@ mod tests {
         let mut numbers = [0.0; NUMBERS];
         numbers[K1] = -3.0;
         let cameras = Cameras::new(numbers, USUAL, SIZE);
-        assert!(cameras.raw([320.0, 240.0], 0).is_some() && cameras.raw([5000.0, 240.0], 0).is_none());
+        assert!(
+            cameras.raw([320.0, 240.0], 0).is_some() && cameras.raw([5000.0, 240.0], 0).is_none()
+        );
         assert!(cameras.is_folded([640.0, 480.0], 0) && !cameras.is_folded([330.0, 240.0], 0));
         assert!(cameras.rectified([640.0, 480.0], 0).iter().all(|at| at.is_finite()));
     }

@@ -83,9 +83,8 @@ impl Features {
             let found = corners(&smaller, most, BORDER, level)?;
 
             let steps = [cols as f64 / cols_here as f64, rows as f64 / rows_here as f64];
-            let place = |corner: &Corner| {
-                [0, 1].map(|axis| (corner.place[axis] + 0.5) * steps[axis] - 0.5)
-            };
+            let place =
+                |corner: &Corner| [0, 1].map(|axis| (corner.place[axis] + 0.5) * steps[axis] - 0.5);
             features.places.extend(found.iter().map(place));
             features.scales.resize(features.places.len(), steps[0]);
             features.levels.push((found, energies(&smaller, level)?));

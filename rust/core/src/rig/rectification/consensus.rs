@@ -42,8 +42,7 @@ impl Observation {
             [found.left, found.right].map(|place| place.map(|at| at / cols as f64 - 0.5));
         let square = x_right * x_right + y * y;
         let terms = [1.0, x_right, y, x - x_right];
-        let higher =
-            [x_right * y, x_right * x_right, y * y, y * square, x_right * square];
+        let higher = [x_right * y, x_right * x_right, y * y, y * square, x_right * square];
 
         let mut cubic = [0.0; 9];
         cubic[..4].copy_from_slice(&terms);

@@ -32,7 +32,12 @@ pub struct Corner {
 }
 
 /// The corners of an image that are at least `border` pixels from its ends: about `most`, spread evenly.
-pub fn corners(image: &Plane<f32>, most: usize, border: usize, level: Level) -> Result<Vec<Corner>> {
+pub fn corners(
+    image: &Plane<f32>,
+    most: usize,
+    border: usize,
+    level: Level,
+) -> Result<Vec<Corner>> {
     let strength = strengths(image, level)?;
     let (rows, cols) = (image.rows(), image.cols());
     let border = border.max(RADIUS + 1);

@@ -63,7 +63,8 @@ pub fn reduced(image: &Plane<f32>, (rows, cols): (usize, usize)) -> Result<Plane
 
         for (value, (first, weights)) in out.row_mut(y).iter_mut().zip(&beside) {
             let covered = &mean[*first..][..weights.len()];
-            *value = covered.iter().zip(weights).fold(0.0, |sum, (value, weight)| sum + value * weight);
+            *value =
+                covered.iter().zip(weights).fold(0.0, |sum, (value, weight)| sum + value * weight);
         }
     }
 
@@ -242,6 +243,8 @@ mod tests {
         assert!(found.row(0)[0].abs() < 1e-6 && found.row(8)[8].abs() < 1e-6);
         assert!((found.row(39)[0] - 255.0).abs() < 1e-6);
         assert!(found.row(20)[5] > 120.0 && found.row(20)[5] < 150.0);
-        assert!(stretched(&image.map(|_| f32::NAN)).as_slice().iter().all(|value| value.abs() < 1e-6));
+        assert!(
+            stretched(&image.map(|_| f32::NAN)).as_slice().iter().all(|value| value.abs() < 1e-6)
+        );
     }
 }

@@ -140,8 +140,12 @@ pub fn fitted(
         let mut numbers = [0.0; NUMBERS];
         numbers[super::cameras::K1] = k1;
         let mut cameras = Cameras::new(numbers, spreads, size);
-        let mut kept: Vec<Match> =
-            matches.iter().zip(agreeing).filter(|(_, is_in)| **is_in).map(|(one, _)| *one).collect();
+        let mut kept: Vec<Match> = matches
+            .iter()
+            .zip(agreeing)
+            .filter(|(_, is_in)| **is_in)
+            .map(|(one, _)| *one)
+            .collect();
 
         let mut cost = f64::INFINITY;
         for steps in [Steps(15, 4), Steps(8, 0)] {

@@ -161,7 +161,8 @@ mod tests {
             let mut out = [(4, 0), (0, 0), (8, 0)];
             level.run(Products { code: &codes[3], codes: &codes, out: &mut out });
             for (other, product) in out {
-                let terms = (0..LENGTH).map(|k| i64::from(codes[3][k]) * i64::from(codes[other][k]));
+                let terms =
+                    (0..LENGTH).map(|k| i64::from(codes[3][k]) * i64::from(codes[other][k]));
                 assert_eq!(i64::from(product), terms.sum::<i64>(), "{name}");
             }
         }

@@ -25,7 +25,9 @@ use crate::image::view::{Image, View};
 use crate::pipeline::control::Control;
 use crate::pipeline::matcher::Disparity;
 use crate::refinement::flag;
-use crate::rig::alignment::straighten::{CENTER, STEPS, TAPS, WEIGHT_BITS, weights, without_masked};
+use crate::rig::alignment::straighten::{
+    CENTER, STEPS, TAPS, WEIGHT_BITS, weights, without_masked,
+};
 
 /// Where each pixel of a rectified image is in the raw one: column and row, NaN where no ray comes from.
 pub type Places = Plane<[f32; 2]>;
@@ -176,7 +178,8 @@ pub fn raw(
             let [u, v] = cameras.rectified([x as f64, y as f64], 0).map(f64::round);
             let is_inside = (0.0..cols as f64).contains(&u) && (0.0..rows as f64).contains(&v);
             // Places beyond the rectified image are the number of its pixels.
-            *index = if is_inside { v as u64 * cols as u64 + u as u64 } else { (rows * cols) as u64 };
+            *index =
+                if is_inside { v as u64 * cols as u64 + u as u64 } else { (rows * cols) as u64 };
         }
     })?;
 
