@@ -70,7 +70,6 @@ pub use refinement::flag;
 pub use rig::estimation::Estimates;
 pub use settings::presets::Preset;
 pub use settings::{CostKind, Optimizer, Precision, Settings, Taper};
-pub use settings::{LARGEST_PIXEL, LARGEST_WINDOW, MOST_DISPARITIES};
 pub use verification::verdict;
 
 macro_rules! open {
