@@ -10,7 +10,7 @@ OURS := python/phasestereo-live python/phasestereo-large python/pandora-plugin-p
 RUST := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name Cargo.toml)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-core test-arm64 fuzz soak lint format bench tables bench-core docs wheel c web hooks clean
+.PHONY: help demo test test-core test-arm64 fuzz soak lint format settings bench tables bench-core docs wheel c web hooks clean
 
 help: ## List the commands
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 18
@@ -53,6 +53,8 @@ format: $(VENV)/ready ## Format the code
 	cargo fmt --all
 	$(BIN)/ruff format
 	$(BIN)/ruff check --fix
+
+settings: $(CORE) ## Write what Python and the glossary repeat of the table of settings
 
 bench: $(VENV)/harness ## Time a match against OpenCV, in a quarter of an hour (PHASESTEREO_DATA as above)
 	PHASESTEREO_DATA="$${PHASESTEREO_DATA:-../shared}" $(BIN)/phasestereo bench speed --output speed/speed.jsonl $(ARGS)
@@ -98,6 +100,7 @@ $(VENV)/counterparts: $(VENV)/harness
 # maturin, which builds, calls itself by its name alone.
 $(CORE): $(VENV)/ready pyproject.toml $(RUST)
 	PATH="$(CURDIR)/$(BIN):$$PATH" MATURIN_PEP517_ARGS=--locked $(BIN)/pip install --quiet --no-build-isolation --editable .
+	$(BIN)/python rust/python/write_settings.py
 	touch $@
 
 $(C_LIBRARY): $(RUST)

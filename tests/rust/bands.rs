@@ -6,8 +6,8 @@ use crate::common::maps;
 use crate::common::naive::ResultBits;
 use crate::common::parts::{Slow, known_part, rows_of};
 use crate::common::{
-    OPTIMIZERS, affordable, blur_compensation, hash, levels, mask, noises, random, robust,
-    settings, view, views,
+    LARGEST_PENALTY, OPTIMIZERS, affordable, blur_compensation, hash, levels, mask, noises, random,
+    robust, settings, view, views,
 };
 use phasestereo::internals::error::Error;
 use phasestereo::internals::image::convolution::Kernel;
@@ -26,7 +26,7 @@ use phasestereo::internals::refinement::filling;
 use phasestereo::internals::refinement::{Draft, flag};
 use phasestereo::internals::rig::blur_compensation::BlurCompensation;
 use phasestereo::internals::settings::presets::Preset;
-use phasestereo::internals::settings::{CostKind, LARGEST_PENALTY, Optimizer, Precision, Settings};
+use phasestereo::internals::settings::{CostKind, Optimizer, Precision, Settings};
 use phasestereo::internals::simd::Level;
 use proptest::prelude::*;
 use proptest::sample::{Index, select};
