@@ -71,7 +71,6 @@ pub use rig::estimation::Estimates;
 pub use rig::estimation::rectified::Rectified;
 pub use settings::presets::Preset;
 pub use settings::{CostKind, Optimizer, Precision, Settings, Taper};
-pub use settings::{LARGEST_PIXEL, LARGEST_WINDOW, MOST_DISPARITIES};
 pub use verification::verdict;
 
 macro_rules! open {

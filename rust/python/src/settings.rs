@@ -26,16 +26,14 @@ pub struct Setting {
 
 impl From<&Description> for Setting {
     fn from(setting: &Description) -> Self {
-        let lines = setting.documentation.lines().map(str::trim);
-        let mut text = lines.filter(|line| !line.is_empty()).collect::<Vec<_>>().join(" ");
+        let words = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
+        let summary = setting.documentation.split("\n\n").next().map(words).unwrap_or_default();
 
+        let mut text = words(setting.documentation);
         let range = (setting.range)();
         if let Some((first, others)) = range.split_at_checked(1) {
             text = format!("{text} {}{others}.", first.to_uppercase());
         }
-
-        let (summary, _) = setting.documentation.split_once("\n\n").unwrap_or((&text, ""));
-        let summary = summary.lines().map(str::trim).collect::<Vec<_>>().join(" ");
 
         let choices = match setting.kind {
             Kind::Word(words) => words.iter().map(|(word, said)| (*word, said.trim())).collect(),

@@ -40,8 +40,8 @@ macro_rules! words {
 /// name: type, in range, default value, paper value, fast value;
 /// ```
 ///
-/// a field of [`Settings`] with this documentation, its value in each preset, the check of its range, the way to and from
-/// a [`Value`], and a [`Description`] from which Python's class and the reference are written. Without a range every value
+/// a field of `Settings` with this documentation, its value in each preset, the check of its range, the way to and from
+/// a `Value`, and a `Description` from which Python's class and the reference are written. Without a range every value
 /// of the type is accepted; presets that are not mentioned have the default.
 macro_rules! settings {
     ($(

@@ -4,10 +4,10 @@
 //! of the paper (see the crate).
 
 use crate::error::Result;
+use crate::settings::Description;
 use crate::settings::kind::{Kind, Setting, Value};
 use crate::settings::presets::Preset;
 use crate::settings::ranges::{either, indices, integer, number, odd, optional, rising};
-use crate::settings::{Description, LARGEST_PIXEL, LARGEST_WINDOW, MOST_DISPARITIES};
 
 words! {
     /// How two pixels are compared.
@@ -68,7 +68,7 @@ settings! {
     /// Side L of the square neighborhood which a phase code describes, pixels.
     ///
     /// Larger ones resist blur better and fatten the foreground more.
-    neighborhood: usize, in odd(3, LARGEST_WINDOW), default 3, paper 7, fast 9;
+    neighborhood: usize, in odd(3, 63), default 3, paper 7, fast 9;
 
     /// The window under the local Fourier transform.
     taper: Taper, default Taper::Uniform;
@@ -107,7 +107,7 @@ settings! {
     /// Side of the square aggregation window, pixels.
     ///
     /// It may be larger than the image (OpenCV's `blockSize`).
-    window: usize, in odd(1, LARGEST_WINDOW), default 5, paper 9, fast 9;
+    window: usize, in odd(1, 63), default 5, paper 9, fast 9;
 
     /// Whether the best of five windows counts, or the centered one alone.
     ///
@@ -179,7 +179,7 @@ settings! {
     /// Values beyond one range below black or above white are clamped. None: 0 to 255 for values of 8 bits, of whatever
     /// type; else the range in which the pixels of both images lie, but for 0.1 % at either end. Phase codes do not depend
     /// on it.
-    intensity_range: Option<(f64, f64)>, in optional(rising(LARGEST_PIXEL)), default None;
+    intensity_range: Option<(f64, f64)>, in optional(rising(1e300)), default None;
 
     /// Whether disparities lie between whole pixels.
     ///
@@ -191,8 +191,7 @@ settings! {
     ///
     /// A pixel is flagged when the right pixel that was chosen for it fits another left pixel better whose disparity
     /// differs by more (OpenCV's `disp12MaxDiff`). None: no check.
-    lr_check: Option<usize>, in optional(integer(0, MOST_DISPARITIES)), default Some(1),
-        paper None, fast None;
+    lr_check: Option<usize>, in optional(integer(0, 16_384)), default Some(1), paper None, fast None;
 
     /// Percent by which the best cost elsewhere must exceed that of the chosen disparity.
     ///
@@ -207,7 +206,7 @@ settings! {
     speckle_size: usize, default 100, paper 0, fast 0;
 
     /// Pixels by which the disparities of neighbors in one region differ at most (OpenCV's `speckleRange`).
-    speckle_range: f64, in number(MOST_DISPARITIES as f64), default 1.0;
+    speckle_range: f64, in number(16_384.0), default 1.0;
 
     /// Whether disparities near jumps are those that best explain the blurred image (analysis by synthesis).
     ///
