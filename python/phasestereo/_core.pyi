@@ -166,9 +166,7 @@ def match_pair(
     progress: Callable[[int, int], object] | None,
     known: Known,
     temporal: TemporalFilter | None,
-) -> tuple[
-    Matched, Summarized, Found, Supported | None, list[Said], RectifiedByCore | None
-]: ...
+) -> tuple[Matched, Summarized, Found, Supported | None, list[Said], RectifiedByCore | None]: ...
 def verify_map(
     images: tuple[Pixels, Pixels],
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],

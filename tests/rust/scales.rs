@@ -265,7 +265,7 @@ fn copies_decide_where_the_pair_has_no_evidence_with_the_same_bits_everywhere() 
     let result = |threads, level| {
         let matcher = Matcher::new(threads).expect("threads");
         let means = means(&matcher, threads, level, &control);
-        prepare_and_match(blocks(), known(), &settings, means).expect("a legal pair").0
+        prepare_and_match(blocks(), known(), &settings, means).expect("a legal pair").map
     };
 
     let found = result(1, Level::best());

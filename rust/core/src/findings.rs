@@ -248,6 +248,8 @@ mod tests {
     use crate::rig::estimation::rows::RowOffsets;
     use crate::rig::photometry::{Contrast, Photometry, Saturation};
     use crate::rig::psf::{Family, Psf};
+    use crate::rig::rectification::cameras::{Cameras, NUMBERS, USUAL};
+    use crate::rig::rectification::{Rectification, Refusal};
     use crate::settings::presets::Preset;
 
     const SIZE: (usize, usize) = (200, 300);
@@ -493,6 +495,40 @@ mod tests {
                 .starts_with("the right image is interlaced: odd rows are shifted by 4 px")
         );
         assert!(fields([3, -4]).1.starts_with("the images are interlaced"));
+    }
+
+    #[test]
+    fn a_pair_that_was_rectified_is_told_of() {
+        let found = Rectification {
+            cameras: Cameras::new([0.0; NUMBERS], USUAL, SIZE),
+            matches: [100, 90],
+            blocks: 80,
+            rows: 12.34,
+            rms: 0.2,
+            error: 0.1,
+            moved: 21.0,
+            distortion: [(-9.0, 1.0), (3.0, 2.0)],
+        };
+        let told = rectified(&found);
+        assert_eq!((told.topic, told.severity), (Topic::Alignment, Severity::Note));
+        for part in [
+            "far from rectified, rows differ by 12.3 px rms",
+            "to 0.20 px rms in 80 blocks",
+            "the lenses distort, by 9 px at half the width (barrel)",
+            "columns were moved by 21 px",
+        ] {
+            assert!(told.sentence.contains(part), "{}", told.sentence);
+        }
+
+        let plain = Rectification { moved: 0.0, distortion: [(9.0, 4.0); 2], ..found };
+        let told = rectified(&plain).sentence;
+        assert!(!told.contains("distort") && !told.contains("moved"), "{told}");
+
+        let refusal = Refusal::Matches([9, 40]);
+        assert_eq!(not_rectified(&sound(), &refusal), None);
+        let failed = vec![Finding::warning(Topic::Match, "hardly anything")];
+        let told = not_rectified(&Estimates { findings: failed, ..sound() }, &refusal);
+        assert!(told.is_some_and(|told| told.sentence.contains("only 9 of 40 corners")));
     }
 
     #[test]

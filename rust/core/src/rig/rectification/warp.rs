@@ -240,3 +240,100 @@ fn sampled<T: Copy + Default + Send + Sync>(
         }
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::cameras::{NUMBERS, USUAL};
+    use super::*;
+
+    const SIZE: (usize, usize) = (60, 80);
+
+    fn view() -> View {
+        let value = |(y, x, c)| ((31 * y + 17 * x + 5 * c) % 200) as u8;
+        View::from(Image::U8(Array3::from_shape_fn((SIZE.0, SIZE.1, 3), value)))
+    }
+
+    fn map() -> Disparity {
+        Disparity {
+            disparity: Plane::from_fn(SIZE.0, SIZE.1, |y, x| {
+                if x < 20 { f32::NAN } else { y as f32 / 8.0 }
+            }),
+            flags: Plane::from_fn(SIZE.0, SIZE.1, |_, x| x as u16),
+            confidence: Some(Plane::from_fn(SIZE.0, SIZE.1, |_, x| x as f32 / 100.0)),
+            uncertainty: Some(Plane::from_fn(SIZE.0, SIZE.1, |_, _| 1.0)),
+            wrong: None,
+            detail: None,
+            timings: crate::pipeline::matcher::Timings::default(),
+        }
+    }
+
+    #[test]
+    fn usual_cameras_change_nothing() {
+        let cameras = Cameras::new([0.0; NUMBERS], USUAL, SIZE);
+        let control = Control::default();
+        let places = places(&cameras, 0, SIZE, &control).expect("memory");
+        assert_eq!(rectified(&view(), &places, &control).expect("memory"), view());
+
+        let (raw, rows) = raw(&map(), &cameras, &control).expect("memory");
+        assert_eq!((&raw.flags, &raw.confidence), (&map().flags, &map().confidence));
+        for (found, known) in raw.disparity.as_slice().iter().zip(map().disparity.as_slice()) {
+            assert!((found - known).abs() < 1e-4 || (found.is_nan() && known.is_nan()));
+        }
+        assert!(rows.as_slice().iter().all(|row| row.is_nan() || row.abs() < 1e-4));
+    }
+
+    #[test]
+    fn a_map_is_taken_from_where_raw_pixels_are() {
+        let mut numbers = [0.0; NUMBERS];
+        (numbers[1], numbers[13]) = (1.0, 2.0);
+        let shifts = [[0.0, 0.0], [-4.0, 1.0]];
+        let cameras = Cameras { shifts, ..Cameras::new(numbers, USUAL, SIZE) };
+        let (raw, rows) = raw(&map(), &cameras, &Control::default()).expect("memory");
+
+        let mut seen = 0;
+        for (y, x) in (0..SIZE.0).flat_map(|y| (0..SIZE.1).map(move |x| (y, x))) {
+            let place = cameras.rectified([x as f64, y as f64], 0);
+            let [u, v] = place.map(|at| at.round() as i64);
+            if !(0..80).contains(&u) || !(0..60).contains(&v) {
+                assert_eq!(
+                    (raw.flags.row(y)[x], raw.disparity.row(y)[x].is_nan()),
+                    (flag::NO_CANDIDATE, true)
+                );
+                continue;
+            }
+
+            let disparity = map().disparity.row(v as usize)[u as usize];
+            let right = [place[0] - f64::from(disparity), place[1]];
+            let right = cameras.raw(right, 1).filter(|_| disparity.is_finite());
+            assert_eq!(right.is_none(), raw.disparity.row(y)[x].is_nan());
+            if let Some(right) = right {
+                assert!((x as f64 - right[0] - f64::from(raw.disparity.row(y)[x])).abs() < 1e-4);
+                assert!((right[1] - y as f64 - f64::from(rows.row(y)[x])).abs() < 1e-4);
+                seen += 1;
+            }
+        }
+        assert!(seen > 2000, "{seen}");
+    }
+
+    #[test]
+    fn what_lies_outside_is_masked_and_masked_pixels_do_not_spread() {
+        let mut numbers = [0.0; NUMBERS];
+        numbers[10] = 3.0;
+        let cameras = Cameras::new(numbers, USUAL, SIZE);
+        let control = Control::default();
+        let places = places(&cameras, 0, SIZE, &control).expect("memory");
+
+        let mut pixels = Array3::from_elem((SIZE.0, SIZE.1, 1), 50.0f32);
+        pixels[(30, 40, 0)] = f32::NAN;
+        let mask = Plane::from_fn(SIZE.0, SIZE.1, |y, x| (y, x) != (30, 40));
+        let view = View { mask: Some(mask), ..View::from(Image::F32(pixels)) };
+        let found = rectified(&view, &places, &control).expect("memory");
+
+        let Image::F32(pixels) = &found.image else { unreachable!("as it was") };
+        assert!(pixels.iter().all(|value| (value - 50.0).abs() < 1e-3));
+        let mask = found.mask.expect("corners are outside");
+        assert!(!mask.row(0)[0] && mask.row(20)[20]);
+        let hidden = mask.as_slice().iter().filter(|valid| !**valid).count();
+        assert!((100..2000).contains(&hidden), "{hidden}");
+    }
+}

@@ -1,0 +1,164 @@
+"""Pairs that are far from rectified: a match rectifies them from what they show, and says so."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+import phasestereo as ps
+from conftest import counterpart
+from phasestereo.metrics import bad_pixels
+from phasestereo_bench.datasets import find_scene
+from phasestereo_bench.rigs.geometry import Misaligned
+from rigs import cv2
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from phasestereo_bench.datasets import Pair
+
+counterpart("scipy")
+
+RIGS = {
+    "turned by 15 degrees": Misaligned(turn=15),
+    "zoomed by 25 %": Misaligned(focal=0.25),
+    "60 rows lower": Misaligned(down=60),
+    "distorted": Misaligned(distortion=-0.2),
+}
+
+
+@pytest.fixture(scope="module")
+def cones(data: Path) -> Pair:
+    """Return a real scene whose rows correspond."""
+    return find_scene(data / "middlebury", "cones").load()
+
+
+@pytest.fixture(scope="module")
+def turned(cones: Pair) -> Pair:
+    """Return the same scene as a rig sees it whose right camera is turned."""
+    return RIGS["turned by 15 degrees"](cones, "right")
+
+
+@pytest.fixture(scope="module")
+def found(turned: Pair) -> ps.Result:
+    """Return the match of the turned pair."""
+    return ps.match(turned.left, turned.right, threads=1)
+
+
+def bad(pair: Pair, result: ps.Result) -> float:
+    assert pair.truth is not None
+    return bad_pixels(result.disparity, pair.truth, 1.0, mask=pair.masks["nonocc"])
+
+
+def sentences(result: ps.Result) -> str:
+    return "; ".join(one.sentence for one in result.findings if one.topic == "alignment")
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_a_pair_far_from_rectified_is_matched_about_as_well_as_a_rectified_one(
+    rig: str, cones: Pair
+) -> None:
+    pair = RIGS[rig](cones, "right")
+
+    result = ps.match(pair.left, pair.right)
+
+    assert result.rectified is not None
+    assert result.rectified.error < 0.5
+    assert bad(pair, result) < 12
+    assert "far from rectified" in sentences(result)
+    assert ("lenses distort" in sentences(result)) == (rig == "distorted")
+
+
+def test_rows_and_columns_lead_to_the_right_image_as_it_came(
+    turned: Pair, found: ps.Result
+) -> None:
+    assert turned.truth is not None
+    assert found.rectified is not None
+    y, x = np.mgrid[: turned.truth.shape[0], : turned.truth.shape[1]].astype(float)
+    known = find_true_rows(turned, x, y)
+
+    sure = found.trusted & turned.masks["nonocc"]
+    error = np.abs(found.rectified.rows - known)[sure & np.isfinite(known)]
+    assert error.size > 50_000
+    assert np.median(error) < 0.3
+    assert np.quantile(error, 0.9) < 1
+
+
+def find_true_rows(pair: Pair, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return y' - y: of a turn, x' and y fix it."""
+    rows, cols = y.shape
+    angle, middle_x, middle_y = np.deg2rad(15), (cols - 1) / 2, (rows - 1) / 2
+    at_x = x - pair.truth - middle_x
+    # x' = cos u - sin v, so u and then y' = sin u + cos v
+    across = (at_x + np.sin(angle) * (y - middle_y)) / np.cos(angle)
+    rows_there: np.ndarray = np.sin(angle) * across + np.cos(angle) * (y - middle_y) + middle_y
+    return rows_there - y
+
+
+def test_the_rectified_pair_is_that_of_its_calibration(turned: Pair, found: ps.Result) -> None:
+    rectified = found.rectified
+    assert rectified is not None
+    for maps, index in zip(rectified.maps, (1, 2), strict=True):
+        k, d, r, p = (rectified.calibration[f"{name}{index}"] for name in "KDRP")
+        size = turned.left.shape[1], turned.left.shape[0]
+        theirs = cv2.initUndistortRectifyMap(k, d, r, p[:, :3], size, cv2.CV_32FC1)
+        for own, other in zip(maps, theirs, strict=True):
+            there = np.isfinite(own)
+            assert there.mean() > 0.9
+            np.testing.assert_allclose(own[there], other[there], atol=0.01)
+
+    again = ps.rectify(
+        turned.left, turned.right, dict(rectified.calibration), interpolation="lanczos"
+    )
+    assert again.error is not None
+    assert again.error < 0.5
+
+
+def test_the_same_bits_come_from_any_number_of_threads(turned: Pair, found: ps.Result) -> None:
+    again = ps.match(turned.left, turned.right, threads=3)
+
+    assert again.rectified is not None
+    assert found.rectified is not None
+    np.testing.assert_array_equal(again.disparity, found.disparity)
+    np.testing.assert_array_equal(again.flags, found.flags)
+    np.testing.assert_array_equal(again.rectified.rows, found.rectified.rows)
+
+
+def test_a_frame_after_one_that_was_rectified_is_rectified_too(
+    turned: Pair, found: ps.Result
+) -> None:
+    after = ps.Matcher().match(turned.left, turned.right, before=found)
+
+    np.testing.assert_array_equal(after.disparity, found.disparity)
+
+
+def test_a_setting_turns_it_off(turned: Pair) -> None:
+    with pytest.warns(ps.MatchWarning):
+        result = ps.match(turned.left, turned.right, self_rectify=False)
+
+    assert result.rectified is None
+    assert bad(turned, result) > 50
+
+
+def test_a_pair_whose_rows_correspond_is_matched_as_it_is(cones: Pair) -> None:
+    result = ps.match(cones.left, cones.right)
+    plain = ps.match(cones.left, cones.right, self_rectify=False)
+
+    assert result.rectified is None
+    np.testing.assert_array_equal(result.disparity, plain.disparity)
+    assert result.findings == plain.findings
+
+
+def test_images_of_different_things_are_not_rectified_and_it_is_said_why(
+    cones: Pair, data: Path
+) -> None:
+    other = find_scene(data / "middlebury", "tsukuba").load().right
+    rows, cols = other.shape[0], other.shape[1]
+
+    with pytest.warns(ps.MatchWarning):
+        result = ps.match(cones.left[:rows, :cols], other)
+
+    assert result.rectified is None
+    assert "do not show how to rectify them: only" in sentences(result)
