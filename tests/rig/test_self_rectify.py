@@ -17,6 +17,8 @@ from rigs import cv2
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from numpy.typing import NDArray
+
     from phasestereo_bench.datasets import Pair
 
 counterpart("scipy")
@@ -77,7 +79,7 @@ def test_rows_and_columns_lead_to_the_right_image_as_it_came(
     assert turned.truth is not None
     assert found.rectified is not None
     y, x = np.mgrid[: turned.truth.shape[0], : turned.truth.shape[1]].astype(float)
-    known = find_true_rows(turned, x, y)
+    known = find_true_rows(turned.truth, x, y)
 
     sure = found.trusted & turned.masks["nonocc"]
     error = np.abs(found.rectified.rows - known)[sure & np.isfinite(known)]
@@ -86,15 +88,16 @@ def test_rows_and_columns_lead_to_the_right_image_as_it_came(
     assert np.quantile(error, 0.9) < 1
 
 
-def find_true_rows(pair: Pair, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def find_true_rows(
+    truth: NDArray[np.floating], x: NDArray[np.float64], y: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Return y' - y: of a turn, x' and y fix it."""
     rows, cols = y.shape
     angle, middle_x, middle_y = np.deg2rad(15), (cols - 1) / 2, (rows - 1) / 2
-    at_x = x - pair.truth - middle_x
     # x' = cos u - sin v, so u and then y' = sin u + cos v
-    across = (at_x + np.sin(angle) * (y - middle_y)) / np.cos(angle)
-    rows_there: np.ndarray = np.sin(angle) * across + np.cos(angle) * (y - middle_y) + middle_y
-    return rows_there - y
+    across = (x - truth - middle_x + np.sin(angle) * (y - middle_y)) / np.cos(angle)
+    lower: NDArray[np.float64] = np.sin(angle) * across + np.cos(angle) * (y - middle_y)
+    return lower + middle_y - y
 
 
 def test_the_rectified_pair_is_that_of_its_calibration(turned: Pair, found: ps.Result) -> None:
