@@ -18,6 +18,7 @@ from phasestereo.rig.alignment import Alignment
 from phasestereo.rig.blur import Blur, BlurEstimate
 from phasestereo.rig.compensation import BlurCompensation
 from phasestereo.rig.findings import Finding, MatchWarning
+from phasestereo.rig.rectified import Rectified
 from phasestereo.rig.search_range import LeftOut, SearchRange
 from phasestereo.settings import PRESETS, Settings
 from phasestereo.temporal import TemporalFilter
@@ -38,6 +39,7 @@ __all__ = [
     "Mesh",
     "PointCloud",
     "Rectification",
+    "Rectified",
     "Result",
     "SearchRange",
     "Settings",
