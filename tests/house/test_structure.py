@@ -75,14 +75,14 @@ BOUNDS = {
     "imports of the same or a higher floor": 0,
     "imports of another distribution than those below": 0,
     "own modules imported by a string": 0,
-    "statements of phasestereo": 5_500,
+    "statements of phasestereo": 5_530,
     "statements of phasestereo_live": 2_100,
     "statements of phasestereo_large": 2_460,
     "statements of pandora_plugin_phasestereo": 120,
     "statements of phasestereo_bench": 7_060,
-    "public names": 112,
+    "public names": 113,
     "words of documentation": 22_500,
-    "lines of Rust": 27_700,
+    "lines of Rust": 30_600,
     "lines of tests": 28_500,
 }
 
