@@ -38,7 +38,7 @@ fn a_match_of_slices_is_that_of_the_stages() {
     let how = Execution { threads: 1, level: Level::best() };
     let means = Means { matcher: &core, how, control: &Control::default() };
     let matched = prepare_and_match(pair, known, &settings, means).expect("a match");
-    let (map, prepared) = (matched.map, matched.prepared);
+    let (map, estimates) = (matched.map, matched.prepared.estimates);
     assert!(found.rectified.is_none() && matched.rectified.is_none(), "its rows correspond");
 
     let bits = |plane: &phasestereo::Plane<f32>| -> Vec<u32> {
@@ -47,7 +47,7 @@ fn a_match_of_slices_is_that_of_the_stages() {
     assert_eq!(bits(&found.disparity), bits(&map.disparity));
     assert_eq!(found.flags, map.flags);
     assert_eq!(found.confidence.as_ref().map(bits), map.confidence.as_ref().map(bits));
-    assert_eq!(found.estimates.findings, prepared.estimates.findings);
+    assert_eq!(found.estimates.findings, estimates.findings);
     assert_eq!(found.estimates.disparities(), 0..16);
 }
 

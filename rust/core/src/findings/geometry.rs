@@ -247,16 +247,14 @@ pub fn rectified(found: &Rectification) -> Finding {
         .fold((0.0f64, 0.0), |most, one| if one.0.abs() > most.0.abs() { one } else { most });
     if bent != 0.0 {
         let kind = if bent < 0.0 { "barrel" } else { "pincushion" };
-        sentence.push_str(&format!(
-            "; the lenses distort, by {:.0} px at half the width ({kind})",
-            bent.abs()
-        ));
+        sentence +=
+            &format!("; the lenses distort, by {:.0} px at half the width ({kind})", bent.abs());
     }
     if *moved > 0.0 {
-        sentence.push_str(&format!(
+        sentence += &format!(
             "; columns were moved by {moved:.0} px to make disparities positive: the cameras are toed \
              in, or left and right are exchanged"
-        ));
+        );
     }
     Finding::note(Topic::Alignment, sentence)
 }

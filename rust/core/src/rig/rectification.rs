@@ -172,11 +172,14 @@ fn rectify_small(
 }
 
 /// Matched corners, and which of them agree.
+type Agreement = (Vec<Match>, Vec<bool>);
+
+/// Matches the corners of a pair, if enough of them agree.
 fn matched(
     pair: [&Plane<f32>; 2],
     level: Level,
     control: &Control,
-) -> Result<std::result::Result<(Vec<Match>, Vec<bool>), Refusal>> {
+) -> Result<std::result::Result<Agreement, Refusal>> {
     let cols = pair[0].cols();
     let features = |side: usize| {
         control.checkpoint()?;

@@ -99,7 +99,9 @@ pub fn smoothed(image: &Plane<f32>, sigma: f64, level: Level) -> Result<Plane<f3
     let mut weights: Vec<f64> =
         (0..=radius).map(|k| math::exp(-0.5 * (k as f64 / sigma).powi(2))).collect();
     let all = 2.0 * weights.iter().sum::<f64>() - weights[0];
-    weights.iter_mut().for_each(|weight| *weight /= all);
+    for weight in &mut weights {
+        *weight /= all;
+    }
 
     let weights: Vec<f32> = weights.iter().map(|weight| *weight as f32).collect();
     filtered(image, &weights, level)

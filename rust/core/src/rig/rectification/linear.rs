@@ -24,8 +24,8 @@ impl<const N: usize> Normal<N> {
         for row in 0..N {
             let weighted = weight * terms[row];
             self.target[row] += weighted * value;
-            for col in 0..=row {
-                self.matrix[row][col] += weighted * terms[col];
+            for (sum, term) in self.matrix[row].iter_mut().zip(&terms[..=row]) {
+                *sum += weighted * term;
             }
         }
     }

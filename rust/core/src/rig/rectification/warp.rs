@@ -50,8 +50,8 @@ pub fn places(
 /// The rectified view.
 pub fn rectified(view: &View, places: &Places, control: &Control) -> Result<View> {
     // Masked pixels, which may be NaN, must not spread over the taps.
-    let filled = without_masked(view, control)?;
-    let image = match &filled.image {
+    let source = without_masked(view, control)?;
+    let image = match &source.image {
         Image::U8(pixels) => Image::U8(resampled(pixels, places, control)?),
         Image::U16(pixels) => Image::U16(resampled(pixels, places, control)?),
         Image::F32(pixels) => Image::F32(resampled(pixels, places, control)?),
@@ -287,7 +287,8 @@ mod tests {
         let mut numbers = [0.0; NUMBERS];
         (numbers[1], numbers[13]) = (1.0, 2.0);
         let shifts = [[0.0, 0.0], [-4.0, 1.0]];
-        let cameras = Cameras { shifts, ..Cameras::new(numbers, USUAL, SIZE) };
+        let mut cameras = Cameras::new(numbers, USUAL, SIZE);
+        cameras.shifts = shifts;
         let (raw, rows) = raw(&map(), &cameras, &Control::default()).expect("memory");
 
         let mut seen = 0;
