@@ -37,9 +37,9 @@ fn a_match_of_slices_is_that_of_the_stages() {
     let core = matcher::Matcher::new(1).expect("a matcher");
     let how = Execution { threads: 1, level: Level::best() };
     let means = Means { matcher: &core, how, control: &Control::default() };
-    let matched = prepare_and_match(pair, known, &settings, means).expect("a match");
-    let (map, estimates) = (matched.map, matched.prepared.estimates);
-    assert!(found.rectified.is_none() && matched.rectified.is_none(), "its rows correspond");
+    let whole = prepare_and_match(pair, known, &settings, means).expect("a match");
+    let (map, estimates) = (whole.map, whole.prepared.estimates);
+    assert!(found.rectified.is_none() && whole.rectified.is_none(), "its rows correspond");
 
     let bits = |plane: &phasestereo::Plane<f32>| -> Vec<u32> {
         plane.as_slice().iter().map(|value| value.to_bits()).collect()

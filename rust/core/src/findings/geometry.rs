@@ -233,12 +233,12 @@ fn bend(found: &RowOffsets) -> f64 {
 /// That a pair was rectified by what it shows, and what its disparities are.
 pub fn rectified(found: &Rectification) -> Finding {
     let Rectification { rows, rms, blocks, moved, .. } = found;
-    let mut sentence = format!(
+    let mut told = vec![format!(
         "the images are far from rectified, rows differ by {rows:.1} px rms: both are rectified by what \
          they show, to {rms:.2} px rms in {blocks} blocks, and matched then; disparities are given in \
          pixels of the left image as it came, and are no depth: take those of the rectified pair, or \
          calibrate the cameras"
-    );
+    )];
 
     let (bent, _) = found
         .distortion
@@ -247,16 +247,18 @@ pub fn rectified(found: &Rectification) -> Finding {
         .fold((0.0f64, 0.0), |most, one| if one.0.abs() > most.0.abs() { one } else { most });
     if bent != 0.0 {
         let kind = if bent < 0.0 { "barrel" } else { "pincushion" };
-        sentence +=
-            &format!("; the lenses distort, by {:.0} px at half the width ({kind})", bent.abs());
+        told.push(format!(
+            "the lenses distort, by {:.0} px at half the width ({kind})",
+            bent.abs()
+        ));
     }
     if *moved > 0.0 {
-        sentence += &format!(
-            "; columns were moved by {moved:.0} px to make disparities positive: the cameras are toed \
+        told.push(format!(
+            "columns were moved by {moved:.0} px to make disparities positive: the cameras are toed \
              in, or left and right are exchanged"
-        );
+        ));
     }
-    Finding::note(Topic::Alignment, sentence)
+    Finding::note(Topic::Alignment, told.join("; "))
 }
 
 /// That a pair that hardly matches could not be rectified by what it shows, and why.

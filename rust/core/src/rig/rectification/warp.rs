@@ -35,13 +35,13 @@ pub type Places = Plane<[f32; 2]>;
 /// The places of all pixels of the left (0) or the right image (1).
 pub fn places(
     cameras: &Cameras,
-    side: usize,
+    camera: usize,
     size: (usize, usize),
     control: &Control,
 ) -> Result<Places> {
     Plane::by_rows(size, control, |y, row| {
         for (x, place) in row.iter_mut().enumerate() {
-            let raw = cameras.raw([x as f64, y as f64], side);
+            let raw = cameras.raw([x as f64, y as f64], camera);
             *place = raw.map_or([f32::NAN; 2], |raw| raw.map(|at| at as f32));
         }
     })
