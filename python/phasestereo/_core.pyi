@@ -7,12 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phasestereo._images import Pixels
-from phasestereo.rig.alignment import Field
-from phasestereo.rig.blur import Glance
+from phasestereo.known import Known, Noise
+from phasestereo.result import Result
+from phasestereo.rig.alignment import Alignment
 from phasestereo.rig.compensation import BlurCompensation
-from phasestereo.rig.estimates import Found, Known, Matched, Summarized, Supported
-from phasestereo.rig.findings import Said
+from phasestereo.rig.estimates import Estimates
 from phasestereo.settings import Settings
+from phasestereo.verification import Verification
 from phasestereo_large.bands import Checked, PairStatistics
 
 __all__ = [
@@ -31,8 +32,8 @@ __all__ = [
     "Workers",
     "__version__",
     "aggregate_volume",
-    "blur_is_as_before",
     "check_blur_compensation",
+    "check_noise",
     "check_settings",
     "cost_volume",
     "descriptor",
@@ -78,14 +79,8 @@ class Workers:
     @property
     def count(self) -> int: ...
 
-def blur_is_as_before(
-    images: tuple[Pixels, Pixels],
-    masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
-    glance: Glance,
-    impulses: tuple[float, float],
-    threads: int | Workers | None,
-) -> bool: ...
 def check_settings(settings: Settings) -> None: ...
+def check_noise(noise: Noise) -> None: ...
 def check_blur_compensation(compensation: BlurCompensation | None) -> None: ...
 def estimate_pair(
     images: tuple[Pixels, Pixels],
@@ -93,7 +88,7 @@ def estimate_pair(
     disparities: tuple[int, int | None],
     settings: Settings,
     threads: int | Workers | None,
-) -> Found: ...
+) -> Estimates: ...
 def estimate_pair_by_rows(
     read: Checked,
     size: tuple[int, int],
@@ -102,7 +97,7 @@ def estimate_pair_by_rows(
     scale: _Scale | None,
     threads: int | Workers | None,
     known: Known,
-) -> Found: ...
+) -> Estimates: ...
 def find_roughness(
     read: Checked,
     size: tuple[int, int],
@@ -119,7 +114,7 @@ def find_scale(
     settings: Settings,
 ) -> _Scale: ...
 def halo(
-    settings: Settings, compensation: BlurCompensation | None, alignment: Field | None
+    settings: Settings, compensation: BlurCompensation | None, alignment: Alignment | None
 ) -> tuple[int, int]: ...
 def working_memory(statistics: PairStatistics, rows: int, threads: int, itemsize: int) -> int: ...
 def match_rows(
@@ -130,7 +125,7 @@ def match_rows(
     rows: tuple[int, int],
     threads: int | Workers | None,
     progress: Callable[[int, int], object] | None,
-) -> Matched: ...
+) -> Result: ...
 def match_raw(
     images: tuple[Pixels, Pixels],
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
@@ -138,7 +133,7 @@ def match_raw(
     first: int,
     rows: tuple[int, int],
     threads: int | Workers | None,
-) -> tuple[Matched, tuple[int, int, int, int, int]]: ...
+) -> tuple[Result, tuple[int, int, int, int, int]]: ...
 def rows_to_tally(height: int) -> list[tuple[int, int]]: ...
 def match_pair(
     images: tuple[Pixels, Pixels],
@@ -149,21 +144,16 @@ def match_pair(
     progress: Callable[[int, int], object] | None,
     known: Known,
     temporal: TemporalFilter | None,
-) -> tuple[Matched, Summarized, Found, Supported | None, list[Said]]: ...
+) -> Result: ...
 def verify_map(
     images: tuple[Pixels, Pixels],
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
     disparity: NDArray[np.float32],
+    settings: Settings,
     threads: int | Workers | None,
     progress: Callable[[int, int], object] | None,
-) -> tuple[
-    tuple[NDArray[np.uint8], NDArray[np.float32]],
-    list[Said],
-    Matched,
-    Summarized,
-    Found,
-    list[Said],
-]: ...
+    known: Known,
+) -> Verification: ...
 def descriptor(
     image: Pixels,
     mask: NDArray[np.bool_] | None,

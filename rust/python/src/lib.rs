@@ -4,8 +4,9 @@
 //! writing into them.
 
 mod arguments;
-mod estimates;
 mod failure;
+mod known;
+mod objects;
 mod reader;
 mod supervisor;
 mod temporal;
@@ -21,15 +22,13 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use self::arguments::{
-    Both, KnownOfPair, Statistics, candidates_of, read_blur_compensation, read_images, read_known,
+    Both, Statistics, candidates_of, read_alignment, read_blur_compensation, read_images,
     read_noise, read_pair, read_preset, read_search, read_settings, read_view, read_volume,
     write_settings,
 };
-use self::estimates::{
-    EstimatesTuple, Field, FindingTuple, GlanceTuple, estimates_to_py, findings_to_py, read_field,
-    read_glance,
-};
 use self::failure::{Failure, Result};
+use self::known::{read_before, read_known, read_noise_of_pair};
+use self::objects::{Asked, Matched, Object};
 use self::reader::{Reader, ScaleOfPair, packing_to_py};
 use self::supervisor::supervised;
 use self::temporal::{Shared, TemporalFilter};
@@ -82,7 +81,7 @@ mod _core {
 
     #[pymodule_export]
     use super::{
-        TemporalFilter, Workers, aggregate_volume, blur_is_as_before, check_blur_compensation,
+        TemporalFilter, Workers, aggregate_volume, check_blur_compensation, check_noise,
         check_settings, cost_volume, descriptor, estimate_pair, estimate_pair_by_rows,
         find_roughness, find_scale, halo, match_pair, match_raw, match_rows, optimize_volume,
         preset, rows_to_tally, simd_level, verify_map, working_memory,
@@ -161,28 +160,14 @@ fn check_blur_compensation(compensation: &Bound<'_, PyAny>) -> Result<()> {
     read_blur_compensation(compensation).map(drop)
 }
 
-/// Disparity, flags, confidence and uncertainty if they were computed, and timings of a pair.
-type Matched<'py> = (
-    Bound<'py, PyArray2<f32>>,
-    Bound<'py, PyArray2<u16>>,
-    Option<Bound<'py, PyArray2<f32>>>,
-    Option<Bound<'py, PyArray2<f32>>>,
-    Bound<'py, PyDict>,
-);
-
-/// How many frames support each disparity, and seconds.
-type SupportTuple<'py> = (Bound<'py, PyArray2<u8>>, f64);
-
-/// The shares of pixels with an estimate, flagged, at the least and at the largest disparity; mean confidence; the
-/// estimated share of wrong pixels; the shares decided by smaller copies and by planes; the detail where copies decided.
-type SummaryTuple = (f64, f64, f64, f64, f64, f64, f64, f64, f64);
-
-/// The map, its summary, the estimates, what a temporal filter gives, and findings on the match.
-type WholeTuple<'py> =
-    (Matched<'py>, SummaryTuple, EstimatesTuple<'py>, Option<SupportTuple<'py>>, Vec<FindingTuple>);
+/// Refuses a wrong `known.noise`.
+#[pyfunction]
+fn check_noise(noise: &Bound<'_, PyAny>) -> Result<()> {
+    read_noise_of_pair(noise).map(drop)
+}
 
 /// A whole default match in one call: estimates what the pair lacks, matches the pair, summarizes the map, and says what
-/// was found.
+/// was found. The result has no images.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "arguments that Python names")]
 fn match_pair<'py>(
@@ -190,72 +175,45 @@ fn match_pair<'py>(
     images: Both<'py>,
     masks: Both<'py>,
     disparities: Both<'py>,
-    settings: &Bound<'py, PyAny>,
+    settings: Object<'py>,
     threads: &Bound<'py, PyAny>,
     progress: Option<Bound<'py, PyAny>>,
-    known: KnownOfPair<'py>,
+    known: &Bound<'py, PyAny>,
     temporal: Option<PyRef<'py, TemporalFilter>>,
-) -> Result<WholeTuple<'py>> {
-    let settings = read_settings(settings)?;
+) -> Result<Object<'py>> {
+    let asked = read_settings(&settings)?;
     let search = read_search(&disparities)?;
     let pair = read_images(&images, &masks, search)?;
-    let known = read_known(&known, pair.size(), search)?;
+    let size = pair.size();
+
+    let earlier = known.getattr("before")?;
+    let before = read_before(&earlier, size, search, &asked)?;
+    let fields = Asked::new(settings, known, search)?;
+    let known = read_known(known, size, search)?;
 
     let pool = Pool::for_argument(threads)?;
-    let size = pair.size();
     let how = Execution { threads: pool.threads(), level: Level::best() };
     let filter = temporal.map(|filter| filter.shared());
-    let (map, summary, estimates, support, findings) =
-        supervised(py, &pool, size.0, progress, move |matcher, control| {
-            let means = Means { matcher, how, control };
-            let (mut map, prepared) = prepare_and_match(pair, known, &settings, means)?;
-            let Prepared { pair, settings, estimates } = prepared;
+    let (matched, holds) = supervised(py, &pool, size.0, progress, move |matcher, control| {
+        let means = Means { matcher, how, control };
 
-            let apply =
-                |filter: Shared| temporal::apply(&filter, &pair, &settings, &mut map, means);
-            let support = filter.map(apply).transpose()?;
+        let holds = before.as_ref().map_or(Ok(false), |before| before.holds(&pair, means))?;
+        let (known, settings) = match before {
+            Some(before) if holds => (before.known, before.settings),
+            _ => (known, asked),
+        };
+        let (mut map, prepared) = prepare_and_match(pair, known, &settings, means)?;
+        let Prepared { pair, settings, estimates } = prepared;
 
-            let summary = Summary::new(&map, estimates.candidates);
-            let findings = findings::of_match(&estimates, &summary, size);
-            Ok((map, summary, estimates, support, findings))
-        })?;
+        let apply = |filter: Shared| temporal::apply(&filter, &pair, &settings, &mut map, means);
+        let support = filter.map(apply).transpose()?;
 
-    let summary = summary_to_py(summary);
-    let support = support.map(|(frames, time)| Ok::<_, PyErr>((wrap(py, frames)?, time)));
-    let (map, estimates) = (disparity_to_py(py, map)?, estimates_to_py(py, estimates)?);
-    Ok((map, summary, estimates, support.transpose()?, findings_to_py(findings)))
-}
+        let summary = Summary::new(&map, estimates.candidates);
+        let findings = findings::of_match(&estimates, &summary, size);
+        Ok((Matched { map, summary, estimates, support, findings }, holds))
+    })?;
 
-fn summary_to_py(summary: Summary) -> SummaryTuple {
-    let Summary {
-        estimated,
-        flagged,
-        at_low,
-        at_high,
-        confidence,
-        wrong,
-        coarse,
-        inferred,
-        detail,
-        ..
-    } = summary;
-    (estimated, flagged, at_low, at_high, confidence, wrong, coarse, inferred, detail)
-}
-
-fn disparity_to_py(py: Python<'_>, map: Disparity) -> Result<Matched<'_>> {
-    let Disparity { disparity, flags, confidence, uncertainty, timings: times, .. } = map;
-
-    let timings = PyDict::new(py);
-    timings.set_item("description", times.description.as_secs_f64())?;
-    timings.set_item("matching", times.matching.as_secs_f64())?;
-    timings.set_item("refinement", times.refinement.as_secs_f64())?;
-    if !times.scales.is_zero() {
-        timings.set_item("scales", times.scales.as_secs_f64())?;
-    }
-
-    let confidence = confidence.map(|plane| wrap(py, plane)).transpose()?;
-    let uncertainty = uncertainty.map(|plane| wrap(py, plane)).transpose()?;
-    Ok((wrap(py, disparity)?, wrap(py, flags)?, confidence, uncertainty, timings))
+    objects::result(py, matched, &Asked { before: holds.then_some(earlier), ..fields })
 }
 
 /// The estimates of a pair, without a match.
@@ -265,10 +223,10 @@ fn estimate_pair<'py>(
     images: Both<'py>,
     masks: Both<'py>,
     disparities: Both<'py>,
-    settings: &Bound<'py, PyAny>,
+    settings: Object<'py>,
     threads: &Bound<'py, PyAny>,
-) -> Result<EstimatesTuple<'py>> {
-    let settings = read_settings(settings)?;
+) -> Result<Object<'py>> {
+    let asked = read_settings(&settings)?;
     let search = read_search(&disparities)?;
     let pair = read_images(&images, &masks, search)?;
 
@@ -279,33 +237,10 @@ fn estimate_pair<'py>(
     let how = Execution { threads: pool.threads(), level: Level::best() };
     let estimates = supervised(py, &pool, rows, None, move |matcher, control| {
         let means = Means { matcher, how, control };
-        Ok(prepare(pair, known, &settings, means)?.estimates)
+        Ok(prepare(pair, known, &asked, means)?.estimates)
     })?;
 
-    estimates_to_py(py, estimates)
-}
-
-/// Whether the blur is that of an earlier glance.
-#[pyfunction]
-fn blur_is_as_before<'py>(
-    py: Python<'py>,
-    images: Both<'py>,
-    masks: Both<'py>,
-    glance: GlanceTuple<'py>,
-    impulses: [f64; 2],
-    threads: &Bound<'py, PyAny>,
-) -> Result<bool> {
-    let pair = read_images(&images, &masks, None)?;
-    let before = read_glance(glance)?;
-
-    let pool = Pool::for_argument(threads)?;
-    let rows = pair.size().0;
-    let how = Execution { threads: pool.threads(), level: Level::best() };
-    supervised(py, &pool, rows, None, move |matcher, control| {
-        let packing = Packing::of_views(pair.views(), control)?;
-        let pair = pair.packed(&packing).with_impulses(impulses);
-        blur::is_as_before(&pair, &before, matcher, how, control)
-    })
+    objects::estimates(py, estimates, &Asked::nothing(settings, search))
 }
 
 /// The estimates of a pair that is read by rows.
@@ -316,14 +251,15 @@ fn estimate_pair_by_rows<'py>(
     read: Bound<'py, PyAny>,
     size: (usize, usize),
     disparities: Both<'py>,
-    settings: &Bound<'py, PyAny>,
+    settings: Object<'py>,
     scale: Option<ScaleOfPair>,
     threads: &Bound<'py, PyAny>,
-    known: KnownOfPair<'py>,
-) -> Result<EstimatesTuple<'py>> {
-    let settings = read_settings(settings)?;
+    known: &Bound<'py, PyAny>,
+) -> Result<Object<'py>> {
+    let asked = read_settings(&settings)?;
     let search = read_search(&disparities)?;
-    let known = read_known(&known, size, search)?;
+    let fields = Asked::new(settings, known, search)?;
+    let known = read_known(known, size, search)?;
     let reader = Reader::new(read, size, search, scale)?;
 
     let pool = Pool::for_argument(threads)?;
@@ -331,10 +267,10 @@ fn estimate_pair_by_rows<'py>(
     let source = Arc::clone(&reader);
     let estimates = supervised(py, &pool, size.0, None, move |matcher, control| {
         let means = Means { matcher, how, control };
-        prepare_by_rows(&*source, known, &settings, means)
+        prepare_by_rows(&*source, known, &asked, means)
     });
 
-    estimates_to_py(py, estimates.map_err(|failure| reader.reason(failure))?)
+    objects::estimates(py, estimates.map_err(|failure| reader.reason(failure))?, &fields)
 }
 
 /// How a pair is packed that is read by rows, and the ranges of its pixels if the match needs them; `images` and `masks`
@@ -400,11 +336,11 @@ fn find_roughness(
 fn halo(
     settings: &Bound<'_, PyAny>,
     compensation: &Bound<'_, PyAny>,
-    alignment: Option<Field>,
+    alignment: &Bound<'_, PyAny>,
 ) -> Result<(usize, usize)> {
     let settings = read_settings(settings)?;
     let compensation = read_blur_compensation(compensation)?;
-    let field = read_field(alignment)?;
+    let field = read_alignment(alignment)?;
 
     let halo = Halo::new(&settings, compensation.as_ref(), field.as_ref());
     Ok((halo.rows(), halo.masked))
@@ -446,7 +382,7 @@ fn match_rows<'py>(
     rows: (usize, usize),
     threads: &Bound<'py, PyAny>,
     progress: Option<Bound<'py, PyAny>>,
-) -> Result<Matched<'py>> {
+) -> Result<Object<'py>> {
     let whole = Statistics::read(statistics)?;
     if whole.tally.is_none() && whole.settings.needs_confidence() {
         let accepts = "the tally of the whole pair, with these settings";
@@ -455,7 +391,7 @@ fn match_rows<'py>(
 
     let part = PartOfPair::new(&images, &masks, whole, first, rows)?;
     let found = part.matched(py, threads, progress, Matcher::match_rows)?;
-    disparity_to_py(py, found)
+    objects::result_of_rows(found, statistics)
 }
 
 /// Sums over rows of a map that its confidences depend on: confidences in steps, their number,
@@ -478,7 +414,7 @@ fn match_raw<'py>(
     first: usize,
     rows: (usize, usize),
     threads: &Bound<'py, PyAny>,
-) -> Result<(Matched<'py>, TallyTuple)> {
+) -> Result<(Object<'py>, TallyTuple)> {
     let whole = Statistics::read(statistics)?;
     let part = PartOfPair::new(&images, &masks, whole, first, rows)?;
     let candidates = part.pair.candidates();
@@ -488,7 +424,9 @@ fn match_raw<'py>(
     let (disparity, flags) = (found.disparity.as_slice(), found.flags.as_slice());
     let Tally { confidence, own, failed, ends, pixels } =
         Tally::new(confidence, disparity, flags, candidates);
-    Ok((disparity_to_py(py, found)?, (confidence, own, failed, ends, pixels)))
+
+    let tally = (confidence, own, failed, ends, pixels);
+    Ok((objects::result_of_rows(found, statistics)?, tally))
 }
 
 /// Rows of a pair, and those around them, that are matched by themselves.
