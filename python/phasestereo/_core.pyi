@@ -1,7 +1,7 @@
 """The compiled core: validated again here, so that no argument can make it panic."""
 
 from collections.abc import Callable
-from typing import Any, TypeAlias, final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,7 @@ __all__ = [
     "MUCH_LARGER",
     "PRESETS",
     "VERDICTS",
+    "Scale",
     "TemporalFilter",
     "Workers",
     "__version__",
@@ -53,9 +54,6 @@ __all__ = [
     "working_memory",
 ]
 
-_Ranges: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
-_Scale: TypeAlias = tuple[tuple[float, int, bool, bool], _Ranges | None]
-
 __version__: str
 BAND_ROWS: int
 DEBUG_BUILD: bool
@@ -68,6 +66,13 @@ MOST_CLASSES: int
 MOST_DISPARITIES: int
 PRESETS: list[str]
 VERDICTS: dict[str, int]
+
+@final
+class Scale:
+    @property
+    def packing(self) -> tuple[float, int, bool, bool]: ...
+    @property
+    def ranges(self) -> tuple[tuple[float, float], tuple[float, float]] | None: ...
 
 @final
 class TemporalFilter:
@@ -94,7 +99,7 @@ def estimate_pair_by_rows(
     size: tuple[int, int],
     disparities: tuple[int, int | None],
     settings: Settings,
-    scale: _Scale | None,
+    scale: Scale,
     threads: int | Workers | None,
     known: Known,
 ) -> Estimates: ...
@@ -102,7 +107,7 @@ def find_roughness(
     read: Checked,
     size: tuple[int, int],
     disparities: tuple[int, int | None],
-    scale: _Scale | None,
+    scale: Scale,
     impulses: float,
 ) -> tuple[int, int]: ...
 def find_scale(
@@ -112,7 +117,7 @@ def find_scale(
     size: tuple[int, int],
     disparities: tuple[int, int | None],
     settings: Settings,
-) -> _Scale: ...
+) -> Scale: ...
 def halo(
     settings: Settings, compensation: BlurCompensation | None, alignment: Alignment | None
 ) -> tuple[int, int]: ...

@@ -117,8 +117,8 @@ def pair_statistics(
         blur=blur,
         alignment=found.alignment,
         search=found.search,
-        packing=scale[0],
-        ranges=scale[1],
+        packing=scale.packing,
+        ranges=scale.ranges,
         roughness=roughness,
         findings=found.findings,
     )

@@ -10,7 +10,6 @@ use super::internal;
 use crate::failure::{Failure, Result};
 use crate::reader::{as_packing, as_ranges};
 use phasestereo::Error;
-use phasestereo::internals::cost::candidates::Candidates;
 use phasestereo::internals::image::convolution::Kernel;
 use phasestereo::internals::image::intensity;
 use phasestereo::internals::image::packing::Packing;
@@ -48,11 +47,6 @@ pub fn read_search((min, count): &Both<'_>) -> Result<Disparities> {
     }
 
     Ok(None)
-}
-
-/// The disparities of a pair, unless the range is estimated.
-pub fn candidates_of(pair: &Pair, search: Disparities) -> Option<Candidates> {
-    search.map(|_| pair.candidates())
 }
 
 /// Reads both images, their masks, and (`min_disparity`, `num_disparities`).

@@ -26,16 +26,20 @@ pub fn read_noise_of_pair(noise: &Bound<'_, PyAny>) -> Result<[f64; 2]> {
     Ok([read(&left)?, read(&right)?])
 }
 
-/// Reads what is known of a pair, but for an earlier one.
+/// Reads what is known of a pair, but for an earlier one; None: nothing is.
 pub fn read_known(
     known: &Bound<'_, PyAny>,
     size: (usize, usize),
     search: Disparities,
 ) -> Result<Known> {
-    let noise = known.getattr("noise")?;
+    let candidates = search.map(|(min, count)| Candidates::new(min, count, size.1)).transpose()?;
+    if known.is_none() {
+        return Ok(Known { candidates, ..Known::default() });
+    }
 
+    let noise = known.getattr("noise")?;
     Ok(Known {
-        candidates: search.map(|(min, count)| Candidates::new(min, count, size.1)).transpose()?,
+        candidates,
         noise: if noise.is_none() { None } else { Some(read_noise_of_pair(&noise)?) },
         compensation: read_blur_compensation(&known.getattr("blur_compensation")?)?,
         ..Known::default()
@@ -45,11 +49,12 @@ pub fn read_known(
 /// Reads what holds for a pair if its blur is that of an earlier result; `None`: nothing does, as where the settings are
 /// others.
 pub fn read_before(
-    before: &Bound<'_, PyAny>,
+    known: &Bound<'_, PyAny>,
     size: (usize, usize),
     search: Disparities,
     asked: &Settings,
 ) -> Result<Option<Before>> {
+    let before = known.getattr("before")?;
     if before.is_none() || before.getattr("blur")?.is_none() {
         return Ok(None);
     }

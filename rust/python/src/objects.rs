@@ -8,7 +8,6 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyMapping, PyTuple};
 
 use super::wrap;
-use crate::arguments::Disparities;
 use crate::failure::Result;
 use phasestereo::internals::findings::Finding;
 use phasestereo::internals::image::plane::Plane;
@@ -17,7 +16,6 @@ use phasestereo::internals::pipeline::summary::Summary;
 use phasestereo::internals::rig::blur::{self, BlockPlace, Blur, Glance, Side};
 use phasestereo::internals::rig::estimation::Estimates;
 use phasestereo::internals::rig::estimation::compensation_plan::CompensationPlan;
-use phasestereo::internals::rig::estimation::range::LeftOut;
 use phasestereo::internals::rig::estimation::rows::RowOffsets;
 use phasestereo::internals::rig::photometry::{Contrast, Photometry};
 use phasestereo::internals::rig::psf::{Family, Psf, Taps};
@@ -26,39 +24,45 @@ use phasestereo::internals::verification::Verification;
 /// An object of Python.
 pub type Object<'py> = Bound<'py, PyAny>;
 
-/// A dictionary of fields, by their names.
+/// A dictionary of fields: those of a struct that have its names, in brackets, and others.
 macro_rules! fields {
-    ($py:expr, { $($name:ident: $value:expr),* $(,)? }) => {{
+    ($py:expr, $([$from:ident: $($same:ident),*])? $($name:ident: $value:expr),* $(,)?) => {{
         let fields = PyDict::new($py);
+        $($(fields.set_item(stringify!($same), $from.$same)?;)*)?
         $(fields.set_item(stringify!($name), $value)?;)*
         fields
     }};
+}
+
+/// An object of a class, with such fields.
+macro_rules! object {
+    ($py:expr, $module:literal, $class:literal, $($fields:tt)*) => {
+        object($module, $class, &fields!($py, $($fields)*))
+    };
+}
+
+/// An object of a class of a module of the package.
+fn object<'py>(module: &str, class: &str, fields: &Bound<'py, PyDict>) -> Result<Object<'py>> {
+    let class = fields.py().import(format!("phasestereo.{module}"))?.getattr(class)?;
+    Ok(class.call((), Some(fields))?)
+}
+
+/// A copy of a dataclass with some other fields.
+fn replaced<'py>(object: &Object<'py>, fields: &Bound<'py, PyDict>) -> Result<Object<'py>> {
+    let dataclasses = object.py().import("dataclasses")?;
+    Ok(dataclasses.call_method("replace", (object,), Some(fields))?)
 }
 
 /// What a call was asked for, as it comes back in results.
 pub struct Asked<'py> {
     /// The settings.
     pub settings: Object<'py>,
-    /// The blur compensation, or None.
-    pub compensation: Object<'py>,
+    /// What is known of the pair, or None.
+    pub known: Object<'py>,
     /// Whether the disparities to search were given.
     pub is_searched: bool,
-    /// The earlier result whose estimates hold.
-    pub before: Option<Object<'py>>,
-}
-
-impl<'py> Asked<'py> {
-    /// What a call with these settings, with what is known of the pair, and with this search was asked for.
-    pub fn new(settings: Object<'py>, known: &Object<'py>, search: Disparities) -> Result<Self> {
-        let compensation = known.getattr("blur_compensation")?;
-        Ok(Self { compensation, ..Self::nothing(settings, search) })
-    }
-
-    /// The same where nothing is known.
-    pub fn nothing(settings: Object<'py>, search: Disparities) -> Self {
-        let compensation = settings.py().None().into_bound(settings.py());
-        Self { settings, compensation, is_searched: search.is_some(), before: None }
-    }
+    /// Whether the estimates of an earlier pair, which is known, hold.
+    pub is_as_before: bool,
 }
 
 /// A matched pair.
@@ -75,12 +79,6 @@ pub struct Matched {
     pub findings: Vec<Finding>,
 }
 
-/// An object of a class of a module of the package.
-fn object<'py>(module: &str, class: &str, fields: &Bound<'py, PyDict>) -> Result<Object<'py>> {
-    let class = fields.py().import(format!("phasestereo.{module}"))?.getattr(class)?;
-    Ok(class.call((), Some(fields))?)
-}
-
 /// The result of a match.
 pub fn result<'py>(py: Python<'py>, found: Matched, asked: &Asked<'py>) -> Result<Object<'py>> {
     let Matched { map, summary, estimates, support, findings } = found;
@@ -93,20 +91,12 @@ pub fn result<'py>(py: Python<'py>, found: Matched, asked: &Asked<'py>) -> Resul
         fields.set_item("temporal_support", wrap(py, frames)?)?;
         timings.set_item("temporal filter", time.as_secs_f64())?;
     }
-    fields.set_item("findings", findings_of(py, findings)?)?;
 
-    let shares = fields!(py, {
-        estimated: summary.estimated,
-        flagged: summary.flagged,
-        at_low: summary.at_low,
-        at_high: summary.at_high,
-        confidence: summary.confidence,
-        wrong: summary.wrong,
-        coarse: summary.coarse,
-        inferred: summary.inferred,
-        detail: summary.detail,
-    });
-    fields.set_item("summary", object("result", "Summary", &shares)?)?;
+    let summary = object!(py, "result", "Summary",
+        [summary: estimated, flagged, at_low, at_high, confidence, wrong, coarse, inferred, detail]
+    )?;
+    fields.set_item("summary", summary)?;
+    fields.set_item("findings", findings_of(py, findings)?)?;
     object("result", "Result", &fields)
 }
 
@@ -119,7 +109,7 @@ pub fn result_of_rows<'py>(map: Disparity, statistics: &Object<'py>) -> Result<O
     object("result", "Result", &fields)
 }
 
-/// A second opinion on a map.
+/// A second opinion on a map; `said` is what there is to say of the own match.
 pub fn verification<'py>(
     py: Python<'py>,
     judged: Verification,
@@ -132,13 +122,10 @@ pub fn verification<'py>(
 
     let estimates = prepared.estimates;
     let own = Matched { map: own, summary, estimates, support: None, findings: said };
-    let fields = fields!(py, {
-        verdict: wrap(py, verdicts)?,
-        better: wrap(py, better)?,
-        findings: findings_of(py, every)?,
-        result: result(py, own, asked)?,
-    });
-    object("verification", "Verification", &fields)
+    object!(py, "verification", "Verification",
+        verdict: wrap(py, verdicts)?, better: wrap(py, better)?,
+        findings: findings_of(py, every)?, result: result(py, own, asked)?
+    )
 }
 
 /// The estimates of a pair.
@@ -158,8 +145,7 @@ pub fn estimates<'py>(
 
 /// The maps of a match, and how long its stages took, after an estimation of that time.
 fn map_fields(py: Python<'_>, map: Disparity, estimation: Duration) -> Result<Bound<'_, PyDict>> {
-    let Disparity { disparity, flags, confidence, uncertainty, timings: times, .. } = map;
-
+    let times = map.timings;
     let timings = PyDict::new(py);
     for (stage, time, is_optional) in [
         ("estimation", estimation, true),
@@ -173,13 +159,12 @@ fn map_fields(py: Python<'_>, map: Disparity, estimation: Duration) -> Result<Bo
         }
     }
 
-    Ok(fields!(py, {
-        disparity: wrap(py, disparity)?,
-        flags: wrap(py, flags)?,
-        confidence: confidence.map(|plane| wrap(py, plane)).transpose()?,
-        uncertainty: uncertainty.map(|plane| wrap(py, plane)).transpose()?,
-        timings: timings,
-    }))
+    let optional = |map: Option<Plane<f32>>| map.map(|map| wrap(py, map)).transpose();
+    Ok(fields!(py,
+        disparity: wrap(py, map.disparity)?, flags: wrap(py, map.flags)?,
+        confidence: optional(map.confidence)?, uncertainty: optional(map.uncertainty)?,
+        timings: timings
+    ))
 }
 
 /// The fields that estimates and results share.
@@ -189,30 +174,28 @@ fn estimated<'py>(
     asked: &Asked<'py>,
 ) -> Result<Bound<'py, PyDict>> {
     let search = search_of(py, &found, asked.is_searched)?;
-    let (settings, compensation) = match found.compensation {
-        Some(plan) => suited(py, plan, &asked.settings)?,
-        None => (asked.settings.clone(), asked.compensation.clone()),
-    };
-
     let is_applied = found.alignment.is_some();
     let alignment = found.offsets.map(|offsets| alignment_of(py, &offsets, is_applied));
     let contrast = found.photometry.and_then(|all| all.contrast);
     let blur = found.blur.map(|blur| blur_estimate(py, blur, contrast.as_ref()));
 
-    let fields = fields!(py, {
-        settings: settings,
-        search: &search,
-        alignment: alignment.transpose()?,
-        blur: blur.transpose()?,
-        blur_compensation: compensation,
-    });
+    let (settings, compensation) = match found.compensation {
+        Some(plan) => suited(py, plan, &asked.settings)?,
+        None if asked.known.is_none() => (asked.settings.clone(), asked.known.clone()),
+        None => (asked.settings.clone(), asked.known.getattr("blur_compensation")?),
+    };
 
-    if let Some(before) = &asked.before {
+    let fields = fields!(py,
+        settings: settings, search: &search, blur_compensation: compensation,
+        alignment: alignment.transpose()?, blur: blur.transpose()?
+    );
+
+    if asked.is_as_before {
+        let before = asked.known.getattr("before")?;
         for name in ["settings", "alignment", "blur_compensation"] {
             fields.set_item(name, before.getattr(name)?)?;
         }
-        fields
-            .set_item("blur", replaced(&before.getattr("blur")?, &fields!(py, {reused: true}))?)?;
+        fields.set_item("blur", replaced(&before.getattr("blur")?, &fields!(py, reused: true))?)?;
 
         // The earlier range says how it was found, but a call may give another one.
         let earlier = before.getattr("search")?;
@@ -230,43 +213,28 @@ fn range_of(search: &Object<'_>) -> Result<(i64, i64)> {
     Ok((bound("min_disparity")?, bound("num_disparities")?))
 }
 
-/// A copy of a dataclass with some other fields.
-fn replaced<'py>(object: &Object<'py>, fields: &Bound<'py, PyDict>) -> Result<Object<'py>> {
-    let dataclasses = object.py().import("dataclasses")?;
-    Ok(dataclasses.call_method("replace", (object,), Some(fields))?)
-}
-
 fn search_of<'py>(py: Python<'py>, found: &Estimates, is_given: bool) -> Result<Object<'py>> {
-    let Estimates { candidates, confidence, range, left_out, .. } = found;
-    let range = range.as_ref();
-    let is = |flag: fn(&_) -> bool| range.is_some_and(flag);
-
-    let places = left_out.iter().map(|place| left_out_of(py, place)).collect::<Result<Vec<_>>>()?;
-    let fields = fields!(py, {
-        min_disparity: candidates.min(),
-        num_disparities: candidates.count(),
-        origin: if is_given { "given" } else if range.is_some() { "found" } else { "default" },
-        confidence: confidence.unwrap_or(f64::NAN),
-        low: range.map_or(f64::NAN, |range| range.low),
-        high: range.map_or(f64::NAN, |range| range.high),
-        swapped: is(|range| range.swapped),
-        mixed: is(|range| range.mixed),
-        identical: is(|range| range.identical),
-        inverted: found.is_inverted,
-        left_out: PyTuple::new(py, places)?,
+    let Estimates { candidates, confidence, range, left_out, is_inverted, .. } = found;
+    let places = left_out.iter().map(|place| {
+        let (rows, columns) = (&place.rows, &place.columns);
+        object!(py, "rig.search_range", "LeftOut",
+            [place: low, high] rows: (rows.start, rows.end), columns: (columns.start, columns.end)
+        )
     });
+    let places = PyTuple::new(py, places.collect::<Result<Vec<_>>>()?)?;
+
+    let fields = match range {
+        Some(range) => fields!(py, [range: low, high, swapped, mixed, identical]),
+        None => PyDict::new(py),
+    };
+    fields.set_item("min_disparity", candidates.min())?;
+    fields.set_item("num_disparities", candidates.count())?;
+    let found = if range.is_some() { "found" } else { "default" };
+    fields.set_item("origin", if is_given { "given" } else { found })?;
+    fields.set_item("confidence", confidence.unwrap_or(f64::NAN))?;
+    fields.set_item("inverted", is_inverted)?;
+    fields.set_item("left_out", places)?;
     object("rig.search_range", "SearchRange", &fields)
-}
-
-fn left_out_of<'py>(py: Python<'py>, place: &LeftOut) -> Result<Object<'py>> {
-    let LeftOut { rows, columns, low, high } = place;
-    let fields = fields!(py, {
-        rows: (rows.start, rows.end),
-        columns: (columns.start, columns.end),
-        low: low,
-        high: high,
-    });
-    object("rig.search_range", "LeftOut", &fields)
 }
 
 fn alignment_of<'py>(
@@ -274,16 +242,10 @@ fn alignment_of<'py>(
     offsets: &RowOffsets,
     is_applied: bool,
 ) -> Result<Object<'py>> {
-    let fields = fields!(py, {
+    object!(py, "rig.alignment", "Alignment", [offsets: error, blocks, spread, wobble]
         coefficients: PyTuple::new(py, offsets.field.coefficients())?,
-        error: offsets.error,
-        blocks: offsets.blocks,
-        spread: offsets.spread,
-        wobble: offsets.wobble,
-        size: offsets.field.size(),
-        applied: is_applied,
-    });
-    object("rig.alignment", "Alignment", &fields)
+        size: offsets.field.size(), applied: is_applied
+    )
 }
 
 /// The settings and the compensation that suit a blur.
@@ -294,21 +256,20 @@ fn suited<'py>(
 ) -> Result<(Object<'py>, Object<'py>)> {
     let kernel = |taps: Option<Plane<f32>>| taps.map(|taps| wrap(py, taps)).transpose();
     let kernels = plan.kernels.into_iter().map(|[left, right]| Ok((kernel(left)?, kernel(right)?)));
-    let compensation = fields!(py, {
-        noise: <(f64, f64)>::from(plan.noise),
-        kernels: kernels.collect::<Result<Vec<_>>>()?,
-        labels: wrap(py, plan.labels)?,
-        tile: plan.tile,
-        impulses: <(f64, f64)>::from(plan.impulses),
-        smoothing: <(f64, f64)>::from(plan.smoothing),
-    });
+    let kernels = kernels.collect::<Result<Vec<_>>>()?;
 
-    let sides = fields!(py, {
-        neighborhood: plan.settings.neighborhood,
-        window: plan.settings.window,
-    });
-    let compensation = object("rig.compensation", "BlurCompensation", &compensation)?;
-    Ok((replaced(settings, &sides)?, compensation))
+    let suits = plan.settings;
+    let settings = replaced(settings, &fields!(py, [suits: neighborhood, window]))?;
+    let compensation = object!(py, "rig.compensation", "BlurCompensation", [plan: tile]
+        noise: pair(plan.noise), impulses: pair(plan.impulses), smoothing: pair(plan.smoothing),
+        kernels: kernels, labels: wrap(py, plan.labels)?
+    )?;
+    Ok((settings, compensation))
+}
+
+/// A pair of numbers: an array would become a list.
+fn pair<T>([left, right]: [T; 2]) -> (T, T) {
+    (left, right)
 }
 
 fn blur_estimate<'py>(
@@ -319,20 +280,20 @@ fn blur_estimate<'py>(
     let blurs = found.blurs.iter().map(|blur| blur_of(py, blur)).collect::<Result<Vec<_>>>()?;
     let (rows, cols, labels) = found.labels;
 
-    let fields = fields!(py, {
-        blurs: PyTuple::new(py, blurs)?,
+    let Glance { places, excess } = found.glance;
+    let corners = |place: &BlockPlace| [place.top, place.left, place.right_top, place.right];
+    let values = places.iter().flat_map(corners).map(|value| value as u32).collect();
+    let glance = object!(py, "rig.blur", "Glance",
+        places: wrap(py, Plane::from_vec(places.len(), 4, values)?)?, excess: excess.into_pyarray(py)
+    )?;
+
+    object!(py, "rig.blur", "BlurEstimate", [found: tile, certainty]
+        noise: pair(found.noise), impulses: pair(found.impulses), coding: pair(found.coding),
+        blurs: PyTuple::new(py, blurs)?, contrast: found.gain, glance: glance,
         labels: wrap(py, Plane::from_vec(rows, cols, labels)?)?,
-        tile: found.tile,
-        certainty: found.certainty,
-        contrast: found.gain,
-        noise: <(f64, f64)>::from(found.noise),
         gain: contrast.map_or(f64::NAN, |curve| curve.gain),
-        gamma: contrast.map_or(f64::NAN, |curve| curve.gamma),
-        glance: glance_of(py, found.glance)?,
-        impulses: <(f64, f64)>::from(found.impulses),
-        coding: <(f64, f64)>::from(found.coding),
-    });
-    object("rig.blur", "BlurEstimate", &fields)
+        gamma: contrast.map_or(f64::NAN, |curve| curve.gamma)
+    )
 }
 
 fn blur_of<'py>(py: Python<'py>, blur: &Blur) -> Result<Object<'py>> {
@@ -341,39 +302,22 @@ fn blur_of<'py>(py: Python<'py>, blur: &Blur) -> Result<Object<'py>> {
         Some(Side::Left) => ("left", "right"),
         Some(Side::Right) => ("right", "left"),
     };
-    let (family, size, angle) = match (blur.psf, &blur.taps) {
-        (Some(psf), _) => (family_name(psf.family), psf.size, psf.angle),
+    let of_family = |psf: Psf| (family_name(psf.family), psf.size, psf.angle);
+    let own = match (blur.psf, &blur.taps) {
+        (Some(psf), _) => of_family(psf),
         (None, Some(taps)) => ("other", taps.radius(), 0.0),
         (None, None) => ("none", 0.0, 0.0),
     };
 
-    let other = |psf: Psf| {
-        let kind = (family_name(psf.family), psf.size, psf.angle);
-        kind_of(py, opposite, kind, Some(&psf.taps()), None)
+    let one = |side, (kind, size, angle), taps: Option<&Taps>, other: Option<Object<'py>>| {
+        let kernel = |taps: &Taps| Plane::from_vec(taps.side(), taps.side(), taps.values.clone());
+        let kernel = taps.map(kernel).transpose()?.map(|kernel| wrap(py, kernel));
+        object!(py, "rig.blur", "Blur",
+            side: side, kind: kind, size: size, angle: angle, psf: kernel.transpose()?, other: other
+        )
     };
-    let other = blur.other.map(other).transpose()?;
-    kind_of(py, side, (family, size, angle), blur.taps.as_ref(), other)
-}
-
-fn kind_of<'py>(
-    py: Python<'py>,
-    side: &str,
-    (family, size, angle): (&str, f64, f64),
-    taps: Option<&Taps>,
-    other: Option<Object<'py>>,
-) -> Result<Object<'py>> {
-    let kernel =
-        |taps: &Taps| wrap(py, Plane::from_vec(taps.side(), taps.side(), taps.values.clone())?);
-
-    let fields = fields!(py, {
-        side: side,
-        kind: family,
-        size: size,
-        angle: angle,
-        psf: taps.map(kernel).transpose()?,
-        other: other,
-    });
-    object("rig.blur", "Blur", &fields)
+    let other = blur.other.map(|psf| one(opposite, of_family(psf), Some(&psf.taps()), None));
+    one(side, own, blur.taps.as_ref(), other.transpose()?)
 }
 
 fn family_name(family: Family) -> &'static str {
@@ -385,46 +329,26 @@ fn family_name(family: Family) -> &'static str {
     }
 }
 
-fn glance_of(py: Python<'_>, Glance { places, excess }: Glance) -> Result<Object<'_>> {
-    let corners = |place: &BlockPlace| [place.top, place.left, place.right_top, place.right];
-    let values = places.iter().flat_map(corners).map(|value| value as u32).collect();
-
-    let fields = fields!(py, {
-        places: wrap(py, Plane::from_vec(places.len(), 4, values)?)?,
-        excess: excess.into_pyarray(py),
-    });
-    object("rig.blur", "Glance", &fields)
-}
-
 fn photometry_of<'py>(py: Python<'py>, found: &Photometry) -> Result<Object<'py>> {
-    let saturation = found.saturation.each_ref().map(|side| {
-        let fields = fields!(py, { dark: side.dark, bright: side.bright });
-        object("rig.photometry", "Saturation", &fields)
-    });
-    let [left, right] = saturation;
+    let [left, right] = found
+        .saturation
+        .map(|side| object!(py, "rig.photometry", "Saturation", [side: dark, bright]));
+    let contrast = found
+        .contrast
+        .map(|curve| object!(py, "rig.photometry", "Contrast", [curve: gain, gamma, ratio]));
 
-    let contrast = found.contrast.map(|curve| {
-        let fields = fields!(py, { gain: curve.gain, gamma: curve.gamma, ratio: curve.ratio });
-        object("rig.photometry", "Contrast", &fields)
-    });
-
-    let fields = fields!(py, {
-        intensity_range: found.range,
-        saturation: (left?, right?),
-        low_texture: <(f64, f64)>::from(found.flat),
-        smeared: <(f64, f64)>::from(found.smeared),
-        repeated: <(f64, f64)>::from(found.repeated),
-        fields: <(i32, i32)>::from(found.fields),
-        contrast: contrast.transpose()?,
-    });
-    object("rig.photometry", "Photometry", &fields)
+    object!(py, "rig.photometry", "Photometry",
+        intensity_range: found.range, saturation: (left?, right?), contrast: contrast.transpose()?,
+        low_texture: pair(found.flat), smeared: pair(found.smeared),
+        repeated: pair(found.repeated), fields: pair(found.fields)
+    )
 }
 
 fn findings_of(py: Python<'_>, findings: Vec<Finding>) -> Result<Bound<'_, PyTuple>> {
-    let findings = findings.into_iter().map(|Finding { topic, severity, sentence, .. }| {
-        let (topic, severity) = (topic.name(), severity.name());
-        let fields = fields!(py, { topic: topic, severity: severity, sentence: sentence });
-        object("rig.findings", "Finding", &fields)
+    let findings = findings.into_iter().map(|found| {
+        object!(py, "rig.findings", "Finding", [found: sentence]
+            topic: found.topic.name(), severity: found.severity.name()
+        )
     });
     Ok(PyTuple::new(py, findings.collect::<Result<Vec<_>>>()?)?)
 }

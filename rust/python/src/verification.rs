@@ -13,10 +13,7 @@ use crate::supervisor::supervised;
 use crate::workers::Pool;
 use phasestereo::internals::findings;
 use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::pipeline::matcher::Execution;
 use phasestereo::internals::pipeline::summary::Summary;
-use phasestereo::internals::rig::estimation::Means;
-use phasestereo::internals::simd::Level;
 use phasestereo::internals::verification::verify;
 
 /// Judges a disparity map; the own match is as `match_pair` returns it.
@@ -30,27 +27,25 @@ pub fn verify_map<'py>(
     settings: Object<'py>,
     threads: &Bound<'py, PyAny>,
     progress: Option<Bound<'py, PyAny>>,
-    known: &Bound<'py, PyAny>,
+    known: Object<'py>,
 ) -> Result<Object<'py>> {
     let pair = read_images(&images, &masks, None)?;
     let map = read_map(disparity)?;
     let (rows, cols) = pair.size();
 
     let asked = read_settings(&settings)?;
-    let fields = Asked::new(settings, known, None)?;
-    let known = read_known(known, (rows, cols), None)?;
+    let told = read_known(&known, (rows, cols), None)?;
 
     let pool = Pool::for_argument(threads)?;
-    let how = Execution { threads: pool.threads(), level: Level::best() };
-    let (judged, summary) = supervised(py, &pool, rows, progress, move |matcher, control| {
-        let means = Means { matcher, how, control };
-        let judged = verify(pair, &map, known, &asked, means)?;
+    let (judged, summary) = supervised(py, &pool, rows, progress, move |means| {
+        let judged = verify(pair, &map, told, &asked, means)?;
         let summary = Summary::new(&judged.own, judged.prepared.estimates.candidates);
         Ok((judged, summary))
     })?;
 
     let said = findings::of_match(&judged.prepared.estimates, &summary, (rows, cols));
-    verification(py, judged, summary, said, &fields)
+    let asked = Asked { settings, known, is_searched: false, is_as_before: false };
+    verification(py, judged, summary, said, &asked)
 }
 
 /// Reads the map that is judged.

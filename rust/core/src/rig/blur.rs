@@ -199,7 +199,7 @@ pub(crate) fn estimate(
 /// Whether the blur of a pair, whose impulses are repaired as in an earlier one, is still that of the earlier one.
 /// Sizes that change by less than about a fifth, and blur that appears in less than a sixteenth of the image, are
 /// missed.
-pub(crate) fn is_as_before(pair: &Pair, before: &Glance, means: Means) -> Result<bool> {
+pub fn is_as_before(pair: &Pair, before: &Glance, means: Means) -> Result<bool> {
     if !before.fits(pair.size()) {
         return Ok(false);
     }
