@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 COMPENSATION = ps.BlurCompensation(noise=(1.0, 2.0))
+BOTH = {"noise": 1.0, "blur_compensation": COMPENSATION}
 GRAY = np.zeros((8, 9), np.uint8)
 
 
@@ -42,11 +43,7 @@ def first() -> ps.Result:
         (ValueError, "known.noise: got NaN; accepts", {"noise": (1.0, float("nan"))}),
         (TypeError, "known.blur_compensation: got dict; accepts", {"blur_compensation": {}}),
         (TypeError, "known.before: got int; accepts Result or None", {"before": 3}),
-        (
-            ValueError,
-            "known.noise: got 1.0 beside known.blur_compensation",
-            {"noise": 1.0, "blur_compensation": COMPENSATION},
-        ),
+        (ValueError, "known.noise: got 1.0 beside known.blur_compensation", BOTH),
     ],
 )
 def test_what_cannot_be_known_is_refused_by_name(
