@@ -60,7 +60,7 @@ FLOORS = {
         "",
     ),
     "phasestereo_large": (
-        "geotiff statistics",
+        "geotiff locks processes records statistics",
         "bands windows xarray",
         "batch dask outofcore",
         "cli",

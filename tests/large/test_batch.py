@@ -34,9 +34,9 @@ from phasestereo_large.batch import PairFiles, Record, read_manifest, read_pairs
 from phasestereo_large.batch import running as running_module
 from phasestereo_large.batch.cluster import share
 from phasestereo_large.batch.manifest import Manifest
-from phasestereo_large.batch.processes import local
 from phasestereo_large.batch.work import FullDiskError, Order, match_files
 from phasestereo_large.geotiff import Georeference, read_geotiff, write_geotiff
+from phasestereo_large.processes import local
 
 distributed = counterpart("distributed")
 counterpart("filelock")
@@ -544,7 +544,7 @@ def test_a_pair_that_takes_too_long_is_ended_and_fails_alone(
     pairs: list[PairFiles], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(running_module, "match_files", sleepily)
-    monkeypatch.setattr("phasestereo_large.batch.processes._GRACE", 0.0)
+    monkeypatch.setattr("phasestereo_large.processes._GRACE", 0.0)
     options: dict[str, Any] = {"workers": 2, "threads": 1, "retries": 0, "preset": "fast"}
 
     report = run(pairs, tmp_path / "out", time_limit=3, **options)

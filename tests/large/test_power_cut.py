@@ -267,8 +267,8 @@ class Here:
         result = function(*arguments)
         self._ended.append((key, lambda: result))
 
-    def finished(self) -> list[tuple[str, Callable[[], Any]]]:
-        return [self._ended.pop(0)]
+    def finished(self) -> tuple[str, Callable[[], Any]]:
+        return self._ended.pop(0)
 
 
 def test_whatever_the_operation_the_rerun_of_a_batch_does_the_rest(

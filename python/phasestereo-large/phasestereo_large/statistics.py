@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from phasestereo._core import MOST_CLASSES
 from phasestereo._numbers import as_integer
-from phasestereo.io.files import decoding, read_bounded, replacing
+from phasestereo.io.drafts import replacing
+from phasestereo.io.files import decoding, read_bounded
 from phasestereo.io.limits import STATISTICS
 from phasestereo.io.npz import decode_arrays
 from phasestereo.rig.alignment import Alignment, Field, applied_field
