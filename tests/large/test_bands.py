@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import pickle
 import sys
 import threading
 from dataclasses import replace
@@ -136,17 +135,6 @@ def test_a_few_rows_at_a_time(name: str) -> None:
         known.check(first, first + 1)
     for first in (0, 59, 121, known.read.size[0] - 7):
         known.check(first, first + 7)
-
-
-def test_all_rows_are_the_whole() -> None:
-    for name in ("robust", "paper", "fast"):
-        case(name).check(0, case(name).read.size[0])
-
-
-def test_bands_match_with_statistics_that_was_pickled() -> None:
-    known = case("fast areas")
-    statistics = pickle.loads(pickle.dumps(known.statistics))  # noqa: S301 - our own bytes
-    assert_rows(match_rows(known.read, statistics, 140, 190), known.whole, 140, 190)
 
 
 def test_masks_of_some_rows_alone_may_be_left_out() -> None:
@@ -457,13 +445,6 @@ def same():
     return np.array_equal(found, expected, equal_nan=True)
 """)
     assert finished.returncode == 0, finished.stderr
-
-
-def test_bands_come_from_one_set_of_workers() -> None:
-    known = case("fast")
-    workers = _core.Workers(2)
-    for first in (0, 100, 200):
-        known.check(first, first + 50, threads=workers)
 
 
 def test_parts_of_tall_pairs_share_what_some_rows_say() -> None:

@@ -33,6 +33,7 @@ NUMPY: dict[str, Any] = {
     "num_disparities": np.int64(16), "min_disparity": np.int32(-2), "preset": "fast",
     "window": np.int16(5), "p1": np.float32(0.1), "p2": np.float64(2.0),
 }  # fmt: skip
+WRONG: list[Any] = ["", [], {}, "0", 0, [None]]
 AREAS = scene((420, 130), "float32", soft=slice(180, None), masked=True)
 
 
@@ -122,10 +123,10 @@ def test_a_value_of_another_type_is_refused_with_its_name(
     places = list(leaves(plain))
     assert len(places) > 60
 
-    taken = []
+    taken: list[tuple[str, Any]] = []
     for place in places:
         field = [key for key in place if isinstance(key, str)][-1]
-        for new in ("", [], {}, "0", 0, [None]):
+        for new in WRONG:
             content = json.dumps(changed(plain, place, new))
             path.write_bytes(archive(**arrays | {"plain": np.array(content)}))
             try:

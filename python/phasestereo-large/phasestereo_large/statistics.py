@@ -190,7 +190,7 @@ def _from_arrays(arrays: Mapping[str, NDArray[Any]]) -> PairStatistics:
     return found
 
 
-def _decoded(  # noqa: PLR0911 -- one for each kind of type
+def _decoded(  # noqa: PLR0911 -- a step for each kind of type
     kind: Any, value: Any, name: str, arrays: Mapping[str, NDArray[Any]]
 ) -> Any:
     """Return a value of JSON as a type of a dataclass has it.
@@ -207,18 +207,19 @@ def _decoded(  # noqa: PLR0911 -- one for each kind of type
     if origin is tuple and isinstance(value, list):
         kinds = members[:1] * len(value) if members[-1] is ... else members
         if len(kinds) == len(value):
-            both = zip(kinds, value, strict=True)
-            return tuple(_decoded(one, each, name, arrays) for one, each in both)
+            pairs = zip(kinds, value, strict=True)
+            return tuple(_decoded(one, each, name, arrays) for one, each in pairs)
 
     if is_dataclass(kind) and isinstance(value, dict):
+        make: Any = kind
         hints = get_type_hints(kind) | _OTHERS.get(kind, {})
         if value.keys() == hints.keys():
-            return kind(**{field: _decoded(hints[field], value[field], field, arrays)
-                           for field in hints})  # fmt: skip
+            both = ((each, hints[each], value[each]) for each in hints)
+            return make(**{each: _decoded(hint, one, each, arrays) for each, hint, one in both})
 
-    if origin is np.ndarray and isinstance(value, str) and value in arrays:
-        if (arrays[value].dtype,) == get_args(members[1]):
-            return arrays[value]
+    array = arrays.get(value) if origin is np.ndarray and isinstance(value, str) else None
+    if array is not None and (array.dtype,) == get_args(members[1]):
+        return array
     if origin is Literal and isinstance(value, str) and value in members:
         return value
     if kind is float and type(value) in (int, float):

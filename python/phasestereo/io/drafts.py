@@ -2,8 +2,8 @@
 
 There are two kinds. What is written in one go goes to a hidden draft, `.phasestereo-*.part`, which
 its process keeps locked: one that is not locked was left by a process that died, and
-`remove_abandoned` may delete it. What grows for hours, a recording, goes to a draft whose name shows,
-`NAME.*.part.SUFFIX`: after a crash it holds all that there is, so nobody deletes it.
+`remove_abandoned` may delete it. What grows for hours, a recording, goes to a draft whose name
+shows, `NAME.*.part.SUFFIX`: after a crash it holds all that there is, so nobody deletes it.
 """
 
 from __future__ import annotations

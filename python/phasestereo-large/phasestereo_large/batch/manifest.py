@@ -66,7 +66,7 @@ class Record:
     state: State
     left: str
     right: str
-    num_disparities: int | None
+    num_disparities: int | None = None
     min_disparity: int
     recipe: str
     reason: str | None = None
