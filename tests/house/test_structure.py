@@ -60,7 +60,8 @@ FLOORS = {
         "",
     ),
     "phasestereo_large": (
-        "geotiff locks processes records statistics",
+        "locks processes records",
+        "geotiff statistics",
         "bands windows xarray",
         "batch dask outofcore",
         "cli",

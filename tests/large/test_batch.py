@@ -1088,7 +1088,7 @@ def test_without_the_extra_it_says_what_installs_it(
 ) -> None:
     for module, extra, options in (
         ("distributed", "dask", {"scheduler": "tcp://127.0.0.1:9"}),
-        ("msgspec", "batch", {}),
+        ("filelock", "batch", {}),
     ):
         monkeypatch.setitem(sys.modules, module, None)
         with pytest.raises(ImportError, match=rf"^{module} is .* 'phasestereo\[{extra}\]'$"):

@@ -72,6 +72,11 @@ WRITERS: dict[str, Callable[[Path], object]] = {
 }
 
 
+def write_often(path: Path) -> None:
+    for _ in range(4):
+        WRITERS[path.name](path)
+
+
 def test_writers_in_one_folder_leave_the_drafts_of_each_other(tmp_path: Path) -> None:
     view = np.random.default_rng(0).integers(0, 256, (40, 50), np.uint8)
     for side in ("left", "right"):
@@ -86,11 +91,7 @@ def test_writers_in_one_folder_leave_the_drafts_of_each_other(tmp_path: Path) ->
     cleaner.start()
     try:
         with ThreadPoolExecutor(len(WRITERS)) as threads:
-            tasks = [
-                threads.submit(write, tmp_path / name)
-                for _ in range(4)
-                for name, write in WRITERS.items()
-            ]
+            tasks = [threads.submit(write_often, tmp_path / name) for name in WRITERS]
         for task in tasks:
             task.result()
     finally:

@@ -19,7 +19,6 @@ from power import PowerCutError, cut
 
 counterpart("filelock")
 counterpart("rasterio")
-counterpart("msgspec")
 
 if TYPE_CHECKING:
     from collections.abc import Callable

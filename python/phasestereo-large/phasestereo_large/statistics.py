@@ -11,8 +11,7 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
-from types import UnionType
-from typing import Any, Literal, TypeAlias, Union, get_args, get_origin, get_type_hints
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +27,7 @@ from phasestereo.rig.compensation import BlurCompensation
 from phasestereo.rig.findings import Finding
 from phasestereo.rig.search_range import SearchRange
 from phasestereo.settings import Settings
+from phasestereo_large.records import check_ranges, decoded
 
 Range: TypeAlias = tuple[float, float]
 Packing: TypeAlias = tuple[float, int, bool, bool]
@@ -169,65 +169,23 @@ def _from_arrays(arrays: Mapping[str, NDArray[Any]]) -> PairStatistics:
         If they hold none.
     """
     plain = json.loads(str(arrays["plain"]))
-    found: PairStatistics = _decoded(PairStatistics, plain, "statistics", arrays)
+    found: PairStatistics = decoded(PairStatistics, plain, "statistics", arrays, _OTHERS)
 
     as_size(found.size)
     step, bits, *_ = found.packing
     counts = (*(found.roughness or ()), *(found.tally or ()))
     shift = found.alignment.coefficients if found.alignment is not None else (0.0,) * 8
     areas = found.blur
-    for is_right, name in (
-        (found.dtype in ("uint8", "uint16", "float32", "float64"), "dtype"),
-        (0 < found.num_disparities < 2**31, "num_disparities"),
-        (abs(found.min_disparity) < 2**31, "min_disparity"),
-        (0 < step < math.inf and 0 <= bits <= _MOST_BITS, "packing"),
-        (all(0 <= count < 2**64 for count in counts), "roughness, tally"),
-        (len(shift) == 8 and all(map(math.isfinite, shift)), "coefficients"),
-        (areas is None or int(areas.labels.max(initial=0)) < len(areas.blurs), "blurs"),
-    ):
-        if not is_right:
-            raise ValueError(f"{name}: got what is out of its range")
+    check_ranges({
+        "dtype": found.dtype in ("uint8", "uint16", "float32", "float64"),
+        "num_disparities": 0 < found.num_disparities < 2**31,
+        "min_disparity": abs(found.min_disparity) < 2**31,
+        "packing": 0 < step < math.inf and 0 <= bits <= _MOST_BITS,
+        "roughness, tally": all(0 <= count < 2**64 for count in counts),
+        "coefficients": len(shift) == 8 and all(map(math.isfinite, shift)),
+        "blurs": areas is None or int(areas.labels.max(initial=0)) < len(areas.blurs),
+    })  # fmt: skip
     return found
-
-
-def _decoded(  # noqa: PLR0911 -- a step for each kind of type
-    kind: Any, value: Any, name: str, arrays: Mapping[str, NDArray[Any]]
-) -> Any:
-    """Return a value of JSON as a type of a dataclass has it.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If it is none of this type; the message begins with the name.
-    """
-    origin, members = get_origin(kind), get_args(kind)
-    if origin in (Union, UnionType):
-        return None if value is None else _decoded(members[0], value, name, arrays)
-
-    if origin is tuple and isinstance(value, list):
-        kinds = members[:1] * len(value) if members[-1] is ... else members
-        if len(kinds) == len(value):
-            pairs = zip(kinds, value, strict=True)
-            return tuple(_decoded(one, each, name, arrays) for one, each in pairs)
-
-    if is_dataclass(kind) and isinstance(value, dict):
-        make: Any = kind
-        hints = get_type_hints(kind) | _OTHERS.get(kind, {})
-        if value.keys() == hints.keys():
-            both = ((each, hints[each], value[each]) for each in hints)
-            return make(**{each: _decoded(hint, one, each, arrays) for each, hint, one in both})
-
-    array = arrays.get(value) if origin is np.ndarray and isinstance(value, str) else None
-    if array is not None and (array.dtype,) == get_args(members[1]):
-        return array
-    if origin is Literal and isinstance(value, str) and value in members:
-        return value
-    if kind is float and type(value) in (int, float):
-        return float(value)
-    if type(value) is kind:
-        return value
-    accepts = getattr(kind, "__name__", "") if not members else str(kind)
-    raise ValueError(f"{name}: got {value!r:.60}; accepts {accepts}")
 
 
 _MOST_BITS = 16

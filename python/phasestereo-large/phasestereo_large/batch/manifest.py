@@ -6,15 +6,15 @@ A line that is none is set apart, with its number, and its pair is matched again
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
-from phasestereo._extras import require
 from phasestereo.io.drafts import replacing
 from phasestereo.io.files import StrPath
-from phasestereo_large.records import Appender, encode, read_lines
+from phasestereo_large.records import Appender, check_ranges, decode, decoded, encode, read_lines
 
 State: TypeAlias = Literal["done", "failed"]
 """What may have become of a pair."""
@@ -22,7 +22,7 @@ State: TypeAlias = Literal["done", "failed"]
 DONE: State = "done"
 FAILED: State = "failed"
 
-_FILE = r"\A[^./\\\x00-\x1f][^/\\\x00-\x1f]*\Z"  # a name without a folder
+_FILE = re.compile(r"[^./\\\x00-\x1f][^/\\\x00-\x1f]*")  # a name without a folder
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,7 +66,7 @@ class Record:
     state: State
     left: str
     right: str
-    num_disparities: int | None = None
+    num_disparities: int | None
     min_disparity: int
     recipe: str
     reason: str | None = None
@@ -90,8 +90,6 @@ def read_manifest(path: StrPath) -> dict[str, Record]:
         If the file cannot be read.
     ValueError
         If a line of it is no record; the message names the line.
-    ImportError
-        If msgspec is not installed.
     """
     records, damaged = _read(Path(path))
     if damaged:
@@ -126,8 +124,6 @@ class Manifest:
         If the file cannot be read.
     ValueError
         If not a single line of the manifest is a record: it is something else, and left alone.
-    ImportError
-        If msgspec is not installed.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -146,7 +142,7 @@ class Manifest:
         self.records[record.name] = record
         if self._appender is None:
             self._appender = Appender(self.path)
-        self._appender.add(_plain(record))
+        self._appender.add(asdict(record))
 
     def save(self, names: Iterable[str]) -> None:
         """Write the whole manifest, these pairs first and in this order."""
@@ -161,7 +157,7 @@ class Manifest:
         self.close()
         try:
             with replacing(self.path, flush=True) as file:
-                file.writelines(encode(_plain(known[name])) for name in order)
+                file.writelines(encode(asdict(known[name])) for name in order)
         except OSError as error:
             reason = error.strerror or error
             raise OSError(f"{self.path} cannot be written: {reason}") from error
@@ -173,24 +169,13 @@ class Manifest:
             self._appender = None
 
 
-_NAMES = tuple(field.name for field in fields(Record))
-
-
-def _plain(record: Record) -> dict[str, Any]:
-    """Return what of a record is known."""
-    values = ((name, getattr(record, name)) for name in _NAMES)
-    return {name: value for name, value in values if value is not None}
-
-
 def _read(path: Path) -> tuple[dict[str, Record], list[Damage]]:
     """Return the records of a file, and the lines that are none."""
     records: dict[str, Record] = {}
     damaged: list[Damage] = []
-    schema = _Schema()
-
     for number, line in read_lines(path):
         try:
-            record = schema.record(line)
+            record = _record(line)
         except ValueError as error:
             where, reason = f"{path}, line {number}", f"no record of a batch: {error}"
             damaged.append(Damage(where, reason, line))
@@ -199,61 +184,24 @@ def _read(path: Path) -> tuple[dict[str, Record], list[Damage]]:
     return records, damaged
 
 
-class _Schema:
-    """The schema of a line, by which msgspec checks it."""
+def _record(line: bytes) -> Record:
+    """Return the record of a line.
 
-    def __init__(self) -> None:
-        msgspec: Any = require("msgspec", extra="batch")
-        self._refused = msgspec.ValidationError, msgspec.DecodeError, RecursionError
+    Raises
+    ------
+    ValueError
+        If it is none.
+    """
+    record: Record = decoded(Record, decode(line))
+    files = record.files or {}
+    sizes = record.attempts, record.width or 0, record.height or 0, *files.values()
 
-        types = _types(msgspec.Meta)
-        members = [
-            (name, types[name]) if default is MISSING else (name, types[name], default)
-            for name, default in ((field.name, field.default) for field in fields(Record))
-        ]
-
-        self._decoder = msgspec.json.Decoder(msgspec.defstruct("Line", members, kw_only=True))
-
-    def record(self, line: bytes) -> Record:
-        """Return the record of a line.
-
-        Raises
-        ------
-        ValueError
-            If it is none.
-        """
-        try:
-            found = self._decoder.decode(line)
-        except self._refused as error:
-            raise ValueError(str(error)) from error
-
-        record = Record(**{name: getattr(found, name) for name in _NAMES})
-        if record.state == DONE and not record.files:
-            raise ValueError("Object is done without `files`")
-        return record
-
-
-def _types(meta: Any) -> dict[str, Any]:
-    """Return the type of each field, with the bounds that a run keeps to."""
-    natural: Any = Annotated[int, meta(ge=0, le=2**53)]
-    file: Any = Annotated[str, meta(pattern=_FILE)]
-
-    return {
-        "name": Annotated[str, meta(min_length=1)],
-        "state": State,
-        "left": str,
-        "right": str,
-        "num_disparities": Annotated[int, meta(ge=1, lt=2**31)] | None,
-        "min_disparity": Annotated[int, meta(gt=-(2**31), lt=2**31)],
-        "recipe": str,
-        "reason": str | None,
-        "attempts": natural,
-        "seconds": Annotated[float, meta(ge=0)] | None,
-        "width": natural | None,
-        "height": natural | None,
-        "estimated": Annotated[float, meta(ge=0, le=1)] | None,
-        "blur": str | None,
-        "doubt": str | None,
-        "files": dict[file, natural] | None,
-        "worker": str | None,
-    }
+    check_ranges({
+        "name": record.name != "",
+        "num_disparities": (1 if record.num_disparities is None else record.num_disparities) > 0,
+        "attempts, width, height, files": all(0 <= size <= 2**53 for size in sizes),
+        "seconds": (record.seconds or 0.0) >= 0,
+        "estimated": 0 <= (record.estimated or 0.0) <= 1,
+        "files": all(map(_FILE.fullmatch, files)) and bool(files or record.state != DONE),
+    })  # fmt: skip
+    return record
