@@ -211,15 +211,6 @@ def test_images_without_any_place_are_no_mistake(tmp_path: Path) -> None:
     assert found.georeference == Georeference()
 
 
-def test_no_data_is_masked_in_gray(tmp_path: Path) -> None:
-    plane = noise((1, 20, 30), "uint16")
-    plane[0, 3:6, 4:9] = 7
-    found = read_geotiff(save(tmp_path / "a.tif", plane, nodata=7))
-    assert found.mask is not None
-    np.testing.assert_array_equal(found.mask, plane[0] != 7)
-    np.testing.assert_array_equal(found.image, plane[0])
-
-
 def test_a_color_is_no_data_where_all_its_bands_are(tmp_path: Path) -> None:
     planes = noise((3, 20, 30), "uint8") | 1
     planes[:, 3:6] = 0

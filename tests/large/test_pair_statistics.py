@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import threading
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any
 
@@ -356,46 +356,6 @@ def test_what_a_reader_raises_comes_out_as_it_is(error: BaseException, dtype: st
     gathered(whole)
 
 
-def test_what_a_reader_raises_comes_out_in_any_thread() -> None:
-    seen: list[BaseException] = []
-
-    def work() -> None:
-        read = scene()
-        read.failing = lambda _first, last: last > 1
-        try:
-            gathered(read)
-        except LookupError as error:
-            seen.append(error)
-
-    threads = [threading.Thread(target=work) for _ in range(8)]
-
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-
-    assert [str(error) for error in seen] == 8 * ["torn"]
-
-
-def test_statistics_at_the_same_time_do_not_disturb_one_another() -> None:
-    reads = [scene((160, 100), dtype) for dtype in DTYPES]
-    expected = [gathered(read) for read in reads]
-    found: list[Any] = [None] * 12
-
-    def work(turn: int) -> None:
-        found[turn] = gathered(scene((160, 100), DTYPES[turn % 4]), threads=1 + turn % 3)
-
-    threads = [threading.Thread(target=work, args=[turn]) for turn in range(12)]
-
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-
-    for turn in range(12):
-        assert_same(found[turn], expected[turn % 4])
-
-
 def test_statistics_can_be_interrupted_while_it_reads() -> None:
     finished = run("""
 import _thread, threading, time
@@ -427,3 +387,20 @@ statistics = large.pair_statistics(read, (100, 90), num_disparities=8)
 large.match_rows(read, statistics, 0, 100)
 """)
     assert finished.returncode == 0, finished.stderr
+
+
+def test_statistics_at_the_same_time_do_not_disturb_one_another() -> None:
+    expected = [gathered(scene((160, 100), dtype)) for dtype in DTYPES]
+    torn = scene()
+    torn.failing = lambda _first, last: last > 1
+
+    with ThreadPoolExecutor(16) as threads:
+        found = [
+            threads.submit(gathered, scene((160, 100), DTYPES[turn % 4]), threads=1 + turn % 3)
+            for turn in range(12)
+        ]
+        failed = [threads.submit(gathered, torn) for _ in range(4)]
+
+    for turn, one in enumerate(found):
+        assert_same(one.result(), expected[turn % 4])
+    assert [str(one.exception()) for one in failed] == 4 * ["torn"]
