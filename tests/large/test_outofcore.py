@@ -658,3 +658,14 @@ def test_the_cache_of_gdal_is_limited_whatever_the_name_of_a_file(
     np.testing.assert_array_equal(
         np.load("out.npy"), ps.match(*pair, num_disparities=COUNT).disparity
     )
+
+
+@pytest.mark.usefixtures("pair")
+def test_a_run_that_is_refused_leaves_the_lock_of_one_that_begins() -> None:
+    lock = counterpart("filelock").FileLock(Path("out.npy.part/lock"))
+    Path("out.npy.part").mkdir()
+    with lock:
+        for _ in range(2):
+            with pytest.raises(OSError, match="another run is at work there"):
+                match()
+        assert Path("out.npy.part/lock").exists()

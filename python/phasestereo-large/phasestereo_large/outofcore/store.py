@@ -312,11 +312,14 @@ def _differences(earlier: dict[str, Any], now: dict[str, Any]) -> str:
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
     """Keep other runs from a folder, and remove it if no run is to be gone on from."""
+    is_ours = False
     try:
         with locked(folder / _LOCK, "large"):
+            is_ours = True
             yield
     finally:
-        if folder.is_dir() and not (folder / _RUN).exists():  # the run is over, or never began
+        # The run is over, or never began.
+        if is_ours and folder.is_dir() and not (folder / _RUN).exists():
             with suppress(OSError):  # other files stay, and so does a lock that others hold
                 (folder / _LOCK).unlink(missing_ok=True)
                 folder.rmdir()
