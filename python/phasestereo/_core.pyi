@@ -27,8 +27,10 @@ __all__ = [
     "MOST_DISPARITIES",
     "MUCH_LARGER",
     "PRESETS",
+    "SETTINGS",
     "VERDICTS",
     "Scale",
+    "Setting",
     "TemporalFilter",
     "Workers",
     "__version__",
@@ -65,6 +67,7 @@ LEAST_SIZE: int
 MOST_CLASSES: int
 MOST_DISPARITIES: int
 PRESETS: list[str]
+SETTINGS: list[Setting]
 VERDICTS: dict[str, int]
 
 @final
@@ -73,6 +76,19 @@ class Scale:
     def packing(self) -> tuple[float, int, bool, bool]: ...
     @property
     def ranges(self) -> tuple[tuple[float, float], tuple[float, float]] | None: ...
+
+@final
+class Setting:
+    @property
+    def name(self) -> str: ...
+    @property
+    def annotation(self) -> str: ...
+    @property
+    def summary(self) -> str: ...
+    @property
+    def text(self) -> str: ...
+    @property
+    def choices(self) -> list[tuple[str, str]]: ...
 
 @final
 class TemporalFilter:

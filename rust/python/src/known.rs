@@ -4,9 +4,10 @@ use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 
 use crate::arguments::{
-    Disparities, number, read_alignment, read_blur_compensation, read_settings, values, wrong_type,
+    Disparities, number, read_alignment, read_blur_compensation, values, wrong_type,
 };
 use crate::failure::Result;
+use crate::settings::read_settings;
 use phasestereo::Error;
 use phasestereo::internals::cost::candidates::Candidates;
 use phasestereo::internals::findings::{Finding, Severity, Topic};

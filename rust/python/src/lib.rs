@@ -8,6 +8,7 @@ mod failure;
 mod known;
 mod objects;
 mod reader;
+mod settings;
 mod supervisor;
 mod temporal;
 mod verification;
@@ -23,12 +24,13 @@ use pyo3::types::{IntoPyDict, PyDict};
 
 use self::arguments::{
     Both, Statistics, read_alignment, read_blur_compensation, read_images, read_noise, read_pair,
-    read_preset, read_search, read_settings, read_view, read_volume, write_settings,
+    read_preset, read_search, read_view, read_volume,
 };
 use self::failure::{Failure, Result};
 use self::known::{read_before, read_known, read_noise_of_pair};
 use self::objects::{Asked, Matched, Object};
 use self::reader::{Reader, Scale, packing_to_py};
+use self::settings::{Setting, every_setting, read_settings, write_settings};
 use self::supervisor::supervised;
 use self::temporal::{Shared, TemporalFilter};
 use self::verification::verify_map;
@@ -80,13 +82,13 @@ macro_rules! named {
 mod _core {
     use super::{
         BAND, Bound, IntoPyDict, LARGER, LEAST_SIZE, MOST_CLASSES, MOST_DISPARITIES, MUCH_LARGER,
-        Preset, PyModule, PyModuleMethods, Result, Topic, flag, verdict, warm_up,
+        Preset, PyModule, PyModuleMethods, Result, Topic, every_setting, flag, verdict, warm_up,
     };
 
     #[pymodule_export]
     use super::{
-        Scale, TemporalFilter, Workers, aggregate_volume, check_blur_compensation, check_noise,
-        check_settings, cost_volume, descriptor, estimate_pair, estimate_pair_by_rows,
+        Scale, Setting, TemporalFilter, Workers, aggregate_volume, check_blur_compensation,
+        check_noise, check_settings, cost_volume, descriptor, estimate_pair, estimate_pair_by_rows,
         find_roughness, find_scale, halo, match_pair, match_raw, match_rows, optimize_volume,
         preset, rows_to_tally, simd_level, verify_map, working_memory,
     };
@@ -96,6 +98,7 @@ mod _core {
         warm_up(module.py())?;
         module.add("__version__", env!("CARGO_PKG_VERSION"))?;
         module.add("PRESETS", Preset::ALL.map(Preset::name))?;
+        module.add("SETTINGS", every_setting())?;
         module.add("DEBUG_BUILD", cfg!(debug_assertions))?;
         module.add("BAND_ROWS", BAND)?;
         module.add("LARGER", LARGER)?;

@@ -5,10 +5,11 @@ use numpy::{PyArray2, PyArrayMethods};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 
-use crate::arguments::{Both, read_images, read_settings, values};
+use crate::arguments::{Both, read_images, values};
 use crate::failure::Result;
 use crate::known::read_known;
 use crate::objects::{Asked, Object, verification};
+use crate::settings::read_settings;
 use crate::supervisor::supervised;
 use crate::workers::Pool;
 use phasestereo::internals::findings;
