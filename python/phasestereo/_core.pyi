@@ -71,6 +71,13 @@ SETTINGS: list[Setting]
 VERDICTS: dict[str, int]
 
 @final
+class Scale:
+    @property
+    def packing(self) -> tuple[float, int, bool, bool]: ...
+    @property
+    def ranges(self) -> tuple[tuple[float, float], tuple[float, float]] | None: ...
+
+@final
 class Setting:
     @property
     def name(self) -> str: ...
@@ -82,13 +89,6 @@ class Setting:
     def text(self) -> str: ...
     @property
     def choices(self) -> list[tuple[str, str]]: ...
-
-@final
-class Scale:
-    @property
-    def packing(self) -> tuple[float, int, bool, bool]: ...
-    @property
-    def ranges(self) -> tuple[tuple[float, float], tuple[float, float]] | None: ...
 
 @final
 class TemporalFilter:
