@@ -73,12 +73,6 @@ def test_one_command_makes_all_tables_and_the_same_again(tmp_path: Path, run: Ru
     assert re.search(r"^two phones +\d", out, re.MULTILINE)
 
 
-def test_there_has_to_be_a_scene(tmp_path: Path) -> None:
-    plant(tmp_path / "middlebury", "other")
-    with pytest.raises(ValueError, match="there is none of"):
-        job_groups(tmp_path, [])
-
-
 def test_a_plan_has_all_that_there_is(data: Path) -> None:
     there = {stage.name: stage for stage in job_groups(data, [])}
     assert list(there) == [

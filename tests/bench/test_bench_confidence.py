@@ -99,11 +99,6 @@ def test_the_file_of_weights_is_as_the_core_has_it(tmp_path: Path) -> None:
     np.testing.assert_allclose(written, expected, atol=5e-5)
 
 
-def test_no_records_are_refused() -> None:
-    with pytest.raises(ValueError, match="^records: got no match"):
-        learned_weights([])
-
-
 def test_bars_hold_what_they_are_asked_for() -> None:
     (pair,) = observed_of([made_up(3)])
     weights = learn([pair])

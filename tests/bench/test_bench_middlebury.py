@@ -285,14 +285,6 @@ def test_defaults_are_the_whole_suite(scenes: list[Scene]) -> None:
     assert {key["method"] for key in keys} == {"robust", "fast", "paper"} | opencv
 
 
-def test_without_opencv_the_suite_is_ours(
-    scenes: list[Scene], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("phasestereo_bench.methods._opencv_is_installed", lambda: False)
-    methods = {str(job.key["method"]) for job in middlebury_jobs(scenes)}
-    assert {name.partition(":")[0] for name in methods} == {"robust", "paper"}
-
-
 # A user's own
 
 
@@ -354,12 +346,6 @@ def test_refusals(
     with pytest.raises(error) as raised:
         run_middlebury(scenes, **arguments)
     assert str(raised.value).startswith(message)
-
-
-def test_a_scene_without_truth_is_refused(tmp_path: Path) -> None:
-    scenes = find_scenes(plant(tmp_path, "blind", truth=False))
-    with pytest.raises(ValueError, match="without truth .*: scenes2001/blind"):
-        run_middlebury(scenes, ["paper"], workers=0)
 
 
 # On the command line
@@ -528,35 +514,6 @@ def plant_v3(folder: Path, factor: int) -> None:
 
 def _scenes(store: str) -> list[str]:
     return sorted(record["scene"] for record in read_store(store)[1:])
-
-
-def test_command_takes_other_light(run_bench: Callable[..., Run], tmp_path: Path) -> None:
-    folder = plant(tmp_path / "data", "x") / "scenes2001" / "x"
-    art = tmp_path / "data" / "scenes2005" / "ThirdSize" / "Art"
-
-    for place in (art, art / "Illum1" / "Exp0", art / "Illum2" / "Exp1"):
-        place.mkdir(parents=True)
-        for number, image in ((1, "im2.ppm"), (5, "im6.ppm")):
-            _convert(folder / image, place / f"view{number}.png")
-    for number, image in ((1, "disp2.pgm"), (5, "disp6.pgm")):
-        _convert(folder / image, art / f"disp{number}.png")
-
-    common = "--degradation", "sharp", "--method", f"{HERE}:sparse", "--workers", "0"
-
-    code, _, _ = run_bench("middlebury", art, *common, "--right-image", "Illum*/view5.png")
-    assert code == 0
-    assert _scenes("results.jsonl") == [
-        "Art (view1.png Illum1/Exp0/view5.png)",
-        "Art (view1.png Illum2/Exp1/view5.png)",
-    ]
-
-    code, _, err = run_bench("middlebury", art, *common, "--left-image", "Illum9/view1.png")
-    assert code == 1
-    assert "has no image 'Illum9/view1.png'; there is view1.png, Illum1/Exp0/view1.png" in err
-
-
-def _convert(source: Path, target: Path) -> None:
-    io.write_image(target, io.read_image(source))
 
 
 @pytest.mark.parametrize(

@@ -18,11 +18,8 @@ from phasestereo.settings import PRESETS
 from phasestereo_bench import read_store
 from phasestereo_bench import speed as bench
 from phasestereo_bench.environment import usable_cpus
-from phasestereo_bench.rendering import render_pair
-from phasestereo_bench.report.documents import fill_places
-from phasestereo_bench.speed import contenders, memory, pairs, records, rounds
+from phasestereo_bench.speed import contenders, memory, records, rounds
 from phasestereo_bench.speed.affinity import pinned
-from phasestereo_bench.speed.document import speed_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -82,17 +79,8 @@ def test_rivals_are_set_as_they_say() -> None:
     assert checked.getTextureThreshold() == plain.getTextureThreshold() > 0
     assert unchecked.getUniquenessRatio() == unchecked.getTextureThreshold() == 0
 
-
-def test_sgbm_is_the_mode_of_three_ways() -> None:
     matcher = bench.CONTENDERS["opencv:sgbm-3way"](16, None).__self__  # type: ignore[attr-defined] # a bound method
     assert matcher.getMode() == cv2.STEREO_SGBM_MODE_SGBM_3WAY
-    assert (matcher.getP1(), matcher.getP2()) == (200, 800)
-
-
-def test_rivals_find_the_shift(pair: GrayPair) -> None:
-    for name in RIVALS:
-        found = bench.CONTENDERS[name](16, None)(pair.left, pair.right)
-        assert np.median(found[5:-5, 25:-5]) == 5 * 16, name
 
 
 @pytest.mark.parametrize("count", [1, 2])
@@ -100,14 +88,6 @@ def test_opencv_gets_its_threads(count: int) -> None:
     contenders.set_opencv_threads(3 - count)
     contenders.set_opencv_threads(count)
     assert cv2.getNumThreads() == count
-
-
-def test_opencv_tells_its_build(monkeypatch: pytest.MonkeyPatch) -> None:
-    message = "x:\n  CPU/HW features:\n    Baseline:      AVX2 \n      requested:  AVX\n"
-    monkeypatch.setattr(cv2, "getBuildInformation", lambda: message)
-    assert contenders.opencv_build() == "baseline: AVX2"
-    message += "    Dispatched code generation:\n      requested: X\n"
-    assert contenders.opencv_build() == "baseline: AVX2; dispatched: none"
 
 
 # Turns
@@ -144,13 +124,6 @@ def test_pinned_holds_threads_that_were_there_and_new_ones() -> None:
     assert held == {"main": {core}, "early": {core}, "late": {core}}
     assert affinity == {"after": everywhere}
     assert os.sched_getaffinity(0) == everywhere
-
-
-def test_without_affinity_nothing_is_held(monkeypatch: pytest.MonkeyPatch, pair: GrayPair) -> None:
-    monkeypatch.delattr(os, "sched_setaffinity", raising=False)
-    entrants, core = rounds.time_one_thread(pair, "fast", 1)
-    assert core is None
-    assert [entrant.opencv_threads for entrant in entrants] == [None, 1, 1, 1]
 
 
 def test_all_take_turns_in_changing_order(monkeypatch: pytest.MonkeyPatch, pair: GrayPair) -> None:
@@ -275,17 +248,7 @@ def test_done_is_not_done_again_unless_something_changed(
     assert len(read_store(store)) == 9  # an environment, and twice four records
 
 
-def test_no_rounds_are_refused(tmp_path: Path, pair: GrayPair) -> None:
-    with pytest.raises(ValueError, match="^rounds: got 0; accepts 1 and more"):
-        bench.run_speed([pair], tmp_path / "speed.jsonl", rounds=0)
-
-
 # Pairs
-
-
-def test_unknown_pairs_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="^pairs: got 'venus'; accepts tsukuba, cones"):
-        bench.find_pairs(None, cache=tmp_path, names=["cones", "venus"])
 
 
 @pytest.mark.parametrize("name", ["tsukuba", "cones", "Motorcycle", "chess"])
@@ -316,29 +279,6 @@ def test_colors_become_gray(tmp_path: Path) -> None:
 
     io.write_image(folder / "right.png", colors[:10])
     assert "differ in size" in bench.find_pairs(tmp_path, cache=tmp_path, names=["chess"])[1][0]
-
-
-def test_a_pair_is_rendered_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = []
-
-    def small(**size: int) -> Any:
-        asked.append(size)
-        return render_pair(height=24, width=32, num_disparities=8)
-
-    monkeypatch.setattr(pairs, "render_pair", small)
-
-    assert not bench.is_rendered(tmp_path)
-    (first,), _ = bench.find_pairs(None, cache=tmp_path, names=["rendered"])
-    assert bench.is_rendered(tmp_path)
-
-    (again,), _ = bench.find_pairs(None, cache=tmp_path, names=["rendered"])
-
-    assert asked == [{"height": 1988, "width": 2964, "num_disparities": 256}]
-    assert first.left.shape == (24, 32)
-    assert first.num_disparities == 256
-    np.testing.assert_array_equal(first.left, again.left)
-    np.testing.assert_array_equal(first.right, again.right)
-    assert (first.left != first.right).any()
 
 
 def test_real_pairs_have_the_sizes_that_are_stated(data: Path, tmp_path: Path) -> None:
@@ -441,13 +381,6 @@ def test_tables_show_the_last_record_of_each_cell_by_size(tmp_path: Path) -> Non
     ]
 
 
-def test_it_is_stated_whether_threads_were_held(tmp_path: Path) -> None:
-    for core, words in ((0, "was held to one"), (None, "was not held to any")):
-        results = bench.read_speed([stored(tmp_path / "speed.jsonl", record(pinned_to=core))])
-        assert results is not None
-        assert words in bench.explain_speed(results)
-
-
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
@@ -461,32 +394,6 @@ def test_files_of_mixed_or_wrong_records_are_refused(
 ) -> None:
     with pytest.raises(ValueError, match=message):
         bench.read_speed([stored(tmp_path / "speed.jsonl", *lines)])
-
-
-def test_other_benchmarks_are_no_speed(tmp_path: Path) -> None:
-    store = stored(tmp_path / "results.jsonl", {"kind": "middlebury"})
-    assert bench.read_speed([store]) is None
-
-
-def test_a_document_is_filled_where_it_says_so(tmp_path: Path) -> None:
-    results = bench.read_speed([stored(tmp_path / "speed.jsonl", record())])
-    assert results is not None
-
-    document = tmp_path / "speed.md"
-    other = "<!-- bench:sharp -->kept<!-- /bench:sharp -->\n"
-    document.write_text(f"# A\n<!-- bench:speed -->old<!-- /bench:speed -->\n{other}")
-
-    fill_places(document, {"speed": speed_text(results)})
-    text = document.read_text()
-
-    assert "| cones | 450 x 375 | fast | 64 | 1 | 12.3 | 0.88 | 1.50 | 1.50 | 1.50 | 40 |" in text
-    assert "| cones | 450 x 375 | fast | 64 | 1 | 3.0 | 1.0 | 4.0 | 4.0 | 4.0 |" in text
-    assert "old" not in text
-    assert text.endswith(other)
-    assert "Made with phasestereo 1.2.3" in text
-
-    fill_places(document, {"speed": speed_text(results)})
-    assert document.read_text() == text
 
 
 # The command
@@ -565,10 +472,3 @@ def test_a_failure_is_recorded_and_reported(
     assert "2 of 4 measurements failed" in err
     assert "RuntimeError: no luck" in err
     assert "265 x 40" in out
-
-
-def test_a_report_of_times_takes_no_choice(folder: Path, run_bench: Callable[..., Run]) -> None:
-    stored(folder / "speed.jsonl", record())
-    code, _, err = run_bench("report", "speed.jsonl", "--suite", "sharp")
-    assert code == 2
-    assert "--suite: results of bench speed have no choice of it" in err

@@ -12,15 +12,12 @@ from phasestereo_bench.datasets import find_scenes
 from phasestereo_bench.rendering import render_room
 from phasestereo_bench.store import read_store
 from phasestereo_bench.surfaces import (
-    UPSAMPLED,
     SceneCase,
     TableCase,
     count_bad,
-    gray_of,
     kinds_of_pixels,
     stripes,
     surface_cases,
-    surface_jobs,
     surface_table,
     upsampled_table,
 )
@@ -190,21 +187,6 @@ def test_the_scale_of_a_sensors_map_is_found(tmp_path: Path) -> None:
     assert case.load().num_disparities > pair.truth.max()
 
 
-def test_cases_are_what_the_folders_have(tmp_path: Path) -> None:
-    rooms = surface_cases(megapixels=[0.5, 2], seeds=2)
-    assert len(rooms) == 2 * 3 * 2
-    assert {case.row for case in rooms} >= {"rooms, 0.5 MP", "rendered table tops, 2 MP"}
-
-    for name in UPSAMPLED:
-        plant(tmp_path, name)
-    scenes = surface_cases([tmp_path], seeds=0)
-    assert [case.row for case in scenes[::4]] == [
-        "scenes as they are",
-        "upsampled 2x",
-        "upsampled 3x",
-    ]
-
-
 def view(bad: int, *, curved: int = 0, striped: float = 0.01) -> dict[str, Any]:
     pixels = dict.fromkeys(("all", "plain", "flat", "slanted", "edge", "thin"), 1000)
     pixels["curved"] = curved
@@ -276,14 +258,3 @@ def test_the_command_refuses(
     found, _, err = run_bench("surfaces", *arguments, "--workers", "0")
     assert message in err
     assert found == code
-
-
-def test_there_are_no_jobs_without_methods() -> None:
-    with pytest.raises(ValueError, match="there is nothing to match"):
-        surface_jobs(surface_cases(seeds=1), [])
-
-
-def test_gray_levels_are_luma() -> None:
-    image = np.zeros((1, 3, 3), np.uint8)
-    image[0, 0, 0] = image[0, 1, 1] = image[0, 2, 2] = 100
-    np.testing.assert_allclose(gray_of(image), [[29.9, 58.7, 11.4]])

@@ -65,12 +65,6 @@ def test_disparities_are_in_the_range_and_frames_repeat(
             assert shot.nonocc.shape == shot.truth.shape == (48, 64)
 
 
-def test_an_unknown_motion_is_refused() -> None:
-    wrong: Any = "rotation"
-    with pytest.raises(ValueError, match="motion: got 'rotation'; accepts static, camera, object"):
-        next(render_sequence(wrong))
-
-
 def test_the_truth_has_the_best_numbers_and_an_offset_shows(
     sequences: dict[Motion, list[Shot]],
 ) -> None:

@@ -190,23 +190,6 @@ def draw_all(browser: Browser, what: str = "#cloud, [id^=chart-]") -> None:
         browser.wait(f"document.getElementById('{place}').dataset.drawn === 'yes'")
 
 
-def test_nothing_jumps_while_it_loads(browser: Browser, page: Path) -> None:
-    browser.open(page)
-    browser.run(
-        """
-        window.shift = 0;
-        new PerformanceObserver((list) => {
-          for (const entry of list.getEntries()) window.shift += entry.value;
-          window.told = true;
-        }).observe({ type: "layout-shift", buffered: true });
-        setTimeout(() => (window.told = true), 300);
-        """
-    )
-
-    browser.wait("window.told")
-    assert browser.run("return window.shift") < 0.02
-
-
 def test_layers_have_their_colors(opened: Browser) -> None:
     result = made_up()
     left, right = images()
@@ -273,16 +256,6 @@ def test_flicker_shows_left_and_right_in_turn(opened: Browser) -> None:
 
     press(opened, "#stage", " ")
     assert {stays, opened.run("return state.view")} == {"left", "right"}
-
-
-def test_flicker_takes_its_rate(opened: Browser) -> None:
-    press(opened, "#rate", "\ue010")  # End
-    assert opened.driver.find_element("css selector", "#rate-shown").text == "6 / s"
-    opened.run("window.swaps = 0; window.old = choose; choose = (key) => { swaps++; old(key); }")
-    click(opened, "#flicker")
-    opened.wait("window.swaps >= 5")
-    look_at(opened, "disparity")  # ends it
-    assert opened.run("return state.timer") == 0
 
 
 def test_slider_mixes_the_left_image_with_the_layer(opened: Browser) -> None:
@@ -359,11 +332,6 @@ def test_the_wheel_zooms_to_the_pointer_without_a_click(opened: Browser) -> None
     opened.wait(f"scrollY > {before}")
 
 
-def test_a_finger_scrolls_the_page_also_where_it_is_zoomed(opened: Browser) -> None:
-    opened.run("stage.zoomBy(4)")
-    assert opened.run("return getComputedStyle(stage.canvas).touchAction") == "pan-y"
-
-
 def test_two_fingers_zoom_and_move(opened: Browser) -> None:
     """What was between them is between them afterwards."""
     opened.run("stage.zoomBy(2)")
@@ -389,13 +357,6 @@ def test_two_fingers_zoom_and_move(opened: Browser) -> None:
 
     assert opened.run("return stage.zoom") == pytest.approx(3.2, rel=0.03)
     assert opened.run("return now") == pytest.approx(opened.run("return between"), abs=0.5)
-
-
-def test_slider_and_legend_are_above_the_fold(browser: Browser, page: Path) -> None:
-    browser.open(page, width=1440, height=900)
-    for what in ("mix", "scale"):
-        bottom = f"return document.getElementById('{what}').getBoundingClientRect().bottom"
-        assert browser.run(bottom) <= 900
 
 
 @pytest.mark.parametrize("zoomed", [False, True])
@@ -490,15 +451,6 @@ def test_a_layer_just_clicked_leaves_the_space_bar(opened: Browser) -> None:
     opened.run("document.getElementById('swap').focus()")
     opened.driver.switch_to.active_element.send_keys(" ")  # presses it, and once
     assert opened.run("return state.view") == "right"
-
-
-def test_keys_do_not_leave_what_is_in_sight(opened: Browser) -> None:
-    opened.run("stage.move(24.5, 18.5, 16); hold({ x: 24, y: 18 })")
-    press(opened, "#stage", *["\ue012"] * 12)  # left
-    assert read(opened)["pixel"] == "12, 18"
-    left, right = opened.run("return stage.sight")
-    assert left <= 12
-    assert right >= 13
 
 
 def test_zoom_and_drag_keep_pixels_under_the_pointer(opened: Browser) -> None:

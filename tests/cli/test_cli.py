@@ -19,10 +19,9 @@ import pytest
 import phasestereo as ps
 from phasestereo import io, metrics
 from phasestereo.views.picture import NEUTRAL, disparity_picture
-from phasestereo_bench.datasets import find_scene
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     from numpy.typing import NDArray
 
@@ -185,38 +184,7 @@ def test_truth_is_scored_where_its_mask_says(run: Callable[..., Run]) -> None:
     assert re.search(r"pixels\W+2,600", out)
 
 
-def test_cones_through_the_command_line(
-    data: Path, tmp_path: Path, run: Callable[..., Run]
-) -> None:
-    scene = data / "middlebury/scenes2003/cones"
-
-    images = scene / "im2.png", scene / "im6.png"
-    truth = "--truth", scene / "disp2.png", "--truth-scale", 4
-    mask = "--truth-mask", scene / "mask_nonocc.png"
-
-    out = tmp_path / "cones.pfm"
-    code, said, _ = run(
-        "match", *images, "--num-disparities", 64, "-o", out, *truth, *mask, "--json"
-    )
-
-    assert code == 0
-    bad = json.loads(said)["metrics"]["bad-1.0"]
-    assert bad <= 7.6
-
-    pair = find_scene(data / "middlebury", "cones").load()
-    assert pair.truth is not None
-    official = metrics.bad_pixels(io.read_disparity(out), pair.truth, 1.0, pair.masks["nonocc"])
-    assert official <= 7.6
-
-
 # Help
-
-
-@pytest.mark.parametrize("command", [(), ("match",), ("demo",)])
-def test_help_tells_what_there_is(command: Sequence[str], run: Callable[..., Run]) -> None:
-    code, out, err = run(*command, "--help")
-    assert (code, err) == (0, "")
-    assert "phasestereo" in out
 
 
 def test_every_setting_has_an_option_with_help(run: Callable[..., Run]) -> None:

@@ -96,21 +96,6 @@ def test_blur_map_is_red_and_blue(run: Callable[..., Run]) -> None:
     assert 20 < (blue - red)[:, 60:].min() < 100  # a weaker blur, a weaker tint
 
 
-def test_blur_map_of_small_images_has_no_tint(run: Callable[..., Run]) -> None:
-    for name in ("left.png", "right.png"):
-        io.write_image(name, io.read_image(name)[:16, :16])
-    code, _, _ = run("check", "left.png", "right.png", "--blur-map", "map.png")
-    assert code == 0
-    assert np.ptp(io.read_image("map.png"), axis=2).max() == 0
-
-
-def test_help_tells_what_it_does(run: Callable[..., Run]) -> None:
-    code, out, _ = run("check", "--help")
-    assert code == 0
-    assert "--blur-map" in out
-    assert "exit code is 0" in " ".join(out.split())
-
-
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [

@@ -52,13 +52,6 @@ def test_the_threshold_says_what_is_wrong() -> None:
     assert roc_area(confidence, ESTIMATE, TRUTH, threshold=2) == 1.0
 
 
-def test_only_pixels_in_the_mask_with_a_known_truth_are_scored() -> None:
-    truth = row(10, 10, 10, NAN, INF, 10)
-    confidence = row(1, 3, 2, NAN, NAN, NAN)
-    mask = np.array([[True, True, True, True, True, False]])
-    assert roc_area(confidence, ESTIMATE, truth, mask=mask) == 0.5
-
-
 @pytest.mark.parametrize("estimate", [TRUTH, TRUTH + 9])
 def test_without_a_right_and_a_wrong_pixel_there_is_nothing_to_tell_apart(estimate: Map) -> None:
     assert math.isnan(roc_area(TRUTH, estimate, TRUTH))
@@ -116,19 +109,6 @@ def test_a_better_order_has_the_smaller_area_of_sparsification(
 
     best = sparsification((~wrong).astype(np.float32), estimate, truth)
     assert best.area == pytest.approx(best.least)
-
-
-def test_the_scale_of_a_confidence_does_not_matter() -> None:
-    generator = np.random.default_rng(1)
-
-    truth = np.full((60, 70), 8, np.float32)
-    estimate = truth + generator.normal(size=truth.shape).astype(np.float32)
-    confidence = generator.random(truth.shape) - np.abs(estimate - truth)
-
-    area = roc_area(confidence, estimate, truth)
-    assert 0.5 < area < 1
-    assert roc_area(np.exp(3 * confidence), estimate, truth) == area
-    assert roc_area(-confidence, estimate, truth) == pytest.approx(1 - area)
 
 
 FLAT = np.ones((2, 3), np.float32)

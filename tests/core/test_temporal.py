@@ -90,13 +90,6 @@ def test_what_stands_still_flickers_less_and_is_no_worse(preset: str) -> None:
     assert "temporal filter" in found[0].timings
 
 
-def test_means_of_whole_numbers_have_fractions() -> None:
-    *_, last = results(shots())
-    fractions = last.disparity % 1
-    assert (fractions > 0).any()
-    assert (fractions == 0).any()
-
-
 def test_equal_frames_give_the_maps_of_match_to_the_bit() -> None:
     left, right = (np.rint(view).clip(0, 255).astype(np.uint8) for view in scene())
     options: dict[str, Any] = {"num_disparities": COUNT, "fill": False}
@@ -111,15 +104,6 @@ def test_equal_frames_give_the_maps_of_match_to_the_bit() -> None:
         assert found.temporal_support is not None
         assert (found.temporal_support == min(index + 1, 8)).all()
     assert np.isnan(alone.disparity).any()
-
-
-def test_a_cut_gives_nearly_the_map_of_match() -> None:
-    pairs = [*shots(4), *shots(1, seed=50)]
-    *_, last = results(pairs)
-    alone = ps.match(*pairs[-1], **FAST)
-    assert (last.disparity == alone.disparity).mean() > 0.98
-    assert last.temporal_support is not None
-    assert (last.temporal_support == 1).mean() > 0.9
 
 
 def test_what_moves_does_not_lag() -> None:
@@ -180,19 +164,6 @@ def test_masked_pixels_stay_masked_and_hold_anything() -> None:
     assert np.isnan(last.disparity[~mask]).all()
     assert (last.temporal_support[~mask] == 1).all()
     assert (last.temporal_support[mask] == 4).mean() > 0.5
-
-
-@pytest.mark.parametrize("kind", ["uint16", "float32", "float64", "color"])
-def test_any_pixels_are_steadied(kind: str) -> None:
-    def as_kind(view: Image) -> Image:
-        if kind == "color":
-            return np.stack([view] * 3, axis=2)
-        scale = 257 if kind == "uint16" else 1 / 255
-        return (view.astype(float) * scale).astype(kind)
-
-    pairs = [(as_kind(left), as_kind(right)) for left, right in shots()]
-    found, alone = results(pairs), results(pairs, temporal_filter=False)
-    assert temporal_deviation(maps(found)) < 0.6 * temporal_deviation(maps(alone))
 
 
 def test_inverted_images_are_steadied() -> None:

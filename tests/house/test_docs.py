@@ -110,19 +110,6 @@ def _pandora_finds_the_plugin() -> bool:
     return any(plugin.value.startswith("pandora_plugin_phasestereo:") for plugin in plugins)
 
 
-def test_a_broken_example_fails(tmp_path: Path) -> None:
-    page = tmp_path / "page.md"
-    page.write_text(
-        '# Page\n\n```python title="not run"\n1 / 0\n```\n\n```python\nx = 1\n1 / 0\n```\n'
-    )
-
-    found = [block for block in blocks(page, "python") if block.runs]
-
-    with pytest.raises(ZeroDivisionError) as raised:
-        run(found, page, {})
-    assert raised.traceback[-1].lineno + 1 == 9
-
-
 def test_the_pair_of_the_examples_is_matched(here: Path) -> None:
     left, right = read_image(here / "left.png"), read_image(here / "right.png")
     result = ps.match(left, right, num_disparities=NUM_DISPARITIES)

@@ -183,15 +183,6 @@ def test_costs_between_columns_are_those_of_the_image_that_pandora_interpolates(
     assert (between[known] == mine[:, :, :10][known]).mean() > 0.999
 
 
-def test_half_a_pixel_is_found_between_columns() -> None:
-    scene = np.random.default_rng(1).normal(100, 20, (40, 140)).astype(np.float32)
-    smooth = convolve(scene, gaussian_psf(2.0)).astype(np.float32)
-    left, right = smooth[:, 0:120:2], smooth[:, 7:127:2]  # 3.5 pixels apart
-    fine = volume(dataset(left, (-10, 0)), dataset(right, (0, 10)), window_size=5, subpix=2)
-    best = -10 + np.nanargmin(fine[10:-10, 20:-10], axis=2) / 2
-    assert np.median(best) == -3.5
-
-
 def test_pixels_without_data_reach_as_far_as_the_window(rendered: Pair) -> None:
     left, right = gray(rendered.left), gray(rendered.right)
 

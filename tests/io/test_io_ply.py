@@ -25,17 +25,6 @@ def cloud(*, colored: bool, count: int = 1000) -> PointCloud:
 
 
 @pytest.mark.parametrize("colored", [False, True])
-def test_trimesh_reads_it(tmp_path: Path, *, colored: bool) -> None:
-    trimesh = counterpart("trimesh")
-    written = cloud(colored=colored)
-    write_ply(tmp_path / "cloud.ply", written)
-    read = trimesh.load(tmp_path / "cloud.ply")
-    np.testing.assert_array_equal(read.vertices.astype(np.float32), written.points)
-    if written.colors is not None:
-        np.testing.assert_array_equal(np.asarray(read.colors)[:, :3], written.colors)
-
-
-@pytest.mark.parametrize("colored", [False, True])
 @pytest.mark.parametrize("count", [0, 1, 1000])
 def test_plyfile_reads_it(tmp_path: Path, *, colored: bool, count: int) -> None:
     plyfile = counterpart("plyfile")

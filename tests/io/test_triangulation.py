@@ -34,16 +34,6 @@ def disparities() -> NDArray[np.float32]:
     return np.random.default_rng(1).uniform(-3, 60, (ROWS, COLS)).astype(np.float32)
 
 
-def test_points_are_those_of_opencv() -> None:
-    cv2 = counterpart("cv2")
-    disparity = disparities()
-    cloud = ps.point_cloud(disparity, RIG)
-    expected = cv2.reprojectImageTo3D(disparity, RIG.q).reshape(-1, 3)
-    assert cloud.points.dtype == np.float32
-    assert cloud.colors is None
-    np.testing.assert_allclose(cloud.points, expected, rtol=3e-7)
-
-
 def test_a_pair_rectified_by_opencv_keeps_its_geometry() -> None:
     cv2 = counterpart("cv2")
 
@@ -159,14 +149,6 @@ def test_images_of_any_type_give_colors(image: NDArray[Any], expected: list[int]
         np.testing.assert_array_equal(cloud.colors, np.repeat(expected, 3).reshape(3, 3))
 
 
-def test_colors_keep_their_channels_apart() -> None:
-    rig = Calibration.from_focal(10, 1, width=2, height=1)
-    image = np.array([[[1, 2, 3], [4, 5, 600]]], np.uint16)
-    cloud = ps.point_cloud(np.ones((1, 2)), rig, image=image)
-    assert cloud.colors is not None
-    np.testing.assert_array_equal(cloud.colors, image[0] >> 2)
-
-
 ONE = np.ones((ROWS, COLS), np.float32)
 
 
@@ -223,14 +205,6 @@ def test_clouds_tell_their_size() -> None:
     assert repr(cloud) == f"<PointCloud {ROWS * COLS} points, depth {span}, colored>"
     assert repr(ps.point_cloud(np.nan * ONE, RIG)) == "<PointCloud 0 points>"
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(cloud)).points, cloud.points)  # noqa: S301 - our own
-
-
-def test_depths_of_a_rendered_pair_are_right() -> None:
-    pair = render_pair(0)
-    assert pair.calibration is not None
-    assert pair.truth is not None
-    result = ps.match(pair.left, pair.right, num_disparities=pair.num_disparities)
-    assert median_error(result.disparity, pair.truth, pair.calibration, pair.masks["nonocc"]) < 0.01
 
 
 def test_depths_of_a_real_pair_are_right(data: Path) -> None:

@@ -132,32 +132,6 @@ def test_dict_is_json_and_holds_what_was_found() -> None:
     assert len(said["findings"]) == len(found.findings)
 
 
-def test_text_has_a_line_a_finding() -> None:
-    found = check(*pair())
-    lines = str(found).splitlines()
-    assert len(lines) == len(found.findings)
-    assert all(line.startswith(("ok: ", "note: ", "warning: ")) for line in lines)
-
-
-def test_same_pair_same_diagnosis() -> None:
-    assert check(*pair()).as_dict() == check(*pair()).as_dict()
-
-
-def test_kinds_of_pixels_do_not_matter() -> None:
-    expected = check(*pair()).as_dict()
-    for convert in (
-        lambda image: image.astype(np.uint16) * 257,
-        lambda image: np.stack([image] * 3, axis=2),
-        lambda image: image[:, :, np.newaxis],
-    ):
-        left, right = pair()
-        said = check(convert(left), convert(right)).as_dict()
-        assert said["search"] == expected["search"]
-        assert said["alignment"]["vertical"] == pytest.approx(
-            expected["alignment"]["vertical"], abs=1e-3
-        )
-
-
 @pytest.mark.parametrize(
     ("left", "right", "error", "message"),
     [

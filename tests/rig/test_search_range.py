@@ -66,27 +66,6 @@ def test_exchanged_images_are_reported_and_their_range_found(data: Path) -> None
         assert inside(-pair.truth[np.isfinite(pair.truth)], search) >= 0.995, name
 
 
-def test_match_takes_the_range(data: Path) -> None:
-    pair = find_scene(data / "middlebury", "cones").load()
-    search = found(gray(pair.left), gray(pair.right))
-
-    result = ps.match(
-        pair.left,
-        pair.right,
-        min_disparity=search.min_disparity,
-        num_disparities=search.num_disparities,
-    )
-    assert np.isfinite(result.disparity).all()
-
-
-@pytest.mark.parametrize("shift", [0, 1, -1])
-def test_disparities_around_zero_accuse_nobody(shift: int) -> None:
-    scene = noise(0)
-    search = found(scene[:, 4:-4], scene[:, 4 + shift : 156 + shift])
-    assert search.min_disparity <= shift < search.min_disparity + search.num_disparities
-    assert (search.swapped, search.mixed) == (False, False)
-
-
 def test_toed_in_cameras_are_not_called_swapped() -> None:
     far, near = noise(0, (80, 200)), noise(1, (80, 200))
     left, right = far[:, 10:-10].copy(), far[:, :-20].copy()  # disparity -10 ...

@@ -168,10 +168,6 @@ def test_large_maps_are_thinned_out(
     assert "every 3rd pixel of every 3rd row" in " ".join(Told(page).text.split())
 
 
-def test_full_hd_is_shown_whole() -> None:
-    assert page_module._step((1080, 1920)) == 1
-
-
 REFUSED: list[tuple[dict[str, Any], type[Exception], str]] = [
     ({"left": noise(shape=(24, 41))}, ValueError, "right"),
     ({"right": noise().astype(np.float32)}, TypeError, "right"),
@@ -221,11 +217,6 @@ def test_names_the_extra(
     assert not list(tmp_path.iterdir())
 
 
-def test_no_folder(tmp_path: Path, result: ps.Result) -> None:
-    with pytest.raises(FileNotFoundError):
-        write_pair_page(tmp_path / "none" / "page.html", *pair_of(), result)
-
-
 # What the page says
 
 
@@ -245,11 +236,6 @@ def test_only_images_of_more_than_8_bits_are_stretched(tmp_path: Path, result: p
             encoding="utf-8"
         )
         assert message == (dtype is np.uint16)
-
-
-def test_what_is_not_finite_is_black() -> None:
-    image = np.array([[0, 100, np.nan, np.inf, -np.inf]], dtype=np.float32)
-    assert on_screen(image, (0.0, 100.0)).tolist() == [[0, 255, 0, 0, 0]]
 
 
 def test_every_flag_has_a_color_of_its_own() -> None:

@@ -77,12 +77,6 @@ def test_outliers_do_not_move_the_limits() -> None:
     assert np.delete(difference.reshape(-1, 3), 0, axis=0).max() <= 8
 
 
-def test_values_beyond_the_limits_have_the_colors_at_the_ends() -> None:
-    colors = colorize(np.array([[-5.0, 0.0, 9.0, 99.0]]), low=0, high=9)[0]
-    assert tuple(colors[0]) == tuple(colors[1])
-    assert tuple(colors[2]) == tuple(colors[3])
-
-
 @pytest.mark.parametrize("value", [7.0, 0.0, -3.0])
 def test_one_value_everywhere_and_none_at_all(value: float) -> None:
     assert len(np.unique(colorize(np.full((2, 3), value)).reshape(-1, 3), axis=0)) == 1

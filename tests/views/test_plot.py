@@ -84,28 +84,6 @@ def test_a_disparity_map_has_its_data_limits_and_colors(axes: Axes) -> None:
     assert tuple(pixels(image)[2, 5]) == tuple(pixels(image)[3, 6]) == NEUTRAL
 
 
-def test_a_drawn_map_is_the_picture_of_the_same_colors(axes: Axes) -> None:
-    """As it comes from the renderer, one pixel each."""
-    figure: Any = axes.figure
-
-    figure.set_size_inches(0.3, 0.2)
-    figure.set_dpi(100)
-    axes.set_position((0, 0, 1, 1))
-
-    axes.set_axis_off()
-    plot.disparity(MAP, axes, colorbar=False)
-
-    figure.canvas.draw()
-    drawn = np.asarray(figure.canvas.buffer_rgba())[:, :, :3]
-    np.testing.assert_array_equal(drawn, colorize(MAP))
-
-
-def test_without_limits_they_are_robust(axes: Axes) -> None:
-    image = plot.disparity(MAP, axes)
-    known = MAP[np.isfinite(MAP)].astype(np.float64)
-    np.testing.assert_allclose(image.get_clim(), np.percentile(known, (1, 99)))
-
-
 @pytest.mark.parametrize(
     ("low", "high", "extend"), [(0, 90, "neither"), (10, 90, "min"), (0, 9, "max"), (9, 10, "both")]
 )
@@ -117,13 +95,6 @@ def test_the_scale_is_in_pixels_and_tells_what_is_beyond(
     assert bar.extend == extend
 
 
-def test_scales_can_be_left_out(axes: Axes) -> None:
-    assert plot.disparity(MAP, axes, colorbar=False).colorbar is None
-    assert plot.confidence(np.ones((2, 3)), axes, colorbar=False).colorbar is None
-    assert plot.error(MAP, MAP, axes, colorbar=False).colorbar is None
-    assert plot.flags(FLAGS, axes, legend=False).axes.get_legend() is None
-
-
 def test_results_and_their_arrays_draw_alike(result: ps.Result, axes: Axes) -> None:
     assert result.confidence is not None
     for draw, array in (
@@ -132,14 +103,6 @@ def test_results_and_their_arrays_draw_alike(result: ps.Result, axes: Axes) -> N
         (plot.flags, result.flags),
     ):
         np.testing.assert_array_equal(pixels(draw(result, axes)), pixels(draw(array, axes)))
-
-
-def test_confidences_run_from_0_to_1(axes: Axes) -> None:
-    image = plot.confidence(np.array([[0.2, np.nan, 0.3]], np.float32), axes)
-    assert image.get_clim() == (0, 1)
-    assert tuple(pixels(image)[0, 1]) == NEUTRAL
-    assert image.colorbar is not None
-    assert image.colorbar.ax.get_ylabel() == "confidence"
 
 
 def test_flags_are_named_with_their_shares(axes: Axes) -> None:
@@ -180,13 +143,6 @@ def test_errors_have_the_colors_of_their_picture(axes: Axes) -> None:
     assert image.get_clim() == (0, 4)
     assert image.colorbar is not None
     assert image.colorbar.extend == "max"
-
-
-@pytest.mark.parametrize("worst", [1.5, 4.0, 60.0])
-def test_errors_are_white_up_to_one_pixel_whatever_the_worst(axes: Axes, worst: float) -> None:
-    image = plot.error(np.array([[1.0, 1 + worst / 500]]), np.zeros((1, 2)), axes, worst=worst)
-    assert tuple(pixels(image)[0, 0]) == (255, 255, 255)
-    assert tuple(pixels(image)[0, 1]) != (255, 255, 255)
 
 
 def test_a_histogram_counts_every_estimate_in_its_color(axes: Axes) -> None:
