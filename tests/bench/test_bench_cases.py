@@ -1,23 +1,16 @@
 """Cases: which image is degraded, by what, and what the other one becomes."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from phasestereo import io
 from phasestereo_bench.cases import Case
-from phasestereo_bench.datasets import find_scenes
+from phasestereo_bench.datasets import Scene, find_scenes
 from phasestereo_bench.degradation import Degradation, disk_psf, suite
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from phasestereo_bench.datasets import Scene
 
 for module in ("scipy", "PIL"):
     pytest.importorskip(module)

@@ -1,7 +1,5 @@
 """The benchmark that the calibration is learned by: weights that are put in come out."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -73,8 +71,7 @@ def test_counts_are_those_of_the_match() -> None:
 
     assert one.counts.sum() == np.count_nonzero(pair.masks["nonocc"])
     assert 0 < one.wrong < 0.5
-    assert one.traits[0] == 1
-    assert record["tally"][4] == pair.left.shape[0] * pair.left.shape[1]
+    assert (one.traits[0], record["tally"][4]) == (1, pair.left.shape[0] * pair.left.shape[1])
 
 
 def test_the_same_matches_are_drawn_again() -> None:

@@ -1,14 +1,14 @@
 """Methods by name: what a name means, what is refused, and how a user adds one."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import asdict, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import phasestereo as ps
 from phasestereo_bench import available, method, opencv, run_middlebury
@@ -16,11 +16,6 @@ from phasestereo_bench.datasets import find_scenes
 from phasestereo_bench.demo import SGBM
 from phasestereo_bench.methods import BASELINES
 from test_bench_cases import plant
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 RNG = np.random.default_rng(0)
 SHIFT, COUNT = 5, 16
@@ -107,8 +102,7 @@ def test_opencv_matches_every_pixel_it_can(name: str, channels: int) -> None:
     pytest.importorskip("cv2")
     pair = (LEFT, RIGHT) if channels == 3 else (LEFT[:, :, 0].copy(), RIGHT[:, :, 0].copy())
     disparity = found(name, *pair)
-    assert disparity.dtype == np.float32
-    assert disparity.shape == LEFT.shape[:2]
+    assert (disparity.dtype, disparity.shape) == (np.float32, LEFT.shape[:2])
     assert np.abs(disparity[:, SHIFT:-8] - SHIFT).max() <= 0.5, "edges on three sides included"
     assert method(name).settings
 

@@ -1,18 +1,17 @@
 """The paper's experiments: what is blurred, chosen and claimed, and a small run of it all."""
 
-from __future__ import annotations
-
 import csv
 import re
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from phasestereo.settings import PRESETS
 from phasestereo_bench.paper import judge_claims, load_pairs, run_study
-from phasestereo_bench.paper.claims import CLAIMS, SETUPS, ClaimVerdict, cases, lines
+from phasestereo_bench.paper.claims import CLAIMS, SETUPS, ClaimCase, ClaimVerdict, cases, lines
 from phasestereo_bench.paper.experiments import (
     AREAS,
     BITS,
@@ -37,18 +36,12 @@ from phasestereo_bench.paper.study import (
     SCENES,
     PaperCell,
     Reading,
+    Study,
     choose,
     curve,
     measure,
     tuning_tasks,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from phasestereo_bench.paper.claims import ClaimCase
-    from phasestereo_bench.paper.study import Study
 
 for module in ("PIL", "scipy", "matplotlib"):
     pytest.importorskip(module)
@@ -250,8 +243,7 @@ def test_the_rival_is_the_papers_and_the_better_one_is_told_apart() -> None:
     readings = synthetic(lambda *where: values[where[2].method.cost])
     for case in cases(readings, SETUPS[0]):
         gain = 10 if case.experiment is AREAS else -10
-        assert set(case.gains.values()) == {gain}
-        assert set(case.over_best.values()) == {-10}
+        assert (set(case.gains.values()), set(case.over_best.values())) == ({gain}, {-10})
 
 
 def test_a_line_is_flat_or_not() -> None:

@@ -1,7 +1,5 @@
 """The benchmark of the range: what its pairs show, and what it says of the range that is found."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

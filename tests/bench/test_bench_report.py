@@ -1,12 +1,11 @@
 """The report tells what the records hold: no figure lost, invented or averaged unfairly."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re
+from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,6 +18,7 @@ from phasestereo_bench.report.cells import Place
 from phasestereo_bench.report.markdown import fill_markers, markdown_table, markdown_text
 from phasestereo_bench.report.origin import commands, explain, made_with, origin
 from phasestereo_bench.report.plots import styles
+from phasestereo_bench.report.results import Results
 from phasestereo_bench.report.sharp import explain_v3, sharp_tables, v2_table, v3_table
 from phasestereo_bench.report.tables import (
     Entry,
@@ -31,11 +31,6 @@ from phasestereo_bench.report.tables import (
     scene_table,
     settings_table,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from phasestereo_bench.report.results import Results
 
 for module in ("matplotlib", "jinja2", "PIL"):
     pytest.importorskip(module)
@@ -163,8 +158,7 @@ def test_mean_of_the_blurs(whole: Results) -> None:
     ours, rival, informed = texts(table)
     rows = list(SUITES[SUITE])
     expected = np.mean([rows.index(row) for row in BLURS])
-    assert ours[-1] == f"*{10 + expected:.1f}*"
-    assert rival[-1] == f"{20 + expected:.1f}"
+    assert (ours[-1], rival[-1]) == (f"*{10 + expected:.1f}*", f"{20 + expected:.1f}")
     assert informed[-1] == f"{5 + expected:.1f}"
 
     assert [text for text, row in zip(informed[1:], rows, strict=False) if row not in BLURS] == [
@@ -475,8 +469,7 @@ def test_page_is_whole_and_needs_nothing_else(small: Results, written: list[Path
     page = Page()
     page.feed(content)
 
-    assert page.open == []
-    assert len(page.sources) == 2
+    assert (page.open, len(page.sources)) == ([], 2)
     assert all(source.startswith("data:image/svg+xml;base64,") for source in page.sources)
 
     assert "://" not in content
@@ -582,8 +575,7 @@ def test_command_makes_the_run_again(small: Results, whole: Results, tmp_path: P
 def test_markdown_shows_text_as_it_is() -> None:
     table = Table(("a|b", "n"), ((Entry("x_y *z* <b> [l] `c`\n\\"), Entry("1.0", best=True)),))
     header, rule, row = markdown_table(table).split("\n")
-    assert header == r"| a\|b | n |"
-    assert rule == "| --- | ---: |"
+    assert (header, rule) == (r"| a\|b | n |", "| --- | ---: |")
     assert row == r"| x\_y \*z\* &lt;b&gt; \[l\] \`c\` \\ | **1.0** |"
     assert markdown_text("a &\n b") == "a &amp; b"
 
@@ -748,8 +740,7 @@ def test_document_is_right_about_the_data(data: Path) -> None:
     for collection, name, size, ndisp, scored in rows_of(document, "collection | scene"):
         pair = scenes[f"{collection}/{name}"].load()
         height, width = pair.left.shape[:2]
-        assert size == f"{width} x {height}"
-        assert int(ndisp) == pair.num_disparities
+        assert (size, int(ndisp)) == (f"{width} x {height}", pair.num_disparities)
         assert int(scored) == np.count_nonzero(pair.masks["nonocc"])
 
 

@@ -1,7 +1,5 @@
 """Jobs on processes: every end of a job is recorded, nothing that is done is done again."""
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -10,8 +8,9 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,9 +18,6 @@ import pytest
 import phasestereo as ps
 from phasestereo_bench import Job, read_store, run_jobs
 from phasestereo_bench.environment import _commit, describe_environment, usable_cpus
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
 
 HERE = Path(__file__).parent
 on_linux = pytest.mark.skipif(sys.platform != "linux", reason="read from /proc")
@@ -134,9 +130,7 @@ def test_one_line_per_environment(store: Path, monkeypatch: pytest.MonkeyPatch) 
 
 def test_numbers_are_written_as_json_has_them(store: Path) -> None:
     record = run_jobs([job("a", numbers)], store, workers=1)[0]
-    assert record["one"] == 1
-    assert record["many"] == [2, None, None]
-    assert record["deep"] == {"n": 3}
+    assert (record["one"], record["many"], record["deep"]) == (1, [2, None, None], {"n": 3})
     assert json.loads(store.read_text().splitlines()[1]) == record
 
 
@@ -149,8 +143,7 @@ def test_own_seconds_and_memory_take_precedence_and_nothing_replaces_the_key(sto
 def test_a_job_that_raises_fails_alone(store: Path, workers: int) -> None:
     jobs = [job("bad", fail, message="no\n luck"), job("good", square, number=3)]
     bad, good = run_jobs(jobs, store, workers=workers)
-    assert bad["status"] == "failed"
-    assert bad["error"] == "ValueError: no luck"
+    assert (bad["status"], bad["error"]) == ("failed", "ValueError: no luck")
     assert "in fail" in bad["traceback"]
     assert good["square"] == 9
 
@@ -197,13 +190,11 @@ def test_finished_cells_are_kept_and_failed_ones_tried_again(
 
     needed.touch()
     second = run_jobs([*jobs, job("new", square, number=2)], store, workers=workers)
-    assert [record["status"] for record in second] == ["ok", "ok", "ok"]
-    assert second[0] == first[0]
+    assert ([record["status"] for record in second], second[0]) == (["ok", "ok", "ok"], first[0])
     assert trace.read_text() == "x"
 
     before = store.read_bytes()
-    assert run_jobs(jobs, store, workers=workers) == second[:2]
-    assert store.read_bytes() == before
+    assert (run_jobs(jobs, store, workers=workers), store.read_bytes()) == (second[:2], before)
 
 
 def test_equal_keys_are_one_cell(store: Path, tmp_path: Path) -> None:
@@ -290,9 +281,7 @@ def test_what_progress_raises_ends_the_run(store: Path) -> None:
 def test_workers_use_one_thread_each(store: Path) -> None:
     before = dict(os.environ)
     record = run_jobs([job("a", threads)], store, workers=1)[0]
-    assert record["opencv"] == 1
-    assert record["tasks"] == 1
-    assert record["set"] == ["1", "1", "1"]
+    assert (record["opencv"], record["tasks"], record["set"]) == (1, 1, ["1", "1", "1"])
     assert dict(os.environ) == before
 
 
@@ -342,8 +331,7 @@ def test_a_script_without_a_guard_is_reported(tmp_path: Path, store: Path) -> No
 
 def test_environment_names_what_matters() -> None:
     facts = describe_environment()
-    assert facts["kind"] == "environment"
-    assert facts["id"] == describe_environment()["id"]
+    assert (facts["kind"], facts["id"]) == ("environment", describe_environment()["id"])
     assert len(facts["id"]) == 12
 
     assert facts["cpu"]

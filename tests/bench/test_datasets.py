@@ -1,22 +1,20 @@
 """Datasets: every real scene as it is described, and made-up trees for what is not at hand."""
 
-from __future__ import annotations
+# Who tests a thing knows that it is there: no assertions for the type checker alone.
+# mypy: no-strict-optional
 
 import math
+from collections.abc import Iterator
 from contextlib import nullcontext
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from phasestereo.io import write_disparity, write_image
 from phasestereo_bench.datasets import Pair, Scene, find_scene, find_scenes
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    import numpy.typing as npt
 
 REAL = {
     # (height, width), least and largest disparity, disparities to search
@@ -57,9 +55,7 @@ def test_a_real_scene_has_its_size_its_disparities_and_its_range(
     assert pair.left.shape == pair.right.shape == (*size, 3)
     assert pair.left.dtype == pair.right.dtype == np.uint8
 
-    assert pair.truth is not None
-    assert pair.truth.shape == size
-    assert pair.truth.dtype == np.float32
+    assert (pair.truth.shape, pair.truth.dtype) == (size, np.float32)
     assert np.nanmin(pair.truth) == pytest.approx(least, abs=0.006)
     assert np.nanmax(pair.truth) == pytest.approx(largest, abs=0.006)
     assert not np.isinf(pair.truth).any()
@@ -71,7 +67,6 @@ def test_no_pixel_is_scored_without_a_truth_and_none_visible_left_out_of_all(
     pairs: dict[str, Pair],
 ) -> None:
     for name, pair in pairs.items():
-        assert pair.truth is not None
         column = np.arange(pair.truth.shape[1])
 
         for region, mask in pair.masks.items():
@@ -105,7 +100,6 @@ def test_regions_of_version_2_have_their_shares(
 def test_the_truth_takes_the_right_image_to_the_left_one(pairs: dict[str, Pair], name: str) -> None:
     pair = pairs[name]
 
-    assert pair.truth is not None
     still = warp_error(pair, np.zeros_like(pair.truth))
     right_order = warp_error(pair, pair.truth)
     swapped = warp_error(pair, -pair.truth)
@@ -214,9 +208,7 @@ def test_layouts_that_are_not_at_hand(
     assert (pair.left.max(), pair.right.max()) == (1, 2)
 
     np.testing.assert_array_equal(pair.truth, disparity)
-    assert pair.truth_right is not None
-    assert pair.truth_right[1, 1] == 7
-    assert pair.num_disparities == num_disparities
+    assert (pair.truth_right[1, 1], pair.num_disparities) == (7, num_disparities)
 
 
 @pytest.mark.parametrize(("name", "scale"), [("cones", 4), ("conesH", 2), ("conesF", 1)])
@@ -234,7 +226,6 @@ def test_the_sizes_of_2003_follow_from_the_names_of_their_folders(
     pair = scene.load()
 
     assert (scene.name, pair.num_disparities) == (name, 256 // scale)
-    assert pair.truth is not None
     assert np.isnan(pair.truth[0, 0])
     assert pair.truth[0, 1] == 40 / scale
 
@@ -364,8 +355,7 @@ def test_other_light_and_exposure_can_be_chosen_for_either_image(tmp_path: Path)
 
     half = variant.variant(right="Illum3/Exp2/view5.png")  # from the usual images, not from these
     assert half.name == "Art (Illum1/Exp1/view1.png Illum3/Exp2/view5.png)"
-    assert half.load().left.max() == 71
-    assert variant.lefts == scene.lefts
+    assert (half.load().left.max(), variant.lefts) == (71, scene.lefts)
 
     seen = {int(scene.variant(right=image).load().right.max()) for image in scene.rights}
     assert len(seen) == 9
@@ -575,8 +565,7 @@ def test_a_mask_file_is_preferred_to_what_the_truths_tell(tmp_path: Path) -> Non
 
 def test_without_a_source_there_is_no_mask_but_all(tmp_path: Path) -> None:
     masks = cones(tmp_path).load().masks
-    assert list(masks) == ["all"]
-    assert np.flatnonzero(~masks["all"][0]).tolist() == [8, 9]
+    assert (list(masks), np.flatnonzero(~masks["all"][0]).tolist()) == (["all"], [8, 9])
 
 
 def test_the_derived_masks_are_those_in_use_for_2005_and_2006(data: Path, tmp_path: Path) -> None:
@@ -604,9 +593,7 @@ def test_a_calibration_asks_for_more_disparities_but_never_for_fewer(
     (scene,) = find_scenes(folder)
 
     pair = scene.load()
-    assert pair.num_disparities == expected
-    assert pair.calibration is not None
-    assert pair.calibration.ndisp == ndisp
+    assert (pair.num_disparities, pair.calibration.ndisp) == (expected, ndisp)
 
 
 def damaged(scene: Scene) -> Iterator[tuple[str, type[Exception], str]]:

@@ -1,23 +1,18 @@
 """Degradations: kernels and borders by hand, convolution against a direct loop, seeds, areas."""
 
-from __future__ import annotations
-
 import pickle
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from phasestereo_bench import degradation as dg
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    Plane = NDArray[np.float64]
+Plane = NDArray[np.float64]
 
 KERNELS = [
     dg.gaussian_psf(0.7),
@@ -55,9 +50,7 @@ def direct(image: Plane, psf: Plane) -> Plane:
 
 @pytest.mark.parametrize("psf", KERNELS, ids=lambda psf: str(psf.shape[0]))
 def test_kernels_are_square_odd_normalized_and_point_symmetric(psf: Plane) -> None:
-    assert psf.dtype == np.float64
-    assert psf.shape[0] == psf.shape[1]
-    assert psf.shape[0] % 2 == 1
+    assert (psf.dtype, psf.shape[0], psf.shape[0] % 2) == (np.float64, psf.shape[1], 1)
     assert psf.sum() == pytest.approx(1, abs=1e-12)
     assert (psf >= 0).all()
     np.testing.assert_allclose(psf, psf[::-1, ::-1], atol=1e-12)
@@ -190,8 +183,7 @@ def test_every_degradation_keeps_shape_dtype_and_input(
         degrade = dg.Degradation(dg.motion_psf(11, 20), gamma=1.5, gain=0.6, noise=1)
         result = degrade(image)
 
-        assert result.shape == image.shape
-        assert result.dtype == dtype
+        assert (result.shape, result.dtype) == (image.shape, dtype)
         assert not np.shares_memory(result, image)
         np.testing.assert_array_equal(image, before)
 

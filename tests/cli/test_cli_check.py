@@ -1,25 +1,19 @@
 """``phasestereo check``: what it prints and writes, and what it refuses."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 import phasestereo as ps
+from conftest import Run
 from phasestereo import io
 from phasestereo.rig.blur import Blur, BlurEstimate
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from conftest import Run
 
 cli = pytest.importorskip("phasestereo.cli")
 

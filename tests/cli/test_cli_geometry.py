@@ -1,26 +1,19 @@
 """Points and depths through the command line: from every form of geometry, or a clear refusal."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 import phasestereo as ps
-from conftest import counterpart
+from conftest import Run, counterpart
 from phasestereo import io
 from phasestereo.result import MAPS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from conftest import Run
 
 cli = pytest.importorskip("phasestereo.cli")
 

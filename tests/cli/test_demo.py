@@ -1,11 +1,9 @@
 """The demonstration: it shows what it claims, and leaves exactly the files that it says."""
 
-from __future__ import annotations
-
 import os
 import re
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,9 +13,6 @@ from phasestereo import io
 from phasestereo.metrics import bad_pixels
 from phasestereo.views.templating import render_page
 from phasestereo_bench.demo import METHODS, Demo, run_demo, verdict, write_demo
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 for module in ("scipy", "matplotlib", "jinja2", "cyclopts", "cv2"):
     pytest.importorskip(module)
@@ -69,8 +64,7 @@ def test_same_seed_same_maps(small: Demo) -> None:
 
 def test_files_are_those_that_are_named(small: Demo, folder: Path) -> None:
     names = set(os.listdir(folder))  # noqa: PTH208 - names, hidden ones too
-    assert names == FILES
-    assert set(write_demo(small, folder)) == {folder / name for name in names}
+    assert (names, set(write_demo(small, folder))) == (FILES, {folder / name for name in names})
 
 
 def test_files_hold_what_was_computed(small: Demo, folder: Path) -> None:

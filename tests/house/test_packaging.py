@@ -1,7 +1,5 @@
 """What an installed package brings and asks for: imports, extras, types, and the files of it."""
 
-from __future__ import annotations
-
 import ast
 import re
 import shutil
@@ -9,9 +7,10 @@ import subprocess
 import sys
 import tarfile
 import tomllib
+from collections.abc import Callable, Iterator
 from importlib import import_module, metadata
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,9 +28,6 @@ from phasestereo_large import geotiff
 from phasestereo_large import xarray as labeled
 from phasestereo_large.geotiff import Georeference, read_geotiff, write_geotiff
 from phasestereo_live import rerun
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
 
 PACKAGE = ROOT / "python/phasestereo"
 FOLDERS = {
@@ -562,7 +558,6 @@ def test_what_distributions_add_is_declared_and_there() -> None:
 
 
 WRONG = """
-from __future__ import annotations
 
 import numpy as np
 

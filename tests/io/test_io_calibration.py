@@ -1,20 +1,15 @@
 """Calibrations: parsed, checked, and turned into depth."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from conftest import counterpart
 from phasestereo.io import Calibration, read_calibration, read_q
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 QUARTER = "middlebury/MiddEval3/trainingQ"
 

@@ -1,14 +1,14 @@
 """Depth maps: whole millimetres in a PNG, floats as they are, NaN where there is none."""
 
-from __future__ import annotations
-
 import os
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given as drawn
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from phasestereo.io import (
     LengthUnit,
@@ -17,11 +17,6 @@ from phasestereo.io import (
     write_depth,
     write_image,
 )
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 
 def depths() -> NDArray[np.float32]:

@@ -1,8 +1,7 @@
 """Disparity maps and ground truth: NaN in memory is each format's own mark in its files."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,9 +16,6 @@ from phasestereo.io import (
     write_image,
 )
 from test_io_pfm import floats
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 @pytest.mark.parametrize("suffix", [".pfm", ".npy", ".tif", ".TIFF"])

@@ -1,22 +1,17 @@
 """Images: the samples of a file arrive exactly, or the file is refused by name."""
 
-from __future__ import annotations
-
 import struct
 import sys
 import zlib
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from conftest import counterpart
 from phasestereo.io import read_image, write_image
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 pil, tifffile, cv2 = map(counterpart, ("PIL.Image", "tifffile", "cv2"))
 

@@ -1,9 +1,8 @@
 """PLY: what independent readers find in our files."""
 
-from __future__ import annotations
-
 import os
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,9 +11,6 @@ import phasestereo as ps
 from conftest import counterpart
 from phasestereo import PointCloud
 from phasestereo.io import Calibration, write_ply
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 def cloud(*, colored: bool, count: int = 1000) -> PointCloud:

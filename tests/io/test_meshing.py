@@ -1,20 +1,15 @@
 """Surfaces: which pixels are joined, where they lie, and what a reader of glTF finds."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import phasestereo as ps
 from conftest import counterpart
 from phasestereo.io import Calibration, write_glb
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 SHAPE = (4, 6)
 RIG = Calibration.from_focal(50, 0.2, width=6, height=4)

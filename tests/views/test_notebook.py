@@ -1,7 +1,5 @@
 """What notebooks show of a result: what it says, its pictures, and that Jupyter and marimo do."""
 
-from __future__ import annotations
-
 import asyncio
 import base64
 import io
@@ -9,21 +7,17 @@ import re
 import sys
 from dataclasses import replace
 from html.parser import HTMLParser
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import phasestereo as ps
 from conftest import counterpart
 from phasestereo.rig.blur import Blur, BlurEstimate
 from phasestereo.views.picture import NEUTRAL, colorize, limits
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
 
 pytest.importorskip("matplotlib")
 

@@ -1,7 +1,5 @@
 """The page of a pair as a file: whole or not at all, safe to open, and honest."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json
@@ -9,10 +7,12 @@ import re
 import sys
 from dataclasses import replace
 from html.parser import HTMLParser
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import phasestereo as ps
 from conftest import counterpart
@@ -25,11 +25,6 @@ from phasestereo.views.page.embedding import coding_of
 from phasestereo.views.page.facts import blur_facts, charts
 from phasestereo.views.page.layers import FLAGS, flag_kinds
 from phasestereo.views.page.scene import scene_points
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 for module in ("jinja2", "matplotlib", "PIL"):
     counterpart(module)
@@ -203,8 +198,7 @@ def test_refusals_leave_the_file_alone(
     with pytest.raises(ValueError, match=r"^path must end in \.html or \.htm, got '\.pdf'"):
         write_pair_page(tmp_path / "page.pdf", left, right, result)
 
-    assert page.read_text() == "earlier"
-    assert list(tmp_path.iterdir()) == [page]
+    assert (page.read_text(), list(tmp_path.iterdir())) == ("earlier", [page])
 
 
 @pytest.mark.parametrize("missing", ["jinja2", "matplotlib"])
@@ -239,8 +233,7 @@ def test_only_images_of_more_than_8_bits_are_stretched(tmp_path: Path, result: p
 
 
 def test_every_flag_has_a_color_of_its_own() -> None:
-    assert set(FLAGS) == set(ps.Flag)
-    assert len({color for color, _ in FLAGS.values()}) == len(ps.Flag)
+    assert (set(FLAGS), len({color for color, _ in FLAGS.values()})) == (set(ps.Flag), len(ps.Flag))
 
 
 def test_flags_have_their_shares() -> None:

@@ -1,9 +1,7 @@
 """Pictures: what each color means, and that nothing global is touched."""
 
-from __future__ import annotations
-
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,14 +9,12 @@ import pytest
 from phasestereo.views.picture import (
     NEUTRAL,
     UNSCORED,
+    Picture,
     colorize,
     disparity_picture,
     error_picture,
     panel,
 )
-
-if TYPE_CHECKING:
-    from phasestereo.views.picture import Picture
 
 pytest.importorskip("matplotlib")
 
