@@ -1,20 +1,16 @@
 """Phase codes, held to the oracle: the paper's formulas in floating point."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 import oracle
 import phasestereo as ps
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 Taper = Literal["uniform", "gaussian", "hann"]
 

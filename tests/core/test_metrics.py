@@ -1,13 +1,13 @@
 """Metrics: against numbers worked out by hand, and against a loop over pixels."""
 
-from __future__ import annotations
-
 import json
 import math
+from collections.abc import Callable
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,13 +16,8 @@ from hypothesis.extra import numpy as npst
 from phasestereo import metrics
 from phasestereo_bench.datasets import Pair
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    import numpy.typing as npt
-
-    Disparities = npt.NDArray[np.float32]
-    Measure = Callable[..., Any]
+Disparities = npt.NDArray[np.float32]
+Measure = Callable[..., Any]
 
 NAN, INF = math.nan, math.inf
 

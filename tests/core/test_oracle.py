@@ -1,19 +1,15 @@
 """The oracle against values worked out by hand, and against the most literal reading there is."""
 
-from __future__ import annotations
-
 import itertools
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 import oracle
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 THIRD = np.exp(-2j * np.pi / 3)  # one step of a transform of length 3: -1/2 - i sqrt(3)/2
 
@@ -75,10 +71,8 @@ def test_neighbors_repeat_the_edge() -> None:
 
 def test_components_come_in_the_order_of_the_paper() -> None:
     expected = [(0, 1), (1, -1), (1, 0), (1, 1), (2, -1), (2, 0), (2, 1)]
-    assert oracle.frequencies(2, 1) == expected
-    assert oracle.frequencies(0, 2) == [(0, 1), (0, 2)]
-    assert oracle.frequencies(1, 0) == [(1, 0)]
-    assert len(oracle.frequencies(4, 2)) == 4 * 5 + 2
+    assert (oracle.frequencies(2, 1), oracle.frequencies(0, 2)) == (expected, [(0, 1), (0, 2)])
+    assert (oracle.frequencies(1, 0), len(oracle.frequencies(4, 2))) == ([(1, 0)], 4 * 5 + 2)
 
 
 @pytest.mark.parametrize(("length", "r", "s"), [(3, 1, 1), (5, 2, 1), (7, 3, 2), (9, 1, 4)])
@@ -209,8 +203,7 @@ def test_circular_distance_goes_the_short_way_round() -> None:
     a = np.array([-4, -4, -4, 0])
     b = np.array([3, 0, -1, -3])
     each = [int(oracle.circular_distance(a[[i]], b[[i]], 3)) for i in range(4)]
-    assert each == [1, 4, 3, 3]
-    assert oracle.circular_distance(a, b, 3) == 11
+    assert (each, oracle.circular_distance(a, b, 3)) == ([1, 4, 3, 3], 11)
 
 
 # --- costs ---
@@ -292,9 +285,7 @@ def test_missing_votes_are_scaled_up() -> None:
     """Without the middle: (45 - 5) * 9 / 8 = 45; corner 16 * 9 / 8 = 18; 22 * 9 / 8 = 24.75."""
     valid = NINE != 5
     sums = oracle.aggregate(NINE, 3, shiftable=False, valid=valid, ceiling=9)[:, :, 0]
-    assert sums[1, 1] == 45
-    assert sums[0, 0] == 18
-    assert sums[0, 1] == 25
+    assert (sums[1, 1], sums[0, 0], sums[0, 1]) == (45, 18, 25)
 
 
 def test_scaled_votes_round_half_up_and_none_cost_the_ceiling() -> None:

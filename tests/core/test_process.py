@@ -1,7 +1,5 @@
 """A match inside a process: signals, other threads, forks, memory."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

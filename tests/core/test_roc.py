@@ -1,11 +1,11 @@
 """ROC areas: against counts of all pairs of pixels, and against small cases worked out by hand."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -15,12 +15,7 @@ from phasestereo import metrics
 from phasestereo.metrics import roc_area, sparsification
 from test_metrics import row
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    import numpy.typing as npt
-
-    Map = npt.NDArray[np.float32]
+Map = npt.NDArray[np.float32]
 
 NAN, INF = math.nan, math.inf
 

@@ -1,24 +1,20 @@
 """Threads and memory that matches share or keep: reuse, overlap, forks, pickles, what is left."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import sys
 import threading
 import time
+from collections.abc import Callable
 from inspect import signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
 import phasestereo as ps
 from test_process import run
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 RNG = np.random.default_rng(0)
 SIZES = [(40, 60), (150, 90), (3, 200), (40, 60), (1, 1), (97, 131)]
@@ -79,8 +75,7 @@ def test_a_matcher_takes_ranges_masks_and_progress(preset: str) -> None:
 
 def test_a_matcher_tells_what_it_was_made_of() -> None:
     matcher = ps.Matcher(settings=ps.Settings(uniqueness=3), window=5, threads=3)
-    assert matcher.settings == ps.Settings(uniqueness=3, window=5)
-    assert matcher.threads == 3
+    assert (matcher.settings, matcher.threads) == (ps.Settings(uniqueness=3, window=5), 3)
     assert "uniqueness=3" in repr(matcher)
     assert "threads=3" in repr(matcher)
 
