@@ -37,8 +37,7 @@ def texture(rows: int, cols: int) -> Plane:
 
 
 def measured(left: Plane, right: Plane) -> Alignment:
-    found = estimated(left, right).alignment
-    return found
+    return estimated(left, right).alignment
 
 
 def views(data: Path, name: str) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:

@@ -17,8 +17,7 @@ from phasestereo_bench.datasets import find_scene
 
 
 def compared(left: Any, right: Any) -> Contrast:
-    found = ps.check(left, right).contrast
-    return found
+    return ps.check(left, right).contrast
 
 
 @pytest.mark.parametrize(("gamma", "gain"), [(1, 1), (2, 1), (0.5, 0.4)])
