@@ -299,15 +299,6 @@ def test_costs_are_medians(small: Results) -> None:
     assert rival == ["opencv:sgbm", "e1", "4", "0.060", "60000.00", "3.0", "3000.00"]
 
 
-def test_settings_with_all_their_values(tmp_path: Path) -> None:
-    records = [
-        record("paper", 1.0),
-        record("paper", 1.0, "venus", settings={"cost": "phase", "window": [1, 2]}),
-    ]
-    table = settings_table(read_results([store(tmp_path / "a", records)]))
-    assert texts(table) == [["paper", "cost = phase, window = 9 or [1, 2]"]]
-
-
 def test_environments(tmp_path: Path) -> None:
     records = [record("paper", 1.0), record("paper", 1.0, "venus", environment="e2")]
     results = read_results([store(tmp_path / "a", records)])
@@ -391,11 +382,6 @@ def test_scenes_of_one_name_are_told_apart(tmp_path: Path) -> None:
     records = [record("paper", 1.0, "Art", collection=f"scenes2005/{size}") for size in ("A", "B")]
     table = scene_table(read_results([store(tmp_path / "a", records)]), "v2.nonocc")
     assert [row[0].text for row in table.rows[:2]] == ["scenes2005/A/Art", "scenes2005/B/Art"]
-
-
-def test_other_kinds_are_left_out(tmp_path: Path) -> None:
-    path = store(tmp_path / "a", [{"kind": "paper"}, record("paper", 1.0), {"status": "ok"}])
-    assert len(read_results([path]).cells) == 1
 
 
 def refused(tmp_path: Path, records: list[dict[str, Any]], **choice: Any) -> str:

@@ -16,11 +16,9 @@ from scipy import ndimage
 from phasestereo_bench import run_middlebury
 from phasestereo_bench.cases import SUITE_SCENES, SUITES, Case
 from phasestereo_bench.datasets import Pair, find_scene, find_scenes
-from phasestereo_bench.degradation import disk_psf
 from phasestereo_bench.rigs import FAULTS, GROUPS, QUICK_SCENES, side_of
 from phasestereo_bench.rigs.depth import DepthOfField, filled, seen_from_right
 from phasestereo_bench.rigs.geometry import Misaligned
-from phasestereo_bench.rigs.optics import annulus_psf
 from test_bench_cases import plant
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -229,39 +227,7 @@ def flat(level: int) -> Pair:
     return replace(PAIR, left=image, right=image.copy(), truth=None, masks={})
 
 
-@pytest.mark.parametrize(("name", "sigma"), [("noise 2", 2), ("noise 5", 5), ("noise 20", 20)])
-def test_noise_is_as_strong_as_it_says(name: str, sigma: float) -> None:
-    spoiled = FAULTS[name](flat(128), "left")
-    for image in (spoiled.left, spoiled.right):
-        assert image.std() == pytest.approx(np.hypot(sigma, 0.29), rel=0.01)
-        assert image.mean() == pytest.approx(128, abs=0.2)
-
-
-@pytest.mark.parametrize(("name", "share"), [("hot 0.1%", 0.001), ("hot 1%", 0.01)])
-def test_as_many_pixels_are_hot_as_it_says(name: str, share: float) -> None:
-    image = FAULTS[name](flat(128), "left").left
-    broken = (image != 128).any(axis=2)
-    assert broken.mean() == pytest.approx(share, rel=0.25)
-    assert set(np.unique(image[broken])) == {0, 255}
-    assert (image[broken] == image[broken][:, :1]).all()  # in all channels alike
-
-
-def test_dead_columns_are_where_it_says() -> None:
-    image = FAULTS["dead columns"](flat(128), "right").right
-    dead = np.nonzero((image != 128).all(axis=(0, 2)))[0]
-    np.testing.assert_array_equal(dead, np.arange(20, 300, 40))
-    assert (image[:, dead] == image[:1, dead]).all()
-
-
 # Lenses and light
-
-
-def test_a_ring_is_a_disk_without_its_middle() -> None:
-    np.testing.assert_array_equal(annulus_psf(6, 0), disk_psf(6))
-    ring = annulus_psf(6, 3)
-    assert ring.sum() == pytest.approx(1)
-    assert ring[6, 6] == ring[6, 8] == 0 < ring[6, 10]
-    np.testing.assert_array_equal(ring, ring.T)
 
 
 def test_maps_are_filled_from_behind() -> None:

@@ -167,10 +167,6 @@ def test_memory_is_that_of_the_match(pair: GrayPair) -> None:
     assert theirs["result_bytes"] == 2 * pair.left.size
 
 
-def test_memory_says_why_it_is_not_known(pair: GrayPair) -> None:
-    assert memory.memory_of("nobody", pair, threads=1) == {"error": "KeyError: 'nobody'"}
-
-
 # Records
 
 

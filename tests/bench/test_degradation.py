@@ -50,7 +50,8 @@ def direct(image: Plane, psf: Plane) -> Plane:
 
 @pytest.mark.parametrize("psf", KERNELS, ids=lambda psf: str(psf.shape[0]))
 def test_kernels_are_square_odd_normalized_and_point_symmetric(psf: Plane) -> None:
-    assert (psf.dtype, psf.shape[0], psf.shape[0] % 2) == (np.float64, psf.shape[1], 1)
+    assert psf.dtype == np.float64
+    assert (psf.shape[0], psf.shape[0] % 2) == (psf.shape[1], 1)
     assert psf.sum() == pytest.approx(1, abs=1e-12)
     assert (psf >= 0).all()
     np.testing.assert_allclose(psf, psf[::-1, ::-1], atol=1e-12)
@@ -124,7 +125,7 @@ def test_direct_and_transformed_sums_agree(monkeypatch: pytest.MonkeyPatch) -> N
 
 @pytest.mark.parametrize(("dtype", "white"), [(np.uint8, 255), (np.uint16, 65535)])
 def test_contrast_is_the_formula_at_every_level(dtype: type, white: int) -> None:
-    levels = (np.arange(256) * (white // 255)).astype(dtype).reshape(16, 16)
+    levels: NDArray[Any] = (np.arange(256) * (white // 255)).astype(dtype).reshape(16, 16)
     expected = np.rint(white * 0.6 * (levels / white) ** 1.5)
     np.testing.assert_array_equal(dg.Degradation(gamma=1.5, gain=0.6)(levels), expected)
     np.testing.assert_array_equal(
@@ -183,7 +184,8 @@ def test_every_degradation_keeps_shape_dtype_and_input(
         degrade = dg.Degradation(dg.motion_psf(11, 20), gamma=1.5, gain=0.6, noise=1)
         result = degrade(image)
 
-        assert (result.shape, result.dtype) == (image.shape, dtype)
+        assert result.shape == image.shape
+        assert result.dtype == dtype
         assert not np.shares_memory(result, image)
         np.testing.assert_array_equal(image, before)
 

@@ -68,7 +68,8 @@ def test_shapes_types_and_ranges(pair: Pair) -> None:
         assert image.dtype == np.uint8
 
     for truth in (pair.truth, pair.truth_right):
-        assert (truth.shape, truth.dtype) == (size, np.float32)
+        assert truth.shape == size
+        assert truth.dtype == np.float32
         assert truth.min() > 1
         assert truth.max() <= SIZE["num_disparities"] - 2
 
@@ -197,23 +198,6 @@ def test_windows_miss_nothing_that_is_seen(shape: Shape, side: int, camera: Came
     low, high = shape.corners().min(axis=0) - 1e-6, shape.corners().max(axis=0) + 1e-6
     points = np.stack([x, y, z], axis=-1)[np.isfinite(whole)]
     assert ((points >= low) & (points <= high)).all()
-
-
-@pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: type(shape).__name__)
-def test_normals_are_unit_and_face_the_way_the_surface_turns(shape: Shape, camera: Camera) -> None:
-    rays = camera.rays(np.arange(80.0)[None], np.arange(60.0)[:, None], LEFT)
-    depth, _ = cast([shape], rays, windows([shape], camera, LEFT), 0)
-
-    met = np.isfinite(depth[:-1, :-1]) & np.isfinite(depth[1:, :-1]) & np.isfinite(depth[:-1, 1:])
-    points = np.stack(rays.at(np.where(np.isfinite(depth), depth, 1.0)), axis=-1)
-    across, along = points[:-1, 1:] - points[:-1, :-1], points[1:, :-1] - points[:-1, :-1]
-    turned = np.cross(across, along)[met]
-    turned /= np.linalg.norm(turned, axis=1, keepdims=True)
-
-    chart = shape.chart(*points[:-1, :-1][met].T)
-    normal = np.stack(np.broadcast_arrays(*chart.normal), axis=-1)
-    np.testing.assert_allclose((normal**2).sum(axis=-1), 1, rtol=1e-9)
-    assert np.median(abs((turned * normal).sum(axis=1))) > 0.99
 
 
 @pytest.mark.parametrize(

@@ -436,16 +436,6 @@ def test_keys_do_what_the_mouse_does(opened: Browser) -> None:
     press(opened, stage, "f")
 
 
-def test_a_layer_just_clicked_leaves_the_space_bar(opened: Browser) -> None:
-    look_at(opened, "left")
-    for view in ("right", "left"):
-        opened.driver.switch_to.active_element.send_keys(" ")
-        assert opened.run("return state.view") == view
-    opened.run("document.getElementById('swap').focus()")
-    opened.driver.switch_to.active_element.send_keys(" ")  # presses it, and once
-    assert opened.run("return state.view") == "right"
-
-
 def test_zoom_and_drag_keep_pixels_under_the_pointer(opened: Browser) -> None:
     hover(opened, 36, 9)
     opened.run("stage.zoomBy(4, [36.5, 9.5])")

@@ -55,13 +55,6 @@ def test_phase_codes_make_at_most_half_of_the_errors(seed: int) -> None:
     assert outcomes["sgbm"].sharp.bad < 10
 
 
-def test_same_seed_same_maps(small: Demo) -> None:
-    again = run_demo(3, height=90, width=120, num_disparities=16)
-    np.testing.assert_array_equal(again.degraded, small.degraded)
-    for one, other in zip(again.outcomes, small.outcomes, strict=True):
-        np.testing.assert_array_equal(one.degraded.disparity, other.degraded.disparity)
-
-
 def test_files_are_those_that_are_named(small: Demo, folder: Path) -> None:
     names = set(os.listdir(folder))  # noqa: PTH208 - names, hidden ones too
     assert (names, set(write_demo(small, folder))) == (FILES, {folder / name for name in names})

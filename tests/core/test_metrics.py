@@ -105,11 +105,6 @@ def test_an_outlier_of_kitti_is_off_by_3_px_and_5_percent(
     assert metrics.score(estimates, truths).d1 == 50.0 * outlier
 
 
-def test_end_point_error_is_over_pixels_that_have_both() -> None:
-    assert metrics.end_point_error(ESTIMATE, TRUTH) == pytest.approx(9.25 / 6)
-    assert metrics.end_point_error(ESTIMATE, TRUTH, where(*[0] * 5, *[1] * 5)) == 5.0
-
-
 def test_without_a_single_estimate_all_is_bad_and_no_error_is_made_up() -> None:
     score = metrics.score(row(NAN, NAN), row(1, 2), num_disparities=4)
     assert (score.bad_4, score.invalid, score.d1) == (100.0, 100.0, 100.0)

@@ -134,10 +134,6 @@ def test_a_name_that_is_not_there_is_reported() -> None:
 # Dependencies
 
 
-def test_numpy_is_the_one_dependency() -> None:
-    assert [Requirement(line).name for line in PROJECT["dependencies"]] == ["numpy"]
-
-
 def test_the_installed_package_asks_for_numpy_alone() -> None:
     try:
         lines = metadata.requires("phasestereo") or []

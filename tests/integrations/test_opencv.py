@@ -405,39 +405,6 @@ def test_the_parameters_of_the_sample_make_better_maps_than_with_opencv(
         assert errors[0] < 0.97 * errors[1], name
 
 
-def test_depth_by_opencv(pair: Pair) -> None:
-    camera, truth = pair.calibration, pair.truth
-
-    cx, cy = camera.cam0[0][2], camera.cam0[1][2]
-    q = np.array(
-        [
-            [1, 0, 0, -cx],
-            [0, 1, 0, -cy],
-            [0, 0, 0, camera.focal],
-            [0, 0, 1 / camera.baseline, camera.doffs / camera.baseline],
-        ]
-    )
-
-    disparity = StereoPhase_create(0, COUNT).compute(bgr(pair.left), bgr(pair.right))
-    points = cv2.reprojectImageTo3D(disparity.astype(np.float32) / 16, q)
-    depth, expected = points[:, :, 2], camera.depth(truth)
-
-    found = pair.masks["nonocc"] & (disparity > disparity.min())
-    assert found.mean() > 0.6
-
-    error = np.abs(depth / expected - 1)[found]
-    assert np.median(error) < 0.005
-    assert (error < 0.05).mean() > 0.95
-
-    rows, cols = np.mgrid[: depth.shape[0], : depth.shape[1]]
-    np.testing.assert_allclose(
-        points[:, :, 0][found], ((cols - cx) * depth / camera.focal)[found], rtol=1e-4, atol=1e-3
-    )
-    np.testing.assert_allclose(
-        points[:, :, 1][found], ((rows - cy) * depth / camera.focal)[found], rtol=1e-4, atol=1e-3
-    )
-
-
 # --- the right image and the WLS filter ---
 
 

@@ -59,7 +59,7 @@ def result() -> ps.Result:
 
 def pixels(image: AxesImage) -> NDArray[np.uint8]:
     """Return the colors of an image's data."""
-    drawn: NDArray[np.uint8] = image.to_rgba(image.get_array(), bytes=True)  # type: ignore[arg-type]  # matplotlib's annotations want no masked array, its code does
+    drawn: NDArray[np.uint8] = image.to_rgba(image.get_array(), bytes=True)
     return drawn[:, :, :3]
 
 
