@@ -1,6 +1,7 @@
 """The paper's experiments: what is blurred, chosen and claimed, and a small run of it all."""
 
 import csv
+import json
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,6 +12,7 @@ import pytest
 
 from phasestereo.settings import PRESETS
 from phasestereo_bench.paper import judge_claims, load_pairs, run_study
+from phasestereo_bench.paper import study as studies
 from phasestereo_bench.paper.claims import CLAIMS, SETUPS, ClaimCase, ClaimVerdict, cases, lines
 from phasestereo_bench.paper.experiments import (
     AREAS,
@@ -373,6 +375,29 @@ def test_page_has_a_verdict_on_every_claim_and_all_tables(study: Study, folder: 
 
     for name in re.findall(r"\]\((\S+)\)", page):
         assert (folder / name).is_file()
+
+
+def test_a_failed_cell_is_reported_and_the_others_kept(
+    middlebury: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pairs = load_pairs(middlebury)
+    good = PaperCell("tsukuba", SHARP, SAD.settings(window=7, penalty=10))
+    bad = replace(good, scene="cones")
+    whole = studies.score_cell
+
+    def score(folder: str, cell: PaperCell) -> object:
+        if cell == bad:
+            raise MemoryError("no room")
+        return whole(folder, cell)
+
+    monkeypatch.setattr(studies, "score_cell", score)
+
+    with pytest.raises(RuntimeError, match=r"1 of 2 cells failed.*MemoryError: no room"):
+        measure([good, bad, good], pairs, tmp_path / "results.jsonl", workers=0)
+
+    lines = [json.loads(line) for line in (tmp_path / "results.jsonl").read_text().splitlines()]
+    kept = [line["scene"] for line in lines if line.get("status") == "ok"]
+    assert kept == ["tsukuba"]
 
 
 def test_another_pair_of_the_same_name_is_another_cell(middlebury: Path) -> None:

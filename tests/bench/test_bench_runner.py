@@ -156,6 +156,13 @@ def test_what_json_does_not_take_fails_its_cell(store: Path, workers: int) -> No
     assert good["value"] == read_store(store)[2]["value"] == "é\n\x85\u2028"
 
 
+def test_what_cannot_be_sent_fails_its_cell(store: Path) -> None:
+    jobs = [job("bad", lambda: {"a": 1}), job("good", square, number=3)]
+    bad, good = run_jobs(jobs, store, workers=1)
+    assert "lambda" in bad["error"]
+    assert good["status"] == "ok"
+
+
 def test_a_process_that_dies_fails_its_cell(store: Path) -> None:
     jobs = [
         job("killed", kill),

@@ -65,3 +65,9 @@ def test_the_command_prints_a_table(run_bench: Callable[..., Run], data: Path) -
     assert "wrong refuted" in " ".join(out.split())
     assert "tsukuba" not in out
     assert "sharp" in out
+
+
+def test_the_command_names_conditions_that_there_are(run_bench: Callable[..., Run]) -> None:
+    code, _, err = run_bench("verify", "nowhere", "--condition", "fog")
+    assert code == 2
+    assert "--condition: got 'fog'; accepts sharp, disk 6" in err
