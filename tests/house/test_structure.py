@@ -83,8 +83,8 @@ BOUNDS = {
     "public names": 112,
     "words of documentation": 22_500,
     "lines of Rust": 27_700,
-    "lines of tests": 26_500,
-    "statements of tests": 19_080,
+    "lines of tests": 26_560,
+    "statements of tests": 19_120,
 }
 
 
