@@ -68,7 +68,7 @@ def test_impulses_are_repaired_as_by_the_oracle() -> None:
     heights = 20.0, 3.5
     versions = ps.BlurCompensation(noise=(1, 1), impulses=heights)
 
-    found = ps.cost_volume(left, right, **SEARCH, blur_compensation=versions)
+    found = ps.cost_volume(left, right, **SEARCH, known=ps.Known(blur_compensation=versions))
 
     repaired = [
         np.floor(oracle.without_impulses(image.astype(float), height)).astype(np.uint8)
@@ -91,7 +91,7 @@ def test_images_are_smoothed_as_by_the_oracle(dtype: type[np.generic]) -> None:
     deviations = 5.0 * unit, 9.0 * unit
     versions = ps.BlurCompensation(noise=(1, 1), smoothing=deviations)
 
-    found = ps.cost_volume(left, right, **SEARCH, blur_compensation=versions)
+    found = ps.cost_volume(left, right, **SEARCH, known=ps.Known(blur_compensation=versions))
 
     smoothed = [
         oracle.guided_filter(oracle.to_gray(image), deviation)
@@ -110,7 +110,9 @@ def test_images_are_smoothed_as_by_the_oracle(dtype: type[np.generic]) -> None:
 def test_smoothing_comes_before_the_kernels() -> None:
     kernel = np.full((3, 3), 1 / 9)
     versions = ps.BlurCompensation(noise=(1, 1), smoothing=(8, 8), kernels=[(kernel, None)])
-    found = ps.cost_volume(SCENE.left, SCENE.right, **SEARCH, blur_compensation=versions)
+    found = ps.cost_volume(
+        SCENE.left, SCENE.right, **SEARCH, known=ps.Known(blur_compensation=versions)
+    )
     smoothed = [oracle.guided_filter(oracle.to_gray(i), 8) for i in (SCENE.left, SCENE.right)]
     expected = ps.cost_volume(oracle.convolve(smoothed[0], kernel), smoothed[1], **SEARCH)
     assert np.abs(found.astype(int) - expected).mean() < 0.06
@@ -233,7 +235,9 @@ def test_estimates_of_a_stream_are_taken_over_with_impulses() -> None:
     first = matcher.match(*spoilt, **SEARCH)
     assert first.blur is not None
 
-    again = matcher.match(*(noisy(image, 0.3, 9) for image in spoilt), **SEARCH, before=first)
+    again = matcher.match(
+        *(noisy(image, 0.3, 9) for image in spoilt), **SEARCH, known=ps.Known(before=first)
+    )
     assert again.blur is not None
     assert again.blur.reused
     assert again.blur.impulses == first.blur.impulses == (20, 20)

@@ -99,7 +99,7 @@ def assert_equals_the_oracle(
     if masks is not None:
         options |= {"left_mask": masks[0], "right_mask": masks[1]}
     if settings.noise_threshold:
-        options["noise"] = NOISE
+        options["known"] = ps.Known(noise=NOISE)
 
     result = ps.match(*pair, settings=settings, **options)
 

@@ -86,7 +86,7 @@ def test_a_matcher_tells_what_it_was_made_of() -> None:
         assert ours[name] == theirs[name]
 
     ours = signature(ps.Matcher.match).parameters
-    of_videos = {"self", "before", "temporal_filter"}
+    of_videos = {"self", "temporal_filter"}
     assert {*ours, *signature(ps.Matcher).parameters} == {*of_videos, *theirs}
     for name in set(ours) - of_videos:
         assert ours[name] == theirs[name]

@@ -32,7 +32,9 @@ CASES: dict[str, tuple[dict[str, Any], str, bool, slice | None]] = {
     "robust": ({}, "uint8", False, None),
     "robust areas": ({}, "uint16", False, slice(150, None)),
     "robust soft masked floats": ({}, "float32", True, slice(0, None)),
-    "robust, noise given": ({"noise": (0.5, 1.0), "min_disparity": -3}, "float64", True, None),
+    "robust, noise given": (
+        {"known": ps.Known(noise=(0.5, 1.0)), "min_disparity": -3}, "float64", True, None
+    ),
     "paper": ({"preset": "paper"}, "uint8", False, None),
     "paper masked": ({"preset": "paper"}, "uint16", True, None),
     "paper floats": ({"preset": "paper", "min_confidence": 0.3}, "float32", True, None),
@@ -280,8 +282,8 @@ print(json.dumps([memory("VmHWM") - before, expected]))
 @pytest.mark.parametrize(
     ("rows", "cols", "count", "dtype", "options"),
     [
-        (600, 1500, 32, "uint8", {"noise": 1.0}),
-        (64, 1000, 800, "float32", {"noise": 1.0}),
+        (600, 1500, 32, "uint8", {"known": ps.Known(noise=1.0)}),
+        (64, 1000, 800, "float32", {"known": ps.Known(noise=1.0)}),
         (300, 1000, 64, "float64", {"preset": "fast"}),
         (100, 1000, 128, "uint16", {"preset": "paper"}),
     ],

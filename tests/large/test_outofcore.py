@@ -99,7 +99,7 @@ def test_the_map_is_that_of_the_whole_pair(
 SETTINGS: dict[str, dict[str, Any]] = {
     "robust": {},
     "robust so": {"optimizer": "so"},
-    "robust, noise given": {"noise": 1.0, "speckle_size": 9, "precision": "full"},
+    "robust, noise given": {"known": ps.Known(noise=1.0), "speckle_size": 9, "precision": "full"},
     "paper": {"preset": "paper"},
     "paper sgm": {"preset": "paper", "optimizer": "sgm", "min_disparity": -3},
     "fast": {"preset": "fast"},
@@ -624,11 +624,12 @@ def test_disparities_beyond_the_sample_are_searched(
 
 
 def test_numbers_of_numpy_are_numbers(pair: tuple[NDArray[np.uint8], ...]) -> None:
-    given: dict[str, Any] = {"num_disparities": np.int64(COUNT), "noise": np.float32(2)}
+    given: dict[str, Any] = {"num_disparities": np.int64(COUNT)}
+    given["known"] = ps.Known(noise=np.float32(2))  # type: ignore[arg-type]  # the point
     given["window"] = np.int64(7)
     with pytest.raises(EndingError):
         match(progress=end_after(2), bands=np.array([1]), **given)
-    report = match(bands=[1], num_disparities=COUNT, noise=2.0, window=7)
+    report = match(bands=[1], num_disparities=COUNT, known=ps.Known(noise=2.0), window=7)
     assert report.plan.finished == 2
     np.testing.assert_array_equal(np.load("out.npy"), ps.match(*pair, **given).disparity)
 

@@ -238,7 +238,7 @@ def test_what_an_iterable_raises_passes() -> None:
         ({"on_error": 1}, TypeError, "on_error: got int"),
         ({"layout": "both"}, ValueError, "layout: got 'both'"),
         ({"left_mask": np.ones((3, 3), bool)}, ValueError, "left_mask: got shape"),
-        ({"noise": -1.0}, ValueError, "noise: got"),
+        ({"known": 1.0}, TypeError, "known: got float"),
     ],
 )
 def test_wrong_arguments_are_refused_at_once(
@@ -370,7 +370,9 @@ def test_a_matcher_reuses_what_it_is_given_and_nothing_else() -> None:
     matcher = ps.Matcher()
     first = matcher.match(*soft(0, blurred=True), num_disparities=COUNT)
     second = matcher.match(*soft(1, blurred=True), num_disparities=COUNT)
-    third = matcher.match(*soft(1, blurred=True), num_disparities=COUNT, before=first)
+    third = matcher.match(
+        *soft(1, blurred=True), num_disparities=COUNT, known=ps.Known(before=first)
+    )
 
     assert first.blur is not None
     assert second.blur is not None

@@ -21,7 +21,7 @@ from phasestereo._numbers import as_integer
 from phasestereo.io.files import decoding, read_bounded, replacing
 from phasestereo.io.limits import STATISTICS
 from phasestereo.io.npz import decode_arrays
-from phasestereo.rig.alignment import Alignment, Field, applied_field
+from phasestereo.rig.alignment import Alignment
 from phasestereo.rig.blur import Blur, BlurEstimate
 from phasestereo.rig.compensation import BlurCompensation
 from phasestereo.rig.findings import Finding, Severity
@@ -94,11 +94,6 @@ class PairStatistics:
     roughness: tuple[int, int] | None = None
     tally: tuple[int, int, int, int, int] | None = None
     findings: tuple[Finding, ...] = ()
-
-    @property
-    def field(self) -> Field | None:
-        """The field that the right image is straightened by, as the core takes it."""
-        return applied_field(self.alignment)
 
     @property
     def is_inverted(self) -> bool:
@@ -253,8 +248,6 @@ def _put_blur(estimate: BlurEstimate, plain: Plain, arrays: Arrays) -> None:
     plain["blurs"] = [blur.as_dict() for blur in estimate.blurs]
 
     arrays["blur_labels"] = estimate.labels
-    if estimate.glance is not None:
-        arrays["blur_places"], arrays["blur_excess"] = estimate.glance
     for number, blur in enumerate(estimate.blurs):
         if blur.psf is not None:
             arrays[f"psf_{number}"] = blur.psf
@@ -266,10 +259,7 @@ def _blur(plain: Plain, arrays: Mapping[str, NDArray[Any]]) -> BlurEstimate:
     kinds = enumerate(plain["blurs"])
     blurs = tuple(_kind(kind, arrays, f"psf_{number}") for number, kind in kinds)
     numbers = plain["blur"] | {name: tuple(plain["blur"][name]) for name in _BOTH}
-
-    is_seen = "blur_places" in arrays
-    glance = (arrays["blur_places"], arrays["blur_excess"]) if is_seen else None
-    return BlurEstimate(blurs=blurs, labels=arrays["blur_labels"], glance=glance, **numbers)
+    return BlurEstimate(blurs=blurs, labels=arrays["blur_labels"], **numbers)
 
 
 def _kind(plain: Plain, arrays: Mapping[str, NDArray[Any]], psf: str) -> Blur:

@@ -27,6 +27,7 @@ from phasestereo.cli.trust import unwarned
 from phasestereo.io import read_calibration
 from phasestereo.io.folders import folders_of
 from phasestereo.io.pair import Layout
+from phasestereo.known import Known
 from phasestereo.settings import PRESET, PRESETS, Settings, resolve
 from phasestereo_live.cli.outputs import FrameSink, LiveOutputs, Writers
 from phasestereo_live.cli.recordings import Messages, Topics
@@ -141,6 +142,7 @@ def live(
 
     with refusals(options=_OPTIONS):
         settings = resolve(preset, None, overrides or {})
+        known = Known(noise=noise)
     disparities = min_disparity, num_disparities
     outputs.check(_files(places), (min_disparity, num_disparities or 1), shown=way is not None)
 
@@ -156,7 +158,7 @@ def live(
         "min_disparity": min_disparity,
         "settings": settings,
         "threads": threads,
-        "noise": noise,
+        "known": known,
         "on_error": tally.fail,
         "patience": PATIENCE if way is None else None,  # who looks plugs it in again
     }
