@@ -85,8 +85,8 @@ BOUNDS = {
     "public names": 113,
     "words of documentation": 22_500,
     "lines of Rust": 27_700,
-    "lines of tests": 26_560,
-    "statements of tests": 19_120,
+    "lines of tests": 26_700,
+    "statements of tests": 19_190,
 }
 
 
