@@ -136,23 +136,6 @@ def test_fat_outlines_become_thin(side: str, dtype: type[np.generic]) -> None:
     np.testing.assert_array_equal(after.flags, before.flags)
 
 
-def test_a_darker_soft_image_changes_little() -> None:
-    (left, right), versions = soft("right")
-    darker = np.rint(0.6 * right + 40).astype(np.uint8)
-    options: dict[str, Any] = {
-        **SEARCH,
-        "known": ps.Known(blur_compensation=versions),
-        "neighborhood": 5,
-        "window": 7,
-        "align_rows": False,
-        "sizes": 1,
-    }
-
-    before = ps.match(left, darker, **options, synthesis=False)
-    after = ps.match(left, darker, **options)
-    assert wrong(after.disparity) < 0.85 * wrong(before.disparity)
-
-
 def test_without_blur_nothing_changes() -> None:
     for noise in (None, 1.0):
         options: dict[str, Any] = {**SEARCH, "known": ps.Known(noise=noise)}

@@ -86,7 +86,8 @@ BOUNDS = {
     "public names": 113,
     "words of documentation": 22_500,
     "lines of Rust": 27_700,
-    "lines of tests": 28_500,
+    "lines of tests": 26_700,
+    "statements of tests": 19_190,
 }
 
 
@@ -243,6 +244,16 @@ def lines(folder: str, pattern: str) -> list[str]:
     return [line for line in every if line.strip()]
 
 
+def statements_of_tests() -> list[str]:
+    """Return the file of each statement of the tests."""
+    return [
+        path.name
+        for path in sorted((ROOT / "tests").rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.stmt)
+    ]
+
+
 FIGURES: dict[str, Callable[[], list[str]]] = {
     "files in a circle of imports": in_a_circle,
     "imports of the same or a higher floor": not_down,
@@ -254,6 +265,7 @@ FIGURES: dict[str, Callable[[], list[str]]] = {
     "words of documentation": words,
     "lines of Rust": partial(lines, "rust", "*.rs"),
     "lines of tests": partial(lines, "tests", "*.py"),
+    "statements of tests": statements_of_tests,
 }
 
 

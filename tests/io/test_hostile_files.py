@@ -1,26 +1,20 @@
 """Small files that claim much, and files without an end, are refused at once and by name."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
 import hostile
-from conftest import ENVIRONMENT, counterpart
+from conftest import ENVIRONMENT, Run, counterpart
 from phasestereo_large import outofcore
 from phasestereo_large.geotiff import read_geotiff, write_geotiff
 from phasestereo_large.windows import open_raster
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from conftest import Run
 
 for _module in ("PIL", "tifffile", "rasterio", "cv2", "yaml"):
     counterpart(_module)

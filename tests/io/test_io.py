@@ -1,14 +1,13 @@
 """Files: named when they cannot be read, and written whole or not at all."""
 
-from __future__ import annotations
-
 import errno
 import struct
 import subprocess
 import sys
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,9 +28,6 @@ from phasestereo.io import (
     write_ply,
 )
 from phasestereo_large.geotiff import write_geotiff
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 READERS: dict[str, Callable[[Path], Any]] = {
     "read_image": read_image,

@@ -413,30 +413,6 @@ def test_the_number_of_threads_changes_nothing() -> None:
     np.testing.assert_array_equal(one.blur.psf, four.blur.psf)
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (63, 64), (64, 63), (1, 300)])
-def test_small_images_tell_nothing(shape: tuple[int, int]) -> None:
-    image = np.random.default_rng(0).integers(0, 256, shape, np.uint8)
-    silent(ps.estimate_blur(image, image), max(shape))
-
-
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32, np.float64])
-def test_images_without_contrast_tell_nothing(dtype: type[np.generic]) -> None:
-    flat = np.full((90, 100), 50, dtype)
-    silent(ps.estimate_blur(flat, flat), 100)
-    silent(ps.estimate_blur(flat, scene()[:90, :100].astype(dtype)), 100)
-
-
-def test_masked_images_tell_nothing() -> None:
-    left, right = shots(disk_psf(3))
-    silent(ps.estimate_blur(left, right, left_mask=np.zeros(SIZE, bool)), max(SIZE))
-
-
-def silent(found: ps.BlurEstimate, tile: int) -> None:
-    assert [blur.kind for blur in found.blurs] == ["none"]
-    assert (found.certainty, found.contrast, found.tile) == (0, 1, tile)
-    assert found.labels.tolist() == [[0]]
-
-
 GOOD = scene()
 
 

@@ -13,7 +13,7 @@ import pytest
 import phasestereo as ps
 import phasestereo_live as live
 from conftest import counterpart
-from phasestereo.io import Calibration, read_image, write_image
+from phasestereo.io import Calibration, read_image
 from rigs import SIZE, cv2, euroc, euroc_frames, made_up, of_opencv, turned
 
 if TYPE_CHECKING:
@@ -310,12 +310,6 @@ def test_files_that_are_no_calibration(tmp_path: Path, content: bytes) -> None:
     with pytest.raises(ValueError, match=r"rig\.yml: ") as raised:
         rectified(path)
     assert "\n" not in str(raised.value)
-
-
-def test_an_image_is_no_calibration(tmp_path: Path) -> None:
-    write_image(tmp_path / "left.png", PAIR[0])
-    with pytest.raises(ValueError, match=r"left\.png: no calibration; accepts OpenCV's"):
-        rectified(tmp_path / "left.png")
 
 
 @pytest.mark.parametrize(("change", "message"), [

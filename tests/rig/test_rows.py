@@ -163,23 +163,6 @@ def test_parts_of_a_crooked_pair_are_those_of_the_whole(dtype: str) -> None:
     assert around > large.halo(statistics.settings, statistics.blur_compensation)
 
 
-def test_what_was_found_travels(tmp_path: Path) -> None:
-    shot = np.random.default_rng(0).integers(0, 256, (120, 160), np.uint8)
-    statistics = large.pair_statistics(
-        lambda a, b: (shot[a:b, :-9], shot[a:b, 9:], None, None), (120, 151)
-    )
-    statistics.save(tmp_path / "statistics.npz")
-    again = importlib_load(tmp_path / "statistics.npz")
-    assert again.alignment == statistics.alignment
-    assert again.search == statistics.search
-
-
-def importlib_load(path: Path) -> large.PairStatistics:
-    from phasestereo_large.bands import load as load_statistics  # noqa: PLC0415  (a name that is taken)
-
-    return load_statistics(path)
-
-
 # --- ranges ---
 
 
