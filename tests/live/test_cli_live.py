@@ -269,7 +269,7 @@ def test_full_disk_ends_the_run_and_keeps_what_there_is(
     [
         ("video.mkv --json --save-to .", WRONG, "--save-to: has no effect without --show"),
         ("video.mkv --save-to none", FAILED, "--save-to: none is no folder"),
-        ("video.mkv --show=tv", WRONG, "--show"),
+        ("video.mkv --show=window", WRONG, "--show"),
         ("--json", WRONG, "SOURCE is missing"),
         ("video.mkv --cameras 0 1 --json", WRONG, "--cameras: stands in place of SOURCE"),
         ("--cameras 0 1 2 --json", WRONG, "--cameras: got 0 1 2; accepts one or two"),

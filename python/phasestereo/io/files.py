@@ -60,6 +60,21 @@ def read_bounded(file: BinaryIO, most: int) -> bytes:
     return content
 
 
+def check_head(path: StrPath, head: bytes) -> None:
+    """Refuse what is not a regular file that begins so, before a library opens it by its name.
+
+    Raises
+    ------
+    OSError
+        If it cannot be opened, or is no regular file.
+    ValueError
+        If it begins otherwise.
+    """
+    with open_regular(path) as file:
+        if file.read(len(head)) != head:
+            raise ValueError(f"{os.fspath(path)}: does not begin with {head!r}, as its kind does")
+
+
 @contextmanager
 def decoding(path: StrPath) -> Iterator[BinaryIO]:
     """Open a file to decode it; what a decoder raises on bad content becomes a ValueError.
@@ -88,8 +103,10 @@ def named(name: str) -> Iterator[None]:
     """
     try:
         yield
-    except (ImportError, MemoryError):
+    except ImportError:
         raise
+    except MemoryError as error:
+        raise ValueError(f"{name}: asks for more memory than there is") from error
     except Exception as error:  # decoders of damaged files raise anything, SyntaxError included
         if is_of_the_system(error):
             raise
