@@ -436,8 +436,10 @@ def test_no_command_line_and_no_environment_has_a_secret(
     seen: list[str] = []
 
     def visit(url: str) -> None:
-        waiting = [sys.executable, "-c", "input()", url]
-        browsers.append(subprocess.Popen(waiting, stdin=subprocess.PIPE))  # noqa: S603 - our own
+        waiting = [sys.executable, "-c", "print(flush=True); input()", url]
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+        browsers.append(subprocess.Popen(waiting, **pipes))  # type: ignore[call-overload]  # noqa: S603
+        browsers[0].stdout.readline()  # type: ignore[union-attr]  # it runs
         home = Path("/proc") / str(browsers[0].pid)
         seen.extend((home / name).read_text() for name in ("cmdline", "environ"))
         link = Path(url.removeprefix("file://"))

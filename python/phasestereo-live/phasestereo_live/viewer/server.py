@@ -121,6 +121,7 @@ def _leading_to(address: str) -> bytes:
     """Return a page that leads to another one."""
     return (
         '<!doctype html><html lang="en"><meta charset="utf-8"><title>phasestereo</title>'
+        '<link rel="icon" href="data:,">'
         f'<meta http-equiv="refresh" content="0; url={address}">'
         f'<a href="{address}">phasestereo</a></html>'
     ).encode()
@@ -131,6 +132,7 @@ class _Listener(ThreadingHTTPServer):
 
     daemon_threads = True
     block_on_close = False
+    request_queue_size = 128
 
     def __init__(self, *given: Any) -> None:
         self._lock = Lock()
