@@ -348,7 +348,7 @@ def test_missing_camera_is_refused() -> None:
         (1, 1, None, ValueError, "right: got camera 1, which is the left one"),
         ("a.mkv", "a.mkv", "top-bottom", ValueError, "layout: got 'top-bottom' beside right"),
         ("a.mkv", None, "left-right", ValueError, "layout: got 'left-right'; accepts"),
-        ("a.mkv", ".", None, TypeError, "right: got a folder and a file"),
+        ("a.mkv", ".", None, ValueError, "right: got . beside a.mkv, a folder and a file"),
     ],
 )
 def test_other_sources_are_refused(

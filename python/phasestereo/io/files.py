@@ -54,10 +54,10 @@ def read_bounded(file: BinaryIO, most: int) -> bytes:
     ValueError
         If it has more than so many bytes.
     """
-    content = file.read(most + 1) if os.fstat(file.fileno()).st_size <= most else None
-    if content is None or len(content) > most:
+    size = os.fstat(file.fileno()).st_size
+    if size > most:
         raise ValueError(f"has more than the {most} bytes that such a file is read to")
-    return content
+    return file.read(size)  # which takes as much memory as it is asked for
 
 
 def check_head(path: StrPath, head: bytes) -> None:
