@@ -25,6 +25,7 @@ from phasestereo_live.cli.outputs import FrameSink, LiveOutputs, Writers
 from phasestereo_live.cli.recordings import Messages, Topics
 from phasestereo_live.cli.show import ClosedError, Screen, Showing, serve
 from phasestereo_live.cli.tally import Tally
+from phasestereo_live.ros.bags import RecordingWriter
 from phasestereo_live.ros.recordings import Recording
 from phasestereo_live.video.cameras import PATIENCE
 from phasestereo_live.video.decoding import is_address
@@ -201,7 +202,7 @@ def _run(
     frames: Stream,
     outputs: LiveOutputs,
     tally: Tally,
-    sink: Callable[[ExitStack, Path], FrameSink] | None,
+    sink: Callable[[RecordingWriter], FrameSink] | None,
     screen: Screen | None,
 ) -> None:
     """Match, write and show all frames, or those until Ctrl-C or the end of the show."""
