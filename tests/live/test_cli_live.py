@@ -253,7 +253,7 @@ def test_full_disk_ends_the_run_and_names_the_file(more: str) -> None:
     done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
     name = more.split()[1] % 0 if "%" in more else "o.mp4"
     assert done.returncode == FAILED, done.stderr
-    assert f"phasestereo: error: {name}: File too large" in done.stderr
+    assert done.stderr.startswith(f"phasestereo: error: {name}: ")
     assert "wrote" not in done.stdout
 
 
@@ -364,17 +364,17 @@ def test_interrupt_lets_the_frame_be_written(
 ) -> None:
     written = []
 
-    def write(path: str, disparity: NDArray[np.float32]) -> None:
-        if path == "m/2.pfm":
+    def write(path: Path, disparity: NDArray[np.float32]) -> None:
+        if path.name == "2.pfm":
             signal.raise_signal(signal.SIGINT)
         io.write_disparity(path, disparity)
-        written.append(path)
+        written.append(path.name)
 
     monkeypatch.setattr("phasestereo_live.cli.outputs.write_disparity", write)
     with pytest.raises(KeyboardInterrupt):
         run("live", "video.mkv", *SEARCH, "--frames", "m/%d.pfm", "-o", "o.mp4")
 
-    assert written[1:] == ["m/0.pfm", "m/1.pfm", "m/2.pfm"]  # after a rehearsal
+    assert written[1:] == ["0.pfm", "1.pfm", "2.pfm"]  # after a rehearsal
     assert len(pictures("o.mp4")) == 3
 
 

@@ -214,13 +214,15 @@ def _naming(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if error.errno is None:
-            raise
+        if error.errno is None:  # NumPy's
+            raise OSError(f"{path}: {error}") from error
         raise OSError(error.errno, os.strerror(error.errno), str(path)) from error
 
 
 def _write_frame(pattern: str, frame: Frame) -> None:
-    write_disparity(pattern % frame.index, frame.result.disparity)
+    path = Path(pattern % frame.index)
+    with _naming(path):
+        write_disparity(path, frame.result.disparity)
 
 
 def _check_frames(pattern: str, sources: list[Path], disparities: tuple[int, int]) -> None:
