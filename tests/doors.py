@@ -43,7 +43,7 @@ HANGING = 30.0  # seconds after which a call is interrupted, as by Ctrl-C
 HOLE = 40 * 2**30  # bytes
 MOST = 3 * 2**30  # bytes of addresses beyond those at the start
 
-REFUSED = "fifo", "zero", "hole", "empty", "folder"
+REFUSED = "missing", "fifo", "zero", "hole", "empty", "folder"
 SPOILED = "truncated", "stretched", "mutated0", "mutated1", "mutated2"
 
 # Annotations of parameters that are paths, or may be.
@@ -299,7 +299,13 @@ def doors(of: Samples) -> dict[str, list[tuple[str, Callable[[Path], Any]]]]:
         add(f"phasestereo_large.batch.encryption({name})", "tls.pem",
             partial(_keyword, batch.encryption, rest, name))  # fmt: skip
 
-    given = {"left": of / "left.npy", "right": of / "right.npy", "output": of / "o.npy", **search, "max_memory": "1GB"}
+    given = {
+        "left": of / "left.npy",
+        "right": of / "right.npy",
+        "output": of / "o.npy",
+        **search,
+        "max_memory": "1GB",
+    }
     for name, sample in {
         "left": "left.npy left.tif", "right": "right.npy right.tif", "left_mask": "mask.npy",
         "right_mask": "mask.npy", "output": ">a.npy", "flags_output": ">a.npy", "confidence_output": ">a.npy",
@@ -440,7 +446,7 @@ def spoil(kind: str, path: Path, content: bytes) -> None:
         path.symlink_to("/dev/zero")
     elif kind == "folder":
         path.mkdir()
-    else:
+    elif kind != "missing":
         path.write_bytes(_spoiled(kind, content))
     if kind in ("hole", "stretched"):
         os.truncate(path, HOLE)

@@ -135,16 +135,6 @@ def test_only_this_machine_by_its_own_name_is_answered(server: Server) -> None:
         assert request(server, "/" + server.address.split("/")[3], Host=host).status == 403
 
 
-def test_a_browser_is_led_to_the_page_by_a_file_of_this_user(
-    server: Server, tmp_path: Path
-) -> None:
-    path = server.write_link(tmp_path / "viewer.html")
-    assert f'url={server.address}"' in path.read_text("utf-8")
-    assert path.stat().st_mode & 0o777 == 0o600
-    with pytest.raises(FileExistsError):
-        server.write_link(path)
-
-
 def test_idle_connections_make_room_and_are_dropped(
     server: Server, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -227,9 +227,7 @@ def _run(
         tally.interrupted = screen is None  # that is how a show ends
 
 
-def _geometry(
-    outputs: LiveOutputs, recording: Recording | None
-) -> tuple[Calibration | None, str]:
+def _geometry(outputs: LiveOutputs, recording: Recording | None) -> tuple[Calibration | None, str]:
     """Return the geometry that is known beforehand, and the unit of its baseline."""
     if outputs.calib is not None:
         return read_calibration(outputs.calib), "mm"

@@ -78,7 +78,8 @@ class Bag:
         self._reader: Any = None
         _check_heads(self._path)
         with named(os.fspath(path)):
-            reader = _reader(_Place(path))
+            module = "rosbags.rosbag1" if is_ros1 else "rosbags.rosbag2"
+            reader = require(module, extra="ros").Reader(_Place(path))
             reader.open()
             self._reader = reader
 
@@ -144,18 +145,6 @@ def _check_heads(path: Path) -> None:
     for file in sorted(path.iterdir()) if path.is_dir() else [path]:
         if head := _HEADS.get(suffix(file)):
             check_head(file, head)
-
-
-def _reader(path: Path) -> Any:
-    """Return the reader of such a file; single files of rosbag2 lack the folder that it expects."""
-    # Suffixes decide; a file of rosbag2 without its folder is read by the storage alone.
-    if path.is_dir():
-        return require("rosbags.rosbag2", extra="ros").Reader(path)
-    if suffix(path) == ".bag":
-        return require("rosbags.rosbag1", extra="ros").Reader(path)
-    if suffix(path) == ".mcap":
-        return require("rosbags.rosbag2.storage_mcap", extra="ros").McapReader(path)
-    return require("rosbags.rosbag2.storage_sqlite3", extra="ros").Sqlite3Reader(path)
 
 
 class RecordingWriter(Closing):

@@ -143,7 +143,9 @@ class _Listener(ThreadingHTTPServer):
         """Answer in a thread, if there is room or can be made."""
         with self._lock:
             if len(self._connections) >= _MOST:
-                spare = next((one for one, known in self._connections.items() if not known), request)
+                spare = next(
+                    (one for one, known in self._connections.items() if not known), request
+                )
                 self._connections.pop(spare, None)
                 with suppress(OSError):
                     spare.shutdown(socket.SHUT_RDWR)  # its thread closes it
