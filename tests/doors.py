@@ -52,8 +52,8 @@ _NOT_OPENED = {
     "phasestereo_large.batch.BatchReport", "phasestereo_large.batch.PairFiles",
     "phasestereo_large.outofcore.MapReport", "phasestereo.views.templating",
     "phasestereo_live.viewer.Show", "phasestereo_live.Stream", "phasestereo_live.Frame",
-    "live --save-to", "live --preset", "live --left", "live --right", "live --camera-info", "live --frames",
-    "match --preset", "large --preset", "large --max-memory", "batch --preset",
+    "live --save-to", "live --preset", "live --left", "live --right", "live --camera-info",
+    "live --frames", "match --preset", "large --preset", "large --max-memory", "batch --preset",
     "batch --scheduler",
 }  # fmt: skip
 """What holds paths, or has words of another kind."""
@@ -174,7 +174,7 @@ class Samples:
         camera = "[60 0 32; 0 60 24; 0 0 1]"
         lines = [f"cam0={camera}", f"cam1={camera}", "doffs=0", "baseline=9", "width=64"]
         (self / "calib.txt").write_text("\n".join([*lines, "height=48"]))
-        q = [[1, 0, 0, -32], [0, 1, 0, -24], [0, 0, 0, 60], [0, 0, 1 / 9, 0]]
+        q: list[list[float]] = [[1, 0, 0, -32], [0, 1, 0, -24], [0, 0, 0, 60], [0, 0, 1 / 9, 0]]
         np.savetxt(self / "q.txt", q)
 
         k, distortion = np.array([[60, 0, 32], [0, 60, 24], [0, 0, 1.0]]), np.zeros(5)
@@ -215,7 +215,7 @@ class Samples:
                     bag.write(topic, 10**9, message)
 
 
-def doors(of: Samples) -> dict[str, list[tuple[str, Callable[[Path], Any]]]]:
+def doors(of: Samples) -> dict[str, list[tuple[str, Callable[[Path], Any]]]]:  # noqa: PLR0915 -- a table
     """Return of each door the names of a sample and how a path is handed over; "" is written."""
     search: dict[str, Any] = {"num_disparities": COUNT, "preset": "fast"}
     left, right = of / "left.png", of / "right.png"
@@ -295,7 +295,7 @@ def doors(of: Samples) -> dict[str, list[tuple[str, Callable[[Path], Any]]]]:
     add("phasestereo_large.batch.read_pairs(source)", "pairs.csv", batch.read_pairs)
     add("phasestereo_large.batch.run(folder)", ">a", lambda p: batch.run([], p))
     for name in ("ca", "cert", "key"):
-        rest = {other: of / "tls.pem" for other in ("ca", "cert", "key")}
+        rest = dict.fromkeys(("ca", "cert", "key"), of / "tls.pem")
         add(f"phasestereo_large.batch.encryption({name})", "tls.pem",
             partial(_keyword, batch.encryption, rest, name))  # fmt: skip
 
@@ -308,8 +308,8 @@ def doors(of: Samples) -> dict[str, list[tuple[str, Callable[[Path], Any]]]]:
     }
     for name, sample in {
         "left": "left.npy left.tif", "right": "right.npy right.tif", "left_mask": "mask.npy",
-        "right_mask": "mask.npy", "output": ">a.npy", "flags_output": ">a.npy", "confidence_output": ">a.npy",
-        "uncertainty_output": ">a.npy",
+        "right_mask": "mask.npy", "output": ">a.npy", "flags_output": ">a.npy",
+        "confidence_output": ">a.npy", "uncertainty_output": ">a.npy",
     }.items():  # fmt: skip
         more = {"confidence": True} if name[:4] in ("conf", "unce") else {}
         add(f"phasestereo_large.outofcore.match({name})", sample,
@@ -323,6 +323,7 @@ def _add_commands(add: Callable[..., None], of: Samples) -> None:
     """Add the commands' options: what is written begins with ``>``."""
     left, right, calib = of / "left.png", of / "right.png", of / "calib.txt"
     pair = left, right, "--json", *SEARCH
+    sure, known = (*pair, "--confidence"), ("--json", "--calibration", of / "rig.npz")
     memory = "--max-memory", "1GB", *SEARCH
     big = of / "left.npy", of / "right.npy", *memory
     out = "-o", of / "o.npy"
@@ -335,8 +336,8 @@ def _add_commands(add: Callable[..., None], of: Samples) -> None:
         "match --right-mask": ("mask.png", ("match", *pair, "--right-mask", ...)),
         "match --output": (">a.npy", ("match", *pair, "-o", ...)),
         "match --flags-output": (">a.npy", ("match", *pair, "--flags-output", ...)),
-        "match --confidence-output": (">a.npy", ("match", *pair, "--confidence", "--confidence-output", ...)),
-        "match --uncertainty-output": (">a.npy", ("match", *pair, "--confidence", "--uncertainty-output", ...)),
+        "match --confidence-output": (">a.npy", ("match", *sure, "--confidence-output", ...)),
+        "match --uncertainty-output": (">a.npy", ("match", *sure, "--uncertainty-output", ...)),
         "match --color": (">a.png", ("match", *pair, "--color", ...)),
         "match --ply": (">a.ply", ("match", *pair, "--calib", calib, "--ply", ...)),
         "match --mesh": (">a.glb", ("match", *pair, "--calib", calib, "--mesh", ...)),
@@ -357,21 +358,21 @@ def _add_commands(add: Callable[..., None], of: Samples) -> None:
         "verify --picture": (">a.png", ("verify", left, right, of / "map.pfm", "--picture", ...)),
         "verify --better": (">a.npy", ("verify", left, right, of / "map.pfm", "--better", ...)),
         "verify --verdict": (">a.png", ("verify", left, right, of / "map.pfm", "--verdict", ...)),
-        "rectify LEFT": ("left.png", ("rectify", ..., right, "--json", "--calibration", of / "rig.npz")),
-        "rectify RIGHT": ("right.png", ("rectify", left, ..., "--json", "--calibration", of / "rig.npz")),
-        "rectify --calibration": ("rig.npz rig.yml", ("rectify", left, right, "--json", "--calibration", ...)),
+        "rectify LEFT": ("left.png", ("rectify", ..., right, *known)),
+        "rectify RIGHT": ("right.png", ("rectify", left, ..., *known)),
+        "rectify --calibration": ("rig.npz rig.yml", ("rectify", left, right, *known[:2], ...)),
         "rectify --images-from": (
             "left.png", ("rectify", left, right, "--json", "--images-from", ..., right)
         ),
         "rectify --output": (
-            ">a.png", ("rectify", left, right, "--json", "--calibration", of / "rig.npz", "-o", ..., of / "r.png")
+            ">a.png", ("rectify", left, right, *known, "-o", ..., of / "r.png")
         ),
         "rectify --masks": (
             ">a.png",
             ("rectify", left, right, "--calibration", of / "rig.npz", "-o", of / "l.png",
              of / "r.png", "--masks", ..., of / "m.png"),
         ),
-        "rectify --save": (">a.npz", ("rectify", left, right, "--json", "--calibration", of / "rig.npz", "--save", ...)),
+        "rectify --save": (">a.npz", ("rectify", left, right, *known, "--save", ...)),
         "live SOURCE": ("video.mkv bag.mcap bag.bag", ("live", ..., "--json", *SEARCH)),
         "live RIGHT": ("video.mkv", ("live", of / "video.mkv", ..., "--json", *SEARCH)),
         "live --rectify": (

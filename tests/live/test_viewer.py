@@ -28,11 +28,10 @@ from phasestereo_live.viewer import Server, Show
 from phasestereo_live.viewer.diagnosing import diagnosing
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
     from numpy.typing import NDArray
 
-    from conftest import Run
 
 for needed in ("jinja2", "matplotlib", "PIL"):
     counterpart(needed)
@@ -418,8 +417,9 @@ def test_live_shows_frames_until_it_is_ended(
 
 
 @pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="processes are seen in /proc")
+@pytest.mark.usefixtures("rig")
 def test_no_command_line_and_no_environment_has_a_secret(
-    rig: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A browser that only waits stands for one: what /proc says of it, others may read."""
     browsers: list[subprocess.Popen[bytes]] = []

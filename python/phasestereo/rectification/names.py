@@ -90,28 +90,14 @@ def as_cameras(
 
 def _checked(name: str, value: Any, *, fisheye: bool) -> Matrix:
     """Return a matrix in the shape that OpenCV takes, or refuse it."""
-    array = np.asarray(value)
-    if array.dtype.kind not in "iuf":
-        raise ValueError(f"{name}: holds {array.dtype}; accepts numbers")
-
-    matrix = array.astype(np.float64)
-    if not np.isfinite(matrix).all():
-        raise ValueError(f"{name}: holds what is no finite number")
-    if (size := np.abs(matrix).max(initial=0)) > _LARGEST:
-        raise ValueError(f"{name}: got a number of size {size:g}; accepts {_LARGEST:g} at most")
-
+    matrix = _as_numbers(name, value)
     if name in MAPS:
         if matrix.ndim != 2 or 0 in matrix.shape:
             raise ValueError(f"{name}: got shape {matrix.shape}; accepts (H, W)")
         return matrix
 
     if name[0] == "D":
-        allowed = (4,) if fisheye else _COEFFICIENTS
-        if matrix.size not in allowed or matrix.size != max(matrix.shape, default=0):
-            raise ValueError(
-                f"{name}: got shape {matrix.shape}; accepts {', '.join(map(str, allowed))} numbers"
-            )
-        return matrix.reshape(-1, 1)
+        return _as_coefficients(name, matrix, fisheye=fisheye)
 
     # A rotation may be given as a vector, after Rodrigues.
     if name in ("R", "T") and matrix.size == 3:
@@ -129,6 +115,30 @@ def _checked(name: str, value: Any, *, fisheye: bool) -> Matrix:
     if name[0] in "KP":
         _check_camera(name, matrix)
     return matrix
+
+
+def _as_numbers(name: str, value: Any) -> Matrix:
+    """Return an array of finite numbers of sizes that occur."""
+    array = np.asarray(value)
+    if array.dtype.kind not in "iuf":
+        raise ValueError(f"{name}: holds {array.dtype}; accepts numbers")
+
+    matrix = array.astype(np.float64)
+    if not np.isfinite(matrix).all():
+        raise ValueError(f"{name}: holds what is no finite number")
+    if (size := np.abs(matrix).max(initial=0)) > _LARGEST:
+        raise ValueError(f"{name}: got a number of size {size:g}; accepts {_LARGEST:g} at most")
+    return matrix
+
+
+def _as_coefficients(name: str, matrix: Matrix, *, fisheye: bool) -> Matrix:
+    """Return coefficients of distortion as a column."""
+    allowed = (4,) if fisheye else _COEFFICIENTS
+    if matrix.size not in allowed or matrix.size != max(matrix.shape, default=0):
+        raise ValueError(
+            f"{name}: got shape {matrix.shape}; accepts {', '.join(map(str, allowed))} numbers"
+        )
+    return matrix.reshape(-1, 1)
 
 
 def check_rotation(name: str, matrix: Matrix) -> None:

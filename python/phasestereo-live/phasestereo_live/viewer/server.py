@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import io
 import json
-import os
 import secrets
 import socket
 from collections.abc import Callable, Mapping
@@ -101,8 +100,8 @@ class Server:
         OSError
             If it exists, or cannot be written.
         """
-        with open(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600), "wb") as file:
-            file.write(_leading_to(self.address))
+        path.touch(mode=0o600, exist_ok=False)
+        path.write_bytes(_leading_to(self.address))
         return path
 
     def __enter__(self) -> Self:
