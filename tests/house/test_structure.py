@@ -75,7 +75,7 @@ BOUNDS = {
     "imports of the same or a higher floor": 0,
     "imports of another distribution than those below": 0,
     "own modules imported by a string": 0,
-    "statements of phasestereo": 5_500,
+    "statements of phasestereo": 5_480,
     "statements of phasestereo_live": 2_100,
     "statements of phasestereo_large": 2_460,
     "statements of pandora_plugin_phasestereo": 120,
@@ -83,7 +83,7 @@ BOUNDS = {
     "public names": 112,
     "words of documentation": 22_500,
     "lines of Rust": 27_700,
-    "lines of tests": 28_500,
+    "lines of tests": 28_700,
 }
 
 

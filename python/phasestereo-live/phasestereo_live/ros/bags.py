@@ -246,11 +246,9 @@ class RecordingWriter(Closing):
         try:
             writer.close()
             # Of the folder that rosbags makes, a rosbag2 in SQLite is all, the others are one file.
+            is_folder = self._kind == ".db3"
             made = self._home / self._target.stem
-            inner = made if self._kind == ".db3" else self._home / f"{made.name}{self._kind}"
-            if self._kind == ".mcap":
-                inner = made / f"{made.name}.mcap"
-
+            inner = made if is_folder else next(self._home.rglob(f"*{self._kind}"))
             inner.replace(self._target)
         finally:
             shutil.rmtree(self._home, ignore_errors=True)
@@ -259,17 +257,11 @@ class RecordingWriter(Closing):
         self._home.mkdir()
         made = self._home / self._target.stem
         if self.is_ros1:
-            writer = require("rosbags.rosbag1", extra="ros").Writer(
-                made.with_name(f"{made.name}.bag")
-            )
+            module = require("rosbags.rosbag1", extra="ros")
+            writer = module.Writer(made.with_name(f"{made.name}.bag"))
         else:
-            rosbag2 = require("rosbags.rosbag2", extra="ros")
-            plugin = (
-                rosbag2.StoragePlugin.MCAP
-                if self._kind == ".mcap"
-                else rosbag2.StoragePlugin.SQLITE3
-            )
-            writer = rosbag2.Writer(made, version=8, storage_plugin=plugin)
-
+            module = require("rosbags.rosbag2", extra="ros")
+            plugins = {".mcap": module.StoragePlugin.MCAP, ".db3": module.StoragePlugin.SQLITE3}
+            writer = module.Writer(made, version=8, storage_plugin=plugins[self._kind])
         writer.open()
         self._writer = writer

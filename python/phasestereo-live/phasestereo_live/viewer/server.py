@@ -19,7 +19,6 @@ import socket
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from http import HTTPStatus
-from http.cookies import CookieError, SimpleCookie
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
 from pathlib import Path
@@ -329,17 +328,14 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _let_in(self) -> None:
         """Give the cookie, on a page of ours: browsers send it nowhere from pages of others."""
-        place = f"/{self.room}/"
-        cookie = f"{_COOKIE}={self.cookie}; Path={place}; HttpOnly; SameSite=Strict"
-        self._say(HTTPStatus.OK, _HTML, _leading_to(place), {"Set-Cookie": cookie})
+        cookie = f"{_COOKIE}={self.cookie}; Path=/{self.room}/; HttpOnly; SameSite=Strict"
+        page = _leading_to(f"/{self.room}/")
+        self._say(HTTPStatus.OK, _HTML, page, {"Set-Cookie": cookie})
 
     def _is_known(self) -> bool:
         """Return whether the browser has the cookie."""
-        try:
-            found = SimpleCookie(self.headers.get("Cookie", "")).get(_COOKIE)
-        except CookieError:
-            return False
-        if found is None or not _is_same(found.value, self.cookie):
+        wanted = f"{_COOKIE}={self.cookie}"
+        if not any(_is_same(one, wanted) for one in self.headers.get("Cookie", "").split("; ")):
             return False
 
         self.server.recognize(self.connection)  # type: ignore[attr-defined]  # a _Listener
