@@ -8,14 +8,20 @@ C_LIBRARY := target/c/release/libphasestereo.so
 # Distributions on top of the core: installed from here before anything asks for them, so that PyPI is not asked.
 OURS := python/phasestereo-live python/phasestereo-large python/pandora-plugin-phasestereo benches/harness
 RUST := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name Cargo.toml)
+# What installs or builds waits for another make that does; without flock, as on macOS, there should be one make at a time.
+ALONE := $(if $(shell command -v flock),flock Makefile )sh -ec
+# What is built is as old as the start of its build: an edit in the meantime is built by the next make.
+BEGUN = touch $@.begun
+DONE = touch -r $@.begun $@ && rm $@.begun
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-core test-arm64 fuzz soak lint format bench tables bench-core docs wheel c web hooks clean
+.PHONY: help demo test test-core test-arm64 fuzz soak lint format settings bench tables bench-core docs wheel c web hooks clean
 
 help: ## List the commands
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 18
 
 demo: $(VENV)/harness ## Render a pair, spoil one image, match it, print the score, write pictures and a report
+	@echo "== Match a rendered pair"
 	$(BIN)/phasestereo demo --output demo
 
 test: $(VENV)/counterparts ## Build and run all the tests on every core, about 9 minutes on two (PHASESTEREO_DATA: the real pairs, default ../shared)
@@ -25,12 +31,12 @@ test: $(VENV)/counterparts ## Build and run all the tests on every core, about 9
 	cargo build --locked --profile test --lib --test '*' # tests in Python link to the C library
 	$(BIN)/python -m pytest --numprocesses auto --dist worksteal
 
-test-core: $(VENV)/harness ## Test the matcher alone: its stages and its Python face
+test-core: $(VENV)/harness $(VENV)/dev ## Test the matcher alone: its stages and its Python face
 	CARGO_PROFILE_TEST_OPT_LEVEL=0 cargo test --locked --lib
 	cargo test --locked --test rust
 	$(BIN)/python -m pytest --numprocesses auto --dist worksteal tests/core --ignore tests/core/test_c.py
 
-test-arm64: $(VENV)/ready ## Test the core and its wheel on an emulated aarch64 (ARGS=rust, wheel or python: one part)
+test-arm64: $(VENV)/dev ## Test the core and its wheel on an emulated aarch64 (ARGS=rust, wheel or python: one part)
 	PYTHON=$(CURDIR)/$(BIN)/python tests/arm64.sh $(ARGS)
 
 fuzz: $(VENV)/counterparts ## Tests by new random examples, mutated files, strange arrays (ARGS="--seconds 7200"; 5 minutes)
@@ -49,10 +55,12 @@ lint: $(VENV)/counterparts ## Check formats, lints, types, stubs and the documen
 	$(BIN)/mypy
 	$(BIN)/python -m mypy.stubtest phasestereo._core
 
-format: $(VENV)/ready ## Format the code
+format: $(VENV)/dev ## Format the code
 	cargo fmt --all
 	$(BIN)/ruff format
 	$(BIN)/ruff check --fix
+
+settings: $(CORE) ## Write what Python and the glossary repeat of the table of settings
 
 bench: $(VENV)/harness ## Time a match against OpenCV, in a quarter of an hour (PHASESTEREO_DATA as above)
 	PHASESTEREO_DATA="$${PHASESTEREO_DATA:-../shared}" $(BIN)/phasestereo bench speed --output speed/speed.jsonl $(ARGS)
@@ -72,7 +80,7 @@ wheel: $(VENV)/ready ## Build a wheel into dist/
 
 c: $(C_LIBRARY) ## Build the C libraries into target/c/release/ (header: rust/c/phasestereo.h)
 
-web: $(VENV)/counterparts web/phasestereo.wasm ## Build the core for browsers, and the page "try it" with it into web/dist/
+web: $(VENV)/page web/phasestereo.wasm ## Build the core for browsers, and the page "try it" with it into web/dist/
 	$(BIN)/python docs/try_page.py web/dist
 
 hooks: ## Check every push as CI would
@@ -83,32 +91,41 @@ clean: ## Remove all that was built
 
 # Debian's Python comes without ensurepip unless python3-venv is installed; virtualenv needs neither.
 $(VENV)/ready: pyproject.toml
-	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "phasestereo needs Python 3.11 or newer")'
-	test -x $(BIN)/pip || $(PYTHON) -m venv --clear $(VENV) || \
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "phasestereo needs Python 3.11 or newer")'
+	@echo "== Set up Python in $(VENV)"
+	@$(ALONE) 'test -x $(BIN)/pip || $(PYTHON) -m venv --clear $(VENV) || \
 		($(PYTHON) -m pip install --quiet --target $(VENV)/bootstrap virtualenv && \
-		PYTHONPATH=$(VENV)/bootstrap $(PYTHON) -m virtualenv --quiet $(VENV))
-	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'
-	$(BIN)/pip install --quiet --group dev
-	touch $@
+		PYTHONPATH=$(VENV)/bootstrap $(PYTHON) -m virtualenv --quiet $(VENV)); \
+		$(BIN)/python -m pip install --quiet --upgrade "pip>=25.1"; \
+		$(BIN)/pip install --quiet --group build; \
+		touch $@'
 
-$(VENV)/counterparts: $(VENV)/harness
-	$(BIN)/pip install --quiet --group counterparts
-	touch $@
+$(VENV)/dev: $(VENV)/ready
+	@echo "== Install what tests and lints"
+	@$(ALONE) '$(BIN)/pip install --quiet --group dev; touch $@'
 
-# maturin, which builds, calls itself by its name alone.
+$(VENV)/counterparts: $(VENV)/harness $(VENV)/dev
+	@echo "== Install what the tests hold the library against, 2 GB"
+	@$(ALONE) '$(BIN)/pip install --quiet --group counterparts; touch $@'
+
+$(VENV)/page: $(CORE)
+	@echo "== Install what makes a page"
+	@$(ALONE) '$(BIN)/pip install --quiet "phasestereo[report]"; touch $@'
+
+# Another environment may be active, of conda, too.
 $(CORE): $(VENV)/ready pyproject.toml $(RUST)
-	PATH="$(CURDIR)/$(BIN):$$PATH" MATURIN_PEP517_ARGS=--locked $(BIN)/pip install --quiet --no-build-isolation --editable .
-	touch $@
+	@echo "== Compile the matcher, two minutes on two cores if nothing is compiled yet"
+	@$(ALONE) '$(BEGUN); env -u CONDA_PREFIX VIRTUAL_ENV="$(CURDIR)/$(VENV)" \
+		$(BIN)/maturin develop --profile local --locked; $(BIN)/python rust/python/write_settings.py; $(DONE)'
 
 $(C_LIBRARY): $(RUST)
-	cargo build --release --locked --package phasestereo-c --target-dir target/c
-	touch $@
+	mkdir -p $(@D)
+	$(ALONE) '$(BEGUN); cargo build --release --locked --package phasestereo-c --target-dir target/c; $(DONE)'
 
 web/phasestereo.wasm: $(RUST) web/build.sh web/toolchain.sh
-	web/build.sh
-	touch $@
+	$(ALONE) '$(BEGUN); web/build.sh; $(DONE)'
 
 $(VENV)/harness: $(CORE) $(OURS:%=%/pyproject.toml)
-	$(BIN)/pip install --quiet --no-deps $(OURS:%=--editable %)
-	$(BIN)/pip install --quiet phasestereo-bench # is there by now: what it needs of others
-	touch $@
+	@echo "== Install the benchmarks, and what they need"
+	@$(ALONE) '$(BIN)/pip install --quiet --no-deps $(OURS:%=--editable %); \
+		$(BIN)/pip install --quiet phasestereo-bench; touch $@' # there by now: what it needs of others

@@ -21,4 +21,6 @@ fi
 
 export CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_RUSTFLAGS="-C target-feature=+simd128 -C strip=symbols"
 cargo build --release --locked --package phasestereo-c --target $target --target-dir target/wasm $rebuild
-cp target/wasm/$target/release/phasestereo.wasm web/phasestereo.wasm
+# In one step: a test may be reading the one before.
+cp target/wasm/$target/release/phasestereo.wasm web/phasestereo.wasm.new
+mv web/phasestereo.wasm.new web/phasestereo.wasm

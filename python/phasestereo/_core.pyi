@@ -26,7 +26,9 @@ __all__ = [
     "MOST_DISPARITIES",
     "MUCH_LARGER",
     "PRESETS",
+    "SETTINGS",
     "VERDICTS",
+    "Setting",
     "TemporalFilter",
     "Workers",
     "__version__",
@@ -66,7 +68,21 @@ LEAST_SIZE: int
 MOST_CLASSES: int
 MOST_DISPARITIES: int
 PRESETS: list[str]
+SETTINGS: list[Setting]
 VERDICTS: dict[str, int]
+
+@final
+class Setting:
+    @property
+    def name(self) -> str: ...
+    @property
+    def annotation(self) -> str: ...
+    @property
+    def summary(self) -> str: ...
+    @property
+    def text(self) -> str: ...
+    @property
+    def choices(self) -> list[tuple[str, str]]: ...
 
 @final
 class TemporalFilter:

@@ -225,7 +225,7 @@ def test_every_setting_has_an_option_with_help(run: Callable[..., Run]) -> None:
 
     for field in fields(ps.Settings):
         assert f"--{field.name.replace('_', '-')} " in words
-    assert "odd, 3 to 63" in words  # as the class says of the neighborhood
+    assert "An odd integer from 3 to 63." in words  # as the class says of the neighborhood
     assert "Default: by the preset." in words
 
     for default in ('"dp"', '"sgm"', "(6, 24)", "(2, 1)"):

@@ -637,6 +637,7 @@ struct WriteRow<'a> {
 
 impl simd::Loop for WriteRow<'_> {
     type Output = ();
+    const COUNTS_BITS: bool = true;
 
     #[inline(always)]
     fn run(self) {

@@ -23,6 +23,8 @@ pub const OVERRIDE: &str = "PHASESTEREO_SIMD";
 pub trait Loop {
     /// The result.
     type Output;
+    /// Whether it counts the bits of bytes or words: others gain nothing of the level that can, and are not compiled for it.
+    const COUNTS_BITS: bool = false;
     /// Runs the loop.
     fn run(self) -> Self::Output;
 }
@@ -124,10 +126,10 @@ impl Level {
             Isa::Avx2 => unsafe { avx2(work) },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            Isa::Avx512 => unsafe { avx512(work) },
-            // SAFETY: as above.
+            Isa::Avx512Bitalg if L::COUNTS_BITS => unsafe { avx512_bitalg(work) },
+            // SAFETY: as above; this level has what the one below has.
             #[cfg(target_arch = "x86_64")]
-            Isa::Avx512Bitalg => unsafe { avx512_bitalg(work) },
+            Isa::Avx512 | Isa::Avx512Bitalg => unsafe { avx512(work) },
         }
     }
 }

@@ -7,6 +7,7 @@ mod arguments;
 mod estimates;
 mod failure;
 mod reader;
+mod settings;
 mod supervisor;
 mod temporal;
 mod verification;
@@ -22,8 +23,7 @@ use pyo3::types::PyDict;
 
 use self::arguments::{
     Both, KnownOfPair, Statistics, candidates_of, read_blur_compensation, read_images, read_known,
-    read_noise, read_pair, read_preset, read_search, read_settings, read_view, read_volume,
-    write_settings,
+    read_noise, read_pair, read_preset, read_search, read_view, read_volume,
 };
 use self::estimates::{
     EstimatesTuple, Field, FindingTuple, GlanceTuple, estimates_to_py, findings_to_py, read_field,
@@ -31,6 +31,7 @@ use self::estimates::{
 };
 use self::failure::{Failure, Result};
 use self::reader::{Reader, ScaleOfPair, packing_to_py};
+use self::settings::{Setting, every_setting, read_settings, write_settings};
 use self::supervisor::supervised;
 use self::temporal::{Shared, TemporalFilter};
 use self::verification::verify_map;
@@ -77,15 +78,16 @@ use phasestereo::internals::verification::verdict;
 mod _core {
     use super::{
         BAND, Bound, LARGER, LEAST_SIZE, MOST_CLASSES, MOST_DISPARITIES, MUCH_LARGER, Preset,
-        PyDict, PyDictMethods, PyModule, PyModuleMethods, Result, Topic, flag, verdict, warm_up,
+        PyDict, PyDictMethods, PyModule, PyModuleMethods, Result, Topic, every_setting, flag,
+        verdict, warm_up,
     };
 
     #[pymodule_export]
     use super::{
-        TemporalFilter, Workers, aggregate_volume, blur_is_as_before, check_blur_compensation,
-        check_settings, cost_volume, descriptor, estimate_pair, estimate_pair_by_rows,
-        find_roughness, find_scale, halo, match_pair, match_raw, match_rows, optimize_volume,
-        preset, rows_to_tally, simd_level, verify_map, working_memory,
+        Setting, TemporalFilter, Workers, aggregate_volume, blur_is_as_before,
+        check_blur_compensation, check_settings, cost_volume, descriptor, estimate_pair,
+        estimate_pair_by_rows, find_roughness, find_scale, halo, match_pair, match_raw, match_rows,
+        optimize_volume, preset, rows_to_tally, simd_level, verify_map, working_memory,
     };
 
     #[pymodule_init]
@@ -93,6 +95,7 @@ mod _core {
         warm_up(module.py())?;
         module.add("__version__", env!("CARGO_PKG_VERSION"))?;
         module.add("PRESETS", Preset::ALL.map(Preset::name))?;
+        module.add("SETTINGS", every_setting())?;
         module.add("DEBUG_BUILD", cfg!(debug_assertions))?;
         module.add("BAND_ROWS", BAND)?;
         module.add("LARGER", LARGER)?;

@@ -13,7 +13,14 @@ from cyclopts import Group, Parameter
 
 from phasestereo._interrupts import held_back
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
-from phasestereo.cli.options import AT_LEAST_ONE, NOT_NEGATIVE, REASONABLE, Count, Overrides
+from phasestereo.cli.options import (
+    AT_LEAST_ONE,
+    NOT_NEGATIVE,
+    REASONABLE,
+    SETTINGS_HELP,
+    Count,
+    Overrides,
+)
 from phasestereo.cli.pairing import AUTO, as_calibration
 from phasestereo.cli.terminal import say
 from phasestereo.cli.trust import unwarned
@@ -42,7 +49,7 @@ _SOURCE = Group.create_ordered("Source")
 _SEARCH = Group.create_ordered("Search")
 _RECORDING = Group.create_ordered("Recordings of robots")
 _OUTPUT = Group.create_ordered("Output")
-_SETTINGS = Group.create_ordered("Settings", help="Two penalties are written 0.5,2.")
+_SETTINGS = Group.create_ordered("Settings", help=SETTINGS_HELP)
 _OUTPUTS, _TOPICS, _MESSAGES, _SHOWING = LiveOutputs(), Topics(), Messages(), Showing()
 _PRESET_HELP = f"Settings to start from: {', '.join(PRESETS)}; fast for frame rates."
 _MORE = Parameter(group=_SOURCE, consume_multiple=True, show_default=False)

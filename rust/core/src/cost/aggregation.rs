@@ -425,6 +425,7 @@ fn write_least<V: Value>(
 
 impl<V: Value> Loop for Aggregate<'_, V> {
     type Output = ();
+    const COUNTS_BITS: bool = true;
 
     #[inline(always)]
     fn run(self) {

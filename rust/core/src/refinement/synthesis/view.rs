@@ -362,6 +362,7 @@ struct Distances<'a, C> {
 
 impl<C: Code> Loop for Distances<'_, C> {
     type Output = ();
+    const COUNTS_BITS: bool = true;
 
     #[inline(always)]
     fn run(self) {
