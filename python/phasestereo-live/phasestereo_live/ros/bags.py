@@ -78,8 +78,11 @@ class Bag:
         self._reader: Any = None
         _check_heads(self._path)
         with named(os.fspath(path)):
-            module = "rosbags.rosbag1" if is_ros1 else "rosbags.rosbag2"
-            reader = require(module, extra="ros").Reader(_Place(path))
+            ros1, ros2 = (
+                require("rosbags.rosbag1", extra="ros"),
+                require("rosbags.rosbag2", extra="ros"),
+            )
+            reader = (ros1 if is_ros1 else ros2).Reader(_Place(path))
             reader.open()
             self._reader = reader
 
