@@ -77,7 +77,7 @@ BOUNDS = {
     "imports of the same or a higher floor": 0,
     "imports of another distribution than those below": 0,
     "own modules imported by a string": 0,
-    "statements of phasestereo": 5_500,
+    "statements of phasestereo": 5_480,
     "statements of phasestereo_live": 2_100,
     "statements of phasestereo_large": 2_410,
     "statements of pandora_plugin_phasestereo": 120,

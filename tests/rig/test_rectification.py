@@ -320,6 +320,13 @@ def test_files_that_are_no_calibration(tmp_path: Path, content: bytes) -> None:
     ({"T": np.array([0.01, -0.12, 0])}, "cameras one above the other"),
     ({"M1": np.eye(3)}, "gives K1 twice"),
     ({"K2": np.array([["a"] * 3] * 3)}, "K2: holds <U1; accepts numbers"),
+    ({"R": np.zeros((3, 3))}, r"R: is not a rotation: R R\^T differs from the identity by 1"),
+    ({"R": 5 * np.eye(3)}, r"R: is not a rotation: R R\^T differs from the identity by 24"),
+    ({"R": np.random.default_rng(0).normal(size=(3, 3))}, "R: is not a rotation"),
+    ({"R": np.diag([1.0, 1.0, -1.0])}, "R: is a mirror, not a rotation"),
+    ({"K1": np.diag([1e300, 1e300, 1.0])}, r"K1: got a number of size 1e\+300; accepts 1e\+09"),
+    ({"K1": np.diag([1e-300, 1e-300, 1.0])}, "K1: got no positive focal lengths of a camera"),
+    ({"K2": np.array([[80.0, 0, 0], [0, 80, 0], [40, 30, 1]])}, "K2: got the last row 40 30 1"),
 ])  # fmt: skip
 def test_matrices_that_are_no_camera_pair(change: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
@@ -359,6 +366,8 @@ def test_one_camera_is_no_pair(tmp_path: Path) -> None:
     ({"cam0": {"intrinsics": [1, 2, 3]}}, "intrinsics: got 3 numbers; accepts 4"),
     ({"cam0": {"resolution": [1, 2]}}, "the cameras differ in size or model"),
     ({"cam0": {"resolution": "large"}}, "resolution: "),
+    ({"cam1": {"T_cn_cnm1": np.diag([0, 0, 0, 1]).tolist()}}, "T_cn_cnm1: is not a rotation"),
+    ({"cam1": {"T_cn_cnm1": np.ones((4, 4)).tolist()}}, "T_cn_cnm1: accepts 4 x 4 numbers, a"),
 ])  # fmt: skip
 def test_chains_that_tell_too_little(tmp_path: Path, change: Any, message: str) -> None:
     chain = yaml.safe_load(kalibr(made_up(), "radtan"))

@@ -53,10 +53,25 @@ def read_bounded(file: BinaryIO, most: int) -> bytes:
     ValueError
         If it has more than so many bytes.
     """
-    content = file.read(most + 1) if os.fstat(file.fileno()).st_size <= most else None
-    if content is None or len(content) > most:
+    size = os.fstat(file.fileno()).st_size
+    if size > most:
         raise ValueError(f"has more than the {most} bytes that such a file is read to")
-    return content
+    return file.read(size)  # which takes as much memory as it is asked for
+
+
+def check_head(path: StrPath, head: bytes) -> None:
+    """Refuse what is not a regular file that begins so, before a library opens it by its name.
+
+    Raises
+    ------
+    OSError
+        If it cannot be opened, or is no regular file.
+    ValueError
+        If it begins otherwise.
+    """
+    with open_regular(path) as file:
+        if file.read(len(head)) != head:
+            raise ValueError(f"{os.fspath(path)}: does not begin with {head!r}, as its kind does")
 
 
 @contextmanager
@@ -87,8 +102,10 @@ def named(name: str) -> Iterator[None]:
     """
     try:
         yield
-    except (ImportError, MemoryError):
+    except ImportError:
         raise
+    except MemoryError as error:
+        raise ValueError(f"{name}: asks for more memory than there is") from error
     except Exception as error:  # decoders of damaged files raise anything, SyntaxError included
         if is_of_the_system(error):
             raise
