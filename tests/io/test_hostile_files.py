@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from conftest import Run
 
-for _module in ("PIL", "tifffile", "rasterio", "msgspec", "cv2", "yaml"):
+for _module in ("PIL", "tifffile", "rasterio", "cv2", "yaml"):
     counterpart(_module)
 
 SECONDS, BYTES = 2.0, 200_000_000  # that refusing may take

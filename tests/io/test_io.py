@@ -178,7 +178,8 @@ def test_a_full_disk_is_named_with_the_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     full = partial(Path("/dev/full").open, "wb")
-    monkeypatch.setattr("phasestereo.io.files.created", lambda _: full())
+    draft = tmp_path / "draft"
+    monkeypatch.setattr("phasestereo.io.drafts._locked_draft", lambda _: (draft, full(), None))
     with pytest.raises(OSError, match=rf"No space left on device: '{tmp_path}/a.npy'"):
         write_image(tmp_path / "a.npy", np.zeros((500, 500), np.uint8))
 

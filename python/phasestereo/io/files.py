@@ -1,10 +1,9 @@
-"""Files as the formats need them: opened to be decoded, replaced as a whole or not at all."""
+"""Files as the formats need them: looked at before they are opened, and opened to be decoded."""
 
 from __future__ import annotations
 
 import errno
 import os
-import secrets
 import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -114,54 +113,6 @@ def describe_error(error: Exception) -> str:
     return str(error) or type(error).__name__
 
 
-@contextmanager
-def replacing(path: StrPath, *, flush: bool = False) -> Iterator[BinaryIO]:
-    """Open a draft in the file's folder; it takes the file's place when the block ends well.
-
-    Parameters
-    ----------
-    path
-        The file.
-    flush
-        Whether it is to be on the disk before that, so that a power cut leaves it or the old one.
-
-    Raises
-    ------
-    OSError
-        If the folder does not exist or cannot be written to, or the path is not a regular file;
-        the message names the file.
-    """
-    target = target_of(path)
-    draft = target.with_name(f".{secrets.token_hex(8)}.part")
-
-    try:
-        with created(draft) as file:
-            yield file
-            if flush:
-                file.flush()
-                os.fsync(file.fileno())
-        draft.replace(target)
-    except OSError as error:
-        if error.errno is None or error.filename is not None:
-            raise
-        # As on a full disk, where the message of the system names no file.
-        raise OSError(error.errno, error.strerror, os.fspath(path)) from error
-    finally:
-        draft.unlink(missing_ok=True)
-
-
-def flush(path: Path) -> None:
-    """Write a file, or the names in a folder, through to the disk."""
-    if os.name == "nt" and path.is_dir():
-        return  # Windows cannot open a folder
-
-    number = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
-    try:
-        os.fsync(number)
-    finally:
-        os.close(number)
-
-
 def target_of(
     path: StrPath, kind: str = "a regular file", is_kind: Callable[[Path], bool] = Path.is_file
 ) -> Path:
@@ -185,14 +136,6 @@ def target_of(
     if target.exists() and not is_kind(target):
         raise OSError(f"{os.fspath(path)} exists and is not {kind}")
     return target
-
-
-def created(draft: Path) -> BinaryIO:
-    """Open a new file; an error names its folder, which is to blame and which the caller knows."""
-    try:
-        return draft.open("xb")
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(draft.parent)) from error
 
 
 def suffix(path: StrPath) -> str:

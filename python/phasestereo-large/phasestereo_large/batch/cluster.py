@@ -14,9 +14,10 @@ from typing import Any
 from phasestereo import _core
 from phasestereo._extras import require
 from phasestereo.io.files import StrPath
-from phasestereo_large.batch.processes import DIED, TaskResult, WorkerDiedError
 from phasestereo_large.batch.work import FullDiskError, version
+from phasestereo_large.processes import TaskResult, WorkerDiedError
 
+_DIED = "its worker died: it ran out of memory, was killed, or crashed"
 _FIRST_WORKER = 60  # seconds until one must have come: those of a batch system take a while
 
 
@@ -147,20 +148,20 @@ class Cluster:
         """Let a worker call a function; no two tasks have the same key."""
         self._ended.add(self._client.submit(function, *arguments, key=key, retries=0))
 
-    def finished(self) -> list[tuple[str, TaskResult]]:
-        """Wait for a task to end; return it with what returns or raises its result.
+    def finished(self) -> tuple[str, TaskResult]:
+        """Wait for a task to end; return its key, and what returns or raises its result.
 
         That raises `WorkerDiedError` if its worker died, and `ConnectionError` if the scheduler is
         lost.
         """
         future = next(self._ended)
-        return [(future.key, partial(self._result, future))]
+        return future.key, partial(self._result, future)
 
     def _result(self, future: Any) -> Any:
         try:
             return future.result()
         except self._died as error:
-            raise WorkerDiedError(DIED) from error
+            raise WorkerDiedError(_DIED) from error
         except FullDiskError:
             raise
         except (self._cancelled, OSError) as error:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-import secrets
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from phasestereo._extras import require
+from phasestereo.io.drafts import growing
 from phasestereo.io.files import StrPath, named, suffix, target_of
 from phasestereo_live._closing import Closing
 
@@ -144,7 +144,7 @@ class RecordingWriter(Closing):
         name = stores.Stores.ROS1_NOETIC if self.is_ros1 else stores.Stores.ROS2_HUMBLE
         self._types = stores.get_typestore(name)
 
-        self._home = self._target.with_name(f".{secrets.token_hex(8)}.part")
+        self._home = growing(self._target)
         self._home.mkdir()  # only trying shows all that can go wrong
         self._home.rmdir()
 
