@@ -600,37 +600,24 @@ mod filling {
     }
 }
 
-mod guided {
-    use super::{At, Bencher, Control, SampleMap, every};
-
-    #[divan::bench(args = every())]
-    fn guide(bencher: Bencher, At(level): &At) {
-        SampleMap::bench(bencher, |SampleMap { disparity, texture, .. }, out| {
-            phasestereo::internals::refinement::guided_median::guide(
-                disparity,
-                texture,
-                out,
-                *level,
-                &Control::default(),
-            )
-        });
-    }
-}
-
 mod outlines {
     use super::{At, Bencher, Control, SampleMap, every};
+    use phasestereo::internals::refinement::outlines::Outlines;
+
+    fn draw(bencher: Bencher, At(level): &At, outlines: Outlines) {
+        SampleMap::bench(bencher, |SampleMap { disparity, texture, .. }, out| {
+            outlines.draw(disparity, texture, out, *level, &Control::default())
+        });
+    }
 
     #[divan::bench(args = every())]
-    fn draw(bencher: Bencher, At(level): &At) {
-        SampleMap::bench(bencher, |SampleMap { disparity, texture, .. }, out| {
-            phasestereo::internals::refinement::outlines::draw(
-                disparity,
-                texture,
-                out,
-                *level,
-                &Control::default(),
-            )
-        });
+    fn crisp(bencher: Bencher, at: &At) {
+        draw(bencher, at, Outlines::Crisp);
+    }
+
+    #[divan::bench(args = every())]
+    fn wide(bencher: Bencher, at: &At) {
+        draw(bencher, at, Outlines::Wide);
     }
 }
 

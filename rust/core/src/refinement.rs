@@ -3,7 +3,6 @@
 pub mod calibration;
 pub mod confidence;
 pub mod filling;
-pub mod guided_median;
 pub mod jumps;
 pub mod left_right_check;
 pub mod median;
@@ -23,8 +22,8 @@ use crate::optimization::evidence::{EvidenceRow, NONE};
 use crate::pipeline::control::Control;
 use crate::refinement::confidence::VotedMap;
 use crate::refinement::filling::fill;
-use crate::refinement::guided_median::guide;
 use crate::refinement::left_right_check::{Checker, Choices};
+use crate::refinement::outlines::Outlines;
 use crate::refinement::speckles::flag_speckles;
 use crate::settings::Settings;
 use crate::simd::{Level, Loop};
@@ -262,7 +261,7 @@ impl Draft<'_> {
         let mut spare = None;
         if let (true, Some(texture)) = (settings.guided_median, texture) {
             replace(&mut disparity, &mut spare, |from, to| {
-                guide(from, texture, to, level, control)
+                Outlines::Crisp.draw(from, texture, to, level, control)
             })?;
         }
 
@@ -275,7 +274,7 @@ impl Draft<'_> {
         if let (Some(pair), Some(texture)) = (blurred_pair, texture) {
             replace(&mut disparity, &mut spare, |from, to| pair.redraw(from, to, level, control))?;
             replace(&mut disparity, &mut spare, |from, to| {
-                outlines::draw(from, texture, to, level, control)
+                Outlines::Wide.draw(from, texture, to, level, control)
             })?;
         }
 

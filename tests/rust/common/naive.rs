@@ -422,7 +422,7 @@ fn refined(
     }
 
     if settings.guided_median {
-        disparity = reference::guide(&disparity, &texture.gray);
+        disparity = reference::outline(&disparity, &texture.gray, false);
     }
 
     if settings.median > 0 {
@@ -431,7 +431,7 @@ fn refined(
 
     if is_asked_for(settings, pair.blur_compensation()) {
         disparity = synthesized(&disparity, pair, settings);
-        disparity = reference::outline(&disparity, &texture.gray, texture.roughness);
+        disparity = reference::outline(&disparity, &texture.gray, true);
     }
 
     if settings.subpixel {

@@ -31,7 +31,7 @@ use crate::image::plane::{Plane, parts, zeroed};
 use crate::image::view::View;
 use crate::pipeline::control::Control;
 use crate::refinement::median::{NONE, disparity as disparity_of, key};
-use crate::refinement::outlines;
+use crate::refinement::outlines::Outlines;
 use crate::rig::blur_compensation::{self, BlurCompensation};
 use crate::settings::{CostKind, Settings};
 use crate::simd::{Level, Loop};
@@ -92,7 +92,7 @@ pub fn is_asked_for(settings: &Settings, compensation: Option<&BlurCompensation>
 
 /// Rows on either side of a pixel that its disparity depends on, here and in the drawing of outlines after it.
 pub fn reach(settings: &Settings, compensation: &BlurCompensation) -> usize {
-    RADIUS + around(settings, compensation)[0] + outlines::NEAR.max(outlines::REACH) + 1
+    RADIUS + around(settings, compensation)[0] + Outlines::Wide.reach()
 }
 
 /// Most bytes that a band of so many columns takes: its maps, and gray values, codes and sums of both views.
