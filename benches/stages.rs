@@ -730,7 +730,8 @@ mod matcher {
         Bencher, Case, Control, Matcher, Plane, Preset, Settings, cases, fast, noise, robust, views,
     };
     use phasestereo::internals::image::convolution::Kernel;
-    use phasestereo::internals::pipeline::matcher::{Execution, Pair};
+    use phasestereo::internals::pipeline::matcher::Execution;
+    use phasestereo::internals::pipeline::pair::Pair;
     use phasestereo::internals::rig::blur_compensation::BlurCompensation;
 
     fn weak() -> Settings {
@@ -801,7 +802,8 @@ mod temporal {
     use super::{
         At, Bencher, COLS, Control, ItemsCount, Matcher, Plane, ROWS, every, fast, noise, views,
     };
-    use phasestereo::internals::pipeline::matcher::{Disparity, Pair, Timings};
+    use phasestereo::internals::pipeline::matcher::{Disparity, Timings};
+    use phasestereo::internals::pipeline::pair::Pair;
     use phasestereo::internals::pipeline::temporal::TemporalFilter;
 
     /// A frame that is as the one before, so that all of its disparities become means.

@@ -4,7 +4,7 @@ use crate::common::{hash, levels};
 use ndarray::Array3;
 use phasestereo::internals::cost::Costs;
 use phasestereo::internals::cost::candidates::Candidates;
-use phasestereo::internals::image::intensity::IntensityRange;
+use phasestereo::internals::image::intensity_range::IntensityRange;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::view::{Image, View};
 use phasestereo::internals::pipeline::control::Control;

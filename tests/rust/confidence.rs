@@ -10,10 +10,10 @@ use phasestereo::internals::error::Error;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::texture::{Roughness, Texture};
 use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::refinement::CostMargin;
 use phasestereo::internals::refinement::calibration::{
     Calibration, Faults, Tally, Weights, sampled, traits,
 };
+use phasestereo::internals::refinement::confidence::CostMargin;
 use phasestereo::internals::refinement::confidence::{RADIUS, VotedMap, confidence, similar, vote};
 use phasestereo::internals::refinement::flag;
 use phasestereo::internals::rig::blur_compensation::BlurCompensation;

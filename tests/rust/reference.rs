@@ -1132,7 +1132,7 @@ pub fn outline(disparity: &Plane<f32>, gray: &Plane<i32>, is_wide: bool) -> Plan
             return u32::from(difference <= 32);
         }
         let square = (down * down + along * along) as f64;
-        let nearness = (256.0 * (-square / 72.0).exp()).round().min(255.0) as u32;
+        let nearness = (256.0 * math::exp(-square / 72.0)).round().min(255.0) as u32;
         (255u32.saturating_sub(difference) * nearness) >> 8
     };
 

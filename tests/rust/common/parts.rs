@@ -9,7 +9,7 @@ use phasestereo::internals::error::{Error, Result};
 use phasestereo::internals::image::intensity;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::view::{Image, View};
-use phasestereo::internals::pipeline::matcher::Pair;
+use phasestereo::internals::pipeline::pair::Pair;
 use phasestereo::internals::pipeline::source::Source;
 
 /// A pair in memory that gives at most so many rows at a time, with a record of what was read.

@@ -39,7 +39,8 @@ use crate::cost::candidates::Candidates;
 use crate::error::Result;
 use crate::image::plane::Plane;
 use crate::pipeline::control::Control;
-use crate::pipeline::matcher::{Disparity, Pair};
+use crate::pipeline::matcher::Disparity;
+use crate::pipeline::pair::Pair;
 use crate::settings::Settings;
 use crate::simd::{Level, Loop};
 

@@ -28,8 +28,8 @@
 use crate::error::Result;
 use crate::image::plane::{Plane, zeroed};
 use crate::image::texture::{Roughness, Texture};
+use crate::optimization::evidence::NONE;
 use crate::pipeline::control::Control;
-use crate::refinement::CostMargin;
 use crate::refinement::window_rows::{BAND, WindowRows, missing_rows};
 use crate::simd::{Level, Loop};
 
@@ -64,6 +64,31 @@ const SIDE: usize = 2 * RADIUS / STEP + 1;
 /// The gray value of pixels without a disparity, in units of the difference at which votes count half: their weight is
 /// lost beside a pixel's own, 1, and the product of the inverses of two weights is still finite.
 pub const UNLIKE: f32 = (1u32 << 30) as f32;
+
+/// The cost margin of a choice: its aggregated cost, and the least one of candidates not next to it, which see the same
+/// match.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CostMargin {
+    /// Cost of the chosen candidate.
+    pub own: u32,
+    /// Least cost elsewhere; `None`: all candidates are next to it.
+    pub elsewhere: Option<u32>,
+}
+
+impl CostMargin {
+    /// The margin of a choice with this cost, and of candidates elsewhere with at least that cost, or [`NONE`].
+    #[inline(always)]
+    pub fn new(own: u32, elsewhere: u32) -> Self {
+        Self { own, elsewhere: (elsewhere != NONE).then_some(elsewhere) }
+    }
+
+    /// Whether the cost of the choice is not lower than the least one elsewhere by `percent` of it, at most 100.
+    #[inline(always)]
+    pub fn is_ambiguous(self, percent: u64) -> bool {
+        let own = u64::from(self.own);
+        self.elsewhere.is_some_and(|elsewhere| u64::from(elsewhere) * (100 - percent) < own * 100)
+    }
+}
 
 /// The vote of a pixel, from 0 to 1, by its cost margin, of which `unit` steps are one unit of the mean cost.
 #[inline(always)]

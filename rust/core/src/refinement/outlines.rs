@@ -266,7 +266,7 @@ impl<const SIDE: usize, const STRIDE: usize, const NEAR: usize> Loop
             let first = x as isize - Windows::<SIDE, STRIDE, NEAR>::REACH as isize;
             let grays = parts(self.grays, first, &mut gray_buffer, |_, _| NOTHING);
             let steps = parts(self.steps, first, &mut step_buffer, |_, _| 0);
-            let away = self.windows.away(steps);
+            let away = Windows::<SIDE, STRIDE, NEAR>::away(steps);
             let weights = self.windows.weights(self.nearness, grays);
             let median = median(away.as_flattened(), weights.as_flattened());
 
@@ -284,7 +284,7 @@ type PixelLanes<T> = [T; LANES];
 impl<const SIDE: usize, const STRIDE: usize, const NEAR: usize> Windows<SIDE, STRIDE, NEAR> {
     /// The disparities in the windows less the pixel's own, in steps.
     #[inline(always)]
-    fn away(self, steps: [&[i32]; SIDE]) -> [[PixelLanes<i16>; SIDE]; SIDE] {
+    fn away(steps: [&[i32]; SIDE]) -> [[PixelLanes<i16>; SIDE]; SIDE] {
         let mut away = [[[0; LANES]; SIDE]; SIDE];
         let own = &steps[SIDE / 2][Self::REACH..][..LANES];
 

@@ -52,7 +52,8 @@ use self::spectrum::{Cross, Powers, powers, response};
 use self::two_sided::{TwoSided, find_two_sided};
 use crate::error::Result;
 use crate::pipeline::control::Control;
-use crate::pipeline::matcher::{Execution, Matcher, Pair};
+use crate::pipeline::matcher::{Execution, Matcher};
+use crate::pipeline::pair::Pair;
 use crate::rig::psf::{Psf, Taps};
 use crate::simd::Level;
 

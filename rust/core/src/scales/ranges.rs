@@ -28,7 +28,7 @@ use crate::cost::candidates::{Candidates, Searched};
 use crate::error::Result;
 use crate::image::plane::Plane;
 use crate::optimization::panel_ranges::PanelRanges;
-use crate::pipeline::matcher::Pair;
+use crate::pipeline::pair::Pair;
 use crate::pipeline::section::Section;
 use crate::rig::blur::parts::Means;
 use crate::rig::estimation::overview::Detail;
