@@ -85,7 +85,7 @@ def test_a_plan_has_all_that_there_is(data: Path) -> None:
         "one-sided-blur",
         "sharp",
         "rigs",
-        "parts",
+        "choices",
         "synthesis",
         "rendered",
         "surfaces",
