@@ -243,8 +243,9 @@ def guide(disparity: Map, gray: Ints) -> Map:
     eighths of a pixel from the pixel's own.
     """
     guided = disparity.copy()
-    level = np.trunc(gray * (32 / max(oracle.mean_step(gray), 1 / 16)))
-    eighths = np.trunc(np.nan_to_num(disparity) * 8)
+    scale = np.float32(32 / max(oracle.mean_step(gray), 1 / 16))
+    level = np.trunc(gray.astype(np.float32) * scale)
+    eighths = np.trunc(np.nan_to_num(disparity).astype(np.float32) * np.float32(8))
 
     for y, x in np.argwhere(near_jumps(disparity) & ~np.isnan(disparity)):
         here = int(y), int(x)
