@@ -13,9 +13,12 @@ from typing import Any
 import pytest
 
 from conftest import ROOT, counterpart
+from phasestereo_bench import methods
 from phasestereo_bench.report.documents import MARKERS
+from phasestereo_bench.report.tables import MISSING
 from phasestereo_bench.rigs import FAULTS
 from phasestereo_bench.tables.headline import COLUMNS, TITLES
+from phasestereo_bench.tables.ours import CHOICES, choice_table
 from phasestereo_bench.tables.plan import job_groups
 from test_bench_cases import plant
 
@@ -77,7 +80,7 @@ def test_a_plan_has_all_that_there_is(data: Path) -> None:
         "one-sided-blur",
         "sharp",
         "rigs",
-        "parts",
+        "choices",
         "synthesis",
         "rendered",
         "surfaces",
@@ -91,6 +94,20 @@ def test_a_plan_has_all_that_there_is(data: Path) -> None:
     assert kinds == {"recording-rows", "recording-frame", "real-pair"}
 
     assert [stage.name for stage in there.values() if stage.alone] == ["costs"]
+
+
+def test_choices_are_legal_and_have_a_mean_of_each_kind_of_pairs() -> None:
+    assert all(methods.method(spec) for spec in CHOICES)
+
+    record = {"method": "robust", "degradation": "noise 5", "v3": {"bad_2": 0.0}}
+    records = [
+        record | {"status": "ok", "v2": {"nonocc": 3.0}},
+        record | {"status": "ok", "v2": {"nonocc": 4.0}},
+        record | {"status": "failed"},
+    ]
+    header, first = choice_table(records).header, choice_table(records).rows[0]
+    row = dict(zip(header, [entry.text for entry in first], strict=True))
+    assert (row["settings"], row["noise 5"], row["sharp"]) == ("robust", "3.50", MISSING)
 
 
 # The documentation

@@ -105,7 +105,8 @@ def assert_equals_the_oracle(
 
     everything = np.ones(pair.shape[1:3], bool)
     thousandths = 1000 if pair.ndim == 4 else 1
-    gray = np.rint(thousandths * oracle.to_gray(pair[0])).astype(np.int64)
+    # About the middle of the range: outlines are drawn by steps of gray that are cut off towards it.
+    gray = np.rint(thousandths * (oracle.to_gray(pair[0]) - 128)).astype(np.int64)
     gray = gray if masks is None else oracle.fill_masked(gray, masks[0])
 
     volume, dropped, bits = volume_of(pair, settings, search, masks)

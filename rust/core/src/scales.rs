@@ -28,7 +28,8 @@ pub mod ranges;
 pub mod reduction;
 
 use crate::error::Result;
-use crate::pipeline::matcher::{Disparity, Pair};
+use crate::pipeline::matcher::Disparity;
+use crate::pipeline::pair::Pair;
 use crate::pipeline::platform::Instant;
 use crate::pipeline::section::Section;
 use crate::rig::blur::parts::Means;
@@ -42,6 +43,19 @@ use crate::settings::Settings;
 const SOME: f64 = 0.01;
 /// Share of the pixels in doubt from which on a smaller copy is matched: of sharp pairs with fewer it decides less than 1 %.
 const MANY: f64 = 0.05;
+
+/// Estimates what the settings ask for and the caller does not know, and matches the pair as it was prepared.
+pub fn prepare_and_match(
+    pair: Pair,
+    known: Known,
+    settings: &Settings,
+    means: Means,
+) -> Result<(Disparity, Prepared)> {
+    let prepared = prepare(pair, known, settings, means)?;
+    let disparity = match_over_scales(&prepared, settings, means)?;
+
+    Ok((disparity, prepared))
+}
 
 /// Matches a prepared pair as [`crate::pipeline::matcher::Matcher::match_pair`] does, and decides over scales where these
 /// settings, from which it was prepared, ask for it.

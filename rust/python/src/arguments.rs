@@ -12,12 +12,13 @@ use crate::reader::{as_packing, as_ranges};
 use crate::settings::read_settings;
 use phasestereo::Error;
 use phasestereo::internals::image::convolution::Kernel;
-use phasestereo::internals::image::intensity;
+use phasestereo::internals::image::intensity_range::IntensityRange;
 use phasestereo::internals::image::packing::Packing;
 use phasestereo::internals::image::plane::{Plane, zeroed};
 use phasestereo::internals::image::texture::{Roughness, Texture};
 use phasestereo::internals::image::view::{Image, Mask, View};
-use phasestereo::internals::pipeline::matcher::{Pair, usable_threads};
+use phasestereo::internals::pipeline::matcher::usable_threads;
+use phasestereo::internals::pipeline::pair::Pair;
 use phasestereo::internals::refinement::calibration::Tally;
 use phasestereo::internals::rig::alignment::{Alignment, TERMS};
 use phasestereo::internals::rig::blur_compensation::{BlurCompensation, check_noise};
@@ -165,7 +166,7 @@ pub struct Statistics<'py> {
     pub is_inverted: bool,
     pub disparities: Both<'py>,
     pub packing: Packing,
-    pub ranges: [Option<intensity::IntensityRange>; 2],
+    pub ranges: [Option<IntensityRange>; 2],
     pub roughness: Option<Roughness>,
     pub tally: Option<Tally>,
 }

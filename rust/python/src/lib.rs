@@ -48,7 +48,8 @@ use phasestereo::internals::optimization::{BAND, Penalties, optimize};
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::footprint::Demand;
 use phasestereo::internals::pipeline::halo::Halo;
-use phasestereo::internals::pipeline::matcher::{Disparity, Execution, Matcher, Pair, on_threads};
+use phasestereo::internals::pipeline::matcher::{Disparity, Execution, Matcher, on_threads};
+use phasestereo::internals::pipeline::pair::Pair;
 use phasestereo::internals::pipeline::section::Section;
 use phasestereo::internals::pipeline::source;
 use phasestereo::internals::pipeline::summary::Summary;
@@ -59,9 +60,8 @@ use phasestereo::internals::rig::blur;
 use phasestereo::internals::rig::blur_compensation::MOST_CLASSES;
 use phasestereo::internals::rig::estimation::compensation_plan::{LARGER, MUCH_LARGER};
 use phasestereo::internals::rig::estimation::overview::LEAST_SIZE;
-use phasestereo::internals::rig::estimation::{
-    Means, Prepared, prepare, prepare_and_match, prepare_by_rows,
-};
+use phasestereo::internals::rig::estimation::{Means, Prepared, prepare, prepare_by_rows};
+use phasestereo::internals::scales::prepare_and_match;
 use phasestereo::internals::settings::presets::Preset;
 use phasestereo::internals::settings::{MOST_DISPARITIES, Settings};
 use phasestereo::internals::simd::Level;

@@ -9,9 +9,9 @@ use crate::arguments::{Both, Disparities, read_images};
 use crate::failure::{Failure, Result};
 use phasestereo::Error;
 use phasestereo::internals::cost::candidates::Candidates;
-use phasestereo::internals::image::intensity;
+use phasestereo::internals::image::intensity_range::IntensityRange;
 use phasestereo::internals::image::packing::{Integers, Packing};
-use phasestereo::internals::pipeline::matcher::Pair;
+use phasestereo::internals::pipeline::pair::Pair;
 use phasestereo::internals::pipeline::source::Source;
 
 /// A callable `read(first, last)` that returns ((left, right), masks) of these rows, as [`read_images`] takes them.
@@ -22,7 +22,7 @@ pub struct Reader {
     candidates: Candidates,
     /// How pixels are packed; `None`: they stay as they are read.
     packing: Option<Packing>,
-    ranges: [Option<intensity::IntensityRange>; 2],
+    ranges: [Option<IntensityRange>; 2],
     /// The exception that the callable raised.
     raised: Mutex<Option<Failure>>,
 }
@@ -119,7 +119,7 @@ pub fn packing_to_py(Packing { integers, is_gray: [left, right] }: Packing) -> P
 }
 
 /// The ranges of both images for the core.
-pub fn as_ranges(ranges: Option<Ranges>) -> [Option<intensity::IntensityRange>; 2] {
-    let range = |(black, white)| Some(intensity::IntensityRange { black, white });
+pub fn as_ranges(ranges: Option<Ranges>) -> [Option<IntensityRange>; 2] {
+    let range = |(black, white)| Some(IntensityRange { black, white });
     ranges.map_or([None; 2], |(left, right)| [range(left), range(right)])
 }

@@ -7,7 +7,8 @@ use pyo3::prelude::*;
 
 use phasestereo::Error;
 use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::pipeline::matcher::{Disparity, Pair};
+use phasestereo::internals::pipeline::matcher::Disparity;
+use phasestereo::internals::pipeline::pair::Pair;
 use phasestereo::internals::pipeline::platform::Instant;
 use phasestereo::internals::pipeline::temporal::TemporalFilter as Filter;
 use phasestereo::internals::rig::estimation::Means;

@@ -49,9 +49,9 @@ is said of it."""
 
 _OTHERS = (
     "blur",
+    "choices",
     "costs",
     "headline",
-    "parts",
     "real-pairs",
     "recordings",
     "recordings-rows",

@@ -20,6 +20,7 @@
 
 pub mod areas;
 pub mod compensation_plan;
+pub mod estimates;
 pub mod overview;
 pub mod range;
 pub mod rows;
@@ -31,14 +32,16 @@ use std::ops::Range;
 use std::time::Duration;
 
 use self::compensation_plan::CompensationPlan;
+pub use self::estimates::Estimates;
 use self::overview::{Overview, RoughMap};
 use self::range::{LeftOut, SearchRange};
 use self::rows::RowOffsets;
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
-use crate::findings::{self, Finding};
+use crate::findings;
+use crate::findings::finding::Finding;
 use crate::image::packing::Packing;
-use crate::pipeline::matcher::{Disparity, Pair};
+use crate::pipeline::pair::Pair;
 use crate::pipeline::platform::Instant;
 use crate::pipeline::source::Source;
 use crate::rig::alignment::Alignment;
@@ -49,7 +52,6 @@ use crate::rig::blur::rough::{self, Rough};
 use crate::rig::blur::{self, Glance};
 use crate::rig::blur_compensation::BlurCompensation;
 use crate::rig::photometry::{Contrast, Photometry, Scales};
-use crate::scales::match_over_scales;
 use crate::settings::Settings;
 
 /// Where the range is unknown, one in so many columns is the number of disparities to search.
@@ -109,45 +111,6 @@ impl Before {
     }
 }
 
-/// What was estimated from a pair, and the settings and kernels that suit it.
-#[derive(Debug, Clone)]
-#[non_exhaustive]
-pub struct Estimates {
-    /// The disparities to search.
-    #[doc(hidden)]
-    pub candidates: Candidates,
-    /// Mean confidence of the rough match of the reduced images, if there was one.
-    pub confidence: Option<f64>,
-    /// Whether the images match once one of them is inverted, and not before. With `compensate_blur`, all else was then
-    /// estimated with the negative of the right image.
-    pub is_inverted: bool,
-    /// The range of disparities, if it was to be estimated, or the known one matches badly.
-    #[doc(hidden)]
-    pub range: Option<SearchRange>,
-    /// Places that seem to have disparities that are not searched.
-    #[doc(hidden)]
-    pub left_out: Vec<LeftOut>,
-    /// The vertical offsets, if they were to be estimated and enough blocks were found in both images.
-    #[doc(hidden)]
-    pub offsets: Option<RowOffsets>,
-    /// The field by which the right image is straightened.
-    #[doc(hidden)]
-    pub alignment: Option<Alignment>,
-    /// Noise and blur, if they were to be estimated.
-    #[doc(hidden)]
-    pub blur: Option<blur::Estimate>,
-    /// What the gray values say, if anything was to be estimated.
-    #[doc(hidden)]
-    pub photometry: Option<Photometry>,
-    /// The settings and kernels that suit the blur and the noise, of which one or both are estimated or known.
-    #[doc(hidden)]
-    pub compensation: Option<CompensationPlan>,
-    /// What there is to say about the pair, in a fixed order of topics.
-    pub findings: Vec<Finding>,
-    /// Wall-clock time.
-    pub time: Duration,
-}
-
 /// A pair with all that a match needs.
 #[derive(Debug)]
 pub struct Prepared {
@@ -164,7 +127,7 @@ pub fn prepare(pair: Pair, known: Known, settings: &Settings, means: Means) -> R
     settings.check()?;
 
     let packing = Packing::of_views(pair.views(), means.control)?;
-    let (pair, estimates) = estimated(pair.packed(&packing), &known, settings, means)?;
+    let (pair, estimates) = estimate(pair.packed(&packing), &known, settings, means)?;
 
     // What the caller knows comes before what was estimated.
     let compensation = match (&estimates.compensation, known.compensation) {
@@ -184,7 +147,7 @@ pub fn prepare(pair: Pair, known: Known, settings: &Settings, means: Means) -> R
 }
 
 /// The estimates of a pair, and the pair that they are of: with its ranges, and inverted if it matches so.
-fn estimated(
+fn estimate(
     mut pair: Pair,
     known: &Known,
     settings: &Settings,
@@ -205,28 +168,17 @@ fn estimated(
         return Ok((pair, estimates));
     }
 
-    let mut found = means.matcher.install(|| estimate_pair(&pair, &request, settings, means))?;
+    let mut found =
+        means.matcher.install(|| Estimates::of_pair(&pair, &request, settings, means))?;
     if settings.compensate_blur && found.is_inverted && !known.is_inverted {
         pair = pair.inverted();
-        let negative = means.matcher.install(|| estimate_pair(&pair, &request, settings, means))?;
+        let negative =
+            means.matcher.install(|| Estimates::of_pair(&pair, &request, settings, means))?;
         found = found.with_negative(negative);
     }
 
     let size = pair.size();
     Ok((pair, found.with_known(known, size, settings, started)))
-}
-
-/// Estimates what the settings ask for and the caller does not know, and matches the pair as it was prepared.
-pub fn prepare_and_match(
-    pair: Pair,
-    known: Known,
-    settings: &Settings,
-    means: Means,
-) -> Result<(Disparity, Prepared)> {
-    let prepared = prepare(pair, known, settings, means)?;
-    let disparity = match_over_scales(&prepared, settings, means)?;
-
-    Ok((disparity, prepared))
 }
 
 /// The estimates of [`prepare`], to the bit, for a pair that is read a part at a time.
@@ -247,10 +199,10 @@ pub fn prepare_by_rows(
     let inverted = Inverted(source);
     let source = if known.is_inverted { &inverted } else { source };
     let mut found =
-        means.matcher.install(|| estimate_by_rows(source, &request, settings, means))?;
+        means.matcher.install(|| Estimates::of_source(source, &request, settings, means))?;
 
     if settings.compensate_blur && found.is_inverted && !known.is_inverted {
-        let estimate = || estimate_by_rows(&inverted, &request, settings, means);
+        let estimate = || Estimates::of_source(&inverted, &request, settings, means);
         found = found.with_negative(means.matcher.install(estimate)?);
     }
 
@@ -278,42 +230,6 @@ impl Source for Inverted<'_> {
     }
 }
 
-/// The estimates of a pair in memory.
-fn estimate_pair(
-    pair: &Pair,
-    request: &Request,
-    settings: &Settings,
-    means: Means,
-) -> Result<Estimates> {
-    let levels = defects::levels_of_pair(pair, means)?;
-    let needs_defects = request.blur && blur::is_enough(pair.size());
-    let defects = needs_defects.then(|| Defects::of_pair(pair, levels, means)).transpose()?;
-    let defects = defects.unwrap_or_default();
-
-    let repaired = defects.repaired(pair);
-    let part = Part::new(0, Cow::Borrowed(&*repaired), means)?;
-    let sample = Sample { pair: &repaired, scales: Scales::new(&repaired, levels, means)? };
-    estimate(PairRows::Kept(&part), &sample, request, defects, settings, means)
-}
-
-/// The estimates of a pair that is read a part at a time.
-fn estimate_by_rows(
-    source: &dyn Source,
-    request: &Request,
-    settings: &Settings,
-    means: Means,
-) -> Result<Estimates> {
-    let levels = defects::levels_of_source(source, means)?;
-    let needs_defects = request.blur && blur::is_enough(source.size());
-    let defects = needs_defects.then(|| Defects::of_source(source, levels, means)).transpose()?;
-    let defects = defects.unwrap_or_default();
-
-    let first = source.rows(0..1)?;
-    let sample = Sample { pair: &first, scales: Scales::new(&first, levels, means)? };
-    let repaired = Repaired { source, impulses: defects.impulses };
-    estimate(PairRows::Read(&repaired), &sample, request, defects, settings, means)
-}
-
 impl Known {
     /// What the settings ask for and is not known.
     fn request(&self, settings: &Settings) -> Request<'_> {
@@ -338,20 +254,105 @@ impl Request<'_> {
 }
 
 impl Estimates {
-    /// The disparities to search, half-open: those that were given, or else those that were found.
-    pub fn disparities(&self) -> Range<i64> {
-        let (min, count) = (self.candidates.min() as i64, self.candidates.count() as i64);
-        min..min + count
+    /// The estimates of a pair in memory.
+    fn of_pair(pair: &Pair, request: &Request, settings: &Settings, means: Means) -> Result<Self> {
+        let levels = defects::levels_of_pair(pair, means)?;
+        let needs_defects = request.blur && blur::is_enough(pair.size());
+        let defects = needs_defects.then(|| Defects::of_pair(pair, levels, means)).transpose()?;
+        let defects = defects.unwrap_or_default();
+
+        let repaired = defects.repaired(pair);
+        let part = Part::new(0, Cow::Borrowed(&*repaired), means)?;
+        let sample = Sample { pair: &repaired, scales: Scales::new(&repaired, levels, means)? };
+        Self::new(PairRows::Kept(&part), &sample, request, defects, settings, means)
     }
 
-    /// Whether the right image is straightened, since its rows do not correspond to those of the left one.
-    pub fn is_straightened(&self) -> bool {
-        self.alignment.is_some()
+    /// The estimates of a pair that is read a part at a time.
+    fn of_source(
+        source: &dyn Source,
+        request: &Request,
+        settings: &Settings,
+        means: Means,
+    ) -> Result<Self> {
+        let levels = defects::levels_of_source(source, means)?;
+        let needs_defects = request.blur && blur::is_enough(source.size());
+        let defects =
+            needs_defects.then(|| Defects::of_source(source, levels, means)).transpose()?;
+        let defects = defects.unwrap_or_default();
+
+        let first = source.rows(0..1)?;
+        let sample = Sample { pair: &first, scales: Scales::new(&first, levels, means)? };
+        let repaired = Repaired { source, impulses: defects.impulses };
+        Self::new(PairRows::Read(&repaired), &sample, request, defects, settings, means)
     }
 
-    /// Standard deviations of the noise, left and right, in units of the pixels; `None`: not estimated.
-    pub fn noise(&self) -> Option<[f64; 2]> {
-        self.blur.as_ref().map(|blur| blur.noise)
+    /// The estimates that are requested.
+    fn new(
+        rows: PairRows,
+        sample: &Sample,
+        request: &Request,
+        defects: Defects,
+        settings: &Settings,
+        means: Means,
+    ) -> Result<Self> {
+        let Geometry {
+            confidence,
+            is_inverted,
+            range,
+            left_out,
+            offsets,
+            alignment,
+            contrast,
+            rough,
+        } = Geometry::new(rows, sample, request, means)?;
+
+        let width = rows.size().1;
+        let candidates = match (request.candidates, &range) {
+            (Some(candidates), _) => candidates,
+            (None, Some(range)) => range.candidates(width)?,
+            (None, None) => Candidates::new(0, width.div_ceil(DEFAULT_SHARE) as i64, width)?,
+        };
+
+        // Blur is compared where both images show the same, so it comes after the geometry.
+        let known = rough::Correspondence { candidates, alignment: alignment.clone() };
+        let rough =
+            rough.map(|(map, factor)| Rough::of_whole(map.unsure, factor, alignment.clone()));
+        let blur = || blur::estimate(rows, sample.pair, known, rough, means);
+        let blur = request.blur.then(blur).transpose()?;
+        let blur = blur.map(|blur| blur.with(defects));
+
+        let noise = blur.as_ref().map(|blur| blur.noise).or(request.noise).unwrap_or_default();
+        let photometry =
+            Photometry::new(rows, &sample.scales, noise, candidates.count(), contrast, means)?;
+
+        let compensation = match (&blur, request.noise) {
+            _ if request.compensation.is_some() => None,
+            (Some(blur), noise) => Some(CompensationPlan::new(blur, noise, settings)?),
+            (None, Some(noise)) => Some(CompensationPlan::of_noise(noise, settings)?),
+            (None, None) => None,
+        };
+
+        let mut estimates = Self {
+            candidates,
+            confidence,
+            is_inverted,
+            range,
+            left_out,
+            offsets,
+            alignment,
+            blur,
+            photometry: Some(photometry),
+            compensation,
+            findings: vec![],
+            time: Duration::ZERO,
+        };
+
+        // The trial matches bands by the settings and with the compensation of the match, so it comes last.
+        if !trial::confirms(rows, &estimates, request.compensation, settings, means)? {
+            estimates.alignment = None;
+        }
+
+        Ok(estimates)
     }
 
     /// The estimates of the pair with the negative of the right image, but for the pixels as they are.
@@ -427,66 +428,6 @@ struct Geometry {
 struct Sample<'a> {
     pair: &'a Pair,
     scales: Scales,
-}
-
-/// The estimates that are requested.
-fn estimate(
-    rows: PairRows,
-    sample: &Sample,
-    request: &Request,
-    defects: Defects,
-    settings: &Settings,
-    means: Means,
-) -> Result<Estimates> {
-    let Geometry { confidence, is_inverted, range, left_out, offsets, alignment, contrast, rough } =
-        Geometry::new(rows, sample, request, means)?;
-
-    let width = rows.size().1;
-    let candidates = match (request.candidates, &range) {
-        (Some(candidates), _) => candidates,
-        (None, Some(range)) => range.candidates(width)?,
-        (None, None) => Candidates::new(0, width.div_ceil(DEFAULT_SHARE) as i64, width)?,
-    };
-
-    // Blur is compared where both images show the same, so it comes after the geometry.
-    let known = rough::Correspondence { candidates, alignment: alignment.clone() };
-    let rough = rough.map(|(map, factor)| Rough::of_whole(map.unsure, factor, alignment.clone()));
-    let blur = || blur::estimate(rows, sample.pair, known, rough, means);
-    let blur = request.blur.then(blur).transpose()?;
-    let blur = blur.map(|blur| blur.with(defects));
-
-    let noise = blur.as_ref().map(|blur| blur.noise).or(request.noise).unwrap_or_default();
-    let photometry =
-        Photometry::new(rows, &sample.scales, noise, candidates.count(), contrast, means)?;
-
-    let compensation = match (&blur, request.noise) {
-        _ if request.compensation.is_some() => None,
-        (Some(blur), noise) => Some(CompensationPlan::new(blur, noise, settings)?),
-        (None, Some(noise)) => Some(CompensationPlan::of_noise(noise, settings)?),
-        (None, None) => None,
-    };
-
-    let mut estimates = Estimates {
-        candidates,
-        confidence,
-        is_inverted,
-        range,
-        left_out,
-        offsets,
-        alignment,
-        blur,
-        photometry: Some(photometry),
-        compensation,
-        findings: vec![],
-        time: Duration::ZERO,
-    };
-
-    // The trial matches bands by the settings and with the compensation of the match, so it comes last.
-    if !trial::confirms(rows, &estimates, request.compensation, settings, means)? {
-        estimates.alignment = None;
-    }
-
-    Ok(estimates)
 }
 
 impl Geometry {
