@@ -15,7 +15,7 @@ BEGUN = touch $@.begun
 DONE = touch -r $@.begun $@ && rm $@.begun
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-core test-arm64 fuzz soak lint format bench tables bench-core docs wheel c web hooks clean
+.PHONY: help demo test test-core test-arm64 fuzz soak lint format settings bench tables bench-core docs wheel c web hooks clean
 
 help: ## List the commands
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 18
@@ -59,6 +59,8 @@ format: $(VENV)/dev ## Format the code
 	cargo fmt --all
 	$(BIN)/ruff format
 	$(BIN)/ruff check --fix
+
+settings: $(CORE) ## Write what Python and the glossary repeat of the table of settings
 
 bench: $(VENV)/harness ## Time a match against OpenCV, in a quarter of an hour (PHASESTEREO_DATA as above)
 	PHASESTEREO_DATA="$${PHASESTEREO_DATA:-../shared}" $(BIN)/phasestereo bench speed --output speed/speed.jsonl $(ARGS)
@@ -114,7 +116,7 @@ $(VENV)/page: $(CORE)
 $(CORE): $(VENV)/ready pyproject.toml $(RUST)
 	@echo "== Compile the matcher, which takes some minutes"
 	@$(ALONE) '$(BEGUN); env -u CONDA_PREFIX VIRTUAL_ENV="$(CURDIR)/$(VENV)" \
-		$(BIN)/maturin develop --release --locked; $(DONE)'
+		$(BIN)/maturin develop --release --locked; $(BIN)/python rust/python/write_settings.py; $(DONE)'
 
 $(C_LIBRARY): $(RUST)
 	mkdir -p $(@D)

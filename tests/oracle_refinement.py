@@ -6,29 +6,24 @@ those of the image, medians, smoother surfaces, trust. Disparities are float32 t
 thresholds are held against their differences; what is summed is summed in float64.
 """
 
-from __future__ import annotations
-
 import itertools
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import oracle
 import phasestereo as ps
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
-    Bools = NDArray[np.bool_]
-    Ints = NDArray[np.int64]
-    Floats = NDArray[np.float64]
-    Map = NDArray[np.float32]
-    Pixel = tuple[int, int]
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
+Map = NDArray[np.float32]
+Pixel = tuple[int, int]
 
 MISSING = ps.Flag.MASKED | ps.Flag.NO_CANDIDATE
 UNMATCHED = MISSING | ps.Flag.OUTSIDE | ps.Flag.MATCH_MASKED

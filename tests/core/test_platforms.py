@@ -4,18 +4,13 @@
 result changes them, and says why; the failing test prints what they are.
 """
 
-from __future__ import annotations
-
 import hashlib
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import phasestereo as ps
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 ROWS, COLS = 120, 160
 DIGESTS = {

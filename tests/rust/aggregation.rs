@@ -5,9 +5,9 @@ use crate::common::{
     view, volumes, widths,
 };
 use crate::reference;
+use phasestereo::internals::cost::Costs;
 use phasestereo::internals::cost::aggregation::{Aggregator, PixelBlock, Window, aggregate};
 use phasestereo::internals::cost::candidates::{Candidates, Searched};
-use phasestereo::internals::cost::{Costs, steps_of};
 use phasestereo::internals::error::Error;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::view::View;
@@ -15,7 +15,7 @@ use phasestereo::internals::optimization::PANEL;
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::rig::blur_compensation::BlurCompensation;
 use phasestereo::internals::settings::presets::Preset;
-use phasestereo::internals::settings::{LARGEST_WINDOW, Precision, Settings};
+use phasestereo::internals::settings::{CostKind, LARGEST_WINDOW, Precision, Settings};
 use phasestereo::internals::simd::Level;
 use phasestereo::internals::value::{LANES, Value};
 use proptest::prelude::*;
@@ -80,19 +80,23 @@ proptest! {
     fn bytes_hold_the_sums_of_byte_precision(settings in settings(), ceiling in 1u16..=36_720) {
         let settings = Settings { precision: Precision::Byte, ..settings };
 
-        let window = Window::new((9, 9), 5, &settings, ceiling);
-        prop_assert!(window.largest_sum() <= 170, "{:?}", window);
-
-        let finer = Window { dropped: window.dropped.saturating_sub(1), ..window };
-
-        let holds_jumps = |window: Window| {
-            let p2 = settings.p2 * window.unit(steps_of(settings.cost));
-            window.largest_sum() as f64 + p2.round() <= 255.0
+        let side = settings.window as u64;
+        let sum = |dropped: u32| side * (side * u64::from(ceiling) >> dropped);
+        let unit = match settings.cost {
+            CostKind::Phase => 1.0,
+            CostKind::Sad => 16.0,
+            CostKind::NormalizedSad => 256.0,
         };
 
-        let is_worth_it = holds_jumps(window) && !holds_jumps(finer);
-        let is_needed = finer.largest_sum() > 170 || is_worth_it;
-        prop_assert!(window.dropped == 0 || is_needed, "{:?}", window);
+        // Two thirds of a byte; one bit more is dropped if P2 fits then alone, and 80 steps are left.
+        let least = (0..).find(|dropped| sum(*dropped) <= 170).expect("bits");
+        let fits = |dropped: u32| {
+            let p2 = settings.p2 * (side * side) as f64 * unit / f64::from(1 << dropped);
+            sum(dropped) >= 80 && sum(dropped) as f64 + p2.round() <= 255.0
+        };
+        let expected = if !fits(least) && fits(least + 1) { least + 1 } else { least };
+
+        prop_assert_eq!(Window::new((9, 9), 5, &settings, ceiling).dropped, expected);
     }
 }
 

@@ -6,8 +6,8 @@ use crate::common::maps;
 use crate::common::naive::ResultBits;
 use crate::common::parts::{Slow, known_part, rows_of};
 use crate::common::{
-    OPTIMIZERS, affordable, blur_compensation, hash, levels, mask, noises, random, robust,
-    settings, view, views,
+    LARGEST_PENALTY, OPTIMIZERS, affordable, blur_compensation, hash, levels, mask, noises, random,
+    robust, settings, view, views,
 };
 use phasestereo::internals::error::Error;
 use phasestereo::internals::image::convolution::Kernel;
@@ -22,11 +22,10 @@ use phasestereo::internals::pipeline::matcher::{Disparity, Execution, Matcher, P
 use phasestereo::internals::pipeline::section::Section;
 use phasestereo::internals::pipeline::source::{ranges, roughness, widened};
 use phasestereo::internals::refinement::calibration::{Tally, sampled};
-use phasestereo::internals::refinement::filling;
 use phasestereo::internals::refinement::{Draft, flag};
 use phasestereo::internals::rig::blur_compensation::BlurCompensation;
 use phasestereo::internals::settings::presets::Preset;
-use phasestereo::internals::settings::{CostKind, LARGEST_PENALTY, Optimizer, Precision, Settings};
+use phasestereo::internals::settings::{CostKind, Optimizer, Precision, Settings};
 use phasestereo::internals::simd::Level;
 use proptest::prelude::*;
 use proptest::sample::{Index, select};
@@ -553,6 +552,31 @@ impl DraftMap {
 }
 
 #[test]
+fn each_stage_adds_its_reach() {
+    let halo = |settings: Settings| Halo::new(&settings, None, None);
+
+    for (settings, rows) in [
+        (nothing(), 0),
+        (Settings { speckle_size: 12, fill: false, ..nothing() }, 12 + 32),
+        (Settings { lr_check: Some(1), ..nothing() }, 32),
+        (Settings { guided_median: true, ..nothing() }, 5),
+        (Settings { median: 3, ..nothing() }, 1),
+        (Settings { subpixel: true, ..nothing() }, 3),
+        (Settings { confidence: true, ..nothing() }, 4),
+    ] {
+        assert_eq!(halo(settings.clone()).map, rows, "{settings:?}");
+    }
+
+    // Of the image: half a neighborhood, half a window twice if it may shift, and for vertical paths a band with what it sees.
+    for (optimizer, rows) in [(Optimizer::WinnerTakesAll, 0), (Optimizer::SemiGlobal, 63 + 16)] {
+        let settings = Settings { neighborhood: 9, window: 7, optimizer, ..nothing() };
+        let [fixed, shiftable] =
+            [false, true].map(|shiftable| halo(Settings { shiftable, ..settings.clone() }).images);
+        assert_eq!([fixed, shiftable], [4 + 3 + rows, 4 + 6 + rows], "{optimizer:?}");
+    }
+}
+
+#[test]
 fn refinement_needs_its_halo_and_no_more() {
     for settings in settings_of_refinement() {
         // The halo of several stages together is not always needed in full; those of speckles and of edges are tested below.
@@ -565,7 +589,7 @@ fn refinement_needs_its_halo_and_no_more() {
 
             // Anywhere, or as far from trusted rows as filling looks.
             let any = 1 + (hash(seed, 0, 0) % 149) as usize;
-            let far = (lost(seed).end + 1).saturating_sub(filling::REACH).clamp(1, 149);
+            let far = (lost(seed).end + 1).saturating_sub(32).clamp(1, 149);
             let map = DraftMap::random(seed, percent);
             let cut = if seed % 2 == 0 { any } else { far };
 
@@ -585,7 +609,8 @@ fn refinement_needs_its_halo_and_no_more() {
 #[test]
 fn edges_need_their_halo_and_no_more() {
     let settings = Settings { guided_median: true, ..nothing() };
-    let halo = Halo::new(&settings, None, None).map;
+    let halo = 5;
+    assert_eq!(Halo::new(&settings, None, None).map, halo);
 
     for cut in [60, 61, 75] {
         let calm = |y: usize, x: usize| (hash(6, y, x) % 4) as f32 / 4.0;
@@ -606,7 +631,9 @@ fn edges_need_their_halo_and_no_more() {
 #[test]
 fn speckles_need_their_halo_and_no_more() {
     let settings = Settings { speckle_size: 20, fill: false, ..nothing() };
-    let halo = Halo::new(&settings, None, None).map;
+    // Rows without a trusted pixel copy others at most 32 rows away.
+    let halo = 20 + 32;
+    assert_eq!(Halo::new(&settings, None, None).map, halo);
 
     let column = |length: usize| DraftMap {
         disparity: Plane::from_fn(150, 24, |y, x| {

@@ -297,9 +297,12 @@ fn a_part_is_straightened_as_the_whole() {
     let control = Control::default();
     let whole = straightened(&right, &exact, Level::best(), &control).expect("memory");
 
+    // Offsets of at most 9.7 rows, half of 8 taps, and what a masked tap and an impulse ask for: 8 rows and one.
+    let halo = 10 + 4 + 8 + 1;
+    assert_eq!(exact.halo(), halo);
+
     for (first, end) in [(0, 40), (100, 150), (200, SIZE.0)] {
-        let (top, bottom) =
-            (first.max(exact.halo()) - exact.halo(), (end + exact.halo()).min(SIZE.0));
+        let (top, bottom) = (first.max(halo) - halo, (end + halo).min(SIZE.0));
         let part = right.of_rows(top..bottom);
         let part =
             straightened(&part, &exact.clone().starting_at_row(top), Level::best(), &control)

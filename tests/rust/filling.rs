@@ -5,9 +5,12 @@ use crate::common::{at_every_level, hash, random};
 use crate::reference;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::refinement::filling::{REACH, fill};
+use phasestereo::internals::refinement::filling::fill;
 use phasestereo::internals::refinement::flag;
 use proptest::prelude::*;
+
+/// Most rows to one that is copied.
+const REACH: usize = 32;
 
 const NAN: f32 = f32::NAN;
 

@@ -24,6 +24,7 @@ mod normalization;
 mod optimization;
 mod outlines;
 mod planes;
+mod quantizer;
 mod reference;
 mod scales;
 mod smoothing;

@@ -2,11 +2,14 @@
 
 use crate::common::{grays, hash, random};
 use crate::reference;
-use phasestereo::internals::image::masking::{REACH, fill_masked};
+use phasestereo::internals::image::masking::fill_masked;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::view::Mask;
 use phasestereo::internals::pipeline::control::Control;
 use proptest::prelude::*;
+
+/// Most rows to one that is copied: what the largest kernel and the largest window reach.
+const REACH: usize = 64 + 31;
 
 proptest! {
     #![proptest_config(random(256))]

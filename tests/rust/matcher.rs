@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use crate::common::naive::{self, ResultBits};
 use crate::common::{
-    OPTIMIZERS, affordable, blur_compensation, eight_valid_pairs, hash, levels, mask, noises,
-    random, refinements, robust, settings, view, views,
+    LARGEST_PENALTY, OPTIMIZERS, affordable, blur_compensation, eight_valid_pairs, hash, levels,
+    mask, noises, random, refinements, robust, settings, view, views,
 };
 use phasestereo::internals::cost::validity::Validity;
 use phasestereo::internals::error::Error;
@@ -20,7 +20,7 @@ use phasestereo::internals::pipeline::matcher::{Execution, Matcher, Pair, on_thr
 use phasestereo::internals::refinement::flag;
 use phasestereo::internals::rig::blur_compensation::BlurCompensation;
 use phasestereo::internals::settings::presets::Preset;
-use phasestereo::internals::settings::{CostKind, LARGEST_PENALTY, Optimizer, Precision, Settings};
+use phasestereo::internals::settings::{CostKind, Optimizer, Precision, Settings};
 use phasestereo::internals::simd::Level;
 use phasestereo::internals::value::Value;
 use proptest::prelude::*;

@@ -3,7 +3,10 @@
 
 use std::ops::Range;
 
-use crate::common::{COUNTS, OPTIMIZERS, hash, heights, levels, naive, random, widths};
+use crate::common::{
+    COUNTS, LARGEST_ADAPTIVE, LARGEST_PENALTY, OPTIMIZERS, hash, heights, levels, naive, random,
+    widths,
+};
 use crate::reference;
 use crate::reference::PixelEvidence;
 use phasestereo::internals::cost::aggregation::Window;
@@ -23,9 +26,7 @@ use phasestereo::internals::optimization::{
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::on_threads;
 use phasestereo::internals::settings::presets::Preset;
-use phasestereo::internals::settings::{
-    LARGEST_EDGES, LARGEST_PENALTY, MOST_DISPARITIES, Optimizer, Settings,
-};
+use phasestereo::internals::settings::{MOST_DISPARITIES, Optimizer, Settings};
 use phasestereo::internals::simd::Level;
 use phasestereo::internals::value::{LANES, Value};
 use proptest::prelude::*;
@@ -280,7 +281,7 @@ fn affordable(rows: usize, cols: usize, candidates: usize, is_wide: bool) -> (us
 
 fn volumes() -> impl Strategy<Value = Volume> {
     let size = (heights(), widths(), select(COUNTS.to_vec()), any::<bool>());
-    let threshold = prop_oneof![3 => 0.05..3.0f64, 1 => Just(LARGEST_EDGES)];
+    let threshold = prop_oneof![3 => 0.05..3.0f64, 1 => Just(LARGEST_ADAPTIVE)];
     let optimizers = OPTIMIZERS.into_iter().chain([Optimizer::SemiGlobal; 2]).collect::<Vec<_>>();
     let choices = (select(optimizers), prop::option::of(threshold), prop::option::of(any::<u64>()));
 
@@ -343,7 +344,7 @@ proptest! {
     fn edges_are_found_like_by_the_reference(
         (rows, cols, seed) in (1usize..=70, 1usize..=70, any::<u64>()),
         largest in select(vec![0, 1, 5, 255, LARGEST_REACH]),
-        threshold in prop_oneof![0.001..3.0f64, Just(1.0), Just(LARGEST_EDGES)],
+        threshold in prop_oneof![0.001..3.0f64, Just(1.0), Just(LARGEST_ADAPTIVE)],
     ) {
         let part = |lot: u64| (lot % (2 * u64::from(largest) + 1)) as i32 - largest as i32;
         let side = if seed & 1 == 0 { (4, 5) } else { (1, 1) };

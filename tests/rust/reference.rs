@@ -1,6 +1,8 @@
 //! The reference implementation of every stage: the same signature, written so that it can be checked by reading.
 //!
-//! Slow on purpose. The tests hold the fast stages to these, bit for bit.
+//! Slow on purpose. The tests hold the fast stages to these, bit for bit. Every constant is written again here, and no
+//! function of the core is called but for the logarithm and the exponential, so that a change there is seen here. Of the
+//! basis of the descriptor, the oracle in NumPy has its own.
 
 use std::cmp::Reverse;
 use std::ops::Range;
@@ -8,34 +10,54 @@ use std::ops::Range;
 use phasestereo::internals::cost::aggregation::Window;
 use phasestereo::internals::cost::candidates::Candidates;
 use phasestereo::internals::descriptor::basis::{Basis, Component};
-use phasestereo::internals::descriptor::quantizer::Quantizer;
-use phasestereo::internals::image::convolution::{GUARD, Kernel, SHIFT, Weights};
-use phasestereo::internals::image::impulses::mirrored;
-use phasestereo::internals::image::intensity::LEVEL_STEPS;
-use phasestereo::internals::image::masking;
-use phasestereo::internals::image::normalization::DEVIATION_STEPS;
-use phasestereo::internals::image::plane::{Plane, reflect};
+use phasestereo::internals::image::convolution::{Kernel, Weights};
+use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::texture::Roughness;
 use phasestereo::internals::image::view::Mask;
 use phasestereo::internals::math::{exp, ln};
-use phasestereo::internals::optimization::evidence::NONE;
-use phasestereo::internals::optimization::{
-    BAND, LOOKAHEAD_COLUMNS, LOOKAHEAD_ROWS, PANEL, Penalties,
-};
+use phasestereo::internals::optimization::Penalties;
 use phasestereo::internals::refinement::calibration::Weights as CalibrationWeights;
-use phasestereo::internals::refinement::confidence::{
-    RADIUS, STEP, TOLERANCE, UNLIKE, VotedMap, confidence, similar,
-};
-use phasestereo::internals::refinement::filling;
+use phasestereo::internals::refinement::confidence::VotedMap;
 use phasestereo::internals::refinement::flag;
-use phasestereo::internals::refinement::guided_median::{self, STRIDE};
-use phasestereo::internals::refinement::jumps::JUMP;
 use phasestereo::internals::refinement::left_right_check::Choices;
-use phasestereo::internals::refinement::outlines;
-use phasestereo::internals::refinement::subpixel;
-use phasestereo::internals::refinement::synthesis::{self, BESIDE, softness};
 use phasestereo::internals::rig::blur_compensation::BlurCompensation;
 use phasestereo::internals::settings::Settings;
+
+/// Fractional bits of kernel weights, and those that a product of two factors keeps in between.
+const WEIGHT_BITS: u32 = 14;
+const KEPT_BITS: u32 = 2;
+/// Rows of a band and columns of a panel that paths are cut to, and what they see beyond.
+const BAND: usize = 64;
+const PANEL: usize = 64;
+const ROWS_AHEAD: usize = 16;
+const COLUMNS_AHEAD: usize = 16;
+/// The step of a disparity, pixels, that is a jump.
+const JUMP: f32 = 1.0;
+/// The cost where there is no candidate elsewhere.
+pub const NO_CANDIDATE: u32 = u32::MAX;
+
+/// Continues `0..length` by reflection, the edge repeated.
+pub fn reflect(index: isize, length: usize) -> usize {
+    let mut index = index;
+    loop {
+        if index < 0 {
+            index = -1 - index;
+        } else if index as usize >= length {
+            index = 2 * length as isize - 1 - index;
+        } else {
+            return index as usize;
+        }
+    }
+}
+
+/// Continues `0..length` by one at either end, the edge not repeated.
+fn mirrored(index: isize, length: usize) -> usize {
+    match index {
+        -1 => 1.min(length - 1),
+        _ if index as usize == length => length.saturating_sub(2),
+        _ => index as usize,
+    }
+}
 
 /// Reference implementation of [`phasestereo::internals::image::masking::fill_masked`]: for every masked pixel the whole row is searched, then, for
 /// rows without a valid pixel, the whole column of rows.
@@ -44,7 +66,7 @@ pub fn fill_masked(plane: &Plane<i32>, mask: &Mask) -> Plane<i32> {
     let is_seeded = |y: &usize| mask.row(*y).contains(&true);
 
     Plane::from_fn(rows, cols, |y, x| {
-        let near = (0..rows).filter(|row| row.abs_diff(y) <= masking::REACH);
+        let near = (0..rows).filter(|row| row.abs_diff(y) <= 64 + 31);
         let Some(from) = near.filter(is_seeded).min_by_key(|row| (row.abs_diff(y), *row)) else {
             return 0;
         };
@@ -72,11 +94,11 @@ pub fn normalize(plane: &Plane<u16>, window: usize) -> Plane<u16> {
             squares += i64::from(value).pow(2);
         }
 
-        let one_gray_level = (count * i64::from(LEVEL_STEPS)).pow(2);
+        let one_gray_level = (16 * count).pow(2);
         let variance = (count * squares - sum * sum + one_gray_level) as f64;
 
         let deviations = (count * i64::from(plane.row(y)[x]) - sum) as f64 / variance.sqrt();
-        ((deviations.clamp(-16.0, 16.0) + 16.0) * f64::from(DEVIATION_STEPS)).round() as u16
+        ((deviations.clamp(-16.0, 16.0) + 16.0) * 256.0).round() as u16
     })
 }
 
@@ -89,9 +111,10 @@ pub fn convolve(gray: &Plane<i32>, kernel: &Kernel, fraction: u32) -> Plane<i32>
     };
 
     match kernel.weights() {
-        Weights::All(weights) => pass(gray, weights, SHIFT - fraction),
+        Weights::All(weights) => pass(gray, weights, WEIGHT_BITS - fraction),
         Weights::Factors { column, row } => {
-            pass(&pass(gray, column, SHIFT - fraction - GUARD), row, SHIFT + GUARD)
+            let between = pass(gray, column, WEIGHT_BITS - fraction - KEPT_BITS);
+            pass(&between, row, WEIGHT_BITS + KEPT_BITS)
         }
     }
 }
@@ -239,10 +262,7 @@ fn components(
     counts: impl Fn(&Component) -> bool,
 ) -> Plane<u64> {
     let basis = Basis::new(settings);
-    let mut quantizer = Quantizer::new(settings);
-    if settings.has_weak() {
-        quantizer = quantizer.with_weak_level(threshold);
-    }
+    let weak = settings.has_weak().then_some(threshold);
 
     let radius = basis.radius() as isize;
     let tap = |f: isize, j: isize| {
@@ -270,11 +290,63 @@ fn components(
                 im += (a * d + b * c) * i64::from(pixel);
             }
 
-            code |= quantizer.code(re, im) << (c * quantizer.code_length());
+            let (quantized, bits) = quantize(re, im, (settings.power, settings.bits), weak);
+            code |= quantized << (c * bits);
         }
 
         code
     })
+}
+
+/// Tangents of the multiples of an eighth of a right angle.
+const TANGENTS: [f64; 7] = [
+    0.198_912_367_379_658,
+    0.414_213_562_373_095_05,
+    0.668_178_637_919_298_9,
+    1.0,
+    1.496_605_762_665_489,
+    2.414_213_562_373_095,
+    5.027_339_492_125_846,
+];
+
+/// Reference implementation of [`phasestereo::internals::descriptor::quantizer`]: the code of the component `re + i im` and
+/// its length, by the power of the spectrum and the bits of its phase. A boundary belongs to the sector counter-clockwise
+/// of it, zero to the first sector. With a weak level: the clearly negative parts, then the clearly positive ones.
+pub fn quantize(
+    re: i64,
+    im: i64,
+    (power, bits): (usize, usize),
+    weak: Option<f64>,
+) -> (u64, usize) {
+    if let Some(weak) = weak {
+        let (a, b) = (re as f64, im as f64);
+        let (a, b, weak) = match power {
+            1 => (a, b, weak),
+            _ => ((a - b) * (a + b), 2.0 * a * b, weak * weak),
+        };
+        let bits = [a < -weak, b < -weak, a > weak, b > weak];
+        return ((0..4).map(|bit| u64::from(bits[bit]) << bit).sum(), 4);
+    }
+
+    let length = 1 << (bits - 1);
+    // Turned by right angles until it lies in the first quadrant, its lower border included.
+    let (mut turns, mut x, mut y) = (0, re, im);
+    while (x, y) != (0, 0) && !(x > 0 && y >= 0) {
+        (x, y) = (y, -x);
+        turns += 1;
+    }
+
+    // Sixteenths of a half turn up to the component, then its place among the levels of its power: these go around once
+    // while it turns by a whole turn over the power.
+    let beyond =
+        TANGENTS.iter().filter(|tangent| x > 0 && y as f64 / x as f64 >= **tangent).count();
+    let eighths = 8 * turns + beyond;
+    let level = eighths * power * 2 * length / 32 % (2 * length);
+
+    // Ones enter at the low end until the word is full, then zeros do.
+    let ones = |count: usize| (1u64 << count) - 1;
+    let code = if level < length { ones(level) } else { ones(length) - ones(level - length) };
+    (code, length)
 }
 
 /// Reference implementation of [`phasestereo::internals::cost::Costs::write`] for phase codes: every bit compared by itself, over the whole
@@ -453,7 +525,7 @@ pub fn scanline_optimization(
     let own = limited(costs, candidates, |y, x| searched(y / BAND, x / PANEL));
     let left = totals(1, 0..cols, &own);
     let right = |first: usize| {
-        let end = ((first + PANEL).min(cols) + LOOKAHEAD_COLUMNS).min(cols);
+        let end = ((first + PANEL).min(cols) + COLUMNS_AHEAD).min(cols);
         let costs = limited(costs, candidates, |y, _| searched(y / BAND, first / PANEL));
         totals(-1, first..end, &costs)
     };
@@ -478,7 +550,7 @@ pub fn semi_global(
 
     let horizontal = scanline_optimization(costs, candidates, penalties, edges, searched);
     let vertical = |first: usize| {
-        let seen = first.saturating_sub(LOOKAHEAD_ROWS)..(first + BAND + LOOKAHEAD_ROWS).min(rows);
+        let seen = first.saturating_sub(ROWS_AHEAD)..(first + BAND + ROWS_AHEAD).min(rows);
         let costs = &limited(costs, candidates, |_, x| searched(first / BAND, x / PANEL));
         let image = PathCosts { costs, candidates, penalties, edges };
         [1, -1].map(|dy| image.totals((dy, 0), seen.clone(), 0..cols))
@@ -577,7 +649,7 @@ pub struct PixelEvidence {
     pub chosen: u16,
     /// Its cost.
     pub own: u32,
-    /// The least cost of a candidate not next to it. [`NONE`]: there is no such candidate.
+    /// The least cost of a candidate not next to it. [`NO_CANDIDATE`]: there is no such candidate.
     pub elsewhere: u32,
     /// Sub-pixel offset of the match from the chosen candidate, pixels.
     pub offset: f32,
@@ -585,15 +657,13 @@ pub struct PixelEvidence {
 
 /// Reference implementation of [`phasestereo::internals::optimization::selection`]: of one pixel, by what all paths come to and by its own costs.
 pub fn select(sums: &[u64], costs: &[u32]) -> PixelEvidence {
-    let evidence =
-        |(&sum, &cost): (&u64, &u32)| subpixel::evidence(capped(sum), capped(cost.into()));
-    let valley: Vec<_> = sums.iter().zip(costs).map(evidence).collect();
+    let valley: Vec<_> = sums.iter().zip(costs).map(|(&sum, &cost)| evidence(sum, cost)).collect();
     found(least(sums), sums, &valley)
 }
 
 /// As [`select`], of a pixel for which something else has chosen a candidate, by its costs alone.
 pub fn margin(chosen: u16, costs: &[u32]) -> PixelEvidence {
-    let valley: Vec<_> = costs.iter().map(|&cost| subpixel::evidence(cost, 0)).collect();
+    let valley: Vec<_> = costs.iter().map(|&cost| evidence(cost.into(), 0)).collect();
     let costs: Vec<u64> = costs.iter().map(|&cost| cost.into()).collect();
     found(chosen.into(), &costs, &valley)
 }
@@ -608,30 +678,34 @@ fn found(chosen: usize, costs: &[u64], valley: &[u32]) -> PixelEvidence {
     PixelEvidence {
         chosen: chosen as u16,
         own: capped(costs[chosen]),
-        elsewhere: elsewhere.map(|(_, &cost)| capped(cost)).min().unwrap_or(NONE),
-        offset: beside
-            .map_or(0.0, |(&below, &above)| subpixel::offset(below, valley[chosen], above)),
+        elsewhere: elsewhere.map(|(_, &cost)| capped(cost)).min().unwrap_or(NO_CANDIDATE),
+        offset: beside.map_or(0.0, |(&below, &above)| offset(below, valley[chosen], above)),
     }
 }
 
 /// A cost, clamped to the largest one.
 fn capped(cost: u64) -> u32 {
-    cost.min(u64::from(NONE - 1)) as u32
+    cost.min(u64::from(NO_CANDIDATE) - 1) as u32
+}
+
+/// The cost that places a match between candidates: what paths come to, and twice the pixel's own cost.
+fn evidence(sum: u64, cost: u32) -> u32 {
+    (u64::from(capped(sum)) + 2 * u64::from(cost)).min((1 << 31) - 1) as u32
 }
 
 /// Reference implementation of [`phasestereo::internals::refinement::subpixel::offset`]: the tip of a V, moved away from the candidate.
-pub fn offset(below: u32, own: u32, above: u32) -> f64 {
-    let [below, own, above] = [below, own, above].map(f64::from);
-    let slope = (below - own).max(above - own).max(1.0);
-    let tip = ((below - above) / (2.0 * slope)).clamp(-0.5, 0.5);
+pub fn offset(below: u32, own: u32, above: u32) -> f32 {
+    let [below, own, above] = [below, own, above].map(i64::from);
+    let slope = (below - own).max(above - own).max(1);
+    let doubled = ((below - above) as f32 / slope as f32).clamp(-1.0, 1.0);
 
-    tip * (1.0 + 0.6 * (1.0 - 2.0 * tip.abs()))
+    0.5 * doubled * (1.0 + 0.6 * (1.0 - doubled.abs()))
 }
 
 /// Reference implementation of [`phasestereo::internals::refinement::subpixel::smooth`]: every pair of neighbors by itself.
 pub fn smooth_surfaces(disparity: &Plane<f32>) -> Plane<f32> {
     let (rows, cols) = (disparity.rows(), disparity.cols());
-    let reach = subpixel::REACH as isize;
+    let reach = 3;
     let at = |y: usize, x: usize, dy: isize, dx: isize| {
         let (y, x) = (y.checked_add_signed(dy)?, x.checked_add_signed(dx)?);
         (y < rows && x < cols).then(|| disparity.row(y)[x])
@@ -663,7 +737,8 @@ pub fn smooth_surfaces(disparity: &Plane<f32>) -> Plane<f32> {
 /// weights take one division.
 pub fn confidences(map: VotedMap) -> Plane<f32> {
     let (rows, cols) = (map.disparity.rows(), map.disparity.cols());
-    let scale = 1.0 / similar(map.texture.roughness).sqrt();
+    // In units of twice the mean difference of neighbors.
+    let scale = 1.0 / ((2.0 * mean_difference(map.texture.roughness)).max(1.0) as f32);
 
     // Disparity, gray value and vote of a neighbor, if it has a disparity.
     let at = |y: usize, x: usize, dy: isize, dx: isize| {
@@ -672,12 +747,10 @@ pub fn confidences(map: VotedMap) -> Plane<f32> {
         let disparity = is_inside.then(|| map.disparity.row(y)[x]).filter(|d| !d.is_nan())?;
         Some((disparity, map.texture.gray.row(y)[x] as f32 * scale, map.votes.row(y)[x]))
     };
-    let missing = (f32::NAN, UNLIKE, 0.0);
+    let missing = (f32::NAN, 1_073_741_824.0, 0.0);
 
-    let radius = RADIUS as isize;
-    let pairs = (0..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (dy, dx)));
-    let count = |(dy, dx): &(isize, isize)| dy % STEP as isize == 0 && dx % STEP as isize == 0;
-    let pairs: Vec<_> = pairs.filter(|pair| *pair > (0, 0)).filter(count).collect();
+    let pairs = [0, 2, 4].into_iter().flat_map(|dy| [-4, -2, 0, 2, 4].map(|dx| (dy, dx)));
+    let pairs: Vec<_> = pairs.filter(|pair| *pair > (0, 0)).collect();
 
     Plane::from_fn(rows, cols, |y, x| {
         let Some((own, gray, mut votes)) = at(y, x, 0, 0) else { return 0.0 };
@@ -693,13 +766,26 @@ pub fn confidences(map: VotedMap) -> Plane<f32> {
             weight += b * both + a * both;
 
             let vote = |(there, _, vote): (f32, f32, f32), alike: f32| {
-                if (there - own).abs() <= TOLERANCE { alike * vote } else { 0.0 }
+                if (there - own).abs() <= 1.0 { alike * vote } else { 0.0 }
             };
             votes += vote(ahead, b * both) + vote(behind, a * both);
         }
 
-        confidence(votes / weight)
+        let support = votes / weight;
+        let cube = support * support * support;
+        cube / (cube + 0.01)
     })
+}
+
+/// The mean difference of horizontal neighbors.
+fn mean_difference(roughness: Roughness) -> f64 {
+    if roughness.pairs == 0 { 0.0 } else { roughness.sum as f64 / roughness.pairs as f64 }
+}
+
+/// The vote of a pixel for its disparity, by its cost and the least one elsewhere; half a vote is ahead by 4 units.
+pub fn vote(own: u32, elsewhere: Option<u32>, unit: f32) -> f32 {
+    let ahead = elsewhere.map_or(0, |elsewhere| elsewhere.saturating_sub(own)) as f32;
+    ahead / (ahead + 4.0 * unit)
 }
 
 /// A map with raw confidences, of a whole pair.
@@ -914,7 +1000,7 @@ pub fn fill(disparity: &Plane<f32>, flags: &Plane<u16>) -> (Plane<f32>, Plane<u1
         // The row itself, if it has a trusted pixel; else the nearest row that has one (ties: above).
         let seeded = (0..rows).filter(|&row| (0..cols).any(|col| trusted(row, col).is_some()));
         let from = seeded.min_by_key(|row| (row.abs_diff(y), *row))?;
-        if from.abs_diff(y) > filling::REACH {
+        if from.abs_diff(y) > 32 {
             return None;
         }
 
@@ -972,9 +1058,7 @@ pub fn guide(disparity: &Plane<f32>, gray: &Plane<i32>) -> Plane<f32> {
         neighbors.map(step).any(|step| step.abs() > JUMP)
     };
 
-    let window = |at: usize, length: usize| {
-        at.saturating_sub(guided_median::REACH)..(at + guided_median::REACH + 1).min(length)
-    };
+    let window = |at: usize, length: usize| at.saturating_sub(4)..(at + 5).min(length);
 
     Plane::from_fn(rows, cols, |y, x| {
         let places = || window(y, rows).flat_map(|v| window(x, cols).map(move |u| (v, u)));
@@ -982,7 +1066,7 @@ pub fn guide(disparity: &Plane<f32>, gray: &Plane<i32>) -> Plane<f32> {
             return disparity.row(y)[x];
         }
 
-        let seen = places().filter(|(v, u)| v.abs_diff(y) % STRIDE + u.abs_diff(x) % STRIDE == 0);
+        let seen = places().filter(|(v, u)| v.abs_diff(y) % 2 + u.abs_diff(x) % 2 == 0);
         let like = seen.filter(|&(v, u)| {
             i64::from(gray.row(v)[u].abs_diff(gray.row(y)[x])) <= tolerance
                 && !disparity.row(v)[u].is_nan()
@@ -1059,11 +1143,18 @@ pub fn synthesize(disparity: &Plane<f32>, soft: Soft) -> Plane<f32> {
     })
 }
 
+/// The side that is soft, and its blur: the other one is blurred to become like it.
+fn softness(kernels: &[Option<Kernel>; 2]) -> Option<(usize, &Kernel)> {
+    match (&kernels[0], &kernels[1]) {
+        (None, Some(blur)) => Some((0, blur)),
+        (Some(blur), None) => Some((1, blur)),
+        _ => None,
+    }
+}
+
 /// The least or the largest disparity around each pixel, where it does not count as the same as its own.
 fn rival(disparity: &Plane<f32>, is_largest: bool) -> Plane<f32> {
-    let around = |at: usize, length: usize| {
-        at.saturating_sub(synthesis::RADIUS)..(at + synthesis::RADIUS + 1).min(length)
-    };
+    let around = |at: usize, length: usize| at.saturating_sub(4)..(at + 5).min(length);
 
     Plane::from_fn(disparity.rows(), disparity.cols(), |y, x| {
         let own = disparity.row(y)[x];
@@ -1074,7 +1165,7 @@ fn rival(disparity: &Plane<f32>, is_largest: bool) -> Plane<f32> {
         known.sort_by(f32::total_cmp);
 
         let found = if is_largest { known.last() } else { known.first() }.copied();
-        found.filter(|found| (found - own).abs() > synthesis::SAME).unwrap_or(own)
+        found.filter(|found| (found - own).abs() > 0.5).unwrap_or(own)
     })
 }
 
@@ -1131,7 +1222,7 @@ fn from_right(map: &[f32], soft: Soft, y: usize) -> Vec<i32> {
     let gray = |x: usize| {
         let start = (0..x).rev().find(|x| seen(*x).is_some()).map_or(0, |x| x + 1);
         let end = (x..cols).find(|x| seen(*x).is_some()).unwrap_or(cols);
-        let near = |other: &usize| start.saturating_sub(BESIDE) <= *other && *other < end + BESIDE;
+        let near = |other: &usize| start.saturating_sub(16) <= *other && *other < end + 16;
 
         let brighter: Vec<_> =
             (0..cols).filter(near).filter_map(|x| Some(shown(x)? - own(x))).collect();
@@ -1144,8 +1235,7 @@ fn from_right(map: &[f32], soft: Soft, y: usize) -> Vec<i32> {
 
 /// Sums over windows, as far as they lie within the image.
 fn windows(values: &Plane<u32>) -> Plane<u32> {
-    let reach = synthesis::WINDOW / 2;
-    let around = |at: usize, length: usize| at.saturating_sub(reach)..(at + reach + 1).min(length);
+    let around = |at: usize, length: usize| at.saturating_sub(7)..(at + 8).min(length);
 
     Plane::from_fn(values.rows(), values.cols(), |y, x| {
         let rows = around(y, values.rows()).map(|row| &values.row(row)[around(x, values.cols())]);
@@ -1153,13 +1243,17 @@ fn windows(values: &Plane<u32>) -> Plane<u32> {
     })
 }
 
+/// A Gaussian of 6 pixels, in 256ths, by the distance in steps of three pixels.
+const BY_DISTANCE: [[u32; 4]; 4] =
+    [[255, 226, 155, 83], [226, 199, 137, 73], [155, 137, 94, 50], [83, 73, 50, 27]];
+
 /// Reference implementation of [`phasestereo::internals::refinement::outlines::draw`]: the weighted values sorted.
 pub fn outline(disparity: &Plane<f32>, gray: &Plane<i32>, roughness: Roughness) -> Plane<f32> {
     let (rows, cols) = (disparity.rows(), disparity.cols());
-    let scale = outlines::scale(roughness);
+    let scale = (255.0 / (16.0 * mean_difference(roughness)).max(1.0)) as f32;
     let level =
         |y: usize, x: usize| (gray.row(y)[x] as f32 * scale).clamp(-16_383.0, 16_383.0) as i32;
-    let steps = |y: usize, x: usize| (disparity.row(y)[x] * outlines::FINENESS) as i32;
+    let steps = |y: usize, x: usize| (disparity.row(y)[x] * 8.0) as i32;
 
     let is_jump = |y: usize, x: usize| {
         let beside = [(y + 1, x), (y, x + 1)].into_iter().filter(|&(v, u)| v < rows && u < cols);
@@ -1176,25 +1270,24 @@ pub fn outline(disparity: &Plane<f32>, gray: &Plane<i32>, roughness: Roughness) 
 
     Plane::from_fn(rows, cols, |y, x| {
         let own = disparity.row(y)[x];
-        if own.is_nan() || !places(y, x, outlines::NEAR).any(|(v, u)| jumps.row(v)[u]) {
+        if own.is_nan() || !places(y, x, 8).any(|(v, u)| jumps.row(v)[u]) {
             return own;
         }
 
         // Every third row and column counts.
-        let counts = places(y, x, outlines::REACH).filter(|&(v, u)| {
+        let counts = places(y, x, 9).filter(|&(v, u)| {
             let (vertical, horizontal) = (v.abs_diff(y), u.abs_diff(x));
-            vertical % outlines::STRIDE + horizontal % outlines::STRIDE == 0
-                && !disparity.row(v)[u].is_nan()
+            vertical % 3 + horizontal % 3 == 0 && !disparity.row(v)[u].is_nan()
         });
 
         let mut values: Vec<(i32, u32)> = counts
             .map(|(v, u)| {
                 let distances = [v.abs_diff(y), u.abs_diff(x)];
-                let [vertical, horizontal] = distances.map(|distance| distance / outlines::STRIDE);
-                let largest = outlines::WEIGHTS[vertical][horizontal];
+                let [vertical, horizontal] = distances.map(|distance| distance / 3);
+                let largest = BY_DISTANCE[vertical][horizontal];
                 let alike = 255u32.saturating_sub(level(v, u).abs_diff(level(y, x)));
                 let away = steps(v, u).wrapping_sub(steps(y, x)).clamp(-32_768, 32_767);
-                (away, (alike * u32::from(largest)) >> 8)
+                (away, (alike * largest) >> 8)
             })
             .collect();
 
@@ -1210,6 +1303,6 @@ pub fn outline(disparity: &Plane<f32>, gray: &Plane<i32>, roughness: Roughness) 
         // The least value up to which there is at least half of the weight.
         let median = values.iter().find(is_middle).map_or(0, |(away, _)| *away);
 
-        if median == 0 { own } else { own + median as f32 / outlines::FINENESS }
+        if median == 0 { own } else { own + median as f32 / 8.0 }
     })
 }

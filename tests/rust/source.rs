@@ -6,7 +6,6 @@ use crate::common::{hash, levels, mask, random};
 use ndarray::Array3;
 use phasestereo::internals::error::{Error, Result};
 use phasestereo::internals::image::intensity::{Gray, IntensityRange};
-use phasestereo::internals::image::masking;
 use phasestereo::internals::image::plane::{Plane, reflect};
 use phasestereo::internals::image::texture::{Roughness, Texture};
 use phasestereo::internals::image::view::{Image, Mask, View};
@@ -445,7 +444,7 @@ fn integers_are_as_rough_in_parts_as_on_the_whole() {
 /// Empty rows up to the largest distance that rows copy from, and beyond, where they are zero.
 #[test]
 fn empty_rows_are_as_rough_as_those_they_copy_from_other_parts() {
-    for (lost, above) in [(masking::REACH, 1), (masking::REACH + 1, 1), (2 * masking::REACH, 0)] {
+    for (lost, above) in [(95, 1), (96, 1), (190, 0)] {
         let rows = 1 + lost + 40;
         let valid = |y: usize| y < above || y > lost;
         let mask = Mask::from_fn(rows, 20, |y, _| valid(y));

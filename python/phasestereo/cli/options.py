@@ -1,17 +1,16 @@
-"""The fields of `Settings` as options: their names, types and help are those of the class.
+"""The fields of `Settings` as options, with what the core says of them.
 
 But for the defaults: the class has those of one preset, and ``--preset`` may name another.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
-from inspect import cleandoc
 from typing import TYPE_CHECKING, Annotated, Any, TypedDict, get_type_hints
 
 from cyclopts import Parameter, Token, validators
 
+from phasestereo import _core
 from phasestereo.settings import PRESETS, Settings
 
 
@@ -48,7 +47,13 @@ Bands = Annotated[tuple[int, ...], Parameter(converter=_whole_numbers, n_tokens=
 """Whole numbers within one word of the command line."""
 
 PRESET_HELP = f"Settings to start from: {', '.join(PRESETS)}."
-SETTINGS_HELP = "Each takes the place of the preset's. Two penalties are written 0.5,2."
+SETTINGS_HELP = "Each takes the place of the preset's."
+
+
+def _help(setting: _core.Setting) -> str:
+    """Return what the core says of a setting, in Markdown."""
+    listed = [f'- `"{word}"`: {meaning}' for word, meaning in setting.choices]
+    return "\n".join([f"{setting.text} Default: by the preset.", "", *listed])
 
 
 if TYPE_CHECKING:
@@ -56,14 +61,12 @@ if TYPE_CHECKING:
     """The fields that were given, by name."""
 else:
     # One key a field, none of them required: those that were given are the overrides.
+    _TYPES = get_type_hints(Settings)
     Overrides = TypedDict(
         "Overrides",
-        get_type_hints(Settings),
+        {
+            setting.name: Annotated[_TYPES[setting.name], Parameter(help=_help(setting))]
+            for setting in _core.SETTINGS
+        },
         total=False,
-    )
-    Overrides.__doc__ = re.sub(
-        r"Default\s+.+?\.$",
-        "Default: by the preset.",
-        cleandoc(Settings.__doc__),
-        flags=re.MULTILINE,
     )

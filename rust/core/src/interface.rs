@@ -127,11 +127,12 @@ impl Matcher {
 
     /// Judges a disparity map of the left image, in pixels; what is not finite claims nothing. The pair is matched anew.
     pub fn verify(&self, left: Image, right: Image, map: &Plane<f32>) -> Result<Verification> {
-        let (pair, _) = pair(left, right, None)?;
+        let (pair, known) = pair(left, right, None)?;
 
         let control = Control::default();
-        let judged = self
-            .on_threads(&control, |means| verification::verify(pair, map, &self.settings, means))?;
+        let judged = self.on_threads(&control, |means| {
+            verification::verify(pair, map, known, &self.settings, means)
+        })?;
 
         let verification::Verification { verdicts, better, findings, own, prepared, .. } = judged;
         Ok(Verification { verdicts, better, findings, own: Match::new(own, prepared) })

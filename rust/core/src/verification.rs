@@ -87,6 +87,7 @@ impl Counts {
 pub fn verify(
     pair: Pair,
     map: &Plane<f32>,
+    known: Known,
     settings: &Settings,
     means: Means,
 ) -> Result<Verification> {
@@ -106,7 +107,7 @@ pub fn verify(
 
     // What is judged are the confidences of the own match, so it has some whatever the settings say.
     let settings = Settings { confidence: true, ..settings.clone() };
-    let mut prepared = prepare(pair, Known::default(), &settings, means)?;
+    let mut prepared = prepare(pair, known, &settings, means)?;
     let Means { matcher, how, control } = means;
 
     matcher.install(|| {

@@ -4,14 +4,13 @@ use ndarray::{Array3, Dimension};
 use numpy::{Element, PyArray, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::exceptions::{PyException, PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{PyBool, PyDict};
+use pyo3::types::PyBool;
 
 use super::internal;
-use crate::estimates::{Field, read_field, read_findings};
 use crate::failure::{Failure, Result};
 use crate::reader::{as_packing, as_ranges};
+use crate::settings::read_settings;
 use phasestereo::Error;
-use phasestereo::internals::cost::candidates::Candidates;
 use phasestereo::internals::image::convolution::Kernel;
 use phasestereo::internals::image::intensity;
 use phasestereo::internals::image::packing::Packing;
@@ -20,14 +19,10 @@ use phasestereo::internals::image::texture::{Roughness, Texture};
 use phasestereo::internals::image::view::{Image, Mask, View};
 use phasestereo::internals::pipeline::matcher::{Pair, usable_threads};
 use phasestereo::internals::refinement::calibration::Tally;
-use phasestereo::internals::rig::alignment::Alignment;
+use phasestereo::internals::rig::alignment::{Alignment, TERMS};
 use phasestereo::internals::rig::blur_compensation::{BlurCompensation, check_noise};
-use phasestereo::internals::rig::estimation::Known;
 use phasestereo::internals::settings::presets::Preset;
-use phasestereo::internals::settings::{
-    COSTS, CostKind, MOST_DISPARITIES, OPTIMIZERS, Optimizer, PRECISIONS, Precision, Settings,
-    TAPERS, Taper, with_every_setting,
-};
+use phasestereo::internals::settings::{MOST_DISPARITIES, Settings};
 
 /// A pair of Python objects, usually for the left and for the right image.
 pub type Both<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>);
@@ -50,11 +45,6 @@ pub fn read_search((min, count): &Both<'_>) -> Result<Disparities> {
     }
 
     Ok(None)
-}
-
-/// The disparities of a pair, unless the range is estimated.
-pub fn candidates_of(pair: &Pair, search: Disparities) -> Option<Candidates> {
-    search.map(|_| pair.candidates())
 }
 
 /// Reads both images, their masks, and (`min_disparity`, `num_disparities`).
@@ -167,137 +157,6 @@ pub fn read_volume<T: Element + Copy + Default>(
     Ok((plane, (rows, cols, count)))
 }
 
-macro_rules! settings_by_name {
-    ($($name:ident),* $(,)?) => {
-        /// The settings as a dictionary of the fields of `phasestereo.Settings`, which [`read_settings`] reads.
-        pub fn write_settings<'py>(
-            py: Python<'py>,
-            settings: &Settings,
-        ) -> Result<Bound<'py, PyDict>> {
-            let fields = PyDict::new(py);
-            $(fields.set_item(stringify!($name), settings.$name.to_py())?;)*
-            Ok(fields)
-        }
-
-        /// Reads the fields of `phasestereo.Settings` and checks them.
-        pub fn read_settings(settings: &Bound<'_, PyAny>) -> Result<Settings> {
-            let settings = Settings {
-                $($name: SettingValue::from_py(&settings.getattr(stringify!($name))?, stringify!($name))?),*
-            };
-            settings.check()?;
-            Ok(settings)
-        }
-    };
-}
-
-with_every_setting!(settings_by_name);
-
-/// The type of a setting, converted from and to Python.
-trait SettingValue: Sized {
-    /// The type in Python.
-    type Python;
-
-    /// Reads the value of a setting; an exception names the setting.
-    fn from_py(value: &Bound<'_, PyAny>, name: &'static str) -> Result<Self>;
-
-    /// The value for Python.
-    fn to_py(&self) -> Self::Python;
-}
-
-macro_rules! plain_settings {
-    ($($kind:ty: $read:ident),*) => {
-        $(impl SettingValue for $kind {
-            type Python = Self;
-
-            fn from_py(value: &Bound<'_, PyAny>, name: &'static str) -> Result<Self> {
-                $read(value, name)
-            }
-
-            fn to_py(&self) -> Self {
-                *self
-            }
-        })*
-    };
-}
-
-plain_settings!(
-    usize: natural,
-    f64: number,
-    bool: boolean,
-    (usize, usize): frequencies,
-    Option<(f64, f64)>: intensities,
-    Option<usize>: natural_or_none
-);
-
-macro_rules! choices {
-    ($($kind:ty: $choices:ident),*) => {
-        $(impl SettingValue for $kind {
-            type Python = Option<&'static str>;
-
-            fn from_py(value: &Bound<'_, PyAny>, name: &'static str) -> Result<Self> {
-                choice(value, name, &$choices)
-            }
-
-            fn to_py(&self) -> Self::Python {
-                $choices.iter().find(|(_, choice)| choice == self).map(|(name, _)| *name)
-            }
-        })*
-    };
-}
-
-choices!(CostKind: COSTS, Taper: TAPERS, Precision: PRECISIONS, Optimizer: OPTIMIZERS);
-
-fn frequencies(value: &Bound<'_, PyAny>, name: &'static str) -> Result<(usize, usize)> {
-    let (r, s) = both(value, name, "a pair of integers (r, s)")?;
-    Ok((natural(&r, name)?, natural(&s, name)?))
-}
-
-fn intensities(value: &Bound<'_, PyAny>, name: &'static str) -> Result<Option<(f64, f64)>> {
-    if value.is_none() {
-        return Ok(None);
-    }
-
-    let (black, white) = both(value, name, "a pair of numbers (black, white) or None")?;
-    Ok(Some((number(&black, name)?, number(&white, name)?)))
-}
-
-fn natural_or_none(value: &Bound<'_, PyAny>, name: &'static str) -> Result<Option<usize>> {
-    if value.is_none() { Ok(None) } else { natural(value, name).map(Some) }
-}
-
-/// What a caller knows of a pair: noise, blur compensation, the field of vertical offsets, whether the right image is
-/// inverted, and what was said about an earlier pair.
-pub type KnownOfPair<'py> =
-    (Bound<'py, PyAny>, Bound<'py, PyAny>, Option<Field>, bool, Vec<(String, String, String)>);
-
-/// Reads what a caller knows of a pair of this size.
-pub fn read_known(
-    (noise, compensation, field, is_inverted, findings): &KnownOfPair<'_>,
-    size: (usize, usize),
-    search: Disparities,
-) -> Result<Known> {
-    let noise = if noise.is_none() {
-        None
-    } else {
-        let (left, right) = both(noise, "noise", "a number, a pair of them, or None")?;
-        Some([check_noise(number(&left, "noise")?)?, check_noise(number(&right, "noise")?)?])
-    };
-
-    let alignment = read_field(*field)?;
-    if alignment.as_ref().is_some_and(|field| field.size() != size) {
-        let accepts = format!("a field for images of {} x {} pixels", size.0, size.1);
-        return Err(Error::value("alignment", "a field for images of another size", accepts).into());
-    }
-
-    let candidates = search.map(|(min, count)| Candidates::new(min, count, size.1)).transpose()?;
-    let compensation = read_blur_compensation(compensation)?;
-    let is_inverted = *is_inverted;
-
-    let findings = read_findings(findings)?;
-
-    Ok(Known { candidates, noise, compensation, alignment, is_inverted, findings })
-}
-
 /// The fields of `phasestereo_large.PairStatistics`: the statistics of a whole pair that the match of its parts needs.
 pub struct Statistics<'py> {
     pub settings: Settings,
@@ -327,7 +186,7 @@ impl<'py> Statistics<'py> {
         Ok(Self {
             settings,
             compensation: read_blur_compensation(&statistics.getattr("blur_compensation")?)?,
-            alignment: read_field(statistics.getattr("field")?.extract()?)?,
+            alignment: read_alignment(&statistics.getattr("alignment")?)?,
             is_inverted: statistics.getattr("is_inverted")?.extract()?,
             disparities: (
                 statistics.getattr("min_disparity")?,
@@ -347,6 +206,19 @@ impl<'py> Statistics<'py> {
     }
 }
 
+/// Reads the fields of `phasestereo.Alignment`; `None` for None, and where it is not applied.
+pub fn read_alignment(alignment: &Bound<'_, PyAny>) -> Result<Option<Alignment>> {
+    if alignment.is_none() || !alignment.getattr("applied")?.is_truthy()? {
+        return Ok(None);
+    }
+
+    let coefficients = alignment.getattr("coefficients")?;
+    let factors: [f64; TERMS] = coefficients.extract().map_err(|_| {
+        wrong_type(&coefficients, "alignment", "eight coefficients, in a tuple of floats")
+    })?;
+    Ok(Some(Alignment::new(factors, alignment.getattr("size")?.extract()?)?))
+}
+
 /// Reads a standard deviation, or None.
 pub fn read_noise(noise: &Bound<'_, PyAny>) -> Result<Option<f64>> {
     if noise.is_none() {
@@ -360,6 +232,10 @@ pub fn read_noise(noise: &Bound<'_, PyAny>) -> Result<Option<f64>> {
 pub fn read_blur_compensation(compensation: &Bound<'_, PyAny>) -> Result<Option<BlurCompensation>> {
     if compensation.is_none() {
         return Ok(None);
+    }
+
+    if !compensation.hasattr("kernels")? {
+        return Err(wrong_type(compensation, "blur_compensation", "BlurCompensation or None"));
     }
 
     let field = |name: &str| compensation.getattr(name);
@@ -423,22 +299,6 @@ pub fn read_threads(threads: &Bound<'_, PyAny>) -> Result<usize> {
     if threads.is_none() { Ok(usable_threads()) } else { natural(threads, "threads") }
 }
 
-/// Reads one of the words of a setting.
-fn choice<T: Copy>(
-    value: &Bound<'_, PyAny>,
-    name: &'static str,
-    choices: &[(&str, T)],
-) -> Result<T> {
-    let Ok(word) = value.extract::<String>() else {
-        return Err(wrong_type(value, name, "a string"));
-    };
-
-    let found = choices.iter().find(|(name, _)| *name == word).map(|(_, choice)| *choice);
-    let names =
-        || choices.iter().map(|(name, _)| format!("'{name}'")).collect::<Vec<_>>().join(", ");
-    found.ok_or_else(|| Error::value(name, format!("'{word}'"), names()).into())
-}
-
 /// Reads an integer of any type, but no bool.
 fn integer(value: &Bound<'_, PyAny>, name: &'static str) -> Result<i64> {
     match value.call_method0("__index__") {
@@ -451,13 +311,13 @@ fn integer(value: &Bound<'_, PyAny>, name: &'static str) -> Result<i64> {
     }
 }
 
-fn natural(value: &Bound<'_, PyAny>, name: &'static str) -> Result<usize> {
+pub fn natural(value: &Bound<'_, PyAny>, name: &'static str) -> Result<usize> {
     let whole = integer(value, name)?;
     usize::try_from(whole)
         .map_err(|_| Error::value(name, whole, "an integer that is not negative").into())
 }
 
-fn number(value: &Bound<'_, PyAny>, name: &'static str) -> Result<f64> {
+pub fn number(value: &Bound<'_, PyAny>, name: &'static str) -> Result<f64> {
     // NumPy's numbers are registered as real ones; bool is one, too, but is refused.
     let real = value.py().import("numbers")?.getattr("Real")?;
     if !value.is_instance(&real)? || value.is_instance_of::<PyBool>() {
@@ -468,15 +328,11 @@ fn number(value: &Bound<'_, PyAny>, name: &'static str) -> Result<f64> {
     value.extract().map_err(beyond)
 }
 
-fn boolean(value: &Bound<'_, PyAny>, name: &'static str) -> Result<bool> {
-    value.extract().map_err(|_| wrong_type(value, name, "True or False"))
-}
-
-fn both<'py>(value: &Bound<'py, PyAny>, name: &str, accepts: &str) -> Result<Both<'py>> {
+pub fn both<'py>(value: &Bound<'py, PyAny>, name: &str, accepts: &str) -> Result<Both<'py>> {
     value.extract().map_err(|_| wrong_type(value, name, accepts))
 }
 
-fn wrong_type(value: &Bound<'_, PyAny>, name: &str, accepts: &str) -> Failure {
+pub fn wrong_type(value: &Bound<'_, PyAny>, name: &str, accepts: &str) -> Failure {
     let kind = value.get_type().name().map_or_else(|_| "?".into(), |name| name.to_string());
     PyTypeError::new_err(format!("{name}: got {kind}; accepts {accepts}")).into()
 }

@@ -35,7 +35,14 @@ pub type Ranges = ((f64, f64), (f64, f64));
 pub type PackingTuple = (f64, u32, bool, bool);
 
 /// The scale of a whole pair that its parts take.
-pub type ScaleOfPair = (PackingTuple, Option<Ranges>);
+#[pyclass(module = "phasestereo._core", frozen, get_all)]
+#[derive(Debug)]
+pub struct Scale {
+    /// How its pixels are packed.
+    pub packing: PackingTuple,
+    /// Where they lie, if the match needs it.
+    pub ranges: Option<Ranges>,
+}
 
 impl Reader {
     /// A reader of a pair of so many rows and columns.
@@ -43,13 +50,13 @@ impl Reader {
         read: Bound<'_, PyAny>,
         size: (usize, usize),
         search: Disparities,
-        scale: Option<ScaleOfPair>,
+        scale: Option<&Scale>,
     ) -> phasestereo::Result<Arc<Self>> {
         let (min, count) = search.unwrap_or((0, 1));
         let candidates = Candidates::new(min, count, size.1)?;
 
-        let packing = scale.map(|(packing, _)| as_packing(packing));
-        let ranges = as_ranges(scale.and_then(|(_, ranges)| ranges));
+        let packing = scale.map(|scale| as_packing(scale.packing));
+        let ranges = as_ranges(scale.and_then(|scale| scale.ranges));
         let (read, raised) = (read.unbind(), Mutex::default());
         Ok(Arc::new(Self { read, size, search, candidates, packing, ranges, raised }))
     }

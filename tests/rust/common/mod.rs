@@ -15,8 +15,7 @@ use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::rig::blur_compensation::{BlurCompensation, MOST_CLASSES};
 use phasestereo::internals::settings::presets::Preset;
 use phasestereo::internals::settings::{
-    CostKind, LARGEST_EDGES, LARGEST_PENALTY, LARGEST_WEAK, MOST_DISPARITIES, MOST_UNIQUENESS,
-    Optimizer, Precision, Settings, Taper,
+    CostKind, MOST_DISPARITIES, Optimizer, Precision, Settings, Taper,
 };
 use phasestereo::internals::simd::Level;
 use proptest::prelude::*;
@@ -25,6 +24,11 @@ use proptest::test_runner::RngSeed;
 
 /// Numbers of candidates around those that fill one run of lanes, or two, three or four.
 pub const COUNTS: [usize; 14] = [1, 2, 3, 7, 31, 32, 33, 64, 65, 96, 97, 128, 129, 257];
+
+/// The largest penalty that is accepted.
+pub const LARGEST_PENALTY: f64 = 65_535.0;
+/// The largest threshold of adaptive P2 that is accepted.
+pub const LARGEST_ADAPTIVE: f64 = 1000.0;
 
 /// Every optimizer.
 pub const OPTIMIZERS: [Optimizer; 4] = [
@@ -98,7 +102,7 @@ pub fn descriptors() -> impl Strategy<Value = Settings> {
 /// Legal descriptors, many of them with a weak level where one is allowed.
 pub fn weak_descriptors() -> impl Strategy<Value = Settings> {
     // Where the code would be too long: first without a weak level, then of one size.
-    let weak = prop_oneof![1 => Just(0.0), 1 => Just(LARGEST_WEAK), 6 => 0.01..4.0f64];
+    let weak = prop_oneof![1 => Just(0.0), 1 => Just(100.0), 6 => 0.01..4.0f64];
     (descriptors(), weak, 1usize..=2).prop_map(|(descriptor, weak, sizes)| {
         let wanted = [(weak, sizes), (0.0, sizes), (weak, 1)];
         let settings = wanted.map(|(noise_threshold, sizes)| Settings {
@@ -183,7 +187,7 @@ pub fn settings() -> impl Strategy<Value = Settings> {
     let radius = prop_oneof![6 => 0usize..=5, 1 => 6usize..=31];
     let precision = select(vec![Precision::Full, Precision::Byte]);
     let optimizers = OPTIMIZERS.into_iter().chain([Optimizer::SemiGlobal; 2]).collect::<Vec<_>>();
-    let edges = prop_oneof![2 => Just(0.0), 2 => 0.1..3.0f64, 1 => Just(LARGEST_EDGES)];
+    let edges = prop_oneof![2 => Just(0.0), 2 => 0.1..3.0f64, 1 => Just(LARGEST_ADAPTIVE)];
 
     let paths = (select(optimizers), penalties(), edges);
 
@@ -212,7 +216,7 @@ pub fn settings() -> impl Strategy<Value = Settings> {
 /// Legal settings of refinement; all else is as in the paper.
 pub fn refinements() -> impl Strategy<Value = Settings> {
     let consistency = prop::option::of(select(vec![0, 1, 2, MOST_DISPARITIES]));
-    let uniqueness = prop_oneof![2 => Just(0), 1 => 1..=MOST_UNIQUENESS];
+    let uniqueness = prop_oneof![2 => Just(0), 1 => 1..=100usize];
     let speckles = (select(vec![0, 0, 1, 5, 100]), select(vec![0.0, 0.5, 1.0, 3.0]));
     let median = select(vec![0, 3]);
     let least = prop_oneof![2 => Just(0.0), 1 => 0.0..1.0f64, 1 => Just(1.0)];

@@ -1,5 +1,7 @@
 //! A whole match by the reference implementations, which every fast match must equal, bit for bit.
 
+use std::fmt;
+
 use crate::reference;
 use crate::reference::{PixelEvidence, RawMap};
 use phasestereo::internals::cost::Costs;
@@ -11,29 +13,37 @@ use phasestereo::internals::image::intensity::{Gray, intensity_range};
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::texture::Texture;
 use phasestereo::internals::image::view::View;
-use phasestereo::internals::optimization::evidence::NONE;
-use phasestereo::internals::optimization::{BAND, PANEL, Penalties};
+use phasestereo::internals::optimization::Penalties;
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::{Disparity, Pair};
 use phasestereo::internals::refinement::calibration::Weights;
-use phasestereo::internals::refinement::confidence::{VotedMap, vote};
+use phasestereo::internals::refinement::confidence::VotedMap;
+use phasestereo::internals::refinement::flag;
 use phasestereo::internals::refinement::left_right_check::Choices;
-use phasestereo::internals::refinement::synthesis::is_asked_for;
-use phasestereo::internals::refinement::{CostMargin, flag};
-use phasestereo::internals::rig::blur_compensation::{
-    self, {BlurCompensation, MOST_CLASSES},
-};
+use phasestereo::internals::rig::blur_compensation::{self, BlurCompensation};
 use phasestereo::internals::settings::{CostKind, Optimizer, Settings};
 
 use super::{gray, level_pair, levels, plane};
 
 /// The result of a match, floats by their bits, so that NaN equals NaN.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Clone, PartialEq, Eq)]
 pub struct ResultBits {
     pub disparity: Vec<u32>,
     pub flags: Vec<u16>,
     pub confidence: Option<Vec<u32>>,
     pub uncertainty: Option<Vec<u32>>,
+}
+
+/// Shows sums of the values: a failing assertion tells which map differs, in a line.
+impl fmt::Debug for ResultBits {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let sum = |bits: &[u32]| bits.iter().map(|&value| u64::from(value)).sum::<u64>();
+        let sum_of = |bits: &Option<Vec<u32>>| bits.as_deref().map(sum);
+        let flags = self.flags.iter().map(|&flags| u64::from(flags)).sum::<u64>();
+        let sums =
+            (sum(&self.disparity), flags, sum_of(&self.confidence), sum_of(&self.uncertainty));
+        write!(f, "sums of disparity, flags, confidence and uncertainty: {sums:?}")
+    }
 }
 
 impl ResultBits {
@@ -122,7 +132,7 @@ fn phase_costs(
         })
     };
 
-    let volumes: Vec<_> = (0..MOST_CLASSES).map(of_class).collect();
+    let volumes: Vec<_> = (0..16).map(of_class).collect();
 
     Plane::from_fn(rows, cols * count, |y, place| {
         let volume = &volumes[classes.row(y)[place / count]];
@@ -226,8 +236,12 @@ pub fn matched(pair: &Pair, settings: &Settings) -> ResultBits {
     let unrelated = unrelated(pair, settings);
 
     let votes = found.map(|found| {
-        let elsewhere = if found.elsewhere == NONE { unrelated } else { Some(found.elsewhere) };
-        vote(CostMargin { own: found.own, elsewhere }, unit)
+        let elsewhere = if found.elsewhere == reference::NO_CANDIDATE {
+            unrelated
+        } else {
+            Some(found.elsewhere)
+        };
+        reference::vote(found.own, elsewhere, unit)
     });
 
     let (disparity, mut flags) = refined(pair, draft, &texture, settings);
@@ -296,7 +310,7 @@ pub fn optimized(
     let of_pixel = |x: usize| x * candidates..(x + 1) * candidates;
     let by_sums = |sums: &Plane<u64>, costs: &Plane<u32>, searched: reference::Searched| {
         Plane::from_fn(rows, cols, |y, x| {
-            let searched = searched(y / BAND, x / PANEL);
+            let searched = searched(y / 64, x / 64);
             let places = x * candidates + searched.start..x * candidates + searched.end;
             let found = reference::select(&sums.row(y)[places.clone()], &costs.row(y)[places]);
             PixelEvidence { chosen: found.chosen + searched.start as u16, ..found }
@@ -399,7 +413,7 @@ fn drafted(
 /// The flag of a candidate whose cost is not lower than the least one elsewhere by so many percent.
 fn ambiguous(found: &PixelEvidence, percent: f64) -> u16 {
     let least = f64::from(found.elsewhere) * (100.0 - percent);
-    let is_unique = percent == 0.0 || found.elsewhere == NONE;
+    let is_unique = percent == 0.0 || found.elsewhere == reference::NO_CANDIDATE;
 
     if !is_unique && f64::from(found.own) * 100.0 > least { flag::AMBIGUOUS } else { 0 }
 }
@@ -429,7 +443,12 @@ fn refined(
         disparity = reference::smooth(&disparity);
     }
 
-    if is_asked_for(settings, pair.blur_compensation()) {
+    let is_soft = |kernels: &[Option<Kernel>; 2]| kernels[0].is_some() != kernels[1].is_some();
+    let is_explained = settings.synthesis
+        && settings.cost == CostKind::Phase
+        && pair.blur_compensation().is_some_and(|known| known.classes().any(is_soft));
+
+    if is_explained {
         disparity = synthesized(&disparity, pair, settings);
         disparity = reference::outline(&disparity, &texture.gray, texture.roughness);
     }

@@ -61,48 +61,8 @@ impl Quantizer {
         self.code_length
     }
 
-    /// Reference implementation of [`Self::add`]: the code of the component `re + i im`. A boundary belongs to the sector
-    /// counter-clockwise of it, zero to the first sector. With a weak level: the clearly negative parts, then the clearly
-    /// positive ones.
-    pub fn code(&self, re: i64, im: i64) -> u64 {
-        if let Some(threshold) = self.weak {
-            let [re, im] = if self.power == 1 {
-                [re as f64, im as f64]
-            } else {
-                squared(re as f64, im as f64)
-            };
-            return three_levels::<f64, u64>([re, im], [-threshold, threshold]);
-        }
-
-        // Turns the quadrant into the first one.
-        let (quadrant, x, y) = match (re, im) {
-            (0, 0) => return 0,
-            (1.., 0..) => (0, re, im),
-            (..=0, 1..) => (1, im, -re),
-            (..=-1, ..=0) => (2, -re, -im),
-            (0.., ..=-1) => (3, -im, re),
-        };
-
-        let quotient = y as f64 / x as f64;
-
-        // Boundaries strictly inside the first quadrant. Doubling the phase folds the circle: F^2 passes its levels twice
-        // while F turns once.
-        let tangents = match self.code_length * self.power / 2 {
-            0 | 1 => vec![],
-            2 => tangents::<1>().to_vec(),
-            4 => tangents::<3>().to_vec(),
-            _ => tangents::<7>().to_vec(),
-        };
-        let inside = tangents.iter().filter(|tangent| quotient >= **tangent).count();
-
-        let levels = 2 * self.code_length;
-        // For k = b = 1 two quadrants share a sector.
-        let quadrants_per_sector = (4 / (levels * self.power)).max(1);
-        let sector = (quadrant * (tangents.len() + 1) + inside) / quadrants_per_sector;
-        johnson(sector % levels, self.code_length)
-    }
-
     /// Writes the codes of one component of neighboring pixels into their words, from bit `shift` on. These bits must be 0.
+    /// A boundary belongs to the sector counter-clockwise of it, zero to the first sector.
     #[inline(always)]
     pub fn add<T: Lane>(&self, re: &[T], im: &[T], shift: usize, words: &mut [T::Word]) {
         if let Some(threshold) = self.weak {
@@ -267,175 +227,10 @@ impl<T: Lane> PhasePosition<T> {
     }
 }
 
-/// The Johnson code of `level` on a circle of `2 * length` levels: ones enter at the low end until
-/// the word is full, then zeros do.
-fn johnson(level: usize, length: usize) -> u64 {
-    let ones = |count: usize| (1u64 << count) - 1;
-    if level < length { ones(level) } else { ones(length) & !ones(level - length) }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::math;
-    use crate::settings::presets::Preset;
-
-    fn quantizer(power: usize, bits: usize) -> Quantizer {
-        Quantizer::new(&Settings { power, bits, ..Preset::Paper.settings() })
-    }
-
-    #[test]
-    fn hamming_distance_of_johnson_codes_is_the_distance_around_the_circle() {
-        for bits in 1..=4 {
-            let half = 1usize << (bits - 1);
-            for (a, b) in (0..2 * half).flat_map(|a| (0..2 * half).map(move |b| (a, b))) {
-                let apart = a.abs_diff(b);
-                let around = apart.min(2 * half - apart);
-                let hamming = (johnson(a, half) ^ johnson(b, half)).count_ones() as usize;
-
-                assert_eq!(hamming, around, "b = {bits}: levels {a} and {b}");
-            }
-        }
-    }
-
-    #[test]
-    fn two_bits_are_the_gray_code() {
-        let codes: Vec<_> = (0..4).map(|level| johnson(level, 2)).collect();
-
-        assert_eq!(codes, [0b00, 0b01, 0b11, 0b10]);
-    }
-
-    #[test]
-    fn sectors_follow_the_argument() {
-        for (power, bits) in [1, 2].into_iter().flat_map(|k| (1..=4).map(move |b| (k, b))) {
-            let quantizer = quantizer(power, bits);
-            let half = 1i64 << (bits - 1);
-
-            for step in 0..720 {
-                // Boundaries lie at multiples of 11.25 degrees, none of which this meets.
-                let angle = (0.5 * f64::from(step) + 0.1).to_radians();
-                let (re, im) = ((math::cos(angle) * 1e9) as i64, (math::sin(angle) * 1e9) as i64);
-                let turned = angle * power as f64 / std::f64::consts::PI;
-                let level = ((half as f64 * turned).floor() as i64).rem_euclid(2 * half);
-
-                let expected = johnson(level as usize, half as usize);
-                assert_eq!(quantizer.code(re, im), expected, "k = {power}, b = {bits}, {step}");
-            }
-        }
-    }
-
-    #[test]
-    fn boundaries_are_where_they_should_be_to_a_millionth() {
-        for (power, bits) in [1, 2].into_iter().flat_map(|k| (2..=4).map(move |b| (k, b))) {
-            let sectors = power << bits;
-            let code = |boundary: usize, off: f64| {
-                let angle = std::f64::consts::TAU * boundary as f64 / sectors as f64 + off;
-                quantizer(power, bits)
-                    .code((math::cos(angle) * 1e12) as i64, (math::sin(angle) * 1e12) as i64)
-            };
-
-            for boundary in 0..sectors {
-                let johnson = |sector: usize| johnson(sector % (1 << bits), 1 << (bits - 1));
-
-                assert_eq!(code(boundary, 1e-6), johnson(boundary), "k = {power}, b = {bits}");
-                assert_eq!(
-                    code(boundary, -1e-6),
-                    johnson(boundary + sectors - 1),
-                    "k = {power}, b = {bits}"
-                );
-            }
-        }
-    }
-
-    #[test]
-    fn rows_of_either_arithmetic_hold_the_codes_of_their_components() {
-        fn row<T: Lane>(quantizer: &Quantizer, components: &[(i32, i32)]) -> Vec<u64> {
-            let re: Vec<T> = components.iter().map(|(re, _)| T::from(*re)).collect();
-            let im: Vec<T> = components.iter().map(|(_, im)| T::from(*im)).collect();
-            let mut words = vec![T::Word::default(); components.len()];
-            quantizer.add(&re, &im, 3, &mut words);
-            words.into_iter().map(|word| word.into() >> 3).collect()
-        }
-
-        let near = (-9..=9).flat_map(|re| (-9..=9).map(move |im| (re, im)));
-        let far = near.clone().map(|(re, im)| (re * 150_000_001, im * 150_000_000));
-        let components: Vec<_> = near.chain(far).collect();
-
-        for (power, bits) in [1, 2].into_iter().flat_map(|k| (1..=4).map(move |b| (k, b))) {
-            let quantizer = quantizer(power, bits);
-            let code = |(re, im): &(i32, i32)| quantizer.code((*re).into(), (*im).into());
-            let expected: Vec<_> = components.iter().map(code).collect();
-
-            assert_eq!(row::<i32>(&quantizer, &components), expected, "k = {power}, b = {bits}");
-            assert_eq!(row::<f64>(&quantizer, &components), expected, "k = {power}, b = {bits}");
-        }
-
-        for (power, threshold) in
-            [1, 2].into_iter().flat_map(|k| [0.0, 4.0, 450_000_000.0, 1e12].map(|t| (k, t)))
-        {
-            let quantizer = quantizer(power, 2).with_weak_level(threshold);
-            let code = |(re, im): &(i32, i32)| quantizer.code((*re).into(), (*im).into());
-            let expected: Vec<_> = components.iter().map(code).collect();
-
-            assert_eq!(
-                row::<i32>(&quantizer, &components),
-                expected,
-                "k = {power}, t = {threshold}"
-            );
-            assert_eq!(
-                row::<f64>(&quantizer, &components),
-                expected,
-                "k = {power}, t = {threshold}"
-            );
-        }
-    }
-
-    /// The levels of the parts of `(re + i im)^k` by whole numbers: -1, 0 or 1.
-    fn levels(power: usize, re: i32, im: i32, threshold: i32) -> [i128; 2] {
-        let [re, im, threshold] = [re, im, threshold].map(i128::from);
-        let level = |part: i128, weak: i128| if part.abs() <= weak { 0 } else { part.signum() };
-
-        match power {
-            1 => [re, im].map(|part| level(part, threshold)),
-            _ => [re * re - im * im, 2 * re * im].map(|part| level(part, threshold.pow(2))),
-        }
-    }
-
-    #[test]
-    fn parts_are_weak_up_to_the_threshold() {
-        let places = (-9..=9).flat_map(|re| (-9..=9).map(move |im| (re, im)));
-        let places: Vec<_> =
-            places.flat_map(|(re, im)| [(re, im), (re * 9973, im * 10_007)]).collect();
-        for (power, threshold) in [1, 2].into_iter().flat_map(|k| [0, 1, 3, 29_919].map(|t| (k, t)))
-        {
-            let quantizer = quantizer(power, 2).with_weak_level(threshold.into());
-            for &(re, im) in &places {
-                let code = quantizer.code(re.into(), im.into());
-                let [a, b] = levels(power, re, im, threshold);
-                let bits = [a < 0, b < 0, a > 0, b > 0].map(u64::from);
-                let expected = (0..).zip(bits).map(|(place, bit)| bit << place).sum::<u64>();
-
-                assert_eq!(code, expected, "k = {power}, t = {threshold}: {re}, {im}");
-            }
-        }
-    }
-
-    #[test]
-    fn opposite_signs_differ_in_two_bits_and_weak_parts_from_clear_ones_in_one() {
-        let quantizer = quantizer(1, 2).with_weak_level(2.0);
-        let parts: Vec<_> =
-            [-3, 0, 3].into_iter().flat_map(|re| [-3, 0, 3].map(|im| (re, im))).collect();
-
-        for (a, b) in parts.iter().flat_map(|a| parts.iter().map(move |b| (a, b))) {
-            let apart = (quantizer.code(a.0, a.1) ^ quantizer.code(b.0, b.1)).count_ones();
-
-            assert_eq!(
-                u64::from(apart),
-                (a.0.abs_diff(b.0) + a.1.abs_diff(b.1)) / 3,
-                "{a:?}, {b:?}"
-            );
-        }
-    }
 
     #[test]
     fn tangents_are_those_of_an_eighth_of_a_right_angle() {
@@ -443,16 +238,5 @@ mod tests {
             let exact = math::tan(std::f64::consts::FRAC_PI_2 * f64::from(m) / 8.0);
             assert!((tangent / exact - 1.0).abs() < 1e-15, "{m}: {tangent}, {exact}");
         }
-    }
-
-    #[test]
-    fn ties_are_those_of_floor_on_half_open_arguments() {
-        let level = |re, im| quantizer(1, 2).code(re, im);
-        assert_eq!(level(0, 0), johnson(0, 2), "zero");
-        assert_eq!(level(5, 0), johnson(0, 2), "positive real axis");
-        assert_eq!(level(0, 5), johnson(1, 2), "positive imaginary axis");
-        assert_eq!(level(-5, 0), johnson(2, 2), "negative real axis: level -2");
-        assert_eq!(level(0, -5), johnson(3, 2), "negative imaginary axis: level -1");
-        assert_eq!(quantizer(1, 3).code(5, 5), johnson(1, 4), "the diagonal is exact");
     }
 }

@@ -2,6 +2,7 @@
 //!
 //! A cost volume is a plane too: one row holds `width x candidates` values, candidate innermost.
 
+use std::fmt;
 use std::ops::Range;
 
 use rayon::prelude::*;
@@ -10,11 +11,19 @@ use crate::error::{Error, Result};
 use crate::pipeline::control::Control;
 
 /// A rectangle of values, row-major and contiguous.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Clone, PartialEq, Eq)]
 pub struct Plane<T> {
     rows: usize,
     cols: usize,
     data: Vec<T>,
+}
+
+/// Shows the size and the first values: all of them would fill screens.
+impl<T: fmt::Debug> fmt::Debug for Plane<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let first = &self.data[..self.data.len().min(8)];
+        write!(f, "{} x {} of {first:?}", self.rows, self.cols)
+    }
 }
 
 impl<T> Plane<T> {

@@ -51,8 +51,7 @@ pub use self::spectrum::BlockPlace;
 use self::spectrum::{Cross, Powers, powers, response};
 use self::two_sided::{TwoSided, find_two_sided};
 use crate::error::Result;
-use crate::pipeline::control::Control;
-use crate::pipeline::matcher::{Execution, Matcher, Pair};
+use crate::pipeline::matcher::Pair;
 use crate::rig::psf::{Psf, Taps};
 use crate::simd::Level;
 
@@ -200,22 +199,16 @@ pub(crate) fn estimate(
 /// Whether the blur of a pair, whose impulses are repaired as in an earlier one, is still that of the earlier one.
 /// Sizes that change by less than about a fifth, and blur that appears in less than a sixteenth of the image, are
 /// missed.
-pub fn is_as_before(
-    pair: &Pair,
-    before: &Glance,
-    matcher: &Matcher,
-    how: Execution,
-    control: &Control,
-) -> Result<bool> {
+pub fn is_as_before(pair: &Pair, before: &Glance, means: Means) -> Result<bool> {
     if !before.fits(pair.size()) {
         return Ok(false);
     }
 
-    matcher.install(|| {
-        let part = Part::new(0, Cow::Borrowed(pair), Means { matcher, how, control })?;
+    means.matcher.install(|| {
+        let part = Part::new(0, Cow::Borrowed(pair), means)?;
         let images = part.shades.each_ref().map(|shades| &shades.plane);
 
-        let powers = powers(images, &before.places, how.level, control)?;
+        let powers = powers(images, &before.places, means.how.level, means.control)?;
         Ok(before.is_like(&Glance::new(before.places.clone(), &powers, pair.size())))
     })
 }

@@ -42,11 +42,11 @@ use crate::pipeline::matcher::{Disparity, Pair};
 use crate::pipeline::platform::Instant;
 use crate::pipeline::source::Source;
 use crate::rig::alignment::Alignment;
-use crate::rig::blur;
 use crate::rig::blur::defects::{self, Defects, Repaired};
 pub use crate::rig::blur::parts::Means;
 use crate::rig::blur::parts::{PairRows, Part};
 use crate::rig::blur::rough::{self, Rough};
+use crate::rig::blur::{self, Glance};
 use crate::rig::blur_compensation::BlurCompensation;
 use crate::rig::photometry::{Contrast, Photometry, Scales};
 use crate::scales::match_over_scales;
@@ -85,6 +85,28 @@ pub struct Known {
     pub is_inverted: bool,
     /// What was said about an earlier pair of the same cameras, whose estimates are known here.
     pub findings: Vec<Finding>,
+}
+
+/// An earlier pair of the same cameras, and all that holds for a later one whose blur is as it was.
+#[derive(Debug, Clone)]
+pub struct Before {
+    /// What the blur of the later pair is compared with.
+    pub glance: Glance,
+    /// The impulses that are repaired before, left and right.
+    pub impulses: [f64; 2],
+    /// What is known then.
+    pub known: Known,
+    /// The settings that are used then.
+    pub settings: Settings,
+}
+
+impl Before {
+    /// Whether the blur of a pair is as it was.
+    pub fn holds(&self, pair: &Pair, means: Means) -> Result<bool> {
+        let packing = Packing::of_views(pair.views(), means.control)?;
+        let pair = pair.clone().packed(&packing).with_impulses(self.impulses);
+        blur::is_as_before(&pair, &self.glance, means)
+    }
 }
 
 /// What was estimated from a pair, and the settings and kernels that suit it.

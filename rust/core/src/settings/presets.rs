@@ -3,7 +3,7 @@
 //! Figures beside them are means of bad-1.0 (%) over the 12 scenes of the one-sided-blur suite.
 
 use crate::error::{Error, Result};
-use crate::settings::{CostKind, Optimizer, Precision, Settings, Taper};
+use crate::settings::Settings;
 
 /// A named set of settings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -37,24 +37,9 @@ impl Preset {
             Self::Fast => "fast",
         }
     }
-
-    /// Its settings.
-    pub fn settings(self) -> Settings {
-        match self {
-            Self::Robust => robust(),
-            Self::Paper => paper(),
-            Self::Fast => fast(),
-        }
-    }
 }
 
-impl Default for Settings {
-    fn default() -> Self {
-        Preset::Robust.settings()
-    }
-}
-
-// Figures: sharp, the mean of the six blurs, and both images with noise of 5 gray levels, or JPEG of quality 70.
+// The preset "robust": sharp, the mean of the six blurs, and both images with noise of 5 gray levels, or JPEG of quality 70.
 // Where one image is blurred, neighborhood and window are two larger than the settings say. Before, with sizes=1,
 // denoise off and P1, P2 = (5, 20), the figures were 5.56 17.69 16.9 17.3.
 //   as it is            5.20  17.45  12.0  12.6     P1, P2 (5, 20)  5.14  17.54  12.3  12.9
@@ -74,73 +59,10 @@ impl Default for Settings {
 // 9, 15, their mean, and areas blurred differently.
 //   synthesis off     14.25  26.45  12.14  20.72  12.60  18.22   17.40  13.01
 //   as it is            13.08  24.49  11.33  18.45  11.71  16.23   15.88  12.32
-fn robust() -> Settings {
-    Settings {
-        neighborhood: 3,
-        frequencies: (1, 1),
-        noise_threshold: 0.5,
-        sizes: 2,
-        window: 5,
-        shiftable: false,
-        precision: Precision::Byte,
-        optimizer: Optimizer::SemiGlobal,
-        p1: 6.0,
-        p2: 24.0,
-        adaptive_p2: 1.0,
-        compensate_blur: true,
-        despike: true,
-        denoise: true,
-        align_rows: true,
-        subpixel: true,
-        lr_check: Some(1),
-        speckle_size: 100,
-        synthesis: true,
-        guided_median: true,
-        median: 3,
-        scales: true,
-        ..paper()
-    }
-}
-
-fn paper() -> Settings {
-    Settings {
-        cost: CostKind::Phase,
-        neighborhood: 7,
-        taper: Taper::Uniform,
-        frequencies: (2, 1),
-        power: 1,
-        bits: 2,
-        noise_threshold: 0.0,
-        sizes: 1,
-        window: 9,
-        shiftable: true,
-        precision: Precision::Full,
-        optimizer: Optimizer::DynamicProgramming,
-        p1: 2.0,
-        p2: 2.0,
-        adaptive_p2: 0.0,
-        compensate_blur: false,
-        despike: false,
-        denoise: false,
-        align_rows: false,
-        intensity_range: None,
-        subpixel: false,
-        lr_check: None,
-        uniqueness: 0,
-        speckle_size: 0,
-        speckle_range: 1.0,
-        synthesis: false,
-        guided_median: false,
-        median: 0,
-        fill: true,
-        confidence: true,
-        min_confidence: 0.0,
-        scales: false,
-    }
-}
-
+//
+// The preset "fast":
 //                        sharp  gauss 2  disk 3
-//   as below              10.9     19.3    17.8
+//   as it is              10.9     19.3    17.8
 //   neighborhood 7         9.1     20.2    21.5
 //   window 7              11.4     20.2    18.6
 //   P1, P2 (3, 12)       11.0     19.4    17.8
@@ -149,20 +71,9 @@ fn paper() -> Settings {
 //   adaptive_p2 1               10.9     19.5    18.0
 //   median 0              11.2     19.9    18.3
 //   paper                 11.4     26.2    45.6
-fn fast() -> Settings {
-    Settings {
-        neighborhood: 9,
-        frequencies: (1, 1),
-        window: 9,
-        shiftable: false,
-        precision: Precision::Byte,
-        optimizer: Optimizer::ScanlineOptimization,
-        p1: 3.0,
-        p2: 16.0,
-        adaptive_p2: 2.0,
-        median: 3,
-        confidence: false,
-        ..paper()
+impl Default for Settings {
+    fn default() -> Self {
+        Preset::Robust.settings()
     }
 }
 

@@ -505,6 +505,18 @@ mod tests {
     }
 
     #[test]
+    fn offsets_count_beyond_an_eighth_of_a_pixel_and_two_standard_errors() {
+        let is_significant = |offset: f64, error: f64| {
+            let coefficients = [offset, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+            let field = Alignment::new(coefficients, (100, 100)).expect("a legal field");
+            RowOffsets { field, error, blocks: 100, spread: 0.1, wobble: 0.0 }.is_significant()
+        };
+
+        assert!(is_significant(0.125, 0.01) && !is_significant(0.115, 0.01));
+        assert!(is_significant(1.0, 0.49) && !is_significant(1.0, 0.51));
+    }
+
+    #[test]
     fn blocks_along_a_line_determine_no_field() {
         let point = |index: usize| Point {
             terms: terms(index as f64 / 100.0 - 1.0, 0.5),
