@@ -114,9 +114,9 @@ $(VENV)/page: $(CORE)
 
 # Another environment may be active, of conda, too.
 $(CORE): $(VENV)/ready pyproject.toml $(RUST)
-	@echo "== Compile the matcher, two minutes on two cores if nothing is compiled yet"
+	@echo "== Compile the matcher, which takes some minutes"
 	@$(ALONE) '$(BEGUN); env -u CONDA_PREFIX VIRTUAL_ENV="$(CURDIR)/$(VENV)" \
-		$(BIN)/maturin develop --profile local --locked; $(BIN)/python rust/python/write_settings.py; $(DONE)'
+		$(BIN)/maturin develop --release --locked; $(BIN)/python rust/python/write_settings.py; $(DONE)'
 
 $(C_LIBRARY): $(RUST)
 	mkdir -p $(@D)

@@ -600,37 +600,24 @@ mod filling {
     }
 }
 
-mod guided {
-    use super::{At, Bencher, Control, SampleMap, every};
-
-    #[divan::bench(args = every())]
-    fn guide(bencher: Bencher, At(level): &At) {
-        SampleMap::bench(bencher, |SampleMap { disparity, texture, .. }, out| {
-            phasestereo::internals::refinement::guided_median::guide(
-                disparity,
-                texture,
-                out,
-                *level,
-                &Control::default(),
-            )
-        });
-    }
-}
-
 mod outlines {
     use super::{At, Bencher, Control, SampleMap, every};
+    use phasestereo::internals::refinement::outlines::Outlines;
+
+    fn draw(bencher: Bencher, At(level): &At, outlines: Outlines) {
+        SampleMap::bench(bencher, |SampleMap { disparity, texture, .. }, out| {
+            outlines.draw(disparity, texture, out, *level, &Control::default())
+        });
+    }
 
     #[divan::bench(args = every())]
-    fn draw(bencher: Bencher, At(level): &At) {
-        SampleMap::bench(bencher, |SampleMap { disparity, texture, .. }, out| {
-            phasestereo::internals::refinement::outlines::draw(
-                disparity,
-                texture,
-                out,
-                *level,
-                &Control::default(),
-            )
-        });
+    fn crisp(bencher: Bencher, at: &At) {
+        draw(bencher, at, Outlines::Crisp);
+    }
+
+    #[divan::bench(args = every())]
+    fn wide(bencher: Bencher, at: &At) {
+        draw(bencher, at, Outlines::Wide);
     }
 }
 
@@ -743,7 +730,8 @@ mod matcher {
         Bencher, Case, Control, Matcher, Plane, Preset, Settings, cases, fast, noise, robust, views,
     };
     use phasestereo::internals::image::convolution::Kernel;
-    use phasestereo::internals::pipeline::matcher::{Execution, Pair};
+    use phasestereo::internals::pipeline::matcher::Execution;
+    use phasestereo::internals::pipeline::pair::Pair;
     use phasestereo::internals::rig::blur_compensation::BlurCompensation;
 
     fn weak() -> Settings {
@@ -814,7 +802,8 @@ mod temporal {
     use super::{
         At, Bencher, COLS, Control, ItemsCount, Matcher, Plane, ROWS, every, fast, noise, views,
     };
-    use phasestereo::internals::pipeline::matcher::{Disparity, Pair, Timings};
+    use phasestereo::internals::pipeline::matcher::{Disparity, Timings};
+    use phasestereo::internals::pipeline::pair::Pair;
     use phasestereo::internals::pipeline::temporal::TemporalFilter;
 
     /// A frame that is as the one before, so that all of its disparities become means.

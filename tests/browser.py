@@ -1,27 +1,22 @@
 """A browser as the tests drive it: Chromium without a window and without a network."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 from threading import Thread
 from time import monotonic, sleep
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from phasestereo.io.raster import decode_raster
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 # WebGL is drawn by SwiftShader, on the processor; whatever leads out of the machine goes nowhere.
 _OPTIONS = (

@@ -1,24 +1,20 @@
 """What several test files share: where the real data is, and how hypothesis runs."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal
+from collections.abc import Callable, Generator, Iterator
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
 import hypothesis
 import pytest
 
 from browser import Browser, running
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    Run = tuple[int, str, str]
+Run = tuple[int, str, str]
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = (
@@ -29,12 +25,14 @@ PACKAGES = (
 )
 """The folders that hold our packages."""
 
+# "CI" would have pytest compare and show whole what differs: megabytes, in minutes.
+os.environ.setdefault("PHASESTEREO_CI", os.environ.pop("CI", ""))
+ON_CI = os.environ["PHASESTEREO_CI"] == "true"
+
 ENVIRONMENT = os.environ | {
     "PYTHONPATH": os.pathsep.join([*map(str, PACKAGES), os.environ.get("PYTHONPATH", "")])
 }
 """Of processes that import our packages from the tree."""
-
-ON_CI = os.environ.get("CI") == "true"
 
 # The same examples every time and everywhere; new ones are what `make fuzz` is for, which loads
 # "explore". No deadlines: a slow machine is no failure.
@@ -44,6 +42,31 @@ hypothesis.settings.load_profile("fixed")
 
 # A shell has what it starts in the background ignore Ctrl-C, and that would go on to our processes.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+LINES, WIDTH = 4, 200  # of what is said of a failure, and of a line of its code
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item,
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Cut what is said of a failure: arrays and files fill screens; ``-vv`` shows all."""
+    report = yield
+    if item.config.get_verbosity() < 2:
+        for trace, crash, _ in getattr(report.longrepr, "chain", ()):
+            for entry in trace.reprentries:
+                entry.lines = shortened(entry.lines)
+            if crash is not None:
+                (crash.message,) = shortened([crash.message.partition("\n")[0]])
+    return report
+
+
+def shortened(lines: list[str]) -> list[str]:
+    """Return the lines of a failure, none too long, and few of those that explain it."""
+    said = [number for number, line in enumerate(lines) if line.startswith("E  ")]
+    kept = (line for number, line in enumerate(lines) if number not in said[LINES:])
+    return [line if len(line) <= WIDTH else f"{line[:WIDTH]} ..." for line in kept]
 
 
 class EndingError(Exception):

@@ -1,7 +1,5 @@
 """The documentation as the tests read it: pages, and the code blocks in them."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from dataclasses import dataclass

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 from phasestereo import _core
 from phasestereo._images import as_pair
-from phasestereo.rig.estimates import as_estimates
 from phasestereo.settings import PRESETS
 
 if TYPE_CHECKING:
@@ -19,5 +18,4 @@ if TYPE_CHECKING:
 def estimated(left: ArrayLike, right: ArrayLike) -> Estimates:
     """Return the rows and the range of a pair, of which nothing is known."""
     asked = replace(PRESETS["robust"], compensate_blur=False, noise_threshold=0.0)
-    found = _core.estimate_pair(as_pair(left, right), (None, None), (0, None), asked, None)
-    return as_estimates(found, asked, (0, None), None)
+    return _core.estimate_pair(as_pair(left, right), (None, None), (0, None), asked, None)

@@ -120,6 +120,8 @@ def match_strange(path: Path) -> None:
         if chance.random() < 0.04:
             given[name] = chance.choice(values)
 
+    if "noise" in given:
+        given["known"] = ps.Known(noise=given.pop("noise"))
     if chance.random() < 0.3:
         given["left_mask"] = samples.random(left.shape[:2]) < chance.choice((0.0, 0.5, 1.0))
 

@@ -1,4 +1,4 @@
-"""Small files that claim much, and files that never end; and what reads each of them is to refuse.
+"""Small files that claim much, and what reads each of them is to refuse.
 
 Run as a program, it reads the hostile files of a folder with every reader that takes them, and
 prints a line of JSON for each: what was raised, seconds of the processor, and by how much resident
@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import io
 import json
-import os
 import struct
 import sys
 import time
@@ -171,7 +170,6 @@ def entities() -> bytes:
 
 IMAGES = "read_image", "read_geotiff", "open_raster", "is_geotiff"
 RIGS = ("read_rig",)
-SMALL = "read_calibration", "read_q", "read_pairs", "read_manifest", "load_statistics"
 
 # Name -> content, and the readers that are to refuse it. Their names end as the readers want.
 CONTENTS: dict[str, tuple[Callable[[], bytes], tuple[str, ...]]] = {
@@ -228,35 +226,15 @@ CONTENTS: dict[str, tuple[Callable[[], bytes], tuple[str, ...]]] = {
 
 
 def make(folder: Path) -> None:
-    """Write all of them, and what is no regular file, or has no end, or only looks as if."""
+    """Write all of them."""
     for name, (content, _) in CONTENTS.items():
         (folder / name).write_bytes(content())
-
-    for suffix in (".png", ".npy", ".npz", ".txt", ".csv", ".jsonl"):
-        if hasattr(os, "mkfifo"):
-            os.mkfifo(folder / f"fifo{suffix}")
-            (folder / f"zero{suffix}").symlink_to("/dev/zero")
-        with (folder / f"hole{suffix}").open("wb") as file:
-            file.truncate(2**40)
 
 
 def cases(folder: Path) -> Iterator[tuple[str, Path]]:
     """Yield a reader and a file that it is to refuse."""
     for name, (_, readers) in CONTENTS.items():
         yield from ((reader, folder / name) for reader in readers)
-
-    endings = dict.fromkeys((*IMAGES, "read_disparity"), ".png") | {
-        "read_calibration": ".txt", "read_q": ".npz", "read_pairs": ".csv",
-        "read_manifest": ".jsonl", "load_statistics": ".npz", "read_rig": ".npz",
-    }  # fmt: skip
-
-    for reader, ending in endings.items():
-        for kind in ("fifo", "zero", "hole"):
-            if (path := folder / f"{kind}{ending}").exists() and (reader, kind) != (
-                "is_geotiff",
-                "hole",
-            ):
-                yield reader, path
 
 
 def readers() -> dict[str, Callable[[Path], Any]]:
@@ -275,10 +253,8 @@ def readers() -> dict[str, Callable[[Path], Any]]:
     return {
         "read_image": ps.io.read_image,
         "read_geotiff": geotiff.read_geotiff,
-        "read_disparity": ps.io.read_disparity,
         "open_raster": open_one,
         "is_geotiff": is_geotiff,
-        "read_calibration": ps.io.read_calibration,
         "read_q": ps.io.read_q,
         "read_rig": read_calibration,
         "load_statistics": load,

@@ -1,7 +1,5 @@
 """Pages as the tests read them."""
 
-from __future__ import annotations
-
 from html.parser import HTMLParser
 
 

@@ -9,22 +9,17 @@ disparity ``min_disparity + n``.
 
 # ruff: noqa: N803, N806 -- L, F, M are the paper's names; renamed, formulas are hard to compare
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Iterator
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
-    Bools = NDArray[np.bool_]
-    Ints = NDArray[np.int64]
-    Floats = NDArray[np.float64]
-    Complexes = NDArray[np.complex128]
-    Taper = Literal["uniform", "gaussian", "hann"]
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+Taper = Literal["uniform", "gaussian", "hann"]
 
 
 # --- images ---

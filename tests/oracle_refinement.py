@@ -6,29 +6,24 @@ those of the image, medians, smoother surfaces, trust. Disparities are float32 t
 thresholds are held against their differences; what is summed is summed in float64.
 """
 
-from __future__ import annotations
-
 import itertools
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import oracle
 import phasestereo as ps
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
-    Bools = NDArray[np.bool_]
-    Ints = NDArray[np.int64]
-    Floats = NDArray[np.float64]
-    Map = NDArray[np.float32]
-    Pixel = tuple[int, int]
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
+Map = NDArray[np.float32]
+Pixel = tuple[int, int]
 
 MISSING = ps.Flag.MASKED | ps.Flag.NO_CANDIDATE
 UNMATCHED = MISSING | ps.Flag.OUTSIDE | ps.Flag.MATCH_MASKED
@@ -238,18 +233,21 @@ def near_jumps(disparity: Map) -> Bools:
 def guide(disparity: Map, gray: Ints) -> Map:
     """Return the map with medians of like pixels near jumps, of two middle ones the smaller.
 
-    Of 9 x 9 pixels every second row and column counts, and of these the pixels whose gray values
-    differ by the mean difference of neighbors, rounded up, at most.
+    Of 9 x 9 pixels every second row and column counts, and of these the pixels whose gray values,
+    in 32nds of the mean difference of neighbors, differ by 32 at most. Disparities are counted in
+    eighths of a pixel from the pixel's own.
     """
     guided = disparity.copy()
-    alike = np.ceil(oracle.mean_step(gray))
-    height, width = disparity.shape
+    scale = np.float32(32 / max(oracle.mean_step(gray), 1 / 16))
+    level = np.trunc(gray.astype(np.float32) * scale)
+    eighths = np.trunc(np.nan_to_num(disparity).astype(np.float32) * np.float32(8))
 
     for y, x in np.argwhere(near_jumps(disparity) & ~np.isnan(disparity)):
-        window = around((int(y), int(x)), (height, width), 4, 2)
-        like = [disparity[p] for p in window if abs(gray[p] - gray[y, x]) <= alike]
-        known = sorted(value for value in like if not np.isnan(value))
-        guided[y, x] = known[(len(known) - 1) // 2]
+        here = int(y), int(x)
+        window = [p for p in around(here, disparity.shape, 4, 2) if not np.isnan(disparity[p])]
+        alike = [p for p in window if abs(level[p] - level[here]) <= 32]
+        away = sorted(eighths[p] - eighths[here] for p in alike)
+        guided[here] += np.float32(away[(len(away) - 1) // 2] / 8)
 
     return guided
 

@@ -6,27 +6,22 @@ can best be made again, and to one whose outlines are those of the left image.
 
 # ruff: noqa: N803 -- L is the paper's name
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 import oracle
 from oracle_refinement import around, shifted
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    Bools = NDArray[np.bool_]
-    Ints = NDArray[np.int64]
-    Floats = NDArray[np.float64]
-    Map = NDArray[np.float32]
-    Side = Literal["left", "right"]
-    Images = tuple[Floats, Floats]
-    Kernels = Sequence[tuple[Floats | None, Floats | None]]
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
+Map = NDArray[np.float32]
+Side = Literal["left", "right"]
+Images = tuple[Floats, Floats]
+Kernels = Sequence[tuple[Floats | None, Floats | None]]
 
 
 def rivals(disparity: Map) -> list[Map]:

@@ -1,21 +1,16 @@
 """Camera pairs for tests: real ones of the shared data, one that is made up, and what they see."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from conftest import counterpart
 from phasestereo.io import read_image
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
+Floats = NDArray[np.float64]
 
 cv2, yaml = counterpart("cv2"), counterpart("yaml")
 

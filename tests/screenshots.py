@@ -4,15 +4,13 @@ Needs Chromium, its driver, selenium and the extras ``bench`` and ``report``. Lo
 before it is committed.
 """
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from time import sleep
-from typing import TYPE_CHECKING
 
 from PIL import Image
 from selenium import webdriver
@@ -24,9 +22,6 @@ from phasestereo.views.page import write_pair_page
 from phasestereo_bench.degradation import Degradation, disk_psf
 from phasestereo_bench.rendering import render_pair
 from phasestereo_live.viewer import Server, Show
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 ROOT = Path(__file__).resolve().parent.parent
 IMAGES = ROOT / "docs" / "images"

@@ -57,7 +57,7 @@ def matched(left: Image, right: Image) -> Map:
         left_mask=mask,
         right_mask=None,
         progress=lambda done, rows: use(done / rows),
-        noise=(1.0, 2.0),
+        known=ps.Known(noise=(1.0, 2.0)),
         fill=False,
         p1=4.0,
         p2=16.0,
@@ -66,7 +66,7 @@ def matched(left: Image, right: Image) -> Map:
     settings: ps.Settings = ps.PRESETS["paper"]
     matcher = ps.Matcher(settings=settings, threads=1)
     steady = ps.TemporalFilter()
-    again = matcher.match(left, right, before=result, temporal_filter=steady)
+    again = matcher.match(left, right, known=ps.Known(before=result), temporal_filter=steady)
     seconds: float = sum(again.timings.values())
     use(again.settings.window, matcher.threads, seconds, again.temporal_support)
 
@@ -123,7 +123,9 @@ def in_pieces(left: Image, right: Image) -> NDArray[np.uint16]:
     """Go the way of a match step by step."""
     use(ps.descriptor(left, neighborhood=9).dtype)
     versions = ps.BlurCompensation(noise=(1.0, 1.0), kernels=[(None, np.full((3, 3), 1 / 9))])
-    costs = ps.cost_volume(left, right, num_disparities=64, blur_compensation=versions)
+    costs = ps.cost_volume(
+        left, right, num_disparities=64, known=ps.Known(blur_compensation=versions)
+    )
     return ps.optimize(ps.aggregate(costs, window=7), p1=10, p2=40, optimizer="sgm")
 
 

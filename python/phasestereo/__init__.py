@@ -12,6 +12,7 @@ import warnings
 from typing import TYPE_CHECKING
 
 from phasestereo import _core
+from phasestereo.known import Known
 from phasestereo.matching import Matcher, match
 from phasestereo.result import Flag, Result, Summary
 from phasestereo.rig.alignment import Alignment
@@ -33,6 +34,7 @@ __all__ = [
     "Diagnosis",
     "Finding",
     "Flag",
+    "Known",
     "LeftOut",
     "MatchWarning",
     "Matcher",

@@ -1,19 +1,19 @@
 """The compiled core: validated again here, so that no argument can make it panic."""
 
 from collections.abc import Callable
-from typing import Any, TypeAlias, final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phasestereo._images import Pixels
-from phasestereo.rig.alignment import Field
-from phasestereo.rig.blur import Glance
+from phasestereo.known import Known, Noise
+from phasestereo.result import Result
+from phasestereo.rig.alignment import Alignment
 from phasestereo.rig.compensation import BlurCompensation
-from phasestereo.rig.estimates import Found, Known, Matched, Summarized, Supported
-from phasestereo.rig.findings import Said
-from phasestereo.rig.rectified import RectifiedByCore
+from phasestereo.rig.estimates import Estimates
 from phasestereo.settings import Settings
+from phasestereo.verification import Verification
 from phasestereo_large.bands import Checked, PairStatistics
 
 __all__ = [
@@ -29,13 +29,14 @@ __all__ = [
     "PRESETS",
     "SETTINGS",
     "VERDICTS",
+    "Scale",
     "Setting",
     "TemporalFilter",
     "Workers",
     "__version__",
     "aggregate_volume",
-    "blur_is_as_before",
     "check_blur_compensation",
+    "check_noise",
     "check_settings",
     "cost_volume",
     "descriptor",
@@ -55,9 +56,6 @@ __all__ = [
     "working_memory",
 ]
 
-_Ranges: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
-_Scale: TypeAlias = tuple[tuple[float, int, bool, bool], _Ranges | None]
-
 __version__: str
 BAND_ROWS: int
 DEBUG_BUILD: bool
@@ -71,6 +69,13 @@ MOST_DISPARITIES: int
 PRESETS: list[str]
 SETTINGS: list[Setting]
 VERDICTS: dict[str, int]
+
+@final
+class Scale:
+    @property
+    def packing(self) -> tuple[float, int, bool, bool]: ...
+    @property
+    def ranges(self) -> tuple[tuple[float, float], tuple[float, float]] | None: ...
 
 @final
 class Setting:
@@ -95,14 +100,8 @@ class Workers:
     @property
     def count(self) -> int: ...
 
-def blur_is_as_before(
-    images: tuple[Pixels, Pixels],
-    masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
-    glance: Glance,
-    impulses: tuple[float, float],
-    threads: int | Workers | None,
-) -> bool: ...
 def check_settings(settings: Settings) -> None: ...
+def check_noise(noise: Noise) -> None: ...
 def check_blur_compensation(compensation: BlurCompensation | None) -> None: ...
 def estimate_pair(
     images: tuple[Pixels, Pixels],
@@ -110,21 +109,21 @@ def estimate_pair(
     disparities: tuple[int, int | None],
     settings: Settings,
     threads: int | Workers | None,
-) -> Found: ...
+) -> Estimates: ...
 def estimate_pair_by_rows(
     read: Checked,
     size: tuple[int, int],
     disparities: tuple[int, int | None],
     settings: Settings,
-    scale: _Scale | None,
+    scale: Scale,
     threads: int | Workers | None,
     known: Known,
-) -> Found: ...
+) -> Estimates: ...
 def find_roughness(
     read: Checked,
     size: tuple[int, int],
     disparities: tuple[int, int | None],
-    scale: _Scale | None,
+    scale: Scale,
     impulses: float,
 ) -> tuple[int, int]: ...
 def find_scale(
@@ -134,9 +133,9 @@ def find_scale(
     size: tuple[int, int],
     disparities: tuple[int, int | None],
     settings: Settings,
-) -> _Scale: ...
+) -> Scale: ...
 def halo(
-    settings: Settings, compensation: BlurCompensation | None, alignment: Field | None
+    settings: Settings, compensation: BlurCompensation | None, alignment: Alignment | None
 ) -> tuple[int, int]: ...
 def working_memory(statistics: PairStatistics, rows: int, threads: int, itemsize: int) -> int: ...
 def match_rows(
@@ -147,7 +146,7 @@ def match_rows(
     rows: tuple[int, int],
     threads: int | Workers | None,
     progress: Callable[[int, int], object] | None,
-) -> Matched: ...
+) -> Result: ...
 def match_raw(
     images: tuple[Pixels, Pixels],
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
@@ -155,7 +154,7 @@ def match_raw(
     first: int,
     rows: tuple[int, int],
     threads: int | Workers | None,
-) -> tuple[Matched, tuple[int, int, int, int, int]]: ...
+) -> tuple[Result, tuple[int, int, int, int, int]]: ...
 def rows_to_tally(height: int) -> list[tuple[int, int]]: ...
 def match_pair(
     images: tuple[Pixels, Pixels],
@@ -166,21 +165,16 @@ def match_pair(
     progress: Callable[[int, int], object] | None,
     known: Known,
     temporal: TemporalFilter | None,
-) -> tuple[Matched, Summarized, Found, Supported | None, list[Said], RectifiedByCore | None]: ...
+) -> Result: ...
 def verify_map(
     images: tuple[Pixels, Pixels],
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
     disparity: NDArray[np.float32],
+    settings: Settings,
     threads: int | Workers | None,
     progress: Callable[[int, int], object] | None,
-) -> tuple[
-    tuple[NDArray[np.uint8], NDArray[np.float32]],
-    list[Said],
-    Matched,
-    Summarized,
-    Found,
-    list[Said],
-]: ...
+    known: Known,
+) -> Verification: ...
 def descriptor(
     image: Pixels,
     mask: NDArray[np.bool_] | None,

@@ -1,4 +1,4 @@
-"""Ctrl-C, postponed where something must not be half done, and kept from what others end."""
+"""Ctrl-C, postponed where something must not be half done."""
 
 from __future__ import annotations
 
@@ -28,23 +28,3 @@ def held_back() -> Iterator[None]:
         signal.signal(signal.SIGINT, handler)
     if received:
         handler(received[0], None)
-
-
-@contextmanager
-def unheard() -> Iterator[None]:
-    """Block Ctrl-C for the threads and processes that start in a block; here it is postponed.
-
-    They inherit the signal mask, and may lift it. Systems without signal masks (Windows) only
-    postpone.
-    """
-    if not hasattr(signal, "pthread_sigmask"):
-        with held_back():
-            yield
-        return
-
-    with held_back():
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            yield
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import astuple, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from phasestereo import _core
-from phasestereo._images import ImageOrPath, Mask, Pixels, as_array, as_mask, as_pair
+from phasestereo._images import ImageOrPath, as_array, as_mask, as_pair
 from phasestereo._opening import opened
-from phasestereo.result import Result, Summary
-from phasestereo.rig.alignment import applied_field
-from phasestereo.rig.compensation import BlurCompensation, Noise, as_noise
-from phasestereo.rig.estimates import Estimates, Known, Matched, Summarized, Supported, as_estimates
-from phasestereo.rig.findings import Said, as_findings, warn
-from phasestereo.rig.rectified import as_rectified
+from phasestereo.known import Known, as_known
+from phasestereo.result import Result
+from phasestereo.rig.findings import warn
 from phasestereo.settings import Settings, resolve
 from phasestereo.temporal import TemporalFilter, as_core_filter
 
@@ -37,8 +34,7 @@ def match(
     left_mask: ArrayLike | None = None,
     right_mask: ArrayLike | None = None,
     progress: Progress | None = None,
-    noise: Noise | None = None,
-    blur_compensation: BlurCompensation | None = None,
+    known: Known | None = None,
     **overrides: Any,
 ) -> Result:
     """Match a rectified stereo pair.
@@ -72,14 +68,9 @@ def match(
     progress
         Called as ``progress(rows_done, rows)`` every now and then from the calling thread; what it
         raises ends the match.
-    noise
-        Standard deviation of the noise of both images, or a pair of them (left, right), in units
-        of their pixels; of gray values where they have color. It matters with ``noise_threshold >
-        0``; None: it is estimated then.
-    blur_compensation
-        How the blur of the images is evened out before pixels are compared, see
-        `phasestereo.BlurCompensation`; it holds the noise, too. For ``cost="phase"``. None: with
-        ``compensate_blur=True`` what suits the blur that is found, else not at all.
+    known
+        What is known of the pair beforehand. None: all is estimated, as far as the settings ask for
+        it.
     **overrides
         Fields of `Settings` by name, which take precedence over ``preset`` and ``settings``.
 
@@ -130,7 +121,7 @@ def match(
         settings=resolve(preset, settings, overrides),
         threads=threads,
         progress=progress,
-        given=(noise, blur_compensation),
+        known=known,
     )
 
     warn(result.findings)
@@ -195,21 +186,13 @@ class Matcher:
         left_mask: ArrayLike | None = None,
         right_mask: ArrayLike | None = None,
         progress: Progress | None = None,
-        noise: Noise | None = None,
-        blur_compensation: BlurCompensation | None = None,
-        before: Result | None = None,
+        known: Known | None = None,
         temporal_filter: TemporalFilter | None = None,
     ) -> Result:
         """Match a rectified stereo pair: parameters, result and errors are those of `match`.
 
         Parameters
         ----------
-        before
-            The result of an earlier pair of the same cameras. If this one's blur is as it was,
-            which is seen at a glance, all that was estimated then is taken over: blur, noise and
-            contrast, the field of the rows, and the range of disparities unless it is given; and
-            ``result.blur.reused`` is True. What a glance does not see is in the notes of
-            `phasestereo_live.stream`. None: all is estimated anew, if need be.
         temporal_filter
             What steadies the disparities of a video, of which this is the next frame;
             ``result.temporal_support`` says where it did. None: nothing does.
@@ -228,8 +211,7 @@ class Matcher:
             settings=self._settings,
             threads=self._workers,
             progress=progress,
-            given=(noise, blur_compensation),
-            before=before,
+            known=known,
             temporal_filter=temporal_filter,
         )
 
@@ -252,8 +234,7 @@ def match_silently(
     settings: Settings,
     threads: int | _core.Workers | None,
     progress: Progress | None,
-    given: tuple[Noise | None, BlurCompensation | None],
-    before: Result | None = None,
+    known: Known | None = None,
     temporal_filter: TemporalFilter | None = None,
 ) -> Result:
     """Match as `match` and `Matcher.match` do, without a warning."""
@@ -265,102 +246,14 @@ def match_silently(
     size = pair[0].shape
     valid = as_mask(masks[0], size, "left_mask"), as_mask(masks[1], size, "right_mask")
 
-    known: Known = as_noise(*given), given[1], None, False, []
-
-    temporal = as_core_filter(temporal_filter)
-
-    rectified = None
-    # What was estimated for an earlier pair is taken over where a glance finds the same blur.
-    if before is not None and _is_as_before(before, pair, valid, threads):
-        how = threads, progress
-        matched, summary, found, supported, said = _match_again(
-            before, pair, valid, search, how, temporal=temporal
-        )
-    else:
-        matched, summary, estimated, supported, said, rectified = _core.match_pair(
-            pair, valid, search, settings, threads, progress, known, temporal
-        )
-        found = as_estimates(estimated, settings, search, given[1])
-
-    result = result_of(matched, summary, found, arrays, said, supported=supported)
-    if rectified is None:
-        return result
-    # The field that is left is one of the rectified pair.
-    return replace(result, alignment=None, rectified=as_rectified(rectified))
-
-
-def result_of(
-    matched: Matched,
-    summary: Summarized,
-    found: Estimates,
-    pair: tuple[NDArray[Any], NDArray[Any]],
-    said: list[Said],
-    *,
-    supported: Supported | None = None,
-) -> Result:
-    """Return what the core has matched and estimated as a result, beside the pair as given."""
-    disparity, flags, confidence, uncertainty, stages = matched
-    timings = {"estimation": found.seconds} if found.seconds else {}
-    support, seconds = supported or (None, 0.0)
-    if support is not None:
-        stages = stages | {"temporal filter": seconds}
-
-    return Result(
-        disparity,
-        flags,
-        confidence,
-        found.settings,
-        timings | stages,
-        uncertainty=uncertainty,
-        search=found.search,
-        blur=found.blur,
-        alignment=found.alignment,
-        blur_compensation=found.blur_compensation,
-        summary=Summary(*summary),
-        findings=as_findings(said),
-        pair=pair,
-        temporal_support=support,
+    result = _core.match_pair(
+        pair,
+        valid,
+        search,
+        settings,
+        threads,
+        progress,
+        as_known(known),
+        as_core_filter(temporal_filter),
     )
-
-
-def _is_as_before(
-    before: Result,
-    pair: tuple[Pixels, Pixels],
-    masks: tuple[Mask | None, Mask | None],
-    threads: int | _core.Workers | None,
-) -> bool:
-    """Return whether what was estimated for an earlier pair holds for this one, at a glance."""
-    if before.blur is None or before.blur.glance is None or before.rectified is not None:
-        return False
-
-    return _core.blur_is_as_before(pair, masks, before.blur.glance, before.blur.impulses, threads)
-
-
-def _match_again(
-    before: Result,
-    pair: tuple[Pixels, Pixels],
-    masks: tuple[Mask | None, Mask | None],
-    search: Search,
-    how: tuple[int | _core.Workers | None, Progress | None],
-    *,
-    temporal: _core.TemporalFilter | None,
-) -> tuple[Matched, Summarized, Estimates, Supported | None, list[Said]]:
-    """Match with what was estimated for an earlier pair."""
-    if search[1] is None and before.search is not None:
-        search = before.search.min_disparity, before.search.num_disparities
-
-    alignment, compensation = before.alignment, before.blur_compensation
-    # The field of the earlier pair is given, so the core must not estimate another one.
-    asked = replace(before.settings, align_rows=False)
-    inverted = before.search is not None and before.search.inverted and asked.compensate_blur
-    said = [astuple(one) for one in before.findings]
-    known: Known = None, compensation, applied_field(alignment), inverted, said
-    matched, summary, estimated, supported, found, _ = _core.match_pair(
-        pair, masks, search, asked, *how, known, temporal
-    )
-
-    same = as_estimates(estimated, before.settings, search, compensation)
-    blur = None if before.blur is None else replace(before.blur, reused=True)
-    kept = before.search or same.search
-    same = replace(same, search=kept, blur=blur, alignment=alignment)
-    return matched, summary, same, supported, found
+    return replace(result, pair=arrays)

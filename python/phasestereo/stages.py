@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from phasestereo import _core
 from phasestereo._images import as_array, as_mask, as_pair, as_pixels
 from phasestereo._numbers import as_integer
-from phasestereo.rig.compensation import BlurCompensation, Noise, compensation_of
+from phasestereo.known import Known, as_known
 from phasestereo.settings import Settings, resolve
 
 LARGEST_PENALTY = 2**40
@@ -97,16 +97,15 @@ def cost_volume(
     min_disparity: int = 0,
     settings: Settings | None = None,
     threads: int | None = None,
-    noise: Noise | None = None,
-    blur_compensation: BlurCompensation | None = None,
+    known: Known | None = None,
     **overrides: Any,
 ) -> NDArray[np.uint16]:
     """Compare every pixel with every candidate.
 
     Parameters
     ----------
-    left, right, num_disparities, min_disparity, threads, noise, blur_compensation
-        As `match` takes them.
+    left, right, num_disparities, min_disparity, threads, known
+        As `match` takes them, `known` without ``before``.
     settings
         Settings to start from; None: the preset ``"paper"``. ``cost`` and those it depends on
         matter here.
@@ -128,7 +127,7 @@ def cost_volume(
     """
     chosen = resolve("paper" if settings is None else None, settings, overrides)
     disparities = min_disparity, num_disparities
-    compensation = compensation_of(noise, blur_compensation)
+    compensation = as_known(known, unused=("before",)).compensation
     return _core.cost_volume(as_pair(left, right), disparities, chosen, threads, compensation)
 
 

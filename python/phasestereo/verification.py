@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from phasestereo import _core
 from phasestereo._images import ImageOrPath, as_array, as_mask, as_pair, as_pixels, as_rgb8
 from phasestereo._opening import opened
-from phasestereo.matching import Progress, result_of
+from phasestereo.known import Known, as_known
+from phasestereo.matching import Progress
 from phasestereo.result import Result
-from phasestereo.rig.estimates import as_estimates
-from phasestereo.rig.findings import Finding, as_findings
+from phasestereo.rig.findings import Finding
 from phasestereo.settings import PRESETS
 
 __all__ = ["Verdict", "Verification", "verify"]
@@ -128,6 +128,7 @@ def verify(
     left_mask: ArrayLike | None = None,
     right_mask: ArrayLike | None = None,
     progress: Progress | None = None,
+    known: Known | None = None,
 ) -> Verification:
     """Judge a disparity map of any origin by the images that it is of.
 
@@ -138,8 +139,8 @@ def verify(
 
     Parameters
     ----------
-    left, right, threads, left_mask, right_mask, progress
-        As `match` takes them.
+    left, right, threads, left_mask, right_mask, progress, known
+        As `match` takes them, `known` without ``before``.
     disparity
         (H, W), the map of the left image: a left pixel at column x shows what the right one shows
         at column ``x - disparity``. Floats or integers, in pixels; what is not finite claims
@@ -178,13 +179,16 @@ def verify(
     valid = as_mask(left_mask, size, "left_mask"), as_mask(right_mask, size, "right_mask")
     claims = _as_claims(disparity, size)
 
-    judged, of_map, matched, summary, estimated, said = _core.verify_map(
-        pair, valid, claims, threads, progress
+    judged = _core.verify_map(
+        pair,
+        valid,
+        claims,
+        PRESETS["robust"],
+        threads,
+        progress,
+        as_known(known, unused=("before",)),
     )
-
-    found = as_estimates(estimated, PRESETS["robust"], (0, None), None)
-    result = result_of(matched, summary, found, arrays, said)
-    return Verification(*judged, (*as_findings(of_map), *result.findings), result)
+    return replace(judged, result=replace(judged.result, pair=arrays))
 
 
 def _as_claims(disparity: ArrayLike, size: tuple[int, ...]) -> NDArray[np.float32]:

@@ -1,9 +1,12 @@
 """The benchmark of the estimation of blur: its trials, what is right about them, and its table."""
 
-from __future__ import annotations
+# Who tests a thing knows that it is there: no assertions for the type checker alone.
+# mypy: no-strict-optional
 
 import json
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,16 +14,8 @@ import pytest
 from phasestereo import io
 from phasestereo_bench import blur as bench
 from phasestereo_bench import read_store
-from phasestereo_bench.blur.document import blur_text
-from phasestereo_bench.datasets import find_scenes
+from phasestereo_bench.datasets import Scene, find_scenes
 from phasestereo_bench.degradation import Degradation, disk_psf, gaussian_psf, motion_psf
-from phasestereo_bench.report.documents import fill_places
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from phasestereo_bench.datasets import Scene
 
 for module in ("scipy", "PIL"):
     pytest.importorskip(module)
@@ -84,13 +79,6 @@ def test_images_are_blurred_as_given(scene: Scene, family: str, psf: Any, side: 
         np.testing.assert_array_equal(view, blurred if side in (name, "both") else image)
 
 
-def test_sharp_pairs_are_as_they_are(scene: Scene) -> None:
-    pair = scene.load()
-    left, right = bench.BlurTrial(scene, "none", 0.0, 0.0, "neither", 0.0).views(pair)
-    np.testing.assert_array_equal(left, pair.left)
-    np.testing.assert_array_equal(right, pair.right)
-
-
 def test_a_record_tells_what_was_found(scene: Scene, tmp_path: Path) -> None:
     (record,) = bench.run_blur([scene], tmp_path / "a.jsonl", every=1000, workers=0)
 
@@ -105,17 +93,6 @@ def test_a_record_tells_what_was_found(scene: Scene, tmp_path: Path) -> None:
 
     tried = bench.try_out(bench.BlurTrial(scene, "disk", 4.0, 0.0, "right", 1.0))
     assert bench.verdict({"family": "disk", "size": 4, "angle": 0, "side": "right"} | tried).all
-
-
-@pytest.mark.parametrize("every", [0, -1])
-def test_every_zeroth_trial_is_refused(scene: Scene, every: int) -> None:
-    with pytest.raises(ValueError, match=f"every: got {every}; accepts 1 and more"):
-        bench.blur_jobs([scene], every=every)
-
-
-def test_without_scenes_there_is_nothing_to_do() -> None:
-    with pytest.raises(ValueError, match="there is no scene to blur"):
-        bench.blur_jobs([])
 
 
 # Verdicts
@@ -171,17 +148,7 @@ def record(family: str, size: float, angle: float, side: str, /, **changes: Any)
 def test_verdicts(measured: dict[str, Any], wrong: set[str]) -> None:
     judged = bench.verdict(measured)
     names = ("kind", "side", "size", "angle", "single")
-    assert {name for name in names if not getattr(judged, name)} == wrong
-    assert judged.all == (not wrong)
-
-
-def test_errors_are_those_of_the_family_that_was_there() -> None:
-    judged = bench.verdict(record("disk", 2, 0, "left", kind="gaussian", size=1.1))
-    assert judged.size_error == pytest.approx(0.2)
-    judged = bench.verdict(record("motion", 9, 175, "left", angle=3, size=9.5))
-    assert judged.size_error == pytest.approx(0.5)
-    assert judged.angle_error == pytest.approx(8)
-    assert bench.verdict(record("none", 0, 0, "neither")).size_error is None
+    assert ({name for name in names if not getattr(judged, name)}, judged.all) == (wrong, not wrong)
 
 
 # Results
@@ -212,7 +179,6 @@ RECORDS = [
 
 def test_the_table_has_a_row_for_each_blur(tmp_path: Path) -> None:
     results = bench.read_blur([stored(tmp_path / "a.jsonl", *RECORDS)])
-    assert results is not None
 
     rows = {
         row[0].text: [entry.text for entry in row[1:]] for row in bench.blur_table(results).rows
@@ -243,7 +209,6 @@ def test_of_several_records_of_a_trial_the_last_counts(tmp_path: Path) -> None:
         ]
     )
 
-    assert results is not None
     assert len(results.records) == len(RECORDS)
     assert all(bench.verdict(record).side for record in results.records)
 
@@ -261,28 +226,6 @@ def test_files_of_mixed_or_wrong_records_are_refused(
 ) -> None:
     with pytest.raises(ValueError, match=message):
         bench.read_blur([stored(tmp_path / "a.jsonl", *records)])
-
-
-def test_other_benchmarks_are_none_of_blur(tmp_path: Path) -> None:
-    assert bench.read_blur([stored(tmp_path / "a.jsonl", {"kind": "speed"})]) is None
-
-
-def test_a_document_is_filled_where_it_says_so(tmp_path: Path) -> None:
-    results = bench.read_blur([stored(tmp_path / "a.jsonl", *RECORDS)])
-
-    assert results is not None
-
-    document = tmp_path / "blur.md"
-    other = "<!-- bench:speed -->kept<!-- /bench:speed -->\n"
-    document.write_text(f"# A\n<!-- bench:blur -->old<!-- /bench:blur -->\n{other}")
-
-    fill_places(document, {"blur": blur_text(results)})
-
-    text = document.read_text()
-    assert "| disk 3 | 1 | 100 | 100 | 100 | - | 100 | 100 | 0.00 | - |" in text
-    assert "old" not in text
-    assert text.endswith(other)
-    assert "Made with phasestereo 1.2.3" in text
 
 
 # The command

@@ -1,24 +1,16 @@
 """Cases: which image is degraded, by what, and what the other one becomes."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from phasestereo import io
-from phasestereo_bench import SUITES
-from phasestereo_bench.cases import SUITE_SCENES, Case, load
-from phasestereo_bench.datasets import find_scenes
+from phasestereo_bench.cases import Case
+from phasestereo_bench.datasets import Scene, find_scenes
 from phasestereo_bench.degradation import Degradation, disk_psf, suite
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from phasestereo_bench.datasets import Scene
 
 for module in ("scipy", "PIL"):
     pytest.importorskip(module)
@@ -59,17 +51,6 @@ def views(case: Case, *, true_blur: bool = False) -> dict[str, NDArray[np.uint8]
     return {"left": pair.left, "right": pair.right}
 
 
-def test_suites_have_the_rows_they_should() -> None:
-    assert list(SUITES["one-sided-blur"]) == list(suite())
-    assert list(SUITES["sharp"]) == ["sharp"]
-    assert len(SUITE_SCENES["one-sided-blur"]) == 12
-
-
-def test_scenes_of_the_suite_are_where_it_says(data: Path) -> None:
-    there = {str(scene) for scene in find_scenes(data / "middlebury")}
-    assert there >= SUITE_SCENES["one-sided-blur"]
-
-
 @pytest.mark.parametrize(("side", "other"), [("left", "right"), ("right", "left")])
 @pytest.mark.parametrize("name", suite())
 def test_one_side_alone_is_degraded(scene: Scene, name: str, side: str, other: str) -> None:
@@ -93,17 +74,6 @@ def test_which_rows_have_a_true_blur(scene: Scene) -> None:
     assert without == {"sharp", "contrast 1.5 0.6", "mixed"}
     with pytest.raises(ValueError, match="no true blur of 'mixed'"):
         views(Case(scene, "one-sided-blur", "mixed", "left"), true_blur=True)
-
-
-def test_what_a_method_does_to_the_images_is_not_seen_again(scene: Scene) -> None:
-    case = Case(scene, "sharp", "sharp", "left")
-    for image in views(case).values():
-        image[:] = 0
-    assert all(image.any() for image in views(case).values())
-
-
-def test_scenes_are_loaded_once(scene: Scene) -> None:
-    assert load(scene) is load(scene)
 
 
 def test_degradations_of_ones_own(scene: Scene) -> None:

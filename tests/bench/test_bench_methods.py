@@ -1,27 +1,21 @@
 """Methods by name: what a name means, what is refused, and how a user adds one."""
 
-from __future__ import annotations
-
-import pickle
 import sys
 from dataclasses import asdict, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import phasestereo as ps
-from phasestereo_bench import Method, available, method, opencv, run_middlebury
+from phasestereo_bench import available, method, opencv, run_middlebury
 from phasestereo_bench.datasets import find_scenes
 from phasestereo_bench.demo import SGBM
 from phasestereo_bench.methods import BASELINES
 from test_bench_cases import plant
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 RNG = np.random.default_rng(0)
 SHIFT, COUNT = 5, 16
@@ -75,27 +69,6 @@ def test_settings_by_name(spec: str, fields: dict[str, Any]) -> None:
     np.testing.assert_array_equal(found(spec), direct)
 
 
-def test_confidences_come_along_where_there_are_any() -> None:
-    answer = method("paper:window=5").match(LEFT, RIGHT, COUNT)
-    direct = ps.match(LEFT, RIGHT, num_disparities=COUNT, preset="paper", window=5)
-    assert direct.confidence is not None
-    np.testing.assert_array_equal(answer, [direct.disparity, direct.confidence])
-    assert isinstance(method("paper:confidence=false").match(LEFT, RIGHT, COUNT), np.ndarray)
-
-
-def test_every_preset_is_a_method() -> None:
-    for name, settings in ps.PRESETS.items():
-        assert method(name).settings == asdict(settings)
-        assert name in available()
-
-
-def test_true_blur_is_the_same_method_otherwise() -> None:
-    blurred, plain = method("paper:window=5+true-blur"), method("paper:window=5")
-    assert (blurred.name, blurred.settings) == (plain.name, plain.settings)
-    assert (blurred.true_blur, plain.true_blur) == (True, False)
-    assert str(blurred) == "paper:window=5+true-blur"
-
-
 @pytest.mark.parametrize(
     ("spec", "error", "message"),
     [
@@ -135,12 +108,6 @@ def test_opencv_matches_every_pixel_it_can(name: str, channels: int) -> None:
     assert method(name).settings
 
 
-def test_opencv_leaves_nan_where_it_found_nothing() -> None:
-    pytest.importorskip("cv2")
-    flat = np.full((40, 80, 3), 128, np.uint8)
-    assert np.isnan(opencv.match_bm(flat, flat, COUNT)).all()
-
-
 def test_opencv_searches_at_least_so_many_disparities() -> None:
     pytest.importorskip("cv2")
     wide = RNG.integers(0, 256, (40, 120, 3), dtype=np.uint8)
@@ -176,19 +143,6 @@ def test_a_function_is_a_method() -> None:
     chosen = method(own)
     assert (chosen.name, chosen.match) == ("test_bench_methods:own", own)
     assert method("test_bench_methods:own") == chosen
-
-
-def test_a_function_of_a_script_bears_its_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys.modules["__main__"], "__file__", "/some/script.py", raising=False)
-    monkeypatch.setattr(own, "__module__", "__main__")
-    assert method(own).name == "script:own"
-
-
-def test_methods_of_methods() -> None:
-    named = Method("mine", partial(own), {"a": 1}, true_blur=True)
-    assert method(named) is named
-    assert str(named) == "mine+true-blur"
-    assert asdict(pickle.loads(pickle.dumps(method("paper"))))["name"] == "paper"  # noqa: S301 - our own
 
 
 @pytest.fixture

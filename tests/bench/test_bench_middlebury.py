@@ -1,14 +1,17 @@
 """The Middlebury harness: the published figures, the records, and what it refuses."""
 
-from __future__ import annotations
+# Who tests a thing knows that it is there: no assertions for the type checker alone.
+# mypy: no-strict-optional
 
 import json
 import os
 import shutil
 import signal
 import sys
+from collections.abc import Callable
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +21,7 @@ from phasestereo import io, metrics
 from phasestereo.metrics import roc_area
 from phasestereo_bench import Method, read_store, run_middlebury
 from phasestereo_bench.cases import SUITE_SCENES, Case
-from phasestereo_bench.datasets import find_scenes
+from phasestereo_bench.datasets import Scene, find_scenes
 from phasestereo_bench.degradation import Degradation, disk_psf
 from phasestereo_bench.middlebury import middlebury_jobs
 from phasestereo_bench.report.results import read_results
@@ -26,12 +29,6 @@ from phasestereo_bench.report.sharp import sharp_tables
 from test_bench_cases import SHIFT, plant
 from test_bench_methods import own
 from test_bench_runner import start, wait_for_record
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from phasestereo_bench.datasets import Scene
 
 for module in ("scipy", "PIL"):
     pytest.importorskip(module)
@@ -183,8 +180,6 @@ def test_a_record_holds_what_metrics_say(data: Path, side: str) -> None:
     views = spoiled.left, spoiled.right
     disparity, confidence = bench.method("paper:window=5").match(*views, pair.num_disparities)
 
-    assert pair.truth is not None
-
     nonocc, count = pair.masks["nonocc"], pair.num_disparities
     v3 = metrics.middlebury_v3(disparity, pair.truth, nonocc, num_disparities=count)
     v2 = metrics.middlebury_v2(disparity, pair)
@@ -285,14 +280,6 @@ def test_defaults_are_the_whole_suite(scenes: list[Scene]) -> None:
     assert {key["method"] for key in keys} == {"robust", "fast", "paper"} | opencv
 
 
-def test_without_opencv_the_suite_is_ours(
-    scenes: list[Scene], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("phasestereo_bench.methods._opencv_is_installed", lambda: False)
-    methods = {str(job.key["method"]) for job in middlebury_jobs(scenes)}
-    assert {name.partition(":")[0] for name in methods} == {"robust", "paper"}
-
-
 # A user's own
 
 
@@ -356,12 +343,6 @@ def test_refusals(
     assert str(raised.value).startswith(message)
 
 
-def test_a_scene_without_truth_is_refused(tmp_path: Path) -> None:
-    scenes = find_scenes(plant(tmp_path, "blind", truth=False))
-    with pytest.raises(ValueError, match="without truth .*: scenes2001/blind"):
-        run_middlebury(scenes, ["paper"], workers=0)
-
-
 # On the command line
 
 
@@ -403,8 +384,7 @@ def test_command_goes_on_and_begins_anew(run_bench: Callable[..., Run], tree: Pa
         before = read_store("a.jsonl")
         code, _, err = run_bench("middlebury", *command, "--degradation", "sharp", "--fresh")
         assert (code, err) == (0, f"phasestereo: renamed a.jsonl to {aside}\n")
-        assert read_store(aside) == before
-        assert len(read_store("a.jsonl")) == 3
+        assert (read_store(aside), len(read_store("a.jsonl"))) == (before, 3)
 
     assert read_store("a.jsonl.bak") == second
 
@@ -528,35 +508,6 @@ def plant_v3(folder: Path, factor: int) -> None:
 
 def _scenes(store: str) -> list[str]:
     return sorted(record["scene"] for record in read_store(store)[1:])
-
-
-def test_command_takes_other_light(run_bench: Callable[..., Run], tmp_path: Path) -> None:
-    folder = plant(tmp_path / "data", "x") / "scenes2001" / "x"
-    art = tmp_path / "data" / "scenes2005" / "ThirdSize" / "Art"
-
-    for place in (art, art / "Illum1" / "Exp0", art / "Illum2" / "Exp1"):
-        place.mkdir(parents=True)
-        for number, image in ((1, "im2.ppm"), (5, "im6.ppm")):
-            _convert(folder / image, place / f"view{number}.png")
-    for number, image in ((1, "disp2.pgm"), (5, "disp6.pgm")):
-        _convert(folder / image, art / f"disp{number}.png")
-
-    common = "--degradation", "sharp", "--method", f"{HERE}:sparse", "--workers", "0"
-
-    code, _, _ = run_bench("middlebury", art, *common, "--right-image", "Illum*/view5.png")
-    assert code == 0
-    assert _scenes("results.jsonl") == [
-        "Art (view1.png Illum1/Exp0/view5.png)",
-        "Art (view1.png Illum2/Exp1/view5.png)",
-    ]
-
-    code, _, err = run_bench("middlebury", art, *common, "--left-image", "Illum9/view1.png")
-    assert code == 1
-    assert "has no image 'Illum9/view1.png'; there is view1.png, Illum1/Exp0/view1.png" in err
-
-
-def _convert(source: Path, target: Path) -> None:
-    io.write_image(target, io.read_image(source))
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """The benchmark of the range: what its pairs show, and what it says of the range that is found."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -53,8 +51,3 @@ def test_a_range_that_lacks_an_object_is_counted() -> None:
     mean = (20 + 45 + 46 + 60) / 4 / 43
     (row,) = table.rows
     assert [entry.text for entry in row] == ["near", "4", "2", "0", f"{mean:.2f}", "1.40"]
-
-
-def test_ends_and_textures_need_two_scenes() -> None:
-    with pytest.raises(ValueError, match=r"scenes: got 1; accepts two or more"):
-        list(ranges.constructions(SCENES[:1]))

@@ -1,30 +1,25 @@
 """The suite "rigs": every fault is what its page says, the same every time."""
 
-from __future__ import annotations
+# Who tests a thing knows that it is there: no assertions for the type checker alone.
+# mypy: no-strict-optional
 
-import io
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image as Pillow
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from phasestereo_bench import run_middlebury
 from phasestereo_bench.cases import SUITE_SCENES, SUITES, Case
 from phasestereo_bench.datasets import Pair, find_scene, find_scenes
-from phasestereo_bench.degradation import disk_psf
 from phasestereo_bench.rigs import FAULTS, GROUPS, QUICK_SCENES, side_of
 from phasestereo_bench.rigs.depth import DepthOfField, filled, seen_from_right
 from phasestereo_bench.rigs.geometry import Misaligned
-from phasestereo_bench.rigs.optics import annulus_psf
 from test_bench_cases import plant
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "rigs-suite.md").read_text("utf-8")
@@ -78,8 +73,6 @@ def same(one: Pair, other: Pair) -> bool:
     """Tell whether two pairs are the same to the bit."""
     images = np.array_equal(one.left, other.left) and np.array_equal(one.right, other.right)
     masks = all(np.array_equal(one.masks[name], other.masks[name]) for name in one.masks)
-    assert one.truth is not None
-    assert other.truth is not None
     return images and masks and np.array_equal(one.truth, other.truth)
 
 
@@ -112,14 +105,8 @@ def test_sides_alternate_over_the_scenes(data: Path) -> None:
     sides = {str(scene): side_of(scene) for scene in scenes}
     assert sorted(sides.values()) == ["left"] * 6 + ["right"] * 6
     assert {sides[name] for name in QUICK_SCENES} == {"left", "right"}
-    assert sides["scenes2001/tsukuba"] == "left"
-    assert sides["scenes2001/venus"] == "right"
+    assert (sides["scenes2001/tsukuba"], sides["scenes2001/venus"]) == ("left", "right")
     assert set(sides) >= QUICK_SCENES
-
-
-def test_a_side_that_is_none_is_refused() -> None:
-    with pytest.raises(ValueError, match="^side: got 'middle'"):
-        FAULTS["noise 2"](PAIR, "middle")
 
 
 # All faults
@@ -150,13 +137,6 @@ def test_the_other_image_is_left_alone_where_one_is_worse(name: str) -> None:
         elif name not in MOVED and name != "sharp":
             assert changed
             assert not alone
-
-
-def test_both_images_have_noise_of_their_own() -> None:
-    alike = replace(PAIR, right=PAIR.left.copy())
-    for name in ("noise 5", "photons 100", "hot 1%", "both disk 3"):
-        spoiled = FAULTS[name](alike, "left")
-        assert not np.array_equal(spoiled.left, spoiled.right)
 
 
 def test_the_sums_of_the_documentation_are_those_of_the_suite(data: Path) -> None:
@@ -196,8 +176,6 @@ def test_the_truth_moves_with_the_image(name: str, side: str) -> None:
     spoiled, (step,) = FAULTS[name](PAIR, side), FAULTS[name].steps
 
     assert isinstance(step, Misaligned)
-    assert spoiled.truth is not None
-    assert PAIR.truth is not None
 
     y, x = np.mgrid[0:ROWS, 0:COLS].astype(float)
     before = x - PAIR.truth
@@ -249,60 +227,7 @@ def flat(level: int) -> Pair:
     return replace(PAIR, left=image, right=image.copy(), truth=None, masks={})
 
 
-@pytest.mark.parametrize(("name", "sigma"), [("noise 2", 2), ("noise 5", 5), ("noise 20", 20)])
-def test_noise_is_as_strong_as_it_says(name: str, sigma: float) -> None:
-    spoiled = FAULTS[name](flat(128), "left")
-    for image in (spoiled.left, spoiled.right):
-        assert image.std() == pytest.approx(np.hypot(sigma, 0.29), rel=0.01)
-        assert image.mean() == pytest.approx(128, abs=0.2)
-
-
-@pytest.mark.parametrize("level", [40, 160])
-def test_photons_are_counted(level: int) -> None:
-    image = FAULTS["photons 100"](flat(level), "left").left
-    # Variance of n = 100 level / 255 photons, each 2.55 levels, and of the read noise.
-    assert image.std() == pytest.approx(np.sqrt(2.55**2 * 100 * level / 255 + 4), rel=0.02)
-
-
-def test_four_bits_have_sixteen_levels() -> None:
-    ramp = replace(PAIR, left=np.arange(256, dtype=np.uint8).reshape(8, 32))
-    levels = FAULTS["bits 4"](replace(ramp, right=ramp.left), "left").left
-    assert len(np.unique(levels)) == 16
-    assert np.abs(levels.astype(int) - ramp.left).max() <= 8
-
-
-@pytest.mark.parametrize(("name", "share"), [("hot 0.1%", 0.001), ("hot 1%", 0.01)])
-def test_as_many_pixels_are_hot_as_it_says(name: str, share: float) -> None:
-    image = FAULTS[name](flat(128), "left").left
-    broken = (image != 128).any(axis=2)
-    assert broken.mean() == pytest.approx(share, rel=0.25)
-    assert set(np.unique(image[broken])) == {0, 255}
-    assert (image[broken] == image[broken][:, :1]).all()  # in all channels alike
-
-
-def test_dead_columns_are_where_it_says() -> None:
-    image = FAULTS["dead columns"](flat(128), "right").right
-    dead = np.nonzero((image != 128).all(axis=(0, 2)))[0]
-    np.testing.assert_array_equal(dead, np.arange(20, 300, 40))
-    assert (image[:, dead] == image[:1, dead]).all()
-
-
-def test_jpeg_is_that_of_pillow() -> None:
-    file = io.BytesIO()
-    Pillow.fromarray(PAIR.left).save(file, "JPEG", quality=30)
-    spoiled = FAULTS["jpeg 30"](PAIR, "right")
-    np.testing.assert_array_equal(spoiled.left, np.asarray(Pillow.open(file)))
-
-
 # Lenses and light
-
-
-def test_a_ring_is_a_disk_without_its_middle() -> None:
-    np.testing.assert_array_equal(annulus_psf(6, 0), disk_psf(6))
-    ring = annulus_psf(6, 3)
-    assert ring.sum() == pytest.approx(1)
-    assert ring[6, 6] == ring[6, 8] == 0 < ring[6, 10]
-    np.testing.assert_array_equal(ring, ring.T)
 
 
 def test_maps_are_filled_from_behind() -> None:
@@ -335,8 +260,7 @@ def test_light_is_as_it_says() -> None:
     assert (FAULTS["inverted"](gray, "left").left == 155).all()
 
     dim = FAULTS["vignette"](gray, "left").left[..., 0].astype(float)
-    assert dim[100, 150] == 100
-    assert dim[0, 0] == 30
+    assert (dim[100, 150], dim[0, 0]) == (100, 30)
 
     bright = FAULTS["clipped 20%"](PAIR, "left").left
     assert (bright == 255).mean() == pytest.approx(0.2, abs=0.02)

@@ -1,35 +1,29 @@
 """The speed benchmark: who takes part, in which turns, what is recorded, what tables show."""
 
-from __future__ import annotations
+# Who tests a thing knows that it is there: no assertions for the type checker alone.
+# mypy: no-strict-optional
 
 import copy
 import json
 import os
 import sys
 import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
+from conftest import Run
 from phasestereo import _core, io
 from phasestereo.settings import PRESETS
 from phasestereo_bench import read_store
 from phasestereo_bench import speed as bench
 from phasestereo_bench.environment import usable_cpus
-from phasestereo_bench.rendering import render_pair
-from phasestereo_bench.report.documents import fill_places
-from phasestereo_bench.speed import contenders, memory, pairs, records, rounds
+from phasestereo_bench.speed import GrayPair, contenders, memory, records, rounds
 from phasestereo_bench.speed.affinity import pinned
-from phasestereo_bench.speed.document import speed_text
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from pathlib import Path
-
-    from conftest import Run
-    from phasestereo_bench.speed import GrayPair
 
 cv2 = pytest.importorskip("cv2")
 
@@ -82,17 +76,8 @@ def test_rivals_are_set_as_they_say() -> None:
     assert checked.getTextureThreshold() == plain.getTextureThreshold() > 0
     assert unchecked.getUniquenessRatio() == unchecked.getTextureThreshold() == 0
 
-
-def test_sgbm_is_the_mode_of_three_ways() -> None:
     matcher = bench.CONTENDERS["opencv:sgbm-3way"](16, None).__self__  # type: ignore[attr-defined] # a bound method
     assert matcher.getMode() == cv2.STEREO_SGBM_MODE_SGBM_3WAY
-    assert (matcher.getP1(), matcher.getP2()) == (200, 800)
-
-
-def test_rivals_find_the_shift(pair: GrayPair) -> None:
-    for name in RIVALS:
-        found = bench.CONTENDERS[name](16, None)(pair.left, pair.right)
-        assert np.median(found[5:-5, 25:-5]) == 5 * 16, name
 
 
 @pytest.mark.parametrize("count", [1, 2])
@@ -100,14 +85,6 @@ def test_opencv_gets_its_threads(count: int) -> None:
     contenders.set_opencv_threads(3 - count)
     contenders.set_opencv_threads(count)
     assert cv2.getNumThreads() == count
-
-
-def test_opencv_tells_its_build(monkeypatch: pytest.MonkeyPatch) -> None:
-    message = "x:\n  CPU/HW features:\n    Baseline:      AVX2 \n      requested:  AVX\n"
-    monkeypatch.setattr(cv2, "getBuildInformation", lambda: message)
-    assert contenders.opencv_build() == "baseline: AVX2"
-    message += "    Dispatched code generation:\n      requested: X\n"
-    assert contenders.opencv_build() == "baseline: AVX2; dispatched: none"
 
 
 # Turns
@@ -142,15 +119,7 @@ def test_pinned_holds_threads_that_were_there_and_new_ones() -> None:
 
     held = {name: affinity.pop(name) for name in ("main", "early", "late")}
     assert held == {"main": {core}, "early": {core}, "late": {core}}
-    assert affinity == {"after": everywhere}
-    assert os.sched_getaffinity(0) == everywhere
-
-
-def test_without_affinity_nothing_is_held(monkeypatch: pytest.MonkeyPatch, pair: GrayPair) -> None:
-    monkeypatch.delattr(os, "sched_setaffinity", raising=False)
-    entrants, core = rounds.time_one_thread(pair, "fast", 1)
-    assert core is None
-    assert [entrant.opencv_threads for entrant in entrants] == [None, 1, 1, 1]
+    assert (affinity, os.sched_getaffinity(0)) == ({"after": everywhere}, everywhere)
 
 
 def test_all_take_turns_in_changing_order(monkeypatch: pytest.MonkeyPatch, pair: GrayPair) -> None:
@@ -198,10 +167,6 @@ def test_memory_is_that_of_the_match(pair: GrayPair) -> None:
     assert theirs["result_bytes"] == 2 * pair.left.size
 
 
-def test_memory_says_why_it_is_not_known(pair: GrayPair) -> None:
-    assert memory.memory_of("nobody", pair, threads=1) == {"error": "KeyError: 'nobody'"}
-
-
 # Records
 
 
@@ -221,8 +186,7 @@ def test_figures_follow_from_the_seconds(tmp_path: Path, pair: GrayPair) -> None
         assert record["simd"] == _core.simd_level()
 
         ours = record["ours"]
-        assert len(ours["seconds"]) == 3
-        assert ours["median"] == median(ours["seconds"])
+        assert (len(ours["seconds"]), ours["median"]) == (3, median(ours["seconds"]))
         assert ours["minimum"] == min(ours["seconds"])
         assert ours["gde_per_second"] == pytest.approx(75 * 40 * 16 / ours["median"] / 1e9)
         assert 0 < ours["description_share"] < 1
@@ -256,8 +220,7 @@ def test_the_faster_number_of_opencv_threads_counts(
     assert rival["slower"] == {"1": slow}
     assert (rival["ratio_of_medians"], rival["median_ratio"]) == (1.0, 2.0)
 
-    assert record["ours"]["description_share"] == 0.25
-    assert record["pinned_to"] == 0
+    assert (record["ours"]["description_share"], record["pinned_to"]) == (0.25, 0)
 
 
 @pytest.mark.usefixtures("weightless")
@@ -267,33 +230,21 @@ def test_done_is_not_done_again_unless_something_changed(
     store = tmp_path / "speed.jsonl"
     first = bench.run_speed([pair], store, rounds=1)
     content = store.read_bytes()
-    assert bench.run_speed([pair], store, rounds=1) == first
-    assert store.read_bytes() == content
+    assert (bench.run_speed([pair], store, rounds=1), store.read_bytes()) == (first, content)
 
     monkeypatch.setattr(_core, "simd_level", lambda: "another")
     assert [r["simd"] for r in bench.run_speed([pair], store, rounds=1)] == ["another"] * 4
     assert len(read_store(store)) == 9  # an environment, and twice four records
 
 
-def test_no_rounds_are_refused(tmp_path: Path, pair: GrayPair) -> None:
-    with pytest.raises(ValueError, match="^rounds: got 0; accepts 1 and more"):
-        bench.run_speed([pair], tmp_path / "speed.jsonl", rounds=0)
-
-
 # Pairs
-
-
-def test_unknown_pairs_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="^pairs: got 'venus'; accepts tsukuba, cones"):
-        bench.find_pairs(None, cache=tmp_path, names=["cones", "venus"])
 
 
 @pytest.mark.parametrize("name", ["tsukuba", "cones", "Motorcycle", "chess"])
 def test_what_is_not_there_is_left_out(tmp_path: Path, name: str) -> None:
     for data, reason in ((None, "which takes a folder"), (tmp_path, str(tmp_path))):
         found, left_out = bench.find_pairs(data, cache=tmp_path, names=[name])
-        assert found == []
-        assert len(left_out) == 1
+        assert (found, len(left_out)) == ([], 1)
         assert left_out[0].startswith(f"left out: {name}, ")
         assert reason in left_out[0]
 
@@ -316,29 +267,6 @@ def test_colors_become_gray(tmp_path: Path) -> None:
 
     io.write_image(folder / "right.png", colors[:10])
     assert "differ in size" in bench.find_pairs(tmp_path, cache=tmp_path, names=["chess"])[1][0]
-
-
-def test_a_pair_is_rendered_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = []
-
-    def small(**size: int) -> Any:
-        asked.append(size)
-        return render_pair(height=24, width=32, num_disparities=8)
-
-    monkeypatch.setattr(pairs, "render_pair", small)
-
-    assert not bench.is_rendered(tmp_path)
-    (first,), _ = bench.find_pairs(None, cache=tmp_path, names=["rendered"])
-    assert bench.is_rendered(tmp_path)
-
-    (again,), _ = bench.find_pairs(None, cache=tmp_path, names=["rendered"])
-
-    assert asked == [{"height": 1988, "width": 2964, "num_disparities": 256}]
-    assert first.left.shape == (24, 32)
-    assert first.num_disparities == 256
-    np.testing.assert_array_equal(first.left, again.left)
-    np.testing.assert_array_equal(first.right, again.right)
-    assert (first.left != first.right).any()
 
 
 def test_real_pairs_have_the_sizes_that_are_stated(data: Path, tmp_path: Path) -> None:
@@ -416,7 +344,6 @@ def test_tables_show_the_last_record_of_each_cell_by_size(tmp_path: Path) -> Non
     del lines[2]["rivals"]["opencv:sgbm-3way"]
 
     results = bench.read_speed([stored(tmp_path / "speed.jsonl", *lines)])
-    assert results is not None
     assert results.pinned
 
     texts = [
@@ -441,13 +368,6 @@ def test_tables_show_the_last_record_of_each_cell_by_size(tmp_path: Path) -> Non
     ]
 
 
-def test_it_is_stated_whether_threads_were_held(tmp_path: Path) -> None:
-    for core, words in ((0, "was held to one"), (None, "was not held to any")):
-        results = bench.read_speed([stored(tmp_path / "speed.jsonl", record(pinned_to=core))])
-        assert results is not None
-        assert words in bench.explain_speed(results)
-
-
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
@@ -461,32 +381,6 @@ def test_files_of_mixed_or_wrong_records_are_refused(
 ) -> None:
     with pytest.raises(ValueError, match=message):
         bench.read_speed([stored(tmp_path / "speed.jsonl", *lines)])
-
-
-def test_other_benchmarks_are_no_speed(tmp_path: Path) -> None:
-    store = stored(tmp_path / "results.jsonl", {"kind": "middlebury"})
-    assert bench.read_speed([store]) is None
-
-
-def test_a_document_is_filled_where_it_says_so(tmp_path: Path) -> None:
-    results = bench.read_speed([stored(tmp_path / "speed.jsonl", record())])
-    assert results is not None
-
-    document = tmp_path / "speed.md"
-    other = "<!-- bench:sharp -->kept<!-- /bench:sharp -->\n"
-    document.write_text(f"# A\n<!-- bench:speed -->old<!-- /bench:speed -->\n{other}")
-
-    fill_places(document, {"speed": speed_text(results)})
-    text = document.read_text()
-
-    assert "| cones | 450 x 375 | fast | 64 | 1 | 12.3 | 0.88 | 1.50 | 1.50 | 1.50 | 40 |" in text
-    assert "| cones | 450 x 375 | fast | 64 | 1 | 3.0 | 1.0 | 4.0 | 4.0 | 4.0 |" in text
-    assert "old" not in text
-    assert text.endswith(other)
-    assert "Made with phasestereo 1.2.3" in text
-
-    fill_places(document, {"speed": speed_text(results)})
-    assert document.read_text() == text
 
 
 # The command
@@ -565,10 +459,3 @@ def test_a_failure_is_recorded_and_reported(
     assert "2 of 4 measurements failed" in err
     assert "RuntimeError: no luck" in err
     assert "265 x 40" in out
-
-
-def test_a_report_of_times_takes_no_choice(folder: Path, run_bench: Callable[..., Run]) -> None:
-    stored(folder / "speed.jsonl", record())
-    code, _, err = run_bench("report", "speed.jsonl", "--suite", "sharp")
-    assert code == 2
-    assert "--suite: results of bench speed have no choice of it" in err

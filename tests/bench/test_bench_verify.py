@@ -1,23 +1,16 @@
 """``phasestereo bench verify``: what it counts, and that it runs on a folder of scenes."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
+import pytest
 
 import phasestereo as ps
+from conftest import Run
 from phasestereo_bench import verification
 from phasestereo_bench.datasets import Pair
 from phasestereo_bench.methods import Method
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    import pytest
-
-    from conftest import Run
 
 
 class _Scene:

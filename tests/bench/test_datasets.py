@@ -1,22 +1,20 @@
 """Datasets: every real scene as it is described, and made-up trees for what is not at hand."""
 
-from __future__ import annotations
+# Who tests a thing knows that it is there: no assertions for the type checker alone.
+# mypy: no-strict-optional
 
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
-from phasestereo import metrics
 from phasestereo.io import write_disparity, write_image
-from phasestereo_bench.datasets import LAYOUTS, Pair, Scene, find_scene, find_scenes
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    import numpy.typing as npt
+from phasestereo_bench.datasets import Pair, Scene, find_scene, find_scenes
 
 REAL = {
     # (height, width), least and largest disparity, disparities to search
@@ -42,10 +40,6 @@ def pairs(data: Path) -> dict[str, Pair]:
     return {str(scene): scene.load() for scene in find_scenes(data / "middlebury")}
 
 
-def share(mask: npt.NDArray[np.bool_]) -> float:
-    return round(100 * float(mask.mean()), 2)
-
-
 def test_every_real_scene_is_found_in_order(data: Path) -> None:
     assert [str(scene) for scene in find_scenes(data / "middlebury")] == list(REAL)
 
@@ -61,7 +55,6 @@ def test_a_real_scene_has_its_size_its_disparities_and_its_range(
     assert pair.left.shape == pair.right.shape == (*size, 3)
     assert pair.left.dtype == pair.right.dtype == np.uint8
 
-    assert pair.truth is not None
     assert pair.truth.shape == size
     assert pair.truth.dtype == np.float32
     assert np.nanmin(pair.truth) == pytest.approx(least, abs=0.006)
@@ -71,21 +64,10 @@ def test_a_real_scene_has_its_size_its_disparities_and_its_range(
     assert pair.num_disparities == num_disparities
 
 
-def test_what_comes_with_a_real_scene(pairs: dict[str, Pair]) -> None:
-    for name, pair in pairs.items():
-        assert set(pair.masks) == {"nonocc", "all"} | ({"disc"} if name in V2 else set()), name
-        assert (pair.truth_right is None) == (name.startswith("Midd") or "tsukuba" in name), name
-        assert (pair.calibration is None) == (not name.startswith("Midd")), name
-    motorcycle = pairs["MiddEval3/trainingQ/Motorcycle"].calibration
-    assert motorcycle is not None
-    assert (motorcycle.doffs, motorcycle.baseline, motorcycle.ndisp) == (32.778, 193.001, 70)
-
-
 def test_no_pixel_is_scored_without_a_truth_and_none_visible_left_out_of_all(
     pairs: dict[str, Pair],
 ) -> None:
     for name, pair in pairs.items():
-        assert pair.truth is not None
         column = np.arange(pair.truth.shape[1])
 
         for region, mask in pair.masks.items():
@@ -111,33 +93,14 @@ def test_regions_of_version_2_have_their_shares(
     pairs: dict[str, Pair], name: str, nonocc: float, everywhere: float, disc: float
 ) -> None:
     masks = pairs[name].masks
-    assert share(masks["nonocc"]) == nonocc
-    assert share(masks["all"]) == everywhere
-    assert share(masks["disc"]) == disc
-
-
-@pytest.mark.parametrize(
-    ("name", "dropped"), [("Art", 5.6), ("Moebius", 6.4), ("Aloe", 4.4), ("Rocks1", 6.9)]
-)
-def test_matches_left_of_the_right_image_are_dropped(data: Path, name: str, dropped: float) -> None:
-    scene = find_scene(data / "middlebury", name)
-    pair = scene.load()
-    in_file = gray(scene.folder / "mask_nonocc.png") > 0
-    assert pair.truth is not None
-    known = in_file & np.isfinite(pair.truth)
-    lost = np.count_nonzero(known & ~pair.masks["nonocc"]) / np.count_nonzero(in_file)
-    assert 100 * lost == pytest.approx(dropped, abs=0.06)
-
-
-def gray(path: Path) -> npt.NDArray[np.uint8]:
-    return np.asarray(pytest.importorskip("PIL.Image").open(path).convert("L"))
+    shares = [round(100 * float(masks[region].mean()), 2) for region in ("nonocc", "all", "disc")]
+    assert shares == [nonocc, everywhere, disc]
 
 
 @pytest.mark.parametrize("name", REAL)
 def test_the_truth_takes_the_right_image_to_the_left_one(pairs: dict[str, Pair], name: str) -> None:
     pair = pairs[name]
 
-    assert pair.truth is not None
     still = warp_error(pair, np.zeros_like(pair.truth))
     right_order = warp_error(pair, pair.truth)
     swapped = warp_error(pair, -pair.truth)
@@ -240,19 +203,13 @@ def test_layouts_that_are_not_at_hand(
             write_image(folder / file, (np.nan_to_num(values) * scale).astype(np.uint8))
 
     (scene,) = find_scenes(tmp_path)
-    assert (scene.name, scene.collection, str(scene)) == (
-        "Made-up",
-        collection,
-        f"{collection}/Made-up",
-    )
+    assert (scene.name, str(scene)) == ("Made-up", f"{collection}/Made-up")
 
     pair = scene.load()
     assert (pair.left.max(), pair.right.max()) == (1, 2)
 
     np.testing.assert_array_equal(pair.truth, disparity)
-    assert pair.truth_right is not None
-    assert pair.truth_right[1, 1] == 7
-    assert pair.num_disparities == num_disparities
+    assert (pair.truth_right[1, 1], pair.num_disparities) == (7, num_disparities)
 
 
 @pytest.mark.parametrize(("name", "scale"), [("cones", 4), ("conesH", 2), ("conesF", 1)])
@@ -270,24 +227,23 @@ def test_the_sizes_of_2003_follow_from_the_names_of_their_folders(
     pair = scene.load()
 
     assert (scene.name, pair.num_disparities) == (name, 256 // scale)
-    assert pair.truth is not None
     assert np.isnan(pair.truth[0, 0])
     assert pair.truth[0, 1] == 40 / scale
 
 
-@pytest.mark.parametrize("size", ["conesH", "conesF"])
-def test_a_size_of_2003_is_not_wider_than_its_name_tells(tmp_path: Path, size: str) -> None:
-    most = {"conesH": 900, "conesF": 1800}[size]
-    for width, error in ((most, None), (most + 1, f"up to {most} px wide")):
+@pytest.mark.parametrize(("size", "most"), [("cones", 450), ("conesH", 900), ("conesF", 1800)])
+def test_a_size_of_2003_is_not_wider_than_its_name_tells(
+    tmp_path: Path, size: str, most: int
+) -> None:
+    for width, refused in (
+        (most, nullcontext()),
+        (most + 1, pytest.raises(ValueError, match=f"up to {most} px wide")),
+    ):
         wide = np.zeros((2, width, 3), np.uint8)
         put(tmp_path / "scenes2003" / size, im2_ppm=wide, im6_ppm=wide)
         (scene,) = find_scenes(tmp_path)
-
-        if error is None:
+        with refused:
             assert scene.load().left.shape == wide.shape
-        else:
-            with pytest.raises(ValueError, match=error):
-                scene.load()
 
 
 @pytest.mark.parametrize(
@@ -387,16 +343,6 @@ def test_a_full_folder_of_2005_or_2006_has_a_usual_light(
     assert pair.offset == offset
 
 
-def test_the_images_at_the_top_are_the_usual_ones_whatever_is_below(tmp_path: Path) -> None:
-    folder = full_folder(tmp_path, "scenes2005/HalfSize", "Art")
-    put(folder, view1_png=plain() + np.uint8(1), view5_png=plain() + np.uint8(2))
-    (scene,) = find_scenes(tmp_path)
-    pair = scene.load()
-    assert (pair.left.max(), pair.right.max()) == (1, 2)
-    assert scene.lefts[:2] == ("view1.png", "Illum1/Exp0/view1.png")
-    assert len(scene.lefts) == len(scene.rights) == 10
-
-
 def test_other_light_and_exposure_can_be_chosen_for_either_image(tmp_path: Path) -> None:
     full_folder(tmp_path, "scenes2005/ThirdSize", "Art")
 
@@ -410,8 +356,7 @@ def test_other_light_and_exposure_can_be_chosen_for_either_image(tmp_path: Path)
 
     half = variant.variant(right="Illum3/Exp2/view5.png")  # from the usual images, not from these
     assert half.name == "Art (Illum1/Exp1/view1.png Illum3/Exp2/view5.png)"
-    assert half.load().left.max() == 71
-    assert variant.lefts == scene.lefts
+    assert (half.load().left.max(), variant.lefts) == (71, scene.lefts)
 
     seen = {int(scene.variant(right=image).load().right.max()) for image in scene.rights}
     assert len(seen) == 9
@@ -468,11 +413,6 @@ def test_a_damaged_offset_is_refused(tmp_path: Path, content: str) -> None:
         scene.load()
 
 
-def test_no_two_layouts_take_the_same_folder() -> None:
-    seen = [(layout.collection, layout.scenes, layout.left) for layout in LAYOUTS]
-    assert len(set(seen)) == len(seen)
-
-
 @pytest.fixture
 def tree(tmp_path: Path) -> Path:
     root = tmp_path / "middlebury"
@@ -515,11 +455,6 @@ def test_the_root_is_a_tree_a_collection_or_a_scene(tree: Path, below: str, expe
     assert [str(scene) for scene in scenes] == expected.split()
     assert all(scene.folder == tree / str(scene) for scene in scenes)
     assert [str(scene) for scene in find_scenes(str(tree / below))] == expected.split()
-
-
-def test_a_relative_root_is_understood(tree: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tree / "scenes2005" / "HalfSize")
-    assert [str(scene) for scene in find_scenes(".")] == ["scenes2005/HalfSize/Art"]
 
 
 def test_a_root_without_scenes_is_refused(tree: Path) -> None:
@@ -582,15 +517,6 @@ def test_masks_hold_what_is_not_zero_is_known_and_has_its_match_in_the_image(
     assert "disc" not in pair.masks
 
 
-def test_a_match_outside_the_right_image_is_occluded(tmp_path: Path) -> None:
-    everything = levels(*[255] * 12)
-    pair = cones(
-        tmp_path, disp2_png=levels(*[16] * 12), mask_nonocc_png=everything, mask_all_png=everything
-    ).load()
-    assert pair.masks["nonocc"][0].tolist() == [False] * 4 + [True] * 8
-    assert pair.masks["all"].all()
-
-
 def test_of_three_levels_only_the_highest_is_near_a_discontinuity(tmp_path: Path) -> None:
     disc = levels(0, 255, 128, 0, 255, 128, 0, 255, 255, 0, 1, 254)
     masks = cones(tmp_path, mask_disc_png=disc).load().masks
@@ -640,8 +566,7 @@ def test_a_mask_file_is_preferred_to_what_the_truths_tell(tmp_path: Path) -> Non
 
 def test_without_a_source_there_is_no_mask_but_all(tmp_path: Path) -> None:
     masks = cones(tmp_path).load().masks
-    assert list(masks) == ["all"]
-    assert np.flatnonzero(~masks["all"][0]).tolist() == [8, 9]
+    assert (list(masks), np.flatnonzero(~masks["all"][0]).tolist()) == (["all"], [8, 9])
 
 
 def test_the_derived_masks_are_those_in_use_for_2005_and_2006(data: Path, tmp_path: Path) -> None:
@@ -669,9 +594,7 @@ def test_a_calibration_asks_for_more_disparities_but_never_for_fewer(
     (scene,) = find_scenes(folder)
 
     pair = scene.load()
-    assert pair.num_disparities == expected
-    assert pair.calibration is not None
-    assert pair.calibration.ndisp == ndisp
+    assert (pair.num_disparities, pair.calibration.ndisp) == (expected, ndisp)
 
 
 def damaged(scene: Scene) -> Iterator[tuple[str, type[Exception], str]]:
@@ -712,19 +635,3 @@ def test_a_file_that_cannot_be_used_is_named(tmp_path: Path) -> None:
             scene.load()
         assert file in message
     scene.load()
-
-
-def test_a_larger_size_of_2003_is_not_read_with_the_scale_of_the_quarter_size(
-    tmp_path: Path,
-) -> None:
-    wide = np.zeros((2, 900, 3), np.uint8)
-    scene = cones(tmp_path, im2_png=wide, im6_png=wide, disp2_png=wide[..., 0])
-    with pytest.raises(ValueError, match=r"im2.png is 900 px wide, .* up to 450 px"):
-        scene.load()
-
-
-def test_a_pair_is_ready_to_score(tmp_path: Path) -> None:
-    pair = cones(tmp_path, mask_nonocc_png=levels(*[1] * 12)).load()
-    assert pair.truth is not None
-    record = metrics.middlebury_v2(pair.truth + np.float32(1.5), pair)
-    assert (record.nonocc, record.all, record.disc) == (100.0, 100.0, None)

@@ -1,20 +1,14 @@
 """The pages of ``bench report`` and of the demonstration in a real browser."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
+from browser import Browser
 from conftest import counterpart
 from phasestereo_bench.demo import run_demo, write_demo
 from phasestereo_bench.report import read_results, write_report
 from test_bench_report import record, store
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from browser import Browser
 
 for module in ("jinja2", "matplotlib", "scipy", "PIL"):
     counterpart(module)
@@ -47,8 +41,7 @@ def test_load_without_a_word(
     browser: Browser, pages: dict[str, Path], name: str, *, dark: bool
 ) -> None:
     browser.open(pages[name], width=400, dark=dark)
-    assert browser.requests() == [pages[name].as_uri()]
-    assert browser.complaints() == []
+    assert (browser.requests(), browser.complaints()) == ([pages[name].as_uri()], [])
     assert browser.run("return [...document.images].every((image) => image.naturalWidth > 0)")
     assert browser.run("return document.documentElement.scrollWidth") <= 400
     paper = browser.run("return getComputedStyle(document.body).backgroundColor")

@@ -1,24 +1,17 @@
 """The page "try it" in a real browser: with a stand-in for the matcher, and with the core."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys
 import zlib
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
-from browser import serving
+from browser import Browser, serving
 from conftest import ENVIRONMENT, counterpart
 from documentation import ROOT
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from browser import Browser
 
 for module in ("jinja2", "matplotlib"):
     counterpart(module)
@@ -111,8 +104,7 @@ def test_its_policy_lets_nothing_out(opened: Browser) -> None:
 def test_a_slider_matches_at_once_and_again_when_it_rests(opened: Browser) -> None:
     slider = opened.driver.find_element("css selector", "#dim")
     slider.send_keys(END)
-    assert opened.text("dim-shown") == "90 %"
-    assert slider.get_attribute("aria-valuetext") == "90 %"
+    assert (opened.text("dim-shown"), slider.get_attribute("aria-valuetext")) == ("90 %", "90 %")
     matched(opened)
 
     calls = opened.run("return calls")
@@ -154,8 +146,7 @@ def test_the_viewer_is_the_report_pages(opened: Browser) -> None:
     assert opened.run("return state.view") == "confidence"
     assert opened.text("value-confidence") == "0.75"
     assert opened.text("value-uncertainty") == "\N{PLUS-MINUS SIGN}0.50 px"
-    assert opened.text("value-pixel") == "225, 168"
-    assert opened.text("value-disparity") == "10.50 px"
+    assert (opened.text("value-pixel"), opened.text("value-disparity")) == ("225, 168", "10.50 px")
 
     opened.driver.find_element("css selector", "#turn").send_keys(RIGHT)
     matched(opened)  # `fast` has no confidence: it is shown again with `robust`

@@ -1,6 +1,7 @@
 """The command line: what it writes and prints, what it refuses, and what it never leaves behind."""
 
-from __future__ import annotations
+# Who tests a thing knows that it is there: no assertions for the type checker alone.
+# mypy: no-strict-optional
 
 import json
 import os
@@ -9,24 +10,19 @@ import select
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import phasestereo as ps
+from conftest import Run
 from phasestereo import io, metrics
 from phasestereo.views.picture import NEUTRAL, disparity_picture
-from phasestereo_bench.datasets import find_scene
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from numpy.typing import NDArray
-
-    from conftest import Run
 
 cli = pytest.importorskip("phasestereo.cli")
 
@@ -141,7 +137,6 @@ def test_json_is_one_object_and_nothing_else(run: Callable[..., Run]) -> None:
     assert (said["min_disparity"], said["num_disparities"]) == (0, COUNT)
     assert said["settings"] == json.loads(json.dumps(asdict(result.settings)))
     assert said["timings"].keys() == result.timings.keys()
-    assert result.blur is not None
     assert said["blurs"] == result.blur.as_dicts()
 
     assert said["estimated"] == 1.0
@@ -185,38 +180,7 @@ def test_truth_is_scored_where_its_mask_says(run: Callable[..., Run]) -> None:
     assert re.search(r"pixels\W+2,600", out)
 
 
-def test_cones_through_the_command_line(
-    data: Path, tmp_path: Path, run: Callable[..., Run]
-) -> None:
-    scene = data / "middlebury/scenes2003/cones"
-
-    images = scene / "im2.png", scene / "im6.png"
-    truth = "--truth", scene / "disp2.png", "--truth-scale", 4
-    mask = "--truth-mask", scene / "mask_nonocc.png"
-
-    out = tmp_path / "cones.pfm"
-    code, said, _ = run(
-        "match", *images, "--num-disparities", 64, "-o", out, *truth, *mask, "--json"
-    )
-
-    assert code == 0
-    bad = json.loads(said)["metrics"]["bad-1.0"]
-    assert bad <= 7.6
-
-    pair = find_scene(data / "middlebury", "cones").load()
-    assert pair.truth is not None
-    official = metrics.bad_pixels(io.read_disparity(out), pair.truth, 1.0, pair.masks["nonocc"])
-    assert official <= 7.6
-
-
 # Help
-
-
-@pytest.mark.parametrize("command", [(), ("match",), ("demo",)])
-def test_help_tells_what_there_is(command: Sequence[str], run: Callable[..., Run]) -> None:
-    code, out, err = run(*command, "--help")
-    assert (code, err) == (0, "")
-    assert "phasestereo" in out
 
 
 def test_every_setting_has_an_option_with_help(run: Callable[..., Run]) -> None:
@@ -332,8 +296,7 @@ def test_refusals_are_one_line_and_leave_nothing(
     before = {name: (folder / name).stat().st_mtime_ns for name in listing(folder)}
 
     got, out, err = run("match", *arguments.split())
-    assert got == code
-    assert out == ""
+    assert (got, out) == (code, "")
     assert re.fullmatch(rf"phasestereo: error: .*{message}.*\n", err)
     assert {name: (folder / name).stat().st_mtime_ns for name in listing(folder)} == before
 
@@ -409,7 +372,6 @@ def test_reader_who_leaves_early_gets_no_traceback(tmp_path: Path) -> None:
     with (tmp_path / "err").open("w") as err:
         command = [sys.executable, "-m", "phasestereo", "match", "--help"]
         writer = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=err)  # noqa: S603 - our own command
-        assert writer.stdout is not None
         writer.stdout.close()
         assert writer.wait() == 1
     assert (tmp_path / "err").read_text() == ""

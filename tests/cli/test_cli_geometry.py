@@ -1,26 +1,19 @@
 """Points and depths through the command line: from every form of geometry, or a clear refusal."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 import phasestereo as ps
-from conftest import counterpart
+from conftest import Run, counterpart
 from phasestereo import io
 from phasestereo.result import MAPS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from conftest import Run
 
 cli = pytest.importorskip("phasestereo.cli")
 
@@ -160,12 +153,6 @@ def test_what_has_no_depth_or_is_too_far_is_left_out(match: Callable[[str], Run]
     assert len(trimesh.load("out.ply").vertices) == np.isfinite(expected).sum()
 
 
-def test_json_names_the_files(match: Callable[[str], Run]) -> None:
-    code, out, _ = match("--json --ply out.ply --depth out.pfm --calib calib.txt")
-    assert code == 0
-    assert json.loads(out)["files"] == {"ply": "out.ply", "depth": "out.pfm"}
-
-
 REFUSALS = [
     ("--ply a.ply", WRONG, "--ply: needs a geometry: give --calib, --q, or --focal and --baseline"),
     ("--depth a.tif", WRONG, "--depth: needs a geometry"),
@@ -248,43 +235,3 @@ def test_refusals_come_before_the_match_and_leave_nothing(
     assert (got, out) == (code, "")
     assert re.fullmatch(rf"phasestereo: error: .*{message}.*\n", err), err
     assert sorted(os.listdir()) == before  # noqa: PTH208 - names, hidden ones too
-
-
-def test_failing_writes_leave_nothing_behind(
-    folder: Path, match: Callable[[str], Run], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    Path("a.ply").write_bytes(b"as before")
-    before = sorted(os.listdir(folder))  # noqa: PTH208 - names, hidden ones too
-
-    def fail(*_: object) -> None:
-        raise OSError(28, "No space left on device", "a.ply")
-
-    monkeypatch.setattr("phasestereo.cli.outputs.Outputs.check", lambda *_: None)
-    monkeypatch.setattr(Path, "replace", fail)
-
-    code, _, err = match("--ply a.ply --calib calib.txt")
-    assert (code, err) == (FAILED, "phasestereo: error: a.ply: No space left on device\n")
-    assert sorted(os.listdir(folder)) == before  # noqa: PTH208 - names, hidden ones too
-    assert Path("a.ply").read_bytes() == b"as before"
-
-
-def test_a_real_pair_becomes_points(
-    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    trimesh = counterpart("trimesh")
-
-    scene = data / "middlebury/MiddEval3/trainingQ/Motorcycle"
-    images = [str(scene / "im0.png"), str(scene / "im1.png")]
-    options = ["--num-disparities", "80", "--calib", str(scene / "calib.txt")]
-    files = ["--ply", str(tmp_path / "m.ply"), "--depth", str(tmp_path / "m.png")]
-
-    assert cli.run(["match", *images, *options, *files]) == 0
-    assert capsys.readouterr().err == ""
-
-    points = trimesh.load(tmp_path / "m.ply").vertices
-    assert len(points) == 741 * 497
-    near, far = np.percentile(points[:, 2], (1, 99))
-    assert 1900 < near < far < 5500  # mm: a motorcycle in a workshop
-
-    depth = io.read_depth(tmp_path / "m.png")
-    np.testing.assert_allclose(depth.ravel(), points[:, 2], rtol=0, atol=0.501)

@@ -1,22 +1,15 @@
 """``phasestereo match --report``: a whole page, or a refusal before any work."""
 
-from __future__ import annotations
-
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
-from conftest import counterpart
+from browser import Browser
+from conftest import Run, counterpart
 from phasestereo import io
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from browser import Browser
-    from conftest import Run
 
 cli = pytest.importorskip("phasestereo.cli")
 for module in ("jinja2", "matplotlib", "PIL"):

@@ -1,7 +1,5 @@
 """Aggregated volumes, held to the oracle."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -30,7 +30,12 @@ def test_weak_parts_differ_by_half(seed: int, low: int, count: int) -> None:
     left, right = np.random.default_rng(seed).integers(0, 256, (2, 4, 10), np.uint8)
     noises = (20.0, 60.0)
     volume = ps.cost_volume(
-        left, right, num_disparities=count, min_disparity=low, noise_threshold=1.0, noise=noises
+        left,
+        right,
+        num_disparities=count,
+        min_disparity=low,
+        noise_threshold=1.0,
+        known=ps.Known(noise=noises),
     )
 
     codes = [

@@ -1,19 +1,15 @@
 """Threads that match, change arrays and drop results at the same time, with a GIL and without."""
 
-from __future__ import annotations
-
 import sys
 import threading
 from collections import deque
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 
 import phasestereo as ps
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 ROUNDS, THREADS = 12, 4
 FREE = not getattr(sys, "_is_gil_enabled", lambda: True)()

@@ -139,9 +139,11 @@ def test_every_byte_of_a_mask_but_0_is_true(soft: Images, preset: str) -> None:
     expected = ps.match(*soft, left_mask=valid, right_mask=valid[::-1], **options)
 
     for byte in (2, 128, 255):
-        mask = (valid * np.uint8(byte)).view(bool)
-        found = ps.match(*soft, left_mask=mask, right_mask=mask[::-1], **options)
-        assert_same(found, expected, str(byte))
+        bytes_of = valid * np.uint8(byte)
+        read_only = np.frombuffer(bytes_of.tobytes(), bool).reshape(valid.shape)
+        for mask in (bytes_of.view(bool), np.asfortranarray(bytes_of).view(bool), read_only):
+            found = ps.match(*soft, left_mask=mask, right_mask=mask[::-1], **options)
+            assert_same(found, expected, str(byte))
 
     described = ps.descriptor(soft[0], mask=(valid * np.uint8(255)).view(bool))
     np.testing.assert_array_equal(described, ps.descriptor(soft[0], mask=valid))

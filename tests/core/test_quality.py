@@ -132,8 +132,8 @@ def test_confidence_tells_right_from_wrong_better_than_the_margin(data: Path, na
     )
     options: dict[str, Any] = {"num_disparities": pair.num_disparities, "settings": settings}
 
-    result = ps.match(pair.left, pair.right, noise=2.0, **options)
-    costs = ps.cost_volume(pair.left, pair.right, noise=2.0, **options)
+    result = ps.match(pair.left, pair.right, known=ps.Known(noise=2.0), **options)
+    costs = ps.cost_volume(pair.left, pair.right, known=ps.Known(noise=2.0), **options)
     volume = ps.aggregate(costs, window=settings.window, shiftable=False).astype(np.int64)
 
     gray = np.rint(1000 * oracle.to_gray(pair.left)).astype(np.int64)

@@ -99,13 +99,14 @@ def assert_equals_the_oracle(
     if masks is not None:
         options |= {"left_mask": masks[0], "right_mask": masks[1]}
     if settings.noise_threshold:
-        options["noise"] = NOISE
+        options["known"] = ps.Known(noise=NOISE)
 
     result = ps.match(*pair, settings=settings, **options)
 
     everything = np.ones(pair.shape[1:3], bool)
     thousandths = 1000 if pair.ndim == 4 else 1
-    gray = np.rint(thousandths * oracle.to_gray(pair[0])).astype(np.int64)
+    # About the middle of the range: outlines are drawn by steps of gray that are cut off towards it.
+    gray = np.rint(thousandths * (oracle.to_gray(pair[0]) - 128)).astype(np.int64)
     gray = gray if masks is None else oracle.fill_masked(gray, masks[0])
 
     volume, dropped, bits = volume_of(pair, settings, search, masks)
@@ -287,23 +288,6 @@ def chosen_for(row: list[int], own: list[int]) -> refinement.Evidence:
     )
 
 
-@pytest.mark.parametrize(
-    ("costs", "expected"),
-    [
-        ([4, 0, 4], 0.0),
-        ([4, 2, 2], 0.5),  # what is above costs no more: half-way to it
-        ([0, 2, 4], -0.5),
-        ([8, 0, 4], 0.5 * 0.5 * 1.3),
-        ([4, 0, 8], -0.5 * 0.5 * 1.3),
-        ([5, 5, 5], 0.0),
-    ],
-)
-def test_offsets_by_hand(costs: list[int], expected: float) -> None:
-    found = refinement.offsets(np.array([[costs]]), np.array([[1]]))
-    assert found[0, 0] == pytest.approx(expected)
-    assert refinement.offsets(np.array([[costs]]), np.array([[2]]))[0, 0] == 0
-
-
 def test_paths_count_their_own_costs_twice_again() -> None:
     aggregated, means = np.array([[[3, 1, 2, 9]]]), np.array([[[30, 10, 14, 90]]])
     found = refinement.of_paths(aggregated, means)
@@ -347,53 +331,6 @@ def test_regions_hang_together_by_steps() -> None:
     assert split[0, 1] == ps.Flag.OUTSIDE
 
 
-def test_filling_by_hand() -> None:
-    flags = np.zeros((3, 4), np.int64)
-    flags[0, 1:3] = flags[1, :] = ps.Flag.OCCLUDED
-    flags[2, 0] = flags[2, 3] = ps.Flag.SPECKLE
-    flags[2, 1] = ps.Flag.MASKED
-
-    disparity = a_map([5, 9, 9, 3], [9, 9, 9, 9], [9, 1, 7, 9])
-    filled, marked = refinement.fill(disparity, flags)
-
-    np.testing.assert_array_equal(filled, a_map([5, 3, 3, 3], [5, 3, 3, 3], [7, NAN, 7, 7]))
-    expected = (flags != 0) & (flags != ps.Flag.MASKED)
-    np.testing.assert_array_equal(marked & ps.Flag.FILLED != 0, expected)
-
-    alone, unmarked = refinement.fill(disparity, np.full((3, 4), ps.Flag.OUTSIDE))
-    np.testing.assert_array_equal(alone, disparity)
-    assert (unmarked == ps.Flag.OUTSIDE).all()
-
-
-def test_guiding_by_hand() -> None:
-    """The pixel that is white shows the near surface, whatever the map says."""
-    gray = np.array([[0, 0, 0, 0, 0, 200, 200, 200, 200, 200]]).repeat(5, axis=0)
-
-    disparity = np.where(gray > 0, 7, 2).astype(np.float32)
-    disparity[:, 5] = 2
-
-    expected = np.where(gray > 0, 7, 2)
-    np.testing.assert_array_equal(refinement.guide(disparity, gray), expected)
-
-    flat = np.full((3, 9), 2, np.float32)
-    flat[1, 4] = 3  # no jump: left alone
-    np.testing.assert_array_equal(refinement.guide(flat, np.zeros((3, 9), np.int64)), flat)
-
-
-def test_medians_by_hand() -> None:
-    assert refinement.median(a_map([1, 2, 9]))[0].tolist() == [1, 2, 9]
-    holed = a_map([1, 1, 1], [1, 9, NAN], [1, 1, 1])
-    np.testing.assert_array_equal(refinement.median(holed)[1], [1, 1, NAN])
-
-
-def test_smoothing_leaves_slants_and_steps() -> None:
-    slant = (0.25 * np.arange(12, dtype=np.float32)).reshape(1, 12).repeat(4, axis=0)
-    np.testing.assert_allclose(refinement.smooth(slant), slant, atol=1e-6)
-    step = a_map([1, 1, 1, 5, 5, 5])
-    np.testing.assert_array_equal(refinement.smooth(step), step)
-    np.testing.assert_allclose(refinement.smooth(a_map([1, 1.75, 1])), [[1, 1.25, 1]])
-
-
 def test_votes_and_confidence_by_hand() -> None:
     found = replace(chosen_for([0, 0, 0], [10, 10, 20]), elsewhere=np.array([[50, np.inf, 10]]))
     np.testing.assert_allclose(refinement.reliability(found, 10.0), [[0.5, 0, 0]])
@@ -407,17 +344,3 @@ def test_votes_and_confidence_by_hand() -> None:
 
     apart = refinement.confidence(a_map([1, NAN, 9]), reliable, gray)[0]
     np.testing.assert_allclose(apart, [0.25**3 / (0.25**3 + 0.01), 0, 0.125 / 0.135])
-
-
-def test_invalidation_by_hand() -> None:
-    flags = np.array([[0, ps.Flag.OCCLUDED | ps.Flag.FILLED, 0]])
-    trust = np.array([[0.2, 0.9, 0.9]])
-    disparity = a_map([1, 2, 3])
-
-    found, marked = refinement.invalidate(disparity, flags, trust, least=0.5, filled=True)
-    np.testing.assert_array_equal(found, a_map([NAN, 2, 3]))
-    assert marked.tolist() == [[64, 16 | 256, 0]]
-
-    found, marked = refinement.invalidate(disparity, flags, trust, least=0.0, filled=False)
-    np.testing.assert_array_equal(found, a_map([1, NAN, 3]))
-    assert marked.tolist() == [[0, 16, 0]]

@@ -1,7 +1,5 @@
 """Bad arguments of a match: each is refused by its name, with what it got and what is accepted."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

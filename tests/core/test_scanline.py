@@ -1,7 +1,5 @@
 """Chosen candidates, held to the oracle."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

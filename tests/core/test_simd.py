@@ -31,10 +31,11 @@ cases = [{"preset": "fast"}, {"preset": "robust"}, {},
          {"preset": "robust", "fill": False, "min_confidence": .5, "precision": "full"},
          {"preset": "robust", "optimizer": "so", "speckle_size": 9},
          {"bits": 3, "neighborhood": 9, "frequencies": (2, 2)},
-         {"noise_threshold": 1, "noise": 9.0}, {"noise_threshold": 2, "power": 2, "noise": (0.1,
-         0.2)}, {"blur_compensation": BlurCompensation(
+         {"noise_threshold": 1, "known": ps.Known(noise=9.0)}, {"noise_threshold": 2, "power": 2,
+          "known": ps.Known(noise=(0.1, 0.2))},
+         {"known": ps.Known(blur_compensation=BlurCompensation(
              noise=(1.0, 1.0), labels=np.array([[0, 1], [2, 0]], np.uint8), tile=17,
-             kernels=[(None, None), (np.eye(3) / 3, None), (None, np.full((1, 5), 0.2))])},
+             kernels=[(None, None), (np.eye(3) / 3, None), (None, np.full((1, 5), 0.2))]))},
          {"cost": "nsad", "p1": .5, "p2": .5, "optimizer": "so"}, {"optimizer": "wta", "window": 3}]
 digest = hashlib.sha256()
 for pair in pairs:

@@ -1,7 +1,5 @@
 """The crates: the core stands alone, its interface is small, and the C interface is made of it."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 

@@ -1,6 +1,7 @@
 """The documentation: examples run, command lines parse, pages build and hold together."""
 
-from __future__ import annotations
+# Who tests a thing knows that it is there: no assertions for the type checker alone.
+# mypy: no-strict-optional
 
 import base64
 import io
@@ -10,7 +11,7 @@ import subprocess
 import sys
 from html.parser import HTMLParser
 from importlib import metadata
-from typing import TYPE_CHECKING
+from pathlib import Path
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -22,9 +23,6 @@ from documentation import PAGES, ROOT, CodeBlock, blocks, commands, name
 from phasestereo.io import Calibration, read_image, write_disparity, write_image
 from phasestereo.metrics import bad_pixels
 from phasestereo_bench.rendering import render_pair
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 HEIGHT, WIDTH, NUM_DISPARITIES = 240, 320, 80
 PICTURES = {
@@ -42,7 +40,6 @@ def pair_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with the files that the examples read: a rendered pair and what is known."""
     folder = tmp_path_factory.mktemp("pair")
     pair = render_pair(2, height=HEIGHT, width=WIDTH, num_disparities=70)
-    assert pair.truth is not None
     assert isinstance(pair.calibration, Calibration)
 
     write_image(folder / "left.png", pair.left)
@@ -107,19 +104,6 @@ def _foreign(found: list[CodeBlock]) -> list[str]:
 def _pandora_finds_the_plugin() -> bool:
     plugins = metadata.entry_points(group="pandora.plugin")
     return any(plugin.value.startswith("pandora_plugin_phasestereo:") for plugin in plugins)
-
-
-def test_a_broken_example_fails(tmp_path: Path) -> None:
-    page = tmp_path / "page.md"
-    page.write_text(
-        '# Page\n\n```python title="not run"\n1 / 0\n```\n\n```python\nx = 1\n1 / 0\n```\n'
-    )
-
-    found = [block for block in blocks(page, "python") if block.runs]
-
-    with pytest.raises(ZeroDivisionError) as raised:
-        run(found, page, {})
-    assert raised.traceback[-1].lineno + 1 == 9
 
 
 def test_the_pair_of_the_examples_is_matched(here: Path) -> None:

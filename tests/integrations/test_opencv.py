@@ -1,12 +1,14 @@
 """In OpenCV's place: its names, numbers and pipelines, against the real one."""
 
-from __future__ import annotations
+# Who tests a thing knows that it is there: no assertions for the type checker alone.
+# mypy: no-strict-optional
 
 import inspect
 import re
 import subprocess
 import sys
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,14 +22,9 @@ from phasestereo.opencv import (
     createDisparityWLSFilter,
     createRightMatcher,
 )
-from phasestereo_bench.datasets import find_scene
+from phasestereo_bench.datasets import Pair, find_scene
 from phasestereo_bench.rendering import render_pair
 from test_matcher import noise_pair
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from phasestereo_bench.datasets import Pair
 
 cv2 = counterpart("cv2")
 pytest.importorskip("scipy")
@@ -63,7 +60,6 @@ def in_pixels(disparity: np.ndarray, invalid: int = INVALID) -> np.ndarray:
 
 
 def wrong(pair: Pair, disparity: np.ndarray, scored: str = "nonocc") -> float:
-    assert pair.truth is not None
     return bad_pixels(disparity, pair.truth, 1.0, pair.masks[scored])
 
 
@@ -193,14 +189,6 @@ def test_any_images(pair: Pair, form: str) -> None:
     assert wrong(pair, in_pixels(found)) < 12
 
 
-@pytest.mark.parametrize("count", [1, 37, 50])
-def test_any_number_of_disparities(count: int) -> None:
-    left, right = noise_pair(30, 120, count - 1)
-    disparity = StereoPhase_create(0, count).compute(left, right)
-    inside = disparity[3:-3, count + 3 : -3]
-    assert (np.abs(inside - 16 * (count - 1)) <= 8).mean() > 0.99
-
-
 def test_the_left_border_has_estimates(pair: Pair) -> None:
     images = bgr(pair.left), bgr(pair.right)
     border = np.s_[:, :COUNT]
@@ -210,7 +198,6 @@ def test_the_left_border_has_estimates(pair: Pair) -> None:
     assert seen.mean() > 0.3
 
     assert (ours[seen] != INVALID).mean() > 0.85
-    assert pair.truth is not None
     both = seen & (ours != INVALID)
     assert (np.abs(ours / 16 - pair.truth[border])[both] <= 1).mean() > 0.85
 
@@ -218,14 +205,7 @@ def test_the_left_border_has_estimates(pair: Pair) -> None:
     assert (theirs == INVALID).all()
 
 
-def test_no_match_outside_the_right_image(pair: Pair) -> None:
-    disparity = StereoPhase_create(0, COUNT).compute(bgr(pair.left), bgr(pair.right))
-    columns = np.arange(disparity.shape[1]) - disparity / 16
-    assert columns[disparity != INVALID].min() > -0.6
-
-
 def test_negative_disparities(pair: Pair) -> None:
-    assert pair.truth is not None
 
     shift = 30
     left, right = bgr(pair.left)[:, shift:], bgr(pair.right)[:, :-shift]
@@ -304,8 +284,8 @@ def test_disp12_max_diff(cones: Pair) -> None:
     assert share(maps[OFF]) < share(maps[8]) < share(maps[2]) < share(maps[1])
 
 
-@pytest.mark.parametrize("ratio", [1, 10, 60, 100])
-def test_uniqueness_ratio(cones: Pair, ratio: int) -> None:
+@pytest.mark.parametrize(("ratio", "meant"), [(1, 1), (10, 10), (60, 60), (100, 100), (-1, 10)])
+def test_uniqueness_ratio(cones: Pair, ratio: int, meant: int) -> None:
     """As OpenCV has it: some cost times (100 - ratio) is below that of the best times 100."""
     options: dict[str, Any] = {"preset": "paper", "optimizer": "wta", "blockSize": 3}
 
@@ -316,7 +296,7 @@ def test_uniqueness_ratio(cones: Pair, ratio: int) -> None:
     own = np.take_along_axis(costs, best, axis=2)
 
     is_elsewhere = np.abs(np.arange(64) - best) > 1
-    is_ambiguous = (is_elsewhere & (costs * (100 - ratio) < own * 100)).any(axis=2)
+    is_ambiguous = (is_elsewhere & (costs * (100 - meant) < own * 100)).any(axis=2)
     is_outside = np.arange(costs.shape[1]) < best[:, :, 0]
 
     found = StereoPhase_create(0, 64, uniquenessRatio=ratio, disp12MaxDiff=OFF, **options).compute(
@@ -325,30 +305,6 @@ def test_uniqueness_ratio(cones: Pair, ratio: int) -> None:
 
     assert (is_ambiguous & ~is_outside).mean() > 0.001
     np.testing.assert_array_equal(found == INVALID, is_ambiguous | is_outside)
-
-
-def test_what_is_not_unique_is_wrong_more_often(cones: Pair) -> None:
-    """A ratio below 0 is 10, and a larger one leaves less and better, here and with OpenCV."""
-    images = bgr(cones.left), bgr(cones.right)
-    for create in (StereoPhase_create, cv2.StereoSGBM_create):
-        maps = [
-            create(0, 64, 3, 216, 864, 1, uniquenessRatio=ratio).compute(*images)
-            for ratio in (0, 10, 30, -1)
-        ]
-        np.testing.assert_array_equal(maps[3], maps[1])
-
-        shares = [share(disparity) for disparity in maps[:3]]
-        assert shares == sorted(set(shares))
-
-        kept = [cones.masks["nonocc"] & (disparity != INVALID) for disparity in maps[:3]]
-        assert cones.truth is not None
-
-        errors = [
-            bad_pixels(disparity / 16, cones.truth, 1.0, each)
-            for disparity, each in zip(maps, kept, strict=False)
-        ]
-
-        assert errors == sorted(set(errors), reverse=True)
 
 
 @pytest.mark.parametrize(("size", "most"), [(100, 1), (400, 2), (100, 0), (20, 16000), (9, OFF)])
@@ -444,91 +400,9 @@ def test_the_parameters_of_the_sample_make_better_maps_than_with_opencv(
 
         kept = [pair.masks["nonocc"] & np.isfinite(disparity) for disparity in maps]
         assert kept[0].sum() > kept[1].sum()
-        assert pair.truth is not None
 
         errors = [bad_pixels(d, pair.truth, 1.0, k) for d, k in zip(maps, kept, strict=True)]
         assert errors[0] < 0.97 * errors[1], name
-
-
-def test_depth_by_opencv(pair: Pair) -> None:
-    camera, truth = pair.calibration, pair.truth
-    assert camera is not None
-    assert truth is not None
-
-    cx, cy = camera.cam0[0][2], camera.cam0[1][2]
-    q = np.array(
-        [
-            [1, 0, 0, -cx],
-            [0, 1, 0, -cy],
-            [0, 0, 0, camera.focal],
-            [0, 0, 1 / camera.baseline, camera.doffs / camera.baseline],
-        ]
-    )
-
-    disparity = StereoPhase_create(0, COUNT).compute(bgr(pair.left), bgr(pair.right))
-    points = cv2.reprojectImageTo3D(disparity.astype(np.float32) / 16, q)
-    depth, expected = points[:, :, 2], camera.depth(truth)
-
-    found = pair.masks["nonocc"] & (disparity > disparity.min())
-    assert found.mean() > 0.6
-
-    error = np.abs(depth / expected - 1)[found]
-    assert np.median(error) < 0.005
-    assert (error < 0.05).mean() > 0.95
-
-    rows, cols = np.mgrid[: depth.shape[0], : depth.shape[1]]
-    np.testing.assert_allclose(
-        points[:, :, 0][found], ((cols - cx) * depth / camera.focal)[found], rtol=1e-4, atol=1e-3
-    )
-    np.testing.assert_allclose(
-        points[:, :, 1][found], ((rows - cy) * depth / camera.focal)[found], rtol=1e-4, atol=1e-3
-    )
-
-
-def test_the_flow_of_the_sample(pair: Pair, tmp_path: Path) -> None:
-    """Read, compute, reproject, leave out what is invalid, write and read points."""
-    for name, image in (("left", pair.left), ("right", pair.right)):
-        cv2.imwrite(str(tmp_path / f"{name}.png"), bgr(image))
-    left, right = (cv2.imread(str(tmp_path / f"{name}.png")) for name in ("left", "right"))
-
-    stereo = StereoPhase_create(minDisparity=1, numDisparities=COUNT - 1, **SAMPLE)
-    disparity = stereo.compute(left, right).astype(np.float32) / 16.0
-
-    height, width = left.shape[:2]
-    focal = 0.8 * width
-
-    q = np.array(
-        [[1, 0, 0, -0.5 * width], [0, -1, 0, 0.5 * height], [0, 0, 0, -focal], [0, 0, 1, 0]],
-        np.float32,
-    )
-
-    points = cv2.reprojectImageTo3D(disparity, q)
-    mask = disparity > disparity.min()
-    colors = cv2.cvtColor(left, cv2.COLOR_BGR2RGB)[mask]
-
-    write_ply(tmp_path / "out.ply", points[mask], colors)
-    cloud = counterpart("plyfile").PlyData.read(tmp_path / "out.ply")["vertex"]
-
-    assert 0.6 * mask.size < len(cloud) == mask.sum() < mask.size
-    assert pair.truth is not None
-    np.testing.assert_allclose(cloud["z"], -focal / disparity[mask], rtol=1e-4)
-
-    seen = pair.masks["nonocc"][mask]
-    assert np.median(np.abs(cloud["z"] * pair.truth[mask] / -focal - 1)[seen]) < 0.02
-    np.testing.assert_array_equal(cloud["red"], pair.left[:, :, 0][mask])
-
-
-def write_ply(path: Path, points: np.ndarray, colors: np.ndarray) -> None:
-    """Write a cloud as OpenCV's sample does."""
-    header = "ply\nformat ascii 1.0\nelement vertex {}\n{}{}end_header\n".format(
-        len(points),
-        "".join(f"property float {axis}\n" for axis in "xyz"),
-        "".join(f"property uchar {color}\n" for color in ("red", "green", "blue")),
-    )
-
-    with path.open("wb") as file:
-        file.write(header.encode())
-        np.savetxt(file, np.hstack([points, colors]), fmt="%f %f %f %d %d %d ")
 
 
 # --- the right image and the WLS filter ---
@@ -560,7 +434,6 @@ def test_maps_of_the_right_image_are_as_those_of_opencv(cones: Pair, low: int) -
 
 
 def test_maps_of_the_right_image_are_right(pair: Pair) -> None:
-    assert pair.truth_right is not None
     disparity = StereoPhase_create(0, COUNT).compute_right(bgr(pair.left), bgr(pair.right))
 
     found = disparity != -COUNT * 16
@@ -570,44 +443,6 @@ def test_maps_of_the_right_image_are_right(pair: Pair) -> None:
     error = np.abs(-disparity / 16 - pair.truth_right)[found]
     assert found.mean() > 0.85
     assert (error <= 1).mean() > 0.85
-
-
-def test_both_views_agree_in_the_convention_of_the_filter(pair: Pair) -> None:
-    images = bgr(pair.left), bgr(pair.right)
-    stereo = StereoPhase_create(0, COUNT)
-    left, right = stereo.compute(*images), stereo.compute_right(*images)
-    rows, cols = np.nonzero(left != INVALID)
-    there = right[rows, np.maximum(cols - (left[rows, cols] >> 4), 0)]
-    assert (np.abs(left[rows, cols] + there) < 24).mean() > 0.95
-
-
-def test_the_wls_filter(pair: Pair) -> None:
-    """With everything that the recipe says, made by hand; see the page on OpenCV."""
-    images = bgr(pair.left), bgr(pair.right)
-
-    stereo = StereoPhase_create(0, COUNT, disp12MaxDiff=OFF)
-    left, right = stereo.compute(*images), stereo.compute_right(*images)
-
-    wls = cv2.ximgproc.createDisparityWLSFilterGeneric(use_confidence=True)
-    wls.setDepthDiscontinuityRadius(1)
-    wls.setLambda(500.0)
-    wls.setSigmaColor(1.5)
-
-    filtered = wls.filter(left, images[0], disparity_map_right=right)
-    assert filtered.dtype == np.int16
-    assert wrong(pair, filtered / 16, "all") < 0.85 * wrong(pair, in_pixels(left), "all")
-    assert wrong(pair, filtered / 16) < wrong(pair, in_pixels(left)) + 0.5
-
-    made = createDisparityWLSFilter(stereo)
-    for name in ("Lambda", "SigmaColor", "DepthDiscontinuityRadius", "LRCthresh"):
-        assert getattr(made, f"get{name}")() == getattr(wls, f"get{name}")()
-
-    confidence, nonocc = wls.getConfidenceMap(), pair.masks["nonocc"]
-    assert confidence.shape == left.shape
-    assert confidence.min() >= 0
-    assert confidence.max() <= 255
-    assert confidence[nonocc].mean() > 200
-    assert confidence[~nonocc].mean() < 60
 
 
 def test_a_program_with_the_wls_filter_and_three_names_exchanged(pair: Pair) -> None:
@@ -629,6 +464,12 @@ def test_a_program_with_the_wls_filter_and_three_names_exchanged(pair: Pair) -> 
         filtered = wls_filter.filter(left_disp, images[0], disparity_map_right=right_disp)
 
         maps[create] = wrong(pair, filtered / 16, "all")
+        if module is None:
+            settings = ("Lambda", 500), ("SigmaColor", 1.5), ("DepthDiscontinuityRadius", 1)
+            plain = make_filter(matcher_left=create(0, COUNT))
+            assert [getattr(plain, f"get{name}")() for name, _ in settings] == [
+                value for _, value in settings
+            ]
         assert left_matcher.getDisp12MaxDiff() == OFF
         assert left_matcher.getSpeckleWindowSize() == left_matcher.getUniquenessRatio() == 0
 

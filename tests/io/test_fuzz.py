@@ -1,24 +1,20 @@
 """Mutated files of every format, and all that fuzzing ever found: documented errors alone."""
 
-from __future__ import annotations
-
 import shutil
 from collections import Counter
+from collections.abc import Callable
 from importlib import import_module
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
 from conftest import counterpart
 
-for _module in ("PIL", "tifffile", "rasterio", "zarr", "msgspec", "cv2", "yaml"):
+for _module in ("PIL", "tifffile", "rasterio", "zarr", "cv2", "yaml"):
     counterpart(_module)
 fuzzing = import_module("fuzzing")
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 FILES = 2000
 

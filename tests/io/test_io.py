@@ -1,14 +1,13 @@
 """Files: named when they cannot be read, and written whole or not at all."""
 
-from __future__ import annotations
-
 import errno
 import struct
 import subprocess
 import sys
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,9 +28,6 @@ from phasestereo.io import (
     write_ply,
 )
 from phasestereo_large.geotiff import write_geotiff
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 READERS: dict[str, Callable[[Path], Any]] = {
     "read_image": read_image,
@@ -178,7 +174,8 @@ def test_a_full_disk_is_named_with_the_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     full = partial(Path("/dev/full").open, "wb")
-    monkeypatch.setattr("phasestereo.io.files.created", lambda _: full())
+    draft = tmp_path / "draft"
+    monkeypatch.setattr("phasestereo.io.drafts._locked_draft", lambda _: (draft, full(), None))
     with pytest.raises(OSError, match=rf"No space left on device: '{tmp_path}/a.npy'"):
         write_image(tmp_path / "a.npy", np.zeros((500, 500), np.uint8))
 

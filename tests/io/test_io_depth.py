@@ -1,16 +1,15 @@
 """Depth maps: whole millimetres in a PNG, floats as they are, NaN where there is none."""
 
-from __future__ import annotations
-
 import os
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given as drawn
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
-from conftest import counterpart
 from phasestereo.io import (
     LengthUnit,
     read_depth,
@@ -18,11 +17,6 @@ from phasestereo.io import (
     write_depth,
     write_image,
 )
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 
 def depths() -> NDArray[np.float32]:
@@ -85,26 +79,11 @@ def test_every_millimetre_survives(
     assert read_image(again)[0, 0] == code
 
 
-def test_opencv_reads_the_png_as_depth_cameras_write_it(tmp_path: Path) -> None:
-    cv2 = counterpart("cv2")
-    depth = depths()
-    write_depth(tmp_path / "depth.png", depth / 1000, unit="m")
-    codes = cv2.imread(str(tmp_path / "depth.png"), cv2.IMREAD_UNCHANGED)
-    assert codes.dtype == np.uint16
-    expected = np.where(np.isnan(depth), 0, np.floor(depth + 0.5))
-    np.testing.assert_allclose(codes, expected, atol=1)  # metres in float32 have their own rounding
-
-
 @pytest.mark.parametrize("suffix", [".tif", ".npy", ".pfm"])
 def test_floats_that_are_no_depths_are_none(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"depth{suffix}"
     write_image(path, np.array([[1, 0, -1, np.inf, -np.inf, np.nan]], np.float32))
     np.testing.assert_array_equal(read_depth(path), [[1, *[np.nan] * 5]])
-
-
-def test_maps_without_a_depth_are_written(tmp_path: Path) -> None:
-    write_depth(tmp_path / "depth.png", np.full((2, 3), np.nan, np.float32))
-    assert not read_image(tmp_path / "depth.png").any()
 
 
 ONE = np.ones((2, 3), np.float32)

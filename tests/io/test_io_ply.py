@@ -1,9 +1,8 @@
 """PLY: what independent readers find in our files."""
 
-from __future__ import annotations
-
 import os
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,26 +12,12 @@ from conftest import counterpart
 from phasestereo import PointCloud
 from phasestereo.io import Calibration, write_ply
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
 
 def cloud(*, colored: bool, count: int = 1000) -> PointCloud:
     random = np.random.default_rng(0)
     points = random.normal(0, 1000, (count, 3)).astype(np.float32)
     colors = random.integers(0, 256, (count, 3), dtype=np.uint8) if colored else None
     return PointCloud(points, colors)
-
-
-@pytest.mark.parametrize("colored", [False, True])
-def test_trimesh_reads_it(tmp_path: Path, *, colored: bool) -> None:
-    trimesh = counterpart("trimesh")
-    written = cloud(colored=colored)
-    write_ply(tmp_path / "cloud.ply", written)
-    read = trimesh.load(tmp_path / "cloud.ply")
-    np.testing.assert_array_equal(read.vertices.astype(np.float32), written.points)
-    if written.colors is not None:
-        np.testing.assert_array_equal(np.asarray(read.colors)[:, :3], written.colors)
 
 
 @pytest.mark.parametrize("colored", [False, True])

@@ -32,7 +32,7 @@ class Power:
 
     def __init__(self, folder: Path, last: int | None) -> None:
         self.folder, self.last, self.count, self.gone = folder.resolve(), last, 0, False
-        self._unflushed: set[str] = set()
+        self._unflushed: dict[str, int] = {}  # and how many of their bytes are on the disk
 
     def operation(self, path: object) -> bool:
         """Count an operation; tell whether the path is of the folder."""
@@ -47,20 +47,20 @@ class Power:
         self.count += 1
         return True
 
-    def wrote(self, path: object) -> None:
-        """Take note of a file whose content is not on the disk yet."""
+    def wrote(self, path: object, kept: int = 0) -> None:
+        """Take note of a file of which so many bytes are on the disk, and no more yet."""
         if place := self._place(path):
-            self._unflushed.add(place)
+            self._unflushed.setdefault(place, kept)
 
     def flushed(self, number: int) -> None:
         """Take note of a file whose content is on the disk."""
-        self._unflushed.discard(str(self._place(number)))
+        self._unflushed.pop(str(self._place(number)), None)
 
     def moved(self, path: object, other: object) -> None:
         """Take note of a file that has another name now."""
         if (place := self._place(path)) in self._unflushed:
-            self._unflushed.discard(str(place))
-            self.wrote(other)
+            kept = self._unflushed.pop(str(place))
+            self._unflushed[str(self._place(other))] = kept
 
     def _place(self, path: object) -> str | None:
         if isinstance(path, int):
@@ -73,9 +73,9 @@ class Power:
     def _go(self) -> None:
         if not self.gone:
             self.gone = True
-            for path in self._unflushed:
+            for path, kept in self._unflushed.items():
                 if Path(path).is_file():
-                    os.truncate(path, Path(path).stat().st_size // 2)
+                    os.truncate(path, kept + max(0, Path(path).stat().st_size - kept) // 2)
 
 
 @contextmanager
@@ -87,7 +87,8 @@ def cut(patch: pytest.MonkeyPatch, folder: Path, last: int | None = None) -> Ite
 
     def opened(path: Any, mode: str = "r", *args: Any, **options: Any) -> Any:
         if set(mode) & set("wxa+") and power.operation(path):
-            power.wrote(path)
+            is_longer = "a" in mode and Path(path).is_file()
+            power.wrote(path, Path(path).stat().st_size if is_longer else 0)
         return opening(path, mode, *args, **options)
 
     def replaced(path: Any, other: Any, **options: Any) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import gc
-import io
 import json
 import logging
 import os
@@ -34,7 +33,6 @@ from phasestereo_large.batch import PairFiles, Record, read_manifest, read_pairs
 from phasestereo_large.batch import running as running_module
 from phasestereo_large.batch.cluster import share
 from phasestereo_large.batch.manifest import Manifest
-from phasestereo_large.batch.processes import local
 from phasestereo_large.batch.work import FullDiskError, Order, match_files
 from phasestereo_large.geotiff import Georeference, read_geotiff, write_geotiff
 
@@ -202,11 +200,6 @@ def test_nobody_need_say_how_many_disparities(tmp_path: Path, images: Path) -> N
     assert [pair.num_disparities for pair in read_pairs(tmp_path)] == [None]
 
 
-def test_a_list_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError):
-        read_pairs(tmp_path / "pairs.csv")
-
-
 def test_scenes_as_middlebury_has_them(tmp_path: Path) -> None:
     for name, ndisp in (("b", "ndisp=70\n"), ("a", None)):
         (tmp_path / name).mkdir()
@@ -289,6 +282,7 @@ def test_a_pair_of_geotiffs_keeps_its_place_and_its_masks(tmp_path: Path) -> Non
         ("cut", r"/it.png: .*truncated"),
         ("text", r"/it.png: not an image of a known format"),
         ("size", r"^right: got \(3, 4\) pixels; accepts the size of left"),
+        ("a\0.png", r"^embedded null byte$"),
     ],
 )
 def test_what_is_wrong_with_a_pair_is_recorded(
@@ -298,10 +292,13 @@ def test_what_is_wrong_with_a_pair_is_recorded(
     whole = pairs[0].right.read_bytes()
     if content == "size":
         write_image(path, np.zeros((3, 4, 3), np.uint8))
-    elif content is not None:
+    elif content in ("cut", "text"):
         path.write_bytes(whole[: len(whole) // 2] if content == "cut" else b"text")
+    elif content is not None:
+        path = tmp_path / content
 
-    record = match_files(replace(pairs[0], right=path), order(tmp_path), "recipe")
+    pair, work = replace(pairs[0], right=path), order(tmp_path)
+    record = match_files(pair, work, work.recipe(pair))
 
     assert record.state == "failed"
     assert re.search(reason, str(record.reason))
@@ -316,13 +313,6 @@ def test_a_bug_in_a_pair_is_recorded_with_its_place(
     assert record.state == "failed"
     assert str(record.reason).startswith("ZeroDivisionError('division by zero') in ")
     assert "test_batch.py, line " in str(record.reason)
-
-
-def test_a_path_that_is_none_is_recorded(tmp_path: Path, pairs: list[PairFiles]) -> None:
-    pair = replace(pairs[0], right=tmp_path / "a\0.png")
-    work = order(tmp_path)
-    record = match_files(pair, work, work.recipe(pair))
-    assert (record.state, record.reason) == ("failed", "embedded null byte")
 
 
 def test_a_worker_of_another_version_that_came_late_matches_nothing(
@@ -366,52 +356,37 @@ def test_a_disk_that_is_full_is_reported_and_leaves_nothing(images: Path, tmp_pa
     assert list(tmp_path.iterdir()) == []
 
 
-def failing(monkeypatch: pytest.MonkeyPatch, error: OSError, free: int) -> str:
-    """Fail every write with so many bytes free; return the reason to be reported."""
-
-    def fail(*_: object) -> None:
-        raise error
-
-    monkeypatch.setattr("phasestereo_large.batch.work.write_map", fail)
-    monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=free))
-    return f"left0.tif cannot be written: {error.strerror or error}"
-
-
 @pytest.mark.parametrize(
-    ("error", "free"),
+    ("error", "free", "is_full"),
     [
-        (OSError(errno.ENOSPC, "No space left on device"), 10**9),
-        (OSError(errno.EDQUOT, "Disk quota exceeded"), 10**9),
-        (OSError("8100 requested and 512 written"), 100),
+        (OSError(errno.ENOSPC, "No space left on device"), 10**9, True),
+        (OSError(errno.EDQUOT, "Disk quota exceeded"), 10**9, True),
+        (OSError("8100 requested and 512 written"), 100, True),
+        (OSError("8100 requested and 512 written"), 10**9, False),
+        (PermissionError(errno.EACCES, "Permission denied"), 10**9, False),
     ],
 )
-def test_a_full_disk_is_more_than_a_failed_pair(
+def test_a_full_disk_is_more_than_a_failed_pair(  # noqa: PLR0917 -- pytest names them
     pairs: list[PairFiles],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     error: OSError,
     free: int,
+    is_full: bool,  # noqa: FBT001 -- a parameter of a test
 ) -> None:
-    reason = failing(monkeypatch, error, free)
-    with pytest.raises(FullDiskError, match=re.escape(reason)) as caught:
-        match_files(pairs[0], order(tmp_path), "recipe")
-    assert type(pickle.loads(pickle.dumps(caught.value))) is FullDiskError  # noqa: S301  # ours
+    def fail(*_: object) -> None:
+        raise error
 
+    monkeypatch.setattr("phasestereo_large.batch.work.write_map", fail)
+    monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=free))
+    reason = f"left0.tif cannot be written: {error.strerror or error}"
 
-@pytest.mark.parametrize(
-    "error",
-    [
-        OSError("8100 requested and 512 written"),
-        PermissionError(errno.EACCES, "Permission denied"),
-    ],
-)
-def test_another_fault_of_writing_is_that_of_a_pair(
-    pairs: list[PairFiles], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: OSError
-) -> None:
-    reason = failing(monkeypatch, error, free=10**9)
-    record = match_files(pairs[0], order(tmp_path), "recipe")
-    assert record.state == "failed"
-    assert reason in str(record.reason)
+    if is_full:
+        with pytest.raises(FullDiskError, match=re.escape(reason)) as caught:
+            match_files(pairs[0], order(tmp_path), "recipe")
+        assert type(pickle.loads(pickle.dumps(caught.value))) is FullDiskError  # noqa: S301  # ours
+    else:
+        assert reason in str(match_files(pairs[0], order(tmp_path), "recipe").reason)
 
 
 # Runs
@@ -430,7 +405,7 @@ def test_a_run_gives_the_bits_of_single_matches(
     records = read_manifest(report.manifest)
     assert list(records) == [pair.name for pair in pairs]
     assert len({record.worker for record in records.values()}) == 2
-    assert not (tmp_path / "out/manifest.log").exists()
+    assert report.manifest.read_bytes().count(b"\n") == 6
 
 
 def test_a_rerun_does_what_is_missing_or_has_changed_and_nothing_else(
@@ -544,7 +519,7 @@ def test_a_pair_that_takes_too_long_is_ended_and_fails_alone(
     pairs: list[PairFiles], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(running_module, "match_files", sleepily)
-    monkeypatch.setattr("phasestereo_large.batch.processes._GRACE", 0.0)
+    monkeypatch.setattr("phasestereo_large.processes._GRACE", 0.0)
     options: dict[str, Any] = {"workers": 2, "threads": 1, "retries": 0, "preset": "fast"}
 
     report = run(pairs, tmp_path / "out", time_limit=3, **options)
@@ -717,22 +692,7 @@ def test_few_pairs_are_under_way_at_a_time(
     assert 2 <= most <= 8
 
 
-def test_an_interrupted_run_keeps_what_is_done_and_goes_on(
-    pairs: list[PairFiles], matching: Callable[..., Any], tmp_path: Path
-) -> None:
-    def interrupt(done: int, _total: int) -> None:
-        if done == 3:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        matching(pairs, tmp_path / "out", progress=interrupt)
-    assert list(states(tmp_path / "out").values()) == ["done"] * 3
-    report = matching(pairs, tmp_path / "out")
-    assert (report.done, report.skipped) == (3, 3)
-    assert_all_there(pairs, tmp_path / "out")
-
-
-def test_a_run_that_is_killed_goes_on_from_its_log(
+def test_a_run_that_is_killed_goes_on_from_its_manifest(
     pairs: list[PairFiles], matching: Callable[..., Any], cluster: Any, tmp_path: Path
 ) -> None:
     folder = tmp_path / "out"
@@ -750,7 +710,7 @@ def test_a_run_that_is_killed_goes_on_from_its_log(
         stderr=subprocess.DEVNULL,
     )
 
-    log = folder / "manifest.log"
+    log = folder / "manifest.jsonl"
     while process.poll() is None and not (log.exists() and log.read_bytes().count(b"\n") > 20):
         time.sleep(0.01)
     assert process.poll() is None
@@ -758,11 +718,10 @@ def test_a_run_that_is_killed_goes_on_from_its_log(
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
 
-    done = log.read_bytes().count(b"\n")
-    assert states(folder) == {}  # the manifest is that of the beginning, and whole
-
+    done = len(states(folder))
     with log.open("ab") as file:
         file.write(b'{"name": "left0')  # as if torn
+    assert len(states(folder)) == done > 20
 
     listed = read_pairs(tmp_path / "pairs.csv", num_disparities=COUNT)
     report = matching(listed, folder)
@@ -794,8 +753,9 @@ def test_ctrl_c_is_reported_in_one_line_and_leaves_no_process(
         start_new_session=True,  # a group of processes, all of which a terminal would interrupt
     )
 
-    awaited = folder / ("manifest.log" if at_work else "manifest.jsonl")
-    while process.poll() is None and not awaited.exists():
+    manifest = folder / "manifest.jsonl"
+    least = 1 if at_work else 0  # bytes
+    while process.poll() is None and not (manifest.exists() and manifest.stat().st_size >= least):
         time.sleep(0.01)
     os.killpg(process.pid, signal.SIGINT)
 
@@ -821,20 +781,10 @@ def test_a_folder_is_for_one_run_at_a_time(
     pairs: list[PairFiles], matching: Callable[..., Any], tmp_path: Path
 ) -> None:
     def second(*_: int) -> None:
-        with pytest.raises(OSError, match="another run is at work in this folder"):
+        with pytest.raises(OSError, match="another run is at work there"):
             run(pairs, tmp_path / "out", workers=1)
 
     assert matching(pairs[:1], tmp_path / "out", progress=second).done == 1
-
-
-def test_what_killed_workers_left_is_cleared_away(
-    pairs: list[PairFiles], matching: Callable[..., Any], tmp_path: Path
-) -> None:
-    drafts = [tmp_path / ".0123456789abcdef.part", tmp_path / ".mine.part"]
-    for draft in drafts:
-        draft.touch()
-    matching(pairs[:1], tmp_path)
-    assert [draft.exists() for draft in drafts] == [False, True]
 
 
 # Refusals
@@ -966,42 +916,6 @@ def test_a_scheduler_that_is_lost_while_all_wait(
     assert states(tmp_path) == {}
 
 
-def test_a_line_that_did_not_fit_on_the_disk_ends_the_run(tmp_path: Path) -> None:
-    class Short(io.RawIOBase):
-        def write(self, line: Any, /) -> int:
-            return len(line) // 2
-
-    manifest = Manifest(tmp_path)
-    manifest._file = Short()  # type: ignore[assignment]  # as an unbuffered file is, when full
-
-    record = Record(
-        name="a", state="done", left="", right="", num_disparities=1, min_disparity=0, recipe=""
-    )
-
-    with pytest.raises(OSError, match=r"No space left on device: .*manifest.log"):
-        manifest.add(record)
-
-
-def test_a_manifest_that_does_not_fit_on_the_disk_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    device = Path("/dev/full")
-    if not device.exists():
-        pytest.skip("no /dev/full here")
-
-    monkeypatch.setattr(
-        "phasestereo_large.batch.manifest.replacing", lambda *_, **__: device.open("wb")
-    )
-
-    manifest = Manifest(tmp_path)
-    manifest.records["a"] = Record(
-        name="a", state="done", left="", right="", num_disparities=1, min_disparity=0, recipe=""
-    )
-
-    with pytest.raises(OSError, match=r"manifest.jsonl cannot be written: No space left on device"):
-        manifest.save(["a"])
-
-
 RECORD = Record(
     name="a", state="done", left="l", right="r", num_disparities=1, min_disparity=0, recipe="x",
     files={"a.tif": 3},
@@ -1023,32 +937,50 @@ DAMAGE = {
 
 
 @pytest.mark.parametrize("kind", DAMAGE)
-@pytest.mark.parametrize("file", ["manifest.jsonl", "manifest.log"])
-def test_a_damaged_line_of_a_manifest_is_set_apart_and_named(
-    tmp_path: Path, kind: str, file: str
-) -> None:
-    manifest = Manifest(tmp_path)
+def test_a_damaged_line_of_a_manifest_is_set_apart_and_named(tmp_path: Path, kind: str) -> None:
+    manifest, path = Manifest(tmp_path), tmp_path / "manifest.jsonl"
     manifest.add(RECORD)
     manifest.add(replace(RECORD, name="b"))
     manifest.close()
 
-    (tmp_path / "manifest.log").rename(tmp_path / file)
-    lines = (tmp_path / file).read_bytes().splitlines()
-    (tmp_path / file).write_bytes(b"\n".join([lines[0], DAMAGE[kind], lines[1], b""]))
+    lines = path.read_bytes().splitlines()
+    path.write_bytes(b"\n".join([lines[0], DAMAGE[kind], lines[1], b""]))
+    with pytest.raises(ValueError, match=r"manifest.jsonl, line 2: no record of a batch: "):
+        read_manifest(path)
 
-    with pytest.raises(ValueError, match=rf"{file}, line 2: no record of a batch: "):
-        read_manifest(tmp_path / file)
-
-    for _ in range(2):
+    for is_mended in (False, True):
         manifest = Manifest(tmp_path)
         assert list(manifest.records) == ["a", "b"]
-        found = [each.where for each in manifest.damaged]
+        assert len(manifest.damaged) == 1 - is_mended
         manifest.save([])
         manifest.save([])
 
-    assert found == []  # the second run finds it mended
     assert (tmp_path / "manifest.damaged").read_bytes() == DAMAGE[kind] + b"\n"
-    assert list(read_manifest(tmp_path / "manifest.jsonl")) == ["a", "b"]
+    assert list(read_manifest(path)) == ["a", "b"]
+
+
+@pytest.mark.parametrize("is_appended", [False, True])
+def test_a_record_that_does_not_fit_on_the_disk_ends_the_run(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    is_appended: bool,  # noqa: FBT001 -- a parameter of a test
+) -> None:
+    device = Path("/dev/full")
+    if not device.exists():
+        pytest.skip("no /dev/full here")
+
+    manifest = Manifest(tmp_path)
+    if is_appended:
+        (tmp_path / "manifest.jsonl").symlink_to(device)
+        monkeypatch.setattr("phasestereo_large.records._last_line", lambda _: b"")
+        with pytest.raises(OSError, match="No space left on device"):
+            manifest.add(RECORD)
+    else:
+        full = "phasestereo_large.batch.manifest.replacing"
+        monkeypatch.setattr(full, lambda *_, **__: device.open("wb"))
+        manifest.records["a"] = RECORD
+        with pytest.raises(OSError, match=r"manifest.jsonl cannot be written: No space left"):
+            manifest.save(["a"])
 
 
 def test_the_pair_of_a_damaged_line_is_matched_again(
@@ -1156,18 +1088,8 @@ def test_without_the_extra_it_says_what_installs_it(
 ) -> None:
     for module, extra, options in (
         ("distributed", "dask", {"scheduler": "tcp://127.0.0.1:9"}),
-        ("msgspec", "batch", {}),
+        ("filelock", "batch", {}),
     ):
         monkeypatch.setitem(sys.modules, module, None)
         with pytest.raises(ImportError, match=rf"^{module} is .* 'phasestereo\[{extra}\]'$"):
             run(pairs, tmp_path, **options)  # type: ignore[arg-type]
-
-
-def test_a_process_that_died_while_it_had_nothing_to_do_is_replaced() -> None:
-    with local(1) as processes:
-        for key in ("a", "b"):
-            processes.submit(key, os.getpid)
-            ((found, outcome),) = processes.finished()
-            assert found == key
-            os.kill(outcome(), signal.SIGKILL)
-            time.sleep(0.3)

@@ -11,7 +11,7 @@ import pytest
 import phasestereo as ps
 from conftest import counterpart
 from phasestereo.io import read_image, write_image
-from phasestereo_large.geotiff import Georeference, read_geotiff, write_geotiff
+from phasestereo_large.geotiff import Georeference, write_geotiff
 
 rasterio = counterpart("rasterio")
 cli = counterpart("phasestereo.cli")
@@ -128,32 +128,6 @@ def test_wrong_bands_are_wrong_usage(
     code, error = match("-o", "out.tif", "--bands", option)
     assert code == 2
     assert message in error
-
-
-def test_images_that_are_no_pair_are_refused(
-    scene: NDArray[np.uint8], match: Callable[..., tuple[int, str]]
-) -> None:
-    save("left.tif", scene[:1, :, :-5])
-    save("right.tif", scene[:1, :, 5:], crs="EPSG:32632")
-
-    code, error = match("-o", "out.tif")
-    assert code == 1
-    assert error == (
-        "phasestereo: error: right.tif: got EPSG:32632; accepts the reference system of left.tif, "
-        "EPSG:32631\n"
-    )
-
-
-def test_other_formats_are_written_as_ever(
-    scene: NDArray[np.uint8], match: Callable[..., tuple[int, str]], tmp_path: Path
-) -> None:
-    save("left.tif", scene[:1, :, :-5])
-    save("right.tif", scene[:1, :, 5:])
-    assert match("-o", "out.pfm") == (0, "")
-    assert match("-o", "out.tif") == (0, "")
-    np.testing.assert_array_equal(
-        ps.io.read_disparity("out.pfm"), read_geotiff(tmp_path / "out.tif").image
-    )
 
 
 def test_plain_tiff_needs_no_rasterio(

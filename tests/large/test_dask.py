@@ -55,6 +55,10 @@ def lazy(image: NDArray[Any], rows: int = 50, columns: int = WIDTH) -> Any:
     return da.from_array(image, chunks=(rows, columns, *image.shape[2:]))
 
 
+def read(first: int, last: int, /) -> Any:
+    return LEFT[first:last], RIGHT[first:last], None, None
+
+
 @pytest.fixture(scope="module")
 def client() -> Iterator[Any]:
     """Return a client of two worker processes."""
@@ -95,7 +99,13 @@ def assert_same(found: lazily.Maps, wanted: ps.Result, **how: Any) -> None:
         {"preset": "paper", "num_disparities": COUNT, "min_disparity": -7, "lr_check": 1},
         ROBUST,
         {**ROBUST, "speckle_size": 30, "uniqueness": 5, "min_disparity": -2},
-        {**ROBUST, "speckle_size": 0, "lr_check": None, "compensate_blur": False, "noise": 1.0},
+        {
+            **ROBUST,
+            "speckle_size": 0,
+            "lr_check": None,
+            "compensate_blur": False,
+            "known": ps.Known(noise=1.0),
+        },
         {**ROBUST, "optimizer": "so", "min_confidence": 0.3},
         {**ROBUST, "optimizer": "wta", "fill": False},
         {"preset": "fast", "num_disparities": COUNT, "optimizer": "sgm"},
@@ -237,21 +247,6 @@ def test_a_part_of_the_result_reads_no_more_than_the_bands_around() -> None:
     assert 0 < max(last for _, last in left.read) < 200
 
 
-def test_no_task_holds_more_than_a_band_and_its_halo() -> None:
-    reach = halo(ps.PRESETS["fast"])
-    rows = max(64, reach)
-    found = lazily.match(lazy(LEFT, 16), lazy(RIGHT, 16), band_rows=rows, **FAST)
-    most = 0
-
-    def look(_key: Any, result: Any, *_: Any) -> None:
-        nonlocal most
-        most = max(most, *np.shape(result)[:1], 0)
-
-    with callbacks.Callback(posttask=look):
-        dask.persist(found, scheduler="sync")
-    assert rows <= most <= max(found.chunks[0]) + 2 * reach
-
-
 def test_a_task_gets_the_rows_that_it_needs_and_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
     reach = halo(ps.PRESETS["fast"])
     checked = []
@@ -312,9 +307,6 @@ def test_a_pair_is_measured_by_windows_at_the_call() -> None:
 
 
 def test_statistics_that_is_given_is_not_made_again() -> None:
-    def read(first: int, last: int, /) -> Any:
-        return LEFT[first:last], RIGHT[first:last], None, None
-
     known = pair_statistics(read, (HEIGHT, WIDTH), **ROBUST)
 
     left = Watched(LEFT)
@@ -339,16 +331,6 @@ def test_several_paths_are_those_of_the_whole_whatever_the_bands(band_rows: int 
 
     assert (len(found.disparity.chunks[0]) > 1) == (band_rows is not None)
     assert_same(found, wanted)
-
-
-def test_bands_of_several_paths_come_in_any_order() -> None:
-    left, right = views(height=900)
-    wanted = ps.match(left, right, **ROBUST).disparity
-    found = lazily.match(lazy(left), lazy(right), band_rows=300, **ROBUST)
-    for band in reversed(range(len(found.chunks[0]))):
-        first = sum(found.chunks[0][:band])
-        rows = found.blocks[band].compute(scheduler="sync")
-        np.testing.assert_array_equal(rows, wanted[first : first + len(rows)])
 
 
 # Refusals
@@ -393,9 +375,6 @@ def test_wrong_arguments(error: type[Exception], message: str, changes: dict[str
 
 
 def test_statistics_of_something_else() -> None:
-    def read(first: int, last: int, /) -> Any:
-        return LEFT[first:last], RIGHT[first:last], None, None
-
     known = pair_statistics(read, (HEIGHT, WIDTH), **FAST)
     with pytest.raises(
         ValueError, match=r"^statistics: got that of 24 disparities from 0; accepts tha"
@@ -409,9 +388,6 @@ def test_statistics_of_something_else() -> None:
 
 @pytest.mark.parametrize("first", [FAST, ROBUST], ids=["plain", "evened"])
 def test_statistics_with_other_settings(first: dict[str, Any]) -> None:
-    def read(first: int, last: int, /) -> Any:
-        return LEFT[first:last], RIGHT[first:last], None, None
-
     known = pair_statistics(read, (HEIGHT, WIDTH), **first)
 
     images = lazy(LEFT), lazy(RIGHT)

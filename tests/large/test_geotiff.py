@@ -211,15 +211,6 @@ def test_images_without_any_place_are_no_mistake(tmp_path: Path) -> None:
     assert found.georeference == Georeference()
 
 
-def test_no_data_is_masked_in_gray(tmp_path: Path) -> None:
-    plane = noise((1, 20, 30), "uint16")
-    plane[0, 3:6, 4:9] = 7
-    found = read_geotiff(save(tmp_path / "a.tif", plane, nodata=7))
-    assert found.mask is not None
-    np.testing.assert_array_equal(found.mask, plane[0] != 7)
-    np.testing.assert_array_equal(found.image, plane[0])
-
-
 def test_a_color_is_no_data_where_all_its_bands_are(tmp_path: Path) -> None:
     planes = noise((3, 20, 30), "uint8") | 1
     planes[:, 3:6] = 0
@@ -300,24 +291,6 @@ def test_no_data_may_be_what_float32_does_not_hold(
         assert np.flatnonzero(~found.mask.all(axis=1)).tolist() == [4, 5, 6]
         kept = np.squeeze(np.moveaxis(planes, 0, 2))[found.mask]
         np.testing.assert_array_equal(found.image[found.mask], kept.astype(np.float32))
-        ps.match(found.image, found.image, num_disparities=4, preset="paper",
-                 left_mask=found.mask, right_mask=found.mask)  # fmt: skip
-
-
-def test_int16_with_no_data_can_be_matched(tmp_path: Path) -> None:
-    scene = noise((60, 90), "int16")
-    scene[20:30, 40:50] = -32768
-    for name, part in (("left", scene[:, :-5]), ("right", scene[:, 5:])):
-        save(tmp_path / f"{name}.tif", part[None], nodata=-32768)
-
-    left, right = read_geotiff_pair(tmp_path / "left.tif", tmp_path / "right.tif")
-    result = ps.match(
-        left.image, right.image, left_mask=left.mask, right_mask=right.mask, num_disparities=16
-    )
-
-    assert left.mask is not None
-    assert np.isnan(result.disparity[~left.mask]).all()
-    assert abs(np.nanmedian(result.disparity) - 5) < 0.1
 
 
 def test_a_palette_is_looked_up(tmp_path: Path) -> None:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import pickle
-import threading
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any
 
@@ -12,12 +11,10 @@ import pytest
 
 import phasestereo as ps
 import phasestereo_large as large
-from phasestereo_large import bands
 from test_process import run
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -163,13 +160,14 @@ def test_what_is_given_is_not_looked_for() -> None:
     read = scene()
     versions = ps.BlurCompensation(noise=(1.0, 2.0))
 
-    assert gathered(read, blur_compensation=versions).blur_compensation is versions
-    statistics = gathered(read, noise=(1.0, 3.0), compensate_blur=False).blur_compensation
+    assert gathered(read, known=ps.Known(blur_compensation=versions)).blur_compensation is versions
+    known = ps.Known(noise=(1.0, 3.0))
+    statistics = gathered(read, known=known, compensate_blur=False).blur_compensation
     assert statistics is not None
     assert statistics.noise == (1.0, 3.0)
 
     read.asked.clear()
-    assert gathered(read, noise=1.0, preset="fast", adaptive_p2=0).blur is None
+    assert gathered(read, known=ps.Known(noise=1.0), preset="fast", adaptive_p2=0).blur is None
     assert read.asked == [(0, 1)]
 
 
@@ -219,150 +217,6 @@ def test_ranges_are_those_of_all_but_outliers() -> None:
     np.testing.assert_allclose(statistics.ranges[1], 2000 * inner, rtol=1e-12)
 
 
-# Kept
-
-
-def kept() -> list[large.PairStatistics]:
-    """Return statistics of all kinds."""
-    areas = gathered(scene((420, 130), "float32", soft=slice(180, None), masked=True))
-
-    kernel = np.full((3, 5), 1 / 15)
-    versions = ps.BlurCompensation(
-        noise=(0.1, 0.7),
-        kernels=[(None, kernel), (kernel.T, None), (None, None)],
-        labels=RNG.integers(0, 3, (4, 5)).astype(np.uint8),
-        tile=40,
-    )
-
-    given_versions = gathered(scene(), blur_compensation=versions, min_disparity=-7)
-    plain = gathered(scene(), preset="fast")
-    others = gathered(
-        scene(), preset="paper", p1=1.0, p2=2.5, intensity_range=(3.0, 99.5), cost="sad"
-    )
-
-    assert areas.blur is not None
-    assert areas.blur.gain > 0
-    return [areas, given_versions, plain, others]
-
-
-def test_statistics_come_back_from_files_and_pickles(tmp_path: Path) -> None:
-    for number, statistics in enumerate(kept()):
-        for path in (tmp_path / f"{number}.npz", str(tmp_path / f"{number} of no suffix")):
-            statistics.save(path)
-            assert_same(bands.load(path), statistics)
-        assert_same(pickle.loads(pickle.dumps(statistics)), statistics)  # noqa: S301 - our own bytes
-    assert len(list(tmp_path.iterdir())) == 8
-
-
-def test_bands_match_alike_with_statistics_that_comes_from_a_file(tmp_path: Path) -> None:
-    read = scene((420, 130), "float32", soft=slice(180, None), masked=True)
-    statistics = gathered(read)
-
-    statistics.save(tmp_path / "statistics")
-    found = bands.match_rows(read, bands.load(tmp_path / "statistics"), 0, 420)
-
-    expected = read.matched(num_disparities=16)
-    assert_same(
-        (found.disparity, found.flags, found.confidence),
-        (expected.disparity, expected.flags, expected.confidence),
-    )
-
-
-def test_numbers_of_numpy_can_be_saved(tmp_path: Path) -> None:
-    options: dict[str, Any] = {
-        "num_disparities": np.int64(16), "min_disparity": np.int32(-2), "preset": "fast",
-        "window": np.int16(5), "p1": np.float32(0.1), "p2": np.float64(2.0),
-    }  # fmt: skip
-
-    read = scene()
-    statistics = large.pair_statistics(read, (np.int64(150), np.int64(130)), **options)  # type: ignore[arg-type] # they do
-    statistics.save(tmp_path / "statistics")
-
-    loaded = bands.load(tmp_path / "statistics")
-    assert loaded.settings == statistics.settings
-    assert (loaded.size, loaded.num_disparities, loaded.min_disparity) == ((150, 130), 16, -2)
-
-
-def test_statistics_is_written_whole_or_not_at_all(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path, message = tmp_path / "statistics", gathered(scene(), preset="fast")
-    message.save(path)
-    before = path.read_bytes()
-
-    def fail(file: Any, **_: object) -> None:
-        file.write(b"half")
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(np, "savez", fail)
-    with pytest.raises(OSError, match="No space"):
-        message.save(path)
-    assert path.read_bytes() == before
-    assert list(tmp_path.iterdir()) == [path]
-
-    with pytest.raises(OSError, match="folder"):
-        message.save(tmp_path / "missing" / "statistics")
-
-
-def test_a_file_that_is_missing_or_a_folder_is_an_os_error(tmp_path: Path) -> None:
-    for path in (tmp_path / "missing", tmp_path):
-        with pytest.raises(OSError, match=path.name):
-            bands.load(path)
-
-
-def refused_file(path: Path) -> None:
-    """Check that no statistics comes of a file, and that the message names it."""
-    with pytest.raises(ValueError, match=path.name):
-        bands.load(path)
-
-
-def test_what_is_no_statistics_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "statistics"
-    gathered(scene((200, 150), soft=slice(0, None))).save(path)
-
-    whole = path.read_bytes()
-    parts = [whole[:length] for length in (0, 1, 10, len(whole) // 2, len(whole) - 1)]
-
-    for content in (*parts, b"\x80\x04K\x01.", b"%PDF", bytes(1000), b"PK\x03\x04" + bytes(99)):
-        path.write_bytes(content)
-        refused_file(path)
-
-    with path.open("wb") as file:
-        np.save(file, np.zeros(3))
-    refused_file(path)
-
-    members = dict(np.load(_written(path, whole)))
-    text = str(members["plain"])
-
-    wrong: list[dict[str, Any]] = [
-        {},
-        {"other": np.zeros(3)},
-        members | {"plain": np.array("[]")},
-        members | {"plain": np.array("3")},
-        members | {"plain": np.array("{")},
-        members | {"plain": np.array(text.replace('"uint8"', '"uint8", "x": '))},
-        members | {"plain": np.array(text.replace('"window"', '"widow"'))},
-        members | {"plain": np.array(text.replace('"settings": {', '"settings": 3, "x": {'))},
-        members | {"labels": np.zeros(3)},
-        members | {"labels": np.full((2, 2), 200, np.uint8)},
-        {name: array for name, array in members.items() if name != "labels"},
-    ]
-
-    for arrays in wrong:
-        with path.open("wb") as file:
-            np.savez(file, **arrays)
-        refused_file(path)
-
-    with path.open("wb") as file:
-        np.savez(file, plain=np.array([{"pickled": 1}], object))
-    refused_file(path)
-
-
-def _written(path: Path, content: bytes) -> Path:
-    path.write_bytes(content)
-    return path
-
-
 # Refusals
 
 
@@ -380,8 +234,7 @@ def _written(path: Path, content: bytes) -> Path:
         ({"window": 4}, ValueError, "^window: got 4"),
         ({"widow": 5}, TypeError, "^widow: no such setting"),
         ({"settings": 3}, TypeError, "^settings: got int"),
-        ({"noise": -1.0}, ValueError, "^noise: got -1"),
-        ({"blur_compensation": 3}, TypeError, "^blur_compensation: got int"),
+        ({"known": 3}, TypeError, "^known: got int"),
         ({"size": 5}, TypeError, "^size: got 5"),
         ({"size": (150,)}, TypeError, "^size: got"),
         ({"size": (150, 130, 1)}, TypeError, "^size: got"),
@@ -503,46 +356,6 @@ def test_what_a_reader_raises_comes_out_as_it_is(error: BaseException, dtype: st
     gathered(whole)
 
 
-def test_what_a_reader_raises_comes_out_in_any_thread() -> None:
-    seen: list[BaseException] = []
-
-    def work() -> None:
-        read = scene()
-        read.failing = lambda _first, last: last > 1
-        try:
-            gathered(read)
-        except LookupError as error:
-            seen.append(error)
-
-    threads = [threading.Thread(target=work) for _ in range(8)]
-
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-
-    assert [str(error) for error in seen] == 8 * ["torn"]
-
-
-def test_statistics_at_the_same_time_do_not_disturb_one_another() -> None:
-    reads = [scene((160, 100), dtype) for dtype in DTYPES]
-    expected = [gathered(read) for read in reads]
-    found: list[Any] = [None] * 12
-
-    def work(turn: int) -> None:
-        found[turn] = gathered(scene((160, 100), DTYPES[turn % 4]), threads=1 + turn % 3)
-
-    threads = [threading.Thread(target=work, args=[turn]) for turn in range(12)]
-
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-
-    for turn in range(12):
-        assert_same(found[turn], expected[turn % 4])
-
-
 def test_statistics_can_be_interrupted_while_it_reads() -> None:
     finished = run("""
 import _thread, threading, time
@@ -574,3 +387,20 @@ statistics = large.pair_statistics(read, (100, 90), num_disparities=8)
 large.match_rows(read, statistics, 0, 100)
 """)
     assert finished.returncode == 0, finished.stderr
+
+
+def test_statistics_at_the_same_time_do_not_disturb_one_another() -> None:
+    expected = [gathered(scene((160, 100), dtype)) for dtype in DTYPES]
+    torn = scene()
+    torn.failing = lambda _first, last: last > 1
+
+    with ThreadPoolExecutor(16) as threads:
+        found = [
+            threads.submit(gathered, scene((160, 100), DTYPES[turn % 4]), threads=1 + turn % 3)
+            for turn in range(12)
+        ]
+        failed = [threads.submit(gathered, torn) for _ in range(4)]
+
+    for turn, one in enumerate(found):
+        assert_same(one.result(), expected[turn % 4])
+    assert [str(one.exception()) for one in failed] == 4 * ["torn"]

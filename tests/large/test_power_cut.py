@@ -19,7 +19,6 @@ from power import PowerCutError, cut
 
 counterpart("filelock")
 counterpart("rasterio")
-counterpart("msgspec")
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -267,8 +266,8 @@ class Here:
         result = function(*arguments)
         self._ended.append((key, lambda: result))
 
-    def finished(self) -> list[tuple[str, Callable[[], Any]]]:
-        return [self._ended.pop(0)]
+    def finished(self) -> tuple[str, Callable[[], Any]]:
+        return self._ended.pop(0)
 
 
 def test_whatever_the_operation_the_rerun_of_a_batch_does_the_rest(

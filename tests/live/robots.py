@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 rosbag1, rosbag2 = counterpart("rosbags.rosbag1"), counterpart("rosbags.rosbag2")
 typesys = counterpart("rosbags.typesys")
-mcap = counterpart("rosbags.rosbag2.storage_mcap")
 
 ROS1 = typesys.get_typestore(typesys.Stores.ROS1_NOETIC)
 ROS2 = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
@@ -148,14 +147,7 @@ def read(path: Path) -> dict[str, list[tuple[int, Any]]]:
 
 def _messages(path: Path) -> Iterator[tuple[str, int, Any]]:
     is_ros1 = path.suffix == ".bag"
-
-    if is_ros1:
-        reader = rosbag1.Reader(path)
-    elif path.is_dir():
-        reader = rosbag2.Reader(path)
-    else:
-        reader = mcap.McapReader(path)
-
+    reader = (rosbag1 if is_ros1 else rosbag2).Reader(path)
     reader.open()
     decode = ROS1.deserialize_ros1 if is_ros1 else ROS2.deserialize_cdr
 

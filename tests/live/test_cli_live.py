@@ -161,17 +161,12 @@ def test_folders_and_layouts(run: Callable[..., Run]) -> None:
         code, _, err = run("live", *source, *SEARCH, "--frames", f"m{number}/%d.pfm")
         assert (code, err) == (0, "")
 
+    code, _, err = run("live", ".", *SEARCH, "--rate", 5, "-o", "o.mp4")
+    assert (code, err) == (0, "")
+    assert [when for when, _ in pictures("o.mp4")] == pytest.approx([0, 0.2])
+
     for name, index in (("m0/1.pfm", 1), ("m1/1.pfm", 1), ("m2/0.pfm", 1)):
         assert np.median(io.read_disparity(name)) == shift(index)
-
-
-def test_rate_of_images(run: Callable[..., Run]) -> None:
-    Path("both").mkdir()
-    for index, picture in enumerate(side_by_side(3)):
-        io.write_image(f"both/{index}.png", picture)
-    options = ("--layout", "side-by-side", "--rate", 5, "-o", "o.mp4")
-    assert run("live", "both", *SEARCH, *options)[0] == 0
-    assert [when for when, _ in pictures("o.mp4")] == pytest.approx([0, 0.2, 0.4])
 
 
 def test_cameras(run: Callable[..., Run], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -244,24 +239,17 @@ def test_no_frame_at_all_is_a_failure(run: Callable[..., Run]) -> None:
     assert listing() == {"video.mkv", "a.mkv", "b.mkv"}
 
 
-def test_full_disk_ends_the_run_and_keeps_what_there_is(
-    run: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    outputs = sys.modules["phasestereo_live.cli.outputs"]
-
-    def write(path: str, disparity: Any) -> None:
-        if path == "3.pfm":
-            raise OSError(28, "No space left on device", path)
-        io.write_disparity(path, disparity)
-
-    monkeypatch.setattr(outputs, "write_disparity", write)
-    code, out, err = run("live", "video.mkv", *SEARCH, "-o", "o.mp4", "--frames", "%d.pfm")
-
-    assert code == FAILED
-    assert err == "phasestereo: error: 3.pfm: No space left on device\n"
-    assert out.startswith("3 frames, 0 failed")
-
-    assert len(pictures("o.mp4")) == 4
+@pytest.mark.parametrize("more", ["-o o.mp4", "--frames m/%d.npy"])
+def test_full_disk_ends_the_run_and_names_the_file(more: str) -> None:
+    """A limit on the size of files stands for it; what was not completed was not written."""
+    limited = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({2**13}, -1))"
+    start = f"{limited}; from phasestereo import cli; import sys; sys.exit(cli.run(sys.argv[1:]))"
+    command = [sys.executable, "-c", start, *process("video.mkv", *SEARCH, *more.split())[5:]]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
+    name = more.split()[1] % 0 if "%" in more else "o.mp4"
+    assert done.returncode == FAILED, done.stderr
+    assert done.stderr.startswith(f"phasestereo: error: {name}: ")
+    assert "wrote" not in done.stdout
 
 
 @pytest.mark.parametrize(
@@ -269,11 +257,10 @@ def test_full_disk_ends_the_run_and_keeps_what_there_is(
     [
         ("video.mkv --json --save-to .", WRONG, "--save-to: has no effect without --show"),
         ("video.mkv --save-to none", FAILED, "--save-to: none is no folder"),
-        ("video.mkv --show=tv", WRONG, "--show"),
+        ("video.mkv --show=window", WRONG, "--show"),
         ("--json", WRONG, "SOURCE is missing"),
         ("video.mkv --cameras 0 1 --json", WRONG, "--cameras: stands in place of SOURCE"),
         ("--cameras 0 1 2 --json", WRONG, "--cameras: got 0 1 2; accepts one or two"),
-        ("none.mkv --json", FAILED, "none.mkv: No such file or directory"),
         ("text.mp4 --json", FAILED, "text.mp4: damaged, or no video"),
         ("video.mkv -o video.mkv", WRONG, "--output: video.mkv is in use already"),
         ("video.mkv -o ./none/../video.mkv", WRONG, "--output: none/../video.mkv is in use"),
@@ -328,13 +315,6 @@ def test_wrong_commands_are_refused(
 # Processes of their own
 
 
-def test_whole_run_without_a_warning() -> None:
-    command = process("video.mkv", *SEARCH, "-o", "o.mp4")
-    done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603 - our own command
-    assert (done.returncode, done.stderr) == (0, "")
-    assert len(pictures("o.mp4")) == 6
-
-
 def begun(*options: object) -> subprocess.Popen[str]:
     """Start a long run, and return once it has written some frames."""
     film(Path("long.mkv"), (side_by_side(20) * 200), codec="mjpeg", pixels="yuvj444p")
@@ -371,17 +351,17 @@ def test_interrupt_lets_the_frame_be_written(
 ) -> None:
     written = []
 
-    def write(path: str, disparity: NDArray[np.float32]) -> None:
-        if path == "m/2.pfm":
+    def write(path: Path, disparity: NDArray[np.float32]) -> None:
+        if path.name == "2.pfm":
             signal.raise_signal(signal.SIGINT)
         io.write_disparity(path, disparity)
-        written.append(path)
+        written.append(path.name)
 
     monkeypatch.setattr("phasestereo_live.cli.outputs.write_disparity", write)
     with pytest.raises(KeyboardInterrupt):
         run("live", "video.mkv", *SEARCH, "--frames", "m/%d.pfm", "-o", "o.mp4")
 
-    assert written[1:] == ["m/0.pfm", "m/1.pfm", "m/2.pfm"]  # after a rehearsal
+    assert written[1:] == ["0.pfm", "1.pfm", "2.pfm"]  # after a rehearsal
     assert len(pictures("o.mp4")) == 3
 
 

@@ -17,7 +17,7 @@ from phasestereo_live import ros, stream
 from phasestereo_live.ros.images import decode_image, encode_image
 from phasestereo_live.ros.infos import info_topic
 from phasestereo_live.ros.output import FrameWriter
-from rigs import SIZE, euroc, euroc_frames, made_up, of_opencv
+from rigs import SIZE, made_up, of_opencv
 from robots import INFOS, ROS1, ROS2, START, TOPICS, Bag
 
 if TYPE_CHECKING:
@@ -130,25 +130,27 @@ def test_compressed_images_are_read() -> None:
     assert np.abs(jpeg.astype(int) - smooth).max() <= 3
 
 
-def test_images_that_are_none_are_refused() -> None:
+def test_images_that_are_none_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(made: Any, pattern: str, **changes: Any) -> None:
+        for name, value in changes.items():
+            setattr(made, name, value)
+        with pytest.raises(ValueError, match=f"^{pattern}") as raised:
+            decode_image(made)
+        assert len(str(raised.value)) < 400
+
     message = robots.image(ROS2, START, cut(0)[0].copy(), "rgb8")
-
-    message.data = message.data[:-1]
-    with pytest.raises(ValueError, match=r"^image: cut short, it has 18431 bytes of 18432"):
-        decode_image(message)
-
-    message.encoding = "yuv422"
-    with pytest.raises(ValueError, match=r"^encoding: got 'yuv422'; accepts mono8"):
-        decode_image(message)
+    refused(message, r"image: got 96 x 64 pixels with rows of 287 bytes", step=287)
+    refused(message, r"image: cut short, it has 18431 bytes", step=288, data=message.data[:-1])
+    refused(message, r"encoding: got 'x{40}'\.\.\.; accepts mono8", encoding="x" * 100_000)
 
     packed = robots.compressed(ROS2, START, cut(0)[0], "png", "png")
-    packed.data = packed.data[:99]
-    with pytest.raises(ValueError, match=r"^image: "):
-        decode_image(packed)
+    monkeypatch.setenv("PHASESTEREO_MAX_PIXELS", "6143")
+    refused(packed, "image: the header says 96 x 64 pixels; at most 6143")
+    refused(robots.image(ROS2, START, cut(0)[0].copy(), "rgb8"), "image: the header says 96 x 64")
 
-    packed.data = packed.data[4:]
-    with pytest.raises(ValueError, match=r"^format: got 'png'; accepts jpeg and png"):
-        decode_image(packed)
+    monkeypatch.delenv("PHASESTEREO_MAX_PIXELS")
+    refused(packed, "image: ", data=packed.data[:99])
+    refused(packed, "format: got 'png'; accepts jpeg and png", data=packed.data[4:])
 
 
 def test_arrays_go_through_messages() -> None:
@@ -345,44 +347,6 @@ def test_camera_info_rectifies_as_opencv_does(tmp_path: Path) -> None:
     np.testing.assert_array_equal(frame.right, expected.right)
 
 
-def test_real_frames_go_through(run: Callable[..., Run], data: Path, tmp_path: Path) -> None:
-    """Raw frames of EuRoC, as a robot records them, equal a match of the frames rectified."""
-    frames, rig = euroc_frames(data)[:2], euroc(data)
-    size = frames[0][0].shape[::-1]
-    of_cv = of_opencv(rig, size)
-
-    bag = Bag()
-    for side, topic in zip("12", INFOS, strict=True):
-        given = {"K": rig[f"K{side}"], "D": rig[f"D{side}"]}
-        given |= {"R": of_cv[f"R{side}"], "P": of_cv[f"P{side}"]}
-        bag.add(topic, START, robots.info(ROS2, size, given))
-
-    for index, views in enumerate(frames):
-        for topic, view in zip(TOPICS, views, strict=True):
-            stamp = START + index * STEP
-            bag.add(topic, stamp, robots.image(ROS2, stamp, view, "mono8"))
-
-    source, out = bag.write(tmp_path / "in.mcap"), tmp_path / "out.mcap"
-    topics = "--left", TOPICS[0], "--right", TOPICS[1], "--num-disparities", 64
-    alone = "--preset", "fast", "--no-temporal-filter"
-    code, _, err = run("live", source, *topics, *alone, "-o", out)
-    assert code == 0, err
-
-    found = robots.read(out)["/rig/disparity"]
-    assert len(found) == 2
-
-    known: dict[str, Any] = {name: rig[name] for name in ("K1", "D1", "K2", "D2")}
-    known |= {name: of_cv[name] for name in ("R1", "R2", "P1", "P2")}
-    for (_, message), views in zip(found, frames, strict=True):
-        pair = ps.rectify(*views, known)
-        masks: dict[str, Any] = {"left_mask": pair.left_mask, "right_mask": pair.right_mask}
-        result = ps.match(pair.left, pair.right, num_disparities=64, preset="fast", **masks)
-        expected = np.where(np.isnan(result.disparity), -1, result.disparity)
-        values = message.image.data.view("<f4").reshape(expected.shape)
-        np.testing.assert_array_equal(values, expected)
-        assert message.t == pytest.approx(0.11, abs=0.001)  # m, as its authors say
-
-
 def test_the_name_says_that_images_are_rectified(tmp_path: Path) -> None:
     rect = TOPICS[0].replace("raw", "rect"), TOPICS[1].replace("raw", "rect")
     source = ros.open_recording(recording(tmp_path / "in.mcap", topics=rect), *rect)
@@ -505,21 +469,6 @@ def test_what_is_finished_is_kept(run: Callable[..., Run], tmp_path: Path) -> No
     assert 1 <= len(robots.read(out)["/rig/disparity"]) < 4
 
 
-@pytest.mark.parametrize("name", ["in.mcap", "in.bag", "folder"])
-def test_recordings_that_are_cut_short_are_refused(
-    run: Callable[..., Run], tmp_path: Path, name: str
-) -> None:
-    path = recording(tmp_path / name, types=ROS1 if name == "in.bag" else ROS2)
-    file = path / "folder.db3" if path.is_dir() else path
-    file.write_bytes(file.read_bytes()[:5000])
-
-    code, _, err = live(run, path, "--json", "-o", tmp_path / "out.mcap")
-    assert code == 1
-    assert err.startswith(f"phasestereo: error: {path}: ")
-    assert err.count("\n") == 1
-    assert not (tmp_path / "out.mcap").exists()
-
-
 @pytest.mark.parametrize(
     ("line", "code", "message"),
     [
@@ -558,8 +507,6 @@ def test_recordings_that_are_cut_short_are_refused(
             2,
             "--depth-encoding",
         ),
-        ("no.mcap {} --json", 1, "no.mcap: No such file"),
-        ("text.bag {} --json", 1, "text.bag: "),
         ("a.mp4 --left /l --json", 2, "--left: has no effect without a recording"),
         ("a.mp4 -o out.mcap", 2, "--output: a recording is written of a recording"),
     ],

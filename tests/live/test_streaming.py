@@ -61,45 +61,30 @@ def test_frames_of_a_video_are_matched_as_pairs_are() -> None:
         assert abs(np.median(result.disparity[:, COUNT:]) - shift(frame.index)) < 0.25
 
 
-def test_views_one_above_the_other() -> None:
-    film(Path("a.mkv"), [np.concatenate(pair(index)) for index in range(3)], **LOSSLESS)
-    assert disparities(live.stream("a.mkv", layout="top-bottom", **FAST)) == expected(range(3))
+@pytest.mark.parametrize(
+    ("source", "right", "layout"),
+    [
+        ("above.mkv", None, "top-bottom"),
+        ("l.mkv", Path("r.mkv"), None),
+        ("lossy.mp4", None, None),
+        ("left", "right", None),
+        (".", None, None),
+        ([pair(index) for index in range(3)], None, None),
+        (side_by_side(3), None, "side-by-side"),
+    ],
+)
+def test_every_kind_of_source_is_matched(source: Any, right: Any, layout: Any) -> None:
+    pairs = [pair(index) for index in range(3)]
+    film(Path("above.mkv"), [np.concatenate(views) for views in pairs], **LOSSLESS)
+    lossy: dict[str, Any] = {"codec": "libx264", "pixels": "yuv420p", "options": {"crf": "12"}}
+    film(Path("lossy.mp4"), side_by_side(3), **lossy)
+    for side, name in enumerate(("left", "right")):
+        film(Path(f"{name[0]}.mkv"), [views[side] for views in pairs], **LOSSLESS)
+        Path(name).mkdir()
+        for index in range(3):
+            io.write_image(f"{name}/{index}.png", pair(index, color=index > 0)[side])
 
-
-def test_two_videos() -> None:
-    for name, view in (("l.mkv", 0), ("r.mkv", 1)):
-        film(Path(name), [pair(index)[view] for index in range(3)], **LOSSLESS)
-    assert disparities(live.stream("l.mkv", Path("r.mkv"), **FAST)) == expected(range(3))
-
-
-def test_lossy_video() -> None:
-    options = {"crf": "12"}
-    film(Path("a.mp4"), side_by_side(5), codec="libx264", pixels="yuv420p", options=options)
-    assert disparities(live.stream("a.mp4", **FAST)) == expected(range(5))
-
-
-def test_folders_of_images() -> None:
-    for index in range(3):
-        for view, image in zip(("left", "right"), pair(index, color=index > 0), strict=True):
-            Path(view).mkdir(exist_ok=True)
-            io.write_image(f"{view}/{index}.png", image)
-
-    frames = live.stream("left", "right", **FAST)
-    assert frames.length == 3
-    assert disparities(frames) == expected(range(3))
-
-    first = next(live.stream(".", **FAST))
-    assert first.left.shape == (ROWS, COLS)
-
-
-def test_images_at_hand() -> None:
-    frames = live.stream((pair(index) for index in range(3)), **FAST)
-    assert frames.length is None
-    assert disparities(frames) == expected(range(3))
-    assert live.stream([pair(0)] * 4, **FAST).length == 4
-    assert disparities(live.stream(side_by_side(3), layout="side-by-side", **FAST)) == expected(
-        range(3)
-    )
+    assert disparities(live.stream(source, right, layout=layout, **FAST)) == expected(range(3))
 
 
 def test_frames_are_taken_from_images_at_hand_only_when_asked_for() -> None:
@@ -112,7 +97,7 @@ def test_frames_are_taken_from_images_at_hand_only_when_asked_for() -> None:
             yield pair(index)
 
     frames = live.stream(pairs(), **FAST)
-
+    assert frames.length is None
     assert given == []
     next(frames)
     assert given == [0]
@@ -238,7 +223,11 @@ def test_what_an_iterable_raises_passes() -> None:
         ({"on_error": 1}, TypeError, "on_error: got int"),
         ({"layout": "both"}, ValueError, "layout: got 'both'"),
         ({"left_mask": np.ones((3, 3), bool)}, ValueError, "left_mask: got shape"),
-        ({"noise": -1.0}, ValueError, "noise: got"),
+        ({"known": 1.0}, TypeError, "known: got float"),
+        ({"num_disparities": 16385}, ValueError, "num_disparities"),
+        ({"num_disparities": True}, TypeError, "num_disparities"),
+        ({"reestimate": 0}, ValueError, "reestimate: got"),
+        ({"reestimate": 1.5}, TypeError, "reestimate: got"),
     ],
 )
 def test_wrong_arguments_are_refused_at_once(
@@ -246,12 +235,6 @@ def test_wrong_arguments_are_refused_at_once(
 ) -> None:
     with pytest.raises(error, match=f"^{message}"):
         live.stream("video.mkv", **{**FAST, **options})
-
-
-@pytest.mark.parametrize("count", [0, 16385, True, "8"])
-def test_numbers_of_disparities_that_never_fit_are_refused_before_any_image(count: Any) -> None:
-    with pytest.raises((TypeError, ValueError), match="^num_disparities"):
-        live.stream(iter([pair(0)]), num_disparities=count)
 
 
 def test_more_disparities_than_columns_are_refused_with_the_first_image() -> None:
@@ -264,13 +247,6 @@ def test_picture_that_cannot_be_halved_is_refused_at_once() -> None:
     film(Path("odd.mkv"), [side_by_side(1)[0][:, :-1]], **LOSSLESS)
     with pytest.raises(ValueError, match="^layout: 'side-by-side' needs an even number of columns"):
         live.stream("odd.mkv", **FAST)
-
-
-def test_missing_files_are_refused_at_once() -> None:
-    with pytest.raises(FileNotFoundError):
-        live.stream("none.mkv", **FAST)
-    with pytest.raises(FileNotFoundError):
-        live.stream("video.mkv", "none.mkv", **FAST)
 
 
 # Masks and settings
@@ -310,17 +286,13 @@ def test_files_are_freed_when_a_stream_is_closed() -> None:
     assert list(frames) == []
     frames.close()
 
-
-def test_files_are_freed_with_the_stream() -> None:
     frames = live.stream("video.mkv", **FAST)
     next(frames)
-    del frames
+    del frames  # which closes it
     assert not ahead()
 
-
-def test_a_stream_that_never_began_can_be_closed() -> None:
     frames = live.stream("video.mkv", **FAST)
-    frames.close()
+    frames.close()  # before it began
     assert list(frames) == []
 
 
@@ -370,16 +342,12 @@ def test_a_matcher_reuses_what_it_is_given_and_nothing_else() -> None:
     matcher = ps.Matcher()
     first = matcher.match(*soft(0, blurred=True), num_disparities=COUNT)
     second = matcher.match(*soft(1, blurred=True), num_disparities=COUNT)
-    third = matcher.match(*soft(1, blurred=True), num_disparities=COUNT, before=first)
+    third = matcher.match(
+        *soft(1, blurred=True), num_disparities=COUNT, known=ps.Known(before=first)
+    )
 
     assert first.blur is not None
     assert second.blur is not None
     assert third.blur is not None
     assert reused((first, second, third)) == [False, False, True]
     assert third.blur.noise == first.blur.noise != second.blur.noise
-
-
-@pytest.mark.parametrize(("count", "error"), [(0, ValueError), (1.5, TypeError), (None, TypeError)])
-def test_wrong_counts_of_frames_are_refused(count: Any, error: type[Exception]) -> None:
-    with pytest.raises(error, match="reestimate: got"):
-        live.stream([pair(0)], num_disparities=COUNT, reestimate=count)

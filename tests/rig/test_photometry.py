@@ -1,27 +1,23 @@
 """Gray levels of real pairs: gain, gamma and exposure are found back, clipped areas are counted."""
 
-from __future__ import annotations
+# Who tests a thing knows that it is there: no assertions for the type checker alone.
+# mypy: no-strict-optional
 
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import phasestereo as ps
 from phasestereo import io
+from phasestereo.rig.photometry import Contrast
 from phasestereo_bench import degradation
 from phasestereo_bench.datasets import find_scene
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from phasestereo.rig.photometry import Contrast
-
 
 def compared(left: Any, right: Any) -> Contrast:
-    found = ps.check(left, right).contrast
-    assert found is not None
-    return found
+    return ps.check(left, right).contrast
 
 
 @pytest.mark.parametrize(("gamma", "gain"), [(1, 1), (2, 1), (0.5, 0.4)])
@@ -55,18 +51,3 @@ def test_saturated_pixels_are_counted_not_channels() -> None:
     found, _ = ps.check(image, image).saturation
     assert found.bright == pytest.approx(0.75 * 0.75)
     assert found.dark == pytest.approx(0.25)
-
-
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32, np.float64])
-def test_what_is_measured_does_not_depend_on_the_type(data: Path, dtype: type[Any]) -> None:
-    pair = find_scene(data / "middlebury", "cones").load()
-    expected, found = (
-        ps.check(pair.left.astype(kind), pair.right.astype(kind)) for kind in (np.uint8, dtype)
-    )
-
-    assert found.saturation == expected.saturation
-    assert found.low_texture == pytest.approx(expected.low_texture, abs=0.01)
-    assert found.contrast is not None
-    assert expected.contrast is not None
-    assert found.contrast.ratio == pytest.approx(expected.contrast.ratio, abs=0.01)
-    assert {one.severity for one in found.findings} == {"ok"}

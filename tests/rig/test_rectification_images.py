@@ -1,8 +1,10 @@
 """Rectification from the images alone, held against what the cameras really are."""
 
-from __future__ import annotations
+# Who tests a thing knows that it is there: no assertions for the type checker alone.
+# mypy: no-strict-optional
 
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,9 +14,6 @@ import phasestereo_live as live
 from conftest import counterpart
 from phasestereo_bench.rendering import render_pair
 from rigs import EXACT, Lens, cv2, euroc, euroc_frames, of_opencv, row_errors, turned
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 counterpart("scipy")
 
@@ -68,7 +67,6 @@ def test_rows_correspond_whatever_the_cameras(scene: tuple[Any, Any], name: str)
     assert errors.size > 1000
     assert np.sqrt(np.mean(errors**2)) < 0.25
 
-    assert found.error is not None
     assert found.error < 0.3
     assert found.Q is None
     assert found.left_mask.mean() > 0.8
@@ -94,7 +92,6 @@ def test_raw_frames_of_euroc(data: Path) -> None:
     together = ps.rectify(*frames[0], others=frames[1:3])
     errors = row_errors(together.maps, left, right, shifts)
     assert np.sqrt(np.mean(errors**2)) < 0.25
-    assert together.error is not None
     assert together.error < 0.15
     assert "of 3 pairs" in together.sentences[0]
 
@@ -122,12 +119,6 @@ def corner_rows(left: Any, right: Any) -> float:
     return float(np.sqrt(np.mean((places[0] - places[1])[:, 1] ** 2)))
 
 
-def test_it_is_the_same_every_time(scene: tuple[Any, Any]) -> None:
-    one, other = ps.rectify(*scene), ps.rectify(*scene)
-    np.testing.assert_array_equal(np.array(one.maps), np.array(other.maps))
-    assert one.sentences == other.sentences
-
-
 def test_types_of_pixels_and_contrast_hardly_matter(scene: tuple[Any, Any]) -> None:
     left, right = RIGS["all of it"]
     raw = seen_by(scene[0], left), seen_by(scene[1], right)
@@ -148,16 +139,6 @@ def test_a_negative_is_known(scene: tuple[Any, Any]) -> None:
     found = ps.rectify(255 - seen_by(scene[0], left), seen_by(scene[1], right))
     assert found.sentences[-1] == "the right image seems to be a negative of the left one"
     assert np.sqrt(np.mean(row_errors(found.maps, left, right, SHIFTS) ** 2)) < 0.3
-
-
-def test_a_blurred_image_is_rectified_less_well_and_that_is_said(scene: tuple[Any, Any]) -> None:
-    left, right = RIGS["all of it"]
-    soft = cv2.GaussianBlur(seen_by(scene[0], left), (0, 0), 3)
-    found = ps.rectify(soft, seen_by(scene[1], right))
-    rms = np.sqrt(np.mean(row_errors(found.maps, left, right, SHIFTS) ** 2))
-    assert found.error is not None
-    assert rms < 1
-    assert rms < 3 * found.error
 
 
 def test_what_was_found_is_said(scene: tuple[Any, Any]) -> None:
@@ -203,15 +184,6 @@ def test_what_tells_nothing_is_refused_with_the_reason(scene: tuple[Any, Any], k
     assert "\n" not in str(raised.value)
 
 
-def test_a_part_that_tells_too_little_of_the_rest_is_refused(scene: tuple[Any, Any]) -> None:
-    left, right = RIGS["all of it"]
-    pair = [seen_by(scene[0], left), seen_by(scene[1], right)]
-    for image in pair:
-        image[:, 100:] = 127
-    with pytest.raises(ValueError, match=r"^left, right: got images "):
-        ps.rectify(*pair)
-
-
 def test_other_pairs_help_and_must_be_of_one_size(scene: tuple[Any, Any]) -> None:
     left, right = RIGS["all of it"]
     pair = seen_by(scene[0], left), seen_by(scene[1], right)
@@ -238,17 +210,3 @@ def test_a_stream_rectifies_itself(scene: tuple[Any, Any]) -> None:
     for frame in frames:
         np.testing.assert_array_equal(frame.left, expected.left)
         np.testing.assert_array_equal(frame.right, expected.right)
-
-
-@pytest.mark.filterwarnings("ignore::UserWarning")  # that a raw pair cannot be matched
-def test_a_rectified_pair_is_matched(scene: tuple[Any, Any]) -> None:
-    left, right = RIGS["all of it"]
-    raw = seen_by(scene[0], left), seen_by(scene[1], right)
-    found = ps.rectify(*raw)
-
-    masks: Any = {"left_mask": found.left_mask, "right_mask": found.right_mask}
-    kept: Any = {"num_disparities": 120, "fill": False, "scales": False}
-
-    good = np.isfinite(ps.match(found.left, found.right, **kept, **masks).disparity).mean()
-    bad = np.isfinite(ps.match(*raw, **kept).disparity).mean()
-    assert good > 0.7 > bad

@@ -114,13 +114,13 @@ def test_rows_are_straightened_with_versions_that_are_given(load: Callable[[str]
     pair = load("cones")
     crooked = lowered(pair.right, down=2.0)
     given = ps.BlurCompensation(noise=(1.0, 1.0))
-    result = ps.match(pair.left, crooked, blur_compensation=given)
+    result = ps.match(pair.left, crooked, known=ps.Known(blur_compensation=given))
 
     assert result.alignment is not None
     assert result.alignment.applied
     assert result.blur_compensation is given
 
-    noisy = ps.match(pair.left, crooked, noise=1.0)
+    noisy = ps.match(pair.left, crooked, known=ps.Known(noise=1.0))
     assert noisy.alignment is not None
     assert noisy.alignment.applied
 
@@ -161,23 +161,6 @@ def test_parts_of_a_crooked_pair_are_those_of_the_whole(dtype: str) -> None:
 
     around = large.halo(statistics.settings, statistics.blur_compensation, statistics.alignment)
     assert around > large.halo(statistics.settings, statistics.blur_compensation)
-
-
-def test_what_was_found_travels(tmp_path: Path) -> None:
-    shot = np.random.default_rng(0).integers(0, 256, (120, 160), np.uint8)
-    statistics = large.pair_statistics(
-        lambda a, b: (shot[a:b, :-9], shot[a:b, 9:], None, None), (120, 151)
-    )
-    statistics.save(tmp_path / "statistics.npz")
-    again = importlib_load(tmp_path / "statistics.npz")
-    assert again.alignment == statistics.alignment
-    assert again.search == statistics.search
-
-
-def importlib_load(path: Path) -> large.PairStatistics:
-    from phasestereo_large.bands import load as load_statistics  # noqa: PLC0415  (a name that is taken)
-
-    return load_statistics(path)
 
 
 # --- ranges ---
@@ -312,7 +295,7 @@ def test_parts_of_an_inverted_pair_are_those_of_the_whole(load: Callable[[str], 
 def test_a_matcher_goes_on_with_the_negative(load: Callable[[str], Pair]) -> None:
     pair = load("cones")
     before = ps.match(pair.left, 255 - pair.right)
-    again = ps.Matcher().match(pair.left, 255 - pair.right, before=before)
+    again = ps.Matcher().match(pair.left, 255 - pair.right, known=ps.Known(before=before))
     np.testing.assert_array_equal(again.disparity, before.disparity)
 
 

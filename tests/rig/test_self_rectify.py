@@ -132,7 +132,7 @@ def test_the_same_bits_come_from_any_number_of_threads(turned: Pair, found: ps.R
 def test_a_frame_after_one_that_was_rectified_is_rectified_too(
     turned: Pair, found: ps.Result
 ) -> None:
-    after = ps.Matcher().match(turned.left, turned.right, before=found)
+    after = ps.Matcher().match(turned.left, turned.right, known=ps.Known(before=found))
 
     np.testing.assert_array_equal(after.disparity, found.disparity)
 

@@ -11,14 +11,15 @@ use crate::common::{
 };
 use phasestereo::internals::error::Error;
 use phasestereo::internals::image::convolution::Kernel;
-use phasestereo::internals::image::intensity;
+use phasestereo::internals::image::intensity_range::IntensityRange;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::texture::{Roughness, Texture};
 use phasestereo::internals::image::view::{Mask, View};
 use phasestereo::internals::optimization::BAND;
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::halo::Halo;
-use phasestereo::internals::pipeline::matcher::{Disparity, Execution, Matcher, Pair, Timings};
+use phasestereo::internals::pipeline::matcher::{Disparity, Execution, Matcher, Timings};
+use phasestereo::internals::pipeline::pair::Pair;
 use phasestereo::internals::pipeline::section::Section;
 use phasestereo::internals::pipeline::source::{ranges, roughness, widened};
 use phasestereo::internals::refinement::calibration::{Tally, sampled};
@@ -38,7 +39,7 @@ const AFFORDABLE: usize = 1 << 22;
 struct PartsJob {
     pair: Pair,
     settings: Settings,
-    ranges: [intensity::IntensityRange; 2],
+    ranges: [IntensityRange; 2],
     roughness: Roughness,
     tally: Option<Tally>,
 }

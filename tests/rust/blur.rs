@@ -9,8 +9,10 @@ use phasestereo::internals::image::plane::{Plane, reflect};
 use phasestereo::internals::image::view::{Image, Mask, View};
 use phasestereo::internals::math;
 use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::matcher::{Execution, Matcher, Pair};
+use phasestereo::internals::pipeline::matcher::{Execution, Matcher};
+use phasestereo::internals::pipeline::pair::Pair;
 use phasestereo::internals::rig::blur::{Estimate, Glance, Side, is_as_before};
+use phasestereo::internals::rig::estimation::Means;
 use phasestereo::internals::rig::psf::{Family, Psf, Taps, path};
 use phasestereo::internals::simd::Level;
 
@@ -414,9 +416,10 @@ fn disparities_beyond_all_blocks_have_no_estimate() {
 /// Whether a glance at a pair finds its blur as it was before.
 fn looks_as(before: &Glance, shots: &[Plane<f32>; 2], level: Level) -> bool {
     let pair = pair(shots, bytes);
-    let matcher = Matcher::new(1).expect("a thread");
+    let (matcher, control) = (Matcher::new(1).expect("a thread"), Control::default());
 
-    is_as_before(&pair, before, &matcher, how(1, level), &Control::default()).expect("it runs")
+    let means = Means { matcher: &matcher, how: how(1, level), control: &control };
+    is_as_before(&pair, before, means).expect("it runs")
 }
 
 #[test]

@@ -10,11 +10,12 @@ use phasestereo::internals::error::Error;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::texture::{Roughness, Texture};
 use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::refinement::CostMargin;
 use phasestereo::internals::refinement::calibration::{
     Calibration, Faults, Tally, Weights, sampled, traits,
 };
-use phasestereo::internals::refinement::confidence::{VotedMap, confidence, similar, vote};
+use phasestereo::internals::refinement::confidence::{
+    CostMargin, VotedMap, confidence, similar, vote,
+};
 use phasestereo::internals::refinement::flag;
 use phasestereo::internals::rig::blur_compensation::BlurCompensation;
 use phasestereo::internals::settings::Optimizer;

@@ -3,8 +3,9 @@
 use crate::common::{hash, levels, noise, random, view};
 use crate::reference;
 use phasestereo::internals::error::{Error, Result};
+use phasestereo::internals::image::LARGEST_KERNEL;
 use phasestereo::internals::image::convolution::{
-    GUARD, Kernel, LARGEST_KERNEL, MOST_FRACTION, SHIFT, Weights, convolve,
+    GUARD, Kernel, MOST_FRACTION, SHIFT, Weights, convolve,
 };
 use phasestereo::internals::image::intensity::Gray;
 use phasestereo::internals::image::plane::Plane;

@@ -2,9 +2,11 @@
 
 use phasestereo::internals::image::view::{self, View};
 use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::matcher::{self, Execution, Pair};
-use phasestereo::internals::rig::estimation::{Known, Means, prepare_and_match};
+use phasestereo::internals::pipeline::matcher::{self, Execution};
+use phasestereo::internals::pipeline::pair::Pair;
+use phasestereo::internals::rig::estimation::{Known, Means};
 use phasestereo::internals::simd::Level;
+use phasestereo::internals::whole::prepare_and_match;
 use phasestereo::{Error, Image, Matcher, Preset, verdict};
 
 const SIZE: (usize, usize) = (80, 120);

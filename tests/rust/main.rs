@@ -12,7 +12,6 @@ mod cost;
 mod descriptor;
 mod estimation;
 mod filling;
-mod guided_median;
 mod impulses;
 mod intensity;
 mod interface;

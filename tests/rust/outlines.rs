@@ -6,15 +6,17 @@ use crate::reference;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::texture::Texture;
 use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::refinement::outlines::{NEAR, draw};
+use phasestereo::internals::refinement::outlines::Outlines;
 use proptest::prelude::*;
 use proptest::sample::select;
 
-fn outlined(disparity: &Plane<f32>, gray: &Plane<i32>) -> Plane<f32> {
+const BOTH: [Outlines; 2] = [Outlines::Crisp, Outlines::Wide];
+
+fn outlined(outlines: Outlines, disparity: &Plane<f32>, gray: &Plane<i32>) -> Plane<f32> {
     let texture = Texture::new(gray.clone());
     let control = Control::default();
 
-    drawn(disparity, |out, level| draw(disparity, &texture, out, level, &control))
+    drawn(disparity, |out, level| outlines.draw(disparity, &texture, out, level, &control))
 }
 
 proptest! {
@@ -29,37 +31,55 @@ proptest! {
     ) {
         let disparity = map.disparity.map(|value| value * far);
         let gray = patches(disparity.rows(), disparity.cols(), largest, seed);
-        let texture = Texture::new(gray.clone());
 
-        prop_assert_eq!(
-            bits(&outlined(&disparity, &gray)),
-            bits(&reference::outline(&disparity, &gray, texture.roughness))
-        );
+        for outlines in BOTH {
+            prop_assert_eq!(
+                bits(&outlined(outlines, &disparity, &gray)),
+                bits(&reference::outline(&disparity, &gray, outlines == Outlines::Wide))
+            );
+        }
     }
 }
 
-/// Two surfaces of their own gray value with a border that the map has up to three pixels off.
+/// Two surfaces of their own gray value with a border that the map has up to two or three pixels off.
 #[test]
 fn an_edge_is_drawn_to_that_of_the_image() {
     let noise = |y, x| (hash(3, y, x) % 5) as i32;
     let gray = Plane::from_fn(60, 60, |y, x| if x < 30 { noise(y, x) } else { 90 + noise(y, x) });
     let edge = |at| Plane::from_fn(60, 60, |_, x| if x < at { 4.0 } else { 11.0 });
 
-    for off in 27..=33 {
-        assert_eq!(outlined(&edge(off), &gray), edge(30), "{off}");
+    for (outlines, most) in [(Outlines::Crisp, 2), (Outlines::Wide, 3)] {
+        for off in 30 - most..=30 + most {
+            assert_eq!(outlined(outlines, &edge(off), &gray), edge(30), "{outlines:?}: {off}");
+        }
+    }
+}
+
+#[test]
+fn contrast_changes_nothing() {
+    let FlaggedMap { disparity, .. } = FlaggedMap::random((33, 50), 20, 77);
+    let gray = patches(33, 50, 255, 8);
+
+    for outlines in BOTH {
+        let by = |factor| bits(&outlined(outlines, &disparity, &gray.map(|value| value * factor)));
+        assert_eq!(by(1), by(4));
+        assert_eq!(by(1), by(-1));
     }
 }
 
 #[test]
 fn pixels_far_from_jumps_stay_as_they_are() {
     let slope = Plane::from_fn(30, 70, |y, x| (x + y) as f32 * 0.97);
-    assert_eq!(outlined(&slope, &patches(30, 70, 255, 1)), slope);
+    for outlines in BOTH {
+        assert_eq!(outlined(outlines, &slope, &patches(30, 70, 255, 1)), slope);
+    }
 
     let FlaggedMap { disparity: noisy, .. } = FlaggedMap::random((30, 70), 0, 5);
     let half = Plane::from_fn(30, 70, |y, x| if x < 20 { noisy.row(y)[x] } else { 7.0 });
 
-    let drawn = outlined(&half, &patches(30, 70, 255, 2));
-    let is_kept = |y: usize, x: usize| drawn.row(y)[x].to_bits() == half.row(y)[x].to_bits();
-
-    assert!((0..30).all(|y| (20 + NEAR..70).all(|x| is_kept(y, x))));
+    for (outlines, near) in BOTH.into_iter().zip([4, 8]) {
+        let drawn = outlined(outlines, &half, &patches(30, 70, 255, 2));
+        let is_kept = |y: usize, x: usize| drawn.row(y)[x].to_bits() == half.row(y)[x].to_bits();
+        assert!((0..30).all(|y| (20 + near..70).all(|x| is_kept(y, x))), "{outlines:?}");
+    }
 }

@@ -31,8 +31,6 @@ const BAND: usize = 64;
 const PANEL: usize = 64;
 const ROWS_AHEAD: usize = 16;
 const COLUMNS_AHEAD: usize = 16;
-/// The step of a disparity, pixels, that is a jump.
-const JUMP: f32 = 1.0;
 /// The cost where there is no candidate elsewhere.
 pub const NO_CANDIDATE: u32 = u32::MAX;
 
@@ -1045,40 +1043,6 @@ pub fn smooth(disparity: &Plane<f32>) -> Plane<f32> {
     })
 }
 
-/// Reference implementation of [`phasestereo::internals::refinement::guided_median::guide`]: the like values sorted.
-pub fn guide(disparity: &Plane<f32>, gray: &Plane<i32>) -> Plane<f32> {
-    let (rows, cols) = (disparity.rows(), disparity.cols());
-    let differences = (0..rows).flat_map(|y| gray.row(y).windows(2));
-    let sum: i64 = differences.map(|pair| (i64::from(pair[0]) - i64::from(pair[1])).abs()).sum();
-    let tolerance = (sum as f64 / (rows * (cols - 1)).max(1) as f64).ceil() as i64;
-
-    let is_jump = |y: usize, x: usize| {
-        let neighbors = [(y + 1, x), (y, x + 1)].into_iter().filter(|&(v, u)| v < rows && u < cols);
-        let step = |(v, u): (usize, usize)| disparity.row(v)[u] - disparity.row(y)[x];
-        neighbors.map(step).any(|step| step.abs() > JUMP)
-    };
-
-    let window = |at: usize, length: usize| at.saturating_sub(4)..(at + 5).min(length);
-
-    Plane::from_fn(rows, cols, |y, x| {
-        let places = || window(y, rows).flat_map(|v| window(x, cols).map(move |u| (v, u)));
-        if disparity.row(y)[x].is_nan() || !places().any(|(v, u)| is_jump(v, u)) {
-            return disparity.row(y)[x];
-        }
-
-        let seen = places().filter(|(v, u)| v.abs_diff(y) % 2 + u.abs_diff(x) % 2 == 0);
-        let like = seen.filter(|&(v, u)| {
-            i64::from(gray.row(v)[u].abs_diff(gray.row(y)[x])) <= tolerance
-                && !disparity.row(v)[u].is_nan()
-        });
-
-        let mut values: Vec<f32> = like.map(|(v, u)| disparity.row(v)[u]).collect();
-        values.sort_by(f32::total_cmp);
-        // Of two values in the middle the smaller one.
-        values[(values.len() - 1) / 2]
-    })
-}
-
 /// Codes of gray values of a side (0: left, 1: right), under a kernel if there is one.
 pub type Describe<'a> = dyn Fn(usize, &Plane<i32>, Option<&Kernel>) -> Plane<u64> + 'a;
 
@@ -1243,22 +1207,33 @@ fn windows(values: &Plane<u32>) -> Plane<u32> {
     })
 }
 
-/// A Gaussian of 6 pixels, in 256ths, by the distance in steps of three pixels.
-const BY_DISTANCE: [[u32; 4]; 4] =
-    [[255, 226, 155, 83], [226, 199, 137, 73], [155, 137, 94, 50], [83, 73, 50, 27]];
-
-/// Reference implementation of [`phasestereo::internals::refinement::outlines::draw`]: the weighted values sorted.
-pub fn outline(disparity: &Plane<f32>, gray: &Plane<i32>, roughness: Roughness) -> Plane<f32> {
+/// Reference implementation of [`phasestereo::internals::refinement::outlines::Outlines::draw`]: the weighted values
+/// sorted. Crisp outlines look at 5 x 5 pixels two apart, wide ones at 7 x 7 three apart.
+pub fn outline(disparity: &Plane<f32>, gray: &Plane<i32>, is_wide: bool) -> Plane<f32> {
     let (rows, cols) = (disparity.rows(), disparity.cols());
-    let scale = (255.0 / (16.0 * mean_difference(roughness)).max(1.0)) as f32;
+    let differences = (0..rows).flat_map(|y| gray.row(y).windows(2));
+    let sum: i64 = differences.map(|pair| (i64::from(pair[0]) - i64::from(pair[1])).abs()).sum();
+    let roughness = (sum as f64 / (rows * (cols - 1)).max(1) as f64).max(0.0625);
+
+    let (reach, stride, around_jumps) = if is_wide { (9, 3, 8) } else { (4, 2, 4) };
+    let scale = (if is_wide { 15.9375 } else { 32.0 } / roughness) as f32;
     let level =
         |y: usize, x: usize| (gray.row(y)[x] as f32 * scale).clamp(-16_383.0, 16_383.0) as i32;
     let steps = |y: usize, x: usize| (disparity.row(y)[x] * 8.0) as i32;
 
+    let weight = |difference: u32, [down, along]: [usize; 2]| {
+        if !is_wide {
+            return u32::from(difference <= 32);
+        }
+        let square: f64 = (down * down + along * along) as f64;
+        let nearness = (256.0 * exp(-square / 72.0)).round().min(255.0) as u32;
+        (255u32.saturating_sub(difference) * nearness) >> 8
+    };
+
     let is_jump = |y: usize, x: usize| {
         let beside = [(y + 1, x), (y, x + 1)].into_iter().filter(|&(v, u)| v < rows && u < cols);
         let mut steps = beside.map(|(v, u)| (disparity.row(v)[u] - disparity.row(y)[x]).abs());
-        steps.any(|step| step > JUMP)
+        steps.any(|step| step > 1.0)
     };
     let jumps = Plane::from_fn(rows, cols, is_jump);
 
@@ -1270,24 +1245,19 @@ pub fn outline(disparity: &Plane<f32>, gray: &Plane<i32>, roughness: Roughness) 
 
     Plane::from_fn(rows, cols, |y, x| {
         let own = disparity.row(y)[x];
-        if own.is_nan() || !places(y, x, 8).any(|(v, u)| jumps.row(v)[u]) {
+        if own.is_nan() || !places(y, x, around_jumps).any(|(v, u)| jumps.row(v)[u]) {
             return own;
         }
 
-        // Every third row and column counts.
-        let counts = places(y, x, 9).filter(|&(v, u)| {
-            let (vertical, horizontal) = (v.abs_diff(y), u.abs_diff(x));
-            vertical % 3 + horizontal % 3 == 0 && !disparity.row(v)[u].is_nan()
+        let counts = places(y, x, reach).filter(|&(v, u)| {
+            v.abs_diff(y) % stride + u.abs_diff(x) % stride == 0 && !disparity.row(v)[u].is_nan()
         });
 
         let mut values: Vec<(i32, u32)> = counts
             .map(|(v, u)| {
-                let distances = [v.abs_diff(y), u.abs_diff(x)];
-                let [vertical, horizontal] = distances.map(|distance| distance / 3);
-                let largest = BY_DISTANCE[vertical][horizontal];
-                let alike = 255u32.saturating_sub(level(v, u).abs_diff(level(y, x)));
                 let away = steps(v, u).wrapping_sub(steps(y, x)).clamp(-32_768, 32_767);
-                (away, (alike * largest) >> 8)
+                let difference = level(v, u).abs_diff(level(y, x));
+                (away, weight(difference, [v.abs_diff(y), u.abs_diff(x)]))
             })
             .collect();
 

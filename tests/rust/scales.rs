@@ -7,14 +7,16 @@ use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::view::{Image, Mask, View};
 use phasestereo::internals::image::window_sums::window_means;
 use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::matcher::{Disparity, Execution, Matcher, Pair, Timings};
+use phasestereo::internals::pipeline::matcher::{Disparity, Execution, Matcher, Timings};
+use phasestereo::internals::pipeline::pair::Pair;
 use phasestereo::internals::refinement::flag;
-use phasestereo::internals::rig::estimation::{Known, Means, prepare, prepare_and_match};
+use phasestereo::internals::rig::estimation::{Known, Means, prepare};
 use phasestereo::internals::scales::choice::{Doubt, choose, conclude};
 use phasestereo::internals::scales::ranges::panel_ranges;
 use phasestereo::internals::scales::reduction::halved;
 use phasestereo::internals::settings::{Optimizer, Settings};
 use phasestereo::internals::simd::Level;
+use phasestereo::internals::whole::prepare_and_match;
 
 /// A number from 0 to 1.
 pub fn random(salt: u64, y: usize, x: usize) -> f32 {

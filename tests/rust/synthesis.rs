@@ -7,7 +7,7 @@ use phasestereo::internals::image::convolution::Kernel;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::view::View;
 use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::matcher::Pair;
+use phasestereo::internals::pipeline::pair::Pair;
 use phasestereo::internals::refinement::synthesis::{BlurredPair, is_asked_for};
 use phasestereo::internals::rig::blur_compensation::BlurCompensation;
 use phasestereo::internals::settings::Settings;

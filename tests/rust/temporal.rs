@@ -8,7 +8,8 @@ use phasestereo::internals::image::intensity::intensity_range;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::view::{Image, View};
 use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::matcher::{Disparity, Pair, Timings, on_threads};
+use phasestereo::internals::pipeline::matcher::{Disparity, Timings, on_threads};
+use phasestereo::internals::pipeline::pair::Pair;
 use phasestereo::internals::pipeline::temporal::change::{
     BLOCK, BLOCK_FACTOR, ENOUGH_BLOCKS, LARGEST, LEAST_NOISE, MOST_NOISE, QUIETEST, RATIO, STEP,
 };

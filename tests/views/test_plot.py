@@ -1,26 +1,24 @@
 """Maps on matplotlib's axes: their data, limits, colors and legends, and whose axes they take."""
 
-from __future__ import annotations
+# Who tests a thing knows that it is there: no assertions for the type checker alone.
+# mypy: no-strict-optional
 
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
+from matplotlib.image import AxesImage
+from numpy.typing import NDArray
 
 import phasestereo as ps
 from phasestereo.rig.blur import Blur, BlurEstimate
 from phasestereo.views import plot
 from phasestereo.views.picture import NEUTRAL, UNSCORED, colorize, error_picture
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from matplotlib.axes import Axes
-    from matplotlib.image import AxesImage
-    from numpy.typing import NDArray
 
 pytest.importorskip("matplotlib")
 
@@ -61,13 +59,12 @@ def result() -> ps.Result:
 
 def pixels(image: AxesImage) -> NDArray[np.uint8]:
     """Return the colors of an image's data."""
-    drawn: NDArray[np.uint8] = image.to_rgba(image.get_array(), bytes=True)  # type: ignore[arg-type]  # matplotlib's annotations want no masked array, its code does
+    drawn: NDArray[np.uint8] = image.to_rgba(image.get_array(), bytes=True)
     return drawn[:, :, :3]
 
 
 def labels(axes: Axes) -> list[str]:
     legend = axes.get_legend()
-    assert legend is not None
     return [text.get_text() for text in legend.get_texts()]
 
 
@@ -84,28 +81,6 @@ def test_a_disparity_map_has_its_data_limits_and_colors(axes: Axes) -> None:
     assert tuple(pixels(image)[2, 5]) == tuple(pixels(image)[3, 6]) == NEUTRAL
 
 
-def test_a_drawn_map_is_the_picture_of_the_same_colors(axes: Axes) -> None:
-    """As it comes from the renderer, one pixel each."""
-    figure: Any = axes.figure
-
-    figure.set_size_inches(0.3, 0.2)
-    figure.set_dpi(100)
-    axes.set_position((0, 0, 1, 1))
-
-    axes.set_axis_off()
-    plot.disparity(MAP, axes, colorbar=False)
-
-    figure.canvas.draw()
-    drawn = np.asarray(figure.canvas.buffer_rgba())[:, :, :3]
-    np.testing.assert_array_equal(drawn, colorize(MAP))
-
-
-def test_without_limits_they_are_robust(axes: Axes) -> None:
-    image = plot.disparity(MAP, axes)
-    known = MAP[np.isfinite(MAP)].astype(np.float64)
-    np.testing.assert_allclose(image.get_clim(), np.percentile(known, (1, 99)))
-
-
 @pytest.mark.parametrize(
     ("low", "high", "extend"), [(0, 90, "neither"), (10, 90, "min"), (0, 9, "max"), (9, 10, "both")]
 )
@@ -113,33 +88,16 @@ def test_the_scale_is_in_pixels_and_tells_what_is_beyond(
     axes: Axes, low: float, high: float, extend: str
 ) -> None:
     bar: Any = plot.disparity(MAP, axes, low=low, high=high).colorbar
-    assert bar.ax.get_ylabel() == "disparity, pixels"
-    assert bar.extend == extend
-
-
-def test_scales_can_be_left_out(axes: Axes) -> None:
-    assert plot.disparity(MAP, axes, colorbar=False).colorbar is None
-    assert plot.confidence(np.ones((2, 3)), axes, colorbar=False).colorbar is None
-    assert plot.error(MAP, MAP, axes, colorbar=False).colorbar is None
-    assert plot.flags(FLAGS, axes, legend=False).axes.get_legend() is None
+    assert (bar.ax.get_ylabel(), bar.extend) == ("disparity, pixels", extend)
 
 
 def test_results_and_their_arrays_draw_alike(result: ps.Result, axes: Axes) -> None:
-    assert result.confidence is not None
     for draw, array in (
         (plot.disparity, result.disparity),
         (plot.confidence, result.confidence),
         (plot.flags, result.flags),
     ):
         np.testing.assert_array_equal(pixels(draw(result, axes)), pixels(draw(array, axes)))
-
-
-def test_confidences_run_from_0_to_1(axes: Axes) -> None:
-    image = plot.confidence(np.array([[0.2, np.nan, 0.3]], np.float32), axes)
-    assert image.get_clim() == (0, 1)
-    assert tuple(pixels(image)[0, 1]) == NEUTRAL
-    assert image.colorbar is not None
-    assert image.colorbar.ax.get_ylabel() == "confidence"
 
 
 def test_flags_are_named_with_their_shares(axes: Axes) -> None:
@@ -178,15 +136,7 @@ def test_errors_have_the_colors_of_their_picture(axes: Axes) -> None:
     data: Any = image.get_array()
     np.testing.assert_allclose(data.filled(-1)[0], [0, 1, 1.1, 3, 4, 40, 4, 1, -1, -1])
     assert image.get_clim() == (0, 4)
-    assert image.colorbar is not None
     assert image.colorbar.extend == "max"
-
-
-@pytest.mark.parametrize("worst", [1.5, 4.0, 60.0])
-def test_errors_are_white_up_to_one_pixel_whatever_the_worst(axes: Axes, worst: float) -> None:
-    image = plot.error(np.array([[1.0, 1 + worst / 500]]), np.zeros((1, 2)), axes, worst=worst)
-    assert tuple(pixels(image)[0, 0]) == (255, 255, 255)
-    assert tuple(pixels(image)[0, 1]) != (255, 255, 255)
 
 
 def test_a_histogram_counts_every_estimate_in_its_color(axes: Axes) -> None:

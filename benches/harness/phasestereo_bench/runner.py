@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections import deque
 from contextlib import closing
 from dataclasses import dataclass
-from multiprocessing.connection import wait
 from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
 from phasestereo_bench.environment import describe_environment, usable_cpus
 from phasestereo_bench.store import appending
-from phasestereo_bench.worker import Worker, failure, perform
+from phasestereo_bench.worker import next_outcome, perform, working
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
@@ -159,53 +157,9 @@ def _outcomes(jobs: Sequence[Job], workers: int) -> Outcomes:
         yield from ((number, perform(job.work, job.arguments)) for number, job in enumerate(jobs))
         return
 
-    waiting = deque(range(len(jobs)))
-    running: list[Worker] = []
-    try:
-        while waiting or any(worker.job is not None for worker in running):
-            busy = sum(worker.job is not None for worker in running)
-            # A process takes long to start, so there are never more than jobs for them.
-            while len(running) < min(workers, busy + len(waiting)):
-                running.append(Worker.start())
-            yield from _next_outcomes(jobs, running, waiting)
-    finally:
-        for worker in running:
-            worker.stop()
-
-
-def _next_outcomes(jobs: Sequence[Job], running: list[Worker], waiting: deque[int]) -> Outcomes:
-    """Wait for a message of any worker, hand out jobs, and yield what was done."""
-    heard = wait([worker.connection for worker in running])
-    for worker in [worker for worker in running if worker.connection in heard]:
-        number = worker.job
-        try:
-            outcome = worker.receive()
-        except EOFError:
-            running.remove(worker)
-            outcome = _death(worker)
-        else:
-            yield from _hand_out(jobs, worker, waiting)
-
-        if outcome is not None and number is not None:
-            yield number, outcome
-
-
-def _hand_out(jobs: Sequence[Job], worker: Worker, waiting: deque[int]) -> Outcomes:
-    """Give a worker the next job; yield those that cannot be given."""
-    while waiting and worker.job is None:
-        number = waiting.popleft()
-        try:
-            worker.give(number, jobs[number].work, jobs[number].arguments)
-        except Exception as error:  # noqa: BLE001 - pickling runs code of the arguments
-            yield number, failure(error)
-
-
-def _death(worker: Worker) -> JobFields:
-    """Return the outcome of the job during which a process died."""
-    reason = worker.reap()
-    if not worker.ready:
-        raise RuntimeError(
-            f"no process to work in: {reason} as it started; a script that runs benchmarks must "
-            'do so below `if __name__ == "__main__":`'
-        )
-    return {"status": "failed", "error": f"WorkerDied: {reason}"}
+    with working(min(workers, len(jobs)) or 1) as processes:
+        for number, job in enumerate(jobs):
+            processes.submit(str(number), perform, job.work, job.arguments)
+        for _ in jobs:
+            key, outcome = next_outcome(processes)
+            yield int(key), outcome

@@ -1,30 +1,26 @@
-"""A process that works off jobs one by one, each with every library on a single thread."""
+"""Jobs, done in this process or in others, which have every library on a single thread."""
 
 from __future__ import annotations
 
 import json
 import math
 import os
-import pickle
-import signal
 import sys
 import traceback
 from collections.abc import Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
-from multiprocessing import get_context, resource_tracker
 from multiprocessing.reduction import ForkingPickler
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from phasestereo._interrupts import unheard
 from phasestereo_bench.measurement import measured
+from phasestereo_large.processes import local
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from multiprocessing.connection import Connection
-    from multiprocessing.context import SpawnProcess
+
+    from phasestereo_large.processes import Processes
 
     Work = Callable[..., Mapping[str, Any]]
     JobFields = dict[str, Any]
@@ -43,82 +39,29 @@ _SINGLE = (
 )
 
 
-@dataclass(slots=True, eq=False)
-class Worker:
-    """A running process, and the number of the job it is at."""
+@contextmanager
+def working(count: int) -> Iterator[Processes]:
+    """Let processes work off jobs by `perform`, each with every library on a single thread."""
+    earlier = dict(os.environ)
+    os.environ.update(dict.fromkeys(_SINGLE, "1"))  # the processes inherit it
+    try:
+        with local(count) as processes:
+            yield processes
+    finally:
+        for name in _SINGLE:
+            os.environ.pop(name)
+            if name in earlier:
+                os.environ[name] = earlier[name]
 
-    process: SpawnProcess
-    connection: Connection
-    ready: bool = False
-    job: int | None = None
 
-    @classmethod
-    def start(cls) -> Worker:
-        """Start a process; it says when it is ready."""
-        if os.name == "posix":
-            resource_tracker.ensure_running()  # the thread that starts it would hear Ctrl-C again
-
-        context = get_context("spawn")
-        ours, theirs = context.Pipe()
-        process = context.Process(target=_serve, args=(theirs,))
-
-        with _single_threaded(), unheard():
-            process.start()
-        theirs.close()
-
-        return cls(process, ours)
-
-    def give(self, job: int, work: Work, arguments: Mapping[str, Any]) -> None:
-        """Hand over a job.
-
-        Raises
-        ------
-        Exception
-            Whatever `pickle` raises for work or arguments that it cannot take.
-        """
-        parcel = ForkingPickler.dumps((work, dict(arguments)))
-        self.job = job
-        try:
-            self.connection.send_bytes(parcel)
-        except OSError:  # it has died, which `receive` will report
-            return
-
-    def receive(self) -> JobFields | None:
-        """Take what it has to say: the outcome of its job, or None when it has become ready.
-
-        Raises
-        ------
-        EOFError
-            If the process has died.
-        """
-        try:
-            message = self.connection.recv_bytes()
-        except OSError as error:
-            raise EOFError from error
-
-        if not self.ready:
-            self.ready = True
-            return None
-
-        self.job = None
-        outcome: JobFields = json.loads(message)
-        return outcome
-
-    def stop(self) -> None:
-        """End the process, whatever it is at."""
-        self.connection.close()
-        self.process.kill()
-        self.process.join()
-
-    def reap(self) -> str:
-        """Wait for a process that has died by itself, and say how it ended."""
-        self.connection.close()
-        self.process.join()
-
-        code = self.process.exitcode
-        if code is not None and code < 0:
-            return f"the process was killed by {signal.Signals(-code).name}"
-        return f"the process ended with exit code {code}"
+def next_outcome(processes: Processes) -> tuple[str, JobFields]:
+    """Wait for the end of a job; return its key and its outcome."""
+    key, outcome = processes.finished()
+    try:
+        fields: JobFields = outcome()
+    except Exception as error:  # noqa: BLE001 - pickling runs code of the arguments
+        return key, failure(error)
+    return key, fields
 
 
 def perform(work: Work, arguments: Mapping[str, Any]) -> JobFields:
@@ -149,17 +92,9 @@ def perform_alone(work: Work, arguments: Mapping[str, Any]) -> JobFields:
     dict
         As `perform`; ``"status"``: ``"failed"`` and ``"error"`` where the process died.
     """
-    worker = Worker.start()
-    try:
-        worker.receive()  # that it is ready
-        worker.give(0, work, arguments)
-        outcome = worker.receive()
-    except EOFError:
-        return {"status": "failed", "error": worker.reap()}
-    finally:
-        worker.stop()
-
-    return outcome or {}
+    with working(1) as processes:
+        processes.submit("", perform, work, arguments)
+        return next_outcome(processes)[1]
 
 
 def failure(error: Exception) -> JobFields:
@@ -194,27 +129,6 @@ def require_portable(name: str, value: object) -> None:
     )
 
 
-def _serve(connection: Connection) -> None:
-    """Work off jobs until there are no more; the main function of the process."""
-    _leave_interrupts_to_parent()
-    with connection:
-        try:
-            connection.send_bytes(b"ready")
-            while True:
-                outcome = _answer(connection.recv_bytes())
-                connection.send_bytes(json.dumps(outcome).encode())
-        except (EOFError, OSError):  # the parent is gone
-            return
-
-
-def _answer(parcel: bytes) -> JobFields:
-    try:
-        work, arguments = pickle.loads(parcel)  # noqa: S301 - from our own parent
-    except Exception as error:  # noqa: BLE001 - importing the module of the work may raise anything
-        return failure(error)
-    return perform(work, arguments)
-
-
 def _plain(value: Any) -> Any:
     """Return a value as JSON has it, as far as that is plain; the rest is left to fail there."""
     if isinstance(value, np.generic):
@@ -226,26 +140,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
     return value
-
-
-@contextmanager
-def _single_threaded() -> Iterator[None]:
-    """Let processes that start in this block find one thread per library in their environment."""
-    earlier = {name: os.environ.get(name) for name in _SINGLE}
-    os.environ.update(dict.fromkeys(_SINGLE, "1"))
-
-    try:
-        yield
-    finally:
-        for name, value in earlier.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
-
-
-def _leave_interrupts_to_parent() -> None:
-    """Ignore Ctrl-C by a handler: programs that a job starts would inherit SIG_IGN."""
-    signal.signal(signal.SIGINT, lambda *_: None)
-    if hasattr(signal, "pthread_sigmask"):
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})

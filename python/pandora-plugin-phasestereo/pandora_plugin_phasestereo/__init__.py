@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from phasestereo import _core
 from phasestereo._extras import require
 from phasestereo._images import as_pair
+from phasestereo.known import Known
 from phasestereo.rig.compensation import BlurCompensation
-from phasestereo.rig.estimates import as_estimates
 from phasestereo.settings import Settings
 from phasestereo.stages import aggregate
 from phasestereo.stages import cost_volume as compare
@@ -221,8 +221,7 @@ def _evened_out(
     search = -high, min(high - low + 1, left.pixels.shape[1])
     asked = replace(settings, align_rows=False)
 
-    estimated = _core.estimate_pair(pair, (left.valid, right.valid), search, asked, None)
-    found = as_estimates(estimated, asked, search, None)
+    found = _core.estimate_pair(pair, (left.valid, right.valid), search, asked, None)
     return _Terms(found.settings, found.blur_compensation)
 
 
@@ -240,7 +239,7 @@ def _fill(costs: Volume, pair: tuple[Plane, Plane], first: int, terms: _Terms) -
             min_disparity=1 - first - start - count,
             num_disparities=count,
             settings=settings,
-            blur_compensation=compensation,
+            known=Known(blur_compensation=compensation),
         )
         sums = aggregate(bits, window=settings.window, shiftable=False)[:, :, ::-1]
         costs[:, :, start : start + count] = sums / np.float32(settings.window**2)

@@ -20,10 +20,10 @@ from numpy.typing import ArrayLike
 from phasestereo import _core
 from phasestereo._images import Mask, Pixels, as_mask, as_pair
 from phasestereo._numbers import as_integer
+from phasestereo.known import Known, as_known
 from phasestereo.result import Result
-from phasestereo.rig.alignment import Alignment, applied_field
-from phasestereo.rig.compensation import BlurCompensation, Noise, as_blur_compensation, as_noise
-from phasestereo.rig.estimates import Known, as_estimates
+from phasestereo.rig.alignment import Alignment
+from phasestereo.rig.compensation import BlurCompensation
 from phasestereo.settings import Settings, resolve
 from phasestereo_large.statistics import PairStatistics, as_size, load
 
@@ -43,8 +43,7 @@ def pair_statistics(
     preset: str | None = None,
     settings: Settings | None = None,
     threads: int | None = None,
-    noise: Noise | None = None,
-    blur_compensation: BlurCompensation | None = None,
+    known: Known | None = None,
     **overrides: Any,
 ) -> PairStatistics:
     """Gather what must be known of a whole pair, in memory that does not grow with its height.
@@ -61,8 +60,8 @@ def pair_statistics(
         calling one call it, one at a time. What it raises comes out as it is.
     size
         Rows and columns of either image.
-    num_disparities, min_disparity, preset, settings, threads, noise, blur_compensation, **overrides
-        As `phasestereo.match` takes them.
+    num_disparities, min_disparity, preset, settings, threads, known, **overrides
+        As `phasestereo.match` takes them, `known` without ``before``.
 
     Returns
     -------
@@ -81,6 +80,8 @@ def pair_statistics(
     TypeError, ValueError, MemoryError, KeyboardInterrupt
         As `phasestereo.match`.
     """
+    told = as_known(known, unused=("before",))
+
     # Parts are matched at one scale: they do not know what smaller copies of the whole pair say.
     asked = replace(resolve(preset, settings, overrides), scales=False)
     rows = Checked(read, as_size(size))
@@ -88,8 +89,6 @@ def pair_statistics(
     (left, right), masks = rows(0, 1)
     dtype = left.dtype
     search = min_disparity, num_disparities
-    known: Known = as_noise(noise, blur_compensation), blur_compensation, None, False, []
-
     # Workers of its own: a shared one would wait for a reader that matches.
     workers = _core.Workers(threads)
     # The core owns the ranges of arguments: one row is refused for what all of them would be.
@@ -97,22 +96,13 @@ def pair_statistics(
 
     scale = _core.find_scale((left, right), masks, rows, rows.size, search, asked)
 
-    found = as_estimates(
-        _core.estimate_pair_by_rows(rows, rows.size, search, asked, scale, workers, known),
-        asked,
-        search,
-        blur_compensation,
-    )
+    found = _core.estimate_pair_by_rows(rows, rows.size, search, asked, scale, workers, told)
 
     roughness = None
     looks = asked.guided_median or asked.synthesis or asked.confidence
     if looks or asked.adaptive_p2 > 0 or asked.min_confidence > 0:
         impulses = found.blur_compensation.impulses[0] if found.blur_compensation else 0.0
         roughness = _core.find_roughness(rows, rows.size, search, scale, impulses)
-
-    compensation = found.blur_compensation
-    if compensation is None and known[0] is not None:
-        compensation = BlurCompensation(noise=known[0])
 
     # No later pair is compared with it.
     blur = None if found.blur is None else replace(found.blur, glance=None)
@@ -123,12 +113,12 @@ def pair_statistics(
         min_disparity=found.search.min_disparity,
         num_disparities=found.search.num_disparities,
         settings=found.settings,
-        blur_compensation=compensation,
+        blur_compensation=found.blur_compensation or told.compensation,
         blur=blur,
         alignment=found.alignment,
         search=found.search,
-        packing=scale[0],
-        ranges=scale[1],
+        packing=scale.packing,
+        ranges=scale.ranges,
         roughness=roughness,
         findings=found.findings,
     )
@@ -184,8 +174,7 @@ def halo(
     if not isinstance(settings, Settings):
         raise TypeError(f"settings: got {type(settings).__name__}; accepts Settings")
 
-    field = applied_field(alignment)
-    around, _ = _core.halo(settings, as_blur_compensation(blur_compensation), field)
+    around, _ = _core.halo(settings, blur_compensation, alignment)
     return around
 
 
@@ -233,28 +222,16 @@ def match_rows(
     as_integer("last", last, least=first + 1, most=statistics.size[0])
 
     images, masks, top = _with_halo(rows, statistics, first, last)
-    disparity, flags, confidence, uncertainty, timings = _core.match_rows(
-        images, masks, statistics, top, (first, last), threads, progress
-    )
-    return Result(
-        disparity,
-        flags,
-        confidence,
-        statistics.settings,
-        timings,
-        uncertainty=uncertainty,
-        search=statistics.search,
-        blur=statistics.blur,
-        alignment=statistics.alignment,
-        blur_compensation=statistics.blur_compensation,
-    )
+    return _core.match_rows(images, masks, statistics, top, (first, last), threads, progress)
 
 
 def _with_halo(
     rows: Checked, statistics: PairStatistics, first: int, last: int
 ) -> tuple[tuple[Pixels, Pixels], tuple[Mask | None, Mask | None], int]:
     """Return rows of images and masks with those that they depend on, and the first of them."""
-    around, masked = _core.halo(statistics.settings, statistics.blur_compensation, statistics.field)
+    around, masked = _core.halo(
+        statistics.settings, statistics.blur_compensation, statistics.alignment
+    )
     top, bottom = _widened(first, last, around, statistics)
     images, masks = rows(top, bottom)
 

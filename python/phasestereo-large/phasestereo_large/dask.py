@@ -18,8 +18,8 @@ from phasestereo._core import MOST_DISPARITIES
 from phasestereo._extras import require
 from phasestereo._images import as_pair
 from phasestereo._numbers import as_integer
+from phasestereo.known import Known
 from phasestereo.result import MAPS, maps_with
-from phasestereo.rig.compensation import BlurCompensation, Noise
 from phasestereo.settings import Settings, resolve
 from phasestereo_large.bands import match_rows, pair_statistics
 from phasestereo_large.statistics import PairStatistics
@@ -94,8 +94,7 @@ def maps(
     threads: int = 1,
     left_mask: Array | ArrayLike | None = None,
     right_mask: Array | ArrayLike | None = None,
-    noise: Noise | None = None,
-    blur_compensation: BlurCompensation | None = None,
+    known: Known | None = None,
     statistics: PairStatistics | None = None,
     band_rows: int | None = None,
     **overrides: Any,
@@ -116,8 +115,8 @@ def maps(
     left, right
         Dask arrays as `phasestereo.match` takes images: (H, W) or (H, W, 1, 3 or 4) of equal size
         and dtype, of any chunks; those of some hundred whole rows cost least.
-    num_disparities, min_disparity, preset, settings, noise, blur_compensation, **overrides
-        As `phasestereo.match` takes them.
+    num_disparities, min_disparity, preset, settings, known, **overrides
+        As `phasestereo.match` takes them, `known` without ``before``.
     threads
         Threads of each task. 1, since Dask runs as many tasks at once as it has threads.
     left_mask, right_mask
@@ -163,8 +162,7 @@ def maps(
             num_disparities=num_disparities,
             min_disparity=min_disparity,
             settings=asked,
-            noise=noise,
-            blur_compensation=blur_compensation,
+            known=known,
         )
     else:
         _check_statistics(statistics, size, (min_disparity, num_disparities))
@@ -290,7 +288,9 @@ def _check_settings(statistics: PairStatistics, asked: Settings, types: tuple[st
 
 def _halo(statistics: PairStatistics, *, masked: bool) -> int:
     """Return how many rows above and below a band `match_rows` may ask for."""
-    around, copied = _core.halo(statistics.settings, statistics.blur_compensation, statistics.field)
+    around, copied = _core.halo(
+        statistics.settings, statistics.blur_compensation, statistics.alignment
+    )
     return around + (copied if masked else 0)
 
 

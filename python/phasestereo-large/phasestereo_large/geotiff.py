@@ -20,7 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._extras import require
 from phasestereo._images import Mask
-from phasestereo.io.files import StrPath, decoding, replacing
+from phasestereo.io.drafts import replacing
+from phasestereo.io.files import StrPath, decoding
 from phasestereo.io.pixels import Pixels, as_samples, channels, look_up
 from phasestereo.io.tiff_layout import TIFF_MAGICS, Directory, check_whole, read_layout
 

@@ -11,9 +11,9 @@ from typing import Any
 
 from phasestereo._extras import require
 from phasestereo.io import Calibration
+from phasestereo.io.drafts import draft_of
 from phasestereo.io.files import StrPath
 from phasestereo.views.triangulation import point_cloud
-from phasestereo_live.video.drafts import draft_of
 from phasestereo_live.video.streaming import Failure, Frame
 
 __all__ = ["log_failure", "log_frame", "saving"]

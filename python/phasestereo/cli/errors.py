@@ -40,14 +40,14 @@ def refusals(*, options: Collection[str] = ()) -> Iterator[None]:
     Parameters
     ----------
     options
-        Arguments that come from options of the same name. Where a message begins with one of
-        them, the command line was wrong, else the run failed.
+        Arguments, and fields of `Known`, that come from options of the same name. Where a message
+        begins with one of them, the command line was wrong, else the run failed.
     """
     try:
         yield
     except (OSError, ValueError, TypeError, MemoryError, RuntimeError, ImportError) as error:
         message = describe_error(error)
-        argument, colon, rest = message.partition(":")
+        argument, colon, rest = message.removeprefix("known.").partition(":")
         if argument in options:
             raise CommandError(option(argument) + colon + rest, WRONG_USAGE) from error
         raise CommandError(message) from error

@@ -27,6 +27,7 @@ from phasestereo.cli.summary import MatchSummary, show
 from phasestereo.cli.terminal import progress_bar
 from phasestereo.cli.trust import refuse_untrusted, show_findings, unwarned
 from phasestereo.io.mask import read_mask
+from phasestereo.known import Known
 from phasestereo.matching import match as match_pair
 from phasestereo.settings import PRESET, Settings, resolve
 
@@ -138,7 +139,7 @@ def match(
             left_mask=views[0].mask,
             right_mask=views[1].mask,
             progress=progress,
-            noise=noise,
+            known=Known(noise=noise),
         )
 
     if result.search is not None:

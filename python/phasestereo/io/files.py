@@ -1,10 +1,9 @@
-"""Files as the formats need them: opened to be decoded, replaced as a whole or not at all."""
+"""Files as the formats need them: looked at before they are opened, and opened to be decoded."""
 
 from __future__ import annotations
 
 import errno
 import os
-import secrets
 import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -54,10 +53,25 @@ def read_bounded(file: BinaryIO, most: int) -> bytes:
     ValueError
         If it has more than so many bytes.
     """
-    content = file.read(most + 1) if os.fstat(file.fileno()).st_size <= most else None
-    if content is None or len(content) > most:
+    size = os.fstat(file.fileno()).st_size
+    if size > most:
         raise ValueError(f"has more than the {most} bytes that such a file is read to")
-    return content
+    return file.read(size)  # which takes as much memory as it is asked for
+
+
+def check_head(path: StrPath, head: bytes) -> None:
+    """Refuse what is not a regular file that begins so, before a library opens it by its name.
+
+    Raises
+    ------
+    OSError
+        If it cannot be opened, or is no regular file.
+    ValueError
+        If it begins otherwise.
+    """
+    with open_regular(path) as file:
+        if file.read(len(head)) != head:
+            raise ValueError(f"{os.fspath(path)}: does not begin with {head!r}, as its kind does")
 
 
 @contextmanager
@@ -88,8 +102,10 @@ def named(name: str) -> Iterator[None]:
     """
     try:
         yield
-    except (ImportError, MemoryError):
+    except ImportError:
         raise
+    except MemoryError as error:
+        raise ValueError(f"{name}: asks for more memory than there is") from error
     except Exception as error:  # decoders of damaged files raise anything, SyntaxError included
         if is_of_the_system(error):
             raise
@@ -112,54 +128,6 @@ def describe_error(error: Exception) -> str:
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}"
     return str(error) or type(error).__name__
-
-
-@contextmanager
-def replacing(path: StrPath, *, flush: bool = False) -> Iterator[BinaryIO]:
-    """Open a draft in the file's folder; it takes the file's place when the block ends well.
-
-    Parameters
-    ----------
-    path
-        The file.
-    flush
-        Whether it is to be on the disk before that, so that a power cut leaves it or the old one.
-
-    Raises
-    ------
-    OSError
-        If the folder does not exist or cannot be written to, or the path is not a regular file;
-        the message names the file.
-    """
-    target = target_of(path)
-    draft = target.with_name(f".{secrets.token_hex(8)}.part")
-
-    try:
-        with created(draft) as file:
-            yield file
-            if flush:
-                file.flush()
-                os.fsync(file.fileno())
-        draft.replace(target)
-    except OSError as error:
-        if error.errno is None or error.filename is not None:
-            raise
-        # As on a full disk, where the message of the system names no file.
-        raise OSError(error.errno, error.strerror, os.fspath(path)) from error
-    finally:
-        draft.unlink(missing_ok=True)
-
-
-def flush(path: Path) -> None:
-    """Write a file, or the names in a folder, through to the disk."""
-    if os.name == "nt" and path.is_dir():
-        return  # Windows cannot open a folder
-
-    number = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
-    try:
-        os.fsync(number)
-    finally:
-        os.close(number)
 
 
 def target_of(
@@ -185,14 +153,6 @@ def target_of(
     if target.exists() and not is_kind(target):
         raise OSError(f"{os.fspath(path)} exists and is not {kind}")
     return target
-
-
-def created(draft: Path) -> BinaryIO:
-    """Open a new file; an error names its folder, which is to blame and which the caller knows."""
-    try:
-        return draft.open("xb")
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(draft.parent)) from error
 
 
 def suffix(path: StrPath) -> str:

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from phasestereo._extras import require
-from phasestereo.io.files import StrPath, replacing, suffix
+from phasestereo.io.drafts import replacing
+from phasestereo.io.files import StrPath, suffix
 from phasestereo.shapes import Mesh
 
 _TURNED = (1, -1, -1)  # glTF has Y up and looks along -Z

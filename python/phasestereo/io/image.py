@@ -9,7 +9,8 @@ from typing import Any, BinaryIO, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from phasestereo.io.files import StrPath, decoding, replacing, suffix
+from phasestereo.io.drafts import replacing
+from phasestereo.io.files import StrPath, decoding, suffix
 from phasestereo.io.heif import HEIF_MAGICS, decode_heif
 from phasestereo.io.npy import decode_npy, encode_npy
 from phasestereo.io.pfm import decode_pfm, encode_pfm

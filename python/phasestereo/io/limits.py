@@ -25,6 +25,9 @@ STATISTICS = 2**26
 LIST = 2**28
 """Bytes of a list of pairs at most: a million pairs or so."""
 
+RECORD = 2**28
+"""Bytes of a record in a recording of a robot at most: a chunk of messages has some megabytes."""
+
 _VARIABLE = "PHASESTEREO_MAX_PIXELS"
 _chosen: int | None = None
 

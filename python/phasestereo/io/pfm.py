@@ -16,7 +16,8 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from phasestereo.io.files import StrPath, decoding, replacing
+from phasestereo.io.drafts import replacing
+from phasestereo.io.files import StrPath, decoding
 from phasestereo.io.limits import check_size
 from phasestereo.io.pixels import channels
 

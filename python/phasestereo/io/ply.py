@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from phasestereo.io.files import StrPath, replacing, suffix
+from phasestereo.io.drafts import replacing
+from phasestereo.io.files import StrPath, suffix
 from phasestereo.shapes import PointCloud
 
 _POSITION = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phasestereo.io.disparity import write_disparity
-from phasestereo.io.files import StrPath, replacing, suffix
+from phasestereo.io.drafts import replacing
+from phasestereo.io.files import StrPath, suffix
 from phasestereo.io.formats import geotiff
 from phasestereo.io.image import write_image
 from phasestereo.io.maps import write_floats

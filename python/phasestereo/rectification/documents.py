@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, BinaryIO, TypeAlias
 
@@ -20,6 +21,7 @@ ACCEPTED = (
     "ROS's camera_info or of EuRoC's sensor.yaml; Kalibr's camchain; a saved rectification"
 )
 _MOST_TEXT = 2**17  # bytes: YAML is read slowly, and calibrations have some thousands
+_DEEPEST = 32  # lists and mappings in each other
 _MOST_FILES = 64  # of a folder
 _MAP_BYTES = 16 + 16 + 26  # of a pixel: two maps, and images of three floats with a mask each
 _XML_MATRIX = re.compile(
@@ -92,14 +94,10 @@ def _of_xml(text: str) -> Document:
 def _of_yaml(text: str) -> Document:
     """Return what a YAML file holds; OpenCV's has a header of its own, which YAML does not know."""
     yaml = require("yaml", extra="rectify")
+    base = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the one in C is ten times as fast
 
-    class Loader(yaml.SafeLoader):  # type: ignore[misc, name-defined]  # known at run time
-        """Plain values and OpenCV's matrices; no aliases, of which a few lines make gigabytes."""
-
-        def compose_node(self, parent: Any, index: Any) -> Any:
-            if self.check_event(yaml.events.AliasEvent):
-                raise ValueError("has aliases (*), which are not read")
-            return super().compose_node(parent, index)
+    class Loader(base):  # type: ignore[misc, valid-type]  # known at run time
+        """Plain values and OpenCV's matrices."""
 
     def construct(loader: Any, node: Any) -> Any:
         return _matrix(loader.construct_mapping(node, deep=True))
@@ -108,6 +106,7 @@ def _of_yaml(text: str) -> Document:
     body = re.sub(r"\A%YAML[^\n]*\n(---[^\n]*\n)?", "", text)
 
     try:
+        _check_events(yaml, yaml.parse(body, Loader=base))
         document = yaml.load(body, Loader=Loader)  # a safe loader
     except (yaml.YAMLError, RecursionError) as error:
         where = getattr(error, "problem_mark", None)
@@ -117,6 +116,18 @@ def _of_yaml(text: str) -> Document:
     if isinstance(document, dict):
         return {str(name): value for name, value in document.items()}
     raise ValueError(f"no calibration; accepts {ACCEPTED}")
+
+
+def _check_events(yaml: Any, events: Iterable[Any]) -> None:
+    """Refuse aliases, of which a few lines make gigabytes, and what is nested very deeply."""
+    depth = 0
+    for event in events:
+        if isinstance(event, yaml.AliasEvent):
+            raise ValueError("has aliases (*), which are not read")  # noqa: TRY004 -- the file's
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+        if depth > _DEEPEST:
+            raise ValueError(f"is nested more than {_DEEPEST} deep")
 
 
 def _matrix(mapping: Document) -> Any:

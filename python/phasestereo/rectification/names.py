@@ -29,6 +29,9 @@ _MAPS = ["map", "stereomap", "rectmap", "rectifymap", "undistmap", "undistortmap
 _SIDES = {"1": ("1", "l", "left"), "2": ("2", "r", "right")}
 _SIDES_FROM_0 = {"1": ("0",), "2": ("1",)}
 _SHAPES = {"K": (3, 3), "R": (3, 3), "P": (3, 4), "Q": (4, 4)}
+_LARGEST = 1e9  # in pixels, and in any unit of lengths that rigs are measured in
+_FOCAL = 0.1, 1e7  # pixels
+_ROTATION = 0.01  # by how much a number of R R^T may differ from 1 or 0: files round theirs
 _COEFFICIENTS = (4, 5, 8, 12, 14)  # of distortion, that OpenCV knows
 
 
@@ -87,26 +90,14 @@ def as_cameras(
 
 def _checked(name: str, value: Any, *, fisheye: bool) -> Matrix:
     """Return a matrix in the shape that OpenCV takes, or refuse it."""
-    array = np.asarray(value)
-    if array.dtype.kind not in "iuf":
-        raise ValueError(f"{name}: holds {array.dtype}; accepts numbers")
-
-    matrix = array.astype(np.float64)
-    if not np.isfinite(matrix).all():
-        raise ValueError(f"{name}: holds what is no finite number")
-
+    matrix = _as_numbers(name, value)
     if name in MAPS:
         if matrix.ndim != 2 or 0 in matrix.shape:
             raise ValueError(f"{name}: got shape {matrix.shape}; accepts (H, W)")
         return matrix
 
     if name[0] == "D":
-        allowed = (4,) if fisheye else _COEFFICIENTS
-        if matrix.size not in allowed or matrix.size != max(matrix.shape, default=0):
-            raise ValueError(
-                f"{name}: got shape {matrix.shape}; accepts {', '.join(map(str, allowed))} numbers"
-            )
-        return matrix.reshape(-1, 1)
+        return _as_coefficients(name, matrix, fisheye=fisheye)
 
     # A rotation may be given as a vector, after Rodrigues.
     if name in ("R", "T") and matrix.size == 3:
@@ -116,9 +107,67 @@ def _checked(name: str, value: Any, *, fisheye: bool) -> Matrix:
         )
         return turned
 
-    if name[0] == "K" and matrix.shape == (3, 3) and not (matrix[[0, 1], [0, 1]] > 0).all():
-        raise ValueError(f"{name}: got no positive focal lengths")
-
     if matrix.shape != (shape := _SHAPES.get(name[0], (3, 1))):
         raise ValueError(f"{name}: got shape {matrix.shape}; accepts {shape}")
+
+    if name[0] == "R":
+        check_rotation(name, matrix)
+    if name[0] in "KP":
+        _check_camera(name, matrix)
     return matrix
+
+
+def _as_numbers(name: str, value: Any) -> Matrix:
+    """Return an array of finite numbers of sizes that occur."""
+    array = np.asarray(value)
+    if array.dtype.kind not in "iuf":
+        raise ValueError(f"{name}: holds {array.dtype}; accepts numbers")
+
+    matrix = array.astype(np.float64)
+    if not np.isfinite(matrix).all():
+        raise ValueError(f"{name}: holds what is no finite number")
+    if (size := np.abs(matrix).max(initial=0)) > _LARGEST:
+        raise ValueError(f"{name}: got a number of size {size:g}; accepts {_LARGEST:g} at most")
+    return matrix
+
+
+def _as_coefficients(name: str, matrix: Matrix, *, fisheye: bool) -> Matrix:
+    """Return coefficients of distortion as a column."""
+    allowed = (4,) if fisheye else _COEFFICIENTS
+    if matrix.size not in allowed or matrix.size != max(matrix.shape, default=0):
+        raise ValueError(
+            f"{name}: got shape {matrix.shape}; accepts {', '.join(map(str, allowed))} numbers"
+        )
+    return matrix.reshape(-1, 1)
+
+
+def check_rotation(name: str, matrix: Matrix) -> None:
+    """Refuse a 3 x 3 matrix that does not rotate: one that scales, shears or mirrors.
+
+    Raises
+    ------
+    ValueError
+        If R R^T is not the identity to 0.01, or the determinant is negative.
+    """
+    apart = np.abs(matrix @ matrix.T - np.eye(3)).max()
+    if not apart <= _ROTATION:
+        raise ValueError(
+            f"{name}: is not a rotation: R R^T differs from the identity by {apart:.3g}; accepts "
+            f"{_ROTATION} at most"
+        )
+    if np.linalg.det(matrix) < 0:
+        raise ValueError(f"{name}: is a mirror, not a rotation: its determinant is negative")
+
+
+def _check_camera(name: str, matrix: Matrix) -> None:
+    """Refuse a camera matrix, or a projection, without focal lengths that a camera can have."""
+    focal, bottom = matrix[[0, 1], [0, 1]], matrix[2, :3]
+    if not ((focal >= _FOCAL[0]) & (focal <= _FOCAL[1])).all():
+        got = " and ".join(f"{each:g}" for each in focal)
+        raise ValueError(
+            f"{name}: got no positive focal lengths of a camera, but {got}; accepts {_FOCAL[0]:g} "
+            f"to {_FOCAL[1]:g} pixels"
+        )
+    if tuple(bottom) != (0, 0, 1):
+        got = " ".join(f"{each:g}" for each in bottom)
+        raise ValueError(f"{name}: got the last row {got}; accepts 0 0 1 (is it transposed?)")

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from phasestereo._extras import require
 from phasestereo._images import ImageOrPath, Map, Mask, as_mask, as_pair
 from phasestereo._opening import opened_pair
-from phasestereo.io.files import replacing
+from phasestereo.io.drafts import replacing
 from phasestereo.rectification.cameras import MAPS, Maps, Matrix
 from phasestereo.rectification.documents import Document, read_document
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from phasestereo.rectification.cameras import Cameras, Matrix
 from phasestereo.rectification.documents import Document, numbers
-from phasestereo.rectification.names import as_cameras
+from phasestereo.rectification.names import as_cameras, check_rotation
 
 _PINHOLE = "radtan", "radial-tangential", "plumb_bob", "rational_polynomial", "none", ""
 _FISHEYE = "equi", "equidistant", "fisheye"
@@ -120,8 +120,9 @@ def _of_intrinsics(document: Document) -> Document:
 
 def _pose(value: Any, name: str) -> Matrix:
     pose: Matrix = numbers(value, name)
-    if pose.shape != (4, 4) or not np.isfinite(pose).all() or abs(np.linalg.det(pose)) < 0.1:
+    if pose.shape != (4, 4) or not np.isfinite(pose).all() or pose[3].tolist() != [0, 0, 0, 1]:
         raise ValueError(f"{name}: accepts 4 x 4 numbers, a rotation and a translation")
+    check_rotation(name, pose[:3, :3])
     return pose
 
 

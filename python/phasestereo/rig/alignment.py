@@ -3,14 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-
-Field: TypeAlias = tuple[list[float], tuple[int, int], int]
-"""A field as the core takes and returns it: its eight coefficients, rows and columns of the image,
-and the column of it that a pair begins with."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,13 +108,3 @@ class Alignment:
         for factor, term in zip(self.coefficients, terms, strict=True):
             total = total + factor * term
         return total
-
-    @property
-    def field(self) -> Field:
-        """The field as the core takes it."""
-        return list(self.coefficients), self.size, 0
-
-
-def applied_field(alignment: Alignment | None) -> Field | None:
-    """Return the field by which the right image is straightened, as the core takes it, if any."""
-    return alignment.field if alignment is not None and alignment.applied else None

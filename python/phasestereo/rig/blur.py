@@ -9,35 +9,32 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phasestereo._tables import as_html
-from phasestereo.rig.photometry import Contrast
 
 Side = Literal["none", "left", "right"]
 BlurKind = Literal["none", "gaussian", "disk", "motion", "annulus", "other"]
 
-Glance: TypeAlias = tuple["NDArray[np.uint32]", "NDArray[np.float32]"]
-"""What the core compares a later pair of the same cameras with."""
 
-_Kernel: TypeAlias = tuple[BlurKind, float, float, "NDArray[np.float64] | None"]
+@dataclass(frozen=True, slots=True, eq=False)
+class Glance:
+    """What a later pair of the same cameras is compared with.
 
-Estimated: TypeAlias = tuple[
-    list[tuple[int, _Kernel, _Kernel | None]],
-    "NDArray[np.uint8]",
-    int,
-    float,
-    float,
-    list[tuple[float, float]],
-    Glance,
-]
-"""An estimate as the core returns it: kinds, labels, tile, certainty, contrast, noise with impulses
-and coding, and glance."""
+    Parameters
+    ----------
+    places
+        uint32 (n, 4): top and left of blocks of the left image, and of those of the right one.
+    excess
+        float32 (m,): the logarithm of the quotient of left and right powers, by part of the image
+        and direction.
+    """
 
-_SIDES: tuple[Side, ...] = ("none", "left", "right")
+    places: NDArray[np.uint32]
+    excess: NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,7 +135,7 @@ class BlurEstimate:
         where too little corresponds.
     reused
         Whether it is of an earlier pair, and was taken over since the blur of this one is as it
-        was: `Matcher.match` with ``before``, and `stream`.
+        was: `phasestereo.Known.before`, and `phasestereo_live.stream`.
     glance
         What a later pair of the same cameras is compared with; None: nothing can be.
     impulses
@@ -203,26 +200,3 @@ class BlurEstimate:
             for length, tiles in zip(size, self.labels.shape, strict=True)
         )
         return self.labels[np.ix_(y, x)]
-
-
-def as_estimate(found: Estimated, curve: Contrast | None) -> BlurEstimate:
-    """Return an estimate of the core, and of how gray levels correspond, as a `BlurEstimate`."""
-    blurs, labels, tile, certainty, contrast, (noise, impulses, coding), glance = found
-    kinds = tuple(
-        Blur(_SIDES[side], *own, other=other and Blur(_SIDES[3 - side], *other))
-        for side, own, other in blurs
-    )
-
-    return BlurEstimate(
-        kinds,
-        labels,
-        tile,
-        certainty,
-        contrast,
-        noise,
-        gain=math.nan if curve is None else curve.gain,
-        gamma=math.nan if curve is None else curve.gamma,
-        impulses=impulses,
-        coding=coding,
-        glance=glance,
-    )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,9 +12,6 @@ from phasestereo import _core
 from phasestereo._images import as_array
 
 Taps = NDArray[np.float32]
-
-Noise: TypeAlias = float | tuple[float, float]
-"""Standard deviations of the noise of both images, or those of the left and of the right one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -78,59 +74,6 @@ class BlurCompensation:
         object.__setattr__(self, "kernels", _as_kernels(self.kernels))
         object.__setattr__(self, "labels", _as_labels(self.labels))
         _core.check_blur_compensation(self)
-
-
-def as_blur_compensation(blur_compensation: BlurCompensation | None) -> BlurCompensation | None:
-    """Return it, or refuse another type.
-
-    Raises
-    ------
-    TypeError
-        If it is no `BlurCompensation`.
-    """
-    if blur_compensation is not None and not isinstance(blur_compensation, BlurCompensation):
-        kind = type(blur_compensation).__name__
-        raise TypeError(f"blur_compensation: got {kind}; accepts BlurCompensation or None")
-    return blur_compensation
-
-
-def compensation_of(
-    noise: Noise | None, blur_compensation: BlurCompensation | None
-) -> BlurCompensation | None:
-    """Return the compensation that a call asks for, if any; of its noise alone, too.
-
-    Raises
-    ------
-    TypeError
-        If an argument has the wrong type.
-    ValueError
-        If both are given, or the noise is out of range.
-    """
-    alone = as_noise(noise, blur_compensation)
-    return blur_compensation if alone is None else BlurCompensation(noise=alone)
-
-
-def as_noise(
-    noise: Noise | None, blur_compensation: BlurCompensation | None
-) -> tuple[float, float] | None:
-    """Return the noise of both images, if a call gives it.
-
-    Raises
-    ------
-    TypeError
-        If an argument has the wrong type.
-    ValueError
-        If both are given.
-    """
-    if as_blur_compensation(blur_compensation) is not None and noise is not None:
-        raise ValueError(
-            f"noise: got {noise!r} beside blur_compensation, which holds it; accepts None"
-        )
-    return None if noise is None else _as_pair(noise)
-
-
-def _as_pair(noise: Noise) -> tuple[float, float]:
-    return noise if isinstance(noise, tuple) else (noise, noise)
 
 
 def _as_kernels(kernels: object) -> tuple[tuple[Taps | None, Taps | None], ...]:

@@ -10,7 +10,7 @@ from phasestereo import _core
 from phasestereo._images import ImageOrPath, Mask, Pixels, as_mask
 from phasestereo._opening import opened_pair
 from phasestereo.rig.blur import BlurEstimate
-from phasestereo.rig.estimates import Estimates, as_estimates
+from phasestereo.rig.estimates import Estimates
 from phasestereo.settings import PRESETS
 
 
@@ -73,6 +73,4 @@ def estimate_pair(
     threads: int | None,
 ) -> Estimates:
     """Estimate of checked images what the default preset does."""
-    asked = PRESETS["robust"]
-    estimated = _core.estimate_pair(pair, masks, search, asked, threads)
-    return as_estimates(estimated, asked, search, None)
+    return _core.estimate_pair(pair, masks, search, PRESETS["robust"], threads)

@@ -5,14 +5,11 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal
 
 from phasestereo._core import DECISIVE_TOPICS
 
 Severity = Literal["ok", "note", "warning"]
-
-Said: TypeAlias = "tuple[str, Severity, str]"
-"""A finding as the core takes and returns it: topic, severity, sentence."""
 
 
 class MatchWarning(UserWarning):
@@ -37,11 +34,6 @@ class Finding:
     topic: str
     severity: Severity
     sentence: str
-
-
-def as_findings(said: Iterable[Said]) -> tuple[Finding, ...]:
-    """Return findings of the core."""
-    return tuple(Finding(*one) for one in said)
 
 
 def untrusted(found: Iterable[Finding]) -> list[Finding]:

@@ -3,15 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
-
-_Both = tuple[float, float]
-
-Measured: TypeAlias = (
-    "tuple[float, tuple[_Both, _Both], _Both, _Both, _Both, tuple[int, int], "
-    "tuple[float, float, float] | None]"
-)
-"""What the core returns: the fields of `Photometry`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,11 +67,3 @@ class Photometry:
     repeated: tuple[float, float]
     fields: tuple[int, int]
     contrast: Contrast | None
-
-
-def as_photometry(measured: Measured) -> Photometry:
-    """Return what the core has measured."""
-    length, (left, right), flat, smeared, repeated, fields, contrast = measured
-    saturation = Saturation(*left), Saturation(*right)
-    curve = None if contrast is None else Contrast(*contrast)
-    return Photometry(length, saturation, flat, smeared, repeated, fields, curve)

@@ -10,17 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 _Plane: TypeAlias = NDArray[np.float32]
-_Point: TypeAlias = tuple[float, float]
-_Camera: TypeAlias = tuple[float, _Point, _Point, list[list[float]], _Point]
-
-RectifiedByCore: TypeAlias = (
-    "tuple[list[_Plane], _Plane, _Plane, tuple[_Camera, _Camera], float, float]"
-)
-"""What the core returns: columns and rows of the left image, then of the right one; disparities,
-rows, cameras, the focal length of the rectified images, and the error of their rows."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rectified:
     """The rectified pair that was matched in place of one that is far from rectified.
 
@@ -49,24 +41,3 @@ class Rectified:
     maps: tuple[tuple[_Plane, _Plane], tuple[_Plane, _Plane]]
     calibration: Mapping[str, NDArray[np.float64]]
     error: float
-
-
-def as_rectified(found: RectifiedByCore | None) -> Rectified | None:
-    """Return what the core found as Python has it."""
-    if found is None:
-        return None
-
-    (left_x, left_y, right_x, right_y), disparity, rows, cameras, focal, error = found
-    calibration = {}
-    for index, (length, center, distortion, rotation, target) in enumerate(cameras, 1):
-        calibration[f"K{index}"] = _intrinsics(length, center)
-        calibration[f"D{index}"] = np.array([*distortion, 0.0, 0.0])
-        calibration[f"R{index}"] = np.array(rotation)
-        calibration[f"P{index}"] = np.column_stack([_intrinsics(focal, target), np.zeros(3)])
-
-    maps = (left_x, left_y), (right_x, right_y)
-    return Rectified(disparity, rows, maps, calibration, error)
-
-
-def _intrinsics(focal: float, center: _Point) -> NDArray[np.float64]:
-    return np.array([[focal, 0, center[0]], [0, focal, center[1]], [0, 0, 1]])

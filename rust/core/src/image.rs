@@ -4,6 +4,7 @@ pub mod blocking;
 pub mod convolution;
 pub mod impulses;
 pub mod intensity;
+pub mod intensity_range;
 pub mod masking;
 pub mod normalization;
 pub mod packing;
@@ -13,3 +14,6 @@ pub mod smoothing;
 pub mod texture;
 pub mod view;
 pub mod window_sums;
+
+/// Largest side of a kernel that an image is convolved with.
+pub const LARGEST_KERNEL: usize = 129;

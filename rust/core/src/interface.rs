@@ -11,15 +11,14 @@ use crate::findings::{self, Finding};
 use crate::image::plane::Plane;
 use crate::pipeline::control::Control;
 use crate::pipeline::footprint::Demand;
-use crate::pipeline::matcher::{self, Disparity, Execution, Pair, Timings, usable_threads};
+use crate::pipeline::matcher::{self, Disparity, Execution, Timings, usable_threads};
+use crate::pipeline::pair::Pair;
 use crate::pipeline::summary::Summary;
-use crate::rig::estimation::rectified::Rectified;
-use crate::rig::estimation::{
-    Estimates, Known, Matched, Means, Prepared, prepare, prepare_and_match,
-};
+use crate::rig::estimation::{Estimates, Known, Means, Prepared, prepare};
 use crate::settings::Settings;
 use crate::simd::Level;
 use crate::verification;
+use crate::whole::{Matched, Rectified, prepare_and_match};
 
 /// Settings, threads and working memory, which are kept from one pair to the next. Any number of threads may use one at the
 /// same time.
@@ -133,11 +132,12 @@ impl Matcher {
 
     /// Judges a disparity map of the left image, in pixels; what is not finite claims nothing. The pair is matched anew.
     pub fn verify(&self, left: Image, right: Image, map: &Plane<f32>) -> Result<Verification> {
-        let (pair, _) = pair(left, right, None)?;
+        let (pair, known) = pair(left, right, None)?;
 
         let control = Control::default();
-        let judged = self
-            .on_threads(&control, |means| verification::verify(pair, map, &self.settings, means))?;
+        let judged = self.on_threads(&control, |means| {
+            verification::verify(pair, map, known, &self.settings, means)
+        })?;
 
         let verification::Verification { verdicts, better, findings, own, prepared, .. } = judged;
         let own = Match::new(Matched { map: own, prepared, rectified: None });

@@ -57,6 +57,7 @@ mod refinement;
 mod rig;
 mod scales;
 mod verification;
+mod whole;
 
 pub use error::{Error, Result};
 pub use findings::{Finding, Severity, Topic};
@@ -68,10 +69,10 @@ pub use pipeline::matcher::Timings;
 pub use pipeline::summary::Summary;
 pub use refinement::flag;
 pub use rig::estimation::Estimates;
-pub use rig::estimation::rectified::Rectified;
 pub use settings::presets::Preset;
 pub use settings::{CostKind, Optimizer, Precision, Settings, Taper};
 pub use verification::verdict;
+pub use whole::Rectified;
 
 macro_rules! open {
     ($($module:ident)*) => {
@@ -91,5 +92,5 @@ macro_rules! open {
 
 open! {
     error findings math settings simd value
-    cost descriptor image optimization pipeline refinement rig scales verification
+    cost descriptor image optimization pipeline refinement rig scales verification whole
 }

@@ -6,6 +6,7 @@ pub mod halo;
 pub mod map;
 pub mod matcher;
 pub mod memory;
+pub mod pair;
 pub mod platform;
 pub mod section;
 pub mod source;

@@ -3,7 +3,7 @@
 pub mod calibration;
 pub mod confidence;
 pub mod filling;
-pub mod guided_median;
+pub mod flag;
 pub mod jumps;
 pub mod left_right_check;
 pub mod median;
@@ -21,55 +21,13 @@ use crate::image::plane::Plane;
 use crate::image::texture::Texture;
 use crate::optimization::evidence::{EvidenceRow, NONE};
 use crate::pipeline::control::Control;
-use crate::refinement::confidence::VotedMap;
+use crate::refinement::confidence::{CostMargin, VotedMap};
 use crate::refinement::filling::fill;
-use crate::refinement::guided_median::guide;
 use crate::refinement::left_right_check::{Checker, Choices};
+use crate::refinement::outlines::Outlines;
 use crate::refinement::speckles::flag_speckles;
 use crate::settings::Settings;
 use crate::simd::{Level, Loop};
-
-/// Why an estimate is missing or not to be trusted; bits of the flags.
-pub mod flag {
-    /// The left pixel is masked: there is no estimate.
-    pub const MASKED: u16 = 1;
-    /// No candidate has a valid pixel in the right image: there is no estimate.
-    pub const NO_CANDIDATE: u16 = 2;
-    /// The match lies outside the right image.
-    pub const OUTSIDE: u16 = 4;
-    /// The match lies on a masked pixel of the right image.
-    pub const MATCH_MASKED: u16 = 8;
-    /// The left pixel is not seen in the right image: its match belongs to another left pixel.
-    pub const OCCLUDED: u16 = 16;
-    /// The match belongs to another left pixel, although the right image sees this one.
-    pub const MISMATCHED: u16 = 32;
-    /// Another candidate costs about as much.
-    pub const LOW_CONFIDENCE: u16 = 64;
-    /// The pixel belongs to a small region that stands out from all around it.
-    pub const SPECKLE: u16 = 128;
-    /// The disparity was filled in from other pixels.
-    pub const FILLED: u16 = 256;
-    /// A disparity elsewhere fits nearly as well.
-    pub const AMBIGUOUS: u16 = 512;
-    /// The disparity is that of a plane, drawn into a flat area without evidence of its own.
-    pub const INFERRED: u16 = 1024;
-    /// The disparity is that of a smaller copy of the pair, which is more likely to be right there. The other flags are
-    /// those of the copy.
-    pub const COARSE: u16 = 2048;
-
-    /// Flags of pixels without an estimate.
-    pub const MISSING: u16 = MASKED | NO_CANDIDATE;
-    /// Flags of pixels whose own estimate is missing or not to be trusted.
-    pub const UNTRUSTED: u16 = MISSING
-        | OUTSIDE
-        | MATCH_MASKED
-        | OCCLUDED
-        | MISMATCHED
-        | LOW_CONFIDENCE
-        | SPECKLE
-        | AMBIGUOUS
-        | INFERRED;
-}
 
 /// Writes disparities, flags and votes of a row from its evidence: what all rows have in common.
 #[derive(Debug, Clone, Copy)]
@@ -262,7 +220,7 @@ impl Draft<'_> {
         let mut spare = None;
         if let (true, Some(texture)) = (settings.guided_median, texture) {
             replace(&mut disparity, &mut spare, |from, to| {
-                guide(from, texture, to, level, control)
+                Outlines::Crisp.draw(from, texture, to, level, control)
             })?;
         }
 
@@ -275,7 +233,7 @@ impl Draft<'_> {
         if let (Some(pair), Some(texture)) = (blurred_pair, texture) {
             replace(&mut disparity, &mut spare, |from, to| pair.redraw(from, to, level, control))?;
             replace(&mut disparity, &mut spare, |from, to| {
-                outlines::draw(from, texture, to, level, control)
+                Outlines::Wide.draw(from, texture, to, level, control)
             })?;
         }
 
@@ -349,30 +307,5 @@ pub fn invalidate(
 
     for (uncertainty, disparity) in uncertainties.into_iter().flatten().zip(disparity) {
         *uncertainty = if disparity.is_nan() { f32::NAN } else { *uncertainty };
-    }
-}
-
-/// The cost margin of a choice: its aggregated cost, and the least one of candidates not next to it, which see the same
-/// match.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct CostMargin {
-    /// Cost of the chosen candidate.
-    pub own: u32,
-    /// Least cost elsewhere; `None`: all candidates are next to it.
-    pub elsewhere: Option<u32>,
-}
-
-impl CostMargin {
-    /// The margin of a choice with this cost, and of candidates elsewhere with at least that cost, or [`NONE`].
-    #[inline(always)]
-    fn new(own: u32, elsewhere: u32) -> Self {
-        Self { own, elsewhere: (elsewhere != NONE).then_some(elsewhere) }
-    }
-
-    /// Whether the cost of the choice is not lower than the least one elsewhere by `percent` of it, at most 100.
-    #[inline(always)]
-    pub fn is_ambiguous(self, percent: u64) -> bool {
-        let own = u64::from(self.own);
-        self.elsewhere.is_some_and(|elsewhere| u64::from(elsewhere) * (100 - percent) < own * 100)
     }
 }

@@ -28,7 +28,8 @@ pub mod ranges;
 pub mod reduction;
 
 use crate::error::Result;
-use crate::pipeline::matcher::{Disparity, Pair};
+use crate::pipeline::matcher::Disparity;
+use crate::pipeline::pair::Pair;
 use crate::pipeline::platform::Instant;
 use crate::pipeline::section::Section;
 use crate::rig::blur::parts::Means;

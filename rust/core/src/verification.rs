@@ -26,7 +26,8 @@ use crate::cost::candidates::Candidates;
 use crate::error::{Error, Result};
 use crate::findings::Finding;
 use crate::image::plane::Plane;
-use crate::pipeline::matcher::{Disparity, Pair};
+use crate::pipeline::matcher::Disparity;
+use crate::pipeline::pair::Pair;
 use crate::rig::estimation::{Known, Means, Prepared, prepare};
 use crate::settings::Settings;
 use crate::verification::claims::Misreading;
@@ -87,6 +88,7 @@ impl Counts {
 pub fn verify(
     pair: Pair,
     map: &Plane<f32>,
+    known: Known,
     settings: &Settings,
     means: Means,
 ) -> Result<Verification> {
@@ -106,7 +108,7 @@ pub fn verify(
 
     // What is judged are the confidences of the own match, so it has some whatever the settings say.
     let settings = Settings { confidence: true, ..settings.clone() };
-    let mut prepared = prepare(pair, Known::default(), &settings, means)?;
+    let mut prepared = prepare(pair, known, &settings, means)?;
     let Means { matcher, how, control } = means;
 
     matcher.install(|| {

@@ -7,23 +7,21 @@ use pyo3::prelude::*;
 use pyo3::types::PyBool;
 
 use super::internal;
-use crate::estimates::{Field, read_field, read_findings};
 use crate::failure::{Failure, Result};
 use crate::reader::{as_packing, as_ranges};
 use crate::settings::read_settings;
 use phasestereo::Error;
-use phasestereo::internals::cost::candidates::Candidates;
 use phasestereo::internals::image::convolution::Kernel;
-use phasestereo::internals::image::intensity;
+use phasestereo::internals::image::intensity_range::IntensityRange;
 use phasestereo::internals::image::packing::Packing;
 use phasestereo::internals::image::plane::{Plane, zeroed};
 use phasestereo::internals::image::texture::{Roughness, Texture};
 use phasestereo::internals::image::view::{Image, Mask, View};
-use phasestereo::internals::pipeline::matcher::{Pair, usable_threads};
+use phasestereo::internals::pipeline::matcher::usable_threads;
+use phasestereo::internals::pipeline::pair::Pair;
 use phasestereo::internals::refinement::calibration::Tally;
-use phasestereo::internals::rig::alignment::Alignment;
+use phasestereo::internals::rig::alignment::{Alignment, TERMS};
 use phasestereo::internals::rig::blur_compensation::{BlurCompensation, check_noise};
-use phasestereo::internals::rig::estimation::Known;
 use phasestereo::internals::settings::presets::Preset;
 use phasestereo::internals::settings::{MOST_DISPARITIES, Settings};
 
@@ -48,11 +46,6 @@ pub fn read_search((min, count): &Both<'_>) -> Result<Disparities> {
     }
 
     Ok(None)
-}
-
-/// The disparities of a pair, unless the range is estimated.
-pub fn candidates_of(pair: &Pair, search: Disparities) -> Option<Candidates> {
-    search.map(|_| pair.candidates())
 }
 
 /// Reads both images, their masks, and (`min_disparity`, `num_disparities`).
@@ -165,39 +158,6 @@ pub fn read_volume<T: Element + Copy + Default>(
     Ok((plane, (rows, cols, count)))
 }
 
-/// What a caller knows of a pair: noise, blur compensation, the field of vertical offsets, whether the right image is
-/// inverted, and what was said about an earlier pair.
-pub type KnownOfPair<'py> =
-    (Bound<'py, PyAny>, Bound<'py, PyAny>, Option<Field>, bool, Vec<(String, String, String)>);
-
-/// Reads what a caller knows of a pair of this size.
-pub fn read_known(
-    (noise, compensation, field, is_inverted, findings): &KnownOfPair<'_>,
-    size: (usize, usize),
-    search: Disparities,
-) -> Result<Known> {
-    let noise = if noise.is_none() {
-        None
-    } else {
-        let (left, right) = both(noise, "noise", "a number, a pair of them, or None")?;
-        Some([check_noise(number(&left, "noise")?)?, check_noise(number(&right, "noise")?)?])
-    };
-
-    let alignment = read_field(*field)?;
-    if alignment.as_ref().is_some_and(|field| field.size() != size) {
-        let accepts = format!("a field for images of {} x {} pixels", size.0, size.1);
-        return Err(Error::value("alignment", "a field for images of another size", accepts).into());
-    }
-
-    let candidates = search.map(|(min, count)| Candidates::new(min, count, size.1)).transpose()?;
-    let compensation = read_blur_compensation(compensation)?;
-    let is_inverted = *is_inverted;
-
-    let findings = read_findings(findings)?;
-
-    Ok(Known { candidates, noise, compensation, alignment, is_inverted, findings })
-}
-
 /// The fields of `phasestereo_large.PairStatistics`: the statistics of a whole pair that the match of its parts needs.
 pub struct Statistics<'py> {
     pub settings: Settings,
@@ -206,7 +166,7 @@ pub struct Statistics<'py> {
     pub is_inverted: bool,
     pub disparities: Both<'py>,
     pub packing: Packing,
-    pub ranges: [Option<intensity::IntensityRange>; 2],
+    pub ranges: [Option<IntensityRange>; 2],
     pub roughness: Option<Roughness>,
     pub tally: Option<Tally>,
 }
@@ -227,7 +187,7 @@ impl<'py> Statistics<'py> {
         Ok(Self {
             settings,
             compensation: read_blur_compensation(&statistics.getattr("blur_compensation")?)?,
-            alignment: read_field(statistics.getattr("field")?.extract()?)?,
+            alignment: read_alignment(&statistics.getattr("alignment")?)?,
             is_inverted: statistics.getattr("is_inverted")?.extract()?,
             disparities: (
                 statistics.getattr("min_disparity")?,
@@ -247,6 +207,19 @@ impl<'py> Statistics<'py> {
     }
 }
 
+/// Reads the fields of `phasestereo.Alignment`; `None` for None, and where it is not applied.
+pub fn read_alignment(alignment: &Bound<'_, PyAny>) -> Result<Option<Alignment>> {
+    if alignment.is_none() || !alignment.getattr("applied")?.is_truthy()? {
+        return Ok(None);
+    }
+
+    let coefficients = alignment.getattr("coefficients")?;
+    let factors: [f64; TERMS] = coefficients.extract().map_err(|_| {
+        wrong_type(&coefficients, "alignment", "eight coefficients, in a tuple of floats")
+    })?;
+    Ok(Some(Alignment::new(factors, alignment.getattr("size")?.extract()?)?))
+}
+
 /// Reads a standard deviation, or None.
 pub fn read_noise(noise: &Bound<'_, PyAny>) -> Result<Option<f64>> {
     if noise.is_none() {
@@ -260,6 +233,10 @@ pub fn read_noise(noise: &Bound<'_, PyAny>) -> Result<Option<f64>> {
 pub fn read_blur_compensation(compensation: &Bound<'_, PyAny>) -> Result<Option<BlurCompensation>> {
     if compensation.is_none() {
         return Ok(None);
+    }
+
+    if !compensation.hasattr("kernels")? {
+        return Err(wrong_type(compensation, "blur_compensation", "BlurCompensation or None"));
     }
 
     let field = |name: &str| compensation.getattr(name);

@@ -4,8 +4,9 @@
 //! writing into them.
 
 mod arguments;
-mod estimates;
 mod failure;
+mod known;
+mod objects;
 mod reader;
 mod settings;
 mod supervisor;
@@ -19,18 +20,16 @@ use ndarray::{Array2, Array3};
 use numpy::{Element, IntoPyArray, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{IntoPyDict, PyDict};
 
 use self::arguments::{
-    Both, KnownOfPair, Statistics, candidates_of, read_blur_compensation, read_images, read_known,
-    read_noise, read_pair, read_preset, read_search, read_view, read_volume,
-};
-use self::estimates::{
-    EstimatesTuple, Field, FindingTuple, GlanceTuple, RectifiedTuple, estimates_to_py,
-    findings_to_py, read_field, read_glance, rectified_to_py,
+    Both, Statistics, read_alignment, read_blur_compensation, read_images, read_noise, read_pair,
+    read_preset, read_search, read_view, read_volume,
 };
 use self::failure::{Failure, Result};
-use self::reader::{Reader, ScaleOfPair, packing_to_py};
+use self::known::{read_before, read_known, read_noise_of_pair};
+use self::objects::{Asked, Matched, Object};
+use self::reader::{Reader, Scale, packing_to_py};
 use self::settings::{Setting, every_setting, read_settings, write_settings};
 use self::supervisor::supervised;
 use self::temporal::{Shared, TemporalFilter};
@@ -49,10 +48,10 @@ use phasestereo::internals::optimization::{BAND, Penalties, optimize};
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::footprint::Demand;
 use phasestereo::internals::pipeline::halo::Halo;
-use phasestereo::internals::pipeline::matcher::{Disparity, Execution, Matcher, Pair, on_threads};
+use phasestereo::internals::pipeline::matcher::{Disparity, Execution, Matcher, on_threads};
+use phasestereo::internals::pipeline::pair::Pair;
 use phasestereo::internals::pipeline::section::Section;
 use phasestereo::internals::pipeline::source;
-use phasestereo::internals::pipeline::summary::Summary;
 use phasestereo::internals::refinement::calibration::{Tally, sampled};
 use phasestereo::internals::refinement::flag;
 use phasestereo::internals::rig::alignment::Alignment;
@@ -60,13 +59,17 @@ use phasestereo::internals::rig::blur;
 use phasestereo::internals::rig::blur_compensation::MOST_CLASSES;
 use phasestereo::internals::rig::estimation::compensation_plan::{LARGER, MUCH_LARGER};
 use phasestereo::internals::rig::estimation::overview::LEAST_SIZE;
-use phasestereo::internals::rig::estimation::{
-    Known, Matched as MatchedPair, Means, Prepared, prepare, prepare_and_match, prepare_by_rows,
-};
+use phasestereo::internals::rig::estimation::{Means, Prepared, prepare, prepare_by_rows};
 use phasestereo::internals::settings::presets::Preset;
 use phasestereo::internals::settings::{MOST_DISPARITIES, Settings};
 use phasestereo::internals::simd::Level;
 use phasestereo::internals::verification::verdict;
+use phasestereo::internals::whole::{self, prepare_and_match};
+
+/// Constants of a module, each with its name.
+macro_rules! named {
+    ($module:ident: $($name:ident),*) => { [$((stringify!($name), $module::$name)),*] };
+}
 
 /// `phasestereo._core`: see the stub beside the Python modules for what each function takes and returns.
 ///
@@ -77,17 +80,16 @@ use phasestereo::internals::verification::verdict;
 #[pymodule(gil_used = false)]
 mod _core {
     use super::{
-        BAND, Bound, LARGER, LEAST_SIZE, MOST_CLASSES, MOST_DISPARITIES, MUCH_LARGER, Preset,
-        PyDict, PyDictMethods, PyModule, PyModuleMethods, Result, Topic, every_setting, flag,
-        verdict, warm_up,
+        BAND, Bound, IntoPyDict, LARGER, LEAST_SIZE, MOST_CLASSES, MOST_DISPARITIES, MUCH_LARGER,
+        Preset, PyModule, PyModuleMethods, Result, Topic, every_setting, flag, verdict, warm_up,
     };
 
     #[pymodule_export]
     use super::{
-        Setting, TemporalFilter, Workers, aggregate_volume, blur_is_as_before,
-        check_blur_compensation, check_settings, cost_volume, descriptor, estimate_pair,
-        estimate_pair_by_rows, find_roughness, find_scale, halo, match_pair, match_raw, match_rows,
-        optimize_volume, preset, rows_to_tally, simd_level, verify_map, working_memory,
+        Scale, Setting, TemporalFilter, Workers, aggregate_volume, check_blur_compensation,
+        check_noise, check_settings, cost_volume, descriptor, estimate_pair, estimate_pair_by_rows,
+        find_roughness, find_scale, halo, match_pair, match_raw, match_rows, optimize_volume,
+        preset, rows_to_tally, simd_level, verify_map, working_memory,
     };
 
     #[pymodule_init]
@@ -107,27 +109,14 @@ mod _core {
         let decisive = Topic::ALL.into_iter().filter(|topic| topic.is_decisive());
         module.add("DECISIVE_TOPICS", decisive.map(Topic::name).collect::<Vec<_>>())?;
 
-        let flags = PyDict::new(module.py());
-        flags.set_item("MASKED", flag::MASKED)?;
-        flags.set_item("NO_CANDIDATE", flag::NO_CANDIDATE)?;
-        flags.set_item("OUTSIDE", flag::OUTSIDE)?;
-        flags.set_item("MATCH_MASKED", flag::MATCH_MASKED)?;
-        flags.set_item("OCCLUDED", flag::OCCLUDED)?;
-        flags.set_item("MISMATCHED", flag::MISMATCHED)?;
-        flags.set_item("LOW_CONFIDENCE", flag::LOW_CONFIDENCE)?;
-        flags.set_item("AMBIGUOUS", flag::AMBIGUOUS)?;
-        flags.set_item("SPECKLE", flag::SPECKLE)?;
-        flags.set_item("FILLED", flag::FILLED)?;
-        flags.set_item("INFERRED", flag::INFERRED)?;
-        flags.set_item("COARSE", flag::COARSE)?;
-        module.add("FLAGS", flags)?;
+        let flags = named!(
+            flag: MASKED, NO_CANDIDATE, OUTSIDE, MATCH_MASKED, OCCLUDED, MISMATCHED, LOW_CONFIDENCE,
+            AMBIGUOUS, SPECKLE, FILLED, INFERRED, COARSE
+        );
+        module.add("FLAGS", flags.into_py_dict(module.py())?)?;
 
-        let verdicts = PyDict::new(module.py());
-        verdicts.set_item("NO_CLAIM", verdict::NO_CLAIM)?;
-        verdicts.set_item("UNKNOWN", verdict::UNKNOWN)?;
-        verdicts.set_item("SUPPORTED", verdict::SUPPORTED)?;
-        verdicts.set_item("REFUTED", verdict::REFUTED)?;
-        Ok(module.add("VERDICTS", verdicts)?)
+        let verdicts = named!(verdict: NO_CLAIM, UNKNOWN, SUPPORTED, REFUTED);
+        Ok(module.add("VERDICTS", verdicts.into_py_dict(module.py())?)?)
     }
 }
 
@@ -164,35 +153,14 @@ fn check_blur_compensation(compensation: &Bound<'_, PyAny>) -> Result<()> {
     read_blur_compensation(compensation).map(drop)
 }
 
-/// Disparity, flags, confidence and uncertainty if they were computed, and timings of a pair.
-type Matched<'py> = (
-    Bound<'py, PyArray2<f32>>,
-    Bound<'py, PyArray2<u16>>,
-    Option<Bound<'py, PyArray2<f32>>>,
-    Option<Bound<'py, PyArray2<f32>>>,
-    Bound<'py, PyDict>,
-);
-
-/// How many frames support each disparity, and seconds.
-type SupportTuple<'py> = (Bound<'py, PyArray2<u8>>, f64);
-
-/// The shares of pixels with an estimate, flagged, at the least and at the largest disparity; mean confidence; the
-/// estimated share of wrong pixels; the shares decided by smaller copies and by planes; the detail where copies decided.
-type SummaryTuple = (f64, f64, f64, f64, f64, f64, f64, f64, f64);
-
-/// The map, its summary, the estimates, what a temporal filter gives, findings on the match, and what became of a pair that had
-/// to be rectified.
-type WholeTuple<'py> = (
-    Matched<'py>,
-    SummaryTuple,
-    EstimatesTuple<'py>,
-    Option<SupportTuple<'py>>,
-    Vec<FindingTuple>,
-    Option<RectifiedTuple<'py>>,
-);
+/// Refuses a wrong `known.noise`.
+#[pyfunction]
+fn check_noise(noise: &Bound<'_, PyAny>) -> Result<()> {
+    read_noise_of_pair(noise).map(drop)
+}
 
 /// A whole default match in one call: estimates what the pair lacks, matches the pair, summarizes the map, and says what
-/// was found.
+/// was found. The result has no images.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "arguments that Python names")]
 fn match_pair<'py>(
@@ -200,77 +168,47 @@ fn match_pair<'py>(
     images: Both<'py>,
     masks: Both<'py>,
     disparities: Both<'py>,
-    settings: &Bound<'py, PyAny>,
+    settings: Object<'py>,
     threads: &Bound<'py, PyAny>,
     progress: Option<Bound<'py, PyAny>>,
-    known: KnownOfPair<'py>,
+    known: Object<'py>,
     temporal: Option<PyRef<'py, TemporalFilter>>,
-) -> Result<WholeTuple<'py>> {
-    let settings = read_settings(settings)?;
+) -> Result<Object<'py>> {
+    let asked = read_settings(&settings)?;
     let search = read_search(&disparities)?;
     let pair = read_images(&images, &masks, search)?;
-    let known = read_known(&known, pair.size(), search)?;
+    let size = pair.size();
+
+    let before = read_before(&known, size, search, &asked)?;
+    let told = read_known(&known, size, search)?;
 
     let pool = Pool::for_argument(threads)?;
-    let size = pair.size();
-    let how = Execution { threads: pool.threads(), level: Level::best() };
     let filter = temporal.map(|filter| filter.shared());
-    let (matched, summary, support, findings) =
-        supervised(py, &pool, size.0, progress, move |matcher, control| {
-            let means = Means { matcher, how, control };
-            let mut matched = prepare_and_match(pair, known, &settings, means)?;
+    let (matched, is_as_before) = supervised(py, &pool, size.0, progress, move |means| {
+        let is_as_before =
+            before.as_ref().map_or(Ok(false), |before| before.holds(&pair, means))?;
+        let (known, settings) = match before {
+            Some(before) if is_as_before => (before.known, before.settings),
+            _ => (told, asked),
+        };
+        let mut whole = prepare_and_match(pair, known, &settings, means)?;
 
-            let MatchedPair { map, prepared, rectified } = &mut matched;
-            let apply = |filter: Shared| {
-                temporal::apply(&filter, &prepared.pair, &prepared.settings, map, means)
-            };
-            // The pair of a map of raw images is another one, and its cameras are estimated anew for each frame.
-            let filter = filter.filter(|_| rectified.is_none());
-            let support = filter.map(apply).transpose()?;
+        // The map of a pair that was rectified is one of other pixels, and its cameras are those of a single frame.
+        let filter = filter.filter(|_| whole.rectified.is_none());
+        let whole::Matched { map, prepared, .. } = &mut whole;
+        let apply = |filter: Shared| {
+            temporal::apply(&filter, &prepared.pair, &prepared.settings, map, means)
+        };
+        let support = filter.map(apply).transpose()?;
 
-            let summary = matched.summary();
-            let findings = findings::of_match(&matched.prepared.estimates, &summary, size);
-            Ok((matched, summary, support, findings))
-        })?;
+        let summary = whole.summary();
+        let whole::Matched { map, prepared: Prepared { estimates, .. }, rectified } = whole;
+        let findings = findings::of_match(&estimates, &summary, size);
+        Ok((Matched { map, summary, estimates, support, findings, rectified }, is_as_before))
+    })?;
 
-    let MatchedPair { map, prepared: Prepared { estimates, .. }, rectified } = matched;
-    let summary = summary_to_py(summary);
-    let support = support.map(|(frames, time)| Ok::<_, PyErr>((wrap(py, frames)?, time)));
-    let (map, estimates) = (disparity_to_py(py, map)?, estimates_to_py(py, estimates)?);
-    let rectified = rectified.map(|rectified| rectified_to_py(py, rectified)).transpose()?;
-    Ok((map, summary, estimates, support.transpose()?, findings_to_py(findings), rectified))
-}
-
-fn summary_to_py(summary: Summary) -> SummaryTuple {
-    let Summary {
-        estimated,
-        flagged,
-        at_low,
-        at_high,
-        confidence,
-        wrong,
-        coarse,
-        inferred,
-        detail,
-        ..
-    } = summary;
-    (estimated, flagged, at_low, at_high, confidence, wrong, coarse, inferred, detail)
-}
-
-fn disparity_to_py(py: Python<'_>, map: Disparity) -> Result<Matched<'_>> {
-    let Disparity { disparity, flags, confidence, uncertainty, timings: times, .. } = map;
-
-    let timings = PyDict::new(py);
-    timings.set_item("description", times.description.as_secs_f64())?;
-    timings.set_item("matching", times.matching.as_secs_f64())?;
-    timings.set_item("refinement", times.refinement.as_secs_f64())?;
-    if !times.scales.is_zero() {
-        timings.set_item("scales", times.scales.as_secs_f64())?;
-    }
-
-    let confidence = confidence.map(|plane| wrap(py, plane)).transpose()?;
-    let uncertainty = uncertainty.map(|plane| wrap(py, plane)).transpose()?;
-    Ok((wrap(py, disparity)?, wrap(py, flags)?, confidence, uncertainty, timings))
+    let asked = Asked { settings, known, is_searched: search.is_some(), is_as_before };
+    objects::result(py, matched, &asked)
 }
 
 /// The estimates of a pair, without a match.
@@ -280,47 +218,23 @@ fn estimate_pair<'py>(
     images: Both<'py>,
     masks: Both<'py>,
     disparities: Both<'py>,
-    settings: &Bound<'py, PyAny>,
+    settings: Object<'py>,
     threads: &Bound<'py, PyAny>,
-) -> Result<EstimatesTuple<'py>> {
-    let settings = read_settings(settings)?;
+) -> Result<Object<'py>> {
+    let asked = read_settings(&settings)?;
     let search = read_search(&disparities)?;
     let pair = read_images(&images, &masks, search)?;
 
-    let known = Known { candidates: candidates_of(&pair, search), ..Known::default() };
+    let known = py.None().into_bound(py);
+    let told = read_known(&known, pair.size(), search)?;
 
-    let pool = Pool::for_argument(threads)?;
-    let rows = pair.size().0;
-    let how = Execution { threads: pool.threads(), level: Level::best() };
-    let estimates = supervised(py, &pool, rows, None, move |matcher, control| {
-        let means = Means { matcher, how, control };
-        Ok(prepare(pair, known, &settings, means)?.estimates)
+    let (pool, rows) = (Pool::for_argument(threads)?, pair.size().0);
+    let estimates = supervised(py, &pool, rows, None, move |means| {
+        Ok(prepare(pair, told, &asked, means)?.estimates)
     })?;
 
-    estimates_to_py(py, estimates)
-}
-
-/// Whether the blur is that of an earlier glance.
-#[pyfunction]
-fn blur_is_as_before<'py>(
-    py: Python<'py>,
-    images: Both<'py>,
-    masks: Both<'py>,
-    glance: GlanceTuple<'py>,
-    impulses: [f64; 2],
-    threads: &Bound<'py, PyAny>,
-) -> Result<bool> {
-    let pair = read_images(&images, &masks, None)?;
-    let before = read_glance(glance)?;
-
-    let pool = Pool::for_argument(threads)?;
-    let rows = pair.size().0;
-    let how = Execution { threads: pool.threads(), level: Level::best() };
-    supervised(py, &pool, rows, None, move |matcher, control| {
-        let packing = Packing::of_views(pair.views(), control)?;
-        let pair = pair.packed(&packing).with_impulses(impulses);
-        blur::is_as_before(&pair, &before, matcher, how, control)
-    })
+    let is_searched = search.is_some();
+    objects::estimates(py, estimates, &Asked { settings, known, is_searched, is_as_before: false })
 }
 
 /// The estimates of a pair that is read by rows.
@@ -331,25 +245,25 @@ fn estimate_pair_by_rows<'py>(
     read: Bound<'py, PyAny>,
     size: (usize, usize),
     disparities: Both<'py>,
-    settings: &Bound<'py, PyAny>,
-    scale: Option<ScaleOfPair>,
+    settings: Object<'py>,
+    scale: &Scale,
     threads: &Bound<'py, PyAny>,
-    known: KnownOfPair<'py>,
-) -> Result<EstimatesTuple<'py>> {
-    let settings = read_settings(settings)?;
+    known: Object<'py>,
+) -> Result<Object<'py>> {
+    let asked = read_settings(&settings)?;
     let search = read_search(&disparities)?;
-    let known = read_known(&known, size, search)?;
-    let reader = Reader::new(read, size, search, scale)?;
+    let told = read_known(&known, size, search)?;
+    let reader = Reader::new(read, size, search, Some(scale))?;
 
     let pool = Pool::for_argument(threads)?;
-    let how = Execution { threads: pool.threads(), level: Level::best() };
     let source = Arc::clone(&reader);
-    let estimates = supervised(py, &pool, size.0, None, move |matcher, control| {
-        let means = Means { matcher, how, control };
-        prepare_by_rows(&*source, known, &settings, means)
+    let estimates = supervised(py, &pool, size.0, None, move |means| {
+        prepare_by_rows(&*source, told, &asked, means)
     });
 
-    estimates_to_py(py, estimates.map_err(|failure| reader.reason(failure))?)
+    let estimates = estimates.map_err(|failure| reader.reason(failure))?;
+    let is_searched = search.is_some();
+    objects::estimates(py, estimates, &Asked { settings, known, is_searched, is_as_before: false })
 }
 
 /// How a pair is packed that is read by rows, and the ranges of its pixels if the match needs them; `images` and `masks`
@@ -363,31 +277,32 @@ fn find_scale(
     size: (usize, usize),
     disparities: Both<'_>,
     settings: &Bound<'_, PyAny>,
-) -> Result<ScaleOfPair> {
+) -> Result<Scale> {
     let settings = read_settings(settings)?;
     let search = read_search(&disparities)?;
     let first = read_images(&images, &masks, search)?;
 
     let (reader, row) = (Reader::new(read.clone(), size, search, None)?, first.clone());
     let source = Arc::clone(&reader);
-    let found = supervised(py, &Pool::new(1)?, size.0, None, move |_, control| {
-        source::packing(&row, &*source, control)
+    let found = supervised(py, &Pool::new(1)?, size.0, None, move |means| {
+        source::packing(&row, &*source, means.control)
     });
     let packing = found.map_err(|failure| reader.reason(failure))?;
 
-    let packed = packing_to_py(packing);
+    let packed = Scale { packing: packing_to_py(packing), ranges: None };
     if !source::needs_ranges(&first.packed(&packing), &settings) {
-        return Ok((packed, None));
+        return Ok(packed);
     }
 
-    let reader = Reader::new(read, size, search, Some((packed, None)))?;
+    let reader = Reader::new(read, size, search, Some(&packed))?;
     let source = Arc::clone(&reader);
-    let found = supervised(py, &Pool::new(1)?, size.0, None, move |_, control| {
-        source::ranges(&*source, control)
+    let found = supervised(py, &Pool::new(1)?, size.0, None, move |means| {
+        source::ranges(&*source, means.control)
     });
 
     let [left, right] = found.map_err(|failure| reader.reason(failure))?;
-    Ok((packed, Some(((left.black, left.white), (right.black, right.white)))))
+    let ranges = Some(((left.black, left.white), (right.black, right.white)));
+    Ok(Scale { ranges, ..packed })
 }
 
 /// The roughness of a left image that is read by rows: a sum of differences, and their number.
@@ -397,13 +312,13 @@ fn find_roughness(
     read: Bound<'_, PyAny>,
     size: (usize, usize),
     disparities: Both<'_>,
-    scale: Option<ScaleOfPair>,
+    scale: &Scale,
     impulses: f64,
 ) -> Result<(u64, u64)> {
-    let reader = Reader::new(read, size, read_search(&disparities)?, scale)?;
+    let reader = Reader::new(read, size, read_search(&disparities)?, Some(scale))?;
     let source = Arc::clone(&reader);
-    let found = supervised(py, &Pool::new(1)?, size.0, None, move |_, control| {
-        source::roughness(&*source, impulses, Level::best(), control)
+    let found = supervised(py, &Pool::new(1)?, size.0, None, move |means| {
+        source::roughness(&*source, impulses, means.how.level, means.control)
     });
 
     let Roughness { sum, pairs } = found.map_err(|failure| reader.reason(failure))?;
@@ -415,11 +330,11 @@ fn find_roughness(
 fn halo(
     settings: &Bound<'_, PyAny>,
     compensation: &Bound<'_, PyAny>,
-    alignment: Option<Field>,
+    alignment: &Bound<'_, PyAny>,
 ) -> Result<(usize, usize)> {
     let settings = read_settings(settings)?;
     let compensation = read_blur_compensation(compensation)?;
-    let field = read_field(alignment)?;
+    let field = read_alignment(alignment)?;
 
     let halo = Halo::new(&settings, compensation.as_ref(), field.as_ref());
     Ok((halo.rows(), halo.masked))
@@ -461,7 +376,7 @@ fn match_rows<'py>(
     rows: (usize, usize),
     threads: &Bound<'py, PyAny>,
     progress: Option<Bound<'py, PyAny>>,
-) -> Result<Matched<'py>> {
+) -> Result<Object<'py>> {
     let whole = Statistics::read(statistics)?;
     if whole.tally.is_none() && whole.settings.needs_confidence() {
         let accepts = "the tally of the whole pair, with these settings";
@@ -470,7 +385,7 @@ fn match_rows<'py>(
 
     let part = PartOfPair::new(&images, &masks, whole, first, rows)?;
     let found = part.matched(py, threads, progress, Matcher::match_rows)?;
-    disparity_to_py(py, found)
+    objects::result_of_rows(found, statistics)
 }
 
 /// Sums over rows of a map that its confidences depend on: confidences in steps, their number,
@@ -493,7 +408,7 @@ fn match_raw<'py>(
     first: usize,
     rows: (usize, usize),
     threads: &Bound<'py, PyAny>,
-) -> Result<(Matched<'py>, TallyTuple)> {
+) -> Result<(Object<'py>, TallyTuple)> {
     let whole = Statistics::read(statistics)?;
     let part = PartOfPair::new(&images, &masks, whole, first, rows)?;
     let candidates = part.pair.candidates();
@@ -503,7 +418,9 @@ fn match_raw<'py>(
     let (disparity, flags) = (found.disparity.as_slice(), found.flags.as_slice());
     let Tally { confidence, own, failed, ends, pixels } =
         Tally::new(confidence, disparity, flags, candidates);
-    Ok((disparity_to_py(py, found)?, (confidence, own, failed, ends, pixels)))
+
+    let tally = (confidence, own, failed, ends, pixels);
+    Ok((objects::result_of_rows(found, statistics)?, tally))
 }
 
 /// Rows of a pair, and those around them, that are matched by themselves.
@@ -560,11 +477,11 @@ impl PartOfPair {
         let Self { pair, field, section, settings } = self;
 
         let pool = Pool::for_argument(threads)?;
-        let how = Execution { threads: pool.threads(), level: Level::best() };
         // Progress counts the rows that are chosen, which are more than those wanted.
         let halo = Halo::new(&settings, pair.blur_compensation(), None).map;
         let chosen = section.widened(halo, &pair).len();
-        supervised(py, &pool, chosen, progress, move |matcher, control| {
+        supervised(py, &pool, chosen, progress, move |means| {
+            let Means { matcher, how, control } = means;
             let pair = match &field {
                 Some(field) => pair.straightened(field, how.level, control)?,
                 None => pair,
@@ -589,8 +506,8 @@ fn descriptor<'py>(
     view.check("image")?;
     let rows = view.image.shape().0;
 
-    let codes = supervised(py, &Pool::for_argument(threads)?, rows, None, move |_, control| {
-        let level = Level::best();
+    let codes = supervised(py, &Pool::for_argument(threads)?, rows, None, move |means| {
+        let Means { how: Execution { level, .. }, control, .. } = means;
         let view = Packing::of_views([&view, &view], control)?.packed(view, 0);
         describe(&Gray::new(&view, level, control)?, &settings, noise, level, control)
     })?;
@@ -617,8 +534,8 @@ fn cost_volume<'py>(
     let pair = pair.with_blur_compensation(read_blur_compensation(compensation)?);
 
     let ((rows, cols), count) = (pair.size(), pair.candidates().count());
-    let costs = supervised(py, &Pool::for_argument(threads)?, rows, None, move |_, control| {
-        let level = Level::best();
+    let costs = supervised(py, &Pool::for_argument(threads)?, rows, None, move |means| {
+        let Means { how: Execution { level, .. }, control, .. } = means;
         let packing = Packing::of_views(pair.views(), control)?;
         let pair = pair.packed(&packing);
         let (views, candidates) = (pair.views(), pair.candidates());
@@ -641,8 +558,8 @@ fn aggregate_volume<'py>(
     let (costs, (rows, cols, count)) = read_volume(costs, "costs")?;
     let window = Window::new((rows, cols), count, &settings, u16::MAX);
 
-    let aggregated = supervised(py, &Pool::new(1)?, rows, None, move |_, control| {
-        aggregate(&costs, window, Level::best(), control)
+    let aggregated = supervised(py, &Pool::new(1)?, rows, None, move |means| {
+        aggregate(&costs, window, means.how.level, means.control)
     })?;
 
     let array = Array3::from_shape_vec((rows, cols, count), aggregated.into_vec());
@@ -661,8 +578,8 @@ fn optimize_volume<'py>(
     let (costs, (rows, _, count)) = read_volume(costs, "costs")?;
     let penalties = Penalties { p1, p2 };
 
-    let chosen = supervised(py, &Pool::new(1)?, rows, None, move |_, control| {
-        optimize(&costs, count, settings.optimizer, penalties, Level::best(), control)
+    let chosen = supervised(py, &Pool::new(1)?, rows, None, move |means| {
+        optimize(&costs, count, settings.optimizer, penalties, means.how.level, means.control)
     })?;
 
     wrap(py, chosen)

@@ -9,9 +9,9 @@ use crate::arguments::{Both, Disparities, read_images};
 use crate::failure::{Failure, Result};
 use phasestereo::Error;
 use phasestereo::internals::cost::candidates::Candidates;
-use phasestereo::internals::image::intensity;
+use phasestereo::internals::image::intensity_range::IntensityRange;
 use phasestereo::internals::image::packing::{Integers, Packing};
-use phasestereo::internals::pipeline::matcher::Pair;
+use phasestereo::internals::pipeline::pair::Pair;
 use phasestereo::internals::pipeline::source::Source;
 
 /// A callable `read(first, last)` that returns ((left, right), masks) of these rows, as [`read_images`] takes them.
@@ -22,7 +22,7 @@ pub struct Reader {
     candidates: Candidates,
     /// How pixels are packed; `None`: they stay as they are read.
     packing: Option<Packing>,
-    ranges: [Option<intensity::IntensityRange>; 2],
+    ranges: [Option<IntensityRange>; 2],
     /// The exception that the callable raised.
     raised: Mutex<Option<Failure>>,
 }
@@ -35,7 +35,14 @@ pub type Ranges = ((f64, f64), (f64, f64));
 pub type PackingTuple = (f64, u32, bool, bool);
 
 /// The scale of a whole pair that its parts take.
-pub type ScaleOfPair = (PackingTuple, Option<Ranges>);
+#[pyclass(module = "phasestereo._core", frozen, get_all)]
+#[derive(Debug)]
+pub struct Scale {
+    /// How its pixels are packed.
+    pub packing: PackingTuple,
+    /// Where they lie, if the match needs it.
+    pub ranges: Option<Ranges>,
+}
 
 impl Reader {
     /// A reader of a pair of so many rows and columns.
@@ -43,13 +50,13 @@ impl Reader {
         read: Bound<'_, PyAny>,
         size: (usize, usize),
         search: Disparities,
-        scale: Option<ScaleOfPair>,
+        scale: Option<&Scale>,
     ) -> phasestereo::Result<Arc<Self>> {
         let (min, count) = search.unwrap_or((0, 1));
         let candidates = Candidates::new(min, count, size.1)?;
 
-        let packing = scale.map(|(packing, _)| as_packing(packing));
-        let ranges = as_ranges(scale.and_then(|(_, ranges)| ranges));
+        let packing = scale.map(|scale| as_packing(scale.packing));
+        let ranges = as_ranges(scale.and_then(|scale| scale.ranges));
         let (read, raised) = (read.unbind(), Mutex::default());
         Ok(Arc::new(Self { read, size, search, candidates, packing, ranges, raised }))
     }
@@ -112,7 +119,7 @@ pub fn packing_to_py(Packing { integers, is_gray: [left, right] }: Packing) -> P
 }
 
 /// The ranges of both images for the core.
-pub fn as_ranges(ranges: Option<Ranges>) -> [Option<intensity::IntensityRange>; 2] {
-    let range = |(black, white)| Some(intensity::IntensityRange { black, white });
+pub fn as_ranges(ranges: Option<Ranges>) -> [Option<IntensityRange>; 2] {
+    let range = |(black, white)| Some(IntensityRange { black, white });
     ranges.map_or([None; 2], |(left, right)| [range(left), range(right)])
 }

@@ -11,7 +11,9 @@ use crate::failure::{Failure, Result};
 use crate::workers::Pool;
 
 use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::matcher::Matcher;
+use phasestereo::internals::pipeline::matcher::{Execution, Matcher};
+use phasestereo::internals::rig::estimation::Means;
+use phasestereo::internals::simd::Level;
 
 /// How often a running call checks for Ctrl-C and reports its progress.
 const TICK: Duration = Duration::from_millis(50);
@@ -25,10 +27,11 @@ pub fn supervised<T: Send + 'static>(
     pool: &Arc<Pool>,
     rows: usize,
     progress: Option<Bound<'_, PyAny>>,
-    work: impl FnOnce(&Matcher, &Control) -> phasestereo::Result<T> + Send + 'static,
+    work: impl FnOnce(Means<'_>) -> phasestereo::Result<T> + Send + 'static,
 ) -> Result<T> {
     let progress = progress.map(Bound::unbind);
     let control = Arc::new(Control::default());
+    let how = Execution { threads: pool.threads(), level: Level::best() };
 
     let report = |py: Python<'_>| -> Result<()> {
         py.check_signals()?;
@@ -49,6 +52,8 @@ pub fn supervised<T: Send + 'static>(
             }
         };
 
+        let work =
+            move |matcher: &Matcher, control: &Control| work(Means { matcher, how, control });
         let finished = turn.start(&control, work);
         loop {
             match finished.recv_timeout(TICK) {

@@ -1,12 +1,14 @@
 //! What one call of Python carries over to the next one: the temporal filter of a video.
 
 use std::sync::{Arc, Mutex, PoisonError, TryLockError};
+use std::time::Duration;
 
 use pyo3::prelude::*;
 
 use phasestereo::Error;
 use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::pipeline::matcher::{Disparity, Pair};
+use phasestereo::internals::pipeline::matcher::Disparity;
+use phasestereo::internals::pipeline::pair::Pair;
 use phasestereo::internals::pipeline::platform::Instant;
 use phasestereo::internals::pipeline::temporal::TemporalFilter as Filter;
 use phasestereo::internals::rig::estimation::Means;
@@ -36,14 +38,14 @@ impl TemporalFilter {
 }
 
 /// Filters the map of the next frame on the threads of a matcher; returns how many frames support each disparity, and
-/// seconds.
+/// the time.
 pub fn apply(
     filter: &Shared,
     pair: &Pair,
     settings: &Settings,
     map: &mut Disparity,
     means: Means,
-) -> phasestereo::Result<(Plane<u8>, f64)> {
+) -> phasestereo::Result<(Plane<u8>, Duration)> {
     let started = Instant::now();
 
     // The lock is not waited for: frames come one after another, and in a forked child the holder may not exist.
@@ -59,5 +61,5 @@ pub fn apply(
     let Means { matcher, how, control } = means;
     let filter = &mut *held;
     let frames = matcher.install(|| filter.apply(pair, settings, map, how.level, control))?;
-    Ok((frames, started.elapsed().as_secs_f64()))
+    Ok((frames, started.elapsed()))
 }

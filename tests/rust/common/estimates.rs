@@ -2,7 +2,8 @@
 
 use phasestereo::internals::error::Result;
 use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::matcher::{Execution, Matcher, Pair};
+use phasestereo::internals::pipeline::matcher::{Execution, Matcher};
+use phasestereo::internals::pipeline::pair::Pair;
 use phasestereo::internals::pipeline::source::Source;
 use phasestereo::internals::rig::blur::Estimate;
 use phasestereo::internals::rig::estimation::{Known, Means, prepare, prepare_by_rows};

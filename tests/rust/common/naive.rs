@@ -15,7 +15,8 @@ use phasestereo::internals::image::texture::Texture;
 use phasestereo::internals::image::view::View;
 use phasestereo::internals::optimization::Penalties;
 use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::matcher::{Disparity, Pair};
+use phasestereo::internals::pipeline::matcher::Disparity;
+use phasestereo::internals::pipeline::pair::Pair;
 use phasestereo::internals::refinement::calibration::Weights;
 use phasestereo::internals::refinement::confidence::VotedMap;
 use phasestereo::internals::refinement::flag;
@@ -436,7 +437,7 @@ fn refined(
     }
 
     if settings.guided_median {
-        disparity = reference::guide(&disparity, &texture.gray);
+        disparity = reference::outline(&disparity, &texture.gray, false);
     }
 
     if settings.median > 0 {
@@ -450,7 +451,7 @@ fn refined(
 
     if is_explained {
         disparity = synthesized(&disparity, pair, settings);
-        disparity = reference::outline(&disparity, &texture.gray, texture.roughness);
+        disparity = reference::outline(&disparity, &texture.gray, true);
     }
 
     if settings.subpixel {

@@ -6,10 +6,10 @@ use std::sync::{Mutex, PoisonError};
 use ndarray::{Array3, s};
 use phasestereo::internals::cost::candidates::Candidates;
 use phasestereo::internals::error::{Error, Result};
-use phasestereo::internals::image::intensity;
+use phasestereo::internals::image::intensity_range::IntensityRange;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::view::{Image, View};
-use phasestereo::internals::pipeline::matcher::Pair;
+use phasestereo::internals::pipeline::pair::Pair;
 use phasestereo::internals::pipeline::source::Source;
 
 /// A pair in memory that gives at most so many rows at a time, with a record of what was read.
@@ -64,11 +64,7 @@ pub fn part(pair: &Pair, rows: &Range<usize>) -> Pair {
 }
 
 /// Some rows of a pair, with these ranges and the blur compensation of the whole.
-pub fn known_part(
-    pair: &Pair,
-    rows: &Range<usize>,
-    ranges: [intensity::IntensityRange; 2],
-) -> Pair {
+pub fn known_part(pair: &Pair, rows: &Range<usize>, ranges: [IntensityRange; 2]) -> Pair {
     let compensation = pair
         .blur_compensation()
         .cloned()

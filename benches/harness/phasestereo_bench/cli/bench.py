@@ -29,6 +29,7 @@ app = App(
 app.command(bench_paper.paper)
 app.command(bench_middlebury.middlebury)
 app.command(bench_blur.blur)
+app.command(bench_middlebury.choices)
 app.command(bench_confidence.confidence)
 app.command(bench_range.range_, name="range")
 app.command(bench_recordings.recordings)

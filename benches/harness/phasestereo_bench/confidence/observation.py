@@ -132,15 +132,13 @@ def observed(pair: Pair, *, preset: str = "robust", **search: Any) -> dict[str, 
     options = {"preset": preset, "confidence": True, **search}
     statistics = pair_statistics(read, size, threads=1, **options)
     images = np.ascontiguousarray(pair.left), np.ascontiguousarray(pair.right)
-    (disparity, flags, confidence, _, _), _ = match_raw(
-        images, (None, None), statistics, 0, (0, size[0]), 1
-    )
-    assert confidence is not None  # noqa: S101 - they were asked for
+    found, _ = match_raw(images, (None, None), statistics, 0, (0, size[0]), 1)
+    assert found.confidence is not None  # noqa: S101 - they were asked for
 
-    counted = pair.masks["nonocc"] & np.isfinite(disparity)
-    error = np.abs(disparity - _truth(pair))[counted]
-    raw = confidence[counted].astype(np.float64).clip(1e-4, 1 - 1e-4)
-    filled = (flags[counted] & Flag.FILLED) != 0
+    counted = pair.masks["nonocc"] & np.isfinite(found.disparity)
+    error = np.abs(found.disparity - _truth(pair))[counted]
+    raw = found.confidence[counted].astype(np.float64).clip(1e-4, 1 - 1e-4)
+    filled = (found.flags[counted] & Flag.FILLED) != 0
 
     compensation = statistics.blur_compensation
     place = np.searchsorted(ODDS, np.log(raw / (1 - raw)))

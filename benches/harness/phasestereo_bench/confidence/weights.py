@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from phasestereo.io.files import replacing
+from phasestereo.io.drafts import replacing
 from phasestereo_bench.confidence.learning import learn, observed_of
 from phasestereo_bench.confidence.observation import PRESETS
 

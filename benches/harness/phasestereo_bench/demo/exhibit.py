@@ -10,7 +10,7 @@ import numpy as np
 
 from phasestereo import __version__
 from phasestereo.io import write_disparity, write_image
-from phasestereo.io.files import replacing
+from phasestereo.io.drafts import replacing
 from phasestereo.settings import PRESETS
 from phasestereo.views.picture import colorize, disparity_picture, error_picture, panel
 from phasestereo.views.templating import render_page

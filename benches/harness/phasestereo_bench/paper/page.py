@@ -7,7 +7,7 @@ import io
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from phasestereo.io.files import replacing
+from phasestereo.io.drafts import replacing
 from phasestereo_bench.paper.claims import (
     CLAIMS,
     SETUPS,

@@ -7,7 +7,7 @@ from textwrap import fill
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from phasestereo.io.files import replacing
+from phasestereo.io.drafts import replacing
 from phasestereo_bench.report.faults import FAULT_TABLES, explain_faults
 from phasestereo_bench.report.markdown import fill_markers, markdown_table, markdown_text
 from phasestereo_bench.report.origin import explain, origin
@@ -49,9 +49,9 @@ is said of it."""
 
 _OTHERS = (
     "blur",
+    "choices",
     "costs",
     "headline",
-    "parts",
     "real-pairs",
     "recordings",
     "recordings-rows",

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from phasestereo.io.files import replacing
+from phasestereo.io.drafts import replacing
 from phasestereo.views.templating import render_page
 from phasestereo_bench.report.cells import METRICS
 from phasestereo_bench.report.markdown import markdown_table, markdown_text

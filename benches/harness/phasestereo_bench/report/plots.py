@@ -9,7 +9,7 @@ from __future__ import annotations
 from itertools import cycle
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from phasestereo.io.files import replacing
+from phasestereo.io.drafts import replacing
 from phasestereo_bench.methods import TRUE_BLUR
 from phasestereo_bench.report.cells import METRICS
 from phasestereo_bench.report.results import knows_blur

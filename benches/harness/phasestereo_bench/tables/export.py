@@ -6,7 +6,7 @@ import json
 import re
 from typing import TYPE_CHECKING, Any
 
-from phasestereo.io.files import replacing
+from phasestereo.io.drafts import replacing
 from phasestereo_bench.tables.headline import headline_values
 from phasestereo_bench.tables.texts import read_records, read_suites
 

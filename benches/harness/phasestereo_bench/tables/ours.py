@@ -1,4 +1,4 @@
-"""Tables of what parts of `robust` contribute, and of rendered pairs that nothing was chosen on."""
+"""Tables of what choices of ours are worth, and of rendered pairs that nothing was chosen on."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from phasestereo.metrics import bad_pixels
 from phasestereo_bench.methods import method
+from phasestereo_bench.middlebury import middlebury_jobs
 from phasestereo_bench.rendering import render_pair
 from phasestereo_bench.report.tables import MISSING, Entry, Table
 from phasestereo_bench.runner import Job
@@ -15,28 +16,56 @@ from phasestereo_bench.runner import Job
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from phasestereo_bench.datasets import Pair
+    from phasestereo_bench.datasets import Pair, Scene
 
     Record = Mapping[str, Any]
 
 RENDERED = "rendered"
 """The kind of the records of rendered pairs."""
 
-PARTS = {
-    "robust": "as it is",
-    "robust:subpixel=false": "without sub-pixel disparities (subpixel=False)",
-    "robust:noise_threshold=0": "components that are noise may vote (noise_threshold=0)",
-    "robust:speckle_size=0": "without the removal of speckles (speckle_size=0)",
-    "robust:lr_check=none,speckle_size=0": "without check, speckles and filling "
-    "(lr_check=None, speckle_size=0)",
-    "robust:median=0": "without the median (median=0)",
-    "robust:guided_median=false": "without edges drawn to those of the image (guided_median=False)",
-    "robust:window=7": "window=7 in place of 5",
-    "robust:adaptive_p2=0": "jumps cost the same everywhere (adaptive_p2=0)",
-    "robust:sizes=1": "codes of one size in place of two (sizes=1)",
-    "robust:neighborhood=5": "neighborhood=5 in place of 3",
+CHOICES = (
+    "robust",
+    "robust:sizes=1",
+    "robust:neighborhood=5",
+    "robust:window=7",
+    "robust:noise_threshold=0",
+    "robust:noise_threshold=0.35",
+    "robust:noise_threshold=0.7",
+    "robust:denoise=false",
+    "robust:despike=false",
+    "robust:compensate_blur=false",
+    "robust:synthesis=false",
+    "robust:p1=5,p2=20",
+    "robust:p1=7,p2=28",
+    "robust:p1=4,p2=24",
+    "robust:p1=5,p2=32",
+    "robust:adaptive_p2=0",
+    "robust:adaptive_p2=0.5",
+    "robust:adaptive_p2=2",
+    "robust:subpixel=false",
+    "robust:guided_median=false",
+    "robust:median=0",
+    "robust:speckle_size=0",
+    "robust:lr_check=none,speckle_size=0",
+    "fast",
+    "fast:neighborhood=7",
+    "fast:window=7",
+    "fast:p1=3,p2=12",
+    "fast:p1=4,p2=16",
+    "fast:adaptive_p2=0",
+    "fast:adaptive_p2=1",
+    "fast:median=0",
+)
+"""The presets, and each with one of its settings changed."""
+
+COLUMNS = {
+    "sharp": "sharp",
+    "gauss 2": "one-sided-blur",
+    "disk 3": "one-sided-blur",
+    "noise 5": "rigs",
+    "jpeg 70": "rigs",
 }
-"""Methods that leave out one thing of robust, and what that is."""
+"""What was done to the pairs, and the suite that has it."""
 
 WITHOUT_SYNTHESIS = "robust:synthesis=false"
 
@@ -51,6 +80,31 @@ ON_RENDERED = (
     "robust:sizes=1",
     "robust:sizes=1,denoise=false",
 )
+
+
+def choice_jobs(scenes: Sequence[Scene]) -> list[Job]:
+    """Return the jobs of `choice_table`: every preset as it is, and with one setting changed."""
+    return [
+        job
+        for name, suite in COLUMNS.items()
+        for job in middlebury_jobs(scenes, CHOICES, [name], suite=suite)
+    ]
+
+
+def choice_table(records: Sequence[Record]) -> Table:
+    """Return the settings x what was done to the pairs: bad-1.0 in %, means over the scenes."""
+    found: dict[tuple[str, str], list[dict[str, float]]] = {}
+    for record in (one for one in records if one["status"] == "ok"):
+        found.setdefault((record["method"], record["degradation"]), []).append(_bad(record))
+
+    rows = [
+        (
+            Entry(one),
+            *(_means(found.get((one, name), []), "bad_1", digits=2)[0] for name in COLUMNS),
+        )
+        for one in CHOICES
+    ]
+    return Table(("settings", *COLUMNS), tuple(rows))
 
 
 def rendered_jobs(rivals: Sequence[str]) -> list[Job]:
@@ -87,15 +141,6 @@ def rendered_table(records: Sequence[Record]) -> Table:
     return Table(("method", "bad-1.0", "bad-2.0"), tuple(rows))
 
 
-def parts_table(records: Sequence[Record]) -> Table:
-    """Return what is left out of `robust` x bad-1.0 and bad-2.0, means over the scenes."""
-    rows = []
-    for name, change in PARTS.items():
-        own = [_bad(record) for record in records if record["method"] == name]
-        rows.append((Entry(change), *_means(own, "bad_1", "bad_2")))
-    return Table(("robust", "bad-1.0", "bad-2.0"), tuple(rows))
-
-
 def synthesis_table(records: Sequence[Record], names: Sequence[str]) -> Table:
     """Return the side and whether there is synthesis x degradations; last the mean of the blurs."""
     rows = []
@@ -122,7 +167,7 @@ def _bad(record: Record) -> dict[str, float]:
     return {"bad_1": record["v2"]["nonocc"], "bad_2": record["v3"]["bad_2"]}
 
 
-def _means(records: Sequence[Mapping[str, float]], *names: str) -> list[Entry]:
+def _means(records: Sequence[Mapping[str, float]], *names: str, digits: int = 1) -> list[Entry]:
     if not records:
         return [Entry(MISSING) for _ in names]
-    return [Entry(f"{fmean(record[name] for record in records):.1f}") for name in names]
+    return [Entry(f"{fmean(record[name] for record in records):.{digits}f}") for name in names]

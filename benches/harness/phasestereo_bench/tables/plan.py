@@ -13,7 +13,7 @@ from phasestereo_bench.middlebury import default_methods, middlebury_jobs
 from phasestereo_bench.real import find_recording, real_jobs, recording_jobs
 from phasestereo_bench.rigs import QUICK_SCENES
 from phasestereo_bench.surfaces import surface_cases, surface_jobs
-from phasestereo_bench.tables.ours import PARTS, WITHOUT_SYNTHESIS, rendered_jobs
+from phasestereo_bench.tables.ours import WITHOUT_SYNTHESIS, choice_jobs, rendered_jobs
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -84,7 +84,7 @@ def job_groups(root: Path, rivals: Sequence[str], *, quick: bool = False) -> lis
         for suite in SUITES
     ]
 
-    found.append(JobGroup("parts", middlebury_jobs(scenes, list(PARTS), suite="sharp")))
+    found.append(JobGroup("choices", choice_jobs(scenes)))
     found.append(JobGroup("synthesis", _synthesis_jobs(scenes)))
     if not quick:
         found.append(JobGroup("rendered", rendered_jobs(rivals)))

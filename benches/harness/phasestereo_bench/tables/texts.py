@@ -19,7 +19,7 @@ from phasestereo_bench.speed.document import speed_text
 from phasestereo_bench.store import read_store
 from phasestereo_bench.surfaces import surface_table, upsampled_table
 from phasestereo_bench.tables.headline import cost_table, headline_table
-from phasestereo_bench.tables.ours import parts_table, rendered_table, synthesis_table
+from phasestereo_bench.tables.ours import choice_table, rendered_table, synthesis_table
 from phasestereo_bench.tables.plan import SYNTHESIZED
 from phasestereo_bench.tables.recorded import agreement_table, pairs_table, rows_table
 
@@ -46,8 +46,8 @@ _WORDS = {
     "recordings": "Agreement: share of the pixels whose disparity a second match, from the right "
     "image, confirms within 1 px. Trusted: share with a confidence of at least 0.5, of methods "
     "that have one. Means over the frames ± their spread. More is better.",
-    "parts": "Bad-1.0 and bad-2.0, non-occluded pixels, %: less is better. Means over the scenes; "
-    "one thing at a time is changed.",
+    "choices": "Bad-1.0, non-occluded pixels, %: less is better. Means over the scenes; one thing "
+    "at a time is changed.",
     "rendered": "Bad-1.0 and bad-2.0, non-occluded pixels, %: less is better. Means over ten "
     "rendered pairs.",
     "synthesis": "Bad-1.0, non-occluded pixels, %: less is better. Means over the scenes.",
@@ -146,9 +146,9 @@ def table_texts(folder: Path) -> dict[str, str]:
 
 
 def _own(folder: Path) -> dict[str, str]:
-    """Return the tables of what parts of ours contribute."""
+    """Return the tables of what choices of ours are worth."""
     tables: dict[str, Callable[[Sequence[Record]], Table]] = {
-        "parts": parts_table,
+        "choices": choice_table,
         "rendered": rendered_table,
         "synthesis": partial(synthesis_table, names=SYNTHESIZED),
     }

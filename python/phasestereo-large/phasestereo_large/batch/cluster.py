@@ -8,15 +8,17 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from phasestereo import _core
 from phasestereo._extras import require
-from phasestereo.io.files import StrPath
-from phasestereo_large.batch.processes import DIED, TaskResult, WorkerDiedError
+from phasestereo.io.files import StrPath, decoding, read_bounded
+from phasestereo.io.limits import SMALL
 from phasestereo_large.batch.work import FullDiskError, version
+from phasestereo_large.processes import TaskResult, WorkerDiedError
 
+_DIED = "its worker died: it ran out of memory, was killed, or crashed"
+_PEM = b"-----BEGIN "
 _FIRST_WORKER = 60  # seconds until one must have come: those of a batch system take a while
 
 
@@ -47,12 +49,16 @@ def encryption(ca: StrPath, cert: StrPath, key: StrPath) -> Any:
     Raises
     ------
     OSError
-        If one of these files is not there.
+        If one of these files cannot be read.
+    ValueError
+        If one of them is no PEM file.
     ImportError
         If Dask's scheduler is not installed.
     """
-    for file in (ca, cert, key):
-        Path(file).stat()
+    for path in (ca, cert, key):
+        with decoding(path) as file:
+            if _PEM not in read_bounded(file, SMALL):
+                raise ValueError("holds no certificate and no key: there is no BEGIN in it")
     return require("distributed", extra="dask").Security(
         tls_ca_file=os.fspath(ca),
         tls_client_cert=os.fspath(cert),
@@ -147,20 +153,20 @@ class Cluster:
         """Let a worker call a function; no two tasks have the same key."""
         self._ended.add(self._client.submit(function, *arguments, key=key, retries=0))
 
-    def finished(self) -> list[tuple[str, TaskResult]]:
-        """Wait for a task to end; return it with what returns or raises its result.
+    def finished(self) -> tuple[str, TaskResult]:
+        """Wait for a task to end; return its key, and what returns or raises its result.
 
         That raises `WorkerDiedError` if its worker died, and `ConnectionError` if the scheduler is
         lost.
         """
         future = next(self._ended)
-        return [(future.key, partial(self._result, future))]
+        return future.key, partial(self._result, future)
 
     def _result(self, future: Any) -> Any:
         try:
             return future.result()
         except self._died as error:
-            raise WorkerDiedError(DIED) from error
+            raise WorkerDiedError(_DIED) from error
         except FullDiskError:
             raise
         except (self._cancelled, OSError) as error:

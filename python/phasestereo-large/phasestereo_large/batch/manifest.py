@@ -6,16 +6,15 @@ A line that is none is set apart, with its number, and its pair is matched again
 
 from __future__ import annotations
 
-import errno
-import json
-import os
+import re
 from collections.abc import Iterable
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any, BinaryIO, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
-from phasestereo._extras import require
-from phasestereo.io.files import StrPath, decoding, replacing
+from phasestereo.io.drafts import replacing
+from phasestereo.io.files import StrPath
+from phasestereo_large.records import Appender, check_ranges, decode, decoded, encode, read_lines
 
 State: TypeAlias = Literal["done", "failed"]
 """What may have become of a pair."""
@@ -23,9 +22,7 @@ State: TypeAlias = Literal["done", "failed"]
 DONE: State = "done"
 FAILED: State = "failed"
 
-_LONGEST = 2**16  # bytes of a line; one has about 600
-_MOST = 2**24  # lines of a manifest
-_FILE = r"\A[^./\\\x00-\x1f][^/\\\x00-\x1f]*\Z"  # a name without a folder
+_FILE = re.compile(r"[^./\\\x00-\x1f][^/\\\x00-\x1f]*")  # a name without a folder
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,8 +90,6 @@ def read_manifest(path: StrPath) -> dict[str, Record]:
         If the file cannot be read.
     ValueError
         If a line of it is no record; the message names the line.
-    ImportError
-        If msgspec is not installed.
     """
     records, damaged = _read(Path(path))
     if damaged:
@@ -114,9 +109,9 @@ class Damage:
 class Manifest:
     """The records of a folder of results, old and new.
 
-    ``manifest.jsonl`` is replaced as a whole, when a run begins and when it ends. What happens in
-    between goes line by line into ``manifest.log`` beside it, from which a run that was killed is
-    taken up. Lines that are no records go into ``manifest.damaged`` when the manifest is saved.
+    ``manifest.jsonl`` is replaced as a whole, in the order of the pairs, when a run begins and when
+    it ends. What happens in between is appended to it line by line: of two records of a pair the
+    later one counts. Lines that are no records go into ``manifest.damaged`` when it is saved.
 
     Parameters
     ----------
@@ -126,162 +121,87 @@ class Manifest:
     Raises
     ------
     OSError
-        If a file cannot be read.
+        If the file cannot be read.
     ValueError
         If not a single line of the manifest is a record: it is something else, and left alone.
-    ImportError
-        If msgspec is not installed.
     """
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / "manifest.jsonl"
-        self._log = folder / "manifest.log"
         self._apart = folder / "manifest.damaged"
-        self._file: BinaryIO | None = None  # the log, once something goes into it
+        self._appender: Appender | None = None  # once something goes into the file
 
-        self.records, self.damaged = _read(self.path) if _is_there(self.path) else ({}, [])
+        is_there = self.path.exists() or self.path.is_symlink()
+        self.records, self.damaged = _read(self.path) if is_there else ({}, [])
         if self.damaged and not self.records:
             raise ValueError(f"{self.damaged[0].where}: {self.damaged[0].reason}")
-
         self._kept = 0  # damaged lines that are in the file apart
-        if _is_there(self._log):
-            records, damaged = _read(self._log, torn=True)
-            self.records |= records
-            self.damaged += damaged
 
     def add(self, record: Record) -> None:
-        """Add a record; it is in a file when the call returns."""
+        """Add a record; it is in the file when the call returns."""
         self.records[record.name] = record
-        if self._file is None:
-            self._file = self._log.open("ab", buffering=0)
-
-        line = _line(record)
-        if self._file.write(line) < len(line):  # the next one would continue a torn line
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._log))
+        if self._appender is None:
+            self._appender = Appender(self.path)
+        self._appender.add(asdict(record))
 
     def save(self, names: Iterable[str]) -> None:
-        """Write the whole manifest, these pairs first and in this order, and end the log."""
+        """Write the whole manifest, these pairs first and in this order."""
         known = self.records
         order = dict.fromkeys([*(name for name in names if name in known), *known])
 
-        self._set_apart()
+        if new := self.damaged[self._kept :]:
+            with self._apart.open("ab") as file:
+                file.writelines(each.line + b"\n" for each in new)
+            self._kept = len(self.damaged)
 
+        self.close()
         try:
             with replacing(self.path, flush=True) as file:
-                file.writelines(_line(known[name]) for name in order)
+                file.writelines(encode(asdict(known[name])) for name in order)
         except OSError as error:
             reason = error.strerror or error
             raise OSError(f"{self.path} cannot be written: {reason}") from error
 
-        self.close()
-        self._log.unlink(missing_ok=True)
-
     def close(self) -> None:
-        """Close the log, which stays."""
-        if self._file is not None:
-            self._file.close()
-            self._file = None
-
-    def _set_apart(self) -> None:
-        """Move the lines that are no records into a file of their own."""
-        if self.damaged[self._kept :]:
-            with self._apart.open("ab") as file:
-                file.writelines(each.line + b"\n" for each in self.damaged[self._kept :])
-            self._kept = len(self.damaged)
+        """Close the file."""
+        if self._appender is not None:
+            self._appender.close()
+            self._appender = None
 
 
-_NAMES = tuple(field.name for field in fields(Record))
-
-
-def _line(record: Record) -> bytes:
-    values = {name: getattr(record, name) for name in _NAMES}
-    known = {name: value for name, value in values.items() if value is not None}
-    return json.dumps(known, allow_nan=False).encode() + b"\n"
-
-
-def _is_there(path: Path) -> bool:
-    return path.exists() or path.is_symlink()
-
-
-def _read(path: Path, *, torn: bool = False) -> tuple[dict[str, Record], list[Damage]]:
-    """Return the records of a file, and the lines that are none; the last one may be torn."""
+def _read(path: Path) -> tuple[dict[str, Record], list[Damage]]:
+    """Return the records of a file, and the lines that are none."""
     records: dict[str, Record] = {}
     damaged: list[Damage] = []
-    schema = _Schema()
-
-    with decoding(path) as file:
-        for number in range(1, _MOST + 1):
-            line = file.readline(_LONGEST)
-            # The end, or a line of the log that a killed run could not finish.
-            if not line or (torn and not line.endswith(b"\n") and len(line) < _LONGEST):
-                return records, damaged
-            if not line.endswith(b"\n") and len(line) == _LONGEST:
-                raise ValueError(f"line {number} has {_LONGEST} bytes or more: no manifest")
-            try:
-                record = schema.record(line)
-            except ValueError as error:
-                where, content = f"{path}, line {number}", line.rstrip(b"\r\n")
-                damaged.append(Damage(where, f"no record of a batch: {error}", content))
-            else:
-                records[record.name] = record
-    raise ValueError(f"has more than {_MOST} lines: no manifest")
-
-
-class _Schema:
-    """The schema of a line, by which msgspec checks it."""
-
-    def __init__(self) -> None:
-        msgspec: Any = require("msgspec", extra="batch")
-        self._refused = msgspec.ValidationError, msgspec.DecodeError, RecursionError
-
-        types = _types(msgspec.Meta)
-        members = [
-            (name, types[name]) if default is MISSING else (name, types[name], default)
-            for name, default in ((field.name, field.default) for field in fields(Record))
-        ]
-
-        self._decoder = msgspec.json.Decoder(msgspec.defstruct("Line", members, kw_only=True))
-
-    def record(self, line: bytes) -> Record:
-        """Return the record of a line.
-
-        Raises
-        ------
-        ValueError
-            If it is none.
-        """
+    for number, line in read_lines(path):
         try:
-            found = self._decoder.decode(line)
-        except self._refused as error:
-            raise ValueError(str(error)) from error
+            record = _record(line)
+        except ValueError as error:
+            where, reason = f"{path}, line {number}", f"no record of a batch: {error}"
+            damaged.append(Damage(where, reason, line))
+        else:
+            records[record.name] = record
+    return records, damaged
 
-        record = Record(**{name: getattr(found, name) for name in _NAMES})
-        if record.state == DONE and not record.files:
-            raise ValueError("Object is done without `files`")
-        return record
 
+def _record(line: bytes) -> Record:
+    """Return the record of a line.
 
-def _types(meta: Any) -> dict[str, Any]:
-    """Return the type of each field, with the bounds that a run keeps to."""
-    natural: Any = Annotated[int, meta(ge=0, le=2**53)]
-    file: Any = Annotated[str, meta(pattern=_FILE)]
+    Raises
+    ------
+    ValueError
+        If it is none.
+    """
+    record: Record = decoded(Record, decode(line))
+    files = record.files or {}
+    sizes = record.attempts, record.width or 0, record.height or 0, *files.values()
 
-    return {
-        "name": Annotated[str, meta(min_length=1)],
-        "state": State,
-        "left": str,
-        "right": str,
-        "num_disparities": Annotated[int, meta(ge=1, lt=2**31)] | None,
-        "min_disparity": Annotated[int, meta(gt=-(2**31), lt=2**31)],
-        "recipe": str,
-        "reason": str | None,
-        "attempts": natural,
-        "seconds": Annotated[float, meta(ge=0)] | None,
-        "width": natural | None,
-        "height": natural | None,
-        "estimated": Annotated[float, meta(ge=0, le=1)] | None,
-        "blur": str | None,
-        "doubt": str | None,
-        "files": dict[file, natural] | None,
-        "worker": str | None,
-    }
+    check_ranges({
+        "name": record.name != "",
+        "num_disparities": (1 if record.num_disparities is None else record.num_disparities) > 0,
+        "attempts, width, height, files": all(0 <= size <= 2**53 for size in sizes),
+        "seconds": (record.seconds or 0.0) >= 0,
+        "estimated": 0 <= (record.estimated or 0.0) <= 1,
+        "files": all(map(_FILE.fullmatch, files)) and bool(files or record.state != DONE),
+    })  # fmt: skip
+    return record

@@ -5,15 +5,15 @@ from __future__ import annotations
 import secrets
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from itertools import chain, islice
 from pathlib import Path
 from time import monotonic
 from typing import Any
 
-from phasestereo._extras import require
 from phasestereo._numbers import as_integer, as_number
+from phasestereo.io.drafts import remove_abandoned
 from phasestereo.io.files import StrPath
 from phasestereo.io.maps import FLOAT_SUFFIXES
 from phasestereo.result import LAYERS, maps_with
@@ -21,14 +21,14 @@ from phasestereo.settings import Settings, resolve
 from phasestereo_large.batch.cluster import Cluster, remote, share
 from phasestereo_large.batch.manifest import DONE, Manifest, Record
 from phasestereo_large.batch.pairs import PairFiles, check_names
-from phasestereo_large.batch.processes import Processes, WorkerDiedError, local
 from phasestereo_large.batch.work import FullDiskError, Order, blank, match_files
+from phasestereo_large.locks import locked
+from phasestereo_large.processes import Processes, WorkerDiedError, local
 
 WorkerPool = Cluster | Processes
 
 _AHEAD = 2  # pairs under way for each that is at work, so that no worker waits for its next
 _LOCK = ".batch.lock"
-_DRAFTS = "." + "[0-9a-f]" * 16 + ".part"  # as `phasestereo.io.files.replacing` calls them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -182,30 +182,13 @@ def run(
     )
 
     # Workers are started, or connected to, only if a pair is to be matched.
-    with _alone(target):
+    with locked(target / _LOCK, "batch"):
+        remove_abandoned(target)
         work = _Run(listed, order, retries, progress, on_failure)
         work.run(
             lambda: local(count, time_limit) if scheduler is None else remote(scheduler, security)
         )
     return work.report()
-
-
-@contextmanager
-def _alone(folder: Path) -> Iterator[None]:
-    """Lock a folder against other runs, and remove the drafts of killed workers."""
-    locks = require("filelock", extra="batch")
-    lock = locks.FileLock(folder / _LOCK)
-    try:
-        lock.acquire(timeout=0)
-    except locks.Timeout as error:
-        raise OSError(f"{folder}: another run is at work in this folder") from error
-
-    with lock:
-        lock.release()  # `with` has taken it once more
-
-        for draft in folder.glob(_DRAFTS):
-            draft.unlink(missing_ok=True)
-        yield
 
 
 @dataclass(slots=True)
@@ -301,8 +284,8 @@ class _Run:
         under_way: dict[str, _Job] = {}
         self._submit(pool, jobs, under_way)
         while under_way:
-            for key, outcome in pool.finished():
-                self._settle(under_way.pop(key), outcome)
+            key, outcome = pool.finished()
+            self._settle(under_way.pop(key), outcome)
             self._submit(pool, jobs, under_way)
 
     def _submit(self, pool: WorkerPool, jobs: Iterator[_Job], under_way: dict[str, _Job]) -> None:

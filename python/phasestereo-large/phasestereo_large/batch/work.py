@@ -143,7 +143,6 @@ def _matched(pair: PairFiles, order: Order, recipe: str) -> Record:
         settings=order.settings,
         threads=order.threads,
         progress=in_time,
-        given=(None, None),
     )
 
     # Writing takes time, too, which a match that ended late does not have.

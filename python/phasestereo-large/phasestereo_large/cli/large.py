@@ -19,6 +19,7 @@ from phasestereo.cli.options import (
     Overrides,
 )
 from phasestereo.cli.terminal import print_json, print_lines, progress_bar, say
+from phasestereo.known import Known
 from phasestereo.result import LAYERS, format_counts
 from phasestereo.settings import PRESET, Settings, resolve
 from phasestereo_large import outofcore
@@ -126,7 +127,7 @@ def large(
                 left_mask=left_mask,
                 right_mask=right_mask,
                 bands=bands,
-                noise=noise,
+                known=Known(noise=noise),
                 flags_output=flags_output,
                 confidence_output=confidence_output,
                 uncertainty_output=uncertainty_output,

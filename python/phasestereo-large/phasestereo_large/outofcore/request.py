@@ -11,8 +11,8 @@ from typing import Any
 from phasestereo import _core
 from phasestereo._numbers import as_integer
 from phasestereo.io.files import StrPath
+from phasestereo.known import Known
 from phasestereo.result import maps_with
-from phasestereo.rig.compensation import Noise
 from phasestereo.settings import Settings
 from phasestereo_large.outofcore.sinks import check_suffix
 
@@ -27,7 +27,7 @@ class Request:
         Left image, right image, left mask, right mask.
     outputs
         Files by the layer that they are to hold.
-    settings, min_disparity, num_disparities, noise, bands
+    settings, min_disparity, num_disparities, known, bands
         As `phasestereo_large.outofcore.match` has it.
     """
 
@@ -36,7 +36,7 @@ class Request:
     settings: Settings
     min_disparity: int
     num_disparities: int
-    noise: Noise | None
+    known: Known
     bands: Sequence[int] | None
 
     def __post_init__(self) -> None:
@@ -61,7 +61,7 @@ class Request:
             "min_disparity": self.min_disparity,
             "num_disparities": self.num_disparities,
             "settings": asdict(self.settings),
-            "noise": self.noise,
+            "noise": self.known.noise,
             "layers": list(self.outputs),
         }
 

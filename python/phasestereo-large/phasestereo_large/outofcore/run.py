@@ -13,9 +13,9 @@ from typing import Any
 from phasestereo._extras import require
 from phasestereo._numbers import as_integer
 from phasestereo.io.files import StrPath, suffix
+from phasestereo.known import Known, as_known
 from phasestereo.matching import Matcher, Progress
 from phasestereo.result import LAYERS
-from phasestereo.rig.compensation import Noise
 from phasestereo.settings import Settings, resolve
 from phasestereo_large.bands import pair_statistics
 from phasestereo_large.outofcore import plan as planning
@@ -44,7 +44,7 @@ def match(
     left_mask: StrPath | None = None,
     right_mask: StrPath | None = None,
     bands: Sequence[int] | None = None,
-    noise: Noise | None = None,
+    known: Known | None = None,
     flags_output: StrPath | None = None,
     confidence_output: StrPath | None = None,
     uncertainty_output: StrPath | None = None,
@@ -70,8 +70,8 @@ def match(
     output
         File for the disparities: ``.tif`` (which keeps the georeference of the left image),
         ``.npy`` or ``.zarr``; float32, NaN where there is no estimate.
-    num_disparities, min_disparity, preset, settings, threads, noise, **overrides
-        As `phasestereo.match` takes them.
+    num_disparities, min_disparity, preset, settings, threads, known, **overrides
+        As `phasestereo.match` takes them, of `known` the noise alone.
     max_memory
         Memory that the process may have resident, all in all: bytes, or in words: "2GB", "800MiB".
     left_mask, right_mask
@@ -136,7 +136,7 @@ def match(
         settings=resolve(preset, settings, overrides),
         min_disparity=min_disparity,
         num_disparities=num_disparities,
-        noise=noise,
+        known=as_known(known, unused=("blur_compensation", "before")),
         bands=bands,
     )
 
@@ -208,7 +208,7 @@ def _gathered(
         min_disparity=request.min_disparity,
         settings=request.settings,
         threads=threads,
-        noise=request.noise,
+        known=request.known,
     )
 
 

@@ -19,7 +19,8 @@ from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
 from phasestereo._extras import require
-from phasestereo.io.files import flush, suffix, target_of
+from phasestereo.io.drafts import publish
+from phasestereo.io.files import suffix, target_of
 from phasestereo.result import MAPS
 from phasestereo_large.geotiff import (
     TILE,
@@ -115,14 +116,7 @@ class Sink:
 
     def publish(self) -> None:
         """Give the draft its name, once it is on the disk."""
-        files = self.draft.rglob("*") if self.draft.is_dir() else [self.draft]
-        for path in [*(path for path in files if path.is_file()), self.draft]:
-            flush(path)
-
-        if suffix(self.path) == ".zarr":
-            remove(self.target)  # a folder that is not empty cannot be replaced
-        self.draft.replace(self.target)
-        flush(self.target.parent)
+        publish(self.draft, self.target)
 
     def _compare(self, windows: Windows) -> None:
         with ExitStack() as stack:

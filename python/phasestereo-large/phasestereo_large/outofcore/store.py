@@ -24,9 +24,9 @@ from typing import Any, BinaryIO, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from phasestereo._extras import require
-from phasestereo.io.files import flush
+from phasestereo.io.drafts import DRAFTS, publish
 from phasestereo_large import bands
+from phasestereo_large.locks import locked
 from phasestereo_large.outofcore.sinks import place_of
 from phasestereo_large.outofcore.sizes import format_bytes
 from phasestereo_large.statistics import PairStatistics
@@ -39,7 +39,6 @@ T = TypeVar("T")
 _RUN, _LOCK, _DRAFT = "run.json", "lock", "draft.npz"
 _KEPT = re.compile(r"(.+)-([0-9a-f]{32})\.npz")
 _BLOCK = re.compile(r"rows(\d{8})-(\d{8})")
-_TORN = re.compile(r"\.[0-9a-f]{16}\.part")  # as `phasestereo.io.files.replacing` calls a draft
 _STATISTICS = "statistics"
 
 
@@ -98,7 +97,7 @@ class Store:
         """Remove the files that are not whole."""
         for path in self.folder.iterdir():
             kept = _KEPT.fullmatch(path.name) and path not in self._files.values()
-            if kept or _TORN.fullmatch(path.name):
+            if kept or path.match(DRAFTS):
                 path.unlink()
 
     @property
@@ -166,10 +165,8 @@ class Store:
         draft = self.folder / _DRAFT
         try:
             yield draft
-            flush(draft)
             path = self.folder / f"{name}-{self._digest(name, draft)}.npz"
-            draft.replace(path)
-            flush(self.folder)
+            publish(draft, path)
         except OSError as error:
             with suppress(OSError):
                 draft.unlink(missing_ok=True)
@@ -215,7 +212,7 @@ def opened(output: Path, identity: Mapping[str, Any], *, restart: bool) -> Itera
     # As it is read from the file: JSON has no tuples.
     plain = json.loads(json.dumps(identity, default=np.generic.item))
 
-    with _locked(folder):
+    with _alone(folder):
         store = Store(folder, plain)
         _prepare(store, plain, restart=restart)
         with _naming_the_folder(store):
@@ -270,15 +267,13 @@ def _prepare(store: Store, identity: dict[str, Any], *, restart: bool) -> None:
 
 def _begin(store: Store, identity: dict[str, Any]) -> None:
     """Write into the folder which run it is of."""
-    draft, path = store.folder / _DRAFT, store.folder / _RUN
+    content = {"digest": _key(identity).hex(), "run": identity}
+    draft = store.folder / _DRAFT
     try:
-        content = {"digest": _key(identity).hex(), "run": identity}
         draft.write_text(json.dumps(content, indent=2), encoding="utf-8")
-        flush(draft)
-        draft.replace(path)
-        flush(store.folder)
+        publish(draft, store.folder / _RUN)
     except OSError as error:
-        raise OSError(error.errno, error.strerror, str(path)) from error
+        raise OSError(error.errno, error.strerror, str(store.folder / _RUN)) from error
 
 
 def _key(identity: Mapping[str, Any]) -> bytes:
@@ -288,7 +283,7 @@ def _key(identity: Mapping[str, Any]) -> bytes:
 def _is_ours(file: Path) -> bool:
     kept = _KEPT.fullmatch(file.name)
     if kept is None:
-        return file.name in (_RUN, _DRAFT) or bool(_TORN.fullmatch(file.name))
+        return file.name in (_RUN, _DRAFT) or file.match(DRAFTS)
     return kept[1] == _STATISTICS or bool(_BLOCK.fullmatch(kept[1]))
 
 
@@ -315,32 +310,18 @@ def _differences(earlier: dict[str, Any], now: dict[str, Any]) -> str:
 
 
 @contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Hold the lock of a folder, which the system frees when the process ends, however it does."""
-    filelock = require("filelock", extra="large")
-    path = folder / _LOCK
-    while True:
-        folder.mkdir(exist_ok=True)
-        lock = filelock.FileLock(path)
-        try:
-            lock.acquire(timeout=0)
-        except filelock.Timeout as error:
-            raise OSError(f"{folder}: another run is at work there; wait for its end") from error
-        except FileNotFoundError:
-            continue  # the run before removed the folder just now
-
-        # The run before may have removed the folder between the two: then the lock is of no file.
-        if path.exists():
-            break
-        lock.release()
-
+def _alone(folder: Path) -> Iterator[None]:
+    """Keep other runs from a folder, and remove it if no run is to be gone on from."""
+    is_ours = False
     try:
-        yield
+        with locked(folder / _LOCK, "large"):
+            is_ours = True
+            yield
     finally:
-        lock.release()
-        if folder.is_dir() and not (folder / _RUN).exists():  # the run is over, or never began
+        # The run is over, or never began.
+        if is_ours and folder.is_dir() and not (folder / _RUN).exists():
             with suppress(OSError):  # other files stay, and so does a lock that others hold
-                path.unlink(missing_ok=True)
+                (folder / _LOCK).unlink(missing_ok=True)
                 folder.rmdir()
 
 

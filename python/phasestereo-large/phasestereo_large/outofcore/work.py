@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phasestereo import _core
+from phasestereo.known import Known
 from phasestereo.matching import Progress, match
 from phasestereo.result import MAPS, Flag, Result, count_flags
 from phasestereo_large.bands import halo, match_rows
@@ -171,7 +172,7 @@ class Work:
             threads=threads,
             left_mask=masks[0],
             right_mask=masks[1],
-            noise=1.0 if settings.noise_threshold > 0 else None,
+            known=Known(noise=1.0 if settings.noise_threshold > 0 else None),
         )
 
         # Scaled to all disparities, and to the rows around a band that are matched with it.

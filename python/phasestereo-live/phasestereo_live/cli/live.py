@@ -24,15 +24,16 @@ from phasestereo.cli.options import (
 from phasestereo.cli.pairing import AUTO, as_calibration
 from phasestereo.cli.terminal import say
 from phasestereo.cli.trust import unwarned
-from phasestereo.io import read_calibration
+from phasestereo.io import Calibration, read_calibration
 from phasestereo.io.folders import folders_of
 from phasestereo.io.pair import Layout
+from phasestereo.known import Known
 from phasestereo.settings import PRESET, PRESETS, Settings, resolve
 from phasestereo_live.cli.outputs import FrameSink, LiveOutputs, Writers
 from phasestereo_live.cli.recordings import Messages, Topics
-from phasestereo_live.cli.show import ClosedError, Screen, Showing, Way
-from phasestereo_live.cli.show import opened as open_screen
+from phasestereo_live.cli.show import ClosedError, Screen, Showing, serve
 from phasestereo_live.cli.tally import Tally
+from phasestereo_live.ros.bags import RecordingWriter
 from phasestereo_live.ros.recordings import Recording
 from phasestereo_live.video.cameras import PATIENCE
 from phasestereo_live.video.decoding import is_address
@@ -134,15 +135,16 @@ def live(
     """
     places = _places(source, right, cameras)
     calibration = as_calibration(rectify) if rectify else ()
-    way = showing.way(alone=not outputs.asked_for())
+    shown = showing.is_wanted(alone=not outputs.asked_for())
     recorded = topics.check(places)
     if outputs.recording is not None and recorded is None:
         raise CommandError("--output: a recording is written of a recording", WRONG_USAGE)
 
     with refusals(options=_OPTIONS):
         settings = resolve(preset, None, overrides or {})
+        known = Known(noise=noise)
     disparities = min_disparity, num_disparities
-    outputs.check(_files(places), (min_disparity, num_disparities or 1), shown=way is not None)
+    outputs.check(_files(places), (min_disparity, num_disparities or 1), shown=shown)
 
     tally = Tally(disparities, settings)
     given: dict[str, Any] = {
@@ -156,9 +158,9 @@ def live(
         "min_disparity": min_disparity,
         "settings": settings,
         "threads": threads,
-        "noise": noise,
+        "known": known,
         "on_error": tally.fail,
-        "patience": PATIENCE if way is None else None,  # who looks plugs it in again
+        "patience": None if shown else PATIENCE,  # who looks plugs it in again
     }
 
     by: Any = AUTO if calibration is None else calibration or None
@@ -176,17 +178,10 @@ def live(
         with refusals(options=_OPTIONS):
             frames = opened.enter_context(closing(stream(*places, rectify=by, **given)))
             screen = None
-            if way is not None:
-                screen = _screen(
-                    opened,
-                    way,
-                    showing,
-                    outputs,
-                    recording,
-                    settings=settings,
-                    num_disparities=num_disparities,
-                    paced=not (outputs.asked_for() or cameras),
-                )
+            if shown:
+                show = serve(opened, settings, num_disparities, showing.save_to or Path())
+                paced = not (outputs.asked_for() or cameras)
+                screen = Screen(show, *_geometry(outputs, recording), paced=paced)
 
         sink = None if recording is None else partial(messages.sink, recording, frames)
         try:
@@ -197,7 +192,7 @@ def live(
 
     if tally.interrupted:
         raise KeyboardInterrupt
-    if not tally.done and way is None:
+    if not tally.done and not shown:
         if not tally.failed:
             raise CommandError("there is no frame to match")
         raise CommandError(f"none of {tally.failed} frames could be matched")
@@ -216,7 +211,7 @@ def _run(
     frames: Stream,
     outputs: LiveOutputs,
     tally: Tally,
-    sink: Callable[[ExitStack, Path], FrameSink] | None,
+    sink: Callable[[RecordingWriter], FrameSink] | None,
     screen: Screen | None,
 ) -> None:
     """Match, write and show all frames, or those until Ctrl-C or the end of the show."""
@@ -241,21 +236,11 @@ def _run(
         tally.interrupted = screen is None  # that is how a show ends
 
 
-def _screen(
-    opened: ExitStack,
-    way: Way,
-    showing: Showing,
-    outputs: LiveOutputs,
-    recording: Recording | None,
-    **more: Any,
-) -> Screen:
-    """Open what shows the frames, with the geometry that is known beforehand."""
-    known, unit = None, ""
+def _geometry(outputs: LiveOutputs, recording: Recording | None) -> tuple[Calibration | None, str]:
+    """Return the geometry that is known beforehand, and the unit of its baseline."""
     if outputs.calib is not None:
-        known, unit = read_calibration(outputs.calib), "mm"
-    elif recording is not None:
-        unit = "m"
-    return open_screen(opened, way, folder=showing.save_to, calibration=known, unit=unit, **more)
+        return read_calibration(outputs.calib), "mm"
+    return None, "" if recording is None else "m"
 
 
 def _write(frame: Frame, sinks: list[FrameSink], tally: Tally) -> None:

@@ -4,12 +4,12 @@
 
 import os
 import secrets
-from collections.abc import Callable, Iterable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from cyclopts import Parameter, validators
@@ -25,12 +25,12 @@ from phasestereo.cli.errors import (
     refuse_taken,
 )
 from phasestereo.io import read_calibration, write_disparity
+from phasestereo.io.drafts import draft_of
 from phasestereo_live.cli.tally import Tally
 from phasestereo_live.rerun import log_failure, log_frame, saving
 from phasestereo_live.ros.bags import SUFFIXES as RECORDINGS
 from phasestereo_live.ros.bags import RecordingWriter
 from phasestereo_live.video import FramePicture, VideoWriter
-from phasestereo_live.video.drafts import draft_of
 from phasestereo_live.video.streaming import Frame
 
 FrameSink = Callable[[Frame], object]
@@ -122,8 +122,8 @@ class Writers:
     outputs
         What was asked for.
     tally
-        What keeps count; it learns which files there are, and the failures that it counts go to
-        the recording, too.
+        What keeps count; it learns of each file once that is complete, and the failures that it
+        counts go to the recording, too.
     rate
         Frames a second of the source, if that is known.
     messages
@@ -136,7 +136,7 @@ class Writers:
         tally: Tally,
         *,
         rate: float | None,
-        messages: Callable[[ExitStack, Path], FrameSink] | None,
+        messages: Callable[[RecordingWriter], FrameSink] | None,
     ) -> None:
         self._outputs = outputs
         self._tally = tally
@@ -150,8 +150,8 @@ class Writers:
         with ExitStack() as opened:
             recording = self._outputs.recording
             if recording is not None and self._messages is not None:
-                self.sinks.append(self._messages(opened, recording))
-                self._tally.files["output"] = str(recording)
+                messages = self._enter(opened, "output", recording, RecordingWriter(recording))
+                self.sinks.append(_naming(recording)(self._messages(messages)))
             elif self._outputs.output is not None:
                 self._add_video(opened, self._outputs.output)
 
@@ -169,22 +169,36 @@ class Writers:
         with held_back():
             self._open.close()
 
+    def _enter(
+        self, opened: ExitStack, name: str, path: Path, writer: AbstractContextManager[Any]
+    ) -> Any:
+        """Return what writes a file, which counts as written when it has been completed."""
+
+        def close(*error: Any) -> None:
+            with _naming(path):
+                writer.__exit__(*error)
+            self._tally.files[name] = str(path)
+
+        entered = writer.__enter__()
+        opened.push(close)
+        return entered
+
     def _add_video(self, opened: ExitStack, path: Path) -> None:
-        video = opened.enter_context(VideoWriter(path, rate=self._rate))
+        video = self._enter(opened, "output", path, VideoWriter(path, rate=self._rate))
         pictures: list[FramePicture] = []
 
+        @_naming(path)
         def write(frame: Frame) -> None:
             if not pictures:  # the colors of all frames are those of the first one's range
                 pictures.append(FramePicture(*self._tally.searched(frame)))
             video.write(pictures[0](frame), frame.time)
 
         self.sinks.append(write)
-        self._tally.files["output"] = str(path)
 
     def _add_recording(self, opened: ExitStack, path: Path) -> None:
         calib = self._outputs.calib
         calibration = None if calib is None else read_calibration(calib)
-        recording = opened.enter_context(saving(path))
+        recording = self._enter(opened, "rerun", path, saving(path))
 
         def log(frame: Frame) -> None:
             low, high = self._tally.searched(frame)
@@ -192,11 +206,23 @@ class Writers:
 
         self.sinks.append(log)
         self._tally.listeners.append(partial(log_failure, recording=recording))
-        self._tally.files["rerun"] = str(path)
+
+
+@contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Name the file in errors of the system, as of a full disk: not its draft, nor nothing."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is None:  # NumPy's
+            raise OSError(f"{path}: {error}") from error
+        raise OSError(error.errno, os.strerror(error.errno), str(path)) from error
 
 
 def _write_frame(pattern: str, frame: Frame) -> None:
-    write_disparity(pattern % frame.index, frame.result.disparity)
+    path = Path(pattern % frame.index)
+    with _naming(path):
+        write_disparity(path, frame.result.disparity)
 
 
 def _check_frames(pattern: str, sources: list[Path], disparities: tuple[int, int]) -> None:

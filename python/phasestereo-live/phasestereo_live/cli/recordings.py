@@ -3,7 +3,6 @@
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
 from collections.abc import Callable
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -115,17 +114,11 @@ class Messages:
                 raise CommandError(message, WRONG_USAGE)
 
     def sink(
-        self, recording: Recording, frames: Stream, opened: ExitStack, path: Path
+        self, recording: Recording, frames: Stream, messages: RecordingWriter
     ) -> Callable[[Frame], None]:
-        """Return what writes frames to a recording.
-
-        Raises
-        ------
-        OSError, ValueError, ImportError
-            As `RecordingWriter` and `FrameWriter`.
-        """
+        """Return what writes frames of a recording to another one."""
         writer = FrameWriter(
-            opened.enter_context(RecordingWriter(path)),
+            messages,
             recording.topics,
             kinds=self.messages or KINDS,
             depth_encoding=self.depth_encoding or DEPTHS[0],

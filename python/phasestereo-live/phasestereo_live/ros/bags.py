@@ -1,19 +1,37 @@
-"""Files of messages, through the library rosbags: opened to read, and written as a whole."""
+"""Files of messages, through the library rosbags: opened to read, and written as a whole.
+
+The library trusts what a file says of its lengths, so it gets files that answer within bounds: how
+they begin is looked at first, and no piece is read that is longer than the file or than a record
+may be.
+"""
 
 from __future__ import annotations
 
+import io
 import os
-import secrets
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from phasestereo._extras import require
-from phasestereo.io.files import StrPath, named, suffix, target_of
+from phasestereo.io.drafts import growing
+from phasestereo.io.files import (
+    StrPath,
+    check_head,
+    named,
+    open_regular,
+    read_bounded,
+    suffix,
+    target_of,
+)
+from phasestereo.io.limits import RECORD
 from phasestereo_live._closing import Closing
 
-SUFFIXES = (".mcap", ".db3", ".bag")
+_HEADS = {".mcap": b"\x89MCAP0\r\n", ".db3": b"SQLite format 3\0", ".bag": b"#ROSBAG V2.0\n"}
+SUFFIXES = tuple(_HEADS)
+
+_METADATA = 2**19  # bytes of a metadata.yaml at most, which has some hundreds for each topic
 
 
 class Item(NamedTuple):
@@ -58,8 +76,13 @@ class Bag:
 
         self._path.stat()  # the system says what does not exist
         self._reader: Any = None
+        _check_heads(self._path)
         with named(os.fspath(path)):
-            reader = _reader(self._path)
+            ros1, ros2 = (
+                require("rosbags.rosbag1", extra="ros"),
+                require("rosbags.rosbag2", extra="ros"),
+            )
+            reader = (ros1 if is_ros1 else ros2).Reader(_Place(path))
             reader.open()
             self._reader = reader
 
@@ -95,16 +118,36 @@ class Bag:
             reader.close()
 
 
-def _reader(path: Path) -> Any:
-    """Return the reader of such a file; single files of rosbag2 lack the folder that it expects."""
-    # Suffixes decide; a file of rosbag2 without its folder is read by the storage alone.
-    if path.is_dir():
-        return require("rosbags.rosbag2", extra="ros").Reader(path)
-    if suffix(path) == ".bag":
-        return require("rosbags.rosbag1", extra="ros").Reader(path)
-    if suffix(path) == ".mcap":
-        return require("rosbags.rosbag2.storage_mcap", extra="ros").McapReader(path)
-    return require("rosbags.rosbag2.storage_sqlite3", extra="ros").Sqlite3Reader(path)
+class _Records(io.BufferedReader):
+    """A file of which no piece is read that is longer than a record may be, or than the file."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """Read at most so many bytes; what ends before them is short, as at the end of a file."""
+        rest = max(0, os.fstat(self.fileno()).st_size - self.tell())
+        wanted = rest if size is None or size < 0 else min(size, rest)
+        if wanted > RECORD:
+            raise ValueError(f"asks for {wanted} bytes at once; records have {RECORD} at most")
+        return super().read(wanted)
+
+
+class _Place(type(Path())):  # type: ignore[misc]  # the system's kind of path
+    """A path whose files the library opens within bounds, those that a folder names, too."""
+
+    def open(self, *_: Any, **__: Any) -> _Records:
+        """Open a regular file to read its bytes."""
+        return _Records(open_regular(self).detach())  # type: ignore[attr-defined]  # is buffered
+
+    def read_text(self, *_: Any, **__: Any) -> str:
+        """Return the text of ``metadata.yaml``."""
+        with open_regular(self) as file:
+            return read_bounded(file, _METADATA).decode()
+
+
+def _check_heads(path: Path) -> None:
+    """Refuse files that do not begin as their suffix says; SQLite opens them by name."""
+    for file in sorted(path.iterdir()) if path.is_dir() else [path]:
+        if head := _HEADS.get(suffix(file)):
+            check_head(file, head)
 
 
 class RecordingWriter(Closing):
@@ -144,7 +187,7 @@ class RecordingWriter(Closing):
         name = stores.Stores.ROS1_NOETIC if self.is_ros1 else stores.Stores.ROS2_HUMBLE
         self._types = stores.get_typestore(name)
 
-        self._home = self._target.with_name(f".{secrets.token_hex(8)}.part")
+        self._home = growing(self._target)
         self._home.mkdir()  # only trying shows all that can go wrong
         self._home.rmdir()
 
@@ -206,11 +249,9 @@ class RecordingWriter(Closing):
         try:
             writer.close()
             # Of the folder that rosbags makes, a rosbag2 in SQLite is all, the others are one file.
+            is_folder = self._kind == ".db3"
             made = self._home / self._target.stem
-            inner = made if self._kind == ".db3" else self._home / f"{made.name}{self._kind}"
-            if self._kind == ".mcap":
-                inner = made / f"{made.name}.mcap"
-
+            inner = made if is_folder else next(self._home.rglob(f"*{self._kind}"))
             inner.replace(self._target)
         finally:
             shutil.rmtree(self._home, ignore_errors=True)
@@ -219,17 +260,11 @@ class RecordingWriter(Closing):
         self._home.mkdir()
         made = self._home / self._target.stem
         if self.is_ros1:
-            writer = require("rosbags.rosbag1", extra="ros").Writer(
-                made.with_name(f"{made.name}.bag")
-            )
+            module = require("rosbags.rosbag1", extra="ros")
+            writer = module.Writer(made.with_name(f"{made.name}.bag"))
         else:
-            rosbag2 = require("rosbags.rosbag2", extra="ros")
-            plugin = (
-                rosbag2.StoragePlugin.MCAP
-                if self._kind == ".mcap"
-                else rosbag2.StoragePlugin.SQLITE3
-            )
-            writer = rosbag2.Writer(made, version=8, storage_plugin=plugin)
-
+            module = require("rosbags.rosbag2", extra="ros")
+            plugins = {".mcap": module.StoragePlugin.MCAP, ".db3": module.StoragePlugin.SQLITE3}
+            writer = module.Writer(made, version=8, storage_plugin=plugins[self._kind])
         writer.open()
         self._writer = writer

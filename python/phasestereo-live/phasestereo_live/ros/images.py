@@ -1,8 +1,14 @@
-"""Images as messages hold them: ``sensor_msgs/Image`` and ``CompressedImage``, and arrays."""
+"""Images as messages hold them: ``sensor_msgs/Image`` and ``CompressedImage``, and arrays.
+
+The library rosbags-image knows the encodings. Sizes are checked before it sees a message, and rows
+are freed of their padding, which it does not expect. Pictures are decoded as files of images are:
+within the bounds of those, and with all their bits.
+"""
 
 from __future__ import annotations
 
 import io
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,32 +17,26 @@ from numpy.typing import NDArray
 from phasestereo._extras import require
 from phasestereo.io.files import named
 from phasestereo.io.image import as_image
+from phasestereo.io.limits import check_size
 from phasestereo.io.pixels import Pixels
 from phasestereo.io.raster import RASTER_MAGICS, decode_raster
 
-# Encoding -> type of its samples, how many a pixel has, and which of them are red, green and blue
-# (or red, green, blue and alpha).
-_ENCODINGS: dict[str, tuple[str, int, tuple[int, ...]]] = {
-    "mono8": ("u1", 1, (0,)),
-    "8UC1": ("u1", 1, (0,)),
-    "mono16": ("u2", 1, (0,)),
-    "16UC1": ("u2", 1, (0,)),
-    "32FC1": ("f4", 1, (0,)),
-    "rgb8": ("u1", 3, (0, 1, 2)),
-    "bgr8": ("u1", 3, (2, 1, 0)),
-    "8UC3": ("u1", 3, (2, 1, 0)),
-    "rgba8": ("u1", 4, (0, 1, 2)),
-    "bgra8": ("u1", 4, (2, 1, 0)),
-    "rgb16": ("u2", 3, (0, 1, 2)),
-    "bgr16": ("u2", 3, (2, 1, 0)),
-    **{
-        f"bayer_{order}{bits}": (f"u{bits // 8}", 1, (0,))
-        for order in ("rggb", "bggr", "gbrg", "grbg")
-        for bits in (8, 16)
-    },
+_BAYER = [f"bayer_{order}" for order in ("rggb", "bggr", "gbrg", "grbg")]
+_GRAY = {"mono8": 1, "mono16": 2, "8UC1": 1, "16UC1": 2, "32FC1": 4}
+_COLORS = {
+    "rgb8": {"rgb8": 3, "bgr8": 3, "8UC3": 3, "rgba8": 4, "bgra8": 4}
+    | {"uyvy": 2, "yuv422": 2, "yuyv": 2, "yuv422_yuy2": 2}
+    | {f"{order}8": 1 for order in _BAYER},
+    "rgb16": {"rgb16": 6, "bgr16": 6, "rgba16": 8, "bgra16": 8}
+    | {f"{order}16": 2 for order in _BAYER},
 }
-ENCODINGS = tuple(_ENCODINGS)
-"""Encodings that are read."""
+
+# Encoding -> bytes of a pixel, and the encoding that it is brought to.
+_ENCODINGS = {name: (size, name) for name, size in _GRAY.items()} | {
+    name: (size, target) for target, sizes in _COLORS.items() for name, size in sizes.items()
+}
+_SAME = {"8UC3": "bgr8"}  # by the convention of OpenCV, which the library leaves open
+_LONGEST_NAME = 40  # characters of a name that a message gives
 
 
 def decode_image(message: Any) -> Pixels:
@@ -45,9 +45,9 @@ def decode_image(message: Any) -> Pixels:
     Parameters
     ----------
     message
-        A ``sensor_msgs/Image`` (mono8, mono16, rgb8, bgr8, rgba8, bgra8, rgb16, bgr16, 8UC1, 8UC3,
-        16UC1, 32FC1, or a Bayer pattern of 8 or 16 bits, which OpenCV interpolates) or a
-        ``sensor_msgs/CompressedImage`` (JPEG or PNG).
+        A ``sensor_msgs/Image`` (mono8, mono16, rgb8, bgr8, rgba8, bgra8, rgb16, bgr16, rgba16,
+        bgra16, 8UC1, 8UC3, 16UC1, 32FC1, uyvy, yuyv, or a Bayer pattern of 8 or 16 bits, which
+        OpenCV interpolates) or a ``sensor_msgs/CompressedImage`` (JPEG or PNG).
 
     Returns
     -------
@@ -57,56 +57,67 @@ def decode_image(message: Any) -> Pixels:
     Raises
     ------
     ValueError
-        If the encoding is another, or the data is cut short or damaged.
+        If the encoding is another, the data is cut short or damaged, or the image has more pixels
+        than `phasestereo.io.max_pixels` says.
     ImportError
-        If Pillow (compressed) or OpenCV (Bayer) is not installed.
+        If the extra ``ros`` is not installed.
     """
     if hasattr(message, "format"):
         return _decompressed(message)
-    samples = _samples(message)
-    return _developed(samples, message.encoding)
 
+    encoding, rows, cols, step = message.encoding, message.height, message.width, message.step
+    if encoding not in _ENCODINGS:
+        known = ", ".join(_ENCODINGS)
+        raise ValueError(f"encoding: got {_short(encoding)}; accepts {known}")
 
-def _samples(message: Any) -> NDArray[Any]:
-    """Return the samples as they are stored: (H, W) or (H, W, C), in the order of red to blue."""
-    if message.encoding not in _ENCODINGS:
-        known = ", ".join(ENCODINGS)
-        raise ValueError(f"encoding: got {message.encoding!r}; accepts {known}")
-    kind, count, order = _ENCODINGS[message.encoding]
-    dtype = np.dtype((">" if message.is_bigendian else "<") + kind)
-    rows, cols, step = message.height, message.width, message.step
-    data = np.frombuffer(bytes(message.data), np.uint8)
-
-    if not rows or not cols or step < cols * count * dtype.itemsize:
+    length = cols * _ENCODINGS[encoding][0]
+    data = np.frombuffer(message.data, np.uint8)
+    if not rows or not cols or step < length:
         raise ValueError(f"image: got {cols} x {rows} pixels with rows of {step} bytes")
     if data.size < rows * step:
         raise ValueError(f"image: cut short, it has {data.size} bytes of {rows * step}")
+    with named("image"):
+        check_size(cols, rows)
 
     # Rows may be padded at their end: `step` is their length in bytes.
-    lines = data[: rows * step].reshape(rows, step)[:, : cols * count * dtype.itemsize]
-    pixels = np.ascontiguousarray(lines).view(dtype).reshape(rows, cols, count)
-    return pixels[:, :, list(order)].astype(dtype.newbyteorder("="), copy=False)
+    packed = data[: rows * step].reshape(rows, step)[:, :length].copy()
+    return _developed(packed, encoding, (rows, cols), is_bigendian=bool(message.is_bigendian))
 
 
 def _decompressed(message: Any) -> Pixels:
     data = bytes(message.data)
     encoding = message.format.partition(";")[0].strip()
     if not data.startswith(RASTER_MAGICS):
-        raise ValueError(f"format: got {message.format!r}; accepts jpeg and png")
+        raise ValueError(f"format: got {_short(message.format)}; accepts jpeg and png")
 
     with named("image"):
         samples = as_image(decode_raster(io.BytesIO(data)))
-    return _developed(samples[:, :, np.newaxis] if samples.ndim == 2 else samples, encoding)
+
+    # A picture of a Bayer pattern is gray; the names of both depths are known.
+    is_raw = samples.ndim == 2 and encoding in _ENCODINGS and encoding.startswith("bayer_")
+    if is_raw and _ENCODINGS[encoding][0] == samples.itemsize:
+        return _developed(samples, encoding, samples.shape)
+    return samples[..., :3] if samples.ndim == 3 else samples
 
 
-def _developed(samples: NDArray[Any], encoding: str) -> Pixels:
-    """Return samples as an image: a Bayer pattern is interpolated, alpha left out."""
-    if samples.shape[2] == 1 and encoding.startswith("bayer_"):
-        cv2 = require("cv2", extra="ros")
-        order = encoding.removeprefix("bayer_")[:4].upper()
-        code = getattr(cv2, f"COLOR_Bayer{order}2RGB")
-        return as_image(np.asarray(cv2.cvtColor(np.ascontiguousarray(samples[:, :, 0]), code)))
-    return as_image(samples[:, :, :3])
+def _developed(
+    data: NDArray[Any], encoding: str, shape: tuple[int, ...], *, is_bigendian: bool = False
+) -> Pixels:
+    """Return samples without padding as an image; a Bayer pattern is interpolated."""
+    message = SimpleNamespace(
+        height=shape[0],
+        width=shape[1],
+        encoding=_SAME.get(encoding, encoding),
+        is_bigendian=is_bigendian,
+        data=data,
+    )
+    convert = require("rosbags.image", extra="ros").message_to_cvimage
+    return as_image(np.asarray(convert(message, _ENCODINGS[encoding][1])))
+
+
+def _short(name: str) -> str:
+    """Return a name of a message as an error shows it: its beginning, if it is long."""
+    return repr(name) if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]!r}..."
 
 
 def encode_image(array: NDArray[Any]) -> dict[str, Any]:

@@ -6,13 +6,12 @@ import os
 from collections.abc import Iterator
 from fractions import Fraction
 from heapq import heappop, heappush
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from phasestereo._extras import require
-from phasestereo.io.files import StrPath
+from phasestereo.io.files import StrPath, open_regular
 from phasestereo_live.video.capture import Capture, CaptureSource, Image, lost
 
 _PATIENCE = 10.0  # seconds to wait for a network stream before giving it up
@@ -36,11 +35,13 @@ def open_video(path: StrPath) -> CaptureSource[Image]:
     """
     av = require("av", extra="live")
     name = os.fspath(path)
+    options = {}
     if not is_address(name):
-        Path(name).open("rb").close()  # says what is wrong in the words of the system
+        open_regular(name).close()  # says what is wrong in the words of the system
+        options = {"protocol_whitelist": "file"}  # playlists may name addresses
 
     try:
-        container = av.open(name, timeout=_PATIENCE)
+        container = av.open(name, timeout=_PATIENCE, options=options)
     except av.error.FFmpegError as error:
         if isinstance(error, OSError) and not isinstance(error, ValueError):
             raise OSError(error.errno, error.strerror, name) from error

@@ -36,7 +36,8 @@ def open_source(
     TypeError
         If it is nothing of what is accepted, or the two views are of different kinds.
     ValueError
-        If a layout is unknown or has no effect, or there is no video or no image.
+        If a layout is unknown or has no effect, there is no video or no image, or one view is a
+        folder and the other a file.
     OSError
         If a file, a folder or a camera cannot be opened.
     ImportError
@@ -91,7 +92,10 @@ def _open_views(
             return open_folders(Path(left), Path(right))
         if not any(folders):
             return _open_videos(left, right)
-        raise TypeError("right: got a folder and a file; accepts two folders or two videos")
+        raise ValueError(
+            f"right: got {os.fspath(right)} beside {os.fspath(left)}, a folder and a file; accepts "
+            "two folders or two videos"
+        )
 
     if isinstance(left, int) and isinstance(right, int) and bool not in (type(left), type(right)):
         if left == right:

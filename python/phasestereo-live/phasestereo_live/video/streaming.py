@@ -22,12 +22,12 @@ from phasestereo._images import ImageOrPath, as_mask
 from phasestereo._numbers import as_integer
 from phasestereo._opening import opened_pair
 from phasestereo.io.pair import Layout, LayoutError
+from phasestereo.known import Known, as_known
 from phasestereo.matching import Matcher
 from phasestereo.rectification import Rectification
 from phasestereo.rectification.cameras import Cameras
 from phasestereo.rectification.reading import CalibrationSource
 from phasestereo.result import Result
-from phasestereo.rig.compensation import BlurCompensation, Noise
 from phasestereo.rig.findings import untrusted
 from phasestereo.settings import Settings
 from phasestereo.temporal import TemporalFilter
@@ -121,8 +121,7 @@ def stream(
     threads: int | None = None,
     left_mask: ArrayLike | None = None,
     right_mask: ArrayLike | None = None,
-    noise: Noise | None = None,
-    blur_compensation: BlurCompensation | None = None,
+    known: Known | None = None,
     **overrides: Any,
 ) -> Stream:
     """Match every frame of a video, a folder of images, or a pair of cameras.
@@ -168,10 +167,10 @@ def stream(
     on_error
         Called with a `Failure` for every frame that fails; what it raises ends the stream. None:
         it becomes a warning of the logger ``phasestereo``.
-    num_disparities, min_disparity, preset, settings, threads, left_mask, right_mask, noise
-        As `match` takes them; masks and noise hold for every frame.
-    blur_compensation, **overrides
-        Likewise.
+    num_disparities, min_disparity, preset, settings, threads, left_mask, right_mask, **overrides
+        As `match` takes them; masks hold for every frame.
+    known
+        What is known of every frame; ``before`` counts for the first one.
 
     Returns
     -------
@@ -228,8 +227,7 @@ def stream(
         "min_disparity": min_disparity,
         "left_mask": left_mask,
         "right_mask": right_mask,
-        "noise": noise,
-        "blur_compensation": blur_compensation,
+        "known": as_known(known),
     }
 
     # Wrong arguments are refused before any source is opened.
@@ -369,7 +367,7 @@ class _Work:
         self._reestimate = reestimate
         self._reused = 0  # frames since the last estimate
         self._temporal_filter = temporal_filter
-        self._last: Result | None = None
+        self._last: Result | None = given["known"].before
 
         self._checked = False
         self._width: int | None = None
@@ -448,11 +446,11 @@ class _Work:
 
         left, right = images
         masks = {} if self.rectifier is None else self.rectifier.masks
+        known = replace(self._given["known"], before=self._before())
         result = self.matcher.match(
             left,
             right,
-            **{**self._given, **masks},
-            before=self._before(),
+            **{**self._given, **masks, "known": known},
             temporal_filter=self._temporal_filter,
         )
 

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phasestereo._extras import require
+from phasestereo.io.drafts import draft_of
 from phasestereo.io.files import StrPath
 from phasestereo_live._closing import Closing
-from phasestereo_live.video.drafts import draft_of
 
 SUFFIXES = (".mp4", ".m4v", ".mov", ".mkv")
 

@@ -1,8 +1,13 @@
-"""What answers the browser: on this machine alone, and only who knows the token.
+"""What answers the browser: on this machine alone, and only who was let in.
 
-Addresses are ``http://127.0.0.1:PORT/TOKEN/...``. A page of another site, which a browser may send
-here too, knows neither the token nor, with a name of its own for this machine (DNS rebinding), the
-right ``Host``.
+The address has a key, which is exchanged for a cookie: ``http://127.0.0.1:PORT/KEY`` leads to
+``http://127.0.0.1:PORT/ROOM/``, where nothing is answered without the cookie. The key stands in a
+file of this user alone and on the terminal, never in the command line of a browser, which every
+user of the machine can see. A cookie goes to all ports of a machine, so this one goes to the room
+alone, whose name nobody else knows. A page of another site, which a browser may send here too, has
+no cookie nor, with a name of its own for this machine (DNS rebinding), the right ``Host``.
+
+Whoever else connects can only wait: for some seconds, and as long as there is room.
 """
 
 from __future__ import annotations
@@ -10,10 +15,13 @@ from __future__ import annotations
 import io
 import json
 import secrets
-from collections.abc import Callable
+import socket
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
+from pathlib import Path
 from threading import Lock, Thread
 from typing import Any, Self
 from urllib.parse import parse_qs
@@ -30,6 +38,11 @@ from phasestereo_live.viewer.show import RANGES, Show
 _HOME = "127.0.0.1"
 _LONGEST = 4096  # bytes of what a browser may send
 _PATIENCE = 10.0  # seconds that a question for news is left open
+_SILENCE = 20.0  # seconds after which a connection that says nothing is closed
+_MOST = 32  # connections at a time; a browser opens six
+_COOKIE = "phasestereo"
+_HTML = "text/html; charset=utf-8"
+_NOTHING: Mapping[str, str] = {}
 _POLICY = (
     "default-src 'none'; img-src 'self' data:; connect-src 'self'; style-src 'unsafe-inline'; "
     "script-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -62,9 +75,9 @@ class Server:
     """
 
     def __init__(self, show: Show, port: int = 0) -> None:
-        self._token = secrets.token_urlsafe(18)
+        self._key, room, cookie = (secrets.token_urlsafe(18) for _ in range(3))
         answers = _Answers(show)
-        attributes: dict[str, Any] = {"token": self._token, "answers": answers}
+        attributes = {"key": self._key, "room": room, "cookie": cookie, "answers": answers}
         handler = type("Handler", (_Handler,), attributes)
 
         self._server = _Listener((_HOME, port), handler)
@@ -75,8 +88,20 @@ class Server:
 
     @property
     def address(self) -> str:
-        """Where the page is."""
-        return f"http://{_HOME}:{self._port}/{self._token}/"
+        """Where the page is, for whoever is to be let in."""
+        return f"http://{_HOME}:{self._port}/{self._key}"
+
+    def write_link(self, path: Path) -> Path:
+        """Write a new file, which this user alone can read, that leads a browser to the page.
+
+        Raises
+        ------
+        OSError
+            If it exists, or cannot be written.
+        """
+        path.touch(mode=0o600, exist_ok=False)
+        path.write_bytes(_leading_to(self.address))
+        return path
 
     def __enter__(self) -> Self:
         """Begin to answer."""
@@ -90,9 +115,52 @@ class Server:
         self._thread.join()
 
 
+def _leading_to(address: str) -> bytes:
+    """Return a page that leads to another one."""
+    return (
+        '<!doctype html><html lang="en"><meta charset="utf-8"><title>phasestereo</title>'
+        '<link rel="icon" href="data:,">'
+        f'<meta http-equiv="refresh" content="0; url={address}">'
+        f'<a href="{address}">phasestereo</a></html>'
+    ).encode()
+
+
 class _Listener(ThreadingHTTPServer):
+    """Takes connections; where there are too many, the oldest of those without a cookie goes."""
+
     daemon_threads = True
     block_on_close = False
+    request_queue_size = 128
+
+    def __init__(self, *given: Any) -> None:
+        self._lock = Lock()
+        self._connections: dict[Any, bool] = {}  # and which are of a browser that was let in
+        super().__init__(*given)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Answer in a thread, if there is room or can be made."""
+        with self._lock:
+            if len(self._connections) >= _MOST:
+                spare = next(
+                    (one for one, known in self._connections.items() if not known), request
+                )
+                self._connections.pop(spare, None)
+                with suppress(OSError):
+                    spare.shutdown(socket.SHUT_RDWR)  # its thread closes it
+            self._connections[request] = False
+        super().process_request(request, client_address)
+
+    def recognize(self, request: Any) -> None:
+        """Keep a connection whatever others come."""
+        with self._lock:
+            if request in self._connections:
+                self._connections[request] = True
+
+    def shutdown_request(self, request: Any) -> None:
+        """Close a connection."""
+        with self._lock:
+            self._connections.pop(request, None)
+        super().shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing of browsers that have gone."""
@@ -109,7 +177,7 @@ class _Answers:
         self._picture: tuple[tuple[int, int], FramePicture] | None = None
 
         self.pages: dict[str, tuple[str, Callable[[dict[str, str]], bytes]]] = {
-            "": ("text/html; charset=utf-8", self._page),
+            "": (_HTML, self._page),
             "viewer.js": ("text/javascript; charset=utf-8", self._script),
             "state": ("application/json", self._state),
             "value": ("application/json", self._value),
@@ -175,6 +243,11 @@ class _Answers:
             return known[1]
 
 
+def _is_same(one: str, other: str) -> bool:
+    """Compare secrets in a time that tells nothing of them."""
+    return secrets.compare_digest(one.encode("utf-8", "replace"), other.encode())
+
+
 def _encoded(picture: np.ndarray[Any, Any], kind: str) -> bytes:
     file = io.BytesIO()
     encode_raster(file, picture, kind)
@@ -186,7 +259,10 @@ class _Handler(BaseHTTPRequestHandler):
 
     protocol_version = "HTTP/1.1"
     server_version, sys_version = "phasestereo", ""
-    token: str
+    timeout = _SILENCE
+    key: str
+    room: str
+    cookie: str
     answers: _Answers
 
     def do_GET(self) -> None:
@@ -240,11 +316,30 @@ class _Handler(BaseHTTPRequestHandler):
             return None
 
         path, _, query = self.path.partition("?")
-        token, slash, name = path.removeprefix("/").partition("/")
-        if not (slash and secrets.compare_digest(token.encode(), self.token.encode())):
+        room, slash, name = path.removeprefix("/").partition("/")
+        if self.command == "GET" and not slash and _is_same(room, self.key):
+            self._let_in()
+            return None
+
+        if not (slash and _is_same(room, self.room) and self._is_known()):
             self._refuse(HTTPStatus.FORBIDDEN)
             return None
         return name, {key: values[-1] for key, values in parse_qs(query).items()}
+
+    def _let_in(self) -> None:
+        """Give the cookie, on a page of ours: browsers send it nowhere from pages of others."""
+        cookie = f"{_COOKIE}={self.cookie}; Path=/{self.room}/; HttpOnly; SameSite=Strict"
+        page = _leading_to(f"/{self.room}/")
+        self._say(HTTPStatus.OK, _HTML, page, {"Set-Cookie": cookie})
+
+    def _is_known(self) -> bool:
+        """Return whether the browser has the cookie."""
+        wanted = f"{_COOKIE}={self.cookie}"
+        if not any(_is_same(one, wanted) for one in self.headers.get("Cookie", "").split("; ")):
+            return False
+
+        self.server.recognize(self.connection)  # type: ignore[attr-defined]  # a _Listener
+        return True
 
     def _refuse(self, status: HTTPStatus) -> None:
         self._say(status, "text/plain; charset=utf-8", f"{status.phrase}\n".encode())
@@ -252,9 +347,11 @@ class _Handler(BaseHTTPRequestHandler):
     def _say_json(self, status: HTTPStatus, content: Any) -> None:
         self._say(status, "application/json", json.dumps(content, allow_nan=False).encode())
 
-    def _say(self, status: HTTPStatus, kind: str, content: bytes) -> None:
+    def _say(
+        self, status: HTTPStatus, kind: str, content: bytes, more: Mapping[str, str] = _NOTHING
+    ) -> None:
         self.send_response(status)
-        for name, value in {**_HEADERS, "Content-Type": kind}.items():
+        for name, value in {**_HEADERS, "Content-Type": kind, **more}.items():
             self.send_header(name, value)
         self.send_header("Content-Length", str(len(content)))
         self.end_headers()

@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from phasestereo._extras import require
 from phasestereo._images import Map, Mask, Pixels, as_mask, as_pair, on_screen, screen_range
 from phasestereo.io import Calibration
-from phasestereo.io.files import StrPath, replacing, suffix
+from phasestereo.io.drafts import replacing
+from phasestereo.io.files import StrPath, suffix
 from phasestereo.metrics.scores import score as score_map
 from phasestereo.result import Result
 from phasestereo.views.depths import YAW, Anchor, ranging

@@ -2,12 +2,12 @@
 
 use std::cmp::Reverse;
 
+use super::finding::{Finding, Severity, Topic};
 use super::levels::{
     AT_END, AT_ZERO, FLAGGED, LEAST_ROUGH, MENTIONED, PLAIN, ROWS, SATURATED, SMEARED, WRONG,
 };
-use super::{Finding, Severity, Topic};
 use crate::pipeline::summary::Summary;
-use crate::rig::estimation::Estimates;
+use crate::rig::estimation::estimates::Estimates;
 use crate::rig::estimation::overview::LEAST_SIZE;
 
 /// What to look at where no cause is known.

@@ -8,7 +8,8 @@ use std::array::from_fn;
 use std::ops::Range;
 
 use crate::error::{Error, Result};
-use crate::image::intensity::Gray;
+use crate::image::LARGEST_KERNEL;
+use crate::image::intensity::{FINER_LOG2, Gray, LARGEST_REACH};
 use crate::image::plane::{Plane, reflect, zeroed};
 use crate::pipeline::control::Control;
 use crate::simd::{self, Level};
@@ -16,8 +17,6 @@ use crate::simd::{self, Level};
 /// Binary logarithm of the sum of a kernel's weights: the taps of a disk of radius 10 are then right to 2 %, and gray
 /// values below `2^17` still have sums of 32 bits.
 pub const SHIFT: u32 = 14;
-/// Largest side of a kernel.
-pub const LARGEST_KERNEL: usize = 129;
 /// Most bits after the point of a result.
 pub const MOST_FRACTION: u32 = 8;
 /// Further bits that are kept between the two passes of a separable kernel.
@@ -99,6 +98,22 @@ impl Kernel {
     /// The weights.
     pub fn weights(&self) -> &Weights {
         &self.0
+    }
+}
+
+impl Gray<'_> {
+    /// The same image under a kernel, in the finest steps that there is room for. Masked pixels have the values of valid
+    /// neighbors by now, so they spread nothing of their own.
+    pub fn convolved(
+        &self,
+        kernel: &Kernel,
+        level: Level,
+        control: &Control,
+    ) -> Result<Gray<'static>> {
+        let fits = |bits: &u32| self.reach() << bits <= LARGEST_REACH;
+        let bits = (0..=FINER_LOG2).rev().find(fits).unwrap_or(0);
+
+        Ok(self.scaled(self.reach() << bits, convolve(self, kernel, bits, level, control)?))
     }
 }
 

@@ -26,9 +26,8 @@ pub const HEIGHT: f64 = 20.0;
 const DOUBTLESS_HEIGHT: f64 = 40.0;
 /// ... to which so many times the spread of its neighbors are added.
 const DOUBTLESS_SPREADS: i32 = 3;
-/// Share of pixels beyond doubt above which there are impulses. Of 54 clean pairs the largest is 1.2e-5, of KITTI's
-/// 2.4e-5; noise, JPEG and softness have fewer. With 0.02, 0.1 and 1 % of hot pixels bad-1.0 of six scenes is 4.30, 4.31
-/// and 4.66 % (5.29, 5.56 and 26.8 unrepaired; without any 4.30).
+/// Share of pixels beyond doubt above which there are impulses. Clean pairs have half of it at
+/// most; noise, JPEG and softness fewer.
 const LEAST_SHARE: f64 = 4e-5;
 
 /// Gray values without impulses of this height, in steps, and above.

@@ -5,11 +5,10 @@
 //! factor then scales every spectral component by it, and no code changes.
 
 use crate::error::Result;
-use crate::image::convolution::{Kernel as Blur, convolve};
 use crate::image::impulses;
+use crate::image::intensity_range::{IntensityRange, NOWHERE, floor_log2};
 use crate::image::masking::fill_masked;
 use crate::image::plane::{Plane, zeroed};
-use crate::image::smoothing::smooth;
 use crate::image::view::{Image, View};
 use crate::pipeline::control::Control;
 use crate::simd::{Level, Loop};
@@ -27,15 +26,7 @@ const MOST_SAMPLES: usize = 1 << 16;
 /// Largest magnitude of a gray value: sums of products with it are exact in double precision.
 pub const LARGEST_REACH: u32 = 1 << 25;
 /// Binary logarithm of the most steps of a blurred or smoothed image to one of the image itself.
-const FINER_LOG2: u32 = 4;
-/// Largest magnitude of smoothed values, unless the image has larger ones: sums of a later convolution then fit in 32 bits.
-const NARROW_REACH: u32 = 1 << 17;
-/// Largest magnitudes of gray values of bytes, without and with color.
-const REACH_OF_BYTES: [u32; 2] = [128, 128_000];
-/// Largest magnitude of these after smoothing, in sixteenths of a gray level: sums under a code of two sizes then fit in
-/// 32 bits.
-const SMOOTHED_BYTES: u32 = 128 << FINER_LOG2;
-
+pub const FINER_LOG2: u32 = 4;
 /// Fixed-point steps per gray level of a channel plane, where black to white is 255 gray levels.
 pub const LEVEL_STEPS: u16 = 16;
 /// Black to white in steps of a channel plane.
@@ -44,36 +35,6 @@ const LEVEL_RANGE: f64 = 255.0 * LEVEL_STEPS as f64;
 const LEVEL_BLACK: f64 = LEVEL_RANGE;
 /// Largest value of a channel plane.
 pub const LEVEL_CEILING: u16 = 3 * 255 * LEVEL_STEPS;
-
-/// Black and white, in thousandths of the pixels' unit.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct IntensityRange {
-    /// Black.
-    pub black: f64,
-    /// White.
-    pub white: f64,
-}
-
-impl IntensityRange {
-    /// A range about zero that contains magnitudes up to `most`. Its ends are powers of two, so steps of it are, too.
-    pub fn about_zero(most: f64) -> Self {
-        let white = 2f64.powi(floor_log2(most) + 1);
-        Self { black: -white, white }
-    }
-
-    /// White less black.
-    pub fn width(self) -> f64 {
-        self.white - self.black
-    }
-
-    /// The smallest range that contains both.
-    pub fn union(self, other: Self) -> Self {
-        Self { black: self.black.min(other.black), white: self.white.max(other.white) }
-    }
-}
-
-/// The range of an image without a valid pixel.
-pub const NOWHERE: IntensityRange = IntensityRange { black: 0.0, white: 0.0 };
 
 /// The gray values that phase codes are taken from, centered about zero. Each image may have its own scale, since codes
 /// compare directions, not lengths.
@@ -150,40 +111,8 @@ impl<'a> Gray<'a> {
         Self { size, source: Pixels::Plane(plane), reach, unit: [1.0, 1.0] }
     }
 
-    /// The same image under a kernel, in the finest steps that there is room for. Masked pixels have the values of valid
-    /// neighbors by now, so they spread nothing of their own.
-    pub fn convolved(
-        &self,
-        kernel: &Blur,
-        level: Level,
-        control: &Control,
-    ) -> Result<Gray<'static>> {
-        let fits = |bits: &u32| self.reach << bits <= LARGEST_REACH;
-        let bits = (0..=FINER_LOG2).rev().find(fits).unwrap_or(0);
-
-        Ok(self.scaled(self.reach << bits, convolve(self, kernel, bits, level, control)?))
-    }
-
-    /// The same image with less noise: [`smooth`] for noise of this standard deviation, in units of the pixels.
-    pub fn smoothed(
-        &self,
-        deviation: f64,
-        level: Level,
-        control: &Control,
-    ) -> Result<Gray<'static>> {
-        let fits = |bits: &u32| self.reach << bits <= NARROW_REACH;
-        let bits = (0..=FINER_LOG2).rev().find(fits).unwrap_or(0);
-        // Bytes, with or without color, come out on the same scale.
-        let is_of_bytes = REACH_OF_BYTES.contains(&self.reach);
-        let reach = if is_of_bytes { SMOOTHED_BYTES } else { self.reach << bits };
-
-        let scale = f64::from(reach) / f64::from(self.reach);
-        let plane = smooth(self, self.steps(deviation), scale, level, control)?;
-        Ok(self.scaled(reach, plane))
-    }
-
     /// These gray values after processing, in other steps: the largest magnitude is `reach`.
-    fn scaled(&self, reach: u32, plane: Plane<i32>) -> Gray<'static> {
+    pub fn scaled(&self, reach: u32, plane: Plane<i32>) -> Gray<'static> {
         let [unit, rest] = self.unit;
         let unit = [unit * (f64::from(reach) / f64::from(self.reach)), rest];
 
@@ -435,9 +364,4 @@ fn filled<T: Copy + Default + Send + Sync>(
         fill_masked(&mut plane, mask, control)?;
     }
     Ok(plane)
-}
-
-/// The exponent of the leading bit; 0 for zero, so that a constant image has some scale.
-fn floor_log2(value: f64) -> i32 {
-    if value == 0.0 { 0 } else { ((value.to_bits() >> 52) & 0x7ff) as i32 - 1023 }
 }

@@ -1,7 +1,7 @@
 //! Masked pixels take the values of valid neighbors, so that their own values have no effect on anything.
 
 use crate::error::Result;
-use crate::image::convolution::LARGEST_KERNEL;
+use crate::image::LARGEST_KERNEL;
 use crate::image::plane::Plane;
 use crate::image::view::Mask;
 use crate::pipeline::control::Control;

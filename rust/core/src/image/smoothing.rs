@@ -21,18 +21,15 @@ use std::array::from_fn;
 use std::ops::Range;
 
 use crate::error::Result;
-use crate::image::intensity::Gray;
+use crate::image::intensity::{FINER_LOG2, Gray};
 use crate::image::plane::{Plane, reflect};
 use crate::pipeline::control::Control;
 use crate::pipeline::memory::Memory;
 use crate::simd::{Level, Loop};
 use crate::value::nearest;
 
-/// Pixels from the center of a window to its side.
-///
-/// Means of bad-1.0 (%) over 12 scenes by radius, with the deviations that suit them, codes of two sizes and penalties of
-/// (5, 20): sharp, noise of 5 and of 20 gray levels, JPEG of quality 30, both images after a disk of 3 px: none: 5.39, 14.1,
-/// 34.4, 26.9, 15.6; 1: 5.22, 12.5, 29.4, 25.7, 14.2; 2: 5.23, 12.3, 28.7, 25.0, 14.4; 3: 5.40, 12.6, 29.1, 25.0, 15.1.
+/// Pixels from the center of a window to its side. Smaller windows leave more of strong noise, larger ones harm sharp and
+/// blurred pairs.
 const RADIUS: usize = 2;
 /// Side of a window.
 const SIDE: usize = 2 * RADIUS + 1;
@@ -60,6 +57,33 @@ const SPAN: usize = PART + 2 * MARGIN;
 const BAND_ROWS: usize = 32;
 /// Larger deviations, in steps, are beyond any window's and make no difference; their squares must be finite.
 const LARGEST_DEVIATION: f64 = (1u64 << 40) as f64;
+/// Largest magnitude of smoothed values, unless the image has larger ones: sums of a later convolution then fit in 32 bits.
+const NARROW_REACH: u32 = 1 << 17;
+/// Largest magnitudes of gray values of bytes, without and with color.
+const REACH_OF_BYTES: [u32; 2] = [128, 128_000];
+/// Largest magnitude of these after smoothing, in sixteenths of a gray level: sums under a code of two sizes then fit in
+/// 32 bits.
+const SMOOTHED_BYTES: u32 = 128 << FINER_LOG2;
+
+impl Gray<'_> {
+    /// The same image with less noise: [`smooth`] for noise of this standard deviation, in units of the pixels.
+    pub fn smoothed(
+        &self,
+        deviation: f64,
+        level: Level,
+        control: &Control,
+    ) -> Result<Gray<'static>> {
+        let fits = |bits: &u32| self.reach() << bits <= NARROW_REACH;
+        let bits = (0..=FINER_LOG2).rev().find(fits).unwrap_or(0);
+        // Bytes, with or without color, come out on the same scale.
+        let is_of_bytes = REACH_OF_BYTES.contains(&self.reach());
+        let reach = if is_of_bytes { SMOOTHED_BYTES } else { self.reach() << bits };
+
+        let scale = f64::from(reach) / f64::from(self.reach());
+        let plane = smooth(self, self.steps(deviation), scale, level, control)?;
+        Ok(self.scaled(reach, plane))
+    }
+}
 
 /// Smooths gray values whose noise has, or is taken to have, this standard deviation, in steps. One step of the gray
 /// values is `scale` steps of the result.

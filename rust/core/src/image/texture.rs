@@ -53,11 +53,6 @@ impl Roughness {
     pub fn mean(self) -> f64 {
         self.sum as f64 / self.pairs.max(1) as f64
     }
-
-    /// The same, rounded up.
-    pub fn ceiling(self) -> u64 {
-        self.sum.div_ceil(self.pairs.max(1))
-    }
 }
 
 impl Texture {

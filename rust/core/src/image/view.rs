@@ -5,7 +5,7 @@ use std::ops;
 use ndarray::{Array3, ArrayView1, ArrayView2, ArrayView3, Axis, s};
 
 use crate::error::{Error, Result};
-use crate::image::intensity::{IntensityRange, NOWHERE};
+use crate::image::intensity_range::{IntensityRange, NOWHERE};
 use crate::image::plane::Plane;
 use crate::settings::LARGEST_PIXEL;
 use crate::simd::{Level, Loop};

@@ -14,7 +14,7 @@
 //! loop is sequential; its integers hold any sum.
 
 use crate::error::Result;
-use crate::optimization::Penalties;
+use crate::optimization::penalties::Penalties;
 use crate::pipeline::memory::Memory;
 use crate::value::{LANES, Lanes, Value};
 

@@ -7,7 +7,11 @@
 use std::ops::Range;
 
 use crate::cost::candidates::Searched;
-use crate::optimization::{BAND, PANEL};
+
+/// Rows of a band.
+pub const BAND: usize = 64;
+/// Columns of a panel.
+pub const PANEL: usize = 64;
 
 /// The candidates of all panels of a whole image.
 #[derive(Debug, Clone, PartialEq, Eq)]

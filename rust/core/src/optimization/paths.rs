@@ -31,11 +31,16 @@ use crate::cost::candidates::Searched;
 use crate::error::Result;
 use crate::optimization::edges::{Edges, Neighbor};
 use crate::optimization::evidence::Evidence;
-use crate::optimization::selection::{Minimum, Selection};
-use crate::optimization::{PANEL, Penalties, STRIP};
+use crate::optimization::panel_ranges::PANEL;
+use crate::optimization::penalties::Penalties;
+use crate::optimization::selection::{Minimum, PIXELS, Selection};
 use crate::pipeline::memory::{Memory, RunMemory};
 use crate::simd::Loop;
 use crate::value::{LANES, Lanes, Value, least_lane};
+
+/// Columns of a strip: the values of a panel lie in memory strip after strip, and in each strip row by row. So paths along
+/// columns go through neighboring memory, too, not from page to page, and take 2 to 4 % less time.
+pub const STRIP: usize = PIXELS;
 
 /// P1, and P2 by the jump of the gray values: the whole of it, half, and a third, but not less than P1.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

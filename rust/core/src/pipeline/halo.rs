@@ -8,8 +8,8 @@ use crate::image::smoothing;
 use crate::optimization::{BAND, LOOKAHEAD_ROWS};
 use crate::refinement::confidence;
 use crate::refinement::filling;
-use crate::refinement::guided_median;
 use crate::refinement::median;
+use crate::refinement::outlines::Outlines;
 use crate::refinement::subpixel;
 use crate::refinement::synthesis;
 use crate::rig::alignment::Alignment;
@@ -81,8 +81,7 @@ fn refinement(settings: &Settings, compensation: Option<&BlurCompensation>) -> u
         (settings.speckle_size > 0, settings.speckle_size),
         (settings.has_checks(), filling::REACH),
         (synthesis > 0, synthesis),
-        // A jump between two rows belongs to both.
-        (settings.guided_median, guided_median::REACH + 1),
+        (settings.guided_median, Outlines::Crisp.reach()),
         (settings.median > 0, median::REACH),
         (settings.subpixel, subpixel::REACH),
         (settings.needs_confidence(), confidence::RADIUS),

@@ -12,11 +12,8 @@ use crate::cost::Costs;
 use crate::cost::aggregation::Window;
 use crate::cost::candidates::Candidates;
 use crate::error::{Error, Result};
-use crate::image::intensity;
-use crate::image::packing::Packing;
 use crate::image::plane::Plane;
 use crate::image::texture::Texture;
-use crate::image::view::View;
 use crate::optimization::edges::Edges;
 use crate::optimization::evidence::{Evidence, NONE};
 use crate::optimization::selection::Selection;
@@ -24,6 +21,7 @@ use crate::optimization::{AggregatedCosts, CandidateSearch, Penalties, Weighing,
 use crate::pipeline::control::Control;
 use crate::pipeline::halo::Halo;
 use crate::pipeline::map::{DraftMap, MapBand};
+use crate::pipeline::pair::Pair;
 use crate::pipeline::platform::{Instant, ThreadPool};
 use crate::pipeline::section::Section;
 use crate::refinement::calibration::{Calibration, Faults, Tally, Weights, traits};
@@ -31,24 +29,12 @@ use crate::refinement::left_right_check::Checker;
 use crate::refinement::sample::{self, SampledMap};
 use crate::refinement::synthesis;
 use crate::refinement::{Draft, Judge, invalidate};
-use crate::rig::alignment::Alignment;
-use crate::rig::alignment::straighten::straightened;
-use crate::rig::blur_compensation::BlurCompensation;
 use crate::settings::{Optimizer, Settings};
 use crate::simd::Level;
 use crate::value::{LANES, Value};
 
 /// Most threads that one match may ask for.
 pub const MOST_THREADS: usize = 1024;
-
-/// Two images and the disparities to search.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Pair {
-    left: View,
-    right: View,
-    candidates: Candidates,
-    compensation: Option<BlurCompensation>,
-}
 
 /// How the work is divided; the result does not depend on it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -93,119 +79,6 @@ pub struct Timings {
     pub refinement: Duration,
     /// From there to a map that is decided over scales; the match of smaller copies is part of it.
     pub scales: Duration,
-}
-
-impl Pair {
-    /// A pair that can be matched: images of one size and type, with valid pixels and a reachable range.
-    pub fn new(left: View, right: View, min_disparity: i64, num_disparities: i64) -> Result<Self> {
-        left.check("left")?;
-        right.check("right")?;
-
-        let (rows, cols, _) = left.image.shape();
-        let (right_rows, right_cols, _) = right.image.shape();
-        if (rows, cols) != (right_rows, right_cols) {
-            let got = format!("{right_rows} x {right_cols} pixels");
-            return Err(Error::value("right", got, format!("the size of left, {rows} x {cols}")));
-        }
-
-        if std::mem::discriminant(&left.image) != std::mem::discriminant(&right.image) {
-            return Err(Error::value("right", "pixels of another type", "the type of left"));
-        }
-
-        let candidates = Candidates::new(min_disparity, num_disparities, cols)?;
-        Ok(Self { left, right, candidates, compensation: None })
-    }
-
-    /// The pair with how its blur is compensated before pixels are compared. The compensation gives the impulses, too.
-    pub fn with_blur_compensation(self, compensation: impl Into<Option<BlurCompensation>>) -> Self {
-        let compensation = compensation.into();
-        let impulses = compensation.as_ref().map_or([0.0; 2], BlurCompensation::impulses);
-        Self { compensation, ..self }.with_impulses(impulses)
-    }
-
-    /// The pair with impulses in both images that stand out by at least so much; 0: there are none.
-    pub fn with_impulses(mut self, [left, right]: [f64; 2]) -> Self {
-        (self.left.impulses, self.right.impulses) = (left, right);
-        self
-    }
-
-    /// The pair with its values in the narrowest type that holds them: how it is matched depends on the values alone.
-    pub fn packed(self, packing: &Packing) -> Self {
-        let [left, right] =
-            [(self.left, 0), (self.right, 1)].map(|(view, i)| packing.packed(view, i));
-        Self { left, right, ..self }
-    }
-
-    /// The pair as a part of a larger one whose left and right pixels, unless they are bytes, lie in these ranges.
-    pub fn with_ranges(mut self, ranges: [Option<intensity::IntensityRange>; 2]) -> Self {
-        let [left, right] = ranges;
-        (self.left.range, self.right.range) = (left, right);
-        self
-    }
-
-    /// The pair with other disparities to search.
-    pub fn searched(self, candidates: Candidates) -> Self {
-        Self { candidates, ..self }
-    }
-
-    /// The pair with the negative of its right image.
-    pub fn inverted(&self) -> Self {
-        Self { right: self.right.inverted(), ..self.clone() }
-    }
-
-    /// The pair with the right image resampled so that its rows correspond to those of the left one.
-    pub fn straightened(
-        &self,
-        alignment: &Alignment,
-        level: Level,
-        control: &Control,
-    ) -> Result<Self> {
-        let right = straightened(&self.right, alignment, level, control)?;
-        Ok(Self { right, ..self.clone() })
-    }
-
-    /// The pair with other views of the same size and type.
-    pub fn with_views(&self, [left, right]: [View; 2]) -> Self {
-        Self { left, right, candidates: self.candidates, compensation: None }
-    }
-
-    /// Some rows of the images; their ranges should be known already.
-    pub fn of_rows(&self, rows: Range<usize>) -> Self {
-        let [left, right] = [&self.left, &self.right].map(|view| view.of_rows(rows.clone()));
-        let compensation =
-            self.compensation.clone().map(|compensation| compensation.below(rows.start));
-
-        Self { left, right, candidates: self.candidates, compensation }
-    }
-
-    /// The pair with its ranges computed, so that any part of it is a part of the whole.
-    pub fn with_own_ranges(self, control: &Control) -> Result<Self> {
-        let range = |view: &View| intensity::intensity_range(view, control).map(Some);
-
-        let ranges = [range(&self.left)?, range(&self.right)?];
-        Ok(self.with_ranges(ranges))
-    }
-
-    /// Left and right view.
-    pub fn views(&self) -> [&View; 2] {
-        [&self.left, &self.right]
-    }
-
-    /// The disparities to search.
-    pub fn candidates(&self) -> Candidates {
-        self.candidates
-    }
-
-    /// How blur is compensated before pixels are compared; `None`: not at all.
-    pub fn blur_compensation(&self) -> Option<&BlurCompensation> {
-        self.compensation.as_ref()
-    }
-
-    /// Rows and columns of either image.
-    pub fn size(&self) -> (usize, usize) {
-        let (rows, cols, _) = self.left.image.shape();
-        (rows, cols)
-    }
 }
 
 /// Matches pairs, one after another or several at a time, and reuses threads and memory.
@@ -309,7 +182,7 @@ impl Matcher {
     ) -> Result<Disparity> {
         let raw = self.match_raw(pair, section, settings, how, control)?;
         self.pool.install(|| {
-            let tally = section.tally.or_else(|| raw.tally(pair.candidates));
+            let tally = section.tally.or_else(|| raw.tally(pair.candidates()));
             let faults = Faults::of_pair(pair, control)?;
             raw.calibrated(tally, faults, settings.optimizer)
         })
@@ -374,7 +247,7 @@ impl Matcher {
         control: &Control,
     ) -> Result<Unrefined> {
         let started = Instant::now();
-        let (candidates, level) = (pair.candidates, how.level);
+        let (candidates, level) = (pair.candidates(), how.level);
         let costs = Costs::new(
             pair.views(),
             candidates,
@@ -386,7 +259,8 @@ impl Matcher {
         let description = started.elapsed();
 
         let started = Instant::now();
-        let texture = Texture::of_view(&pair.left, settings, section.roughness, level, control)?;
+        let texture =
+            Texture::of_view(pair.views()[0], settings, section.roughness, level, control)?;
         let edges = Edges::asked_for(texture.as_ref(), settings, pair.size().1, level, control)?;
 
         let window = Window::new(pair.size(), candidates.count(), settings, costs.ceiling());
@@ -527,7 +401,7 @@ impl Unrefined {
             (None, Some(votes), Some(texture)) if is_whole => {
                 let map = SampledMap { disparity: &disparity, flags: &flags, votes, texture };
                 let faults = Faults::of_pair(pair, control)?;
-                map.wrong(pair.candidates, faults, settings.optimizer, level, control)?
+                map.wrong(pair.candidates(), faults, settings.optimizer, level, control)?
             }
             _ => None,
         };

@@ -8,7 +8,7 @@ use std::ops::Range;
 use crate::error::{Error, Result};
 use crate::image::texture::Roughness;
 use crate::optimization::panel_ranges::PanelRanges;
-use crate::pipeline::matcher::Pair;
+use crate::pipeline::pair::Pair;
 use crate::refinement::calibration::Tally;
 
 /// Rows of a pair that are matched by themselves, and what refers to the whole pair that this one is a part of.

@@ -6,13 +6,14 @@ use std::ops::Range;
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
 use crate::image::impulses;
-use crate::image::intensity::{self, Gray, NOWHERE, RangeSample, full_range};
+use crate::image::intensity::{Gray, RangeSample, full_range};
+use crate::image::intensity_range::{IntensityRange, NOWHERE};
 use crate::image::masking;
 use crate::image::packing::{Packing, Scan};
 use crate::image::texture::Roughness;
 use crate::image::view::{Image, Mask};
 use crate::pipeline::control::Control;
-use crate::pipeline::matcher::Pair;
+use crate::pipeline::pair::Pair;
 use crate::settings::{CostKind, Settings};
 use crate::simd::Level;
 
@@ -65,7 +66,7 @@ pub fn packing(first: &Pair, source: &dyn Source, control: &Control) -> Result<P
 }
 
 /// The ranges of the pixels of both images, which are not bytes.
-pub fn ranges(source: &dyn Source, control: &Control) -> Result<[intensity::IntensityRange; 2]> {
+pub fn ranges(source: &dyn Source, control: &Control) -> Result<[IntensityRange; 2]> {
     // Usually a sample of the pixels says enough.
     let mut samples = [RangeSample::new(source.size()), RangeSample::new(source.size())];
     for rows in bands(source) {
@@ -86,7 +87,7 @@ pub fn ranges(source: &dyn Source, control: &Control) -> Result<[intensity::Inte
         let pair = source.rows(rows)?;
         for (view, range) in pair.views().into_iter().zip(&mut all) {
             let here = full_range(view, control)?;
-            *range = here.into_iter().chain(*range).reduce(intensity::IntensityRange::union);
+            *range = here.into_iter().chain(*range).reduce(IntensityRange::union);
         }
     }
 

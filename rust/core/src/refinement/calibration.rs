@@ -35,7 +35,7 @@ use crate::image::intensity::intensity_range;
 use crate::image::plane::Plane;
 use crate::math::{exp, ln};
 use crate::pipeline::control::Control;
-use crate::pipeline::matcher::Pair;
+use crate::pipeline::pair::Pair;
 use crate::refinement::flag;
 use crate::rig::blur_compensation::BlurCompensation;
 use crate::settings::Optimizer;

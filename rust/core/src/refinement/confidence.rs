@@ -16,45 +16,37 @@
 //! Neighbors are taken in pairs opposite one another. Gray values are in units of `s`, and the two weights of a pair,
 //! `1 / a` and `1 / b`, are `b / (a b)` and `a / (a b)`: one division instead of two, of all operations the slowest.
 //!
-//! Areas under the ROC curve (is the disparity off by more than 1 px?) of the sum of eight paths, means over 13
-//! sharp pairs and over 96 with one image degraded: 0.940 and 0.863 for visible pixels, 0.934 and 0.853 for all
-//! whose match lies within the right image. The ratio of the least cost elsewhere to the least one (PKR), and what
-//! is the same to an ROC curve, their relative margin, have 0.907 and 0.834, 0.888 and 0.820, and less on every
-//! single pair. Nothing else that was tried beside it made it better: the left-right check, the share of the paths
-//! that agree, the cost itself, what of it are penalties, whether a pixel was filled.
+//! It tells right from wrong pixels better than the ratio of the least cost elsewhere to the least one (PKR) or their
+//! relative margin, on sharp and on degraded pairs. Nothing else that was tried beside it made it better: the left-right
+//! check, the share of the paths that agree, the cost itself, what of it are penalties, whether a pixel was filled.
+//! `phasestereo bench confidence` measures what becomes of it.
 //!
 //! X. Hu, P. Mordohai: *A Quantitative Evaluation of Confidence Measures for Stereo Vision*, PAMI 2012.
 
 use crate::error::Result;
 use crate::image::plane::{Plane, zeroed};
 use crate::image::texture::{Roughness, Texture};
+use crate::optimization::evidence::NONE;
 use crate::pipeline::control::Control;
-use crate::refinement::CostMargin;
 use crate::refinement::window_rows::{BAND, WindowRows, missing_rows};
 use crate::simd::{Level, Loop};
 
 /// How far ahead of all others the best candidate of a pixel with half a vote is, in units of the mean cost (bits, for
-/// phase codes of 16 bits). Area under the ROC curve of visible pixels, over 13 sharp and 32 degraded pairs: 1: 0.937,
-/// 0.860; 2: 0.939, 0.860; 4: 0.940, 0.860; 8: 0.940, 0.859.
+/// phase codes of 16 bits). From half to twice as far it makes no difference.
 pub const HALF_VOTE: f32 = 4.0;
-/// How far up, down, left and right votes count. As above: 0: 0.912, 0.831; 2: 0.936, 0.849; 4: 0.940, 0.860; 6: 0.935,
-/// 0.865, but on two pairs less than the margin.
+/// How far up, down, left and right votes count. Further ones blur sharp maps, nearer ones are too few for noise.
 pub const RADIUS: usize = 4;
-/// Every so many-th row and column up to there counts: all of them take three times as long. As above: 1: 0.941, 0.859;
-/// 2: 0.940, 0.860.
+/// Every so many-th row and column up to there counts: all of them take three times as long and say no more.
 pub const STEP: usize = 2;
 const _: () = assert!(RADIUS.is_multiple_of(STEP), "a pixel has a vote for itself");
-/// Disparities agree that differ by no more, pixels. As above: 0.5: 0.928, 0.848; 1: 0.940, 0.860; 2: 0.938, 0.860.
+/// Disparities agree that differ by no more, pixels: fewer make steps of slopes disagree.
 pub const TOLERANCE: f32 = 1.0;
 /// A vote counts half where the gray value differs by so many times the mean difference of horizontal neighbors: so
-/// neither contrast nor the unit of gray values matters. As above: 1: 0.940, 0.858; 2: 0.940, 0.860; 4: 0.938, 0.861;
-/// whatever the gray value: 0.927, 0.857.
+/// neither contrast nor the unit of gray values matters. Gray values tell surfaces apart; how much so hardly matters.
 pub const SIMILAR: f64 = 2.0;
-/// The cube of the support that half of all disparities with it are right at. Logistic regression of right and
-/// wrong on the logarithm of the support, half of the weight on sharp and half on degraded pairs, gives the power
-/// 2.6 and the support 0.214, whichever scene is left out: 2.55 to 2.71 and 0.208 to 0.215. The mean confidence of
-/// a pair is below the share of its right pixels by 0.02 on sharp pairs (from 0.05 below to 0.00 above), and above
-/// it by 0.05 on degraded ones.
+/// The cube of the support that half of all disparities with it are right at: by logistic regression of right
+/// and wrong on the logarithm of the support, half of the weight on sharp and half on degraded pairs.
+/// [`calibration`](crate::refinement::calibration) then adapts confidences to the pair.
 pub const HALF_SUPPORT: f32 = 0.01;
 
 /// Rows within reach of one row, its own in the middle.
@@ -64,6 +56,31 @@ const SIDE: usize = 2 * RADIUS / STEP + 1;
 /// The gray value of pixels without a disparity, in units of the difference at which votes count half: their weight is
 /// lost beside a pixel's own, 1, and the product of the inverses of two weights is still finite.
 pub const UNLIKE: f32 = (1u32 << 30) as f32;
+
+/// The cost margin of a choice: its aggregated cost, and the least one of candidates not next to it, which see the same
+/// match.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CostMargin {
+    /// Cost of the chosen candidate.
+    pub own: u32,
+    /// Least cost elsewhere; `None`: all candidates are next to it.
+    pub elsewhere: Option<u32>,
+}
+
+impl CostMargin {
+    /// The margin of a choice with this cost, and of candidates elsewhere with at least that cost, or [`NONE`].
+    #[inline(always)]
+    pub fn new(own: u32, elsewhere: u32) -> Self {
+        Self { own, elsewhere: (elsewhere != NONE).then_some(elsewhere) }
+    }
+
+    /// Whether the cost of the choice is not lower than the least one elsewhere by `percent` of it, at most 100.
+    #[inline(always)]
+    pub fn is_ambiguous(self, percent: u64) -> bool {
+        let own = u64::from(self.own);
+        self.elsewhere.is_some_and(|elsewhere| u64::from(elsewhere) * (100 - percent) < own * 100)
+    }
+}
 
 /// The vote of a pixel, from 0 to 1, by its cost margin, of which `unit` steps are one unit of the mean cost.
 #[inline(always)]

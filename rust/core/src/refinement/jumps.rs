@@ -1,5 +1,5 @@
 //! Where the disparities jump. Pixels nearby may be drawn to the edges of the image, by
-//! [`guided_median`](crate::refinement::guided_median) and [`outlines`](crate::refinement::outlines).
+//! [`outlines`](crate::refinement::outlines).
 
 use crate::image::plane::parts;
 use crate::simd::Loop;

@@ -87,7 +87,7 @@ impl Loop for Medians<'_> {
 
 /// Writes the keys of a row.
 #[inline(always)]
-pub fn write_keys(disparity: &[f32], keys: &mut [i32]) {
+fn write_keys(disparity: &[f32], keys: &mut [i32]) {
     for (key, disparity) in keys.iter_mut().zip(disparity) {
         *key = self::key(*disparity);
     }
@@ -114,34 +114,19 @@ fn write_medians(keys: [&[i32]; SIDE], smoothed: &mut [f32]) {
     }
 }
 
-/// Leaves the median of the values in the middle one of `N` values, by excluding extremes.
-///
-/// Of any `N / 2 + 2` of `N` values neither the least nor the largest is the median of all. Each step excludes both and
-/// includes one value more; three values are left at the end. The steps are listed, since only a constant number of
-/// values stays in registers.
-macro_rules! exclude_extremes {
-    ($values:ident, $half:literal: $($count:literal)*) => {
-        $(
-            extremes_to_ends::<{ $half + 2 - $count }>(&mut $values, $count);
-            if $count + 1 < $half {
-                $values[$half + 1] = $values[$half + 2 + $count];
-            }
-        )*
-    };
-}
-
-/// The median of 9 values.
+/// The median of 9 values, by excluding extremes: of any six of them neither the least nor the largest is the median of
+/// all. Each step excludes both and includes one value more; three values are left at the end. The steps are listed,
+/// since only a constant number of values stays in registers.
 #[inline(always)]
 pub fn median9(mut values: [i32; 9]) -> i32 {
-    exclude_extremes!(values, 4: 0 1 2 3);
+    extremes_to_ends::<6>(&mut values, 0);
+    values[5] = values[6];
+    extremes_to_ends::<5>(&mut values, 1);
+    values[5] = values[7];
+    extremes_to_ends::<4>(&mut values, 2);
+    values[5] = values[8];
+    extremes_to_ends::<3>(&mut values, 3);
     values[4]
-}
-
-/// The median of 25 values.
-#[inline(always)]
-pub fn median25(mut values: [i32; 25]) -> i32 {
-    exclude_extremes!(values, 12: 0 1 2 3 4 5 6 7 8 9 10 11);
-    values[12]
 }
 
 /// Of `COUNT` values from the `first` on, moves the least to the front and the largest to the end.

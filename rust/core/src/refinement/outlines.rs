@@ -3,16 +3,22 @@
 //!
 //! ```text
 //! for pixels within NEAR of a jump:
-//!     weight of each around = max(0, 1 - difference of gray values / (LIKENESS * mean difference of neighbors))
-//!                           * Gaussian of the distance
-//!     disparity = the weighted median
+//!     weight of each around = likeness(difference of gray values / mean difference of neighbors) * nearness(distance)
+//!     disparity = the weighted median, of two in the middle the smaller one: that of the background
 //! ```
 //!
-//! Its window is larger than that of [`guided_median`](crate::refinement::guided_median), and its weights are gradual. That
-//! pays where an image is blurred: there outlines are wide ramps and maps are off by more pixels.
+//! Costs are summed over windows and paths, which moves the edges of surfaces by a few pixels. The left-right check does
+//! not see that, and filling does not look at the image. Away from jumps everything stays as it is. That gray values
+//! are compared by the mean difference of neighbors makes it the same for any contrast.
 //!
-//! Wrong pixels of four scenes under four blurs, after [`synthesis`](crate::refinement::synthesis): 22.5 %; with these 49
-//! pixels, or 81, or 25 of the same span: 21.3, 21.3, 21.4; by the three color channels, which takes longer: 21.2.
+//! | | pixels of a window | within | likeness | nearness |
+//! |---|---|---|---|---|
+//! | [`Outlines::Crisp`] | 5 x 5, every second one | 4 px | 1 up to one mean difference, else 0 | 1 |
+//! | [`Outlines::Wide`] | 7 x 7, every third one | 8 px | falls from 1 to 0 at 16 mean differences | Gaussian of 6 px |
+//!
+//! Any map is drawn by small windows and like pixels alone, which keeps thin things. After the
+//! [`synthesis`](crate::refinement::synthesis) of a blurred image, outlines are wide ramps and off by more pixels: then
+//! windows are larger, and weights gradual. Pixels apart are as good as all of the window.
 //!
 //! Arithmetic is in 16-bit integers, many pixels side by side: disparities are counted in steps from the pixel's own, and
 //! the median is found by bisection.
@@ -26,100 +32,159 @@ use crate::pipeline::control::Control;
 use crate::refinement::jumps::Mark;
 use crate::simd::{Level, Loop};
 
-/// Every third row and column of a window counts.
-pub const STRIDE: usize = 3;
-/// Rows and columns of a window that count, on either side.
-pub const STEPS: usize = 3;
-/// Pixels that the window of a pixel reaches in each direction.
-pub const REACH: usize = STEPS * STRIDE;
-/// Pixels from a jump, up, down, left and right, within which there may be change. 7: 21.4 % wrong, as above; 10 and
-/// 14: 21.3.
-pub const NEAR: usize = 8;
-/// Mean differences of horizontal neighbors from which on gray values have nothing in common: their weight is 0.
-/// From 12 to 24 it makes no difference.
-pub const LIKENESS: f64 = 16.0;
-/// Steps of a disparity to the pixel.
-pub const FINENESS: f32 = 8.0;
-/// Steps of gray values to the difference of [`LIKENESS`].
-pub const GRAYS: f64 = 255.0;
+/// How outlines are drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Outlines {
+    /// Those of any map.
+    Crisp,
+    /// Those of a map of a blurred image.
+    Wide,
+}
 
-/// Largest magnitude of gray values in these steps.
+/// The windows of the pixels: `SIDE` x `SIDE` pixels, every so many rows and columns one.
+#[derive(Debug, Clone, Copy)]
+struct Windows<const SIDE: usize, const STRIDE: usize, const NEAR: usize> {
+    /// Steps of gray values to the mean difference of horizontal neighbors.
+    fineness: f64,
+    /// Difference of gray values, in these steps, from which on they have nothing in common: their weight is 0.
+    unlike: u16,
+    /// By how much weights grow with every step below it, up to [`MOST`].
+    growth: u16,
+    /// Weights by the distance in strides along rows and columns.
+    nearness: fn(usize, usize) -> u16,
+}
+
+type CrispWindows = Windows<5, 2, 4>;
+type WideWindows = Windows<7, 3, 8>;
+
+/// Windows of 9 x 9 pixels.
+const CRISP: CrispWindows =
+    CrispWindows { fineness: 32.0, unlike: 33, growth: MOST, nearness: |_, _| MOST };
+/// Windows of 19 x 19 pixels.
+const WIDE: WideWindows = WideWindows {
+    fineness: 255.0 / 16.0,
+    unlike: 255,
+    growth: 1,
+    nearness: |down, along| WEIGHTS[down][along],
+};
+
+/// Gaussian of standard deviation 6 pixels, in 256ths, by the distance in strides of 3.
+const WEIGHTS: [[u16; 4]; 4] =
+    [[255, 226, 155, 83], [226, 199, 137, 73], [155, 137, 94, 50], [83, 73, 50, 27]];
+/// The weight of equal gray values, and of the nearest pixels.
+const MOST: u16 = 255;
+/// Steps of a disparity to the pixel.
+const FINENESS: f32 = 8.0;
+/// Least mean difference of neighbors that gray values are compared by.
+const LEAST_ROUGHNESS: f64 = 1.0 / 16.0;
+
+/// Largest magnitude of gray values in their steps.
 const FARTHEST: f64 = 16_383.0;
 /// The gray value of pixels that do not count: further from any other than weights reach.
 const NOTHING: i16 = i16::MAX;
-/// Gaussian of standard deviation 6 pixels, in 256ths, by the distance in strides along rows and columns.
-pub const WEIGHTS: [[u16; STEPS + 1]; STEPS + 1] =
-    [[255, 226, 155, 83], [226, 199, 137, 73], [155, 137, 94, 50], [83, 73, 50, 27]];
 
-/// Pixels of a window that count, in a row.
-const SIDE: usize = 2 * STEPS + 1;
-/// Pixels of a window that count, in all.
-const PLACES: usize = SIDE * SIDE;
 /// Pixels that are drawn at a time.
 const LANES: usize = 32;
-/// Columns that their windows reach.
-const SPAN: usize = LANES + 2 * REACH;
+/// Most columns that their windows reach.
+const SPAN: usize = LANES + 2 * WideWindows::REACH;
 /// Rows of a band; jumps and gray values in its halo are computed again.
 const BAND: usize = 64;
 
-/// Writes the map with the outlines of surfaces drawn to edges of the image.
-pub fn draw(
-    disparity: &Plane<f32>,
-    texture: &Texture,
-    drawn: &mut Plane<f32>,
-    level: Level,
-    control: &Control,
-) -> Result<()> {
-    let (rows, cols) = (disparity.rows(), disparity.cols());
-    let scale = scale(texture.roughness);
-    drawn.write_bands(BAND, |first, out| {
-        control.checkpoint()?;
-        let count = out.len() / cols;
-
-        // Row 0 of these planes is row `first - REACH` of the map; rows beyond the image do not count.
-        let mut grays = Plane::new(count + 2 * REACH, cols)?;
-        let mut steps = Plane::new(count + 2 * REACH, cols)?;
-        for row in 0..grays.rows() {
-            if let Some(y) = (first + row).checked_sub(REACH).filter(|y| *y < rows) {
-                let disparity = disparity.row(y);
-                let gray = texture.gray.row(y);
-                let grays = grays.row_mut(row);
-                let steps = steps.row_mut(row);
-                level.run(Quantize { disparity, gray, scale, grays, steps });
-            } else {
-                grays.row_mut(row).fill(NOTHING);
-            }
+impl Outlines {
+    /// Rows on either side of a pixel that its disparity depends on. A jump between two rows belongs to both.
+    pub const fn reach(self) -> usize {
+        match self {
+            Self::Crisp => CrispWindows::REACH + 1,
+            Self::Wide => WideWindows::REACH + 1,
         }
+    }
 
-        let mut jumps = Plane::new(count + 2 * NEAR, cols)?;
-        for row in 0..jumps.rows() {
-            if let Some(y) = (first + row).checked_sub(NEAR).filter(|y| *y < rows) {
-                let here = disparity.row(y);
-                let below = disparity.row((y + 1).min(rows - 1));
-                level.run(Mark::<NEAR> { here, below, jumps: jumps.row_mut(row) });
-            }
+    /// Writes the map with the outlines of surfaces drawn to edges of the image.
+    pub fn draw(
+        self,
+        disparity: &Plane<f32>,
+        texture: &Texture,
+        drawn: &mut Plane<f32>,
+        level: Level,
+        control: &Control,
+    ) -> Result<()> {
+        match self {
+            Self::Crisp => CRISP.draw(disparity, texture, drawn, level, control),
+            Self::Wide => WIDE.draw(disparity, texture, drawn, level, control),
         }
-
-        let mut near = zeroed(cols)?;
-        for (y, out) in out.chunks_mut(cols).enumerate() {
-            near.fill(0);
-            for away in 0..=2 * NEAR {
-                level.run(Or { row: jumps.row(y + away), near: &mut near });
-            }
-
-            let row = |k: usize| y + k * STRIDE;
-            let grays = from_fn(|k| grays.row(row(k)));
-            let steps = from_fn(|k| steps.row(row(k)));
-            level.run(Draw { disparity: disparity.row(first + y), grays, steps, near: &near, out });
-        }
-
-        Ok(())
-    })
+    }
 }
 
-/// Steps per unit of the gray values, such that [`GRAYS`] steps are [`LIKENESS`] mean differences of neighbors.
-pub fn scale(roughness: Roughness) -> f32 {
-    (GRAYS / (LIKENESS * roughness.mean()).max(1.0)) as f32
+impl<const SIDE: usize, const STRIDE: usize, const NEAR: usize> Windows<SIDE, STRIDE, NEAR> {
+    /// Pixels that the window of a pixel reaches in each direction.
+    const REACH: usize = SIDE / 2 * STRIDE;
+
+    fn draw(
+        self,
+        disparity: &Plane<f32>,
+        texture: &Texture,
+        drawn: &mut Plane<f32>,
+        level: Level,
+        control: &Control,
+    ) -> Result<()> {
+        let (rows, cols) = (disparity.rows(), disparity.cols());
+        let scale = self.scale(texture.roughness);
+        let center = SIDE / 2;
+        let nearness = from_fn(|row| {
+            from_fn(|column| (self.nearness)(row.abs_diff(center), column.abs_diff(center)))
+        });
+
+        drawn.write_bands(BAND, |first, out| {
+            control.checkpoint()?;
+            let count = out.len() / cols;
+
+            // Row 0 of these planes is row `first - REACH` of the map; rows beyond the image do not count.
+            let mut grays = Plane::new(count + 2 * Self::REACH, cols)?;
+            let mut steps = Plane::new(count + 2 * Self::REACH, cols)?;
+            for row in 0..grays.rows() {
+                if let Some(y) = (first + row).checked_sub(Self::REACH).filter(|y| *y < rows) {
+                    let disparity = disparity.row(y);
+                    let gray = texture.gray.row(y);
+                    let grays = grays.row_mut(row);
+                    let steps = steps.row_mut(row);
+                    level.run(Quantize { disparity, gray, scale, grays, steps });
+                } else {
+                    grays.row_mut(row).fill(NOTHING);
+                }
+            }
+
+            let mut jumps = Plane::new(count + 2 * NEAR, cols)?;
+            for row in 0..jumps.rows() {
+                if let Some(y) = (first + row).checked_sub(NEAR).filter(|y| *y < rows) {
+                    let here = disparity.row(y);
+                    let below = disparity.row((y + 1).min(rows - 1));
+                    level.run(Mark::<NEAR> { here, below, jumps: jumps.row_mut(row) });
+                }
+            }
+
+            let mut near = zeroed(cols)?;
+            for (y, out) in out.chunks_mut(cols).enumerate() {
+                near.fill(0);
+                for away in 0..=2 * NEAR {
+                    level.run(Or { row: jumps.row(y + away), near: &mut near });
+                }
+
+                let row = |k: usize| y + k * STRIDE;
+                let grays = from_fn(|k| grays.row(row(k)));
+                let steps = from_fn(|k| steps.row(row(k)));
+                let disparity = disparity.row(first + y);
+                let (windows, nearness, near) = (self, &nearness, &near);
+                level.run(Draw { windows, nearness, disparity, grays, steps, near, out });
+            }
+
+            Ok(())
+        })
+    }
+
+    /// Steps per unit of the gray values.
+    fn scale(self, roughness: Roughness) -> f32 {
+        (self.fineness / roughness.mean().max(LEAST_ROUGHNESS)) as f32
+    }
 }
 
 /// Converts gray values and disparities of a row to steps. Pixels without a disparity do not count.
@@ -167,7 +232,10 @@ impl Loop for Or<'_> {
 }
 
 /// Draws one row, from the rows of its windows.
-struct Draw<'a> {
+struct Draw<'a, const SIDE: usize, const STRIDE: usize, const NEAR: usize> {
+    windows: Windows<SIDE, STRIDE, NEAR>,
+    /// The weight of the place of each pixel of a window.
+    nearness: &'a [[u16; SIDE]; SIDE],
     disparity: &'a [f32],
     grays: [&'a [i16]; SIDE],
     steps: [&'a [i32]; SIDE],
@@ -175,7 +243,9 @@ struct Draw<'a> {
     out: &'a mut [f32],
 }
 
-impl Loop for Draw<'_> {
+impl<const SIDE: usize, const STRIDE: usize, const NEAR: usize> Loop
+    for Draw<'_, SIDE, STRIDE, NEAR>
+{
     type Output = ();
 
     #[inline(always)]
@@ -193,12 +263,12 @@ impl Loop for Draw<'_> {
                 continue;
             }
 
-            let first = x as isize - REACH as isize;
+            let first = x as isize - Windows::<SIDE, STRIDE, NEAR>::REACH as isize;
             let grays = parts(self.grays, first, &mut gray_buffer, |_, _| NOTHING);
             let steps = parts(self.steps, first, &mut step_buffer, |_, _| 0);
-            let away = away(steps);
-            let weights = weights(grays);
-            let median = median(&away, &weights);
+            let away = Windows::<SIDE, STRIDE, NEAR>::away(steps);
+            let weights = self.windows.weights(self.nearness, grays);
+            let median = median(away.as_flattened(), weights.as_flattened());
 
             for (j, out) in out.iter_mut().enumerate() {
                 let is_drawn = (near[j] != 0) & (median[j] != 0) & !own[j].is_nan();
@@ -211,59 +281,64 @@ impl Loop for Draw<'_> {
 /// One value for each of [`LANES`] neighboring pixels.
 type PixelLanes<T> = [T; LANES];
 
-/// The disparities in the windows less the pixel's own, in steps.
-#[inline(always)]
-fn away(steps: [&[i32]; SIDE]) -> [PixelLanes<i16>; PLACES] {
-    let mut away = [[0; LANES]; PLACES];
-    let own = &steps[STEPS][REACH..][..LANES];
+impl<const SIDE: usize, const STRIDE: usize, const NEAR: usize> Windows<SIDE, STRIDE, NEAR> {
+    /// The disparities in the windows less the pixel's own, in steps.
+    #[inline(always)]
+    fn away(steps: [&[i32]; SIDE]) -> [[PixelLanes<i16>; SIDE]; SIDE] {
+        let mut away = [[[0; LANES]; SIDE]; SIDE];
+        let own = &steps[SIDE / 2][Self::REACH..][..LANES];
 
-    for (place, away) in away.iter_mut().enumerate() {
-        let steps = &steps[place / SIDE][place % SIDE * STRIDE..][..LANES];
-        for j in 0..LANES {
-            let difference = steps[j].wrapping_sub(own[j]);
-            away[j] = difference.clamp(i16::MIN.into(), i16::MAX.into()) as i16;
+        for (steps, away) in steps.into_iter().zip(&mut away) {
+            for (column, away) in away.iter_mut().enumerate() {
+                let steps = &steps[column * STRIDE..][..LANES];
+                for j in 0..LANES {
+                    let difference = steps[j].wrapping_sub(own[j]);
+                    away[j] = difference.clamp(i16::MIN.into(), i16::MAX.into()) as i16;
+                }
+            }
         }
+
+        away
     }
 
-    away
-}
+    /// The weights of the pixels in the windows, by gray value and distance; 0 for pixels that do not count.
+    #[inline(always)]
+    fn weights(
+        self,
+        nearness: &[[u16; SIDE]; SIDE],
+        grays: [&[i16]; SIDE],
+    ) -> [[PixelLanes<u16>; SIDE]; SIDE] {
+        let mut weights = [[[0; LANES]; SIDE]; SIDE];
+        let own = &grays[SIDE / 2][Self::REACH..][..LANES];
 
-/// The weights of the pixels in the windows, by gray value and distance; 0 for pixels that do not count.
-#[inline(always)]
-fn weights(grays: [&[i16]; SIDE]) -> [PixelLanes<u16>; PLACES] {
-    let mut weights = [[0; LANES]; PLACES];
-    let own = &grays[STEPS][REACH..][..LANES];
-
-    for (place, weights) in weights.iter_mut().enumerate() {
-        let (row, column) = (place / SIDE, place % SIDE);
-        let grays = &grays[row][column * STRIDE..][..LANES];
-        let largest = WEIGHTS[row.abs_diff(STEPS)][column.abs_diff(STEPS)];
-
-        for j in 0..LANES {
-            let alike = (GRAYS as u16).saturating_sub(grays[j].abs_diff(own[j]));
-            weights[j] = (alike * largest) >> 8;
+        for ((grays, nearness), weights) in grays.into_iter().zip(nearness).zip(&mut weights) {
+            for (column, (weights, nearness)) in weights.iter_mut().zip(nearness).enumerate() {
+                let grays = &grays[column * STRIDE..][..LANES];
+                for j in 0..LANES {
+                    let likeness = self.unlike.saturating_sub(grays[j].abs_diff(own[j]));
+                    let likeness = (likeness * self.growth).min(MOST);
+                    weights[j] = (likeness * nearness) >> 8;
+                }
+            }
         }
-    }
 
-    weights
+        weights
+    }
 }
 
 /// The weighted median: the least value such that half of the weight is not above it; 0 where there is no weight.
 ///
 /// By bisection between the least and the largest value with any weight, for all pixels until the last one has its median.
 #[inline(always)]
-fn median(
-    values: &[PixelLanes<i16>; PLACES],
-    weights: &[PixelLanes<u16>; PLACES],
-) -> PixelLanes<i16> {
+fn median(values: &[PixelLanes<i16>], weights: &[PixelLanes<u16>]) -> PixelLanes<i16> {
     let mut low = [0; LANES];
     let mut high = [0; LANES];
     let mut total = [0; LANES];
 
-    for place in 0..PLACES {
-        widen(&values[place], &weights[place], [&mut low, &mut high]);
+    for (values, weights) in values.iter().zip(weights) {
+        widen(values, weights, [&mut low, &mut high]);
         for j in 0..LANES {
-            total[j] += weights[place][j];
+            total[j] += weights[j];
         }
     }
 
@@ -275,8 +350,8 @@ fn median(
             middle[j] = (low[j] & high[j]) + ((low[j] ^ high[j]) >> 1);
         }
 
-        for place in 0..PLACES {
-            add_where(&values[place], &middle, &weights[place], &mut below);
+        for (values, weights) in values.iter().zip(weights) {
+            add_where(values, &middle, weights, &mut below);
         }
 
         for j in 0..LANES {

@@ -19,21 +19,14 @@ use crate::simd::{Level, Loop};
 /// Weight of the pixel's own costs beside the mean of the paths' totals.
 ///
 /// P1 draws the totals of paths to the whole disparities of their neighbors. The pixel's own costs are free of that, but
-/// noisier. Of five rendered pairs, eight paths, root mean square of
-/// the errors up to 1 in pixels and largest deviation of the histogram of fractions in %; of twelve real scenes,
-/// bad-0.5 and bad-1.0 on non-occluded pixels in %, all after a median over 3 x 3 and [`smooth`]: 0: 0.152, 33,
-/// 11.9, 5.9; 1: 0.142, 17, 11.8, 6.0; 2: 0.139, 11, 11.9, 6.0; 4: 0.136, 7, 12.0, 6.1. For
-/// comparison, after the median alone, a parabola through the totals: 0.183, 134, 13.0, 6.2; a V: 0.163, 58, 12.5,
-/// 6.1.
+/// noisier: with more of them fractions are more even on rendered pairs, and real ones have a few more wrong pixels.
+/// A parabola through the totals prefers whole disparities by far.
 const OWN_SHARE: u32 = 2;
-/// How much steeper than a V the interpolation is at the candidate; half-way to the next one it is as much flatter.
-/// Largest deviation of the histogram of fractions in %, rendered pairs and the three real scenes whose truth
-/// knows all fractions: 0: 36, 16; 0.5: 14, 3; 0.6: 11, 7; 0.7: 9, 11. Root mean square on the former: 0.145 pixels
-/// at 0, else 0.139.
+/// How much steeper than a V the interpolation is at the candidate; half-way to the next one it is as much flatter:
+/// this is where fractions are most even on rendered and on real pairs together.
 const STEEPER: f32 = 0.6;
 
-/// Rows and columns on either side that surfaces are smoothed over. Root mean square, bad-0.5 and bad-1.0 as for
-/// `OWN_SHARE`: not at all: 0.153, 12.6, 6.3; 2: 0.139, 12.1, 6.1; 3: 0.139, 11.9, 6.0; 4: 0.141, 11.7, 6.0.
+/// Rows and columns on either side that surfaces are smoothed over: more bend what is curved.
 pub const REACH: usize = 3;
 /// Largest difference of the disparities of neighbors on one surface, pixels.
 const SAME_SURFACE: f32 = 1.0;

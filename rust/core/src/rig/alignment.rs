@@ -33,14 +33,14 @@ pub const LARGEST_OFFSET: f64 = 16_384.0;
 pub struct Alignment {
     coefficients: [f64; TERMS],
     size: (usize, usize),
-    /// The row and the column of the image with the field that are the first of the pair at hand.
-    first: (usize, usize),
+    /// The row of the image with the field that is the first of the pair at hand.
+    first: usize,
 }
 
 impl Alignment {
     /// The field with these coefficients of [`terms`], pixels, over an image of so many rows and columns.
     pub fn new(coefficients: [f64; TERMS], size: (usize, usize)) -> Result<Self> {
-        let field = Self { coefficients, size, first: (0, 0) };
+        let field = Self { coefficients, size, first: 0 };
         let most: f64 = coefficients.iter().map(|value| value.abs()).sum();
         // The range does not contain NaN, so this refuses it, too.
         if !(0.0..=LARGEST_OFFSET).contains(&most) {
@@ -53,12 +53,7 @@ impl Alignment {
 
     /// The same for a pair that begins with row `first` of the one with the field.
     pub fn starting_at_row(self, first: usize) -> Self {
-        Self { first: (first, self.first.1), ..self }
-    }
-
-    /// The same for a pair that begins with column `first` of the one with the field.
-    pub fn starting_at_column(self, first: usize) -> Self {
-        Self { first: (self.first.0, first), ..self }
+        Self { first, ..self }
     }
 
     /// The coefficients of [`terms`], pixels.
@@ -80,7 +75,7 @@ impl Alignment {
     /// The offsets along left row `y` of the pair at hand.
     pub fn along(&self, y: f64) -> RowPolynomial {
         let (rows, cols) = self.size;
-        let y = (y + self.first.0 as f64 + 0.5) / (rows as f64 / 2.0) - 1.0;
+        let y = (y + self.first as f64 + 0.5) / (rows as f64 / 2.0) - 1.0;
 
         // The terms as powers of x, with coefficients that are polynomials of y.
         let [shift, slope_x, slope_y, twist, bend_x, bend_y, radial_y, radial_x] =
@@ -92,7 +87,7 @@ impl Alignment {
             radial_x,
         ];
 
-        RowPolynomial { powers, half: cols as f64 / 2.0, first: self.first.1 as f64 }
+        RowPolynomial { powers, half: cols as f64 / 2.0 }
     }
 
     /// The offset at a place from -1 to 1 along both axes.
@@ -127,15 +122,13 @@ pub struct RowPolynomial {
     powers: [f64; 4],
     /// Half of the number of columns.
     half: f64,
-    /// The first column of the pair in the image with the field.
-    first: f64,
 }
 
 impl RowPolynomial {
     /// The offset of right column `x`, pixels.
     #[inline(always)]
     pub fn at(self, x: f64) -> f64 {
-        let x = (x + self.first + 0.5) / self.half - 1.0;
+        let x = (x + 0.5) / self.half - 1.0;
 
         let [constant, linear, square, cube] = self.powers;
         constant + x * (linear + x * (square + x * cube))
@@ -178,9 +171,6 @@ mod tests {
 
         assert!(
             (field.clone().starting_at_row(30).at(5.0, 7.0) - field.at(5.0, 37.0)).abs() < 1e-12
-        );
-        assert!(
-            (field.clone().starting_at_column(30).at(5.0, 7.0) - field.at(35.0, 7.0)).abs() < 1e-12
         );
     }
 

@@ -51,14 +51,12 @@ pub use self::spectrum::BlockPlace;
 use self::spectrum::{Cross, Powers, powers, response};
 use self::two_sided::{TwoSided, find_two_sided};
 use crate::error::Result;
-use crate::pipeline::control::Control;
-use crate::pipeline::matcher::{Execution, Matcher, Pair};
+use crate::pipeline::pair::Pair;
 use crate::rig::psf::{Psf, Taps};
 use crate::simd::Level;
 
-/// The rough match by which a kernel is measured: means of bad-1.0 over 12 scenes with an arc of 15 px and 270
-/// degrees after one such kernel, by factor and neighborhood: 4, 9: 22.7 %; 2, 9: 18.1 %; 2, 15: 18.5 %; true kernel:
-/// 17.6.
+/// The rough match by which a kernel is measured: half the size shows the kernel nearly as well as the
+/// true disparities would, a quarter does not.
 const ROUGH: RoughScale = RoughScale { factor: 2, neighborhood: 9 };
 /// Number of blocks that suffices to see whether there is blur. About as many are taken, or fewer; more only of images in
 /// which they would be further apart than [`SPACING`].
@@ -76,9 +74,8 @@ const LEAST_SPREAD: f64 = 0.6;
 /// Families that leave a larger loss than this, nepers, may be wrong: then the kernel is measured.
 const DOUBTFUL: f32 = 0.3;
 /// Blurs of both images are accepted if their loss is at most this share of that of the best blur of one image, where
-/// this one is doubtful. Shares on twelve scenes: motions of 15 px along x and along y 0.17 to 0.27; of 9 and 13 px at 30
-/// and 100 degrees 0.15 to 0.43; of 9 and 15 px along x 0.19 to 0.34; disks of 5 and 3 px 0.20 to 0.42; a disk of 3 px and
-/// a motion of 11 0.20 to 0.63. Arcs of 11 to 21 px of one image, which no family explains, 0.70 to 1.31.
+/// this one is doubtful. True blurs of both, motions and disks, have less; arcs of one image, which no family
+/// explains, have more.
 const CLEARLY_BETTER: f32 = 0.7;
 /// A kernel is measured, and blurs of both images are searched, on at least this many blocks;
 const LEAST_BLOCKS: usize = 12;
@@ -200,22 +197,16 @@ pub(crate) fn estimate(
 /// Whether the blur of a pair, whose impulses are repaired as in an earlier one, is still that of the earlier one.
 /// Sizes that change by less than about a fifth, and blur that appears in less than a sixteenth of the image, are
 /// missed.
-pub fn is_as_before(
-    pair: &Pair,
-    before: &Glance,
-    matcher: &Matcher,
-    how: Execution,
-    control: &Control,
-) -> Result<bool> {
+pub fn is_as_before(pair: &Pair, before: &Glance, means: Means) -> Result<bool> {
     if !before.fits(pair.size()) {
         return Ok(false);
     }
 
-    matcher.install(|| {
-        let part = Part::new(0, Cow::Borrowed(pair), Means { matcher, how, control })?;
+    means.matcher.install(|| {
+        let part = Part::new(0, Cow::Borrowed(pair), means)?;
         let images = part.shades.each_ref().map(|shades| &shades.plane);
 
-        let powers = powers(images, &before.places, how.level, control)?;
+        let powers = powers(images, &before.places, means.how.level, means.control)?;
         Ok(before.is_like(&Glance::new(before.places.clone(), &powers, pair.size())))
     })
 }

@@ -10,8 +10,7 @@
 //! 4. Significant offsets that are large beside their error straighten the right image. With smaller ones some bands are
 //!    matched both ways ([`trial`]), and it is straightened only if the match gets better by it.
 //!
-//! 5. A pair that hardly matches is rectified by what it shows, if that makes it match ([`rectified`]).
-//! 6. What the gray values say is counted and fitted ([`crate::rig::photometry`]), and what it all means is said
+//! 5. What the gray values say is counted and fitted ([`crate::rig::photometry`]), and what it all means is said
 //!    (`crate::findings`).
 //!
 //! Where nothing matches, the reduced images are tried once more with the negative of one. If that matches, all of the
@@ -21,9 +20,9 @@
 
 pub mod areas;
 pub mod compensation_plan;
+pub mod estimates;
 pub mod overview;
 pub mod range;
-pub mod rectified;
 pub mod rows;
 pub mod tracks;
 pub mod trial;
@@ -33,27 +32,26 @@ use std::ops::Range;
 use std::time::Duration;
 
 use self::compensation_plan::CompensationPlan;
+pub use self::estimates::Estimates;
 use self::overview::{Overview, RoughMap};
 use self::range::{LeftOut, SearchRange};
-use self::rectified::{Attempt, Rectified};
 use self::rows::RowOffsets;
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
-use crate::findings::{self, Finding};
+use crate::findings;
+use crate::findings::finding::Finding;
 use crate::image::packing::Packing;
-use crate::pipeline::matcher::{Disparity, Pair};
+use crate::pipeline::pair::Pair;
 use crate::pipeline::platform::Instant;
 use crate::pipeline::source::Source;
-use crate::pipeline::summary::Summary;
 use crate::rig::alignment::Alignment;
-use crate::rig::blur;
 use crate::rig::blur::defects::{self, Defects, Repaired};
 pub use crate::rig::blur::parts::Means;
 use crate::rig::blur::parts::{PairRows, Part};
 use crate::rig::blur::rough::{self, Rough};
+use crate::rig::blur::{self, Glance};
 use crate::rig::blur_compensation::BlurCompensation;
 use crate::rig::photometry::{Contrast, Photometry, Scales};
-use crate::scales::match_over_scales;
 use crate::settings::Settings;
 
 /// Where the range is unknown, one in so many columns is the number of disparities to search.
@@ -91,43 +89,26 @@ pub struct Known {
     pub findings: Vec<Finding>,
 }
 
-/// What was estimated from a pair, and the settings and kernels that suit it.
+/// An earlier pair of the same cameras, and all that holds for a later one whose blur is as it was.
 #[derive(Debug, Clone)]
-#[non_exhaustive]
-pub struct Estimates {
-    /// The disparities to search.
-    #[doc(hidden)]
-    pub candidates: Candidates,
-    /// Mean confidence of the rough match of the reduced images, if there was one.
-    pub confidence: Option<f64>,
-    /// Whether the images match once one of them is inverted, and not before. With `compensate_blur`, all else was then
-    /// estimated with the negative of the right image.
-    pub is_inverted: bool,
-    /// The range of disparities, if it was to be estimated, or the known one matches badly.
-    #[doc(hidden)]
-    pub range: Option<SearchRange>,
-    /// Places that seem to have disparities that are not searched.
-    #[doc(hidden)]
-    pub left_out: Vec<LeftOut>,
-    /// The vertical offsets, if they were to be estimated and enough blocks were found in both images.
-    #[doc(hidden)]
-    pub offsets: Option<RowOffsets>,
-    /// The field by which the right image is straightened.
-    #[doc(hidden)]
-    pub alignment: Option<Alignment>,
-    /// Noise and blur, if they were to be estimated.
-    #[doc(hidden)]
-    pub blur: Option<blur::Estimate>,
-    /// What the gray values say, if anything was to be estimated.
-    #[doc(hidden)]
-    pub photometry: Option<Photometry>,
-    /// The settings and kernels that suit the blur and the noise, of which one or both are estimated or known.
-    #[doc(hidden)]
-    pub compensation: Option<CompensationPlan>,
-    /// What there is to say about the pair, in a fixed order of topics.
-    pub findings: Vec<Finding>,
-    /// Wall-clock time.
-    pub time: Duration,
+pub struct Before {
+    /// What the blur of the later pair is compared with.
+    pub glance: Glance,
+    /// The impulses that are repaired before, left and right.
+    pub impulses: [f64; 2],
+    /// What is known then.
+    pub known: Known,
+    /// The settings that are used then.
+    pub settings: Settings,
+}
+
+impl Before {
+    /// Whether the blur of a pair is as it was.
+    pub fn holds(&self, pair: &Pair, means: Means) -> Result<bool> {
+        let packing = Packing::of_views(pair.views(), means.control)?;
+        let pair = pair.clone().packed(&packing).with_impulses(self.impulses);
+        blur::is_as_before(&pair, &self.glance, means)
+    }
 }
 
 /// A pair with all that a match needs.
@@ -141,36 +122,27 @@ pub struct Prepared {
     pub estimates: Estimates,
 }
 
-/// A pair that was prepared and matched.
-#[derive(Debug)]
-pub struct Matched {
-    /// The map, in pixels of the left image as it came.
-    pub map: Disparity,
-    /// The pair as it was matched: that of the rectified images, if it was rectified.
-    pub prepared: Prepared,
-    /// What became of a pair that had to be rectified; `None`: it did not.
-    pub rectified: Option<Rectified>,
-}
-
-impl Matched {
-    /// Shares of the pixels of the map as it was matched.
-    pub fn summary(&self) -> Summary {
-        let map = self.rectified.as_ref().map_or(&self.map, |rectified| &rectified.map);
-        Summary::new(map, self.prepared.estimates.candidates)
-    }
-}
-
 /// Estimates what the settings ask for and the caller does not know, and prepares the pair for its match.
 pub fn prepare(pair: Pair, known: Known, settings: &Settings, means: Means) -> Result<Prepared> {
-    settings.check()?;
-
-    let packing = Packing::of_views(pair.views(), means.control)?;
-    let (pair, estimates) = estimated(pair.packed(&packing), &known, settings, means)?;
+    let (pair, estimates) = estimated(pair, &known, settings, means)?;
     prepared(pair, estimates, known, settings, means)
 }
 
+/// The estimates of a pair, and the pair that they are of, in the narrowest type that holds it.
+pub fn estimated(
+    pair: Pair,
+    known: &Known,
+    settings: &Settings,
+    means: Means,
+) -> Result<(Pair, Estimates)> {
+    settings.check()?;
+
+    let packing = Packing::of_views(pair.views(), means.control)?;
+    estimate(pair.packed(&packing), known, settings, means)
+}
+
 /// A pair prepared by its estimates.
-fn prepared(
+pub fn prepared(
     pair: Pair,
     estimates: Estimates,
     known: Known,
@@ -195,7 +167,7 @@ fn prepared(
 }
 
 /// The estimates of a pair, and the pair that they are of: with its ranges, and inverted if it matches so.
-fn estimated(
+fn estimate(
     mut pair: Pair,
     known: &Known,
     settings: &Settings,
@@ -216,38 +188,17 @@ fn estimated(
         return Ok((pair, estimates));
     }
 
-    let mut found = means.matcher.install(|| estimate_pair(&pair, &request, settings, means))?;
+    let mut found =
+        means.matcher.install(|| Estimates::of_pair(&pair, &request, settings, means))?;
     if settings.compensate_blur && found.is_inverted && !known.is_inverted {
         pair = pair.inverted();
-        let negative = means.matcher.install(|| estimate_pair(&pair, &request, settings, means))?;
+        let negative =
+            means.matcher.install(|| Estimates::of_pair(&pair, &request, settings, means))?;
         found = found.with_negative(negative);
     }
 
     let size = pair.size();
     Ok((pair, found.with_known(known, size, settings, started)))
-}
-
-/// Estimates what the settings ask for and the caller does not know, and matches the pair as it was prepared; one that is too far
-/// from rectified is rectified for that.
-pub fn prepare_and_match(
-    pair: Pair,
-    known: Known,
-    settings: &Settings,
-    means: Means,
-) -> Result<Matched> {
-    settings.check()?;
-
-    let packing = Packing::of_views(pair.views(), means.control)?;
-    let (pair, mut estimates) = estimated(pair.packed(&packing), &known, settings, means)?;
-    let attempt = rectified::attempt(&pair, &estimates, &known, settings, means)?;
-    estimates.findings.extend(attempt.finding(&estimates));
-    if let Attempt::Done(matched) = attempt {
-        return Ok(*matched);
-    }
-
-    let prepared = prepared(pair, estimates, known, settings, means)?;
-    let map = match_over_scales(&prepared, settings, means)?;
-    Ok(Matched { map, prepared, rectified: None })
 }
 
 /// The estimates of [`prepare`], to the bit, for a pair that is read a part at a time.
@@ -268,10 +219,10 @@ pub fn prepare_by_rows(
     let inverted = Inverted(source);
     let source = if known.is_inverted { &inverted } else { source };
     let mut found =
-        means.matcher.install(|| estimate_by_rows(source, &request, settings, means))?;
+        means.matcher.install(|| Estimates::of_source(source, &request, settings, means))?;
 
     if settings.compensate_blur && found.is_inverted && !known.is_inverted {
-        let estimate = || estimate_by_rows(&inverted, &request, settings, means);
+        let estimate = || Estimates::of_source(&inverted, &request, settings, means);
         found = found.with_negative(means.matcher.install(estimate)?);
     }
 
@@ -299,42 +250,6 @@ impl Source for Inverted<'_> {
     }
 }
 
-/// The estimates of a pair in memory.
-fn estimate_pair(
-    pair: &Pair,
-    request: &Request,
-    settings: &Settings,
-    means: Means,
-) -> Result<Estimates> {
-    let levels = defects::levels_of_pair(pair, means)?;
-    let needs_defects = request.blur && blur::is_enough(pair.size());
-    let defects = needs_defects.then(|| Defects::of_pair(pair, levels, means)).transpose()?;
-    let defects = defects.unwrap_or_default();
-
-    let repaired = defects.repaired(pair);
-    let part = Part::new(0, Cow::Borrowed(&*repaired), means)?;
-    let sample = Sample { pair: &repaired, scales: Scales::new(&repaired, levels, means)? };
-    estimate(PairRows::Kept(&part), &sample, request, defects, settings, means)
-}
-
-/// The estimates of a pair that is read a part at a time.
-fn estimate_by_rows(
-    source: &dyn Source,
-    request: &Request,
-    settings: &Settings,
-    means: Means,
-) -> Result<Estimates> {
-    let levels = defects::levels_of_source(source, means)?;
-    let needs_defects = request.blur && blur::is_enough(source.size());
-    let defects = needs_defects.then(|| Defects::of_source(source, levels, means)).transpose()?;
-    let defects = defects.unwrap_or_default();
-
-    let first = source.rows(0..1)?;
-    let sample = Sample { pair: &first, scales: Scales::new(&first, levels, means)? };
-    let repaired = Repaired { source, impulses: defects.impulses };
-    estimate(PairRows::Read(&repaired), &sample, request, defects, settings, means)
-}
-
 impl Known {
     /// What the settings ask for and is not known.
     fn request(&self, settings: &Settings) -> Request<'_> {
@@ -359,20 +274,105 @@ impl Request<'_> {
 }
 
 impl Estimates {
-    /// The disparities to search, half-open: those that were given, or else those that were found.
-    pub fn disparities(&self) -> Range<i64> {
-        let (min, count) = (self.candidates.min() as i64, self.candidates.count() as i64);
-        min..min + count
+    /// The estimates of a pair in memory.
+    fn of_pair(pair: &Pair, request: &Request, settings: &Settings, means: Means) -> Result<Self> {
+        let levels = defects::levels_of_pair(pair, means)?;
+        let needs_defects = request.blur && blur::is_enough(pair.size());
+        let defects = needs_defects.then(|| Defects::of_pair(pair, levels, means)).transpose()?;
+        let defects = defects.unwrap_or_default();
+
+        let repaired = defects.repaired(pair);
+        let part = Part::new(0, Cow::Borrowed(&*repaired), means)?;
+        let sample = Sample { pair: &repaired, scales: Scales::new(&repaired, levels, means)? };
+        Self::new(PairRows::Kept(&part), &sample, request, defects, settings, means)
     }
 
-    /// Whether the right image is straightened, since its rows do not correspond to those of the left one.
-    pub fn is_straightened(&self) -> bool {
-        self.alignment.is_some()
+    /// The estimates of a pair that is read a part at a time.
+    fn of_source(
+        source: &dyn Source,
+        request: &Request,
+        settings: &Settings,
+        means: Means,
+    ) -> Result<Self> {
+        let levels = defects::levels_of_source(source, means)?;
+        let needs_defects = request.blur && blur::is_enough(source.size());
+        let defects =
+            needs_defects.then(|| Defects::of_source(source, levels, means)).transpose()?;
+        let defects = defects.unwrap_or_default();
+
+        let first = source.rows(0..1)?;
+        let sample = Sample { pair: &first, scales: Scales::new(&first, levels, means)? };
+        let repaired = Repaired { source, impulses: defects.impulses };
+        Self::new(PairRows::Read(&repaired), &sample, request, defects, settings, means)
     }
 
-    /// Standard deviations of the noise, left and right, in units of the pixels; `None`: not estimated.
-    pub fn noise(&self) -> Option<[f64; 2]> {
-        self.blur.as_ref().map(|blur| blur.noise)
+    /// The estimates that are requested.
+    fn new(
+        rows: PairRows,
+        sample: &Sample,
+        request: &Request,
+        defects: Defects,
+        settings: &Settings,
+        means: Means,
+    ) -> Result<Self> {
+        let Geometry {
+            confidence,
+            is_inverted,
+            range,
+            left_out,
+            offsets,
+            alignment,
+            contrast,
+            rough,
+        } = Geometry::new(rows, sample, request, means)?;
+
+        let width = rows.size().1;
+        let candidates = match (request.candidates, &range) {
+            (Some(candidates), _) => candidates,
+            (None, Some(range)) => range.candidates(width)?,
+            (None, None) => Candidates::new(0, width.div_ceil(DEFAULT_SHARE) as i64, width)?,
+        };
+
+        // Blur is compared where both images show the same, so it comes after the geometry.
+        let known = rough::Correspondence { candidates, alignment: alignment.clone() };
+        let rough =
+            rough.map(|(map, factor)| Rough::of_whole(map.unsure, factor, alignment.clone()));
+        let blur = || blur::estimate(rows, sample.pair, known, rough, means);
+        let blur = request.blur.then(blur).transpose()?;
+        let blur = blur.map(|blur| blur.with(defects));
+
+        let noise = blur.as_ref().map(|blur| blur.noise).or(request.noise).unwrap_or_default();
+        let photometry =
+            Photometry::new(rows, &sample.scales, noise, candidates.count(), contrast, means)?;
+
+        let compensation = match (&blur, request.noise) {
+            _ if request.compensation.is_some() => None,
+            (Some(blur), noise) => Some(CompensationPlan::new(blur, noise, settings)?),
+            (None, Some(noise)) => Some(CompensationPlan::of_noise(noise, settings)?),
+            (None, None) => None,
+        };
+
+        let mut estimates = Self {
+            candidates,
+            confidence,
+            is_inverted,
+            range,
+            left_out,
+            offsets,
+            alignment,
+            blur,
+            photometry: Some(photometry),
+            compensation,
+            findings: vec![],
+            time: Duration::ZERO,
+        };
+
+        // The trial matches bands by the settings and with the compensation of the match, so it comes last.
+        if !trial::confirms(rows, &estimates, request.compensation, settings, means)? {
+            estimates.alignment = None;
+        }
+
+        Ok(estimates)
     }
 
     /// The estimates of the pair with the negative of the right image, but for the pixels as they are.
@@ -448,66 +448,6 @@ struct Geometry {
 struct Sample<'a> {
     pair: &'a Pair,
     scales: Scales,
-}
-
-/// The estimates that are requested.
-fn estimate(
-    rows: PairRows,
-    sample: &Sample,
-    request: &Request,
-    defects: Defects,
-    settings: &Settings,
-    means: Means,
-) -> Result<Estimates> {
-    let Geometry { confidence, is_inverted, range, left_out, offsets, alignment, contrast, rough } =
-        Geometry::new(rows, sample, request, means)?;
-
-    let width = rows.size().1;
-    let candidates = match (request.candidates, &range) {
-        (Some(candidates), _) => candidates,
-        (None, Some(range)) => range.candidates(width)?,
-        (None, None) => Candidates::new(0, width.div_ceil(DEFAULT_SHARE) as i64, width)?,
-    };
-
-    // Blur is compared where both images show the same, so it comes after the geometry.
-    let known = rough::Correspondence { candidates, alignment: alignment.clone() };
-    let rough = rough.map(|(map, factor)| Rough::of_whole(map.unsure, factor, alignment.clone()));
-    let blur = || blur::estimate(rows, sample.pair, known, rough, means);
-    let blur = request.blur.then(blur).transpose()?;
-    let blur = blur.map(|blur| blur.with(defects));
-
-    let noise = blur.as_ref().map(|blur| blur.noise).or(request.noise).unwrap_or_default();
-    let photometry =
-        Photometry::new(rows, &sample.scales, noise, candidates.count(), contrast, means)?;
-
-    let compensation = match (&blur, request.noise) {
-        _ if request.compensation.is_some() => None,
-        (Some(blur), noise) => Some(CompensationPlan::new(blur, noise, settings)?),
-        (None, Some(noise)) => Some(CompensationPlan::of_noise(noise, settings)?),
-        (None, None) => None,
-    };
-
-    let mut estimates = Estimates {
-        candidates,
-        confidence,
-        is_inverted,
-        range,
-        left_out,
-        offsets,
-        alignment,
-        blur,
-        photometry: Some(photometry),
-        compensation,
-        findings: vec![],
-        time: Duration::ZERO,
-    };
-
-    // The trial matches bands by the settings and with the compensation of the match, so it comes last.
-    if !trial::confirms(rows, &estimates, request.compensation, settings, means)? {
-        estimates.alignment = None;
-    }
-
-    Ok(estimates)
 }
 
 impl Geometry {

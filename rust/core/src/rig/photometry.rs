@@ -24,7 +24,7 @@ use self::rows::{FIELD_REACH, Runs, field_differences, repeated_windows, runs};
 use crate::error::Result;
 use crate::image::intensity::intensity_range;
 use crate::image::view::{Image, View};
-use crate::pipeline::matcher::Pair;
+use crate::pipeline::pair::Pair;
 use crate::rig::blur::parts::{HALO, Means, PairRows, Part, Strips};
 use crate::rig::blur::rough::shades_per_unit;
 use crate::rig::estimation::overview::{Overview, RoughMap};

@@ -10,7 +10,7 @@ use crate::error::Result;
 use crate::image::intensity::Gray;
 use crate::image::plane::Plane;
 use crate::image::view::{Image, View};
-use crate::pipeline::matcher::Pair;
+use crate::pipeline::pair::Pair;
 use crate::rig::blur::parts::Means;
 
 /// Fewest rows and columns of a copy.

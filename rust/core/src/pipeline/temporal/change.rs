@@ -17,8 +17,7 @@
 //! The noise is estimated in each frame: the mean square of the second difference along both axes (Immerkaer 1996), which
 //! cancels all but noise and fine texture, in blocks of 8 x 8 pixels; the quietest twentieth of the blocks gives the
 //! estimate. The noise of the blur estimation is no substitute, for `fast` does without it. One variance is assumed for the
-//! whole view. Where noise grows with the light (1000 photons at white), the deviation of a static scene is still 0.41 of
-//! that without the filter with `fast`, 0.46 with `robust`.
+//! whole view. Where noise grows with the light, the filter does nearly as well.
 //!
 //! Values are 32-bit floats, each computed by itself in the order above: no result depends on threads or on lanes.
 
@@ -35,8 +34,7 @@ use crate::pipeline::temporal::FRAMES;
 use crate::simd::{Level, Loop};
 
 /// Multiple of the expected square that still counts as no change. A larger one ignores more of the noise, and more of
-/// slow motion, too. With 2, 3 and 4 the deviation of a static scene is 0.53, 0.36 and 0.35 of that without the filter
-/// (`phasestereo bench video --preset fast --noise 8`).
+/// slow motion, too. A smaller one lets a static scene flicker (`phasestereo bench video --preset fast --noise 8`).
 pub const RATIO: f32 = 3.0;
 /// Largest square of one pixel, in units of the noise: no float overflows.
 pub const LARGEST: f32 = 16384.0;
@@ -46,8 +44,7 @@ pub const LEAST_NOISE: f32 = 0.25;
 /// See [`LEAST_NOISE`].
 pub const MOST_NOISE: f32 = 10.0;
 /// Rows and columns from one place to the next. With 1 the filter follows moving edges better, for half as much time again
-/// and more than twice the memory: bad-1.0 there is 19.1 in place of 20.8 %, 22.9 without the filter (`phasestereo bench
-/// video --preset fast`); 1.1 in place of 0.7 ms of 11 at 640 x 480.
+/// and more than twice the memory.
 pub const STEP: usize = 2;
 /// Side of the blocks in which the noise is estimated.
 pub const BLOCK: usize = 8;

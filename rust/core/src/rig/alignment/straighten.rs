@@ -20,7 +20,8 @@ use ndarray::Array3;
 
 use super::{Alignment, RowPolynomial};
 use crate::error::Result;
-use crate::image::intensity::{Gray, IntensityRange};
+use crate::image::intensity::Gray;
+use crate::image::intensity_range::IntensityRange;
 use crate::image::plane::{Plane, zeroed};
 use crate::image::view::{Image, View};
 use crate::math;

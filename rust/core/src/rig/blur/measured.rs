@@ -110,7 +110,8 @@ mod tests {
     use super::*;
     use crate::image::plane::reflect;
     use crate::image::view::{Image, View};
-    use crate::pipeline::matcher::{Execution, Matcher, Pair};
+    use crate::pipeline::matcher::{Execution, Matcher};
+    use crate::pipeline::pair::Pair;
     use crate::rig::blur::rough::{Correspondence, RoughScale};
     use crate::rig::psf::path;
 

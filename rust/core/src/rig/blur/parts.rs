@@ -8,7 +8,8 @@ use super::rough::{Correspondence, Rough, RoughScale, Shades};
 use super::spectrum::BlockPlace;
 use crate::error::Result;
 use crate::pipeline::control::Control;
-use crate::pipeline::matcher::{Execution, Matcher, Pair};
+use crate::pipeline::matcher::{Execution, Matcher};
+use crate::pipeline::pair::Pair;
 use crate::pipeline::source::{Source, widened};
 
 /// Rows above and below a block on which its rough disparities depend: those of windows and neighborhoods of the

@@ -25,7 +25,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::overview::{Overview, Span};
+use super::overview::{Guess, Overview, Span};
 use crate::cost::Costs;
 use crate::cost::candidates::Candidates;
 use crate::descriptor::describe_as;
@@ -90,17 +90,6 @@ struct Found {
 
 /// A pixel that stands out, and its place in the copy.
 type Member = (usize, Found);
-
-/// The disparities of copies that a rough match found, of which every pixel of the copies has one.
-#[derive(Debug, Clone, Copy)]
-pub struct Guess<'a> {
-    /// Disparities of copies of another size; NaN where there is none.
-    pub disparity: &'a Plane<f32>,
-    /// The factor by which these are larger, or 1,
-    pub by: usize,
-    /// ... or smaller, or 1.
-    pub finer: usize,
-}
 
 /// The blocks of an image that are searched.
 struct Blocks {

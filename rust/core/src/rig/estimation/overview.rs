@@ -2,13 +2,12 @@
 
 use std::ops::Range;
 
-use super::areas::Guess;
-use super::range::extent;
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
 use crate::image::plane::Plane;
 use crate::pipeline::control::Control;
-use crate::pipeline::matcher::{Disparity, Pair};
+use crate::pipeline::matcher::Disparity;
+use crate::pipeline::pair::Pair;
 use crate::pipeline::section::Section;
 use crate::refinement::flag;
 use crate::rig::alignment::{Alignment, TERMS};
@@ -24,7 +23,7 @@ const WIDTH: usize = 256;
 /// at least.
 const FINE_WIDTH: usize = 720;
 /// Most columns of the still smaller copies, on which all disparities are tried.
-const COARSE_WIDTH: usize = 128;
+pub const COARSE_WIDTH: usize = 128;
 /// Largest disparity that is tried, as a share of the width.
 const REACH: f64 = 0.45;
 /// Vertical shifts of the smallest copies, in rows up and down, that are tried where nothing matches.
@@ -103,6 +102,17 @@ pub struct RoughMap {
     pub confidence: f64,
 }
 
+/// The disparities of copies that a rough match found, of which every pixel of the copies has one.
+#[derive(Debug, Clone, Copy)]
+pub struct Guess<'a> {
+    /// Disparities of copies of another size; NaN where there is none.
+    pub disparity: &'a Plane<f32>,
+    /// The factor by which these are larger, or 1,
+    pub by: usize,
+    /// ... or smaller, or 1.
+    pub finer: usize,
+}
+
 /// The power of two by which an image is reduced so that it has at most `width` columns.
 pub fn reduction((rows, cols): (usize, usize), width: usize) -> usize {
     let mut factor = 1;
@@ -170,28 +180,6 @@ impl Overview {
     pub fn of_planes(planes: [Plane<f32>; 2]) -> Self {
         let valid = planes[0].map(|_| true);
         Self { factor: 1, planes, valid }
-    }
-
-    /// Matches the reduced images, the right one resampled by the field. If the disparities are unknown, all are
-    /// tried on still smaller copies, and here only those that were found there, and some around them.
-    pub fn rough(
-        &self,
-        candidates: Option<Candidates>,
-        field: Option<&Alignment>,
-        means: Means,
-    ) -> Result<RoughMap> {
-        if let Some(all) = candidates {
-            return self.matched(self.span(all), field, ROUGH, means);
-        }
-
-        // Coarse to fine: a wide search on few pixels, then a narrow one on more.
-        let coarse = self.reduced(COARSE_WIDTH, means)?;
-        let map = coarse.matched(coarse.widest(), field, ROUGH, means)?;
-        // A quarter of the range on either side makes up for what the smaller copies do not show.
-        let (low, high) = extent(&map).unwrap_or_else(|| coarse.widest());
-        let around = ((high - low) / 4).max(2);
-        let finer = (coarse.factor / self.factor) as isize;
-        self.matched(((low - around) * finer, (high + around + 1) * finer), field, ROUGH, means)
     }
 
     /// The vertical shift with which still smaller copies match best; `None`: without any shift.
@@ -268,7 +256,7 @@ impl Overview {
     }
 
     /// The same, reduced still more, to so many columns.
-    fn reduced(&self, width: usize, means: Means) -> Result<Self> {
+    pub fn reduced(&self, width: usize, means: Means) -> Result<Self> {
         self.reduced_by(reduction((self.valid.rows(), self.valid.cols()), width), means)
     }
 

@@ -4,10 +4,11 @@
 use std::cmp::Reverse;
 use std::ops::Range;
 
-use super::areas::{Area, Guess, areas};
-use super::overview::{FINE, Overview, RoughMap, Span};
+use super::areas::{Area, areas};
+use super::overview::{COARSE_WIDTH, FINE, Guess, Overview, ROUGH, RoughMap, Span};
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
+use crate::rig::alignment::Alignment;
 use crate::rig::blur::parts::Means;
 use crate::settings::MOST_DISPARITIES;
 
@@ -386,8 +387,32 @@ fn known(map: &RoughMap) -> impl Iterator<Item = f32> {
     map.disparity.as_slice().iter().copied().filter(|value| value.is_finite())
 }
 
+impl Overview {
+    /// Matches the reduced images, the right one resampled by the field. If the disparities are unknown, all are
+    /// tried on still smaller copies, and here only those that were found there, and some around them.
+    pub fn rough(
+        &self,
+        candidates: Option<Candidates>,
+        field: Option<&Alignment>,
+        means: Means,
+    ) -> Result<RoughMap> {
+        if let Some(all) = candidates {
+            return self.matched(self.span(all), field, ROUGH, means);
+        }
+
+        // Coarse to fine: a wide search on few pixels, then a narrow one on more.
+        let coarse = self.reduced(COARSE_WIDTH, means)?;
+        let map = coarse.matched(coarse.widest(), field, ROUGH, means)?;
+        // A quarter of the range on either side makes up for what the smaller copies do not show.
+        let (low, high) = extent(&map).unwrap_or_else(|| coarse.widest());
+        let around = ((high - low) / 4).max(2);
+        let finer = (coarse.factor / self.factor) as isize;
+        self.matched(((low - around) * finer, (high + around + 1) * finer), field, ROUGH, means)
+    }
+}
+
 /// The least and the largest disparity, without mistakes.
-pub fn extent(map: &RoughMap) -> Option<(isize, isize)> {
+fn extent(map: &RoughMap) -> Option<(isize, isize)> {
     let whole = |value: f32| value.round_ties_even() as isize;
     let lowest = whole(known(map).reduce(f32::min)?);
     let highest = whole(known(map).reduce(f32::max)?);

@@ -12,7 +12,8 @@ use super::Estimates;
 use super::compensation_plan::CompensationPlan;
 use crate::error::Result;
 use crate::pipeline::halo::Halo;
-use crate::pipeline::matcher::{Disparity, Pair};
+use crate::pipeline::matcher::Disparity;
+use crate::pipeline::pair::Pair;
 use crate::pipeline::section::Section;
 use crate::pipeline::source::widened;
 use crate::refinement::flag;
@@ -26,15 +27,11 @@ const BANDS: (usize, usize) = (3, 24);
 const LEAST_RISE: f64 = 0.001;
 /// Largest fall of the share of pixels that pass the left-right check: a tenth of a percent is chance ...
 const CHANCE: f64 = 0.001;
-/// ... or this share of the rise of confidence. Of 288 pairs whose rows were moved, this accepts 8 that gain and that the
-/// first bound would refuse.
+/// ... or this share of the rise of confidence, which accepts pairs that gain and that the first bound would refuse.
 const OF_RISE: f64 = 0.3;
 /// A field of at least so many pixels, root mean square, ...
 const LARGE: f64 = 0.2;
-/// ... and so many standard errors is right without a trial. Means of bad-1.0 (%) over 482 pairs with a significant field,
-/// of scenes with moved rows and other faults: with a trial of all fields 8.895; of those below 0.2 px or 3, 4 and 5
-/// errors 8.884, 8.890 and 8.890, which are 46, 67 and 100 pairs; of none 8.895; never straightened 29.9. Fields that are
-/// not there have up to 2.6 errors.
+/// ... and so many standard errors is right without a trial: fields that are not there have fewer.
 const SURE: f64 = 4.0;
 
 /// How well some rows are matched, as sums over their pixels.

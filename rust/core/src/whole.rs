@@ -1,5 +1,6 @@
-//! A pair that is farther from rectified than its rows can be straightened: it is rectified by what its images show, and matched
-//! then. Its map is given back in the pixels of the raw left image.
+//! A whole match: what the pair lacks is estimated, and it is matched as it was prepared. A pair that is farther from rectified than
+//! its rows can be straightened is rectified by what its images show, and its map given back in the pixels of the raw left
+//! image.
 //!
 //! ```text
 //! if the rough match of a pair has little confidence, or its rows are bent as by lenses that distort:
@@ -12,16 +13,18 @@
 //! Where the rows of raw images correspond about as well as can be told, nothing is tried: a pair that is hard to match for other
 //! reasons, as noise or blur, would only be resampled once more.
 
-use super::{Estimates, Known, Matched, estimated, prepared};
 use crate::error::Result;
 use crate::findings::{self, Finding};
 use crate::image::plane::Plane;
 use crate::image::view::View;
-use crate::pipeline::matcher::{Disparity, Pair};
+use crate::pipeline::matcher::Disparity;
+use crate::pipeline::pair::Pair;
 use crate::pipeline::platform::Instant;
+use crate::pipeline::summary::Summary;
 use crate::rig::blur::parts::Means;
-use crate::rig::rectification::warp;
-use crate::rig::rectification::{Rectification, Refusal, rectify};
+use crate::rig::estimation::estimates::Estimates;
+use crate::rig::estimation::{Known, Prepared, estimated, prepared};
+use crate::rig::rectification::{Rectification, Refusal, rectify, warp};
 use crate::scales::match_over_scales;
 use crate::settings::Settings;
 
@@ -49,8 +52,47 @@ pub struct Rectified {
     pub rows: Plane<f32>,
 }
 
+/// A pair that was prepared and matched.
+#[derive(Debug)]
+pub struct Matched {
+    /// The map, in pixels of the left image as it came.
+    pub map: Disparity,
+    /// The pair as it was matched: that of the rectified images, if it was rectified.
+    pub prepared: Prepared,
+    /// What became of a pair that had to be rectified; `None`: it did not.
+    pub rectified: Option<Rectified>,
+}
+
+impl Matched {
+    /// Shares of the pixels of the map as it was matched.
+    pub fn summary(&self) -> Summary {
+        let map = self.rectified.as_ref().map_or(&self.map, |rectified| &rectified.map);
+        Summary::new(map, self.prepared.estimates.candidates)
+    }
+}
+
+/// Estimates what the settings ask for and the caller does not know, and matches the pair as it was prepared; one that is too far
+/// from rectified is rectified for that.
+pub fn prepare_and_match(
+    pair: Pair,
+    known: Known,
+    settings: &Settings,
+    means: Means,
+) -> Result<Matched> {
+    let (pair, mut estimates) = estimated(pair, &known, settings, means)?;
+    let attempt = attempt(&pair, &estimates, &known, settings, means)?;
+    estimates.findings.extend(attempt.finding(&estimates));
+    if let Attempt::Done(matched) = attempt {
+        return Ok(*matched);
+    }
+
+    let prepared = prepared(pair, estimates, known, settings, means)?;
+    let map = match_over_scales(&prepared, settings, means)?;
+    Ok(Matched { map, prepared, rectified: None })
+}
+
 /// What came of the attempt to rectify a pair.
-pub enum Attempt {
+enum Attempt {
     /// There was no need, or it did not help.
     None,
     /// The images do not say how.
@@ -60,7 +102,7 @@ pub enum Attempt {
 }
 
 /// Rectifies and matches a pair with these estimates, if it needs to be.
-pub fn attempt(
+fn attempt(
     pair: &Pair,
     before: &Estimates,
     known: &Known,
@@ -152,7 +194,7 @@ fn gray(view: &View, means: Means) -> Result<Plane<f32>> {
 
 impl Attempt {
     /// What is to be said where a pair could not be rectified and hardly matches either.
-    pub fn finding(&self, estimates: &Estimates) -> Option<Finding> {
+    fn finding(&self, estimates: &Estimates) -> Option<Finding> {
         let Self::Refused(refusal) = self else { return None };
         findings::not_rectified(estimates, refusal)
     }

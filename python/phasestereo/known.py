@@ -1,0 +1,98 @@
+"""What a caller knows of a pair before it is matched."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from phasestereo import _core
+from phasestereo.result import Result
+from phasestereo.rig.compensation import BlurCompensation
+
+Noise: TypeAlias = float | tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Known:
+    """What is known of a pair, and therefore not estimated. It can be pickled.
+
+    Parameters
+    ----------
+    noise
+        Standard deviation of the noise of both images, or a pair of them (left, right), in units
+        of their pixels, from 0; of gray values where they have color. It matters with
+        ``noise_threshold > 0``. None: it is estimated then.
+    blur_compensation
+        How the blur of the images is evened out before pixels are compared; it holds the noise,
+        too. For ``cost="phase"``. None: with ``compensate_blur=True`` what suits the blur that is
+        found, else not at all.
+    before
+        The result of an earlier pair of the same cameras, matched with the same settings. If this
+        one's blur is as it was, which is seen at a glance, all that was known or estimated then is
+        taken over: blur, noise and contrast, the field of the rows, and the range of disparities
+        unless it is given; and ``result.blur.reused`` is True. What a glance does not see is in the
+        notes of `phasestereo_live.stream`. None, or another blur, size or settings: the rest holds,
+        and what it lacks is estimated.
+
+    Raises
+    ------
+    TypeError
+        If a field has the wrong type.
+    ValueError
+        If the noise is out of range, or given beside `blur_compensation`.
+
+    Examples
+    --------
+    >>> first = ps.match(left, right, known=ps.Known(noise=2.0))
+    >>> second = ps.match(left, right, known=ps.Known(before=first))
+    """
+
+    noise: Noise | None = None
+    blur_compensation: BlurCompensation | None = None
+    before: Result | None = None
+
+    def __post_init__(self) -> None:
+        """Check every field; the core owns the range of the noise."""
+        for name, kind in (("blur_compensation", BlurCompensation), ("before", Result)):
+            value = getattr(self, name)
+            if not isinstance(value, (kind, type(None))):
+                got = type(value).__name__
+                raise TypeError(f"known.{name}: got {got}; accepts {kind.__name__} or None")
+
+        if self.noise is None:
+            return
+        _core.check_noise(self.noise)
+        if self.blur_compensation is not None:
+            raise ValueError(
+                f"known.noise: got {self.noise!r} beside known.blur_compensation, which holds it; "
+                "accepts None"
+            )
+
+    @property
+    def compensation(self) -> BlurCompensation | None:
+        """The blur compensation, or one of the noise alone; None where neither is known."""
+        if self.noise is None:
+            return self.blur_compensation
+        both = self.noise if isinstance(self.noise, tuple) else (self.noise, self.noise)
+        return BlurCompensation(noise=both)
+
+
+def as_known(known: Known | None, *, unused: tuple[str, ...] = ()) -> Known:
+    """Return what is known, nothing for None.
+
+    Raises
+    ------
+    TypeError
+        If it has another type.
+    ValueError
+        If a field is known that is of no use to the caller.
+    """
+    if known is None:
+        return Known()
+    if not isinstance(known, Known):
+        raise TypeError(f"known: got {type(known).__name__}; accepts Known or None")
+
+    for name in unused:
+        if (value := getattr(known, name)) is not None:
+            raise ValueError(f"known.{name}: got {value!r}; accepts None here")
+    return known

@@ -1,0 +1,396 @@
+//! Python's objects of what the core returns: the dataclasses of the package, made here alone, by the names of their
+//! fields.
+
+use std::time::Duration;
+
+use numpy::IntoPyArray;
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyMapping, PyTuple};
+
+use super::wrap;
+use crate::failure::Result;
+use phasestereo::internals::findings::Finding;
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::pipeline::matcher::Disparity;
+use phasestereo::internals::pipeline::summary::Summary;
+use phasestereo::internals::rig::blur::{self, BlockPlace, Blur, Glance, Side};
+use phasestereo::internals::rig::estimation::Estimates;
+use phasestereo::internals::rig::estimation::compensation_plan::CompensationPlan;
+use phasestereo::internals::rig::estimation::rows::RowOffsets;
+use phasestereo::internals::rig::photometry::{Contrast, Photometry};
+use phasestereo::internals::rig::psf::{Family, Psf, Taps};
+use phasestereo::internals::rig::rectification::cameras::Camera;
+use phasestereo::internals::verification::Verification;
+use phasestereo::internals::whole::Rectified;
+
+/// An object of Python.
+pub type Object<'py> = Bound<'py, PyAny>;
+
+/// A dictionary of fields: those of a struct that have its names, in brackets, and others.
+macro_rules! fields {
+    ($py:expr, $([$from:ident: $($same:ident),*])? $($name:ident: $value:expr),* $(,)?) => {{
+        let fields = PyDict::new($py);
+        $($(fields.set_item(stringify!($same), $from.$same)?;)*)?
+        $(fields.set_item(stringify!($name), $value)?;)*
+        fields
+    }};
+}
+
+/// An object of a class, with such fields.
+macro_rules! object {
+    ($py:expr, $module:literal, $class:literal, $($fields:tt)*) => {
+        object($module, $class, &fields!($py, $($fields)*))
+    };
+}
+
+/// An object of a class of a module of the package.
+fn object<'py>(module: &str, class: &str, fields: &Bound<'py, PyDict>) -> Result<Object<'py>> {
+    let class = fields.py().import(format!("phasestereo.{module}"))?.getattr(class)?;
+    Ok(class.call((), Some(fields))?)
+}
+
+/// A copy of a dataclass with some other fields.
+fn replaced<'py>(object: &Object<'py>, fields: &Bound<'py, PyDict>) -> Result<Object<'py>> {
+    let dataclasses = object.py().import("dataclasses")?;
+    Ok(dataclasses.call_method("replace", (object,), Some(fields))?)
+}
+
+/// What a call was asked for, as it comes back in results.
+pub struct Asked<'py> {
+    /// The settings.
+    pub settings: Object<'py>,
+    /// What is known of the pair, or None.
+    pub known: Object<'py>,
+    /// Whether the disparities to search were given.
+    pub is_searched: bool,
+    /// Whether the estimates of an earlier pair, which is known, hold.
+    pub is_as_before: bool,
+}
+
+/// A matched pair.
+pub struct Matched {
+    /// The map.
+    pub map: Disparity,
+    /// Its summary.
+    pub summary: Summary,
+    /// What was estimated of the pair.
+    pub estimates: Estimates,
+    /// How many frames support each disparity, and the time that a temporal filter took.
+    pub support: Option<(Plane<u8>, Duration)>,
+    /// What there is to say.
+    pub findings: Vec<Finding>,
+    /// What became of a pair that had to be rectified.
+    pub rectified: Option<Rectified>,
+}
+
+/// The result of a match.
+pub fn result<'py>(py: Python<'py>, found: Matched, asked: &Asked<'py>) -> Result<Object<'py>> {
+    let Matched { map, summary, estimates, support, findings, rectified } = found;
+
+    let fields = map_fields(py, map, estimates.time)?;
+    let timings = fields.as_any().get_item("timings")?;
+    fields.update(estimated(py, estimates, asked)?.cast::<PyMapping>().map_err(PyErr::from)?)?;
+
+    if let Some(rectified) = rectified {
+        fields.set_item("rectified", rectified_of(py, rectified)?)?;
+        // The field that is left is one of the rectified pair.
+        fields.set_item("alignment", py.None())?;
+    }
+    if let Some((frames, time)) = support {
+        fields.set_item("temporal_support", wrap(py, frames)?)?;
+        timings.set_item("temporal filter", time.as_secs_f64())?;
+    }
+
+    let summary = object!(py, "result", "Summary",
+        [summary: estimated, flagged, at_low, at_high, confidence, wrong, coarse, inferred, detail]
+    )?;
+    fields.set_item("summary", summary)?;
+    fields.set_item("findings", findings_of(py, findings)?)?;
+    object("result", "Result", &fields)
+}
+
+/// The result of a match of some rows of a pair with these statistics.
+pub fn result_of_rows<'py>(map: Disparity, statistics: &Object<'py>) -> Result<Object<'py>> {
+    let fields = map_fields(statistics.py(), map, Duration::ZERO)?;
+    for name in ["settings", "search", "blur", "alignment", "blur_compensation"] {
+        fields.set_item(name, statistics.getattr(name)?)?;
+    }
+    object("result", "Result", &fields)
+}
+
+/// A second opinion on a map; `said` is what there is to say of the own match.
+pub fn verification<'py>(
+    py: Python<'py>,
+    judged: Verification,
+    summary: Summary,
+    said: Vec<Finding>,
+    asked: &Asked<'py>,
+) -> Result<Object<'py>> {
+    let Verification { verdicts, better, findings, own, prepared, .. } = judged;
+    let every = findings.into_iter().chain(said.iter().cloned()).collect();
+
+    let estimates = prepared.estimates;
+    let own =
+        Matched { map: own, summary, estimates, support: None, findings: said, rectified: None };
+    object!(py, "verification", "Verification",
+        verdict: wrap(py, verdicts)?, better: wrap(py, better)?,
+        findings: findings_of(py, every)?, result: result(py, own, asked)?
+    )
+}
+
+/// The estimates of a pair.
+pub fn estimates<'py>(
+    py: Python<'py>,
+    found: Estimates,
+    asked: &Asked<'py>,
+) -> Result<Object<'py>> {
+    let photometry = found.photometry.as_ref().map(|all| photometry_of(py, all)).transpose()?;
+    let findings = findings_of(py, found.findings.clone())?;
+
+    let fields = estimated(py, found, asked)?;
+    fields.set_item("photometry", photometry)?;
+    fields.set_item("findings", findings)?;
+    object("rig.estimates", "Estimates", &fields)
+}
+
+/// The maps of a match, and how long its stages took, after an estimation of that time.
+fn map_fields(py: Python<'_>, map: Disparity, estimation: Duration) -> Result<Bound<'_, PyDict>> {
+    let times = map.timings;
+    let timings = PyDict::new(py);
+    for (stage, time, is_optional) in [
+        ("estimation", estimation, true),
+        ("description", times.description, false),
+        ("matching", times.matching, false),
+        ("refinement", times.refinement, false),
+        ("scales", times.scales, true),
+    ] {
+        if !(is_optional && time.is_zero()) {
+            timings.set_item(stage, time.as_secs_f64())?;
+        }
+    }
+
+    let optional = |map: Option<Plane<f32>>| map.map(|map| wrap(py, map)).transpose();
+    Ok(fields!(py,
+        disparity: wrap(py, map.disparity)?, flags: wrap(py, map.flags)?,
+        confidence: optional(map.confidence)?, uncertainty: optional(map.uncertainty)?,
+        timings: timings
+    ))
+}
+
+/// The fields that estimates and results share.
+fn estimated<'py>(
+    py: Python<'py>,
+    found: Estimates,
+    asked: &Asked<'py>,
+) -> Result<Bound<'py, PyDict>> {
+    let search = search_of(py, &found, asked.is_searched)?;
+    let is_applied = found.alignment.is_some();
+    let alignment = found.offsets.map(|offsets| alignment_of(py, &offsets, is_applied));
+    let contrast = found.photometry.and_then(|all| all.contrast);
+    let blur = found.blur.map(|blur| blur_estimate(py, blur, contrast.as_ref()));
+
+    let (settings, compensation) = match found.compensation {
+        Some(plan) => suited(py, plan, &asked.settings)?,
+        None if asked.known.is_none() => (asked.settings.clone(), asked.known.clone()),
+        None => (asked.settings.clone(), asked.known.getattr("blur_compensation")?),
+    };
+
+    let fields = fields!(py,
+        settings: settings, search: &search, blur_compensation: compensation,
+        alignment: alignment.transpose()?, blur: blur.transpose()?
+    );
+
+    if asked.is_as_before {
+        let before = asked.known.getattr("before")?;
+        for name in ["settings", "alignment", "blur_compensation"] {
+            fields.set_item(name, before.getattr(name)?)?;
+        }
+        fields.set_item("blur", replaced(&before.getattr("blur")?, &fields!(py, reused: true))?)?;
+
+        // The earlier range says how it was found, but a call may give another one.
+        let earlier = before.getattr("search")?;
+        if !earlier.is_none() && range_of(&earlier)? == range_of(&search)? {
+            fields.set_item("search", earlier)?;
+        }
+    }
+
+    Ok(fields)
+}
+
+/// Least disparity and number of disparities.
+fn range_of(search: &Object<'_>) -> Result<(i64, i64)> {
+    let bound = |name| search.getattr(name)?.extract();
+    Ok((bound("min_disparity")?, bound("num_disparities")?))
+}
+
+fn search_of<'py>(py: Python<'py>, found: &Estimates, is_given: bool) -> Result<Object<'py>> {
+    let Estimates { candidates, confidence, range, left_out, is_inverted, .. } = found;
+    let places = left_out.iter().map(|place| {
+        let (rows, columns) = (&place.rows, &place.columns);
+        object!(py, "rig.search_range", "LeftOut",
+            [place: low, high] rows: (rows.start, rows.end), columns: (columns.start, columns.end)
+        )
+    });
+    let places = PyTuple::new(py, places.collect::<Result<Vec<_>>>()?)?;
+
+    let fields = match range {
+        Some(range) => fields!(py, [range: low, high, swapped, mixed, identical]),
+        None => PyDict::new(py),
+    };
+    fields.set_item("min_disparity", candidates.min())?;
+    fields.set_item("num_disparities", candidates.count())?;
+    let found = if range.is_some() { "found" } else { "default" };
+    fields.set_item("origin", if is_given { "given" } else { found })?;
+    fields.set_item("confidence", confidence.unwrap_or(f64::NAN))?;
+    fields.set_item("inverted", is_inverted)?;
+    fields.set_item("left_out", places)?;
+    object("rig.search_range", "SearchRange", &fields)
+}
+
+/// The rectified pair in place of one that is far from rectified.
+fn rectified_of(py: Python<'_>, found: Rectified) -> Result<Object<'_>> {
+    let Rectified { rectification, places, map, rows, .. } = found;
+
+    let mut maps = vec![];
+    for places in &places {
+        let [x, y] = [0, 1].map(|axis| wrap(py, places.map(|at| at[axis])));
+        maps.push((x?, y?));
+    }
+
+    let cameras = &rectification.cameras;
+    let calibration = PyDict::new(py);
+    for (index, camera) in cameras.sides().iter().enumerate() {
+        let Camera { focal, center: [x, y], distortion: [k1, k2], rotation, .. } = camera;
+        let intrinsics = vec![*focal, 0.0, *x, 0.0, *focal, *y, 0.0, 0.0, 1.0];
+        let (focal, [x, y]) = (cameras.focal(), cameras.center(index));
+        let projection = vec![focal, 0.0, x, 0.0, 0.0, focal, y, 0.0, 0.0, 0.0, 1.0, 0.0];
+
+        let matrix = |values: Vec<f64>| wrap(py, Plane::from_vec(3, values.len() / 3, values)?);
+        let name = |letter: &str| format!("{letter}{}", index + 1);
+        calibration.set_item(name("K"), matrix(intrinsics)?)?;
+        calibration.set_item(name("D"), vec![*k1, *k2, 0.0, 0.0].into_pyarray(py))?;
+        calibration.set_item(name("R"), matrix(rotation.concat())?)?;
+        calibration.set_item(name("P"), matrix(projection)?)?;
+    }
+
+    object!(py, "rig.rectified", "Rectified",
+        disparity: wrap(py, map.disparity)?, rows: wrap(py, rows)?, maps: PyTuple::new(py, maps)?,
+        calibration: calibration, error: rectification.rms
+    )
+}
+
+fn alignment_of<'py>(
+    py: Python<'py>,
+    offsets: &RowOffsets,
+    is_applied: bool,
+) -> Result<Object<'py>> {
+    object!(py, "rig.alignment", "Alignment", [offsets: error, blocks, spread, wobble]
+        coefficients: PyTuple::new(py, offsets.field.coefficients())?,
+        size: offsets.field.size(), applied: is_applied
+    )
+}
+
+/// The settings and the compensation that suit a blur.
+fn suited<'py>(
+    py: Python<'py>,
+    plan: CompensationPlan,
+    settings: &Object<'py>,
+) -> Result<(Object<'py>, Object<'py>)> {
+    let kernel = |taps: Option<Plane<f32>>| taps.map(|taps| wrap(py, taps)).transpose();
+    let kernels = plan.kernels.into_iter().map(|[left, right]| Ok((kernel(left)?, kernel(right)?)));
+    let kernels = kernels.collect::<Result<Vec<_>>>()?;
+
+    let suits = plan.settings;
+    let settings = replaced(settings, &fields!(py, [suits: neighborhood, window]))?;
+    let compensation = object!(py, "rig.compensation", "BlurCompensation", [plan: tile]
+        noise: pair(plan.noise), impulses: pair(plan.impulses), smoothing: pair(plan.smoothing),
+        kernels: kernels, labels: wrap(py, plan.labels)?
+    )?;
+    Ok((settings, compensation))
+}
+
+/// A pair of numbers: an array would become a list.
+fn pair<T>([left, right]: [T; 2]) -> (T, T) {
+    (left, right)
+}
+
+fn blur_estimate<'py>(
+    py: Python<'py>,
+    found: blur::Estimate,
+    contrast: Option<&Contrast>,
+) -> Result<Object<'py>> {
+    let blurs = found.blurs.iter().map(|blur| blur_of(py, blur)).collect::<Result<Vec<_>>>()?;
+    let (rows, cols, labels) = found.labels;
+
+    let Glance { places, excess } = found.glance;
+    let corners = |place: &BlockPlace| [place.top, place.left, place.right_top, place.right];
+    let values = places.iter().flat_map(corners).map(|value| value as u32).collect();
+    let glance = object!(py, "rig.blur", "Glance",
+        places: wrap(py, Plane::from_vec(places.len(), 4, values)?)?, excess: excess.into_pyarray(py)
+    )?;
+
+    object!(py, "rig.blur", "BlurEstimate", [found: tile, certainty]
+        noise: pair(found.noise), impulses: pair(found.impulses), coding: pair(found.coding),
+        blurs: PyTuple::new(py, blurs)?, contrast: found.gain, glance: glance,
+        labels: wrap(py, Plane::from_vec(rows, cols, labels)?)?,
+        gain: contrast.map_or(f64::NAN, |curve| curve.gain),
+        gamma: contrast.map_or(f64::NAN, |curve| curve.gamma)
+    )
+}
+
+fn blur_of<'py>(py: Python<'py>, blur: &Blur) -> Result<Object<'py>> {
+    let (side, opposite) = match blur.side {
+        None => ("none", "none"),
+        Some(Side::Left) => ("left", "right"),
+        Some(Side::Right) => ("right", "left"),
+    };
+    let of_family = |psf: Psf| (family_name(psf.family), psf.size, psf.angle);
+    let own = match (blur.psf, &blur.taps) {
+        (Some(psf), _) => of_family(psf),
+        (None, Some(taps)) => ("other", taps.radius(), 0.0),
+        (None, None) => ("none", 0.0, 0.0),
+    };
+
+    let one = |side, (kind, size, angle), taps: Option<&Taps>, other: Option<Object<'py>>| {
+        let kernel = |taps: &Taps| Plane::from_vec(taps.side(), taps.side(), taps.values.clone());
+        let kernel = taps.map(kernel).transpose()?.map(|kernel| wrap(py, kernel));
+        object!(py, "rig.blur", "Blur",
+            side: side, kind: kind, size: size, angle: angle, psf: kernel.transpose()?, other: other
+        )
+    };
+    let other = blur.other.map(|psf| one(opposite, of_family(psf), Some(&psf.taps()), None));
+    one(side, own, blur.taps.as_ref(), other.transpose()?)
+}
+
+fn family_name(family: Family) -> &'static str {
+    match family {
+        Family::Gaussian => "gaussian",
+        Family::Disk => "disk",
+        Family::Motion => "motion",
+        Family::Annulus => "annulus",
+    }
+}
+
+fn photometry_of<'py>(py: Python<'py>, found: &Photometry) -> Result<Object<'py>> {
+    let [left, right] = found
+        .saturation
+        .map(|side| object!(py, "rig.photometry", "Saturation", [side: dark, bright]));
+    let contrast = found
+        .contrast
+        .map(|curve| object!(py, "rig.photometry", "Contrast", [curve: gain, gamma, ratio]));
+
+    object!(py, "rig.photometry", "Photometry",
+        intensity_range: found.range, saturation: (left?, right?), contrast: contrast.transpose()?,
+        low_texture: pair(found.flat), smeared: pair(found.smeared),
+        repeated: pair(found.repeated), fields: pair(found.fields)
+    )
+}
+
+fn findings_of(py: Python<'_>, findings: Vec<Finding>) -> Result<Bound<'_, PyTuple>> {
+    let findings = findings.into_iter().map(|found| {
+        object!(py, "rig.findings", "Finding", [found: sentence]
+            topic: found.topic.name(), severity: found.severity.name()
+        )
+    });
+    Ok(PyTuple::new(py, findings.collect::<Result<Vec<_>>>()?)?)
+}
