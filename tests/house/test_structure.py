@@ -84,11 +84,11 @@ BOUNDS = {
     "statements of pandora_plugin_phasestereo": 120,
     "statements of phasestereo_bench": 6_940,
     "aliases at the boundary": 6,
-    "public names": 113,
-    "words of documentation": 22_500,
+    "public names": 114,
+    "words of documentation": 22_600,
     "lines of Rust": 30_600,
-    "lines of tests": 26_700,
-    "statements of tests": 19_190,
+    "lines of tests": 27_200,
+    "statements of tests": 19_500,
 }
 
 

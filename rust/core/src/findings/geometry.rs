@@ -8,7 +8,7 @@ use super::{Finding, Known, Severity, Topic, percent};
 use crate::math;
 use crate::rig::alignment::{LINEAR, TERMS};
 use crate::rig::blur::{self, Side};
-use crate::rig::estimation::Estimates;
+use crate::rig::estimation::estimates::Estimates;
 use crate::rig::estimation::range::{LeftOut, SearchRange};
 use crate::rig::estimation::rows::{DISTORTED, RowOffsets};
 use crate::rig::psf::{Family, Psf, Taps};
