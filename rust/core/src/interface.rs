@@ -14,7 +14,7 @@ use crate::pipeline::footprint::Demand;
 use crate::pipeline::matcher::{self, Disparity, Execution, Timings, usable_threads};
 use crate::pipeline::pair::Pair;
 use crate::pipeline::summary::Summary;
-use crate::rig::estimation::{Estimates, Known, Means, Prepared, prepare};
+use crate::rig::estimation::{Estimates, Known, Prepared, Runtime, prepare};
 use crate::scales::prepare_and_match;
 use crate::settings::Settings;
 use crate::simd::Level;
@@ -107,8 +107,9 @@ impl Matcher {
     ) -> Result<Match> {
         let (pair, known) = pair(left, right, disparities.into())?;
 
-        let (map, prepared) = self
-            .on_threads(control, |means| prepare_and_match(pair, known, &self.settings, means))?;
+        let (map, prepared) = self.on_threads(control, |runtime| {
+            prepare_and_match(pair, known, &self.settings, runtime)
+        })?;
         Ok(Match::new(map, prepared))
     }
 
@@ -123,7 +124,7 @@ impl Matcher {
 
         let control = Control::default();
         let prepared =
-            self.on_threads(&control, |means| prepare(pair, known, &self.settings, means))?;
+            self.on_threads(&control, |runtime| prepare(pair, known, &self.settings, runtime))?;
         Ok(prepared.estimates)
     }
 
@@ -132,8 +133,8 @@ impl Matcher {
         let (pair, known) = pair(left, right, None)?;
 
         let control = Control::default();
-        let judged = self.on_threads(&control, |means| {
-            verification::verify(pair, map, known, &self.settings, means)
+        let judged = self.on_threads(&control, |runtime| {
+            verification::verify(pair, map, known, &self.settings, runtime)
         })?;
 
         let verification::Verification { verdicts, better, findings, own, prepared, .. } = judged;
@@ -171,12 +172,12 @@ impl Matcher {
     fn on_threads<T: Send>(
         &self,
         control: &Control,
-        work: impl FnOnce(Means) -> Result<T> + Send,
+        work: impl FnOnce(Runtime) -> Result<T> + Send,
     ) -> Result<T> {
-        let how = Execution { threads: self.threads, level: Level::best() };
-        let means = Means { matcher: &self.core, how, control };
+        let execution = Execution { threads: self.threads, level: Level::best() };
+        let runtime = Runtime { matcher: &self.core, execution, control };
 
-        self.core.install(|| work(means))
+        self.core.install(|| work(runtime))
     }
 }
 
