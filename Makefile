@@ -105,7 +105,7 @@ $(VENV)/dev: $(VENV)/ready
 	@$(ALONE) '$(BIN)/pip install --quiet --group dev; touch $@'
 
 $(VENV)/counterparts: $(VENV)/harness $(VENV)/dev
-	@echo "== Install what the tests hold the library against, 2 GB"
+	@echo "== Install what the tests hold the library against"
 	@$(ALONE) '$(BIN)/pip install --quiet --group counterparts; touch $@'
 
 $(VENV)/page: $(CORE)

@@ -763,12 +763,12 @@ mod matcher {
         let [left, right] = views();
         let pair = Pair::new(left, right, 0, case.candidates as i64).expect("a legal pair");
         let pair = pair.with_blur_compensation(compensation);
-        let how = Execution { threads: 1, level: case.level };
+        let execution = Execution { threads: 1, level: case.level };
         let matcher = Matcher::new(1).expect("a thread starts");
 
         bencher
             .counter(case.evaluations())
-            .bench_local(|| matcher.match_pair(&pair, settings, how, &Control::default()));
+            .bench_local(|| matcher.match_pair(&pair, settings, execution, &Control::default()));
     }
 
     #[divan::bench(args = cases(), sample_count = 10)]

@@ -51,7 +51,7 @@ _KINDS = "StrPath", "PathLike", "Path", "ImageOrPath", "CalibrationSource", "Pla
 _NOT_OPENED = {
     "phasestereo_large.batch.BatchReport", "phasestereo_large.batch.PairFiles",
     "phasestereo_large.outofcore.MapReport", "phasestereo.views.templating",
-    "phasestereo_live.viewer.Show", "phasestereo_live.Stream", "phasestereo_live.Frame",
+    "phasestereo_live.viewer.Display", "phasestereo_live.Stream", "phasestereo_live.Frame",
     "live --save-to", "live --preset", "live --left", "live --right", "live --camera-info",
     "live --frames", "match --preset", "large --preset", "large --max-memory", "batch --preset",
     "batch --scheduler",
@@ -285,7 +285,7 @@ def doors(of: Samples) -> dict[str, list[tuple[str, Callable[[Path], Any]]]]:  #
     add("phasestereo_live.video.VideoWriter(path)", ">a.mkv", live.video.VideoWriter)
     saving = importlib.import_module("phasestereo_live.rerun").saving
     add("phasestereo_live.rerun.saving(path)", ">a.rrd", lambda p: saving(p).__enter__())
-    with live.viewer.Server(live.viewer.Show(ps.PRESETS["fast"], COUNT, of.home)) as server:
+    with live.viewer.Server(live.viewer.Display(ps.PRESETS["fast"], COUNT, of.home)) as server:
         add("phasestereo_live.viewer.Server.write_link(path)", ">a.html", server.write_link)
 
     statistics = phasestereo_large.bands.load(of / "statistics.npz")

@@ -21,7 +21,7 @@ from browser import Browser, running, serving
 from phasestereo.views.page import write_pair_page
 from phasestereo_bench.degradation import Degradation, disk_psf
 from phasestereo_bench.rendering import render_pair
-from phasestereo_live.viewer import Server, Show
+from phasestereo_live.viewer import Server, Display
 
 ROOT = Path(__file__).resolve().parent.parent
 IMAGES = ROOT / "docs" / "images"
@@ -47,19 +47,19 @@ def write_page(path: Path) -> None:
 
 
 def viewer(browser: Browser) -> None:
-    """Show the wipe from the left image to the disparities, a pixel held."""
+    """Display the wipe from the left image to the disparities, a pixel held."""
     browser.run("setMix(0.55); hold({ x: 330, y: 250 }); scrollTo(0, 0)")
 
 
 def cloud(browser: Browser) -> None:
-    """Show the points in space."""
+    """Display the points in space."""
     browser.run("document.getElementById('space').scrollIntoView()")
     browser.wait("document.getElementById('cloud').dataset.drawn === 'yes'")
     sleep(2)  # until the last frame is drawn
 
 
 def figures(browser: Browser) -> None:
-    """Show the charts and the blur."""
+    """Display the charts and the blur."""
     browser.run("document.getElementById('spread').scrollIntoView()")
     browser.wait("document.querySelectorAll('[id^=chart-][data-drawn]').length === 3")
 
@@ -83,7 +83,7 @@ def take_live_page(browser: Browser) -> None:
     left = Degradation(disk_psf(3.0), noise=1.0)(pair.left)
     result = ps.match(left, pair.right, num_disparities=64)
 
-    show = Show(ps.PRESETS["robust"], 64, Path())
+    show = Display(ps.PRESETS["robust"], 64, Path())
     show.add(live.Frame(311, 12.4, left, pair.right, result))
     show.diagnose(ps.check(left, pair.right))
 

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def held_back() -> Iterator[None]:
+def interrupts_postponed() -> Iterator[None]:
     """Postpone Ctrl-C to the end of a block; an exception that ends the block comes first.
 
     A signal mask would not do: the system delivers a signal that one thread masks to another one,

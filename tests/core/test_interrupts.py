@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from phasestereo._interrupts import held_back
+from phasestereo._interrupts import interrupts_postponed
 
 
 @pytest.fixture(autouse=True)
@@ -26,7 +26,7 @@ def test_the_block_ends_before_it_is_heard(times: int) -> None:
     done = []
 
     def write() -> None:
-        with held_back():
+        with interrupts_postponed():
             for number in range(times):
                 signal.raise_signal(signal.SIGINT)
                 done.append(number)
@@ -41,8 +41,8 @@ def test_an_inner_block_leaves_it_to_the_outer_one() -> None:
     done = []
 
     def write() -> None:
-        with held_back():
-            with held_back():
+        with interrupts_postponed():
+            with interrupts_postponed():
                 signal.raise_signal(signal.SIGINT)
             done.append("between")
 
@@ -52,13 +52,13 @@ def test_an_inner_block_leaves_it_to_the_outer_one() -> None:
 
 
 def test_nothing_is_heard_where_nothing_came() -> None:
-    with held_back():
+    with interrupts_postponed():
         pass
 
 
 def test_an_error_of_the_block_passes() -> None:
     def write() -> None:
-        with held_back():
+        with interrupts_postponed():
             signal.raise_signal(signal.SIGINT)
             raise OSError("full")
 
@@ -68,7 +68,7 @@ def test_an_error_of_the_block_passes() -> None:
 
 def test_a_process_that_ignores_it_goes_on_to() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with held_back():
+    with interrupts_postponed():
         signal.raise_signal(signal.SIGINT)
     assert signal.signal(signal.SIGINT, signal.default_int_handler) == signal.SIG_IGN
 
@@ -77,7 +77,7 @@ def test_other_threads_leave_it_alone() -> None:
     found = []
 
     def block() -> None:
-        with held_back():
+        with interrupts_postponed():
             found.append(signal.getsignal(signal.SIGINT))
 
     thread = threading.Thread(target=block)
@@ -93,7 +93,7 @@ def test_what_another_thread_hears_waits_for_the_block() -> None:
     other.start()
 
     def start() -> None:
-        with held_back():
+        with interrupts_postponed():
             signal.pthread_kill(other.ident, signal.SIGINT)
             for number in range(3):  # Python runs its handlers between these
                 time.sleep(0.02)

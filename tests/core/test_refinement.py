@@ -105,7 +105,7 @@ def assert_equals_the_oracle(
 
     everything = np.ones(pair.shape[1:3], bool)
     thousandths = 1000 if pair.ndim == 4 else 1
-    # About the middle of the range: outlines are drawn by steps of gray that are cut off towards it.
+    # About the middle of the range: outlines cut gray steps off that lie far from it.
     gray = np.rint(thousandths * (oracle.to_gray(pair[0]) - 128)).astype(np.int64)
     gray = gray if masks is None else oracle.fill_masked(gray, masks[0])
 

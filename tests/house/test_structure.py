@@ -78,17 +78,17 @@ BOUNDS = {
     "imports of the same or a higher floor": 0,
     "imports of another distribution than those below": 0,
     "own modules imported by a string": 0,
-    "statements of phasestereo": 5_480,
+    "statements of phasestereo": 5_450,
     "statements of phasestereo_live": 2_100,
     "statements of phasestereo_large": 2_410,
     "statements of pandora_plugin_phasestereo": 120,
-    "statements of phasestereo_bench": 6_940,
+    "statements of phasestereo_bench": 6_950,
     "aliases at the boundary": 6,
     "public names": 114,
     "words of documentation": 22_600,
     "lines of Rust": 30_600,
-    "lines of tests": 27_200,
-    "statements of tests": 19_500,
+    "lines of tests": 27_160,
+    "statements of tests": 19_490,
 }
 
 

@@ -10,7 +10,7 @@ import pytest
 import phasestereo as ps
 from phasestereo.io import Calibration
 from phasestereo_live.video.streaming import Failure
-from phasestereo_live.viewer import Server, Show
+from phasestereo_live.viewer import Display, Server
 from test_viewer import COLS, COUNT, FAST, LEFT, RIGHT, ROWS, SHIFT, frame
 from test_viewer import server as server  # noqa: PLC0414 - a fixture
 
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 
 @pytest.fixture
-def show(tmp_path: Path) -> Show:
-    shown = Show(FAST, COUNT, tmp_path)
+def show(tmp_path: Path) -> Display:
+    shown = Display(FAST, COUNT, tmp_path)
     shown.know(Calibration.from_focal(100, 0.2, width=COLS, height=ROWS), "m")
     shown.add(frame())
     shown.diagnose(ps.check(LEFT, RIGHT))
@@ -59,7 +59,7 @@ def test_it_fits_and_says_nothing_on_the_console(
 
 
 def test_new_frames_and_troubles_appear_by_themselves(
-    browser: Browser, server: Server, show: Show
+    browser: Browser, server: Server, show: Display
 ) -> None:
     look(browser, server)
     assert f". {COLS} \u00d7 {ROWS}, frame 0" in browser.text("status"), "after how much is wrong"
@@ -89,7 +89,7 @@ def test_keys_lead_the_cursor(browser: Browser, server: Server) -> None:
     assert browser.run(f"return {crosses}")
 
 
-def test_sliders_set_what_is_matched_with(browser: Browser, server: Server, show: Show) -> None:
+def test_sliders_set_what_is_matched_with(browser: Browser, server: Server, show: Display) -> None:
     look(browser, server)
 
     slider = browser.driver.find_element("css selector", "#uniqueness")
@@ -137,7 +137,7 @@ def test_every_control_has_a_name_and_a_place_in_the_order(
 
 
 def test_buttons_save_the_pair_and_end_the_run(
-    browser: Browser, server: Server, show: Show, tmp_path: Path
+    browser: Browser, server: Server, show: Display, tmp_path: Path
 ) -> None:
     look(browser, server)
     browser.run("document.getElementById('save').click()")

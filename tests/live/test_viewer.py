@@ -24,7 +24,7 @@ from phasestereo.io import Calibration, read_image
 from phasestereo.io.raster import decode_raster
 from phasestereo_live.video import FramePicture
 from phasestereo_live.video.streaming import Failure, Frame, stream
-from phasestereo_live.viewer import Server, Show
+from phasestereo_live.viewer import Display, Server
 from phasestereo_live.viewer.diagnosing import diagnosing
 
 if TYPE_CHECKING:
@@ -48,12 +48,12 @@ def frame(index: int = 0, apart: float | None = None) -> Frame:
 
 
 @pytest.fixture
-def show(tmp_path: Path) -> Show:
-    return Show(FAST, COUNT, tmp_path)
+def show(tmp_path: Path) -> Display:
+    return Display(FAST, COUNT, tmp_path)
 
 
 @pytest.fixture
-def server(show: Show) -> Iterator[Server]:
+def server(show: Display) -> Iterator[Server]:
     with Server(show) as opened:
         yield opened
         show.close()
@@ -105,7 +105,7 @@ def ask(server: Server, path: str, method: str = "GET", body: Any = None, **head
 
 
 @pytest.mark.parametrize("path", ["", "viewer.js", "state?after=-2", "left.jpg", "value?x=0&y=0"])
-def test_only_who_was_let_in_is_answered(server: Server, show: Show, path: str) -> None:
+def test_only_who_was_let_in_is_answered(server: Server, show: Display, path: str) -> None:
     show.add(frame())
     assert ask(server, path).status == 200
 
@@ -150,7 +150,7 @@ def test_idle_connections_make_room_and_are_dropped(
         one.close()
 
 
-def test_pages_of_others_change_nothing(server: Server, show: Show) -> None:
+def test_pages_of_others_change_nothing(server: Server, show: Display) -> None:
     origin = server.address.rsplit("/", 1)[0]
     wanted = {"uniqueness": 7}
 
@@ -186,7 +186,7 @@ def test_answers_are_kept_by_nobody_and_load_nothing_foreign(server: Server) -> 
 # What is shown
 
 
-def test_news_come_as_soon_as_there_are_any(server: Server, show: Show) -> None:
+def test_news_come_as_soon_as_there_are_any(server: Server, show: Display) -> None:
     first = ask(server, "state?after=-1").json()
     assert first["frame"] is None
 
@@ -203,7 +203,7 @@ def test_news_come_as_soon_as_there_are_any(server: Server, show: Show) -> None:
     assert shown["trusted"] == round(100 * told.trusted.mean(), 1)
 
 
-def test_pictures_are_those_of_the_frame(server: Server, show: Show) -> None:
+def test_pictures_are_those_of_the_frame(server: Server, show: Display) -> None:
     assert ask(server, "left.jpg").status == 400
 
     given = frame()
@@ -217,7 +217,7 @@ def test_pictures_are_those_of_the_frame(server: Server, show: Show) -> None:
     assert decode_raster(io.BytesIO(ask(server, "scale.png").body)).shape == (1, 256, 3)
 
 
-def test_values_are_those_under_the_cursor(server: Server, show: Show) -> None:
+def test_values_are_those_under_the_cursor(server: Server, show: Display) -> None:
     given = frame()
     bars = np.full((ROWS, COLS), 0.5, np.float32)
     given = replace(given, result=replace(given.result, uncertainty=bars))
@@ -246,7 +246,7 @@ def test_values_are_those_under_the_cursor(server: Server, show: Show) -> None:
         assert ask(server, f"value?{place}").status == 400
 
 
-def test_what_fails_is_said_and_counted(server: Server, show: Show) -> None:
+def test_what_fails_is_said_and_counted(server: Server, show: Display) -> None:
     for index in range(3):
         show.fail(Failure(index, None, OSError("camera 1: gave no frame")))
     response = ask(server, "state?after=-1").json()
@@ -256,7 +256,7 @@ def test_what_fails_is_said_and_counted(server: Server, show: Show) -> None:
     assert ask(server, "state?after=-1").json()["failure"]["times"] == 1
 
 
-def test_cameras_that_are_not_synchronized_are_reported(server: Server, show: Show) -> None:
+def test_cameras_that_are_not_synchronized_are_reported(server: Server, show: Display) -> None:
     show.add(frame(0, 0.02))
     (note,) = ask(server, "state?after=-1").json()["notes"]
     assert note.startswith("the cameras are not synchronized: the right one comes 20 ms later")
@@ -264,7 +264,7 @@ def test_cameras_that_are_not_synchronized_are_reported(server: Server, show: Sh
     assert not ask(server, "state?after=-1").json()["notes"]
 
 
-def test_findings_are_those_of_check_the_worst_first(show: Show) -> None:
+def test_findings_are_those_of_check_the_worst_first(show: Display) -> None:
     show.add(frame())
     thread = diagnosing(show)
     for version in range(100):
@@ -285,7 +285,7 @@ def test_findings_are_those_of_check_the_worst_first(show: Show) -> None:
 # What can be done
 
 
-def test_settings_change_the_coming_frames(server: Server, show: Show) -> None:
+def test_settings_change_the_coming_frames(server: Server, show: Display) -> None:
     pairs = iter([(LEFT, RIGHT)] * 2)
     with stream(pairs, num_disparities=COUNT, settings=FAST) as frames:
         show.follow(frames.change)
@@ -318,7 +318,7 @@ def test_settings_change_the_coming_frames(server: Server, show: Show) -> None:
     ],
 )
 def test_settings_that_cannot_be_are_refused(
-    server: Server, show: Show, wanted: Any, message: str
+    server: Server, show: Display, wanted: Any, message: str
 ) -> None:
     with stream(iter([(LEFT, RIGHT)] * 2), num_disparities=COUNT, settings=FAST) as frames:
         show.follow(frames.change)
@@ -331,7 +331,7 @@ def test_settings_that_cannot_be_are_refused(
     assert show.settings == FAST
 
 
-def test_a_pair_is_saved_with_its_report(server: Server, show: Show, tmp_path: Path) -> None:
+def test_a_pair_is_saved_with_its_report(server: Server, show: Display, tmp_path: Path) -> None:
     assert ask(server, "save", "POST").json() == {"error": "there is no pair to save yet"}
 
     show.add(frame(7))
@@ -346,7 +346,7 @@ def test_a_pair_is_saved_with_its_report(server: Server, show: Show, tmp_path: P
     assert len(list(tmp_path.iterdir())) == 6
 
 
-def test_the_run_can_be_ended(server: Server, show: Show) -> None:
+def test_the_run_can_be_ended(server: Server, show: Display) -> None:
     assert ask(server, "close", "POST").status == 200
     assert show.closed
     assert ask(server, "state?after=99").json()["closed"] is True

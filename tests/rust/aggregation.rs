@@ -81,7 +81,7 @@ proptest! {
         let settings = Settings { precision: Precision::Byte, ..settings };
 
         let side = settings.window as u64;
-        let sum = |dropped: u32| side * (side * u64::from(ceiling) >> dropped);
+        let sum = |dropped: u32| side * ((side * u64::from(ceiling)) >> dropped);
         let unit = match settings.cost {
             CostKind::Phase => 1.0,
             CostKind::Sad => 16.0,
@@ -89,7 +89,7 @@ proptest! {
         };
 
         // Two thirds of a byte; one bit more is dropped if P2 fits then alone, and 80 steps are left.
-        let least = (0..).find(|dropped| sum(*dropped) <= 170).expect("bits");
+        let least = (0..64).find(|dropped| sum(*dropped) <= 170).expect("bits");
         let fits = |dropped: u32| {
             let p2 = settings.p2 * (side * side) as f64 * unit / f64::from(1 << dropped);
             sum(dropped) >= 80 && sum(dropped) as f64 + p2.round() <= 255.0

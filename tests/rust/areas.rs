@@ -9,7 +9,7 @@ use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::view::{Image, View};
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::{Execution, Matcher};
-use phasestereo::internals::rig::estimation::Means;
+use phasestereo::internals::rig::estimation::Runtime;
 use phasestereo::internals::rig::estimation::areas::{Area, areas};
 use phasestereo::internals::rig::estimation::overview::{Guess, Overview};
 use phasestereo::internals::settings::Settings;
@@ -78,9 +78,10 @@ fn guessed_on_smaller() -> Plane<f32> {
 fn found(copies: &Overview, guess: Guess, threads: usize, level: Level) -> Vec<Area> {
     let matcher = Matcher::new(threads).expect("threads");
     let control = Control::default();
-    let means = Means { matcher: &matcher, how: Execution { threads, level }, control: &control };
+    let runtime =
+        Runtime { matcher: &matcher, execution: Execution { threads, level }, control: &control };
 
-    matcher.install(|| areas(copies, guess, RUN, REACH, None, means)).expect("it runs")
+    matcher.install(|| areas(copies, guess, RUN, REACH, None, runtime)).expect("it runs")
 }
 
 /// The sums of a pixel over its window by disparity; `None` where the match lies outside the image.

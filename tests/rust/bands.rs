@@ -63,13 +63,13 @@ impl PartsJob {
     /// The sums over the sampled rows, matched with no more rows around them than their halo.
     fn sums(&self) -> Tally {
         let matcher = Matcher::new(1).expect("a thread");
-        let how = Execution { threads: 1, level: Level::best() };
+        let execution = Execution { threads: 1, level: Level::best() };
         let candidates = self.pair.candidates();
 
         let sums = sampled(self.pair.size().0).into_iter().map(|rows| {
             let (pair, section) = self.section(&rows, &self.around(&rows));
             let found =
-                matcher.match_raw(&pair, &section, &self.settings, how, &Control::default());
+                matcher.match_raw(&pair, &section, &self.settings, execution, &Control::default());
             let map = found.expect("legal rows");
             let confidence = map.confidence.expect("asked for");
             let (disparity, flags) = (map.disparity.as_slice(), map.flags.as_slice());
@@ -84,8 +84,8 @@ impl PartsJob {
     }
 
     /// The result of a match of the whole.
-    fn whole(&self, (matcher, how): (&Matcher, Execution)) -> ResultBits {
-        let found = matcher.match_pair(&self.pair, &self.settings, how, &Control::default());
+    fn whole(&self, (matcher, execution): (&Matcher, Execution)) -> ResultBits {
+        let found = matcher.match_pair(&self.pair, &self.settings, execution, &Control::default());
         ResultBits::new(found.expect("a legal match"))
     }
 
@@ -108,10 +108,11 @@ impl PartsJob {
         &self,
         rows: &Range<usize>,
         read: &Range<usize>,
-        (matcher, how): (&Matcher, Execution),
+        (matcher, execution): (&Matcher, Execution),
     ) -> ResultBits {
         let (pair, section) = self.section(rows, read);
-        let found = matcher.match_rows(&pair, &section, &self.settings, how, &Control::default());
+        let found =
+            matcher.match_rows(&pair, &section, &self.settings, execution, &Control::default());
         ResultBits::new(found.expect("a legal part"))
     }
 
@@ -170,7 +171,7 @@ fn without_full_masks(pair: Pair) -> Pair {
     parted.expect("a legal pair").with_blur_compensation(compensation)
 }
 
-fn how(threads: usize, level: Level) -> Execution {
+fn execution(threads: usize, level: Level) -> Execution {
     Execution { threads, level }
 }
 
@@ -307,7 +308,7 @@ proptest! {
     ) {
         let cuts = cuts(job.pair.size().0, &places);
         let matcher = Matcher::new(threads).expect("threads start");
-        let on = (&matcher, how(threads, level));
+        let on = (&matcher, execution(threads, level));
         let found = job.by_parts(&cuts, on);
         let expected = job.whole(on);
 
@@ -354,7 +355,7 @@ fn parts_are_matched_in_any_integers() {
 
         for is_masked in [|y: usize| y < 10, |y: usize| y > 3 * BAND] {
             let job = PartsJob::new(pair(height, 40, is_masked), settings.clone());
-            let on = (&matcher, how(2, Level::best()));
+            let on = (&matcher, execution(2, Level::best()));
             let found = job.by_parts(&[0, BAND, BAND + 1, 3 * BAND + 5, height], on);
             assert!(found == job.whole(on), "{job}");
         }
@@ -387,7 +388,7 @@ fn tall_pairs_in_parts_are_the_whole() {
     for known in [two_versions(), cleaned_versions()] {
         let job = PartsJob::new(pair.clone().with_blur_compensation(known), robust());
         for level in levels() {
-            let on = (&matcher, how(1, level));
+            let on = (&matcher, execution(1, level));
             let found = job.by_parts(&[0, 1, 63, 128, 330, 599, 600], on);
             assert!(found == job.whole(on), "{}", level.name());
         }
@@ -434,7 +435,7 @@ fn spoilt(lot: u64) -> u8 {
 #[test]
 fn halos_are_as_small_as_possible() {
     let matcher = Matcher::new(1).expect("a thread");
-    let on = (&matcher, how(1, Level::best()));
+    let on = (&matcher, execution(1, Level::best()));
     for (settings, known) in settings_of_many_halos() {
         let mut is_tight = [false; 2];
         for seed in 0..12 {
@@ -656,7 +657,7 @@ fn speckles_need_their_halo_and_no_more() {
 #[test]
 fn rows_that_copy_others_need_those() {
     let matcher = Matcher::new(1).expect("a thread");
-    let on = (&matcher, how(1, Level::best()));
+    let on = (&matcher, execution(1, Level::best()));
     let settings = Settings { neighborhood: 9, window: 1, ..nothing() };
 
     // Neighborhoods of row 66 end at row 62, which copies row 58: no nearer row is valid.
@@ -692,7 +693,7 @@ fn rows_beyond_the_pair_are_refused() {
     let run = |optimizer, rows| {
         let settings = Settings { optimizer, ..Preset::Paper.settings() };
         let section = Section { rows, ..Section::whole(&whole) };
-        matcher.match_rows(&whole, &section, &settings, how(1, Level::best()), &control)
+        matcher.match_rows(&whole, &section, &settings, execution(1, Level::best()), &control)
     };
 
     for optimizer in OPTIMIZERS {

@@ -11,8 +11,8 @@ use phasestereo::internals::math;
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::{Execution, Matcher};
 use phasestereo::internals::pipeline::pair::Pair;
-use phasestereo::internals::rig::blur::{Estimate, Glance, Side, is_as_before};
-use phasestereo::internals::rig::estimation::Means;
+use phasestereo::internals::rig::blur::{BlurSignature, Estimate, Side, is_as_before};
+use phasestereo::internals::rig::estimation::Runtime;
 use phasestereo::internals::rig::psf::{Family, Psf, Taps, path};
 use phasestereo::internals::simd::Level;
 
@@ -80,14 +80,14 @@ fn pair(shots: &[Plane<f32>; 2], view: impl Fn(&Plane<f32>) -> View) -> Pair {
     Pair::new(view(left), view(right), 0, 16).expect("a legal pair")
 }
 
-fn how(threads: usize, level: Level) -> Execution {
+fn execution(threads: usize, level: Level) -> Execution {
     Execution { threads, level }
 }
 
 /// The estimate of a pair, on one thread.
 fn estimated(pair: &Pair) -> Estimate {
     let matcher = Matcher::new(1).expect("a thread");
-    estimate(pair, &matcher, how(1, Level::best()), &Control::default()).expect("it runs")
+    estimate(pair, &matcher, execution(1, Level::best()), &Control::default()).expect("it runs")
 }
 
 fn psf(family: Family, size: f64, angle: f64) -> Psf {
@@ -270,7 +270,8 @@ fn nothing_depends_on_threads_or_instructions() {
         for threads in 1..=4 {
             let matcher = Matcher::new(threads).expect("threads");
             for level in levels() {
-                let found = estimate(&pair, &matcher, how(threads, level), &Control::default());
+                let found =
+                    estimate(&pair, &matcher, execution(threads, level), &Control::default());
                 assert_eq!(found.expect("it runs"), expected, "{threads} {}", level.name());
             }
         }
@@ -414,12 +415,12 @@ fn disparities_beyond_all_blocks_have_no_estimate() {
 }
 
 /// Whether a glance at a pair finds its blur as it was before.
-fn looks_as(before: &Glance, shots: &[Plane<f32>; 2], level: Level) -> bool {
+fn looks_as(before: &BlurSignature, shots: &[Plane<f32>; 2], level: Level) -> bool {
     let pair = pair(shots, bytes);
     let (matcher, control) = (Matcher::new(1).expect("a thread"), Control::default());
 
-    let means = Means { matcher: &matcher, how: how(1, level), control: &control };
-    is_as_before(&pair, before, means).expect("it runs")
+    let runtime = Runtime { matcher: &matcher, execution: execution(1, level), control: &control };
+    is_as_before(&pair, before, runtime).expect("it runs")
 }
 
 #[test]
@@ -428,7 +429,7 @@ fn a_glance_sees_whether_blur_has_changed() {
     let states = [None, Some(&disk)].map(|taps| shots(Side::Left, taps));
 
     for (now, state) in states.iter().enumerate() {
-        let before = estimated(&pair(state, bytes)).glance;
+        let before = estimated(&pair(state, bytes)).signature;
 
         for (then, other) in states.iter().enumerate() {
             assert!(
@@ -447,7 +448,7 @@ fn a_glance_sees_whether_blur_has_changed() {
 #[test]
 fn a_glance_sees_a_patch_in_one_image() {
     let [left, right] = shots(Side::Left, None);
-    let before = estimated(&pair(&[left.clone(), right.clone()], bytes)).glance;
+    let before = estimated(&pair(&[left.clone(), right.clone()], bytes)).signature;
 
     let [soft, _] = shots(Side::Left, Some(&psf(Family::Disk, 4.0, 0.0).taps()));
     let patched = Plane::from_fn(SIZE.0, SIZE.1, |y, x| {
@@ -461,10 +462,10 @@ fn a_glance_sees_a_patch_in_one_image() {
 #[test]
 fn a_glance_at_nothing_or_at_smaller_images_finds_a_change() {
     let whole = shots(Side::Left, None);
-    let before = estimated(&pair(&whole, bytes)).glance;
+    let before = estimated(&pair(&whole, bytes)).signature;
 
     assert!(looks_as(&before, &whole, Level::best()));
-    assert!(!looks_as(&Glance::default(), &whole, Level::best()));
+    assert!(!looks_as(&BlurSignature::default(), &whole, Level::best()));
 
     let part = whole.map(|plane| Plane::from_fn(SIZE.0 - 1, SIZE.1, |y, x| plane.row(y)[x]));
     assert!(!looks_as(&before, &part, Level::best()));
@@ -478,6 +479,6 @@ fn an_estimation_can_be_cancelled() {
     let matcher = Matcher::new(1).expect("a thread");
     let pair = pair(&shots(Side::Left, None), bytes);
 
-    let found = estimate(&pair, &matcher, how(1, Level::best()), &control);
+    let found = estimate(&pair, &matcher, execution(1, Level::best()), &control);
     assert!(matches!(found, Err(Error::Cancelled)), "{found:?}");
 }

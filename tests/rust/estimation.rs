@@ -12,7 +12,9 @@ use phasestereo::internals::pipeline::pair::Pair;
 use phasestereo::internals::pipeline::source::ranges;
 use phasestereo::internals::rig::alignment::Alignment;
 use phasestereo::internals::rig::alignment::straighten::straightened;
-use phasestereo::internals::rig::estimation::{Estimates, Known, Means, prepare, prepare_by_rows};
+use phasestereo::internals::rig::estimation::{
+    Estimates, Known, Runtime, prepare, prepare_by_rows,
+};
 use phasestereo::internals::settings::presets::Preset;
 use phasestereo::internals::settings::{Optimizer, Settings};
 use phasestereo::internals::simd::Level;
@@ -117,10 +119,11 @@ fn settings() -> Settings {
 fn found(pair: &Pair, is_known: bool, threads: usize, level: Level) -> Estimates {
     let matcher = Matcher::new(threads).expect("threads");
     let control = Control::default();
-    let means = Means { matcher: &matcher, how: Execution { threads, level }, control: &control };
+    let runtime =
+        Runtime { matcher: &matcher, execution: Execution { threads, level }, control: &control };
     let known = Known { candidates: is_known.then(|| pair.candidates()), ..Known::default() };
 
-    prepare(pair.clone(), known, &settings(), means).expect("it runs").estimates
+    prepare(pair.clone(), known, &settings(), runtime).expect("it runs").estimates
 }
 
 /// The same of a pair that is read by at most so many rows.
@@ -128,8 +131,8 @@ fn found_by_rows(pair: &Pair, is_known: bool, most: usize) -> Estimates {
     let matcher = Matcher::new(2).expect("threads");
     let control = Control::default();
 
-    let how = Execution { threads: 2, level: Level::best() };
-    let means = Means { matcher: &matcher, how, control: &control };
+    let execution = Execution { threads: 2, level: Level::best() };
+    let runtime = Runtime { matcher: &matcher, execution, control: &control };
     let known = Known { candidates: is_known.then(|| pair.candidates()), ..Known::default() };
 
     let whole = Slow::new(pair, most);
@@ -141,7 +144,7 @@ fn found_by_rows(pair: &Pair, is_known: bool, most: usize) -> Estimates {
         _ => pair.clone(),
     };
 
-    prepare_by_rows(&Slow::new(&pair, most), known, &settings(), means).expect("it runs")
+    prepare_by_rows(&Slow::new(&pair, most), known, &settings(), runtime).expect("it runs")
 }
 
 /// Compares all but the times.
@@ -273,16 +276,16 @@ fn a_negative_is_found_by_rows_as_in_memory_and_may_be_known() {
     assert!(by_rows.is_inverted);
 
     let (matcher, control) = (Matcher::new(2).expect("threads"), Control::default());
-    let how = Execution { threads: 2, level: Level::best() };
-    let means = Means { matcher: &matcher, how, control: &control };
+    let execution = Execution { threads: 2, level: Level::best() };
+    let runtime = Runtime { matcher: &matcher, execution, control: &control };
     let known = || Known { is_inverted: true, ..Known::default() };
 
-    let prepared = prepare(pair.clone(), known(), &settings(), means).expect("it runs");
+    let prepared = prepare(pair.clone(), known(), &settings(), runtime).expect("it runs");
     assert_same(&prepared.estimates, &expected, "known");
     assert_eq!(prepared.pair.views()[1].image, pair.inverted().views()[1].image);
 
     let slow = Slow::new(&pair, 50);
-    let by_rows = prepare_by_rows(&slow, known(), &settings(), means).expect("it runs");
+    let by_rows = prepare_by_rows(&slow, known(), &settings(), runtime).expect("it runs");
     assert_same(&by_rows, &expected, "known, by rows");
 }
 

@@ -4,7 +4,7 @@ use phasestereo::internals::image::view::{self, View};
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::{self, Execution};
 use phasestereo::internals::pipeline::pair::Pair;
-use phasestereo::internals::rig::estimation::{Known, Means};
+use phasestereo::internals::rig::estimation::{Known, Runtime};
 use phasestereo::internals::simd::Level;
 use phasestereo::internals::whole::prepare_and_match;
 use phasestereo::{Error, Image, Matcher, Preset, verdict};
@@ -37,9 +37,9 @@ fn a_match_of_slices_is_that_of_the_stages() {
     let pair = Pair::new(view(0), view(5), 0, 16).expect("a pair");
     let known = Known { candidates: Some(pair.candidates()), ..Known::default() };
     let core = matcher::Matcher::new(1).expect("a matcher");
-    let how = Execution { threads: 1, level: Level::best() };
-    let means = Means { matcher: &core, how, control: &Control::default() };
-    let whole = prepare_and_match(pair, known, &settings, means).expect("a match");
+    let execution = Execution { threads: 1, level: Level::best() };
+    let runtime = Runtime { matcher: &core, execution, control: &Control::default() };
+    let whole = prepare_and_match(pair, known, &settings, runtime).expect("a match");
     let (map, estimates) = (whole.map, whole.prepared.estimates);
     assert!(found.rectified.is_none() && whole.rectified.is_none(), "its rows correspond");
 

@@ -48,16 +48,17 @@ impl MatchJob {
     }
 
     /// The result, by a matcher of its own.
-    fn run(&self, how: Execution) -> ResultBits {
-        self.run_with(&Matcher::new(how.threads).expect("threads"), how)
+    fn run(&self, execution: Execution) -> ResultBits {
+        self.run_with(&Matcher::new(execution.threads).expect("threads"), execution)
     }
 
     /// The result, by a matcher that may have been used before.
-    fn run_with(&self, matcher: &Matcher, how: Execution) -> ResultBits {
+    fn run_with(&self, matcher: &Matcher, execution: Execution) -> ResultBits {
         let control = Control::default();
 
-        let map =
-            matcher.match_pair(&self.pair, &self.settings, how, &control).expect("a legal match");
+        let map = matcher
+            .match_pair(&self.pair, &self.settings, execution, &control)
+            .expect("a legal match");
         assert_eq!(control.rows_done(), self.pair.size().0);
 
         ResultBits::new(map)
@@ -72,7 +73,7 @@ impl MatchJob {
     fn check(&self) {
         let expected = self.expected();
         for level in levels() {
-            assert!(self.run(how(1, level)) == expected, "{}: {self}", level.name());
+            assert!(self.run(execution(1, level)) == expected, "{}: {self}", level.name());
         }
     }
 
@@ -108,12 +109,12 @@ impl std::fmt::Display for MatchJob {
     }
 }
 
-fn how(threads: usize, level: Level) -> Execution {
+fn execution(threads: usize, level: Level) -> Execution {
     Execution { threads, level }
 }
 
 fn executions() -> impl Strategy<Value = Execution> {
-    (1usize..=8, select(levels())).prop_map(|(threads, level)| how(threads, level))
+    (1usize..=8, select(levels())).prop_map(|(threads, level)| execution(threads, level))
 }
 
 /// Small pairs of any pixels, or pairs about as large as bands and panels: with few gray values, and so with many ties, or
@@ -175,8 +176,8 @@ proptest! {
     #![proptest_config(random(100))]
 
     #[test]
-    fn any_match_equals_the_naive_chain(job in jobs(), how in executions()) {
-        prop_assert!(job.run(how) == job.expected(), "{}", job);
+    fn any_match_equals_the_naive_chain(job in jobs(), execution in executions()) {
+        prop_assert!(job.run(execution) == job.expected(), "{}", job);
     }
 }
 
@@ -186,11 +187,11 @@ proptest! {
     #[test]
     fn memory_used_before_leaves_no_trace(
         jobs in prop::collection::vec(jobs(), 2..7),
-        how in executions(),
+        execution in executions(),
     ) {
-        let matcher = Matcher::new(how.threads).expect("threads start");
+        let matcher = Matcher::new(execution.threads).expect("threads start");
         for job in &jobs {
-            prop_assert!(job.run_with(&matcher, how) == job.run(how), "{}", job);
+            prop_assert!(job.run_with(&matcher, execution) == job.run(execution), "{}", job);
         }
     }
 }
@@ -351,7 +352,7 @@ fn nothing_valid_is_no_estimate_anywhere() {
 
     job.check();
 
-    let seen = job.run(how(2, levels()[0]));
+    let seen = job.run(execution(2, levels()[0]));
     assert!(seen.disparity.into_iter().all(|bits| f32::from_bits(bits).is_nan()));
 }
 
@@ -372,28 +373,28 @@ fn unlike_jobs() -> Vec<MatchJob> {
 
 #[test]
 fn a_matcher_forgets_any_job_before_any_other() {
-    let how = how(1, Level::best());
-    let jobs: Vec<_> = unlike_jobs().into_iter().map(|job| (job.run(how), job)).collect();
+    let execution = execution(1, Level::best());
+    let jobs: Vec<_> = unlike_jobs().into_iter().map(|job| (job.run(execution), job)).collect();
     for (_, before) in &jobs {
         let matcher = Matcher::new(1).expect("a thread starts");
         for (expected, job) in &jobs {
-            before.run_with(&matcher, how);
-            assert!(job.run_with(&matcher, how) == *expected, "{job} after {before}");
+            before.run_with(&matcher, execution);
+            assert!(job.run_with(&matcher, execution) == *expected, "{job} after {before}");
         }
     }
 }
 
 #[test]
 fn one_matcher_serves_several_threads_at_once() {
-    let how = how(2, Level::best());
-    let jobs: Vec<_> = unlike_jobs().into_iter().map(|job| (job.run(how), job)).collect();
+    let execution = execution(2, Level::best());
+    let jobs: Vec<_> = unlike_jobs().into_iter().map(|job| (job.run(execution), job)).collect();
     let matcher = Matcher::new(2).expect("threads start");
     std::thread::scope(|scope| {
         for first in 0..4 {
             let (jobs, matcher) = (&jobs, &matcher);
             scope.spawn(move || {
                 for (expected, job) in jobs.iter().cycle().skip(3 * first).take(2 * jobs.len()) {
-                    assert!(job.run_with(matcher, how) == *expected, "{job}");
+                    assert!(job.run_with(matcher, execution) == *expected, "{job}");
                 }
             });
         }
@@ -408,7 +409,7 @@ fn every_thread_count_gives_the_same_bits() {
         let expected = job.expected();
         for level in levels() {
             for threads in 1..=8 {
-                let found = job.run(how(threads, level));
+                let found = job.run(execution(threads, level));
                 assert!(found == expected, "{threads} threads, {}: {job}", level.name());
             }
         }
@@ -428,7 +429,7 @@ fn levels_that_this_machine_lacks_are_told() {
 #[test]
 fn a_shifted_image_is_found_again() {
     let job = MatchJob::new(shifted(40, 80, 3), 0, 9, Preset::Paper.settings());
-    let seen = job.run(how(2, Level::best()));
+    let seen = job.run(execution(2, Level::best()));
 
     for (place, (bits, flags)) in seen.disparity.iter().zip(&seen.flags).enumerate() {
         assert!(place % 80 < 8 || *bits == 3f32.to_bits() && *flags == 0, "{place}");
@@ -468,7 +469,7 @@ fn every_number_of_classes_in_tiles_of_any_size() {
 #[test]
 fn each_class_is_compared_in_its_own_version() {
     let job = in_classes(4, (64, 96), 32);
-    let seen = job.run(how(1, Level::best()));
+    let seen = job.run(execution(1, Level::best()));
     let compensation = job.pair.blur_compensation().expect("classes");
 
     // Within a tile, beyond the reach of the windows and of the left border.
@@ -501,8 +502,8 @@ fn classes_that_change_nothing_change_nothing() {
         settings: job.settings,
     };
 
-    let how = how(1, Level::best());
-    assert!(alike.run(how) == plain.run(how));
+    let execution = execution(1, Level::best());
+    assert!(alike.run(execution) == plain.run(execution));
 }
 
 #[test]
@@ -510,9 +511,9 @@ fn kernels_are_for_phase_codes() {
     let MatchJob { pair, settings } = in_classes(2, (6, 30), 4);
     let settings = Settings { cost: CostKind::Sad, noise_threshold: 0.0, ..settings };
 
-    let how = how(1, Level::best());
-    let refused = Matcher::new(how.threads)
-        .and_then(|matcher| matcher.match_pair(&pair, &settings, how, &Control::default()))
+    let execution = execution(1, Level::best());
+    let refused = Matcher::new(execution.threads)
+        .and_then(|matcher| matcher.match_pair(&pair, &settings, execution, &Control::default()))
         .expect_err("refused");
     assert!(refused.to_string().starts_with("blur_compensation: got"), "{refused}");
 }
@@ -566,14 +567,14 @@ fn matches_by_default_are_the_same_on_any_threads_and_levels() {
 
     let views = layered(150, 200);
     let jobs = robust_jobs().into_iter().chain([wide(views.clone()), wide(with_masks(views, 90))]);
-    let known: Vec<_> = jobs.map(|job| (job.run(how(1, levels()[0])), job)).collect();
+    let known: Vec<_> = jobs.map(|job| (job.run(execution(1, levels()[0])), job)).collect();
 
     for threads in [1, 2, 4] {
         let matcher = Matcher::new(threads).expect("threads start");
         for level in levels() {
             // From the largest on, and the other way round.
             for (expected, job) in known.iter().rev().chain(&known) {
-                let found = job.run_with(&matcher, how(threads, level));
+                let found = job.run_with(&matcher, execution(threads, level));
                 assert!(found == *expected, "{threads} threads, {}: {job}", level.name());
             }
         }
@@ -587,7 +588,7 @@ proptest! {
     fn matches_by_default_but_for_refinement_are_those_of_the_naive_chain(
         pair in pairs(),
         refinement in refinements(),
-        how in executions(),
+        execution in executions(),
     ) {
         let Settings { neighborhood, frequencies, noise_threshold, window, .. } = robust();
         let Settings { shiftable, precision, optimizer, p1, p2, adaptive_p2, .. } = robust();
@@ -595,7 +596,7 @@ proptest! {
         let settings = Settings { shiftable, precision, optimizer, p1, p2, adaptive_p2, ..settings };
 
         let job = MatchJob { pair: pair.with_blur_compensation(noise_alone([1.0; 2])), settings };
-        prop_assert!(job.run(how) == job.expected(), "{}", job);
+        prop_assert!(job.run(execution) == job.expected(), "{}", job);
     }
 }
 
@@ -606,7 +607,7 @@ fn disparities(seen: &ResultBits) -> Vec<f32> {
 fn found_with(settings: Settings) -> ResultBits {
     let job = MatchJob::new(with_masks(layered(60, 80), 97), -1, 12, settings);
     job.check();
-    job.run(how(2, Level::best()))
+    job.run(execution(2, Level::best()))
 }
 
 #[test]
@@ -692,7 +693,7 @@ fn negative_disparities_are_found() {
 
     job.check();
 
-    let found = disparities(&job.run(how(1, Level::best())));
+    let found = disparities(&job.run(execution(1, Level::best())));
     let inner = (10..50).flat_map(|y| (10..75).map(move |x| y * 90 + x));
     for place in inner {
         assert!((found[place] + 5.0).abs() < 0.5, "{place}: {}", found[place]);
@@ -702,14 +703,14 @@ fn negative_disparities_are_found() {
 #[test]
 fn a_cancelled_match_stops_and_the_matcher_goes_on() {
     let job = MatchJob::new(shifted(200, 120, 3), 0, 60, Preset::Paper.settings());
-    let how = how(2, Level::best());
-    let expected = job.run(how);
+    let execution = execution(2, Level::best());
+    let expected = job.run(execution);
 
     let matcher = Matcher::new(2).expect("threads start");
     let cancelled = Control::default();
     cancelled.cancel();
     assert_eq!(
-        matcher.match_pair(&job.pair, &job.settings, how, &cancelled),
+        matcher.match_pair(&job.pair, &job.settings, execution, &cancelled),
         Err(Error::Cancelled)
     );
 
@@ -724,13 +725,13 @@ fn a_cancelled_match_stops_and_the_matcher_goes_on() {
             watched.cancel();
         });
 
-        match matcher.match_pair(&job.pair, &job.settings, how, &control) {
+        match matcher.match_pair(&job.pair, &job.settings, execution, &control) {
             Ok(map) => assert!(ResultBits::new(map) == expected),
             Err(error) => assert_eq!(error, Error::Cancelled),
         }
 
         watch.join().expect("the watch ends");
-        assert!(job.run_with(&matcher, how) == expected, "cancelled after {rows} rows");
+        assert!(job.run_with(&matcher, execution) == expected, "cancelled after {rows} rows");
     }
 }
 
@@ -747,10 +748,12 @@ fn threads_are_counted() {
 fn settings_out_of_range_are_refused() {
     let job = MatchJob::new(shifted(2, 3, 1), 0, 1, Preset::Paper.settings());
     let settings = Settings { window: 65, ..Preset::Paper.settings() };
-    let how = how(1, Level::best());
+    let execution = execution(1, Level::best());
 
-    let refused = Matcher::new(how.threads)
-        .and_then(|matcher| matcher.match_pair(&job.pair, &settings, how, &Control::default()))
+    let refused = Matcher::new(execution.threads)
+        .and_then(|matcher| {
+            matcher.match_pair(&job.pair, &settings, execution, &Control::default())
+        })
         .expect_err("refused");
     assert!(refused.to_string().starts_with("window: got 65"), "{refused}");
 }

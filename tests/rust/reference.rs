@@ -2,7 +2,7 @@
 //!
 //! Slow on purpose. The tests hold the fast stages to these, bit for bit. Every constant is written again here, and no
 //! function of the core is called but for the logarithm and the exponential, so that a change there is seen here. Of the
-//! basis of the descriptor, the oracle in NumPy has its own.
+//! basis of the descriptor, the oracle of the Python tests has its own.
 
 use std::cmp::Reverse;
 use std::ops::Range;

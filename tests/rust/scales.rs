@@ -10,7 +10,7 @@ use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::{Disparity, Execution, Matcher, Timings};
 use phasestereo::internals::pipeline::pair::Pair;
 use phasestereo::internals::refinement::flag;
-use phasestereo::internals::rig::estimation::{Known, Means, prepare};
+use phasestereo::internals::rig::estimation::{Known, Runtime, prepare};
 use phasestereo::internals::scales::choice::{Doubt, choose, conclude};
 use phasestereo::internals::scales::ranges::panel_ranges;
 use phasestereo::internals::scales::reduction::halved;
@@ -66,11 +66,11 @@ fn means_of_windows_are_those_of_every_window_by_itself() {
     for (size, radius) in [((1, 1), 3), ((70, 9), 2), ((131, 40), 15), ((5, 80), 30)] {
         let plane = Plane::from_fn(size.0, size.1, |y, x| random(7, y, x));
 
-        let means = window_means(size, radius, |y| plane.row(y).iter().copied());
+        let runtime = window_means(size, radius, |y| plane.row(y).iter().copied());
 
         let naive =
             Plane::from_fn(size.0, size.1, |y, x| naive_mean(&plane, (y, x), radius as isize));
-        assert_eq!(means, Ok(naive), "{size:?}, {radius}");
+        assert_eq!(runtime, Ok(naive), "{size:?}, {radius}");
     }
 }
 
@@ -106,10 +106,10 @@ fn naive_choice(fine: &Disparity, coarse: &Disparity, y: usize, x: usize) -> (f3
     }
 
     let coarse_lacking = coarse_confidence.map(|c| 1.0 - stricter(*c));
-    let means = Plane::from_fn(coarse_lacking.rows(), coarse_lacking.cols(), |y, x| {
+    let runtime = Plane::from_fn(coarse_lacking.rows(), coarse_lacking.cols(), |y, x| {
         naive_mean(&coarse_lacking, (y, x), 7)
     });
-    let coarse_doubt = naive_blend(naive_neighbors(&means, y, x));
+    let coarse_doubt = naive_blend(naive_neighbors(&runtime, y, x));
     let sure = stricter(naive_blend(naive_neighbors(&coarse_confidence, y, x)));
 
     let found = naive_neighbors(&coarse.disparity, y, x);
@@ -119,7 +119,7 @@ fn naive_choice(fine: &Disparity, coarse: &Disparity, y: usize, x: usize) -> (f3
     if doubt <= coarse_doubt + 0.05 || sure <= as_it_is.2 || disparity.is_nan() {
         return as_it_is;
     }
-    let (row, col) = ((y / 2).min(means.rows() - 1), (x / 2).min(means.cols() - 1));
+    let (row, col) = ((y / 2).min(runtime.rows() - 1), (x / 2).min(runtime.cols() - 1));
     // Halved once more.
     let flags = (coarse.flags.row(row)[col] | 2048) + 4096;
     (disparity, flags, sure, 2.0 * coarse_bars.row(row)[col])
@@ -181,13 +181,13 @@ fn the_detail_of_a_map_is_the_mean_factor_of_the_copies_that_decided() {
     assert_eq!(alone.detail, None);
 }
 
-fn means<'a>(
+fn runtime<'a>(
     matcher: &'a Matcher,
     threads: usize,
     level: Level,
     control: &'a Control,
-) -> Means<'a> {
-    Means { matcher, how: Execution { threads, level }, control }
+) -> Runtime<'a> {
+    Runtime { matcher, execution: Execution { threads, level }, control }
 }
 
 #[test]
@@ -201,11 +201,11 @@ fn a_copy_is_the_mean_of_squares_and_its_range_covers_that_of_the_pair() {
     let (left, right) = (image(1), image(31));
     let control = Control::default();
     let matcher = Matcher::new(1).expect("a thread");
-    let means = means(&matcher, 1, Level::best(), &control);
+    let runtime = runtime(&matcher, 1, Level::best(), &control);
 
     for (min, count, low, high) in [(0, 64, 0, 32), (-31, 40, -16, 4), (7, 9, 3, 8)] {
         let pair = Pair::new(left.clone(), right.clone(), min, count).expect("a legal pair");
-        let copy = halved(&pair, means).expect("enough memory").expect("large enough");
+        let copy = halved(&pair, runtime).expect("enough memory").expect("large enough");
         let candidates = copy.candidates();
         assert_eq!((copy.size(), candidates.min()), ((115, 121), low));
         assert_eq!(candidates.disparity(candidates.count() - 1), high);
@@ -234,9 +234,9 @@ fn a_copy_is_the_mean_of_squares_and_its_range_covers_that_of_the_pair() {
     }
 
     let small = Pair::new(left.of_rows(0..199), right.of_rows(0..199), 0, 64).expect("legal");
-    assert_eq!(halved(&small, means), Ok(None));
+    assert_eq!(halved(&small, runtime), Ok(None));
     let narrow = Pair::new(left, right, 0, 7).expect("legal");
-    assert_eq!(halved(&narrow, means), Ok(None));
+    assert_eq!(halved(&narrow, runtime), Ok(None));
 }
 
 /// A pair whose texture is so faint and noisy that only copies match.
@@ -266,8 +266,8 @@ fn copies_decide_where_the_pair_has_no_evidence_with_the_same_bits_everywhere() 
 
     let result = |threads, level| {
         let matcher = Matcher::new(threads).expect("threads");
-        let means = means(&matcher, threads, level, &control);
-        prepare_and_match(blocks(), known(), &settings, means).expect("a legal pair").map
+        let runtime = runtime(&matcher, threads, level, &control);
+        prepare_and_match(blocks(), known(), &settings, runtime).expect("a legal pair").map
     };
 
     let found = result(1, Level::best());
@@ -289,10 +289,10 @@ fn copies_decide_where_the_pair_has_no_evidence_with_the_same_bits_everywhere() 
 
     // They make it better.
     let matcher = Matcher::new(1).expect("a thread");
-    let means = means(&matcher, 1, Level::best(), &control);
-    let prepared = prepare(blocks(), known(), &settings, means).expect("a legal pair");
+    let runtime = runtime(&matcher, 1, Level::best(), &control);
+    let prepared = prepare(blocks(), known(), &settings, runtime).expect("a legal pair");
     let alone = matcher
-        .match_pair(&prepared.pair, &prepared.settings, means.how, &control)
+        .match_pair(&prepared.pair, &prepared.settings, runtime.execution, &control)
         .expect("a legal pair");
     let right = |map: &Disparity| {
         map.disparity.as_slice().iter().filter(|value| (**value - 14.0).abs() <= 2.0).count()
@@ -322,8 +322,8 @@ fn deep() -> Pair {
 fn a_panel_is_searched_where_its_copy_matches() {
     let ranges = |pair: &Pair, threads: usize, level: Level| {
         let (matcher, control) = (Matcher::new(threads).expect("threads"), Control::default());
-        let means = means(&matcher, threads, level, &control);
-        let found = || panel_ranges(pair, Optimizer::SemiGlobal, means).expect("enough memory");
+        let runtime = runtime(&matcher, threads, level, &control);
+        let found = || panel_ranges(pair, Optimizer::SemiGlobal, runtime).expect("enough memory");
         matcher.install(found)
     };
     let found = ranges(&deep(), 1, Level::best()).expect("large enough");

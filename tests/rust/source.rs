@@ -107,18 +107,18 @@ fn with_masks([left, right]: [View; 2], percent: u64) -> [View; 2] {
     })
 }
 
-fn how(threads: usize, level: Level) -> Execution {
+fn execution(threads: usize, level: Level) -> Execution {
     Execution { threads, level }
 }
 
 /// The estimate of a pair, in memory or read by at most so many rows.
 fn estimated(pair: &Pair, most_rows: Option<usize>, threads: usize) -> Estimate {
     let matcher = Matcher::new(threads).expect("threads");
-    let how = how(threads, Level::best());
+    let execution = execution(threads, Level::best());
     let control = Control::default();
 
     let found = match most_rows {
-        None => estimate(pair, &matcher, how, &control),
+        None => estimate(pair, &matcher, execution, &control),
         Some(most) => {
             // Parts are packed as the whole is, and those of float images need its range.
             let packing = packing(pair, &Slow::new(pair, most), &control).expect("all rows");
@@ -127,7 +127,7 @@ fn estimated(pair: &Pair, most_rows: Option<usize>, threads: usize) -> Estimate 
             let known = ranges(&whole, &control).expect("all rows").map(Some);
             let source = Slow::new(&pair.with_ranges(known), most);
 
-            let found = estimate_by_rows(&source, &matcher, how, &control);
+            let found = estimate_by_rows(&source, &matcher, execution, &control);
 
             let longest = source.asked().iter().map(ExactSizeIterator::len).max();
             let margins = 2 * (97 + 4);
@@ -472,7 +472,7 @@ const ROW_WORKS: [RowWork; 3] = [
     |source, _, control| ranges(source, control).map(drop),
     |source, _, control| roughness(source, 0.0, Level::best(), control).map(drop),
     |source, matcher, control| {
-        estimate_by_rows(source, matcher, how(2, Level::best()), control).map(drop)
+        estimate_by_rows(source, matcher, execution(2, Level::best()), control).map(drop)
     },
 ];
 

@@ -12,23 +12,23 @@ use phasestereo::internals::refinement::speckles::flag_speckles;
 use proptest::prelude::*;
 use proptest::sample::select;
 
-fn flagged(map: &FlaggedMap, how: (usize, f32)) -> Plane<u16> {
+fn flagged(map: &FlaggedMap, execution: (usize, f32)) -> Plane<u16> {
     at_every_level(|level| {
         let mut flags = map.flags.clone();
         let control = Control::default();
-        flag_speckles(&map.disparity, &mut flags, how, level, &control).expect("memory");
+        flag_speckles(&map.disparity, &mut flags, execution, level, &control).expect("memory");
 
         flags
     })
 }
 
 /// Whether each pixel is a speckle in a map without flags, written with a digit for each pixel.
-fn speckles(drawn: &[&str], how: (usize, f32)) -> Vec<String> {
+fn speckles(drawn: &[&str], execution: (usize, f32)) -> Vec<String> {
     let digit = |y: usize, x: usize| f32::from(drawn[y].as_bytes()[x] - b'0');
     let disparity = Plane::from_fn(drawn.len(), drawn[0].len(), digit);
 
     let flags = disparity.map(|_| 0);
-    let flags = flagged(&FlaggedMap { disparity, flags }, how);
+    let flags = flagged(&FlaggedMap { disparity, flags }, execution);
 
     let mark = |&flags: &u16| if flags == flag::SPECKLE { 'x' } else { '.' };
     (0..flags.rows()).map(|y| flags.row(y).iter().map(mark).collect()).collect()

@@ -105,7 +105,7 @@ def pair_statistics(
         roughness = _core.find_roughness(rows, rows.size, search, scale, impulses)
 
     # No later pair is compared with it.
-    blur = None if found.blur is None else replace(found.blur, glance=None)
+    blur = None if found.blur is None else replace(found.blur, signature=None)
 
     statistics = PairStatistics(
         size=rows.size,

@@ -21,7 +21,7 @@ BlurKind = Literal["none", "gaussian", "disk", "motion", "annulus", "other"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Glance:
+class BlurSignature:
     """What a later pair of the same cameras is compared with.
 
     Parameters
@@ -136,7 +136,7 @@ class BlurEstimate:
     reused
         Whether it is of an earlier pair, and was taken over since the blur of this one is as it
         was: `phasestereo.Known.before`, and `phasestereo_live.stream`.
-    glance
+    signature
         What a later pair of the same cameras is compared with; None: nothing can be.
     impulses
         By how much hot, dead and stuck pixels of the left and of the right image stand out from
@@ -157,7 +157,7 @@ class BlurEstimate:
     gain: float = math.nan
     gamma: float = math.nan
     reused: bool = False
-    glance: Glance | None = None
+    signature: BlurSignature | None = None
     impulses: tuple[float, float] = (0.0, 0.0)
     coding: tuple[float, float] = (0.0, 0.0)
 

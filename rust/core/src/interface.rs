@@ -14,7 +14,7 @@ use crate::pipeline::footprint::Demand;
 use crate::pipeline::matcher::{self, Disparity, Execution, Timings, usable_threads};
 use crate::pipeline::pair::Pair;
 use crate::pipeline::summary::Summary;
-use crate::rig::estimation::{Estimates, Known, Means, Prepared, prepare};
+use crate::rig::estimation::{Estimates, Known, Prepared, Runtime, prepare};
 use crate::settings::Settings;
 use crate::simd::Level;
 use crate::verification;
@@ -110,8 +110,9 @@ impl Matcher {
     ) -> Result<Match> {
         let (pair, known) = pair(left, right, disparities.into())?;
 
-        let matched = self
-            .on_threads(control, |means| prepare_and_match(pair, known, &self.settings, means))?;
+        let matched = self.on_threads(control, |runtime| {
+            prepare_and_match(pair, known, &self.settings, runtime)
+        })?;
         Ok(Match::new(matched))
     }
 
@@ -126,7 +127,7 @@ impl Matcher {
 
         let control = Control::default();
         let prepared =
-            self.on_threads(&control, |means| prepare(pair, known, &self.settings, means))?;
+            self.on_threads(&control, |runtime| prepare(pair, known, &self.settings, runtime))?;
         Ok(prepared.estimates)
     }
 
@@ -135,8 +136,8 @@ impl Matcher {
         let (pair, known) = pair(left, right, None)?;
 
         let control = Control::default();
-        let judged = self.on_threads(&control, |means| {
-            verification::verify(pair, map, known, &self.settings, means)
+        let judged = self.on_threads(&control, |runtime| {
+            verification::verify(pair, map, known, &self.settings, runtime)
         })?;
 
         let verification::Verification { verdicts, better, findings, own, prepared, .. } = judged;
@@ -175,12 +176,12 @@ impl Matcher {
     fn on_threads<T: Send>(
         &self,
         control: &Control,
-        work: impl FnOnce(Means) -> Result<T> + Send,
+        work: impl FnOnce(Runtime) -> Result<T> + Send,
     ) -> Result<T> {
-        let how = Execution { threads: self.threads, level: Level::best() };
-        let means = Means { matcher: &self.core, how, control };
+        let execution = Execution { threads: self.threads, level: Level::best() };
+        let runtime = Runtime { matcher: &self.core, execution, control };
 
-        self.core.install(|| work(means))
+        self.core.install(|| work(runtime))
     }
 }
 

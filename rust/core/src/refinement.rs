@@ -31,7 +31,7 @@ use crate::simd::{Level, Loop};
 
 /// Writes disparities, flags and votes of a row from its evidence: what all rows have in common.
 #[derive(Debug, Clone, Copy)]
-pub struct Judge<'a> {
+pub struct MapWriter<'a> {
     /// The disparities that were searched.
     pub candidates: Candidates,
     /// Columns of the image.
@@ -62,7 +62,7 @@ pub struct ResultRow<'a> {
     pub votes: Option<&'a mut [f32]>,
 }
 
-impl Judge<'_> {
+impl MapWriter<'_> {
     /// Writes row `y`. The checks only flag; whether flagged pixels keep an estimate is decided when the map is refined.
     pub fn write(
         &self,
@@ -76,7 +76,7 @@ impl Judge<'_> {
             checker.resize(self.cols)?;
         }
 
-        level.run(JudgeRow { judge: *self, y, found, checker, row });
+        level.run(WriteMapRow { writer: *self, y, found, checker, row });
         Ok(())
     }
 
@@ -122,50 +122,50 @@ impl Judge<'_> {
 }
 
 /// Writes one row: step by step for all its pixels, so that each step is a loop over arrays.
-struct JudgeRow<'a> {
-    judge: Judge<'a>,
+struct WriteMapRow<'a> {
+    writer: MapWriter<'a>,
     y: usize,
     found: EvidenceRow<'a>,
     checker: &'a mut Checker,
     row: ResultRow<'a>,
 }
 
-impl Loop for JudgeRow<'_> {
+impl Loop for WriteMapRow<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
-        let Self { judge, y, found, checker, row } = self;
+        let Self { writer, y, found, checker, row } = self;
         let ResultRow { disparity, flags, votes } = row;
 
-        judge.flag_outside(found.chosen, flags);
-        if let Some(validity) = judge.validity {
+        writer.flag_outside(found.chosen, flags);
+        if let Some(validity) = writer.validity {
             let whole = validity.whole(y);
             let pixels = found.chosen.iter().zip(&mut *flags).enumerate();
             for (x, (&chosen, flags)) in pixels.filter(|(x, _)| !whole[*x]) {
-                *flags = judge.flag_invalid(validity, (y, x), chosen.into(), *flags);
+                *flags = writer.flag_invalid(validity, (y, x), chosen.into(), *flags);
             }
         }
 
-        if let Some(most) = judge.consistency {
-            let chosen = &found.chosen[..judge.cols];
-            let costs = &found.own[..judge.cols];
-            checker.check(Choices { chosen, costs, candidates: judge.candidates }, most, flags);
+        if let Some(most) = writer.consistency {
+            let chosen = &found.chosen[..writer.cols];
+            let costs = &found.own[..writer.cols];
+            checker.check(Choices { chosen, costs, candidates: writer.candidates }, most, flags);
         }
 
-        if judge.uniqueness > 0 {
+        if writer.uniqueness > 0 {
             let margins = found.own.iter().zip(found.elsewhere);
             for (flags, (&own, &elsewhere)) in flags.iter_mut().zip(margins) {
-                let is_ambiguous = CostMargin::new(own, elsewhere).is_ambiguous(judge.uniqueness);
+                let is_ambiguous = CostMargin::new(own, elsewhere).is_ambiguous(writer.uniqueness);
                 let is_estimated = *flags & flag::MISSING == 0;
                 *flags |= if is_estimated & is_ambiguous { flag::AMBIGUOUS } else { 0 };
             }
         }
 
         for ((disparity, chosen), flags) in disparity.iter_mut().zip(found.chosen).zip(&*flags) {
-            *disparity = judge.disparity(*chosen, *flags);
+            *disparity = writer.disparity(*chosen, *flags);
         }
-        if judge.subpixel {
+        if writer.subpixel {
             for (disparity, offset) in disparity.iter_mut().zip(found.offset) {
                 *disparity += offset;
             }
@@ -175,8 +175,8 @@ impl Loop for JudgeRow<'_> {
             for (vote, (&own, &elsewhere)) in
                 votes.iter_mut().zip(found.own.iter().zip(found.elsewhere))
             {
-                let elsewhere = if elsewhere == NONE { judge.unrelated } else { elsewhere };
-                *vote = confidence::vote(CostMargin::new(own, elsewhere), judge.unit);
+                let elsewhere = if elsewhere == NONE { writer.unrelated } else { elsewhere };
+                *vote = confidence::vote(CostMargin::new(own, elsewhere), writer.unit);
             }
         }
     }

@@ -32,7 +32,7 @@ use crate::pipeline::matcher::Disparity;
 use crate::pipeline::pair::Pair;
 use crate::pipeline::platform::Instant;
 use crate::pipeline::section::Section;
-use crate::rig::blur::parts::Means;
+use crate::rig::blur::parts::Runtime;
 use crate::rig::estimation::{Known, Prepared, prepare};
 use crate::scales::choice::Doubt;
 use crate::scales::ranges::panel_ranges;
@@ -49,21 +49,21 @@ const MANY: f64 = 0.05;
 pub fn match_over_scales(
     prepared: &Prepared,
     settings: &Settings,
-    means: Means,
+    runtime: Runtime,
 ) -> Result<Disparity> {
     let Prepared { pair, settings: suited, .. } = prepared;
-    let Means { matcher, how, control } = means;
+    let Runtime { matcher, execution, control } = runtime;
     if !settings.scales {
-        return matcher.match_pair(pair, suited, how, control);
+        return matcher.match_pair(pair, suited, execution, control);
     }
 
-    let mut map = matcher.install(|| matched(pair, suited, means))?;
+    let mut map = matcher.install(|| matched(pair, suited, runtime))?;
 
     let started = Instant::now();
     matcher.install(|| match Doubt::of_map(&map)? {
         Some(doubt) if doubt.share() > SOME => {
-            decide(&mut map, &doubt, pair, settings, means)?;
-            planes::draw(&mut map, pair, how.level, control)?;
+            decide(&mut map, &doubt, pair, settings, runtime)?;
+            planes::draw(&mut map, pair, execution.level, control)?;
             choice::conclude(&mut map);
             Ok(())
         }
@@ -75,14 +75,14 @@ pub fn match_over_scales(
 }
 
 /// Matches a pair by itself, each panel where its disparities are to be expected.
-fn matched(pair: &Pair, settings: &Settings, means: Means) -> Result<Disparity> {
+fn matched(pair: &Pair, settings: &Settings, runtime: Runtime) -> Result<Disparity> {
     let started = Instant::now();
-    let ranges = panel_ranges(pair, settings.optimizer, means)?;
+    let ranges = panel_ranges(pair, settings.optimizer, runtime)?;
     let narrowing = started.elapsed();
 
-    let Means { matcher, how, control } = means;
+    let Runtime { matcher, execution, control } = runtime;
     let section = Section { ranges, ..Section::whole(pair) };
-    let mut map = matcher.match_calibrated(pair, &section, settings, how, control)?;
+    let mut map = matcher.match_calibrated(pair, &section, settings, execution, control)?;
     map.timings.scales = narrowing;
 
     Ok(map)
@@ -94,21 +94,21 @@ fn decide(
     doubt: &Doubt,
     pair: &Pair,
     settings: &Settings,
-    means: Means,
+    runtime: Runtime,
 ) -> Result<()> {
-    let copy = if doubt.share() > MANY { halved(pair, means)? } else { None };
+    let copy = if doubt.share() > MANY { halved(pair, runtime)? } else { None };
     let Some(copy) = copy else { return Ok(()) };
 
     // Its rows correspond by now, and its progress is not that of the map. Noise and blur are others: those of means.
-    let control = means.control.aside();
-    let means = Means { control: &control, ..means };
+    let control = runtime.control.aside();
+    let runtime = Runtime { control: &control, ..runtime };
     let settings = Settings { align_rows: false, ..settings.clone() };
     let known = Known { candidates: Some(copy.candidates()), ..Known::default() };
 
-    let Prepared { pair: copy, settings: suited, .. } = prepare(copy, known, &settings, means)?;
-    let mut coarse = matched(&copy, &suited, means)?;
+    let Prepared { pair: copy, settings: suited, .. } = prepare(copy, known, &settings, runtime)?;
+    let mut coarse = matched(&copy, &suited, runtime)?;
     if let Some(doubt) = Doubt::of_map(&coarse)? {
-        decide(&mut coarse, &doubt, &copy, &settings, means)?;
+        decide(&mut coarse, &doubt, &copy, &settings, runtime)?;
     }
 
     choice::choose(map, doubt, &coarse)

@@ -9,7 +9,7 @@ mod ranges;
 mod table;
 
 use crate::error::{Error, Result};
-use crate::settings::kind::{Kind, Value};
+use crate::settings::kind::{Description, Value};
 
 pub use self::table::{CostKind, DESCRIPTIONS, Optimizer, Precision, Settings, Taper};
 
@@ -21,19 +21,6 @@ pub const LARGER: usize = 2;
 pub const MOST_DISPARITIES: usize = 16_384;
 /// Largest magnitude of a float pixel and of the ends of an intensity range; products with it are finite.
 pub const LARGEST_PIXEL: f64 = 1e300;
-
-/// What there is to know of a setting.
-#[derive(Debug)]
-pub struct Description {
-    /// Its name.
-    pub name: &'static str,
-    /// What it is: a first sentence, and after an empty line all else.
-    pub documentation: &'static str,
-    /// Its type.
-    pub kind: Kind,
-    /// The range of its values, as text; empty: every value of the type.
-    pub range: fn() -> String,
-}
 
 impl Settings {
     /// Refuses a value outside its range, naming the field.

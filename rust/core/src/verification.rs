@@ -28,7 +28,7 @@ use crate::findings::Finding;
 use crate::image::plane::Plane;
 use crate::pipeline::matcher::Disparity;
 use crate::pipeline::pair::Pair;
-use crate::rig::estimation::{Known, Means, Prepared, prepare};
+use crate::rig::estimation::{Known, Prepared, Runtime, prepare};
 use crate::settings::Settings;
 use crate::verification::claims::Misreading;
 use crate::verification::evidence::Evidence;
@@ -90,7 +90,7 @@ pub fn verify(
     map: &Plane<f32>,
     known: Known,
     settings: &Settings,
-    means: Means,
+    runtime: Runtime,
 ) -> Result<Verification> {
     let (rows, cols) = pair.size();
     if (map.rows(), map.cols()) != (rows, cols) {
@@ -108,16 +108,22 @@ pub fn verify(
 
     // What is judged are the confidences of the own match, so it has some whatever the settings say.
     let settings = Settings { confidence: true, ..settings.clone() };
-    let mut prepared = prepare(pair, known, &settings, means)?;
-    let Means { matcher, how, control } = means;
+    let mut prepared = prepare(pair, known, &settings, runtime)?;
+    let Runtime { matcher, execution, control } = runtime;
 
     matcher.install(|| {
         let pair = &prepared.pair;
         // Any pair of columns can be compared where disparity 0 is a candidate.
         let any = Candidates::new(0, 1, cols)?;
         let compensation = pair.blur_compensation();
-        let costs =
-            Costs::new(pair.views(), any, &prepared.settings, compensation, how.level, control)?;
+        let costs = Costs::new(
+            pair.views(),
+            any,
+            &prepared.settings,
+            compensation,
+            execution.level,
+            control,
+        )?;
 
         let misreading = Misreading::of(map, &costs);
         let found = prepared.estimates.candidates;
@@ -127,7 +133,7 @@ pub fn verify(
         };
 
         let pair = pair.clone().searched(searched);
-        let own = matcher.match_pair(&pair, &prepared.settings, how, control)?;
+        let own = matcher.match_pair(&pair, &prepared.settings, execution, control)?;
 
         let evidence = Evidence::new(map, &own, &costs, control)?;
         let jury = Jury { map, own: &own, evidence: &evidence };

@@ -21,7 +21,7 @@ use crate::pipeline::matcher::Disparity;
 use crate::pipeline::pair::Pair;
 use crate::pipeline::platform::Instant;
 use crate::pipeline::summary::Summary;
-use crate::rig::blur::parts::Means;
+use crate::rig::blur::parts::Runtime;
 use crate::rig::estimation::estimates::Estimates;
 use crate::rig::estimation::{Known, Prepared, estimated, prepared};
 use crate::rig::rectification::{Rectification, Refusal, rectify, warp};
@@ -77,17 +77,17 @@ pub fn prepare_and_match(
     pair: Pair,
     known: Known,
     settings: &Settings,
-    means: Means,
+    runtime: Runtime,
 ) -> Result<Matched> {
-    let (pair, mut estimates) = estimated(pair, &known, settings, means)?;
-    let attempt = attempt(&pair, &estimates, &known, settings, means)?;
+    let (pair, mut estimates) = estimated(pair, &known, settings, runtime)?;
+    let attempt = attempt(&pair, &estimates, &known, settings, runtime)?;
     estimates.findings.extend(attempt.finding(&estimates));
     if let Attempt::Done(matched) = attempt {
         return Ok(*matched);
     }
 
-    let prepared = prepared(pair, estimates, known, settings, means)?;
-    let map = match_over_scales(&prepared, settings, means)?;
+    let prepared = prepared(pair, estimates, known, settings, runtime)?;
+    let map = match_over_scales(&prepared, settings, runtime)?;
     Ok(Matched { map, prepared, rectified: None })
 }
 
@@ -107,7 +107,7 @@ fn attempt(
     before: &Estimates,
     known: &Known,
     settings: &Settings,
-    means: Means,
+    runtime: Runtime,
 ) -> Result<Attempt> {
     let Some(confidence) = before.confidence else { return Ok(Attempt::None) };
     let is_distorted = before.offsets.as_ref().is_some_and(|found| found.distortion().is_some());
@@ -117,21 +117,21 @@ fn attempt(
     }
 
     let started = Instant::now();
-    let Means { matcher, how, control } = means;
-    let grays = [gray(pair.views()[0], means)?, gray(pair.views()[1], means)?];
+    let Runtime { matcher, execution, control } = runtime;
+    let grays = [gray(pair.views()[0], runtime)?, gray(pair.views()[1], runtime)?];
     // Given disparities are not moved.
     let is_positive = known.candidates.is_none();
-    let found =
-        matcher.install(|| rectify([&grays[0], &grays[1]], is_positive, how.level, control))?;
+    let found = matcher
+        .install(|| rectify([&grays[0], &grays[1]], is_positive, execution.level, control))?;
     let rectification = match found {
         Ok(found) if found.rows >= LEAST_ROWS => found,
         Ok(_) => return Ok(Attempt::None),
         Err(refusal) => return Ok(Attempt::Refused(refusal)),
     };
 
-    let (resampled, places) = matcher.install(|| resampled(pair, &rectification, means))?;
+    let (resampled, places) = matcher.install(|| resampled(pair, &rectification, runtime))?;
     let given = Known { candidates: known.candidates, noise: known.noise, ..Known::default() };
-    let (resampled, mut after) = estimated(resampled, &given, settings, means)?;
+    let (resampled, mut after) = estimated(resampled, &given, settings, runtime)?;
     let least = confidence + RISE[usize::from(is_distorted)];
     if after.confidence.is_none_or(|after| after < least) {
         return Ok(Attempt::None);
@@ -139,8 +139,8 @@ fn attempt(
 
     after.findings.push(findings::rectified(&rectification));
     after.time += before.time + started.elapsed();
-    let prepared = prepared(resampled, after, given, settings, means)?;
-    let map = match_over_scales(&prepared, settings, means)?;
+    let prepared = prepared(resampled, after, given, settings, runtime)?;
+    let map = match_over_scales(&prepared, settings, runtime)?;
     let (raw, rows) = matcher.install(|| warp::raw(&map, &rectification.cameras, control))?;
     let rectified = Some(Rectified { rectification, places, map, rows });
     Ok(Attempt::Done(Box::new(Matched { map: raw, prepared, rectified })))
@@ -157,9 +157,9 @@ fn can_be_tried(estimates: &Estimates, known: &Known, settings: &Settings) -> bo
 fn resampled(
     pair: &Pair,
     rectification: &Rectification,
-    means: Means,
+    runtime: Runtime,
 ) -> Result<(Pair, [Plane<[f32; 2]>; 2])> {
-    let control = means.control;
+    let control = runtime.control;
     let [left, right] = pair.views();
     let cameras = &rectification.cameras;
     let places = [
@@ -173,15 +173,15 @@ fn resampled(
 }
 
 /// The gray values of a view.
-fn gray(view: &View, means: Means) -> Result<Plane<f32>> {
+fn gray(view: &View, runtime: Runtime) -> Result<Plane<f32>> {
     let (rows, cols, _) = view.image.shape();
-    means.matcher.install(|| {
+    runtime.matcher.install(|| {
         Plane::by_bands_with(
             (rows, cols),
             1,
             || Ok(vec![0.0; cols]),
             |luminance, y, row| {
-                means.control.checkpoint()?;
+                runtime.control.checkpoint()?;
                 view.image.write_luminance(y, luminance);
                 for (gray, luminance) in row.iter_mut().zip(luminance.iter()) {
                     *gray = (luminance / 1000.0) as f32;

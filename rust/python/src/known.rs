@@ -11,7 +11,7 @@ use crate::settings::read_settings;
 use phasestereo::Error;
 use phasestereo::internals::cost::candidates::Candidates;
 use phasestereo::internals::findings::{Finding, Severity, Topic};
-use phasestereo::internals::rig::blur::{BlockPlace, Glance};
+use phasestereo::internals::rig::blur::{BlockPlace, BlurSignature};
 use phasestereo::internals::rig::blur_compensation::check_noise;
 use phasestereo::internals::rig::estimation::{Before, Known};
 use phasestereo::internals::settings::Settings;
@@ -65,7 +65,7 @@ pub fn read_before(
     }
 
     let blur = before.getattr("blur")?;
-    let Some(glance) = read_glance(&blur.getattr("glance")?)? else {
+    let Some(signature) = read_signature(&blur.getattr("signature")?)? else {
         return Ok(None);
     };
     let impulses: (f64, f64) = blur.getattr("impulses")?.extract()?;
@@ -106,7 +106,7 @@ pub fn read_before(
         is_inverted: is_inverted && settings.compensate_blur,
         findings: findings.collect::<Result<_>>()?,
     };
-    Ok(Some(Before { glance, impulses: impulses.into(), known, settings }))
+    Ok(Some(Before { signature, impulses: impulses.into(), known, settings }))
 }
 
 fn read_finding(finding: &Bound<'_, PyAny>) -> Result<Finding> {
@@ -120,15 +120,19 @@ fn read_finding(finding: &Bound<'_, PyAny>) -> Result<Finding> {
     Ok(Finding::new(topic, severity, &text("sentence")?))
 }
 
-fn read_glance(glance: &Bound<'_, PyAny>) -> Result<Option<Glance>> {
-    if glance.is_none() {
+fn read_signature(signature: &Bound<'_, PyAny>) -> Result<Option<BlurSignature>> {
+    if signature.is_none() {
         return Ok(None);
     }
 
-    let (places, excess) = (glance.getattr("places")?, glance.getattr("excess")?);
+    let (places, excess) = (signature.getattr("places")?, signature.getattr("excess")?);
     let (Ok(places), Ok(excess)) = (places.cast::<PyArray2<u32>>(), excess.cast::<PyArray1<f32>>())
     else {
-        return Err(wrong_type(glance, "known.before", "a glance of its estimate of the blur"));
+        return Err(wrong_type(
+            signature,
+            "known.before",
+            "a signature of its estimate of the blur",
+        ));
     };
 
     let corners = values(places)?;
@@ -137,5 +141,5 @@ fn read_glance(glance: &Bound<'_, PyAny>) -> Result<Option<Glance>> {
         BlockPlace { top, left, right_top, right }
     };
     let places = corners.as_chunks().0.iter().map(place).collect();
-    Ok(Some(Glance { places, excess: values(excess)? }))
+    Ok(Some(BlurSignature { places, excess: values(excess)? }))
 }

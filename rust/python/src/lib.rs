@@ -59,7 +59,7 @@ use phasestereo::internals::rig::blur;
 use phasestereo::internals::rig::blur_compensation::MOST_CLASSES;
 use phasestereo::internals::rig::estimation::compensation_plan::{LARGER, MUCH_LARGER};
 use phasestereo::internals::rig::estimation::overview::LEAST_SIZE;
-use phasestereo::internals::rig::estimation::{Means, Prepared, prepare, prepare_by_rows};
+use phasestereo::internals::rig::estimation::{Prepared, Runtime, prepare, prepare_by_rows};
 use phasestereo::internals::settings::presets::Preset;
 use phasestereo::internals::settings::{MOST_DISPARITIES, Settings};
 use phasestereo::internals::simd::Level;
@@ -184,20 +184,20 @@ fn match_pair<'py>(
 
     let pool = Pool::for_argument(threads)?;
     let filter = temporal.map(|filter| filter.shared());
-    let (matched, is_as_before) = supervised(py, &pool, size.0, progress, move |means| {
+    let (matched, is_as_before) = supervised(py, &pool, size.0, progress, move |runtime| {
         let is_as_before =
-            before.as_ref().map_or(Ok(false), |before| before.holds(&pair, means))?;
+            before.as_ref().map_or(Ok(false), |before| before.holds(&pair, runtime))?;
         let (known, settings) = match before {
             Some(before) if is_as_before => (before.known, before.settings),
             _ => (told, asked),
         };
-        let mut whole = prepare_and_match(pair, known, &settings, means)?;
+        let mut whole = prepare_and_match(pair, known, &settings, runtime)?;
 
         // The map of a pair that was rectified is one of other pixels, and its cameras are those of a single frame.
         let filter = filter.filter(|_| whole.rectified.is_none());
         let whole::Matched { map, prepared, .. } = &mut whole;
         let apply = |filter: Shared| {
-            temporal::apply(&filter, &prepared.pair, &prepared.settings, map, means)
+            temporal::apply(&filter, &prepared.pair, &prepared.settings, map, runtime)
         };
         let support = filter.map(apply).transpose()?;
 
@@ -229,8 +229,8 @@ fn estimate_pair<'py>(
     let told = read_known(&known, pair.size(), search)?;
 
     let (pool, rows) = (Pool::for_argument(threads)?, pair.size().0);
-    let estimates = supervised(py, &pool, rows, None, move |means| {
-        Ok(prepare(pair, told, &asked, means)?.estimates)
+    let estimates = supervised(py, &pool, rows, None, move |runtime| {
+        Ok(prepare(pair, told, &asked, runtime)?.estimates)
     })?;
 
     let is_searched = search.is_some();
@@ -257,8 +257,8 @@ fn estimate_pair_by_rows<'py>(
 
     let pool = Pool::for_argument(threads)?;
     let source = Arc::clone(&reader);
-    let estimates = supervised(py, &pool, size.0, None, move |means| {
-        prepare_by_rows(&*source, told, &asked, means)
+    let estimates = supervised(py, &pool, size.0, None, move |runtime| {
+        prepare_by_rows(&*source, told, &asked, runtime)
     });
 
     let estimates = estimates.map_err(|failure| reader.reason(failure))?;
@@ -284,8 +284,8 @@ fn find_scale(
 
     let (reader, row) = (Reader::new(read.clone(), size, search, None)?, first.clone());
     let source = Arc::clone(&reader);
-    let found = supervised(py, &Pool::new(1)?, size.0, None, move |means| {
-        source::packing(&row, &*source, means.control)
+    let found = supervised(py, &Pool::new(1)?, size.0, None, move |runtime| {
+        source::packing(&row, &*source, runtime.control)
     });
     let packing = found.map_err(|failure| reader.reason(failure))?;
 
@@ -296,8 +296,8 @@ fn find_scale(
 
     let reader = Reader::new(read, size, search, Some(&packed))?;
     let source = Arc::clone(&reader);
-    let found = supervised(py, &Pool::new(1)?, size.0, None, move |means| {
-        source::ranges(&*source, means.control)
+    let found = supervised(py, &Pool::new(1)?, size.0, None, move |runtime| {
+        source::ranges(&*source, runtime.control)
     });
 
     let [left, right] = found.map_err(|failure| reader.reason(failure))?;
@@ -317,8 +317,8 @@ fn find_roughness(
 ) -> Result<(u64, u64)> {
     let reader = Reader::new(read, size, read_search(&disparities)?, Some(scale))?;
     let source = Arc::clone(&reader);
-    let found = supervised(py, &Pool::new(1)?, size.0, None, move |means| {
-        source::roughness(&*source, impulses, means.how.level, means.control)
+    let found = supervised(py, &Pool::new(1)?, size.0, None, move |runtime| {
+        source::roughness(&*source, impulses, runtime.execution.level, runtime.control)
     });
 
     let Roughness { sum, pairs } = found.map_err(|failure| reader.reason(failure))?;
@@ -480,13 +480,13 @@ impl PartOfPair {
         // Progress counts the rows that are chosen, which are more than those wanted.
         let halo = Halo::new(&settings, pair.blur_compensation(), None).map;
         let chosen = section.widened(halo, &pair).len();
-        supervised(py, &pool, chosen, progress, move |means| {
-            let Means { matcher, how, control } = means;
+        supervised(py, &pool, chosen, progress, move |runtime| {
+            let Runtime { matcher, execution, control } = runtime;
             let pair = match &field {
-                Some(field) => pair.straightened(field, how.level, control)?,
+                Some(field) => pair.straightened(field, execution.level, control)?,
                 None => pair,
             };
-            by(matcher, &pair, &section, &settings, how, control)
+            by(matcher, &pair, &section, &settings, execution, control)
         })
     }
 }
@@ -506,8 +506,8 @@ fn descriptor<'py>(
     view.check("image")?;
     let rows = view.image.shape().0;
 
-    let codes = supervised(py, &Pool::for_argument(threads)?, rows, None, move |means| {
-        let Means { how: Execution { level, .. }, control, .. } = means;
+    let codes = supervised(py, &Pool::for_argument(threads)?, rows, None, move |runtime| {
+        let Runtime { execution: Execution { level, .. }, control, .. } = runtime;
         let view = Packing::of_views([&view, &view], control)?.packed(view, 0);
         describe(&Gray::new(&view, level, control)?, &settings, noise, level, control)
     })?;
@@ -534,8 +534,8 @@ fn cost_volume<'py>(
     let pair = pair.with_blur_compensation(read_blur_compensation(compensation)?);
 
     let ((rows, cols), count) = (pair.size(), pair.candidates().count());
-    let costs = supervised(py, &Pool::for_argument(threads)?, rows, None, move |means| {
-        let Means { how: Execution { level, .. }, control, .. } = means;
+    let costs = supervised(py, &Pool::for_argument(threads)?, rows, None, move |runtime| {
+        let Runtime { execution: Execution { level, .. }, control, .. } = runtime;
         let packing = Packing::of_views(pair.views(), control)?;
         let pair = pair.packed(&packing);
         let (views, candidates) = (pair.views(), pair.candidates());
@@ -558,8 +558,8 @@ fn aggregate_volume<'py>(
     let (costs, (rows, cols, count)) = read_volume(costs, "costs")?;
     let window = Window::new((rows, cols), count, &settings, u16::MAX);
 
-    let aggregated = supervised(py, &Pool::new(1)?, rows, None, move |means| {
-        aggregate(&costs, window, means.how.level, means.control)
+    let aggregated = supervised(py, &Pool::new(1)?, rows, None, move |runtime| {
+        aggregate(&costs, window, runtime.execution.level, runtime.control)
     })?;
 
     let array = Array3::from_shape_vec((rows, cols, count), aggregated.into_vec());
@@ -578,8 +578,15 @@ fn optimize_volume<'py>(
     let (costs, (rows, _, count)) = read_volume(costs, "costs")?;
     let penalties = Penalties { p1, p2 };
 
-    let chosen = supervised(py, &Pool::new(1)?, rows, None, move |means| {
-        optimize(&costs, count, settings.optimizer, penalties, means.how.level, means.control)
+    let chosen = supervised(py, &Pool::new(1)?, rows, None, move |runtime| {
+        optimize(
+            &costs,
+            count,
+            settings.optimizer,
+            penalties,
+            runtime.execution.level,
+            runtime.control,
+        )
     })?;
 
     wrap(py, chosen)

@@ -13,7 +13,7 @@ use phasestereo::internals::findings::Finding;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::pipeline::matcher::Disparity;
 use phasestereo::internals::pipeline::summary::Summary;
-use phasestereo::internals::rig::blur::{self, BlockPlace, Blur, Glance, Side};
+use phasestereo::internals::rig::blur::{self, BlockPlace, Blur, BlurSignature, Side};
 use phasestereo::internals::rig::estimation::Estimates;
 use phasestereo::internals::rig::estimation::compensation_plan::CompensationPlan;
 use phasestereo::internals::rig::estimation::rows::RowOffsets;
@@ -322,16 +322,16 @@ fn blur_estimate<'py>(
     let blurs = found.blurs.iter().map(|blur| blur_of(py, blur)).collect::<Result<Vec<_>>>()?;
     let (rows, cols, labels) = found.labels;
 
-    let Glance { places, excess } = found.glance;
+    let BlurSignature { places, excess } = found.signature;
     let corners = |place: &BlockPlace| [place.top, place.left, place.right_top, place.right];
     let values = places.iter().flat_map(corners).map(|value| value as u32).collect();
-    let glance = object!(py, "rig.blur", "Glance",
+    let signature = object!(py, "rig.blur", "BlurSignature",
         places: wrap(py, Plane::from_vec(places.len(), 4, values)?)?, excess: excess.into_pyarray(py)
     )?;
 
     object!(py, "rig.blur", "BlurEstimate", [found: tile, certainty]
         noise: pair(found.noise), impulses: pair(found.impulses), coding: pair(found.coding),
-        blurs: PyTuple::new(py, blurs)?, contrast: found.gain, glance: glance,
+        blurs: PyTuple::new(py, blurs)?, contrast: found.gain, signature: signature,
         labels: wrap(py, Plane::from_vec(rows, cols, labels)?)?,
         gain: contrast.map_or(f64::NAN, |curve| curve.gain),
         gamma: contrast.map_or(f64::NAN, |curve| curve.gamma)

@@ -12,7 +12,7 @@ use crate::workers::Pool;
 
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::{Execution, Matcher};
-use phasestereo::internals::rig::estimation::Means;
+use phasestereo::internals::rig::estimation::Runtime;
 use phasestereo::internals::simd::Level;
 
 /// How often a running call checks for Ctrl-C and reports its progress.
@@ -27,11 +27,11 @@ pub fn supervised<T: Send + 'static>(
     pool: &Arc<Pool>,
     rows: usize,
     progress: Option<Bound<'_, PyAny>>,
-    work: impl FnOnce(Means<'_>) -> phasestereo::Result<T> + Send + 'static,
+    work: impl FnOnce(Runtime<'_>) -> phasestereo::Result<T> + Send + 'static,
 ) -> Result<T> {
     let progress = progress.map(Bound::unbind);
     let control = Arc::new(Control::default());
-    let how = Execution { threads: pool.threads(), level: Level::best() };
+    let execution = Execution { threads: pool.threads(), level: Level::best() };
 
     let report = |py: Python<'_>| -> Result<()> {
         py.check_signals()?;
@@ -52,8 +52,9 @@ pub fn supervised<T: Send + 'static>(
             }
         };
 
-        let work =
-            move |matcher: &Matcher, control: &Control| work(Means { matcher, how, control });
+        let work = move |matcher: &Matcher, control: &Control| {
+            work(Runtime { matcher, execution, control })
+        };
         let finished = turn.start(&control, work);
         loop {
             match finished.recv_timeout(TICK) {

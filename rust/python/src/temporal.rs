@@ -11,7 +11,7 @@ use phasestereo::internals::pipeline::matcher::Disparity;
 use phasestereo::internals::pipeline::pair::Pair;
 use phasestereo::internals::pipeline::platform::Instant;
 use phasestereo::internals::pipeline::temporal::TemporalFilter as Filter;
-use phasestereo::internals::rig::estimation::Means;
+use phasestereo::internals::rig::estimation::Runtime;
 use phasestereo::internals::settings::Settings;
 
 /// A filter that a running call and Python both hold.
@@ -44,7 +44,7 @@ pub fn apply(
     pair: &Pair,
     settings: &Settings,
     map: &mut Disparity,
-    means: Means,
+    runtime: Runtime,
 ) -> phasestereo::Result<(Plane<u8>, Duration)> {
     let started = Instant::now();
 
@@ -58,8 +58,8 @@ pub fn apply(
         }
     };
 
-    let Means { matcher, how, control } = means;
+    let Runtime { matcher, execution, control } = runtime;
     let filter = &mut *held;
-    let frames = matcher.install(|| filter.apply(pair, settings, map, how.level, control))?;
+    let frames = matcher.install(|| filter.apply(pair, settings, map, execution.level, control))?;
     Ok((frames, started.elapsed()))
 }

@@ -6,7 +6,7 @@ use phasestereo::internals::pipeline::matcher::{Execution, Matcher};
 use phasestereo::internals::pipeline::pair::Pair;
 use phasestereo::internals::pipeline::source::Source;
 use phasestereo::internals::rig::blur::Estimate;
-use phasestereo::internals::rig::estimation::{Known, Means, prepare, prepare_by_rows};
+use phasestereo::internals::rig::estimation::{Known, Runtime, prepare, prepare_by_rows};
 use phasestereo::internals::settings::Settings;
 use phasestereo::internals::settings::presets::Preset;
 
@@ -19,13 +19,13 @@ pub fn of_blur() -> Settings {
 pub fn estimate(
     pair: &Pair,
     matcher: &Matcher,
-    how: Execution,
+    execution: Execution,
     control: &Control,
 ) -> Result<Estimate> {
     let known = Known { candidates: Some(pair.candidates()), ..Known::default() };
-    let means = Means { matcher, how, control };
+    let runtime = Runtime { matcher, execution, control };
 
-    let found = prepare(pair.clone(), known, &of_blur(), means)?.estimates;
+    let found = prepare(pair.clone(), known, &of_blur(), runtime)?.estimates;
     Ok(found.blur.expect("it was asked for"))
 }
 
@@ -33,12 +33,12 @@ pub fn estimate(
 pub fn estimate_by_rows(
     source: &dyn Source,
     matcher: &Matcher,
-    how: Execution,
+    execution: Execution,
     control: &Control,
 ) -> Result<Estimate> {
     let known = Known { candidates: Some(source.candidates()), ..Known::default() };
-    let means = Means { matcher, how, control };
+    let runtime = Runtime { matcher, execution, control };
 
-    let found = prepare_by_rows(source, known, &of_blur(), means)?;
+    let found = prepare_by_rows(source, known, &of_blur(), runtime)?;
     Ok(found.blur.expect("it was asked for"))
 }

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 from cyclopts import Group, Parameter
 
-from phasestereo._interrupts import held_back
+from phasestereo._interrupts import interrupts_postponed
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
 from phasestereo.cli.options import (
     AT_LEAST_ONE,
@@ -31,7 +31,7 @@ from phasestereo.known import Known
 from phasestereo.settings import PRESET, PRESETS, Settings, resolve
 from phasestereo_live.cli.outputs import FrameSink, LiveOutputs, Writers
 from phasestereo_live.cli.recordings import Messages, Topics
-from phasestereo_live.cli.show import ClosedError, Screen, Showing, serve
+from phasestereo_live.cli.show import ClosedError, Screen, ViewOptions, serve
 from phasestereo_live.cli.tally import Tally
 from phasestereo_live.ros.bags import RecordingWriter
 from phasestereo_live.ros.recordings import Recording
@@ -51,7 +51,7 @@ _SEARCH = Group.create_ordered("Search")
 _RECORDING = Group.create_ordered("Recordings of robots")
 _OUTPUT = Group.create_ordered("Output")
 _SETTINGS = Group.create_ordered("Settings", help=SETTINGS_HELP)
-_OUTPUTS, _TOPICS, _MESSAGES, _SHOWING = LiveOutputs(), Topics(), Messages(), Showing()
+_OUTPUTS, _TOPICS, _MESSAGES, _VIEW = LiveOutputs(), Topics(), Messages(), ViewOptions()
 _PRESET_HELP = f"Settings to start from: {', '.join(PRESETS)}; fast for frame rates."
 _MORE = Parameter(group=_SOURCE, consume_multiple=True, show_default=False)
 
@@ -73,7 +73,7 @@ def live(
     min_disparity: Annotated[int, Parameter(group=_SEARCH, validator=REASONABLE)] = 0,
     threads: Annotated[int | None, Parameter(group=_SEARCH)] = None,
     noise: Annotated[float | None, Parameter(group=_SEARCH)] = None,
-    showing: Annotated[Showing, Parameter(name="*", group=_OUTPUT)] = _SHOWING,
+    showing: Annotated[ViewOptions, Parameter(name="*", group=_OUTPUT)] = _VIEW,
     outputs: Annotated[LiveOutputs, Parameter(name="*", group=_OUTPUT)] = _OUTPUTS,
     topics: Annotated[Topics, Parameter(name="*", group=_RECORDING)] = _TOPICS,
     messages: Annotated[Messages, Parameter(name="*", group=_RECORDING)] = _MESSAGES,
@@ -224,7 +224,7 @@ def _run(
     try:
         with suppress(ClosedError), writing as writers, tally.shown(frames.length):
             for frame in frames:
-                with held_back():
+                with interrupts_postponed():
                     _write(frame, writers.sinks, tally)
                 if screen is not None:
                     screen.add(frame, frames)

@@ -15,7 +15,7 @@ import numpy as np
 from cyclopts import Parameter, validators
 
 from phasestereo._extras import require
-from phasestereo._interrupts import held_back
+from phasestereo._interrupts import interrupts_postponed
 from phasestereo.cli.errors import (
     WRONG_USAGE,
     CommandError,
@@ -166,7 +166,7 @@ class Writers:
         return self
 
     def __exit__(self, *_: object) -> None:
-        with held_back():
+        with interrupts_postponed():
             self._open.close()
 
     def _enter(

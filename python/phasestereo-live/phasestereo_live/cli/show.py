@@ -18,7 +18,7 @@ from phasestereo.cli.terminal import say
 from phasestereo.io import Calibration
 from phasestereo.settings import Settings
 from phasestereo_live.video.streaming import Failure, Frame, Stream
-from phasestereo_live.viewer import Server, Show
+from phasestereo_live.viewer import Display, Server
 from phasestereo_live.viewer.diagnosing import diagnosing
 
 _ROWS_OFF = 1.0  # pixels rms: from here on rows are warned of
@@ -30,7 +30,7 @@ class ClosedError(Exception):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Showing:
+class ViewOptions:
     """What is shown.
 
     Parameters
@@ -77,7 +77,7 @@ class Screen:
     """
 
     def __init__(
-        self, show: Show, calibration: Calibration | None, unit: str, *, paced: bool
+        self, show: Display, calibration: Calibration | None, unit: str, *, paced: bool
     ) -> None:
         self._show = show
         self._calibration = calibration
@@ -159,7 +159,9 @@ class Screen:
             sleep(early)
 
 
-def serve(stack: ExitStack, settings: Settings, num_disparities: int | None, folder: Path) -> Show:
+def serve(
+    stack: ExitStack, settings: Settings, num_disparities: int | None, folder: Path
+) -> Display:
     """Serve the page until the stack is left, and open it where somebody sits.
 
     Raises
@@ -169,7 +171,7 @@ def serve(stack: ExitStack, settings: Settings, num_disparities: int | None, fol
     OSError
         If no port is free.
     """
-    show = Show(settings, num_disparities, folder)
+    show = Display(settings, num_disparities, folder)
     server = stack.enter_context(Server(show))
     thread = diagnosing(show)
     stack.callback(thread.join)

@@ -7,6 +7,6 @@ beside the matches. The page itself is made of the templates ``viewer.*``.
 from __future__ import annotations
 
 from phasestereo_live.viewer.server import Server
-from phasestereo_live.viewer.show import Show
+from phasestereo_live.viewer.show import Display
 
-__all__ = ["Server", "Show"]
+__all__ = ["Display", "Server"]

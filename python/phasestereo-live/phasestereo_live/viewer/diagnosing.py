@@ -6,13 +6,13 @@ from threading import Thread
 from time import monotonic
 
 from phasestereo.rig.diagnosis import check
-from phasestereo_live.viewer.show import Show
+from phasestereo_live.viewer.show import Display
 
 _PAUSE = 1.0  # seconds
 _SHARE = 4.0  # times what a look takes: a fifth of one processor at most
 
 
-def diagnosing(show: Show) -> Thread:
+def diagnosing(show: Display) -> Thread:
     """Start a thread that diagnoses the last pair again and again until the show is closed."""
 
     def watch() -> None:

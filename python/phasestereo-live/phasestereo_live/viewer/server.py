@@ -33,7 +33,7 @@ from phasestereo.io.raster import encode_raster
 from phasestereo.views.templating import render_page
 from phasestereo_live.video.picture import FramePicture
 from phasestereo_live.video.streaming import Frame
-from phasestereo_live.viewer.show import RANGES, Show
+from phasestereo_live.viewer.show import RANGES, Display
 
 _HOME = "127.0.0.1"
 _LONGEST = 4096  # bytes of what a browser may send
@@ -74,7 +74,7 @@ class Server:
         If the extra ``live`` is not installed.
     """
 
-    def __init__(self, show: Show, port: int = 0) -> None:
+    def __init__(self, show: Display, port: int = 0) -> None:
         self._key, room, cookie = (secrets.token_urlsafe(18) for _ in range(3))
         answers = _Answers(show)
         attributes = {"key": self._key, "room": room, "cookie": cookie, "answers": answers}
@@ -169,7 +169,7 @@ class _Listener(ThreadingHTTPServer):
 class _Answers:
     """The answer to every question, and the deed for every request."""
 
-    def __init__(self, show: Show) -> None:
+    def __init__(self, show: Display) -> None:
         self._show = show
         self.hosts: tuple[str, ...] = ()
         self._lock = Lock()

@@ -50,7 +50,7 @@ class _Fault(NamedTuple):
     at: float
 
 
-class Show:
+class Display:
     """The state that the page shows, shared by any number of threads.
 
     Parameters

@@ -28,7 +28,7 @@ use crate::refinement::calibration::{Calibration, Faults, Tally, Weights, traits
 use crate::refinement::left_right_check::Checker;
 use crate::refinement::sample::{self, SampledMap};
 use crate::refinement::synthesis;
-use crate::refinement::{Draft, Judge, invalidate};
+use crate::refinement::{Draft, MapWriter, invalidate};
 use crate::settings::{Optimizer, Settings};
 use crate::simd::Level;
 use crate::value::{LANES, Value};
@@ -153,10 +153,10 @@ impl Matcher {
         &self,
         pair: &Pair,
         settings: &Settings,
-        how: Execution,
+        execution: Execution,
         control: &Control,
     ) -> Result<Disparity> {
-        self.match_rows(pair, &Section::whole(pair), settings, how, control)
+        self.match_rows(pair, &Section::whole(pair), settings, execution, control)
     }
 
     /// Matches some rows of a pair: to the bit as in the whole pair, if the pair has their halo.
@@ -165,10 +165,10 @@ impl Matcher {
         pair: &Pair,
         section: &Section,
         settings: &Settings,
-        how: Execution,
+        execution: Execution,
         control: &Control,
     ) -> Result<Disparity> {
-        Ok(self.match_calibrated(pair, section, settings, how, control)?.returned(settings))
+        Ok(self.match_calibrated(pair, section, settings, execution, control)?.returned(settings))
     }
 
     /// The same with every disparity that there is, whatever is held against it.
@@ -177,10 +177,10 @@ impl Matcher {
         pair: &Pair,
         section: &Section,
         settings: &Settings,
-        how: Execution,
+        execution: Execution,
         control: &Control,
     ) -> Result<Disparity> {
-        let raw = self.match_raw(pair, section, settings, how, control)?;
+        let raw = self.match_raw(pair, section, settings, execution, control)?;
         self.pool.install(|| {
             let tally = section.tally.or_else(|| raw.tally(pair.candidates()));
             let faults = Faults::of_pair(pair, control)?;
@@ -194,7 +194,7 @@ impl Matcher {
         pair: &Pair,
         section: &Section,
         settings: &Settings,
-        how: Execution,
+        execution: Execution,
         control: &Control,
     ) -> Result<Disparity> {
         settings.check()?;
@@ -205,7 +205,8 @@ impl Matcher {
         let wanted = section.rows.start - around.start..section.rows.end - around.start;
         let widened = Section { rows: around, ..section.clone() };
 
-        let found = self.pool.install(|| self.refined(pair, &widened, settings, how, control))?;
+        let found =
+            self.pool.install(|| self.refined(pair, &widened, settings, execution, control))?;
         Ok(found.of_rows(wanted))
     }
 
@@ -216,13 +217,14 @@ impl Matcher {
         pair: &Pair,
         section: &Section,
         settings: &Settings,
-        how: Execution,
+        execution: Execution,
         control: &Control,
     ) -> Result<Disparity> {
         settings.check()?;
         section.check(pair)?;
 
-        let found = self.pool.install(|| self.refined(pair, section, settings, how, control))?;
+        let found =
+            self.pool.install(|| self.refined(pair, section, settings, execution, control))?;
         Ok(found.returned(settings))
     }
 
@@ -231,11 +233,11 @@ impl Matcher {
         pair: &Pair,
         section: &Section,
         settings: &Settings,
-        how: Execution,
+        execution: Execution,
         control: &Control,
     ) -> Result<Disparity> {
-        let unrefined = self.choose(pair, section, settings, how, control)?;
-        unrefined.refined(pair, section.rows.clone(), settings, how.level, control)
+        let unrefined = self.choose(pair, section, settings, execution, control)?;
+        unrefined.refined(pair, section.rows.clone(), settings, execution.level, control)
     }
 
     fn choose(
@@ -243,11 +245,11 @@ impl Matcher {
         pair: &Pair,
         section: &Section,
         settings: &Settings,
-        how: Execution,
+        execution: Execution,
         control: &Control,
     ) -> Result<Unrefined> {
         let started = Instant::now();
-        let (candidates, level) = (pair.candidates(), how.level);
+        let (candidates, level) = (pair.candidates(), execution.level);
         let costs = Costs::new(
             pair.views(),
             candidates,
@@ -329,7 +331,7 @@ impl Matcher {
 impl Job<'_> {
     /// Writes disparities and flags of a band into the map.
     fn write(&self, band: &mut MapBand, evidence: &Evidence) -> Result<()> {
-        let judge = self.judge();
+        let writer = self.writer();
         let mut checker = Checker::default();
 
         for (row, y) in band.rows().enumerate() {
@@ -340,14 +342,14 @@ impl Job<'_> {
                 self.settings.needs_confidence() || sample::is_weighed(self.search.first + y);
             out.votes = out.votes.filter(|_| is_voted);
 
-            judge.write(y, found, &mut checker, out, self.search.level)?;
+            writer.write(y, found, &mut checker, out, self.search.level)?;
         }
 
         Ok(())
     }
 
-    fn judge(&self) -> Judge<'_> {
-        Judge {
+    fn writer(&self) -> MapWriter<'_> {
+        MapWriter {
             candidates: self.costs.candidates(),
             cols: self.window.cols,
             validity: self.costs.validity(),

@@ -151,7 +151,7 @@ impl<'a> BlurredPair<'a> {
 
             let rows = first..first + out.len() / cols;
             let band = RivalMaps::new(self, disparity, rows, level, control)?;
-            band.groups()?.into_iter().try_for_each(|group| band.judge(&group, out))
+            band.groups()?.into_iter().try_for_each(|group| band.writer(&group, out))
         })
     }
 
@@ -265,7 +265,7 @@ impl<'a> RivalMaps<'a> {
     }
 
     /// Replaces disparities of the pixels of a group by those of the map that explains them best.
-    fn judge(&self, group: &ClassGroup, out: &mut [f32]) -> Result<()> {
+    fn writer(&self, group: &ClassGroup, out: &mut [f32]) -> Result<()> {
         let cols = self.maps[0].cols();
         let view = view::SoftView::new(self, group)?;
         let mut best = view.unlike(0)?;

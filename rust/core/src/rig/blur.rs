@@ -18,13 +18,13 @@ mod bank;
 pub(crate) mod bins;
 pub(crate) mod defects;
 mod fit;
-mod glance;
 mod measured;
 pub(crate) mod parts;
 mod refine;
 pub mod regions;
 pub(crate) mod rough;
 mod search;
+mod signature;
 mod spectrum;
 mod transform;
 mod two_sided;
@@ -40,13 +40,13 @@ use self::bank::bank;
 use self::bins::{SIDE, bins};
 use self::defects::Defects;
 use self::fit::{BlurEvidence, Fit, Response};
-pub use self::glance::Glance;
 use self::measured::{add_cross_spectra, measured};
-use self::parts::{Means, PairRows, Part, ROUGHEST, blocks};
+use self::parts::{PairRows, Part, ROUGHEST, Runtime, blocks};
 use self::refine::refine;
 use self::regions::{Losses, MOST, first};
-use self::rough::{Correspondence, Rough, RoughScale, shades_per_unit};
+use self::rough::{Correspondence, RoughMatch, RoughScale, grays_per_unit};
 use self::search::{Blocks, Choice, flat, searched};
+pub use self::signature::BlurSignature;
 pub use self::spectrum::BlockPlace;
 use self::spectrum::{Cross, Powers, powers, response};
 use self::two_sided::{TwoSided, find_two_sided};
@@ -128,7 +128,7 @@ pub struct Estimate {
     /// of the pixels.
     pub coding: [f64; 2],
     /// Statistics by which a later pair of the same cameras is compared.
-    pub glance: Glance,
+    pub signature: BlurSignature,
 }
 
 /// A grid of tiles, and the blocks about their centers.
@@ -155,12 +155,12 @@ struct AllBlocks {
 struct BlurEstimation<'a> {
     rows: PairRows<'a>,
     /// Rough disparities of the whole pair; `None`: they are found part by part.
-    rough: Option<Rough>,
+    rough: Option<RoughMatch>,
     known: Correspondence,
     size: (usize, usize),
     /// Gray values per unit of the pixels of either image.
     units: [f64; 2],
-    means: Means<'a>,
+    runtime: Runtime<'a>,
 }
 
 /// A kind of blur, fitted to the mean powers of its blocks.
@@ -183,31 +183,31 @@ pub(crate) fn estimate(
     rows: PairRows,
     sample: &Pair,
     known: Correspondence,
-    whole: Option<Rough>,
-    means: Means,
+    whole: Option<RoughMatch>,
+    runtime: Runtime,
 ) -> Result<Estimate> {
     let size = rows.size();
     if !is_enough(size) {
         return Ok(Estimate::unknown(size));
     }
 
-    BlurEstimation::new(rows, sample, known, whole, means)?.estimate()
+    BlurEstimation::new(rows, sample, known, whole, runtime)?.estimate()
 }
 
 /// Whether the blur of a pair, whose impulses are repaired as in an earlier one, is still that of the earlier one.
 /// Sizes that change by less than about a fifth, and blur that appears in less than a sixteenth of the image, are
 /// missed.
-pub fn is_as_before(pair: &Pair, before: &Glance, means: Means) -> Result<bool> {
+pub fn is_as_before(pair: &Pair, before: &BlurSignature, runtime: Runtime) -> Result<bool> {
     if !before.fits(pair.size()) {
         return Ok(false);
     }
 
-    means.matcher.install(|| {
-        let part = Part::new(0, Cow::Borrowed(pair), means)?;
-        let images = part.shades.each_ref().map(|shades| &shades.plane);
+    runtime.matcher.install(|| {
+        let part = Part::new(0, Cow::Borrowed(pair), runtime)?;
+        let images = part.grays.each_ref().map(|grays| &grays.plane);
 
-        let powers = powers(images, &before.places, means.how.level, means.control)?;
-        Ok(before.is_like(&Glance::new(before.places.clone(), &powers, pair.size())))
+        let powers = powers(images, &before.places, runtime.execution.level, runtime.control)?;
+        Ok(before.is_like(&BlurSignature::new(before.places.clone(), &powers, pair.size())))
     })
 }
 
@@ -222,21 +222,21 @@ impl<'a> BlurEstimation<'a> {
         rows: PairRows<'a>,
         sample: &Pair,
         known: Correspondence,
-        whole: Option<Rough>,
-        means: Means<'a>,
+        whole: Option<RoughMatch>,
+        runtime: Runtime<'a>,
     ) -> Result<Self> {
         let [left, right] = sample.views();
-        let unit = |view| shades_per_unit(view, means.how.level, means.control);
+        let unit = |view| grays_per_unit(view, runtime.execution.level, runtime.control);
         let units = [unit(left)?, unit(right)?];
 
         // Those at hand save a match.
         let rough = match (whole.filter(|whole| whole.factor() == ROUGHEST.factor), rows) {
             (Some(whole), _) => Some(whole),
-            (None, PairRows::Kept(part)) => Some(part.rough(&known, ROUGHEST, means)?),
+            (None, PairRows::Kept(part)) => Some(part.rough(&known, ROUGHEST, runtime)?),
             (None, PairRows::Read(_)) => None,
         };
 
-        Ok(Self { rows, rough, known, size: rows.size(), units, means })
+        Ok(Self { rows, rough, known, size: rows.size(), units, runtime })
     }
 
     /// Visits the blocks with these top rows, from the first one down, with their rough disparities and the row of the
@@ -245,13 +245,15 @@ impl<'a> BlurEstimation<'a> {
         &self,
         tops: &[usize],
         scale: RoughScale,
-        mut visit: impl FnMut(&Part, (&Rough, usize), Range<usize>) -> Result<()>,
+        mut visit: impl FnMut(&Part, (&RoughMatch, usize), Range<usize>) -> Result<()>,
     ) -> Result<()> {
-        self.rows.visit(blocks(tops, &self.known), self.means, |part, visited| match &self.rough {
-            Some(rough) if scale == ROUGHEST => visit(part, (rough, 0), visited),
-            _ => {
-                let rough = part.rough(&self.known, scale, self.means)?;
-                visit(part, (&rough, part.first), visited)
+        self.rows.visit(blocks(tops, &self.known), self.runtime, |part, visited| {
+            match &self.rough {
+                Some(rough) if scale == ROUGHEST => visit(part, (rough, 0), visited),
+                _ => {
+                    let rough = part.rough(&self.known, scale, self.runtime)?;
+                    visit(part, (&rough, part.first), visited)
+                }
             }
         })
     }
@@ -308,12 +310,12 @@ impl<'a> BlurEstimation<'a> {
         noise: [f32; 2],
     ) -> Estimate {
         let places = grid.places.into_iter().flatten().collect();
-        let glance = Glance::new(places, &grid.powers, self.size);
-        Estimate { glance, ..self.summary(kinds, map, noise) }
+        let signature = BlurSignature::new(places, &grid.powers, self.size);
+        Estimate { signature, ..self.summary(kinds, map, noise) }
     }
 
     fn level(&self) -> Level {
-        self.means.how.level
+        self.runtime.execution.level
     }
 
     /// The distance of the first blocks: so that there are enough of them, but not too many.
@@ -348,9 +350,9 @@ impl<'a> BlurEstimation<'a> {
             };
             let new: Vec<_> = tiles.map(place).collect();
 
-            let images = part.shades.each_ref().map(|shades| &shades.plane);
+            let images = part.grays.each_ref().map(|grays| &grays.plane);
             let local = part.local(new.iter().flatten());
-            all_powers.extend(powers(images, &local, self.level(), self.means.control)?);
+            all_powers.extend(powers(images, &local, self.level(), self.runtime.control)?);
             places.extend(new);
             Ok(())
         })?;
@@ -438,12 +440,12 @@ impl<'a> BlurEstimation<'a> {
             let here = &rows[visited];
             let there = places.iter().filter(|place| here.contains(&place.top));
             add_cross_spectra(
-                &part.shades,
+                &part.grays,
                 rough,
                 &part.local(there),
                 &mut sums,
                 self.level(),
-                self.means.control,
+                self.runtime.control,
             )
         })?;
 
@@ -519,7 +521,7 @@ impl<'a> BlurEstimation<'a> {
             tile: map.tile,
             impulses: [0.0; 2],
             coding: [0.0; 2],
-            glance: Glance::default(),
+            signature: BlurSignature::default(),
         }
     }
 }
@@ -722,7 +724,7 @@ impl Estimate {
             noise: [0.0; 2],
             impulses: [0.0; 2],
             coding: [0.0; 2],
-            glance: Glance::default(),
+            signature: BlurSignature::default(),
         }
     }
 }

@@ -46,10 +46,10 @@ use crate::pipeline::platform::Instant;
 use crate::pipeline::source::Source;
 use crate::rig::alignment::Alignment;
 use crate::rig::blur::defects::{self, Defects, Repaired};
-pub use crate::rig::blur::parts::Means;
+pub use crate::rig::blur::parts::Runtime;
 use crate::rig::blur::parts::{PairRows, Part};
-use crate::rig::blur::rough::{self, Rough};
-use crate::rig::blur::{self, Glance};
+use crate::rig::blur::rough::{self, RoughMatch};
+use crate::rig::blur::{self, BlurSignature};
 use crate::rig::blur_compensation::BlurCompensation;
 use crate::rig::photometry::{Contrast, Photometry, Scales};
 use crate::settings::Settings;
@@ -93,7 +93,7 @@ pub struct Known {
 #[derive(Debug, Clone)]
 pub struct Before {
     /// What the blur of the later pair is compared with.
-    pub glance: Glance,
+    pub signature: BlurSignature,
     /// The impulses that are repaired before, left and right.
     pub impulses: [f64; 2],
     /// What is known then.
@@ -104,10 +104,10 @@ pub struct Before {
 
 impl Before {
     /// Whether the blur of a pair is as it was.
-    pub fn holds(&self, pair: &Pair, means: Means) -> Result<bool> {
-        let packing = Packing::of_views(pair.views(), means.control)?;
+    pub fn holds(&self, pair: &Pair, runtime: Runtime) -> Result<bool> {
+        let packing = Packing::of_views(pair.views(), runtime.control)?;
         let pair = pair.clone().packed(&packing).with_impulses(self.impulses);
-        blur::is_as_before(&pair, &self.glance, means)
+        blur::is_as_before(&pair, &self.signature, runtime)
     }
 }
 
@@ -123,9 +123,14 @@ pub struct Prepared {
 }
 
 /// Estimates what the settings ask for and the caller does not know, and prepares the pair for its match.
-pub fn prepare(pair: Pair, known: Known, settings: &Settings, means: Means) -> Result<Prepared> {
-    let (pair, estimates) = estimated(pair, &known, settings, means)?;
-    prepared(pair, estimates, known, settings, means)
+pub fn prepare(
+    pair: Pair,
+    known: Known,
+    settings: &Settings,
+    runtime: Runtime,
+) -> Result<Prepared> {
+    let (pair, estimates) = estimated(pair, &known, settings, runtime)?;
+    prepared(pair, estimates, known, settings, runtime)
 }
 
 /// The estimates of a pair, and the pair that they are of, in the narrowest type that holds it.
@@ -133,12 +138,12 @@ pub fn estimated(
     pair: Pair,
     known: &Known,
     settings: &Settings,
-    means: Means,
+    runtime: Runtime,
 ) -> Result<(Pair, Estimates)> {
     settings.check()?;
 
-    let packing = Packing::of_views(pair.views(), means.control)?;
-    estimate(pair.packed(&packing), known, settings, means)
+    let packing = Packing::of_views(pair.views(), runtime.control)?;
+    estimate(pair.packed(&packing), known, settings, runtime)
 }
 
 /// A pair prepared by its estimates.
@@ -147,7 +152,7 @@ pub fn prepared(
     estimates: Estimates,
     known: Known,
     settings: &Settings,
-    means: Means,
+    runtime: Runtime,
 ) -> Result<Prepared> {
     // What the caller knows comes before what was estimated.
     let compensation = match (&estimates.compensation, known.compensation) {
@@ -158,8 +163,8 @@ pub fn prepared(
     let mut pair = pair.searched(estimates.candidates).with_blur_compensation(compensation);
 
     if let Some(field) = &estimates.alignment {
-        let Means { matcher, how, control } = means;
-        pair = matcher.install(|| pair.straightened(field, how.level, control))?;
+        let Runtime { matcher, execution, control } = runtime;
+        pair = matcher.install(|| pair.straightened(field, execution.level, control))?;
     }
 
     let suited = estimates.compensation.as_ref().map(|plan| plan.settings.clone());
@@ -171,14 +176,14 @@ fn estimate(
     mut pair: Pair,
     known: &Known,
     settings: &Settings,
-    means: Means,
+    runtime: Runtime,
 ) -> Result<(Pair, Estimates)> {
     let started = Instant::now();
     let request = known.request(settings);
 
     // Parts of the pair, and its negative, have to be scaled like the whole.
     if !request.is_empty() || known.is_inverted {
-        pair = pair.with_own_ranges(means.control)?;
+        pair = pair.with_own_ranges(runtime.control)?;
     }
     if known.is_inverted {
         pair = pair.inverted();
@@ -189,11 +194,11 @@ fn estimate(
     }
 
     let mut found =
-        means.matcher.install(|| Estimates::of_pair(&pair, &request, settings, means))?;
+        runtime.matcher.install(|| Estimates::of_pair(&pair, &request, settings, runtime))?;
     if settings.compensate_blur && found.is_inverted && !known.is_inverted {
         pair = pair.inverted();
         let negative =
-            means.matcher.install(|| Estimates::of_pair(&pair, &request, settings, means))?;
+            runtime.matcher.install(|| Estimates::of_pair(&pair, &request, settings, runtime))?;
         found = found.with_negative(negative);
     }
 
@@ -206,7 +211,7 @@ pub fn prepare_by_rows(
     source: &dyn Source,
     known: Known,
     settings: &Settings,
-    means: Means,
+    runtime: Runtime,
 ) -> Result<Estimates> {
     settings.check()?;
 
@@ -219,11 +224,11 @@ pub fn prepare_by_rows(
     let inverted = Inverted(source);
     let source = if known.is_inverted { &inverted } else { source };
     let mut found =
-        means.matcher.install(|| Estimates::of_source(source, &request, settings, means))?;
+        runtime.matcher.install(|| Estimates::of_source(source, &request, settings, runtime))?;
 
     if settings.compensate_blur && found.is_inverted && !known.is_inverted {
-        let estimate = || Estimates::of_source(&inverted, &request, settings, means);
-        found = found.with_negative(means.matcher.install(estimate)?);
+        let estimate = || Estimates::of_source(&inverted, &request, settings, runtime);
+        found = found.with_negative(runtime.matcher.install(estimate)?);
     }
 
     Ok(found.with_known(&known, source.size(), settings, started))
@@ -275,16 +280,21 @@ impl Request<'_> {
 
 impl Estimates {
     /// The estimates of a pair in memory.
-    fn of_pair(pair: &Pair, request: &Request, settings: &Settings, means: Means) -> Result<Self> {
-        let levels = defects::levels_of_pair(pair, means)?;
+    fn of_pair(
+        pair: &Pair,
+        request: &Request,
+        settings: &Settings,
+        runtime: Runtime,
+    ) -> Result<Self> {
+        let levels = defects::levels_of_pair(pair, runtime)?;
         let needs_defects = request.blur && blur::is_enough(pair.size());
-        let defects = needs_defects.then(|| Defects::of_pair(pair, levels, means)).transpose()?;
+        let defects = needs_defects.then(|| Defects::of_pair(pair, levels, runtime)).transpose()?;
         let defects = defects.unwrap_or_default();
 
         let repaired = defects.repaired(pair);
-        let part = Part::new(0, Cow::Borrowed(&*repaired), means)?;
-        let sample = Sample { pair: &repaired, scales: Scales::new(&repaired, levels, means)? };
-        Self::new(PairRows::Kept(&part), &sample, request, defects, settings, means)
+        let part = Part::new(0, Cow::Borrowed(&*repaired), runtime)?;
+        let sample = Sample { pair: &repaired, scales: Scales::new(&repaired, levels, runtime)? };
+        Self::new(PairRows::Kept(&part), &sample, request, defects, settings, runtime)
     }
 
     /// The estimates of a pair that is read a part at a time.
@@ -292,18 +302,18 @@ impl Estimates {
         source: &dyn Source,
         request: &Request,
         settings: &Settings,
-        means: Means,
+        runtime: Runtime,
     ) -> Result<Self> {
-        let levels = defects::levels_of_source(source, means)?;
+        let levels = defects::levels_of_source(source, runtime)?;
         let needs_defects = request.blur && blur::is_enough(source.size());
         let defects =
-            needs_defects.then(|| Defects::of_source(source, levels, means)).transpose()?;
+            needs_defects.then(|| Defects::of_source(source, levels, runtime)).transpose()?;
         let defects = defects.unwrap_or_default();
 
         let first = source.rows(0..1)?;
-        let sample = Sample { pair: &first, scales: Scales::new(&first, levels, means)? };
+        let sample = Sample { pair: &first, scales: Scales::new(&first, levels, runtime)? };
         let repaired = Repaired { source, impulses: defects.impulses };
-        Self::new(PairRows::Read(&repaired), &sample, request, defects, settings, means)
+        Self::new(PairRows::Read(&repaired), &sample, request, defects, settings, runtime)
     }
 
     /// The estimates that are requested.
@@ -313,7 +323,7 @@ impl Estimates {
         request: &Request,
         defects: Defects,
         settings: &Settings,
-        means: Means,
+        runtime: Runtime,
     ) -> Result<Self> {
         let Geometry {
             confidence,
@@ -324,7 +334,7 @@ impl Estimates {
             alignment,
             contrast,
             rough,
-        } = Geometry::new(rows, sample, request, means)?;
+        } = Geometry::new(rows, sample, request, runtime)?;
 
         let width = rows.size().1;
         let candidates = match (request.candidates, &range) {
@@ -336,14 +346,14 @@ impl Estimates {
         // Blur is compared where both images show the same, so it comes after the geometry.
         let known = rough::Correspondence { candidates, alignment: alignment.clone() };
         let rough =
-            rough.map(|(map, factor)| Rough::of_whole(map.unsure, factor, alignment.clone()));
-        let blur = || blur::estimate(rows, sample.pair, known, rough, means);
+            rough.map(|(map, factor)| RoughMatch::of_whole(map.unsure, factor, alignment.clone()));
+        let blur = || blur::estimate(rows, sample.pair, known, rough, runtime);
         let blur = request.blur.then(blur).transpose()?;
         let blur = blur.map(|blur| blur.with(defects));
 
         let noise = blur.as_ref().map(|blur| blur.noise).or(request.noise).unwrap_or_default();
         let photometry =
-            Photometry::new(rows, &sample.scales, noise, candidates.count(), contrast, means)?;
+            Photometry::new(rows, &sample.scales, noise, candidates.count(), contrast, runtime)?;
 
         let compensation = match (&blur, request.noise) {
             _ if request.compensation.is_some() => None,
@@ -368,7 +378,7 @@ impl Estimates {
         };
 
         // The trial matches bands by the settings and with the compensation of the match, so it comes last.
-        if !trial::confirms(rows, &estimates, request.compensation, settings, means)? {
+        if !trial::confirms(rows, &estimates, request.compensation, settings, runtime)? {
             estimates.alignment = None;
         }
 
@@ -452,23 +462,23 @@ struct Sample<'a> {
 
 impl Geometry {
     /// Matches the reduced images, if they are needed and large enough.
-    fn new(rows: PairRows, sample: &Sample, request: &Request, means: Means) -> Result<Self> {
+    fn new(rows: PairRows, sample: &Sample, request: &Request, runtime: Runtime) -> Result<Self> {
         let is_needed = request.candidates.is_none() || request.rows;
         // The ends of an unknown range are found on finer copies.
-        let copies = |means| match request.candidates {
-            Some(_) => Overview::new(rows, means),
-            None => Overview::fine(rows, means),
+        let copies = |runtime| match request.candidates {
+            Some(_) => Overview::new(rows, runtime),
+            None => Overview::fine(rows, runtime),
         };
-        let Some(copies) = is_needed.then(|| copies(means)).transpose()?.flatten() else {
+        let Some(copies) = is_needed.then(|| copies(runtime)).transpose()?.flatten() else {
             return Ok(Self::default());
         };
-        let usual = copies.usual(means)?;
+        let usual = copies.usual(runtime)?;
         let overview = usual.as_ref().unwrap_or(&copies);
 
-        let mut rough = overview.rough(request.candidates, None, means)?;
+        let mut rough = overview.rough(request.candidates, None, runtime)?;
         let (mut offsets, mut alignment) = (None, None);
         if request.rows {
-            let found = rows::offsets(rows, overview, &rough, request.candidates, means)?;
+            let found = rows::offsets(rows, overview, &rough, request.candidates, runtime)?;
             offsets = found.offsets;
             let significant = offsets.as_ref().filter(|offsets| offsets.is_significant());
             alignment = significant.map(|offsets| offsets.field.clone());
@@ -476,7 +486,7 @@ impl Geometry {
             if let Some(field) = &alignment {
                 rough = found.map.unwrap_or(rough);
                 if !rows::is_straight(overview, &rough, field) {
-                    rough = overview.rough(request.candidates, Some(field), means)?;
+                    rough = overview.rough(request.candidates, Some(field), runtime)?;
                 }
             }
         }
@@ -484,14 +494,15 @@ impl Geometry {
         let confidence = Some(rough.confidence);
         // Where known disparities match badly, a finding names those that would match better.
         let is_poor = request.candidates.is_some() && rough.confidence < overview::GOOD_CONFIDENCE;
-        let wide = is_poor.then(|| overview.rough(None, alignment.as_ref(), means)).transpose()?;
+        let wide =
+            is_poor.then(|| overview.rough(None, alignment.as_ref(), runtime)).transpose()?;
 
         let last = wide.as_ref().unwrap_or(&rough);
         let is_asked = request.candidates.is_none() || is_poor;
-        let found = is_asked.then(|| range::range(&copies, overview, last, means)).transpose()?;
+        let found = is_asked.then(|| range::range(&copies, overview, last, runtime)).transpose()?;
         let found = found.flatten();
         let left_out = match (request.candidates, &found) {
-            (Some(given), _) => range::left_out(overview, &rough, given, means)?,
+            (Some(given), _) => range::left_out(overview, &rough, given, runtime)?,
             (None, Some(found)) => found.left_out.clone(),
             (None, None) => vec![],
         };
@@ -499,7 +510,7 @@ impl Geometry {
 
         let is_inverted = range.is_none()
             && last.confidence < range::LEAST_CONFIDENCE
-            && overview.inverted().rough(None, None, means)?.confidence
+            && overview.inverted().rough(None, None, runtime)?.confidence
                 >= overview::GOOD_CONFIDENCE;
 
         let contrast = sample.scales.contrast(overview, last);

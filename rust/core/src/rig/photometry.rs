@@ -25,8 +25,8 @@ use crate::error::Result;
 use crate::image::intensity::intensity_range;
 use crate::image::view::{Image, View};
 use crate::pipeline::pair::Pair;
-use crate::rig::blur::parts::{HALO, Means, PairRows, Part, Strips};
-use crate::rig::blur::rough::shades_per_unit;
+use crate::rig::blur::parts::{HALO, PairRows, Part, Runtime, Strips};
+use crate::rig::blur::rough::grays_per_unit;
 use crate::rig::estimation::overview::{Overview, RoughMap};
 use crate::simd::{Level, Loop};
 
@@ -76,7 +76,7 @@ pub struct Photometry {
     pub contrast: Option<Contrast>,
 }
 
-/// How gray values of an image (`Shades`) become fractions of the range from black to white.
+/// How gray values of an image (`GrayPlane`) become fractions of the range from black to white.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scale {
     /// The gray value of black.
@@ -120,16 +120,16 @@ impl Photometry {
         noise: [f64; 2],
         disparities: usize,
         contrast: Option<Contrast>,
-        means: Means,
+        runtime: Runtime,
     ) -> Result<Self> {
         let tops: Vec<usize> = (0..rows.size().0).step_by(STRIP).collect();
         let strips = Strips { tops: &tops, rows: STRIP, halo: HALO, unit: 1 };
 
         let mut found = [Counts::default(); 2];
-        rows.visit(strips, means, |part, visited| {
+        rows.visit(strips, runtime, |part, visited| {
             let of_strip = |top: &usize| {
-                means.control.checkpoint()?;
-                let level = means.how.level;
+                runtime.control.checkpoint()?;
+                let level = runtime.execution.level;
                 let limits = |side| scales.limits(side, noise, disparities);
                 let side = |side| Counts::of_strip(part, side, *top, &limits(side), level);
                 Ok([side(0), side(1)])
@@ -180,11 +180,11 @@ struct Limits {
 
 impl Scales {
     /// The scales of a pair whose gray levels, in units of its pixels, are these. `sample` is any part of it.
-    pub fn new(sample: &Pair, gray_levels: [f64; 2], means: Means) -> Result<Self> {
+    pub fn new(sample: &Pair, gray_levels: [f64; 2], runtime: Runtime) -> Result<Self> {
         // One row has the scale of all.
         let sample = sample.of_rows(0..1);
         let views = sample.views();
-        let unit = |view| shades_per_unit(view, means.how.level, means.control);
+        let unit = |view| grays_per_unit(view, runtime.execution.level, runtime.control);
         let units = [unit(views[0])?, unit(views[1])?];
         // Both images have one step.
         let step = views[0].unit;
@@ -196,7 +196,7 @@ impl Scales {
             return Ok(Self { sides: units.map(side), range });
         }
 
-        let range = |view| intensity_range(view, means.control);
+        let range = |view| intensity_range(view, runtime.control);
         let ranges = [range(views[0])?, range(views[1])?];
         let both = ranges[0].union(ranges[1]);
         // Ranges are in thousandths of the unit. A pair of constant images has none.
@@ -240,7 +240,7 @@ impl Counts {
     /// Counts in the strip with this top row of the whole image.
     fn of_strip(part: &Part, side: usize, top: usize, limits: &Limits, level: Level) -> Self {
         let mut counts = Self::default();
-        let (view, plane) = (part.pair.views()[side], &part.shades[side].plane);
+        let (view, plane) = (part.pair.views()[side], &part.grays[side].plane);
 
         let first = top - part.first;
         let steps = |y: usize| {

@@ -29,7 +29,7 @@ use crate::image::plane::Plane;
 use crate::optimization::panel_ranges::PanelRanges;
 use crate::pipeline::pair::Pair;
 use crate::pipeline::section::Section;
-use crate::rig::blur::parts::Means;
+use crate::rig::blur::parts::Runtime;
 use crate::rig::estimation::overview::Detail;
 use crate::scales::reduction::halved;
 use crate::settings::{Optimizer, Settings};
@@ -47,15 +47,15 @@ const LEAST_RUNS: usize = 2;
 pub fn panel_ranges(
     pair: &Pair,
     optimizer: Optimizer,
-    means: Means,
+    runtime: Runtime,
 ) -> Result<Option<PanelRanges>> {
     let follows_paths =
         matches!(optimizer, Optimizer::SemiGlobal | Optimizer::ScanlineOptimization);
     if !follows_paths || pair.candidates().count() < MANY {
         return Ok(None);
     }
-    let Some(copy) = halved(pair, means)? else { return Ok(None) };
-    let rough = roughly_matched(&copy, means)?;
+    let Some(copy) = halved(pair, runtime)? else { return Ok(None) };
+    let rough = roughly_matched(&copy, runtime)?;
 
     let all = pair.candidates();
     let searched = |panel: [Range<usize>; 2]| searched(&rough, panel, all);
@@ -63,15 +63,15 @@ pub fn panel_ranges(
 }
 
 /// The disparities of a copy; NaN where the match is in doubt.
-fn roughly_matched(copy: &Pair, means: Means) -> Result<Plane<f32>> {
+fn roughly_matched(copy: &Pair, runtime: Runtime) -> Result<Plane<f32>> {
     let detail = Detail { neighborhood: 5, window: 3, speckle: 6, subpixel: false };
     let settings = Settings { lr_check: Some(3), confidence: false, ..detail.settings() };
 
-    let ranges = panel_ranges(copy, settings.optimizer, means)?;
+    let ranges = panel_ranges(copy, settings.optimizer, runtime)?;
     let section = Section { ranges, ..Section::whole(copy) };
     // Its rows are not rows of the result: its progress is counted apart.
-    let Means { matcher, how, control } = means;
-    let map = matcher.match_alone(copy, &section, &settings, how, &control.aside())?;
+    let Runtime { matcher, execution, control } = runtime;
+    let map = matcher.match_alone(copy, &section, &settings, execution, &control.aside())?;
     Ok(map.disparity)
 }
 

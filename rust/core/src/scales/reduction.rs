@@ -11,7 +11,7 @@ use crate::image::intensity::Gray;
 use crate::image::plane::Plane;
 use crate::image::view::{Image, View};
 use crate::pipeline::pair::Pair;
-use crate::rig::blur::parts::Means;
+use crate::rig::blur::parts::Runtime;
 
 /// Fewest rows and columns of a copy.
 pub const LEAST_SIZE: usize = 100;
@@ -19,7 +19,7 @@ pub const LEAST_SIZE: usize = 100;
 pub const FEWEST_CANDIDATES: usize = 8;
 
 /// A pair at half the size; `None` if it is too small for that.
-pub fn halved(pair: &Pair, means: Means) -> Result<Option<Pair>> {
+pub fn halved(pair: &Pair, runtime: Runtime) -> Result<Option<Pair>> {
     let (rows, cols) = pair.size();
     let candidates = pair.candidates();
     if rows.min(cols) / 2 < LEAST_SIZE || candidates.count() < FEWEST_CANDIDATES {
@@ -32,16 +32,16 @@ pub fn halved(pair: &Pair, means: Means) -> Result<Option<Pair>> {
     let count = (high - low + 1).min(cols as isize / 2);
 
     let [left, right] = pair.views();
-    let (left, right) = (halved_view(left, means)?, halved_view(right, means)?);
+    let (left, right) = (halved_view(left, runtime)?, halved_view(right, runtime)?);
     // At its very ends a range may have none on the copy.
     Ok(Pair::new(left, right, low as i64, count as i64).ok())
 }
 
 /// The gray values of an image at half the size.
-fn halved_view(view: &View, means: Means) -> Result<View> {
-    let Means { how, control, .. } = means;
-    let gray = Gray::new(view, how.level, control)?;
-    let steps = gray.plane(how.level, control)?;
+fn halved_view(view: &View, runtime: Runtime) -> Result<View> {
+    let Runtime { execution, control, .. } = runtime;
+    let gray = Gray::new(view, execution.level, control)?;
+    let steps = gray.plane(execution.level, control)?;
     let (rows, cols) = (steps.rows() / 2, steps.cols() / 2);
 
     // Four times the mean.

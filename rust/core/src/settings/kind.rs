@@ -21,6 +21,19 @@ pub enum Kind {
     Optional(&'static Kind),
 }
 
+/// What there is to know of a setting.
+#[derive(Debug)]
+pub struct Description {
+    /// Its name.
+    pub name: &'static str,
+    /// What it is: a first sentence, and after an empty line all else.
+    pub documentation: &'static str,
+    /// Its type.
+    pub kind: Kind,
+    /// The range of its values, as text; empty: every value of the type.
+    pub range: fn() -> String,
+}
+
 /// The value of a setting, whatever it is.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Value {

@@ -3,7 +3,7 @@
 //! `phasestereo bench choices` measures them with one setting changed at a time.
 
 use crate::error::{Error, Result};
-use crate::settings::Settings;
+use crate::settings::table::Settings;
 
 /// A named set of settings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -4,8 +4,7 @@
 //! of the paper (see the crate).
 
 use crate::error::Result;
-use crate::settings::Description;
-use crate::settings::kind::{Kind, Setting, Value};
+use crate::settings::kind::{Description, Kind, Setting, Value};
 use crate::settings::presets::Preset;
 use crate::settings::ranges::{either, indices, integer, number, odd, optional, rising};
 

@@ -6,7 +6,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::parts::Means;
+use super::parts::Runtime;
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
 use crate::image::blocking::{self, Extra};
@@ -75,16 +75,16 @@ struct DefectCounts {
 
 impl Defects {
     /// The defects of a pair in memory, whose gray levels are given.
-    pub fn of_pair(pair: &Pair, levels: [f64; 2], means: Means) -> Result<Self> {
+    pub fn of_pair(pair: &Pair, levels: [f64; 2], runtime: Runtime) -> Result<Self> {
         let height = pair.size().0;
-        let left = counts(pair, 0, 0..height, (0, height), levels[0], means)?;
-        let right = counts(pair, 1, 0..height, (0, height), levels[1], means)?;
+        let left = counts(pair, 0, 0..height, (0, height), levels[0], runtime)?;
+        let right = counts(pair, 1, 0..height, (0, height), levels[1], runtime)?;
 
         Ok(Self::from_counts(&[left, right], levels, pair.size()))
     }
 
     /// The defects of a pair that is read by rows, whose gray levels are given.
-    pub fn of_source(source: &dyn Source, levels: [f64; 2], means: Means) -> Result<Self> {
+    pub fn of_source(source: &dyn Source, levels: [f64; 2], runtime: Runtime) -> Result<Self> {
         let (height, cols) = source.size();
         let mut found = [DefectCounts::default(); 2];
         for rows in bands(source) {
@@ -100,7 +100,8 @@ impl Defects {
             let here = rows.start - read.start..rows.end - read.start;
             for (side, found) in found.iter_mut().enumerate() {
                 let place = (read.start, height);
-                *found = found.and(counts(&pair, side, here.clone(), place, levels[side], means)?);
+                *found =
+                    found.and(counts(&pair, side, here.clone(), place, levels[side], runtime)?);
             }
         }
 
@@ -151,9 +152,9 @@ fn counts(
     rows: Range<usize>,
     (first, height): (usize, usize),
     gray_level: f64,
-    Means { how, control, .. }: Means,
+    Runtime { execution, control, .. }: Runtime,
 ) -> Result<DefectCounts> {
-    let gray = Gray::new(pair.views()[side], how.level, control)?;
+    let gray = Gray::new(pair.views()[side], execution.level, control)?;
     let (own_height, cols) = gray.size();
     let level = gray.steps(gray_level);
 
@@ -165,14 +166,14 @@ fn counts(
         let read = widened(&rows, REACH, own_height);
         let mut plane = Plane::new(read.len(), cols)?;
         for (row, y) in read.clone().enumerate() {
-            gray.write_row(y, how.level, plane.row_mut(row))?;
+            gray.write_row(y, execution.level, plane.row_mut(row))?;
         }
 
         let origin = (first + read.start, height);
         let rows = rows.start - read.start..rows.end - read.start;
         Ok(DefectCounts {
-            doubtless: count_doubtless(&plane, rows.clone(), level, how.level)?,
-            extra: Extra::of_rows(&plane, rows, origin, level, how.level)?,
+            doubtless: count_doubtless(&plane, rows.clone(), level, execution.level)?,
+            extra: Extra::of_rows(&plane, rows, origin, level, execution.level)?,
             steps: gray.steps(1.0),
         })
     };
@@ -184,12 +185,12 @@ fn counts(
 }
 
 /// The gray levels of a pair in memory, in units of its pixels.
-pub fn levels_of_pair(pair: &Pair, means: Means) -> Result<[f64; 2]> {
-    gray_levels(pair, largest(pair), means)
+pub fn levels_of_pair(pair: &Pair, runtime: Runtime) -> Result<[f64; 2]> {
+    gray_levels(pair, largest(pair), runtime)
 }
 
 /// The gray levels of a pair that is read by rows.
-pub fn levels_of_source(source: &dyn Source, means: Means) -> Result<[f64; 2]> {
+pub fn levels_of_source(source: &dyn Source, runtime: Runtime) -> Result<[f64; 2]> {
     let sample = source.rows(0..1)?;
 
     let mut brightest = 0;
@@ -200,7 +201,7 @@ pub fn levels_of_source(source: &dyn Source, means: Means) -> Result<[f64; 2]> {
         }
     }
 
-    gray_levels(&sample, brightest, means)
+    gray_levels(&sample, brightest, runtime)
 }
 
 /// The largest valid pixel of both images if they have 16 bits, else 0.
@@ -220,7 +221,7 @@ fn largest(pair: &Pair) -> u16 {
 
 /// The gray level of either image, in units of the caller's pixels: one of 256 steps from black to white. Few cameras use all 16
 /// bits, so of those as many count as the brightest pixel has.
-fn gray_levels(pair: &Pair, largest: u16, means: Means) -> Result<[f64; 2]> {
+fn gray_levels(pair: &Pair, largest: u16, runtime: Runtime) -> Result<[f64; 2]> {
     let bits = (u16::BITS - largest.leading_zeros()).max(u8::BITS);
 
     let level = |view: &View| -> Result<f64> {
@@ -228,7 +229,9 @@ fn gray_levels(pair: &Pair, largest: u16, means: Means) -> Result<[f64; 2]> {
             Image::U8(_) => 1.0,
             Image::U16(_) => f64::from(1u32 << (bits - u8::BITS)),
             // Ranges are in thousandths of the unit.
-            Image::F32(_) | Image::F64(_) => intensity_range(view, means.control)?.width() / 256e3,
+            Image::F32(_) | Image::F64(_) => {
+                intensity_range(view, runtime.control)?.width() / 256e3
+            }
         };
         Ok(level * view.unit)
     };

@@ -2,7 +2,7 @@
 
 use super::bank::Side;
 use super::bins::SIDE;
-use super::rough::{Rough, Shades};
+use super::rough::{GrayPlane, RoughMatch};
 use super::spectrum::{BlockPlace, Cross, kernel};
 use crate::error::Result;
 use crate::image::plane::Plane;
@@ -19,21 +19,21 @@ const REGULAR: f32 = 1e-3;
 
 /// Adds the cross-spectra of blocks of the left image and of the right image warped to the left one.
 pub fn add_cross_spectra(
-    shades: &[Shades; 2],
-    rough: &Rough,
+    grays: &[GrayPlane; 2],
+    rough: &RoughMatch,
     places: &[BlockPlace],
     sums: &mut Cross,
     level: Level,
     control: &Control,
 ) -> Result<()> {
-    let warped = warped(&shades[1].plane, rough, control)?;
+    let warped = warped(&grays[1].plane, rough, control)?;
 
     // In the warped image, the right block has the corner of the left one.
     let same_corner =
         |place: &BlockPlace| BlockPlace { right_top: place.top, right: place.left, ..*place };
     let places: Vec<BlockPlace> = places.iter().map(same_corner).collect();
 
-    sums.add_all([&shades[0].plane, &warped], &places, level, control)
+    sums.add_all([&grays[0].plane, &warped], &places, level, control)
 }
 
 /// The kernel that turns the sharp image into the soft one, by regularized least squares: the sum of cross-spectra over
@@ -56,7 +56,7 @@ pub fn measured(sums: &Cross, side: Side, level: Level) -> Option<Taps> {
 }
 
 /// The right image warped to the left one by the rough disparities.
-fn warped(right: &Plane<f32>, rough: &Rough, control: &Control) -> Result<Plane<f32>> {
+fn warped(right: &Plane<f32>, rough: &RoughMatch, control: &Control) -> Result<Plane<f32>> {
     let last = right.cols() as isize - 1;
 
     Plane::by_rows((right.rows(), right.cols()), control, |y, row: &mut [f32]| {
@@ -160,7 +160,7 @@ mod tests {
     #[test]
     fn a_kernel_of_no_family_is_found_on_either_side() {
         let (control, level) = (Control::default(), Level::best());
-        let how = Execution { threads: 1, level };
+        let execution = Execution { threads: 1, level };
         let matcher = Matcher::new(1).expect("a thread");
         let scale = RoughScale { factor: 2, neighborhood: 9 };
 
@@ -183,11 +183,12 @@ mod tests {
             };
 
             let pair = Pair::new(view(shots[0]), view(shots[1]), 0, 8).expect("a legal pair");
-            let shades = pair.views().map(|view| Shades::new(view, how, &control).expect("memory"));
+            let grays =
+                pair.views().map(|view| GrayPlane::new(view, execution, &control).expect("memory"));
             let known = Correspondence { candidates: pair.candidates(), alignment: None };
 
-            let rough =
-                Rough::new(&shades, known, scale, &matcher, how, &control).expect("a match");
+            let rough = RoughMatch::new(&grays, known, scale, &matcher, execution, &control)
+                .expect("a match");
 
             let corner = |i: usize| BlockPlace {
                 top: i / 4 * 40,
@@ -198,7 +199,7 @@ mod tests {
 
             let places: Vec<BlockPlace> = (0..12).map(corner).collect();
             let mut sums = Cross::default();
-            add_cross_spectra(&shades, &rough, &places, &mut sums, level, &control)
+            add_cross_spectra(&grays, &rough, &places, &mut sums, level, &control)
                 .expect("not cancelled");
 
             let found = measured(&sums, side, level).expect("there is contrast");

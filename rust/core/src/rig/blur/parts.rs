@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::ops::Range;
 
 use super::bins::SIDE;
-use super::rough::{Correspondence, Rough, RoughScale, Shades};
+use super::rough::{Correspondence, GrayPlane, RoughMatch, RoughScale};
 use super::spectrum::BlockPlace;
 use crate::error::Result;
 use crate::pipeline::control::Control;
@@ -25,16 +25,16 @@ pub struct Part<'a> {
     /// The rows.
     pub pair: Cow<'a, Pair>,
     /// Gray values of both images.
-    pub shades: [Shades; 2],
+    pub grays: [GrayPlane; 2],
 }
 
 /// How an estimation is carried out.
 #[derive(Clone, Copy)]
-pub struct Means<'a> {
+pub struct Runtime<'a> {
     /// The matcher for rough matches, on whose threads all work is done.
     pub matcher: &'a Matcher,
     /// Threads and instructions.
-    pub how: Execution,
+    pub execution: Execution,
     /// Cancellation.
     pub control: &'a Control,
 }
@@ -83,7 +83,7 @@ impl PairRows<'_> {
     pub fn visit(
         &self,
         strips: Strips,
-        means: Means,
+        runtime: Runtime,
         mut visit: impl FnMut(&Part, Range<usize>) -> Result<()>,
     ) -> Result<()> {
         let source = match self {
@@ -101,7 +101,7 @@ impl PairRows<'_> {
             let rows = widened(&(rest[0]..rest[count - 1] + strips.rows), strips.halo, height);
             let start = rows.start / strips.unit * strips.unit;
             let end = rows.end.next_multiple_of(strips.unit).min(height);
-            visit(&Part::read(source, start..end, means)?, first..first + count)?;
+            visit(&Part::read(source, start..end, runtime)?, first..first + count)?;
 
             first += count;
         }
@@ -115,16 +115,17 @@ impl<'a> Part<'a> {
     pub fn new(
         first: usize,
         pair: Cow<'a, Pair>,
-        Means { how, control, .. }: Means,
+        Runtime { execution, control, .. }: Runtime,
     ) -> Result<Self> {
         let [left, right] = pair.views();
-        let shades = [Shades::new(left, how, control)?, Shades::new(right, how, control)?];
+        let grays =
+            [GrayPlane::new(left, execution, control)?, GrayPlane::new(right, execution, control)?];
 
-        Ok(Self { first, pair, shades })
+        Ok(Self { first, pair, grays })
     }
 
-    fn read(source: &dyn Source, rows: Range<usize>, means: Means) -> Result<Self> {
-        Part::new(rows.start, Cow::Owned(source.rows(rows)?), means)
+    fn read(source: &dyn Source, rows: Range<usize>, runtime: Runtime) -> Result<Self> {
+        Part::new(rows.start, Cow::Owned(source.rows(rows)?), runtime)
     }
 
     /// Rough disparities of the part.
@@ -132,25 +133,25 @@ impl<'a> Part<'a> {
         &self,
         known: &Correspondence,
         scale: RoughScale,
-        Means { matcher, how, control }: Means,
-    ) -> Result<Rough> {
+        Runtime { matcher, execution, control }: Runtime,
+    ) -> Result<RoughMatch> {
         let alignment = known.alignment.clone().map(|field| field.starting_at_row(self.first));
         let known = Correspondence { alignment, ..*known };
 
-        Rough::new(&self.shades, known, scale, matcher, how, control)
+        RoughMatch::new(&self.grays, known, scale, matcher, execution, control)
     }
 
     /// The pair of blocks that show the same, whose left one has this corner in the whole image; `None` where there is
     /// none, or they have no contrast. The rough disparities begin with row `first` of the whole image.
     pub fn place(
         &self,
-        (rough, first): (&Rough, usize),
+        (rough, first): (&RoughMatch, usize),
         top: usize,
         left: usize,
     ) -> Option<BlockPlace> {
         let place = rough.place(&self.pair, self.first - first, top - self.first, left)?;
 
-        let [left_shades, right_shades] = &self.shades;
+        let [left_shades, right_shades] = &self.grays;
         let has_contrast = left_shades.has_contrast(place.top, place.left)
             && right_shades.has_contrast(place.right_top, place.right);
 

@@ -29,13 +29,13 @@ const RAISED_STEPS: isize = 64;
 
 /// Gray values of an image, in one range for all types.
 #[derive(Debug)]
-pub struct Shades {
+pub struct GrayPlane {
     /// Gray values around the middle of the image's range.
     pub plane: Plane<f32>,
 }
 
 /// Number of gray values per unit of the pixels of a view.
-pub fn shades_per_unit(view: &View, level: Level, control: &Control) -> Result<f64> {
+pub fn grays_per_unit(view: &View, level: Level, control: &Control) -> Result<f64> {
     let gray = Gray::new(view, level, control)?;
     Ok(gray.steps(1.0) * scale(&gray))
 }
@@ -45,16 +45,16 @@ fn scale(gray: &Gray) -> f64 {
     REACH / f64::from(gray.reach())
 }
 
-impl Shades {
+impl GrayPlane {
     /// The gray values of a view; masked pixels take the values of valid neighbors.
-    pub fn new(view: &View, how: Execution, control: &Control) -> Result<Self> {
-        let gray = Gray::new(view, how.level, control)?;
+    pub fn new(view: &View, execution: Execution, control: &Control) -> Result<Self> {
+        let gray = Gray::new(view, execution.level, control)?;
         let scale = scale(&gray) as f32;
 
         let plane = Plane::by_bands(gray.size(), 1, |y, row| {
             control.checkpoint()?;
             let mut steps = vec![0; row.len()];
-            gray.write_row(y, how.level, &mut steps)?;
+            gray.write_row(y, execution.level, &mut steps)?;
             row.iter_mut().zip(steps).for_each(|(to, from)| *to = from as f32 * scale);
             Ok(())
         })?;
@@ -152,7 +152,7 @@ pub struct Correspondence {
 
 /// Disparities of reduced images.
 #[derive(Debug)]
-pub struct Rough {
+pub struct RoughMatch {
     /// Pixels of the reduced image; NaN where there is none.
     disparity: Plane<f32>,
     factor: usize,
@@ -188,20 +188,20 @@ pub fn raised(
     })
 }
 
-impl Rough {
+impl RoughMatch {
     /// Matches a pair reduced by a factor, on neighborhoods of a certain side: blur shrinks with the images, and larger
     /// neighborhoods tolerate what is left of it.
     pub fn new(
-        shades: &[Shades; 2],
+        grays: &[GrayPlane; 2],
         known: Correspondence,
         RoughScale { factor, neighborhood }: RoughScale,
         matcher: &Matcher,
-        how: Execution,
+        execution: Execution,
         control: &Control,
     ) -> Result<Self> {
         let Correspondence { candidates, alignment } = known;
-        let left = as_view(reduced(&shades[0].plane, factor, how.level, control)?);
-        let right = reduced(&shades[1].plane, factor, how.level, control)?;
+        let left = as_view(reduced(&grays[0].plane, factor, execution.level, control)?);
+        let right = reduced(&grays[1].plane, factor, execution.level, control)?;
         let right = as_view(match &alignment {
             Some(alignment) => raised(&right, alignment, factor, control)?,
             None => right,
@@ -231,7 +231,7 @@ impl Rough {
 
         // Rows of the reduced pair are not rows of the result: its progress is counted apart.
         let all = Section::whole(&pair);
-        let map = matcher.match_alone(&pair, &all, &settings, how, &control.aside())?;
+        let map = matcher.match_alone(&pair, &all, &settings, execution, &control.aside())?;
 
         Ok(Self { disparity: map.disparity, factor, alignment })
     }
@@ -373,15 +373,23 @@ mod tests {
         Pair::new(view(0, left), view(SHIFT, right), 0, 40).expect("a legal pair")
     }
 
-    fn rough(pair: &Pair, factor: usize) -> Rough {
-        let how = Execution { threads: 1, level: Level::best() };
+    fn rough(pair: &Pair, factor: usize) -> RoughMatch {
+        let execution = Execution { threads: 1, level: Level::best() };
         let control = Control::default();
         let matcher = Matcher::new(1).expect("a thread");
-        let shades = pair.views().map(|view| Shades::new(view, how, &control).expect("memory"));
+        let grays =
+            pair.views().map(|view| GrayPlane::new(view, execution, &control).expect("memory"));
         let known = Correspondence { candidates: pair.candidates(), alignment: None };
 
-        Rough::new(&shades, known, RoughScale { factor, neighborhood: 9 }, &matcher, how, &control)
-            .expect("a match")
+        RoughMatch::new(
+            &grays,
+            known,
+            RoughScale { factor, neighborhood: 9 },
+            &matcher,
+            execution,
+            &control,
+        )
+        .expect("a match")
     }
 
     #[test]
@@ -421,7 +429,7 @@ mod tests {
 
     #[test]
     fn between_pixels_disparities_are_interpolated_and_beyond_them_kept() {
-        let rough = Rough {
+        let rough = RoughMatch {
             disparity: Plane::from_fn(2, 3, |y, x| (x + 10 * y) as f32),
             factor: 4,
             alignment: None,
@@ -434,18 +442,18 @@ mod tests {
 
     #[test]
     fn one_value_all_over_is_no_contrast() {
-        let shades = |odd: usize| Shades {
+        let grays = |odd: usize| GrayPlane {
             plane: Plane::from_fn(80, 80, |y, x| if y * 80 + x == odd { 1.0 } else { 7.0 }),
         };
 
-        assert!(shades(79 * 80).has_contrast(16, 0), "the last row of the block");
-        assert!(!shades(79 * 80).has_contrast(15, 0), "the row below it");
-        assert!(shades(0).has_contrast(0, 0) && !shades(0).has_contrast(0, 1));
+        assert!(grays(79 * 80).has_contrast(16, 0), "the last row of the block");
+        assert!(!grays(79 * 80).has_contrast(15, 0), "the row below it");
+        assert!(grays(0).has_contrast(0, 0) && !grays(0).has_contrast(0, 1));
     }
 
     #[test]
     fn shades_are_in_one_range_whatever_the_type() {
-        let how = Execution { threads: 1, level: Level::best() };
+        let execution = Execution { threads: 1, level: Level::best() };
 
         let bytes = ndarray::Array3::from_shape_fn((9, 11, 1), |(y, x, _)| texture(y, x));
         let images = [
@@ -455,9 +463,9 @@ mod tests {
 
         let planes = images.map(|(image, unit)| {
             let (view, control) = (View::from(image), Control::default());
-            let found = shades_per_unit(&view, how.level, &control).expect("memory");
+            let found = grays_per_unit(&view, execution.level, &control).expect("memory");
             assert!((found / unit - 1.0).abs() < 1e-9);
-            Shades::new(&view, how, &control).expect("memory").plane
+            GrayPlane::new(&view, execution, &control).expect("memory").plane
         });
 
         assert_eq!(planes[0], planes[1]);

@@ -33,7 +33,7 @@ use crate::error::Result;
 use crate::image::intensity::Gray;
 use crate::image::plane::Plane;
 use crate::rig::alignment::Alignment;
-use crate::rig::blur::parts::Means;
+use crate::rig::blur::parts::Runtime;
 use crate::rig::blur::rough::{as_view, raised};
 use crate::settings::Settings;
 use crate::settings::presets::Preset;
@@ -106,7 +106,7 @@ struct Search<'a> {
     /// Whether the pixels of the left copy are valid.
     valid: &'a Plane<bool>,
     run: Span,
-    means: Means<'a>,
+    runtime: Runtime<'a>,
 }
 
 /// The areas that match outside a run of disparities of the copies, from the top left. `low` to `high` are tried.
@@ -116,9 +116,9 @@ pub fn areas(
     run: Span,
     (low, high): Span,
     field: Option<&Alignment>,
-    means: Means,
+    runtime: Runtime,
 ) -> Result<Vec<Area>> {
-    let search = Search::new(copies, run, field, means)?;
+    let search = Search::new(copies, run, field, runtime)?;
     let Some(blocks) = search.blocks(guess)? else {
         return Ok(vec![]);
     };
@@ -135,12 +135,12 @@ pub fn areas(
     let is_seen = |(at, found): &&Member| {
         let x = tried.column(at % cols, found.chosen.into(), cols);
         let choose = Choose { costs: &back, rows: left.rows(), cols, y: at / cols, x };
-        let there = mirrored.disparity(means.how.level.run(choose));
+        let there = mirrored.disparity(runtime.execution.level.run(choose));
         (there + tried.disparity(found.chosen.into())).unsigned_abs() <= NEXT
     };
 
     let area = |members: &Vec<Member>| {
-        means.control.checkpoint()?;
+        runtime.control.checkpoint()?;
         let bounds = |of: &dyn Fn(&Member) -> usize| {
             let values = members.iter().map(of);
             let least = values.clone().min().unwrap_or_default();
@@ -174,9 +174,9 @@ impl<'a> Search<'a> {
         copies: &'a Overview,
         run: Span,
         field: Option<&Alignment>,
-        means: Means<'a>,
+        runtime: Runtime<'a>,
     ) -> Result<Self> {
-        let Means { how, control, .. } = means;
+        let Runtime { execution, control, .. } = runtime;
         let [left, right] = &copies.planes;
         let right = match field {
             Some(field) => raised(right, field, copies.factor, control)?,
@@ -185,11 +185,11 @@ impl<'a> Search<'a> {
 
         let codes = |plane: Plane<f32>| -> Result<Plane<u8>> {
             let view = as_view(plane);
-            let gray = Gray::new(&view, how.level, control)?;
-            describe_as(&gray, &codes(), None, how.level, control)
+            let gray = Gray::new(&view, execution.level, control)?;
+            describe_as(&gray, &codes(), None, execution.level, control)
         };
         let codes = [codes(left.clone())?, codes(right)?];
-        Ok(Self { codes, valid: &copies.valid, run, means })
+        Ok(Self { codes, valid: &copies.valid, run, runtime })
     }
 
     /// The blocks with enough pixels that cost much along the run, of those that see the middle of it; `None`: there are
@@ -197,7 +197,7 @@ impl<'a> Search<'a> {
     fn blocks(&self, guess: Guess) -> Result<Option<Blocks>> {
         let [left, right] = &self.codes;
         let (rows, cols) = (left.rows(), left.cols());
-        let Means { how, control, .. } = self.means;
+        let Runtime { execution, control, .. } = self.runtime;
 
         let mut sums = Plane::new(rows, cols)?;
         sums.write_bands(GUESSED_ROWS, |top, band| {
@@ -207,7 +207,7 @@ impl<'a> Search<'a> {
             let within = guess.finer as i32 / 2;
             for off in -within..=within {
                 let (codes, run) = ([left, right], self.run);
-                how.level.run(SumGuessed { codes, guess, run, off, top, sums: &mut *band });
+                execution.level.run(SumGuessed { codes, guess, run, off, top, sums: &mut *band });
             }
             Ok(())
         })?;
@@ -262,14 +262,14 @@ impl<'a> Search<'a> {
 
         let mut least = Plane::new(rows, cols)?;
         least.write_bands(BLOCK, |top, band| {
-            self.means.control.checkpoint()?;
+            self.runtime.control.checkpoint()?;
             for columns in blocks.stretches(top / BLOCK, cols) {
                 let windows =
                     Windows { costs: &costs, rows, cols, top, count: band.len() / cols, columns };
                 let each = |y: usize, x: usize, sums: &[Lanes<u8>]| {
                     band[y * cols + x] = borders.least(sums, x)[0];
                 };
-                self.means.how.level.run(Visit { windows, each });
+                self.runtime.execution.level.run(Visit { windows, each });
             }
             Ok(())
         })?;
@@ -286,7 +286,7 @@ impl<'a> Search<'a> {
         let borders = Borders::new(&costs, cols, index(self.run.0 - 1)..index(self.run.1 + 2));
 
         let of_row = |row: usize| -> Result<Vec<Member>> {
-            self.means.control.checkpoint()?;
+            self.runtime.control.checkpoint()?;
             let top = row * BLOCK;
             let count = BLOCK.min(rows - top);
             let mut found = vec![];
@@ -296,7 +296,7 @@ impl<'a> Search<'a> {
                     let one = borders.outside(sums, x);
                     found.extend(one.map(|one| ((top + y) * cols + x, one)));
                 };
-                self.means.how.level.run(Visit { windows, each });
+                self.runtime.execution.level.run(Visit { windows, each });
             }
             found.sort_unstable_by_key(|(at, _)| *at);
             Ok(found)

@@ -11,7 +11,7 @@ use crate::pipeline::pair::Pair;
 use crate::pipeline::section::Section;
 use crate::refinement::flag;
 use crate::rig::alignment::{Alignment, TERMS};
-use crate::rig::blur::parts::{HALO, Means, PairRows, Strips};
+use crate::rig::blur::parts::{HALO, PairRows, Runtime, Strips};
 use crate::rig::blur::rough::{as_view, raised, reduced};
 use crate::settings::presets::Preset;
 use crate::settings::{Optimizer, Precision, Settings};
@@ -124,18 +124,18 @@ pub fn reduction((rows, cols): (usize, usize), width: usize) -> usize {
 
 impl Overview {
     /// Reduces a pair; `None` where it is too small for estimates.
-    pub fn new(rows: PairRows, means: Means) -> Result<Option<Self>> {
-        Self::by(reduction(rows.size(), WIDTH), rows, means)
+    pub fn new(rows: PairRows, runtime: Runtime) -> Result<Option<Self>> {
+        Self::by(reduction(rows.size(), WIDTH), rows, runtime)
     }
 
     /// Reduces a pair less, for finer copies; `None` where it is too small for estimates.
-    pub fn fine(rows: PairRows, means: Means) -> Result<Option<Self>> {
+    pub fn fine(rows: PairRows, runtime: Runtime) -> Result<Option<Self>> {
         let size = rows.size();
         let factor = reduction(size, FINE_WIDTH).max(2).min(reduction(size, WIDTH));
-        Self::by(factor, rows, means)
+        Self::by(factor, rows, runtime)
     }
 
-    fn by(factor: usize, rows: PairRows, means: Means) -> Result<Option<Self>> {
+    fn by(factor: usize, rows: PairRows, runtime: Runtime) -> Result<Option<Self>> {
         let size = rows.size();
         if size.0.min(size.1) < LEAST_SIZE {
             return Ok(None);
@@ -145,12 +145,13 @@ impl Overview {
         let strips = Strips { tops: &tops, rows: factor, halo: HALO, unit: factor };
 
         let (mut left, mut right, mut valid) = (vec![], vec![], vec![]);
-        rows.visit(strips, means, |part, visited| {
+        rows.visit(strips, runtime, |part, visited| {
             // The part begins with its halo, whose rows belong to others.
             let skipped = visited.start - part.first / factor;
             let places = skipped * cols..(skipped + visited.len()) * cols;
-            for (side, shades) in [&mut left, &mut right].into_iter().zip(&part.shades) {
-                let plane = reduced(&shades.plane, factor, means.how.level, means.control)?;
+            for (side, grays) in [&mut left, &mut right].into_iter().zip(&part.grays) {
+                let plane =
+                    reduced(&grays.plane, factor, runtime.execution.level, runtime.control)?;
                 side.extend_from_slice(&plane.as_slice()[places.clone()]);
             }
 
@@ -187,12 +188,12 @@ impl Overview {
         &self,
         candidates: Option<Candidates>,
         size: (usize, usize),
-        means: Means,
+        runtime: Runtime,
     ) -> Result<Option<Alignment>> {
-        let coarse = self.reduced(COARSE_WIDTH, means)?;
+        let coarse = self.reduced(COARSE_WIDTH, runtime)?;
         let span = candidates.map_or_else(|| coarse.widest(), |all| coarse.span(all));
 
-        let mut most = coarse.matched(span, None, ROUGH, means)?.confidence;
+        let mut most = coarse.matched(span, None, ROUGH, runtime)?.confidence;
         let mut best = None;
 
         // Small shifts first: of equal ones, the smallest is kept.
@@ -201,7 +202,7 @@ impl Overview {
             coefficients[0] = (by * coarse.factor as isize) as f64;
             let shift = Alignment::new(coefficients, size)?;
 
-            let found = coarse.matched(span, Some(&shift), ROUGH, means)?.confidence;
+            let found = coarse.matched(span, Some(&shift), ROUGH, runtime)?.confidence;
             if found > most {
                 (most, best) = (found, Some(shift));
             }
@@ -243,27 +244,27 @@ impl Overview {
     }
 
     /// The same, reduced to the width of [`Self::new`]; `None`: it has that width.
-    pub fn usual(&self, means: Means) -> Result<Option<Self>> {
+    pub fn usual(&self, runtime: Runtime) -> Result<Option<Self>> {
         let by = reduction((self.valid.rows(), self.valid.cols()), WIDTH);
-        (by > 1).then(|| self.reduced_by(by, means)).transpose()
+        (by > 1).then(|| self.reduced_by(by, runtime)).transpose()
     }
 
     /// The same, reduced by two more; `None` where these are the smallest copies.
-    pub fn halved(&self, means: Means) -> Result<Option<Self>> {
+    pub fn halved(&self, runtime: Runtime) -> Result<Option<Self>> {
         let size = (self.valid.rows(), self.valid.cols());
         let is_larger = reduction(size, COARSE_WIDTH) > 1;
-        is_larger.then(|| self.reduced_by(2, means)).transpose()
+        is_larger.then(|| self.reduced_by(2, runtime)).transpose()
     }
 
     /// The same, reduced still more, to so many columns.
-    pub fn reduced(&self, width: usize, means: Means) -> Result<Self> {
-        self.reduced_by(reduction((self.valid.rows(), self.valid.cols()), width), means)
+    pub fn reduced(&self, width: usize, runtime: Runtime) -> Result<Self> {
+        self.reduced_by(reduction((self.valid.rows(), self.valid.cols()), width), runtime)
     }
 
     /// The same, reduced by so much more.
-    fn reduced_by(&self, by: usize, means: Means) -> Result<Self> {
+    fn reduced_by(&self, by: usize, runtime: Runtime) -> Result<Self> {
         let [left, right] = &self.planes;
-        let copy = |plane| reduced(plane, by, means.how.level, means.control);
+        let copy = |plane| reduced(plane, by, runtime.execution.level, runtime.control);
         let planes = [copy(left)?, copy(right)?];
 
         let (rows, cols) = (planes[0].rows(), planes[0].cols());
@@ -294,7 +295,7 @@ impl Overview {
         (low, high): Span,
         alignment: Option<&Alignment>,
         detail: Detail,
-        Means { matcher, how, control }: Means,
+        Runtime { matcher, execution, control }: Runtime,
     ) -> Result<RoughMap> {
         let [left, right] = &self.planes;
         let right = match alignment {
@@ -312,7 +313,7 @@ impl Overview {
 
         // Rows of the reduced pair are not rows of the result: its progress is counted apart.
         let all = Section::whole(&pair);
-        let map = matcher.match_alone(&pair, &all, &settings, how, &control.aside())?;
+        let map = matcher.match_alone(&pair, &all, &settings, execution, &control.aside())?;
         Ok(RoughMap::new(map, &self.valid, alignment.cloned()))
     }
 }

@@ -9,7 +9,7 @@ use super::overview::{COARSE_WIDTH, FINE, Guess, Overview, ROUGH, RoughMap, Span
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
 use crate::rig::alignment::Alignment;
-use crate::rig::blur::parts::Means;
+use crate::rig::blur::parts::Runtime;
 use crate::settings::MOST_DISPARITIES;
 
 /// Least mean confidence of a usable match: between those of unrelated images and of true pairs, see [`RoughMap`].
@@ -109,17 +109,17 @@ pub fn range(
     copies: &Overview,
     overview: &Overview,
     map: &RoughMap,
-    means: Means,
+    runtime: Runtime,
 ) -> Result<Option<Found>> {
     let Some((first, last)) = extent(map).filter(|_| map.confidence >= LEAST_CONFIDENCE) else {
         return Ok(None);
     };
 
     let mut copies = copies;
-    let (mut run, mut fine) = refined(copies, overview, map, (first, last), means)?;
+    let (mut run, mut fine) = refined(copies, overview, map, (first, last), runtime)?;
     if fine.confidence < LEAST_FINE && copies.factor < overview.factor {
         copies = overview;
-        (run, fine) = refined(overview, overview, map, (first, last), means)?;
+        (run, fine) = refined(overview, overview, map, (first, last), runtime)?;
     }
 
     let factor = copies.factor as f64;
@@ -130,7 +130,7 @@ pub fn range(
     let mut places = vec![];
     if !identical {
         [low, high] = ends(&fine, run).map(|end| end * factor);
-        places = outside(copies, overview, map, run, means)?;
+        places = outside(copies, overview, map, run, runtime)?;
     }
     for place in &places {
         (low, high) = (low.min(place.low), high.max(place.high));
@@ -152,7 +152,7 @@ fn refined(
     overview: &Overview,
     map: &RoughMap,
     (first, last): Span,
-    means: Means,
+    runtime: Runtime,
 ) -> Result<(Span, RoughMap)> {
     let finer = overview.factor / copies.factor;
     let bands = bands_at_ends(map, (first, last), BAND.div_ceil(finer));
@@ -161,8 +161,8 @@ fn refined(
 
     let by = finer as isize;
     let around = ((first - 1) * by - 1, (last + 2) * by);
-    let bands = copies.bands(&bands, map.field.as_ref(), means.control)?;
-    let fine = bands.matched(around, None, FINE, means)?;
+    let bands = copies.bands(&bands, map.field.as_ref(), runtime.control)?;
+    let fine = bands.matched(around, None, FINE, runtime)?;
 
     // Each end is the outermost of the disparities about it that has enough matches.
     let mut counts = vec![0usize; (around.1 - around.0 + 1) as usize];
@@ -225,11 +225,17 @@ pub fn left_out(
     overview: &Overview,
     map: &RoughMap,
     candidates: Candidates,
-    means: Means,
+    runtime: Runtime,
 ) -> Result<Vec<LeftOut>> {
     let run = overview.span(candidates);
-    let places =
-        places_of(overview, overview.guess(map, overview), run, reach(overview, run), map, means)?;
+    let places = places_of(
+        overview,
+        overview.guess(map, overview),
+        run,
+        reach(overview, run),
+        map,
+        runtime,
+    )?;
     Ok(beyond(places, candidates))
 }
 
@@ -240,7 +246,7 @@ fn outside(
     overview: &Overview,
     map: &RoughMap,
     run: Span,
-    means: Means,
+    runtime: Runtime,
 ) -> Result<Vec<LeftOut>> {
     let mut places = vec![];
     let mut coarser: Option<Overview> = None;
@@ -258,9 +264,9 @@ fn outside(
         } else {
             (lowest, run.1.max(lowest))
         };
-        places.extend(places_of(here, overview.guess(map, here), run, reach, map, means)?);
+        places.extend(places_of(here, overview.guess(map, here), run, reach, map, runtime)?);
 
-        match here.halved(means)? {
+        match here.halved(runtime)? {
             Some(next) => coarser = Some(next),
             None => return Ok(places),
         }
@@ -285,7 +291,7 @@ fn places_of(
     run: Span,
     reach: Span,
     map: &RoughMap,
-    means: Means,
+    runtime: Runtime,
 ) -> Result<Vec<LeftOut>> {
     let place = |area: Area| {
         let is_seen = 10 * area.seen >= 7 * area.size;
@@ -294,7 +300,7 @@ fn places_of(
         (is_seen && is_certain).then(|| LeftOut::new(&area, copies.factor))
     };
 
-    let found = areas(copies, guess, run, reach, map.field.as_ref(), means)?;
+    let found = areas(copies, guess, run, reach, map.field.as_ref(), runtime)?;
     Ok(found.into_iter().filter_map(place).collect())
 }
 
@@ -394,20 +400,20 @@ impl Overview {
         &self,
         candidates: Option<Candidates>,
         field: Option<&Alignment>,
-        means: Means,
+        runtime: Runtime,
     ) -> Result<RoughMap> {
         if let Some(all) = candidates {
-            return self.matched(self.span(all), field, ROUGH, means);
+            return self.matched(self.span(all), field, ROUGH, runtime);
         }
 
         // Coarse to fine: a wide search on few pixels, then a narrow one on more.
-        let coarse = self.reduced(COARSE_WIDTH, means)?;
-        let map = coarse.matched(coarse.widest(), field, ROUGH, means)?;
+        let coarse = self.reduced(COARSE_WIDTH, runtime)?;
+        let map = coarse.matched(coarse.widest(), field, ROUGH, runtime)?;
         // A quarter of the range on either side makes up for what the smaller copies do not show.
         let (low, high) = extent(&map).unwrap_or_else(|| coarse.widest());
         let around = ((high - low) / 4).max(2);
         let finer = (coarse.factor / self.factor) as isize;
-        self.matched(((low - around) * finer, (high + around + 1) * finer), field, ROUGH, means)
+        self.matched(((low - around) * finer, (high + around + 1) * finer), field, ROUGH, runtime)
     }
 }
 

@@ -14,7 +14,7 @@ use crate::cost::candidates::Candidates;
 use crate::error::Result;
 use crate::math;
 use crate::rig::alignment::{Alignment, CUBIC, LINEAR, TERMS, places, terms};
-use crate::rig::blur::parts::{Means, PairRows};
+use crate::rig::blur::parts::{PairRows, Runtime};
 
 /// Number of blocks that are followed.
 const BLOCKS: usize = 400;
@@ -105,10 +105,10 @@ pub fn offsets(
     overview: &Overview,
     rough: &RoughMap,
     candidates: Option<Candidates>,
-    means: Means,
+    runtime: Runtime,
 ) -> Result<FoundRows> {
     let mut map = None;
-    let found = first(rows, overview, rough, &mut map, candidates, means)?;
+    let found = first(rows, overview, rough, &mut map, candidates, runtime)?;
     let Some((mut fit, mut tracks)) = found else {
         return Ok(FoundRows { offsets: None, map });
     };
@@ -130,7 +130,7 @@ pub fn offsets(
         };
         let seeds: Vec<Seed> = tracks.iter().map(seed).collect();
 
-        tracks = follow(rows, overview, &seeds, factor, means)?;
+        tracks = follow(rows, overview, &seeds, factor, runtime)?;
         most = most.max(tracks.len());
         match fitted(&tracks, rows.size(), spacing(overview), factor, most) {
             Some(found) => fit = found,
@@ -154,22 +154,22 @@ fn first(
     rough: &RoughMap,
     map: &mut Option<RoughMap>,
     candidates: Option<Candidates>,
-    means: Means,
+    runtime: Runtime,
 ) -> Result<Option<(RowOffsets, Vec<Track>)>> {
     let (mut field, mut best) = (None, None);
     // A poor match may mean that the rows are far off.
     if rough.confidence < GOOD_CONFIDENCE {
-        field = overview.shift(candidates, rows.size(), means)?;
+        field = overview.shift(candidates, rows.size(), runtime)?;
     }
 
     // A better field gives a better map, which gives more and better blocks.
     for round in 1.. {
         if field.is_some() {
-            *map = Some(overview.rough(candidates, field.as_ref(), means)?);
+            *map = Some(overview.rough(candidates, field.as_ref(), runtime)?);
         }
 
         let seeds = seeds(overview, map.as_ref().unwrap_or(rough), field.as_ref());
-        let tracks = follow(rows, overview, &seeds, overview.factor, means)?;
+        let tracks = follow(rows, overview, &seeds, overview.factor, runtime)?;
         let count = tracks.len();
         let found = fitted(&tracks, rows.size(), spacing(overview), overview.factor, count);
         let Some(found) = found else { break };

@@ -17,7 +17,7 @@ use rayon::prelude::*;
 
 use crate::error::Result;
 use crate::image::plane::Plane;
-use crate::rig::blur::parts::{Means, PairRows, Part, Strips};
+use crate::rig::blur::parts::{PairRows, Part, Runtime, Strips};
 use crate::rig::blur::rough::reduced;
 use crate::rig::estimation::overview::Overview;
 use crate::simd::{Level, Loop};
@@ -70,7 +70,7 @@ pub fn follow(
     overview: &Overview,
     seeds: &[Seed],
     factor: usize,
-    means: Means,
+    runtime: Runtime,
 ) -> Result<Vec<Track>> {
     // Rows of the copy above and below the center that the correlation may read.
     let around = BLOCK / 2 + SEARCH + SMOOTH + 1;
@@ -83,14 +83,14 @@ pub fn follow(
     let strips = Strips { tops: &tops, rows: 2 * around * factor, halo, unit: factor };
 
     let mut found = vec![];
-    rows.visit(strips, means, |part, visited| {
+    rows.visit(strips, runtime, |part, visited| {
         // Seeds are sorted by their top rows, so those of this part are a range.
         let wanted = &tops[visited];
         let first = seeds.partition_point(|seed| top(seed) < wanted[0]);
         let end = seeds.partition_point(|seed| top(seed) <= wanted[wanted.len() - 1]);
 
-        let copies = Copies::new(part, overview, factor, means)?;
-        let here = |seed: &Seed| track(&copies, part, seed, means.how.level);
+        let copies = Copies::new(part, overview, factor, runtime)?;
+        let here = |seed: &Seed| track(&copies, part, seed, runtime.execution.level);
 
         let tracks: Vec<Option<Track>> = seeds[first..end].par_iter().map(here).collect();
         found.extend(tracks.into_iter().flatten());
@@ -114,7 +114,7 @@ impl<'a> Copies<'a> {
         part: &'a Part,
         overview: &'a Overview,
         factor: usize,
-        Means { how, control, .. }: Means,
+        Runtime { execution, control, .. }: Runtime,
     ) -> Result<Self> {
         if factor == overview.factor {
             let planes = overview.planes.each_ref().map(Cow::Borrowed);
@@ -122,11 +122,11 @@ impl<'a> Copies<'a> {
         }
 
         let copy = |side: usize| -> Result<Cow<'a, Plane<f32>>> {
-            let plane = &part.shades[side].plane;
+            let plane = &part.grays[side].plane;
             if factor == 1 {
                 return Ok(Cow::Borrowed(plane));
             }
-            Ok(Cow::Owned(reduced(plane, factor, how.level, control)?))
+            Ok(Cow::Owned(reduced(plane, factor, execution.level, control)?))
         };
 
         let first = (part.first / factor) as isize;

@@ -17,7 +17,7 @@ use crate::pipeline::pair::Pair;
 use crate::pipeline::section::Section;
 use crate::pipeline::source::widened;
 use crate::refinement::flag;
-use crate::rig::blur::parts::{Means, PairRows};
+use crate::rig::blur::parts::{PairRows, Runtime};
 use crate::rig::blur_compensation::BlurCompensation;
 use crate::settings::{Optimizer, Settings};
 
@@ -50,7 +50,7 @@ pub fn confirms(
     estimates: &Estimates,
     known: Option<&BlurCompensation>,
     settings: &Settings,
-    means: Means,
+    runtime: Runtime,
 ) -> Result<bool> {
     let (Some(field), Some(offsets)) = (&estimates.alignment, &estimates.offsets) else {
         return Ok(false);
@@ -59,7 +59,7 @@ pub fn confirms(
     if field.rms() >= LARGE.max(SURE * offsets.error) {
         return Ok(true);
     }
-    let Means { matcher, how, control } = means;
+    let Runtime { matcher, execution, control } = runtime;
 
     let plan = estimates.compensation.as_ref();
     let compensation =
@@ -79,13 +79,13 @@ pub fn confirms(
             .searched(estimates.candidates)
             .with_blur_compensation(compensation);
         let field = field.clone().starting_at_row(outer.start);
-        let straightened = pair.straightened(&field, how.level, control)?;
+        let straightened = pair.straightened(&field, execution.level, control)?;
 
         let wanted = band.start - inner.start..band.end - inner.start;
         let matched = |pair: &Pair| {
             let pair = pair.of_rows(inner.start - outer.start..inner.end - outer.start);
             let section = Section { rows: wanted.clone(), ..Section::whole(&pair) };
-            matcher.match_alone(&pair, &section, &settings, how, &control.aside())
+            matcher.match_alone(&pair, &section, &settings, execution, &control.aside())
         };
 
         // A band is too narrow for several threads.

@@ -97,11 +97,11 @@ impl Contrast {
 
         let (gain, gamma) = fitted(&usable);
 
-        let mut shades: Vec<f32> =
+        let mut grays: Vec<f32> =
             overview.planes[1].as_slice().iter().step_by(EVERY).copied().collect();
         let mut ratio = |tenths: usize| {
-            let at = (shades.len() - 1) * tenths / 10;
-            let shade = *shades.select_nth_unstable_by(at, f32::total_cmp).1;
+            let at = (grays.len() - 1) * tenths / 10;
+            let shade = *grays.select_nth_unstable_by(at, f32::total_cmp).1;
             let gray = scales[1].fraction(shade).clamp(GRAYS[0], GRAYS[1]);
             gain * math::exp((gamma - 1.0) * math::ln(gray))
         };

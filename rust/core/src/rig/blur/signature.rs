@@ -17,14 +17,14 @@ const SMALL: f32 = 0.3;
 
 /// Statistics of the blocks of an estimate, with which those of later pairs are compared.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Glance {
+pub struct BlurSignature {
     /// Places of the blocks.
     pub places: Vec<BlockPlace>,
     /// Logarithm of the quotient of left and right powers, nepers: by part and direction.
     pub excess: Vec<f32>,
 }
 
-impl Glance {
+impl BlurSignature {
     /// The statistics of blocks with these powers, in an image of so many rows and columns.
     pub fn new(places: Vec<BlockPlace>, powers: &[Powers], (rows, cols): (usize, usize)) -> Self {
         // The part of the image that the center of a block lies in.
