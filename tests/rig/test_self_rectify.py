@@ -97,7 +97,8 @@ def find_true_rows(
     # x' = cos u - sin v, so u and then y' = sin u + cos v
     across = (x - truth - middle_x + np.sin(angle) * (y - middle_y)) / np.cos(angle)
     lower: NDArray[np.float64] = np.sin(angle) * across + np.cos(angle) * (y - middle_y)
-    return lower + middle_y - y
+    there: NDArray[np.float64] = lower + middle_y - y
+    return there
 
 
 def test_the_rectified_pair_is_that_of_its_calibration(turned: Pair, found: ps.Result) -> None:
