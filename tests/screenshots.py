@@ -21,7 +21,7 @@ from browser import Browser, running, serving
 from phasestereo.views.page import write_pair_page
 from phasestereo_bench.degradation import Degradation, disk_psf
 from phasestereo_bench.rendering import render_pair
-from phasestereo_live.viewer import Server, Display
+from phasestereo_live.viewer import Display, Server
 
 ROOT = Path(__file__).resolve().parent.parent
 IMAGES = ROOT / "docs" / "images"
