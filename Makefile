@@ -116,7 +116,7 @@ $(VENV)/page: $(CORE)
 $(CORE): $(VENV)/ready pyproject.toml $(RUST)
 	@echo "== Compile the matcher, which takes some minutes"
 	@$(ALONE) '$(BEGUN); env -u CONDA_PREFIX VIRTUAL_ENV="$(CURDIR)/$(VENV)" \
-		$(BIN)/maturin develop --release --locked; $(BIN)/python rust/python/write_settings.py; $(DONE)'
+		$(BIN)/maturin develop --release --locked; $(BIN)/python rust/python/write_settings.py || { rm -f $@; exit 1; }; $(DONE)'
 
 $(C_LIBRARY): $(RUST)
 	mkdir -p $(@D)
