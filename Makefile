@@ -24,7 +24,7 @@ demo: $(VENV)/harness ## Render a pair, spoil one image, match it, print the sco
 	@echo "== Match a rendered pair"
 	$(BIN)/phasestereo demo --output demo
 
-test: $(VENV)/counterparts ## Build and run all the tests on every core, about 9 minutes on two (PHASESTEREO_DATA: the real pairs, default ../shared)
+test: $(VENV)/counterparts ## Build and run all the tests on every core; on two 20 minutes the first time, then 7 (PHASESTEREO_DATA: the real pairs, default ../shared)
 	CARGO_PROFILE_TEST_OPT_LEVEL=0 cargo test --locked --lib
 	cargo test --locked --test '*'
 	cargo test --locked --doc
@@ -116,7 +116,7 @@ $(VENV)/page: $(CORE)
 $(CORE): $(VENV)/ready pyproject.toml $(RUST)
 	@echo "== Compile the matcher, which takes some minutes"
 	@$(ALONE) '$(BEGUN); env -u CONDA_PREFIX VIRTUAL_ENV="$(CURDIR)/$(VENV)" \
-		$(BIN)/maturin develop --release --locked; $(BIN)/python rust/python/write_settings.py; $(DONE)'
+		$(BIN)/maturin develop --release --locked; $(BIN)/python rust/python/write_settings.py || { rm -f $@; exit 1; }; $(DONE)'
 
 $(C_LIBRARY): $(RUST)
 	mkdir -p $(@D)

@@ -48,7 +48,7 @@ class Browser:
         """Open a page at this size and in this theme, and wait until its scripts are done."""
         self.visit(page.absolute().as_uri(), width=width, height=height, dark=dark)
         if self.run("return document.getElementById('page') !== null"):
-            self.wait("document.documentElement.dataset.ready === 'yes'")
+            self.wait("document.documentElement?.dataset.ready === 'yes'")
 
     def visit(
         self, address: str, *, width: int = 1280, height: int = 900, dark: bool = False

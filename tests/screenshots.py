@@ -89,7 +89,7 @@ def take_live_page(browser: Browser) -> None:
 
     with Server(show) as server:
         browser.visit(server.address, width=1280, height=960)
-        browser.wait("document.documentElement.dataset.ready === 'yes'")
+        browser.wait("document.documentElement?.dataset.ready === 'yes'")
         browser.run("point(330, 250)")
         save(browser, "live-page")
         show.close()

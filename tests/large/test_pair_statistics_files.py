@@ -113,7 +113,9 @@ def changed(value: Any, place: tuple[Any, ...], new: Any) -> Any:
     return copy
 
 
-@pytest.mark.parametrize("options", [{}, {"blur_compensation": VERSIONS}, {"preset": "fast"}])
+@pytest.mark.parametrize(
+    "options", [{}, {"known": ps.Known(blur_compensation=VERSIONS)}, {"preset": "fast"}]
+)
 def test_a_value_of_another_type_is_refused_with_its_name(
     path: Path, options: dict[str, Any]
 ) -> None:

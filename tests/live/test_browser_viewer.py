@@ -32,7 +32,8 @@ def show(tmp_path: Path) -> Display:
 def look(browser: Browser, server: Server, width: int = 1440, *, dark: bool = False) -> None:
     browser.visit("about:blank")  # an earlier page may still ask its server, which has gone
     browser.visit(server.address, width=width, height=900 if width > 800 else 844, dark=dark)
-    browser.wait("document.documentElement.dataset.ready === 'yes'")
+    # On the way from the link to the page there is no element for a moment.
+    browser.wait("document.documentElement?.dataset.ready === 'yes'")
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])

@@ -9,7 +9,7 @@ use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::view::{Image, View};
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::{Execution, Matcher};
-use phasestereo::internals::rig::estimation::Runtime;
+use phasestereo::internals::pipeline::runtime::Runtime;
 use phasestereo::internals::rig::estimation::areas::{Area, areas};
 use phasestereo::internals::rig::estimation::overview::{Guess, Overview};
 use phasestereo::internals::settings::Settings;

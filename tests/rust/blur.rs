@@ -11,8 +11,8 @@ use phasestereo::internals::math;
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::{Execution, Matcher};
 use phasestereo::internals::pipeline::pair::Pair;
+use phasestereo::internals::pipeline::runtime::Runtime;
 use phasestereo::internals::rig::blur::{BlurSignature, Estimate, Side, is_as_before};
-use phasestereo::internals::rig::estimation::Runtime;
 use phasestereo::internals::rig::psf::{Family, Psf, Taps, path};
 use phasestereo::internals::simd::Level;
 

@@ -9,12 +9,11 @@ use phasestereo::internals::image::view::{Image, Mask, View};
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::{Execution, Matcher};
 use phasestereo::internals::pipeline::pair::Pair;
+use phasestereo::internals::pipeline::runtime::Runtime;
 use phasestereo::internals::pipeline::source::ranges;
 use phasestereo::internals::rig::alignment::Alignment;
 use phasestereo::internals::rig::alignment::straighten::straightened;
-use phasestereo::internals::rig::estimation::{
-    Estimates, Known, Runtime, prepare, prepare_by_rows,
-};
+use phasestereo::internals::rig::estimation::{Estimates, Known, prepare, prepare_by_rows};
 use phasestereo::internals::settings::presets::Preset;
 use phasestereo::internals::settings::{Optimizer, Settings};
 use phasestereo::internals::simd::Level;

@@ -5,29 +5,25 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-
-from phasestereo._extras import require
+from typing import Any
 
 
 @contextmanager
-def locked(path: Path, extra: str) -> Iterator[None]:
+def locked(path: Path, filelock: Any) -> Iterator[None]:
     """Hold a lock, which the system frees when the process ends, however it does.
 
     Parameters
     ----------
     path
         Its file; the folder is made if it is not there.
-    extra
-        The extra that brings filelock.
+    filelock
+        The module of this name, which the caller's extra brings.
 
     Raises
     ------
     OSError
         If another run holds it, or the folder cannot be made.
-    ImportError
-        If filelock is not installed.
     """
-    filelock = require("filelock", extra=extra)
     while True:
         path.parent.mkdir(exist_ok=True)
         lock = filelock.FileLock(path)

@@ -8,6 +8,7 @@ pub mod matcher;
 pub mod memory;
 pub mod pair;
 pub mod platform;
+pub mod runtime;
 pub mod section;
 pub mod source;
 pub mod summary;

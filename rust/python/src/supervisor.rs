@@ -12,7 +12,7 @@ use crate::workers::Pool;
 
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::{Execution, Matcher};
-use phasestereo::internals::rig::estimation::Runtime;
+use phasestereo::internals::pipeline::runtime::Runtime;
 use phasestereo::internals::simd::Level;
 
 /// How often a running call checks for Ctrl-C and reports its progress.

@@ -10,8 +10,8 @@ use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::pipeline::matcher::Disparity;
 use phasestereo::internals::pipeline::pair::Pair;
 use phasestereo::internals::pipeline::platform::Instant;
+use phasestereo::internals::pipeline::runtime::Runtime;
 use phasestereo::internals::pipeline::temporal::TemporalFilter as Filter;
-use phasestereo::internals::rig::estimation::Runtime;
 use phasestereo::internals::settings::Settings;
 
 /// A filter that a running call and Python both hold.

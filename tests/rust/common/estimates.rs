@@ -4,9 +4,10 @@ use phasestereo::internals::error::Result;
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::{Execution, Matcher};
 use phasestereo::internals::pipeline::pair::Pair;
+use phasestereo::internals::pipeline::runtime::Runtime;
 use phasestereo::internals::pipeline::source::Source;
 use phasestereo::internals::rig::blur::Estimate;
-use phasestereo::internals::rig::estimation::{Known, Runtime, prepare, prepare_by_rows};
+use phasestereo::internals::rig::estimation::{Known, prepare, prepare_by_rows};
 use phasestereo::internals::settings::Settings;
 use phasestereo::internals::settings::presets::Preset;
 

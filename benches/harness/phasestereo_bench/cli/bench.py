@@ -7,6 +7,7 @@ from cyclopts import App, Parameter
 from phasestereo_bench.cli import (
     bench_all,
     bench_blur,
+    bench_choices,
     bench_confidence,
     bench_middlebury,
     bench_paper,
@@ -29,7 +30,7 @@ app = App(
 app.command(bench_paper.paper)
 app.command(bench_middlebury.middlebury)
 app.command(bench_blur.blur)
-app.command(bench_middlebury.choices)
+app.command(bench_choices.choices)
 app.command(bench_confidence.confidence)
 app.command(bench_range.range_, name="range")
 app.command(bench_recordings.recordings)

@@ -1,4 +1,4 @@
-"""``phasestereo bench middlebury``, ``choices``: methods x scenes x degradations -> a table."""
+"""``phasestereo bench middlebury``: methods x scenes x degradations -> a table."""
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
@@ -16,11 +16,10 @@ from phasestereo.cli.terminal import printable, say
 from phasestereo_bench.cases import SUITES
 from phasestereo_bench.cli.bench_runs import prepare, run_cells
 from phasestereo_bench.cli.bench_scenes import SceneChoice
-from phasestereo_bench.cli.bench_tables import costs_table, filled, means_tables, name_of
+from phasestereo_bench.cli.bench_tables import costs_table, means_tables, name_of
 from phasestereo_bench.methods import present
 from phasestereo_bench.middlebury import default_methods, middlebury_jobs
 from phasestereo_bench.rigs import QUICK_SCENES
-from phasestereo_bench.tables.ours import choice_jobs, choice_table
 
 _OPTIONS = {"suite", "degradation", "side", "method", "hitnet", "scene"}
 _SEVERAL = Parameter(consume_multiple=True, show_default=False)
@@ -115,47 +114,6 @@ def middlebury(
     failed = [record for record in records if record["status"] != "ok"]
     if failed:
         raise CommandError(_failure(failed, len(records)))
-
-
-def choices(
-    *folders: Path,
-    choice: Annotated[SceneChoice, Parameter(name="*")] = _ALL,
-    output: Annotated[Path, Parameter(alias="-o")] = Path("choices.jsonl"),
-    workers: Annotated[int | None, Parameter(validator=_COUNT)] = None,
-    fresh: Annotated[bool, Parameter(negative=(), show_default=False)] = False,
-) -> None:
-    """Measure what the presets' settings are worth: one of them changed at a time.
-
-    Pairs are sharp, with one image blurred, and with both noisy or compressed. Prints the share of
-    the non-occluded pixels that are more than 1 px off, means over the scenes. A run that was
-    interrupted goes on where it stopped when the same command is given again. For example:
-
-    ```
-    phasestereo bench choices ~/middlebury --scene tsukuba cones Aloe
-    ```
-
-    Parameters
-    ----------
-    folders
-        Official folder trees: folders that hold scenes2001, MiddEval3 and so on.
-    output
-        File for the records.
-    workers
-        Number of processes, each on one thread; without it, as many as there are processors. 0
-        runs everything in one process.
-    fresh
-        Begin anew: rename an existing file of records, and run every cell.
-    """
-    with refusals(options={"scene"}):
-        scenes, _ = choice.select(folders, "one-sided-blur")
-        jobs = choice_jobs(scenes)
-        prepare(output, jobs, cells="cells", fresh=fresh)
-        records = run_cells(jobs, output, workers=workers, title="Matching", cells="cells")
-
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
-    console.print(filled(f"More than 1 px off, %, {len(scenes)} scenes", choice_table(records)))
-    if any(record["status"] != "ok" for record in records):
-        raise CommandError(f"cells failed: the reasons are in {output}")
 
 
 def rivals(hitnet: Path | None, others: Sequence[str] = ()) -> list[str]:

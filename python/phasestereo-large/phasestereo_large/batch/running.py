@@ -12,6 +12,7 @@ from pathlib import Path
 from time import monotonic
 from typing import Any
 
+from phasestereo._extras import require
 from phasestereo._numbers import as_integer, as_number
 from phasestereo.io.drafts import remove_abandoned
 from phasestereo.io.files import StrPath
@@ -182,7 +183,7 @@ def run(
     )
 
     # Workers are started, or connected to, only if a pair is to be matched.
-    with locked(target / _LOCK, "batch"):
+    with locked(target / _LOCK, require("filelock", extra="batch")):
         remove_abandoned(target)
         work = _Run(listed, order, retries, progress, on_failure)
         work.run(

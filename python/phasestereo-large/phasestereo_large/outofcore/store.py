@@ -24,6 +24,7 @@ from typing import Any, BinaryIO, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from phasestereo._extras import require
 from phasestereo.io.drafts import DRAFTS, publish
 from phasestereo_large import bands
 from phasestereo_large.locks import locked
@@ -314,7 +315,7 @@ def _alone(folder: Path) -> Iterator[None]:
     """Keep other runs from a folder, and remove it if no run is to be gone on from."""
     is_ours = False
     try:
-        with locked(folder / _LOCK, "large"):
+        with locked(folder / _LOCK, require("filelock", extra="large")):
             is_ours = True
             yield
     finally:

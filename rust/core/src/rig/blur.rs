@@ -41,7 +41,7 @@ use self::bins::{SIDE, bins};
 use self::defects::Defects;
 use self::fit::{BlurEvidence, Fit, Response};
 use self::measured::{add_cross_spectra, measured};
-use self::parts::{PairRows, Part, ROUGHEST, Runtime, blocks};
+use self::parts::{PairRows, Part, ROUGHEST, blocks};
 use self::refine::refine;
 use self::regions::{Losses, MOST, first};
 use self::rough::{Correspondence, RoughMatch, RoughScale, grays_per_unit};
@@ -52,6 +52,7 @@ use self::spectrum::{Cross, Powers, powers, response};
 use self::two_sided::{TwoSided, find_two_sided};
 use crate::error::Result;
 use crate::pipeline::pair::Pair;
+use crate::pipeline::runtime::Runtime;
 use crate::rig::psf::{Psf, Taps};
 use crate::simd::Level;
 

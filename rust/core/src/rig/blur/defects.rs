@@ -6,7 +6,6 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::parts::Runtime;
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
 use crate::image::blocking::{self, Extra};
@@ -16,6 +15,7 @@ use crate::image::masking;
 use crate::image::plane::Plane;
 use crate::image::view::{Image, View};
 use crate::pipeline::pair::Pair;
+use crate::pipeline::runtime::Runtime;
 use crate::pipeline::source::{Source, bands, has_empty_row, widened};
 
 /// The noise, in gray levels, that does as much harm as the loss of compression where blocks stand out by one level.

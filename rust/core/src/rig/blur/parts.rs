@@ -7,9 +7,8 @@ use super::bins::SIDE;
 use super::rough::{Correspondence, GrayPlane, RoughMatch, RoughScale};
 use super::spectrum::BlockPlace;
 use crate::error::Result;
-use crate::pipeline::control::Control;
-use crate::pipeline::matcher::{Execution, Matcher};
 use crate::pipeline::pair::Pair;
+use crate::pipeline::runtime::Runtime;
 use crate::pipeline::source::{Source, widened};
 
 /// Rows above and below a block on which its rough disparities depend: those of windows and neighborhoods of the
@@ -26,17 +25,6 @@ pub struct Part<'a> {
     pub pair: Cow<'a, Pair>,
     /// Gray values of both images.
     pub grays: [GrayPlane; 2],
-}
-
-/// How an estimation is carried out.
-#[derive(Clone, Copy)]
-pub struct Runtime<'a> {
-    /// The matcher for rough matches, on whose threads all work is done.
-    pub matcher: &'a Matcher,
-    /// Threads and instructions.
-    pub execution: Execution,
-    /// Cancellation.
-    pub control: &'a Control,
 }
 
 /// All rows of a pair.

@@ -8,8 +8,8 @@ use super::areas::{Area, areas};
 use super::overview::{COARSE_WIDTH, FINE, Guess, Overview, ROUGH, RoughMap, Span};
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
+use crate::pipeline::runtime::Runtime;
 use crate::rig::alignment::Alignment;
-use crate::rig::blur::parts::Runtime;
 use crate::settings::MOST_DISPARITIES;
 
 /// Least mean confidence of a usable match: between those of unrelated images and of true pairs, see [`RoughMap`].

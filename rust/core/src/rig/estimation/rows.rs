@@ -13,8 +13,9 @@ use super::tracks::{BLOCK, Seed, Track, follow};
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
 use crate::math;
+use crate::pipeline::runtime::Runtime;
 use crate::rig::alignment::{Alignment, CUBIC, LINEAR, TERMS, places, terms};
-use crate::rig::blur::parts::{PairRows, Runtime};
+use crate::rig::blur::parts::PairRows;
 
 /// Number of blocks that are followed.
 const BLOCKS: usize = 400;

@@ -17,7 +17,8 @@ use rayon::prelude::*;
 
 use crate::error::Result;
 use crate::image::plane::Plane;
-use crate::rig::blur::parts::{PairRows, Part, Runtime, Strips};
+use crate::pipeline::runtime::Runtime;
+use crate::rig::blur::parts::{PairRows, Part, Strips};
 use crate::rig::blur::rough::reduced;
 use crate::rig::estimation::overview::Overview;
 use crate::simd::{Level, Loop};

@@ -14,10 +14,11 @@ use crate::error::Result;
 use crate::pipeline::halo::Halo;
 use crate::pipeline::matcher::Disparity;
 use crate::pipeline::pair::Pair;
+use crate::pipeline::runtime::Runtime;
 use crate::pipeline::section::Section;
 use crate::pipeline::source::widened;
 use crate::refinement::flag;
-use crate::rig::blur::parts::{PairRows, Runtime};
+use crate::rig::blur::parts::PairRows;
 use crate::rig::blur_compensation::BlurCompensation;
 use crate::settings::{Optimizer, Settings};
 
