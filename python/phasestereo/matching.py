@@ -236,8 +236,10 @@ def match_silently(
     progress: Progress | None,
     known: Known | None = None,
     temporal_filter: TemporalFilter | None = None,
+    rig: _core.Rig | None = None,
+    reestimate: int = 1,
 ) -> Result:
-    """Match as `match` and `Matcher.match` do, without a warning."""
+    """Match as `match` and `Matcher.match` do, without a warning; with a rig, its next frame."""
     if progress is not None and not callable(progress):
         raise TypeError(f"progress: got {type(progress).__name__}; accepts a callable or None")
 
@@ -255,5 +257,7 @@ def match_silently(
         progress,
         as_known(known),
         as_core_filter(temporal_filter),
+        rig,
+        reestimate,
     )
     return replace(result, pair=arrays)

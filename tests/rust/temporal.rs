@@ -68,7 +68,9 @@ fn sequence((rows, cols): (usize, usize), kind: u8, seed: u64) -> Vec<Frame> {
 
     let pixel = |time: u64, salt: u64, (y, x, c): (usize, usize, usize)| {
         let tile = hash(state(time, salt, y, x).unwrap_or(99), y / 6, x / 6) % 160;
-        20 + tile + hash(seed ^ salt ^ (time + 1) << 16, y, 3 * x + c) % 8
+        let gray = 20 + tile + hash(seed ^ salt ^ (time + 1) << 16, y, 3 * x + c) % 8;
+        // Some frames are exposed longer.
+        gray * [100, 100, 100, 140, 100, 70][(time as usize) % 6] / 100
     };
 
     let image = |time: u64, salt: u64| {
@@ -144,11 +146,23 @@ impl NaiveView {
         let (image_rows, image_cols, gray) = (rows, cols, |y, x| gray(STEP * y, STEP * x));
         let (rows, cols) = (rows.div_ceil(STEP), cols.div_ceil(STEP));
 
+        let places = (0..rows * cols).map(|index| (index / cols, index % cols));
+        let sampled = places.filter(|(y, x)| y % 4 == 0 && x % 4 == 0);
+        let quotient = |(y, x): (usize, usize)| {
+            let (now, (mean, count)) = (gray(y, x), before[y * cols + x]);
+            let is_clear = |value: f32| (24.0..250.0).contains(&value);
+            (count > 0 && is_clear(now) && is_clear(mean)).then(|| now / mean)
+        };
+        let gain = gain(sampled.filter_map(quotient).collect());
+
         let excess = |y: isize, x: isize| {
             let inside = (0..rows as isize).contains(&y) && (0..cols as isize).contains(&x);
             let Some((y, x)) = inside.then_some((y as usize, x as usize)) else { return 0.0 };
             let (mean, count) = before[y * cols + x];
-            let difference = gray(y, x) - mean;
+            let (now, then) = (gray(y, x), gain * mean);
+            // The brighter of both may have been brighter than white.
+            let is_white = if now > then { mean >= 250.0 } else { now >= 250.0 };
+            let difference = if is_white { 0.0 } else { now - then };
             if count == 0 || gray(y, x).is_nan() {
                 return 0.0;
             }
@@ -169,7 +183,8 @@ impl NaiveView {
                 (false, true) => ((new, 1), true),
                 (false, false) => {
                     let count = FRAMES.min(count + 1);
-                    ((mean + (new - mean) / f32::from(count), count), false)
+                    let then = gain * mean;
+                    ((then + (new - then) / f32::from(count), count), false)
                 }
             }
         };
@@ -177,6 +192,18 @@ impl NaiveView {
         self.before = now;
         let pixels = (0..image_rows).flat_map(|y| (0..image_cols).map(move |x| (y, x)));
         pixels.map(|(y, x)| changed[y / STEP * cols + x / STEP]).collect()
+    }
+}
+
+/// The reference implementation of the change of the exposure.
+fn gain(mut quotients: Vec<f32>) -> f32 {
+    quotients.sort_by(f32::total_cmp);
+    let quarter = |number: usize| quotients[quotients.len() * number / 4];
+    match quotients.len() {
+        0..64 => 1.0,
+        _ if quarter(3) - quarter(1) > 0.15 * quarter(2) => 1.0,
+        _ if (quarter(2) - 1.0).abs() < 0.01 => 1.0,
+        _ => quarter(2),
     }
 }
 

@@ -80,7 +80,7 @@ def pair_statistics(
     TypeError, ValueError, MemoryError, KeyboardInterrupt
         As `phasestereo.match`.
     """
-    told = as_known(known, unused=("before",))
+    told = as_known(known)
 
     # Parts are matched at one scale: they do not know what smaller copies of the whole pair say.
     asked = replace(resolve(preset, settings, overrides), scales=False)

@@ -242,14 +242,8 @@ fn fitted(
         return None;
     }
 
-    // Fields are functions of places from -1 to 1 of the right image.
-    let fraction = |at: f64, length: usize| (at + 0.5) / (length as f64 / 2.0) - 1.0;
-    let point = |Track { place, weight }: &Track| Point {
-        terms: terms(fraction(place.x + place.dx, cols), fraction(place.y, rows)),
-        value: place.dy,
-        weight: *weight,
-    };
-    let points: Vec<Point> = tracks.iter().map(point).collect();
+    let points: Vec<Point> =
+        tracks.iter().map(|track| Point::of_track(track, (rows, cols))).collect();
 
     let mut fit = robust(&points, LINEAR)?;
     // Overlapping blocks do not err independently, so there are fewer independent points than blocks.
@@ -269,8 +263,8 @@ fn fitted(
     }
 
     let residual = |(track, point): (&Track, &Point)| {
-        let field: f64 = fit.coefficients.iter().zip(point.terms).map(|(a, b)| a * b).sum();
-        (((track.place.y + 0.5) / rows as f64 * BANDS as f64) as usize, point.value - field)
+        let band = ((track.place.y + 0.5) / rows as f64 * BANDS as f64) as usize;
+        (band, point.residual(&fit.coefficients))
     };
     let residuals: Vec<(usize, f64)> = tracks.iter().zip(&points).map(residual).collect();
 
@@ -313,20 +307,43 @@ fn wobble(residuals: &[(usize, f64)]) -> f64 {
     (common.iter().map(|value| value * value).sum::<f64>() / common.len() as f64).sqrt()
 }
 
-/// One equation of the fit.
-struct Point {
-    terms: [f64; TERMS],
-    value: f64,
-    weight: f64,
+/// One equation of a fit.
+#[derive(Debug, Clone, Copy)]
+pub struct Point {
+    /// What the coefficients are multiplied by.
+    pub terms: [f64; TERMS],
+    /// What the sum of these should be, pixels.
+    pub value: f64,
+    /// Inverse variance of the value, of arbitrary scale.
+    pub weight: f64,
+}
+
+impl Point {
+    /// The equation of a block in images of so many rows and columns.
+    pub fn of_track(Track { place, weight }: &Track, (rows, cols): (usize, usize)) -> Self {
+        // Fields are functions of places from -1 to 1 of the right image.
+        let fraction = |at: f64, length: usize| (at + 0.5) / (length as f64 / 2.0) - 1.0;
+        Self {
+            terms: terms(fraction(place.x + place.dx, cols), fraction(place.y, rows)),
+            value: place.dy,
+            weight: *weight,
+        }
+    }
+
+    /// The value less that of a field with these coefficients.
+    pub fn residual(&self, coefficients: &[f64; TERMS]) -> f64 {
+        self.value - coefficients.iter().zip(self.terms).map(|(a, b)| a * b).sum::<f64>()
+    }
 }
 
 /// The result of a robust fit.
-struct RobustFit {
-    coefficients: [f64; TERMS],
+pub struct RobustFit {
+    /// Of the terms of a field.
+    pub coefficients: [f64; TERMS],
     /// Robust standard deviation of the residuals, pixels.
-    spread: f64,
+    pub spread: f64,
     /// Number of points with any weight.
-    agreeing: usize,
+    pub agreeing: usize,
     /// Mean over the image of the variance of the field, for residuals of variance 1.
     mean_variance: f64,
 }
@@ -334,7 +351,7 @@ struct RobustFit {
 impl RobustFit {
     /// Standard error of the field, root mean square over the image; `excess` is the ratio of its variance to that for
     /// independent points.
-    fn error(&self, excess: f64) -> f64 {
+    pub fn error(&self, excess: f64) -> f64 {
         self.spread * (excess * self.mean_variance).sqrt()
     }
 
@@ -351,7 +368,7 @@ impl RobustFit {
 }
 
 /// Fits the first `count` terms by iteratively reweighted least squares; `None` where they are not determined.
-fn robust(points: &[Point], count: usize) -> Option<RobustFit> {
+pub fn robust(points: &[Point], count: usize) -> Option<RobustFit> {
     let mut weights: Vec<f64> = points.iter().map(|point| point.weight).collect();
     let mut coefficients = [0.0; TERMS];
     let mut spread = 0.0;
@@ -384,7 +401,8 @@ fn robust(points: &[Point], count: usize) -> Option<RobustFit> {
     Some(RobustFit { coefficients, spread, agreeing, mean_variance })
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
+/// The middle one of some values.
+pub fn median(mut values: Vec<f64>) -> f64 {
     let middle = values.len() / 2;
     *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }
