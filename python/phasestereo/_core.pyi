@@ -43,6 +43,7 @@ __all__ = [
     "descriptor",
     "estimate_pair",
     "estimate_pair_by_rows",
+    "find_cameras",
     "find_roughness",
     "find_scale",
     "halo",
@@ -122,6 +123,11 @@ class Workers:
 def check_settings(settings: Settings) -> None: ...
 def check_noise(noise: Noise) -> None: ...
 def check_blur_compensation(compensation: BlurCompensation | None) -> None: ...
+def find_cameras(
+    images: tuple[Pixels, Pixels],
+    masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
+    threads: int | Workers | None,
+) -> dict[str, NDArray[np.float64]]: ...
 def estimate_pair(
     images: tuple[Pixels, Pixels],
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],

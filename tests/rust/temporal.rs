@@ -233,6 +233,24 @@ fn noise((rows, cols): (usize, usize), gray: impl Fn(usize, usize) -> f32) -> f3
     quiet.map_or(least, |square| (square * BLOCK_FACTOR).clamp(least, most))
 }
 
+/// The reference implementation: whether the block of a pixel has moved.
+fn has_moved(maps: [&Plane<f32>; 2], support: &Plane<u8>, (y, x): (usize, usize)) -> bool {
+    let mut differences = vec![];
+    for row in (0..support.rows()).filter(|row| row / 32 == y / 32 && row % 4 == 0) {
+        for col in (0..support.cols()).filter(|col| col / 32 == x / 32 && col % 4 == 0) {
+            let by = maps[0].row(row)[col] - maps[1].row(row)[col];
+            if support.row(row)[col] > 0 && !by.is_nan() {
+                differences.push(by);
+            }
+        }
+    }
+    let share = |sign: f32| {
+        let moved = differences.iter().filter(|by| **by * sign > 0.25 && **by * sign <= 2.0);
+        moved.count() as f64 / differences.len() as f64
+    };
+    differences.len() >= 16 && share(1.0).max(share(-1.0)) > 2.0 / 3.0
+}
+
 /// The reference implementation: a sequence.
 fn expected(frames: &[Frame]) -> Vec<Seen> {
     let mut views = [NaiveView::default(), NaiveView::default()];
@@ -254,6 +272,9 @@ fn expected(frames: &[Frame]) -> Vec<Seen> {
                     !is_inside || !changed[1][y * cols + place as usize]
                 };
                 if changed[0][y * cols + x] || !seen(new) || !seen(was) {
+                    continue;
+                }
+                if has_moved([&frame.map.disparity, &old.disparity], &frames, (y, x)) {
                     continue;
                 }
                 if new.is_nan() && was.is_nan() {
@@ -315,15 +336,17 @@ fn the_result_does_not_depend_on_threads_and_large_images_are_sampled() {
     assert_eq!(one, on(3));
 }
 
-/// A frame of a scene whose pixels are a little off by `noise`, with one disparity everywhere.
+/// A frame of a scene whose pixels are a little off by `noise`, with one disparity in every other four rows, the middle ones
+/// too, and 4 in those between.
 fn still(shift: usize, noise: u64, disparity: f32, size: (usize, usize)) -> Frame {
     let pixel = |seed, y, x| {
         let scene = hash(7, y / 9, (x + shift) / 9) % 180;
         (20 + scene + hash(noise ^ seed, y, x) % 5) as u8
     };
     let camera = |seed| view(size.0, size.1, |y, x| pixel(seed, y, x));
-    let flags = Plane::from_fn(size.0, size.1, |_, _| disparity as u16);
-    let found = Plane::from_fn(size.0, size.1, |_, _| disparity);
+    let at = |y: usize| if y / 4 % 2 == 1 { disparity } else { 4.0 };
+    let flags = Plane::from_fn(size.0, size.1, |y, _| at(y) as u16);
+    let found = Plane::from_fn(size.0, size.1, |y, _| at(y));
     let pair = Pair::new(camera(1 << 40), camera(2 << 40), 0, 16).expect("a legal pair");
     Frame { pair, map: map(found, flags, None) }
 }
@@ -353,6 +376,34 @@ fn a_majority_of_other_disparities_takes_over() {
     let frames = (1..).zip(drawn).map(|(time, drawn)| still(0, time, drawn, SIZE));
     let found = in_the_middle(&frames.collect::<Vec<_>>());
     assert_eq!(found, [(4.0, 4, 1), (4.0, 4, 2), (4.0, 4, 1), (9.0, 9, 1), (9.0, 9, 2)]);
+}
+
+#[test]
+fn what_moves_together_begins_anew() {
+    let frame = |time: u64| {
+        let mut frame = still(0, time, 4.0, SIZE);
+        let disparity = 4.0 + 0.5 * time as f32;
+        frame.map.disparity = Plane::from_fn(SIZE.0, SIZE.1, |_, _| disparity);
+        frame
+    };
+    let found = in_the_middle(&(1..4).map(frame).collect::<Vec<_>>());
+    assert_eq!(found, [(4.5, 4, 1), (5.0, 4, 1), (5.5, 4, 1)]);
+}
+
+#[test]
+fn another_exposure_is_no_change() {
+    let exposed = |time: u64, percent: u32| {
+        let frame = still(0, time, 4.0, (80, 90));
+        let views = frame.pair.views().map(|view| {
+            let Image::U8(pixels) = &view.image else { unreachable!("bytes") };
+            let pixels = pixels.mapv(|value| (u32::from(value) * percent / 100).min(255) as u8);
+            View { image: Image::U8(pixels), ..view.clone() }
+        });
+        Frame { pair: frame.pair.with_views(views), ..frame }
+    };
+    let found = filtered(&[exposed(1, 100), exposed(2, 130), exposed(3, 60)], Level::best());
+    let steady = found[2].3.iter().filter(|count| **count == 3).count();
+    assert!(steady * 100 > 95 * found[2].3.len(), "{steady}");
 }
 
 #[test]

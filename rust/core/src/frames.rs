@@ -35,7 +35,7 @@ use crate::rig::estimation::tracks::{AROUND, follow_here};
 use crate::rig::estimation::{Estimates, Known, Prepared, estimated, prepared};
 use crate::rig::state::events::Subject;
 use crate::rig::state::field::{Innovation, seeds};
-use crate::rig::state::{Geometry, Look, Rig};
+use crate::rig::state::{Geometry, Look, Raw, Rig};
 use crate::scales::match_over_scales;
 use crate::settings::Settings;
 use crate::whole::{Matched, prepare_and_match, resampled};
@@ -114,10 +114,10 @@ impl Rig {
 
         let estimates = &matched.prepared.estimates;
         let said = findings::of_match(estimates, &summary, size);
-        if said.iter().any(|one| one.topic.is_decisive()) {
-            self.settle(None, f64::NAN);
-        } else {
-            let raw = matched.rectified.as_ref().map(|rectified| Arc::clone(&rectified.raw));
+        let is_trusted = !said.iter().any(|one| one.topic.is_decisive());
+        let raw = matched.rectified.as_ref().map(|rectified| Arc::clone(&rectified.raw));
+        // Cameras that rectify a pair count even where noise spoils its match.
+        if is_trusted || raw.is_some() {
             if let Some(raw) = &raw {
                 let rows = raw.rectification.rms;
                 let sentence =
@@ -126,9 +126,11 @@ impl Rig {
             }
 
             self.geometry = Some(Geometry::new(size, estimates, raw));
-            self.remember(estimates, way.settings);
-            self.settle(estimates.blur.as_ref(), summary.wrong);
         }
+        if is_trusted {
+            self.remember(estimates, way.settings);
+        }
+        self.settle(estimates.blur.as_ref().filter(|_| is_trusted), summary.wrong);
 
         let filter = filter.filter(|_| matched.rectified.is_none());
         let Matched { map, prepared, .. } = &mut matched;
@@ -391,8 +393,7 @@ impl Followed<'_, '_> {
     /// Opens the field where rows have moved, and takes them in.
     fn reopen(&mut self, geometry: &mut Geometry, shot: &Shot) {
         let Some(found) = &shot.innovation else { return };
-        geometry.field.open();
-        geometry.field.update(found);
+        geometry.field.reopen(found);
         geometry.straighten_at_once();
         let sentence = format!("rows moved by {:.2} px rms", found.moved);
         self.rig.events.push(Subject::Rows, self.rig.frames, sentence);
@@ -400,31 +401,50 @@ impl Followed<'_, '_> {
 
     /// Estimates all anew; `None`: that matches no better than so much wrong.
     fn anew(&mut self, geometry: &Geometry, wrong: f64) -> Result<Option<(Geometry, Shot)>> {
-        let Way { known, settings, .. } = self.way;
-        let (wait, now) = (self.rig.doubt.0, self.rig.frames);
-        let pair = match &geometry.cameras {
-            Some(raw) => {
-                let Runtime { matcher, control, .. } = self.runtime;
-                matcher.install(|| resampled(self.pair, &raw.places, control))?
-            }
-            None => self.pair.clone(),
+        let now = self.rig.frames;
+        let is_better = |(_, shot): &(Geometry, Shot)| shot.summary.wrong + WORSE / 2.0 < wrong;
+
+        // Cameras that were turned a little are still about those that are known.
+        let rectified = geometry.cameras.as_ref().map(|raw| self.rectified_anew(geometry, raw));
+        let found = match rectified.transpose()?.filter(is_better) {
+            Some(found) => Some(found),
+            None => Some(self.whole_anew(geometry)?).filter(is_better),
         };
 
-        let (pair, estimates) = estimated(pair, known, settings, self.runtime)?;
-        let found = Geometry::new(geometry.size, &estimates, geometry.cameras.clone());
-        let shot = self.matched(pair, estimates, known.clone(), settings)?;
-
-        if shot.summary.wrong + WORSE / 2.0 > wrong {
+        if found.is_some() {
+            self.rig.doubt = (0, now);
+            let sentence = "rows and range were estimated anew, since much was wrong";
+            self.rig.events.push(Subject::Rows, now, sentence);
+        } else {
             // It may be night, or dirt: asked again and again, it would cost as much as the matches.
-            let wait = (2 * wait + 1).min(LONGEST);
+            let wait = (2 * self.rig.doubt.0 + 1).min(LONGEST);
             self.rig.doubt = (wait, now + wait);
-            return Ok(None);
         }
+        Ok(found)
+    }
 
-        self.rig.doubt = (0, now);
-        let sentence = "rows and range were estimated anew, since much was wrong";
-        self.rig.events.push(Subject::Rows, now, sentence);
-        Ok(Some((found, shot)))
+    /// Estimates all anew but the cameras by which the pair is rectified.
+    fn rectified_anew(&self, geometry: &Geometry, raw: &Arc<Raw>) -> Result<(Geometry, Shot)> {
+        let Way { known, settings, .. } = self.way;
+        let Runtime { matcher, control, .. } = self.runtime;
+        let pair = matcher.install(|| resampled(self.pair, &raw.places, control))?;
+
+        let (pair, estimates) = estimated(pair, known, settings, self.runtime)?;
+        let found = Geometry::new(geometry.size, &estimates, Some(Arc::clone(raw)));
+        Ok((found, self.matched(pair, estimates, known.clone(), settings)?))
+    }
+
+    /// Estimates all anew, as of a first frame.
+    fn whole_anew(&self, geometry: &Geometry) -> Result<(Geometry, Shot)> {
+        let Way { known, settings, .. } = self.way;
+        let whole = prepare_and_match(self.pair.clone(), known.clone(), settings, self.runtime)?;
+
+        let summary = whole.summary();
+        let Matched { map, prepared, rectified } = whole;
+        let raw = rectified.as_ref().map(|rectified| Arc::clone(&rectified.raw));
+        let map = rectified.map_or(map, |rectified| rectified.map);
+        let found = Geometry::new(geometry.size, &prepared.estimates, raw);
+        Ok((found, Shot { map, prepared, summary, innovation: None }))
     }
 
     /// Takes in what the frame shows.

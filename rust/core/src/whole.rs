@@ -27,7 +27,7 @@ use crate::pipeline::runtime::Runtime;
 use crate::pipeline::summary::Summary;
 use crate::rig::estimation::estimates::Estimates;
 use crate::rig::estimation::{Known, Prepared, estimated, prepared};
-use crate::rig::rectification::{Refusal, rectify, warp};
+use crate::rig::rectification::{Rectification, Refusal, rectify, warp};
 use crate::rig::state::Raw;
 use crate::scales::match_over_scales;
 use crate::settings::Settings;
@@ -139,13 +139,9 @@ fn attempt(
     }
 
     let started = Instant::now();
-    let Runtime { matcher, execution, control } = runtime;
-    let grays = [gray(pair.views()[0], runtime)?, gray(pair.views()[1], runtime)?];
+    let Runtime { matcher, control, .. } = runtime;
     // Given disparities are not moved.
-    let is_positive = known.candidates.is_none();
-    let found = matcher
-        .install(|| rectify([&grays[0], &grays[1]], is_positive, execution.level, control))?;
-    let rectification = match found {
+    let rectification = match cameras(pair, known.candidates.is_none(), runtime)? {
         Ok(found) if found.rows >= LEAST_ROWS => found,
         Ok(_) => return Ok(Attempt::None),
         Err(refusal) => return Ok(Attempt::Refused(refusal)),
@@ -165,6 +161,18 @@ fn attempt(
     let prepared = prepared(resampled, after, given, settings, runtime)?;
     let map = match_over_scales(&prepared, settings, runtime)?;
     Ok(Attempt::Done(Box::new(Matched::of_rectified(Arc::new(raw), map, prepared, runtime)?)))
+}
+
+/// The cameras that the images of a pair show, or why they do not. Columns are moved so that disparities are positive, if that
+/// is asked for.
+pub fn cameras(
+    pair: &Pair,
+    is_positive: bool,
+    runtime: Runtime,
+) -> Result<std::result::Result<Rectification, Refusal>> {
+    let Runtime { matcher, execution, control } = runtime;
+    let grays = [gray(pair.views()[0], runtime)?, gray(pair.views()[1], runtime)?];
+    matcher.install(|| rectify([&grays[0], &grays[1]], is_positive, execution.level, control))
 }
 
 /// Whether a pair may be resampled: nothing that is known of it says otherwise.

@@ -92,7 +92,7 @@ mod _core {
     use super::{
         Rig, Scale, Setting, TemporalFilter, Workers, aggregate_volume, check_blur_compensation,
         check_noise, check_settings, cost_volume, descriptor, estimate_pair, estimate_pair_by_rows,
-        find_roughness, find_scale, halo, match_pair, match_raw, match_rows, optimize_volume,
+        find_cameras, find_roughness, find_scale, halo, match_pair, match_raw, match_rows, optimize_volume,
         preset, rows_to_tally, simd_level, verify_map, working_memory,
     };
 
@@ -204,6 +204,27 @@ fn match_pair<'py>(
 
     let asked = Asked { settings, known, is_searched: search.is_some(), is_reused };
     objects::result(py, matched, &asked)
+}
+
+/// The cameras by which a raw pair is rectified, from what its images show, as `OpenCV` has them.
+#[pyfunction]
+fn find_cameras<'py>(
+    py: Python<'py>,
+    images: Both<'py>,
+    masks: Both<'py>,
+    threads: &Bound<'py, PyAny>,
+) -> Result<Bound<'py, PyDict>> {
+    let pair = read_images(&images, &masks, None)?;
+    let rows = pair.size().0;
+    let found = supervised(py, &Pool::for_argument(threads)?, rows, None, move |runtime| {
+        whole::cameras(&pair, true, runtime)
+    })?;
+
+    let found = found.map_err(|refusal| {
+        let got = format!("images that do not show how to rectify them: {refusal}");
+        Error::value("rectify", got, "a pair with more in common, or a calibration")
+    })?;
+    objects::calibration(py, &found.cameras)
 }
 
 /// The estimates of a pair, without a match.

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from numpy.typing import ArrayLike, NDArray
 
+from phasestereo import _core
 from phasestereo._images import ImageOrPath
+from phasestereo._opening import opened_pair
 from phasestereo.rectification.cameras import Cameras, Matrix
 from phasestereo.rectification.reading import CalibrationSource, read_calibration
 from phasestereo.rectification.record import Rectification
@@ -52,9 +55,15 @@ class Rectifier:
         if self._found is not None:
             return self._found.apply(left, right)
 
-        self._found = rectify(
-            left, right, self._calibration, left_mask=self._masks[0], right_mask=self._masks[1]
-        )
+        masks = {"left_mask": self._masks[0], "right_mask": self._masks[1]}
+        if self._calibration is not None:
+            self._found = rectify(left, right, self._calibration, **masks)
+        else:
+            # What the match goes by, since features take ten times as long.
+            pair = opened_pair(left, right)
+            cameras = _core.find_cameras(pair, (None, None), None)
+            made = rectify(*pair, cameras, interpolation="lanczos", **masks)
+            self._found = replace(made, method="images", Q=None)
         return self._found.left, self._found.right
 
     @property

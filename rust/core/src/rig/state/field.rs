@@ -34,12 +34,12 @@ const BORDER: usize = 20;
 /// Standard deviations of the coefficients before anything is known of them: of a plane, and of what bends it.
 const UNKNOWN: [f64; 2] = [1.0, 0.05];
 /// What they may change from frame to frame, as shares of the width.
-const CHANGE: [f64; 2] = [4e-6, 4e-7];
+const CHANGE: [f64; 2] = [6e-6, 4e-7];
 /// Neighboring blocks err alike: so much larger is the variance of their mean.
 const ALIKE: f64 = 2.0;
 /// The share of a correction that is taken for drift, and what remains of the drift from frame to frame.
 const FOLLOWED: f64 = 0.06;
-const DAMPED: f64 = 0.98;
+const DAMPED: f64 = 0.995;
 /// The largest weight of a block, in usual ones.
 const MOST_WEIGHT: f64 = 2.0;
 /// Residuals beyond so many spreads are mistakes.
@@ -94,9 +94,12 @@ impl FieldFilter {
         all
     }
 
-    /// Forgets how well the field is known, since the cameras have been moved.
-    pub fn open(&mut self) {
+    /// Forgets how well the field is known, since the cameras have been moved, and takes in what a frame says.
+    pub fn reopen(&mut self, innovation: &Innovation) {
         *self = Self { value: self.value, ..Self::new(self.size, None) };
+        self.update(innovation);
+        // The step is no drift.
+        self.drift = [0.0; TERMS];
     }
 
     /// A field as it was written down.
