@@ -55,7 +55,7 @@ class Event:
 
 
 class Rig:
-    """Two cameras, of which each pair they take shows more: rows, range, blur, what changes.
+    r"""Two cameras, of which each pair they take shows more: rows, range, blur, what changes.
 
     The first pair is matched as `match` does. Those after it take over what holds: where rows
     correspond, filtered over the frames; which disparities there are; the cameras by which raw
@@ -74,7 +74,8 @@ class Rig:
         belong to its distance, in pixels: ``focal * baseline / distance``, 0 at infinity; numbers,
         or arrays of one shape, as over a plane. See `offset`. None: not known.
     reestimate
-        Frames after which blur is estimated anew at the latest; 1: of every frame.
+        Frames after which blur is estimated anew at the latest; 1: every frame is matched by
+        itself.
 
     Raises
     ------
@@ -86,7 +87,7 @@ class Rig:
     >>> rig = ps.Rig(preset="fast")
     >>> for left, right in frames:
     ...     result = rig.match(left, right)
-    >>> print(*rig.events, sep="\\n")
+    >>> print(*rig.events, sep="\n")
     >>> rig.save("rig.txt")
     """
 

@@ -292,10 +292,11 @@ def test_parts_of_an_inverted_pair_are_those_of_the_whole(load: Callable[[str], 
     np.testing.assert_array_equal(part.flags, whole.flags[100:180])
 
 
-def test_a_matcher_goes_on_with_the_negative(load: Callable[[str], Pair]) -> None:
+def test_a_rig_goes_on_with_the_negative(load: Callable[[str], Pair]) -> None:
     pair = load("cones")
-    before = ps.match(pair.left, 255 - pair.right)
-    again = ps.Matcher().match(pair.left, 255 - pair.right, known=ps.Known(before=before))
+    rig = ps.Rig()
+    before = rig.match(pair.left, 255 - pair.right)
+    again = rig.match(pair.left, 255 - pair.right)
     np.testing.assert_array_equal(again.disparity, before.disparity)
 
 

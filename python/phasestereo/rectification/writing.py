@@ -46,9 +46,8 @@ def written(
     rotation = cameras["R2"].T @ cameras["R1"]
     translation = cameras["R2"].T @ [[-1.0], [0.0], [0.0]]
     if form == "opencv":
-        pose = {"R": rotation, "T": translation}
         intrinsics = {name: cameras[name] for name in ("K1", "D1", "K2", "D2")}
-        _write(path, _opencv(intrinsics | pose, size))
+        _write(path, _opencv({**intrinsics, "R": rotation, "T": translation}, size))
     elif form == "kalibr":
         pose = np.vstack([np.hstack([rotation, translation]), [[0.0, 0.0, 0.0, 1.0]]])
         _write(path, _kalibr(cameras, size, pose))

@@ -19,7 +19,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crate::error::Result;
-use crate::findings;
+use crate::findings::{self, Finding, Severity};
 use crate::image::packing::Packing;
 use crate::image::plane::Plane;
 use crate::pipeline::matcher::Disparity;
@@ -30,7 +30,6 @@ use crate::pipeline::summary::Summary;
 use crate::pipeline::temporal::TemporalFilter;
 use crate::rig::blur;
 use crate::rig::blur::parts::Part;
-use crate::rig::estimation::rows::RowOffsets;
 use crate::rig::estimation::tracks::{AROUND, follow_here};
 use crate::rig::estimation::{Estimates, Known, Prepared, estimated, prepared};
 use crate::rig::state::events::Subject;
@@ -56,7 +55,7 @@ pub struct Way<'a> {
     pub known: &'a Known,
     /// How they are matched.
     pub settings: &'a Settings,
-    /// Frames after which blur is estimated anew.
+    /// Frames after which blur is estimated anew; 1: every frame is matched by itself.
     pub reestimate: u64,
 }
 
@@ -85,7 +84,8 @@ pub fn match_frame(
     let mut next = rig.clone();
     next.suit(pair.size(), way.settings);
 
-    let frame = match next.geometry.take() {
+    // Each frame by itself, if all is to be estimated of each.
+    let frame = match next.geometry.take().filter(|_| way.reestimate > 1) {
         Some(geometry) => {
             let packing = Packing::of_views(pair.views(), runtime.control)?;
             let pair = &pair.packed(&packing);
@@ -114,7 +114,7 @@ impl Rig {
 
         let estimates = &matched.prepared.estimates;
         let said = findings::of_match(estimates, &summary, size);
-        let is_trusted = !said.iter().any(|one| one.topic.is_decisive());
+        let is_trusted = is_trusted(&said);
         let raw = matched.rectified.as_ref().map(|rectified| Arc::clone(&rectified.raw));
         // Cameras that rectify a pair count even where noise spoils its match.
         if is_trusted || raw.is_some() {
@@ -141,11 +141,8 @@ impl Rig {
 
     /// Keeps what was estimated of this frame.
     fn remember(&mut self, estimates: &Estimates, settings: &Settings) {
-        let look = Look {
-            estimates: estimates.clone(),
-            settings: settings.clone(),
-            frame: self.frames,
-        };
+        let look =
+            Look { estimates: estimates.clone(), settings: settings.clone(), frame: self.frames };
         self.look = Some(Arc::new(look));
     }
 }
@@ -283,7 +280,7 @@ impl Followed<'_, '_> {
             Some(look) if seen.is_as_before => Estimates {
                 candidates,
                 alignment: told.alignment.clone(),
-                offsets: self.offsets(geometry)?,
+                offsets: geometry.field.offsets()?,
                 findings: still_said(&look.estimates),
                 time: Duration::ZERO,
                 ..look.estimates.clone()
@@ -339,21 +336,13 @@ impl Followed<'_, '_> {
         }
 
         found.is_inverted = geometry.is_inverted;
-        found.offsets = self.offsets(geometry)?;
+        found.offsets = geometry.field.offsets()?;
         let is_given = self.way.known.candidates.is_some();
         found.findings = findings::of_pair(&found, geometry.size, is_given, self.way.settings);
         if let Some(raw) = &geometry.cameras {
             found.findings.push(findings::rectified(&raw.rectification));
         }
         Ok(found)
-    }
-
-    /// The field as an estimate has it.
-    fn offsets(&self, geometry: &Geometry) -> Result<Option<RowOffsets>> {
-        let before = self.rig.look.as_ref().and_then(|look| look.estimates.offsets.as_ref());
-        let field = geometry.field.field()?;
-        let error = geometry.field.error();
-        Ok(before.map(|before| RowOffsets { field, error, ..before.clone() }))
     }
 
     /// Matches a pair with these estimates.
@@ -452,7 +441,7 @@ impl Followed<'_, '_> {
         let rig = &mut *self.rig;
         let estimates = &shot.prepared.estimates;
         let said = findings::of_match(estimates, &shot.summary, geometry.size);
-        let is_trusted = !said.iter().any(|one| one.topic.is_decisive());
+        let is_trusted = is_trusted(&said);
 
         if is_trusted {
             if let Some(found) = &shot.innovation {
@@ -502,7 +491,12 @@ impl Followed<'_, '_> {
     }
 }
 
+/// Whether a match of which this is said is to be trusted.
+fn is_trusted(said: &[Finding]) -> bool {
+    !said.iter().any(|one| one.severity == Severity::Warning && one.topic.is_decisive())
+}
+
 /// What is still to be said of the pair: what decides whether a match is to be trusted is said of each match.
-fn still_said(estimates: &Estimates) -> Vec<findings::Finding> {
+fn still_said(estimates: &Estimates) -> Vec<Finding> {
     estimates.findings.iter().filter(|one| !one.topic.is_decisive()).cloned().collect()
 }

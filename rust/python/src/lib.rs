@@ -31,9 +31,9 @@ use self::failure::{Failure, Result};
 use self::known::{read_known, read_noise_of_pair};
 use self::objects::{Asked, Matched, Object};
 use self::reader::{Reader, Scale, packing_to_py};
+use self::rig::Rig;
 use self::settings::{Setting, every_setting, read_settings, write_settings};
 use self::supervisor::supervised;
-use self::rig::Rig;
 use self::temporal::{TemporalFilter, held};
 use self::verification::verify_map;
 use self::workers::{Pool, Workers};
@@ -92,8 +92,8 @@ mod _core {
     use super::{
         Rig, Scale, Setting, TemporalFilter, Workers, aggregate_volume, check_blur_compensation,
         check_noise, check_settings, cost_volume, descriptor, estimate_pair, estimate_pair_by_rows,
-        find_cameras, find_roughness, find_scale, halo, match_pair, match_raw, match_rows, optimize_volume,
-        preset, rows_to_tally, simd_level, verify_map, working_memory,
+        find_cameras, find_roughness, find_scale, halo, match_pair, match_raw, match_rows,
+        optimize_volume, preset, rows_to_tally, simd_level, verify_map, working_memory,
     };
 
     #[pymodule_init]

@@ -187,8 +187,7 @@ fn estimated<'py>(
     let is_applied = found.alignment.is_some();
     let alignment = found.offsets.map(|offsets| alignment_of(py, &offsets, is_applied));
     let contrast = found.photometry.and_then(|all| all.contrast);
-    let blur =
-        found.blur.map(|blur| blur_estimate(py, blur, contrast.as_ref(), asked.is_reused));
+    let blur = found.blur.map(|blur| blur_estimate(py, blur, contrast.as_ref(), asked.is_reused));
 
     let (settings, compensation) = match found.compensation {
         Some(plan) => suited(py, plan, &asked.settings)?,

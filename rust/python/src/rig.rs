@@ -9,7 +9,7 @@ use crate::failure::Result;
 use crate::objects::{self, Object};
 use crate::temporal::held;
 use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::rig::estimation::rows::RowOffsets;
+use phasestereo::internals::rig::state::events::Event;
 use phasestereo::internals::rig::state::text;
 use phasestereo::internals::rig::state::{Geometry, Rig as State};
 
@@ -52,9 +52,7 @@ impl Rig {
     #[getter]
     fn events(&self) -> Result<Vec<EventTuple>> {
         let rig = held(&self.0, "rig")?;
-        let event = |event: &phasestereo::internals::rig::state::events::Event| {
-            (event.subject.name(), event.frame, event.sentence.clone())
-        };
+        let event = |event: &Event| (event.subject.name(), event.frame, event.sentence.clone());
         Ok(rig.events.all().iter().map(event).collect())
     }
 
@@ -74,13 +72,7 @@ impl Rig {
     fn field<'py>(&self, py: Python<'py>) -> Result<Option<Object<'py>>> {
         let rig = held(&self.0, "rig")?;
         let Some(geometry) = &rig.geometry else { return Ok(None) };
-        let found = rig.look.as_ref().and_then(|look| look.estimates.offsets.as_ref());
-
-        let (field, error) = (geometry.field.field()?, geometry.field.error());
-        let offsets = match found {
-            Some(found) => RowOffsets { field, error, ..found.clone() },
-            None => RowOffsets { field, error, blocks: 0, spread: f64::NAN, wobble: 0.0 },
-        };
+        let Some(offsets) = geometry.field.offsets()? else { return Ok(None) };
         objects::alignment_of(py, &offsets, geometry.straightens.state == 1).map(Some)
     }
 
@@ -94,9 +86,8 @@ impl Rig {
         let rig = held(&self.0, "rig")?;
         let geometry = rig.geometry.as_ref();
         let raw = geometry.and_then(|geometry| Some((geometry.cameras.as_ref()?, geometry.size)));
-        let cameras = raw.map(|(raw, size)| {
-            Ok((objects::calibration(py, &raw.rectification.cameras)?, size))
-        });
+        let cameras = raw
+            .map(|(raw, size)| Ok((objects::calibration(py, &raw.rectification.cameras)?, size)));
         cameras.transpose()
     }
 }

@@ -55,14 +55,21 @@ class Rectifier:
         if self._found is not None:
             return self._found.apply(left, right)
 
-        masks = {"left_mask": self._masks[0], "right_mask": self._masks[1]}
+        left_mask, right_mask = self._masks
         if self._calibration is not None:
-            self._found = rectify(left, right, self._calibration, **masks)
+            self._found = rectify(
+                left, right, self._calibration, left_mask=left_mask, right_mask=right_mask
+            )
         else:
             # What the match goes by, since features take ten times as long.
             pair = opened_pair(left, right)
-            cameras = _core.find_cameras(pair, (None, None), None)
-            made = rectify(*pair, cameras, interpolation="lanczos", **masks)
+            made = rectify(
+                *pair,
+                _core.find_cameras(pair, (None, None), None),
+                interpolation="lanczos",
+                left_mask=left_mask,
+                right_mask=right_mask,
+            )
             self._found = replace(made, method="images", Q=None)
         return self._found.left, self._found.right
 

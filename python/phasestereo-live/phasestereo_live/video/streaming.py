@@ -123,9 +123,9 @@ def stream(
 ) -> Stream:
     """Match every frame of a video, a folder of images, or a pair of cameras.
 
-    One `phasestereo.Rig` matches them all, and learns what the cameras are. Frames that fail are reported and skipped: those that are
-    damaged or missing, or whose two images differ in size. Whatever is wrong from the start is
-    raised at once.
+    One `phasestereo.Rig` matches them all, and learns what the cameras are. Frames that fail are
+    reported and skipped: those that are damaged or missing, or whose two images differ in size.
+    Whatever is wrong from the start is raised at once.
 
     Parameters
     ----------
@@ -155,7 +155,8 @@ def stream(
         Frames to match, by number: from ``start`` up to but without ``stop``, each ``every``-th.
     reestimate
         The blur of a frame is estimated anew when it is not as it was at a glance, and at the
-        latest so many frames after the last estimate; 1: of every frame. See the notes.
+        latest so many frames after the last estimate; 1: every frame is matched by itself. See the
+        notes.
     temporal_filter
         Make disparities steadier where neither image has changed, as `phasestereo.TemporalFilter`
         does; ``frame.result.temporal_support`` says where. False: each frame by itself.
@@ -197,9 +198,10 @@ def stream(
     ninth of the image with what they were when blur was estimated. It misses what comes on in less
     than a sixteenth of the image, sizes that change by less than a fifth or so, and changes of
     noise or contrast that both images share: that is found ``reestimate`` frames later at most. If
-    the scene moves by many pixels, blur is estimated anew, too. What a frame gives thus depends on
-    those before it, unless ``reestimate`` is 1 and ``temporal_filter`` False. A frame that fails
-    changes nothing of what is carried over.
+    the scene moves by many pixels, blur is estimated anew, too. Rows and the range of disparities
+    are followed by the stream's `phasestereo.Rig`, whose events say what changed. What a frame
+    gives thus depends on those before it, unless ``reestimate`` is 1 and ``temporal_filter`` False.
+    A frame that fails changes nothing of what is carried over.
 
     Examples
     --------

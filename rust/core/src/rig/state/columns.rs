@@ -98,7 +98,8 @@ impl Columns {
                 let value = values[x];
                 if value.is_finite() {
                     let at = value.round_ties_even() as i64 - self.searched.start;
-                    if let Some(count) = usize::try_from(at).ok().and_then(|at| counts.get_mut(at)) {
+                    if let Some(count) = usize::try_from(at).ok().and_then(|at| counts.get_mut(at))
+                    {
                         *count += 1;
                     }
                 }

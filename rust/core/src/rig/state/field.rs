@@ -7,7 +7,7 @@
 //! ```text
 //! value += drift;   P += Q                                                # what a frame may change
 //! J, h = sum over blocks of t t' / s^2, t r / s^2                         # t: terms, r: residual, s^2: its variance
-//! K = P (1 + J P)^-1;   value += K h;   P -= K J P;   drift = DAMPED (drift + FOLLOWED K h)
+//! K = P (1 + J P)^-1;   value += K h;   P = K;   drift = DAMPED (drift + FOLLOWED K h)
 //! ```
 //!
 //! A plane is fitted to the residuals of a frame first. Where it is larger than its error and that of the field allow, the
@@ -56,6 +56,8 @@ pub struct FieldFilter {
     value: [f64; TERMS],
     drift: [f64; TERMS],
     covariance: Matrix,
+    /// Blocks that the last frame agreed on it with, and their spread, pixels.
+    agreement: (usize, f64),
 }
 
 /// What the blocks of a frame say of the rows.
@@ -76,11 +78,11 @@ impl FieldFilter {
             size,
             value: [0.0; TERMS],
             drift: [0.0; TERMS],
-            covariance: from_fn(|row| from_fn(|col| if row == col { 1.0 } else { 0.0 })),
+            covariance: [[0.0; TERMS]; TERMS],
+            agreement: found.map_or((0, 0.0), |found| (found.blocks, found.spread)),
         };
 
-        let mut deviations: [f64; TERMS] =
-            from_fn(|term| UNKNOWN[usize::from(term >= LINEAR)]);
+        let mut deviations: [f64; TERMS] = from_fn(|term| UNKNOWN[usize::from(term >= LINEAR)]);
         if let Some(found) = found {
             all.value = *found.field.coefficients();
             let has_bend = all.value[LINEAR..].iter().any(|value| *value != 0.0);
@@ -108,16 +110,24 @@ impl FieldFilter {
         value: [f64; TERMS],
         drift: [f64; TERMS],
         covariance: Matrix,
+        agreement: (usize, f64),
     ) -> Result<Self> {
         // These refuse what is not finite, too.
         Alignment::new(value, size)?;
         Alignment::new(drift, size)?;
-        Ok(Self { size, value, drift, covariance })
+        Ok(Self { size, value, drift, covariance, agreement })
     }
 
-    /// The coefficients, their drift, and the covariance.
-    pub fn numbers(&self) -> (&[f64; TERMS], &[f64; TERMS], &Matrix) {
-        (&self.value, &self.drift, &self.covariance)
+    /// The coefficients, their drift, the covariance, and blocks and their spread.
+    pub fn numbers(&self) -> (&[f64; TERMS], &[f64; TERMS], &Matrix, (usize, f64)) {
+        (&self.value, &self.drift, &self.covariance, self.agreement)
+    }
+
+    /// The field as an estimate has it; `None`: no blocks have shown it.
+    pub fn offsets(&self) -> Result<Option<RowOffsets>> {
+        let (blocks, spread) = self.agreement;
+        let (field, error) = (self.field()?, self.error());
+        Ok((blocks > 0).then_some(RowOffsets { field, error, blocks, spread, wobble: 0.0 }))
     }
 
     /// The field.
@@ -177,6 +187,7 @@ impl FieldFilter {
     /// Takes in what the blocks of a frame say.
     pub fn update(&mut self, innovation: &Innovation) {
         let Innovation { points, plane, .. } = innovation;
+        self.agreement = (plane.agreeing, plane.spread);
         let variance = ALIKE * plane.spread * plane.spread;
 
         let (mut information, mut sums) = ([[0.0; TERMS]; TERMS], [0.0; TERMS]);
@@ -185,27 +196,27 @@ impl FieldFilter {
                 continue;
             }
             let weight = point.weight / variance;
-            for row in 0..TERMS {
-                sums[row] += weight * point.terms[row] * point.value;
-                for col in 0..TERMS {
-                    information[row][col] += weight * point.terms[row] * point.terms[col];
+            for (at, term) in point.terms.iter().enumerate() {
+                sums[at] += weight * term * point.value;
+                for (sum, other) in information[at].iter_mut().zip(&point.terms) {
+                    *sum += weight * term * other;
                 }
             }
         }
 
-        // K = P (1 + J P)^-1, so K' solves (1 + P J) K' = P.
+        // K = P (1 + J P)^-1 = (1 + P J)^-1 P, which is the new covariance, too.
         let mut system = product(&self.covariance, &information);
         for (at, row) in system.iter_mut().enumerate() {
             row[at] += 1.0;
         }
         let Some(gain) = solved(system, self.covariance) else { return };
 
-        for row in 0..TERMS {
-            let step: f64 = (0..TERMS).map(|col| gain[col][row] * sums[col]).sum();
+        for (row, gain) in gain.iter().enumerate() {
+            let step: f64 = gain.iter().zip(sums).map(|(gain, sum)| gain * sum).sum();
             self.value[row] += step;
             self.drift[row] = DAMPED * (self.drift[row] + FOLLOWED * step);
         }
-        // P - P J (1 + P J)^-1 P = (1 + P J)^-1 P, which rounding leaves hardly asymmetric.
+        // Rounding leaves it hardly asymmetric.
         self.covariance =
             from_fn(|row| from_fn(|col| f64::midpoint(gain[row][col], gain[col][row])));
     }

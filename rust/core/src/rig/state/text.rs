@@ -37,10 +37,12 @@ pub fn written(rig: &Rig) -> String {
         out.line("inverted", [u8::from(geometry.is_inverted)]);
         out.steady("straightens", Some(geometry.straightens));
 
-        let (value, drift, covariance) = geometry.field.numbers();
+        let (value, drift, covariance, (blocks, spread)) = geometry.field.numbers();
         out.line("field", *value);
         out.line("drift", *drift);
         out.line("covariance", covariance.concat());
+        out.line("blocks", [blocks]);
+        out.line("spread", [spread]);
         out.line("start", [geometry.columns.searched.start]);
         out.line("shares", geometry.columns.shares().iter().copied());
         out.line("idle", [geometry.columns.idle()]);
@@ -58,7 +60,8 @@ pub fn written(rig: &Rig) -> String {
     }
 
     for event in rig.events.all() {
-        let _ = writeln!(out.0, "event {} {} {}", event.subject.name(), event.frame, event.sentence);
+        let _ =
+            writeln!(out.0, "event {} {} {}", event.subject.name(), event.frame, event.sentence);
     }
     out.0
 }
@@ -85,7 +88,11 @@ pub fn read(text: &str, control: &Control) -> Result<Rig> {
     let health: Vec<f64> = entries.all("health")?;
     Ok(Rig {
         frames: entries.some::<u64, 1>("frames")?[0],
-        geometry: entries.0.contains_key("size").then(|| geometry(&entries, control)).transpose()?,
+        geometry: entries
+            .0
+            .contains_key("size")
+            .then(|| geometry(&entries, control))
+            .transpose()?,
         look: None,
         events,
         health: health.first().copied().filter(|value| (0.0..=1.0).contains(value)),
@@ -112,18 +119,21 @@ fn geometry(entries: &Entries, control: &Control) -> Result<Geometry> {
 
     let shares: Vec<i64> = entries.all("shares")?;
     let [start] = entries.some::<i64, 1>("start")?;
-    if shares.is_empty() || shares.len() > MOST_DISPARITIES || start.unsigned_abs() > LARGEST as u64 {
+    if shares.is_empty() || shares.len() > MOST_DISPARITIES || start.unsigned_abs() > LARGEST as u64
+    {
         return Err(wrong(&format!("{} shares from {start}", shares.len())));
     }
     let columns = Columns::of_numbers(start, shares, entries.some::<u32, 1>("idle")?[0]);
     columns.candidates(cols).map_err(|error| error.about("rig"))?;
 
+    let agreement = (entries.some::<usize, 1>("blocks")?[0], entries.some::<f64, 1>("spread")?[0]);
+    let (value, drift) = (entries.some("field")?, entries.some("drift")?);
+    let field = FieldFilter::of_numbers(size, value, drift, square, agreement);
     let cameras = entries.0.contains_key("numbers").then(|| raw(entries, size, control));
     Ok(Geometry {
         size,
         cameras: cameras.transpose()?.map(Arc::new),
-        field: FieldFilter::of_numbers(size, entries.some("field")?, entries.some("drift")?, square)
-            .map_err(|error| error.about("rig"))?,
+        field: field.map_err(|error| error.about("rig"))?,
         straightens: entries.steady("straightens")?.ok_or_else(|| wrong("straightens"))?,
         columns,
         is_inverted: entries.some::<u8, 1>("inverted")? == [1],
