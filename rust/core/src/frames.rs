@@ -184,6 +184,13 @@ struct Shot {
     innovation: Option<Innovation>,
 }
 
+impl Shot {
+    /// Whether the match is to be trusted.
+    fn is_trusted(&self, size: (usize, usize)) -> bool {
+        is_trusted(&findings::of_match(&self.prepared.estimates, &self.summary, size))
+    }
+}
+
 /// What a match says of how the cameras look.
 enum Verdict {
     /// They are as known.
@@ -391,7 +398,9 @@ impl Followed<'_, '_> {
     /// Estimates all anew; `None`: that matches no better than so much wrong.
     fn anew(&mut self, geometry: &Geometry, wrong: f64) -> Result<Option<(Geometry, Shot)>> {
         let now = self.rig.frames;
-        let is_better = |(_, shot): &(Geometry, Shot)| shot.summary.wrong + WORSE / 2.0 < wrong;
+        let is_better = |(_, shot): &(Geometry, Shot)| {
+            shot.is_trusted(geometry.size) && shot.summary.wrong + WORSE / 2.0 < wrong
+        };
 
         // Cameras that were turned a little are still about those that are known.
         let rectified = geometry.cameras.as_ref().map(|raw| self.rectified_anew(geometry, raw));
@@ -440,8 +449,7 @@ impl Followed<'_, '_> {
     fn learn(&mut self, mut geometry: Geometry, shot: &Shot, is_reused: bool) {
         let rig = &mut *self.rig;
         let estimates = &shot.prepared.estimates;
-        let said = findings::of_match(estimates, &shot.summary, geometry.size);
-        let is_trusted = is_trusted(&said);
+        let is_trusted = shot.is_trusted(geometry.size);
 
         if is_trusted {
             if let Some(found) = &shot.innovation {

@@ -18,9 +18,6 @@ use phasestereo::internals::rig::state::{Geometry, Rig as State};
 #[derive(Debug, Default)]
 pub struct Rig(Arc<Mutex<State>>);
 
-/// The subject of an event, the frame, and what happened.
-type EventTuple = (&'static str, u64, String);
-
 #[pymethods]
 impl Rig {
     /// A rig of a text; None: one that has seen nothing.
@@ -48,9 +45,9 @@ impl Rig {
         Ok(held(&self.0, "rig")?.health.unwrap_or(f64::NAN))
     }
 
-    /// What happened.
+    /// What happened: the subject of each event, its frame, and a sentence.
     #[getter]
-    fn events(&self) -> Result<Vec<EventTuple>> {
+    fn events(&self) -> Result<Vec<(&'static str, u64, String)>> {
         let rig = held(&self.0, "rig")?;
         let event = |event: &Event| (event.subject.name(), event.frame, event.sentence.clone());
         Ok(rig.events.all().iter().map(event).collect())

@@ -24,8 +24,8 @@ const WHOLE: i64 = 1 << 20;
 /// The frames over which the histogram fades, and the fewest of them before the range shrinks.
 const FADING: i64 = 32;
 const PATIENCE: u32 = 90;
-/// A disparity that so many millionths of the pixels have is there.
-const FEW: i64 = 1000;
+/// A disparity that so many millionths of the pixels have is there: of this frame, and of the histogram.
+const FEW: [i64; 2] = [4000, 2000];
 /// Disparities beyond the largest one: the least number, and as a share of all. A lane of the match has 16.
 const RESERVE: (i64, i64) = (6, 12);
 /// So many more are cut off, if they were not needed for long.
@@ -57,18 +57,18 @@ impl Columns {
     /// Takes in the map of a frame. Returns whether the range has grown.
     pub fn update(&mut self, map: &Disparity, width: usize) -> bool {
         let counts = self.counts(map);
-        let seen = |shares: &[i64]| {
-            let few = FEW * WHOLE / 1_000_000;
+        let seen = |shares: &[i64], few: i64| {
+            let few = few * WHOLE / 1_000_000;
             shares.iter().rposition(|share| *share >= few).map(|at| self.searched.start + at as i64)
         };
 
         let total: i64 = counts.iter().sum();
         let now: Vec<i64> = counts.iter().map(|count| count * WHOLE / total.max(1)).collect();
-        let last = seen(&now);
+        let last = seen(&now, FEW[0]);
         for (share, now) in self.shares.iter_mut().zip(&now) {
             *share += (now - *share) / FADING;
         }
-        let high = last.max(seen(&self.shares)).unwrap_or(self.searched.end - 1);
+        let high = last.max(seen(&self.shares, FEW[1])).unwrap_or(self.searched.end - 1);
 
         let reserve = RESERVE.0.max((high - self.searched.start) / RESERVE.1);
         let left = self.searched.end - 1 - high;
