@@ -69,8 +69,8 @@ fn sequence((rows, cols): (usize, usize), kind: u8, seed: u64) -> Vec<Frame> {
     let pixel = |time: u64, salt: u64, (y, x, c): (usize, usize, usize)| {
         let tile = hash(state(time, salt, y, x).unwrap_or(99), y / 6, x / 6) % 160;
         let gray = 20 + tile + hash(seed ^ salt ^ (time + 1) << 16, y, 3 * x + c) % 8;
-        // Some frames are exposed longer.
-        gray * [100, 100, 100, 140, 100, 70][(time as usize) % 6] / 100
+        // The first frames are exposed differently.
+        gray * [100, 140, 70].get(time as usize).unwrap_or(&100) / 100
     };
 
     let image = |time: u64, salt: u64| {
