@@ -134,7 +134,7 @@ mod tests {
 
     fn offsets(coefficients: [f64; TERMS]) -> RowOffsets {
         let field = Alignment::new(coefficients, SIZE).expect("legal");
-        RowOffsets { field, error: 0.02, blocks: 100, spread: 0.1, wobble: 0.0 }
+        RowOffsets { field, error: 0.02, blocks: 100, spread: 0.1, errors: [0.02; INTERVALS] }
     }
 
     fn softer(side: Side, psf: Psf, other: Option<Psf>, certainty: f32) -> blur::Estimate {
@@ -233,9 +233,12 @@ mod tests {
         let bent = of([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3.0, 3.0], 0.02, true);
         assert!(bent.1.contains("bent by 3.0 px (lens distortion left in"));
 
-        let wobbly = RowOffsets { wobble: 0.8, ..offsets([0.0; TERMS]) };
-        let wobbly = Estimates { offsets: Some(wobbly), ..sound() };
-        assert!(said(&wobbly, Topic::Alignment).1.starts_with("rows wobble by 0.8 px rms"));
+        let even = offsets([0.0; TERMS]);
+        let field = even.field.clone().with_sway([0.8; KNOTS]).expect("legal");
+        let swaying = RowOffsets { field: field.clone(), ..even };
+        let swaying =
+            Estimates { offsets: Some(swaying), alignment: Some(field), ..sound() };
+        let said = swaying.of_rows();
     }
 
     #[test]

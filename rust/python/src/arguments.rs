@@ -4,7 +4,7 @@ use ndarray::{Array3, Dimension};
 use numpy::{Element, PyArray, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::exceptions::{PyException, PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::PyBool;
+use pyo3::types::{PyBool, PyTuple};
 
 use super::internal;
 use crate::failure::{Failure, Result};
@@ -217,7 +217,17 @@ pub fn read_alignment(alignment: &Bound<'_, PyAny>) -> Result<Option<Alignment>>
     let factors: [f64; TERMS] = coefficients.extract().map_err(|_| {
         wrong_type(&coefficients, "alignment", "eight coefficients, in a tuple of floats")
     })?;
-    Ok(Some(Alignment::new(factors, alignment.getattr("size")?.extract()?)?))
+    let field = Alignment::new(factors, alignment.getattr("size")?.extract()?)?;
+
+    let sway = alignment.getattr("sway")?;
+    let factors: Vec<f64> = sway.extract().unwrap_or_default();
+    if factors.is_empty() && sway.is_instance_of::<PyTuple>() && sway.is_empty()? {
+        return Ok(Some(field));
+    }
+    let factors = factors.try_into().map_err(|_| {
+        wrong_type(&sway, "alignment", "as sway an empty tuple, or 19 floats in a tuple")
+    })?;
+    Ok(Some(field.with_sway(factors)?))
 }
 
 /// Reads a standard deviation, or None.

@@ -2,7 +2,7 @@
 
 use super::levels::{
     BEYOND, BLUR, BLUR_CONFIDENCE, BLUR_SHARE, ERRORS, LEAST_ROUGH, PART, PART_ERRORS, REPEATED,
-    ROWS, SURE, WOBBLE,
+    ROWS, SURE, SWAY,
 };
 use super::{Finding, Known, Severity, Topic, percent};
 use crate::math;
@@ -143,13 +143,14 @@ impl Known<'_> {
             );
             findings.push(Finding::note(topic, distorted));
         }
-        if found.wobble >= WOBBLE {
-            let wobble = format!(
-                "rows wobble by {:.1} px rms about any smooth field, as those of a rolling shutter \
-                 that shakes: that is not evened out",
-                found.wobble
+        let sway = found.field.largest_sway();
+        if sway >= SWAY {
+            let even = if self.estimates.alignment.is_some() { "that is" } else { "that is not" };
+            let sways = format!(
+                "rows sway by up to {sway:.1} px about a smooth field, as those of a rolling shutter \
+                 that shakes: {even} evened out"
             );
-            findings.push(Finding::note(topic, wobble));
+            findings.push(Finding::note(topic, sways));
         }
         findings
     }
