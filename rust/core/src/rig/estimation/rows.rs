@@ -40,7 +40,10 @@ const RICHER: f64 = 2.0;
 const LEAST_RICHER: f64 = 0.02;
 /// Error that no averaging over blocks removes, as a share of a pixel of the copy.
 const BIAS: f64 = 0.02;
-/// Least evidence for a spline of the row.
+/// Evidence in the residuals of a smooth field from which on a spline of the row is fitted, too: of 60 pairs of 12 scenes whose
+/// rows do not sway, sharp, with noise, compressed, turned and with keystone, up to 1.0; 55 of them have less.
+const SUSPICION: f64 = 0.5;
+/// Evidence from which on the spline is kept: of these pairs up to 2.6; of those with rows that sway by 1 pixel 27 or more.
 const LEAST_EVIDENCE: f64 = 10.0;
 /// Offsets below this, pixels root mean square, are ignored: on 12 aligned scenes up to 0.05 are found.
 const LEAST_RMS: f64 = 0.12;
@@ -330,34 +333,29 @@ fn fitted(
 
 /// The field with the fewest terms that suffice, and with a spline of the row where there is evidence of one.
 fn fit(points: &[Point], excess: f64) -> Option<RobustFit> {
-    let smooth = smooth(points, excess, false)?;
-    if std::env::var_os("DBG").is_some() {
-        let swaying = self::smooth(points, excess, true);
-        let show = |f: &RobustFit| eprintln!("   {:?}\n   n {} ev {:.1} spread {:.3} err {:.3} agree {} sway {:?}", f.errors.map(|x| (x * 100.0).round() / 100.0), points.len(), f.evidence, f.spread, f.error, f.agreeing, f.sway.map(|x| (x * 100.0).round() / 100.0));
-        show(&smooth);
-        swaying.iter().for_each(show);
-    }
-    if points.len() < ENOUGH_BLOCKS || smooth.evidence <= 0.0 {
+    let (model, smooth) = smooth(points, excess, false)?;
+    if points.len() < ENOUGH_BLOCKS || model.evidence(points, &smooth) < SUSPICION {
         return Some(smooth);
     }
 
     // What a spline explains needs no terms of higher degree.
-    let swaying = self::smooth(points, excess, true);
-    swaying.filter(|fit| fit.evidence >= LEAST_EVIDENCE).or(Some(smooth))
+    let Some((model, swaying)) = self::smooth(points, excess, true) else { return Some(smooth) };
+    let is_sure = model.evidence(points, &swaying) >= LEAST_EVIDENCE;
+    Some(if is_sure { swaying } else { smooth })
 }
 
-/// The field with linear terms, or all of them if that explains much more.
-fn smooth(points: &[Point], excess: f64, sways: bool) -> Option<RobustFit> {
-    let model = |smooth| Model { smooth, sways, excess };
-    let linear = model(LINEAR).fitted(points)?;
-    if points.len() < ENOUGH_BLOCKS {
-        return Some(linear);
-    }
+/// The field with linear terms, or all of them if that explains much more; with a spline of the row or without.
+fn smooth(points: &[Point], excess: f64, sways: bool) -> Option<(Model, RobustFit)> {
+    let [linear, all] = [LINEAR, TERMS].map(|smooth| Model { smooth, sways, excess });
+    let least = linear.fitted(points)?;
 
-    let all = model(TERMS).fitted(points);
-    let is_richer =
-        |all: &RobustFit| all.difference(&linear) > RICHER * all.error.max(LEAST_RICHER);
-    Some(all.filter(is_richer).unwrap_or(linear))
+    if points.len() >= ENOUGH_BLOCKS
+        && let Some(most) = all.fitted(points)
+        && most.difference(&least) > RICHER * most.error.max(LEAST_RICHER)
+    {
+        return Some((all, most));
+    }
+    Some((linear, least))
 }
 
 #[cfg(test)]

@@ -28,6 +28,8 @@ const CUT: f64 = 4.0;
 const FLOOR: f64 = 0.02;
 /// Largest ratio of the pivots of the normal equations: beyond it, the blocks lie along a line.
 const LARGEST_CONDITION: f64 = 1e6;
+/// Places along a row over which errors are averaged.
+const COLUMNS: usize = 8;
 /// Most unknowns of a fit.
 const MOST: usize = TERMS + KNOTS;
 /// Widths that are tried, pixels,
@@ -72,8 +74,8 @@ pub struct RobustFit {
     pub error: f64,
     /// Standard error in the middle of every interval of the spline, root mean square over the columns.
     pub errors: [f64; INTERVALS],
-    /// Evidence for a spline of the row beside the terms, with the last weights.
-    pub evidence: f64,
+    /// Weights of the points.
+    weights: Vec<f64>,
 }
 
 impl Model {
@@ -104,11 +106,10 @@ impl Model {
             if self.sways {
                 // At first the spread is not known, which a spline that is as wide as can be hardly depends on.
                 if step == 1 || step == STEPS.1 || step + 1 == STEPS.0 {
-                    prior = Some(self.evidence(&rows, points, &weights, spread)?.1);
+                    prior = Some(self.most_probable(&rows, points, &weights, spread)?.1);
                 }
                 let noise = self.noise(spread.max(FLOOR), &weights);
                 normal.add(prior.get_or_insert_with(Prior::widest), self.smooth, noise);
-                if step + 1 == STEPS.0 && std::env::var_os("DBG").is_some() { let p = prior.as_ref().map(|p| (p.precision[0][0], p.precision[0][2])); eprintln!("     {} width {:?}", self.smooth, p.map(|(a,b)| (1.0/(a-b).sqrt(), b / (a - b)))); }
             }
 
             solution = normal.solved(self.smooth)?;
@@ -131,8 +132,6 @@ impl Model {
             }
         }
 
-        let evidence = self.evidence(&rows, points, &weights, spread).map_or(0.0, |found| found.0);
-
         // Each remaining point counts once in the variance, whatever its weight.
         let agree: Vec<f64> = weights.iter().map(|weight| f64::from(*weight > 0.0)).collect();
         let agreeing = agree.iter().filter(|weight| **weight > 0.0).count();
@@ -143,8 +142,8 @@ impl Model {
         let lower = normal.factor(self.smooth)?;
         let errors = from_fn(|interval| {
             let y = (2 * interval + 1) as f64 / INTERVALS as f64 - 1.0;
-            let along = places().take_while(|(_, first)| *first < -0.9).map(|(x, _)| (x, y));
-            self.error(&lower, spread, along)
+            let x = |at| (2 * at + 1) as f64 / COLUMNS as f64 - 1.0;
+            self.error(&lower, spread, (0..COLUMNS).map(|at| (x(at), y)))
         });
 
         let mut sway = [0.0; KNOTS];
@@ -153,7 +152,7 @@ impl Model {
         }
         let coefficients = from_fn(|at| if at < self.smooth { solution[at] } else { 0.0 });
         let error = self.error(&lower, spread, places());
-        Some(RobustFit { coefficients, sway, spread, agreeing, error, errors, evidence })
+        Some(RobustFit { coefficients, sway, spread, agreeing, error, errors, weights })
     }
 
     /// Standard error of the field at places, root mean square.
@@ -182,8 +181,15 @@ impl Model {
         self.excess * spread * spread * weights.iter().sum::<f64>() / positive as f64
     }
 
-    /// The evidence for a spline of the row beside the smooth terms, and the prior of the most probable one.
-    fn evidence(
+    /// The evidence for a spline of the row beside the smooth terms of a fit.
+    pub fn evidence(&self, points: &[Point], fit: &RobustFit) -> f64 {
+        let rows: Vec<[f64; MOST]> =
+            points.iter().map(|point| self.row(&point.terms, &point.sway)).collect();
+        self.most_probable(&rows, points, &fit.weights, fit.spread).map_or(0.0, |found| found.0)
+    }
+
+    /// The same, and the prior of the most probable spline.
+    fn most_probable(
         &self,
         rows: &[[f64; MOST]],
         points: &[Point],
