@@ -87,6 +87,7 @@ fn percent(share: f64) -> String {
 mod tests {
     use super::*;
     use crate::cost::candidates::Candidates;
+    use crate::rig::alignment::sway::{INTERVALS, KNOTS};
     use crate::rig::alignment::{Alignment, TERMS};
     use crate::rig::blur;
     use crate::rig::blur::Side;
@@ -236,9 +237,9 @@ mod tests {
         let even = offsets([0.0; TERMS]);
         let field = even.field.clone().with_sway([0.8; KNOTS]).expect("legal");
         let swaying = RowOffsets { field: field.clone(), ..even };
-        let swaying =
-            Estimates { offsets: Some(swaying), alignment: Some(field), ..sound() };
-        let said = swaying.of_rows();
+        let swaying = Estimates { offsets: Some(swaying), alignment: Some(field), ..sound() };
+        let said = of_pair(&swaying, SIZE, false, &Preset::Robust.settings());
+        assert!(said.iter().any(|one| one.sentence.starts_with("rows sway by up to 0.8 px")));
     }
 
     #[test]

@@ -6,7 +6,7 @@ use super::levels::{
 };
 use super::{Finding, Known, Severity, Topic, percent};
 use crate::math;
-use crate::rig::alignment::{LINEAR, TERMS};
+use crate::rig::alignment::{Alignment, LINEAR, TERMS};
 use crate::rig::blur::{self, Side};
 use crate::rig::estimation::estimates::Estimates;
 use crate::rig::estimation::range::{LeftOut, SearchRange};
@@ -111,30 +111,42 @@ impl Known<'_> {
             return vec![untold.unwrap_or_else(|| Finding::unknown(topic, unknown))];
         };
 
-        let rms = found.field.rms();
-        let off = format!("{rms:.2} px rms, known to {:.2} px", found.error);
-        // An offset must be large, and clearly larger than its own error.
-        let ends = [0, 1].map(|level| ROWS[level].max(ERRORS[level] * found.error));
-        let severity = Severity::of(rms, ends);
+        let is_straightened = self.estimates.alignment.is_some();
+        let sway = found.field.largest_sway();
+        let sways = is_straightened && sway >= SWAY;
 
-        let mut findings = vec![match severity {
+        let mut findings = vec![];
+        let (mut severity, mut off) = off(&found.field, found.error);
+        if sways {
+            let sways = format!(
+                "rows sway by up to {sway:.1} px from row to row, as by a rolling shutter that shakes \
+                 ({off}): the right image is straightened for the match"
+            );
+            findings.push(Finding::new(topic, severity, sways));
+            (severity, off) = self::off(&found.field.clone().without_sway(), found.error);
+        }
+
+        match severity {
+            Severity::Ok if sways => {}
             Severity::Ok => {
-                Finding::ok(topic, format!("rows correspond as well as can be told ({off})"))
+                let well = format!("rows correspond as well as can be told ({off})");
+                findings.push(Finding::ok(topic, well));
             }
-            _ if self.estimates.alignment.is_some() => {
+            _ if is_straightened => {
                 let parts = parts(found);
                 let mend = "it is straightened for the match, but rectify the pair again";
-                Finding::new(topic, severity, format!("the right image {parts} ({off}): {mend}"))
+                let told = format!("the right image {parts} ({off}): {mend}");
+                findings.push(Finding::new(topic, severity, told));
             }
             // What does not help the match may be wrong.
-            _ => Finding::note(
+            _ => findings.push(Finding::note(
                 topic,
                 format!(
                     "rows seem to be off ({off}), but straightening does not help: the baseline \
                      may not be level"
                 ),
-            ),
-        }];
+            )),
+        }
 
         if let Some(distortion) = found.distortion() {
             let distorted = format!(
@@ -142,15 +154,6 @@ impl Known<'_> {
                  straightened rows do not make the disparities a depth; calibrate the cameras"
             );
             findings.push(Finding::note(topic, distorted));
-        }
-        let sway = found.field.largest_sway();
-        if sway >= SWAY {
-            let even = if self.estimates.alignment.is_some() { "that is" } else { "that is not" };
-            let sways = format!(
-                "rows sway by up to {sway:.1} px about a smooth field, as those of a rolling shutter \
-                 that shakes: {even} evened out"
-            );
-            findings.push(Finding::note(topic, sways));
         }
         findings
     }
@@ -195,6 +198,14 @@ fn left_out(LeftOut { rows, columns, low, high }: &LeftOut) -> Finding {
         columns.start, columns.end, rows.start, rows.end
     );
     Finding::warning(Topic::Range, sentence)
+}
+
+/// How grave the offsets of a field with this error are, and how large in words.
+fn off(field: &Alignment, error: f64) -> (Severity, String) {
+    let rms = field.rms();
+    // An offset must be large, and clearly larger than its own error.
+    let ends = [0, 1].map(|level| ROWS[level].max(ERRORS[level] * error));
+    (Severity::of(rms, ends), format!("{rms:.2} px rms, known to {error:.2} px"))
 }
 
 /// The parts of a misalignment that are seen, in words.

@@ -216,9 +216,24 @@ mod tests {
         let exact = field.at_fraction((x + 0.5) / 100.0 - 1.0, (y + 0.5) / 50.0 - 1.0);
         assert!((field.at(x, y) - exact).abs() < 1e-12);
 
+        let field = field.with_sway(from_fn(|knot| [0.3, -0.9, 2.0][knot % 3])).expect("legal");
         assert!(
             (field.clone().starting_at_row(30).at(5.0, 7.0) - field.at(5.0, 37.0)).abs() < 1e-12
         );
+    }
+
+    #[test]
+    fn a_field_that_sways_lies_within_its_bound() {
+        let smooth = Alignment::new([1.0; TERMS], (90, 100)).expect("legal");
+        let field = smooth.clone().with_sway(from_fn(|knot| 2.0 - knot as f64 % 5.0));
+        let field = field.expect("legal");
+
+        let most =
+            (0..90).map(|y| field.at(99.0, f64::from(y))).fold(0.0f64, |a, b| a.max(b.abs()));
+        assert!(most <= field.bound() && field.halo() >= smooth.halo() + 2);
+        assert!(field.less(&field).rms() < 1e-12 && field.less(&smooth).rms() > 0.5);
+        assert!(field.less(&smooth).largest_sway() <= 2.0);
+        assert_eq!(field.without_sway(), smooth);
     }
 
     #[test]
@@ -227,6 +242,10 @@ mod tests {
             let mut coefficients = [0.0; TERMS];
             coefficients[3] = value;
             let refused = Alignment::new(coefficients, (10, 10)).expect_err("must be refused");
+            assert!(refused.to_string().starts_with("alignment: got"));
+
+            let field = Alignment::new([0.0; TERMS], (10, 10)).expect("legal");
+            let refused = field.with_sway([value; KNOTS]).expect_err("must be refused");
             assert!(refused.to_string().starts_with("alignment: got"));
         }
     }

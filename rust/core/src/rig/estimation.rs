@@ -405,6 +405,13 @@ impl Estimates {
         self.alignment = self.alignment.or_else(|| known.alignment.clone());
         self.is_inverted |= known.is_inverted;
         self.findings = findings::of_pair(&self, size, known.candidates.is_some(), settings);
+        // What was not estimated anew is as it was.
+        let again = |one: &&Finding| {
+            let is_old = self.findings.iter().all(|new| new.topic != one.topic);
+            is_old && !one.topic.is_decisive() && one.topic != findings::Topic::Alignment
+        };
+        let earlier: Vec<Finding> = known.findings.iter().filter(again).cloned().collect();
+        self.findings.extend(earlier);
 
         Self { time: started.elapsed(), ..self }
     }

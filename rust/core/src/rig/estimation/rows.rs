@@ -1,10 +1,13 @@
 //! How the rows of a pair correspond: a smooth field of vertical offsets, fitted to blocks that were found in both
-//! images.
+//! images, and beside it a spline of the row where rows sway, as those of a rolling shutter that shakes.
 //!
-//! Blocks mislead where the images do not show the same, at jumps in depth above all. So the fit is by iteratively
-//! reweighted least squares, first of absolute deviations, then with Tukey's biweight. Blocks are followed from the
-//! reduced copies, which withstand blur and noise, to the whole images, which are exact; the fit with the least
-//! standard error is kept. The field is linear unless keystone and distortion explain much more.
+//! Blocks mislead where the images do not show the same, at jumps in depth above all, so the fit is robust ([`robust`]).
+//! Blocks are followed from the reduced copies, which withstand blur and noise, to the whole images, which are exact; the
+//! fit with the least standard error is kept. The field is linear unless keystone and distortion explain much more.
+//!
+//! Where the residuals of the smooth field give evidence of a spline, it is fitted along with the field, and kept if there is
+//! much evidence then. The blocks that determine a smooth field are too few for a spline, and those that were followed from
+//! copies do not reach the borders: so both are fitted once more to four times as many blocks.
 
 mod robust;
 
@@ -15,8 +18,8 @@ use crate::cost::candidates::Candidates;
 use crate::error::Result;
 use crate::math;
 use crate::pipeline::runtime::Runtime;
-use crate::rig::alignment::sway::{INTERVALS, mean_weights};
-use crate::rig::alignment::{Alignment, CUBIC, LINEAR, TERMS, terms};
+use crate::rig::alignment::sway::INTERVALS;
+use crate::rig::alignment::{Alignment, CUBIC, LINEAR, TERMS};
 use crate::rig::blur::parts::PairRows;
 
 /// Number of blocks that are followed.
@@ -106,7 +109,8 @@ pub fn offsets(
         return Ok(FoundRows { offsets: None, map });
     };
     let mut fits = vec![fit.clone()];
-    let mut spaced = Spaced { factor: overview.factor, distance: spacing(overview), most: tracks.len() };
+    let mut spaced =
+        Spaced { factor: overview.factor, distance: spacing(overview), most: tracks.len() };
 
     // Coarse to fine: each field places the blocks in copies four times as large.
     while spaced.factor > 1 {
@@ -299,17 +303,8 @@ fn fitted(
         return None;
     }
 
-    // Fields are functions of places from -1 to 1 of the right image.
-    let fraction = |at: f64, length: usize| (at + 0.5) / (length as f64 / 2.0) - 1.0;
-    let half = (BLOCK * factor) as f64 / 2.0;
-    let share = |y: f64| (y + 0.5) / rows as f64;
-    let point = |Track { place, weight }: &Track| Point {
-        terms: terms(fraction(place.x + place.dx, cols), fraction(place.y, rows)),
-        sway: mean_weights(share(place.y - half), share(place.y + half)),
-        value: place.dy,
-        weight: *weight,
-    };
-    let points: Vec<Point> = tracks.iter().map(point).collect();
+    let points: Vec<Point> =
+        tracks.iter().map(|track| Point::of_track(track, (rows, cols), factor)).collect();
 
     // Overlapping blocks do not err independently, so there are fewer independent points than blocks.
     let overlap = ((BLOCK * factor) as f64 / distance as f64).max(1.0);
@@ -362,64 +357,16 @@ fn smooth(points: &[Point], excess: f64, sways: bool) -> Option<(Model, RobustFi
 mod tests {
     use super::*;
 
-    fn points(field: &[f64; TERMS], wrong: usize) -> Vec<Point> {
-        let place = |index: usize| 2.0 * ((index * 37 % 101) as f64 / 100.0) - 1.0;
-        let point = |index: usize| {
-            let terms = terms(place(index), place(7 * index + 3));
-            let exact: f64 = field.iter().zip(terms).map(|(a, b)| a * b).sum();
-            let astray = if index.is_multiple_of(wrong) { 3.0 } else { 0.0 };
-            Point { terms, value: exact + astray, weight: 1.0 }
-        };
-
-        (1..200).map(point).collect()
-    }
-
-    #[test]
-    fn a_field_is_found_in_spite_of_outliers() {
-        let field = [1.5, -2.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0];
-        let fit = robust(&points(&field, 5), LINEAR).expect("enough points");
-        assert!((0..TERMS).all(|term| (fit.coefficients[term] - field[term]).abs() < 1e-6));
-        assert_eq!(fit.agreeing, 160);
-
-        let field = [1.5, -2.0, 0.5, 1.0, -0.25, 0.75, -1.0, 0.5];
-        let fit = robust(&points(&field, 6), TERMS).expect("enough points");
-        assert!((0..TERMS).all(|term| (fit.coefficients[term] - field[term]).abs() < 1e-6));
-    }
-
-    #[test]
-    fn blocks_wobble_where_those_of_a_row_agree() {
-        let scatter = |index: usize| (index * 7919 % 101) as f64 / 50.0 - 1.0;
-        let band = |index: usize| index / 30;
-        let common = |index: usize| if band(index) % 2 == 0 { 0.8 } else { -0.8 };
-
-        let apart: Vec<_> = (0..360).map(|index| (band(index), scatter(index))).collect();
-        assert!(wobble(&apart).abs() < 1e-12);
-        let together: Vec<_> =
-            (0..360).map(|index| (band(index), common(index) + 0.3 * scatter(index))).collect();
-        assert!((wobble(&together) - 0.8).abs() < 0.1);
-        assert!(wobble(&together[..20]).abs() < 1e-12, "too few");
-    }
-
     #[test]
     fn offsets_count_beyond_an_eighth_of_a_pixel_and_two_standard_errors() {
         let is_significant = |offset: f64, error: f64| {
             let coefficients = [offset, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
             let field = Alignment::new(coefficients, (100, 100)).expect("a legal field");
-            RowOffsets { field, error, blocks: 100, spread: 0.1, wobble: 0.0 }.is_significant()
+            let errors = [error; INTERVALS];
+            RowOffsets { field, error, errors, blocks: 100, spread: 0.1 }.is_significant()
         };
 
         assert!(is_significant(0.125, 0.01) && !is_significant(0.115, 0.01));
         assert!(is_significant(1.0, 0.49) && !is_significant(1.0, 0.51));
-    }
-
-    #[test]
-    fn blocks_along_a_line_determine_no_field() {
-        let point = |index: usize| Point {
-            terms: terms(index as f64 / 100.0 - 1.0, 0.5),
-            value: 1.0,
-            weight: 1.0,
-        };
-        let points: Vec<Point> = (0..200).map(point).collect();
-        assert!(robust(&points, LINEAR).is_none());
     }
 }

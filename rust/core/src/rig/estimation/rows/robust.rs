@@ -17,8 +17,9 @@
 use std::array::from_fn;
 
 use crate::math;
-use crate::rig::alignment::sway::{INTERVALS, KNOTS, mean_weights};
+use crate::rig::alignment::sway::{self, INTERVALS, KNOTS, mean_weights};
 use crate::rig::alignment::{TERMS, places, terms};
+use crate::rig::estimation::tracks::{BLOCK, Track};
 
 /// Reweightings, and how many of them are for absolute deviations.
 const STEPS: (usize, usize) = (20, 6);
@@ -47,6 +48,28 @@ pub struct Point {
     pub value: f64,
     /// Inverse variance of the offset, of arbitrary scale.
     pub weight: f64,
+}
+
+impl Point {
+    /// The equation of a block in copies, reduced by a factor, of images of so many rows and columns.
+    pub fn of_track(
+        Track { place, weight }: &Track,
+        (rows, cols): (usize, usize),
+        factor: usize,
+    ) -> Self {
+        // Fields are functions of places from -1 to 1 of the right image, splines of shares of the height. A block shows the
+        // mean over its rows.
+        let fraction = |at: f64, length: usize| (at + 0.5) / (length as f64 / 2.0) - 1.0;
+        let half = (BLOCK * factor) as f64 / 2.0;
+        let share = |y: f64| (y + 0.5) / rows as f64;
+
+        Self {
+            terms: terms(fraction(place.x + place.dx, cols), fraction(place.y, rows)),
+            sway: mean_weights(share(place.y - half), share(place.y + half)),
+            value: place.dy,
+            weight: *weight,
+        }
+    }
 }
 
 /// What is fitted.
@@ -146,13 +169,41 @@ impl Model {
             self.error(&lower, spread, (0..COLUMNS).map(|at| (x(at), y)))
         });
 
-        let mut sway = [0.0; KNOTS];
-        if self.sways {
-            sway.copy_from_slice(&solution[self.smooth..][..KNOTS]);
-        }
-        let coefficients = from_fn(|at| if at < self.smooth { solution[at] } else { 0.0 });
+        let (coefficients, sway) = self.parted(&solution);
         let error = self.error(&lower, spread, places());
         Some(RobustFit { coefficients, sway, spread, agreeing, error, errors, weights })
+    }
+
+    /// The factors of the smooth terms, and those of the spline, of which the line through it goes to the smooth terms: only
+    /// their sum is determined.
+    fn parted(&self, solution: &[f64; MOST]) -> ([f64; TERMS], [f64; KNOTS]) {
+        let mut coefficients: [f64; TERMS] =
+            from_fn(|at| if at < self.smooth { solution[at] } else { 0.0 });
+        let mut sway = [0.0; KNOTS];
+        if !self.sways {
+            return (coefficients, sway);
+        }
+
+        sway.copy_from_slice(&solution[self.smooth..][..KNOTS]);
+        // Of a sum over places that are symmetrical, shift and slope are determined one by one.
+        let (mut sums, mut squares) = ([0.0; 2], [0.0; 2]);
+        for (_, y) in places() {
+            let offset = sway::at(&sway, (y + 1.0) / 2.0);
+            for (at, term) in [1.0, y].into_iter().enumerate() {
+                sums[at] += term * offset;
+                squares[at] += term * term;
+            }
+        }
+        let [shift, slope] = [0, 1].map(|at| sums[at] / squares[at]);
+
+        coefficients[0] += shift;
+        coefficients[2] += slope;
+        for (knot, factor) in sway.iter_mut().enumerate() {
+            // A cubic B-spline whose factors are a line is that line.
+            let y = 2.0 * (knot as f64 - 1.0) / INTERVALS as f64 - 1.0;
+            *factor -= shift + slope * y;
+        }
+        (coefficients, sway)
     }
 
     /// Standard error of the field at places, root mean square.
@@ -220,7 +271,8 @@ impl RobustFit {
         let field = |(x, y)| -> f64 {
             let terms = terms(x, y);
             let spline = mean_weights((y + 1.0) / 2.0, (y + 1.0) / 2.0);
-            let smooth = (0..TERMS).map(|i| (self.coefficients[i] - other.coefficients[i]) * terms[i]);
+            let smooth =
+                (0..TERMS).map(|i| (self.coefficients[i] - other.coefficients[i]) * terms[i]);
             let sway = (0..KNOTS).map(|i| (self.sway[i] - other.sway[i]) * spline[i]);
             smooth.sum::<f64>() + sway.sum::<f64>()
         };
@@ -349,7 +401,8 @@ impl Normal {
 
                 if row > col {
                     lower[row][col] = rest / lower[col][col];
-                } else if rest > 0.0 && (row >= smooth || rest * LARGEST_CONDITION > self.matrix[0][0])
+                } else if rest > 0.0
+                    && (row >= smooth || rest * LARGEST_CONDITION > self.matrix[0][0])
                 {
                     lower[row][row] = rest.sqrt();
                 } else {
@@ -395,3 +448,90 @@ fn forward(lower: &[[f64; MOST]; MOST], mut values: [f64; MOST], count: usize) -
     values
 }
 
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rig::alignment::LINEAR;
+
+    const PLAIN: Model = Model { smooth: LINEAR, sways: false, excess: 1.0 };
+    const SWAYING: Model = Model { sways: true, ..PLAIN };
+
+    fn points(field: &[f64; TERMS], wrong: usize) -> Vec<Point> {
+        let place = |index: usize| 2.0 * ((index * 37 % 101) as f64 / 100.0) - 1.0;
+        let point = |index: usize| {
+            let (x, y) = (place(index), place(7 * index + 3));
+            let terms = terms(x, y);
+            let exact: f64 = field.iter().zip(terms).map(|(a, b)| a * b).sum();
+            let astray = if index.is_multiple_of(wrong) { 3.0 } else { 0.0 };
+            let share = (y + 1.0) / 2.0;
+            Point { terms, sway: mean_weights(share, share), value: exact + astray, weight: 1.0 }
+        };
+
+        (1..200).map(point).collect()
+    }
+
+    /// The same with noise and waves in rows whose share of the height is in a range.
+    fn waving(height: f64, rows: std::ops::Range<f64>) -> Vec<Point> {
+        let mut points = points(&[1.5, -2.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0], 200);
+        points.retain(|point| rows.contains(&((point.terms[2] + 1.0) / 2.0)));
+        for (index, point) in points.iter_mut().enumerate() {
+            let noise = (index * 7919 % 101) as f64 / 500.0 - 0.1;
+            point.value += height * math::sin(8.0 * point.terms[2]) + noise;
+        }
+        points
+    }
+
+    #[test]
+    fn a_field_is_found_in_spite_of_outliers() {
+        let field = [1.5, -2.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0];
+        let fit = PLAIN.fitted(&points(&field, 5)).expect("enough points");
+        assert!((0..TERMS).all(|term| (fit.coefficients[term] - field[term]).abs() < 1e-6));
+        assert_eq!(fit.agreeing, 160);
+
+        let field = [1.5, -2.0, 0.5, 1.0, -0.25, 0.75, -1.0, 0.5];
+        let all = Model { smooth: TERMS, ..PLAIN };
+        let fit = all.fitted(&points(&field, 6)).expect("enough points");
+        assert!((0..TERMS).all(|term| (fit.coefficients[term] - field[term]).abs() < 1e-6));
+    }
+
+    #[test]
+    fn blocks_along_a_line_determine_no_field() {
+        let point = |index: usize| Point {
+            terms: terms(index as f64 / 100.0 - 1.0, 0.5),
+            sway: mean_weights(0.75, 0.75),
+            value: 1.0,
+            weight: 1.0,
+        };
+        let points: Vec<Point> = (0..200).map(point).collect();
+        assert!(PLAIN.fitted(&points).is_none());
+    }
+
+    #[test]
+    fn there_is_evidence_of_rows_that_sway_and_none_in_noise() {
+        let evidence = |points: &[Point]| {
+            SWAYING.evidence(points, &SWAYING.fitted(points).expect("enough points"))
+        };
+        assert!(evidence(&waving(0.0, 0.0..1.0)) < 1.0);
+        assert!(evidence(&waving(0.5, 0.0..1.0)) > 50.0);
+    }
+
+    #[test]
+    fn a_spline_is_the_waves_and_shrinks_where_there_are_no_blocks() {
+        let points = waving(0.8, 0.0..1.0);
+        let fit = SWAYING.fitted(&points).expect("enough points");
+        let value = |fit: &RobustFit, y: f64| {
+            let smooth = fit.coefficients[0] + fit.coefficients[2] * y;
+            smooth + sway::at(&fit.sway, (y + 1.0) / 2.0)
+        };
+        for row in -9..=9 {
+            let y = f64::from(row) / 10.0;
+            let exact = 1.5 + 0.5 * y + 0.8 * math::sin(8.0 * y);
+            assert!((value(&fit, y) - exact).abs() < 0.1, "{y}");
+        }
+
+        // The upper half alone: the lower one is unknown, and said to be.
+        let fit = SWAYING.fitted(&waving(0.8, 0.0..0.5)).expect("enough points");
+        assert!(fit.errors[2] < 0.1 && fit.errors[13] > 0.5, "{:?}", fit.errors);
+        assert!(fit.sway.iter().all(|factor| factor.abs() < 4.0), "{:?}", fit.sway);
+    }
+}
