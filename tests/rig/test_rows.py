@@ -90,9 +90,7 @@ def test_rows_are_straightened(
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_rows_that_sway_are_straightened_row_by_row(
-    load: Callable[[str], Pair], name: str
-) -> None:
+def test_rows_that_sway_are_straightened_row_by_row(load: Callable[[str], Pair], name: str) -> None:
     straight, shaken = load(name), Misaligned(wobble=2)(load(name), "right")
     low, count = -6, straight.num_disparities + 12
     result = ps.match(shaken.left, shaken.right, min_disparity=low, num_disparities=count)
