@@ -409,6 +409,11 @@ typedef struct phasestereo_found {
    * 1: the images match once one of them is inverted, and not before.
    */
   uint32_t inverted;
+  /**
+   * Largest offset of a row from the field, pixels, as where a rolling shutter shakes; 0: rows do not sway. The right image
+   * was straightened by both.
+   */
+  double rows_sway;
 } phasestereo_found;
 
 /**

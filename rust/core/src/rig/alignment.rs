@@ -86,10 +86,12 @@ impl Alignment {
         self.sway.iter().any(|factor| *factor != 0.0).then_some(&self.sway)
     }
 
-    /// The largest magnitude of the spline of the row, pixels.
+    /// The largest magnitude of the spline of the row, pixels, but for its first and its last interval, where few blocks say
+    /// what it is.
     pub fn largest_sway(&self) -> f64 {
+        let margin = self.size.0.div_ceil(sway::INTERVALS);
         let offset = |row| sway::at(&self.sway, (row as f64 + 0.5) / self.size.0 as f64).abs();
-        (0..self.size.0).map(offset).fold(0.0, f64::max)
+        (margin..self.size.0.saturating_sub(margin)).map(offset).fold(0.0, f64::max)
     }
 
     /// Rows and columns of the image with the field.
@@ -125,7 +127,7 @@ impl Alignment {
     /// The offset at a place from -1 to 1 along both axes.
     fn at_fraction(&self, x: f64, y: f64) -> f64 {
         let smooth: f64 = self.coefficients.iter().zip(terms(x, y)).map(|(a, b)| a * b).sum();
-        smooth + sway::at(&self.sway, (y + 1.0) / 2.0)
+        smooth + sway::at(&self.sway, 0.5 * (y + 1.0))
     }
 
     /// Root mean square of the offsets over the image, pixels.

@@ -4,7 +4,7 @@
 //! The spline of the row has more factors than some images have blocks to tell them by, so it has a prior: its factors, and
 //! with more or less weight their second differences, are normal with the mean 0. Where few blocks are, the spline is what
 //! its neighbors say, and goes to 0 with them. How wide and how smooth it is are those values under which the blocks are
-//! most probable, the factors integrated out (MacKay, Bayesian interpolation, Neural Computation 1992):
+//! most probable, the factors integrated out (Bayesian interpolation, Neural Computation 4, 1992):
 //!
 //! ```text
 //! A = sum of t t' / variance over the blocks;  b = sum of t dy / variance;  P = (1 + smooth D' D) / width^2
@@ -188,7 +188,7 @@ impl Model {
         // Of a sum over places that are symmetrical, shift and slope are determined one by one.
         let (mut sums, mut squares) = ([0.0; 2], [0.0; 2]);
         for (_, y) in places() {
-            let offset = sway::at(&sway, (y + 1.0) / 2.0);
+            let offset = sway::at(&sway, 0.5 * (y + 1.0));
             for (at, term) in [1.0, y].into_iter().enumerate() {
                 sums[at] += term * offset;
                 squares[at] += term * term;
@@ -215,7 +215,7 @@ impl Model {
     ) -> f64 {
         // The variance at a place is t' A^-1 t = |L^-1 t|^2 for its terms t.
         let variance = |(x, y): (f64, f64)| -> f64 {
-            let fraction = (y + 1.0) / 2.0;
+            let fraction = 0.5 * (y + 1.0);
             let row = self.row(&terms(x, y), &mean_weights(fraction, fraction));
             let half = forward(lower, row, self.count());
             half[..self.count()].iter().map(|value| value * value).sum()
@@ -270,7 +270,7 @@ impl RobustFit {
     pub fn difference(&self, other: &Self) -> f64 {
         let field = |(x, y)| -> f64 {
             let terms = terms(x, y);
-            let spline = mean_weights((y + 1.0) / 2.0, (y + 1.0) / 2.0);
+            let spline = mean_weights(0.5 * (y + 1.0), 0.5 * (y + 1.0));
             let smooth =
                 (0..TERMS).map(|i| (self.coefficients[i] - other.coefficients[i]) * terms[i]);
             let sway = (0..KNOTS).map(|i| (self.sway[i] - other.sway[i]) * spline[i]);
@@ -463,7 +463,7 @@ mod tests {
             let terms = terms(x, y);
             let exact: f64 = field.iter().zip(terms).map(|(a, b)| a * b).sum();
             let astray = if index.is_multiple_of(wrong) { 3.0 } else { 0.0 };
-            let share = (y + 1.0) / 2.0;
+            let share = 0.5 * (y + 1.0);
             Point { terms, sway: mean_weights(share, share), value: exact + astray, weight: 1.0 }
         };
 
@@ -473,7 +473,7 @@ mod tests {
     /// The same with noise and waves in rows whose share of the height is in a range.
     fn waving(height: f64, rows: std::ops::Range<f64>) -> Vec<Point> {
         let mut points = points(&[1.5, -2.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0], 200);
-        points.retain(|point| rows.contains(&((point.terms[2] + 1.0) / 2.0)));
+        points.retain(|point| rows.contains(&(0.5 * (point.terms[2] + 1.0))));
         for (index, point) in points.iter_mut().enumerate() {
             let noise = (index * 7919 % 101) as f64 / 500.0 - 0.1;
             point.value += height * math::sin(8.0 * point.terms[2]) + noise;
@@ -521,7 +521,7 @@ mod tests {
         let fit = SWAYING.fitted(&points).expect("enough points");
         let value = |fit: &RobustFit, y: f64| {
             let smooth = fit.coefficients[0] + fit.coefficients[2] * y;
-            smooth + sway::at(&fit.sway, (y + 1.0) / 2.0)
+            smooth + sway::at(&fit.sway, 0.5 * (y + 1.0))
         };
         for row in -9..=9 {
             let y = f64::from(row) / 10.0;
