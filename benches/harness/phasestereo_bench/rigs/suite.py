@@ -32,7 +32,6 @@ _ROWS: dict[str, tuple[Step, ...]] = {
     "distortion 0.03": (Misaligned(distortion=0.03, margin=_SIDEWAYS),),
     "wobble 1": (Misaligned(wobble=1),),
     "wobble 2": (Misaligned(wobble=2),),
-    "wobble 4": (Misaligned(wobble=4),),
 }
 
 _SENSOR: dict[str, tuple[Step, ...]] = {
