@@ -1,0 +1,114 @@
+"""What views of a board cover, and what to take next."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phasestereo.calibration.record import CELLS, BoardView
+
+_ENOUGH = 12  # views
+_TILTED = 15.0  # degrees that some views should be tilted each way
+_NEARER = 1.5  # of the nearest distance, that the farthest one should be
+_KNOWN = 0.003  # of the focal length: its standard deviation
+_SHARP = 0.5  # pixels that corners fit to, if nothing is wrong
+_THIN = 1 / 3  # of the cells of a part of the image, that should have corners
+
+_PARTS = {"upper": slice(0, 2), "middle": slice(2, 4), "lower": slice(4, 6)}
+_SIDES = {"left": slice(0, 3), "middle": slice(3, 5), "right": slice(5, 8)}
+
+
+def coverage(places: Iterable[NDArray[np.float64]], size: tuple[int, int]) -> NDArray[np.int64]:
+    """Return how many corners lie in each of 6 x 8 cells of an image of this size."""
+    every = np.concatenate([np.zeros((0, 2)), *places])
+    counted = np.histogram2d(
+        every[:, 1], every[:, 0], bins=CELLS, range=((0, size[1]), (0, size[0]))
+    )[0]
+    return counted.astype(np.int64)
+
+
+def advice(
+    views: Sequence[BoardView],
+    covered: Sequence[NDArray[np.int64]],
+    *,
+    error: float,
+    focal: float,
+    has_unit: bool,
+) -> tuple[str, ...]:
+    """Return what to take next, a sentence each.
+
+    Parameters
+    ----------
+    views
+        Those that were looked at.
+    covered
+        What `coverage` returns of each image.
+    error
+        Root mean square error of corners, pixels.
+    focal
+        Standard deviation of the worse focal length, as a share of it.
+    has_unit
+        Whether the size of a square is known.
+    """
+    used = [view for view in views if view.used]
+    said = []
+    if len(used) < _ENOUGH:
+        said.append(f"take {_ENOUGH - len(used)} more pairs: {len(used)} were used, 12 to 20 do")
+    for cells, name in zip(covered, ("left", "right"), strict=True):
+        if empty := _empty(cells):
+            where = ", ".join(empty[:-1]) + (" and " if empty[:-1] else "") + empty[-1]
+            said.append(f"take views with the board {where} of the {name} image")
+    said += _poses(used)
+    if focal > _KNOWN:
+        said.append(
+            f"the focal length is known to {100 * focal:.1f} % only: take views with the board "
+            "tilted by 30 to 45 degrees, near enough to fill half of the image"
+        )
+    if error > _SHARP:
+        said.append(
+            f"corners fit to {error:.2f} px only: the board must be flat, the pictures sharp, and "
+            "both taken at the same moment; lenses that see more than 120 degrees need another "
+            "model (Kalibr's equi)"
+        )
+    if not has_unit:
+        said.append("give the side of a square, or lengths are known in squares alone")
+    return tuple(said)
+
+
+def _empty(cells: NDArray[np.int64]) -> list[str]:
+    """Return the parts of an image in which few cells have corners."""
+    found = []
+    for part, rows in _PARTS.items():
+        for side, columns in _SIDES.items():
+            if (cells[rows, columns] > 0).mean() >= _THIN:
+                continue
+            if part != "middle" and side != "middle":
+                found.append(f"in the {part} {side} corner")
+            elif part == side:
+                found.append("in the middle")
+            else:
+                found.append(f"at the {part if side == 'middle' else side} edge")
+    return found
+
+
+def _poses(used: Sequence[BoardView]) -> list[str]:
+    said = []
+    tilts = np.array([view.tilt for view in used])
+    for axis, (ends, some) in enumerate(
+        (("right edge nearer, and its left one", "sideways"), ("upper edge nearer, and its lower one", "forward and back"))
+    ):
+        low, high = tilts[:, axis].min(), tilts[:, axis].max()
+        if max(-low, high) < _TILTED:
+            said.append(
+                f"tilt the board {some}, by about 30 degrees: views with its {ends} "
+                f"(it was tilted by {max(-low, high):.0f} degrees at most)"
+            )
+    distances = [view.distance for view in used]
+    if max(distances) < _NEARER * min(distances):
+        said.append(
+            "take some views from nearer, and some from farther away: all are from "
+            f"{min(distances):.3g} to {max(distances):.3g}"
+        )
+    return said

@@ -1,0 +1,361 @@
+"""From pictures of a board to a calibration: found, checked, fitted, without what does not fit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phasestereo._extras import require
+from phasestereo.calibration.advising import advice, coverage
+from phasestereo.calibration.boards import (
+    Board,
+    Corners,
+    as_board,
+    as_ordered,
+    common_size,
+    matched,
+    mirrored,
+)
+from phasestereo.calibration.record import BoardView, StereoCalibration
+from phasestereo.calibration.solving import Fit, Sight, fit, rms, row_errors
+from phasestereo.calibration.sources import Gray, Shot, Source, shots
+from phasestereo.io.files import StrPath
+from phasestereo.io.pair import Layout
+from phasestereo.rectification.cameras import Matrix
+
+LEAST_VIEWS = 6
+_HALVES = 12  # views, from which on each half is held against the other
+_OUTLIER = 3.0  # of the median error of views
+_FITS = 0.5  # pixels; views with less are never left out
+_UNFIT = 2.0  # pixels that corners of a rig are never off by
+_SAME = 0.5  # pixels by which one picture's corners differ from its own, compressed again
+_NAMED = 5  # views that a message names
+
+
+def calibrate(
+    left: Source,
+    right: StrPath | None = None,
+    *,
+    board: str | tuple[int, int] | None = None,
+    square: float | None = None,
+    charuco: str | None = None,
+    marker: float | None = None,
+    layout: Layout | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> StereoCalibration:
+    """Calibrate two cameras by pictures of a board that both see.
+
+    Parameters
+    ----------
+    left
+        One of these:
+
+        - A folder of pairs: with folders ``left`` and ``right`` (or ``cam0`` and ``cam1``), or with
+          files whose names say ``left`` and ``right`` or ``L`` and ``R``.
+        - A folder of the left camera's pictures, with `right`.
+        - A video of both views beside each other, or of the left camera, with `right`.
+        - A list of pairs of images, as `phasestereo.match` takes them.
+    right
+        The right camera's folder or video: as many pictures, or the same names; frames of the same
+        moments.
+    board
+        Of a chessboard the inner corners, ``"9x6"`` or ``(9, 6)``; of a ChArUco board its squares.
+        None: a chessboard, whose size most pictures show.
+    square
+        Side of a square, meters, which all lengths are then in. None: lengths are in squares.
+    charuco
+        Dictionary of a ChArUco board's markers, such as ``"DICT_5X5_100"``. None: a chessboard.
+    marker
+        Side of a marker of a ChArUco board, meters. None: three quarters of a square.
+    layout
+        Where each picture of a folder, or of a video, holds both views: ``"side-by-side"`` or
+        ``"top-bottom"``. None: no picture of a folder does, and those of one video side by side.
+    progress
+        Called with the number of pairs that have been looked at, after each.
+
+    Returns
+    -------
+    StereoCalibration
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
+    ValueError
+        If fewer than 6 pairs show the board in both views (the message names some of the others),
+        pictures differ in size, both views are the same camera's, left and right are exchanged, one
+        is mirrored, or no two cameras see what the pictures show.
+    OSError
+        If a folder or a video cannot be read.
+    ImportError
+        If the extra ``rectify`` is not installed.
+
+    Notes
+    -----
+    The board is found by OpenCV's ``findChessboardCornersSB`` [1]_, or its ChArUco detector, and
+    the cameras by its ``stereoCalibrate``, all numbers together, after Zhang [2]_. Views whose error
+    is more than three times the median are left out, one at a time.
+
+    References
+    ----------
+    .. [1] A. Duda and U. Frese, *Accurate Detection and Localization of Checkerboard Corners for
+       Calibration*, BMVC 2018.
+    .. [2] Z. Zhang, *A Flexible New Technique for Camera Calibration*, PAMI 2000.
+    """
+    wanted = as_board(board, square, charuco, marker)
+    taken = shots(left, right, layout, lambda image: _places(wanted, image))
+    known, views, size = _look(taken, wanted, progress)
+    _check_same(views)
+
+    views, fitted = _fit_without_outliers(known, views, size)
+    _check_rig(fitted, known, views, size)
+    return _record(known, views, size, fitted, unit="squares" if square is None else "m")
+
+
+def _places(board: Board, image: Gray) -> NDArray[np.float64] | None:
+    found = board.find(image)
+    return None if found is None else found.places
+
+
+class _Look(NamedTuple):
+    """What a pair of pictures shows: a grid of corners, or numbered ones, of each; or a reason."""
+
+    names: tuple[str, str]
+    found: tuple[Any, Any] | None
+    reason: str = ""
+
+
+def _look(
+    taken: Iterator[Shot], board: Board, progress: Callable[[int], None] | None
+) -> tuple[Board, list[BoardView], tuple[int, int]]:
+    """Find the board in all pictures; return it, of known size, the views, and columns and rows."""
+    size, looks = None, []
+    for number, shot in enumerate(taken, start=1):
+        if shot.images is None:
+            looks.append(_Look(shot.names, None, shot.reason))
+        else:
+            size = _checked_size(shot, size)
+            looks.append(_looked(shot.names, shot.images, board))
+        if progress is not None:
+            progress(number)
+
+    if board.size is None:
+        found = [grid for look in looks for grid in look.found or ()]
+        board = replace(board, size=common_size(found))
+    views = [_view(look, board) for look in looks]
+
+    good = sum(len(view.left) > 0 for view in views)
+    if good < LEAST_VIEWS or size is None:
+        why = "; ".join(view.reason for view in views if view.reason and len(view.left) == 0)
+        raise ValueError(
+            f"left: the {board} is found in both views of {good} of {len(views)} pairs; accepts "
+            f"{LEAST_VIEWS} or more" + (f": {_shortened(why)}" if why else "")
+        )
+    return board, views, size
+
+
+def _shortened(text: str) -> str:
+    parts = text.split("; ")
+    more = len(parts) - _NAMED
+    return "; ".join(parts[:_NAMED]) + (f"; and {more} more" if more > 0 else "")
+
+
+def _checked_size(shot: Shot, size: tuple[int, int] | None) -> tuple[int, int]:
+    """Return columns and rows of both pictures, which are those of all before."""
+    for name, image in zip(shot.names, shot.images or (), strict=True):
+        given = image.shape[1], image.shape[0]
+        size = size or given
+        if given != size:
+            raise ValueError(
+                f"{name}: got {given[0]} x {given[1]} pixels; accepts {size[0]} x {size[1]}, as of "
+                "the pictures before it"
+            )
+    assert size is not None  # noqa: S101
+    return size
+
+
+def _looked(names: tuple[str, str], images: tuple[Gray, Gray], board: Board) -> _Look:
+    finds = board.find if board.dictionary is not None else board.grid
+    found = finds(images[0]), finds(images[1])
+    lost = [at for at in (0, 1) if found[at] is None]
+    if not lost:
+        return _Look(names, found)
+
+    at = lost[0]
+    said = f"no board is found in {names[at]}"
+    if board.is_mirrored(images[at]):
+        said = f"{names[at]} is mirrored: its markers are found in a mirror"
+    return _Look(names, None, said)
+
+
+def _view(look: _Look, board: Board) -> BoardView:
+    """Return a view with the corners that both pictures show, or the reason why there are none."""
+    none = np.zeros((0, 2))
+    empty = BoardView(names=look.names, ids=np.zeros(0, np.int64), left=none, right=none)
+    if look.found is None:
+        return replace(empty, reason=look.reason)
+
+    corners = look.found
+    if board.dictionary is None:
+        for name, grid in zip(look.names, look.found, strict=True):
+            if as_ordered(grid, board) is None:
+                rows, cols = grid.shape[:2]
+                said = f"{name} shows {cols} x {rows} corners, not all of the {board}"
+                return replace(empty, reason=said)
+        corners = tuple(as_ordered(grid, board) for grid in look.found)
+
+    both = matched(board, *corners)
+    if both is None:
+        said = f"{look.names[0]} and {look.names[1]} show too few corners in common"
+        return replace(empty, reason=said)
+    return replace(empty, ids=both[0].ids, left=both[0].places, right=both[1].places, used=True)
+
+
+def _check_same(views: Sequence[BoardView]) -> None:
+    """Refuse views that are one camera's: no two cameras have corners on the same pixels."""
+    apart = [np.median(np.abs(view.left - view.right)) for view in views if view.used]
+    if np.median(apart) < _SAME:
+        names = next(view.names for view in views if view.used)
+        raise ValueError(
+            f"{names[0]} and {names[1]}: both views are the same camera's, with corners on the "
+            "same pixels; accepts those of two cameras"
+        )
+
+
+def _sights(board: Board, views: Sequence[BoardView]) -> list[Sight]:
+    return [Sight(board.points(view.ids), view.left, view.right) for view in views]
+
+
+def _fit_without_outliers(
+    board: Board, views: Sequence[BoardView], size: tuple[int, int]
+) -> tuple[list[BoardView], Fit]:
+    """Fit the cameras; leave out the worst view as long as it is far worse than the others."""
+    kept = list(views)
+    fitted, coefficients = None, None
+    while True:
+        used = [at for at, view in enumerate(kept) if view.used]
+        fitted = fit(_sights(board, [kept[at] for at in used]), size, coefficients)
+        coefficients = fitted.coefficients
+
+        worst = int(np.argmax(fitted.errors))
+        most = max(_OUTLIER * float(np.median(fitted.errors)), _FITS)
+        if fitted.errors[worst] <= most or len(used) <= LEAST_VIEWS:
+            return kept, fitted
+        view, error = kept[used[worst]], float(fitted.errors[worst])
+        said = f"{view.names[0]} and {view.names[1]} are off by {error:.2f} px, others by "
+        said += f"{np.median(fitted.errors):.2f} px"
+        kept[used[worst]] = replace(view, used=False, reason=said, error=error)
+
+
+def _check_rig(
+    fitted: Fit, board: Board, views: Sequence[BoardView], size: tuple[int, int]
+) -> None:
+    """Refuse cameras that are no rig, and say what is wrong with the pictures."""
+    used = [view for view in views if view.used]
+    files = f"{used[0].names[0]} and {used[0].names[1]}, for example"
+    error = rms(fitted.errors)
+    if error > _UNFIT:
+        if _is_mirrored(board, used, size, error):
+            raise ValueError(f"{files}: one camera's pictures are mirrored; turn that off")
+        raise ValueError(
+            f"{files}: no two cameras see this, corners are off by {error:.1f} px: pairs are not of "
+            "the same moment, files are not in the same order, the cameras moved, or lenses see "
+            "more than 120 degrees"
+        )
+
+    x, y, z = (float(part) for part in fitted.matrices["T"].ravel())
+    if np.linalg.norm((x, y, z)) < 3 * np.sqrt(np.trace(fitted.covariance[-3:, -3:])):
+        raise ValueError(f"{files}: both cameras are at the same place, as if they were one")
+    if abs(y) > abs(x):
+        raise ValueError(
+            f"{files}: one camera is above the other; accepts cameras side by side: turn the "
+            "pictures by 90 degrees"
+        )
+    if x > 0:
+        raise ValueError(
+            f"{files}: the left camera is on the right of the other one: exchange left and right "
+            "(or both are mirrored)"
+        )
+
+
+def _is_mirrored(
+    board: Board, used: Sequence[BoardView], size: tuple[int, int], error: float
+) -> bool:
+    """Return whether the right pictures fit far better if they are mirrored."""
+    flipped = [
+        mirrored(board, Corners(view.ids, view.right), Corners(view.ids, view.left), size[0])
+        for view in used
+    ]
+    if any(corners is None for corners in flipped):
+        return False
+    turned = [
+        replace(view, right=corners.places)
+        for view, corners in zip(used, flipped, strict=True)
+        if corners is not None
+    ]
+    return rms(fit(_sights(board, turned), size, 4).errors) < error / 3
+
+
+def _record(
+    board: Board, views: Sequence[BoardView], size: tuple[int, int], fitted: Fit, *, unit: str
+) -> StereoCalibration:
+    used = [view for view in views if view.used]
+    sights = _sights(board, used)
+    poses, errors = iter(fitted.poses), iter(fitted.errors.tolist())
+    rows = iter(fitted.rows.tolist())
+    done = tuple(
+        _posed(replace(view, error=next(errors), rows=next(rows)), board, next(poses))
+        if view.used
+        else view
+        for view in views
+    )
+
+    covered = coverage((view.left for view in used), size), coverage(
+        (view.right for view in used), size
+    )
+    one = (len(fitted.covariance) - 6) // 2
+    focal = max(
+        float(np.sqrt(fitted.covariance[at, at]) / fitted.matrices[name][0, 0])
+        for at, name in ((0, "K1"), (one, "K2"))
+    )
+    said = advice(
+        done, covered, error=rms(fitted.errors), focal=focal, has_unit=unit != "squares"
+    )
+    return StereoCalibration(
+        **fitted.matrices,
+        size=size,
+        unit=unit,
+        board=str(board),
+        views=done,
+        error=rms(fitted.errors),
+        rows=rms(fitted.rows),
+        held_out=_held_out(sights, size, fitted.coefficients),
+        covariance=fitted.covariance,
+        coverage=covered,
+        advice=said,
+    )
+
+
+def _posed(view: BoardView, board: Board, pose: tuple[Matrix, Matrix]) -> BoardView:
+    """Return a view with the distance and the tilt of its board."""
+    rotation = require("cv2", extra="rectify").Rodrigues(pose[0])[0]
+    middle = rotation @ board.points(view.ids).mean(axis=0) + pose[1].ravel()
+    normal = rotation[:, 2] * np.sign(rotation[2, 2])
+    across, down = np.degrees(np.arctan2(-normal[:2], normal[2])).tolist()
+    return replace(view, distance=float(np.linalg.norm(middle)), tilt=(across, down))
+
+
+def _held_out(sights: Sequence[Sight], size: tuple[int, int], coefficients: int) -> float | None:
+    """Return by how much rows differ in views by cameras that were fitted to others."""
+    if len(sights) < _HALVES:
+        return None
+    halves = sights[::2], sights[1::2]
+    rows = [
+        row_errors(fit(halves[at], size, coefficients).matrices, halves[1 - at], size)
+        for at in (0, 1)
+    ]
+    return rms(np.concatenate(rows))
