@@ -14,7 +14,7 @@ _TILTED = 15.0  # degrees that some views should be tilted each way
 _NEARER = 1.5  # of the nearest distance, that the farthest one should be
 _KNOWN = 0.003  # of the focal length: its standard deviation
 _SHARP = 0.5  # pixels that corners fit to, if nothing is wrong
-_THIN = 1 / 3  # of the cells of a part of the image, that should have corners
+_THIN = 1 / 2  # of the cells of a part of the image, that should have corners
 
 _PARTS = {"upper": slice(0, 2), "middle": slice(2, 4), "lower": slice(4, 6)}
 _SIDES = {"left": slice(0, 3), "middle": slice(3, 5), "right": slice(5, 8)}
@@ -35,7 +35,7 @@ def advice(
     *,
     error: float,
     focal: float,
-    has_unit: bool,
+    unit: str,
 ) -> tuple[str, ...]:
     """Return what to take next, a sentence each.
 
@@ -49,8 +49,8 @@ def advice(
         Root mean square error of corners, pixels.
     focal
         Standard deviation of the worse focal length, as a share of it.
-    has_unit
-        Whether the size of a square is known.
+    unit
+        Of distances: "m", or "squares" where the size of a square is not known.
     """
     used = [view for view in views if view.used]
     said = []
@@ -60,7 +60,7 @@ def advice(
         if empty := _empty(cells):
             where = ", ".join(empty[:-1]) + (" and " if empty[:-1] else "") + empty[-1]
             said.append(f"take views with the board {where} of the {name} image")
-    said += _poses(used)
+    said += _poses(used, unit)
     if focal > _KNOWN:
         said.append(
             f"the focal length is known to {100 * focal:.1f} % only: take views with the board "
@@ -72,7 +72,7 @@ def advice(
             "both taken at the same moment; lenses that see more than 120 degrees need another "
             "model (Kalibr's equi)"
         )
-    if not has_unit:
+    if unit == "squares":
         said.append("give the side of a square, or lengths are known in squares alone")
     return tuple(said)
 
@@ -93,22 +93,20 @@ def _empty(cells: NDArray[np.int64]) -> list[str]:
     return found
 
 
-def _poses(used: Sequence[BoardView]) -> list[str]:
+def _poses(used: Sequence[BoardView], unit: str) -> list[str]:
     said = []
-    tilts = np.array([view.tilt for view in used])
-    for axis, (ends, some) in enumerate(
-        (("right edge nearer, and its left one", "sideways"), ("upper edge nearer, and its lower one", "forward and back"))
-    ):
-        low, high = tilts[:, axis].min(), tilts[:, axis].max()
-        if max(-low, high) < _TILTED:
+    tilts = np.abs([view.tilt for view in used]).max(axis=0)
+    for tilt, one, other in zip(tilts, ("left", "upper"), ("right", "lower"), strict=True):
+        if tilt < _TILTED:
             said.append(
-                f"tilt the board {some}, by about 30 degrees: views with its {ends} "
-                f"(it was tilted by {max(-low, high):.0f} degrees at most)"
+                f"tilt the board by about 30 degrees, its {one} edge nearer, then its {other} one "
+                f"(so far {tilt:.0f} degrees at most)"
             )
-    distances = [view.distance for view in used]
-    if max(distances) < _NEARER * min(distances):
+
+    near, far = (end(view.distance for view in used) for end in (min, max))
+    if far < _NEARER * near:
         said.append(
-            "take some views from nearer, and some from farther away: all are from "
-            f"{min(distances):.3g} to {max(distances):.3g}"
+            "take some views from nearer and some from farther away (so far from "
+            f"{near:.3g} to {far:.3g} {unit})"
         )
     return said

@@ -16,6 +16,7 @@ from phasestereo._numbers import as_integer, as_number
 
 _LEAST, _MOST = 3, 64  # corners along a side
 _FEWEST = 8  # corners that both views of a pair must share
+_WINDOW = 0.3  # of a square, either way
 _MARKER = 0.75  # of a square, where a marker's length is not given
 
 
@@ -94,6 +95,23 @@ class Board:
             return None
 
         return _right_handed(places.reshape(*shape, 2).astype(np.float64))
+
+    def refined(
+        self, image: NDArray[np.uint8], grid: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return a chessboard's corners where gradients around them say, in windows of 0.6 squares.
+
+        The finder's own corners are the better ones of real prints, a little out of focus; where
+        squares are small, a fifth of a pixel of theirs is made up by their neighbors.
+        """
+        cv2 = require("cv2", extra="rectify")
+        steps = [np.linalg.norm(np.diff(grid, axis=axis), axis=2).min() for axis in (0, 1)]
+        half = max(int(_WINDOW * min(steps)), 2)
+        until = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-4)
+        start = grid.reshape(-1, 1, 2).astype(np.float32)
+        found = cv2.cornerSubPix(image, start, (half, half), (-1, -1), until)
+        made: NDArray[np.float64] = found.reshape(grid.shape).astype(np.float64)
+        return made
 
     def is_mirrored(self, image: NDArray[np.uint8]) -> bool:
         """Return whether a picture shows a mirrored board, which only markers tell."""

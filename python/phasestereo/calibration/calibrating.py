@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -45,7 +45,6 @@ def calibrate(
     charuco: str | None = None,
     marker: float | None = None,
     layout: Layout | None = None,
-    progress: Callable[[int], None] | None = None,
 ) -> StereoCalibration:
     """Calibrate two cameras by pictures of a board that both see.
 
@@ -74,8 +73,6 @@ def calibrate(
     layout
         Where each picture of a folder, or of a video, holds both views: ``"side-by-side"`` or
         ``"top-bottom"``. None: no picture of a folder does, and those of one video side by side.
-    progress
-        Called with the number of pairs that have been looked at, after each.
 
     Returns
     -------
@@ -108,10 +105,12 @@ def calibrate(
     """
     wanted = as_board(board, square, charuco, marker)
     taken = shots(left, right, layout, lambda image: _places(wanted, image))
-    known, views, size = _look(taken, wanted, progress)
-    _check_same(views)
+    known, ways, size = _look(taken, wanted)
+    _check_same(ways[0])
 
-    views, fitted = _fit_without_outliers(known, views, size)
+    # Of both ways to measure corners the one that leaves less.
+    fits = [_fit_without_outliers(known, views, size) for views in ways]
+    views, fitted = min(fits, key=lambda found: float(np.median(found[1].errors)))
     _check_rig(fitted, known, views, size)
     return _record(known, views, size, fitted, unit="squares" if square is None else "m")
 
@@ -122,32 +121,39 @@ def _places(board: Board, image: Gray) -> NDArray[np.float64] | None:
 
 
 class _Look(NamedTuple):
-    """What a pair of pictures shows: a grid of corners, or numbered ones, of each; or a reason."""
+    """What a pair of pictures shows: a grid of corners, or numbered ones, of each; or a reason.
+
+    There may be two ways to measure them.
+    """
 
     names: tuple[str, str]
-    found: tuple[Any, Any] | None
+    found: tuple[tuple[Any, Any], ...] = ()
     reason: str = ""
 
 
 def _look(
-    taken: Iterator[Shot], board: Board, progress: Callable[[int], None] | None
-) -> tuple[Board, list[BoardView], tuple[int, int]]:
-    """Find the board in all pictures; return it, of known size, the views, and columns and rows."""
+    taken: Iterator[Shot], board: Board
+) -> tuple[Board, list[list[BoardView]], tuple[int, int]]:
+    """Find the board in all pictures.
+
+    Returns the board, of known size, the views by each way to measure corners, and columns and rows
+    of the pictures.
+    """
     size, looks = None, []
-    for number, shot in enumerate(taken, start=1):
+    for shot in taken:
         if shot.images is None:
-            looks.append(_Look(shot.names, None, shot.reason))
+            looks.append(_Look(shot.names, reason=shot.reason))
         else:
             size = _checked_size(shot, size)
             looks.append(_looked(shot.names, shot.images, board))
-        if progress is not None:
-            progress(number)
 
     if board.size is None:
-        found = [grid for look in looks for grid in look.found or ()]
+        found = [grid for look in looks for grids in look.found for grid in grids]
         board = replace(board, size=common_size(found))
-    views = [_view(look, board) for look in looks]
+    count = 1 if board.dictionary else 2
+    ways = [[_view(look, board, way) for look in looks] for way in range(count)]
 
+    views = ways[0]
     good = sum(len(view.left) > 0 for view in views)
     if good < LEAST_VIEWS or size is None:
         why = "; ".join(view.reason for view in views if view.reason and len(view.left) == 0)
@@ -155,7 +161,7 @@ def _look(
             f"left: the {board} is found in both views of {good} of {len(views)} pairs; accepts "
             f"{LEAST_VIEWS} or more" + (f": {_shortened(why)}" if why else "")
         )
-    return board, views, size
+    return board, ways, size
 
 
 def _shortened(text: str) -> str:
@@ -182,31 +188,34 @@ def _looked(names: tuple[str, str], images: tuple[Gray, Gray], board: Board) -> 
     finds = board.find if board.dictionary is not None else board.grid
     found = finds(images[0]), finds(images[1])
     lost = [at for at in (0, 1) if found[at] is None]
+    if not lost and board.dictionary is not None:
+        return _Look(names, (found,))
     if not lost:
-        return _Look(names, found)
+        refined = [board.refined(*each) for each in zip(images, found, strict=True)]
+        return _Look(names, (found, (refined[0], refined[1])))
 
     at = lost[0]
     said = f"no board is found in {names[at]}"
     if board.is_mirrored(images[at]):
         said = f"{names[at]} is mirrored: its markers are found in a mirror"
-    return _Look(names, None, said)
+    return _Look(names, reason=said)
 
 
-def _view(look: _Look, board: Board) -> BoardView:
+def _view(look: _Look, board: Board, way: int) -> BoardView:
     """Return a view with the corners that both pictures show, or the reason why there are none."""
     none = np.zeros((0, 2))
     empty = BoardView(names=look.names, ids=np.zeros(0, np.int64), left=none, right=none)
-    if look.found is None:
+    if not look.found:
         return replace(empty, reason=look.reason)
 
-    corners = look.found
+    corners = look.found[way]
     if board.dictionary is None:
-        for name, grid in zip(look.names, look.found, strict=True):
+        for name, grid in zip(look.names, corners, strict=True):
             if as_ordered(grid, board) is None:
                 rows, cols = grid.shape[:2]
                 said = f"{name} shows {cols} x {rows} corners, not all of the {board}"
                 return replace(empty, reason=said)
-        corners = tuple(as_ordered(grid, board) for grid in look.found)
+        corners = tuple(as_ordered(grid, board) for grid in corners)
 
     both = matched(board, *corners)
     if both is None:
@@ -322,9 +331,7 @@ def _record(
         float(np.sqrt(fitted.covariance[at, at]) / fitted.matrices[name][0, 0])
         for at, name in ((0, "K1"), (one, "K2"))
     )
-    said = advice(
-        done, covered, error=rms(fitted.errors), focal=focal, has_unit=unit != "squares"
-    )
+    said = advice(done, covered, error=rms(fitted.errors), focal=focal, unit=unit)
     return StereoCalibration(
         **fitted.matrices,
         size=size,

@@ -20,6 +20,7 @@ CELLS = 6, 8
 """Rows and columns of the grid by which coverage is counted."""
 
 _SUFFIXES = ".yaml", ".yml", ".xml"
+_TURNS = "pitch", "yaw", "roll"
 _STEP = 1e-3  # standard deviations: a step of the derivatives
 
 
@@ -156,11 +157,14 @@ class StereoCalibration:
         return float(np.linalg.norm(self.T))
 
     @property
-    def deviations(self) -> dict[str, float]:
-        """Standard deviations: ``fx1`` ... ``cy2`` (pixels), ``baseline``, ``roll``, ``pitch``, ``yaw``.
+    def angles(self) -> dict[str, float]:
+        """Degrees by which the right camera is turned: ``pitch``, ``yaw``, ``roll`` (x, y, z)."""
+        turns = np.degrees(vector(self.matrices)[-6:-3]).tolist()
+        return dict(zip(_TURNS, turns, strict=True))
 
-        The last three are degrees of the right camera about the axes z, x and y.
-        """
+    @property
+    def deviations(self) -> dict[str, float]:
+        """Standard deviations: ``fx1`` ... ``cy2`` (pixels), ``baseline``, and those of `angles`."""
         spread = np.sqrt(np.diag(self.covariance))
         one = (len(spread) - 6) // 2
         names = "fx fy cx cy".split()
@@ -172,7 +176,7 @@ class StereoCalibration:
         along = self.T.ravel() / self.baseline
         found["baseline"] = float(np.sqrt(along @ self.covariance[-3:, -3:] @ along))
         turns = np.degrees(spread[-6:-3]).tolist()
-        return found | dict(zip(("pitch", "yaw", "roll"), turns, strict=True))
+        return found | dict(zip(_TURNS, turns, strict=True))
 
     def depth_error(
         self, distances: ArrayLike, disparity_error: float = 0.25
