@@ -15,6 +15,7 @@ cv2 = counterpart("cv2")
 
 SIZE = 640, 480
 SQUARE = 0.03  # meters
+LARGE = 0.055  # of ChArUco boards: markers have to be seen
 RIG: dict[str, NDArray[np.float64]] = {
     "K1": np.array([[600, 0, 322], [0, 601, 235], [0, 0, 1.0]]),
     "D1": np.array([[-0.12, 0.05, 0.0005, -0.0004, 0.0]]),
@@ -67,12 +68,12 @@ def chessboard(columns: int, rows: int) -> NDArray[np.uint8]:
 def charuco(columns: int, rows: int, dictionary: str) -> NDArray[np.uint8]:
     """Return the picture of a ChArUco board of so many squares, a white square around it."""
     words = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary))
-    board = cv2.aruco.CharucoBoard((columns, rows), SQUARE, 0.75 * SQUARE, words)
+    board = cv2.aruco.CharucoBoard((columns, rows), 1.0, 0.75, words)
     made = board.generateImage((columns * _SHARP, rows * _SHARP), marginSize=0)
     return np.asarray(np.pad(made, _SHARP, constant_values=255))
 
 
-def pairs(board: NDArray[np.uint8], count: int) -> list[tuple[Any, Any]]:
+def pairs(board: NDArray[np.uint8], count: int, square: float = SQUARE) -> list[tuple[Any, Any]]:
     """Return pictures of a board by both cameras, with a little noise."""
     rng = np.random.default_rng(1)
     extent = np.array([board.shape[1], board.shape[0]]) / _SHARP
@@ -80,8 +81,8 @@ def pairs(board: NDArray[np.uint8], count: int) -> list[tuple[Any, Any]]:
     for turn, place in poses(count):
         rotation = cv2.Rodrigues(turn)[0]
         # The corner of the picture, so that its middle is at that place.
-        corner = place - rotation @ np.array([*(extent / 2 * SQUARE), 0])
-        plane = np.column_stack([rotation[:, :2] * SQUARE / _SHARP, corner])
+        corner = place - rotation @ np.array([*(extent / 2 * square), 0])
+        plane = np.column_stack([rotation[:, :2] * square / _SHARP, corner])
         right = RIG["R"] @ plane
         right[:, 2] += RIG["T"][:, 0]
         views = []
@@ -95,17 +96,16 @@ def pairs(board: NDArray[np.uint8], count: int) -> list[tuple[Any, Any]]:
 
 @cache
 def _rays(side: str) -> Any:
-    """Return the directions that a quarter of each pixel of a camera sees, (N, 3)."""
-    y, x = np.mgrid[: 2 * SIZE[1], : 2 * SIZE[0]]
-    pixels = np.stack([x.ravel(), y.ravel()], axis=1) / 2 - 0.25
+    """Return the direction that each pixel of a camera sees, (N, 3)."""
+    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
+    pixels = np.stack([x.ravel(), y.ravel()], axis=1).astype(np.float64)
     found = cv2.undistortPoints(pixels.reshape(-1, 1, 2), RIG[f"K{side}"], RIG[f"D{side}"])[:, 0]
     return np.column_stack([found, np.ones(len(found))])
 
 
 def _seen(board: Any, plane: Any, side: str) -> Any:
-    """Return a board's picture as a camera sees it, at twice its pixels, then averaged."""
+    """Return a board's picture as a camera sees it."""
     places = _rays(side) @ np.linalg.inv(plane).T
-    at = (places[:, :2] / places[:, 2:] - 0.5).astype(np.float32)
-    at = at.reshape(2 * SIZE[1], 2 * SIZE[0], 2)
-    large = cv2.remap(board, at, None, cv2.INTER_LINEAR, borderValue=128)
-    return cv2.resize(large, SIZE, interpolation=cv2.INTER_AREA).astype(np.float64)
+    at = (places[:, :2] / places[:, 2:] - 0.5).astype(np.float32).reshape(SIZE[1], SIZE[0], 2)
+    smooth = cv2.GaussianBlur(board, None, 1.5)  # of two of its pixels one is seen
+    return cv2.remap(smooth, at, None, cv2.INTER_LINEAR, borderValue=128).astype(np.float64)

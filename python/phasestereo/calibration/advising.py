@@ -55,7 +55,7 @@ def advice(
     used = [view for view in views if view.used]
     said = []
     if len(used) < _ENOUGH:
-        said.append(f"take {_ENOUGH - len(used)} more pairs: {len(used)} were used, 12 to 20 do")
+        said.append(f"take more pairs: {len(used)} were used, {_ENOUGH} to 20 do")
     for cells, name in zip(covered, ("left", "right"), strict=True):
         if empty := _empty(cells):
             where = ", ".join(empty[:-1]) + (" and " if empty[:-1] else "") + empty[-1]

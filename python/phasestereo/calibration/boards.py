@@ -65,36 +65,27 @@ class Board:
         return grid * self.square
 
     def find(self, image: NDArray[np.uint8]) -> Corners | None:
-        """Return the corners that a gray picture shows; None: the board is not found.
+        """Return the corners that a gray picture shows, by a quick look; None: there is no board.
 
         Of a chessboard of no known size, ids count along rows of the size that is found.
         """
         if self.dictionary is not None:
             return self._find_charuco(image)
 
-        grid = self.grid(image)
-        if grid is None:
-            return None
-        return Corners(np.arange(grid[..., 0].size), grid.reshape(-1, 2))
+        grid = self.grid(image, thorough=False)
+        return None if grid is None else as_ordered(grid, self)
 
-    def grid(self, image: NDArray[np.uint8]) -> NDArray[np.float64] | None:
-        """Return the corners of a chessboard, (rows, columns, 2), x to y as in pictures."""
+    def grid(
+        self, image: NDArray[np.uint8], *, thorough: bool = True
+    ) -> NDArray[np.float64] | None:
+        """Return the corners of a chessboard, (rows, columns, 2), as if it faced us."""
         cv2 = require("cv2", extra="rectify")
-        if self.size is None:
-            found, places, shape = cv2.findChessboardCornersSBWithMeta(
-                image, (_LEAST, _LEAST), cv2.CALIB_CB_LARGER
-            )[:3]
-            shape = shape.shape[:2] if found else ()
-        else:
-            shape = self.size[::-1]
-            found, places = cv2.findChessboardCornersSB(image, self.size, flags=0)
-            if not found:
-                thorough = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE
-                found, places = cv2.findChessboardCornersSB(image, self.size, flags=thorough)
-        if not found:
-            return None
-
-        return _right_handed(places.reshape(*shape, 2).astype(np.float64))
+        size, larger = self.size or (_LEAST, _LEAST), 0 if self.size else cv2.CALIB_CB_LARGER
+        for more in (0, cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE)[: 1 + thorough]:
+            found, places, kinds = cv2.findChessboardCornersSBWithMeta(image, size, larger | more)
+            if found:
+                return _right_handed(places.reshape(*kinds.shape[:2], 2).astype(np.float64))
+        return None
 
     def refined(
         self, image: NDArray[np.uint8], grid: NDArray[np.float64]
@@ -183,27 +174,25 @@ def _as_size(board: str | tuple[int, int]) -> tuple[int, int]:
     return cols, rows
 
 
-def common_size(grids: Iterable[NDArray[np.float64] | None]) -> tuple[int, int] | None:
-    """Return columns and rows that most pictures of one chessboard show, the longer side first."""
+def common_size(
+    grids: Iterable[NDArray[np.float64] | None], least: int = 1
+) -> tuple[int, int] | None:
+    """Return columns and rows that most pictures of one chessboard show, the longer side first.
+
+    None: fewer pictures than `least` show one size.
+    """
     shapes = [tuple(sorted(grid.shape[:2])) for grid in grids if grid is not None]
-    if not shapes:
-        return None
-    # Of equally many the larger one: a hidden row makes a board smaller.
     counts = Counter(shapes)
-    rows, cols = max(counts, key=lambda shape: (counts[shape], shape))
-    return cols, rows
+    # Of equally many the larger one: a hidden row makes a board smaller.
+    shape = max(counts, key=lambda shape: (counts[shape], shape), default=None)
+    return None if shape is None or counts[shape] < least else (shape[1], shape[0])
 
 
-def as_ordered(grid: NDArray[np.float64] | None, board: Board) -> Corners | None:
-    """Return a grid's corners by their numbers on a board; None: it is of another size."""
-    if grid is None or board.size is None:
-        return None
-    cols, rows = board.size
-    if grid.shape[:2] == (cols, rows) and cols != rows:
+def as_ordered(grid: NDArray[np.float64], board: Board) -> Corners:
+    """Return a grid's corners by their numbers on a board; without a size those of the grid."""
+    if board.size is not None and grid.shape[1::-1] != board.size:
         grid = _right_handed(grid.swapaxes(0, 1))
-    if grid.shape[:2] != (rows, cols):
-        return None
-    return Corners(np.arange(rows * cols), grid.reshape(-1, 2))
+    return Corners(np.arange(grid[..., 0].size), grid.reshape(-1, 2))
 
 
 def matched(board: Board, left: Corners, right: Corners) -> tuple[Corners, Corners] | None:
@@ -234,13 +223,23 @@ def _turned_like(board: Board, left: Corners, right: Corners) -> Corners:
     return Corners(left.ids, orders[int(np.argmax(alike))])
 
 
-def mirrored(board: Board, view: Corners, like: Corners, width: int) -> Corners | None:
-    """Return a chessboard's corners as they would be if the picture had not been mirrored."""
-    if board.dictionary is not None or board.size is None:
-        return None
-    cols, rows = board.size
-    flipped = view.places * (-1, 1) + (width - 1, 0)
-    grid = _right_handed(flipped.reshape(rows, cols, 2))
+def flipped(board: Board, view: Corners, like: Corners, ends: NDArray[np.float64]) -> Corners:
+    """Return a chessboard's corners as if the picture had been flipped.
+
+    Parameters
+    ----------
+    board
+        The board.
+    view
+        Its corners.
+    like
+        Those in the other view, after which they are ordered.
+    ends
+        The last column and row where these are flipped, else 0: (2,).
+    """
+    cols, rows = board.size or (0, 0)
+    places = np.where(ends > 0, ends - view.places, view.places)
+    grid = _right_handed(places.reshape(rows, cols, 2))
     return _turned_like(board, like, Corners(view.ids, grid.reshape(-1, 2)))
 
 

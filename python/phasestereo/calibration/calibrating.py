@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,11 +18,11 @@ from phasestereo.calibration.boards import (
     as_board,
     as_ordered,
     common_size,
+    flipped,
     matched,
-    mirrored,
 )
 from phasestereo.calibration.record import BoardView, StereoCalibration
-from phasestereo.calibration.solving import Fit, Sight, fit, rms, row_errors
+from phasestereo.calibration.solving import Fit, Sight, disagreement, fit, rms, row_errors
 from phasestereo.calibration.sources import Gray, Shot, Source, shots
 from phasestereo.io.files import StrPath
 from phasestereo.io.pair import Layout
@@ -33,6 +34,7 @@ _OUTLIER = 3.0  # of the median error of views
 _FITS = 0.5  # pixels; views with less are never left out
 _UNFIT = 2.0  # pixels that corners of a rig are never off by
 _SAME = 0.5  # pixels by which one picture's corners differ from its own, compressed again
+_AGREEING, _EARLY = 4, 16  # pictures that show one size of board; pairs that are looked at for it
 _NAMED = 5  # views that a message names
 
 
@@ -140,6 +142,7 @@ def _look(
     of the pictures.
     """
     size, looks = None, []
+    board, taken = _sized(board, taken)
     for shot in taken:
         if shot.images is None:
             looks.append(_Look(shot.names, reason=shot.reason))
@@ -147,9 +150,6 @@ def _look(
             size = _checked_size(shot, size)
             looks.append(_looked(shot.names, shot.images, board))
 
-    if board.size is None:
-        found = [grid for look in looks for grids in look.found for grid in grids]
-        board = replace(board, size=common_size(found))
     count = 1 if board.dictionary else 2
     ways = [[_view(look, board, way) for look in looks] for way in range(count)]
 
@@ -162,6 +162,20 @@ def _look(
             f"{LEAST_VIEWS} or more" + (f": {_shortened(why)}" if why else "")
         )
     return board, ways, size
+
+
+def _sized(board: Board, taken: Iterator[Shot]) -> tuple[Board, Iterator[Shot]]:
+    """Return a board whose size is that of the first ones found, and all pictures."""
+    early: list[Shot] = []
+    size, grids = board.size, []
+    while size is None and len(early) < _EARLY:
+        shot = next(taken, None)
+        if shot is None:
+            break
+        early.append(shot)
+        grids += [board.grid(image, thorough=False) for image in shot.images or ()]
+        size = common_size(grids, least=_AGREEING)
+    return replace(board, size=size or common_size(grids)), chain(early, taken)
 
 
 def _shortened(text: str) -> str:
@@ -192,7 +206,8 @@ def _looked(names: tuple[str, str], images: tuple[Gray, Gray], board: Board) -> 
         return _Look(names, (found,))
     if not lost:
         refined = [board.refined(*each) for each in zip(images, found, strict=True)]
-        return _Look(names, (found, (refined[0], refined[1])))
+        ways = ([as_ordered(grid, board) for grid in grids] for grids in (found, refined))
+        return _Look(names, tuple((first, second) for first, second in ways))
 
     at = lost[0]
     said = f"no board is found in {names[at]}"
@@ -209,14 +224,6 @@ def _view(look: _Look, board: Board, way: int) -> BoardView:
         return replace(empty, reason=look.reason)
 
     corners = look.found[way]
-    if board.dictionary is None:
-        for name, grid in zip(look.names, corners, strict=True):
-            if as_ordered(grid, board) is None:
-                rows, cols = grid.shape[:2]
-                said = f"{name} shows {cols} x {rows} corners, not all of the {board}"
-                return replace(empty, reason=said)
-        corners = tuple(as_ordered(grid, board) for grid in corners)
-
     both = matched(board, *corners)
     if both is None:
         said = f"{look.names[0]} and {look.names[1]} show too few corners in common"
@@ -247,16 +254,18 @@ def _fit_without_outliers(
     fitted, coefficients = None, None
     while True:
         used = [at for at, view in enumerate(kept) if view.used]
-        fitted = fit(_sights(board, [kept[at] for at in used]), size, coefficients)
-        coefficients = fitted.coefficients
+        sights = _sights(board, [kept[at] for at in used])
+        fitted = fit(sights, size, coefficients)
 
-        worst = int(np.argmax(fitted.errors))
-        most = max(_OUTLIER * float(np.median(fitted.errors)), _FITS)
-        if fitted.errors[worst] <= most or len(used) <= LEAST_VIEWS:
+        # Pairs that are none bend all cameras to them; the pose that most views tell does not bend.
+        errors = fitted.errors if rms(fitted.errors) < _UNFIT else disagreement(sights, size)
+        worst, usual = int(np.argmax(errors)), float(np.median(errors))
+        if errors[worst] <= max(_OUTLIER * usual, _FITS) or len(used) <= LEAST_VIEWS:
             return kept, fitted
-        view, error = kept[used[worst]], float(fitted.errors[worst])
-        said = f"{view.names[0]} and {view.names[1]} are off by {error:.2f} px, others by "
-        said += f"{np.median(fitted.errors):.2f} px"
+
+        coefficients = fitted.coefficients if errors is fitted.errors else None
+        view, error = kept[used[worst]], float(errors[worst])
+        said = f"{' and '.join(view.names)} are off by {error:.2f} px, others by {usual:.2f} px"
         kept[used[worst]] = replace(view, used=False, reason=said, error=error)
 
 
@@ -268,8 +277,8 @@ def _check_rig(
     files = f"{used[0].names[0]} and {used[0].names[1]}, for example"
     error = rms(fitted.errors)
     if error > _UNFIT:
-        if _is_mirrored(board, used, size, error):
-            raise ValueError(f"{files}: one camera's pictures are mirrored; turn that off")
+        if flip := _flips(board, used, size, error):
+            raise ValueError(f"{files}: one camera's pictures are {flip}; turn that off")
         raise ValueError(
             f"{files}: no two cameras see this, corners are off by {error:.1f} px: pairs are not of "
             "the same moment, files are not in the same order, the cameras moved, or lenses see "
@@ -291,22 +300,28 @@ def _check_rig(
         )
 
 
-def _is_mirrored(
+def _flips(
     board: Board, used: Sequence[BoardView], size: tuple[int, int], error: float
-) -> bool:
-    """Return whether the right pictures fit far better if they are mirrored."""
-    flipped = [
-        mirrored(board, Corners(view.ids, view.right), Corners(view.ids, view.left), size[0])
-        for view in used
-    ]
-    if any(corners is None for corners in flipped):
-        return False
-    turned = [
-        replace(view, right=corners.places)
-        for view, corners in zip(used, flipped, strict=True)
-        if corners is not None
-    ]
-    return rms(fit(_sights(board, turned), size, 4).errors) < error / 3
+) -> str:
+    """Return what is wrong with one camera's pictures, if corners fit far better without it."""
+    if board.dictionary is not None:  # whose markers would not be found, or would tell
+        return ""
+
+    found = {}
+    for word, sides in (("mirrored", (1, 0)), ("upside down", (1, 1))):
+        ends = (np.array(size) - 1.0) * sides
+        views = [
+            replace(
+                view,
+                right=flipped(
+                    board, Corners(view.ids, view.right), Corners(view.ids, view.left), ends
+                ).places,
+            )
+            for view in used
+        ]
+        found[word] = rms(fit(_sights(board, views), size, 4).errors)
+    best = min(found, key=lambda word: found[word])
+    return best if found[best] < error / 3 else ""
 
 
 def _record(

@@ -116,6 +116,35 @@ def fit(sights: Sequence[Sight], size: tuple[int, int], coefficients: int | None
     return found
 
 
+def disagreement(sights: Sequence[Sight], size: tuple[int, int]) -> Matrix:
+    """Return how far each view's corners are from where most views put the right camera, pixels.
+
+    Each camera is fitted alone. In each view both then tell how they stand to each other; of all
+    views' rotations and translations the medians are taken.
+    """
+    cv2 = require("cv2", extra="rectify")
+    points, left, right = _as_lists(sights)
+    known = [cv2.calibrateCamera(points, view, size, None, None)[1:] for view in (left, right)]
+    relative = []
+    for turn1, move1, turn2, move2 in zip(*known[0][2:4], *known[1][2:4], strict=True):
+        between = cv2.Rodrigues(turn2)[0] @ cv2.Rodrigues(turn1)[0].T
+        relative.append([*cv2.Rodrigues(between)[0].ravel(), *(move2 - between @ move1).ravel()])
+
+    usual = np.median(relative, axis=0)
+    errors = []
+    for sight, turn, move in zip(sights, *known[0][2:4], strict=True):
+        second = cv2.composeRT(turn.ravel(), move.ravel(), usual[:3], usual[3:])[:2]
+        seen = cv2.projectPoints(sight.points, *second, *known[1][:2])[0].reshape(-1, 2)
+        errors.append(np.sqrt(2) * rms(seen - sight.right))
+    return np.array(errors)
+
+
+def _as_lists(sights: Sequence[Sight]) -> list[list[NDArray[np.float32]]]:
+    """Return points, left and right corners as OpenCV takes them."""
+    parts = zip(*sights, strict=True)
+    return [[np.asarray(view, dtype=np.float32) for view in part] for part in parts]
+
+
 def rms(values: Matrix) -> float:
     """Return the root mean square."""
     return float(np.sqrt(np.mean(values**2)))
@@ -124,11 +153,7 @@ def rms(values: Matrix) -> float:
 def _fitted(sights: Sequence[Sight], size: tuple[int, int], count: int) -> Fit:
     cv2 = require("cv2", extra="rectify")
     flags = {4: cv2.CALIB_FIX_K3, 5: 0, 8: cv2.CALIB_RATIONAL_MODEL}[count]
-    points, left, right = (
-        [np.asarray(part, dtype=np.float32) for part in parts]
-        for parts in zip(*sights, strict=True)
-    )
-
+    points, left, right = _as_lists(sights)
     alone = [
         cv2.calibrateCamera(points, view, size, None, None, flags=flags)[1:3]
         for view in (left, right)

@@ -30,6 +30,7 @@ _SAMPLES = 4  # a second
 _STEADY = 0.5  # of these small pixels, from a frame to the next
 _NEW = 0.04  # of the width, by which a pose must differ from those before it
 _MOST_FRAMES = 60  # to be taken of a video
+_LOOKS = 20  # frames in which it is asked whether they are one camera's
 _BOTH = "accepts a video of both views side by side, or one of each camera"
 
 
@@ -125,7 +126,7 @@ def _of_video(left: Path, right: Path | None, layout: Layout, finds: Finds) -> I
     rate = videos[0].get(cv2.CAP_PROP_FPS) or 30.0
     step = max(round(rate / _SAMPLES), 2)
     chosen = _Chosen(finds)
-    number, spans = 0, False
+    number, spans = 0, 0
 
     try:
         while len(chosen.poses) < _MOST_FRAMES:
@@ -133,8 +134,8 @@ def _of_video(left: Path, right: Path | None, layout: Layout, finds: Finds) -> I
             second = _frames(videos, layout)
             if first is None or second is None:
                 break
-            if not chosen.poses and right is None and layout == "side-by-side":
-                spans = spans or _spans(np.hstack(first), finds)
+            if number < _LOOKS * step and right is None and layout == "side-by-side":
+                spans += _spans(np.hstack(first), finds)
             if chosen.takes(first, second):
                 labels = [f"{path}, frame {number}" for path in paths]
                 both = labels if right else [f"{labels[0]} ({side})" for side in ("left", "right")]
@@ -147,10 +148,10 @@ def _of_video(left: Path, right: Path | None, layout: Layout, finds: Finds) -> I
         for video in videos:
             video.release()
 
+    films = " and ".join(map(str, paths))
+    if spans > len(chosen.poses):
+        raise ValueError(f"{films}: is of one camera, whose frames show the board whole; {_BOTH}")
     if not chosen.poses:
-        films = " and ".join(map(str, paths))
-        if spans:
-            raise ValueError(f"{films}: is of one camera, whose frames show the board whole; {_BOTH}")
         raise ValueError(f"{films}: no frame shows the board, held still, in both views; {_BOTH}")
 
 
