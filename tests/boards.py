@@ -51,9 +51,10 @@ def sights(
     for turn, place in poses(count):
         move = place - cv2.Rodrigues(turn)[0] @ middle
         second = cv2.composeRT(turn, move, cv2.Rodrigues(RIG["R"])[0].ravel(), RIG["T"].ravel())[:2]
-        left = cv2.projectPoints(points, turn, move, RIG["K1"], RIG["D1"])[0][:, 0]
-        right = cv2.projectPoints(points, *second, RIG["K2"], RIG["D2"])[0][:, 0]
-        found.append(Sight(points, *(each + rng.normal(0, noise, each.shape) for each in (left, right))))
+        left: Any = cv2.projectPoints(points, turn, move, RIG["K1"], RIG["D1"])[0][:, 0]
+        right: Any = cv2.projectPoints(points, *second, RIG["K2"], RIG["D2"])[0][:, 0]
+        errors = rng.normal(0, noise, (2, *left.shape))
+        found.append(Sight(points, left + errors[0], right + errors[1]))
     return found
 
 
@@ -73,13 +74,15 @@ def charuco(columns: int, rows: int, dictionary: str) -> NDArray[np.uint8]:
     return np.asarray(np.pad(made, _SHARP, constant_values=255))
 
 
-def pairs(board: NDArray[np.uint8], count: int, square: float = SQUARE) -> list[tuple[Any, Any]]:
+def pairs(
+    board: NDArray[np.uint8], count: int, square: float = SQUARE, *, tilted: float = 1
+) -> list[tuple[Any, Any]]:
     """Return pictures of a board by both cameras, with a little noise."""
     rng = np.random.default_rng(1)
     extent = np.array([board.shape[1], board.shape[0]]) / _SHARP
     made = []
     for turn, place in poses(count):
-        rotation = cv2.Rodrigues(turn)[0]
+        rotation = cv2.Rodrigues(turn * tilted)[0]
         # The corner of the picture, so that its middle is at that place.
         corner = place - rotation @ np.array([*(extent / 2 * square), 0])
         plane = np.column_stack([rotation[:, :2] * square / _SHARP, corner])

@@ -4,7 +4,7 @@
 
     rig = ps.calibrate("boards/", board="9x6", square=0.025)
     rig.save("calibration.yaml")
-    print(*rig.advice, sep="\\n")
+    print(rig.error, rig.advice)
 
 `sources` reads pictures and videos, `boards` finds boards in them, `solving` has OpenCV fit the
 cameras and works out how exactly they are known, `advising` says what is missing, and `record` is

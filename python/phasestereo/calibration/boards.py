@@ -87,14 +87,23 @@ class Board:
                 return _right_handed(places.reshape(*kinds.shape[:2], 2).astype(np.float64))
         return None
 
-    def refined(
-        self, image: NDArray[np.uint8], grid: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return a chessboard's corners where gradients around them say, in windows of 0.6 squares.
+    def measure(self, image: NDArray[np.uint8]) -> list[Corners]:
+        """Return the corners that a gray picture shows, by each way to measure them.
 
-        The finder's own corners are the better ones of real prints, a little out of focus; where
-        squares are small, a fifth of a pixel of theirs is made up by their neighbors.
+        OpenCV's finder measures corners of real prints, a little out of focus, better than the
+        gradients in windows around them do, and those of small squares worse.
         """
+        if self.dictionary is not None:
+            found = self._find_charuco(image)
+            return [] if found is None else [found]
+
+        grid = self.grid(image)
+        if grid is None:
+            return []
+        return [as_ordered(each, self) for each in (grid, self._refined(image, grid))]
+
+    def _refined(self, image: NDArray[np.uint8], grid: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return a chessboard's corners where the gradients around them say."""
         cv2 = require("cv2", extra="rectify")
         steps = [np.linalg.norm(np.diff(grid, axis=axis), axis=2).min() for axis in (0, 1)]
         half = max(int(_WINDOW * min(steps)), 2)
@@ -163,7 +172,7 @@ def as_board(
 
 def _as_size(board: str | tuple[int, int]) -> tuple[int, int]:
     if isinstance(board, str):
-        match = re.fullmatch(r"\s*([0-9]{1,3})\s*[xX×]\s*([0-9]{1,3})\s*", board)
+        match = re.fullmatch(r"\s*([0-9]{1,3})\s*[xX]\s*([0-9]{1,3})\s*", board)
         if match is None:
             raise ValueError(f"board: got {board!r}; accepts corners as '9x6', or None to look")
         board = int(match[1]), int(match[2])
@@ -248,4 +257,3 @@ def _right_handed(grid: NDArray[np.float64]) -> NDArray[np.float64]:
     along = grid[0, -1] - grid[0, 0] + grid[-1, -1] - grid[-1, 0]
     down = grid[-1, 0] - grid[0, 0] + grid[-1, -1] - grid[0, -1]
     return grid if along[0] * down[1] - along[1] * down[0] > 0 else grid[:, ::-1]
-

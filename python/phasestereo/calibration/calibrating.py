@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,6 @@ from phasestereo.calibration.boards import (
     Board,
     Corners,
     as_board,
-    as_ordered,
     common_size,
     flipped,
     matched,
@@ -96,8 +95,8 @@ def calibrate(
     Notes
     -----
     The board is found by OpenCV's ``findChessboardCornersSB`` [1]_, or its ChArUco detector, and
-    the cameras by its ``stereoCalibrate``, all numbers together, after Zhang [2]_. Views whose error
-    is more than three times the median are left out, one at a time.
+    the cameras by its ``stereoCalibrate``, all numbers together, after Zhang [2]_. Views whose
+    error is more than three times the median are left out, one at a time.
 
     References
     ----------
@@ -123,13 +122,10 @@ def _places(board: Board, image: Gray) -> NDArray[np.float64] | None:
 
 
 class _Look(NamedTuple):
-    """What a pair of pictures shows: a grid of corners, or numbered ones, of each; or a reason.
-
-    There may be two ways to measure them.
-    """
+    """The corners of a pair of pictures, by each way to measure them; or why there are none."""
 
     names: tuple[str, str]
-    found: tuple[tuple[Any, Any], ...] = ()
+    found: tuple[tuple[Corners, Corners], ...] = ()
     reason: str = ""
 
 
@@ -199,17 +195,11 @@ def _checked_size(shot: Shot, size: tuple[int, int] | None) -> tuple[int, int]:
 
 
 def _looked(names: tuple[str, str], images: tuple[Gray, Gray], board: Board) -> _Look:
-    finds = board.find if board.dictionary is not None else board.grid
-    found = finds(images[0]), finds(images[1])
-    lost = [at for at in (0, 1) if found[at] is None]
-    if not lost and board.dictionary is not None:
-        return _Look(names, (found,))
-    if not lost:
-        refined = [board.refined(*each) for each in zip(images, found, strict=True)]
-        ways = ([as_ordered(grid, board) for grid in grids] for grids in (found, refined))
-        return _Look(names, tuple((first, second) for first, second in ways))
+    left, right = (board.measure(image) for image in images)
+    if left and right:
+        return _Look(names, tuple(zip(left, right, strict=True)))
 
-    at = lost[0]
+    at = 1 if left else 0
     said = f"no board is found in {names[at]}"
     if board.is_mirrored(images[at]):
         said = f"{names[at]} is mirrored: its markers are found in a mirror"
@@ -280,14 +270,17 @@ def _check_rig(
         if flip := _flips(board, used, size, error):
             raise ValueError(f"{files}: one camera's pictures are {flip}; turn that off")
         raise ValueError(
-            f"{files}: no two cameras see this, corners are off by {error:.1f} px: pairs are not of "
-            "the same moment, files are not in the same order, the cameras moved, or lenses see "
+            f"{files}: no two cameras see this, corners are off by {error:.1f} px: pairs are not "
+            "of the same moment, files are not in the same order, the cameras moved, or lenses see "
             "more than 120 degrees"
         )
 
     x, y, z = (float(part) for part in fitted.matrices["T"].ravel())
     if np.linalg.norm((x, y, z)) < 3 * np.sqrt(np.trace(fitted.covariance[-3:, -3:])):
-        raise ValueError(f"{files}: both cameras are at the same place, as if they were one")
+        raise ValueError(
+            f"{files}: these views do not tell how far apart the cameras are: tilt the board, and "
+            "move it, between them (or both views are one camera's)"
+        )
     if abs(y) > abs(x):
         raise ValueError(
             f"{files}: one camera is above the other; accepts cameras side by side: turn the "
@@ -300,9 +293,7 @@ def _check_rig(
         )
 
 
-def _flips(
-    board: Board, used: Sequence[BoardView], size: tuple[int, int], error: float
-) -> str:
+def _flips(board: Board, used: Sequence[BoardView], size: tuple[int, int], error: float) -> str:
     """Return what is wrong with one camera's pictures, if corners fit far better without it."""
     if board.dictionary is not None:  # whose markers would not be found, or would tell
         return ""
@@ -338,8 +329,9 @@ def _record(
         for view in views
     )
 
-    covered = coverage((view.left for view in used), size), coverage(
-        (view.right for view in used), size
+    covered = (
+        coverage((view.left for view in used), size),
+        coverage((view.right for view in used), size),
     )
     one = (len(fitted.covariance) - 6) // 2
     focal = max(

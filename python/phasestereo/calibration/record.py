@@ -1,4 +1,4 @@
-"""What a calibration found: the cameras, how exactly they are known, and the views it is made of."""
+"""What a calibration is: two cameras, how exactly they are known, and the views they come from."""
 
 from __future__ import annotations
 
@@ -74,9 +74,9 @@ class DepthError(NamedTuple):
     disparity
         What an error of the disparity makes of them.
     focal, baseline, yaw
-        What is left open by the calibration: by the focal lengths, by where the right camera is, and
-        by the directions of both (rotation, principal points, distortion). These are known together
-        better than each alone, so the total may be less than any of them.
+        What the calibration leaves open: by the focal lengths, by where the right camera is, and by
+        the directions of both (rotation, principal points, distortion). Together they are known
+        better than each alone, so `calibration` may be less than any of them.
     calibration
         What all of that makes together.
     total
@@ -94,7 +94,7 @@ class DepthError(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class StereoCalibration:
-    """Two calibrated cameras, by OpenCV's names; `phasestereo.rectify` takes its file or `matrices`.
+    """Two calibrated cameras, by OpenCV's names; `phasestereo.rectify` takes file or `matrices`.
 
     Parameters
     ----------
@@ -164,10 +164,10 @@ class StereoCalibration:
 
     @property
     def deviations(self) -> dict[str, float]:
-        """Standard deviations: ``fx1`` ... ``cy2`` (pixels), ``baseline``, and those of `angles`."""
+        """Standard deviations of ``fx1`` ... ``cy2`` (pixels), ``baseline`` and the `angles`."""
         spread = np.sqrt(np.diag(self.covariance))
         one = (len(spread) - 6) // 2
-        names = "fx fy cx cy".split()
+        names = ("fx", "fy", "cx", "cy")
         found = {
             f"{name}{side + 1}": float(spread[side * one + at])
             for side in (0, 1)
@@ -178,15 +178,12 @@ class StereoCalibration:
         turns = np.degrees(spread[-6:-3]).tolist()
         return found | dict(zip(_TURNS, turns, strict=True))
 
-    def depth_error(
-        self, distances: ArrayLike, disparity_error: float = 0.25
-    ) -> DepthError:
+    def depth_error(self, distances: ArrayLike, disparity_error: float = 0.25) -> DepthError:
         """Return how exactly depths can be known with these cameras.
 
-        At a depth Z an error of the disparity of e pixels makes one of ``Z**2 / (f b) * e``. That of
-        the calibration is worked out from the covariance of all its numbers, for points in the
-        middle half of the image. Errors of the size of a square are not in it: they are a share of
-        every depth.
+        At a depth Z an error e of the disparity makes one of ``Z**2 / (f b) * e``. That of the
+        calibration is worked out from the covariance of all its numbers, for points in the middle
+        half of the image. An error of the size of a square is not in it.
 
         Parameters
         ----------
@@ -230,7 +227,7 @@ class StereoCalibration:
         )
 
     def _gradients(self, depths: Matrix) -> Matrix:
-        """Return derivatives of triangulated depths by the cameras' numbers, (N, points, numbers)."""
+        """Return derivatives of depths by the cameras' numbers, (N, points, numbers)."""
         cv2 = require("cv2", extra="rectify")
         numbers = vector(self.matrices)
         steps = _STEP * np.sqrt(np.diag(self.covariance))
@@ -273,7 +270,7 @@ class StereoCalibration:
         cv2 = require("cv2", extra="rectify")
         mode = cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY
         storage = cv2.FileStorage(suffix(path), mode)
-        said = {"unit": self.unit, "board": self.board}
+        said: dict[str, Any] = {"unit": self.unit, "board": self.board}
         said |= {"reprojection_error": self.error, "row_error": self.rows}
         for name, value in (self.matrices | said).items():
             storage.write(name, value)

@@ -102,15 +102,18 @@ def fit(sights: Sequence[Sight], size: tuple[int, int], coefficients: int | None
         If OpenCV finds no cameras that saw this.
     """
     cv2 = require("cv2", extra="rectify")
-    found: Fit | None = None
-    for count in (4, 5, 8) if coefficients is None else (coefficients,):
+    first, *others = (4, 5, 8) if coefficients is None else (coefficients,)
+    try:
+        found = _fitted(sights, size, first)
+    except (cv2.error, np.linalg.LinAlgError) as error:
+        raise ValueError("left: got views of which OpenCV makes no cameras") from error
+
+    for count in others:
         try:
             more = _fitted(sights, size, count)
-        except (cv2.error, np.linalg.LinAlgError) as error:
-            if found is None:
-                raise ValueError("left: got views of which OpenCV makes no cameras") from error
-            return found
-        if found is not None and not rms(more.errors) < _BETTER * rms(found.errors):
+        except (cv2.error, np.linalg.LinAlgError):
+            break
+        if not rms(more.errors) < _BETTER * rms(found.errors):
             break
         found = more
     return found

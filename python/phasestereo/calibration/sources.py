@@ -81,7 +81,7 @@ def shots(
 
 
 def _checked_pairs(pairs: Any) -> list[tuple[ImageOrPath, ImageOrPath]]:
-    listed = list(pairs) if isinstance(pairs, Sequence) else [None]
+    listed: list[Any] = list(pairs) if isinstance(pairs, Sequence) else [None]
     if not all(isinstance(pair, Sequence) and len(pair) == 2 for pair in listed):
         raise TypeError(
             "left: accepts a folder, a video, or a list of pairs (left image, right image)"

@@ -65,9 +65,7 @@ def paths_of_rig(folder: Path) -> list[tuple[Path, Path]]:
             "folders, or say layout if each image holds both views"
         )
 
-    return [
-        (path, path.with_name(word.sub(_partner, path.stem) + path.suffix)) for path in lefts
-    ]
+    return [(path, path.with_name(word.sub(_partner, path.stem) + path.suffix)) for path in lefts]
 
 
 def pair_paths(left: Path, right: Path) -> list[tuple[Path, Path]]:

@@ -27,7 +27,7 @@ _TICKS = (1, 2, 5)  # in each decade
 
 
 def distances_of(calibration: StereoCalibration) -> list[float]:
-    """Return distances to tell the error of depths at: 1, 3 and 10 m, or as many of 15 baselines."""
+    """Return distances to tell the error of depths at: 1, 3 and 10 m, or times 15 baselines."""
     step = 1.0 if calibration.unit == "m" else 15 * calibration.baseline
     return [step, 3 * step, 10 * step]
 
@@ -114,9 +114,7 @@ def _camera_rows(found: StereoCalibration) -> list[tuple[str, str, str]]:
             ("center, row", "cy", (1, 2)),
         )
     ]
-    rows.append(
-        ("baseline", f"{found.baseline:.5g} {found.unit}", f"{spread['baseline']:.2g}")
-    )
+    rows.append(("baseline", f"{found.baseline:.5g} {found.unit}", f"{spread['baseline']:.2g}"))
     for name, angle in found.angles.items():
         rows.append((f"{name} of the right camera", f"{angle:.3f}°", f"{spread[name]:.3f}"))
     return rows
@@ -126,7 +124,11 @@ def _plot(found: StereoCalibration) -> dict[str, Any]:
     """Return lines and ticks of the plot of errors over distances, both on logarithmic scales."""
     distances = np.geomspace(_NEAREST, _FARTHEST, _SAMPLES) * found.baseline
     errors = found.depth_error(distances)
-    shown = {"total": errors.total, "disparity": errors.disparity, "calibration": errors.calibration}
+    shown = {
+        "total": errors.total,
+        "disparity": errors.disparity,
+        "calibration": errors.calibration,
+    }
     ends = [np.log10(distances[[0, -1]])]
     every = np.concatenate([*shown.values()])
     ends.append(np.log10([every[every > 0].min(), every.max()]))
@@ -134,7 +136,8 @@ def _plot(found: StereoCalibration) -> dict[str, Any]:
     def place(values: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
         low, high = ends[axis]
         share = (np.log10(np.maximum(values, 1e-300)) - low) / (high - low)
-        return _HEIGHT * (1 - share) if axis else _WIDTH * share
+        at: NDArray[np.float64] = _HEIGHT * (1 - share) if axis else _WIDTH * share
+        return at
 
     lines = {
         name: " ".join(
@@ -149,5 +152,10 @@ def _plot(found: StereoCalibration) -> dict[str, Any]:
         digits = (1,) if axis else _TICKS  # errors span many decades
         values = np.array([digit * 10.0**decade for decade in decades for digit in digits])
         values = values[(values >= 10**low) & (values <= 10**high)]
-        ticks.append([(float(at), f"{value:g}") for at, value in zip(place(values, axis), values)])
+        ticks.append(
+            [
+                (float(at), f"{value:g}")
+                for at, value in zip(place(values, axis), values, strict=True)
+            ]
+        )
     return {"lines": lines, "x": ticks[0], "y": ticks[1], "width": _WIDTH, "height": _HEIGHT}
