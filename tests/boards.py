@@ -45,7 +45,7 @@ def sights(
 ) -> list[Sight]:
     """Return corners as the cameras see them, with errors of this standard deviation."""
     x, y = np.meshgrid(np.arange(columns), np.arange(rows))
-    points = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1) * SQUARE
+    points: Any = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1) * SQUARE
     middle = points.mean(axis=0)
     found = []
     for turn, place in poses(count):

@@ -15,6 +15,7 @@ _NEARER = 1.5  # of the nearest distance, that the farthest one should be
 _KNOWN = 0.003  # of the focal length: its standard deviation
 _SHARP = 0.5  # pixels that corners fit to, if nothing is wrong
 _THIN = 1 / 2  # of the cells of a part of the image, that should have corners
+_MARGIN = 1.5  # disparities: a board ends some way beyond its corners
 
 _PARTS = {"upper": slice(0, 2), "middle": slice(2, 4), "lower": slice(4, 6)}
 _SIDES = {"left": slice(0, 3), "middle": slice(3, 5), "right": slice(5, 8)}
@@ -36,6 +37,7 @@ def advice(
     *,
     error: float,
     focal: float,
+    parallax: float,
     unit: str,
 ) -> tuple[str, ...]:
     """Return what to take next, a sentence each.
@@ -50,6 +52,9 @@ def advice(
         Root mean square error of corners, pixels.
     focal
         Standard deviation of the worse focal length, as a share of it.
+    parallax
+        Disparity of the farthest board, as a share of the width: left of it the left image shows
+        what the right one does not, and the other way round.
     unit
         Of distances: "m", or "squares" where the size of a square is not known.
     """
@@ -57,8 +62,10 @@ def advice(
     said = []
     if len(used) < _ENOUGH:
         said.append(f"take more pairs: {len(used)} were used, {_ENOUGH} to 20 do")
+    center = (np.arange(CELLS[1]) + 0.5) / CELLS[1]
     for cells, name in zip(covered, ("left", "right"), strict=True):
-        if empty := _empty(cells):
+        inward = center if name == "left" else 1 - center
+        if empty := _empty(cells, inward > _MARGIN * parallax):
             where = ", ".join(empty[:-1]) + (" and " if empty[:-1] else "") + empty[-1]
             said.append(f"take views with the board {where} of the {name} image")
     said += _poses(used, unit)
@@ -78,12 +85,13 @@ def advice(
     return tuple(said)
 
 
-def _empty(cells: NDArray[np.int64]) -> list[str]:
-    """Return the parts of an image in which few cells have corners."""
+def _empty(cells: NDArray[np.int64], shared: NDArray[np.bool_]) -> list[str]:
+    """Return the parts of an image in which few cells of columns that both show have corners."""
     found = []
     for part, rows in _PARTS.items():
         for side, columns in _SIDES.items():
-            if (cells[rows, columns] > 0).mean() >= _THIN:
+            there = cells[rows, columns][:, shared[columns]] > 0
+            if there.size == 0 or there.mean() >= _THIN:
                 continue
             if part != "middle" and side != "middle":
                 found.append(f"in the {part} {side} corner")

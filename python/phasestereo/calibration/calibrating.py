@@ -22,7 +22,7 @@ from phasestereo.calibration.boards import (
 )
 from phasestereo.calibration.record import BoardView, StereoCalibration
 from phasestereo.calibration.solving import Fit, Sight, disagreement, fit, rms, row_errors
-from phasestereo.calibration.sources import Gray, Shot, Source, shots
+from phasestereo.calibration.sources import BoardPaths, Gray, Shot, shots
 from phasestereo.io.files import StrPath
 from phasestereo.io.pair import Layout
 from phasestereo.rectification.cameras import Matrix
@@ -38,7 +38,7 @@ _NAMED = 5  # views that a message names
 
 
 def calibrate(
-    left: Source,
+    left: BoardPaths,
     right: StrPath | None = None,
     *,
     board: str | tuple[int, int] | None = None,
@@ -338,7 +338,16 @@ def _record(
         float(np.sqrt(fitted.covariance[at, at]) / fitted.matrices[name][0, 0])
         for at, name in ((0, "K1"), (one, "K2"))
     )
-    said = advice(done, covered, error=rms(fitted.errors), focal=focal, unit=unit)
+    far = max(view.distance for view in done if view.used)
+    baseline = float(np.linalg.norm(fitted.matrices["T"]))
+    said = advice(
+        done,
+        covered,
+        error=rms(fitted.errors),
+        focal=focal,
+        parallax=float(fitted.matrices["K1"][0, 0]) * baseline / far / size[0],
+        unit=unit,
+    )
     return StereoCalibration(
         **fitted.matrices,
         size=size,

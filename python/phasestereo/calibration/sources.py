@@ -19,7 +19,7 @@ from phasestereo.io.limits import check_size
 from phasestereo.io.pair import Layout, halves, read_pair
 
 Gray: TypeAlias = NDArray[np.uint8]
-Source: TypeAlias = "StrPath | Sequence[tuple[ImageOrPath, ImageOrPath]]"
+BoardPaths: TypeAlias = "StrPath | Sequence[tuple[ImageOrPath, ImageOrPath]]"
 Finds: TypeAlias = Callable[[Gray], "NDArray[np.float64] | None"]
 """Returns the places (N, 2) of a board's corners in a picture."""
 
@@ -46,7 +46,7 @@ class Shot(NamedTuple):
 
 
 def shots(
-    left: Source, right: StrPath | None, layout: Layout | None, finds: Finds
+    left: BoardPaths, right: StrPath | None, layout: Layout | None, finds: Finds
 ) -> Iterator[Shot]:
     """Yield pairs of pictures.
 

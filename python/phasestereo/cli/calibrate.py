@@ -15,6 +15,7 @@ from phasestereo.calibration import StereoCalibration
 from phasestereo.calibration import calibrate as calibrate_pair
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals, refuse_taken
 from phasestereo.cli.terminal import print_json, print_lines
+from phasestereo.io.files import target_of
 from phasestereo.io.pair import Layout
 from phasestereo.views.calibration_page import distances_of, write_calibration_page
 
@@ -92,6 +93,9 @@ def calibrate(
     _check_suffixes(output, page)
 
     with refusals(options=_OPTIONS):
+        for path in (output, page):
+            if path is not None:
+                target_of(path)  # before all pictures are looked at
         if page is not None:
             require("jinja2", extra="report")
         found = calibrate_pair(
