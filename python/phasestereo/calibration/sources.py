@@ -187,7 +187,7 @@ def _frames(videos: list[Any], layout: Layout) -> tuple[Gray, Gray] | None:
     if not all(there for there, _ in read):
         return None
     views = halves(read[0][1], layout) if len(read) == 1 else (read[0][1], read[1][1])
-    left, right = (_gray(view) for view in views)
+    left, right = (_gray(view[..., ::-1]) for view in views)  # OpenCV's are BGR
     return left, right
 
 
