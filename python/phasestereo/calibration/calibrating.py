@@ -248,15 +248,20 @@ def _fit_without_outliers(
         fitted = fit(sights, size, coefficients)
 
         # Pairs that are none bend all cameras to them; the pose that most views tell does not bend.
-        errors = fitted.errors if rms(fitted.errors) < _UNFIT else disagreement(sights, size)
-        worst, usual = int(np.argmax(errors)), float(np.median(errors))
-        if errors[worst] <= max(_OUTLIER * usual, _FITS) or len(used) <= LEAST_VIEWS:
+        fits = rms(fitted.errors) < _UNFIT
+        errors = fitted.errors if fits else disagreement(sights, size)
+        usual = float(np.median(errors))
+        far = errors > max(_OUTLIER * usual, _FITS)
+        if fits:
+            far &= errors == errors.max()
+        if not far.any() or len(used) - far.sum() < LEAST_VIEWS:
             return kept, fitted
 
-        coefficients = fitted.coefficients if errors is fitted.errors else None
-        view, error = kept[used[worst]], float(errors[worst])
-        said = f"{' and '.join(view.names)} are off by {error:.2f} px, others by {usual:.2f} px"
-        kept[used[worst]] = replace(view, used=False, reason=said, error=error)
+        coefficients = fitted.coefficients if fits else None
+        for at, error in zip(np.array(used)[far].tolist(), errors[far].tolist(), strict=True):
+            said = f"{' and '.join(kept[at].names)} are off by {error:.2f} px, others by "
+            said += f"{usual:.2f} px"
+            kept[at] = replace(kept[at], used=False, reason=said, error=error)
 
 
 def _check_rig(

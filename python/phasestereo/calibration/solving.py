@@ -168,7 +168,8 @@ def _fitted(sights: Sequence[Sight], size: tuple[int, int], count: int) -> Fit:
         flags=flags | cv2.CALIB_USE_INTRINSIC_GUESS, criteria=until,
     )  # fmt: skip
 
-    d1, d2 = (np.asarray(d, dtype=np.float64).reshape(1, -1) for d in (d1, d2))
+    # Behind eight coefficients OpenCV has others, which are 0.
+    d1, d2 = (np.asarray(d, dtype=np.float64).reshape(1, -1)[:, : max(count, 5)] for d in (d1, d2))
     found = {"K1": k1, "D1": d1, "K2": k2, "D2": d2, "R": r, "T": t}
     poses = list(zip(rotations, moves, strict=True))
     residuals, covariance = _residuals_and_covariance(sights, found, poses, count)
