@@ -143,7 +143,7 @@ def _look(
         if shot.images is None:
             looks.append(_Look(shot.names, reason=shot.reason))
         else:
-            size = _checked_size(shot, size)
+            size = _checked_size(shot.names, shot.images, size)
             looks.append(_looked(shot.names, shot.images, board))
 
     count = 1 if board.dictionary else 2
@@ -152,10 +152,12 @@ def _look(
     views = ways[0]
     good = sum(len(view.left) > 0 for view in views)
     if good < LEAST_VIEWS or size is None:
-        why = "; ".join(view.reason for view in views if view.reason and len(view.left) == 0)
+        reasons = [view.reason for view in views if len(view.left) == 0]
+        more = f"and {len(reasons) - _NAMED} more" if len(reasons) > _NAMED else ""
+        why = "; ".join(filter(None, [*reasons[:_NAMED], more]))
         raise ValueError(
             f"left: the {board} is found in both views of {good} of {len(views)} pairs; accepts "
-            f"{LEAST_VIEWS} or more" + (f": {_shortened(why)}" if why else "")
+            f"{LEAST_VIEWS} or more" + (f": {why}" if why else "")
         )
     return board, ways, size
 
@@ -174,24 +176,18 @@ def _sized(board: Board, taken: Iterator[Shot]) -> tuple[Board, Iterator[Shot]]:
     return replace(board, size=size or common_size(grids)), chain(early, taken)
 
 
-def _shortened(text: str) -> str:
-    parts = text.split("; ")
-    more = len(parts) - _NAMED
-    return "; ".join(parts[:_NAMED]) + (f"; and {more} more" if more > 0 else "")
-
-
-def _checked_size(shot: Shot, size: tuple[int, int] | None) -> tuple[int, int]:
+def _checked_size(
+    names: tuple[str, str], images: tuple[Gray, Gray], size: tuple[int, int] | None
+) -> tuple[int, int]:
     """Return columns and rows of both pictures, which are those of all before."""
-    for name, image in zip(shot.names, shot.images or (), strict=True):
-        given = image.shape[1], image.shape[0]
-        size = size or given
-        if given != size:
+    cols, rows = size or images[0].shape[::-1]
+    for name, image in zip(names, images, strict=True):
+        if image.shape != (rows, cols):
             raise ValueError(
-                f"{name}: got {given[0]} x {given[1]} pixels; accepts {size[0]} x {size[1]}, as of "
-                "the pictures before it"
+                f"{name}: got {image.shape[1]} x {image.shape[0]} pixels; accepts {cols} x {rows}, "
+                "as of the pictures before it"
             )
-    assert size is not None  # noqa: S101
-    return size
+    return cols, rows
 
 
 def _looked(names: tuple[str, str], images: tuple[Gray, Gray], board: Board) -> _Look:
@@ -248,6 +244,7 @@ def _fit_without_outliers(
         fitted = fit(sights, size, coefficients)
 
         # Pairs that are none bend all cameras to them; the pose that most views tell does not bend.
+        # What is a little off bends them, too: of these the worst alone is left out at a time.
         fits = rms(fitted.errors) < _UNFIT
         errors = fitted.errors if fits else disagreement(sights, size)
         usual = float(np.median(errors))

@@ -123,8 +123,8 @@ def _of_video(left: Path, right: Path | None, layout: Layout, finds: Finds) -> I
     cv2 = require("cv2", extra="rectify")
     paths = [left] if right is None else [left, right]
     videos = [_opened_video(path) for path in paths]
-    rate = videos[0].get(cv2.CAP_PROP_FPS) or 30.0
-    step = max(round(rate / _SAMPLES), 2)
+    rate = videos[0].get(cv2.CAP_PROP_FPS)
+    step = max(round((rate if 1 <= rate <= 1000 else 30) / _SAMPLES), 2)
     chosen = _Chosen(finds)
     number, spans = 0, 0
 
