@@ -50,7 +50,7 @@ FLOORS = {
         "_opening",  # of images that a caller names the files of
         "rig",  # what is found out of a pair
         "rectification result",
-        "known",  # of a pair, an earlier result too
+        "calibration known",  # by boards; of a pair, an earlier result too
         "matching stages",
         "opencv verification views",  # what is made of a result, and a stand-in for a matcher
         "",  # the package itself, which names all of the interface
