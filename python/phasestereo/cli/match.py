@@ -121,11 +121,17 @@ def match(
         images = views[0].image, views[1].image
         truth = scoring.read(images[0].shape[:2])
 
-        num_disparities = num_disparities or geometry.bound()
-        # As long as they are to be found, no more than one is sure to be searched.
-        disparities = min_disparity, num_disparities or 1
         known = None if rectified is None else rectified.Q
-        rig = geometry.read(images[0].shape[:2], disparities, known)
+        rig = geometry.read(images[0].shape[:2], known)
+
+        num_disparities = num_disparities or geometry.bound()
+        if num_disparities is None:
+            # As long as they are to be found, files are tried with one that has a depth.
+            disparities = min_disparity if rig is None else rig.farthest(), 1
+        else:
+            disparities = min_disparity, num_disparities
+            if rig is not None:
+                rig.check(disparities)
 
     outputs.check(sources, rehearsal(disparities, settings, rig))
 
@@ -148,6 +154,8 @@ def match(
     show_findings(result.findings)
 
     with refusals():
+        if rig is not None:
+            rig.check(disparities)
         score = None if truth is None else truth.score(result.disparity)
         place, names = views[0].place, names_of(left, right)
         outcome = Outcome(images, result, disparities, truth, score, rig, place, names, rectified)
