@@ -317,7 +317,7 @@ def test_files_that_are_no_calibration(tmp_path: Path, content: bytes) -> None:
     ({"D2": np.zeros(3)}, r"D2: got shape \(3,\); accepts 4, 5, 8, 12, 14 numbers"),
     ({"R": np.zeros((3, 3)) * np.nan}, "R: holds what is no finite number"),
     ({"T": np.array([0.12, 0, 0])}, "a left camera that is on the right"),
-    ({"T": np.array([0.01, -0.12, 0])}, "cameras one above the other"),
+    ({"T": np.array([0.01, 0.12, 0])}, "a left camera that is below the other one"),
     ({"M1": np.eye(3)}, "gives K1 twice"),
     ({"K2": np.array([["a"] * 3] * 3)}, "K2: holds <U1; accepts numbers"),
     ({"R": np.zeros((3, 3))}, r"R: is not a rotation: R R\^T differs from the identity by 1"),

@@ -121,6 +121,12 @@ def match(
         images = views[0].image, views[1].image
         truth = scoring.read(images[0].shape[:2])
 
+        vertical = pairing.vertical or (rectified is not None and rectified.vertical)
+        if vertical and outputs.report:
+            raise CommandError(
+                "--report: got cameras one above the other; accepts cameras side by side",
+                WRONG_USAGE,
+            )
         known = None if rectified is None else rectified.Q
         rig = geometry.read(images[0].shape[:2], known)
 
@@ -146,6 +152,7 @@ def match(
             right_mask=views[1].mask,
             progress=progress,
             known=Known(noise=noise),
+            vertical=vertical,
         )
 
     if result.search is not None:

@@ -85,8 +85,8 @@ def read_image(path: StrPath) -> Pixels:
     profiles, gamma and PNG's transparent color are ignored. Pictures are turned as the EXIF
     orientation of a JPEG, PNG or WebP file or HEIF says, as viewers and ``cv2.imread`` do. HEIF of
     more than 8 bits comes as the high bits of 16. Of a JPEG with previews or a gain map behind the
-    picture, the picture is read. TIFF is read uncompressed or with deflate or PackBits, and with LZW when the package ``imagecodecs``
-    is installed; `read_geotiff` reads further compressions.
+    picture, the picture is read. TIFF is read uncompressed or with deflate or PackBits, and with
+    LZW when the package ``imagecodecs`` is installed; `read_geotiff` reads further compressions.
     """
     with decoding(path) as file:
         head = file.read(8)

@@ -112,6 +112,8 @@ class _Tried(NamedTuple):
     maps: Maps
     disparity: Points
     error: float
+    moved: float
+    """Pixels by which columns are moved so that disparities are positive."""
 
 
 def _tried(used: Sequence[tuple[Planes, Matches]], fit: Fit, smooth: float) -> _Tried | ValueError:
@@ -145,16 +147,24 @@ def _followed(used: Sequence[tuple[Planes, Matches]], fit: Fit, smooth: float) -
     agree = left[fit.agree], right[fit.agree]
 
     shifts = fit.model.shifts(agree)
-    maps = fit.model.maps(shifts)
-
-    # Disparities as they are in the rectified images, which are shifted.
     columns = [points[:, 0] for points in fit.model.rectified(agree)]
-    disparity = columns[0] + shifts[0][0] - columns[1] - shifts[1][0]
+    turned = columns[0] - columns[1]  # as cameras that are turned like this see them
+    disparity = turned + shifts[0][0] - shifts[1][0]
+
+    moved = 0.0
+    if _are_negative(disparity) and np.median(turned) > 0:  # of exchanged images both are
+        moved = -float(np.percentile(disparity, _ENDS[0]))
+        shifts = (shifts[0][0] + moved / 2, shifts[0][1]), (shifts[1][0] - moved / 2, shifts[1][1])
+    maps, disparity = fit.model.maps(shifts), disparity + moved
 
     error = float(np.hypot(fit.error(_everywhere(maps, disparity)), _BIAS))
     if fit.model.folds:
         error = np.inf
-    return _Tried(fit, agree, maps, disparity, error)
+    return _Tried(fit, agree, maps, disparity, error, moved)
+
+
+def _are_negative(disparity: Points) -> bool:
+    return bool(np.mean(disparity < 0) >= _NEARLY_ALL and np.median(disparity) <= -_CLEARLY)
 
 
 def _agreeing(pair: Planes) -> Matches | str:
@@ -273,7 +283,12 @@ def _sentences(best: _Tried, pairs: int) -> Iterator[str]:
     low, _, high = np.percentile(disparity, _ENDS)
     yield f"disparities are about {low:.0f} to {high:.0f} px"
 
-    if np.mean(disparity < 0) >= _NEARLY_ALL and np.median(disparity) <= -_CLEARLY:
+    if best.moved:
+        yield (
+            f"the cameras are toed in: columns were moved by {best.moved:.0f} px, so that "
+            "disparities are not negative"
+        )
+    if _are_negative(disparity):
         yield (
             "left and right seem to be swapped, since all disparities are negative: exchange the "
             "images (toed-in cameras give the same)"

@@ -14,7 +14,7 @@ mod lightness;
 mod outcome;
 
 pub use self::finding::{Finding, Severity, Topic};
-pub use self::geometry::{not_rectified, rectified};
+pub use self::geometry::{fitted, not_rectified, rectified};
 pub use self::outcome::of_match;
 use crate::rig::estimation::estimates::Estimates;
 use crate::rig::estimation::overview::LEAST_SIZE;

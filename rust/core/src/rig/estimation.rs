@@ -142,8 +142,11 @@ pub fn estimated(
 ) -> Result<(Pair, Estimates)> {
     settings.check()?;
 
+    let fit = pair.fit();
     let packing = Packing::of_views(pair.views(), runtime.control)?;
-    estimate(pair.packed(&packing), known, settings, runtime)
+    let (pair, mut estimates) = estimate(pair.packed(&packing), known, settings, runtime)?;
+    estimates.findings.extend(fit.as_ref().map(findings::fitted));
+    Ok((pair, estimates))
 }
 
 /// A pair prepared by its estimates.
