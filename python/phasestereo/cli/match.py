@@ -81,7 +81,7 @@ def match(
         Left image: PNG, JPEG, WebP, HEIF, PBM/PGM/PPM, BMP, TIFF, .npy or PFM; gray or color. Or,
         without RIGHT, a stereo photograph that holds both views.
     right
-        Right image, of the same size and type.
+        Right image; it may be of another size and type.
     num_disparities
         Number of disparities to search, 1 to the images' width; auto: the ndisp of --calib, or else
         the range that is found in the images.

@@ -44,8 +44,8 @@ use phasestereo::internals::image::intensity::Gray;
 use phasestereo::internals::image::packing::Packing;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::texture::Roughness;
-use phasestereo::internals::optimization::{BAND, Penalties, optimize};
 use phasestereo::internals::image::view::Image;
+use phasestereo::internals::optimization::{BAND, Penalties, optimize};
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::fitting::fitted;
 use phasestereo::internals::pipeline::footprint::Demand;
@@ -91,8 +91,8 @@ mod _core {
     use super::{
         Scale, Setting, TemporalFilter, Workers, aggregate_volume, check_blur_compensation,
         check_noise, check_settings, cost_volume, descriptor, estimate_pair, estimate_pair_by_rows,
-        find_roughness, find_scale, fit_right, halo, match_pair, match_raw, match_rows, optimize_volume,
-        preset, rows_to_tally, simd_level, verify_map, working_memory,
+        find_roughness, find_scale, fit_right, halo, match_pair, match_raw, match_rows,
+        optimize_volume, preset, rows_to_tally, simd_level, verify_map, working_memory,
     };
 
     #[pymodule_init]

@@ -9,9 +9,18 @@
 //! valid if all pixels within s / 2 of the place are
 //! ```
 //!
-//! Weights are multiples of `2^-14`, so that the sums of integers are exact. Types widen without a loss: bytes beside words become
-//! words, integers beside floats become floats. Nothing is scaled to agree in brightness, since each view has its own
-//! scale of gray values.
+//! Weights are multiples of `2^-14`, so that the sums of integers are exact. Images of two types become floats in units of the
+//! left one:
+//!
+//! ```text
+//! white = 255 for bytes; 1 for floats up to 1; else the least of 255, 1023, 4095, 16383, 65535 that no pixel exceeds, as
+//!         cameras of 8 to 16 bits have it, or the largest pixel
+//! right = right * left white / right white
+//! ```
+//!
+//! Phase codes need no such scale, but noise is compared between the images.
+
+use std::mem;
 
 use ndarray::Array3;
 
@@ -26,6 +35,8 @@ use crate::rig::alignment::straighten::{WEIGHT_BITS, without_masked};
 const LARGEST_RATIO: f64 = 8.0;
 /// Images of other shapes whose sides differ by less are cut out of one of the same resolution.
 const CUT: f64 = 1.25;
+/// The white of 8, 10, 12, 14 and 16 bits.
+const WHITES: [f64; 5] = [255.0, 1023.0, 4095.0, 16383.0, 65535.0];
 /// Half the width of the kernel in pixels of the coarser image.
 const REACH: f64 = 4.0;
 
@@ -52,8 +63,13 @@ pub fn fitted(left: View, right: View) -> Result<([View; 2], Option<Fit>)> {
         None => right,
     };
 
-    let common = kind(&left.image).max(kind(&right.image));
-    Ok(([widened(left, common), widened(right, common)], fit))
+    if mem::discriminant(&left.image) == mem::discriminant(&right.image) {
+        return Ok(([left, right], fit));
+    }
+
+    let ratio = white(&left) / white(&right);
+    let is_wide = [&left, &right].iter().any(|view| matches!(view.image, Image::F64(_)));
+    Ok(([scaled(left, 1.0, is_wide), scaled(right, ratio, is_wide)], fit))
 }
 
 impl Fit {
@@ -194,27 +210,43 @@ fn resampled<T: Copy + Default + Into<f64>>(
     Ok(Array3::from_shape_vec((down.len(), along.len(), channels), out).unwrap_or_default())
 }
 
-/// How wide the type of an image is: each holds all values of those before.
-fn kind(image: &Image) -> usize {
-    match image {
-        Image::U8(_) => 0,
-        Image::U16(_) => 1,
-        Image::F32(_) => 2,
-        Image::F64(_) => 3,
-    }
+/// White in units of an image's pixels.
+fn white(view: &View) -> f64 {
+    let most = match &view.image {
+        Image::U8(_) => return WHITES[0],
+        Image::U16(pixels) => largest(pixels, view),
+        Image::F32(pixels) => largest(pixels, view),
+        Image::F64(pixels) => largest(pixels, view),
+    };
+
+    let is_fraction = !matches!(view.image, Image::U16(_)) && most <= 1.0;
+    let white = WHITES.into_iter().find(|white| most <= *white);
+    if is_fraction { 1.0 } else { white.unwrap_or(most) }
 }
 
-fn widened(view: View, kind: usize) -> View {
-    let image = match (view.image, kind) {
-        (Image::U8(pixels), 1) => Image::U16(pixels.mapv(u16::from)),
-        (Image::U8(pixels), 2) => Image::F32(pixels.mapv(f32::from)),
-        (Image::U8(pixels), 3) => Image::F64(pixels.mapv(f64::from)),
-        (Image::U16(pixels), 2) => Image::F32(pixels.mapv(f32::from)),
-        (Image::U16(pixels), 3) => Image::F64(pixels.mapv(f64::from)),
-        (Image::F32(pixels), 3) => Image::F64(pixels.mapv(f64::from)),
-        (image, _) => image,
+/// The largest magnitude of a valid pixel.
+fn largest<T: Copy + Into<f64>>(pixels: &Array3<T>, view: &View) -> f64 {
+    let values = pixels.indexed_iter().filter(|((y, x, _), _)| view.is_valid(*y, *x));
+    values.fold(0.0, |most, (_, value)| most.max((*value).into().abs()))
+}
+
+/// The view with pixels of floats, in double precision if that is wide, times a factor.
+fn scaled(view: View, factor: f64, is_wide: bool) -> View {
+    let image = match &view.image {
+        Image::U8(pixels) => floats(pixels, factor, is_wide),
+        Image::U16(pixels) => floats(pixels, factor, is_wide),
+        Image::F32(pixels) => floats(pixels, factor, is_wide),
+        Image::F64(pixels) => floats(pixels, factor, is_wide),
     };
     View { image, ..view }
+}
+
+fn floats<T: Copy + Into<f64>>(pixels: &Array3<T>, factor: f64, is_wide: bool) -> Image {
+    if is_wide {
+        Image::F64(pixels.mapv(|value| value.into() * factor))
+    } else {
+        Image::F32(pixels.mapv(|value| (value.into() * factor) as f32))
+    }
 }
 
 #[cfg(test)]
@@ -269,6 +301,30 @@ mod tests {
         assert!(pixels.iter().all(|value| (value - 7.0).abs() < 1e-6));
         let mask = right.mask.expect("there was one");
         assert!(!mask.row(40)[61] && mask.row(38)[61] && mask.row(40)[63]);
+    }
+
+    #[test]
+    fn images_of_two_types_are_in_units_of_the_left_one() {
+        let bytes = Array3::from_shape_fn((16, 16, 1), |(y, x, _)| (16 * y + x) as u8);
+        let others = [
+            Image::U16(bytes.mapv(|byte| 257 * u16::from(byte))),
+            Image::F32(bytes.mapv(|byte| f32::from(byte) / 255.0)),
+            Image::F64(bytes.mapv(f64::from)),
+        ];
+        for other in others {
+            let views = (View::from(Image::U8(bytes.clone())), View::from(other));
+            let ([left, right], fit) = fitted(views.0, views.1).expect("of one size");
+            assert!(fit.is_none());
+            for found in [left.image, right.image] {
+                let found = match found {
+                    Image::F32(pixels) => pixels.mapv(f64::from),
+                    Image::F64(pixels) => pixels,
+                    _ => unreachable!("both are floats"),
+                };
+                let same = |(found, byte): (&f64, &u8)| (found - f64::from(*byte)).abs() < 1e-4;
+                assert!(found.iter().zip(&bytes).all(same));
+            }
+        }
     }
 
     #[test]
