@@ -31,6 +31,7 @@ from phasestereo.known import Known
 from phasestereo.matching import match as match_pair
 from phasestereo.settings import PRESET, Settings, resolve
 
+_USUAL, _MOST_USUAL = 10, 200  # a disparity that is likely: of the width, and pixels at most
 _VALUES = frozenset(["bands", "preset", "num_disparities", "min_disparity", "threads", "noise"])
 _OPTIONS = (_VALUES | OPTIONS).union(field.name for field in fields(Settings))
 
@@ -133,7 +134,8 @@ def match(
         num_disparities = num_disparities or geometry.bound()
         if num_disparities is None:
             # As long as they are to be found, files are tried with one that has a depth.
-            disparities = min_disparity if rig is None else rig.farthest(), 1
+            usual = min(images[0].shape[1] // _USUAL, _MOST_USUAL)
+            disparities = min_disparity if rig is None else max(rig.farthest(), usual), 1
         else:
             disparities = min_disparity, num_disparities
             if rig is not None:

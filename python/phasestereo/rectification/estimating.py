@@ -35,6 +35,7 @@ _NEAR = 4.0  # robust standard deviations: features to start from
 _PLACES = 16  # along each side of the image, at which the error is worked out
 _ENDS = 2.0, 50.0, 98.0  # percentiles of the disparities
 _DISTORTED = 0.05
+_LONGEST = 1.5  # focal length of toed-in cameras, in widths of the image
 _NEARLY_ALL = 0.95
 _CLEARLY = 2.0  # pixels
 _LUMA = np.array([0.299, 0.587, 0.114])
@@ -148,12 +149,11 @@ def _followed(used: Sequence[tuple[Planes, Matches]], fit: Fit, smooth: float) -
 
     shifts = fit.model.shifts(agree)
     columns = [points[:, 0] for points in fit.model.rectified(agree)]
-    turned = columns[0] - columns[1]  # as cameras that are turned like this see them
-    disparity = turned + shifts[0][0] - shifts[1][0]
+    disparity = columns[0] + shifts[0][0] - columns[1] - shifts[1][0]
 
-    moved = 0.0
-    if _are_negative(disparity) and np.median(turned) > 0:  # of exchanged images both are
-        moved = -float(np.percentile(disparity, _ENDS[0]))
+    moved, low = 0.0, float(np.percentile(disparity, _ENDS[0]))
+    if _are_negative(disparity) and _are_toed_in(agree, fit.model.size, low):
+        moved = -low
         shifts = (shifts[0][0] + moved / 2, shifts[0][1]), (shifts[1][0] - moved / 2, shifts[1][1])
     maps, disparity = fit.model.maps(shifts), disparity + moved
 
@@ -161,6 +161,19 @@ def _followed(used: Sequence[tuple[Planes, Matches]], fit: Fit, smooth: float) -
     if fit.model.folds:
         error = np.inf
     return _Tried(fit, agree, maps, disparity, error, moved)
+
+
+def _are_toed_in(matches: Matches, size: tuple[int, int], low: float) -> bool:
+    """Return whether rows lie as those of cameras that are turned towards each other.
+
+    A camera of focal length f that is turned moves columns by s, here to disparities down to `low`,
+    and rows at (x, y) from its center by s x y / f^2; images that are exchanged leave rows alone.
+    """
+    (left, right), (cols, rows) = matches, size
+    x, y = 2 * right[:, 0] / (cols - 1) - 1, 2 * left[:, 1] / (rows - 1) - 1
+    terms = np.stack([np.ones_like(x), x, y, x * y, x * x, y * y], axis=1)
+    twist = float(np.linalg.lstsq(terms, right[:, 1] - left[:, 1])[0][3])
+    return twist >= -low * rows / (4 * _LONGEST**2 * cols)
 
 
 def _are_negative(disparity: Points) -> bool:
