@@ -178,7 +178,8 @@ mod tests {
         for (twist, is_toed_in) in [(2.0, true), (0.2, false), (-2.0, false)] {
             let mut terms = [0.0; TERMS];
             terms[3] = twist;
-            let estimates = Estimates { range: Some(swapped), offsets: Some(offsets(terms)), ..sound() };
+            let estimates =
+                Estimates { range: Some(swapped), offsets: Some(offsets(terms)), ..sound() };
             let (severity, sentence) = said(&estimates, Topic::Swap);
             assert_eq!(sentence.contains("toed in, with"), is_toed_in, "{twist}: {sentence}");
             assert_eq!(severity == Severity::Note, is_toed_in);

@@ -254,7 +254,7 @@ fn bend(found: &RowOffsets) -> f64 {
 
 /// That the right image was brought to the size of the left one.
 pub fn fitted(fit: &Fit) -> Finding {
-    let Fit { from, to, is_alike, scale } = fit;
+    let Fit { from, to, is_alike, scale, .. } = fit;
     let sizes = format!(
         "the right image, of {} x {} pixels, is not of the size of the left one, {} x {}",
         from.1, from.0, to.1, to.0

@@ -1,7 +1,8 @@
 //! The views of a pair brought together: pixels of one type, and the right one at the size of the left one.
 //!
 //! ```text
-//! scale = left size / right size, along x and along y    # of images of one shape: only their resolution differs
+//! scale = left size / right size, along x and along y    # of images of one shape: only their resolution differs;
+//!         a whole factor, from the first pixel on, where the size was rounded up, or rows lie so
 //!       = 1, or the ratio of the widths, along both      # of others: the right one lies over the middle of the left one
 //! place(x) = (x + 0.5 - offset) / scale - 0.5;   offset = (left size - scale * right size) / 2
 //! out(x) = sum over i of weight(i - place(x)) in(i) / sum of weights    # along columns, then along rows
@@ -30,6 +31,7 @@ use crate::image::view::{Image, View};
 use crate::math;
 use crate::pipeline::control::Control;
 use crate::rig::alignment::straighten::{WEIGHT_BITS, without_masked};
+use crate::rig::estimation::rows::RowOffsets;
 
 /// Most that one image may have more rows or columns than the other.
 const LARGEST_RATIO: f64 = 8.0;
@@ -37,6 +39,11 @@ const LARGEST_RATIO: f64 = 8.0;
 const CUT: f64 = 1.25;
 /// The white of 8, 10, 12, 14 and 16 bits.
 const WHITES: [f64; 5] = [255.0, 1023.0, 4095.0, 16383.0, 65535.0];
+/// Rows by which an image must grow for its rows to tell how it was reduced, and standard errors.
+const LEAST_GROWTH: f64 = 0.3;
+const SURE: f64 = 4.0;
+/// The term of the field of rows that grows from the top to the bottom.
+const SLOPE: usize = 2;
 /// Half the width of the kernel in pixels of the coarser image.
 const REACH: f64 = 4.0;
 
@@ -51,6 +58,8 @@ pub struct Fit {
     pub is_alike: bool,
     /// Left rows and columns for one of the right image.
     pub scale: [f64; 2],
+    /// Left rows and columns before its first one.
+    offset: [f64; 2],
 }
 
 /// Both views with pixels of one type and of the size of the left one, and how the right one was fitted; `None`: it is of
@@ -73,6 +82,7 @@ pub fn fitted(left: View, right: View) -> Result<([View; 2], Option<Fit>)> {
 }
 
 impl Fit {
+    #[expect(clippy::float_cmp, reason = "whole numbers are exact")]
     fn new(from: (usize, usize), to: (usize, usize)) -> Result<Self> {
         let ratios = [to.0 as f64 / from.0 as f64, to.1 as f64 / from.1 as f64];
         if ratios.iter().any(|ratio| ratio.max(1.0 / ratio) > LARGEST_RATIO) {
@@ -94,14 +104,54 @@ impl Fit {
             (false, true) => [1.0; 2],
             (false, false) => [along; 2],
         };
-        Ok(Self { from, to, is_alike, scale })
+        let centered = |to: usize, from: usize, scale: f64| (to as f64 - scale * from as f64) / 2.0;
+        let offset = [centered(to.0, from.0, scale[0]), centered(to.1, from.1, scale[1])];
+        let fit = Self { from, to, is_alike, scale, offset };
+
+        // Sizes are rounded up where the last row or column is made up, not where an image is squeezed.
+        let factor = whole(along);
+        let (larger, smaller, by) =
+            if factor < 1.0 { (from, to, factor.recip()) } else { (to, from, factor) };
+        let is_up = |small: usize, large: usize| small as f64 * by > large as f64;
+        let is_rounded_up = is_up(smaller.0, larger.0) || is_up(smaller.1, larger.1);
+        let is_exact = is_alike && (factor == 1.0 || is_rounded_up);
+        Ok(if is_exact { fit.scaled_by(factor) } else { fit })
+    }
+
+    /// The fit of an image that was reduced or enlarged by an exact factor, from its first row and column on.
+    fn scaled_by(&self, factor: f64) -> Self {
+        Self { scale: [factor; 2], offset: [0.0; 2], ..*self }
+    }
+
+    /// The fit of an image that was reduced or enlarged by an exact whole factor, what is left of its last row and column being
+    /// cut off or made up, where the rows of the pair that was fitted without say so; columns cannot tell.
+    ///
+    /// ```text
+    /// place + 0.5 = (row + 0.5) exact / scale,   so that rows are off by   grows = height (scale / exact - 1)   at the bottom
+    /// ```
+    pub fn exact(&self, found: &RowOffsets) -> Option<Self> {
+        let [down, along] = self.scale;
+        let factor = whole(along);
+        let grows = self.to.0 as f64 * (down / factor - 1.0);
+        // The field is half of that in the middle, and grows by as much to the border.
+        let share = found.field.coefficients()[SLOPE] / (grows / 2.0);
+
+        let is_told = grows.abs() > LEAST_GROWTH.max(SURE * found.error);
+        let is_exact = self.is_alike && is_told && (0.5..1.5).contains(&share);
+        is_exact.then(|| self.scaled_by(factor))
+    }
+
+    /// The right view of a pair that was fitted before, as this fit has it.
+    pub fn again(&self, before: &Self, view: &View) -> Result<View> {
+        let ratio = [0, 1].map(|axis| self.scale[axis] / before.scale[axis]);
+        Self { from: self.to, scale: ratio, ..*self }.apply(view)
     }
 
     /// The taps of all pixels along rows (0) or columns (1).
     fn taps(&self, axis: usize) -> Vec<Taps> {
         let (from, to) = ([self.from.0, self.from.1][axis], [self.to.0, self.to.1][axis]);
         let scale = self.scale[axis];
-        let offset = (to as f64 - scale * from as f64) / 2.0;
+        let offset = self.offset[axis];
 
         let place = |at: usize| (at as f64 + 0.5 - offset) / scale - 0.5;
         (0..to).map(|at| Taps::new(place(at), scale.recip().max(1.0), from)).collect()
@@ -133,6 +183,11 @@ impl Fit {
         let mask = (!is_covered).then(|| Plane::from_fn(self.to.0, self.to.1, is_valid));
         Ok(View { image, mask, range: None, ..*view })
     }
+}
+
+/// The nearest whole number or its reciprocal.
+fn whole(ratio: f64) -> f64 {
+    if ratio < 1.0 { ratio.recip().round().recip() } else { ratio.round() }
 }
 
 /// The pixels of a row or a column that make one, and their weights.
@@ -277,6 +332,29 @@ mod tests {
                 assert!(off < 0.3, "{off} at {y} {x} by {by}");
             }
         }
+    }
+
+    #[test]
+    #[expect(clippy::float_cmp, reason = "the same values are meant, to the bit")]
+    fn sizes_tell_how_they_were_rounded_or_else_rows_do() {
+        let of = |from, to| Fit::new(from, to).expect("legal").scale;
+        assert_eq!(of((50, 62), (100, 123)), [2.0; 2]);
+        assert_eq!(of((50, 61), (100, 123)), [2.0, 123.0 / 61.0]);
+        assert_eq!(of((100, 122), (100, 123)), [1.0; 2]);
+        assert_eq!(of((199, 247), (100, 124)), [0.5; 2]);
+
+        let fit = Fit::new((248, 370), (497, 741)).expect("legal");
+        let rows = |slope: f64| {
+            let mut terms = [0.0; crate::rig::alignment::TERMS];
+            terms[SLOPE] = slope;
+            let field = crate::rig::alignment::Alignment::new(terms, (497, 741)).expect("legal");
+            RowOffsets { field, error: 0.05, blocks: 100, spread: 0.1, wobble: 0.0 }
+        };
+        assert_eq!(fit.exact(&rows(0.5)).map(|fit| fit.scale), Some([2.0; 2]));
+        for slope in [0.0, -0.5, 3.0] {
+            assert_eq!(fit.exact(&rows(slope)), None);
+        }
+        assert_eq!(fit.exact(&RowOffsets { error: 0.4, ..rows(0.5) }), None);
     }
 
     #[test]
