@@ -87,6 +87,8 @@ def all_of(result: ps.Result) -> NDArray[np.bool_]:
 
     search: ps.SearchRange | None = result.search
     rows: ps.Alignment | None = result.alignment
+    rectified: ps.Rectified | None = result.rectified
+    use(rectified)
     summary: ps.Summary | None = result.summary
     if search is not None:
         places: tuple[ps.LeftOut, ...] = search.left_out

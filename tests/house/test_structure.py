@@ -86,16 +86,16 @@ BOUNDS = {
     "statements of phasestereo_live": 2_100,
     "statements of phasestereo_large": 2_410,
     "statements of pandora_plugin_phasestereo": 120,
-    "statements of phasestereo_bench": 6_950,
+    "statements of phasestereo_bench": 6_970,
     "aliases at the boundary": 6,
     "public names": 114,
     "words of documentation": 22_600,
-    "lines of Rust": 30_600,
+    "lines of Rust": 30_700,
     "lines of tests": 27_170,
     "statements of tests": 19_500,
 }
 
-EXTENSION = 7.2
+EXTENSION = 8.2
 """Megabytes."""
 
 
