@@ -14,7 +14,7 @@ mod lightness;
 mod outcome;
 
 pub use self::finding::{Finding, Severity, Topic};
-pub use self::geometry::{not_rectified, rectified};
+pub use self::geometry::{fitted, not_rectified, rectified};
 pub use self::outcome::of_match;
 use crate::rig::estimation::estimates::Estimates;
 use crate::rig::estimation::overview::LEAST_SIZE;
@@ -173,6 +173,18 @@ mod tests {
                 .contains("swapped")
         );
         assert_eq!(of(SearchRange { mixed: true, ..RANGE }).0, Severity::Note);
+
+        // Of the same disparities, rows tell cameras that are turned from images that are exchanged.
+        let swapped = SearchRange { low: -15.0, high: -2.0, swapped: true, ..RANGE };
+        for (twist, is_toed_in) in [(2.0, true), (0.2, false), (-2.0, false)] {
+            let mut terms = [0.0; TERMS];
+            terms[3] = twist;
+            let estimates =
+                Estimates { range: Some(swapped), offsets: Some(offsets(terms)), ..sound() };
+            let (severity, sentence) = said(&estimates, Topic::Swap);
+            assert_eq!(sentence.contains("toed in, with"), is_toed_in, "{twist}: {sentence}");
+            assert_eq!(severity == Severity::Note, is_toed_in);
+        }
 
         let same = Estimates { range: Some(SearchRange { identical: true, ..RANGE }), ..sound() };
         assert_eq!(said(&same, Topic::Match).0, Severity::Warning);

@@ -58,16 +58,24 @@ pub fn read_pair(images: &Both<'_>, masks: &Both<'_>, disparities: &Both<'_>) ->
 
 /// Reads both images and their masks. The pair is searched over these disparities, or over one until the range is
 /// known.
-pub fn read_images(
-    (left, right): &Both<'_>,
-    masks: &Both<'_>,
-    search: Disparities,
-) -> Result<Pair> {
+pub fn read_images(images: &Both<'_>, masks: &Both<'_>, search: Disparities) -> Result<Pair> {
     let (min, count) = search.unwrap_or((0, 1));
-    let left = read_view(left, &masks.0, "left")?;
-    let right = read_view(right, &masks.1, "right")?;
+    let [left, right] = read_views(images, masks)?;
 
     Ok(Pair::new(left, right, min, count)?)
+}
+
+/// The same of images of any sizes and types.
+pub fn read_any_images(images: &Both<'_>, masks: &Both<'_>, search: Disparities) -> Result<Pair> {
+    let (min, count) = search.unwrap_or((0, 1));
+    let [left, right] = read_views(images, masks)?;
+
+    Ok(Pair::of_any(left, right, min, count)?)
+}
+
+/// Reads both images and their masks.
+pub fn read_views((left, right): &Both<'_>, masks: &Both<'_>) -> Result<[View; 2]> {
+    Ok([read_view(left, &masks.0, "left")?, read_view(right, &masks.1, "right")?])
 }
 
 /// Reads an image of rows x columns x channels, 1 or 3 of them, and its mask or None.

@@ -6,6 +6,7 @@ use super::levels::{
 };
 use super::{Finding, Known, Severity, Topic, percent};
 use crate::math;
+use crate::pipeline::fitting::Fit;
 use crate::rig::alignment::{Alignment, LINEAR, TERMS};
 use crate::rig::blur::{self, Side};
 use crate::rig::estimation::estimates::Estimates;
@@ -16,6 +17,10 @@ use crate::rig::rectification::{Rectification, Refusal};
 
 const NOTHING: &str =
     "hardly anything in one image is found in the other: these are no pair, or far from rectified";
+/// The term of the field of rows that a camera has which is turned towards the other.
+const TWIST: usize = 3;
+/// The longest focal length of toed-in cameras, in widths of the image.
+const LONGEST: f64 = 1.5;
 const INVERTED: &str = "what is bright in one image is dark in the other";
 
 impl Known<'_> {
@@ -60,6 +65,12 @@ impl Known<'_> {
         if range.identical {
             let same = "both images are the same, but for noise: there is nothing to match";
             findings.push(Finding::warning(Topic::Match, same));
+        } else if range.swapped && self.is_toed_in(range) {
+            let toed_in = format!(
+                "all disparities are negative ({ends}), and rows lie as those of cameras that are toed in, with all of \
+                 the scene behind the point they look at: disparities are no depth before the pair is rectified"
+            );
+            findings.push(Finding::note(Topic::Swap, toed_in));
         } else if range.swapped {
             let swapped = format!(
                 "left and right seem to be swapped, since all disparities are negative ({ends}): \
@@ -97,6 +108,17 @@ impl Known<'_> {
         }
 
         findings
+    }
+
+    /// Whether rows lie as those of cameras that are turned towards each other by so much that disparities are negative. A
+    /// camera of focal length `f` that is turned moves columns by `s` and, at `(x, y)` from its center, rows by `s x y / f^2`;
+    /// images that are exchanged leave rows alone.
+    fn is_toed_in(&self, range: &SearchRange) -> bool {
+        let Some(found) = &self.estimates.offsets else { return false };
+        let (rows, cols) = found.field.size();
+        let twist = found.field.coefficients()[TWIST];
+        let of_shift = -range.low * rows as f64 / (4.0 * LONGEST.powi(2) * cols as f64);
+        twist >= of_shift.max(ERRORS[1] * found.error)
     }
 
     /// How the rows correspond, and what is done about it.
@@ -240,6 +262,24 @@ fn parts(found: &RowOffsets) -> String {
 fn bend(found: &RowOffsets) -> f64 {
     let coefficients = found.field.coefficients();
     coefficients[LINEAR..TERMS].iter().fold(0.0, |most, value| most.max(value.abs()))
+}
+
+/// That the right image was brought to the size of the left one.
+pub fn fitted(fit: &Fit) -> Finding {
+    let Fit { from, to, is_alike, scale, .. } = fit;
+    let sizes = format!(
+        "the right image, of {} x {} pixels, is not of the size of the left one, {} x {}",
+        from.1, from.0, to.1, to.0
+    );
+    let done = if *is_alike {
+        "it is resampled to that, and disparities are in pixels of the left image".to_owned()
+    } else {
+        format!(
+            "it is laid over its middle, {:.2} times as large, and disparities are no depth: rectify the pair",
+            scale[1]
+        )
+    };
+    Finding::note(Topic::Alignment, format!("{sizes}: {done}"))
 }
 
 /// That a pair was rectified by what it shows, and what its disparities are.
