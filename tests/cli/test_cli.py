@@ -262,7 +262,7 @@ REFUSALS: list[tuple[str, int, str]] = [
     ("left.png broken.png --num-disparities 9 --json", FAILED, "broken.png: "),
     ("left.png small.png --num-disparities 9 --json", FAILED, "right: got 4 x 64 .*up to 8 times"),
     ("left.png text.png --num-disparities 9 --json", FAILED, "text.png: not an image"),
-    ("left.png nan.pfm --num-disparities 9 --json", FAILED, "right: got dtype float32"),
+    ("left.png nan.pfm --num-disparities 9 --json", FAILED, "right: got NaN"),
     ("nan.pfm nan.pfm --num-disparities 9 --json", FAILED, "left: "),
     ("left.png right.png --num-disparities 9 -o none/out.pfm", FAILED, "none: no such folder"),
     ("left.png right.png --num-disparities 9 -o sub", FAILED, "sub is a folder"),

@@ -18,7 +18,7 @@ FAR, NEAR = 6, 15
 
 def textured(seed: int) -> NDArray[np.uint8]:
     rough = ndimage.gaussian_filter(np.random.default_rng(seed).normal(size=(ROWS, COLS + 40)), 1.2)
-    return np.clip(128 + 150 * rough, 1, 254).astype(np.uint8)
+    return np.asarray(np.clip(128 + 150 * rough, 1, 254), np.uint8)
 
 
 def pair() -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
@@ -43,7 +43,8 @@ def wrong(found: ps.Result, truth: Any = TRUTH, cols: int = COLS) -> float:
 
 def reduced(image: NDArray[Any], by: int) -> NDArray[Any]:
     rows, cols = image.shape
-    return np.rint(image.reshape(rows // by, by, cols // by, by).mean((1, 3))).astype(image.dtype)
+    means = image.reshape(rows // by, by, cols // by, by).mean((1, 3))
+    return np.asarray(np.rint(means), image.dtype)
 
 
 @pytest.mark.parametrize("by", [2, 3])

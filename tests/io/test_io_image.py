@@ -90,7 +90,7 @@ def test_pictures_are_turned_as_they_say(tmp_path: Path, ending: str) -> None:
     turned = counterpart("PIL.ImageOps").exif_transpose
     blocks = np.random.default_rng(0).integers(0, 256, (3, 5), dtype=np.uint8)
     image = pil.fromarray(np.kron(blocks, np.ones((8, 8), np.uint8)))
-    options = {"lossless": True} if ending == "webp" else {}
+    options: dict[str, Any] = {"lossless": True} if ending == "webp" else {}
     if ending == "mpo":  # the second picture leaves to the first how both were held
         options = {"format": "MPO", "save_all": True, "append_images": [image]}
 

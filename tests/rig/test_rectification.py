@@ -158,6 +158,7 @@ def test_cameras_one_above_the_other(tmp_path: Path) -> None:
     rig = made_up() | {"R": np.eye(3), "T": np.array([0.001, -0.12, 0.002])}
     found = rectified(rig)
     assert_same_bits(found, of_opencv(rig, SIZE)["maps"])
+    assert found.Q is not None
     np.testing.assert_allclose(found.Q, of_opencv(rig, SIZE)["Q"], atol=1e-9)
     assert found.vertical
     assert "columns" in found.sentences[0]

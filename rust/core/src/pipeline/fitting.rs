@@ -30,8 +30,8 @@ use crate::image::plane::{Plane, zeroed};
 use crate::image::view::{Image, View};
 use crate::math;
 use crate::pipeline::control::Control;
+use crate::rig::alignment::Alignment;
 use crate::rig::alignment::straighten::{WEIGHT_BITS, without_masked};
-use crate::rig::estimation::rows::RowOffsets;
 
 /// Most that one image may have more rows or columns than the other.
 const LARGEST_RATIO: f64 = 8.0;
@@ -124,19 +124,19 @@ impl Fit {
     }
 
     /// The fit of an image that was reduced or enlarged by an exact whole factor, what is left of its last row and column being
-    /// cut off or made up, where the rows of the pair that was fitted without say so; columns cannot tell.
+    /// cut off or made up, where the rows of the pair that was fitted without say so, up to their standard error in pixels; columns cannot tell.
     ///
     /// ```text
     /// place + 0.5 = (row + 0.5) exact / scale,   so that rows are off by   grows = height (scale / exact - 1)   at the bottom
     /// ```
-    pub fn exact(&self, found: &RowOffsets) -> Option<Self> {
+    pub fn exact(&self, rows: &Alignment, error: f64) -> Option<Self> {
         let [down, along] = self.scale;
         let factor = whole(along);
         let grows = self.to.0 as f64 * (down / factor - 1.0);
         // The field is half of that in the middle, and grows by as much to the border.
-        let share = found.field.coefficients()[SLOPE] / (grows / 2.0);
+        let share = rows.coefficients()[SLOPE] / (grows / 2.0);
 
-        let is_told = grows.abs() > LEAST_GROWTH.max(SURE * found.error);
+        let is_told = grows.abs() > LEAST_GROWTH.max(SURE * error);
         let is_exact = self.is_alike && is_told && (0.5..1.5).contains(&share);
         is_exact.then(|| self.scaled_by(factor))
     }
@@ -307,7 +307,6 @@ fn floats<T: Copy + Into<f64>>(pixels: &Array3<T>, factor: f64, is_wide: bool) -
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rig::alignment::sway::INTERVALS;
 
     fn wave(rows: usize, cols: usize, by: f64) -> Image {
         let value = |(y, x, _): (usize, usize, usize)| {
@@ -348,14 +347,13 @@ mod tests {
         let rows = |slope: f64| {
             let mut terms = [0.0; crate::rig::alignment::TERMS];
             terms[SLOPE] = slope;
-            let field = crate::rig::alignment::Alignment::new(terms, (497, 741)).expect("legal");
-            RowOffsets { field, error: 0.05, errors: [0.05; INTERVALS], blocks: 100, spread: 0.1 }
+            Alignment::new(terms, (497, 741)).expect("legal")
         };
-        assert_eq!(fit.exact(&rows(0.5)).map(|fit| fit.scale), Some([2.0; 2]));
+        assert_eq!(fit.exact(&rows(0.5), 0.05).map(|fit| fit.scale), Some([2.0; 2]));
         for slope in [0.0, -0.5, 3.0] {
-            assert_eq!(fit.exact(&rows(slope)), None);
+            assert_eq!(fit.exact(&rows(slope), 0.05), None);
         }
-        assert_eq!(fit.exact(&RowOffsets { error: 0.4, ..rows(0.5) }), None);
+        assert_eq!(fit.exact(&rows(0.5), 0.4), None);
     }
 
     #[test]
