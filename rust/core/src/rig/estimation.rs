@@ -145,7 +145,9 @@ pub fn estimated(
     let Some(fit) = pair.fit() else { return packed_and_estimated(pair, known, settings, runtime) };
 
     let (mut fitted, mut estimates) = packed_and_estimated(pair.clone(), known, settings, runtime)?;
-    if let Some(exact) = estimates.offsets.as_ref().and_then(|rows| fit.exact(&rows.field, rows.error)) {
+    if let Some(exact) =
+        estimates.offsets.as_ref().and_then(|rows| fit.exact(&rows.field, rows.error))
+    {
         let pair = pair.fitted_again(exact)?;
         (fitted, estimates) = packed_and_estimated(pair, known, settings, runtime)?;
     }
