@@ -46,6 +46,7 @@ __all__ = [
     "find_cameras",
     "find_roughness",
     "find_scale",
+    "fit_right",
     "halo",
     "match_pair",
     "match_raw",
@@ -159,6 +160,7 @@ def find_scale(
     disparities: tuple[int, int | None],
     settings: Settings,
 ) -> Scale: ...
+def fit_right(images: tuple[Pixels, Pixels]) -> Pixels: ...
 def halo(
     settings: Settings, compensation: BlurCompensation | None, alignment: Alignment | None
 ) -> tuple[int, int]: ...

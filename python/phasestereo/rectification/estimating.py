@@ -35,6 +35,7 @@ _NEAR = 4.0  # robust standard deviations: features to start from
 _PLACES = 16  # along each side of the image, at which the error is worked out
 _ENDS = 2.0, 50.0, 98.0  # percentiles of the disparities
 _DISTORTED = 0.05
+_LONGEST = 1.5  # focal length of toed-in cameras, in widths of the image
 _NEARLY_ALL = 0.95
 _CLEARLY = 2.0  # pixels
 _LUMA = np.array([0.299, 0.587, 0.114])
@@ -112,6 +113,8 @@ class _Tried(NamedTuple):
     maps: Maps
     disparity: Points
     error: float
+    moved: float
+    """Pixels by which columns are moved so that disparities are positive."""
 
 
 def _tried(used: Sequence[tuple[Planes, Matches]], fit: Fit, smooth: float) -> _Tried | ValueError:
@@ -145,16 +148,36 @@ def _followed(used: Sequence[tuple[Planes, Matches]], fit: Fit, smooth: float) -
     agree = left[fit.agree], right[fit.agree]
 
     shifts = fit.model.shifts(agree)
-    maps = fit.model.maps(shifts)
-
-    # Disparities as they are in the rectified images, which are shifted.
     columns = [points[:, 0] for points in fit.model.rectified(agree)]
     disparity = columns[0] + shifts[0][0] - columns[1] - shifts[1][0]
+
+    moved, low = 0.0, float(np.percentile(disparity, _ENDS[0]))
+    if _are_negative(disparity) and _are_toed_in(agree, fit.model.size, low):
+        moved = -low
+        shifts = (shifts[0][0] + moved / 2, shifts[0][1]), (shifts[1][0] - moved / 2, shifts[1][1])
+    maps, disparity = fit.model.maps(shifts), disparity + moved
 
     error = float(np.hypot(fit.error(_everywhere(maps, disparity)), _BIAS))
     if fit.model.folds:
         error = np.inf
-    return _Tried(fit, agree, maps, disparity, error)
+    return _Tried(fit, agree, maps, disparity, error, moved)
+
+
+def _are_toed_in(matches: Matches, size: tuple[int, int], low: float) -> bool:
+    """Return whether rows lie as those of cameras that are turned towards each other.
+
+    A camera of focal length f that is turned moves columns by s, here to disparities down to `low`,
+    and rows at (x, y) from its center by s x y / f^2; images that are exchanged leave rows alone.
+    """
+    (left, right), (cols, rows) = matches, size
+    x, y = 2 * right[:, 0] / (cols - 1) - 1, 2 * left[:, 1] / (rows - 1) - 1
+    terms = np.stack([np.ones_like(x), x, y, x * y, x * x, y * y], axis=1)
+    twist = float(np.linalg.lstsq(terms, right[:, 1] - left[:, 1])[0][3])
+    return twist >= -low * rows / (4 * _LONGEST**2 * cols)
+
+
+def _are_negative(disparity: Points) -> bool:
+    return bool(np.mean(disparity < 0) >= _NEARLY_ALL and np.median(disparity) <= -_CLEARLY)
 
 
 def _agreeing(pair: Planes) -> Matches | str:
@@ -273,7 +296,12 @@ def _sentences(best: _Tried, pairs: int) -> Iterator[str]:
     low, _, high = np.percentile(disparity, _ENDS)
     yield f"disparities are about {low:.0f} to {high:.0f} px"
 
-    if np.mean(disparity < 0) >= _NEARLY_ALL and np.median(disparity) <= -_CLEARLY:
+    if best.moved:
+        yield (
+            f"the cameras are toed in: columns were moved by {best.moved:.0f} px, so that "
+            "disparities are not negative"
+        )
+    if _are_negative(disparity):
         yield (
             "left and right seem to be swapped, since all disparities are negative: exchange the "
             "images (toed-in cameras give the same)"

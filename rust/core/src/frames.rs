@@ -7,6 +7,8 @@
 //!     blur, noise and light: as they were, if they look so at a glance and were estimated not long ago; else estimated
 //!     match; find some blocks of the map again
 //!     if their rows have moved:          the field is opened, takes them in, and the frame is matched once more
+//!     if other rows then disagree again, or rows sway:
+//!                                        rows are estimated, and of every frame from here on while they sway
 //!     if the range ends where things are: it grows, and the frame is matched once more
 //!     if the map got much worse:          all is estimated anew; what comes of it counts if it matches better
 //!     the rig takes in the map: rows, disparities, which image is softer, how much is wrong
@@ -28,11 +30,13 @@ use crate::pipeline::platform::Instant;
 use crate::pipeline::runtime::Runtime;
 use crate::pipeline::summary::Summary;
 use crate::pipeline::temporal::TemporalFilter;
+use crate::rig::alignment::Alignment;
 use crate::rig::blur;
 use crate::rig::blur::parts::Part;
+use crate::rig::estimation::rows::RowOffsets;
 use crate::rig::estimation::tracks::{AROUND, follow_here};
 use crate::rig::estimation::{Estimates, Known, Prepared, estimated, prepared};
-use crate::rig::state::events::Subject;
+use crate::rig::state::events::{Steady, Subject};
 use crate::rig::state::field::{Innovation, seeds};
 use crate::rig::state::{Geometry, Look, Raw, Rig};
 use crate::scales::match_over_scales;
@@ -125,7 +129,7 @@ impl Rig {
                 self.events.push(Subject::Cameras, self.frames, sentence);
             }
 
-            self.geometry = Some(Geometry::new(size, estimates, raw));
+            self.geometry = Some(Geometry::new(&matched.prepared.pair, estimates, raw));
         }
         if is_trusted {
             self.remember(estimates, way.settings);
@@ -197,6 +201,8 @@ enum Verdict {
     Known,
     /// Their rows have moved.
     Moved,
+    /// Their rows sway.
+    Swaying,
     /// There are nearer things than were searched for.
     Nearer,
     /// Much more is wrong than before.
@@ -213,18 +219,24 @@ impl Followed<'_, '_> {
         geometry.field.predict();
         let seen = self.seen(&geometry)?;
         let mut is_reused = seen.is_as_before;
-        let mut shot = self.shot(&geometry, &seen)?;
+        let mut shot = self.shot(&geometry, &seen, false)?;
         let mut is_anew = false;
 
         for _ in 0..AGAIN {
             match self.verdict(&mut geometry, &shot) {
                 Verdict::Known => break,
-                Verdict::Moved => {
+                Verdict::Moved if !is_anew => {
                     self.reopen(&mut geometry, &shot);
                     is_anew = true;
-                    shot = self.shot(&geometry, &seen)?;
+                    shot = self.shot(&geometry, &seen, is_anew)?;
                 }
-                Verdict::Nearer => shot = self.shot(&geometry, &seen)?,
+                // Rows that were moved as a whole agree with each other.
+                Verdict::Moved | Verdict::Swaying => {
+                    shot = self.rows_anew(&mut geometry, &seen)?;
+                    is_anew = true;
+                    break;
+                }
+                Verdict::Nearer => shot = self.shot(&geometry, &seen, is_anew)?,
                 Verdict::Lost => {
                     if let Some((found, better)) = self.anew(&geometry, shot.summary.wrong)? {
                         (geometry, shot) = (found, better);
@@ -247,6 +259,9 @@ impl Followed<'_, '_> {
                 Some(raw) => resampled(self.pair, &raw.places, control)?,
                 None => self.pair.clone(),
             };
+            if let Some(fit) = pair.fit().filter(|_| geometry.is_whole) {
+                pair = pair.fitted_again(fit.whole())?;
+            }
             if geometry.is_inverted && self.way.settings.compensate_blur {
                 pair = pair.with_own_ranges(control)?.inverted();
             }
@@ -267,8 +282,8 @@ impl Followed<'_, '_> {
         })
     }
 
-    /// Matches the frame by what is known of it.
-    fn shot(&self, geometry: &Geometry, seen: &Seen) -> Result<Shot> {
+    /// Matches the frame by what is known of it; once more, blocks of other rows are found again.
+    fn shot(&self, geometry: &Geometry, seen: &Seen, is_again: bool) -> Result<Shot> {
         let Way { known, settings, .. } = self.way;
         let pair = seen.pair.clone();
         let candidates = match known.candidates {
@@ -280,24 +295,53 @@ impl Followed<'_, '_> {
             alignment: geometry.alignment()?,
             ..known.clone()
         };
-        // The field is followed, so none is estimated, even if there was none.
-        let settings = Settings { align_rows: false, ..settings.clone() };
+        // Rows are followed whatever the settings say, and estimated where they sway.
+        let sways = geometry.sways.state == 1;
+        let settings = Settings { align_rows: sways, ..settings.clone() };
 
         let estimates = match &self.rig.look {
-            Some(look) if seen.is_as_before => Estimates {
-                candidates,
-                alignment: told.alignment.clone(),
-                offsets: geometry.field.offsets()?,
-                findings: still_said(&look.estimates),
-                time: Duration::ZERO,
-                ..look.estimates.clone()
-            },
+            Some(look) if seen.is_as_before => {
+                let rows = sways.then(|| self.rows(&pair, &look.estimates, &told, &settings));
+                let (alignment, offsets) = match rows {
+                    Some(found) => found?,
+                    None => (told.alignment.clone(), geometry.field.offsets()?),
+                };
+                Estimates {
+                    candidates,
+                    alignment,
+                    offsets,
+                    findings: still_said(&look.estimates),
+                    time: Duration::ZERO,
+                    ..look.estimates.clone()
+                }
+            }
             _ => self.estimates(&pair, geometry, &told, &settings)?,
         };
 
         let mut shot = self.matched(pair, estimates, told, &settings)?;
-        shot.innovation = self.innovation(&shot.map, &seen.pair, geometry)?;
+        if !sways {
+            let turn = self.rig.frames + u64::from(is_again);
+            shot.innovation = self.innovation(&shot.map, &seen.pair, geometry, turn)?;
+        }
         Ok(shot)
+    }
+
+    /// The rows of a pair whose blur and noise are as they were.
+    fn rows(
+        &self,
+        pair: &Pair,
+        look: &Estimates,
+        told: &Known,
+        settings: &Settings,
+    ) -> Result<(Option<Alignment>, Option<RowOffsets>)> {
+        let mut told = told.clone();
+        let mut settings = settings.clone();
+        if let Some(plan) = &look.compensation {
+            told.compensation = Some(plan.blur_compensation()?);
+            settings = Settings { align_rows: true, ..plan.settings.clone() };
+        }
+        let (_, found) = estimated(pair.clone(), &told, &settings, self.runtime)?;
+        Ok((found.alignment, found.offsets))
     }
 
     /// What blocks of a map say of the rows, which are found again in the pair as it is.
@@ -306,6 +350,7 @@ impl Followed<'_, '_> {
         map: &Disparity,
         pair: &Pair,
         geometry: &Geometry,
+        turn: u64,
     ) -> Result<Option<Innovation>> {
         let Runtime { matcher, execution, .. } = self.runtime;
         let field = geometry.field.field()?;
@@ -314,7 +359,7 @@ impl Followed<'_, '_> {
 
         let tracks = matcher.install(|| {
             let mut tracks = vec![];
-            for seeds in seeds(&map.disparity, &map.flags, &field, self.rig.frames) {
+            for seeds in seeds(&map.disparity, &map.flags, &field, turn) {
                 let Some(first) = seeds.first() else { continue };
                 let y = first.y as usize;
                 let (top, end) = (y.saturating_sub(around), (y + around + 1).min(rows));
@@ -343,11 +388,16 @@ impl Followed<'_, '_> {
         }
 
         found.is_inverted = geometry.is_inverted;
-        found.offsets = geometry.field.offsets()?;
+        if !settings.align_rows {
+            found.offsets = geometry.field.offsets()?;
+        }
         let is_given = self.way.known.candidates.is_some();
         found.findings = findings::of_pair(&found, geometry.size, is_given, self.way.settings);
         if let Some(raw) = &geometry.cameras {
             found.findings.push(findings::rectified(&raw.rectification));
+        }
+        if let Some(fit) = pair.fit() {
+            found.findings.push(findings::fitted(&fit));
         }
         Ok(found)
     }
@@ -372,6 +422,9 @@ impl Followed<'_, '_> {
         if shot.innovation.as_ref().is_some_and(|found| found.is_moved) {
             return Verdict::Moved;
         }
+        if shot.innovation.as_ref().is_some_and(|found| found.sways) {
+            return Verdict::Swaying;
+        }
         if is_worse && self.rig.frames >= self.rig.doubt.1 {
             return Verdict::Lost;
         }
@@ -395,6 +448,24 @@ impl Followed<'_, '_> {
         self.rig.events.push(Subject::Rows, self.rig.frames, sentence);
     }
 
+    /// Matches the frame by rows that are estimated anew, and from here on if they sway.
+    fn rows_anew(&mut self, geometry: &mut Geometry, seen: &Seen) -> Result<Shot> {
+        geometry.sways = Steady::new(1);
+        let shot = self.shot(geometry, seen, true)?;
+
+        let estimates = &shot.prepared.estimates;
+        let sways = estimates.sways() && shot.is_trusted(geometry.size);
+        geometry.take_rows(estimates);
+        geometry.sways = Steady::new(sways.into());
+        let sentence = if sways {
+            "rows sway from here on, as those of a rolling shutter that shakes: they are found in each frame"
+        } else {
+            "rows moved, and were estimated anew"
+        };
+        self.rig.events.renew(Subject::Rows, self.rig.frames, sentence);
+        Ok(shot)
+    }
+
     /// Estimates all anew; `None`: that matches no better than so much wrong.
     fn anew(&mut self, geometry: &Geometry, wrong: f64) -> Result<Option<(Geometry, Shot)>> {
         let now = self.rig.frames;
@@ -403,10 +474,10 @@ impl Followed<'_, '_> {
         };
 
         // Cameras that were turned a little are still about those that are known.
-        let rectified = geometry.cameras.as_ref().map(|raw| self.rectified_anew(geometry, raw));
+        let rectified = geometry.cameras.as_ref().map(|raw| self.rectified_anew(raw));
         let found = match rectified.transpose()?.filter(is_better) {
             Some(found) => Some(found),
-            None => Some(self.whole_anew(geometry)?).filter(is_better),
+            None => Some(self.whole_anew()?).filter(is_better),
         };
 
         if found.is_some() {
@@ -422,18 +493,18 @@ impl Followed<'_, '_> {
     }
 
     /// Estimates all anew but the cameras by which the pair is rectified.
-    fn rectified_anew(&self, geometry: &Geometry, raw: &Arc<Raw>) -> Result<(Geometry, Shot)> {
+    fn rectified_anew(&self, raw: &Arc<Raw>) -> Result<(Geometry, Shot)> {
         let Way { known, settings, .. } = self.way;
         let Runtime { matcher, control, .. } = self.runtime;
         let pair = matcher.install(|| resampled(self.pair, &raw.places, control))?;
 
         let (pair, estimates) = estimated(pair, known, settings, self.runtime)?;
-        let found = Geometry::new(geometry.size, &estimates, Some(Arc::clone(raw)));
+        let found = Geometry::new(&pair, &estimates, Some(Arc::clone(raw)));
         Ok((found, self.matched(pair, estimates, known.clone(), settings)?))
     }
 
     /// Estimates all anew, as of a first frame.
-    fn whole_anew(&self, geometry: &Geometry) -> Result<(Geometry, Shot)> {
+    fn whole_anew(&self) -> Result<(Geometry, Shot)> {
         let Way { known, settings, .. } = self.way;
         let whole = prepare_and_match(self.pair.clone(), known.clone(), settings, self.runtime)?;
 
@@ -441,7 +512,7 @@ impl Followed<'_, '_> {
         let Matched { map, prepared, rectified } = whole;
         let raw = rectified.as_ref().map(|rectified| Arc::clone(&rectified.raw));
         let map = rectified.map_or(map, |rectified| rectified.map);
-        let found = Geometry::new(geometry.size, &prepared.estimates, raw);
+        let found = Geometry::new(&prepared.pair, &prepared.estimates, raw);
         Ok((found, Shot { map, prepared, summary, innovation: None }))
     }
 
@@ -452,6 +523,9 @@ impl Followed<'_, '_> {
         let is_trusted = shot.is_trusted(geometry.size);
 
         if is_trusted {
+            if geometry.sways.state == 1 && geometry.take_rows(estimates) {
+                rig.events.push(Subject::Rows, rig.frames, "rows sway no more");
+            }
             if let Some(found) = &shot.innovation {
                 geometry.field.update(found);
             }

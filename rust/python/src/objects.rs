@@ -268,8 +268,10 @@ pub fn alignment_of<'py>(
     offsets: &RowOffsets,
     is_applied: bool,
 ) -> Result<Object<'py>> {
-    object!(py, "rig.alignment", "Alignment", [offsets: error, blocks, spread, wobble]
+    object!(py, "rig.alignment", "Alignment", [offsets: error, blocks, spread]
         coefficients: PyTuple::new(py, offsets.field.coefficients())?,
+        sway: PyTuple::new(py, offsets.field.sway().map_or(&[][..], |all| &all[..]))?,
+        errors: PyTuple::new(py, offsets.errors)?,
         size: offsets.field.size(), applied: is_applied
     )
 }

@@ -50,14 +50,14 @@ class Rectifier:
         Raises
         ------
         TypeError, ValueError
-            As `rectify`.
+            As `rectify`; ValueError also for cameras one above the other.
         """
         if self._found is not None:
             return self._found.apply(left, right)
 
         left_mask, right_mask = self._masks
         if self._calibration is not None:
-            self._found = rectify(
+            made = rectify(
                 left, right, self._calibration, left_mask=left_mask, right_mask=right_mask
             )
         else:
@@ -70,7 +70,13 @@ class Rectifier:
                 left_mask=left_mask,
                 right_mask=right_mask,
             )
-            self._found = replace(made, method="images", Q=None)
+            made = replace(made, method="images", Q=None)
+        if made.vertical:
+            raise ValueError(
+                "rectify: got cameras one above the other; accepts cameras side by side"
+            )
+
+        self._found = made
         return self._found.left, self._found.right
 
     @property

@@ -17,6 +17,7 @@ use self::field::FieldFilter;
 use crate::error::Result;
 use crate::image::plane::Plane;
 use crate::pipeline::control::Control;
+use crate::pipeline::pair::Pair;
 use crate::rig::alignment::Alignment;
 use crate::rig::blur::{self, Side};
 use crate::rig::estimation::Estimates;
@@ -28,6 +29,8 @@ const STRAIGHTEN: (f64, f64) = (0.2, 4.0);
 const STRAIGHT: f64 = 0.08;
 /// Frames in a row that have to say so: of rows to straighten, of straight ones, of blur and of health.
 const PATIENCE: [u32; 4] = [3, 20, 3, 3];
+/// Frames in a row whose rows do not sway, until they are taken over again.
+const CALM: u32 = 20;
 /// Much is wrong from this share on, and until this one.
 const ILL: [f64; 2] = [0.25, 0.4];
 /// The frames over which the health is averaged.
@@ -70,12 +73,16 @@ pub struct Look {
 pub struct Geometry {
     /// Rows and columns of an image.
     pub size: (usize, usize),
+    /// Whether a right image of another size is fitted by a whole factor.
+    pub is_whole: bool,
     /// Where raw images are rectified from, if they are.
     pub cameras: Option<Arc<Raw>>,
     /// The field of rows, of the rectified images.
     pub field: FieldFilter,
     /// Whether the right image is straightened by it.
     pub straightens: Steady,
+    /// Whether rows sway, so that they are estimated of every frame.
+    pub sways: Steady,
     /// The disparities.
     pub columns: Columns,
     /// Whether the images match once one of them is inverted.
@@ -104,13 +111,16 @@ impl Raw {
 }
 
 impl Geometry {
-    /// That of a pair of this size with these estimates.
-    pub fn new(size: (usize, usize), found: &Estimates, cameras: Option<Arc<Raw>>) -> Self {
+    /// That of a pair with these estimates.
+    pub fn new(pair: &Pair, found: &Estimates, cameras: Option<Arc<Raw>>) -> Self {
+        let size = pair.size();
         Self {
             size,
+            is_whole: pair.fit().is_some_and(|fit| fit == fit.whole()),
             cameras,
             field: FieldFilter::new(size, found.offsets.as_ref()),
             straightens: Steady::new(found.alignment.is_some().into()),
+            sways: Steady::new(found.sways().into()),
             columns: Columns::new(found.candidates),
             is_inverted: found.is_inverted,
         }
@@ -118,7 +128,15 @@ impl Geometry {
 
     /// The field by which the right image is straightened.
     pub fn alignment(&self) -> Result<Option<Alignment>> {
-        (self.straightens.state == 1).then(|| self.field.field()).transpose()
+        let is_used = self.straightens.state == 1 && self.sways.state == 0;
+        is_used.then(|| self.field.field()).transpose()
+    }
+
+    /// Takes in the rows of a frame that were estimated. Returns whether they sway no more.
+    pub fn take_rows(&mut self, found: &Estimates) -> bool {
+        self.field = FieldFilter::new(self.size, found.offsets.as_ref());
+        self.straightens = Steady::new(found.alignment.is_some().into());
+        self.sways.update(found.sways().into(), CALM).is_some()
     }
 
     /// Straightens from now on, if rows that moved make it necessary.
@@ -130,6 +148,9 @@ impl Geometry {
 
     /// Whether the rows are to be straightened from now on.
     fn decide(&mut self) -> Option<bool> {
+        if self.sways.state == 1 {
+            return None;
+        }
         let rms = self.field.field().map_or(0.0, |field| field.rms());
         let said = if rms > STRAIGHTEN.0.max(STRAIGHTEN.1 * self.field.error()) {
             1

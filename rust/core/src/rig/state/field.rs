@@ -11,15 +11,18 @@
 //! ```
 //!
 //! A plane is fitted to the residuals of a frame first. Where it is larger than its error and that of the field allow, the
-//! cameras have been moved: the field is opened again, and found anew.
+//! cameras have been moved: the field is opened again, and found anew. Where there is evidence of a spline of the row beside
+//! the plane, rows sway: no field holds for other frames.
 
 use std::array::from_fn;
 
 use crate::error::Result;
 use crate::image::plane::Plane;
 use crate::math;
+use crate::rig::alignment::sway::INTERVALS;
 use crate::rig::alignment::{Alignment, LINEAR, TERMS, places, terms};
-use crate::rig::estimation::rows::{Point, RobustFit, RowOffsets, median, robust};
+use crate::rig::estimation::rows::robust::{Model, Point, RobustFit, median};
+use crate::rig::estimation::rows::{LEAST_EVIDENCE, RowOffsets, SUSPICION};
 use crate::rig::estimation::tracks::{Seed, Track};
 
 /// Cells of an image, columns and rows, in each of which a block is looked for; one row of so many in turns.
@@ -44,6 +47,8 @@ const DAMPED: f64 = 0.995;
 const MOST_WEIGHT: f64 = 2.0;
 /// Residuals beyond so many spreads are mistakes.
 const CUT: f64 = 3.0;
+/// What is fitted to the residuals of a frame.
+const PLANE: Model = Model { smooth: LINEAR, sways: false, excess: ALIKE };
 /// The cameras have been moved where rows changed by so many standard errors, and so many pixels.
 const MOVED: (f64, f64) = (6.0, 0.2);
 
@@ -69,6 +74,8 @@ pub struct Innovation {
     pub moved: f64,
     /// Whether that is more than errors and drift explain.
     pub is_moved: bool,
+    /// Whether the rows sway.
+    pub sways: bool,
 }
 
 impl FieldFilter {
@@ -127,7 +134,11 @@ impl FieldFilter {
     pub fn offsets(&self) -> Result<Option<RowOffsets>> {
         let (blocks, spread) = self.agreement;
         let (field, error) = (self.field()?, self.error());
-        Ok((blocks > 0).then_some(RowOffsets { field, error, blocks, spread, wobble: 0.0 }))
+        let errors = from_fn(|interval| {
+            let y = (2 * interval + 1) as f64 / INTERVALS as f64 - 1.0;
+            self.error_at(places().map(|(x, _)| (x, y)))
+        });
+        Ok((blocks > 0).then_some(RowOffsets { field, error, blocks, spread, errors }))
     }
 
     /// The field.
@@ -137,6 +148,11 @@ impl FieldFilter {
 
     /// Its standard error, root mean square over the image, pixels.
     pub fn error(&self) -> f64 {
+        self.error_at(places())
+    }
+
+    /// The same over these places.
+    fn error_at(&self, places: impl Iterator<Item = (f64, f64)>) -> f64 {
         let variance = |(x, y)| -> f64 {
             let terms = terms(x, y);
             let row = |row: usize| -> f64 {
@@ -144,7 +160,7 @@ impl FieldFilter {
             };
             (0..TERMS).map(|at| terms[at] * row(at)).sum()
         };
-        let all: Vec<f64> = places().map(variance).collect();
+        let all: Vec<f64> = places.map(variance).collect();
         (all.iter().sum::<f64>() / all.len() as f64).max(0.0).sqrt()
     }
 
@@ -160,7 +176,7 @@ impl FieldFilter {
     /// What the blocks of a frame say; `None`: too little.
     pub fn innovation(&self, tracks: &[Track]) -> Option<Innovation> {
         let point = |track: &Track| {
-            let point = Point::of_track(track, self.size);
+            let point = Point::of_track(track, self.size, 1);
             Point { value: point.residual(&self.value), ..point }
         };
         let mut points: Vec<Point> = tracks.iter().map(point).collect();
@@ -174,14 +190,15 @@ impl FieldFilter {
             point.weight = (point.weight / usual).min(MOST_WEIGHT);
         }
 
-        let plane = robust(&points, LINEAR)?;
+        let plane = PLANE.fitted(&points)?;
         if plane.agreeing < LEAST_BLOCKS.max(points.len() / 2) {
             return None;
         }
         let moved = Alignment::new(plane.coefficients, self.size).ok()?.rms();
-        let error = math::hypot(self.error(), plane.error(ALIKE));
+        let error = math::hypot(self.error(), plane.error);
         let is_moved = moved > MOVED.1.max(MOVED.0 * error);
-        Some(Innovation { points, plane, moved, is_moved })
+        let sways = PLANE.evidence(&points, &plane) >= SUSPICION && sways(&points);
+        Some(Innovation { points, plane, moved, is_moved, sways })
     }
 
     /// Takes in what the blocks of a frame say.
@@ -220,6 +237,13 @@ impl FieldFilter {
         self.covariance =
             from_fn(|row| from_fn(|col| f64::midpoint(gain[row][col], gain[col][row])));
     }
+}
+
+/// Whether there is much evidence that rows sway.
+fn sways(points: &[Point]) -> bool {
+    let model = Model { sways: true, ..PLANE };
+    let fit = model.fitted(points);
+    fit.is_some_and(|fit| model.evidence(points, &fit) >= LEAST_EVIDENCE)
 }
 
 /// The product of two matrices.
