@@ -7,7 +7,7 @@
 //!     blur, noise and light: as they were, if they look so at a glance and were estimated not long ago; else estimated
 //!     match; find some blocks of the map again
 //!     if their rows have moved:          the field is opened, takes them in, and the frame is matched once more
-//!     if other rows then disagree again, or rows sway:
+//!     if all rows then disagree again, or sway:
 //!                                        rows are estimated, and of every frame from here on while they sway
 //!     if the range ends where things are: it grows, and the frame is matched once more
 //!     if the map got much worse:          all is estimated anew; what comes of it counts if it matches better
@@ -282,7 +282,7 @@ impl Followed<'_, '_> {
         })
     }
 
-    /// Matches the frame by what is known of it; once more, blocks of other rows are found again.
+    /// Matches the frame by what is known of it; once more, blocks of all rows are found again.
     fn shot(&self, geometry: &Geometry, seen: &Seen, is_again: bool) -> Result<Shot> {
         let Way { known, settings, .. } = self.way;
         let pair = seen.pair.clone();
@@ -320,8 +320,7 @@ impl Followed<'_, '_> {
 
         let mut shot = self.matched(pair, estimates, told, &settings)?;
         if !sways {
-            let turn = self.rig.frames + u64::from(is_again);
-            shot.innovation = self.innovation(&shot.map, &seen.pair, geometry, turn)?;
+            shot.innovation = self.innovation(&shot.map, &seen.pair, geometry, is_again)?;
         }
         Ok(shot)
     }
@@ -350,7 +349,7 @@ impl Followed<'_, '_> {
         map: &Disparity,
         pair: &Pair,
         geometry: &Geometry,
-        turn: u64,
+        has_all: bool,
     ) -> Result<Option<Innovation>> {
         let Runtime { matcher, execution, .. } = self.runtime;
         let field = geometry.field.field()?;
@@ -359,7 +358,7 @@ impl Followed<'_, '_> {
 
         let tracks = matcher.install(|| {
             let mut tracks = vec![];
-            for seeds in seeds(&map.disparity, &map.flags, &field, turn) {
+            for seeds in seeds(&map.disparity, &map.flags, &field, self.rig.frames, has_all) {
                 let Some(first) = seeds.first() else { continue };
                 let y = first.y as usize;
                 let (top, end) = (y.saturating_sub(around), (y + around + 1).min(rows));

@@ -275,12 +275,13 @@ fn solved(mut matrix: Matrix, mut right: Matrix) -> Option<Matrix> {
 }
 
 /// Blocks of a matched map, row after row, at other places in every frame: where a disparity passed all checks. `field` is
-/// where rows are expected.
+/// where rows are expected. Those of a third of the rows, in turns, or of all of them.
 pub fn seeds(
     disparity: &Plane<f32>,
     flags: &Plane<u16>,
     field: &Alignment,
     frame: u64,
+    has_all: bool,
 ) -> Vec<Vec<Seed>> {
     let (rows, cols) = (disparity.rows(), disparity.cols());
     if rows.min(cols) <= 2 * BORDER + CELLS.0 {
@@ -295,7 +296,8 @@ pub fn seeds(
     };
 
     let mut seeds = vec![];
-    for row in ((frame % TURNS as u64) as usize..CELLS.1).step_by(TURNS) {
+    let (first, step) = if has_all { (0, 1) } else { ((frame % TURNS as u64) as usize, TURNS) };
+    for row in (first..CELLS.1).step_by(step) {
         let y = at(row, down, CELLS.1, rows);
         let mut here = vec![];
         for col in 0..CELLS.0 {
