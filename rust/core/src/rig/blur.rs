@@ -108,6 +108,17 @@ pub struct Blur {
     pub other: Option<Psf>,
 }
 
+impl Blur {
+    /// The standard deviation of its kernel along an axis, pixels.
+    pub fn spread(&self) -> f64 {
+        match (self.psf, &self.taps) {
+            (Some(psf), _) => psf.spread(),
+            (None, Some(taps)) => taps.radius() / 2f64.sqrt(),
+            (None, None) => 0.0,
+        }
+    }
+}
+
 /// The relative blur and the noise of a pair.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Estimate {
