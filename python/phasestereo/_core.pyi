@@ -1,6 +1,6 @@
 """The compiled core: validated again here, so that no argument can make it panic."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, final
 
 import numpy as np
@@ -110,6 +110,9 @@ def estimate_pair(
     settings: Settings,
     threads: int | Workers | None,
 ) -> Estimates: ...
+def rectify_pairs(
+    pairs: Sequence[tuple[Pixels, Pixels]],
+) -> tuple[dict[str, NDArray[np.float64]], float, list[str]]: ...
 def estimate_pair_by_rows(
     read: Checked,
     size: tuple[int, int],

@@ -185,6 +185,8 @@ impl Known<'_> {
     }
 }
 
+/// From so many pixels below zero on, the middle of all disparities counts as negative.
+const CLEARLY: f64 = 2.0;
 /// That something seems to lie outside the range.
 fn left_out(LeftOut { rows, columns, low, high }: &LeftOut) -> Finding {
     let [low, high] = [low, high].map(|end| end.round() as i64);
@@ -240,18 +242,7 @@ pub fn rectified(found: &Rectification) -> Finding {
          calibrate the cameras"
     )];
 
-    let (bent, _) = found
-        .distortion
-        .into_iter()
-        .filter(|(bent, error)| bent.abs() >= DISTORTED.0.max(DISTORTED.1 * error))
-        .fold((0.0f64, 0.0), |most, one| if one.0.abs() > most.0.abs() { one } else { most });
-    if bent != 0.0 {
-        let kind = if bent < 0.0 { "barrel" } else { "pincushion" };
-        told.push(format!(
-            "the lenses distort, by {:.0} px at half the width ({kind})",
-            bent.abs()
-        ));
-    }
+    told.extend(distorted(found));
     if *moved > 0.0 {
         told.push(format!(
             "columns were moved by {moved:.0} px to make disparities positive: the cameras are toed \
@@ -259,6 +250,46 @@ pub fn rectified(found: &Rectification) -> Finding {
         ));
     }
     Finding::note(Topic::Alignment, told.join("; "))
+}
+
+/// What was found of pairs that were rectified to be matched later.
+pub fn rectification(found: &Rectification) -> Vec<String> {
+    let Rectification { rows, rms, blocks, error, disparities: [low, middle, high], .. } = found;
+    let of = if found.pairs == 1 { String::new() } else { format!(" of {} pairs", found.pairs) };
+    let mut told = vec![
+        format!(
+            "rows were {rows:.1} px off; those of {blocks} blocks{of} now agree within {rms:.2} px, and rows \
+             are known to {error:.2} px"
+        ),
+        format!("disparities are about {low:.0} to {high:.0} px"),
+    ];
+
+    told.extend(
+        distorted(found).map(|what| format!("{what}: that is undone, as far as rows tell")),
+    );
+    if *high < 0.0 && *middle <= -CLEARLY {
+        told.push(
+            "left and right seem to be swapped, since all disparities are negative: exchange the images \
+             (toed-in cameras give the same)"
+                .to_owned(),
+        );
+    }
+    if found.is_inverted {
+        told.push("the right image seems to be a negative of the left one".to_owned());
+    }
+    told
+}
+
+/// That lenses distort, if they clearly do.
+fn distorted(found: &Rectification) -> Option<String> {
+    let (bent, _) = found
+        .distortion
+        .into_iter()
+        .filter(|(bent, error)| bent.abs() >= DISTORTED.0.max(DISTORTED.1 * error))
+        .fold((0.0f64, 0.0), |most, one| if one.0.abs() > most.0.abs() { one } else { most });
+    let kind = if bent < 0.0 { "barrel" } else { "pincushion" };
+    let told = || format!("the lenses distort, by {:.0} px at half the width ({kind})", bent.abs());
+    (bent != 0.0).then(told)
 }
 
 /// That a pair that hardly matches could not be rectified by what it shows, and why.
