@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+import boards
 import phasestereo as ps
 import phasestereo_large.batch
 import phasestereo_large.outofcore
@@ -54,11 +55,15 @@ _NOT_OPENED = {
     "phasestereo_live.viewer.Display", "phasestereo_live.Stream", "phasestereo_live.Frame",
     "live --save-to", "live --preset", "live --left", "live --right", "live --camera-info",
     "live --frames", "match --preset", "large --preset", "large --max-memory", "batch --preset",
-    "batch --scheduler",
+    "batch --scheduler", "calibrate --board", "calibrate --charuco",
 }  # fmt: skip
 """What holds paths, or has words of another kind."""
 
-_REFUSING = {"phasestereo.rectify(others)", "rectify --images-from"}
+_REFUSING = {
+    "phasestereo.rectify(others)", "rectify --images-from",
+    "phasestereo.calibrate(left)", "phasestereo.calibrate(right)", "calibrate LEFT",
+    "calibrate RIGHT",
+}  # fmt: skip
 """What opens so small a pair, and then refuses it."""
 
 
@@ -188,6 +193,11 @@ class Samples:
         def read(start: int, end: int) -> Any:
             return self.left[start:end], self.right[start:end], None, None
 
+        (self / "boards").mkdir()
+        for number, views in enumerate(boards.pairs(boards.chessboard(9, 6), 6)):
+            for side, image in zip("LR", views, strict=True):
+                ps.io.write_image(self / "boards" / f"{number}_{side}.png", image)
+
         gathered = phasestereo_large.pair_statistics(read, (48, 64), num_disparities=COUNT)
         gathered.save(self / "statistics.npz")
 
@@ -244,6 +254,8 @@ def doors(of: Samples) -> dict[str, list[tuple[str, Callable[[Path], Any]]]]:  #
         add("phasestereo.rectify(calibration)", sample, lambda p: ps.rectify(left, right, p))
     add("phasestereo.rectify(others)", "left.png",
         lambda p: ps.rectify(left, right, others=[(p, right)]))  # fmt: skip
+    add("phasestereo.calibrate(left)", "video.mkv", ps.calibrate)
+    add("phasestereo.calibrate(right)", "video.mkv", partial(ps.calibrate, of / "video.mkv"))
     add("phasestereo.Rectification.load(path)", "rectification.npz", ps.Rectification.load)
 
     readers = {"calibration": "calib.txt", "depth": "depth.npy", "disparity": "map.pfm"}
@@ -269,6 +281,12 @@ def doors(of: Samples) -> dict[str, list[tuple[str, Callable[[Path], Any]]]]:  #
     write_page = importlib.import_module("phasestereo.views.page").write_pair_page
     add("phasestereo.views.page.write_pair_page(path)", ">a.html",
         lambda p: write_page(p, of.left, of.right, of.result))  # fmt: skip
+
+    calibrated = calibration(rig)
+    add("phasestereo.StereoCalibration.save(path)", ">a.yaml", calibrated.save)
+    write_calibration = importlib.import_module("phasestereo.views.calibration_page")
+    add("phasestereo.views.calibration_page.write_calibration_page(path)", ">a.html",
+        lambda p: write_calibration.write_calibration_page(p, calibrated))  # fmt: skip
 
     add("phasestereo_live.stream(source)", "video.mkv", lambda p: first(live.stream(p, **search)))
     add("phasestereo_live.stream(right)", "video.mkv",
@@ -317,6 +335,21 @@ def doors(of: Samples) -> dict[str, list[tuple[str, Callable[[Path], Any]]]]:  #
 
     _add_commands(add, of)
     return table
+
+
+def calibration(rig: dict[str, Any]) -> ps.StereoCalibration:
+    """Return a calibration that has been made of one view."""
+    corners = np.ones((4, 2))
+    view = ps.calibration.BoardView(
+        names=("", ""), ids=np.arange(4), left=corners, right=corners, used=True, error=1.0
+    )
+    cells = np.zeros((6, 8), np.int64)
+    shaped = rig | {"D1": rig["D1"].reshape(1, -1), "D2": rig["D2"].reshape(1, -1)}
+    return ps.StereoCalibration(
+        **shaped | {"T": rig["T"].reshape(3, 1)}, size=(64, 48), unit="m", board="",
+        views=(view,), error=1.0, rows=1.0, held_out=None, covariance=1e-6 * np.eye(24),
+        coverage=(cells, cells), advice=(),
+    )  # fmt: skip
 
 
 def _add_commands(add: Callable[..., None], of: Samples) -> None:
@@ -373,6 +406,10 @@ def _add_commands(add: Callable[..., None], of: Samples) -> None:
              of / "r.png", "--masks", ..., of / "m.png"),
         ),
         "rectify --save": (">a.npz", ("rectify", left, right, *known, "--save", ...)),
+        "calibrate LEFT": ("video.mkv", ("calibrate", ...)),
+        "calibrate RIGHT": ("video.mkv", ("calibrate", of / "video.mkv", ...)),
+        "calibrate --output": (">a.yaml", ("calibrate", of / "boards", "-o", ...)),
+        "calibrate --page": (">a.html", ("calibrate", of / "boards", "--page", ...)),
         "live SOURCE": ("video.mkv bag.mcap bag.bag", ("live", ..., "--json", *SEARCH)),
         "live RIGHT": ("video.mkv", ("live", of / "video.mkv", ..., "--json", *SEARCH)),
         "live --rectify": (

@@ -38,7 +38,8 @@ class Matcher {
    * @returns {Promise<Found>}
    *   - range: minDisparity, numDisparities, origin ("given", "found", "default"), confidence of a rough match (0 to 1),
    *     low, high (what was seen, pixels), swapped, mixed
-   *   - rows: null or coefficients (8) of the field of vertical offsets, rms, error, spread (pixels), blocks, applied
+   *   - rows: null or coefficients (8) of the field of vertical offsets, rms, error, spread,
+   *     sway (largest offset of a row from the field; pixels all), blocks, applied
    *   - blur: list, largest area first, of side ("none", "left", "right": the softer one), kind ("none", "gaussian", "disk",
    *     "motion", "annulus", "other"), size (pixels), angle (degrees), share of the image; empty if it was not looked for;
    *     where each image lacks something that the other one has, both blurs, each with the whole share

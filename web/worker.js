@@ -3,7 +3,7 @@
 // Layouts of the C interface's structs, see rust/c/phasestereo.h; pointers take four bytes.
 const IMAGE = 24;
 const MAP = 32;
-const FOUND = 472;
+const FOUND = 480;
 const BLUR = 32;
 const FINDING = 12;
 const RGBA = 2;
@@ -213,6 +213,7 @@ function readFound(start) {
     rms: number(88),
     error: number(96),
     spread: number(104),
+    sway: number(472),
     blocks: count(436),
     applied: count(440) === 1,
   };

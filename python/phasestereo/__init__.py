@@ -45,11 +45,13 @@ __all__ = [
     "Result",
     "SearchRange",
     "Settings",
+    "StereoCalibration",
     "Summary",
     "TemporalFilter",
     "Verdict",
     "Verification",
     "aggregate",
+    "calibrate",
     "check",
     "cost_volume",
     "depth_interval",
@@ -65,11 +67,13 @@ __all__ = [
 __version__ = _core.__version__
 
 if TYPE_CHECKING:
+    from phasestereo import calibration as calibration
     from phasestereo import io as io
     from phasestereo import metrics as metrics
     from phasestereo import opencv as opencv
     from phasestereo import rectification as rectification
     from phasestereo import views as views
+    from phasestereo.calibration import StereoCalibration, calibrate
     from phasestereo.rectification import Rectification, rectify
     from phasestereo.rig.diagnosis import Diagnosis, check
     from phasestereo.rig.estimation import estimate_blur
@@ -80,11 +84,13 @@ if TYPE_CHECKING:
     from phasestereo.views.meshing import surface_mesh
     from phasestereo.views.triangulation import point_cloud
 else:
-    _ROOMS = "io", "metrics", "opencv", "rectification", "views"
+    _ROOMS = "calibration", "io", "metrics", "opencv", "rectification", "views"
 
     def __getattr__(name):
         """Import what is first asked for: with all of it an import would take twice as long."""
         match name:
+            case "calibration" | "StereoCalibration" | "calibrate":
+                import phasestereo.calibration as home
             case "io":
                 import phasestereo.io as home
             case "metrics":

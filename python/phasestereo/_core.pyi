@@ -44,6 +44,7 @@ __all__ = [
     "estimate_pair_by_rows",
     "find_roughness",
     "find_scale",
+    "fit_right",
     "halo",
     "match_pair",
     "match_raw",
@@ -137,6 +138,7 @@ def find_scale(
     disparities: tuple[int, int | None],
     settings: Settings,
 ) -> Scale: ...
+def fit_right(images: tuple[Pixels, Pixels]) -> Pixels: ...
 def halo(
     settings: Settings, compensation: BlurCompensation | None, alignment: Alignment | None
 ) -> tuple[int, int]: ...

@@ -10,6 +10,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from phasestereo import _core
+
 Pixels: TypeAlias = (
     NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float32] | NDArray[np.float64]
 )
@@ -67,9 +69,20 @@ def as_pixels(image: ArrayLike, name: str) -> Pixels:
     return native
 
 
+def as_views(left: ArrayLike, right: ArrayLike) -> tuple[Pixels, Pixels]:
+    """Return both images of a pair as `as_pixels` does; they may differ in size and type."""
+    return as_pixels(left, "left"), as_pixels(right, "right")
+
+
+def as_alike(left: ArrayLike, right: ArrayLike) -> tuple[Pixels, Pixels]:
+    """Return both images as they are matched, the right one at the size of the left one."""
+    pair = as_views(left, right)
+    return pair if pair[0].shape[:2] == pair[1].shape[:2] else (pair[0], _core.fit_right(pair))
+
+
 def as_pair(left: ArrayLike, right: ArrayLike) -> tuple[Pixels, Pixels]:
     """Return both images of a pair as `as_pixels` does; they must agree in size and type."""
-    pair = as_pixels(left, "left"), as_pixels(right, "right")
+    pair = as_views(left, right)
 
     if pair[0].dtype != pair[1].dtype:
         raise TypeError(f"right: got dtype {pair[1].dtype}; accepts that of left, {pair[0].dtype}")
@@ -106,6 +119,17 @@ def screen_range(images: Sequence[NDArray[Any]]) -> tuple[float, float]:
     known = sample[np.isfinite(sample)].astype(np.float64)
     low, high = np.percentile(known, _INTENSITIES).tolist() if known.size else (0.0, 1.0)
     return low, high if high > low else low + 1.0
+
+
+def on_screens(images: Sequence[Pixels]) -> list[NDArray[np.uint8]]:
+    """Return images in 8 bits: as they are, or stretched, those of one dtype by one range."""
+    alike = len({image.dtype for image in images}) == 1
+    return [
+        image.astype(np.uint8, copy=False)
+        if image.dtype == np.uint8
+        else on_screen(image, screen_range(images if alike else [image]))
+        for image in images
+    ]
 
 
 def on_screen(image: NDArray[Any], black_white: tuple[float, float]) -> NDArray[np.uint8]:

@@ -6,7 +6,7 @@ import os
 
 from numpy.typing import ArrayLike
 
-from phasestereo._images import ImageOrPath, Pixels, as_pair
+from phasestereo._images import ImageOrPath, Pixels, as_pair, as_views
 
 
 def opened(image: ImageOrPath) -> ArrayLike:
@@ -27,3 +27,8 @@ def opened(image: ImageOrPath) -> ArrayLike:
 def opened_pair(left: ImageOrPath, right: ImageOrPath) -> tuple[Pixels, Pixels]:
     """Return both images of a pair as `as_pair` does; those of which there is a path are read."""
     return as_pair(opened(left), opened(right))
+
+
+def opened_views(left: ImageOrPath, right: ImageOrPath) -> tuple[Pixels, Pixels]:
+    """Return both images as `as_views` does; those of which there is a path are read."""
+    return as_views(opened(left), opened(right))

@@ -7,10 +7,11 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from phasestereo import _core
-from phasestereo._images import ImageOrPath, as_array, as_mask, as_pair
+from phasestereo._images import ImageOrPath, as_array, as_mask, as_views
 from phasestereo._opening import opened
 from phasestereo.known import Known, as_known
 from phasestereo.result import Result
@@ -35,6 +36,7 @@ def match(
     right_mask: ArrayLike | None = None,
     progress: Progress | None = None,
     known: Known | None = None,
+    vertical: bool = False,
     **overrides: Any,
 ) -> Result:
     """Match a rectified stereo pair.
@@ -42,10 +44,11 @@ def match(
     Parameters
     ----------
     left, right
-        Images of equal size and dtype: (H, W) or (H, W, 1) gray, (H, W, 3) RGB or (H, W, 4) RGBA
-        (alpha is left out); uint8, uint16, float32 or float64, of any strides and byte order. They
-        may differ in the number of channels. Or paths of such, which are read as
-        `phasestereo.io.read_image` does.
+        Images: (H, W) or (H, W, 1) gray, (H, W, 3) RGB or (H, W, 4) RGBA (alpha is left out);
+        uint8, uint16, float32 or float64, of any strides and byte order. Or paths of such, which
+        are read as `phasestereo.io.read_image` does. They may differ in the number of channels, in
+        dtype and in size, by a factor of up to 8: the right image is resampled to the left one's
+        size, and disparities are in pixels of the left image.
     num_disparities
         Number of disparities to search, 1 to the images' width and at most 16384. None: the range
         is found from small copies of the images, up to 45 % of the width either way, and
@@ -63,14 +66,19 @@ def match(
         says, or else as many as the process may use, shared by all matches of this process that
         run at the same time. The result does not depend on it.
     left_mask, right_mask
-        bool (H, W), True = valid. A masked pixel neither supports others nor is estimated, and
-        what it holds (it may be NaN) has no effect. None: all are valid.
+        bool (H, W) of the image's own size, True = valid. A masked pixel neither supports others
+        nor is estimated, and what it holds (it may be NaN) has no effect. None: all are valid.
     progress
         Called as ``progress(rows_done, rows)`` every now and then from the calling thread; what it
         raises ends the match.
     known
         What is known of the pair beforehand. None: all is estimated, as far as the settings ask for
         it.
+    vertical
+        Whether the right camera is below the left one: pixel (x, y) of `left`, the upper image,
+        then corresponds to (x, y - d) of `right`. Both are turned by 90 degrees for the match and
+        the maps turned back; all else that the result has, as `Result.alignment`, is of the turned
+        images.
     **overrides
         Fields of `Settings` by name, which take precedence over ``preset`` and ``settings``.
 
@@ -122,6 +130,7 @@ def match(
         threads=threads,
         progress=progress,
         known=known,
+        vertical=vertical,
     )
 
     warn(result.findings)
@@ -188,6 +197,7 @@ class Matcher:
         progress: Progress | None = None,
         known: Known | None = None,
         temporal_filter: TemporalFilter | None = None,
+        vertical: bool = False,
     ) -> Result:
         """Match a rectified stereo pair: parameters, result and errors are those of `match`.
 
@@ -213,6 +223,7 @@ class Matcher:
             progress=progress,
             known=known,
             temporal_filter=temporal_filter,
+            vertical=vertical,
         )
 
         warn(result.findings)
@@ -236,19 +247,25 @@ def match_silently(
     progress: Progress | None,
     known: Known | None = None,
     temporal_filter: TemporalFilter | None = None,
+    vertical: bool = False,
 ) -> Result:
     """Match as `match` and `Matcher.match` do, without a warning."""
     if progress is not None and not callable(progress):
         raise TypeError(f"progress: got {type(progress).__name__}; accepts a callable or None")
 
     arrays = as_array(opened(images[0]), "left"), as_array(opened(images[1]), "right")
-    pair = as_pair(*arrays)
-    size = pair[0].shape
-    valid = as_mask(masks[0], size, "left_mask"), as_mask(masks[1], size, "right_mask")
+    pair = as_views(*arrays)
+    valid = (
+        as_mask(masks[0], pair[0].shape, "left_mask"),
+        as_mask(masks[1], pair[1].shape, "right_mask"),
+    )
 
+    # Turned so that rows come to be columns, in which the core looks for what corresponds.
+    turns = int(vertical)
+    masks_turned = [None if mask is None else np.rot90(mask, turns) for mask in valid]
     result = _core.match_pair(
-        pair,
-        valid,
+        (np.rot90(pair[0], turns), np.rot90(pair[1], turns)),
+        (masks_turned[0], masks_turned[1]),
         search,
         settings,
         threads,
@@ -256,4 +273,15 @@ def match_silently(
         as_known(known),
         as_core_filter(temporal_filter),
     )
-    return replace(result, pair=arrays)
+    found = replace(result, pair=arrays)
+    return _turned_back(found) if vertical else found
+
+
+def _turned_back(result: Result) -> Result:
+    """Return a result of turned images with maps of the images as they came."""
+    support = {"temporal_support": result.temporal_support}
+    maps: dict[str, Any] = {
+        name: None if values is None else np.ascontiguousarray(np.rot90(values, -1))
+        for name, values in (result.maps | support).items()
+    }
+    return replace(result, **maps)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from phasestereo import _core
-from phasestereo._images import ImageOrPath, as_array, as_mask, as_pair, as_pixels, as_rgb8
+from phasestereo._images import ImageOrPath, as_array, as_mask, as_pixels, as_rgb8, as_views
 from phasestereo._opening import opened
 from phasestereo.known import Known, as_known
 from phasestereo.matching import Progress
@@ -174,9 +174,12 @@ def verify(
         raise TypeError(f"progress: got {type(progress).__name__}; accepts a callable or None")
 
     arrays = as_array(opened(left), "left"), as_array(opened(right), "right")
-    pair = as_pair(*arrays)
+    pair = as_views(*arrays)
     size = pair[0].shape[:2]
-    valid = as_mask(left_mask, size, "left_mask"), as_mask(right_mask, size, "right_mask")
+    valid = (
+        as_mask(left_mask, size, "left_mask"),
+        as_mask(right_mask, pair[1].shape, "right_mask"),
+    )
     claims = _as_claims(disparity, size)
 
     judged = _core.verify_map(

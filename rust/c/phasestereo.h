@@ -409,6 +409,11 @@ typedef struct phasestereo_found {
    * 1: the images match once one of them is inverted, and not before.
    */
   uint32_t inverted;
+  /**
+   * Largest offset of a row from the field, pixels, as where a rolling shutter shakes; 0: rows do not sway. The right image
+   * was straightened by both.
+   */
+  double rows_sway;
 } phasestereo_found;
 
 /**
@@ -483,12 +488,12 @@ uint64_t phasestereo_memory(const struct phasestereo_matcher *matcher,
                             uint32_t num_disparities);
 
 /**
- * Matches a rectified pair of images of one size and number of bits. The disparities [`min_disparity`, `min_disparity` +
- * `num_disparities`) are searched, `num_disparities` from 1 to the width; with 0 the range is estimated, and
+ * Matches a rectified pair; a right image of another size or number of bits is brought to those of the left one. The
+ * disparities [`min_disparity`, `min_disparity` + `num_disparities`) are searched, `num_disparities` from 1 to the width; with 0 the range is estimated, and
  * `min_disparity` is 0. Left pixel (x, y) corresponds to right pixel (x - d, y). What was estimated from the pair is written
  * to `found`, unless that is NULL; `phasestereo_get_finding` says what it means. If the call fails, nothing is written.
  *
- * Pointers are to what their types say; the planes of `map` have rows of as many values as the images have columns, and
+ * Pointers are to what their types say; the planes of `map` have rows of as many values as the left image has columns, and
  * as many rows.
  */
 enum phasestereo_status phasestereo_match(const struct phasestereo_matcher *matcher,

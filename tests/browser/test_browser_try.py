@@ -4,7 +4,9 @@ import shutil
 import subprocess
 import sys
 import zlib
+from base64 import b64encode
 from collections.abc import Iterator
+from io import BytesIO
 from pathlib import Path
 
 import pytest
@@ -241,6 +243,46 @@ def test_one_image_is_dropped_with_both_views(opened: Browser) -> None:
     assert opened.text("pair-note").endswith(
         f"matched at {width} \N{MULTIPLICATION SIGN} {height}."
     )
+
+
+DROP_BYTES = """
+const bytes = Uint8Array.from(atob(arguments[0]), (letter) => letter.charCodeAt(0));
+const dataTransfer = new DataTransfer();
+dataTransfer.items.add(new File([bytes], arguments[1]));
+delete document.documentElement.dataset.matched;
+document.body.dispatchEvent(new DragEvent("drop", { dataTransfer, bubbles: true }));
+"""
+
+
+def test_a_file_of_two_pictures_is_dropped(opened: Browser) -> None:
+    pil = counterpart("PIL.Image")
+    left, right, preview = (
+        pil.new("L", size, level)
+        for size, level in (((90, 60), 160), ((90, 60), 32), ((45, 30), 9))
+    )
+    files = {}
+    for name, other in (("pair.mpo", right), ("one.jpg", preview)):
+        target = BytesIO()
+        left.save(target, format="MPO", save_all=True, append_images=[other])
+        files[name] = b64encode(target.getvalue()).decode()
+
+    opened.run(DROP_BYTES, files["pair.mpo"], "pair.mpo")
+    matched(opened)
+    call = opened.run("return calls.at(-1)")
+    assert (call["size"], call["first"], call["second"]) == ([90, 60], 160, 32)
+
+    # A picture with a preview is one alone, which has both views side by side.
+    opened.run(DROP_BYTES, files["one.jpg"], "one.jpg")
+    matched(opened)
+    call = opened.run("return calls.at(-1)")
+    assert (call["size"], call["first"], call["second"]) == ([45, 60], 160, 160)
+
+
+def test_images_of_two_resolutions_are_brought_to_that_of_the_left_one(opened: Browser) -> None:
+    opened.run(DROP, [["im0.png", 120, 80, ["#808080"]], ["im1.png", 61, 40, ["#404040"]]])
+    matched(opened)
+    call = opened.run("return calls.at(-1)")
+    assert (call["size"], call["first"], call["second"]) == ([120, 80], 128, 64)
 
 
 @pytest.mark.parametrize(

@@ -197,6 +197,25 @@ REFUSALS = [
 ]
 
 
+@pytest.mark.parametrize("geometry", ["--q q.npy --unit cm", f"{RIG} --doffs 2 --unit mm"])
+def test_a_range_is_found_beside_a_geometry(run: Callable[..., Run], geometry: str) -> None:
+    scene = np.random.default_rng(1).integers(0, 256, (120, 170), dtype=np.uint8)
+    io.write_image("left.png", scene[:, :-SHIFT])
+    io.write_image("right.png", scene[:, SHIFT:])
+
+    files = "--depth out.png --ply out.ply -o out.npy --json"
+    code, out, err = run("match", "left.png", "right.png", *f"{files} {geometry}".split())
+    assert code == 0, err
+    assert json.loads(out)["search"]["origin"] == "found"
+    assert np.nanmedian(io.read_depth("out.png")) == pytest.approx(100 * 70 / (SHIFT + 2), rel=0.01)
+
+    # What is found may have no depth: nothing is nearer than the point that cameras look at.
+    code, _, err = run(
+        "match", "left.png", "right.png", *f"{files} {RIG} --unit mm --doffs -50".split()
+    )
+    assert (code, "no disparity up to" in err) == (FAILED, True)
+
+
 def test_surface_is_written(match: Callable[[str], Run]) -> None:
     trimesh = counterpart("trimesh")
 

@@ -50,7 +50,7 @@ FLOORS = {
         "_opening",  # of images that a caller names the files of
         "rig",  # what is found out of a pair
         "rectification result",
-        "known",  # of a pair, an earlier result too
+        "calibration known",  # by boards; of a pair, an earlier result too
         "matching stages",
         "opencv verification views",  # what is made of a result, and a stand-in for a matcher
         "",  # the package itself, which names all of the interface
@@ -82,17 +82,17 @@ BOUNDS = {
     "imports of the same or a higher floor": 0,
     "imports of another distribution than those below": 0,
     "own modules imported by a string": 0,
-    "statements of phasestereo": 5_450,
+    "statements of phasestereo": 6_470,
     "statements of phasestereo_live": 2_100,
     "statements of phasestereo_large": 2_410,
     "statements of pandora_plugin_phasestereo": 120,
     "statements of phasestereo_bench": 6_970,
     "aliases at the boundary": 6,
-    "public names": 114,
-    "words of documentation": 22_600,
-    "lines of Rust": 30_700,
-    "lines of tests": 27_170,
-    "statements of tests": 19_500,
+    "public names": 120,
+    "words of documentation": 23_460,
+    "lines of Rust": 31_600,
+    "lines of tests": 27_860,
+    "statements of tests": 20_020,
 }
 
 EXTENSION = 8.2

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from conftest import counterpart
-from phasestereo.io import read_image, write_image
+from phasestereo.io import read_image, read_pair, write_image
 
 pil, tifffile, cv2 = map(counterpart, ("PIL.Image", "tifffile", "cv2"))
 
@@ -83,6 +83,36 @@ def test_webp_comes_as_it_is_stored(tmp_path: Path, channels: int) -> None:
     path.write_bytes(b"RIFF\x04\0\0\0WAVE")
     with pytest.raises(ValueError, match=r"a\.webp: damaged, or not what it claims to be"):
         read_image(path)
+
+
+@pytest.mark.parametrize("ending", ["jpg", "png", "webp", "mpo"])
+def test_pictures_are_turned_as_they_say(tmp_path: Path, ending: str) -> None:
+    turned = counterpart("PIL.ImageOps").exif_transpose
+    blocks = np.random.default_rng(0).integers(0, 256, (3, 5), dtype=np.uint8)
+    image = pil.fromarray(np.kron(blocks, np.ones((8, 8), np.uint8)))
+    options: dict[str, Any] = {"lossless": True} if ending == "webp" else {}
+    if ending == "mpo":  # the second picture leaves to the first how both were held
+        options = {"format": "MPO", "save_all": True, "append_images": [image]}
+
+    for orientation in range(10):  # 0 and 9 are none
+        exif = pil.Exif()
+        exif[0x0112] = orientation
+        path = tmp_path / f"{orientation}.{ending}"
+        image.save(path, exif=exif, **options)
+
+        with pil.open(path) as opened:
+            expected = np.array(turned(opened)).astype(int)
+        for picture in read_pair(path) if ending == "mpo" else (read_image(path),):
+            assert picture.shape == expected.shape, orientation
+            assert np.abs(picture - expected).max() <= 2, orientation
+
+
+def test_of_pictures_with_a_preview_the_picture_is_read(tmp_path: Path) -> None:
+    image = np.full((40, 64), 90, np.uint8)
+    path = tmp_path / "a.jpg"
+    preview = pil.fromarray(image[::2, ::2])
+    pil.fromarray(image).save(path, format="MPO", save_all=True, append_images=[preview])
+    np.testing.assert_array_equal(read_image(path), image)
 
 
 @pytest.mark.parametrize(("mode", "dtype"), [("L", "uint8"), ("RGB", "uint8"), ("L;16", "uint16")])

@@ -66,8 +66,9 @@ def test_what_is_no_stereo_photograph(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"unlike\.mpo: pictures of \(40, 60\) and \(20, 60\)"):
         read_pair(tmp_path / "unlike.mpo")
 
-    with pytest.raises(ValueError, match=r"unlike\.mpo: the file holds 2 images, .*read_pair"):
-        read_image(tmp_path / "unlike.mpo")
+    write_mpo(tmp_path / "pair.mpo", LEFT, RIGHT)
+    with pytest.raises(ValueError, match=r"pair\.mpo: the file holds 2 images, .*read_pair"):
+        read_image(tmp_path / "pair.mpo")
 
     with pytest.raises(FileNotFoundError):
         read_pair(tmp_path / "nowhere.mpo")

@@ -281,7 +281,7 @@ def test_a_pair_of_geotiffs_keeps_its_place_and_its_masks(tmp_path: Path) -> Non
         (None, r"/it.png: No such file or directory$"),
         ("cut", r"/it.png: .*truncated"),
         ("text", r"/it.png: not an image of a known format"),
-        ("size", r"^right: got \(3, 4\) pixels; accepts the size of left"),
+        ("size", r"^right: got 3 x 4 pixels; accepts up to 8 times"),
         ("a\0.png", r"^embedded null byte$"),
     ],
 )

@@ -420,8 +420,7 @@ GOOD = scene()
     ("arguments", "options", "error", "message"),
     [
         (("x", GOOD), {}, FileNotFoundError, "[Errno 2] No such file"),
-        ((GOOD, GOOD.astype(np.uint16)), {}, TypeError, "right: got dtype uint16; accepts that"),
-        ((GOOD, GOOD[:-1]), {}, ValueError, "right: got"),
+        ((GOOD, GOOD[:9, :9]), {}, ValueError, "right: got"),
         ((GOOD[0], GOOD[0]), {}, ValueError, "left: got shape"),
         ((GOOD.astype(complex), GOOD), {}, TypeError, "left: got dtype complex128"),
         ((GOOD, GOOD), {"num_disparities": 0}, ValueError, "num_disparities: got 0"),

@@ -14,6 +14,7 @@ import phasestereo as ps
 import phasestereo_live as live
 from conftest import counterpart
 from phasestereo.io import Calibration, read_image
+from phasestereo_live.video.rectifying import Rectifier
 from rigs import SIZE, cv2, euroc, euroc_frames, made_up, of_opencv, turned
 
 if TYPE_CHECKING:
@@ -124,6 +125,50 @@ def test_files_of_opencv(tmp_path: Path) -> None:
     for key, matrix in rig.items():
         np.save(tmp_path / f"folder/{key}.npy", matrix)
     assert_same_bits(rectified(tmp_path / "folder"), expected["maps"])
+
+
+VECTOR = {  # as OpenCV 5 writes an array of one dimension
+    "yml": "{name}: !!opencv-nd-matrix\n   sizes: [ {size} ]\n   dt: d\n   data: [ {numbers} ]\n",
+    "xml": '<{name} type_id="opencv-nd-matrix">\n  <sizes>\n    {size}</sizes>\n  <dt>d</dt>\n'
+    "  <data>\n    {numbers}</data></{name}>\n",
+}
+
+
+@pytest.mark.parametrize("ending", VECTOR)
+def test_files_of_opencv_5(tmp_path: Path, ending: str) -> None:
+    rig = made_up()
+    matrices = {name: matrix for name, matrix in rig.items() if matrix.ndim == 2}
+    path = opencv_yaml(tmp_path / f"rig.{ending}", matrices)
+
+    between = {"yml": ", ", "xml": " "}[ending]
+    vectors = "".join(
+        VECTOR[ending].format(
+            name=name, size=vector.size, numbers=between.join(map(repr, vector.tolist()))
+        )
+        for name, vector in rig.items()
+        if vector.ndim == 1
+    )
+    text = path.read_text("utf-8").replace("%YAML:1.0", "%YAML 1.2")
+    end = text.find("</opencv_storage>") if ending == "xml" else len(text)
+    path.write_text(text[:end] + vectors + text[end:], encoding="utf-8")
+    assert_same_bits(rectified(path), of_opencv(rig, SIZE)["maps"])
+
+
+def test_cameras_one_above_the_other(tmp_path: Path) -> None:
+    rig = made_up() | {"R": np.eye(3), "T": np.array([0.001, -0.12, 0.002])}
+    found = rectified(rig)
+    assert_same_bits(found, of_opencv(rig, SIZE)["maps"])
+    assert found.Q is not None
+    np.testing.assert_allclose(found.Q, of_opencv(rig, SIZE)["Q"], atol=1e-9)
+    assert found.vertical
+    assert "columns" in found.sentences[0]
+
+    found.save(tmp_path / "rig.npz")
+    assert ps.Rectification.load(tmp_path / "rig.npz").vertical
+
+    rectifier = Rectifier(rig, (None, None))
+    with pytest.raises(ValueError, match="^rectify: got cameras one above the other"):
+        rectifier.pair(*PAIR)
 
 
 def test_two_files_that_complete_each_other(tmp_path: Path) -> None:
@@ -317,7 +362,7 @@ def test_files_that_are_no_calibration(tmp_path: Path, content: bytes) -> None:
     ({"D2": np.zeros(3)}, r"D2: got shape \(3,\); accepts 4, 5, 8, 12, 14 numbers"),
     ({"R": np.zeros((3, 3)) * np.nan}, "R: holds what is no finite number"),
     ({"T": np.array([0.12, 0, 0])}, "a left camera that is on the right"),
-    ({"T": np.array([0.01, -0.12, 0])}, "cameras one above the other"),
+    ({"T": np.array([0.01, 0.12, 0])}, "a left camera that is below the other one"),
     ({"M1": np.eye(3)}, "gives K1 twice"),
     ({"K2": np.array([["a"] * 3] * 3)}, "K2: holds <U1; accepts numbers"),
     ({"R": np.zeros((3, 3))}, r"R: is not a rotation: R R\^T differs from the identity by 1"),

@@ -156,6 +156,20 @@ def test_what_was_found_is_said(scene: tuple[Any, Any]) -> None:
     assert "left and right seem to be swapped" in swapped.sentences[-1]
 
 
+def test_toed_in_cameras_are_told_from_exchanged_ones(scene: tuple[Any, Any]) -> None:
+    left, right = seen_by(scene[0], lens(0, 5, 0)), seen_by(scene[1], lens(0, -5, 0))
+    found = {one.topic: one for one in ps.check(left, right).findings}["swap"]
+    assert "toed in" in found.sentence
+    assert found.severity == "note"
+
+    straight = ps.rectify(left, right)
+    assert "the cameras are toed in: columns were moved by" in straight.sentences[-1]
+    search = ps.check(straight.left, straight.right).search
+    assert search is not None
+    assert not search.swapped
+    assert search.high > -2 * search.low
+
+
 def test_disparities_stay_about_as_they_were(scene: tuple[Any, Any]) -> None:
     found = ps.rectify(*scene)
     shift = np.array([part[0].mean() for part in found.maps]) - (WIDTH - 1) / 2

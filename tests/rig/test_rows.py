@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 import phasestereo as ps
 import phasestereo_large as large
@@ -14,6 +15,8 @@ from phasestereo.metrics import bad_pixels
 from phasestereo.rig.findings import untrusted
 from phasestereo_bench import degradation
 from phasestereo_bench.datasets import find_scene
+from phasestereo_bench.rigs.geometry import Misaligned
+from phasestereo_large import bands
 from warping import moved
 
 if TYPE_CHECKING:
@@ -87,6 +90,59 @@ def test_rows_are_straightened(
 
 
 @pytest.mark.parametrize("name", SCENES)
+def test_rows_that_sway_are_straightened_row_by_row(load: Callable[[str], Pair], name: str) -> None:
+    straight, shaken = load(name), Misaligned(wobble=2)(load(name), "right")
+    low, count = -6, straight.num_disparities + 12
+    result = ps.match(shaken.left, shaken.right, min_disparity=low, num_disparities=count)
+    before = ps.match(straight.left, straight.right, min_disparity=low, num_disparities=count)
+    left = ps.match(
+        shaken.left, shaken.right, min_disparity=low, num_disparities=count, align_rows=False
+    )
+
+    found = result.alignment
+    assert found is not None
+    assert found.applied
+    assert len(found.sway) == 19
+
+    rows, cols = shaken.left.shape[:2]
+    y, x = np.mgrid[20 : rows - 20 : 5, 0:cols:50].astype(float)
+    waves = found.offsets(x, y) - 2 * np.sin(3 * np.pi * y / rows)
+    assert np.sqrt(np.mean(waves**2)) < 0.2  # those of the scene itself are up to 0.1 off
+    assert max(found.errors) < 0.5
+
+    assert bad(shaken, result) < bad(straight, before) + 0.8
+    assert bad(shaken, left) > bad(shaken, result) + 3
+    assert any(one.sentence.startswith("rows sway by up to 2.") for one in result.findings)
+
+
+def test_rows_that_sway_are_estimated_for_every_frame(load: Callable[[str], Pair]) -> None:
+    pair, known = load("cones"), None
+    for height in (2, -1.5, 0):
+        frame = Misaligned(wobble=height)(pair, "right")
+        result = ps.match(
+            frame.left, frame.right, num_disparities=pair.num_disparities, known=known
+        )
+        found, blur = result.alignment, result.blur
+        assert found is not None
+        assert blur is not None
+        assert blur.reused == (known is not None)
+
+        quarter = float(found.offsets(np.array(200), np.array(frame.left.shape[0] // 6)))
+        assert quarter == pytest.approx(height, abs=0.3)
+        known = ps.Known(before=result)
+
+
+@pytest.mark.parametrize(
+    ("sway", "error"),
+    [((0.0,) * 18, TypeError), ("sway", TypeError), ((float("nan"),) * 19, ValueError)],
+)
+def test_illegal_splines_are_refused(sway: Any, error: type[Exception]) -> None:
+    field = ps.Alignment((0.0,) * 8, 0.1, 50, 0.1, (0.1,) * 16, (90, 90), applied=True, sway=sway)
+    with pytest.raises(error, match="^alignment: got .*; accepts"):
+        large.halo(ps.PRESETS["robust"], None, field)
+
+
+@pytest.mark.parametrize("name", SCENES)
 def test_what_is_aligned_is_not_touched(load: Callable[[str], Pair], name: str) -> None:
     pair = load(name)
     count = pair.num_disparities
@@ -126,7 +182,7 @@ def test_rows_are_straightened_with_versions_that_are_given(load: Callable[[str]
 
 
 @pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32", "float64"])
-def test_parts_of_a_crooked_pair_are_those_of_the_whole(dtype: str) -> None:
+def test_parts_of_a_crooked_pair_are_those_of_the_whole(dtype: str, tmp_path: Path) -> None:
     rng = np.random.default_rng(4)
     layers = [
         np.kron(rng.normal(size=(400 // n, 300 // n)), np.ones((n, n))) for n in (1, 2, 4, 10)
@@ -135,6 +191,8 @@ def test_parts_of_a_crooked_pair_are_those_of_the_whole(dtype: str) -> None:
     scene = np.sum([layer[:400, :300] for layer in layers], axis=0)
     left = np.asarray(scene[30:-30, 20:-20], np.float32)
     right = moved(np.asarray(scene[30:-30, 29:-11], np.float32), down=1.4, clockwise=0.3)
+    y, x = np.mgrid[0:340, 0:260].astype(float)
+    right = ndimage.map_coordinates(right, (y - np.sin(y / 30), x), mode="nearest")
     images = [np.rint(20 * image + 110).clip(0, 255).astype(dtype) for image in (left, right)]
 
     mask = np.ones(left.shape, bool)
@@ -149,7 +207,10 @@ def test_parts_of_a_crooked_pair_are_those_of_the_whole(dtype: str) -> None:
     assert whole.search is not None
     assert whole.search.origin == "found"
 
-    statistics = large.pair_statistics(read, left.shape)
+    assert whole.alignment.sway
+
+    large.pair_statistics(read, left.shape).save(tmp_path / "statistics")
+    statistics = bands.load(tmp_path / "statistics")
     assert (statistics.alignment, statistics.search) == (whole.alignment, whole.search)
 
     for first, last in ((0, 40), (90, 170), (300, 340)):

@@ -4,6 +4,7 @@
 use crate::common::parts::Slow;
 use crate::common::{hash, levels};
 use ndarray::Array3;
+use phasestereo::internals::findings::Finding;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::view::{Image, Mask, View};
 use phasestereo::internals::pipeline::control::Control;
@@ -93,6 +94,12 @@ fn field(coefficients: &[f64]) -> Alignment {
     let mut all = [0.0; 8];
     all[..coefficients.len()].copy_from_slice(coefficients);
     Alignment::new(all, SIZE).expect("legal")
+}
+
+/// The same with rows that sway.
+fn swaying(coefficients: &[f64]) -> Alignment {
+    let factor = |knot: usize| [0.2, 1.3, 1.6, 0.3, -1.1, -1.7, -0.6][knot % 7];
+    field(coefficients).with_sway(std::array::from_fn(factor)).expect("legal")
 }
 
 /// Settings that need rows, noise and blur.
@@ -190,6 +197,21 @@ fn rows_that_do_not_correspond_are_found_and_straightened() {
 }
 
 #[test]
+fn rows_that_sway_are_found_beside_the_smooth_field() {
+    let exact = swaying(&[0.4, 1.2, -0.6]);
+    let pair = pair_of(&shots(&exact), bytes);
+    let found = found(&pair, true, 1, Level::best());
+
+    let offsets = found.offsets.expect("there is texture");
+    let rest = offsets.field.less(&exact).rms();
+    assert!(rest < 0.15 && offsets.error < 0.15, "off by {rest}, {offsets:?}");
+    assert_eq!(found.alignment, Some(offsets.field), "the pair is aligned");
+
+    let said = |one: &Finding| one.sentence.starts_with("rows sway by up to 1.");
+    assert!(found.findings.iter().any(said), "{:?}", found.findings);
+}
+
+#[test]
 fn aligned_pairs_are_not_aligned_again() {
     let pair = pair_of(&shots(&field(&[])), bytes);
     let found = found(&pair, true, 1, Level::best());
@@ -221,15 +243,16 @@ fn an_estimated_range_contains_the_disparities() {
 
 #[test]
 fn estimates_depend_on_nothing_but_the_images() {
-    let pair = pair_of(&shots(&field(&[1.5, 1.0, -0.5])), bytes);
+    let pairs = [field(&[1.5, 1.0, -0.5]), swaying(&[0.4, 1.2, -0.6])];
+    let pairs = pairs.map(|field| pair_of(&shots(&field), bytes));
 
-    for is_known in [true, false] {
-        let expected = found(&pair, is_known, 1, Level::best());
+    for (pair, is_known) in pairs.iter().flat_map(|pair| [(pair, true), (pair, false)]) {
+        let expected = found(pair, is_known, 1, Level::best());
         assert!(expected.alignment.is_some());
 
         for level in levels() {
             for threads in [1, 3] {
-                let found = found(&pair, is_known, threads, level);
+                let found = found(pair, is_known, threads, level);
                 assert_same(&found, &expected, level.name());
             }
         }
@@ -252,7 +275,10 @@ fn pairs_that_are_read_have_the_estimates_of_whole_ones() {
     // So wide that one match of reduced images serves for rows and blur.
     let wide = pair_of(&shots.each_ref().map(doubled), bytes);
 
-    for pair in [plain[0].clone(), masked(&plain[0]), plain[1].clone(), masked(&plain[1]), wide] {
+    let sways = pair_of(&self::shots(&swaying(&[0.4, 1.2, -0.6])), bytes);
+
+    let floats = plain[1].clone();
+    for pair in [plain[0].clone(), masked(&plain[0]), masked(&floats), floats, wide, sways] {
         for is_known in [true, false] {
             let expected = found(&pair, is_known, 1, Level::best());
 
@@ -290,7 +316,7 @@ fn a_negative_is_found_by_rows_as_in_memory_and_may_be_known() {
 
 #[test]
 fn a_part_is_straightened_as_the_whole() {
-    let exact = field(&[2.2, 1.7, -3.1, 0.4, 0.0, -0.3, 0.8, 0.2]);
+    let exact = swaying(&[2.2, 1.7, -3.1, 0.4, 0.0, -0.3, 0.8, 0.2]);
     let pair = pair_of(&shots(&exact), floats);
     let right = View {
         mask: Some(Mask::from_fn(SIZE.0, SIZE.1, |y, x| !hash(3, y / 3, x / 5).is_multiple_of(9))),
@@ -300,8 +326,8 @@ fn a_part_is_straightened_as_the_whole() {
     let control = Control::default();
     let whole = straightened(&right, &exact, Level::best(), &control).expect("memory");
 
-    // Offsets of at most 9.7 rows, half of 8 taps, and what a masked tap and an impulse ask for: 8 rows and one.
-    let halo = 10 + 4 + 8 + 1;
+    // Offsets of at most 9.7 and 1.7 rows, half of 8 taps, and what a masked tap and an impulse ask for: 8 rows and one.
+    let halo = 12 + 4 + 8 + 1;
     assert_eq!(exact.halo(), halo);
 
     for (first, end) in [(0, 40), (100, 150), (200, SIZE.0)] {

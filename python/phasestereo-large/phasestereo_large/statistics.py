@@ -169,7 +169,8 @@ def _from_arrays(arrays: Mapping[str, NDArray[Any]]) -> PairStatistics:
     as_size(found.size)
     step, bits, *_ = found.packing
     counts = (*(found.roughness or ()), *(found.tally or ()))
-    shift = found.alignment.coefficients if found.alignment is not None else (0.0,) * 8
+    field = found.alignment
+    rows = [] if field is None else [field.coefficients, field.errors, field.sway]
     areas = found.blur
     check_ranges({
         "dtype": found.dtype in ("uint8", "uint16", "float32", "float64"),
@@ -177,7 +178,8 @@ def _from_arrays(arrays: Mapping[str, NDArray[Any]]) -> PairStatistics:
         "min_disparity": abs(found.min_disparity) < 2**31,
         "packing": 0 < step < math.inf and 0 <= bits <= _MOST_BITS,
         "roughness, tally": all(0 <= count < 2**64 for count in counts),
-        "coefficients": len(shift) == 8 and all(map(math.isfinite, shift)),
+        "coefficients, errors, sway": [*map(len, rows)] in ([], [8, 16, 0], [8, 16, 19])
+        and all(math.isfinite(value) for values in rows for value in values),
         "blurs": areas is None or int(areas.labels.max(initial=0)) < len(areas.blurs),
     })  # fmt: skip
     return found

@@ -84,6 +84,11 @@ app.command(
     name="rectify",
     help="Rectify a stereo pair, by a calibration or from the images alone.",
 )
+app.command(
+    "phasestereo.cli.calibrate:calibrate",
+    name="calibrate",
+    help="Calibrate two cameras by pictures or a video of a board.",
+)
 
 
 def _add_commands_of_others() -> None:

@@ -46,7 +46,7 @@ def check(
         Left image: PNG, JPEG, WebP, HEIF, PBM/PGM/PPM, BMP, TIFF, .npy or PFM; gray or color. Or,
         without RIGHT, a stereo photograph that holds both views.
     right
-        Right image, of the same size and type.
+        Right image; it may be of another size and type.
     layout
         Where one file has both views: side-by-side, or top-bottom with the left view above. An MPO
         file has two pictures and needs none.

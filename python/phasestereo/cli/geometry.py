@@ -120,30 +120,20 @@ class GeometryOptions:
         """Return the files that are read."""
         return [self.calib, self.q]
 
-    def read(
-        self,
-        size: tuple[int, ...],
-        disparities: tuple[int, int],
-        known: NDArray[Any] | None = None,
-    ) -> "Rig | None":
+    def read(self, size: tuple[int, ...], known: NDArray[Any] | None = None) -> "Rig | None":
         """Read the geometry of images of this size, if there is one.
 
         Parameters
         ----------
         size
             Rows and columns.
-        disparities
-            The smallest disparity searched, and how many are.
         known
             The matrix Q to take where none is given.
 
         Raises
         ------
         OSError, ValueError
-            If a file is not what it should be, is of images of another size, or not a single one
-            of the disparities has a depth.
-        CommandError
-            If not a single one has a depth that is wanted.
+            If a file is not what it should be, or is of images of another size.
         """
         calibration = self._calibration(*size)
         if calibration is None and known is not None:
@@ -158,22 +148,6 @@ class GeometryOptions:
             calibration.check_size(size)
         except ValueError as error:
             raise ValueError(f"{self.calib}: {error}") from error
-
-        # The nearest depth that is searched must be there, and wanted.
-        largest = sum(disparities) - 1
-        if math.isnan(calibration.depth(largest)):
-            raise ValueError(
-                f"no disparity up to {largest} has a depth with doffs = {calibration.doffs:g}: "
-                "what is nearer has larger disparities"
-            )
-
-        nearest = calibration.depth(largest + 1).item()
-        if self.max_depth is not None and nearest > self.max_depth:
-            raise _wrong(
-                "max_depth",
-                f"got {self.max_depth:g}; with disparities up to {largest} nothing is nearer than "
-                f"{nearest:g}: it is in the unit of the baseline",
-            )
 
         unit = self.unit or (None if self.calib is None else "mm")
         if self.anchor is not None:
@@ -229,6 +203,38 @@ class Rig:
     max_depth: float | None
     yaw: float = YAW
     anchor: Anchor | None = None
+
+    def check(self, disparities: tuple[int, int]) -> None:
+        """Refuse disparities, the smallest and how many, of which none has a depth that is wanted.
+
+        Raises
+        ------
+        ValueError
+            If not a single one has a depth.
+        CommandError
+            If not a single one has a depth that is wanted.
+        """
+        # The nearest depth that is searched must be there, and wanted.
+        largest = sum(disparities) - 1
+        if math.isnan(self.calibration.depth(largest)):
+            raise ValueError(
+                f"no disparity up to {largest} has a depth with doffs = "
+                f"{self.calibration.doffs:g}: what is nearer has larger disparities"
+            )
+
+        nearest = self.calibration.depth(largest + 1).item()
+        if self.max_depth is not None and nearest > self.max_depth:
+            raise _wrong(
+                "max_depth",
+                f"got {self.max_depth:g}; with disparities up to {largest} nothing is nearer than "
+                f"{nearest:g}: it is in the unit of the baseline",
+            )
+
+    def farthest(self) -> int:
+        """Return the smallest disparity that has a depth which is wanted."""
+        rig = self.calibration
+        shift = 0.0 if self.max_depth is None else rig.baseline * rig.focal / self.max_depth
+        return math.floor(shift - rig.doffs) + 1
 
     def points(self, result: Result, image: NDArray[Any]) -> PointCloud:
         """Return the points of a result in the colors of the image."""

@@ -31,6 +31,7 @@ from phasestereo.known import Known
 from phasestereo.matching import match as match_pair
 from phasestereo.settings import PRESET, Settings, resolve
 
+_USUAL, _MOST_USUAL = 10, 200  # a disparity that is likely: of the width, and pixels at most
 _VALUES = frozenset(["bands", "preset", "num_disparities", "min_disparity", "threads", "noise"])
 _OPTIONS = (_VALUES | OPTIONS).union(field.name for field in fields(Settings))
 
@@ -81,7 +82,7 @@ def match(
         Left image: PNG, JPEG, WebP, HEIF, PBM/PGM/PPM, BMP, TIFF, .npy or PFM; gray or color. Or,
         without RIGHT, a stereo photograph that holds both views.
     right
-        Right image, of the same size and type.
+        Right image; it may be of another size and type.
     num_disparities
         Number of disparities to search, 1 to the images' width; auto: the ndisp of --calib, or else
         the range that is found in the images.
@@ -121,11 +122,24 @@ def match(
         images = views[0].image, views[1].image
         truth = scoring.read(images[0].shape[:2])
 
-        num_disparities = num_disparities or geometry.bound()
-        # As long as they are to be found, no more than one is sure to be searched.
-        disparities = min_disparity, num_disparities or 1
+        vertical = pairing.vertical or (rectified is not None and rectified.vertical)
+        if vertical and outputs.report:
+            raise CommandError(
+                "--report: got cameras one above the other; accepts cameras side by side",
+                WRONG_USAGE,
+            )
         known = None if rectified is None else rectified.Q
-        rig = geometry.read(images[0].shape[:2], disparities, known)
+        rig = geometry.read(images[0].shape[:2], known)
+
+        num_disparities = num_disparities or geometry.bound()
+        if num_disparities is None:
+            # As long as they are to be found, files are tried with one that has a depth.
+            usual = min(images[0].shape[1] // _USUAL, _MOST_USUAL)
+            disparities = min_disparity if rig is None else max(rig.farthest(), usual), 1
+        else:
+            disparities = min_disparity, num_disparities
+            if rig is not None:
+                rig.check(disparities)
 
     outputs.check(sources, rehearsal(disparities, settings, rig))
 
@@ -140,6 +154,7 @@ def match(
             right_mask=views[1].mask,
             progress=progress,
             known=Known(noise=noise),
+            vertical=vertical,
         )
 
     if result.search is not None:
@@ -148,6 +163,8 @@ def match(
     show_findings(result.findings)
 
     with refusals():
+        if rig is not None:
+            rig.check(disparities)
         score = None if truth is None else truth.score(result.disparity)
         place, names = views[0].place, names_of(left, right)
         outcome = Outcome(images, result, disparities, truth, score, rig, place, names, rectified)

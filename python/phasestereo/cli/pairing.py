@@ -19,7 +19,7 @@ from phasestereo.io.views import View, read_views
 from phasestereo.rectification import Rectification, rectify
 
 AUTO = "auto"
-OPTIONS = frozenset(["layout", "rectify"])
+OPTIONS = frozenset(["layout", "rectify", "vertical"])
 
 Views = tuple[View, View]
 Masks = tuple[NDArray[Any] | None, NDArray[Any] | None]
@@ -38,10 +38,14 @@ class Pairing:
         Rectify the pair first: by a calibration or a saved rectification (twice for the files of
         both cameras: --rectify left.yaml --rectify right.yaml), or auto, from the images alone.
         Needs the extra ``rectify``.
+    vertical
+        The right camera is below the left one: LEFT is the upper image, and disparities are along
+        columns. A calibration says so by itself.
     """
 
     layout: Layout | None = None
     rectify: Annotated[tuple[str, ...], Parameter(show_default=False)] = ()
+    vertical: Annotated[bool, Parameter(negative=(), show_default=False)] = False
 
     def straight(
         self, views: Views, masks: Masks = (None, None)

@@ -55,7 +55,7 @@ def verify(
     left
         Left image: PNG, JPEG, WebP, HEIF, PBM/PGM/PPM, BMP, TIFF, .npy or PFM; gray or color.
     right
-        Right image, of the same size and type.
+        Right image; it may be of another size and type.
     disparity
         The map of the left image, in pixels: .pfm, .npy, .tif, or .png as KITTI has it (16 bits,
         256 d). What is not finite claims nothing.

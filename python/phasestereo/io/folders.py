@@ -33,14 +33,15 @@ _VIEWS = (
     ("image_0", "image_1"),
 )
 _LEFT = re.compile(r"(?<![a-z])left(?![a-z])", re.IGNORECASE)
-_SWAPPED = {"left": "right", "LEFT": "RIGHT", "Left": "Right"}
+_LETTER = re.compile(r"(?<![a-z])l(?![a-z])", re.IGNORECASE)
+_SWAPPED = {"left": "right", "LEFT": "RIGHT", "Left": "Right", "l": "r", "L": "R"}
 
 
 def paths_of_rig(folder: Path) -> list[tuple[Path, Path]]:
     """Find both views in one folder; return the left and the right file of each pair.
 
     They are in subfolders, ``left`` and ``right`` or as KITTI and EuRoC name them, or in files
-    side by side whose names say ``left`` and ``right``.
+    side by side whose names say ``left`` and ``right``, or ``L`` and ``R`` as a word.
 
     Raises
     ------
@@ -53,15 +54,18 @@ def paths_of_rig(folder: Path) -> list[tuple[Path, Path]]:
         if (folder / left).is_dir() and (folder / right).is_dir():
             return pair_paths(folder / left, folder / right)
 
-    lefts = [path for path in images_of(folder) if _LEFT.search(path.name)]
-    if not lefts:
+    images = images_of(folder)
+    for word in (_LEFT, _LETTER):
+        if lefts := [path for path in images if word.search(path.stem)]:
+            break
+    else:
         raise ValueError(
             f"source: {folder} has neither folders left and right (or cam0 and cam1, or image_2 "
-            "and image_3) nor images named left... and right...; name both folders, or say layout "
-            "if each image holds both views"
+            "and image_3) nor images named left... and right..., or ..._L and ..._R; name both "
+            "folders, or say layout if each image holds both views"
         )
 
-    return [(path, path.with_name(_LEFT.sub(_partner, path.name))) for path in lefts]
+    return [(path, path.with_name(word.sub(_partner, path.stem) + path.suffix)) for path in lefts]
 
 
 def pair_paths(left: Path, right: Path) -> list[tuple[Path, Path]]:

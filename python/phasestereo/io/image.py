@@ -50,7 +50,7 @@ _ENCODERS: dict[str, tuple[Callable[[BinaryIO, Pixels], None], set[tuple[str, in
 
 
 def read_image(path: StrPath) -> Pixels:
-    """Read an image exactly as it is stored.
+    """Read an image with its samples exactly as they are stored.
 
     The format is recognized by the content: PNG, PBM/PGM/PPM, JPEG, WebP, HEIF, BMP, TIFF,
     ``.npy`` or PFM.
@@ -82,10 +82,11 @@ def read_image(path: StrPath) -> Pixels:
     Notes
     -----
     Samples are not interpreted: 10-bit values in a 16-bit file stay below 1024, and color
-    profiles, gamma, PNG's transparent color and the orientation tag of a JPEG are ignored. HEIF of
-    more than 8 bits comes as the high bits of 16, and turned as the file says. TIFF
-    is read uncompressed or with deflate or PackBits, and with LZW when the package ``imagecodecs``
-    is installed; `read_geotiff` reads further compressions.
+    profiles, gamma and PNG's transparent color are ignored. Pictures are turned as the EXIF
+    orientation of a JPEG, PNG or WebP file or HEIF says, as viewers and ``cv2.imread`` do. HEIF of
+    more than 8 bits comes as the high bits of 16. Of a JPEG with previews or a gain map behind the
+    picture, the picture is read. TIFF is read uncompressed or with deflate or PackBits, and with
+    LZW when the package ``imagecodecs`` is installed; `read_geotiff` reads further compressions.
     """
     with decoding(path) as file:
         head = file.read(8)

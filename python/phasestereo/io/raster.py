@@ -1,5 +1,8 @@
 """PNG, PBM/PGM/PPM, JPEG, WebP and BMP through Pillow, no sample losing anything on the way.
 
+Pictures are turned as their EXIF orientation says: telephones store what they see lying on its
+side.
+
 Two habits of Pillow are worked around. It narrows 16-bit color to 8 bits without a word, and it
 rescales Netpbm samples whose maximum is not 255 or 65535, which would change the disparities coded
 in them; its low-level decoders do neither, so they are asked for the samples as they are. And
@@ -36,6 +39,19 @@ _WIDE = {"L": "I;16B", "RGB": "RGB;16B"}
 _LOW_BYTES = {"RGB;16B": "RGB;16L", "RGBA;16B": "RGBA;16L"}
 
 
+_ORIENTATION = 0x0112  # the EXIF tag
+# EXIF orientation -> whether rows and columns change places, then whether rows and columns turn.
+_TURNS = {
+    2: (False, 1, -1),
+    3: (False, -1, -1),
+    4: (False, -1, 1),
+    5: (True, 1, 1),
+    6: (True, 1, -1),
+    7: (True, -1, -1),
+    8: (True, -1, 1),
+}
+
+
 class _Tile(NamedTuple):
     """Pillow's description of the coded samples of an image."""
 
@@ -48,14 +64,18 @@ class _Tile(NamedTuple):
 def decode_raster(file: BinaryIO) -> NDArray[Any]:
     """Decode the only frame of an image: uint8 or uint16, (H, W), (H, W, 3) or (H, W, 4).
 
+    Pictures behind the first that are of other sizes, as the previews and gain maps that cameras
+    and telephones append, do not count as frames.
+
     Raises
     ------
     ValueError
         If the image has several frames, or samples that would not arrive as they are stored.
     """
     first = _open(file)
+    orientation = _orientation(first)
     if first.format == "WEBP":  # has 8 bits and no tiles
-        return _expand(first)
+        return _turned(_expand(first), orientation)
 
     planes: list[NDArray[Any]] = []
     for tile in _exact_tiles(first):
@@ -64,11 +84,10 @@ def decode_raster(file: BinaryIO) -> NDArray[Any]:
         planes.append(_expand(image))
 
     if len(planes) == 1:
-        return planes[0]
+        return _turned(planes[0], orientation)
 
     high, low = planes
-    samples: NDArray[np.uint16] = (high.astype(np.uint16) << 8) | low
-    return samples
+    return _turned((high.astype(np.uint16) << 8) | low, orientation)
 
 
 def decode_frames(file: BinaryIO) -> list[NDArray[Any]]:
@@ -83,12 +102,27 @@ def decode_frames(file: BinaryIO) -> list[NDArray[Any]]:
     if getattr(image, "n_frames", 1) < 2:
         return []
 
-    pictures = []
+    pictures, orientation = [], _orientation(image)
     for number in range(2):
         image.seek(number)
         check_size(*image.size)
-        pictures.append(_expand(image))
+        # The second picture may leave to the first one how both were held.
+        pictures.append(_turned(_expand(image), _orientation(image) or orientation))
     return pictures
+
+
+def _orientation(image: Any) -> int:
+    """Return the EXIF orientation of an image; 0: it has none."""
+    # Without this test Pillow decodes a PNG to look behind its samples.
+    found = image.getexif().get(_ORIENTATION) if "exif" in image.info else None
+    return found if found in _TURNS else 0
+
+
+def _turned(samples: NDArray[Any], orientation: int) -> NDArray[Any]:
+    """Return samples as they are to be looked at."""
+    is_on_side, down, along = _TURNS.get(orientation, (False, 1, 1))
+    upright = samples.swapaxes(0, 1) if is_on_side else samples
+    return upright[::down, ::along]
 
 
 def _open(file: BinaryIO, frames: int = 1) -> Any:
@@ -106,13 +140,27 @@ def _open(file: BinaryIO, frames: int = 1) -> Any:
     samples = bands if bands > 1 else 1 / 8  # gray levels and palettes may have one bit
     check_unpacked(int(image.width * image.height * samples), length)
 
-    if frames == 1 and getattr(image, "n_frames", 1) > 1:
+    if frames == 1 and _has_more(image):
         raise ValueError(
             f"the file holds {image.n_frames} images, and only one can be meant; "
             "phasestereo.io.read_pair reads stereo photographs"
         )
 
     return image
+
+
+def _has_more(image: Any) -> bool:
+    """Return whether a file has a second picture of the size of the first."""
+    count, size = getattr(image, "n_frames", 1), image.size
+    if count < 2 or image.format != "MPO":
+        return bool(count > 1)
+
+    alike = []
+    for number in range(1, count):
+        image.seek(number)
+        alike.append(image.size == size)
+    image.seek(0)
+    return any(alike)
 
 
 def _exact_tiles(image: Any) -> list[_Tile]:

@@ -28,6 +28,8 @@ class Warp(NamedTuple):
 
     maps: Maps
     q: Matrix | None
+    vertical: bool = False
+    """Whether the right camera is below the left one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -84,7 +86,8 @@ class Cameras:
         Raises
         ------
         ValueError
-            If the calibration is of images of another size, or of cameras one above the other.
+            If the calibration is of images of another size, or the left camera is on the right of
+            the other one, or below it.
         """
         if max(size) > _LONGEST_SIDE:
             raise ValueError(
@@ -108,7 +111,7 @@ class Cameras:
             maps = self._maps(size, poses)
         except require("cv2", extra="rectify").error as error:
             raise ValueError("calibration: got cameras that OpenCV cannot rectify") from error
-        return Warp(maps, q_of(poses["P1"], poses["P2"]))
+        return Warp(maps, q_of(poses["P1"], poses["P2"]), is_vertical(poses["P1"], poses["P2"]))
 
     def _has(self, *names: str) -> bool:
         return all(name in self.matrices for name in names)
@@ -158,28 +161,35 @@ def q_of(left: Matrix, right: Matrix) -> Matrix | None:
     Raises
     ------
     ValueError
-        If one camera is above the other, or the left one is on the right.
+        If the left one is on the right, or below the other one.
     """
     if left.shape != (3, 4) or right.shape != (3, 4):
         return None
 
-    # The last column of P is minus the baseline times the focal length.
-    along, down = right[:2, 3] - left[:2, 3]
-    if abs(down) > abs(along):
+    axis = int(is_vertical(left, right))
+    baseline = right[axis, 3] - left[axis, 3]
+    if baseline > 0:
+        side = ("on the right of", "below")[axis]
         raise ValueError(
-            "calibration: got cameras one above the other; accepts cameras side by side (turn the "
-            "images by 90 degrees, and calibrate these)"
-        )
-    if along > 0:
-        raise ValueError(
-            "calibration: got a left camera that is on the right of the other one; exchange the "
+            f"calibration: got a left camera that is {side} the other one; exchange the "
             "cameras, and the images if these are exchanged, too"
         )
-    if along == 0:
+    if baseline == 0:
         return None
 
     focal, row = left[0, 0], left[0, 0] / left[1, 1]
     q = np.diag([1.0, row, 0.0, 0.0])
     q[:3, 3] = -left[0, 2], -left[1, 2] * row, focal
-    q[3, 2:] = -focal / along, (left[0, 2] - right[0, 2]) * focal / along
+    # By the focal length along the baseline, which is fy where that is vertical.
+    q[3, 2:] = -focal / baseline, (left[axis, 2] - right[axis, 2]) * focal / baseline
     return q
+
+
+def is_vertical(left: Matrix, right: Matrix) -> bool:
+    """Return whether the projections of two rectified cameras have one above the other."""
+    if left.shape != (3, 4) or right.shape != (3, 4):
+        return False
+
+    # The last column of P is minus the baseline times the focal length.
+    along, down = np.abs(right[:2, 3] - left[:2, 3])
+    return bool(down > along)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable
 from pathlib import Path
@@ -25,10 +26,12 @@ _DEEPEST = 32  # lists and mappings in each other
 _MOST_FILES = 64  # of a folder
 _MAP_BYTES = 16 + 16 + 26  # of a pixel: two maps, and images of three floats with a mask each
 _XML_MATRIX = re.compile(
-    r'<(\w+) type_id="opencv-matrix">\s*<rows>(\d{1,5})</rows>\s*<cols>(\d{1,5})</cols>\s*'
+    r'<(\w+) type_id="opencv-(?:nd-)?matrix">\s*'
+    r"(?:<rows>(\d{1,5})</rows>\s*<cols>(\d{1,5})</cols>|<sizes>([\d\s]{1,99})</sizes>)\s*"
     r'<dt>"?\w+"?</dt>\s*<data>([^<]*)</data>\s*</\1>'
 )
-_MATRIX = "tag:yaml.org,2002:opencv-matrix"
+# OpenCV 5 writes vectors as the latter, with a list of sizes.
+_MATRICES = "tag:yaml.org,2002:opencv-matrix", "tag:yaml.org,2002:opencv-nd-matrix"
 
 
 def read_document(path: StrPath) -> Document:
@@ -86,8 +89,8 @@ def _text(file: BinaryIO) -> str:
 def _of_xml(text: str) -> Document:
     """Return the matrices of a file as cv2.FileStorage writes it: it knows no entities."""
     return {
-        name: _matrix({"rows": rows, "cols": cols, "data": data.split()})
-        for name, rows, cols, data in _XML_MATRIX.findall(text)
+        name: _matrix({"sizes": sizes.split() or [rows, cols], "data": data.split()})
+        for name, rows, cols, sizes, data in _XML_MATRIX.findall(text)
     }
 
 
@@ -102,7 +105,8 @@ def _of_yaml(text: str) -> Document:
     def construct(loader: Any, node: Any) -> Any:
         return _matrix(loader.construct_mapping(node, deep=True))
 
-    Loader.add_constructor(_MATRIX, construct)
+    for tag in _MATRICES:
+        Loader.add_constructor(tag, construct)
     body = re.sub(r"\A%YAML[^\n]*\n(---[^\n]*\n)?", "", text)
 
     try:
@@ -131,12 +135,13 @@ def _check_events(yaml: Any, events: Iterable[Any]) -> None:
 
 
 def _matrix(mapping: Document) -> Any:
-    """Return the matrix that a mapping of rows, columns and data holds."""
+    """Return the matrix that a mapping of rows and columns, or of sizes, and of data holds."""
     numbers = np.array([float(value) for value in mapping["data"]])
-    rows, cols = int(mapping["rows"]), int(mapping["cols"])
-    if numbers.size != rows * cols:
-        raise ValueError(f"a matrix of {rows} x {cols} has {numbers.size} numbers")
-    return numbers.reshape(rows, cols)
+    sizes = mapping["sizes"] if "sizes" in mapping else (mapping["rows"], mapping["cols"])
+    shape = [int(size) for size in sizes]
+    if numbers.size != math.prod(shape):
+        raise ValueError(f"a matrix of {' x '.join(map(str, shape))} has {numbers.size} numbers")
+    return numbers.reshape(shape)
 
 
 def numbers(value: Any, name: str) -> Any:

@@ -54,6 +54,9 @@ class Rectification:
         None: too little is in both images.
     sentences
         What was found, in plain words.
+    vertical
+        Whether the right camera is below the left one: columns correspond then, and `match` takes
+        the pair with ``vertical=True``.
     """
 
     left: NDArray[Any]
@@ -66,6 +69,7 @@ class Rectification:
     interpolation: Interpolation
     error: float | None
     sentences: tuple[str, ...]
+    vertical: bool = False
 
     def apply(self, left: ImageOrPath, right: ImageOrPath) -> tuple[NDArray[Any], NDArray[Any]]:
         """Rectify another pair of the same cameras.
@@ -101,7 +105,7 @@ class Rectification:
         OSError
             If the file cannot be written.
         """
-        plain = self.as_dict() | {"interpolation": self.interpolation}
+        plain = self.as_dict() | {"interpolation": self.interpolation, "vertical": self.vertical}
         arrays = {name: getattr(self, name) for name in _IMAGES}
         arrays |= dict(zip(MAPS, (*self.maps[0], *self.maps[1]), strict=True))
         if self.Q is not None:
@@ -175,6 +179,7 @@ def from_document(document: Document) -> Rectification:
         interpolation=plain["interpolation"],
         error=None if error is None else float(error),
         sentences=tuple(str(sentence) for sentence in plain["sentences"]),
+        vertical=plain["vertical"] is True,
     )
 
 

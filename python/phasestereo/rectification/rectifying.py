@@ -151,6 +151,7 @@ def _rectified(
         interpolation=interpolation,
         error=None,
         sentences=(),
+        vertical=warp.vertical,
     )
 
 
@@ -168,7 +169,7 @@ def _rectified_again(
         )
 
     way = interpolation or known.interpolation
-    made = _rectified(pair, masks, Warp(known.maps, known.Q), known.method, way)
+    made = _rectified(pair, masks, Warp(known.maps, known.Q, known.vertical), known.method, way)
     return replace(made, error=known.error, sentences=known.sentences)
 
 
@@ -177,21 +178,23 @@ def _measured(made: Rectification) -> Rectification:
     if not all(np.isfinite(image).all() for image in (made.left, made.right)):
         return made  # where pixels are NaN, as masked ones may be, nothing is looked at
 
-    found = check(made.left, made.right).alignment
+    turns = int(made.vertical)  # columns are to correspond where one camera is above the other
+    found = check(np.rot90(made.left, turns), np.rot90(made.right, turns)).alignment
+    lines = "columns" if made.vertical else "rows"
     if found is None:
         said = (
-            "these images do not tell how rows correspond: they show too little in common, or the "
-            "calibration is not of these cameras"
+            f"these images do not tell how {lines} correspond: they show too little in common, or "
+            "the calibration is not of these cameras"
         )
         return replace(made, sentences=(said,))
 
     off = f"{found.rms:.2f} px rms, known to {found.error:.2f} px"
     if found.rms > max(_OFF, 4 * found.error):
         said = (
-            f"rows do not correspond ({off}): the calibration is not of these cameras as "
+            f"{lines} do not correspond ({off}): the calibration is not of these cameras as "
             "they are, or the images are exchanged"
         )
     else:
-        said = f"rows correspond as the calibration says ({off})"
+        said = f"{lines} correspond as the calibration says ({off})"
 
     return replace(made, error=found.rms, sentences=(said,))

@@ -17,7 +17,8 @@ class Alignment:
 
         v = c0 + c1 X + c2 Y + c3 X Y + c4 X^2 + c5 Y^2 + c6 Y R2 + c7 X R2
 
-    where c3 to c7, of keystone and lens distortion, are 0 unless they explain much.
+    where c3 to c7, of keystone and lens distortion, are 0 unless they explain much. Where rows sway
+    from one to the next, as those of a rolling shutter that shakes, a spline of the row is added.
 
     Parameters
     ----------
@@ -29,23 +30,27 @@ class Alignment:
         Number of blocks, found in both images, that agree with it.
     spread
         Robust standard deviation of these blocks from it, pixels.
-    wobble
-        What of this rows have in common, as where a rolling shutter shakes: pixels rms over the
-        rows; 0 where the blocks of a row scatter each by itself.
+    errors
+        Standard error of v in the middle of each sixteenth of the height, from the top, pixels
+        root mean square over the columns.
     size
         Rows and columns of the images.
     applied
         Whether the right image was straightened by it: resampled along its columns so that rows
         correspond. False where v is next to nothing, or the match does not get better by it.
+    sway
+        The factors of the spline of the row, pixels: 19 of a cubic B-spline with uniform knots a
+        sixteenth of the height apart. Empty: there is none.
     """
 
     coefficients: tuple[float, ...]
     error: float
     blocks: int
     spread: float
-    wobble: float
+    errors: tuple[float, ...]
     size: tuple[int, int]
     applied: bool = False
+    sway: tuple[float, ...] = ()
 
     @property
     def vertical(self) -> float:
@@ -107,4 +112,23 @@ class Alignment:
         total = np.zeros_like(square)
         for factor, term in zip(self.coefficients, terms, strict=True):
             total = total + factor * term
-        return total
+        return total + self._swaying((unit_y + 1) / 2)
+
+    def _swaying(self, fraction: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the spline at fractions of the height, pixels."""
+        if not self.sway:
+            return np.zeros_like(fraction)
+
+        factors, last = np.array(self.sway), len(self.sway) - 4
+        place = np.clip(fraction, 0, 1) * (last + 1)
+        first = np.minimum(place.astype(np.intp), last)
+        u = place - first
+
+        weights = (
+            (1 - u) ** 3,
+            3 * u**3 - 6 * u**2 + 4,
+            3 * (1 - u) ** 3 - 6 * (1 - u) ** 2 + 4,
+            u**3,
+        )
+        parts = (weight * factors[first + at] for at, weight in enumerate(weights))
+        return np.asarray(sum(parts) / 6)

@@ -13,7 +13,7 @@ from typing import Any, cast
 from phasestereo._core import LEAST_SIZE
 from phasestereo._images import ImageOrPath
 from phasestereo._numbers import as_json
-from phasestereo._opening import opened_pair
+from phasestereo._opening import opened_views
 from phasestereo._tables import as_html
 from phasestereo.rig.alignment import Alignment
 from phasestereo.rig.blur import BlurEstimate
@@ -126,11 +126,11 @@ def check(left: ImageOrPath, right: ImageOrPath) -> Diagnosis:
     TypeError
         For a wrong type or dtype.
     ValueError
-        For a wrong shape, different sizes, NaN or infinite pixels.
+        For a wrong shape, NaN or infinite pixels.
     OSError, ImportError
         If a file cannot be read.
     """
-    pair = opened_pair(left, right)
+    pair = opened_views(left, right)
     size = pair[0].shape[0], pair[0].shape[1]
     found = estimate_pair(pair, (None, None), (0, None), None)
     light = cast("Photometry", found.photometry)  # the preset asks for estimates

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from phasestereo import _core
 from phasestereo._images import ImageOrPath, Mask, Pixels, as_mask
-from phasestereo._opening import opened_pair
+from phasestereo._opening import opened_views
 from phasestereo.rig.blur import BlurEstimate
 from phasestereo.rig.estimates import Estimates
 from phasestereo.settings import PRESETS
@@ -57,9 +57,11 @@ def estimate_blur(
     their size.
     Only what the blur of the two images differs by is seen: if both are equally soft, it is none.
     """
-    pair = opened_pair(left, right)
-    size = pair[0].shape
-    masks = as_mask(left_mask, size, "left_mask"), as_mask(right_mask, size, "right_mask")
+    pair = opened_views(left, right)
+    masks = (
+        as_mask(left_mask, pair[0].shape, "left_mask"),
+        as_mask(right_mask, pair[1].shape, "right_mask"),
+    )
 
     found = estimate_pair(pair, masks, (min_disparity, num_disparities), threads)
     # The preset asks for a blur, so there is one.

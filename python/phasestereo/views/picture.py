@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._extras import require
-from phasestereo._images import Mask, as_mask, as_pixels, on_screen, screen_range
+from phasestereo._images import Mask, as_mask, as_pixels, on_screens
 from phasestereo._numbers import as_integer, as_number
 
 Picture = NDArray[np.uint8]
@@ -260,8 +260,8 @@ def viewable(*images: ArrayLike) -> list[Picture]:
     -------
     list of ndarray
         uint8 (H, W, 3), RGB. Images of 8 bits are as they were; of others black is the 0.1th and
-        white the 99.9th percentile of all images together, so that one that is darker looks so, and
-        black is what is not finite.
+        white the 99.9th percentile of all images of that dtype together, so that one that is darker
+        looks so, and black is what is not finite.
 
     Raises
     ------
@@ -269,11 +269,7 @@ def viewable(*images: ArrayLike) -> list[Picture]:
         As `phasestereo.match` for images.
     """
     pixels = [as_pixels(image, "image") for image in images]
-    shown: list[NDArray[Any]] = list(pixels)
-    if any(image.dtype != np.uint8 for image in pixels):
-        black_white = screen_range(pixels)
-        shown = [on_screen(image, black_white) for image in pixels]
-    return [np.repeat(image, 3 // image.shape[2], axis=2) for image in shown]
+    return [np.repeat(image, 3 // image.shape[2], axis=2) for image in on_screens(pixels)]
 
 
 def distribution(values: NDArray[np.floating]) -> tuple[NDArray[np.intp], Map]:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._extras import require
+from phasestereo._images import as_alike
 from phasestereo.result import Flag, Result
 from phasestereo.rig.blur import BlurEstimate
 from phasestereo.views.picture import (
@@ -583,7 +584,4 @@ def _images(given: Result | Sequence[ArrayLike]) -> list[NDArray[np.uint8]]:
     if len(images) != 2:
         raise ValueError(f"images: got {len(images)}; accepts two, left and right")
 
-    left, right = viewable(*images)
-    if left.shape != right.shape:
-        raise ValueError(f"images: got {left.shape[:2]} and {right.shape[:2]}; accepts one size")
-    return [left, right]
+    return viewable(*as_alike(*images))

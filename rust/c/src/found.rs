@@ -111,6 +111,9 @@ pub struct Found {
     pub mixed: u32,
     /// 1: the images match once one of them is inverted, and not before.
     pub inverted: u32,
+    /// Largest offset of a row from the field, pixels, as where a rolling shutter shakes; 0: rows do not sway. The right image
+    /// was straightened by both.
+    pub rows_sway: f64,
 }
 
 impl Found {
@@ -153,6 +156,7 @@ impl Found {
             swapped: range.as_ref().is_some_and(|range| range.swapped).into(),
             mixed: range.as_ref().is_some_and(|range| range.mixed).into(),
             inverted: estimates.is_inverted.into(),
+            rows_sway: of_rows(|rows| rows.field.largest_sway()),
         }
     }
 }

@@ -159,14 +159,14 @@ pub unsafe extern "C" fn phasestereo_memory(
     bytes.unwrap_or(0)
 }
 
-/// Matches a rectified pair of images of one size and number of bits. The disparities [`min_disparity`, `min_disparity` +
-/// `num_disparities`) are searched, `num_disparities` from 1 to the width; with 0 the range is estimated, and
+/// Matches a rectified pair; a right image of another size or number of bits is brought to those of the left one. The
+/// disparities [`min_disparity`, `min_disparity` + `num_disparities`) are searched, `num_disparities` from 1 to the width; with 0 the range is estimated, and
 /// `min_disparity` is 0. Left pixel (x, y) corresponds to right pixel (x - d, y). What was estimated from the pair is written
 /// to `found`, unless that is NULL; `phasestereo_get_finding` says what it means. If the call fails, nothing is written.
 ///
 /// # Safety
 ///
-/// Pointers are to what their types say; the planes of `map` have rows of as many values as the images have columns, and
+/// Pointers are to what their types say; the planes of `map` have rows of as many values as the left image has columns, and
 /// as many rows.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn phasestereo_match(

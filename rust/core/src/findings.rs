@@ -14,7 +14,7 @@ mod lightness;
 mod outcome;
 
 pub use self::finding::{Finding, Severity, Topic};
-pub use self::geometry::{not_rectified, rectification, rectified};
+pub use self::geometry::{fitted, not_rectified, rectification, rectified};
 pub use self::outcome::of_match;
 use crate::rig::estimation::estimates::Estimates;
 use crate::rig::estimation::overview::LEAST_SIZE;
@@ -87,6 +87,7 @@ fn percent(share: f64) -> String {
 mod tests {
     use super::*;
     use crate::cost::candidates::Candidates;
+    use crate::rig::alignment::sway::{INTERVALS, KNOTS};
     use crate::rig::alignment::{Alignment, TERMS};
     use crate::rig::blur;
     use crate::rig::blur::Side;
@@ -134,7 +135,7 @@ mod tests {
 
     fn offsets(coefficients: [f64; TERMS]) -> RowOffsets {
         let field = Alignment::new(coefficients, SIZE).expect("legal");
-        RowOffsets { field, error: 0.02, blocks: 100, spread: 0.1, wobble: 0.0 }
+        RowOffsets { field, error: 0.02, blocks: 100, spread: 0.1, errors: [0.02; INTERVALS] }
     }
 
     fn softer(side: Side, psf: Psf, other: Option<Psf>, certainty: f32) -> blur::Estimate {
@@ -172,6 +173,18 @@ mod tests {
                 .contains("swapped")
         );
         assert_eq!(of(SearchRange { mixed: true, ..RANGE }).0, Severity::Note);
+
+        // Of the same disparities, rows tell cameras that are turned from images that are exchanged.
+        let swapped = SearchRange { low: -15.0, high: -2.0, swapped: true, ..RANGE };
+        for (twist, is_toed_in) in [(2.0, true), (0.2, false), (-2.0, false)] {
+            let mut terms = [0.0; TERMS];
+            terms[3] = twist;
+            let estimates =
+                Estimates { range: Some(swapped), offsets: Some(offsets(terms)), ..sound() };
+            let (severity, sentence) = said(&estimates, Topic::Swap);
+            assert_eq!(sentence.contains("toed in, with"), is_toed_in, "{twist}: {sentence}");
+            assert_eq!(severity == Severity::Note, is_toed_in);
+        }
 
         let same = Estimates { range: Some(SearchRange { identical: true, ..RANGE }), ..sound() };
         assert_eq!(said(&same, Topic::Match).0, Severity::Warning);
@@ -233,9 +246,12 @@ mod tests {
         let bent = of([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3.0, 3.0], 0.02, true);
         assert!(bent.1.contains("bent by 3.0 px (lens distortion left in"));
 
-        let wobbly = RowOffsets { wobble: 0.8, ..offsets([0.0; TERMS]) };
-        let wobbly = Estimates { offsets: Some(wobbly), ..sound() };
-        assert!(said(&wobbly, Topic::Alignment).1.starts_with("rows wobble by 0.8 px rms"));
+        let even = offsets([0.0; TERMS]);
+        let field = even.field.clone().with_sway([0.8; KNOTS]).expect("legal");
+        let swaying = RowOffsets { field: field.clone(), ..even };
+        let swaying = Estimates { offsets: Some(swaying), alignment: Some(field), ..sound() };
+        let said = of_pair(&swaying, SIZE, false, &Preset::Robust.settings());
+        assert!(said.iter().any(|one| one.sentence.starts_with("rows sway by up to 0.8 px")));
     }
 
     #[test]

@@ -89,8 +89,8 @@ impl Matcher {
         self.threads
     }
 
-    /// Matches two rectified images of one size and type of pixels over the disparities of a range, half-open, of 1 to as
-    /// many as the images have columns; `None`: the range is estimated. Images that are far from rectified are rectified for
+    /// Matches two rectified images over the disparities of a range, half-open, of 1 to as many as the left image has columns;
+    /// `None`: the range is estimated. A right image of another size is brought to that of the left one. Images that are far from rectified are rectified for
     /// that, if the settings say so and the images show how.
     pub fn match_pair(
         &self,
@@ -211,7 +211,8 @@ impl Match {
 fn pair(left: Image, right: Image, disparities: Option<Range<i64>>) -> Result<(Pair, Known)> {
     // The pair needs some range until its own is estimated.
     let Range { start, end } = disparities.clone().unwrap_or(0..1);
-    let pair = Pair::new(left.into_view(), right.into_view(), start, end.saturating_sub(start))?;
+    let count = end.saturating_sub(start);
+    let pair = Pair::of_any(left.into_view(), right.into_view(), start, count)?;
     let candidates = disparities.map(|_| pair.candidates());
 
     Ok((pair, Known { candidates, ..Known::default() }))

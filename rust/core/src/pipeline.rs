@@ -1,6 +1,7 @@
 //! From a pair to its disparity map: bands of rows on threads, what a part of a pair must know of the whole, memory.
 
 pub mod control;
+pub mod fitting;
 pub mod footprint;
 pub mod halo;
 pub mod map;

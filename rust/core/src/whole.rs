@@ -23,7 +23,7 @@ use crate::pipeline::runtime::Runtime;
 use crate::pipeline::summary::Summary;
 use crate::rig::estimation::estimates::Estimates;
 use crate::rig::estimation::{Known, Prepared, estimated, prepared};
-use crate::rig::rectification::{Rectification, Refusal, gray, rectify, warp};
+use crate::rig::rectification::{Negative, Rectification, Refusal, gray, rectify, warp};
 use crate::scales::match_over_scales;
 use crate::settings::Settings;
 
@@ -121,8 +121,8 @@ fn attempt(
     let grays =
         matcher.install(|| -> Result<_> { Ok([gray(left, control)?, gray(right, control)?]) })?;
     // Given disparities are not moved.
-    let is_positive = known.candidates.is_none();
-    let found = matcher.install(|| rectify(&[grays], is_positive, execution.level, control))?;
+    let negative = if known.candidates.is_none() { Negative::Moved } else { Negative::Kept };
+    let found = matcher.install(|| rectify(&[grays], negative, execution.level, control))?;
     let rectification = match found {
         Ok(found) if found.rows >= LEAST_ROWS => found,
         Ok(_) => return Ok(Attempt::None),

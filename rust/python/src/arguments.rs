@@ -4,7 +4,7 @@ use ndarray::{Array3, Dimension};
 use numpy::{Element, PyArray, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::exceptions::{PyException, PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::PyBool;
+use pyo3::types::{PyBool, PyTuple};
 
 use super::internal;
 use crate::failure::{Failure, Result};
@@ -58,16 +58,24 @@ pub fn read_pair(images: &Both<'_>, masks: &Both<'_>, disparities: &Both<'_>) ->
 
 /// Reads both images and their masks. The pair is searched over these disparities, or over one until the range is
 /// known.
-pub fn read_images(
-    (left, right): &Both<'_>,
-    masks: &Both<'_>,
-    search: Disparities,
-) -> Result<Pair> {
+pub fn read_images(images: &Both<'_>, masks: &Both<'_>, search: Disparities) -> Result<Pair> {
     let (min, count) = search.unwrap_or((0, 1));
-    let left = read_view(left, &masks.0, "left")?;
-    let right = read_view(right, &masks.1, "right")?;
+    let [left, right] = read_views(images, masks)?;
 
     Ok(Pair::new(left, right, min, count)?)
+}
+
+/// The same of images of any sizes and types.
+pub fn read_any_images(images: &Both<'_>, masks: &Both<'_>, search: Disparities) -> Result<Pair> {
+    let (min, count) = search.unwrap_or((0, 1));
+    let [left, right] = read_views(images, masks)?;
+
+    Ok(Pair::of_any(left, right, min, count)?)
+}
+
+/// Reads both images and their masks.
+pub fn read_views((left, right): &Both<'_>, masks: &Both<'_>) -> Result<[View; 2]> {
+    Ok([read_view(left, &masks.0, "left")?, read_view(right, &masks.1, "right")?])
 }
 
 /// Reads an image of rows x columns x channels, 1 or 3 of them, and its mask or None.
@@ -217,7 +225,17 @@ pub fn read_alignment(alignment: &Bound<'_, PyAny>) -> Result<Option<Alignment>>
     let factors: [f64; TERMS] = coefficients.extract().map_err(|_| {
         wrong_type(&coefficients, "alignment", "eight coefficients, in a tuple of floats")
     })?;
-    Ok(Some(Alignment::new(factors, alignment.getattr("size")?.extract()?)?))
+    let field = Alignment::new(factors, alignment.getattr("size")?.extract()?)?;
+
+    let sway = alignment.getattr("sway")?;
+    let factors: Vec<f64> = sway.extract().unwrap_or_default();
+    if factors.is_empty() && sway.is_instance_of::<PyTuple>() && sway.is_empty()? {
+        return Ok(Some(field));
+    }
+    let factors = factors.try_into().map_err(|_| {
+        wrong_type(&sway, "alignment", "as sway an empty tuple, or 19 floats in a tuple")
+    })?;
+    Ok(Some(field.with_sway(factors)?))
 }
 
 /// Reads a standard deviation, or None.

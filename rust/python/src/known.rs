@@ -95,6 +95,11 @@ pub fn read_before(
         return Ok(None);
     };
 
+    // Rows that sway do so in every frame in another way.
+    let sways = alignment.as_ref().is_some_and(|field| field.sway().is_some());
+    let alignment = alignment.filter(|_| !sways);
+    let settings = Settings { align_rows: sways && asked.align_rows, ..settings };
+
     let is_inverted = !range.is_none() && range.getattr("inverted")?.is_truthy()?;
     let findings = before.getattr("findings")?.try_iter()?.map(|one| read_finding(&one?));
 

@@ -23,8 +23,8 @@ use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict};
 
 use self::arguments::{
-    Both, Statistics, read_alignment, read_blur_compensation, read_images, read_noise, read_pair,
-    read_preset, read_search, read_view, read_volume,
+    Both, Statistics, read_alignment, read_any_images, read_blur_compensation, read_images,
+    read_noise, read_pair, read_preset, read_search, read_view, read_views, read_volume,
 };
 use self::failure::{Failure, Result};
 use self::known::{read_before, read_known, read_noise_of_pair};
@@ -44,8 +44,10 @@ use phasestereo::internals::image::intensity::Gray;
 use phasestereo::internals::image::packing::Packing;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::texture::Roughness;
+use phasestereo::internals::image::view::Image;
 use phasestereo::internals::optimization::{BAND, Penalties, optimize};
 use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::pipeline::fitting::fitted;
 use phasestereo::internals::pipeline::footprint::Demand;
 use phasestereo::internals::pipeline::halo::Halo;
 use phasestereo::internals::pipeline::matcher::{Disparity, Execution, Matcher, on_threads};
@@ -90,8 +92,9 @@ mod _core {
     use super::{
         Scale, Setting, TemporalFilter, Workers, aggregate_volume, check_blur_compensation,
         check_noise, check_settings, cost_volume, descriptor, estimate_pair, estimate_pair_by_rows,
-        find_roughness, find_scale, halo, match_pair, match_raw, match_rows, optimize_volume,
-        preset, rectify_pairs, rows_to_tally, simd_level, verify_map, working_memory,
+        find_roughness, find_scale, fit_right, halo, match_pair, match_raw, match_rows,
+        optimize_volume, preset, rectify_pairs, rows_to_tally, simd_level, verify_map,
+        working_memory,
     };
 
     #[pymodule_init]
@@ -178,7 +181,7 @@ fn match_pair<'py>(
 ) -> Result<Object<'py>> {
     let asked = read_settings(&settings)?;
     let search = read_search(&disparities)?;
-    let pair = read_images(&images, &masks, search)?;
+    let pair = read_any_images(&images, &masks, search)?;
     let size = pair.size();
 
     let before = read_before(&known, size, search, &asked)?;
@@ -235,6 +238,21 @@ fn rectify_pairs<'py>(
     Ok((matrices, found.error, findings::rectification(&found)))
 }
 
+/// The right image as it is matched, if it is not of the size of the left one.
+#[pyfunction]
+fn fit_right<'py>(py: Python<'py>, images: Both<'py>) -> Result<Bound<'py, PyAny>> {
+    let none = py.None().into_bound(py);
+    let [left, right] = read_views(&images, &(none.clone(), none))?;
+
+    let ([_, right], _) = fitted(left, right)?;
+    Ok(match right.image {
+        Image::U8(pixels) => pixels.into_pyarray(py).into_any(),
+        Image::U16(pixels) => pixels.into_pyarray(py).into_any(),
+        Image::F32(pixels) => pixels.into_pyarray(py).into_any(),
+        Image::F64(pixels) => pixels.into_pyarray(py).into_any(),
+    })
+}
+
 /// The estimates of a pair, without a match.
 #[pyfunction]
 fn estimate_pair<'py>(
@@ -247,7 +265,7 @@ fn estimate_pair<'py>(
 ) -> Result<Object<'py>> {
     let asked = read_settings(&settings)?;
     let search = read_search(&disparities)?;
-    let pair = read_images(&images, &masks, search)?;
+    let pair = read_any_images(&images, &masks, search)?;
 
     let known = py.None().into_bound(py);
     let told = read_known(&known, pair.size(), search)?;

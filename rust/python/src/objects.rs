@@ -202,8 +202,13 @@ fn estimated<'py>(
 
     if asked.is_as_before {
         let before = asked.known.getattr("before")?;
-        for name in ["settings", "alignment", "blur_compensation"] {
+        for name in ["settings", "blur_compensation"] {
             fields.set_item(name, before.getattr(name)?)?;
+        }
+        // Rows that sway were estimated anew.
+        let earlier = before.getattr("alignment")?;
+        if earlier.is_none() || earlier.getattr("sway")?.is_empty()? {
+            fields.set_item("alignment", earlier)?;
         }
         fields.set_item("blur", replaced(&before.getattr("blur")?, &fields!(py, reused: true))?)?;
 
@@ -289,8 +294,10 @@ fn alignment_of<'py>(
     offsets: &RowOffsets,
     is_applied: bool,
 ) -> Result<Object<'py>> {
-    object!(py, "rig.alignment", "Alignment", [offsets: error, blocks, spread, wobble]
+    object!(py, "rig.alignment", "Alignment", [offsets: error, blocks, spread]
         coefficients: PyTuple::new(py, offsets.field.coefficients())?,
+        sway: PyTuple::new(py, offsets.field.sway().map_or(&[][..], |all| &all[..]))?,
+        errors: PyTuple::new(py, offsets.errors)?,
         size: offsets.field.size(), applied: is_applied
     )
 }

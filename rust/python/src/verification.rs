@@ -5,7 +5,7 @@ use numpy::{PyArray2, PyArrayMethods};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 
-use crate::arguments::{Both, read_images, values};
+use crate::arguments::{Both, read_any_images, values};
 use crate::failure::Result;
 use crate::known::read_known;
 use crate::objects::{Asked, Object, verification};
@@ -30,7 +30,7 @@ pub fn verify_map<'py>(
     progress: Option<Bound<'py, PyAny>>,
     known: Object<'py>,
 ) -> Result<Object<'py>> {
-    let pair = read_images(&images, &masks, None)?;
+    let pair = read_any_images(&images, &masks, None)?;
     let map = read_map(disparity)?;
     let (rows, cols) = pair.size();
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from phasestereo.rectification.cameras import Cameras, Matrix, q_of
+from phasestereo.rectification.cameras import Cameras, Matrix, is_vertical, q_of
 from phasestereo.rectification.rigs import cameras_of_pair
 
 _RECTIFIED = re.compile(r"(?<![a-z])rect(ified)?(?![a-z])")
@@ -45,6 +45,10 @@ def geometry_of(left: Any, right: Any, topics: tuple[str, str]) -> RigGeometry:
     if not (p1[0, 0] > 0 and p2[0, 0] > 0):
         raise ValueError("camera_info: P is 0, as of cameras that were not calibrated as a pair")
 
+    if is_vertical(p1, p2):
+        raise ValueError(
+            "camera_info: got cameras one above the other; accepts cameras side by side"
+        )
     q = q_of(p1, p2)
     named = all(_RECTIFIED.search(topic) for topic in topics)
     return RigGeometry(None if named or all(map(_is_straight, documents)) else cameras, q)

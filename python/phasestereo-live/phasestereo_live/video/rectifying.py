@@ -47,14 +47,20 @@ class Rectifier:
         Raises
         ------
         TypeError, ValueError
-            As `rectify`.
+            As `rectify`; ValueError also for cameras one above the other.
         """
         if self._found is not None:
             return self._found.apply(left, right)
 
-        self._found = rectify(
+        found = rectify(
             left, right, self._calibration, left_mask=self._masks[0], right_mask=self._masks[1]
         )
+        if found.vertical:
+            raise ValueError(
+                "rectify: got cameras one above the other; accepts cameras side by side"
+            )
+
+        self._found = found
         return self._found.left, self._found.right
 
     @property

@@ -6,10 +6,10 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from phasestereo._extras import require
-from phasestereo._images import Map, Mask, Pixels, as_mask, as_pair, on_screen, screen_range
+from phasestereo._images import Map, Mask, Pixels, as_alike, as_mask, on_screens, screen_range
 from phasestereo.io import Calibration
 from phasestereo.io.drafts import replacing
 from phasestereo.io.files import StrPath, suffix
@@ -97,7 +97,7 @@ def write_pair_page(
         raise ValueError(f"path must end in .html or .htm, got {suffix(path)!r}")
     require_page()
 
-    pair = as_pair(left, right)
+    pair = as_alike(left, right)
     size = pair[0].shape[:2]
     known, counted = _checked(size, result, truth, mask)
     shown = _Shown(pair, result, known, counted, _step(size))
@@ -188,10 +188,13 @@ def _context(shown: _Shown, scene: ScenePoints, search: tuple[int, int] | None) 
 
     # Of large maps every n-th pixel is shown; small pictures are kept to the bit.
     thin = (slice(None, None, shown.step), slice(None, None, shown.step))
+    dtypes = {image.dtype for image in shown.pair}
+    is_plain = dtypes == {np.dtype(np.uint8)}
+    ends = screen_range(shown.pair) if len(dtypes) == 1 and not is_plain else None
     is_small = shown.pair[0][thin][:, :, 0].size <= MOST_EXACT
-    ends = None if shown.pair[0].dtype == np.uint8 else screen_range(shown.pair)
     left, right = (
-        photograph_uri(_as_picture(image[thin], ends), exact=is_small) for image in shown.pair
+        photograph_uri(picture, exact=is_small)
+        for picture in on_screens([image[thin] for image in shown.pair])
     )
 
     codings = layers.codings_of(result, truth)
@@ -205,7 +208,7 @@ def _context(shown: _Shown, scene: ScenePoints, search: tuple[int, int] | None) 
         "views": views,
         "charts": facts.chart_titles(charts),
         "readout": facts.readout(
-            result, truth, exact=ends is None and is_small, metric=not scene.nominal, gray=gray
+            result, truth, exact=is_plain and is_small, metric=not scene.nominal, gray=gray
         ),
         "rows": rows,
         "cols": cols,
@@ -234,7 +237,7 @@ def _context(shown: _Shown, scene: ScenePoints, search: tuple[int, int] | None) 
             "cols": -(-cols // shown.step),
             "rows": -(-rows // shown.step),
             "step": shown.step,
-            "exact": ends is None and is_small,
+            "exact": is_plain and is_small,
             "gray": dict(zip(("left", "right"), gray, strict=True)),
             "views": views,
             "layers": [asdict(layer) for layer in maps],
@@ -244,10 +247,6 @@ def _context(shown: _Shown, scene: ScenePoints, search: tuple[int, int] | None) 
             "scene": scene.described(),
         },
     }
-
-
-def _as_picture(pixels: Pixels, ends: tuple[float, float] | None) -> NDArray[np.uint8]:
-    return np.asarray(pixels, dtype=np.uint8) if ends is None else on_screen(pixels, ends)
 
 
 def _is_gray(image: Pixels) -> bool:

@@ -2,20 +2,25 @@
 
 use super::levels::{
     BEYOND, BLUR, BLUR_CONFIDENCE, BLUR_SHARE, ERRORS, LEAST_ROUGH, PART, PART_ERRORS, REPEATED,
-    ROWS, SURE, WOBBLE,
+    ROWS, SURE, SWAY,
 };
 use super::{Finding, Known, Severity, Topic, percent};
 use crate::math;
-use crate::rig::alignment::{LINEAR, TERMS};
+use crate::pipeline::fitting::Fit;
+use crate::rig::alignment::{Alignment, LINEAR, TERMS};
 use crate::rig::blur::{self, Side};
 use crate::rig::estimation::estimates::Estimates;
 use crate::rig::estimation::range::{LeftOut, SearchRange};
 use crate::rig::estimation::rows::{DISTORTED, RowOffsets};
 use crate::rig::psf::{Family, Psf, Taps};
-use crate::rig::rectification::{Rectification, Refusal};
+use crate::rig::rectification::{LONGEST, Rectification, Refusal};
 
 const NOTHING: &str =
     "hardly anything in one image is found in the other: these are no pair, or far from rectified";
+/// The term of the field of rows that a camera has which is turned towards the other.
+const TWIST: usize = 3;
+/// From so many pixels below zero on, the middle of all disparities counts as negative.
+const CLEARLY: f64 = 2.0;
 const INVERTED: &str = "what is bright in one image is dark in the other";
 
 impl Known<'_> {
@@ -60,6 +65,12 @@ impl Known<'_> {
         if range.identical {
             let same = "both images are the same, but for noise: there is nothing to match";
             findings.push(Finding::warning(Topic::Match, same));
+        } else if range.swapped && self.is_toed_in(range) {
+            let toed_in = format!(
+                "all disparities are negative ({ends}), and rows lie as those of cameras that are toed in, with all of \
+                 the scene behind the point they look at: disparities are no depth before the pair is rectified"
+            );
+            findings.push(Finding::note(Topic::Swap, toed_in));
         } else if range.swapped {
             let swapped = format!(
                 "left and right seem to be swapped, since all disparities are negative ({ends}): \
@@ -99,6 +110,17 @@ impl Known<'_> {
         findings
     }
 
+    /// Whether rows lie as those of cameras that are turned towards each other by so much that disparities are negative. A
+    /// camera of focal length `f` that is turned moves columns by `s` and, at `(x, y)` from its center, rows by `s x y / f^2`;
+    /// images that are exchanged leave rows alone.
+    fn is_toed_in(&self, range: &SearchRange) -> bool {
+        let Some(found) = &self.estimates.offsets else { return false };
+        let (rows, cols) = found.field.size();
+        let twist = found.field.coefficients()[TWIST];
+        let of_shift = -range.low * rows as f64 / (4.0 * LONGEST.powi(2) * cols as f64);
+        twist >= of_shift.max(ERRORS[1] * found.error)
+    }
+
     /// How the rows correspond, and what is done about it.
     pub(super) fn rows(&self) -> Vec<Finding> {
         let topic = Topic::Alignment;
@@ -111,30 +133,42 @@ impl Known<'_> {
             return vec![untold.unwrap_or_else(|| Finding::unknown(topic, unknown))];
         };
 
-        let rms = found.field.rms();
-        let off = format!("{rms:.2} px rms, known to {:.2} px", found.error);
-        // An offset must be large, and clearly larger than its own error.
-        let ends = [0, 1].map(|level| ROWS[level].max(ERRORS[level] * found.error));
-        let severity = Severity::of(rms, ends);
+        let is_straightened = self.estimates.alignment.is_some();
+        let sway = found.field.largest_sway();
+        let sways = is_straightened && sway >= SWAY;
 
-        let mut findings = vec![match severity {
+        let mut findings = vec![];
+        let (mut severity, mut off) = off(&found.field, found.error);
+        if sways {
+            let sways = format!(
+                "rows sway by up to {sway:.1} px from row to row, as by a rolling shutter that shakes \
+                 ({off}): the right image is straightened for the match"
+            );
+            findings.push(Finding::new(topic, severity, sways));
+            (severity, off) = self::off(&found.field.clone().without_sway(), found.error);
+        }
+
+        match severity {
+            Severity::Ok if sways => {}
             Severity::Ok => {
-                Finding::ok(topic, format!("rows correspond as well as can be told ({off})"))
+                let well = format!("rows correspond as well as can be told ({off})");
+                findings.push(Finding::ok(topic, well));
             }
-            _ if self.estimates.alignment.is_some() => {
+            _ if is_straightened => {
                 let parts = parts(found);
                 let mend = "it is straightened for the match, but rectify the pair again";
-                Finding::new(topic, severity, format!("the right image {parts} ({off}): {mend}"))
+                let told = format!("the right image {parts} ({off}): {mend}");
+                findings.push(Finding::new(topic, severity, told));
             }
             // What does not help the match may be wrong.
-            _ => Finding::note(
+            _ => findings.push(Finding::note(
                 topic,
                 format!(
                     "rows seem to be off ({off}), but straightening does not help: the baseline \
                      may not be level"
                 ),
-            ),
-        }];
+            )),
+        }
 
         if let Some(distortion) = found.distortion() {
             let distorted = format!(
@@ -142,14 +176,6 @@ impl Known<'_> {
                  straightened rows do not make the disparities a depth; calibrate the cameras"
             );
             findings.push(Finding::note(topic, distorted));
-        }
-        if found.wobble >= WOBBLE {
-            let wobble = format!(
-                "rows wobble by {:.1} px rms about any smooth field, as those of a rolling shutter \
-                 that shakes: that is not evened out",
-                found.wobble
-            );
-            findings.push(Finding::note(topic, wobble));
         }
         findings
     }
@@ -185,8 +211,6 @@ impl Known<'_> {
     }
 }
 
-/// From so many pixels below zero on, the middle of all disparities counts as negative.
-const CLEARLY: f64 = 2.0;
 /// That something seems to lie outside the range.
 fn left_out(LeftOut { rows, columns, low, high }: &LeftOut) -> Finding {
     let [low, high] = [low, high].map(|end| end.round() as i64);
@@ -196,6 +220,14 @@ fn left_out(LeftOut { rows, columns, low, high }: &LeftOut) -> Finding {
         columns.start, columns.end, rows.start, rows.end
     );
     Finding::warning(Topic::Range, sentence)
+}
+
+/// How grave the offsets of a field with this error are, and how large in words.
+fn off(field: &Alignment, error: f64) -> (Severity, String) {
+    let rms = field.rms();
+    // An offset must be large, and clearly larger than its own error.
+    let ends = [0, 1].map(|level| ROWS[level].max(ERRORS[level] * error));
+    (Severity::of(rms, ends), format!("{rms:.2} px rms, known to {error:.2} px"))
 }
 
 /// The parts of a misalignment that are seen, in words.
@@ -230,6 +262,24 @@ fn parts(found: &RowOffsets) -> String {
 fn bend(found: &RowOffsets) -> f64 {
     let coefficients = found.field.coefficients();
     coefficients[LINEAR..TERMS].iter().fold(0.0, |most, value| most.max(value.abs()))
+}
+
+/// That the right image was brought to the size of the left one.
+pub fn fitted(fit: &Fit) -> Finding {
+    let Fit { from, to, is_alike, scale, .. } = fit;
+    let sizes = format!(
+        "the right image, of {} x {} pixels, is not of the size of the left one, {} x {}",
+        from.1, from.0, to.1, to.0
+    );
+    let done = if *is_alike {
+        "it is resampled to that, and disparities are in pixels of the left image".to_owned()
+    } else {
+        format!(
+            "it is laid over its middle, {:.2} times as large, and disparities are no depth: rectify the pair",
+            scale[1]
+        )
+    };
+    Finding::note(Topic::Alignment, format!("{sizes}: {done}"))
 }
 
 /// That a pair was rectified by what it shows, and what its disparities are.
@@ -267,6 +317,12 @@ pub fn rectification(found: &Rectification) -> Vec<String> {
     told.extend(
         distorted(found).map(|what| format!("{what}: that is undone, as far as rows tell")),
     );
+    if found.moved > 0.0 {
+        told.push(format!(
+            "the cameras are toed in: columns were moved by {:.0} px, so that disparities are not negative",
+            found.moved
+        ));
+    }
     if *high < 0.0 && *middle <= -CLEARLY {
         told.push(
             "left and right seem to be swapped, since all disparities are negative: exchange the images \

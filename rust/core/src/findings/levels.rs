@@ -11,8 +11,8 @@ pub const ERRORS: [f64; 2] = [4.0, 5.0];
 pub const PART: [f64; 2] = [0.25, 0.5];
 /// ... at least so many standard errors.
 pub const PART_ERRORS: f64 = 3.0;
-/// Wobble of rows, pixels rms.
-pub const WOBBLE: f64 = 0.25;
+/// Largest offset of a row by the spline, pixels.
+pub const SWAY: f64 = 0.25;
 
 /// Relative blur, pixels: root mean square along an axis.
 pub const BLUR: [f64; 2] = [0.3, 0.7];

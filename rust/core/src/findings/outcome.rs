@@ -207,9 +207,7 @@ impl Outcome<'_> {
         let offsets = self.estimates.offsets.as_ref();
         let is_straightened = self.estimates.alignment.is_some();
 
-        offsets.is_some_and(|found| {
-            found.wobble > 0.0 || (!is_straightened && found.field.rms() >= ROWS[1])
-        })
+        offsets.is_some_and(|found| !is_straightened && found.field.rms() >= ROWS[1])
     }
 
     /// Whether so many pixels are saturated that the match suffers.

@@ -9,6 +9,7 @@ use crate::image::intensity_range::IntensityRange;
 use crate::image::packing::Packing;
 use crate::image::view::View;
 use crate::pipeline::control::Control;
+use crate::pipeline::fitting::{Fit, fitted};
 use crate::rig::alignment::Alignment;
 use crate::rig::alignment::straighten::straightened;
 use crate::rig::blur_compensation::BlurCompensation;
@@ -21,6 +22,7 @@ pub struct Pair {
     right: View,
     candidates: Candidates,
     compensation: Option<BlurCompensation>,
+    fit: Option<Fit>,
 }
 
 impl Pair {
@@ -41,7 +43,35 @@ impl Pair {
         }
 
         let candidates = Candidates::new(min_disparity, num_disparities, cols)?;
-        Ok(Self { left, right, candidates, compensation: None })
+        Ok(Self { left, right, candidates, compensation: None, fit: None })
+    }
+
+    /// A pair of any two images: the right one is brought to the size of the left one, and both to one type.
+    pub fn of_any(
+        left: View,
+        right: View,
+        min_disparity: i64,
+        num_disparities: i64,
+    ) -> Result<Self> {
+        left.check("left")?;
+        right.check("right")?;
+
+        let ([left, right], fit) = fitted(left, right)?;
+        Ok(Self { fit, ..Self::new(left, right, min_disparity, num_disparities)? })
+    }
+
+    /// The pair with its right image as another fit has it.
+    pub fn fitted_again(&self, fit: Fit) -> Result<Self> {
+        let right = match &self.fit {
+            Some(before) => fit.again(before, &self.right)?,
+            None => self.right.clone(),
+        };
+        Ok(Self { right, fit: Some(fit), ..self.clone() })
+    }
+
+    /// How the right image was brought to the size of the left one; `None`: it came so.
+    pub fn fit(&self) -> Option<Fit> {
+        self.fit
     }
 
     /// The pair with how its blur is compensated before pixels are compared. The compensation gives the impulses, too.
@@ -94,7 +124,7 @@ impl Pair {
 
     /// The pair with other views of the same size and type.
     pub fn with_views(&self, [left, right]: [View; 2]) -> Self {
-        Self { left, right, candidates: self.candidates, compensation: None }
+        Self { left, right, candidates: self.candidates, compensation: None, fit: self.fit }
     }
 
     /// Some rows of the images; their ranges should be known already.
@@ -103,7 +133,7 @@ impl Pair {
         let compensation =
             self.compensation.clone().map(|compensation| compensation.below(rows.start));
 
-        Self { left, right, candidates: self.candidates, compensation }
+        Self { left, right, candidates: self.candidates, compensation, fit: self.fit }
     }
 
     /// The pair with its ranges computed, so that any part of it is a part of the whole.

@@ -142,6 +142,26 @@ pub fn estimated(
 ) -> Result<(Pair, Estimates)> {
     settings.check()?;
 
+    let Some(fit) = pair.fit() else { return packed_and_estimated(pair, known, settings, runtime) };
+
+    let (mut fitted, mut estimates) = packed_and_estimated(pair.clone(), known, settings, runtime)?;
+    if let Some(exact) =
+        estimates.offsets.as_ref().and_then(|rows| fit.exact(&rows.field, rows.error))
+    {
+        let pair = pair.fitted_again(exact)?;
+        (fitted, estimates) = packed_and_estimated(pair, known, settings, runtime)?;
+    }
+    estimates.findings.push(findings::fitted(&fit));
+    Ok((fitted, estimates))
+}
+
+/// The estimates of a pair, and the pair in the narrowest type that holds it.
+fn packed_and_estimated(
+    pair: Pair,
+    known: &Known,
+    settings: &Settings,
+    runtime: Runtime,
+) -> Result<(Pair, Estimates)> {
     let packing = Packing::of_views(pair.views(), runtime.control)?;
     estimate(pair.packed(&packing), known, settings, runtime)
 }
@@ -405,6 +425,13 @@ impl Estimates {
         self.alignment = self.alignment.or_else(|| known.alignment.clone());
         self.is_inverted |= known.is_inverted;
         self.findings = findings::of_pair(&self, size, known.candidates.is_some(), settings);
+        // What was not estimated anew is as it was.
+        let again = |one: &&Finding| {
+            let is_old = self.findings.iter().all(|new| new.topic != one.topic);
+            is_old && !one.topic.is_decisive() && one.topic != findings::Topic::Alignment
+        };
+        let earlier: Vec<Finding> = known.findings.iter().filter(again).cloned().collect();
+        self.findings.extend(earlier);
 
         Self { time: started.elapsed(), ..self }
     }

@@ -29,7 +29,7 @@ use self::blocks::Block;
 use self::cameras::{Cameras, NUMBERS, Point};
 use self::codes::Features;
 use self::fit::Steps;
-use self::linear::{forward, median};
+use self::linear::{Normal, forward, median};
 use self::matches::Match;
 use crate::error::{Error, Result};
 use crate::image::plane::Plane;
@@ -71,6 +71,20 @@ const LARGEST_ERROR: f64 = 1.0;
 /// positive, and begin at another.
 const LEAST_SHARE: f64 = 0.01;
 const NEGATIVE: (f64, f64) = (0.01, 0.02);
+
+/// The longest focal length of toed-in cameras, in widths of the image.
+pub const LONGEST: f64 = 1.5;
+
+/// What becomes of disparities that are negative.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Negative {
+    /// They stay.
+    Kept,
+    /// Columns are moved so that they are positive, if the cameras are toed in; of images that are exchanged they stay.
+    MovedIfToedIn,
+    /// Columns are moved so that they are positive.
+    Moved,
+}
 
 /// A pair that was rectified.
 #[derive(Debug, Clone)]
@@ -151,7 +165,7 @@ pub fn rectify_views(
         grays.push([gray(left, control)?, gray(right, control)?]);
     }
 
-    let refusal = match rectify(&grays, false, level, control)? {
+    let refusal = match rectify(&grays, Negative::MovedIfToedIn, level, control)? {
         Ok(found) => return Ok(found),
         Err(refusal) => refusal,
     };
@@ -159,7 +173,7 @@ pub fn rectify_views(
         for [_, right] in &mut grays {
             *right = right.map(|value| -value);
         }
-        if let Ok(found) = rectify(&grays, false, level, control)? {
+        if let Ok(found) = rectify(&grays, Negative::MovedIfToedIn, level, control)? {
             return Ok(Rectification { is_inverted: true, ..found });
         }
     }
@@ -188,11 +202,10 @@ pub fn gray(view: &View, control: &Control) -> Result<Plane<f32>> {
     )
 }
 
-/// Rectifies pairs of gray images, all of one size, of the same cameras. Columns are moved so that disparities are positive, if
-/// that is asked for.
+/// Rectifies pairs of gray images, all of one size, of the same cameras.
 pub fn rectify(
     pairs: &[Grays],
-    is_positive: bool,
+    negative: Negative,
     level: Level,
     control: &Control,
 ) -> Result<std::result::Result<Rectification, Refusal>> {
@@ -212,7 +225,7 @@ pub fn rectify(
     for [left, right] in pairs {
         reduced.push([smaller(left)?, smaller(right)?]);
     }
-    let found = rectify_small(&reduced, is_positive, level, control)?;
+    let found = rectify_small(&reduced, negative, level, control)?;
     Ok(found.map(|found| found.enlarged(factor, size)).map_err(|refusal| match refusal {
         Refusal::Rows(spread) => Refusal::Rows(spread * factor as f64),
         Refusal::Uncertain(error) => Refusal::Uncertain(error * factor as f64),
@@ -222,7 +235,7 @@ pub fn rectify(
 
 fn rectify_small(
     pairs: &[Grays],
-    is_positive: bool,
+    negative: Negative,
     level: Level,
     control: &Control,
 ) -> Result<std::result::Result<Rectification, Refusal>> {
@@ -249,7 +262,7 @@ fn rectify_small(
         let found = refined(&views, cameras, near, level, control)?;
         most = most.max(found.blocks.len());
         if found.blocks.len() >= LEAST_BLOCKS.1 {
-            return Ok(found.checked(counts, size, is_positive, views.len()));
+            return Ok(found.checked(counts, size, negative, views.len()));
         }
     }
     Ok(Err(Refusal::Blocks(most)))
@@ -390,7 +403,7 @@ impl Refined {
         self,
         matches: [usize; 2],
         (rows, cols): (usize, usize),
-        is_positive: bool,
+        negative: Negative,
         pairs: usize,
     ) -> std::result::Result<Rectification, Refusal> {
         let Self { mut cameras, blocks, weights, kept, fit } = self;
@@ -432,7 +445,14 @@ impl Refined {
         let found = disparities(&cameras, good.iter().chain(&kept), cols);
         let least = at(&found, LEAST_SHARE);
         let mut moved = 0.0;
-        if is_positive && least < -NEGATIVE.0 * cols {
+        let is_moved = match negative {
+            Negative::Kept => false,
+            Negative::MovedIfToedIn => {
+                found[found.len() / 2] < 0.0 && is_toed_in(&good, size, least)
+            }
+            Negative::Moved => true,
+        };
+        if is_moved && least < -NEGATIVE.0 * cols {
             moved = (NEGATIVE.1 * cols - least).ceil();
             cameras.shifts[1][0] -= moved;
         }
@@ -510,6 +530,23 @@ fn error(
     math::hypot(length(&errors) / (errors.len() as f64).sqrt(), BIAS)
 }
 
+/// Whether rows of raw images lie as those of cameras that are turned towards each other so far that there are such disparities.
+/// A camera of focal length `f` that is turned moves columns by `s` and, at `(x, y)` from its center, rows by `s x y / f^2`;
+/// images that are exchanged leave rows alone.
+fn is_toed_in(blocks: &[Match], (rows, cols): (usize, usize), least: f64) -> bool {
+    const TERMS: usize = 6;
+    const TWIST: usize = 3;
+    let mut normal = Normal::<TERMS>::held([1e-9; TERMS]);
+    for Match { left, right } in blocks {
+        let x = 2.0 * right[0] / (cols - 1) as f64 - 1.0;
+        let y = 2.0 * left[1] / (rows - 1) as f64 - 1.0;
+        normal.add(&[1.0, x, y, x * y, x * x, y * y], right[1] - left[1], 1.0);
+    }
+
+    let of_shift = -least * rows as f64 / (4.0 * LONGEST.powi(2) * cols as f64);
+    normal.solved().is_some_and(|terms| terms[TWIST] >= of_shift)
+}
+
 /// The shifts that leave things where they were, at the median. Rows are moved alike; columns each by themselves, since what
 /// moves all disparities, as toed-in cameras do, is hardly known from rows.
 fn shifts(cameras: &Cameras, blocks: &[Match]) -> [Point; 2] {
@@ -557,7 +594,8 @@ mod tests {
 
     fn found(pair: &[Plane<f32>; 2]) -> std::result::Result<Rectification, Refusal> {
         let control = Control::default();
-        rectify(std::slice::from_ref(pair), true, Level::best(), &control).expect("memory")
+        rectify(std::slice::from_ref(pair), Negative::Moved, Level::best(), &control)
+            .expect("memory")
     }
 
     /// The largest difference of rows, over the image, of what cameras see at the same place.
@@ -595,13 +633,16 @@ mod tests {
         let truth = Cameras::new([0.0; NUMBERS], USUAL, SIZE);
         let [left, right] = scene::pair(&truth, SIZE, 2);
         let control = Control::default();
-        let swapped = |is_positive: bool| {
+        let swapped = |negative: Negative| {
             let found =
-                rectify(&[[right.clone(), left.clone()]], is_positive, Level::best(), &control);
+                rectify(&[[right.clone(), left.clone()]], negative, Level::best(), &control);
             found.expect("memory").expect("a pair").moved
         };
-        assert!((12.0..40.0).contains(&swapped(true)), "{}", swapped(true));
-        assert!(swapped(false).abs() < 1e-12);
+        let moved = swapped(Negative::Moved);
+        assert!((12.0..40.0).contains(&moved), "{moved}");
+        for negative in [Negative::Kept, Negative::MovedIfToedIn] {
+            assert!(swapped(negative).abs() < 1e-12, "{negative:?}");
+        }
     }
 
     #[test]
@@ -634,8 +675,8 @@ mod tests {
         for (name, level) in Level::all() {
             let Some(level) = level else { continue };
             let control = Control::default();
-            let again =
-                pool.install(|| rectify(std::slice::from_ref(&pair), true, level, &control));
+            let again = pool
+                .install(|| rectify(std::slice::from_ref(&pair), Negative::Moved, level, &control));
             assert_eq!(again.expect("memory").expect("a pair").cameras, first, "{name}");
         }
     }

@@ -148,9 +148,9 @@ settings! {
 
     /// Whether it is estimated how the rows of the images correspond, and the right image straightened.
     ///
-    /// What is estimated is a smooth field of vertical offsets (shift, turn, focal length, keystone, distortion). Where it
-    /// is significant, the right image is straightened by it, that is resampled along its columns; where it is slight,
-    /// only if some bands are matched better so.
+    /// What is estimated is a smooth field of vertical offsets (shift, turn, focal length, keystone, distortion), and a spline
+    /// of the row where rows sway. Where these are significant, the right image is straightened by them, that is resampled
+    /// along its columns; where they are slight, only if some bands are matched better so.
     align_rows: bool, default true, paper false, fast false;
 
     /// Whether a pair that is too far from rectified for that is rectified by what its images show, and matched then.

@@ -21,7 +21,7 @@ use crate::image::plane::{Plane, zeroed};
 use crate::simd::{Level, Loop};
 
 /// Number of corners that blocks are laid about, and how near they may be to the border.
-const CORNERS: usize = 700;
+const CORNERS: usize = 2000;
 const BORDER: usize = 16;
 /// Side of a block.
 const SIDE: usize = 24;

@@ -1,0 +1,386 @@
+"""From pictures of a board to a calibration: found, checked, fitted, without what does not fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import chain
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phasestereo._extras import require
+from phasestereo.calibration.advising import advice, coverage
+from phasestereo.calibration.boards import (
+    Board,
+    Corners,
+    as_board,
+    common_size,
+    flipped,
+    matched,
+)
+from phasestereo.calibration.record import BoardView, StereoCalibration
+from phasestereo.calibration.solving import Fit, Sight, disagreement, fit, rms, row_errors
+from phasestereo.calibration.sources import BoardPaths, Gray, Shot, shots
+from phasestereo.io.files import StrPath
+from phasestereo.io.pair import Layout
+from phasestereo.rectification.cameras import Matrix
+
+LEAST_VIEWS = 6
+_HALVES = 12  # views, from which on each half is held against the other
+_OUTLIER = 3.0  # of the median error of views
+_FITS = 0.5  # pixels; views with less are never left out
+_UNFIT = 2.0  # pixels that corners of a rig are never off by
+_SAME = 0.5  # pixels by which one picture's corners differ from its own, compressed again
+_AGREEING, _EARLY = 4, 16  # pictures that show one size of board; pairs that are looked at for it
+_NAMED = 5  # views that a message names
+
+
+def calibrate(
+    left: BoardPaths,
+    right: StrPath | None = None,
+    *,
+    board: str | tuple[int, int] | None = None,
+    square: float | None = None,
+    charuco: str | None = None,
+    marker: float | None = None,
+    layout: Layout | None = None,
+) -> StereoCalibration:
+    """Calibrate two cameras by pictures of a board that both see.
+
+    Parameters
+    ----------
+    left
+        One of these:
+
+        - A folder of pairs: with folders ``left`` and ``right`` (or ``cam0`` and ``cam1``), or with
+          files whose names say ``left`` and ``right`` or ``L`` and ``R``.
+        - A folder of the left camera's pictures, with `right`.
+        - A video of both views beside each other, or of the left camera, with `right`.
+        - A list of pairs of images, as `phasestereo.match` takes them.
+    right
+        The right camera's folder or video: as many pictures, or the same names; frames of the same
+        moments.
+    board
+        Of a chessboard the inner corners, ``"9x6"`` or ``(9, 6)``; of a ChArUco board its squares.
+        None: a chessboard, whose size most pictures show.
+    square
+        Side of a square, meters, which all lengths are then in. None: lengths are in squares.
+    charuco
+        Dictionary of a ChArUco board's markers, such as ``"DICT_5X5_100"``. None: a chessboard.
+    marker
+        Side of a marker of a ChArUco board, meters. None: three quarters of a square.
+    layout
+        Where each picture of a folder, or of a video, holds both views: ``"side-by-side"`` or
+        ``"top-bottom"``. None: no picture of a folder does, and those of one video side by side.
+
+    Returns
+    -------
+    StereoCalibration
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
+    ValueError
+        If fewer than 6 pairs show the board in both views (the message names some of the others),
+        pictures differ in size, both views are the same camera's, left and right are exchanged, one
+        is mirrored, or no two cameras see what the pictures show.
+    OSError
+        If a folder or a video cannot be read.
+    ImportError
+        If the extra ``rectify`` is not installed.
+
+    Notes
+    -----
+    The board is found by OpenCV's ``findChessboardCornersSB`` [1]_, or its ChArUco detector, and
+    the cameras by its ``stereoCalibrate``, all numbers together, after Zhang [2]_. Views whose
+    error is more than three times the median are left out, one at a time.
+
+    References
+    ----------
+    .. [1] A. Duda and U. Frese, *Accurate Detection and Localization of Checkerboard Corners for
+       Calibration*, BMVC 2018.
+    .. [2] Z. Zhang, *A Flexible New Technique for Camera Calibration*, PAMI 2000.
+    """
+    wanted = as_board(board, square, charuco, marker)
+    taken = shots(left, right, layout, lambda image: _places(wanted, image))
+    known, ways, size = _look(taken, wanted)
+    _check_same(ways[0])
+
+    # Of both ways to measure corners the one that leaves less.
+    fits = [_fit_without_outliers(known, views, size) for views in ways]
+    views, fitted = min(fits, key=lambda found: float(np.median(found[1].errors)))
+    _check_rig(fitted, known, views, size)
+    return _record(known, views, size, fitted, unit="squares" if square is None else "m")
+
+
+def _places(board: Board, image: Gray) -> NDArray[np.float64] | None:
+    found = board.find(image)
+    return None if found is None else found.places
+
+
+class _Look(NamedTuple):
+    """The corners of a pair of pictures, by each way to measure them; or why there are none."""
+
+    names: tuple[str, str]
+    found: tuple[tuple[Corners, Corners], ...] = ()
+    reason: str = ""
+
+
+def _look(
+    taken: Iterator[Shot], board: Board
+) -> tuple[Board, list[list[BoardView]], tuple[int, int]]:
+    """Find the board in all pictures.
+
+    Returns the board, of known size, the views by each way to measure corners, and columns and rows
+    of the pictures.
+    """
+    size, looks = None, []
+    board, taken = _sized(board, taken)
+    for shot in taken:
+        if shot.images is None:
+            looks.append(_Look(shot.names, reason=shot.reason))
+        else:
+            size = _checked_size(shot.names, shot.images, size)
+            looks.append(_looked(shot.names, shot.images, board))
+
+    count = 1 if board.dictionary else 2
+    ways = [[_view(look, board, way) for look in looks] for way in range(count)]
+
+    views = ways[0]
+    good = sum(len(view.left) > 0 for view in views)
+    if good < LEAST_VIEWS or size is None:
+        reasons = [view.reason for view in views if len(view.left) == 0]
+        more = f"and {len(reasons) - _NAMED} more" if len(reasons) > _NAMED else ""
+        why = "; ".join(filter(None, [*reasons[:_NAMED], more]))
+        raise ValueError(
+            f"left: the {board} is found in both views of {good} of {len(views)} pairs; accepts "
+            f"{LEAST_VIEWS} or more" + (f": {why}" if why else "")
+        )
+    return board, ways, size
+
+
+def _sized(board: Board, taken: Iterator[Shot]) -> tuple[Board, Iterator[Shot]]:
+    """Return a board whose size is that of the first ones found, and all pictures."""
+    early: list[Shot] = []
+    size, grids = board.size, []
+    while size is None and len(early) < _EARLY:
+        shot = next(taken, None)
+        if shot is None:
+            break
+        early.append(shot)
+        grids += [board.grid(image, thorough=False) for image in shot.images or ()]
+        size = common_size(grids, least=_AGREEING)
+    return replace(board, size=size or common_size(grids)), chain(early, taken)
+
+
+def _checked_size(
+    names: tuple[str, str], images: tuple[Gray, Gray], size: tuple[int, int] | None
+) -> tuple[int, int]:
+    """Return columns and rows of both pictures, which are those of all before."""
+    cols, rows = size or images[0].shape[::-1]
+    for name, image in zip(names, images, strict=True):
+        if image.shape != (rows, cols):
+            raise ValueError(
+                f"{name}: got {image.shape[1]} x {image.shape[0]} pixels; accepts {cols} x {rows}, "
+                "as of the pictures before it"
+            )
+    return cols, rows
+
+
+def _looked(names: tuple[str, str], images: tuple[Gray, Gray], board: Board) -> _Look:
+    left, right = (board.measure(image) for image in images)
+    if left and right:
+        return _Look(names, tuple(zip(left, right, strict=True)))
+
+    at = 1 if left else 0
+    said = f"no board is found in {names[at]}"
+    if board.is_mirrored(images[at]):
+        said = f"{names[at]} is mirrored: its markers are found in a mirror"
+    return _Look(names, reason=said)
+
+
+def _view(look: _Look, board: Board, way: int) -> BoardView:
+    """Return a view with the corners that both pictures show, or the reason why there are none."""
+    none = np.zeros((0, 2))
+    empty = BoardView(names=look.names, ids=np.zeros(0, np.int64), left=none, right=none)
+    if not look.found:
+        return replace(empty, reason=look.reason)
+
+    corners = look.found[way]
+    both = matched(board, *corners)
+    if both is None:
+        said = f"{look.names[0]} and {look.names[1]} show too few corners in common"
+        return replace(empty, reason=said)
+    return replace(empty, ids=both[0].ids, left=both[0].places, right=both[1].places, used=True)
+
+
+def _check_same(views: Sequence[BoardView]) -> None:
+    """Refuse views that are one camera's: no two cameras have corners on the same pixels."""
+    apart = [np.median(np.abs(view.left - view.right)) for view in views if view.used]
+    if np.median(apart) < _SAME:
+        names = next(view.names for view in views if view.used)
+        raise ValueError(
+            f"{names[0]} and {names[1]}: both views are the same camera's, with corners on the "
+            "same pixels; accepts those of two cameras"
+        )
+
+
+def _sights(board: Board, views: Sequence[BoardView]) -> list[Sight]:
+    return [Sight(board.points(view.ids), view.left, view.right) for view in views]
+
+
+def _fit_without_outliers(
+    board: Board, views: Sequence[BoardView], size: tuple[int, int]
+) -> tuple[list[BoardView], Fit]:
+    """Fit the cameras; leave out the worst view as long as it is far worse than the others."""
+    kept = list(views)
+    fitted, coefficients = None, None
+    while True:
+        used = [at for at, view in enumerate(kept) if view.used]
+        sights = _sights(board, [kept[at] for at in used])
+        fitted = fit(sights, size, coefficients)
+
+        # Pairs that are none bend all cameras to them; the pose that most views tell does not bend.
+        # What is a little off bends them, too: of these the worst alone is left out at a time.
+        fits = rms(fitted.errors) < _UNFIT
+        errors = fitted.errors if fits else disagreement(sights, size)
+        usual = float(np.median(errors))
+        far = errors > max(_OUTLIER * usual, _FITS)
+        if fits:
+            far &= errors == errors.max()
+        if not far.any() or len(used) - far.sum() < LEAST_VIEWS:
+            return kept, fitted
+
+        coefficients = fitted.coefficients if fits else None
+        for at, error in zip(np.array(used)[far].tolist(), errors[far].tolist(), strict=True):
+            said = f"{' and '.join(kept[at].names)} are off by {error:.2f} px, others by "
+            said += f"{usual:.2f} px"
+            kept[at] = replace(kept[at], used=False, reason=said, error=error)
+
+
+def _check_rig(
+    fitted: Fit, board: Board, views: Sequence[BoardView], size: tuple[int, int]
+) -> None:
+    """Refuse cameras that are no rig, and say what is wrong with the pictures."""
+    used = [view for view in views if view.used]
+    files = f"{used[0].names[0]} and {used[0].names[1]}, for example"
+    error = rms(fitted.errors)
+    if error > _UNFIT:
+        if flip := _flips(board, used, size, error):
+            raise ValueError(f"{files}: one camera's pictures are {flip}; turn that off")
+        raise ValueError(
+            f"{files}: no two cameras see this, corners are off by {error:.1f} px: pairs are not "
+            "of the same moment, files are not in the same order, the cameras moved, or lenses see "
+            "more than 120 degrees"
+        )
+
+    x, y, z = (float(part) for part in fitted.matrices["T"].ravel())
+    if np.linalg.norm((x, y, z)) < 3 * np.sqrt(np.trace(fitted.covariance[-3:, -3:])):
+        raise ValueError(
+            f"{files}: these views do not tell how far apart the cameras are: tilt the board, and "
+            "move it, between them (or both views are one camera's)"
+        )
+    if abs(y) > abs(x):
+        raise ValueError(
+            f"{files}: one camera is above the other; accepts cameras side by side: turn the "
+            "pictures by 90 degrees"
+        )
+    if x > 0:
+        raise ValueError(
+            f"{files}: the left camera is on the right of the other one: exchange left and right "
+            "(or both are mirrored)"
+        )
+
+
+def _flips(board: Board, used: Sequence[BoardView], size: tuple[int, int], error: float) -> str:
+    """Return what is wrong with one camera's pictures, if corners fit far better without it."""
+    if board.dictionary is not None:  # whose markers would not be found, or would tell
+        return ""
+
+    found = {}
+    for word, sides in (("mirrored", (1, 0)), ("upside down", (1, 1))):
+        ends = (np.array(size) - 1.0) * sides
+        views = [
+            replace(
+                view,
+                right=flipped(
+                    board, Corners(view.ids, view.right), Corners(view.ids, view.left), ends
+                ).places,
+            )
+            for view in used
+        ]
+        found[word] = rms(fit(_sights(board, views), size, 4).errors)
+    best = min(found, key=lambda word: found[word])
+    return best if found[best] < error / 3 else ""
+
+
+def _record(
+    board: Board, views: Sequence[BoardView], size: tuple[int, int], fitted: Fit, *, unit: str
+) -> StereoCalibration:
+    used = [view for view in views if view.used]
+    sights = _sights(board, used)
+    poses, errors = iter(fitted.poses), iter(fitted.errors.tolist())
+    rows = iter(fitted.rows.tolist())
+    done = tuple(
+        _posed(replace(view, error=next(errors), rows=next(rows)), board, next(poses))
+        if view.used
+        else view
+        for view in views
+    )
+
+    covered = (
+        coverage((view.left for view in used), size),
+        coverage((view.right for view in used), size),
+    )
+    one = (len(fitted.covariance) - 6) // 2
+    focal = max(
+        float(np.sqrt(fitted.covariance[at, at]) / fitted.matrices[name][0, 0])
+        for at, name in ((0, "K1"), (one, "K2"))
+    )
+    far = max(view.distance for view in done if view.used)
+    baseline = float(np.linalg.norm(fitted.matrices["T"]))
+    said = advice(
+        done,
+        covered,
+        error=rms(fitted.errors),
+        focal=focal,
+        parallax=float(fitted.matrices["K1"][0, 0]) * baseline / far / size[0],
+        unit=unit,
+    )
+    return StereoCalibration(
+        **fitted.matrices,
+        size=size,
+        unit=unit,
+        board=str(board),
+        views=done,
+        error=rms(fitted.errors),
+        rows=rms(fitted.rows),
+        held_out=_held_out(sights, size, fitted.coefficients),
+        covariance=fitted.covariance,
+        coverage=covered,
+        advice=said,
+    )
+
+
+def _posed(view: BoardView, board: Board, pose: tuple[Matrix, Matrix]) -> BoardView:
+    """Return a view with the distance and the tilt of its board."""
+    rotation = require("cv2", extra="rectify").Rodrigues(pose[0])[0]
+    middle = rotation @ board.points(view.ids).mean(axis=0) + pose[1].ravel()
+    normal = rotation[:, 2] * np.sign(rotation[2, 2])
+    across, down = np.degrees(np.arctan2(-normal[:2], normal[2])).tolist()
+    return replace(view, distance=float(np.linalg.norm(middle)), tilt=(across, down))
+
+
+def _held_out(sights: Sequence[Sight], size: tuple[int, int], coefficients: int) -> float | None:
+    """Return by how much rows differ in views by cameras that were fitted to others."""
+    if len(sights) < _HALVES:
+        return None
+    halves = sights[::2], sights[1::2]
+    rows = [
+        row_errors(fit(halves[at], size, coefficients).matrices, halves[1 - at], size)
+        for at in (0, 1)
+    ]
+    return rms(np.concatenate(rows))

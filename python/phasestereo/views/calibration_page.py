@@ -1,0 +1,161 @@
+"""The page of a calibration: what was seen where, how well it fits, how exact depths can be.
+
+    write_calibration_page("calibration.html", ps.calibrate("boards/", square=0.025))
+
+One HTML file, which needs nothing beside it, no network and no scripts: its pictures are SVG.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phasestereo.calibration import StereoCalibration
+from phasestereo.io.drafts import replacing
+from phasestereo.io.files import StrPath, suffix
+from phasestereo.views.templating import render_page
+
+__all__ = ["distances_of", "write_calibration_page"]
+
+_NEAREST, _FARTHEST = 5, 400  # baselines, that the plot reaches from and to
+_SAMPLES = 60
+_WIDTH, _HEIGHT = 600, 300  # of the plot
+_TICKS = (1, 2, 5)  # in each decade
+
+
+def distances_of(calibration: StereoCalibration) -> list[float]:
+    """Return distances to tell the error of depths at: 1, 3 and 10 m, or times 15 baselines."""
+    step = 1.0 if calibration.unit == "m" else 15 * calibration.baseline
+    return [step, 3 * step, 10 * step]
+
+
+def write_calibration_page(
+    path: StrPath, calibration: StereoCalibration, *, title: str = "Calibration"
+) -> None:
+    """Write a page that shows a calibration: one HTML file, which needs no network.
+
+    It has what to take next, the cameras with standard deviations, where corners lie in both
+    images, the error of each view, and the error of depths over the distance.
+
+    Parameters
+    ----------
+    path
+        The file: ``.html`` or ``.htm``.
+    calibration
+        What `phasestereo.calibrate` returned.
+    title
+        Heading of the page.
+
+    Raises
+    ------
+    TypeError
+        If it is no calibration.
+    ValueError
+        If the suffix is another.
+    OSError
+        If the file cannot be written.
+    ImportError
+        If the extra ``report`` is not installed.
+    """
+    if suffix(path) not in (".html", ".htm"):
+        raise ValueError(f"path must end in .html or .htm, got {suffix(path)!r}")
+    if not isinstance(calibration, StereoCalibration):
+        got = type(calibration).__name__
+        raise TypeError(f"calibration: got {got}; accepts a StereoCalibration")
+
+    depth = calibration.depth_error(distances_of(calibration))
+    used = [view for view in calibration.views if view.used]
+    sides = [(view.left for view in used), (view.right for view in used)]
+    page = render_page(
+        "calibration.html.j2",
+        title=str(title),
+        found=calibration,
+        used=len(used),
+        most=max(view.error for view in used),
+        cameras=_camera_rows(calibration),
+        depth=zip(*(part.tolist() for part in depth), strict=True),
+        images=[
+            _Image(name, cells, np.concatenate([*places]))
+            for name, cells, places in zip(
+                ("Left", "Right"), calibration.coverage, sides, strict=True
+            )
+        ],
+        plot=_plot(calibration),
+    )
+    with replacing(path) as file:
+        file.write(page.encode())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Image:
+    """Where corners lie in one image: in each cell, and each."""
+
+    name: str
+    cells: NDArray[np.int64]
+    places: NDArray[np.float64]
+
+    @property
+    def filled(self) -> int:
+        return int((self.cells > 0).sum())
+
+
+def _camera_rows(found: StereoCalibration) -> list[tuple[str, str, str]]:
+    """Return name, value and standard deviation of the numbers that people ask for."""
+    spread = found.deviations
+    rows = [
+        (f"{side} {what}", f"{matrix[at]:.2f} px", f"{spread[f'{name}{number}']:.2f}")
+        for number, side, matrix in ((1, "left", found.K1), (2, "right", found.K2))
+        for what, name, at in (
+            ("focal length", "fx", (0, 0)),
+            ("center, column", "cx", (0, 2)),
+            ("center, row", "cy", (1, 2)),
+        )
+    ]
+    rows.append(("baseline", f"{found.baseline:.5g} {found.unit}", f"{spread['baseline']:.2g}"))
+    for name, angle in found.angles.items():
+        rows.append((f"{name} of the right camera", f"{angle:.3f}°", f"{spread[name]:.3f}"))
+    return rows
+
+
+def _plot(found: StereoCalibration) -> dict[str, Any]:
+    """Return lines and ticks of the plot of errors over distances, both on logarithmic scales."""
+    distances = np.geomspace(_NEAREST, _FARTHEST, _SAMPLES) * found.baseline
+    errors = found.depth_error(distances)
+    shown = {
+        "total": errors.total,
+        "disparity": errors.disparity,
+        "calibration": errors.calibration,
+    }
+    ends = [np.log10(distances[[0, -1]])]
+    every = np.concatenate([*shown.values()])
+    ends.append(np.log10([every[every > 0].min(), every.max()]))
+
+    def place(values: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
+        low, high = ends[axis]
+        share = (np.log10(np.maximum(values, 1e-300)) - low) / (high - low)
+        at: NDArray[np.float64] = _HEIGHT * (1 - share) if axis else _WIDTH * share
+        return at
+
+    lines = {
+        name: " ".join(
+            f"{x:.1f},{y:.1f}" for x, y in zip(place(distances, 0), place(line, 1), strict=True)
+        )
+        for name, line in shown.items()
+    }
+    ticks = []
+    for axis in (0, 1):
+        low, high = ends[axis]
+        decades = range(int(np.floor(low)), int(np.ceil(high)) + 1)
+        digits = (1,) if axis else _TICKS  # errors span many decades
+        values = np.array([digit * 10.0**decade for decade in decades for digit in digits])
+        values = values[(values >= 10**low) & (values <= 10**high)]
+        ticks.append(
+            [
+                (float(at), f"{value:g}")
+                for at, value in zip(place(values, axis), values, strict=True)
+            ]
+        )
+    return {"lines": lines, "x": ticks[0], "y": ticks[1], "width": _WIDTH, "height": _HEIGHT}
