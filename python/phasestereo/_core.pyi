@@ -51,6 +51,7 @@ __all__ = [
     "match_rows",
     "optimize_volume",
     "preset",
+    "rectify_pairs",
     "rows_to_tally",
     "simd_level",
     "verify_map",
