@@ -95,7 +95,7 @@ BOUNDS = {
     "statements of tests": 20_020,
 }
 
-EXTENSION = 8.2
+EXTENSION = 8.3
 """Megabytes."""
 
 
