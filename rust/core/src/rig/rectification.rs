@@ -50,6 +50,8 @@ const ENOUGH: (usize, f64) = (60, 0.5);
 const TURNS: [f64; 2] = [24.0, -24.0];
 /// Fewest blocks to fit to, and fewest of a result.
 const LEAST_BLOCKS: (usize, usize) = (40, 60);
+/// From such a spread on other cameras than those that explain the corners best are tried, too; pixels, and share of the width.
+const DOUBTFUL: (f64, f64) = (0.25, 0.00025);
 /// Most rounds of blocks; the rows that a round changes when it is the last, pixels.
 const ROUNDS: usize = 8;
 const STILL: f64 = 0.03;
@@ -257,15 +259,26 @@ fn rectify_small(
     let all: Vec<Match> = views.iter().flat_map(|views| &views.matches).copied().collect();
     let counts = [all.len(), agreeing.iter().filter(|is_in| **is_in).count()];
 
-    let mut most = 0;
+    let (mut most, mut best) = (0, None);
     for (cameras, near) in fit::fitted(&all, &agreeing, size) {
         let found = refined(&views, cameras, near, level, control)?;
         most = most.max(found.blocks.len());
-        if found.blocks.len() >= LEAST_BLOCKS.1 {
-            return Ok(found.checked(counts, size, negative, views.len()));
+        let Some(fit) = found.fit.as_ref().filter(|_| found.blocks.len() >= LEAST_BLOCKS.1) else {
+            continue;
+        };
+
+        let (spread, improbability) = (fit.spread, fit.improbability());
+        if best.as_ref().is_none_or(|(least, _)| improbability < *least) {
+            best = Some((improbability, found));
+        }
+        if spread < DOUBTFUL.0.max(DOUBTFUL.1 * size.1 as f64) {
+            break;
         }
     }
-    Ok(Err(Refusal::Blocks(most)))
+    match best {
+        Some((_, found)) => Ok(found.checked(counts, size, negative, views.len())),
+        None => Ok(Err(Refusal::Blocks(most))),
+    }
 }
 
 /// The images of a pair and their matched corners.

@@ -10,6 +10,7 @@
 use super::cameras::{Cameras, NUMBERS, USUAL, WIDE};
 use super::linear::{Normal, median};
 use super::matches::Match;
+use crate::math;
 
 /// What a median of absolute values is times this for a standard deviation, and what is added to it, pixels.
 const SPREAD: (f64, f64) = (1.4826, 0.05);
@@ -100,6 +101,14 @@ pub fn fit(matches: &[Match], weights: &[f64], start: &Cameras, Steps(most, firs
     Fit { cameras, weights, spread, normal }
 }
 
+impl Fit {
+    /// How improbable the cameras are: the logarithm of the spread for each match, and numbers that are unusual.
+    pub fn improbability(&self) -> f64 {
+        let count = self.weights.len() as f64;
+        math::ln(self.spread) + TOGETHER * held(&self.cameras) / (2.0 * count)
+    }
+}
+
 /// What numbers cost that are unusual.
 fn held(cameras: &Cameras) -> f64 {
     cameras.numbers().iter().map(|number| number * number).sum()
@@ -180,6 +189,19 @@ mod tests {
             Some(Match { left, right })
         };
         (1..400).filter_map(place).collect()
+    }
+
+    #[test]
+    fn of_cameras_with_equal_rows_the_usual_ones_are_more_probable() {
+        let fit = |focal: f64, spread: f64| {
+            let mut numbers = [0.0; NUMBERS];
+            numbers[0] = focal;
+            let cameras = Cameras::new(numbers, USUAL, SIZE);
+            Fit { cameras, weights: vec![1.0; 400], spread, normal: Normal::held([1.0; NUMBERS]) }
+                .improbability()
+        };
+        assert!(fit(-5.0, 0.2) > fit(-1.0, 0.2));
+        assert!(fit(-5.0, 0.33) > fit(0.0, 0.2) && fit(-1.0, 0.2) < fit(0.0, 0.33));
     }
 
     #[test]
