@@ -15,7 +15,7 @@ BEGUN = touch $@.begun
 DONE = touch -r $@.begun $@ && rm $@.begun
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-core test-arm64 fuzz soak lint format settings bench tables bench-core docs wheel c web hooks clean
+.PHONY: help demo test test-wheel test-core test-arm64 fuzz soak lint format settings bench tables bench-core docs wheel c web hooks clean
 
 help: ## List the commands
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 18
@@ -30,6 +30,14 @@ test: $(VENV)/counterparts ## Build and run all the tests on every core; on two 
 	cargo test --locked --doc
 	cargo build --locked --profile test --lib --test '*' # tests in Python link to the C library
 	$(BIN)/python -m pytest --numprocesses auto --dist worksteal
+	$(MAKE) test-wheel
+
+test-wheel: $(VENV)/ready $(CORE) ## Try the wheel in an empty environment; with CI=true the source distribution, too, in 3 minutes
+	rm -rf target/wheel
+	$(BIN)/maturin build --release --locked --out target/wheel
+	$(BIN)/python tests/smoke_wheel.py target/wheel/*.whl
+	test "$$CI" != true || { $(BIN)/maturin sdist --out target/wheel && \
+		CARGO_TARGET_DIR="$(CURDIR)/target" $(BIN)/python tests/smoke_wheel.py target/wheel/*.tar.gz; }
 
 test-core: $(VENV)/harness $(VENV)/dev ## Test the matcher alone: its stages and its Python face
 	CARGO_PROFILE_TEST_OPT_LEVEL=0 cargo test --locked --lib
