@@ -4,7 +4,9 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 CORE := python/phasestereo/_core.abi3.so
-C_LIBRARY := target/c/release/libphasestereo.so
+# Where `make c` installs to, below DESTDIR.
+PREFIX ?= $(CURDIR)/target/c/installed
+TOOLS := target/tools/bin
 # Distributions on top of the core: installed from here before anything asks for them, so that PyPI is not asked.
 OURS := python/phasestereo-live python/phasestereo-large python/pandora-plugin-phasestereo benches/harness
 RUST := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name Cargo.toml)
@@ -86,7 +88,9 @@ docs: $(VENV)/counterparts web/phasestereo.wasm ## Build the documentation, and 
 wheel: $(VENV)/ready ## Build a wheel into dist/
 	$(BIN)/maturin build --release --locked --out dist
 
-c: $(C_LIBRARY) ## Build the C libraries into target/c/release/ (header: rust/c/phasestereo.h)
+c: $(TOOLS)/cargo-cinstall ## Build the C libraries, and install them by cargo-c below PREFIX (make c PREFIX=/usr/local)
+	PATH="$(CURDIR)/$(TOOLS):$$PATH" cargo cinstall --release --locked --package phasestereo-c --target-dir target/c \
+		--prefix "$(PREFIX)" --libdir "$(PREFIX)/lib" --destdir "$(or $(DESTDIR),/)"
 
 web: $(VENV)/page web/phasestereo.wasm ## Build the core for browsers, and the page "try it" with it into web/dist/
 	$(BIN)/python docs/try_page.py web/dist
@@ -126,9 +130,9 @@ $(CORE): $(VENV)/ready pyproject.toml $(RUST)
 	@$(ALONE) '$(BEGUN); env -u CONDA_PREFIX VIRTUAL_ENV="$(CURDIR)/$(VENV)" \
 		$(BIN)/maturin develop --release --locked; $(BIN)/python rust/python/write_settings.py || { rm -f $@; exit 1; }; $(DONE)'
 
-$(C_LIBRARY): $(RUST)
-	mkdir -p $(@D)
-	$(ALONE) '$(BEGUN); cargo build --release --locked --package phasestereo-c --target-dir target/c; $(DONE)'
+# Newer ones want a newer Rust. Compiled without optimization, in four minutes.
+$(TOOLS)/cargo-cinstall:
+	cargo install --debug --locked --root target/tools --version 0.10.24 cargo-c
 
 web/phasestereo.wasm: $(RUST) web/build.sh web/toolchain.sh
 	$(ALONE) '$(BEGUN); web/build.sh; $(DONE)'

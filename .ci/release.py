@@ -3,8 +3,8 @@
 python .ci/release.py [URL]
 
 writes the address of the repository (default: Source in pyproject.toml, the place to fill in) into
-all that is published, makes the links of READMEs absolute, and puts ``pip install`` before the clone's
-commands. Of each release a copy of the repository is changed, never the repository.
+all that is published, makes the links of READMEs absolute, and puts ``pip install`` before the
+commands of a clone. For each release a copy of the repository is changed, never the repository.
 """
 
 from __future__ import annotations
