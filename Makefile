@@ -7,6 +7,9 @@ CORE := python/phasestereo/_core.abi3.so
 # Where `make c` installs to, below DESTDIR.
 PREFIX ?= $(CURDIR)/target/c/installed
 TOOLS := target/tools/bin
+# There are some 8300 places that `make mutants` could change: each week it takes others, spread over all files.
+SHARDS := 83
+WEEK = $(shell expr `date +%s` / 604800 % $(SHARDS))
 # Distributions on top of the core: installed from here before anything asks for them, so that PyPI is not asked.
 OURS := python/phasestereo-live python/phasestereo-large python/pandora-plugin-phasestereo benches/harness
 RUST := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name Cargo.toml)
@@ -17,7 +20,7 @@ BEGUN = touch $@.begun
 DONE = touch -r $@.begun $@ && rm $@.begun
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-wheel test-core test-arm64 fuzz soak lint format settings bench tables bench-core docs wheel c web hooks clean
+.PHONY: help demo test test-wheel test-core test-arm64 fuzz soak nightly mutants lint format settings bench tables bench-core docs wheel c web hooks clean
 
 help: ## List the commands
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 18
@@ -55,6 +58,14 @@ fuzz: $(VENV)/counterparts ## Tests by new random examples, mutated files, stran
 
 soak: $(CORE) ## Stream pairs with faults through one Matcher (make soak ARGS="--seconds 3600"; 5 minutes)
 	$(BIN)/python benches/soak.py $(ARGS)
+
+nightly: $(VENV)/counterparts ## Hold 300 spoiled pairs to one map each (of PHASESTEREO_DATA, if set), fuzz and soak: 90 minutes
+	$(BIN)/python tests/determinism.py --pairs 300 --seed "$$(date +%Y%m%d)" $(if $(PHASESTEREO_DATA),--data "$(PHASESTEREO_DATA)")
+	$(MAKE) fuzz ARGS="--seconds 1800"
+	$(MAKE) soak ARGS="--seconds 1800"
+
+mutants: $(TOOLS)/cargo-mutants $(VENV)/ready ## Change the core in 100 places, one at a time: tests notice 95 of them; hours (ARGS="--file '**/halo.rs'")
+	PATH="$(CURDIR)/$(TOOLS):$$PATH" $(BIN)/python tests/mutants.py $(or $(ARGS),--sharding round-robin --shard $(WEEK)/$(SHARDS))
 
 lint: $(VENV)/counterparts ## Check formats, lints, types, stubs and the documentation of the code, about a minute
 	cargo fmt --all --check
@@ -129,6 +140,9 @@ $(CORE): $(VENV)/ready pyproject.toml $(RUST)
 	@echo "== Compile the matcher, which takes some minutes"
 	@$(ALONE) '$(BEGUN); env -u CONDA_PREFIX VIRTUAL_ENV="$(CURDIR)/$(VENV)" \
 		$(BIN)/maturin develop --release --locked; $(BIN)/python rust/python/write_settings.py || { rm -f $@; exit 1; }; $(DONE)'
+
+$(TOOLS)/cargo-mutants:
+	cargo install --debug --locked --root target/tools --version 27.1.0 cargo-mutants
 
 # Newer ones want a newer Rust. Compiled without optimization, in four minutes.
 $(TOOLS)/cargo-cinstall:
