@@ -1,6 +1,6 @@
 """The compiled core: validated again here, so that no argument can make it panic."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, final
 
 import numpy as np
@@ -51,6 +51,7 @@ __all__ = [
     "match_rows",
     "optimize_volume",
     "preset",
+    "rectify_pairs",
     "rows_to_tally",
     "simd_level",
     "verify_map",
@@ -111,6 +112,9 @@ def estimate_pair(
     settings: Settings,
     threads: int | Workers | None,
 ) -> Estimates: ...
+def rectify_pairs(
+    pairs: Sequence[tuple[Pixels, Pixels]],
+) -> tuple[dict[str, NDArray[np.float64]], float, list[str]]: ...
 def estimate_pair_by_rows(
     read: Checked,
     size: tuple[int, int],

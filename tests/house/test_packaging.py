@@ -373,6 +373,7 @@ def _label(_: Path) -> object:
 
 
 PAIR = np.zeros((2, 40, 60), np.uint8)
+MAPS = {name: PAIR[0].astype("f4") for name in ("map1x", "map1y", "map2x", "map2y")}
 
 
 CALLS = [
@@ -380,7 +381,7 @@ CALLS = [
     ("tifffile", "io", _read("a.tif")),
     ("matplotlib", "plot", _color),
     ("cv2", "live", lambda _: live.stream(0, num_disparities=16)),
-    ("cv2", "rectify", lambda _: ps.rectify(PAIR[0], PAIR[1])),
+    ("cv2", "rectify", lambda _: ps.rectify(PAIR[0], PAIR[1], MAPS)),
     ("av", "live", _film),
     ("rerun", "rerun", _record),
     ("rasterio", "geo", lambda folder: write_geotiff(folder / "out.tif", np.ones((8, 8), "f4"))),

@@ -16,7 +16,6 @@
 use crate::error::Result;
 use crate::findings::{self, Finding};
 use crate::image::plane::Plane;
-use crate::image::view::View;
 use crate::pipeline::matcher::Disparity;
 use crate::pipeline::pair::Pair;
 use crate::pipeline::platform::Instant;
@@ -24,7 +23,7 @@ use crate::pipeline::runtime::Runtime;
 use crate::pipeline::summary::Summary;
 use crate::rig::estimation::estimates::Estimates;
 use crate::rig::estimation::{Known, Prepared, estimated, prepared};
-use crate::rig::rectification::{Rectification, Refusal, rectify, warp};
+use crate::rig::rectification::{Negative, Rectification, Refusal, gray, rectify, warp};
 use crate::scales::match_over_scales;
 use crate::settings::Settings;
 
@@ -118,11 +117,12 @@ fn attempt(
 
     let started = Instant::now();
     let Runtime { matcher, execution, control } = runtime;
-    let grays = [gray(pair.views()[0], runtime)?, gray(pair.views()[1], runtime)?];
+    let [left, right] = pair.views();
+    let grays =
+        matcher.install(|| -> Result<_> { Ok([gray(left, control)?, gray(right, control)?]) })?;
     // Given disparities are not moved.
-    let is_positive = known.candidates.is_none();
-    let found = matcher
-        .install(|| rectify([&grays[0], &grays[1]], is_positive, execution.level, control))?;
+    let negative = if known.candidates.is_none() { Negative::Moved } else { Negative::Kept };
+    let found = matcher.install(|| rectify(&[grays], negative, execution.level, control))?;
     let rectification = match found {
         Ok(found) if found.rows >= LEAST_ROWS => found,
         Ok(_) => return Ok(Attempt::None),
@@ -170,26 +170,6 @@ fn resampled(
     let views =
         [warp::rectified(left, &places[0], control)?, warp::rectified(right, &places[1], control)?];
     Ok((pair.with_views(views), places))
-}
-
-/// The gray values of a view.
-fn gray(view: &View, runtime: Runtime) -> Result<Plane<f32>> {
-    let (rows, cols, _) = view.image.shape();
-    runtime.matcher.install(|| {
-        Plane::by_bands_with(
-            (rows, cols),
-            1,
-            || Ok(vec![0.0; cols]),
-            |luminance, y, row| {
-                runtime.control.checkpoint()?;
-                view.image.write_luminance(y, luminance);
-                for (gray, luminance) in row.iter_mut().zip(luminance.iter()) {
-                    *gray = (luminance / 1000.0) as f32;
-                }
-                Ok(())
-            },
-        )
-    })
 }
 
 impl Attempt {

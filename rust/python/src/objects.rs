@@ -19,7 +19,7 @@ use phasestereo::internals::rig::estimation::compensation_plan::CompensationPlan
 use phasestereo::internals::rig::estimation::rows::RowOffsets;
 use phasestereo::internals::rig::photometry::{Contrast, Photometry};
 use phasestereo::internals::rig::psf::{Family, Psf, Taps};
-use phasestereo::internals::rig::rectification::cameras::Camera;
+use phasestereo::internals::rig::rectification::cameras::{Camera, Cameras};
 use phasestereo::internals::verification::Verification;
 use phasestereo::internals::whole::Rectified;
 
@@ -252,17 +252,8 @@ fn search_of<'py>(py: Python<'py>, found: &Estimates, is_given: bool) -> Result<
     object("rig.search_range", "SearchRange", &fields)
 }
 
-/// The rectified pair in place of one that is far from rectified.
-fn rectified_of(py: Python<'_>, found: Rectified) -> Result<Object<'_>> {
-    let Rectified { rectification, places, map, rows, .. } = found;
-
-    let mut maps = vec![];
-    for places in &places {
-        let [x, y] = [0, 1].map(|axis| wrap(py, places.map(|at| at[axis])));
-        maps.push((x?, y?));
-    }
-
-    let cameras = &rectification.cameras;
+/// Cameras as OpenCV has them, by name.
+pub fn calibration<'py>(py: Python<'py>, cameras: &Cameras) -> Result<Bound<'py, PyDict>> {
     let calibration = PyDict::new(py);
     for (index, camera) in cameras.sides().iter().enumerate() {
         let Camera { focal, center: [x, y], distortion: [k1, k2], rotation, .. } = camera;
@@ -278,6 +269,20 @@ fn rectified_of(py: Python<'_>, found: Rectified) -> Result<Object<'_>> {
         calibration.set_item(name("P"), matrix(projection)?)?;
     }
 
+    Ok(calibration)
+}
+
+/// The rectified pair in place of one that is far from rectified.
+fn rectified_of(py: Python<'_>, found: Rectified) -> Result<Object<'_>> {
+    let Rectified { rectification, places, map, rows, .. } = found;
+
+    let mut maps = vec![];
+    for places in &places {
+        let [x, y] = [0, 1].map(|axis| wrap(py, places.map(|at| at[axis])));
+        maps.push((x?, y?));
+    }
+
+    let calibration = calibration(py, &rectification.cameras)?;
     object!(py, "rig.rectified", "Rectified",
         disparity: wrap(py, map.disparity)?, rows: wrap(py, rows)?, maps: PyTuple::new(py, maps)?,
         calibration: calibration, error: rectification.rms
