@@ -17,15 +17,43 @@ def test_words(): raise ValueError("a word " * 5000)
 """
 
 
-def test_a_failure_says_little_also_on_ci(tmp_path: Path) -> None:
-    (tmp_path / "test_failing.py").write_text(FAILING)
+SKIPPING = """
+import pytest
+def test_what_is_missing(): pytest.skip("no browser")
+def test_a_package(): pytest.importorskip("nowhere_to_be_found")
+@pytest.mark.skipif(True, reason="no such signals")
+def test_a_system(): pass
+def test_what_no_machine_has(): pytest.skip("this Python has a GIL; another one has none")
+"""
+SKIPPING_WHOLE = 'import pytest\npytest.importorskip("nowhere_to_be_found")\n'
+
+
+def _said(folder: Path, **files: str) -> str:
+    """Return what pytest says on CI of files in a folder."""
+    for name, text in files.items():
+        (folder / f"{name}.py").write_text(text)
     finished = subprocess.run(  # our own interpreter on our own code
         [sys.executable, "-m", "pytest", "-q", "-p", "conftest", "-p", "no:cacheprovider", "."],
-        env=ENVIRONMENT | {"CI": "true", "PYTHONPATH": f"{ENVIRONMENT['PYTHONPATH']}:{ROOT}/tests"},
-        cwd=tmp_path,
+        env=ENVIRONMENT
+        | {"PHASESTEREO_CI": "true", "PYTHONPATH": f"{ENVIRONMENT['PYTHONPATH']}:{ROOT}/tests"},
+        cwd=folder,
         capture_output=True,
         text=True,
         check=False,
     )
-    assert "5 failed" in finished.stdout
-    assert len(finished.stdout) < 5 * 1000
+    return finished.stdout
+
+
+def test_a_failure_says_little_also_on_ci(tmp_path: Path) -> None:
+    said = _said(tmp_path, test_failing=FAILING)
+    assert "5 failed" in said
+    assert len(said) < 5 * 1000
+
+
+def test_nothing_skips_on_ci_but_what_no_machine_of_it_has(tmp_path: Path) -> None:
+    said = _said(tmp_path, test_skipping=SKIPPING)
+    assert "2 failed, 1 skipped, 1 error" in said
+    for reason in "no browser", "could not import 'nowhere_to_be_found'", "no such signals":
+        assert f"nothing may skip on CI: {reason}" in said
+
+    assert "1 error" in _said(tmp_path, test_skipping="", test_whole=SKIPPING_WHOLE)
