@@ -66,7 +66,7 @@ def matched(left: Image, right: Image) -> Map:
     settings: ps.Settings = ps.PRESETS["paper"]
     matcher = ps.Matcher(settings=settings, threads=1)
     steady = ps.TemporalFilter()
-    again = matcher.match(left, right, known=ps.Known(before=result), temporal_filter=steady)
+    again = matcher.match(left, right, temporal_filter=steady)
     seconds: float = sum(again.timings.values())
     use(again.settings.window, matcher.threads, seconds, again.temporal_support)
 

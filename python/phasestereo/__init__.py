@@ -32,6 +32,7 @@ __all__ = [
     "BlurEstimate",
     "DepthInterval",
     "Diagnosis",
+    "Event",
     "Finding",
     "Flag",
     "Known",
@@ -43,6 +44,7 @@ __all__ = [
     "Rectification",
     "Rectified",
     "Result",
+    "Rig",
     "SearchRange",
     "Settings",
     "StereoCalibration",
@@ -77,6 +79,7 @@ if TYPE_CHECKING:
     from phasestereo.rectification import Rectification, rectify
     from phasestereo.rig.diagnosis import Diagnosis, check
     from phasestereo.rig.estimation import estimate_blur
+    from phasestereo.rigs import Event, Rig
     from phasestereo.shapes import Mesh, PointCloud
     from phasestereo.stages import aggregate, cost_volume, descriptor, optimize
     from phasestereo.verification import Verdict, Verification, verify
@@ -105,6 +108,8 @@ else:
                 from phasestereo.rig import diagnosis as home
             case "estimate_blur":
                 from phasestereo.rig import estimation as home
+            case "Event" | "Rig":
+                from phasestereo import rigs as home
             case "Mesh" | "PointCloud":
                 from phasestereo import shapes as home
             case "aggregate" | "cost_volume" | "descriptor" | "optimize":

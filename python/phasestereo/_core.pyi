@@ -29,6 +29,7 @@ __all__ = [
     "PRESETS",
     "SETTINGS",
     "VERDICTS",
+    "Rig",
     "Scale",
     "Setting",
     "TemporalFilter",
@@ -91,6 +92,24 @@ class Setting:
     def text(self) -> str: ...
     @property
     def choices(self) -> list[tuple[str, str]]: ...
+
+@final
+class Rig:
+    def __new__(cls, written: str | None) -> Rig: ...
+    @property
+    def text(self) -> str: ...
+    @property
+    def frames(self) -> int: ...
+    @property
+    def health(self) -> float: ...
+    @property
+    def events(self) -> list[tuple[str, int, str]]: ...
+    @property
+    def disparities(self) -> tuple[int, int] | None: ...
+    @property
+    def field(self) -> Alignment | None: ...
+    @property
+    def cameras(self) -> tuple[dict[str, NDArray[np.float64]], tuple[int, int]] | None: ...
 
 @final
 class TemporalFilter:
@@ -171,6 +190,8 @@ def match_pair(
     progress: Callable[[int, int], object] | None,
     known: Known,
     temporal: TemporalFilter | None,
+    rig: Rig | None,
+    reestimate: int,
 ) -> Result: ...
 def verify_map(
     images: tuple[Pixels, Pixels],

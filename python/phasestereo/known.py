@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from phasestereo import _core
-from phasestereo.result import Result
 from phasestereo.rig.compensation import BlurCompensation
 
 Noise: TypeAlias = float | tuple[float, float]
@@ -26,13 +25,6 @@ class Known:
         How the blur of the images is evened out before pixels are compared; it holds the noise,
         too. For ``cost="phase"``. None: with ``compensate_blur=True`` what suits the blur that is
         found, else not at all.
-    before
-        The result of an earlier pair of the same cameras, matched with the same settings. If this
-        one's blur is as it was, which is seen at a glance, all that was known or estimated then is
-        taken over: blur, noise and contrast, the field of the rows, and the range of disparities
-        unless it is given; and ``result.blur.reused`` is True. What a glance does not see is in the
-        notes of `phasestereo_live.stream`. None, or another blur, size or settings: the rest holds,
-        and what it lacks is estimated.
 
     Raises
     ------
@@ -43,21 +35,17 @@ class Known:
 
     Examples
     --------
-    >>> first = ps.match(left, right, known=ps.Known(noise=2.0))
-    >>> second = ps.match(left, right, known=ps.Known(before=first))
+    >>> result = ps.match(left, right, known=ps.Known(noise=2.0))
     """
 
     noise: Noise | None = None
     blur_compensation: BlurCompensation | None = None
-    before: Result | None = None
 
     def __post_init__(self) -> None:
         """Check every field; the core owns the range of the noise."""
-        for name, kind in (("blur_compensation", BlurCompensation), ("before", Result)):
-            value = getattr(self, name)
-            if not isinstance(value, (kind, type(None))):
-                got = type(value).__name__
-                raise TypeError(f"known.{name}: got {got}; accepts {kind.__name__} or None")
+        if not isinstance(self.blur_compensation, (BlurCompensation, type(None))):
+            got = type(self.blur_compensation).__name__
+            raise TypeError(f"known.blur_compensation: got {got}; accepts BlurCompensation or None")
 
         if self.noise is None:
             return

@@ -247,9 +247,11 @@ def match_silently(
     progress: Progress | None,
     known: Known | None = None,
     temporal_filter: TemporalFilter | None = None,
+    rig: _core.Rig | None = None,
+    reestimate: int = 1,
     vertical: bool = False,
 ) -> Result:
-    """Match as `match` and `Matcher.match` do, without a warning."""
+    """Match as `match` and `Matcher.match` do, without a warning; with a rig, its next frame."""
     if progress is not None and not callable(progress):
         raise TypeError(f"progress: got {type(progress).__name__}; accepts a callable or None")
 
@@ -272,6 +274,8 @@ def match_silently(
         progress,
         as_known(known),
         as_core_filter(temporal_filter),
+        rig,
+        reestimate,
     )
     found = replace(result, pair=arrays)
     return _turned_back(found) if vertical else found

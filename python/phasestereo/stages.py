@@ -127,7 +127,7 @@ def cost_volume(
     """
     chosen = resolve("paper" if settings is None else None, settings, overrides)
     disparities = min_disparity, num_disparities
-    compensation = as_known(known, unused=("before",)).compensation
+    compensation = as_known(known).compensation
     return _core.cost_volume(as_pair(left, right), disparities, chosen, threads, compensation)
 
 

@@ -189,7 +189,7 @@ def verify(
         PRESETS["robust"],
         threads,
         progress,
-        as_known(known, unused=("before",)),
+        as_known(known),
     )
     return replace(judged, result=replace(judged.result, pair=arrays))
 

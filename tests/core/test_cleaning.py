@@ -229,15 +229,13 @@ def test_parts_are_those_of_the_whole(tmp_path: Path) -> None:
 
 
 def test_estimates_of_a_stream_are_taken_over_with_impulses() -> None:
-    matcher = ps.Matcher()
+    rig = ps.Rig(**SEARCH)
 
     spoilt = hot(SCENE.left, 0.01, 1), hot(SCENE.right, 0.01, 2)
-    first = matcher.match(*spoilt, **SEARCH)
+    first = rig.match(*spoilt)
     assert first.blur is not None
 
-    again = matcher.match(
-        *(noisy(image, 0.3, 9) for image in spoilt), **SEARCH, known=ps.Known(before=first)
-    )
+    again = rig.match(*(noisy(image, 0.3, 9) for image in spoilt))
     assert again.blur is not None
     assert again.blur.reused
     assert again.blur.impulses == first.blur.impulses == (20, 20)

@@ -52,7 +52,7 @@ FLOORS = {
         "rectification result",
         "calibration known",  # by boards; of a pair, an earlier result too
         "matching stages",
-        "opencv verification views",  # what is made of a result, and a stand-in for a matcher
+        "opencv rigs verification views",  # what is made of a result, and a stand-in for a matcher
         "",  # the package itself, which names all of the interface
         "cli",
         "__main__",

@@ -268,10 +268,10 @@ def test_masks_and_settings_hold_for_every_frame() -> None:
 # What is kept and freed
 
 
-def test_one_matcher_matches_all() -> None:
+def test_one_rig_matches_all() -> None:
     frames = live.stream("video.mkv", **FAST)
-    assert frames.matcher.settings == ps.PRESETS["fast"]
-    assert len({id(frames.matcher) for _ in frames}) == 1
+    assert frames.rig.settings == ps.PRESETS["fast"]
+    assert [frames.rig.frames for _ in frames] == list(range(1, 11))
 
 
 def ahead() -> list[str]:
@@ -336,18 +336,3 @@ def test_blur_is_estimated_anew_when_it_changes() -> None:
 def test_blur_is_estimated_anew_after_so_many_frames(count: int, expected: list[bool]) -> None:
     shots = [soft(index, blurred=False) for index in range(5)]
     assert reused(results(shots, reestimate=count)) == expected
-
-
-def test_a_matcher_reuses_what_it_is_given_and_nothing_else() -> None:
-    matcher = ps.Matcher()
-    first = matcher.match(*soft(0, blurred=True), num_disparities=COUNT)
-    second = matcher.match(*soft(1, blurred=True), num_disparities=COUNT)
-    third = matcher.match(
-        *soft(1, blurred=True), num_disparities=COUNT, known=ps.Known(before=first)
-    )
-
-    assert first.blur is not None
-    assert second.blur is not None
-    assert third.blur is not None
-    assert reused((first, second, third)) == [False, False, True]
-    assert third.blur.noise == first.blur.noise != second.blur.noise

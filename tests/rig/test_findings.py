@@ -132,9 +132,9 @@ def test_parts_of_a_pair_say_what_the_whole_says(scene: tuple[Image, Image]) -> 
 
 def test_notes_stay_while_estimates_are_reused(scene: tuple[Image, Image]) -> None:
     left = Degradation(disk_psf(4.0), noise=1.0)(scene[0])
-    matcher = ps.Matcher()
-    first = matcher.match(left, scene[1])
-    again = matcher.match(left, scene[1], known=ps.Known(before=first))
+    rig = ps.Rig()
+    first = rig.match(left, scene[1])
+    again = rig.match(left, scene[1])
 
     assert again.blur is not None
     assert again.blur.reused

@@ -115,23 +115,6 @@ def test_rows_that_sway_are_straightened_row_by_row(load: Callable[[str], Pair],
     assert any(one.sentence.startswith("rows sway by up to 2.") for one in result.findings)
 
 
-def test_rows_that_sway_are_estimated_for_every_frame(load: Callable[[str], Pair]) -> None:
-    pair, known = load("cones"), None
-    for height in (2, -1.5, 0):
-        frame = Misaligned(wobble=height)(pair, "right")
-        result = ps.match(
-            frame.left, frame.right, num_disparities=pair.num_disparities, known=known
-        )
-        found, blur = result.alignment, result.blur
-        assert found is not None
-        assert blur is not None
-        assert blur.reused == (known is not None)
-
-        quarter = float(found.offsets(np.array(200), np.array(frame.left.shape[0] // 6)))
-        assert quarter == pytest.approx(height, abs=0.3)
-        known = ps.Known(before=result)
-
-
 @pytest.mark.parametrize(
     ("sway", "error"),
     [((0.0,) * 18, TypeError), ("sway", TypeError), ((float("nan"),) * 19, ValueError)],
@@ -353,10 +336,11 @@ def test_parts_of_an_inverted_pair_are_those_of_the_whole(load: Callable[[str], 
     np.testing.assert_array_equal(part.flags, whole.flags[100:180])
 
 
-def test_a_matcher_goes_on_with_the_negative(load: Callable[[str], Pair]) -> None:
+def test_a_rig_goes_on_with_the_negative(load: Callable[[str], Pair]) -> None:
     pair = load("cones")
-    before = ps.match(pair.left, 255 - pair.right)
-    again = ps.Matcher().match(pair.left, 255 - pair.right, known=ps.Known(before=before))
+    rig = ps.Rig()
+    before = rig.match(pair.left, 255 - pair.right)
+    again = rig.match(pair.left, 255 - pair.right)
     np.testing.assert_array_equal(again.disparity, before.disparity)
 
 

@@ -130,12 +130,29 @@ def test_the_same_bits_come_from_any_number_of_threads(turned: Pair, found: ps.R
     np.testing.assert_array_equal(again.rectified.rows, found.rectified.rows)
 
 
-def test_a_frame_after_one_that_was_rectified_is_rectified_too(
-    turned: Pair, found: ps.Result
+def test_a_rig_rectifies_all_frames_by_the_cameras_of_the_first_and_exports_them(
+    turned: Pair, found: ps.Result, tmp_path: Path
 ) -> None:
-    after = ps.Matcher().match(turned.left, turned.right, known=ps.Known(before=found))
+    rig = ps.Rig()
+    first, second = (rig.match(turned.left, turned.right) for _ in range(2))
 
-    np.testing.assert_array_equal(after.disparity, found.disparity)
+    assert first.rectified is not None
+    assert second.rectified is not None
+    np.testing.assert_array_equal(first.disparity, found.disparity)
+    np.testing.assert_array_equal(second.rectified.maps, first.rectified.maps)
+    assert bad(turned, second) < bad(turned, first) + 1
+    assert [event.subject for event in rig.events] == ["cameras"]
+
+    rig.export(tmp_path / "rig.yml")
+    rig.export(tmp_path / "chain.yaml", "kalibr")
+    rig.export(tmp_path, "camera_info")
+    left, right = tmp_path / "left.yaml", tmp_path / "right.yaml"
+    for calibration in (tmp_path / "rig.yml", tmp_path / "chain.yaml", (left, right)):
+        again = ps.rectify(turned.left, turned.right, calibration)
+        assert again.error is not None
+        assert again.error < 0.5, calibration
+    with pytest.raises(ValueError, match="^form: got 'xml'; accepts opencv, camera_info, kalibr"):
+        rig.export(tmp_path / "rig", "xml")  # type: ignore[arg-type]  # the point
 
 
 def test_a_setting_turns_it_off(turned: Pair) -> None:

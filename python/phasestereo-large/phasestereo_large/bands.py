@@ -80,7 +80,7 @@ def pair_statistics(
     TypeError, ValueError, MemoryError, KeyboardInterrupt
         As `phasestereo.match`.
     """
-    told = as_known(known, unused=("before",))
+    told = as_known(known)
 
     # Parts are matched at one scale: they do not know what smaller copies of the whole pair say.
     asked = replace(resolve(preset, settings, overrides), scales=False)
@@ -104,9 +104,6 @@ def pair_statistics(
         impulses = found.blur_compensation.impulses[0] if found.blur_compensation else 0.0
         roughness = _core.find_roughness(rows, rows.size, search, scale, impulses)
 
-    # No later pair is compared with it.
-    blur = None if found.blur is None else replace(found.blur, signature=None)
-
     statistics = PairStatistics(
         size=rows.size,
         dtype=dtype.name,
@@ -114,7 +111,7 @@ def pair_statistics(
         num_disparities=found.search.num_disparities,
         settings=found.settings,
         blur_compensation=found.blur_compensation or told.compensation,
-        blur=blur,
+        blur=found.blur,
         alignment=found.alignment,
         search=found.search,
         packing=scale.packing,

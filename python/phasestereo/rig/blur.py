@@ -21,23 +21,6 @@ BlurKind = Literal["none", "gaussian", "disk", "motion", "annulus", "other"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BlurSignature:
-    """What a later pair of the same cameras is compared with.
-
-    Parameters
-    ----------
-    places
-        uint32 (n, 4): top and left of blocks of the left image, and of those of the right one.
-    excess
-        float32 (m,): the logarithm of the quotient of left and right powers, by part of the image
-        and direction.
-    """
-
-    places: NDArray[np.uint32]
-    excess: NDArray[np.float32]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Blur:
     """A kind of relative blur: what one image lacks to be like the other.
 
@@ -134,10 +117,8 @@ class BlurEstimate:
         How intensities correspond, as fractions of their range: left = gain * right ** gamma. NaN
         where too little corresponds.
     reused
-        Whether it is of an earlier pair, and was taken over since the blur of this one is as it
-        was: `phasestereo.Known.before`, and `phasestereo_live.stream`.
-    signature
-        What a later pair of the same cameras is compared with; None: nothing can be.
+        Whether it is of an earlier frame, and was taken over since the blur of this one is as it
+        was: `phasestereo.Rig`, and `phasestereo_live.stream`.
     impulses
         By how much hot, dead and stuck pixels of the left and of the right image stand out from
         their neighbors at least, in units of the pixels; 0 where there are none. The blur and the
@@ -157,7 +138,6 @@ class BlurEstimate:
     gain: float = math.nan
     gamma: float = math.nan
     reused: bool = False
-    signature: BlurSignature | None = None
     impulses: tuple[float, float] = (0.0, 0.0)
     coding: tuple[float, float] = (0.0, 0.0)
 

@@ -20,7 +20,8 @@
 //! 6. `scales`: where a copy of the pair of half the size, a quarter ... is more likely to be right, it decides, and flat
 //!    areas become planes.
 //!
-//! The map of a video frame may then be filtered over time (`pipeline/temporal.rs`): it is steady where nothing changes.
+//! The map of a video frame may then be filtered over time (`pipeline/temporal.rs`): it is steady where nothing changes. What
+//! its cameras are is learned from frame to frame (`frames`, `rig/state.rs`).
 //!
 //! Before all that, `rig` may estimate what the caller does not know of the pair, and compensates for it. `pipeline`
 //! runs bands of rows on threads. It knows the rows that a part of a pair depends on (its halo), the memory that a
@@ -50,6 +51,7 @@ mod value;
 
 mod cost;
 mod descriptor;
+mod frames;
 mod image;
 mod optimization;
 mod pipeline;
@@ -92,5 +94,5 @@ macro_rules! open {
 
 open! {
     error findings math settings simd value
-    cost descriptor image optimization pipeline refinement rig scales verification whole
+    cost descriptor frames image optimization pipeline refinement rig scales verification whole
 }

@@ -7,3 +7,4 @@ pub mod estimation;
 pub mod photometry;
 pub mod psf;
 pub mod rectification;
+pub mod state;

@@ -13,9 +13,12 @@
 //! Where the rows of raw images correspond about as well as can be told, nothing is tried: a pair that is hard to match for other
 //! reasons, as noise or blur, would only be resampled once more.
 
+use std::sync::Arc;
+
 use crate::error::Result;
 use crate::findings::{self, Finding};
 use crate::image::plane::Plane;
+use crate::pipeline::control::Control;
 use crate::pipeline::matcher::Disparity;
 use crate::pipeline::pair::Pair;
 use crate::pipeline::platform::Instant;
@@ -23,7 +26,8 @@ use crate::pipeline::runtime::Runtime;
 use crate::pipeline::summary::Summary;
 use crate::rig::estimation::estimates::Estimates;
 use crate::rig::estimation::{Known, Prepared, estimated, prepared};
-use crate::rig::rectification::{Negative, Rectification, Refusal, gray, rectify, warp};
+use crate::rig::rectification::{Negative, Refusal, gray, rectify, warp};
+use crate::rig::state::Raw;
 use crate::scales::match_over_scales;
 use crate::settings::Settings;
 
@@ -40,10 +44,7 @@ const LEAST_ROWS: f64 = 0.5;
 pub struct Rectified {
     /// The cameras by which it was.
     #[doc(hidden)]
-    pub rectification: Rectification,
-    /// Where each pixel of the rectified left and right image is in the raw one: column and row,
-    /// NaN where no ray comes from.
-    pub places: [Plane<[f32; 2]>; 2],
+    pub raw: Arc<Raw>,
     /// The map of the rectified pair.
     #[doc(hidden)]
     pub map: Disparity,
@@ -62,7 +63,28 @@ pub struct Matched {
     pub rectified: Option<Rectified>,
 }
 
+impl Rectified {
+    /// Where each pixel of the rectified left and right image is in the raw one: column and row,
+    /// NaN where no ray comes from.
+    pub fn places(&self) -> &[Plane<[f32; 2]>; 2] {
+        &self.raw.places
+    }
+}
+
 impl Matched {
+    /// The map of a rectified pair, given back in the pixels of the raw left image.
+    pub fn of_rectified(
+        raw: Arc<Raw>,
+        map: Disparity,
+        prepared: Prepared,
+        runtime: Runtime,
+    ) -> Result<Self> {
+        let Runtime { matcher, control, .. } = runtime;
+        let cameras = &raw.rectification.cameras;
+        let (own, rows) = matcher.install(|| warp::raw(&map, cameras, control))?;
+        Ok(Self { map: own, prepared, rectified: Some(Rectified { raw, map, rows }) })
+    }
+
     /// Shares of the pixels of the map as it was matched.
     pub fn summary(&self) -> Summary {
         let map = self.rectified.as_ref().map_or(&self.map, |rectified| &rectified.map);
@@ -129,7 +151,8 @@ fn attempt(
         Err(refusal) => return Ok(Attempt::Refused(refusal)),
     };
 
-    let (resampled, places) = matcher.install(|| resampled(pair, &rectification, runtime))?;
+    let raw = matcher.install(|| Raw::new(rectification, pair.size(), control))?;
+    let resampled = matcher.install(|| resampled(pair, &raw.places, control))?;
     let given = Known { candidates: known.candidates, noise: known.noise, ..Known::default() };
     let (resampled, mut after) = estimated(resampled, &given, settings, runtime)?;
     let least = confidence + RISE[usize::from(is_distorted)];
@@ -137,13 +160,11 @@ fn attempt(
         return Ok(Attempt::None);
     }
 
-    after.findings.push(findings::rectified(&rectification));
+    after.findings.push(findings::rectified(&raw.rectification));
     after.time += before.time + started.elapsed();
     let prepared = prepared(resampled, after, given, settings, runtime)?;
     let map = match_over_scales(&prepared, settings, runtime)?;
-    let (raw, rows) = matcher.install(|| warp::raw(&map, &rectification.cameras, control))?;
-    let rectified = Some(Rectified { rectification, places, map, rows });
-    Ok(Attempt::Done(Box::new(Matched { map: raw, prepared, rectified })))
+    Ok(Attempt::Done(Box::new(Matched::of_rectified(Arc::new(raw), map, prepared, runtime)?)))
 }
 
 /// Whether a pair may be resampled: nothing that is known of it says otherwise.
@@ -153,23 +174,12 @@ fn can_be_tried(estimates: &Estimates, known: &Known, settings: &Settings) -> bo
     settings.self_rectify && !is_same && !is_known && !estimates.is_inverted
 }
 
-/// The rectified pair, and where its pixels are in the raw images.
-fn resampled(
-    pair: &Pair,
-    rectification: &Rectification,
-    runtime: Runtime,
-) -> Result<(Pair, [Plane<[f32; 2]>; 2])> {
-    let control = runtime.control;
+/// A pair whose pixels are at these places of the raw images.
+pub fn resampled(pair: &Pair, places: &[Plane<[f32; 2]>; 2], control: &Control) -> Result<Pair> {
     let [left, right] = pair.views();
-    let cameras = &rectification.cameras;
-    let places = [
-        warp::places(cameras, 0, pair.size(), control)?,
-        warp::places(cameras, 1, pair.size(), control)?,
-    ];
-
     let views =
         [warp::rectified(left, &places[0], control)?, warp::rectified(right, &places[1], control)?];
-    Ok((pair.with_views(views), places))
+    Ok(pair.with_views(views))
 }
 
 impl Attempt {

@@ -8,6 +8,7 @@ mod failure;
 mod known;
 mod objects;
 mod reader;
+mod rig;
 mod settings;
 mod supervisor;
 mod temporal;
@@ -27,12 +28,13 @@ use self::arguments::{
     read_noise, read_pair, read_preset, read_search, read_view, read_views, read_volume,
 };
 use self::failure::{Failure, Result};
-use self::known::{read_before, read_known, read_noise_of_pair};
+use self::known::{read_known, read_noise_of_pair};
 use self::objects::{Asked, Matched, Object};
 use self::reader::{Reader, Scale, packing_to_py};
+use self::rig::Rig;
 use self::settings::{Setting, every_setting, read_settings, write_settings};
 use self::supervisor::supervised;
-use self::temporal::{Shared, TemporalFilter};
+use self::temporal::{TemporalFilter, held};
 use self::verification::verify_map;
 use self::workers::{Pool, Workers};
 use phasestereo::Error;
@@ -40,6 +42,7 @@ use phasestereo::internals::cost::Costs;
 use phasestereo::internals::cost::aggregation::{Window, aggregate};
 use phasestereo::internals::descriptor::{Codes, describe};
 use phasestereo::internals::findings::{self, Topic};
+use phasestereo::internals::frames::{Frame, Way, match_frame};
 use phasestereo::internals::image::intensity::Gray;
 use phasestereo::internals::image::packing::Packing;
 use phasestereo::internals::image::plane::Plane;
@@ -68,7 +71,7 @@ use phasestereo::internals::settings::presets::Preset;
 use phasestereo::internals::settings::{MOST_DISPARITIES, Settings};
 use phasestereo::internals::simd::Level;
 use phasestereo::internals::verification::verdict;
-use phasestereo::internals::whole::{self, prepare_and_match};
+use phasestereo::internals::whole;
 
 /// Constants of a module, each with its name.
 macro_rules! named {
@@ -90,7 +93,7 @@ mod _core {
 
     #[pymodule_export]
     use super::{
-        Scale, Setting, TemporalFilter, Workers, aggregate_volume, check_blur_compensation,
+        Rig, Scale, Setting, TemporalFilter, Workers, aggregate_volume, check_blur_compensation,
         check_noise, check_settings, cost_volume, descriptor, estimate_pair, estimate_pair_by_rows,
         find_roughness, find_scale, fit_right, halo, match_pair, match_raw, match_rows,
         optimize_volume, preset, rectify_pairs, rows_to_tally, simd_level, verify_map,
@@ -178,41 +181,32 @@ fn match_pair<'py>(
     progress: Option<Bound<'py, PyAny>>,
     known: Object<'py>,
     temporal: Option<PyRef<'py, TemporalFilter>>,
+    rig: Option<PyRef<'py, Rig>>,
+    reestimate: u64,
 ) -> Result<Object<'py>> {
     let asked = read_settings(&settings)?;
     let search = read_search(&disparities)?;
     let pair = read_any_images(&images, &masks, search)?;
     let size = pair.size();
 
-    let before = read_before(&known, size, search, &asked)?;
     let told = read_known(&known, size, search)?;
 
     let pool = Pool::for_argument(threads)?;
     let filter = temporal.map(|filter| filter.shared());
-    let (matched, is_as_before) = supervised(py, &pool, size.0, progress, move |runtime| {
-        let is_as_before =
-            before.as_ref().map_or(Ok(false), |before| before.holds(&pair, runtime))?;
-        let (known, settings) = match before {
-            Some(before) if is_as_before => (before.known, before.settings),
-            _ => (told, asked),
-        };
-        let mut whole = prepare_and_match(pair, known, &settings, runtime)?;
+    let rig = rig.map(|rig| rig.shared()).unwrap_or_default();
+    let (matched, is_reused) = supervised(py, &pool, size.0, progress, move |runtime| {
+        let mut filter = filter.as_deref().map(|one| held(one, "temporal_filter")).transpose()?;
+        let mut rig = held(&rig, "rig")?;
+        let way = Way { known: &told, settings: &asked, reestimate };
+        let frame = match_frame(&mut rig, pair, way, filter.as_deref_mut(), runtime)?;
 
-        // The map of a pair that was rectified is one of other pixels, and its cameras are those of a single frame.
-        let filter = filter.filter(|_| whole.rectified.is_none());
-        let whole::Matched { map, prepared, .. } = &mut whole;
-        let apply = |filter: Shared| {
-            temporal::apply(&filter, &prepared.pair, &prepared.settings, map, runtime)
-        };
-        let support = filter.map(apply).transpose()?;
-
-        let summary = whole.summary();
+        let Frame { matched: whole, summary, is_reused, support } = frame;
         let whole::Matched { map, prepared: Prepared { estimates, .. }, rectified } = whole;
         let findings = findings::of_match(&estimates, &summary, size);
-        Ok((Matched { map, summary, estimates, support, findings, rectified }, is_as_before))
+        Ok((Matched { map, summary, estimates, support, findings, rectified }, is_reused))
     })?;
 
-    let asked = Asked { settings, known, is_searched: search.is_some(), is_as_before };
+    let asked = Asked { settings, known, is_searched: search.is_some(), is_reused };
     objects::result(py, matched, &asked)
 }
 
@@ -276,7 +270,7 @@ fn estimate_pair<'py>(
     })?;
 
     let is_searched = search.is_some();
-    objects::estimates(py, estimates, &Asked { settings, known, is_searched, is_as_before: false })
+    objects::estimates(py, estimates, &Asked { settings, known, is_searched, is_reused: false })
 }
 
 /// The estimates of a pair that is read by rows.
@@ -305,7 +299,7 @@ fn estimate_pair_by_rows<'py>(
 
     let estimates = estimates.map_err(|failure| reader.reason(failure))?;
     let is_searched = search.is_some();
-    objects::estimates(py, estimates, &Asked { settings, known, is_searched, is_as_before: false })
+    objects::estimates(py, estimates, &Asked { settings, known, is_searched, is_reused: false })
 }
 
 /// How a pair is packed that is read by rows, and the ranges of its pixels if the match needs them; `images` and `masks`

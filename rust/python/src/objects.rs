@@ -13,7 +13,7 @@ use phasestereo::internals::findings::Finding;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::pipeline::matcher::Disparity;
 use phasestereo::internals::pipeline::summary::Summary;
-use phasestereo::internals::rig::blur::{self, BlockPlace, Blur, BlurSignature, Side};
+use phasestereo::internals::rig::blur::{self, Blur, Side};
 use phasestereo::internals::rig::estimation::Estimates;
 use phasestereo::internals::rig::estimation::compensation_plan::CompensationPlan;
 use phasestereo::internals::rig::estimation::rows::RowOffsets;
@@ -63,8 +63,8 @@ pub struct Asked<'py> {
     pub known: Object<'py>,
     /// Whether the disparities to search were given.
     pub is_searched: bool,
-    /// Whether the estimates of an earlier pair, which is known, hold.
-    pub is_as_before: bool,
+    /// Whether blur and noise are those of an earlier frame.
+    pub is_reused: bool,
 }
 
 /// A matched pair.
@@ -187,7 +187,7 @@ fn estimated<'py>(
     let is_applied = found.alignment.is_some();
     let alignment = found.offsets.map(|offsets| alignment_of(py, &offsets, is_applied));
     let contrast = found.photometry.and_then(|all| all.contrast);
-    let blur = found.blur.map(|blur| blur_estimate(py, blur, contrast.as_ref()));
+    let blur = found.blur.map(|blur| blur_estimate(py, blur, contrast.as_ref(), asked.is_reused));
 
     let (settings, compensation) = match found.compensation {
         Some(plan) => suited(py, plan, &asked.settings)?,
@@ -200,32 +200,7 @@ fn estimated<'py>(
         alignment: alignment.transpose()?, blur: blur.transpose()?
     );
 
-    if asked.is_as_before {
-        let before = asked.known.getattr("before")?;
-        for name in ["settings", "blur_compensation"] {
-            fields.set_item(name, before.getattr(name)?)?;
-        }
-        // Rows that sway were estimated anew.
-        let earlier = before.getattr("alignment")?;
-        if earlier.is_none() || earlier.getattr("sway")?.is_empty()? {
-            fields.set_item("alignment", earlier)?;
-        }
-        fields.set_item("blur", replaced(&before.getattr("blur")?, &fields!(py, reused: true))?)?;
-
-        // The earlier range says how it was found, but a call may give another one.
-        let earlier = before.getattr("search")?;
-        if !earlier.is_none() && range_of(&earlier)? == range_of(&search)? {
-            fields.set_item("search", earlier)?;
-        }
-    }
-
     Ok(fields)
-}
-
-/// Least disparity and number of disparities.
-fn range_of(search: &Object<'_>) -> Result<(i64, i64)> {
-    let bound = |name| search.getattr(name)?.extract();
-    Ok((bound("min_disparity")?, bound("num_disparities")?))
 }
 
 fn search_of<'py>(py: Python<'py>, found: &Estimates, is_given: bool) -> Result<Object<'py>> {
@@ -252,6 +227,22 @@ fn search_of<'py>(py: Python<'py>, found: &Estimates, is_given: bool) -> Result<
     object("rig.search_range", "SearchRange", &fields)
 }
 
+/// The rectified pair in place of one that is far from rectified.
+fn rectified_of(py: Python<'_>, found: Rectified) -> Result<Object<'_>> {
+    let Rectified { raw, map, rows, .. } = found;
+
+    let mut maps = vec![];
+    for places in &raw.places {
+        let [x, y] = [0, 1].map(|axis| wrap(py, places.map(|at| at[axis])));
+        maps.push((x?, y?));
+    }
+
+    object!(py, "rig.rectified", "Rectified",
+        disparity: wrap(py, map.disparity)?, rows: wrap(py, rows)?, maps: PyTuple::new(py, maps)?,
+        calibration: calibration(py, &raw.rectification.cameras)?, error: raw.rectification.rms
+    )
+}
+
 /// Cameras as OpenCV has them, by name.
 pub fn calibration<'py>(py: Python<'py>, cameras: &Cameras) -> Result<Bound<'py, PyDict>> {
     let calibration = PyDict::new(py);
@@ -272,24 +263,8 @@ pub fn calibration<'py>(py: Python<'py>, cameras: &Cameras) -> Result<Bound<'py,
     Ok(calibration)
 }
 
-/// The rectified pair in place of one that is far from rectified.
-fn rectified_of(py: Python<'_>, found: Rectified) -> Result<Object<'_>> {
-    let Rectified { rectification, places, map, rows, .. } = found;
-
-    let mut maps = vec![];
-    for places in &places {
-        let [x, y] = [0, 1].map(|axis| wrap(py, places.map(|at| at[axis])));
-        maps.push((x?, y?));
-    }
-
-    let calibration = calibration(py, &rectification.cameras)?;
-    object!(py, "rig.rectified", "Rectified",
-        disparity: wrap(py, map.disparity)?, rows: wrap(py, rows)?, maps: PyTuple::new(py, maps)?,
-        calibration: calibration, error: rectification.rms
-    )
-}
-
-fn alignment_of<'py>(
+/// The field of rows.
+pub fn alignment_of<'py>(
     py: Python<'py>,
     offsets: &RowOffsets,
     is_applied: bool,
@@ -330,20 +305,14 @@ fn blur_estimate<'py>(
     py: Python<'py>,
     found: blur::Estimate,
     contrast: Option<&Contrast>,
+    is_reused: bool,
 ) -> Result<Object<'py>> {
     let blurs = found.blurs.iter().map(|blur| blur_of(py, blur)).collect::<Result<Vec<_>>>()?;
     let (rows, cols, labels) = found.labels;
 
-    let BlurSignature { places, excess } = found.signature;
-    let corners = |place: &BlockPlace| [place.top, place.left, place.right_top, place.right];
-    let values = places.iter().flat_map(corners).map(|value| value as u32).collect();
-    let signature = object!(py, "rig.blur", "BlurSignature",
-        places: wrap(py, Plane::from_vec(places.len(), 4, values)?)?, excess: excess.into_pyarray(py)
-    )?;
-
     object!(py, "rig.blur", "BlurEstimate", [found: tile, certainty]
         noise: pair(found.noise), impulses: pair(found.impulses), coding: pair(found.coding),
-        blurs: PyTuple::new(py, blurs)?, contrast: found.gain, signature: signature,
+        blurs: PyTuple::new(py, blurs)?, contrast: found.gain, reused: is_reused,
         labels: wrap(py, Plane::from_vec(rows, cols, labels)?)?,
         gain: contrast.map_or(f64::NAN, |curve| curve.gain),
         gamma: contrast.map_or(f64::NAN, |curve| curve.gamma)

@@ -1,18 +1,11 @@
 //! What one call of Python carries over to the next one: the temporal filter of a video.
 
-use std::sync::{Arc, Mutex, PoisonError, TryLockError};
-use std::time::Duration;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 
 use pyo3::prelude::*;
 
 use phasestereo::Error;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::pipeline::matcher::Disparity;
-use phasestereo::internals::pipeline::pair::Pair;
-use phasestereo::internals::pipeline::platform::Instant;
-use phasestereo::internals::pipeline::runtime::Runtime;
 use phasestereo::internals::pipeline::temporal::TemporalFilter as Filter;
-use phasestereo::internals::settings::Settings;
 
 /// A filter that a running call and Python both hold.
 pub type Shared = Arc<Mutex<Filter>>;
@@ -37,29 +30,18 @@ impl TemporalFilter {
     }
 }
 
-/// Filters the map of the next frame on the threads of a matcher; returns how many frames support each disparity, and
-/// the time.
-pub fn apply(
-    filter: &Shared,
-    pair: &Pair,
-    settings: &Settings,
-    map: &mut Disparity,
-    runtime: Runtime,
-) -> phasestereo::Result<(Plane<u8>, Duration)> {
-    let started = Instant::now();
-
-    // The lock is not waited for: frames come one after another, and in a forked child the holder may not exist.
-    let mut held = match filter.try_lock() {
-        Ok(filter) => filter,
-        Err(TryLockError::Poisoned(filter)) => PoisonError::into_inner(filter),
+/// What a running call holds of something that Python holds, too. It is not waited for: frames come one after another, and in a
+/// forked child the holder may not exist.
+pub fn held<'a, T>(
+    shared: &'a Mutex<T>,
+    argument: &'static str,
+) -> phasestereo::Result<MutexGuard<'a, T>> {
+    match shared.try_lock() {
+        Ok(held) => Ok(held),
+        Err(TryLockError::Poisoned(held)) => Ok(PoisonError::into_inner(held)),
         Err(TryLockError::WouldBlock) => {
-            let accepts = "one that no other match is using: a filter is of one video";
-            return Err(Error::value("temporal_filter", "a filter that is in use", accepts));
+            let accepts = "one that no other match is using: it is of one video";
+            Err(Error::value(argument, "one that is in use", accepts))
         }
-    };
-
-    let Runtime { matcher, execution, control } = runtime;
-    let filter = &mut *held;
-    let frames = matcher.install(|| filter.apply(pair, settings, map, execution.level, control))?;
-    Ok((frames, started.elapsed()))
+    }
 }

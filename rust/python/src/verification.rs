@@ -45,7 +45,7 @@ pub fn verify_map<'py>(
     })?;
 
     let said = findings::of_match(&judged.prepared.estimates, &summary, (rows, cols));
-    let asked = Asked { settings, known, is_searched: false, is_as_before: false };
+    let asked = Asked { settings, known, is_searched: false, is_reused: false };
     verification(py, judged, summary, said, &asked)
 }
 

@@ -136,7 +136,7 @@ def match(
         settings=resolve(preset, settings, overrides),
         min_disparity=min_disparity,
         num_disparities=num_disparities,
-        known=as_known(known, unused=("blur_compensation", "before")),
+        known=as_known(known, unused=("blur_compensation",)),
         bands=bands,
     )
 

@@ -28,6 +28,7 @@ from phasestereo.io import Calibration, read_calibration
 from phasestereo.io.folders import folders_of
 from phasestereo.io.pair import Layout
 from phasestereo.known import Known
+from phasestereo.rigs import REESTIMATE
 from phasestereo.settings import PRESET, PRESETS, Settings, resolve
 from phasestereo_live.cli.outputs import FrameSink, LiveOutputs, Writers
 from phasestereo_live.cli.recordings import Messages, Topics
@@ -37,7 +38,7 @@ from phasestereo_live.ros.bags import RecordingWriter
 from phasestereo_live.ros.recordings import Recording
 from phasestereo_live.video.cameras import PATIENCE
 from phasestereo_live.video.decoding import is_address
-from phasestereo_live.video.streaming import REESTIMATE, Failure, Frame, Stream, stream
+from phasestereo_live.video.streaming import Failure, Frame, Stream, stream
 
 _VALUES = {"preset", "num_disparities", "min_disparity", "threads", "noise", "layout", "rectify"}
 _OPTIONS = (

@@ -52,15 +52,14 @@ class Rectifier:
         if self._found is not None:
             return self._found.apply(left, right)
 
-        found = rectify(
-            left, right, self._calibration, left_mask=self._masks[0], right_mask=self._masks[1]
-        )
-        if found.vertical:
+        left_mask, right_mask = self._masks
+        made = rectify(left, right, self._calibration, left_mask=left_mask, right_mask=right_mask)
+        if made.vertical:
             raise ValueError(
                 "rectify: got cameras one above the other; accepts cameras side by side"
             )
 
-        self._found = found
+        self._found = made
         return self._found.left, self._found.right
 
     @property

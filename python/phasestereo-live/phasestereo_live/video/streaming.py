@@ -23,12 +23,12 @@ from phasestereo._numbers import as_integer
 from phasestereo._opening import opened_pair
 from phasestereo.io.pair import Layout, LayoutError
 from phasestereo.known import Known, as_known
-from phasestereo.matching import Matcher
+from phasestereo.matching import match
 from phasestereo.rectification import Rectification
 from phasestereo.rectification.cameras import Cameras
 from phasestereo.rectification.reading import CalibrationSource
 from phasestereo.result import Result
-from phasestereo.rig.findings import untrusted
+from phasestereo.rigs import REESTIMATE, Rig
 from phasestereo.settings import Settings
 from phasestereo.temporal import TemporalFilter
 from phasestereo_live._closing import Closing
@@ -44,9 +44,6 @@ T = TypeVar("T")
 _LOG = logging.getLogger("phasestereo")
 _FAULTS = (OSError, ValueError, TypeError)
 """What may be wrong with one frame and not with the next."""
-REESTIMATE = 30
-"""Frames after which blur is estimated anew, however much it looks as it was."""
-
 _END: Any = object()  # what follows the last frame
 
 
@@ -126,9 +123,9 @@ def stream(
 ) -> Stream:
     """Match every frame of a video, a folder of images, or a pair of cameras.
 
-    One `Matcher` matches them all. Frames that fail are reported and skipped: those that are
-    damaged or missing, or whose two images differ in size. Whatever is wrong from the start is
-    raised at once.
+    One `phasestereo.Rig` matches them all, and learns what the cameras are. Frames that fail are
+    reported and skipped: those that are damaged or missing, or whose two images differ in size.
+    Whatever is wrong from the start is raised at once.
 
     Parameters
     ----------
@@ -158,7 +155,8 @@ def stream(
         Frames to match, by number: from ``start`` up to but without ``stop``, each ``every``-th.
     reestimate
         The blur of a frame is estimated anew when it is not as it was at a glance, and at the
-        latest so many frames after the last estimate; 1: of every frame. See the notes.
+        latest so many frames after the last estimate; 1: every frame is matched by itself. See the
+        notes.
     temporal_filter
         Make disparities steadier where neither image has changed, as `phasestereo.TemporalFilter`
         does; ``frame.result.temporal_support`` says where. False: each frame by itself.
@@ -170,7 +168,7 @@ def stream(
     num_disparities, min_disparity, preset, settings, threads, left_mask, right_mask, **overrides
         As `match` takes them; masks hold for every frame.
     known
-        What is known of every frame; ``before`` counts for the first one.
+        What is known of every frame.
 
     Returns
     -------
@@ -200,9 +198,10 @@ def stream(
     ninth of the image with what they were when blur was estimated. It misses what comes on in less
     than a sixteenth of the image, sizes that change by less than a fifth or so, and changes of
     noise or contrast that both images share: that is found ``reestimate`` frames later at most. If
-    the scene moves by many pixels, blur is estimated anew, too. What a frame gives thus depends on
-    those before it, unless ``reestimate`` is 1 and ``temporal_filter`` False. A frame that fails
-    changes nothing of what is carried over.
+    the scene moves by many pixels, blur is estimated anew, too. Rows and the range of disparities
+    are followed by the stream's `phasestereo.Rig`, whose events say what changed. What a frame
+    gives thus depends on those before it, unless ``reestimate`` is 1 and ``temporal_filter`` False.
+    A frame that fails changes nothing of what is carried over.
 
     Examples
     --------
@@ -213,7 +212,6 @@ def stream(
     if on_error is not None and not callable(on_error):
         raise TypeError(f"on_error: got {type(on_error).__name__}; accepts a callable or None")
     wanted = _wanted(start, stop, every)
-    as_integer("reestimate", reestimate, least=1)
     if patience is not None:
         as_integer("patience", patience, least=1)
 
@@ -221,33 +219,46 @@ def stream(
         kind = type(temporal_filter).__name__
         raise TypeError(f"temporal_filter: got {kind}; accepts True or False")
 
-    matcher = Matcher(preset=preset, settings=settings, threads=threads, **overrides)
-    given = {
-        "num_disparities": num_disparities,
-        "min_disparity": min_disparity,
-        "left_mask": left_mask,
-        "right_mask": right_mask,
-        "known": as_known(known),
-    }
+    rig = Rig(
+        num_disparities=num_disparities,
+        min_disparity=min_disparity,
+        preset=preset,
+        settings=settings,
+        threads=threads,
+        reestimate=reestimate,
+        **overrides,
+    )
+    masks = {"left_mask": left_mask, "right_mask": right_mask}
+    given = _Given(rig.settings, min_disparity, num_disparities, masks, as_known(known))
 
     # Wrong arguments are refused before any source is opened.
-    _try(matcher, given, width=None)
+    _try(given, width=None)
     rectifier = None if rectify is None else Rectifier(rectify, (left_mask, right_mask))
     opened = open_source(source, right, layout=layout, patience=patience)
     try:
         return Stream(
             opened,
-            matcher,
+            rig,
             given,
             wanted,
             on_error,
-            reestimate=reestimate,
             rectifier=rectifier,
             temporal_filter=TemporalFilter() if temporal_filter else None,
         )
     except BaseException:
         opened.close()
         raise
+
+
+@dataclass(frozen=True, slots=True)
+class _Given:
+    """What the caller says of every frame."""
+
+    settings: Settings
+    min_disparity: int
+    num_disparities: int | None
+    masks: Mapping[str, ArrayLike | None]
+    known: Known
 
 
 class Stream(Iterator[Frame], Closing):
@@ -260,12 +271,11 @@ class Stream(Iterator[Frame], Closing):
     def __init__(
         self,
         source: CaptureSource[Pair],
-        matcher: Matcher,
-        given: Mapping[str, Any],
+        rig: Rig,
+        given: _Given,
         wanted: slice,
         on_error: Callable[[Failure], object] | None,
         *,
-        reestimate: int,
         rectifier: Rectifier | None = None,
         temporal_filter: TemporalFilter | None = None,
     ) -> None:
@@ -273,10 +283,9 @@ class Stream(Iterator[Frame], Closing):
         self._wanted = wanted
         self._work = _Work(
             source,
-            matcher,
+            rig,
             given,
             on_error or _warn,
-            reestimate=reestimate,
             rectifier=rectifier,
             temporal_filter=temporal_filter,
         )
@@ -308,9 +317,9 @@ class Stream(Iterator[Frame], Closing):
         return None if self._work.rectifier is None else self._work.rectifier.q
 
     @property
-    def matcher(self) -> Matcher:
-        """What matches the frames."""
-        return self._work.matcher
+    def rig(self) -> Rig:
+        """What matches the frames, and what it has learned of the cameras."""
+        return self._work.rig
 
     @property
     def rectification(self) -> Rectification | None:
@@ -349,42 +358,37 @@ class _Work:
     def __init__(
         self,
         source: CaptureSource[Pair],
-        matcher: Matcher,
-        given: Mapping[str, Any],
+        rig: Rig,
+        given: _Given,
         report: Callable[[Failure], object],
         *,
-        reestimate: int,
         rectifier: Rectifier | None,
         temporal_filter: TemporalFilter | None,
     ) -> None:
-        self.matcher = matcher
+        self.rig = rig
         self.failed = 0
         self.rectifier = rectifier
 
         self._source = source
         self._given = given
         self._report = report
-        self._reestimate = reestimate
-        self._reused = 0  # frames since the last estimate
         self._temporal_filter = temporal_filter
-        self._last: Result | None = given["known"].before
 
         self._checked = False
         self._width: int | None = None
-        self._coming: tuple[Matcher, Mapping[str, Any]] | None = None
+        self._coming: _Given | None = None
 
     def change(self, settings: Settings, num_disparities: int | None) -> None:
         """Match the next frame in another way."""
-        matcher = Matcher(settings=settings, threads=self.matcher.threads)
-        given = {**self._given, "num_disparities": num_disparities}
-        _try(matcher, given, width=self._width)
-        self._coming = matcher, given
+        given = replace(self._given, settings=settings, num_disparities=num_disparities)
+        _try(given, width=self._width)
+        self._coming = given
 
     def _take_change(self) -> None:
         coming, self._coming = self._coming, None
         if coming is not None:
-            self.matcher, self._given = coming
-            self._last = None  # which is of other settings
+            self._given = coming
+            self.rig.change(coming.settings, coming.num_disparities)
 
     def frames(self, wanted: slice) -> Generator[Frame]:
         """Return what yields the frames; what is wrong with all of them is raised at once."""
@@ -420,11 +424,11 @@ class _Work:
             return
 
         size = images[0].shape
-        _try(self.matcher, self._given, width=size[1])
+        _try(self._given, width=size[1])
         self._width = size[1]
 
         for name in ("left_mask", "right_mask"):
-            as_mask(self._given[name], size, name)
+            as_mask(self._given.masks[name], size, name)
         self._checked = True
 
     def _matched(self, taken: Generator[_Taken]) -> Generator[Frame]:
@@ -445,25 +449,17 @@ class _Work:
             raise images
 
         left, right = images
-        masks = {} if self.rectifier is None else self.rectifier.masks
-        known = replace(self._given["known"], before=self._before())
-        result = self.matcher.match(
+        masks = self._given.masks if self.rectifier is None else self.rectifier.masks
+        result = self.rig.match(
             left,
             right,
-            **{**self._given, **masks, "known": known},
+            **masks,
+            known=self._given.known,
             temporal_filter=self._temporal_filter,
         )
 
-        # Nothing is taken over from a match that is not to be trusted. Images would take memory.
-        self._last = None if untrusted(result.findings) else replace(result, pair=None)
-        self._reused = self._reused + 1 if result.blur and result.blur.reused else 0
-
         images = _squeezed(left), _squeezed(right)
         return Frame(capture.index, capture.time, *images, result, capture.apart)
-
-    def _before(self) -> Result | None:
-        """Return the result whose estimates the next frame may take over."""
-        return self._last if self._reused + 1 < self._reestimate else None
 
 
 def _ahead(items: Iterator[T]) -> Generator[T]:
@@ -475,19 +471,25 @@ def _ahead(items: Iterator[T]) -> Generator[T]:
             yield item
 
 
-def _try(matcher: Matcher, given: Mapping[str, Any], *, width: int | None) -> None:
+def _try(given: _Given, *, width: int | None) -> None:
     """Match a black row: what is refused now would be refused of any images.
 
     Without a width, what depends on it is left to be seen.
     """
-    count = given["num_disparities"]
+    count = given.num_disparities
     if width is None:
         width = MOST_DISPARITIES
         count = 1 if type(count) is int and 1 <= count <= MOST_DISPARITIES else count
 
     black = np.zeros((1, width), np.uint8)
-    masks = {"left_mask": None, "right_mask": None}  # are of another size
-    matcher.match(black, black, **{**given, **masks, "num_disparities": count})
+    match(
+        black,
+        black,
+        num_disparities=count,
+        min_disparity=given.min_disparity,
+        settings=given.settings,
+        known=given.known,
+    )
 
 
 def _wanted(start: int, stop: int | None, every: int) -> slice:

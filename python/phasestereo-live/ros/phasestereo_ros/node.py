@@ -23,7 +23,7 @@ from rclpy.qos import qos_profile_sensor_data, qos_profile_system_default
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from stereo_msgs.msg import DisparityImage
 
-from phasestereo import Matcher, check
+from phasestereo import Rig, check
 from phasestereo.io import Calibration
 from phasestereo.settings import resolve
 from phasestereo_live.ros import Header
@@ -128,7 +128,11 @@ class PhasestereoNode(Node):  # type: ignore[misc]  # rclpy has no types
         if unused:
             self.get_logger().warning(f"without effect here: {', '.join(unused)}")
         self._search = search_of(values)
-        self._matcher = Matcher(settings=self._search.settings)
+        self._rig = Rig(
+            min_disparity=self._search.low,
+            num_disparities=self._search.count,
+            settings=self._search.settings,
+        )
         self._diagnosed: int | None = None
         self._disparity = self.create_publisher(DisparityImage, "disparity", 1)
         self._maps = {name: self.create_publisher(Image, name, 1) for name in MAP_IMAGES}
@@ -168,9 +172,7 @@ class PhasestereoNode(Node):  # type: ignore[misc]  # rclpy has no types
         q = geometry_of(left_info, right_info, TOPICS).q
         rows, cols = images[0].shape[:2]
         known = None if q is None else Calibration.from_q(q, width=cols, height=rows)
-        result = self._matcher.match(
-            *images, min_disparity=self._search.low, num_disparities=self._search.count
-        )
+        result = self._rig.match(*images)
         self._disparity.publish(disparity_image(make, header, result, known))
         for name, publisher in self._maps.items():
             values = result.maps.get(name)

@@ -138,7 +138,12 @@ impl Fit {
 
         let is_told = grows.abs() > LEAST_GROWTH.max(SURE * error);
         let is_exact = self.is_alike && is_told && (0.5..1.5).contains(&share);
-        is_exact.then(|| self.scaled_by(factor))
+        is_exact.then(|| self.whole())
+    }
+
+    /// The fit of an image that was reduced or enlarged by an exact whole factor.
+    pub fn whole(&self) -> Self {
+        self.scaled_by(whole(self.scale[1]))
     }
 
     /// The right view of a pair that was fitted before, as this fit has it.

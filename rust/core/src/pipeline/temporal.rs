@@ -7,12 +7,17 @@
 //!
 //! ```text
 //! seen(d) = the right view has not changed at (x - d, y), or (x - d, y) lies beside the image, or there is no d
-//! if n > 0 and the left view has not changed at (x, y) and seen(d) and seen(D):
+//! still   = of the places of the block of 32 x 32 pixels with both d and D, at most 2 / 3 have d - D from 1/4 to 2,
+//!           or from -2 to -1/4
+//! if n > 0 and still and the left view has not changed at (x, y) and seen(d) and seen(D):
 //!     if |d - D| <= 1, or there is neither d nor D:  n = min(n + 1, FRAMES)   D += (d - D) / n
 //!     else if n > 1:                                 n = n - 1                D stays
 //!     else:                                          n = 1                    D = d
 //! else:                                              n = 1                    D = d
 //! ```
+//!
+//! Things that come nearer by a pixel or less in a frame, and are so plain that hardly a gray value changes, move whole blocks of
+//! disparities one way, which noise does not.
 //!
 //! A disparity that is off by more than a pixel is outvoted by as many frames as support the other one: the majority
 //! vote of Boyer & Moore (1981). The rest is the recursive mean of the temporal filters of depth cameras, with a weight
@@ -46,6 +51,16 @@ use crate::simd::{Level, Loop};
 /// Most frames that a disparity is the mean of. Twice as many steady a static scene no more, and lag twice as long;
 /// half as many steady it less (`phasestereo bench video`).
 pub const FRAMES: u8 = 8;
+/// Side of the blocks whose disparities may move together.
+pub const BLOCK: usize = 32;
+/// One pixel of so many along each axis of a block is looked at.
+pub const SPARSE: usize = 4;
+/// Disparities that differ by more have moved, and a block of which more than two thirds have.
+pub const MOVED: f32 = 0.25;
+/// Disparities that differ by more are mistakes.
+pub const MOST_MOVED: f32 = 2.0;
+/// The fewest known disparities of a block that may have moved.
+pub const LEAST_MOVED: u32 = 16;
 /// Pixels by which disparities of one thing differ at most: the step of integer maps. With less, these flicker more;
 /// with more, different things are averaged.
 const SAME: f32 = 1.0;
@@ -156,9 +171,31 @@ impl Before {
             && *candidates == pair.candidates()
     }
 
+    /// The blocks whose disparities have moved together.
+    fn moved(&self, now: &Plane<f32>) -> Plane<bool> {
+        let (rows, cols) = (now.rows(), now.cols());
+        let has_moved = |block_row: usize, block: usize| {
+            let (mut up, mut down, mut known) = (0u32, 0u32, 0u32);
+            for y in (block_row * BLOCK..((block_row + 1) * BLOCK).min(rows)).step_by(SPARSE) {
+                let (before, now) = (self.disparity.row(y), now.row(y));
+                let support = self.support.row(y);
+                for x in (block * BLOCK..((block + 1) * BLOCK).min(cols)).step_by(SPARSE) {
+                    let by = now[x] - before[x];
+                    known += u32::from(support[x] > 0 && !by.is_nan());
+                    let has_moved = by.abs() > MOVED && by.abs() <= MOST_MOVED && support[x] > 0;
+                    up += u32::from(has_moved && by > 0.0);
+                    down += u32::from(has_moved && by < 0.0);
+                }
+            }
+            known >= LEAST_MOVED && 3 * up.max(down) > 2 * known
+        };
+        Plane::from_fn(rows.div_ceil(BLOCK), cols.div_ceil(BLOCK), has_moved)
+    }
+
     /// Applies the recurrence of the module to the map of the next frame, in place.
     fn follow(&mut self, map: &mut Disparity, level: Level, control: &Control) -> Result<()> {
         let cols = self.key.size.1;
+        let moved = self.moved(&map.disparity);
         let [left, right] = &self.views;
 
         let rows = self.disparity.as_mut_slice().par_chunks_mut(cols);
@@ -171,7 +208,8 @@ impl Before {
             control.checkpoint()?;
 
             let changed = [left.row(y), right.row(y)];
-            level.run(Follow { changed, before, support, now, marks });
+            let moved = moved.row(y / BLOCK);
+            level.run(Follow { changed, moved, before, support, now, marks });
             level.run(Keep { stays: marks, before: flags, now: new_flags });
             Ok(())
         })?;
@@ -198,6 +236,7 @@ fn compared(settings: &Settings) -> Settings {
 /// The recurrence along a row: writes the result to both `before` and `now`, and marks where the disparity before stays.
 struct Follow<'a> {
     changed: [&'a [bool]; 2],
+    moved: &'a [bool],
     before: &'a mut [f32],
     support: &'a mut [u8],
     now: &'a mut [f32],
@@ -209,9 +248,14 @@ impl Loop for Follow<'_> {
 
     #[inline(always)]
     fn run(self) {
-        let Self { changed: [left, right], before, support, now, marks } = self;
+        let Self { changed: [left, right], moved, before, support, now, marks } = self;
 
         mark_changed(left, right, before, now, marks);
+        for (marks, has_moved) in marks.chunks_mut(BLOCK).zip(moved) {
+            if *has_moved {
+                marks.fill(true);
+            }
+        }
         follow(before, support, now, marks);
     }
 }

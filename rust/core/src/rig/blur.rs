@@ -211,17 +211,15 @@ pub(crate) fn estimate(
 /// Sizes that change by less than about a fifth, and blur that appears in less than a sixteenth of the image, are
 /// missed.
 pub fn is_as_before(pair: &Pair, before: &BlurSignature, runtime: Runtime) -> Result<bool> {
-    if !before.fits(pair.size()) {
+    let size = pair.size();
+    if !before.fits(size) {
         return Ok(false);
     }
 
-    runtime.matcher.install(|| {
-        let part = Part::new(0, Cow::Borrowed(pair), runtime)?;
-        let images = part.grays.each_ref().map(|grays| &grays.plane);
-
-        let powers = powers(images, &before.places, runtime.execution.level, runtime.control)?;
-        Ok(before.is_like(&BlurSignature::new(before.places.clone(), &powers, pair.size())))
-    })
+    let part = Part::new(0, Cow::Borrowed(pair), runtime)?;
+    let images = part.grays.each_ref().map(|grays| &grays.plane);
+    let powers = powers(images, &before.places, runtime.execution.level, runtime.control)?;
+    Ok(before.is_like(&BlurSignature::new(before.places.clone(), &powers, size)))
 }
 
 /// Whether an image of this size holds a block.

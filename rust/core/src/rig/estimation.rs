@@ -39,17 +39,16 @@ use self::rows::RowOffsets;
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
 use crate::findings;
-use crate::findings::finding::Finding;
 use crate::image::packing::Packing;
 use crate::pipeline::pair::Pair;
 use crate::pipeline::platform::Instant;
 use crate::pipeline::runtime::Runtime;
 use crate::pipeline::source::Source;
 use crate::rig::alignment::Alignment;
+use crate::rig::blur;
 use crate::rig::blur::defects::{self, Defects, Repaired};
 use crate::rig::blur::parts::{PairRows, Part};
 use crate::rig::blur::rough::{self, RoughMatch};
-use crate::rig::blur::{self, BlurSignature};
 use crate::rig::blur_compensation::BlurCompensation;
 use crate::rig::photometry::{Contrast, Photometry, Scales};
 use crate::settings::Settings;
@@ -85,30 +84,6 @@ pub struct Known {
     pub alignment: Option<Alignment>,
     /// Whether the images match once one of them is inverted.
     pub is_inverted: bool,
-    /// What was said about an earlier pair of the same cameras, whose estimates are known here.
-    pub findings: Vec<Finding>,
-}
-
-/// An earlier pair of the same cameras, and all that holds for a later one whose blur is as it was.
-#[derive(Debug, Clone)]
-pub struct Before {
-    /// What the blur of the later pair is compared with.
-    pub signature: BlurSignature,
-    /// The impulses that are repaired before, left and right.
-    pub impulses: [f64; 2],
-    /// What is known then.
-    pub known: Known,
-    /// The settings that are used then.
-    pub settings: Settings,
-}
-
-impl Before {
-    /// Whether the blur of a pair is as it was.
-    pub fn holds(&self, pair: &Pair, runtime: Runtime) -> Result<bool> {
-        let packing = Packing::of_views(pair.views(), runtime.control)?;
-        let pair = pair.clone().packed(&packing).with_impulses(self.impulses);
-        blur::is_as_before(&pair, &self.signature, runtime)
-    }
 }
 
 /// A pair with all that a match needs.
@@ -425,13 +400,6 @@ impl Estimates {
         self.alignment = self.alignment.or_else(|| known.alignment.clone());
         self.is_inverted |= known.is_inverted;
         self.findings = findings::of_pair(&self, size, known.candidates.is_some(), settings);
-        // What was not estimated anew is as it was.
-        let again = |one: &&Finding| {
-            let is_old = self.findings.iter().all(|new| new.topic != one.topic);
-            is_old && !one.topic.is_decisive() && one.topic != findings::Topic::Alignment
-        };
-        let earlier: Vec<Finding> = known.findings.iter().filter(again).cloned().collect();
-        self.findings.extend(earlier);
 
         Self { time: started.elapsed(), ..self }
     }
@@ -455,12 +423,7 @@ impl Estimates {
             blur: None,
             photometry: None,
             compensation: None,
-            findings: known
-                .findings
-                .iter()
-                .filter(|one| !one.topic.is_decisive())
-                .cloned()
-                .collect(),
+            findings: vec![],
             time: Duration::ZERO,
         }
     }

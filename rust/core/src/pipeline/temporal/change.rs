@@ -6,11 +6,16 @@
 //! variance of the noise:
 //!
 //! ```text
-//! excess  = min((g - m)^2 / noise, LARGEST) - RATIO (1 + 1 / n)      0 outside the image, and where g or m is unknown
+//! gain    = median of g / m over some places, or 1                   what the exposure changed by
+//! off     = g - gain m         0 where the brighter of both is at white and may have been brighter still
+//! excess  = min(off^2 / noise, LARGEST) - RATIO (1 + 1 / n)          0 outside the image, and where g or m is unknown
 //! changed = the sum of the excesses of 3 x 3 places is positive, or g or m is unknown
 //! if changed:  n = 1                    m = g
-//! else:        n = min(n + 1, FRAMES)   m += (g - m) / n
+//! else:        n = min(n + 1, FRAMES)   m = gain m + (g - gain m) / n
 //! ```
+//!
+//! Exposures change all gray values alike, so their quotients agree; where they do not, as where the camera moves, the gain is 1.
+//! A gain that is hardly more than noise is 1, too.
 //!
 //! `noise (1 + 1 / n)` is the expectation of `(g - m)^2` where nothing has changed. Masked pixels are unknown.
 //!
@@ -55,6 +60,19 @@ pub const QUIETEST: usize = 20;
 /// The ratio of the noise to the mean square of the quiet blocks: less than it would be for noise alone, since most blocks
 /// have some texture.
 pub const BLOCK_FACTOR: f32 = 1.25;
+
+/// Gray levels from here on are as good as white.
+pub const WHITE_FROM: f32 = 250.0;
+/// Quotients of gray levels below this say little.
+pub const DARK: f32 = 24.0;
+/// One place of so many along each axis says how the exposure changed.
+pub const SAMPLED: usize = 4;
+/// The fewest places that do.
+pub const LEAST_SAMPLED: usize = 64;
+/// Gains nearer to one are noise.
+pub const EVEN: f32 = 0.01;
+/// The largest difference of the quartiles of the quotients, beside the median.
+pub const AGREEING: f32 = 0.15;
 
 /// Gray levels from black to white.
 const WHITE: f64 = 255.0;
@@ -173,7 +191,8 @@ impl Changes {
     /// Finds where the next frame has changed, and updates the means.
     pub fn update(&mut self, view: &View, level: Level, control: &Control) -> Result<()> {
         let noise = noise(view, &self.scale, level, control)?;
-        self.compare(view, noise, level, control)?;
+        let gain = self.gain(view, level, control)?;
+        self.compare(view, noise, gain, level, control)?;
 
         let Self { mean, count, changed, gray, excess, .. } = self;
         let cols = changed.cols();
@@ -182,14 +201,50 @@ impl Changes {
         let rows = rows.zip(changed.as_mut_slice().par_chunks_mut(cols)).enumerate();
         rows.for_each(|(y, ((mean, count), changed))| {
             let excess = [y, y + 1, y + 2].map(|y| excess.row(y));
-            level.run(Update { excess, gray: gray.row(y), mean, count, changed });
+            level.run(Update { excess, gray: gray.row(y), gain, mean, count, changed });
         });
 
         Ok(())
     }
 
+    /// By what the exposure of a frame differs from that of the means.
+    fn gain(&self, view: &View, level: Level, control: &Control) -> Result<f32> {
+        let Self { scale, mean, count, .. } = self;
+        let mut row = Row::new(view.image.shape().1)?;
+        let mut quotients = vec![];
+        for y in (0..mean.rows()).step_by(SAMPLED) {
+            control.checkpoint()?;
+            scale.write(view, STEP * y, level, &mut row);
+            for x in (0..mean.cols()).step_by(SAMPLED) {
+                let (gray, mean) = (row.gray[STEP * x], mean.row(y)[x]);
+                let range = DARK..WHITE_FROM;
+                if count.row(y)[x] > 0 && range.contains(&gray) && range.contains(&mean) {
+                    quotients.push(gray / mean);
+                }
+            }
+        }
+        if quotients.len() < LEAST_SAMPLED {
+            return Ok(1.0);
+        }
+
+        let mut quartile = |number: usize| {
+            let at = quotients.len() * number / 4;
+            *quotients.select_nth_unstable_by(at, f32::total_cmp).1
+        };
+        let [low, middle, high] = [1, 2, 3].map(&mut quartile);
+        let is_even = (middle - 1.0).abs() < EVEN || high - low > AGREEING * middle;
+        Ok(if is_even { 1.0 } else { middle })
+    }
+
     /// Computes gray levels and excesses.
-    fn compare(&mut self, view: &View, noise: f32, level: Level, control: &Control) -> Result<()> {
+    fn compare(
+        &mut self,
+        view: &View,
+        noise: f32,
+        gain: f32,
+        level: Level,
+        control: &Control,
+    ) -> Result<()> {
         let Self { scale, mean, count, gray, excess, .. } = self;
         let (cols, image_cols) = (gray.cols(), view.image.shape().1);
         let inside = excess.as_mut_slice().par_chunks_mut(cols + 2).skip(1);
@@ -207,7 +262,7 @@ impl Changes {
 
                 let (mean, count) = (mean.row(y), count.row(y));
                 let out = &mut excess[1..=cols];
-                level.run(Excess { gray, mean, count, inverse: 1.0 / noise, out });
+                level.run(Excess { gray, mean, count, inverse: 1.0 / noise, gain, out });
                 Ok(())
             };
         rows.try_for_each_init(|| Row::new(image_cols), compare_row)
@@ -238,6 +293,7 @@ struct Excess<'a> {
     mean: &'a [f32],
     count: &'a [u8],
     inverse: f32,
+    gain: f32,
     out: &'a mut [f32],
 }
 
@@ -246,18 +302,27 @@ impl Loop for Excess<'_> {
 
     #[inline(always)]
     fn run(self) {
-        write_excess(self.gray, self.mean, self.count, self.inverse, self.out);
+        let Self { gray, mean, count, inverse, gain, out } = self;
+        write_excess([gray, mean], count, [inverse, gain], out);
     }
 }
 
 /// The excess of the module. Outputs and inputs are separate arguments, so the vectorizer knows that they do not overlap.
 #[inline(always)]
-fn write_excess(gray: &[f32], mean: &[f32], count: &[u8], inverse: f32, excess: &mut [f32]) {
+fn write_excess(
+    [gray, mean]: [&[f32]; 2],
+    count: &[u8],
+    [inverse, gain]: [f32; 2],
+    excess: &mut [f32],
+) {
     let cols = excess.len();
     let (gray, mean, count) = (&gray[..cols], &mean[..cols], &count[..cols]);
 
     for x in 0..cols {
-        let difference = gray[x] - mean[x];
+        let difference = gray[x] - gain * mean[x];
+        // What is white may have been brighter still.
+        let is_white = if difference > 0.0 { mean[x] } else { gray[x] } >= WHITE_FROM;
+        let difference = if is_white { 0.0 } else { difference };
         let square = (difference * difference) * inverse;
         let square = if square < LARGEST { square } else { LARGEST };
 
@@ -270,6 +335,7 @@ fn write_excess(gray: &[f32], mean: &[f32], count: &[u8], inverse: f32, excess: 
 struct Update<'a> {
     excess: [&'a [f32]; 3],
     gray: &'a [f32],
+    gain: f32,
     mean: &'a mut [f32],
     count: &'a mut [u8],
     changed: &'a mut [bool],
@@ -280,7 +346,7 @@ impl Loop for Update<'_> {
 
     #[inline(always)]
     fn run(self) {
-        update(self.excess, self.gray, self.mean, self.count, self.changed);
+        update(self.excess, self.gray, self.gain, self.mean, self.count, self.changed);
     }
 }
 
@@ -289,6 +355,7 @@ impl Loop for Update<'_> {
 fn update(
     [above, own, below]: [&[f32]; 3],
     gray: &[f32],
+    gain: f32,
     mean: &mut [f32],
     count: &mut [u8],
     changed: &mut [bool],
@@ -304,7 +371,8 @@ fn update(
         let has_changed = (sum > 0.0) | is_unknown | (count[x] == 0);
 
         let more = if count[x] < FRAMES { count[x] + 1 } else { FRAMES };
-        let value = mean[x] + (gray[x] - mean[x]) / f32::from(more);
+        let before = gain * mean[x];
+        let value = before + (gray[x] - before) / f32::from(more);
         let value = if has_changed { gray[x] } else { value };
         let frames = if has_changed { 1 } else { more };
 

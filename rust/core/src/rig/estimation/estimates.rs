@@ -63,6 +63,11 @@ impl Estimates {
         self.alignment.is_some()
     }
 
+    /// Whether rows sway.
+    pub fn sways(&self) -> bool {
+        self.offsets.as_ref().is_some_and(|found| found.field.sway().is_some())
+    }
+
     /// Standard deviations of the noise, left and right, in units of the pixels; `None`: not estimated.
     pub fn noise(&self) -> Option<[f64; 2]> {
         self.blur.as_ref().map(|blur| blur.noise)

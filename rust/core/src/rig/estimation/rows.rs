@@ -9,7 +9,7 @@
 //! much evidence then. The blocks that determine a smooth field are too few for a spline, and those that were followed from
 //! copies do not reach the borders: so both are fitted once more to four times as many blocks.
 
-mod robust;
+pub mod robust;
 
 use self::robust::{Model, Point, RobustFit, median};
 use super::overview::{GOOD_CONFIDENCE, Overview, RoughMap};
@@ -45,9 +45,9 @@ const LEAST_RICHER: f64 = 0.02;
 const BIAS: f64 = 0.02;
 /// Evidence in the residuals of a smooth field from which on a spline of the row is fitted, too: of 60 pairs of 12 scenes whose
 /// rows do not sway, sharp, with noise, compressed, turned and with keystone, up to 1.0; 55 of them have less.
-const SUSPICION: f64 = 0.5;
+pub const SUSPICION: f64 = 0.5;
 /// Evidence from which on the spline is kept: of these pairs up to 2.6; of those with rows that sway by 1 pixel 27 or more.
-const LEAST_EVIDENCE: f64 = 10.0;
+pub const LEAST_EVIDENCE: f64 = 10.0;
 /// Offsets below this, pixels root mean square, are ignored: on 12 aligned scenes up to 0.05 are found.
 const LEAST_RMS: f64 = 0.12;
 /// ... and so are offsets of fewer standard errors than this.

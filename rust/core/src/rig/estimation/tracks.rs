@@ -23,6 +23,8 @@ use crate::rig::blur::rough::reduced;
 use crate::rig::estimation::overview::Overview;
 use crate::simd::{Level, Loop};
 
+/// Rows above and below the center of a block that its search may read.
+pub const AROUND: usize = BLOCK / 2 + SEARCH + SMOOTH + 1;
 /// Side of a block, pixels of the reduced copy.
 pub const BLOCK: usize = 24;
 /// Largest distance of a block from its expected place along either axis.
@@ -74,14 +76,13 @@ pub fn follow(
     runtime: Runtime,
 ) -> Result<Vec<Track>> {
     // Rows of the copy above and below the center that the correlation may read.
-    let around = BLOCK / 2 + SEARCH + SMOOTH + 1;
-    let top = |seed: &Seed| (in_copy(seed.y, factor) - around as isize).max(0) as usize * factor;
+    let top = |seed: &Seed| (in_copy(seed.y, factor) - AROUND as isize).max(0) as usize * factor;
     let mut tops: Vec<usize> = seeds.iter().map(top).collect();
     tops.dedup();
 
     let largest = seeds.iter().fold(0.0f64, |most, seed| most.max(seed.dy.abs()));
     let halo = largest.ceil() as usize + crate::rig::blur::parts::HALO;
-    let strips = Strips { tops: &tops, rows: 2 * around * factor, halo, unit: factor };
+    let strips = Strips { tops: &tops, rows: 2 * AROUND * factor, halo, unit: factor };
 
     let mut found = vec![];
     rows.visit(strips, runtime, |part, visited| {
@@ -99,6 +100,16 @@ pub fn follow(
     })?;
 
     Ok(found)
+}
+
+/// The same in a part of the pair as it is, which has the rows that all of these blocks are looked for in.
+pub fn follow_here(part: &Part, seeds: &[Seed], level: Level) -> Vec<Track> {
+    let planes = part.grays.each_ref().map(|grays| Cow::Borrowed(&grays.plane));
+    let copies = Copies { planes, factor: 1, first: part.first as isize };
+
+    let tracks: Vec<Option<Track>> =
+        seeds.par_iter().map(|seed| track(&copies, part, seed, level)).collect();
+    tracks.into_iter().flatten().collect()
 }
 
 /// Both images, reduced by a factor: all of them or a part.

@@ -70,6 +70,11 @@ impl Point {
             weight: *weight,
         }
     }
+
+    /// The offset less that of a smooth field with these coefficients.
+    pub fn residual(&self, coefficients: &[f64; TERMS]) -> f64 {
+        self.value - coefficients.iter().zip(self.terms).map(|(a, b)| a * b).sum::<f64>()
+    }
 }
 
 /// What is fitted.

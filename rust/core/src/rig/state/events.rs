@@ -1,0 +1,111 @@
+//! What happened to a rig, and when.
+
+/// Most events that are kept: the newest.
+const MOST: usize = 256;
+/// Frames over which what goes on counts as one event.
+const NEAR: u64 = 30;
+
+/// What an event is about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Subject {
+    /// The cameras that a raw pair was rectified by.
+    Cameras,
+    /// The rows of the pair.
+    Rows,
+    /// The range of disparities.
+    Range,
+    /// Which image is the softer one.
+    Blur,
+    /// How much of the match is probably wrong.
+    Health,
+}
+
+impl Subject {
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::Cameras, Self::Rows, Self::Range, Self::Blur, Self::Health];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Cameras => "cameras",
+            Self::Rows => "rows",
+            Self::Range => "range",
+            Self::Blur => "blur",
+            Self::Health => "health",
+        }
+    }
+}
+
+/// Something that happened.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Event {
+    /// What it is about.
+    pub subject: Subject,
+    /// The number of the frame, from 0.
+    pub frame: u64,
+    /// What happened, in a sentence.
+    pub sentence: String,
+}
+
+/// The events of a rig, the oldest first.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Events(Vec<Event>);
+
+impl Events {
+    /// All that are kept.
+    pub fn all(&self) -> &[Event] {
+        &self.0
+    }
+
+    /// Keeps another one.
+    pub fn push(&mut self, subject: Subject, frame: u64, sentence: impl Into<String>) {
+        if self.0.len() == MOST {
+            self.0.remove(0);
+        }
+        self.0.push(Event { subject, frame, sentence: sentence.into() });
+    }
+}
+
+impl Events {
+    /// Keeps another one, in place of the last one of this subject if that is not long ago.
+    pub fn renew(&mut self, subject: Subject, frame: u64, sentence: impl Into<String>) {
+        let is_near = |event: &Event| event.subject == subject && event.frame + NEAR >= frame;
+        if let Some(last) = self.0.iter_mut().rev().find(|event| is_near(event)) {
+            *last = Event { subject, frame, sentence: sentence.into() };
+            return;
+        }
+        self.push(subject, frame, sentence);
+    }
+}
+
+/// A state that changes only where several frames in a row say so.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Steady {
+    /// The state.
+    pub state: i64,
+    /// What it may become.
+    pub next: i64,
+    /// Frames in a row that said so.
+    pub frames: u32,
+}
+
+impl Steady {
+    /// A state from the start.
+    pub fn new(state: i64) -> Self {
+        Self { state, next: state, frames: 0 }
+    }
+
+    /// Takes in what a frame says. Returns the new state, and how many frames ago it began, if so many frames in a row say so.
+    pub fn update(&mut self, said: i64, patience: u32) -> Option<u32> {
+        if said != self.next {
+            (self.next, self.frames) = (said, 0);
+        }
+        self.frames = self.frames.saturating_add(1);
+
+        let has_changed = self.next != self.state && self.frames >= patience;
+        has_changed.then(|| {
+            self.state = self.next;
+            self.frames - 1
+        })
+    }
+}

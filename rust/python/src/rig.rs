@@ -1,0 +1,97 @@
+//! What two cameras are, learned from frame to frame, as Python holds it.
+
+use std::sync::{Arc, Mutex};
+
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::failure::Result;
+use crate::objects::{self, Object};
+use crate::temporal::held;
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::rig::state::events::Event;
+use phasestereo::internals::rig::state::text;
+use phasestereo::internals::rig::state::{Geometry, Rig as State};
+
+/// The cameras of one rig.
+#[pyclass(module = "phasestereo._core", frozen)]
+#[derive(Debug, Default)]
+pub struct Rig(Arc<Mutex<State>>);
+
+#[pymethods]
+impl Rig {
+    /// A rig of a text; None: one that has seen nothing.
+    #[new]
+    fn new(written: Option<&str>) -> Result<Self> {
+        let state = written.map(|written| text::read(written, &Control::default())).transpose()?;
+        Ok(Self(Arc::new(Mutex::new(state.unwrap_or_default()))))
+    }
+
+    /// The rig as text.
+    #[getter]
+    fn text(&self) -> Result<String> {
+        Ok(text::written(&*held(&self.0, "rig")?))
+    }
+
+    /// Frames so far.
+    #[getter]
+    fn frames(&self) -> Result<u64> {
+        Ok(held(&self.0, "rig")?.frames)
+    }
+
+    /// The share of the match that is probably wrong.
+    #[getter]
+    fn health(&self) -> Result<f64> {
+        Ok(held(&self.0, "rig")?.health.unwrap_or(f64::NAN))
+    }
+
+    /// What happened: the subject of each event, its frame, and a sentence.
+    #[getter]
+    fn events(&self) -> Result<Vec<(&'static str, u64, String)>> {
+        let rig = held(&self.0, "rig")?;
+        let event = |event: &Event| (event.subject.name(), event.frame, event.sentence.clone());
+        Ok(rig.events.all().iter().map(event).collect())
+    }
+
+    /// The least and the number of the disparities; None: nothing is known.
+    #[getter]
+    fn disparities(&self) -> Result<Option<(i64, i64)>> {
+        let rig = held(&self.0, "rig")?;
+        let range = |geometry: &Geometry| {
+            let searched = &geometry.columns.searched;
+            (searched.start, searched.end - searched.start)
+        };
+        Ok(rig.geometry.as_ref().map(range))
+    }
+
+    /// The field of rows; None: nothing is known.
+    #[getter]
+    fn field<'py>(&self, py: Python<'py>) -> Result<Option<Object<'py>>> {
+        let rig = held(&self.0, "rig")?;
+        let Some(geometry) = &rig.geometry else { return Ok(None) };
+        let Some(offsets) = geometry.field.offsets()? else { return Ok(None) };
+        objects::alignment_of(py, &offsets, geometry.straightens.state == 1).map(Some)
+    }
+
+    /// The cameras of raw images, and the size of these; None: images are rectified, or nothing is known.
+    #[getter]
+    #[expect(clippy::type_complexity, reason = "what Python unpacks")]
+    fn cameras<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> Result<Option<(Bound<'py, PyDict>, (usize, usize))>> {
+        let rig = held(&self.0, "rig")?;
+        let geometry = rig.geometry.as_ref();
+        let raw = geometry.and_then(|geometry| Some((geometry.cameras.as_ref()?, geometry.size)));
+        let cameras = raw
+            .map(|(raw, size)| Ok((objects::calibration(py, &raw.rectification.cameras)?, size)));
+        cameras.transpose()
+    }
+}
+
+impl Rig {
+    /// The cameras, for a call.
+    pub fn shared(&self) -> Arc<Mutex<State>> {
+        Arc::clone(&self.0)
+    }
+}

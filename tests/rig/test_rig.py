@@ -1,0 +1,218 @@
+"""A rig learns from frame to frame what its cameras are, and notices what changes."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import phasestereo as ps
+from phasestereo_bench.degradation import Degradation, disk_psf
+from phasestereo_bench.rendering import render_pair
+from phasestereo_bench.rigs.geometry import Misaligned
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    Image = NDArray[np.uint8]
+
+EDGE = 40  # pixels of the rendered scene on either side of a frame
+SIZE = 240, 320
+COUNT = 32
+
+
+@cache
+def scene() -> Any:
+    return render_pair(3, height=SIZE[0] + EDGE, width=SIZE[1] + 2 * EDGE, num_disparities=COUNT)
+
+
+def cut(image: Image, rows: int = 0, columns: int = 0) -> Image:
+    top, left = EDGE // 2 + rows, EDGE + columns
+    return image[top : top + SIZE[0], left : left + SIZE[1]]
+
+
+def noisy(image: NDArray[Any], seed: int) -> Image:
+    noise = np.random.default_rng(seed).normal(0, 2, image.shape)
+    return np.clip(image + noise, 0, 255).astype(np.uint8)
+
+
+def frame(index: int, *, rows: int = 0, columns: int = 0, gain: float = 1.0) -> Any:
+    """Return one frame with fresh noise, its right image moved, both exposed longer."""
+    images = cut(scene().left), cut(scene().right, rows, columns)
+    return tuple(noisy(image * gain, 2 * index + side) for side, image in enumerate(images))
+
+
+def wrong(result: ps.Result, nearer: int = 0) -> float:
+    """Return the share of the pixels that is off by more than a pixel."""
+    return float(np.mean(~(np.abs(result.disparity - cut(scene().truth) - nearer) <= 1)))
+
+
+def test_rows_are_known_better_with_every_frame_and_a_straight_pair_stays_as_it_is() -> None:
+    rig = ps.Rig(preset="fast")
+    for index in range(12):
+        rig.match(*frame(index))
+    assert rig.field is not None
+    assert rig.field.rms < 0.06
+    assert rig.field.error < 0.1
+    assert not rig.field.applied
+    assert rig.events == ()
+
+
+def test_rows_that_move_are_right_in_that_frame() -> None:
+    rig, steady = ps.Rig(preset="fast"), ps.TemporalFilter()
+    before = [rig.match(*frame(index), temporal_filter=steady) for index in range(4)]
+    after = rig.match(*frame(4, rows=-2), temporal_filter=steady)
+
+    assert wrong(after) < wrong(before[-1]) + 0.03
+    assert after.temporal_support is not None
+    assert after.temporal_support.max() == 1
+    assert after.alignment is not None
+    assert after.alignment.applied
+    assert after.alignment.coefficients[0] == pytest.approx(2, abs=0.1)
+    assert [(event.subject, event.frame) for event in rig.events] == [("rows", 4)]
+
+
+def test_rows_that_begin_to_sway_are_found_in_each_frame_until_they_come_to_rest() -> None:
+    rig, heights = ps.Rig(preset="fast"), [0.0] * 3 + [1.5, -1.0, 2.0] + [0.0] * 22
+    results = []
+    for index, height in enumerate(heights):
+        left, right = frame(index)
+        shaken = Misaligned(wobble=height)(
+            replace(scene(), left=left, right=right, truth=None), "right"
+        )
+        results.append(rig.match(left, shaken.right))
+
+    swaying = [bool(one.alignment and one.alignment.sway) for one in results]
+    assert swaying == [height != 0 for height in heights]
+    assert max(map(wrong, results)) < wrong(results[0]) + 0.03
+    events = [(event.frame, event.sentence[:14]) for event in rig.events]
+    assert events == [(3, "rows sway from"), (25, "rows sway no m")]
+    assert rig.field is not None
+    assert rig.field.rms < 0.12
+
+
+def test_the_range_keeps_up_with_things_that_come_nearer() -> None:
+    rig, steady = ps.Rig(preset="fast"), ps.TemporalFilter()
+    for index in range(16):
+        result = rig.match(*frame(index, columns=index), temporal_filter=steady)
+        assert result.search is not None
+        most = result.search.min_disparity + result.search.num_disparities - 1
+        assert most >= np.nanpercentile(cut(scene().truth), 99.9) + index
+        assert wrong(result, nearer=index) < 0.25
+    assert [event.subject for event in rig.events] == ["range"]
+
+
+def test_an_exposure_that_pumps_moves_nothing() -> None:
+    rig, steady = ps.Rig(preset="fast"), ps.TemporalFilter()
+    gains = 1 + 0.5 * np.sin(np.arange(14))
+    maps = [
+        rig.match(*frame(index, gain=gain), temporal_filter=steady)
+        for index, gain in enumerate(gains)
+    ]
+    pairs = pairwise(maps[6:])
+    jumps = [np.mean(np.abs(two.disparity - one.disparity) > 1) for one, two in pairs]
+    assert np.mean(jumps) < 0.02
+    assert not any(one.alignment.applied for one in maps if one.alignment)
+
+
+def test_an_image_that_becomes_soft_is_an_event() -> None:
+    rig = ps.Rig()
+    soft = Degradation(disk_psf(3.0))
+    for index in range(8):
+        left, right = frame(index)
+        rig.match(soft(left) if index >= 3 else left, right)
+    events = [(event.subject, event.frame, event.sentence) for event in rig.events]
+    assert events == [("blur", 3, "the left image is the softer one")]
+
+
+def test_a_saved_rig_goes_on_to_the_bit(tmp_path: Path) -> None:
+    rig = ps.Rig(preset="fast")
+    for index in range(3):
+        rig.match(*frame(index))
+    rig.save(tmp_path / "rig.txt")
+
+    loaded = ps.Rig.load(tmp_path / "rig.txt", preset="fast")
+    copied = pickle.loads(pickle.dumps(rig))  # noqa: S301 -- our own
+    results = [one.match(*frame(3, rows=1)) for one in (rig, loaded, copied)]
+    for result in results[1:]:
+        np.testing.assert_array_equal(result.disparity, results[0].disparity)
+    for one in (loaded, copied):
+        one.save(tmp_path / "again.txt")
+        rig.save(tmp_path / "rig.txt")
+        assert (tmp_path / "again.txt").read_text() == (tmp_path / "rig.txt").read_text()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [("rig 1", "rig 2"), ("field ", "field nan "), ("start", "begin"), ("size 240", "size 0"),
+     ("event", "event x")],
+)  # fmt: skip
+def test_a_damaged_file_is_refused(tmp_path: Path, change: tuple[str, str]) -> None:
+    path = tmp_path / "rig.txt"
+    rig = ps.Rig(preset="fast")
+    for index in range(5):
+        rig.match(*frame(index, rows=-2 if index == 4 else 0))
+    rig.save(path)
+    path.write_text(path.read_text().replace(*change))
+    with pytest.raises(ValueError, match=r"rig\.txt: (rig|alignment): got"):
+        ps.Rig.load(path)
+
+
+def test_images_of_another_size_and_failures() -> None:
+    rig = ps.Rig(preset="fast")
+    rig.match(*frame(0))
+    known = rig.disparities
+    with pytest.raises(ValueError, match="^right: got"):
+        rig.match(frame(1)[0], frame(1)[1][:20])
+    assert (rig.frames, rig.disparities) == (1, known)
+
+    left, right = frame(1)
+    rig.match(left[:, :200], right[:, :200])
+    assert rig.frames == 2
+    assert "200 x 240" in rig.events[-1].sentence
+    with pytest.raises(ValueError, match="^rig: its images needed no rectification"):
+        rig.export("rig.yml")
+
+
+def test_a_right_camera_of_half_the_resolution_is_followed() -> None:
+    rig = ps.Rig(preset="fast")
+    for index in range(3):
+        left, right = frame(index)
+        right = right.reshape(SIZE[0] // 2, 2, SIZE[1] // 2, 2, -1).mean(axis=(1, 3))
+        last, alone = rig.match(left, right), ps.match(left, right, preset="fast")
+    assert wrong(last) < wrong(alone) + 0.02
+    assert [one.topic for one in last.findings] == [one.topic for one in alone.findings]
+    assert rig.events == ()
+
+
+def test_an_anchor_says_what_no_pair_shows() -> None:
+    assert ps.Rig().offset is None
+    assert ps.Rig(anchor=(1.5, 0)).offset == (-1.5, 0.1)
+    plane = np.full(400, 20.0) + np.random.default_rng(0).normal(0, 4, 400)
+    offset = ps.Rig(anchor=(plane, np.full(400, 21.0))).offset
+    assert offset is not None
+    assert offset[0] == pytest.approx(1, abs=0.5)
+    assert offset[1] == pytest.approx(0.2, abs=0.03)
+    for anchor in ((np.nan, 1.0), 3.0, ("a", 1.0)):
+        with pytest.raises((TypeError, ValueError), match="^anchor: got"):
+            ps.Rig(anchor=anchor)  # type: ignore[arg-type]  # the point
+
+
+def test_raw_frames_of_a_real_rig_are_followed(data: Path) -> None:
+    rig = ps.Rig()
+    errors = []
+    for left in sorted((data / "rigs" / "euroc" / "cam0").glob("*.png"))[:3]:
+        rig.match(left, left.parents[1] / "cam1" / left.name)
+        assert rig.field is not None
+        errors.append(rig.field.error)
+    assert errors[-1] < errors[0]
+    assert rig.field is not None
+    assert rig.field.applied
+    assert len(rig.events) <= 1
