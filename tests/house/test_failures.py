@@ -1,9 +1,12 @@
-"""What a failing test says: about a line, however large what it compares."""
+"""Tests can fail: saying little, not by skipping unseen; and changes of the core are noticed."""
 
 import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
+import mutants
 from conftest import ENVIRONMENT, ROOT
 
 FAILING = """
@@ -57,3 +60,15 @@ def test_nothing_skips_on_ci_but_what_no_machine_of_it_has(tmp_path: Path) -> No
         assert f"nothing may skip on CI: {reason}" in said
 
     assert "1 error" in _said(tmp_path, test_skipping="", test_whole=SKIPPING_WHOLE)
+
+
+def test_changes_of_the_core_that_no_test_notices_are_counted_and_named() -> None:
+    outcomes = [
+        {"scenario": "Baseline", "summary": "Success"},
+        {"scenario": {"Mutant": {"name": "a.rs:1: replace + with -"}}, "summary": "MissedMutant"},
+        {"scenario": {"Mutant": {"name": "b.rs:2: replace + with -"}}, "summary": "CaughtMutant"},
+    ]
+    found = {"caught": 17, "timeout": 2, "missed": 1, "unviable": 5, "outcomes": outcomes}
+    assert mutants.judged(found) == (0.95, ["a.rs:1: replace + with -"])
+    with pytest.raises(SystemExit, match="^nothing was changed$"):
+        mutants.judged(found | {"caught": 0, "timeout": 0, "missed": 0})
