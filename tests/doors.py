@@ -189,6 +189,15 @@ class Samples:
         text = (f"{name}: {np.asarray(value).tolist()}" for name, value in rig.items())
         (self / "rig.yml").write_text("\n".join(text))
         ps.rectify(self.left, self.right, rig).save(self / "rectification.npz")
+        learned = ps.Rig(num_disparities=COUNT, preset="fast")
+        learned.match(self.left, self.right)
+        learned.save(self / "learned.txt")
+        # Its images need no rectification, and those of cameras that are to be exported do.
+        cameras = {"numbers": 14 * [0], "spreads": 14 * [1], "shifts": 4 * [0]}
+        cameras |= {"counts": [9, 9, 9, 1], "disparities": [0, 1, 2], "errors": 8 * [0]}
+        with (self / "learned.txt").open("a") as file:
+            for name, values in cameras.items():
+                print(name, *values, file=file)
 
         def read(start: int, end: int) -> Any:
             return self.left[start:end], self.right[start:end], None, None
@@ -241,6 +250,7 @@ def doors(of: Samples) -> dict[str, list[tuple[str, Callable[[Path], Any]]]]:  #
     pairs: dict[str, Callable[..., Any]] = {
         "Matcher.match": partial(ps.Matcher(preset="fast").match, num_disparities=COUNT),
         "Rectification.apply": apply,
+        "Rig.match": ps.Rig(num_disparities=COUNT, preset="fast").match,
         "check": ps.check,
         "estimate_blur": ps.estimate_blur,
         "match": partial(ps.match, **search),
@@ -257,6 +267,9 @@ def doors(of: Samples) -> dict[str, list[tuple[str, Callable[[Path], Any]]]]:  #
     add("phasestereo.calibrate(left)", "video.mkv", ps.calibrate)
     add("phasestereo.calibrate(right)", "video.mkv", partial(ps.calibrate, of / "video.mkv"))
     add("phasestereo.Rectification.load(path)", "rectification.npz", ps.Rectification.load)
+    add("phasestereo.Rig.load(path)", "learned.txt", ps.Rig.load)
+    add("phasestereo.Rig.save(path)", ">a.txt", ps.Rig.load(of / "learned.txt").save)
+    add("phasestereo.Rig.export(path)", ">a.yaml", ps.Rig.load(of / "learned.txt").export)
 
     readers = {"calibration": "calib.txt", "depth": "depth.npy", "disparity": "map.pfm"}
     readers |= {"image": "left.png map.pfm depth.npy", "pfm": "map.pfm", "q": "q.txt"}
