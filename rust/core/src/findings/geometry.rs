@@ -371,6 +371,11 @@ fn softer(blur: &blur::Blur, area: Option<f64>) -> Option<Finding> {
     };
     let area =
         area.map_or(String::new(), |share| format!(", over {} of the image", percent(share)));
+    let done = if blur.is_slight() {
+        "it is so slight that a match does better as the images are"
+    } else {
+        "robust matching compensates it"
+    };
     let hint = match blur.psf.map(|psf| psf.family) {
         Some(Family::Gaussian | Family::Disk | Family::Annulus) => "its focus",
         Some(Family::Motion) | None => "its mount and its exposure time",
@@ -379,7 +384,7 @@ fn softer(blur: &blur::Blur, area: Option<f64>) -> Option<Finding> {
     Some(Finding::new(
         Topic::Blur,
         Severity::of(spread(blur), BLUR),
-        format!("the {side} image is {what}{area}: check {hint}; robust matching compensates it"),
+        format!("the {side} image is {what}{area}: check {hint}; {done}"),
     ))
 }
 

@@ -95,6 +95,9 @@ const QUIET: usize = 10;
 /// measured for noise of a known level on the suite's scenes.
 const QUIET_BIAS: f32 = 1.28;
 
+/// Share of the texture of 4 pixels' period that a slight blur leaves.
+const SLIGHT: f64 = 0.3;
+
 /// A kind of relative blur.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Blur {
@@ -106,6 +109,15 @@ pub struct Blur {
     pub taps: Option<Taps>,
     /// The blur of the sharper image, if it lacks something as well: the softer one has to be convolved with it.
     pub other: Option<Psf>,
+}
+
+impl Blur {
+    /// Whether there is no blur, or so slight a one that to give it to the sharper image, too, would cost more detail than the
+    /// difference does: codes are of phase, which a symmetric blur leaves alone.
+    pub fn is_slight(&self) -> bool {
+        let leaves_most = |taps: &Taps| taps.least_response() >= SLIGHT;
+        self.other.is_none() && self.taps.as_ref().is_none_or(leaves_most)
+    }
 }
 
 /// The relative blur and the noise of a pair.
