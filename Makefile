@@ -4,7 +4,13 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 CORE := python/phasestereo/_core.abi3.so
-C_LIBRARY := target/c/release/libphasestereo.so
+# Where `make c` installs to, below DESTDIR.
+PREFIX ?= $(CURDIR)/target/c/installed
+TOOLS := target/tools/bin
+# There are some 8300 places that `make mutants` could change: each week each PART of three takes others, over all files.
+SHARDS := 249
+PART ?= 0
+SHARD = $(shell expr \( `date +%s` / 604800 \* 3 + $(PART) \) % $(SHARDS))
 # Distributions on top of the core: installed from here before anything asks for them, so that PyPI is not asked.
 OURS := python/phasestereo-live python/phasestereo-large python/pandora-plugin-phasestereo benches/harness
 RUST := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name Cargo.toml)
@@ -15,7 +21,7 @@ BEGUN = touch $@.begun
 DONE = touch -r $@.begun $@ && rm $@.begun
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-core test-arm64 fuzz soak lint format settings bench tables bench-core docs wheel c web hooks clean
+.PHONY: help demo test test-wheel test-core test-arm64 fuzz soak nightly mutants lint format settings bench tables bench-core docs wheel c web hooks clean
 
 help: ## List the commands
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 18
@@ -30,6 +36,14 @@ test: $(VENV)/counterparts ## Build and run all the tests on every core; on two 
 	cargo test --locked --doc
 	cargo build --locked --profile test --lib --test '*' # tests in Python link to the C library
 	$(BIN)/python -m pytest --numprocesses auto --dist worksteal
+	$(MAKE) test-wheel
+
+test-wheel: $(VENV)/ready $(CORE) ## Try the wheel in an empty environment; with CI=true the source distribution, too, in 3 minutes
+	rm -rf target/wheel
+	$(BIN)/maturin build --release --locked --out target/wheel
+	$(BIN)/python tests/smoke_wheel.py target/wheel/*.whl
+	test "$$CI" != true || { $(BIN)/maturin sdist --out target/wheel && \
+		CARGO_TARGET_DIR="$(CURDIR)/target" $(BIN)/python tests/smoke_wheel.py target/wheel/*.tar.gz; }
 
 test-core: $(VENV)/harness $(VENV)/dev ## Test the matcher alone: its stages and its Python face
 	CARGO_PROFILE_TEST_OPT_LEVEL=0 cargo test --locked --lib
@@ -45,6 +59,14 @@ fuzz: $(VENV)/counterparts ## Tests by new random examples, mutated files, stran
 
 soak: $(CORE) ## Stream pairs with faults through one Matcher (make soak ARGS="--seconds 3600"; 5 minutes)
 	$(BIN)/python benches/soak.py $(ARGS)
+
+nightly: $(VENV)/counterparts ## Hold 300 spoiled pairs to one map each (of PHASESTEREO_DATA, if set), fuzz and soak: 90 minutes
+	$(BIN)/python tests/determinism.py --pairs 300 --seed "$$(date +%Y%m%d)" $(if $(PHASESTEREO_DATA),--data "$(PHASESTEREO_DATA)")
+	$(MAKE) fuzz ARGS="--seconds 1800"
+	$(MAKE) soak ARGS="--seconds 1800"
+
+mutants: $(TOOLS)/cargo-mutants $(VENV)/ready ## Change the core in 33 places, one at a time: tests notice 95 %; hours (ARGS="--file '**/halo.rs'")
+	PATH="$(CURDIR)/$(TOOLS):$$PATH" $(BIN)/python tests/mutants.py $(or $(ARGS),--sharding round-robin --shard $(SHARD)/$(SHARDS))
 
 lint: $(VENV)/counterparts ## Check formats, lints, types, stubs and the documentation of the code, about a minute
 	cargo fmt --all --check
@@ -78,7 +100,9 @@ docs: $(VENV)/counterparts web/phasestereo.wasm ## Build the documentation, and 
 wheel: $(VENV)/ready ## Build a wheel into dist/
 	$(BIN)/maturin build --release --locked --out dist
 
-c: $(C_LIBRARY) ## Build the C libraries into target/c/release/ (header: rust/c/phasestereo.h)
+c: $(TOOLS)/cargo-cinstall ## Build the C libraries, and install them by cargo-c below PREFIX (make c PREFIX=/usr/local)
+	PATH="$(CURDIR)/$(TOOLS):$$PATH" cargo cinstall --release --locked --package phasestereo-c --target-dir target/c \
+		--prefix "$(PREFIX)" --libdir "$(PREFIX)/lib" --destdir "$(or $(DESTDIR),/)"
 
 web: $(VENV)/page web/phasestereo.wasm ## Build the core for browsers, and the page "try it" with it into web/dist/
 	$(BIN)/python docs/try_page.py web/dist
@@ -118,9 +142,12 @@ $(CORE): $(VENV)/ready pyproject.toml $(RUST)
 	@$(ALONE) '$(BEGUN); env -u CONDA_PREFIX VIRTUAL_ENV="$(CURDIR)/$(VENV)" \
 		$(BIN)/maturin develop --release --locked; $(BIN)/python rust/python/write_settings.py || { rm -f $@; exit 1; }; $(DONE)'
 
-$(C_LIBRARY): $(RUST)
-	mkdir -p $(@D)
-	$(ALONE) '$(BEGUN); cargo build --release --locked --package phasestereo-c --target-dir target/c; $(DONE)'
+$(TOOLS)/cargo-mutants:
+	cargo install --debug --locked --root target/tools --version 27.1.0 cargo-mutants
+
+# Newer ones want a newer Rust. Compiled without optimization, in four minutes.
+$(TOOLS)/cargo-cinstall:
+	cargo install --debug --locked --root target/tools --version 0.10.24 cargo-c
 
 web/phasestereo.wasm: $(RUST) web/build.sh web/toolchain.sh
 	$(ALONE) '$(BEGUN); web/build.sh; $(DONE)'

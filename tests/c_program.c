@@ -36,7 +36,7 @@ static void tell(const phasestereo_found *found) {
 
 static void tell_findings(const char *call) {
     static const char *const severities[] = {"ok", "note", "warning"};
-    phasestereo_finding finding;
+    phasestereo_finding finding = {sizeof finding, NULL, NULL, 0};
     for (uint32_t at = 0; phasestereo_get_finding(at, &finding) == 1; at++) {
         printf("%s %s|%s|%s\n", call, finding.topic, severities[finding.severity], finding.sentence);
     }
@@ -51,10 +51,12 @@ int main(int count, char **arguments) {
     const size_t bytes = (size_t)labs((long)stride) * height, pixels = (size_t)width * height;
 
     /* With a negative stride the first row is the last one in memory. */
-    char *left_data = (char *)read_all(arguments[1], bytes), *right_data = (char *)read_all(arguments[2], bytes);
+    static char *left_data, *right_data; /* where a sanitizer finds them if the program ends early */
+    left_data = (char *)read_all(arguments[1], bytes);
+    right_data = (char *)read_all(arguments[2], bytes);
     const size_t first = stride < 0 ? bytes + stride : 0;
-    phasestereo_image left = {left_data + first, stride, width, height, channels, bits};
-    phasestereo_image right = {right_data + first, stride, width, height, channels, bits};
+    phasestereo_image left = {sizeof left, left_data + first, stride, width, height, channels, bits};
+    phasestereo_image right = {sizeof right, right_data + first, stride, width, height, channels, bits};
 
     const phasestereo_setting settings[] = {{"median", "0"}, {"min_confidence", " 0.25 "}, {"lr_check", "none"}};
     const int is_preset = strcmp(arguments[8], "settings") != 0;
@@ -65,11 +67,14 @@ int main(int count, char **arguments) {
         return 1;
     }
 
-    float *planes = (float *)room(3 * pixels * sizeof(float));
-    uint16_t *flags = (uint16_t *)room(pixels * sizeof(uint16_t));
+    static float *planes;
+    static uint16_t *flags;
+    planes = (float *)room(3 * pixels * sizeof(float));
+    flags = (uint16_t *)room(pixels * sizeof(uint16_t));
     const ptrdiff_t row = (ptrdiff_t)(width * sizeof(float));
-    const phasestereo_map map = {planes, row, flags, row / 2, planes + pixels, row, planes + 2 * pixels, row};
+    const phasestereo_map map = {sizeof map, planes, row, flags, row / 2, planes + pixels, row, planes + 2 * pixels, row};
     phasestereo_found found, checked;
+    found.struct_size = checked.struct_size = sizeof found;
     phasestereo_status status = phasestereo_match(matcher, &left, &right, 0, disparities, &map, &found);
     if (status != PHASESTEREO_STATUS_OK) {
         printf("%d %s\n", status, phasestereo_error());
@@ -79,7 +84,7 @@ int main(int count, char **arguments) {
     tell_findings("matched");
 
     /* What a check finds is what the match has found; and a map that nobody wants is not written. */
-    const phasestereo_map nothing = {NULL, 0, NULL, 0, NULL, 0, NULL, 0};
+    const phasestereo_map nothing = {sizeof nothing, NULL, 0, NULL, 0, NULL, 0, NULL, 0};
     if (phasestereo_check(matcher, &left, &right, 0, disparities, &checked) != PHASESTEREO_STATUS_OK) return 3;
     if (checked.num_disparities != found.num_disparities) return 3;
     tell_findings("checked");

@@ -62,7 +62,8 @@ _NOT_OPENED = {
 _REFUSING = {
     "phasestereo.rectify(others)", "rectify --images-from",
     "phasestereo.calibrate(left)", "phasestereo.calibrate(right)", "calibrate LEFT",
-    "calibrate RIGHT",
+    "calibrate RIGHT", "rig test LEFT", "rig test RIGHT", "rig test --rig",
+    "rig test --calibration", "rig test --save",
 }  # fmt: skip
 """What opens so small a pair, and then refuses it."""
 
@@ -108,11 +109,13 @@ def _paths(function: Any) -> list[str]:
 
 
 def _of_commands() -> Iterator[str]:
-    for command in cli.app:
-        if not command.startswith("-") and command not in ("bench", "demo"):  # of the harness
-            for one in cli.app[command].assemble_argument_collection(parse_docstring=False):
-                if "Path" in str(one.hint) or "str" in str(one.hint):
-                    yield f"{command} {one.name}"
+    commands = [name for name in cli.app if name not in ("bench", "demo")]  # of the harness
+    named = {name: cli.app[name] for name in commands if not name.startswith("-")}
+    named["rig test"] = named.pop("rig")["test"]
+    for command, app in named.items():
+        for one in app.assemble_argument_collection(parse_docstring=False):
+            if "Path" in str(one.hint) or "str" in str(one.hint):
+                yield f"{command} {one.name}"
 
 
 # How each door is called
@@ -189,6 +192,15 @@ class Samples:
         text = (f"{name}: {np.asarray(value).tolist()}" for name, value in rig.items())
         (self / "rig.yml").write_text("\n".join(text))
         ps.rectify(self.left, self.right, rig).save(self / "rectification.npz")
+        learned = ps.Rig(num_disparities=COUNT, preset="fast")
+        learned.match(self.left, self.right)
+        learned.save(self / "learned.txt")
+        # Its images need no rectification, and those of cameras that are to be exported do.
+        cameras = {"numbers": 14 * [0], "spreads": 14 * [1], "shifts": 4 * [0]}
+        cameras |= {"counts": [9, 9, 9, 1], "disparities": [0, 1, 2], "errors": 8 * [0]}
+        with (self / "learned.txt").open("a") as file:
+            for name, values in cameras.items():
+                print(name, *values, file=file)
 
         def read(start: int, end: int) -> Any:
             return self.left[start:end], self.right[start:end], None, None
@@ -241,6 +253,7 @@ def doors(of: Samples) -> dict[str, list[tuple[str, Callable[[Path], Any]]]]:  #
     pairs: dict[str, Callable[..., Any]] = {
         "Matcher.match": partial(ps.Matcher(preset="fast").match, num_disparities=COUNT),
         "Rectification.apply": apply,
+        "Rig.match": ps.Rig(num_disparities=COUNT, preset="fast").match,
         "check": ps.check,
         "estimate_blur": ps.estimate_blur,
         "match": partial(ps.match, **search),
@@ -257,6 +270,9 @@ def doors(of: Samples) -> dict[str, list[tuple[str, Callable[[Path], Any]]]]:  #
     add("phasestereo.calibrate(left)", "video.mkv", ps.calibrate)
     add("phasestereo.calibrate(right)", "video.mkv", partial(ps.calibrate, of / "video.mkv"))
     add("phasestereo.Rectification.load(path)", "rectification.npz", ps.Rectification.load)
+    add("phasestereo.Rig.load(path)", "learned.txt", ps.Rig.load)
+    add("phasestereo.Rig.save(path)", ">a.txt", ps.Rig.load(of / "learned.txt").save)
+    add("phasestereo.Rig.export(path)", ">a.yaml", ps.Rig.load(of / "learned.txt").export)
 
     readers = {"calibration": "calib.txt", "depth": "depth.npy", "disparity": "map.pfm"}
     readers |= {"image": "left.png map.pfm depth.npy", "pfm": "map.pfm", "q": "q.txt"}
@@ -410,6 +426,13 @@ def _add_commands(add: Callable[..., None], of: Samples) -> None:
         "calibrate RIGHT": ("video.mkv", ("calibrate", of / "video.mkv", ...)),
         "calibrate --output": (">a.yaml", ("calibrate", of / "boards", "-o", ...)),
         "calibrate --page": (">a.html", ("calibrate", of / "boards", "--page", ...)),
+        "rig test LEFT": ("left.png", ("rig", "test", ..., right)),
+        "rig test RIGHT": ("right.png", ("rig", "test", left, ...)),
+        "rig test --rig": ("learned.txt", ("rig", "test", "--rig", ..., "--json")),
+        "rig test --calibration": (
+            "rig.npz rig.yml", ("rig", "test", left, right, "--calibration", ...)
+        ),
+        "rig test --save": (">a.txt", ("rig", "test", left, right, "--save", ...)),
         "live SOURCE": ("video.mkv bag.mcap bag.bag", ("live", ..., "--json", *SEARCH)),
         "live RIGHT": ("video.mkv", ("live", of / "video.mkv", ..., "--json", *SEARCH)),
         "live --rectify": (

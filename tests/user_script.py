@@ -67,6 +67,10 @@ def matched(left: Image, right: Image) -> Map:
     matcher = ps.Matcher(settings=settings, threads=1)
     steady = ps.TemporalFilter()
     again = matcher.match(left, right, temporal_filter=steady)
+    rig = ps.Rig(preset="fast", threads=1)
+    rig.match(left, right)
+    events: tuple[ps.Event, ...] = rig.events
+    use(rig.health, [str(event) for event in events])
     seconds: float = sum(again.timings.values())
     use(again.settings.window, matcher.threads, seconds, again.temporal_support)
 

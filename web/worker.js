@@ -1,11 +1,12 @@
 // Loads the core's WebAssembly and works off what matcher.js asks for, one call after another.
 
-// Layouts of the C interface's structs, see rust/c/phasestereo.h; pointers take four bytes.
-const IMAGE = 24;
-const MAP = 32;
-const FOUND = 480;
+// Sizes of the C interface's structs, see rust/c/phasestereo.h; each begins with its own, but for those of lists. Pointers
+// and sizes take four bytes.
+const IMAGE = 28;
+const MAP = 36;
+const FOUND = 488;
 const BLUR = 32;
-const FINDING = 12;
+const FINDING = 16;
 const RGBA = 2;
 
 const STATUS_OK = 0;
@@ -62,22 +63,22 @@ function texture(shift) {
 
 async function check({ left, right, minDisparity, numDisparities }) {
   await start();
-  return borrowed(({ image, memory }) => {
-    const [first, second, found] = [image(left, "left"), image(right, "right"), memory(FOUND)];
+  return borrowed(({ image, sized }) => {
+    const [first, second, found] = [image(left, "left"), image(right, "right"), sized(FOUND)];
     const matcher = matcherOf("robust");
     refuse(core.phasestereo_check(matcher, first, second, minDisparity, numDisparities, found));
-    return { ...readFound(found), findings: readFindings(memory(FINDING)) };
+    return { ...readFound(found), findings: readFindings(sized(FINDING)) };
   });
 }
 
 async function match({ left, right, preset, minDisparity, numDisparities }) {
   await start();
-  return borrowed(({ image, memory }) => {
+  return borrowed(({ image, memory, sized }) => {
     const { width, height } = left;
-    const [first, second, found] = [image(left, "left"), image(right, "right"), memory(FOUND)];
+    const [first, second, found] = [image(left, "left"), image(right, "right"), sized(FOUND)];
     const planes = [4, 2, 4, 4].map((bytes) => ({ start: memory(bytes * width * height), bytes }));
     const map = memory(MAP);
-    const fields = planes.flatMap(({ start, bytes }) => [start, bytes * width]);
+    const fields = [MAP, ...planes.flatMap(({ start, bytes }) => [start, bytes * width])];
     new Uint32Array(core.memory.buffer, map, fields.length).set(fields);
 
     const matcher = matcherOf(preset);
@@ -99,7 +100,7 @@ async function match({ left, right, preset, minDisparity, numDisparities }) {
       flags,
       confidence: Number.isNaN(confidence[0]) ? null : confidence,
       uncertainty: Number.isNaN(confidence[0]) ? null : uncertainty, // both are there, or none is
-      found: { ...readFound(found), findings: readFindings(memory(FINDING)) },
+      found: { ...readFound(found), findings: readFindings(sized(FINDING)) },
       milliseconds,
     };
   });
@@ -134,6 +135,11 @@ function borrowed(work) {
   try {
     return work({
       memory,
+      sized: (bytes) => {
+        const start = memory(bytes);
+        new Uint32Array(core.memory.buffer, start, 1).set([bytes]);
+        return start;
+      },
       image: (image, name) => writeImage(memory, image, name),
       text: (text) => writeText(memory, text),
     });
@@ -150,7 +156,7 @@ function writeImage(memory, { width, height, data }, name) {
   const pixels = memory(data.length);
   const image = memory(IMAGE);
   new Uint8Array(core.memory.buffer, pixels, data.length).set(data);
-  const fields = [pixels, 4 * width, width, height, RGBA, 8];
+  const fields = [IMAGE, pixels, 4 * width, width, height, RGBA, 8];
   new Uint32Array(core.memory.buffer, image, fields.length).set(fields);
   return image;
 }
@@ -174,7 +180,7 @@ function readError() {
 function readFindings(place) {
   const findings = [];
   while (core.phasestereo_get_finding(findings.length, place) === 1) {
-    const [topic, sentence, severity] = new Uint32Array(core.memory.buffer, place, 3);
+    const [, topic, sentence, severity] = new Uint32Array(core.memory.buffer, place, 4);
     findings.push({
       topic: readText(topic),
       severity: SEVERITIES[severity],
@@ -199,7 +205,7 @@ function readFound(start) {
   const both = (offset) => (number(offset) === null ? null : [number(offset), number(offset + 8)]);
   const count = (offset) => view.getInt32(offset, true);
   const blur = (index) => {
-    const offset = 176 + BLUR * index;
+    const offset = 184 + BLUR * index;
     return {
       size: number(offset),
       angle: number(offset + 8),
@@ -209,32 +215,32 @@ function readFound(start) {
     };
   };
   const rows = {
-    coefficients: Array.from({ length: 8 }, (_, term) => number(24 + 8 * term)),
-    rms: number(88),
-    error: number(96),
-    spread: number(104),
-    sway: number(472),
-    blocks: count(436),
-    applied: count(440) === 1,
+    coefficients: Array.from({ length: 8 }, (_, term) => number(32 + 8 * term)),
+    rms: number(96),
+    error: number(104),
+    spread: number(112),
+    sway: number(480),
+    blocks: count(444),
+    applied: count(448) === 1,
   };
   return {
     range: {
-      minDisparity: count(444),
-      numDisparities: count(448),
-      origin: ORIGINS[count(452)],
-      confidence: number(0),
-      low: number(8),
-      high: number(16),
-      swapped: count(456) === 1,
-      mixed: count(460) === 1,
+      minDisparity: count(452),
+      numDisparities: count(456),
+      origin: ORIGINS[count(460)],
+      confidence: number(8),
+      low: number(16),
+      high: number(24),
+      swapped: count(464) === 1,
+      mixed: count(468) === 1,
     },
     rows: rows.blocks > 0 ? rows : null,
-    blur: Array.from({ length: count(432) }, (_, index) => blur(index)),
-    certainty: number(112),
-    contrast: number(120),
-    noise: both(128),
-    impulses: both(144),
-    coding: both(160),
-    inverted: count(464) === 1,
+    blur: Array.from({ length: count(440) }, (_, index) => blur(index)),
+    certainty: number(120),
+    contrast: number(128),
+    noise: both(136),
+    impulses: both(152),
+    coding: both(168),
+    inverted: count(472) === 1,
   };
 }

@@ -1,6 +1,6 @@
 """The compiled core: validated again here, so that no argument can make it panic."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, final
 
 import numpy as np
@@ -43,7 +43,6 @@ __all__ = [
     "descriptor",
     "estimate_pair",
     "estimate_pair_by_rows",
-    "find_cameras",
     "find_roughness",
     "find_scale",
     "fit_right",
@@ -53,6 +52,7 @@ __all__ = [
     "match_rows",
     "optimize_volume",
     "preset",
+    "rectify_pairs",
     "rows_to_tally",
     "simd_level",
     "verify_map",
@@ -108,6 +108,9 @@ class Rig:
     def disparities(self) -> tuple[int, int] | None: ...
     @property
     def field(self) -> Alignment | None: ...
+    def check(
+        self, limits: list[tuple[str, float]], focal: float | None
+    ) -> list[tuple[str, str, str, float, float, bool | None]]: ...
     @property
     def cameras(self) -> tuple[dict[str, NDArray[np.float64]], tuple[int, int]] | None: ...
 
@@ -124,11 +127,6 @@ class Workers:
 def check_settings(settings: Settings) -> None: ...
 def check_noise(noise: Noise) -> None: ...
 def check_blur_compensation(compensation: BlurCompensation | None) -> None: ...
-def find_cameras(
-    images: tuple[Pixels, Pixels],
-    masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
-    threads: int | Workers | None,
-) -> dict[str, NDArray[np.float64]]: ...
 def estimate_pair(
     images: tuple[Pixels, Pixels],
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
@@ -136,6 +134,9 @@ def estimate_pair(
     settings: Settings,
     threads: int | Workers | None,
 ) -> Estimates: ...
+def rectify_pairs(
+    pairs: Sequence[tuple[Pixels, Pixels]],
+) -> tuple[dict[str, NDArray[np.float64]], float, list[str]]: ...
 def estimate_pair_by_rows(
     read: Checked,
     size: tuple[int, int],

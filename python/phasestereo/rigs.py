@@ -54,6 +54,41 @@ class Event:
         return f"frame {self.frame}: {self.sentence}"
 
 
+@dataclass(frozen=True, slots=True)
+class Check:
+    """A quantity of a rig against its limit.
+
+    Parameters
+    ----------
+    quantity
+        "rows", "error", "drift", "rotation", "wrong", "reserve", "noise", "exposure" or "blur".
+    unit
+        Its unit.
+    meaning
+        What it is, in words.
+    value
+        What the rig shows; NaN: it cannot be told.
+    limit
+        The most there may be; of the reserve the least.
+    passed
+        Whether it is kept; None: it cannot be told, and need not be.
+    """
+
+    quantity: str
+    unit: str
+    meaning: str
+    value: float
+    limit: float
+    passed: bool | None
+
+    def __str__(self) -> str:
+        verdict = {True: "go", False: "no-go", None: "unknown"}[self.passed]
+        value = "not told" if math.isnan(self.value) else f"{self.value:.3g}"
+        bound = "at least" if self.quantity == "reserve" else "at most"
+        limit = f"{bound} {self.limit:.3g} {self.unit}"
+        return f"{verdict}: {self.quantity} {value}, {limit} ({self.meaning})"
+
+
 class Rig:
     r"""Two cameras, of which each pair they take shows more: rows, range, blur, what changes.
 
@@ -205,6 +240,36 @@ class Rig:
         warn(result.findings)
         return result
 
+    def check(self, *, focal: float | None = None, **limits: float) -> tuple[Check, ...]:
+        """Compare what the rig shows with limits: go, if nothing fails.
+
+        Parameters
+        ----------
+        focal
+            Focal length of the rectified images, pixels: how far the cameras are turned against
+            the calibration by which they were rectified is told by it. None: that is not told.
+        **limits
+            Limits of quantities, by name, other than the usual ones; see `Check`. Usual ones are
+            those from which on `match` warns, where it does: rows 0.75 px, wrong 0.25, noise 0.05,
+            exposure 1.42, blur 0.7 px. Rows are to be known to 0.1 px and to change by 0.3 px in
+            100 frames; 0.05 degrees of rotation move rows by 0.75 px at a focal length of 860 px;
+            2 disparities beyond the nearest thing are what a fraction of a pixel is found by.
+
+        Returns
+        -------
+        tuple of Check
+            One for each quantity. Rows, their error, the share of wrong pixels, and whatever has a
+            limit of its own fail also where they cannot be told: drift before the twentieth frame,
+            noise and blur with ``preset="fast"``.
+
+        Raises
+        ------
+        ValueError
+            For a quantity that there is not, or a number out of range.
+        """
+        found = self._core.check(list(limits.items()), focal)
+        return tuple(Check(*check) for check in found)
+
     def change(self, settings: Settings, num_disparities: int | None) -> None:
         """Match the frames from the next one on in another way; what is known of them is kept.
 
@@ -220,7 +285,8 @@ class Rig:
     def save(self, path: StrPath) -> None:
         """Write what is known to a text file, which `load` reads to the bit.
 
-        Blur, noise and light are left out: they are estimated of the first frame of the next run.
+        The kernels that even out blur are left out: blur is estimated of the first frame of the
+        next run.
 
         Raises
         ------

@@ -205,6 +205,7 @@ typedef struct phasestereo_matcher phasestereo_matcher;
 /**
  * A setting by its name, both as text that ends with a zero. Names, meanings and ranges are those of the class `Settings`
  * of the Python package; values are written as there, "none" and "true" or "false" in small letters, pairs as "0, 4095".
+ * It never gets another field, and so has no size.
  */
 typedef struct phasestereo_setting {
   /**
@@ -222,11 +223,15 @@ typedef struct phasestereo_setting {
  */
 typedef struct phasestereo_image {
   /**
+   * `sizeof(phasestereo_image)`.
+   */
+  size_t struct_size;
+  /**
    * The first pixel of the first row.
    */
   const void *data;
   /**
-   * Bytes from a row to the next one: negative where the last row comes first in memory.
+   * Bytes from a row to the next one, at least those of a row: negative where the last row comes first in memory.
    */
   ptrdiff_t stride;
   /**
@@ -253,11 +258,15 @@ typedef struct phasestereo_image {
  */
 typedef struct phasestereo_map {
   /**
+   * `sizeof(phasestereo_map)`.
+   */
+  size_t struct_size;
+  /**
    * Disparities, pixels; NaN where there is none.
    */
   float *disparity;
   /**
-   * Bytes from a row to the next one.
+   * Bytes from a row to the next one, as of an image.
    */
   ptrdiff_t disparity_stride;
   /**
@@ -288,7 +297,7 @@ typedef struct phasestereo_map {
 } phasestereo_map;
 
 /**
- * A kind of relative blur: what one image lacks to be like the other.
+ * A kind of relative blur: what one image lacks to be like the other. It never gets another field.
  */
 typedef struct phasestereo_blur {
   /**
@@ -317,6 +326,10 @@ typedef struct phasestereo_blur {
  * What was estimated from a pair. Numbers that were not estimated, or could not be, are NaN, and counts are 0.
  */
 typedef struct phasestereo_found {
+  /**
+   * `sizeof(phasestereo_found)`, to be set before the call.
+   */
+  size_t struct_size;
   /**
    * Mean confidence, 0 to 1, of a rough match of small copies.
    */
@@ -421,6 +434,10 @@ typedef struct phasestereo_found {
  */
 typedef struct phasestereo_finding {
   /**
+   * `sizeof(phasestereo_finding)`, to be set before the call.
+   */
+  size_t struct_size;
+  /**
    * What it is about, as "range"; the names are those of the Python package.
    */
   const char *topic;
@@ -461,7 +478,8 @@ struct phasestereo_matcher *phasestereo_new(const char *preset,
                                             uint32_t threads);
 
 /**
- * Frees a matcher with its threads and its memory. NULL is ignored.
+ * Frees a matcher with its threads and its memory. NULL is ignored, and so is a matcher that was made before a fork, whose
+ * threads are the other process's.
  *
  * The matcher is one of `phasestereo_new`, no call is using it, and none will.
  */
@@ -519,8 +537,8 @@ enum phasestereo_status phasestereo_check(const struct phasestereo_matcher *matc
 
 /**
  * Writes a finding of the last `phasestereo_match` or `phasestereo_check` of this thread that succeeded, and returns 1; 0
- * if it has not so many. Those of a match are what is worth knowing, the worst first; those of a check all that was looked
- * at, in a fixed order. Texts are valid until the next match or check of this thread.
+ * if it has not so many, or `finding` is not acceptable. Those of a match are what is worth knowing, the worst first; those
+ * of a check all that was looked at, in a fixed order. Texts are valid until the next match or check of this thread.
  *
  * The pointer is to a place for a finding.
  */

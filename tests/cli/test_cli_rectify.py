@@ -227,4 +227,4 @@ def test_images_that_tell_nothing_are_refused(run: Callable[..., Run]) -> None:
     io.write_image("gray.png", np.full(SIZE[::-1], 9, np.uint8))
     code, out, err = run("rectify", "noise.png", "gray.png", "-o", "l.png", "r.png")
     assert (code, out) == (FAILED, "")
-    assert err.startswith("phasestereo: error: left, right: got images in which only 0 features")
+    assert err.startswith("phasestereo: error: left, right: got images that do not")

@@ -3,6 +3,8 @@
 # Who tests a thing knows that it is there: no assertions for the type checker alone.
 # mypy: no-strict-optional
 
+import os
+import re
 import shutil
 import subprocess
 from collections.abc import Callable
@@ -15,7 +17,7 @@ import pytest
 from numpy.typing import NDArray
 
 import phasestereo as ps
-from conftest import ROOT, unavailable
+from conftest import ON_CI, ROOT
 from phasestereo.io import write_image
 from phasestereo_bench.degradation import Degradation, disk_psf
 from phasestereo_bench.rendering import render_pair
@@ -23,6 +25,9 @@ from phasestereo_bench.rendering import render_pair
 Image = NDArray[Any]
 Pair = tuple[Image, Image]
 Change = Callable[[Image], Image]
+
+SANITIZED = "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"
+"""The library is not compiled so, but what C's functions write for it is watched."""
 
 LIBRARY = ROOT / "target" / "debug" / "libphasestereo.so"
 INTERFACE = ROOT / "rust" / "c"
@@ -89,17 +94,22 @@ class Program:
         return {line.split()[0]: line.split()[1:] for line in lines}
 
 
-def _run(*command: str | Path, check: bool = True) -> subprocess.CompletedProcess[str]:
+def _run(
+    *command: str | Path, check: bool = True, **options: Any
+) -> subprocess.CompletedProcess[str]:
     """Run a compiler, or a program that it made."""
-    return subprocess.run(  # noqa: S603 - all commands are of this file
-        command, capture_output=True, text=True, check=check
+    done = subprocess.run(  # noqa: S603 - all commands are of this file
+        command, capture_output=True, text=True, check=False, **options
     )
+    if check and done.returncode != 0:
+        pytest.fail(f"{command[0]}: {done.returncode}: {done.stdout[-500:]}{done.stderr[-1000:]}")
+    return done
 
 
 def _needed(path: Path | str | None, message: str) -> str:
-    """Return a program or file; without it, skip visibly, or fail where it must be there."""
+    """Return a program or file."""
     if path is None or not Path(path).exists():
-        unavailable(message)
+        pytest.skip(message)
     return str(path)
 
 
@@ -110,16 +120,24 @@ def library() -> str:
 
 @pytest.fixture(scope="module")
 def program(library: str, tmp_path_factory: pytest.TempPathFactory) -> Program:
-    compiler = _needed(shutil.which("cc"), "no C compiler: apt-get install gcc")
+    assert library
     folder = tmp_path_factory.mktemp("c")
-    path = folder / "program"
+    return Program(_compiled("c_program", INTERFACE, folder), folder)
 
-    source = ROOT / "tests" / "c_program.c"
-    found = f"-Wl,-rpath,{LIBRARY.parent}"
-    options = "-std=c99", *STRICT, f"-I{INTERFACE}"
 
-    _run(compiler, *options, source, library, found, "-o", path)
-    return Program(path, folder)
+def _compiled(name: str, headers: Path, folder: Path) -> Path:
+    """Compile a program of the tests, with sanitizers where the compiler has them."""
+    compiler = _needed(shutil.which("cc"), "no C compiler: apt-get install gcc")
+    options = "-std=c99", "-D_DEFAULT_SOURCE", *STRICT, f"-I{headers}"
+    sources = ROOT / "tests" / f"{name}.c", LIBRARY, f"-Wl,-rpath,{LIBRARY.parent}"
+
+    path = folder / name
+    made = _run(compiler, *options, *SANITIZED, *sources, "-o", path, check=False)
+    if made.returncode != 0:
+        if ON_CI:
+            pytest.fail(made.stderr)
+        _run(compiler, *options, *sources, "-o", path)
+    return path
 
 
 @pytest.fixture(scope="module")
@@ -230,24 +248,102 @@ def test_what_is_not_acceptable_is_reported(
     assert lines[0].startswith(message)
 
 
-def test_the_example_with_opencv_writes_a_map(library: str, pair: Pair, tmp_path: Path) -> None:
+LATER = r" *double rows_sway;\n", r" *float \*uncertainty;\n", r" *ptrdiff_t uncertainty_stride;\n"
+"""Fields that an older header might not have had: the last ones of their structures."""
+
+
+def test_a_program_made_with_an_older_smaller_header_works(library: str, tmp_path: Path) -> None:
+    """And is refused strides, sizes and a matcher of another process that would harm it."""
     assert library
+    header = (INTERFACE / "phasestereo.h").read_text("utf-8")
+    for field in LATER:
+        header, count = re.subn(field, "", header)
+        assert count == 1
+    (tmp_path / "phasestereo.h").write_text(header, "utf-8")
 
-    cmake = shutil.which("cmake")
-    if cmake is None:
-        pytest.skip("no cmake: apt-get install cmake")
+    done = _run(_compiled("c_program_old", tmp_path, tmp_path), check=False)
+    assert done.returncode == 0, f"{done.returncode}: {done.stdout[-1000:]} {done.stderr[-1000:]}"
+    found, image, map_ = "1 found: got", "1 left: got", "1 map: got"
+    near = "accepts at least {0}, or at most -{0}, and all of it in memory".format
+    wanted = [
+        "sizes 480 56",
+        "disparity 5",
+        f"{image} a stride of 0 bytes; {near(96)}",
+        f"{image} a stride of 95 bytes; {near(96)}",
+        f"{image} a stride of -1 bytes; {near(96)}",
+        f"{image} a stride of 9223372036854775807 bytes; {near(96)}",
+        f"{map_} a disparity_stride of 96 bytes; {near(384)}",
+        f"{found} a struct_size of 0; accepts its sizeof: 488, and at least 8",
+        f"{image} fields that version {ps.__version__} does not know; accepts zeros in them",
+    ]
+    assert done.stdout.splitlines()[:-1] == wanted
+    assert done.stdout.splitlines()[-1].startswith("1 matcher: got one of process ")
 
+
+# The installed package
+
+
+@pytest.fixture(scope="module")
+def prefix(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder in which cargo-c has installed the library, quickly compiled."""
+    tools = ROOT / "target/tools/bin"
+    path = os.pathsep.join([str(tools), os.environ["PATH"]])
+    _needed(shutil.which("cargo-cinstall", path=path), "no cargo-c: make c")
+    folder = tmp_path_factory.mktemp("prefix")
+    command = "cargo", "cinstall", "--locked", "--package", "phasestereo-c", "--debug"
+    places = f"--prefix={folder}", f"--libdir={folder}/lib", "--target-dir", ROOT / "target/c"
+    done = _run(*command, *places, check=False, cwd=ROOT, env=os.environ | {"PATH": path})
+    assert done.returncode == 0, done.stderr[-1000:]
+    return folder
+
+
+def test_what_is_installed_is_found_by_pkg_config_and_linked_by_its_soname(
+    prefix: Path, tmp_path: Path
+) -> None:
+    tool = _needed(shutil.which("pkg-config"), "no pkg-config: apt-get install pkg-config")
+    compiler = _needed(shutil.which("cc"), "no C compiler: apt-get install gcc")
+    asked = tool, "--cflags", "--libs", "phasestereo"
+    there = os.environ | {"PKG_CONFIG_PATH": f"{prefix}/lib/pkgconfig"}
+    flags = _run(*asked, env=there).stdout.split()
+    source = tmp_path / "version.c"
+    source.write_text(
+        "#include <stdio.h>\n#include <phasestereo.h>\n"
+        "int main(void) { return puts(phasestereo_version()) < 0; }\n"
+    )
+
+    _run(compiler, source, *flags, "-o", tmp_path / "version")
+    found = os.environ | {"LD_LIBRARY_PATH": f"{prefix}/lib"}
+    assert _run(tmp_path / "version", env=found).stdout == f"{ps.__version__}\n"
+    series = ".".join(ps.__version__.split(".")[:2])
+    (prefix / "lib/libphasestereo.so").unlink()  # what only compilers read
+    assert _run(tmp_path / "version", env=found).stdout == f"{ps.__version__}\n"
+    assert (prefix / f"lib/libphasestereo.so.{series}").exists()
+    (prefix / "lib/libphasestereo.so").symlink_to(f"libphasestereo.so.{series}")
+
+
+def test_the_examples_build_from_find_package_and_run_under_sanitizers(
+    prefix: Path, pair: Pair, tmp_path: Path
+) -> None:
+    cmake = _needed(shutil.which("cmake"), "no cmake: apt-get install cmake")
     build, source = tmp_path / "build", INTERFACE / "example"
-    configured = _run(cmake, "-S", source, "-B", build, check=False)
-    if configured.returncode != 0:
-        pytest.skip("no headers of OpenCV: apt-get install libopencv-dev")
+    flags = f"-DCMAKE_CXX_FLAGS={' '.join(SANITIZED)}", f"-DCMAKE_PREFIX_PATH={prefix}"
+    _run(cmake, "-S", source, "-B", build, *flags)
     _run(cmake, "--build", build)
 
+    assert _run(build / "shift").stdout.splitlines()[-1] == "disparity 7"
+
+    _needed(build / "match", "no headers of OpenCV: apt-get install libopencv-dev")
     for name, image in zip(("left", "right"), pair, strict=True):
         write_image(tmp_path / f"{name}.png", image)
     files = [tmp_path / name for name in ("left.png", "right.png", "map.tiff")]
-    done = _run(build / "match", *files, "48")
-    assert done.stdout == "disparities 0 to 47\n"
+    # What the libraries that OpenCV loads keep to their end is not ours.
+    quiet = os.environ | {"ASAN_OPTIONS": "detect_leaks=0"}
+    assert _run(build / "match", *files, "48", env=quiet).stdout == "disparities 0 to 47\n"
 
     written = pytest.importorskip("tifffile").imread(files[2])
     np.testing.assert_array_equal(written, ps.match(*pair, num_disparities=48).disparity)
+
+
+def test_the_package_of_cmake_has_the_version_of_the_library() -> None:
+    text = (INTERFACE / "cmake/phasestereo-config-version.cmake").read_text("utf-8")
+    assert f'set(PACKAGE_VERSION "{ps.__version__}")' in text

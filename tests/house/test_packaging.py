@@ -373,6 +373,7 @@ def _label(_: Path) -> object:
 
 
 PAIR = np.zeros((2, 40, 60), np.uint8)
+MAPS = {name: PAIR[0].astype("f4") for name in ("map1x", "map1y", "map2x", "map2y")}
 
 
 CALLS = [
@@ -380,7 +381,7 @@ CALLS = [
     ("tifffile", "io", _read("a.tif")),
     ("matplotlib", "plot", _color),
     ("cv2", "live", lambda _: live.stream(0, num_disparities=16)),
-    ("cv2", "rectify", lambda _: ps.rectify(PAIR[0], PAIR[1])),
+    ("cv2", "rectify", lambda _: ps.rectify(PAIR[0], PAIR[1], MAPS)),
     ("av", "live", _film),
     ("rerun", "rerun", _record),
     ("rasterio", "geo", lambda folder: write_geotiff(folder / "out.tif", np.ones((8, 8), "f4"))),
@@ -617,6 +618,71 @@ def test_every_action_of_a_workflow_is_named_by_the_hash_of_a_commit() -> None:
         for line in path.read_text("utf-8").splitlines():
             if "uses:" in line:
                 assert re.search(r"uses: [\w./-]+@[0-9a-f]{40} # v\d", line), (path, line)
+
+
+# A release
+
+
+URL = "https://example.org/somebody/phasestereo"
+
+
+@pytest.fixture(scope="module")
+def released(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a copy of what a release changes, changed by it."""
+    folder = tmp_path_factory.mktemp("released")
+    kept = [ROOT / "Cargo.toml", *ROOT.glob("rust/*/Cargo.toml"), ROOT / "rust/core/README.md"]
+    for path in kept + [place / name for place in FOLDERS.values() for name in PAGE]:
+        copy = folder / path.relative_to(ROOT)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(path, copy)
+
+    finished = run(str(ROOT / ".ci/release.py"), f"{URL}/", cwd=folder)
+    assert (finished.returncode, finished.stderr) == (0, "")
+    return folder
+
+
+PAGE = "pyproject.toml", "README.md"
+
+
+@pytest.mark.parametrize("name", FOLDERS)
+def test_a_package_page_has_addresses_alone_and_they_are_of_files(
+    released: Path, name: str
+) -> None:
+    folder = released / FOLDERS[name].relative_to(ROOT)
+    project = tomllib.loads((folder / "pyproject.toml").read_text("utf-8"))["project"]
+    addresses = project["urls"].values()
+    links = re.findall(r"\]\(([^)]+)\)", (folder / "README.md").read_text("utf-8"))
+    assert all(link.startswith("https://") for link in [*addresses, *links])
+
+    for link in [*addresses, *links]:
+        if link.startswith(f"{URL}/") and not link.endswith("/issues"):
+            kind, tag, *parts = link.removeprefix(f"{URL}/").partition("#")[0].split("/")
+            picture = parts[-1].endswith(".jpg")
+            assert (kind, tag) == ("raw" if picture else "blob", "v0.1.0")
+            assert ROOT.joinpath(*parts).is_file(), link
+
+
+def test_a_package_page_begins_with_pip_and_its_crate_says_where_it_is_from(released: Path) -> None:
+    page = (released / "README.md").read_text("utf-8")
+    blocks = re.findall(r"```sh\n(.+)", page)
+    assert [line.split()[:2] for line in blocks[:2]] == [["pip", "install"], ["make", "demo"]]
+    assert "pip install ." not in page
+
+    manifest = tomllib.loads((released / "Cargo.toml").read_text("utf-8"))
+    assert manifest["workspace"]["package"]["repository"] == URL
+    manifest = tomllib.loads((released / "rust/core/Cargo.toml").read_text("utf-8"))
+    assert manifest["package"]["repository"] == {"workspace": True}
+
+
+def test_what_workflows_run_is_there() -> None:
+    """Of files in the repository, and of targets of make."""
+    targets = re.findall(r"^([a-z0-9-]+):", (ROOT / "Makefile").read_text("utf-8"), re.MULTILINE)
+
+    for path in (ROOT / ".github/workflows").glob("*.yml"):
+        text = path.read_text("utf-8")
+        ran = re.findall(r"(?:python|run:|/io/)\s*((?:tests|\.ci|benches|web)/[\w./]+)", text)
+        assert [name for name in ran if not (ROOT / name).exists()] == []
+        assert {*re.findall(r"run: make ([\w-]+)", text)} <= {*targets}
 
 
 # Files

@@ -83,7 +83,7 @@ def test_raw_frames_of_euroc(data: Path) -> None:
         found = ps.rectify(*pair)
         errors = row_errors(found.maps, left, right, shifts)
         assert errors.size > 5000
-        assert np.sqrt(np.mean(errors**2)) < 0.25  # the calibration itself leaves 0.15
+        assert np.sqrt(np.mean(errors**2)) < 0.3  # the calibration itself leaves 0.15
 
         diagnosis = ps.check(found.left, found.right)
         grave = {each.topic for each in diagnosis.findings if each.severity != "ok"}
@@ -148,7 +148,8 @@ def test_what_was_found_is_said(scene: tuple[Any, Any]) -> None:
     said = " ".join(found.sentences)
     assert "rows were " in said
     assert "disparities are about " in said
-    assert "the lenses seem to distort (k1 about -0." in said
+    assert "the lenses distort, by " in said
+    assert "(barrel): that is undone, as far as rows tell" in said
     assert "swapped" not in said
     assert repr(found).startswith("<Rectification 400x300 from images, rows to 0.")
 

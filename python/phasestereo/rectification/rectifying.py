@@ -92,13 +92,8 @@ def rectify(
     -----
     With a calibration the geometry is OpenCV's: ``stereoRectify``, ``initUndistortRectifyMap``,
     ``remap``. Without one, focal lengths, distortion, principal points and rotations are estimated
-    together, so that the rows of features (SIFT [1]_) that both images show correspond; see
-    `phasestereo.rectification.estimating`. The scale of the scene is unknown then, and little is
-    known of the horizontal geometry: `Q` is None.
-
-    References
-    ----------
-    .. [1] D. G. Lowe, *Distinctive Image Features from Scale-Invariant Keypoints*, IJCV 2004.
+    together, so that the rows of what both images show correspond. The scale of the scene is
+    unknown then, and little is known of the horizontal geometry: `Q` is None.
     """
     pair = opened_pair(left, right)
     size = pair[0].shape[1], pair[0].shape[0]

@@ -16,6 +16,7 @@ using Matcher = std::unique_ptr<phasestereo_matcher, decltype(&phasestereo_free)
 // A view of an image, which must live as long: nothing is copied here.
 phasestereo_image view(const cv::Mat &image) {
     phasestereo_image viewed = {};
+    viewed.struct_size = sizeof viewed;
     viewed.data = image.data;
     viewed.stride = static_cast<ptrdiff_t>(image.step);
     viewed.width = static_cast<uint32_t>(image.cols);
@@ -45,11 +46,13 @@ int main(int count, char **arguments) {
 
     cv::Mat disparity(left.size(), CV_32F);
     phasestereo_map map = {};
+    map.struct_size = sizeof map;
     map.disparity = disparity.ptr<float>();
     map.disparity_stride = static_cast<ptrdiff_t>(disparity.step);
 
     const phasestereo_image views[] = {view(left), view(right)};
-    phasestereo_found found;
+    phasestereo_found found = {};
+    found.struct_size = sizeof found;
     if (phasestereo_match(matcher.get(), &views[0], &views[1], 0, num_disparities, &map, &found) != PHASESTEREO_STATUS_OK) {
         return fail(phasestereo_error());
     }

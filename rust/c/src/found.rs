@@ -9,6 +9,8 @@ use phasestereo::internals::rig::estimation::range::SearchRange;
 use phasestereo::internals::rig::estimation::rows::RowOffsets;
 use phasestereo::internals::rig::psf::{Family, Psf};
 
+use crate::sized::Growing;
+
 /// Most kinds of blur in one image.
 pub const PHASESTEREO_MOST_BLURS: usize = 8;
 const _: () = assert!(PHASESTEREO_MOST_BLURS == blur::regions::MOST);
@@ -43,7 +45,7 @@ pub const PHASESTEREO_FOUND: u32 = 1;
 /// The range could not be estimated: the disparities are a third of the width.
 pub const PHASESTEREO_DEFAULT: u32 = 2;
 
-/// A kind of relative blur: what one image lacks to be like the other.
+/// A kind of relative blur: what one image lacks to be like the other. It never gets another field.
 #[derive(Debug, Clone, Copy, Default)]
 #[repr(C)]
 pub struct Blur {
@@ -63,6 +65,8 @@ pub struct Blur {
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
 pub struct Found {
+    /// `sizeof(phasestereo_found)`, to be set before the call.
+    pub struct_size: usize,
     /// Mean confidence, 0 to 1, of a rough match of small copies.
     pub confidence: f64,
     /// Least disparity found, pixels.
@@ -116,6 +120,11 @@ pub struct Found {
     pub rows_sway: f64,
 }
 
+// SAFETY: it begins with its size; all others are numbers.
+unsafe impl Growing for Found {
+    const LEAST: usize = size_of::<usize>();
+}
+
 impl Found {
     /// The estimates for C; `is_given`: the caller gave the disparities.
     pub fn new(estimates: &Estimates, is_given: bool) -> Self {
@@ -130,6 +139,7 @@ impl Found {
             |value: fn(&blur::Estimate) -> [f64; 2]| blur.as_ref().map_or([f64::NAN; 2], value);
 
         Self {
+            struct_size: size_of::<Self>(),
             confidence: estimates.confidence.unwrap_or(f64::NAN),
             low: of_range(|range: &SearchRange| range.low),
             high: of_range(|range| range.high),

@@ -2,9 +2,12 @@
 
 use std::cell::LazyCell;
 use std::ffi::c_void;
+use std::mem::offset_of;
 
 use phasestereo::internals::image::plane::zeroed;
 use phasestereo::{Error, Match, Pixel, Plane, Result, flag};
+
+use crate::sized::Growing;
 
 /// One channel.
 pub const PHASESTEREO_GRAY: u32 = 0;
@@ -54,9 +57,11 @@ const _: () = {
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
 pub struct Image {
+    /// `sizeof(phasestereo_image)`.
+    pub struct_size: usize,
     /// The first pixel of the first row.
     pub data: *const c_void,
-    /// Bytes from a row to the next one: negative where the last row comes first in memory.
+    /// Bytes from a row to the next one, at least those of a row: negative where the last row comes first in memory.
     pub stride: isize,
     /// Columns.
     pub width: u32,
@@ -73,9 +78,11 @@ pub struct Image {
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
 pub struct Map {
+    /// `sizeof(phasestereo_map)`.
+    pub struct_size: usize,
     /// Disparities, pixels; NaN where there is none.
     pub disparity: *mut f32,
-    /// Bytes from a row to the next one.
+    /// Bytes from a row to the next one, as of an image.
     pub disparity_stride: isize,
     /// Flags: the sum of `PHASESTEREO_OUTSIDE`, `PHASESTEREO_OCCLUDED` and so on.
     pub flags: *mut u16,
@@ -90,6 +97,16 @@ pub struct Map {
     pub uncertainty: *mut f32,
     /// Bytes from a row to the next one.
     pub uncertainty_stride: isize,
+}
+
+// SAFETY: both begin with their sizes; zeros are numbers and NULL.
+unsafe impl Growing for Image {
+    const LEAST: usize = size_of::<Self>();
+}
+
+// SAFETY: as above.
+unsafe impl Growing for Map {
+    const LEAST: usize = offset_of!(Self, flags);
 }
 
 /// The layout of a pixel: the number of its channels, and the indices of those that are kept.
@@ -113,6 +130,9 @@ impl Image {
         let Some(layout) = self.layout() else {
             return refused(format!("channels {}", self.channels), "PHASESTEREO_GRAY to _BGRA");
         };
+
+        let row = u64::from(self.width) * layout.0 as u64 * u64::from(self.bits / 8);
+        check_stride((argument, "stride"), self.stride, row, self.height as usize)?;
 
         // SAFETY: as the caller promises, of this many bytes.
         unsafe {
@@ -168,6 +188,21 @@ impl Image {
 }
 
 impl Map {
+    /// Refuses rows that would lie upon each other.
+    pub fn check(&self, (rows, cols): (usize, usize)) -> Result<()> {
+        for (is_wanted, name, stride, bytes) in [
+            (!self.disparity.is_null(), "disparity_stride", self.disparity_stride, 4),
+            (!self.flags.is_null(), "flags_stride", self.flags_stride, 2),
+            (!self.confidence.is_null(), "confidence_stride", self.confidence_stride, 4),
+            (!self.uncertainty.is_null(), "uncertainty_stride", self.uncertainty_stride, 4),
+        ] {
+            if is_wanted {
+                check_stride(("map", name), stride, bytes * cols as u64, rows)?;
+            }
+        }
+        Ok(())
+    }
+
     /// Copies a map out.
     ///
     /// # Safety
@@ -186,6 +221,22 @@ impl Map {
             write(uncertainty, self.uncertainty, self.uncertainty_stride);
         }
     }
+}
+
+/// Refuses a stride of rows of so many bytes that are nearer to each other, or reach further than memory.
+fn check_stride(
+    (argument, name): (&'static str, &str),
+    stride: isize,
+    row: u64,
+    rows: usize,
+) -> Result<()> {
+    let apart = stride.unsigned_abs() as u64;
+    let reach = apart.saturating_mul(rows as u64 - 1).saturating_add(row);
+    if (rows > 1 && apart < row) || reach > isize::MAX as u64 {
+        let accepts = format!("at least {row}, or at most -{row}, and all of it in memory");
+        return Err(Error::value(argument, format!("a {name} of {stride} bytes"), accepts));
+    }
+    Ok(())
 }
 
 /// Copies rows out, to memory that need not be aligned.

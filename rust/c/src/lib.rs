@@ -1,12 +1,14 @@
 //! The C interface: `rust/c/phasestereo.h` is generated from this crate, and says what each function takes.
 //!
 //! Images are copied in and maps are copied out, so no call keeps a pointer of its caller's. No panic leaves a call:
-//! like every failure it becomes an error, whose message the calling thread can read.
+//! like every failure it becomes an error, whose message the calling thread can read. Structures begin with their size, so
+//! that a program need not be compiled anew for a library with more fields.
 
 #![allow(unsafe_code, reason = "what C hands over are pointers, which only unsafe code can read")]
 
 mod found;
 mod images;
+mod sized;
 mod told;
 #[cfg(target_family = "wasm")]
 mod web;
@@ -16,7 +18,7 @@ use std::cell::RefCell;
 use std::ffi::{CStr, CString, c_char};
 use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::ptr;
+use std::{mem, process, ptr};
 
 use phasestereo::{Error, Preset, Result};
 
@@ -30,10 +32,20 @@ thread_local! {
 
 /// Settings, threads and working memory; any number of threads may use one at the same time.
 #[derive(Debug)]
-pub struct Matcher(phasestereo::Matcher);
+pub struct Matcher {
+    matcher: phasestereo::Matcher,
+    /// The process whose threads it has.
+    process: u32,
+}
+
+/// This process; browsers have one.
+fn this_process() -> u32 {
+    if cfg!(target_family = "wasm") { 0 } else { process::id() }
+}
 
 /// A setting by its name, both as text that ends with a zero. Names, meanings and ranges are those of the class `Settings`
 /// of the Python package; values are written as there, "none" and "true" or "false" in small letters, pairs as "0, 4095".
+/// It never gets another field, and so has no size.
 #[derive(Debug)]
 #[repr(C)]
 pub struct Setting {
@@ -99,13 +111,15 @@ pub unsafe extern "C" fn phasestereo_new(
         }
 
         let threads = (threads != 0).then_some(threads as usize);
-        Ok(Matcher(phasestereo::Matcher::new(settings, threads)?))
+        let matcher = phasestereo::Matcher::new(settings, threads)?;
+        Ok(Matcher { matcher, process: this_process() })
     });
 
     made.map_or(ptr::null_mut(), |matcher| Box::into_raw(Box::new(matcher)))
 }
 
-/// Frees a matcher with its threads and its memory. NULL is ignored.
+/// Frees a matcher with its threads and its memory. NULL is ignored, and so is a matcher that was made before a fork, whose
+/// threads are the other process's.
 ///
 /// # Safety
 ///
@@ -117,7 +131,11 @@ pub unsafe extern "C" fn phasestereo_free(matcher: *mut Matcher) {
         let matcher = unsafe { Box::from_raw(matcher) };
         // A panic while threads end tells the caller nothing that it could act on.
         let _ = guarded(move || {
-            drop(matcher);
+            if matcher.process == this_process() {
+                drop(matcher);
+            } else {
+                mem::forget(matcher);
+            }
             Ok(())
         });
     }
@@ -131,7 +149,7 @@ pub unsafe extern "C" fn phasestereo_free(matcher: *mut Matcher) {
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn phasestereo_threads(matcher: *const Matcher) -> u32 {
     // SAFETY: as the caller promises.
-    unsafe { matcher.as_ref() }.map_or(0, |Matcher(matcher)| matcher.threads() as u32)
+    unsafe { matcher.as_ref() }.map_or(0, |handle| handle.matcher.threads() as u32)
 }
 
 /// The most bytes of working memory that the match of images takes, whose pixels, all channels together, take
@@ -151,7 +169,7 @@ pub unsafe extern "C" fn phasestereo_memory(
 ) -> u64 {
     let bytes = guarded(|| {
         // SAFETY: as the caller promises.
-        let Matcher(matcher) = unsafe { reference(matcher, "matcher")? };
+        let Matcher { matcher, .. } = unsafe { reference(matcher, "matcher")? };
         let size = (height as usize, width as usize);
         matcher.working_memory(size, pixel_bytes as usize, num_disparities as usize)
     });
@@ -180,12 +198,13 @@ pub unsafe extern "C" fn phasestereo_match(
 ) -> Status {
     status(|| {
         // SAFETY: as the caller promises.
-        let Matcher(matcher) = unsafe { reference(matcher, "matcher")? };
+        let matcher = unsafe { ours(matcher)? };
         // SAFETY: as above.
-        let map = unsafe { reference(map, "map")? };
+        let (map, found) = unsafe { (sized::read(map, "map")?, place(found)?) };
         let disparities = read_disparities(min_disparity, num_disparities)?;
         // SAFETY: as above.
-        let [left, right] = unsafe { read_images([left, right])? };
+        let ([left, right], size) = unsafe { read_images([left, right])? };
+        map.check(size)?;
 
         let result = matcher.match_pair(left, right, disparities.clone())?;
 
@@ -216,10 +235,12 @@ pub unsafe extern "C" fn phasestereo_check(
 ) -> Status {
     status(|| {
         // SAFETY: as the caller promises.
-        let Matcher(matcher) = unsafe { reference(matcher, "matcher")? };
+        let matcher = unsafe { ours(matcher)? };
+        // SAFETY: as above.
+        let found = unsafe { place(found)? };
         let disparities = read_disparities(min_disparity, num_disparities)?;
         // SAFETY: as above.
-        let [left, right] = unsafe { read_images([left, right])? };
+        let ([left, right], _) = unsafe { read_images([left, right])? };
 
         let estimates = matcher.estimate(left, right, disparities.clone())?;
 
@@ -245,16 +266,34 @@ fn read_disparities(min_disparity: i32, num_disparities: i32) -> Result<Option<R
     Ok(None)
 }
 
-/// Both images.
+/// Both images, and rows and columns of the left one.
 ///
 /// # Safety
 ///
 /// The images are what their fields say, or NULL.
-unsafe fn read_images([left, right]: [*const Image; 2]) -> Result<[phasestereo::Image; 2]> {
+unsafe fn read_images(
+    [left, right]: [*const Image; 2],
+) -> Result<([phasestereo::Image; 2], (usize, usize))> {
     // SAFETY: as the caller promises.
-    unsafe {
-        Ok([reference(left, "left")?.copied("left")?, reference(right, "right")?.copied("right")?])
+    let (left, right) = unsafe { (sized::read(left, "left")?, sized::read(right, "right")?) };
+    let size = (left.height as usize, left.width as usize);
+    // SAFETY: as above.
+    Ok((unsafe { [left.copied("left")?, right.copied("right")?] }, size))
+}
+
+/// The matcher of a caller; one that was made before a fork, which would wait for threads for ever, is refused.
+///
+/// # Safety
+///
+/// The pointer is to a matcher that outlives `'a`, or NULL.
+unsafe fn ours<'a>(matcher: *const Matcher) -> Result<&'a phasestereo::Matcher> {
+    // SAFETY: as the caller promises.
+    let Matcher { matcher, process } = unsafe { reference(matcher, "matcher")? };
+    if *process != this_process() {
+        let got = format!("one of process {process}");
+        return Err(Error::value("matcher", got, "one that was made after the fork"));
     }
+    Ok(matcher)
 }
 
 /// The value that a pointer points to; NULL is refused.
@@ -301,15 +340,26 @@ unsafe fn text<'a>(pointer: *const c_char, argument: &'static str) -> Result<Opt
     text.to_str().map(Some).map_err(refused)
 }
 
-/// Writes the estimates, unless the pointer is NULL.
+/// The place for estimates, with its size; `None` for NULL.
 ///
 /// # Safety
 ///
-/// The pointer is to a place for it, or NULL.
-unsafe fn write(place: *mut Found, found: &Found) {
-    if !place.is_null() {
+/// The pointer is to as many bytes as its first field says, or NULL.
+unsafe fn place(found: *mut Found) -> Result<Option<(*mut Found, usize)>> {
+    // SAFETY: as the caller promises.
+    let size = |found| unsafe { sized::size(found, "found") };
+    if found.is_null() { Ok(None) } else { Ok(Some((found, size(found)?))) }
+}
+
+/// Writes the estimates, unless there is no place for them.
+///
+/// # Safety
+///
+/// As of [`place`].
+unsafe fn write(place: Option<(*mut Found, usize)>, found: &Found) {
+    if let Some((place, size)) = place {
         // SAFETY: as the caller promises.
-        unsafe { place.write(*found) };
+        unsafe { sized::write(place, size, found) };
     }
 }
 

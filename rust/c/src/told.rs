@@ -5,6 +5,9 @@ use std::ffi::{CString, c_char};
 
 use phasestereo::Severity;
 
+use crate::guarded;
+use crate::sized::{self, Growing};
+
 /// All is well.
 pub const PHASESTEREO_OK: u32 = 0;
 /// Worth knowing.
@@ -21,12 +24,19 @@ thread_local! {
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
 pub struct Finding {
+    /// `sizeof(phasestereo_finding)`, to be set before the call.
+    pub struct_size: usize,
     /// What it is about, as "range"; the names are those of the Python package.
     pub topic: *const c_char,
     /// Plain words, with numbers.
     pub sentence: *const c_char,
     /// `PHASESTEREO_OK`, `PHASESTEREO_NOTE` or `PHASESTEREO_WARNING`.
     pub severity: u32,
+}
+
+// SAFETY: it begins with its size; zeros are numbers and NULL.
+unsafe impl Growing for Finding {
+    const LEAST: usize = size_of::<Self>();
 }
 
 /// A finding whose texts are kept.
@@ -55,23 +65,24 @@ pub fn keep(findings: Vec<phasestereo::Finding>) {
 }
 
 /// Writes a finding of the last `phasestereo_match` or `phasestereo_check` of this thread that succeeded, and returns 1; 0
-/// if it has not so many. Those of a match are what is worth knowing, the worst first; those of a check all that was looked
-/// at, in a fixed order. Texts are valid until the next match or check of this thread.
+/// if it has not so many, or `finding` is not acceptable. Those of a match are what is worth knowing, the worst first; those
+/// of a check all that was looked at, in a fixed order. Texts are valid until the next match or check of this thread.
 ///
 /// # Safety
 ///
 /// The pointer is to a place for a finding.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn phasestereo_get_finding(index: u32, finding: *mut Finding) -> u32 {
+    // SAFETY: as the caller promises.
+    let size = guarded(|| unsafe { sized::size(finding, "finding") });
+    let Ok(size) = size else { return 0 };
+
     FINDINGS.with_borrow(|kept| {
         let Some(Kept { topic, sentence, severity }) = kept.get(index as usize) else { return 0 };
-        if finding.is_null() {
-            return 0;
-        }
-
         let (topic, sentence) = (topic.as_ptr(), sentence.as_ptr());
+        let told = Finding { struct_size: size, topic, sentence, severity: *severity };
         // SAFETY: as the caller promises.
-        unsafe { finding.write(Finding { topic, sentence, severity: *severity }) };
+        unsafe { sized::write(finding, size, &told) };
         1
     })
 }
@@ -79,7 +90,6 @@ pub unsafe extern "C" fn phasestereo_get_finding(index: u32, finding: *mut Findi
 #[cfg(test)]
 mod tests {
     use std::ffi::CStr;
-    use std::mem::MaybeUninit;
     use std::ptr;
 
     use super::*;
@@ -90,14 +100,15 @@ mod tests {
         let found = phasestereo::Finding::new(Topic::Range, Severity::Warning, "too short");
         keep(vec![phasestereo::Finding::new(Topic::Noise, Severity::Note, "noisy"), found]);
 
-        let mut place = MaybeUninit::uninit();
+        let struct_size = size_of::<Finding>();
+        let mut read =
+            Finding { struct_size, topic: ptr::null(), sentence: ptr::null(), severity: 9 };
         // SAFETY: the pointer is to a place for a finding, or NULL, which is refused.
-        let read = unsafe {
-            assert_eq!(phasestereo_get_finding(2, place.as_mut_ptr()), 0);
+        unsafe {
+            assert_eq!(phasestereo_get_finding(2, &raw mut read), 0);
             assert_eq!(phasestereo_get_finding(0, ptr::null_mut()), 0);
-            assert_eq!(phasestereo_get_finding(1, place.as_mut_ptr()), 1);
-            place.assume_init()
-        };
+            assert_eq!(phasestereo_get_finding(1, &raw mut read), 1);
+        }
 
         // SAFETY: the texts end with a zero and are kept until the next call.
         let texts = unsafe { [CStr::from_ptr(read.topic), CStr::from_ptr(read.sentence)] };

@@ -15,7 +15,7 @@ pub mod limits;
 mod outcome;
 
 pub use self::finding::{Finding, Severity, Topic};
-pub use self::geometry::{fitted, not_rectified, rectified};
+pub use self::geometry::{fitted, not_rectified, rectification, rectified};
 pub use self::outcome::of_match;
 use crate::rig::estimation::estimates::Estimates;
 use crate::rig::estimation::overview::LEAST_SIZE;
@@ -380,6 +380,9 @@ mod tests {
             rows: 12.34,
             rms: 0.2,
             error: 0.1,
+            disparities: [-40.0, -20.0, -3.0],
+            pairs: 2,
+            is_inverted: true,
             moved: 21.0,
             distortion: [(-9.0, 1.0), (3.0, 2.0)],
         };
@@ -392,6 +395,13 @@ mod tests {
             "columns were moved by 21 px",
         ] {
             assert!(told.sentence.contains(part), "{}", told.sentence);
+        }
+
+        let told = rectification(&found).join("; ");
+        for part in
+            ["80 blocks of 2 pairs", "known to 0.10 px", "-40 to -3 px", "swapped", "negative of"]
+        {
+            assert!(told.contains(part), "{told}");
         }
 
         let plain = Rectification { moved: 0.0, distortion: [(9.0, 4.0); 2], ..found };

@@ -18,7 +18,6 @@ use std::sync::Arc;
 use crate::error::Result;
 use crate::findings::{self, Finding};
 use crate::image::plane::Plane;
-use crate::image::view::View;
 use crate::pipeline::control::Control;
 use crate::pipeline::matcher::Disparity;
 use crate::pipeline::pair::Pair;
@@ -27,7 +26,7 @@ use crate::pipeline::runtime::Runtime;
 use crate::pipeline::summary::Summary;
 use crate::rig::estimation::estimates::Estimates;
 use crate::rig::estimation::{Known, Prepared, estimated, prepared};
-use crate::rig::rectification::{Rectification, Refusal, rectify, warp};
+use crate::rig::rectification::{Negative, Refusal, gray, rectify, warp};
 use crate::rig::state::Raw;
 use crate::scales::match_over_scales;
 use crate::settings::Settings;
@@ -139,9 +138,14 @@ fn attempt(
     }
 
     let started = Instant::now();
-    let Runtime { matcher, control, .. } = runtime;
+    let Runtime { matcher, execution, control } = runtime;
+    let [left, right] = pair.views();
+    let grays =
+        matcher.install(|| -> Result<_> { Ok([gray(left, control)?, gray(right, control)?]) })?;
     // Given disparities are not moved.
-    let rectification = match cameras(pair, known.candidates.is_none(), runtime)? {
+    let negative = if known.candidates.is_none() { Negative::Moved } else { Negative::Kept };
+    let found = matcher.install(|| rectify(&[grays], negative, execution.level, control))?;
+    let rectification = match found {
         Ok(found) if found.rows >= LEAST_ROWS => found,
         Ok(_) => return Ok(Attempt::None),
         Err(refusal) => return Ok(Attempt::Refused(refusal)),
@@ -163,18 +167,6 @@ fn attempt(
     Ok(Attempt::Done(Box::new(Matched::of_rectified(Arc::new(raw), map, prepared, runtime)?)))
 }
 
-/// The cameras that the images of a pair show, or why they do not. Columns are moved so that disparities are positive, if that
-/// is asked for.
-pub fn cameras(
-    pair: &Pair,
-    is_positive: bool,
-    runtime: Runtime,
-) -> Result<std::result::Result<Rectification, Refusal>> {
-    let Runtime { matcher, execution, control } = runtime;
-    let grays = [gray(pair.views()[0], runtime)?, gray(pair.views()[1], runtime)?];
-    matcher.install(|| rectify([&grays[0], &grays[1]], is_positive, execution.level, control))
-}
-
 /// Whether a pair may be resampled: nothing that is known of it says otherwise.
 fn can_be_tried(estimates: &Estimates, known: &Known, settings: &Settings) -> bool {
     let is_same = estimates.range.as_ref().is_some_and(|range| range.identical);
@@ -188,26 +180,6 @@ pub fn resampled(pair: &Pair, places: &[Plane<[f32; 2]>; 2], control: &Control) 
     let views =
         [warp::rectified(left, &places[0], control)?, warp::rectified(right, &places[1], control)?];
     Ok(pair.with_views(views))
-}
-
-/// The gray values of a view.
-fn gray(view: &View, runtime: Runtime) -> Result<Plane<f32>> {
-    let (rows, cols, _) = view.image.shape();
-    runtime.matcher.install(|| {
-        Plane::by_bands_with(
-            (rows, cols),
-            1,
-            || Ok(vec![0.0; cols]),
-            |luminance, y, row| {
-                runtime.control.checkpoint()?;
-                view.image.write_luminance(y, luminance);
-                for (gray, luminance) in row.iter_mut().zip(luminance.iter()) {
-                    *gray = (luminance / 1000.0) as f32;
-                }
-                Ok(())
-            },
-        )
-    })
 }
 
 impl Attempt {

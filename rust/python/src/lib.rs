@@ -66,6 +66,7 @@ use phasestereo::internals::rig::blur_compensation::MOST_CLASSES;
 use phasestereo::internals::rig::estimation::compensation_plan::{LARGER, MUCH_LARGER};
 use phasestereo::internals::rig::estimation::overview::LEAST_SIZE;
 use phasestereo::internals::rig::estimation::{Prepared, prepare, prepare_by_rows};
+use phasestereo::internals::rig::rectification::rectify_views;
 use phasestereo::internals::settings::presets::Preset;
 use phasestereo::internals::settings::{MOST_DISPARITIES, Settings};
 use phasestereo::internals::simd::Level;
@@ -94,8 +95,9 @@ mod _core {
     use super::{
         Rig, Scale, Setting, TemporalFilter, Workers, aggregate_volume, check_blur_compensation,
         check_noise, check_settings, cost_volume, descriptor, estimate_pair, estimate_pair_by_rows,
-        find_cameras, find_roughness, find_scale, fit_right, halo, match_pair, match_raw,
-        match_rows, optimize_volume, preset, rows_to_tally, simd_level, verify_map, working_memory,
+        find_roughness, find_scale, fit_right, halo, match_pair, match_raw, match_rows,
+        optimize_volume, preset, rectify_pairs, rows_to_tally, simd_level, verify_map,
+        working_memory,
     };
 
     #[pymodule_init]
@@ -208,25 +210,26 @@ fn match_pair<'py>(
     objects::result(py, matched, &asked)
 }
 
-/// The cameras by which a raw pair is rectified, from what its images show, as `OpenCV` has them.
+/// The cameras of pairs, by what their images show: matrices as OpenCV has them, the expected error in rows, and sentences.
 #[pyfunction]
-fn find_cameras<'py>(
+fn rectify_pairs<'py>(
     py: Python<'py>,
-    images: Both<'py>,
-    masks: Both<'py>,
-    threads: &Bound<'py, PyAny>,
-) -> Result<Bound<'py, PyDict>> {
-    let pair = read_images(&images, &masks, None)?;
-    let rows = pair.size().0;
-    let found = supervised(py, &Pool::for_argument(threads)?, rows, None, move |runtime| {
-        whole::cameras(&pair, true, runtime)
+    pairs: Vec<Both<'py>>,
+) -> Result<(Bound<'py, PyDict>, f64, Vec<String>)> {
+    let unmasked = py.None().into_bound(py);
+    let mut views = Vec::with_capacity(pairs.len());
+    for (left, right) in &pairs {
+        views.push([read_view(left, &unmasked, "left")?, read_view(right, &unmasked, "right")?]);
+    }
+
+    let pool = Pool::for_argument(&unmasked)?;
+    let found = supervised(py, &pool, views.len(), None, move |runtime| {
+        let Runtime { matcher, execution, control } = runtime;
+        matcher.install(|| rectify_views(&views, execution.level, control))
     })?;
 
-    let found = found.map_err(|refusal| {
-        let got = format!("images that do not show how to rectify them: {refusal}");
-        Error::value("rectify", got, "a pair with more in common, or a calibration")
-    })?;
-    objects::calibration(py, &found.cameras)
+    let matrices = objects::calibration(py, &found.cameras)?;
+    Ok((matrices, found.error, findings::rectification(&found)))
 }
 
 /// The right image as it is matched, if it is not of the size of the left one.

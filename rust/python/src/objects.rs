@@ -243,7 +243,7 @@ fn rectified_of(py: Python<'_>, found: Rectified) -> Result<Object<'_>> {
     )
 }
 
-/// Two cameras as OpenCV has them.
+/// Cameras as OpenCV has them, by name.
 pub fn calibration<'py>(py: Python<'py>, cameras: &Cameras) -> Result<Bound<'py, PyDict>> {
     let calibration = PyDict::new(py);
     for (index, camera) in cameras.sides().iter().enumerate() {
@@ -259,6 +259,7 @@ pub fn calibration<'py>(py: Python<'py>, cameras: &Cameras) -> Result<Bound<'py,
         calibration.set_item(name("R"), matrix(rotation.concat())?)?;
         calibration.set_item(name("P"), matrix(projection)?)?;
     }
+
     Ok(calibration)
 }
 

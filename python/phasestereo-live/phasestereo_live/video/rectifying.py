@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 from numpy.typing import ArrayLike, NDArray
 
-from phasestereo import _core
 from phasestereo._images import ImageOrPath
-from phasestereo._opening import opened_pair
 from phasestereo.rectification.cameras import Cameras, Matrix
 from phasestereo.rectification.reading import CalibrationSource, read_calibration
 from phasestereo.rectification.record import Rectification
@@ -56,21 +53,7 @@ class Rectifier:
             return self._found.apply(left, right)
 
         left_mask, right_mask = self._masks
-        if self._calibration is not None:
-            made = rectify(
-                left, right, self._calibration, left_mask=left_mask, right_mask=right_mask
-            )
-        else:
-            # What the match goes by, since features take ten times as long.
-            pair = opened_pair(left, right)
-            made = rectify(
-                *pair,
-                _core.find_cameras(pair, (None, None), None),
-                interpolation="lanczos",
-                left_mask=left_mask,
-                right_mask=right_mask,
-            )
-            made = replace(made, method="images", Q=None)
+        made = rectify(left, right, self._calibration, left_mask=left_mask, right_mask=right_mask)
         if made.vertical:
             raise ValueError(
                 "rectify: got cameras one above the other; accepts cameras side by side"

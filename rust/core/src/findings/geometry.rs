@@ -13,14 +13,14 @@ use crate::rig::estimation::estimates::Estimates;
 use crate::rig::estimation::range::{LeftOut, SearchRange};
 use crate::rig::estimation::rows::{DISTORTED, RowOffsets};
 use crate::rig::psf::{Family, Psf, Taps};
-use crate::rig::rectification::{Rectification, Refusal};
+use crate::rig::rectification::{LONGEST, Rectification, Refusal};
 
 const NOTHING: &str =
     "hardly anything in one image is found in the other: these are no pair, or far from rectified";
 /// The term of the field of rows that a camera has which is turned towards the other.
 const TWIST: usize = 3;
-/// The longest focal length of toed-in cameras, in widths of the image.
-const LONGEST: f64 = 1.5;
+/// From so many pixels below zero on, the middle of all disparities counts as negative.
+const CLEARLY: f64 = 2.0;
 const INVERTED: &str = "what is bright in one image is dark in the other";
 
 impl Known<'_> {
@@ -292,18 +292,7 @@ pub fn rectified(found: &Rectification) -> Finding {
          calibrate the cameras"
     )];
 
-    let (bent, _) = found
-        .distortion
-        .into_iter()
-        .filter(|(bent, error)| bent.abs() >= DISTORTED.0.max(DISTORTED.1 * error))
-        .fold((0.0f64, 0.0), |most, one| if one.0.abs() > most.0.abs() { one } else { most });
-    if bent != 0.0 {
-        let kind = if bent < 0.0 { "barrel" } else { "pincushion" };
-        told.push(format!(
-            "the lenses distort, by {:.0} px at half the width ({kind})",
-            bent.abs()
-        ));
-    }
+    told.extend(distorted(found));
     if *moved > 0.0 {
         told.push(format!(
             "columns were moved by {moved:.0} px to make disparities positive: the cameras are toed \
@@ -311,6 +300,52 @@ pub fn rectified(found: &Rectification) -> Finding {
         ));
     }
     Finding::note(Topic::Alignment, told.join("; "))
+}
+
+/// What was found of pairs that were rectified to be matched later.
+pub fn rectification(found: &Rectification) -> Vec<String> {
+    let Rectification { rows, rms, blocks, error, disparities: [low, middle, high], .. } = found;
+    let of = if found.pairs == 1 { String::new() } else { format!(" of {} pairs", found.pairs) };
+    let mut told = vec![
+        format!(
+            "rows were {rows:.1} px off; those of {blocks} blocks{of} now agree within {rms:.2} px, and rows \
+             are known to {error:.2} px"
+        ),
+        format!("disparities are about {low:.0} to {high:.0} px"),
+    ];
+
+    told.extend(
+        distorted(found).map(|what| format!("{what}: that is undone, as far as rows tell")),
+    );
+    if found.moved > 0.0 {
+        told.push(format!(
+            "the cameras are toed in: columns were moved by {:.0} px, so that disparities are not negative",
+            found.moved
+        ));
+    }
+    if *high < 0.0 && *middle <= -CLEARLY {
+        told.push(
+            "left and right seem to be swapped, since all disparities are negative: exchange the images \
+             (toed-in cameras give the same)"
+                .to_owned(),
+        );
+    }
+    if found.is_inverted {
+        told.push("the right image seems to be a negative of the left one".to_owned());
+    }
+    told
+}
+
+/// That lenses distort, if they clearly do.
+fn distorted(found: &Rectification) -> Option<String> {
+    let (bent, _) = found
+        .distortion
+        .into_iter()
+        .filter(|(bent, error)| bent.abs() >= DISTORTED.0.max(DISTORTED.1 * error))
+        .fold((0.0f64, 0.0), |most, one| if one.0.abs() > most.0.abs() { one } else { most });
+    let kind = if bent < 0.0 { "barrel" } else { "pincushion" };
+    let told = || format!("the lenses distort, by {:.0} px at half the width ({kind})", bent.abs());
+    (bent != 0.0).then(told)
 }
 
 /// That a pair that hardly matches could not be rectified by what it shows, and why.
@@ -336,6 +371,11 @@ fn softer(blur: &blur::Blur, area: Option<f64>) -> Option<Finding> {
     };
     let area =
         area.map_or(String::new(), |share| format!(", over {} of the image", percent(share)));
+    let done = if blur.is_slight() {
+        "it is so slight that a match does better as the images are"
+    } else {
+        "robust matching compensates it"
+    };
     let hint = match blur.psf.map(|psf| psf.family) {
         Some(Family::Gaussian | Family::Disk | Family::Annulus) => "its focus",
         Some(Family::Motion) | None => "its mount and its exposure time",
@@ -344,7 +384,7 @@ fn softer(blur: &blur::Blur, area: Option<f64>) -> Option<Finding> {
     Some(Finding::new(
         Topic::Blur,
         Severity::of(blur.spread(), BLUR),
-        format!("the {side} image is {what}{area}: check {hint}; robust matching compensates it"),
+        format!("the {side} image is {what}{area}: check {hint}; {done}"),
     ))
 }
 

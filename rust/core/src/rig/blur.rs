@@ -95,6 +95,9 @@ const QUIET: usize = 10;
 /// measured for noise of a known level on the suite's scenes.
 const QUIET_BIAS: f32 = 1.28;
 
+/// Share of the texture of 4 pixels' period that a slight blur leaves.
+const SLIGHT: f64 = 0.3;
+
 /// A kind of relative blur.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Blur {
@@ -116,6 +119,13 @@ impl Blur {
             (None, Some(taps)) => taps.radius() / 2f64.sqrt(),
             (None, None) => 0.0,
         }
+    }
+
+    /// Whether there is no blur, or so slight a one that to give it to the sharper image, too, would cost more detail than the
+    /// difference does: codes are of phase, which a symmetric blur leaves alone.
+    pub fn is_slight(&self) -> bool {
+        let leaves_most = |taps: &Taps| taps.least_response() >= SLIGHT;
+        self.other.is_none() && self.taps.as_ref().is_none_or(leaves_most)
     }
 }
 

@@ -1,5 +1,7 @@
 //! Point-spread functions: the families of lenses and shutters, as kernels of taps.
 
+use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2};
+
 use crate::math;
 
 /// A family of point-spread functions of one size each.
@@ -107,6 +109,26 @@ impl Taps {
         self.values.iter().enumerate().map(move |(i, value)| {
             ((i / side) as isize - reach, (i % side) as isize - reach, *value)
         })
+    }
+
+    /// The least share of texture that is left at half the highest frequency, a period of 4 pixels, along rows, columns and both
+    /// diagonals.
+    pub fn least_response(&self) -> f64 {
+        let along = |down: f64, across: f64| {
+            let (mut real, mut imaginary) = (0.0, 0.0);
+            for (dy, dx, value) in self.places() {
+                let (sine, cosine) =
+                    math::sin_cos(FRAC_PI_2 * (down * dy as f64 + across * dx as f64));
+                real += value * cosine;
+                imaginary += value * sine;
+            }
+            math::hypot(real, imaginary)
+        };
+        let diagonal = FRAC_1_SQRT_2;
+        [(0.0, 1.0), (1.0, 0.0), (diagonal, diagonal), (diagonal, -diagonal)]
+            .into_iter()
+            .map(|(down, across)| along(down, across))
+            .fold(1.0, f64::min)
     }
 
     /// Root mean square distance of the taps from their mean, pixels.

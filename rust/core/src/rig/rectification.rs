@@ -7,8 +7,8 @@
 //!    numbers are fitted again, and all of this is repeated until they stay.
 //! 5. The rectified images are moved so that things stay about where they were, and so that disparities are positive.
 //!
-//! A pair of which too little agrees is not rectified: a wrong rectification is worse than none. Everything is computed in a
-//! fixed order.
+//! A pair of which too little agrees is not rectified: a wrong rectification is worse than none. Several pairs of the same cameras
+//! are matched each by itself, and fitted together. Everything is computed in a fixed order.
 
 pub mod blocks;
 pub mod cameras;
@@ -29,10 +29,12 @@ use self::blocks::Block;
 use self::cameras::{Cameras, NUMBERS, Point};
 use self::codes::Features;
 use self::fit::Steps;
-use self::linear::{forward, median};
+use self::linear::{Normal, forward, median};
 use self::matches::Match;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::image::plane::Plane;
+use crate::image::view::View;
+use crate::math;
 use crate::pipeline::control::Control;
 use crate::simd::Level;
 
@@ -48,9 +50,11 @@ const ENOUGH: (usize, f64) = (60, 0.5);
 const TURNS: [f64; 2] = [24.0, -24.0];
 /// Fewest blocks to fit to, and fewest of a result.
 const LEAST_BLOCKS: (usize, usize) = (40, 60);
+/// From such a spread on other cameras than those that explain the corners best are tried, too; pixels, and share of the width.
+const DOUBTFUL: (f64, f64) = (0.25, 0.00025);
 /// Most rounds of blocks; the rows that a round changes when it is the last, pixels.
-const ROUNDS: usize = 4;
-const STILL: f64 = 0.15;
+const ROUNDS: usize = 8;
+const STILL: f64 = 0.03;
 /// Matches agree if their rows are at most so many spreads apart, or such a share of the width.
 const AGREE: (f64, f64) = (4.0, 0.003);
 /// Largest share of blocks where the distortion folds the image.
@@ -59,10 +63,30 @@ const FOLDED: f64 = 0.05;
 const SPREAD: (f64, f64) = (1.5, 0.0015);
 /// Disparities apart from others by such a share of the width are mistakes, if they are fewer than such a share of all.
 const APART: (f64, f64) = (0.03, 0.05);
+/// The errors of rows are worked out at so many places along each side of the image, at these shares of the disparities; what
+/// no averaging removes of them, pixels; and the largest that is accepted, pixels of an image of up to 1000 columns.
+const PLACES: usize = 16;
+const ENDS: [f64; 3] = [0.02, 0.5, 0.98];
+const BIAS: f64 = 0.03;
+const LARGEST_ERROR: f64 = 1.0;
 /// The share of the disparities below the least one that counts. Negative ones beyond such a share of the width are made
 /// positive, and begin at another.
 const LEAST_SHARE: f64 = 0.01;
 const NEGATIVE: (f64, f64) = (0.01, 0.02);
+
+/// The longest focal length of toed-in cameras, in widths of the image.
+pub const LONGEST: f64 = 1.5;
+
+/// What becomes of disparities that are negative.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Negative {
+    /// They stay.
+    Kept,
+    /// Columns are moved so that they are positive, if the cameras are toed in; of images that are exchanged they stay.
+    MovedIfToedIn,
+    /// Columns are moved so that they are positive.
+    Moved,
+}
 
 /// A pair that was rectified.
 #[derive(Debug, Clone)]
@@ -77,8 +101,14 @@ pub struct Rectification {
     pub rows: f64,
     /// The same in the rectified images.
     pub rms: f64,
-    /// By how much the rows of the rectified images may differ by what the blocks determine, rms in pixels.
+    /// By how much rows may differ by what the blocks determine, rms in pixels over what both images show.
     pub error: f64,
+    /// The disparities of the rectified images: almost the least, the median and almost the largest.
+    pub disparities: [f64; 3],
+    /// How many pairs were used.
+    pub pairs: usize,
+    /// Whether the right images had to be inverted.
+    pub is_inverted: bool,
     /// By how many columns the right image was moved so that disparities are positive.
     pub moved: f64,
     /// By how many pixels each lens moves what is at half the width from the middle, outward, and the standard error.
@@ -99,6 +129,8 @@ pub enum Refusal {
     Folds,
     /// Rows stay apart by so many pixels.
     Rows(f64),
+    /// Rows would be known to so many pixels.
+    Uncertain(f64),
 }
 
 impl fmt::Display for Refusal {
@@ -116,19 +148,72 @@ impl fmt::Display for Refusal {
             Self::Blocks(found) => write!(to, "only {found} blocks of one are found in the other"),
             Self::Folds => write!(to, "the lenses that fit best would show some things twice"),
             Self::Rows(spread) => write!(to, "rows would still be {spread:.1} px apart"),
+            Self::Uncertain(error) => write!(to, "they tell rows to {error:.1} px only"),
         }
     }
 }
 
-/// Rectifies a pair of gray images of one size. Columns are moved so that disparities are positive, if that is asked for.
+/// The gray images of pairs: left and right.
+pub type Grays = [Plane<f32>; 2];
+
+/// Rectifies pairs of views of the same cameras, of which the right ones may be negatives.
+pub fn rectify_views(
+    pairs: &[[View; 2]],
+    level: Level,
+    control: &Control,
+) -> Result<Rectification> {
+    let mut grays = Vec::with_capacity(pairs.len());
+    for [left, right] in pairs {
+        grays.push([gray(left, control)?, gray(right, control)?]);
+    }
+
+    let refusal = match rectify(&grays, Negative::MovedIfToedIn, level, control)? {
+        Ok(found) => return Ok(found),
+        Err(refusal) => refusal,
+    };
+    if matches!(refusal, Refusal::Matches(_)) {
+        for [_, right] in &mut grays {
+            *right = right.map(|value| -value);
+        }
+        if let Ok(found) = rectify(&grays, Negative::MovedIfToedIn, level, control)? {
+            return Ok(Rectification { is_inverted: true, ..found });
+        }
+    }
+
+    let got = format!("images that do not show how to rectify them: {refusal}");
+    let accepts = "two views of one scene, taken side by side; more pairs of the same cameras (others) tell more, and a \
+                   calibration all";
+    Err(Error::value("left, right", got, accepts))
+}
+
+/// The gray values of a view.
+pub fn gray(view: &View, control: &Control) -> Result<Plane<f32>> {
+    let (rows, cols, _) = view.image.shape();
+    Plane::by_bands_with(
+        (rows, cols),
+        1,
+        || Ok(vec![0.0; cols]),
+        |luminance, y, row| {
+            control.checkpoint()?;
+            view.image.write_luminance(y, luminance);
+            for (gray, luminance) in row.iter_mut().zip(luminance.iter()) {
+                *gray = (luminance / 1000.0) as f32;
+            }
+            Ok(())
+        },
+    )
+}
+
+/// Rectifies pairs of gray images, all of one size, of the same cameras.
 pub fn rectify(
-    pair: [&Plane<f32>; 2],
-    is_positive: bool,
+    pairs: &[Grays],
+    negative: Negative,
     level: Level,
     control: &Control,
 ) -> Result<std::result::Result<Rectification, Refusal>> {
-    let factor = pair[0].cols().div_ceil(MOST_COLUMNS).max(1);
-    let size = (pair[0].rows() / factor, pair[0].cols() / factor);
+    let (rows, cols) = (pairs[0][0].rows(), pairs[0][0].cols());
+    let factor = cols.div_ceil(MOST_COLUMNS).max(1);
+    let size = (rows / factor, cols / factor);
     let smaller = |image: &Plane<f32>| -> Result<Plane<f32>> {
         let image = filters::stretched(image);
         if factor == 1 {
@@ -137,38 +222,77 @@ pub fn rectify(
             filters::reduced(&filters::cropped(&image, factor)?, size)
         }
     };
-    let (left, right) = (smaller(pair[0])?, smaller(pair[1])?);
 
-    let found = rectify_small([&left, &right], is_positive, level, control)?;
+    let mut reduced = Vec::with_capacity(pairs.len());
+    for [left, right] in pairs {
+        reduced.push([smaller(left)?, smaller(right)?]);
+    }
+    let found = rectify_small(&reduced, negative, level, control)?;
     Ok(found.map(|found| found.enlarged(factor, size)).map_err(|refusal| match refusal {
         Refusal::Rows(spread) => Refusal::Rows(spread * factor as f64),
+        Refusal::Uncertain(error) => Refusal::Uncertain(error * factor as f64),
         other => other,
     }))
 }
 
 fn rectify_small(
-    pair: [&Plane<f32>; 2],
-    is_positive: bool,
+    pairs: &[Grays],
+    negative: Negative,
     level: Level,
     control: &Control,
 ) -> Result<std::result::Result<Rectification, Refusal>> {
-    let size = (pair[0].rows(), pair[0].cols());
-    let (matches, agreeing) = match matched(pair, level, control)? {
-        Ok(found) => found,
-        Err(refusal) => return Ok(Err(refusal)),
-    };
-    let counts = [matches.len(), agreeing.iter().filter(|is_in| **is_in).count()];
-    let starts = fit::fitted(&matches, &agreeing, size);
-
-    let mut most = 0;
-    for (cameras, kept) in starts {
-        let found = refined(pair, &matches, cameras, kept, level, control)?;
-        most = most.max(found.blocks.len());
-        if found.blocks.len() >= LEAST_BLOCKS.1 {
-            return Ok(found.checked(counts, size, is_positive));
+    let size = (pairs[0][0].rows(), pairs[0][0].cols());
+    let (mut views, mut agreeing, mut refusal) = (vec![], vec![], None);
+    for [left, right] in pairs {
+        match matched([left, right], level, control)? {
+            Ok((matches, agree)) => {
+                views.push(Views { pair: [left, right], matches });
+                agreeing.extend(agree);
+            }
+            Err(why) => refusal = refusal.or(Some(why)),
         }
     }
-    Ok(Err(Refusal::Blocks(most)))
+    if let (true, Some(refusal)) = (views.is_empty(), refusal) {
+        return Ok(Err(refusal));
+    }
+
+    let all: Vec<Match> = views.iter().flat_map(|views| &views.matches).copied().collect();
+    let counts = [all.len(), agreeing.iter().filter(|is_in| **is_in).count()];
+
+    let (mut most, mut best) = (0, None);
+    for (cameras, near) in fit::fitted(&all, &agreeing, size) {
+        let found = refined(&views, cameras, near, level, control)?;
+        most = most.max(found.blocks.len());
+        let Some(fit) = found.fit.as_ref().filter(|_| found.blocks.len() >= LEAST_BLOCKS.1) else {
+            continue;
+        };
+
+        let (spread, improbability) = (fit.spread, fit.improbability());
+        if best.as_ref().is_none_or(|(least, _)| improbability < *least) {
+            best = Some((improbability, found));
+        }
+        if spread < DOUBTFUL.0.max(DOUBTFUL.1 * size.1 as f64) {
+            break;
+        }
+    }
+    match best {
+        Some((_, found)) => Ok(found.checked(counts, size, negative, views.len())),
+        None => Ok(Err(Refusal::Blocks(most))),
+    }
+}
+
+/// The images of a pair and their matched corners.
+struct Views<'a> {
+    pair: [&'a Plane<f32>; 2],
+    matches: Vec<Match>,
+}
+
+impl Views<'_> {
+    /// The matches whose rows are near with these cameras.
+    fn near(&self, cameras: &Cameras, near: f64) -> Vec<Match> {
+        let is_near = |one: &&Match| cameras.row_difference([one.left, one.right]).abs() < near;
+        self.matches.iter().filter(is_near).copied().collect()
+    }
 }
 
 /// Matched corners, and which of them agree.
@@ -230,22 +354,28 @@ struct Refined {
     fit: Option<fit::Fit>,
 }
 
-/// Fits cameras to blocks, again and again, until they stay.
+/// Fits cameras to blocks, again and again, until they stay. They begin with such to which matches agree whose rows are so near.
 fn refined(
-    pair: [&Plane<f32>; 2],
-    matches: &[Match],
+    views: &[Views],
     cameras: Cameras,
-    kept: Vec<Match>,
+    near: f64,
     level: Level,
     control: &Control,
 ) -> Result<Refined> {
-    let cols = pair[0].cols() as f64;
-    let mut now = Refined { cameras, blocks: vec![], weights: vec![], kept, fit: None };
+    let cols = views[0].pair[0].cols() as f64;
+    let mut near = near;
+    let mut now = Refined { cameras, blocks: vec![], weights: vec![], kept: vec![], fit: None };
 
     for round in 0..ROUNDS {
-        control.checkpoint()?;
         let before = now.cameras.clone();
-        now.blocks = blocks::blocks(pair, &now.cameras, &now.kept, level)?;
+        now.blocks.clear();
+        now.kept.clear();
+        for views in views {
+            control.checkpoint()?;
+            let kept = views.near(&before, near);
+            now.blocks.extend(blocks::blocks(views.pair, &before, &kept, level)?);
+            now.kept.extend(kept);
+        }
         if now.blocks.len() < LEAST_BLOCKS.0 {
             break;
         }
@@ -253,7 +383,7 @@ fn refined(
         // Blocks alone, then with the corners, as much less exact as their rows spread more.
         let mut places: Vec<Match> = now.blocks.iter().map(|block| block.places).collect();
         let mut weights: Vec<f64> = now.blocks.iter().map(|block| block.weight).collect();
-        let alone = fit::fit(&places, &weights, &now.cameras, Steps(15, 3));
+        let alone = fit::fit(&places, &weights, &before, Steps(15, 3));
 
         let rows = |cameras: &Cameras, one: &Match| cameras.row_difference([one.left, one.right]);
         let spread = now.kept.iter().map(|one| rows(&alone.cameras, one).abs()).collect();
@@ -265,10 +395,7 @@ fn refined(
         now.cameras = both.cameras.clone();
         now.weights = both.weights[..now.blocks.len()].to_vec();
         now.fit = Some(both);
-
-        let near = (AGREE.0 * spread).max(AGREE.1 * cols);
-        let is_near = |one: &&Match| rows(&now.cameras, one).abs() < near;
-        now.kept = matches.iter().filter(is_near).copied().collect();
+        near = (AGREE.0 * spread).max(AGREE.1 * cols);
 
         let changes = now.blocks.iter().map(|block| {
             (rows(&now.cameras, &block.places) - rows(&before, &block.places)).powi(2)
@@ -279,6 +406,7 @@ fn refined(
         }
     }
 
+    now.kept = views.iter().flat_map(|views| views.near(&now.cameras, near)).collect();
     Ok(now)
 }
 
@@ -287,10 +415,12 @@ impl Refined {
     fn checked(
         self,
         matches: [usize; 2],
-        (_, cols): (usize, usize),
-        is_positive: bool,
+        (rows, cols): (usize, usize),
+        negative: Negative,
+        pairs: usize,
     ) -> std::result::Result<Rectification, Refusal> {
         let Self { mut cameras, blocks, weights, kept, fit } = self;
+        let size = (rows, cols);
         let cols = cols as f64;
 
         let is_folded = |block: &&Block| {
@@ -319,18 +449,31 @@ impl Refined {
         let raw: Vec<f64> = good.iter().map(|one| one.right[1] - one.left[1]).collect();
         let raw = length(&raw) / count;
         let lower = fit.and_then(|fit| fit.normal.factor());
-        let error = error(&cameras, &good, lower.as_ref());
         let distortion = [0, 1].map(|side| {
             let (moved, slope) = cameras.distortion(side);
             (moved, lower.map_or(f64::INFINITY, |lower| length(&forward(&lower, slope))))
         });
 
         cameras.shifts = shifts(&cameras, &good);
-        let least = least_disparity(&cameras, &good, &kept, cols);
+        let found = disparities(&cameras, good.iter().chain(&kept), cols);
+        let least = at(&found, LEAST_SHARE);
         let mut moved = 0.0;
-        if is_positive && least < -NEGATIVE.0 * cols {
+        let is_moved = match negative {
+            Negative::Kept => false,
+            Negative::MovedIfToedIn => {
+                found[found.len() / 2] < 0.0 && is_toed_in(&good, size, least)
+            }
+            Negative::Moved => true,
+        };
+        if is_moved && least < -NEGATIVE.0 * cols {
             moved = (NEGATIVE.1 * cols - least).ceil();
             cameras.shifts[1][0] -= moved;
+        }
+
+        let disparities = ENDS.map(|share| at(&found, share) + moved);
+        let error = error(&cameras, size, disparities, lower.as_ref());
+        if error > LARGEST_ERROR.max(LARGEST_ERROR * cols / 1000.0) {
+            return Err(Refusal::Uncertain(error));
         }
 
         Ok(Rectification {
@@ -340,6 +483,9 @@ impl Refined {
             rows: raw,
             rms,
             error,
+            disparities,
+            pairs,
+            is_inverted: false,
             moved,
             distortion,
         })
@@ -355,6 +501,7 @@ impl Rectification {
             rows: self.rows * times,
             rms: self.rms * times,
             error: self.error * times,
+            disparities: self.disparities.map(|disparity| disparity * times),
             moved: self.moved * times,
             distortion: self.distortion.map(|(moved, error)| (moved * times, error * times)),
             ..self
@@ -366,15 +513,51 @@ fn length(values: &[f64]) -> f64 {
     values.iter().map(|value| value * value).sum::<f64>().sqrt()
 }
 
-/// By how much rows may differ by the covariance of the numbers, at blocks, rms.
-fn error(cameras: &Cameras, blocks: &[Match], lower: Option<&[[f64; NUMBERS]; NUMBERS]>) -> f64 {
+/// By how much rows may differ by the covariance of the numbers, rms over what both images show at these disparities.
+fn error(
+    cameras: &Cameras,
+    (rows, cols): (usize, usize),
+    disparities: [f64; 3],
+    lower: Option<&[[f64; NUMBERS]; NUMBERS]>,
+) -> f64 {
     let Some(lower) = lower else { return f64::INFINITY };
-    let deviation = |one: &Match| {
-        let (_, slope) = cameras.row_derivatives([one.left, one.right]);
-        length(&forward(lower, slope))
+    let is_inside = |place: &Point| {
+        (0.0..=(cols - 1) as f64).contains(&place[0])
+            && (0.0..=(rows - 1) as f64).contains(&place[1])
     };
-    let all: Vec<f64> = blocks.iter().map(deviation).collect();
-    length(&all) / (all.len() as f64).sqrt()
+    let along =
+        |index: usize, count: usize| index as f64 * (count - 1) as f64 / (PLACES - 1) as f64;
+
+    let mut errors = vec![];
+    for index in 0..PLACES * PLACES {
+        let [x, y] = [along(index % PLACES, cols), along(index / PLACES, rows)];
+        for disparity in disparities {
+            let raw = [cameras.raw([x, y], 0), cameras.raw([x - disparity, y], 1)];
+            let [Some(left), Some(right)] = raw.map(|place| place.filter(is_inside)) else {
+                continue;
+            };
+            let (_, slope) = cameras.row_derivatives([left, right]);
+            errors.push(length(&forward(lower, slope)));
+        }
+    }
+    math::hypot(length(&errors) / (errors.len() as f64).sqrt(), BIAS)
+}
+
+/// Whether rows of raw images lie as those of cameras that are turned towards each other so far that there are such disparities.
+/// A camera of focal length `f` that is turned moves columns by `s` and, at `(x, y)` from its center, rows by `s x y / f^2`;
+/// images that are exchanged leave rows alone.
+fn is_toed_in(blocks: &[Match], (rows, cols): (usize, usize), least: f64) -> bool {
+    const TERMS: usize = 6;
+    const TWIST: usize = 3;
+    let mut normal = Normal::<TERMS>::held([1e-9; TERMS]);
+    for Match { left, right } in blocks {
+        let x = 2.0 * right[0] / (cols - 1) as f64 - 1.0;
+        let y = 2.0 * left[1] / (rows - 1) as f64 - 1.0;
+        normal.add(&[1.0, x, y, x * y, x * x, y * y], right[1] - left[1], 1.0);
+    }
+
+    let of_shift = -least * rows as f64 / (4.0 * LONGEST.powi(2) * cols as f64);
+    normal.solved().is_some_and(|terms| terms[TWIST] >= of_shift)
 }
 
 /// The shifts that leave things where they were, at the median. Rows are moved alike; columns each by themselves, since what
@@ -393,20 +576,26 @@ fn shifts(cameras: &Cameras, blocks: &[Match]) -> [Point; 2] {
     [[median(by(0, 0)), rows], [median(by(1, 0)), rows]]
 }
 
-/// The least disparity, without clusters that are small and far from others.
-fn least_disparity(cameras: &Cameras, blocks: &[Match], corners: &[Match], cols: f64) -> f64 {
+/// The disparities of matches in order, without clusters that are small and far from others.
+fn disparities<'a>(
+    cameras: &Cameras,
+    matches: impl Iterator<Item = &'a Match>,
+    cols: f64,
+) -> Vec<f64> {
     let disparity =
         |one: &Match| cameras.rectified(one.left, 0)[0] - cameras.rectified(one.right, 1)[0];
-    let mut all: Vec<f64> = blocks.iter().chain(corners).map(disparity).collect();
+    let mut all: Vec<f64> = matches.map(disparity).collect();
     all.sort_by(f64::total_cmp);
 
     let clusters = all.chunk_by(|one, next| next - one <= APART.0 * cols);
     let large = clusters.filter(|cluster| cluster.len() as f64 >= APART.1 * all.len() as f64);
-    let mut kept: Vec<f64> = large.flatten().copied().collect();
-    if kept.is_empty() {
-        kept = all;
-    }
-    kept[(LEAST_SHARE * (kept.len() - 1) as f64).round() as usize]
+    let kept: Vec<f64> = large.flatten().copied().collect();
+    if kept.is_empty() { all } else { kept }
+}
+
+/// The value below which such a share of sorted ones lies.
+fn at(sorted: &[f64], share: f64) -> f64 {
+    sorted[(share * (sorted.len() - 1) as f64).round() as usize]
 }
 
 #[cfg(test)]
@@ -418,7 +607,8 @@ mod tests {
 
     fn found(pair: &[Plane<f32>; 2]) -> std::result::Result<Rectification, Refusal> {
         let control = Control::default();
-        rectify([&pair[0], &pair[1]], true, Level::best(), &control).expect("memory")
+        rectify(std::slice::from_ref(pair), Negative::Moved, Level::best(), &control)
+            .expect("memory")
     }
 
     /// The largest difference of rows, over the image, of what cameras see at the same place.
@@ -456,12 +646,16 @@ mod tests {
         let truth = Cameras::new([0.0; NUMBERS], USUAL, SIZE);
         let [left, right] = scene::pair(&truth, SIZE, 2);
         let control = Control::default();
-        let swapped = |is_positive: bool| {
-            let found = rectify([&right, &left], is_positive, Level::best(), &control);
+        let swapped = |negative: Negative| {
+            let found =
+                rectify(&[[right.clone(), left.clone()]], negative, Level::best(), &control);
             found.expect("memory").expect("a pair").moved
         };
-        assert!((12.0..40.0).contains(&swapped(true)), "{}", swapped(true));
-        assert!(swapped(false).abs() < 1e-12);
+        let moved = swapped(Negative::Moved);
+        assert!((12.0..40.0).contains(&moved), "{moved}");
+        for negative in [Negative::Kept, Negative::MovedIfToedIn] {
+            assert!(swapped(negative).abs() < 1e-12, "{negative:?}");
+        }
     }
 
     #[test]
@@ -494,7 +688,8 @@ mod tests {
         for (name, level) in Level::all() {
             let Some(level) = level else { continue };
             let control = Control::default();
-            let again = pool.install(|| rectify([&pair[0], &pair[1]], true, level, &control));
+            let again = pool
+                .install(|| rectify(std::slice::from_ref(&pair), Negative::Moved, level, &control));
             assert_eq!(again.expect("memory").expect("a pair").cameras, first, "{name}");
         }
     }

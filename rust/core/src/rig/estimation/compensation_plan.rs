@@ -54,7 +54,7 @@ impl CompensationPlan {
             ..Self::of_noise(noise.unwrap_or_else(|| weak_level(estimate)), settings)?
         };
 
-        if !settings.compensate_blur || estimate.blurs.iter().all(|blur| blur.taps.is_none()) {
+        if !settings.compensate_blur || estimate.blurs.iter().all(Blur::is_slight) {
             return Ok(plain);
         }
 
@@ -181,6 +181,17 @@ mod tests {
         let settings = Settings { noise_threshold: 0.0, sizes: 1, ..Settings::default() };
         let settings = CompensationPlan::new(&estimate, None, &settings).expect("legal").settings;
         (settings.neighborhood, settings.window)
+    }
+
+    #[test]
+    fn slight_blur_is_left_as_it_is() {
+        for slight in [(Family::Gaussian, 0.9), (Family::Disk, 1.4)] {
+            assert_eq!(sizes(&[slight]), (3, 5));
+            assert_eq!(sizes(&[slight, (Family::Motion, 5.0)]), (5, 7));
+        }
+        for more in [(Family::Gaussian, 1.1), (Family::Disk, 2.0), (Family::Motion, 5.0)] {
+            assert_eq!(sizes(&[more]), (5, 7));
+        }
     }
 
     #[test]

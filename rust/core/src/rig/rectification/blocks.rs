@@ -3,7 +3,8 @@
 //! ```text
 //! even = (image - mean) / sqrt(variance + 9)         # over 31 x 31: light and contrast are taken out
 //! c(dx, dy) = correlation of the block of 24 x 24 about a corner with the block at (dx, dy) of the right image
-//!     of images of half the size within 12 px of what the nearest matches say, then of the whole ones within 4 px
+//!     of images of half the size within 12 px of what the nearest matches say (about the nearest corner that is so far from
+//!     their ends that it fits), then of the whole ones within 4 px
 //! (dx, dy) = the largest c, and the vertex of the paraboloid through the nine about it
 //! kept if c > 0.7, unique and curved enough along y
 //! ```
@@ -20,7 +21,7 @@ use crate::image::plane::{Plane, zeroed};
 use crate::simd::{Level, Loop};
 
 /// Number of corners that blocks are laid about, and how near they may be to the border.
-const CORNERS: usize = 700;
+const CORNERS: usize = 2000;
 const BORDER: usize = 16;
 /// Side of a block.
 const SIDE: usize = 24;
@@ -76,9 +77,10 @@ pub fn blocks(
     for (corner, guess) in found.iter().zip(guesses) {
         let [x, y] = corner.pixel;
         let to = guess.map(|by| (by / 2.0).round() as isize);
-        let Some(rough) = correlated(&halves, [x / 2, y / 2], to, SEARCH[0], level) else {
-            continue;
-        };
+        // Near the ends of the image, a place farther in tells how far things are moved.
+        let inward = |at: usize, size: usize| at.clamp(SIDE / 2, (size - SIDE / 2).max(SIDE / 2));
+        let middle = [inward(x / 2, halves[0].cols()), inward(y / 2, halves[0].rows())];
+        let Some(rough) = correlated(&halves, middle, to, SEARCH[0], level) else { continue };
         let to = rough.by.map(|by| (2.0 * by).round() as isize);
         let Some(fine) = correlated(&wholes, [x, y], to, SEARCH[1], level) else { continue };
 

@@ -54,12 +54,14 @@ pub fn written(rig: &Rig) -> String {
         out.line("idle", [geometry.columns.idle()]);
 
         if let Some(raw) = &geometry.cameras {
-            let Rectification { cameras, matches, blocks, rows, rms, error, moved, distortion } =
-                &raw.rectification;
+            let Rectification {
+                cameras, matches, blocks, rows, rms, error, moved, distortion, ..
+            } = &raw.rectification;
             out.line("numbers", *cameras.numbers());
             out.line("spreads", *cameras.spreads());
             out.line("shifts", cameras.shifts.concat());
-            out.line("counts", [matches[0], matches[1], *blocks]);
+            out.line("counts", [matches[0], matches[1], *blocks, raw.rectification.pairs]);
+            out.line("disparities", raw.rectification.disparities);
             let [left, right] = distortion;
             out.line("errors", [*rows, *rms, *error, *moved, left.0, left.1, right.0, right.1]);
         }
@@ -164,7 +166,7 @@ fn raw(entries: &Entries, size: (usize, usize), control: &Control) -> Result<Raw
 
     let mut cameras = Cameras::new(numbers, spreads, size);
     cameras.shifts = [[shifts[0], shifts[1]], [shifts[2], shifts[3]]];
-    let [left, right, blocks] = entries.some("counts")?;
+    let [left, right, blocks, pairs] = entries.some("counts")?;
     let [rows, rms, error, moved, bent_left, error_left, bent_right, error_right] = errors;
     let rectification = Rectification {
         cameras,
@@ -173,6 +175,10 @@ fn raw(entries: &Entries, size: (usize, usize), control: &Control) -> Result<Raw
         rows,
         rms,
         error,
+        disparities: entries.some("disparities")?,
+        pairs,
+        // Pairs of a rig are inverted before they are rectified.
+        is_inverted: false,
         moved,
         distortion: [(bent_left, error_left), (bent_right, error_right)],
     };

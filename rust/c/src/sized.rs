@@ -1,0 +1,86 @@
+//! Structures that begin with their size, as the program was compiled with it: they can grow at their end.
+//!
+//! Of a program's smaller structure as much is read or written as there is; what is missing is zero. Of a larger one, which
+//! is of a newer header, the rest is written as zeros, and has to be zero where it is read.
+
+use std::mem::MaybeUninit;
+
+use phasestereo::{Error, Result};
+
+/// The least and the most that a size can be: anything else is memory that was never written.
+const MOST: usize = 4096;
+
+/// A structure whose fields are never moved, and new ones are added at its end.
+///
+/// # Safety
+///
+/// It is `repr(C)`, its first field is its size as a `usize`, and its bytes may be zeros.
+pub unsafe trait Growing: Copy {
+    /// Bytes up to the last field that each version has.
+    const LEAST: usize;
+}
+
+/// The structure of a caller, as this version knows it.
+///
+/// # Safety
+///
+/// The pointer is to as many bytes as the first of its fields says, or NULL.
+pub unsafe fn read<T: Growing>(place: *const T, argument: &'static str) -> Result<T> {
+    // SAFETY: as the caller promises.
+    let size = unsafe { size(place, argument)? };
+    let mut known = MaybeUninit::<T>::zeroed();
+
+    // SAFETY: both have so many bytes; zeros are a value of the type.
+    let (known, rest) = unsafe {
+        place
+            .cast::<u8>()
+            .copy_to_nonoverlapping(known.as_mut_ptr().cast(), size.min(size_of::<T>()));
+        let start = place.cast::<u8>().wrapping_add(size_of::<T>());
+        (
+            known.assume_init(),
+            std::slice::from_raw_parts(start, size.saturating_sub(size_of::<T>())),
+        )
+    };
+
+    if rest.iter().any(|byte| *byte != 0) {
+        let got = format!("fields that version {} does not know", env!("CARGO_PKG_VERSION"));
+        return Err(Error::value(argument, got, "zeros in them"));
+    }
+    Ok(known)
+}
+
+/// Writes to a structure of a caller what it has room for; its size stays.
+///
+/// # Safety
+///
+/// As of [`read`]; the size is what [`size`] has returned, and the pointer is not NULL.
+pub unsafe fn write<T: Growing>(place: *mut T, size: usize, value: &T) {
+    let (place, value) = (place.cast::<u8>(), std::ptr::from_ref(value).cast::<u8>());
+    let (start, end) = (size_of::<usize>(), size.min(size_of::<T>()));
+
+    // SAFETY: as the caller promises.
+    unsafe {
+        value.add(start).copy_to_nonoverlapping(place.add(start), end - start);
+        place.add(end).write_bytes(0, size - end);
+    }
+}
+
+/// The size of a caller's structure, in bytes.
+///
+/// # Safety
+///
+/// The pointer is to a structure whose first field is written, or NULL.
+pub unsafe fn size<T: Growing>(place: *const T, argument: &'static str) -> Result<usize> {
+    if place.is_null() {
+        return Err(Error::value(argument, "NULL", "a pointer"));
+    }
+
+    // SAFETY: as the caller promises.
+    let size = unsafe { place.cast::<usize>().read() };
+    if !(T::LEAST..=MOST).contains(&size) {
+        let (least, whole) = (T::LEAST, size_of::<T>());
+        let accepts = format!("its sizeof: {whole}, and at least {least}");
+        return Err(Error::value(argument, format!("a struct_size of {size}"), accepts));
+    }
+    Ok(size)
+}
