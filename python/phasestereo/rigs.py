@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -52,6 +53,26 @@ class Event:
 
     def __str__(self) -> str:
         return f"frame {self.frame}: {self.sentence}"
+
+
+class Check(NamedTuple):
+    """A quantity of a rig against its limit."""
+
+    name: str
+    unit: str
+    meaning: str
+    value: float
+    """NaN: it cannot be told."""
+    limit: float
+    """The most there may be; of the reserve the least."""
+    passed: bool | None
+    """None: it cannot be told, and need not be."""
+
+    def __str__(self) -> str:
+        word = {True: "ok", False: "FAILED", None: "unknown"}[self.passed]
+        value = "not known" if math.isnan(self.value) else f"{self.value:.3g} {self.unit}"
+        bound = "at least" if self.name == "reserve" else "at most"
+        return f"{word}: {self.name} {value}, {bound} {self.limit:.3g} ({self.meaning})"
 
 
 class Rig:
@@ -217,10 +238,38 @@ class Rig:
         """
         self._settings, self._search = settings, (self._search[0], num_disparities)
 
+    def test(
+        self, limits: Mapping[str, float] | None = None, *, focal: float | None = None
+    ) -> tuple[Check, ...]:
+        """Compare what is known of the cameras with limits: go, or no-go.
+
+        Parameters
+        ----------
+        limits
+            Limits in the place of the usual ones, from which on a match is warned of: of "rows",
+            "error", "drift", "rotation", "wrong", "reserve", "noise", "exposure", "blur".
+        focal
+            Focal length of the rectified images in pixels, by which rows become a rotation.
+
+        Returns
+        -------
+        tuple of Check
+            All quantities. What cannot be told has failed if a limit was given, and so have rows,
+            their error and the wrong share.
+
+        Raises
+        ------
+        ValueError
+            For another name, a limit that is negative or not finite, or a focal length that is not
+            positive.
+        """
+        return tuple(Check(*row) for row in self._core.check(list((limits or {}).items()), focal))
+
     def save(self, path: StrPath) -> None:
         """Write what is known to a text file, which `load` reads to the bit.
 
-        Blur, noise and light are left out: they are estimated of the first frame of the next run.
+        Kernels that even out blur are left out: they are estimated of the first frame of the next
+        run.
 
         Raises
         ------

@@ -89,6 +89,13 @@ app.command(
     name="calibrate",
     help="Calibrate two cameras by pictures or a video of a board.",
 )
+_rig = App(name="rig", help="Test two cameras while they run.")
+_rig.command(
+    "phasestereo.cli.rig:rig_test",
+    name="test",
+    help="Test two cameras: what their frames show, against limits.",
+)
+app.command(_rig)
 
 
 def _add_commands_of_others() -> None:

@@ -11,6 +11,7 @@ pub mod finding;
 mod geometry;
 mod levels;
 mod lightness;
+pub mod limits;
 mod outcome;
 
 pub use self::finding::{Finding, Severity, Topic};

@@ -38,6 +38,7 @@ use crate::rig::estimation::tracks::{AROUND, follow_here};
 use crate::rig::estimation::{Estimates, Known, Prepared, estimated, prepared};
 use crate::rig::state::events::{Steady, Subject};
 use crate::rig::state::field::{Innovation, seeds};
+use crate::rig::state::sensors::Sensors;
 use crate::rig::state::{Geometry, Look, Raw, Rig};
 use crate::scales::match_over_scales;
 use crate::settings::Settings;
@@ -148,6 +149,7 @@ impl Rig {
         let look =
             Look { estimates: estimates.clone(), settings: settings.clone(), frame: self.frames };
         self.look = Some(Arc::new(look));
+        self.sensors = Sensors::new(estimates, self.frames).or(self.sensors.take());
     }
 }
 
@@ -515,6 +517,18 @@ impl Followed<'_, '_> {
         Ok((found, Shot { map, prepared, summary, innovation: None }))
     }
 
+    /// Takes in the disparities of a match, in a range that is given or found.
+    fn learn_range(&mut self, geometry: &mut Geometry, map: &Disparity) {
+        let rig = &mut *self.rig;
+        if let Some(given) = self.way.known.candidates {
+            geometry.columns.watch(given, map);
+        } else if geometry.columns.update(map, geometry.size.1) {
+            let most = geometry.columns.searched.end - 1;
+            let sentence = format!("things came nearer: disparities up to {most} are searched");
+            rig.events.renew(Subject::Range, rig.frames, sentence);
+        }
+    }
+
     /// Takes in what the frame shows.
     fn learn(&mut self, mut geometry: Geometry, shot: &Shot, is_reused: bool) {
         let rig = &mut *self.rig;
@@ -528,17 +542,12 @@ impl Followed<'_, '_> {
             if let Some(found) = &shot.innovation {
                 geometry.field.update(found);
             }
-            if self.way.known.candidates.is_none()
-                && geometry.columns.update(&shot.map, geometry.size.1)
-            {
-                let most = geometry.columns.searched.end - 1;
-                let sentence = format!("things came nearer: disparities up to {most} are searched");
-                rig.events.renew(Subject::Range, rig.frames, sentence);
-            }
+            self.learn_range(&mut geometry, &shot.map);
             if !is_reused {
-                rig.remember(estimates, self.way.settings);
+                self.rig.remember(estimates, self.way.settings);
             }
         }
+        let rig = &mut *self.rig;
         rig.geometry = Some(geometry);
         rig.settle(estimates.blur.as_ref().filter(|_| is_trusted), shot.summary.wrong);
     }

@@ -8,6 +8,7 @@ use pyo3::types::PyDict;
 use crate::failure::Result;
 use crate::objects::{self, Object};
 use crate::temporal::held;
+use phasestereo::internals::findings::limits::{self, Check};
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::rig::state::events::Event;
 use phasestereo::internals::rig::state::text;
@@ -71,6 +72,24 @@ impl Rig {
         let Some(geometry) = &rig.geometry else { return Ok(None) };
         let Some(offsets) = geometry.field.offsets()? else { return Ok(None) };
         objects::alignment_of(py, &offsets, geometry.straightens.state == 1).map(Some)
+    }
+
+    /// Its quantities against limits: name, unit, what it is, value (NaN: unknown), limit, and whether it is kept (None: that
+    /// cannot be told, and need not be).
+    #[pyo3(signature = (limits, focal))]
+    #[expect(clippy::type_complexity, reason = "what Python unpacks")]
+    #[expect(clippy::needless_pass_by_value, reason = "an argument that Python gives")]
+    fn check(
+        &self,
+        limits: Vec<(String, f64)>,
+        focal: Option<f64>,
+    ) -> Result<Vec<(&'static str, &'static str, &'static str, f64, f64, Option<bool>)>> {
+        let rig = held(&self.0, "rig")?;
+        let row = |check: Check| {
+            let [name, unit, what] = check.quantity.words();
+            (name, unit, what, check.value.unwrap_or(f64::NAN), check.limit, check.passed)
+        };
+        Ok(limits::check(&rig, &limits, focal)?.into_iter().map(row).collect())
     }
 
     /// The cameras of raw images, and the size of these; None: images are rectified, or nothing is known.

@@ -199,7 +199,7 @@ impl Known<'_> {
         let mut findings = vec![];
         for (index, blur) in found.blurs.iter().enumerate() {
             let share = share(index);
-            if spread(blur) >= BLUR[0] && share >= BLUR_SHARE {
+            if blur.spread() >= BLUR[0] && share >= BLUR_SHARE {
                 let area = (found.blurs.len() > 1).then_some(share);
                 findings.extend(softer(blur, area));
             }
@@ -383,18 +383,9 @@ fn softer(blur: &blur::Blur, area: Option<f64>) -> Option<Finding> {
 
     Some(Finding::new(
         Topic::Blur,
-        Severity::of(spread(blur), BLUR),
+        Severity::of(blur.spread(), BLUR),
         format!("the {side} image is {what}{area}: check {hint}; {done}"),
     ))
-}
-
-/// The standard deviation of a kernel along an axis, pixels.
-fn spread(blur: &blur::Blur) -> f64 {
-    match (blur.psf, &blur.taps) {
-        (Some(psf), _) => psf.spread(),
-        (None, Some(taps)) => taps.radius() / 2f64.sqrt(),
-        (None, None) => 0.0,
-    }
 }
 
 /// The shape of a kernel in words.

@@ -118,6 +118,15 @@ impl Blur {
         let leaves_most = |taps: &Taps| taps.least_response() >= SLIGHT;
         self.other.is_none() && self.taps.as_ref().is_none_or(leaves_most)
     }
+
+    /// The standard deviation of its kernel along an axis, pixels.
+    pub fn spread(&self) -> f64 {
+        match (self.psf, &self.taps) {
+            (Some(psf), _) => psf.spread(),
+            (None, Some(taps)) => taps.radius() / 2f64.sqrt(),
+            (None, None) => 0.0,
+        }
+    }
 }
 
 /// The relative blur and the noise of a pair.

@@ -7,6 +7,7 @@
 pub mod columns;
 pub mod events;
 pub mod field;
+pub mod sensors;
 pub mod text;
 
 use std::sync::Arc;
@@ -14,6 +15,7 @@ use std::sync::Arc;
 use self::columns::Columns;
 use self::events::{Events, Steady, Subject};
 use self::field::FieldFilter;
+use self::sensors::Sensors;
 use crate::error::Result;
 use crate::image::plane::Plane;
 use crate::pipeline::control::Control;
@@ -45,6 +47,8 @@ pub struct Rig {
     pub geometry: Option<Geometry>,
     /// What was estimated of blur, noise and light, and of what frame.
     pub look: Option<Arc<Look>>,
+    /// What the cameras add to their images; `None`: no frame has shown it.
+    pub sensors: Option<Sensors>,
     /// What happened.
     pub events: Events,
     /// The share of the match that is probably wrong, over the last frames; NaN: unknown.
@@ -172,7 +176,7 @@ impl Rig {
             let (rows, cols) = size;
             let sentence = format!("images are {cols} x {rows} from here on: all is learned anew");
             self.events.push(Subject::Cameras, self.frames, sentence);
-            (self.geometry, self.look, self.health) = (None, None, None);
+            (self.geometry, self.look, self.health, self.sensors) = (None, None, None, None);
         }
         if self.look.as_ref().is_some_and(|look| look.settings != *settings) {
             self.look = None;

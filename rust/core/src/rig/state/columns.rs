@@ -57,17 +57,14 @@ impl Columns {
     /// Takes in the map of a frame. Returns whether the range has grown.
     pub fn update(&mut self, map: &Disparity, width: usize) -> bool {
         let counts = self.counts(map);
+        let start = self.searched.start;
         let seen = |shares: &[i64], few: i64| {
             let few = few * WHOLE / 1_000_000;
-            shares.iter().rposition(|share| *share >= few).map(|at| self.searched.start + at as i64)
+            shares.iter().rposition(|share| *share >= few).map(|at| start + at as i64)
         };
 
-        let total: i64 = counts.iter().sum();
-        let now: Vec<i64> = counts.iter().map(|count| count * WHOLE / total.max(1)).collect();
+        let now = self.fade(&counts);
         let last = seen(&now, FEW[0]);
-        for (share, now) in self.shares.iter_mut().zip(&now) {
-            *share += (now - *share) / FADING;
-        }
         let high = last.max(seen(&self.shares, FEW[1])).unwrap_or(self.searched.end - 1);
 
         let reserve = RESERVE.0.max((high - self.searched.start) / RESERVE.1);
@@ -87,6 +84,34 @@ impl Columns {
             self.idle = 0;
         }
         false
+    }
+
+    /// Takes in the map of a frame of this range, which is given.
+    pub fn watch(&mut self, given: Candidates, map: &Disparity) {
+        let range = given.min() as i64..given.min() as i64 + given.count() as i64;
+        if self.searched != range {
+            *self = Self::new(given);
+        }
+        let counts = self.counts(map);
+        self.fade(&counts);
+    }
+
+    /// Takes in numbers of pixels by disparity. Returns their shares.
+    fn fade(&mut self, counts: &[i64]) -> Vec<i64> {
+        let total: i64 = counts.iter().sum();
+        let now: Vec<i64> = counts.iter().map(|count| count * WHOLE / total.max(1)).collect();
+        for (share, now) in self.shares.iter_mut().zip(&now) {
+            *share += (now - *share) / FADING;
+        }
+        now
+    }
+
+    /// How many disparities were searched beyond the nearest thing; `None`: nothing was seen.
+    pub fn reserve(&self) -> Option<i64> {
+        // Few frames have filled a part of the histogram only.
+        let filled: i64 = self.shares.iter().sum();
+        let last = self.shares.iter().rposition(|share| *share > FEW[1] * filled / 1_000_000)?;
+        Some((self.shares.len() - 1 - last) as i64)
     }
 
     /// Numbers of pixels by disparity; those whose disparity is their own and passed all checks.

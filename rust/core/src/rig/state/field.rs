@@ -146,6 +146,25 @@ impl FieldFilter {
         Alignment::new(self.value, self.size)
     }
 
+    /// Whether blocks have shown it.
+    pub fn is_seen(&self) -> bool {
+        self.agreement.0 > 0
+    }
+
+    /// What a frame changes, root mean square over the image, pixels.
+    pub fn drift(&self) -> f64 {
+        Alignment::new(self.drift, self.size).map_or(0.0, |drift| drift.rms())
+    }
+
+    /// By how many degrees the right camera looks up or down and is rolled beside the left one, if images are rectified at this
+    /// focal length in pixels. Turned about the vertical axis, it shows no other rows.
+    pub fn rotation(&self, focal: f64) -> f64 {
+        let [shift, slope, ..] = self.value;
+        let pitch = math::atan2(shift, focal);
+        let roll = math::atan2(slope, self.size.1 as f64 / 2.0);
+        math::hypot(pitch, roll).to_degrees()
+    }
+
     /// Its standard error, root mean square over the image, pixels.
     pub fn error(&self) -> f64 {
         self.error_at(places())

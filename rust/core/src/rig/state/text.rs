@@ -1,6 +1,6 @@
 //! A rig as text, one entry a line: its name, then its values. Read back, every number is the same to the bit.
 //!
-//! Blur, noise and light are left out: they change while a rig is off, and are estimated of the first frame.
+//! The kernels that even out blur are left out: blur changes while a rig is off, and is estimated of the first frame.
 
 use std::collections::BTreeMap;
 use std::fmt::{Debug, Write};
@@ -10,16 +10,20 @@ use std::sync::Arc;
 use super::columns::Columns;
 use super::events::{Events, Steady, Subject};
 use super::field::FieldFilter;
+use super::sensors::{BlurMap, Kind, Sensors};
 use super::{Geometry, Raw, Rig};
 use crate::error::{Error, Result};
 use crate::pipeline::control::Control;
 use crate::rig::alignment::TERMS;
+use crate::rig::psf::{Family, Psf};
 use crate::rig::rectification::Rectification;
 use crate::rig::rectification::cameras::{Cameras, NUMBERS};
 use crate::settings::MOST_DISPARITIES;
 
 /// What the first line says.
 const HEAD: &str = "phasestereo rig 1";
+/// Point-spread functions, by number.
+const FAMILIES: [Family; 4] = [Family::Gaussian, Family::Disk, Family::Motion, Family::Annulus];
 /// Most rows or columns of an image.
 const LARGEST: usize = 1 << 20;
 
@@ -63,6 +67,9 @@ pub fn written(rig: &Rig) -> String {
         }
     }
 
+    if let Some(sensors) = &rig.sensors {
+        out.sensors(sensors);
+    }
     for event in rig.events.all() {
         let _ =
             writeln!(out.0, "event {} {} {}", event.subject.name(), event.frame, event.sentence);
@@ -98,6 +105,7 @@ pub fn read(text: &str, control: &Control) -> Result<Rig> {
             .then(|| geometry(&entries, control))
             .transpose()?,
         look: None,
+        sensors: entries.0.contains_key("sensors").then(|| sensors(&entries)).transpose()?,
         events,
         health: health.first().copied().filter(|value| (0.0..=1.0).contains(value)),
         soft: entries.steady("soft")?,
@@ -177,6 +185,51 @@ fn raw(entries: &Entries, size: (usize, usize), control: &Control) -> Result<Raw
     Raw::new(rectification, size, control)
 }
 
+fn sensors(entries: &Entries) -> Result<Sensors> {
+    let [frame] = entries.some("sensors")?;
+    let [range] = entries.some::<f64, 1>("range")?;
+    let noise: Vec<f64> = entries.all("noise")?;
+    let response: Vec<f64> = entries.all("response")?;
+    let is_finite = |values: &[f64]| values.iter().all(|value| value.is_finite());
+    if !(range > 0.0 && is_finite(&[range]) && is_finite(&noise) && is_finite(&response)) {
+        return Err(wrong("sensors that are not finite"));
+    }
+
+    let blur = entries.0.contains_key("kinds").then(|| blur(entries)).transpose()?;
+    Ok(Sensors {
+        frame,
+        range,
+        noise: noise.try_into().ok(),
+        response: response.try_into().ok(),
+        blur,
+    })
+}
+
+fn blur(entries: &Entries) -> Result<BlurMap> {
+    let numbers: Vec<f64> = entries.all("kinds")?;
+    let (rows, rest) = numbers.as_chunks::<6>();
+    let kinds: Option<Vec<Kind>> = rows.iter().map(kind).collect();
+    let kinds = kinds.filter(|_| rest.is_empty()).ok_or_else(|| wrong("kinds"))?;
+
+    let [rows, cols, side] = entries.some::<usize, 3>("tiles")?;
+    let labels: Vec<u8> = entries.all("labels")?;
+    let is_known = labels.iter().all(|label| usize::from(*label) < kinds.len());
+    if rows.checked_mul(cols) != Some(labels.len()) || !is_known {
+        return Err(wrong(&format!("{} labels", labels.len())));
+    }
+    let [certainty] = entries.some("certainty")?;
+    Ok(BlurMap { kinds, tiles: (rows, cols), side, labels, certainty })
+}
+
+/// A kind of blur by its numbers: side, family, size, angle, inner radius, spread.
+fn kind(&[side, family, length, angle, inner, spread]: &[f64; 6]) -> Option<Kind> {
+    let is_finite = [length, angle, inner, spread].iter().all(|value| value.is_finite());
+    let side = (0..3).find(|one| (f64::from(*one) - side).abs() < 0.5).filter(|_| is_finite)?;
+    let family = FAMILIES.iter().enumerate().find(|(at, _)| (*at as f64 - family).abs() < 0.5);
+    let psf = family.map(|(_, family)| Psf { family: *family, size: length, angle, inner });
+    Some(Kind { side, psf, spread })
+}
+
 fn push_event(events: &mut Events, rest: &str) -> Option<()> {
     let mut words = rest.splitn(3, ' ');
     let name = words.next()?;
@@ -201,6 +254,27 @@ impl Lines {
             let _ = write!(self.0, " {value:?}");
         }
         self.0.push('\n');
+    }
+
+    fn sensors(&mut self, Sensors { frame, range, noise, response, blur }: &Sensors) {
+        self.line("sensors", [frame]);
+        self.line("range", [range]);
+        self.line("noise", noise.iter().flatten());
+        self.line("response", response.iter().flatten());
+
+        if let Some(BlurMap { kinds, tiles, side, labels, certainty }) = blur {
+            let numbers = kinds.iter().flat_map(|Kind { side, psf, spread }| {
+                let family = psf.and_then(|psf| FAMILIES.iter().position(|one| *one == psf.family));
+                let family = family.map_or(-1.0, |at| at as f64);
+                let [size, angle, inner] =
+                    psf.map_or([0.0; 3], |psf| [psf.size, psf.angle, psf.inner]);
+                [f64::from(*side), family, size, angle, inner, *spread]
+            });
+            self.line("kinds", numbers);
+            self.line("tiles", [tiles.0, tiles.1, *side]);
+            self.line("labels", labels);
+            self.line("certainty", [certainty]);
+        }
     }
 
     fn steady(&mut self, name: &str, steady: Option<Steady>) {
