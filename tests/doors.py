@@ -56,14 +56,14 @@ _NOT_OPENED = {
     "live --save-to", "live --preset", "live --left", "live --right", "live --camera-info",
     "live --frames", "match --preset", "large --preset", "large --max-memory", "batch --preset",
     "batch --scheduler", "calibrate --board", "calibrate --charuco",
+    "rig test --preset", "rig test --limit",
 }  # fmt: skip
 """What holds paths, or has words of another kind."""
 
 _REFUSING = {
     "phasestereo.rectify(others)", "rectify --images-from",
     "phasestereo.calibrate(left)", "phasestereo.calibrate(right)", "calibrate LEFT",
-    "calibrate RIGHT", "rig test LEFT", "rig test RIGHT", "rig test --rig",
-    "rig test --calibration", "rig test --save",
+    "calibrate RIGHT", "rig test RIGHT", "rig test --rectify",
 }  # fmt: skip
 """What opens so small a pair, and then refuses it."""
 
@@ -109,13 +109,14 @@ def _paths(function: Any) -> list[str]:
 
 
 def _of_commands() -> Iterator[str]:
-    commands = [name for name in cli.app if name not in ("bench", "demo")]  # of the harness
-    named = {name: cli.app[name] for name in commands if not name.startswith("-")}
-    named["rig test"] = named.pop("rig")["test"]
-    for command, app in named.items():
-        for one in app.assemble_argument_collection(parse_docstring=False):
-            if "Path" in str(one.hint) or "str" in str(one.hint):
-                yield f"{command} {one.name}"
+    for command in cli.app:
+        if not command.startswith("-") and command not in ("bench", "demo"):  # of the harness
+            top = cli.app[command]
+            below = {f"{command} {word}": top[word] for word in top if not word.startswith("-")}
+            for words, app in (below or {command: top}).items():
+                for one in app.assemble_argument_collection(parse_docstring=False):
+                    if "Path" in str(one.hint) or "str" in str(one.hint):
+                        yield f"{words} {one.name}"
 
 
 # How each door is called
@@ -192,7 +193,7 @@ class Samples:
         text = (f"{name}: {np.asarray(value).tolist()}" for name, value in rig.items())
         (self / "rig.yml").write_text("\n".join(text))
         ps.rectify(self.left, self.right, rig).save(self / "rectification.npz")
-        learned = ps.Rig(num_disparities=COUNT, preset="fast")
+        learned = ps.Rig(num_disparities=COUNT)
         learned.match(self.left, self.right)
         learned.save(self / "learned.txt")
         # Its images need no rectification, and those of cameras that are to be exported do.
@@ -376,6 +377,7 @@ def _add_commands(add: Callable[..., None], of: Samples) -> None:
     memory = "--max-memory", "1GB", *SEARCH
     big = of / "left.npy", of / "right.npy", *memory
     out = "-o", of / "o.npy"
+    loose = [word for name in ("rows", "error", "wrong") for word in ("--limit", f"{name}=99")]
 
     lines: dict[str, tuple[str, tuple[object, ...]]] = {
         "match LEFT": ("left.png", ("match", ..., right, "--json", *SEARCH)),
@@ -426,13 +428,10 @@ def _add_commands(add: Callable[..., None], of: Samples) -> None:
         "calibrate RIGHT": ("video.mkv", ("calibrate", of / "video.mkv", ...)),
         "calibrate --output": (">a.yaml", ("calibrate", of / "boards", "-o", ...)),
         "calibrate --page": (">a.html", ("calibrate", of / "boards", "--page", ...)),
-        "rig test LEFT": ("left.png", ("rig", "test", ..., right)),
-        "rig test RIGHT": ("right.png", ("rig", "test", left, ...)),
-        "rig test --rig": ("learned.txt", ("rig", "test", "--rig", ..., "--json")),
-        "rig test --calibration": (
-            "rig.npz rig.yml", ("rig", "test", left, right, "--calibration", ...)
-        ),
-        "rig test --save": (">a.txt", ("rig", "test", left, right, "--save", ...)),
+        "rig test FRAMES": ("learned.txt", ("rig", "test", ..., *loose)),
+        "rig test RIGHT": ("learned.txt", ("rig", "test", of / "boards", ...)),
+        "rig test --rectify": ("learned.txt", ("rig", "test", of / "boards", "--rectify", ...)),
+        "rig test --save": (">a.txt", ("rig", "test", of / "learned.txt", *loose, "--save", ...)),
         "live SOURCE": ("video.mkv bag.mcap bag.bag", ("live", ..., "--json", *SEARCH)),
         "live RIGHT": ("video.mkv", ("live", of / "video.mkv", ..., "--json", *SEARCH)),
         "live --rectify": (

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -54,39 +55,24 @@ class Event:
         return f"frame {self.frame}: {self.sentence}"
 
 
-@dataclass(frozen=True, slots=True)
-class Check:
-    """A quantity of a rig against its limit.
+class Check(NamedTuple):
+    """A quantity of a rig against its limit."""
 
-    Parameters
-    ----------
-    quantity
-        "rows", "error", "drift", "rotation", "wrong", "reserve", "noise", "exposure" or "blur".
-    unit
-        Its unit.
-    meaning
-        What it is, in words.
-    value
-        What the rig shows; NaN: it cannot be told.
-    limit
-        The most there may be; of the reserve the least.
-    passed
-        Whether it is kept; None: it cannot be told, and need not be.
-    """
-
-    quantity: str
+    name: str
     unit: str
     meaning: str
     value: float
+    """NaN: it cannot be told."""
     limit: float
+    """The most there may be; of the reserve the least."""
     passed: bool | None
+    """None: it cannot be told, and need not be."""
 
     def __str__(self) -> str:
-        verdict = {True: "go", False: "no-go", None: "unknown"}[self.passed]
-        value = "not told" if math.isnan(self.value) else f"{self.value:.3g}"
-        bound = "at least" if self.quantity == "reserve" else "at most"
-        limit = f"{bound} {self.limit:.3g} {self.unit}"
-        return f"{verdict}: {self.quantity} {value}, {limit} ({self.meaning})"
+        word = {True: "ok", False: "FAILED", None: "unknown"}[self.passed]
+        value = "not known" if math.isnan(self.value) else f"{self.value:.3g} {self.unit}"
+        bound = "at least" if self.name == "reserve" else "at most"
+        return f"{word}: {self.name} {value}, {bound} {self.limit:.3g} ({self.meaning})"
 
 
 class Rig:
@@ -186,7 +172,7 @@ class Rig:
     def offset(self) -> tuple[float, float] | None:
         """What is to be added to disparities before they become depths, and its standard deviation.
 
-        In pixels, by the anchor. None: without one, error bars of depths do not include it.
+        In pixels, by the anchor, as `phasestereo.depth_interval` takes it. None: without one.
         """
         return self._offset
 
@@ -240,36 +226,6 @@ class Rig:
         warn(result.findings)
         return result
 
-    def check(self, *, focal: float | None = None, **limits: float) -> tuple[Check, ...]:
-        """Compare what the rig shows with limits: go, if nothing fails.
-
-        Parameters
-        ----------
-        focal
-            Focal length of the rectified images, pixels: how far the cameras are turned against
-            the calibration by which they were rectified is told by it. None: that is not told.
-        **limits
-            Limits of quantities, by name, other than the usual ones; see `Check`. Usual ones are
-            those from which on `match` warns, where it does: rows 0.75 px, wrong 0.25, noise 0.05,
-            exposure 1.42, blur 0.7 px. Rows are to be known to 0.1 px and to change by 0.3 px in
-            100 frames; 0.05 degrees of rotation move rows by 0.75 px at a focal length of 860 px;
-            2 disparities beyond the nearest thing are what a fraction of a pixel is found by.
-
-        Returns
-        -------
-        tuple of Check
-            One for each quantity. Rows, their error, the share of wrong pixels, and whatever has a
-            limit of its own fail also where they cannot be told: drift before the twentieth frame,
-            noise and blur with ``preset="fast"``.
-
-        Raises
-        ------
-        ValueError
-            For a quantity that there is not, or a number out of range.
-        """
-        found = self._core.check(list(limits.items()), focal)
-        return tuple(Check(*check) for check in found)
-
     def change(self, settings: Settings, num_disparities: int | None) -> None:
         """Match the frames from the next one on in another way; what is known of them is kept.
 
@@ -282,11 +238,38 @@ class Rig:
         """
         self._settings, self._search = settings, (self._search[0], num_disparities)
 
+    def test(
+        self, limits: Mapping[str, float] | None = None, *, focal: float | None = None
+    ) -> tuple[Check, ...]:
+        """Compare what is known of the cameras with limits: go, or no-go.
+
+        Parameters
+        ----------
+        limits
+            Limits in the place of the usual ones, from which on a match is warned of: of "rows",
+            "error", "drift", "rotation", "wrong", "reserve", "noise", "exposure", "blur".
+        focal
+            Focal length of the rectified images in pixels, by which rows become a rotation.
+
+        Returns
+        -------
+        tuple of Check
+            All quantities. What cannot be told has failed if a limit was given, and so have rows,
+            their error and the wrong share.
+
+        Raises
+        ------
+        ValueError
+            For another name, a limit that is negative or not finite, or a focal length that is not
+            positive.
+        """
+        return tuple(Check(*row) for row in self._core.check(list((limits or {}).items()), focal))
+
     def save(self, path: StrPath) -> None:
         """Write what is known to a text file, which `load` reads to the bit.
 
-        The kernels that even out blur are left out: blur is estimated of the first frame of the
-        next run.
+        Kernels that even out blur are left out: they are estimated of the first frame of the next
+        run.
 
         Raises
         ------

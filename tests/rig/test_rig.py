@@ -222,8 +222,10 @@ def test_an_anchor_says_what_no_pair_shows() -> None:
             ps.Rig(anchor=anchor)  # type: ignore[arg-type]  # the point
 
 
-def checks(rig: ps.Rig, **options: float) -> dict[str, tuple[float, bool | None]]:
-    return {one.quantity: (one.value, one.passed) for one in rig.check(**options)}
+def checks(
+    rig: ps.Rig, focal: float | None = None, **limits: float
+) -> dict[str, tuple[float, bool | None]]:
+    return {one.name: (one.value, one.passed) for one in rig.test(limits, focal=focal)}
 
 
 def test_limits_tell_a_good_rig_from_one_that_is_off() -> None:
@@ -253,7 +255,7 @@ def test_limits_tell_a_good_rig_from_one_that_is_off() -> None:
     assert checks(ps.Rig())["wrong"][1] is False
     for options in ({"rosw": 1.0}, {"rows": -1.0}, {"focal": 0.0}):
         with pytest.raises(ValueError, match="^(limits|rows|focal): got"):
-            rig.check(**options)
+            checks(rig, **options)
 
 
 def test_a_range_that_is_given_is_tested_for_its_reserve() -> None:

@@ -1,9 +1,9 @@
 """The command line: one module a command, and here what all of them share.
 
 Exit codes: 0 success, 1 the run failed, 2 the command line was wrong, 3 --strict and a match that
-is not to be trusted, or a rig that fails its test. An error that the user can mend is one line on
-standard error, any other a traceback. Importing this package needs the extra ``cli``;
-`phasestereo.__main__` says so where it is missing.
+is not to be trusted. An error that the user can mend is one line on standard error, any other a
+traceback. Importing this package needs the extra ``cli``; `phasestereo.__main__` says so where it
+is missing.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from importlib.metadata import entry_points
 from cyclopts import App, CycloptsError, Parameter, UnusedCliTokensError
 
 import phasestereo
-from phasestereo.cli import match, rig
+from phasestereo.cli import match
 from phasestereo.cli.errors import WRONG_USAGE, CommandError
 from phasestereo.cli.missing import missing
 from phasestereo.cli.terminal import say
@@ -89,7 +89,13 @@ app.command(
     name="calibrate",
     help="Calibrate two cameras by pictures or a video of a board.",
 )
-app.command(rig.app)
+_rig = App(name="rig", help="Test two cameras while they run.")
+_rig.command(
+    "phasestereo.cli.rig:rig_test",
+    name="test",
+    help="Test two cameras: what their frames show, against limits.",
+)
+app.command(_rig)
 
 
 def _add_commands_of_others() -> None:

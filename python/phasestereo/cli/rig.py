@@ -1,190 +1,138 @@
-"""``phasestereo rig``: what two cameras are, and whether they are as they should be."""
+"""``phasestereo rig test``: frames of two cameras in, go or no-go out."""
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
 import math
-from dataclasses import dataclass, fields
+import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-from cyclopts import App, Parameter
+from cyclopts import Parameter, Token
+from numpy.typing import NDArray
 
 import phasestereo
-from phasestereo._images import ImageOrPath
-from phasestereo.cli.errors import UNTRUSTED, WRONG_USAGE, CommandError, refusals, refuse_picture
+from phasestereo.cli.errors import UNTRUSTED, CommandError, refusals, refuse_taken
 from phasestereo.cli.terminal import print_json, print_lines
-from phasestereo.cli.trust import unwarned
+from phasestereo.io import read_image
+from phasestereo.io.files import target_of
 from phasestereo.io.folders import pair_paths, paths_of_rig
-from phasestereo.rectification import Rectification, rectify
+from phasestereo.rectification.record import Rectification
+from phasestereo.rectification.rectifying import rectify as rectify_pair
+from phasestereo.rig.findings import MatchWarning
 from phasestereo.rigs import Check, Rig
 
-_MANY = Parameter(consume_multiple=True, show_default=False)
-
-app = App(name="rig", help="Two cameras: whether they are as they should be.")
+_OPTIONS = frozenset(["limits", "focal", "preset"])
 
 
-@Parameter(name="*")
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Limits:
-    """Limits other than the usual ones; with one, its quantity fails also where it is not told.
-
-    Parameters
-    ----------
-    rows
-        Rows that do not correspond, px rms. Usual: 0.75, from which on match warns.
-    error
-        Standard error of the rows, px. Usual: 0.1, a third of what harms a match.
-    drift
-        Rows that change, px in 100 frames; told from the 20th frame on. Usual: 0.3, what harms a
-        match.
-    rotation
-        Pitch and roll against --calibration, degrees. Usual: 0.05, which moves rows by 0.75 px at a
-        focal length of 860 px.
-    wrong
-        Share of the pixels that is probably wrong. Usual: 0.25, from which on match warns.
-    reserve
-        Disparities beyond the nearest thing, at least. Usual: 2, by which a fraction of a pixel is
-        found.
-    noise
-        Noise of the worse image, as a share of black to white. Usual: 0.05, from which on match
-        warns.
-    exposure
-        How many times brighter one image is. Usual: 1.42, from which on match warns.
-    blur
-        Blur of one image beside the other, px rms. Usual: 0.7, from which on match warns.
-    """
-
-    rows: float | None = None
-    error: float | None = None
-    drift: float | None = None
-    rotation: float | None = None
-    wrong: float | None = None
-    reserve: float | None = None
-    noise: float | None = None
-    exposure: float | None = None
-    blur: float | None = None
-
-    def given(self) -> dict[str, float]:
-        """Return those that are given."""
-        values = {each.name: getattr(self, each.name) for each in fields(self)}
-        return {name: value for name, value in values.items() if value is not None}
+def _limit(_hint: Any, tokens: Sequence[Token]) -> tuple[tuple[str, float], ...]:
+    """Read ``rows=0.5`` as ("rows", 0.5)."""
+    limits = []
+    for token in tokens:
+        name, _, number = token.value.partition("=")
+        try:
+            limits.append((name, float(number)))
+        except ValueError:
+            raise ValueError(f"got {token.value}; accepts NAME=NUMBER, as rows=0.5") from None
+    return tuple(limits)
 
 
-_OPTIONS = frozenset([each.name for each in fields(Limits)] + ["num_disparities"])
-
-
-@app.command(name="test")
-def check(
-    left: Path | None = None,
+def rig_test(
+    frames: Path,
     right: Path | None = None,
     /,
     *,
-    rig: Path | None = None,
-    calibration: Annotated[tuple[Path, ...], _MANY] = (),
-    num_disparities: int | None = None,
-    min_disparity: int = 0,
+    limit: Annotated[
+        tuple[tuple[str, float], ...], Parameter(converter=_limit, n_tokens=1, negative=())
+    ] = (),
+    rectify: Path | None = None,
+    focal: float | None = None,
+    preset: str = "robust",
     save: Path | None = None,
-    limits: Limits = Limits(),
     as_json: Annotated[bool, Parameter(name="--json", negative=(), show_default=False)] = False,
 ) -> None:
-    """Test a rig: go, exit code 0, or no-go, exit code 3.
+    """Test two cameras: what their frames show, against limits.
 
-    Prints a line for each quantity, which begins with ``go``, ``no-go`` or ``unknown``: what
-    cannot be told passes, but for rows, their error, the share of wrong pixels, and what has a
-    limit of its own. For example:
+    Prints each quantity with its limit, and exits with 3 if one is beyond it. For example:
 
     ```
-    phasestereo rig test recording --calibration stereo.yml --rows 0.3 --save rig.txt
-    phasestereo rig test --rig rig.txt
+    phasestereo rig test frames/ --rectify calibration.yaml --limit rows=0.2 --limit wrong=0.1
     ```
 
     Parameters
     ----------
-    left
-        A folder of pairs (in folders left and right, cam0 and cam1, or named so); or, with RIGHT,
-        the left image, or the folder of left ones.
+    frames
+        A folder of pairs, as `calibrate` takes them, some twenty or more; with RIGHT, the left
+        camera's folder; or a rig that was saved.
     right
-        The right image, or the folder of right ones.
-    rig
-        File of a rig, as phasestereo.Rig.save writes it: it is tested as it is, or goes on with the
-        pairs.
-    calibration
-        By what the pairs are rectified first, as rectify takes it. Rotations are told against it.
-    num_disparities
-        Number of disparities to search. Default: as many as are found.
-    min_disparity
-        The least of them.
+        The right camera's folder.
+    limit
+        A limit in the place of the usual one, NAME=NUMBER: rows, error, drift (in 100 frames),
+        blur, in pixels; rotation, in degrees; wrong, noise, as shares; exposure, as a ratio;
+        reserve, the least number of disparities beyond the nearest thing. May be given again.
+    rectify
+        The calibration of raw frames; the rotation against it is tested, too.
+    focal
+        Focal length of rectified frames in pixels, for the rotation.
+    preset
+        How frames are matched: robust, fast or paper. Fast estimates neither noise nor blur.
     save
-        File for the rig after the test.
+        File for what was learned.
     as_json
         Print one JSON object on standard output.
     """
-    if left is None and rig is None:
-        raise CommandError("nothing to test: give pairs, or --rig FILE", WRONG_USAGE)
-    if left is None and (calibration or save):
-        raise CommandError("--calibration, --save: have no effect without pairs", WRONG_USAGE)
-    for path in calibration:
-        refuse_picture("calibration", path)
-
-    search: dict[str, Any] = {"num_disparities": num_disparities, "min_disparity": min_disparity}
-    with refusals(options=_OPTIONS), unwarned():
-        tested = Rig(**search) if rig is None else Rig.load(rig, **search)
-        focal = None if left is None else _watch(tested, _pairs(left, right), calibration)
-        checks = tested.check(focal=focal, **limits.given())
+    if save is not None:
+        refuse_taken("save", save, [frames, right, rectify])
+    with refusals(options=_OPTIONS):
         if save is not None:
-            tested.save(save)
+            target_of(save)
+        if right is None and not frames.is_dir():
+            rig = Rig.load(frames)
+        else:
+            rig = Rig(preset=preset)
+            found = _follow(rig, frames, right, rectify)
+            if focal is None and found is not None and found.Q is not None:
+                focal = float(found.Q[2, 3])
+        checks = rig.test(dict(limit), focal=focal)
+        if save is not None:
+            rig.save(save)
 
     if as_json:
-        print_json(_as_dict(tested, checks))
+        print_json(_as_dict(rig, checks))
     else:
-        print_lines([*map(str, checks), *map(str, tested.events)])
-    failed = [one.quantity for one in checks if one.passed is False]
+        print_lines([*map(str, checks), *(f"wrote {path}" for path in [save] if path is not None)])
+    failed = [check.name for check in checks if check.passed is False]
     if failed:
         raise CommandError(f"no-go: {', '.join(failed)}", UNTRUSTED)
 
 
-def _pairs(left: Path, right: Path | None) -> list[tuple[Path, Path]]:
-    if right is None:
-        return paths_of_rig(left)
-    return pair_paths(left, right) if left.is_dir() else [(left, right)]
-
-
-def _watch(rig: Rig, pairs: list[tuple[Path, Path]], calibration: tuple[Path, ...]) -> float | None:
-    """Match pairs; return the focal length in pixels of rectified ones, if they are rectified."""
-    if not calibration:
-        for left, right in pairs:
-            rig.match(left, right)
-        return None
-
+def _follow(
+    rig: Rig, left: Path, right: Path | None, calibration: Path | None
+) -> Rectification | None:
+    """Match all frames by a rig; return how they were rectified."""
     found: Rectification | None = None
-    for left, right in pairs:
-        found = rectify(left, right, calibration) if found is None else found
-        images: tuple[ImageOrPath, ImageOrPath] = found.apply(left, right)
-        rig.match(*images, left_mask=found.left_mask, right_mask=found.right_mask)
-    return None if found is None or found.Q is None else float(found.Q[2, 3])
+    for names in paths_of_rig(left) if right is None else pair_paths(left, right):
+        pair: tuple[NDArray[Any], NDArray[Any]] = read_image(names[0]), read_image(names[1])
+        masks: dict[str, Any] = {}
+        if calibration is not None:
+            found = rectify_pair(*pair, calibration if found is None else found)
+            pair = found.left, found.right
+            masks = {"left_mask": found.left_mask, "right_mask": found.right_mask}
+        with warnings.catch_warnings():
+            # What is wrong with a match counts among the quantities.
+            warnings.simplefilter("ignore", MatchWarning)
+            rig.match(*pair, **masks)
+    return found
 
 
-def _as_dict(rig: Rig, checks: tuple[Check, ...]) -> dict[str, Any]:
-    def told(value: float) -> float | None:
-        return None if math.isnan(value) else value
-
+def _as_dict(rig: Rig, checks: Sequence[Check]) -> dict[str, Any]:
     return {
         "version": phasestereo.__version__,
-        "go": all(one.passed is not False for one in checks),
         "frames": rig.frames,
+        "go": all(check.passed is not False for check in checks),
         "checks": [
-            {
-                "quantity": one.quantity,
-                "unit": one.unit,
-                "meaning": one.meaning,
-                "value": told(one.value),
-                "limit": one.limit,
-                "passed": one.passed,
-            }
-            for one in checks
+            check._asdict() | {"value": None if math.isnan(check.value) else check.value}
+            for check in checks
         ],
-        "events": [
-            {"subject": event.subject, "frame": event.frame, "sentence": event.sentence}
-            for event in rig.events
-        ],
+        "events": [str(event) for event in rig.events],
     }

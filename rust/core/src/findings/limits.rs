@@ -7,6 +7,7 @@ use super::levels::{BLUR, BLUR_SHARE, CONTRAST, NOISE, ROWS, SURE, WRONG};
 use crate::error::{Error, Result};
 use crate::math;
 use crate::rig::state::Rig;
+use crate::rig::state::field::FieldFilter;
 
 /// Frames that tell of drift.
 const LEAST_FRAMES: u64 = 20;
@@ -96,7 +97,7 @@ impl Quantity {
 
         match self {
             Self::Rows => field?.field().ok().map(|field| field.rms()),
-            Self::Error => field.map(|field| field.error()),
+            Self::Error => field.map(FieldFilter::error),
             Self::Drift if rig.frames < LEAST_FRAMES => None,
             Self::Drift => field.map(|field| 100.0 * field.drift()),
             Self::Rotation => field.zip(focal).map(|(field, focal)| field.rotation(focal)),

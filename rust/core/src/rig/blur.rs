@@ -112,6 +112,13 @@ pub struct Blur {
 }
 
 impl Blur {
+    /// Whether there is no blur, or so slight a one that to give it to the sharper image, too, would cost more detail than the
+    /// difference does: codes are of phase, which a symmetric blur leaves alone.
+    pub fn is_slight(&self) -> bool {
+        let leaves_most = |taps: &Taps| taps.least_response() >= SLIGHT;
+        self.other.is_none() && self.taps.as_ref().is_none_or(leaves_most)
+    }
+
     /// The standard deviation of its kernel along an axis, pixels.
     pub fn spread(&self) -> f64 {
         match (self.psf, &self.taps) {
@@ -119,13 +126,6 @@ impl Blur {
             (None, Some(taps)) => taps.radius() / 2f64.sqrt(),
             (None, None) => 0.0,
         }
-    }
-
-    /// Whether there is no blur, or so slight a one that to give it to the sharper image, too, would cost more detail than the
-    /// difference does: codes are of phase, which a symmetric blur leaves alone.
-    pub fn is_slight(&self) -> bool {
-        let leaves_most = |taps: &Taps| taps.least_response() >= SLIGHT;
-        self.other.is_none() && self.taps.as_ref().is_none_or(leaves_most)
     }
 }
 

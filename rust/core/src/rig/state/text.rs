@@ -222,11 +222,11 @@ fn blur(entries: &Entries) -> Result<BlurMap> {
 }
 
 /// A kind of blur by its numbers: side, family, size, angle, inner radius, spread.
-fn kind(&[side, family, size, angle, inner, spread]: &[f64; 6]) -> Option<Kind> {
-    let is_finite = [size, angle, inner, spread].iter().all(|value| value.is_finite());
-    let side = (0..3).find(|one| f64::from(*one) == side).filter(|_| is_finite)?;
-    let family = FAMILIES.iter().enumerate().find(|(at, _)| *at as f64 == family);
-    let psf = family.map(|(_, family)| Psf { family: *family, size, angle, inner });
+fn kind(&[side, family, length, angle, inner, spread]: &[f64; 6]) -> Option<Kind> {
+    let is_finite = [length, angle, inner, spread].iter().all(|value| value.is_finite());
+    let side = (0..3).find(|one| (f64::from(*one) - side).abs() < 0.5).filter(|_| is_finite)?;
+    let family = FAMILIES.iter().enumerate().find(|(at, _)| (*at as f64 - family).abs() < 0.5);
+    let psf = family.map(|(_, family)| Psf { family: *family, size: length, angle, inner });
     Some(Kind { side, psf, spread })
 }
 
