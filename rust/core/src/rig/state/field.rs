@@ -7,7 +7,7 @@
 //! ```text
 //! value += drift;   P += Q                                                # what a frame may change
 //! J, h = sum over blocks of t t' / s^2, t r / s^2                         # t: terms, r: residual, s^2: its variance
-//! K = P (1 + J P)^-1;   value += K h;   P = K;   drift = DAMPED (drift + FOLLOWED K h)
+//! K = P (1 + J P)^-1;   value += K h;   P = K;   drift = DAMPED (drift + FOLLOWED K h), unless the field is being found
 //! ```
 //!
 //! A plane is fitted to the residuals of a frame first. Where it is larger than its error and that of the field allow, the
@@ -43,6 +43,8 @@ const ALIKE: f64 = 2.0;
 /// The share of a correction that is taken for drift, and what remains of the drift from frame to frame.
 const FOLLOWED: f64 = 0.06;
 const DAMPED: f64 = 0.995;
+/// A frame that leaves less of the standard error finds the field: what it corrects is no drift.
+const FOUND: f64 = 0.8;
 /// The largest weight of a block, in usual ones.
 const MOST_WEIGHT: f64 = 2.0;
 /// Residuals beyond so many spreads are mistakes.
@@ -107,8 +109,6 @@ impl FieldFilter {
     pub fn reopen(&mut self, innovation: &Innovation) {
         *self = Self { value: self.value, ..Self::new(self.size, None) };
         self.update(innovation);
-        // The step is no drift.
-        self.drift = [0.0; TERMS];
     }
 
     /// A field as it was written down.
@@ -246,15 +246,23 @@ impl FieldFilter {
             row[at] += 1.0;
         }
         let Some(gain) = solved(system, self.covariance) else { return };
+        let before = self.error();
 
+        let mut steps = [0.0; TERMS];
         for (row, gain) in gain.iter().enumerate() {
             let step: f64 = gain.iter().zip(sums).map(|(gain, sum)| gain * sum).sum();
             self.value[row] += step;
-            self.drift[row] = DAMPED * (self.drift[row] + FOLLOWED * step);
+            steps[row] = step;
         }
         // Rounding leaves it hardly asymmetric.
         self.covariance =
             from_fn(|row| from_fn(|col| f64::midpoint(gain[row][col], gain[col][row])));
+
+        if self.error() > FOUND * before {
+            for (drift, step) in self.drift.iter_mut().zip(steps) {
+                *drift = DAMPED * (*drift + FOLLOWED * step);
+            }
+        }
     }
 }
 
