@@ -172,7 +172,7 @@ class Rig:
     def offset(self) -> tuple[float, float] | None:
         """What is to be added to disparities before they become depths, and its standard deviation.
 
-        In pixels, by the anchor. None: without one, error bars of depths do not include it.
+        In pixels, by the anchor, as `phasestereo.depth_interval` takes it. None: without one.
         """
         return self._offset
 

@@ -95,6 +95,19 @@ def test_an_unknown_yaw_is_covered_and_an_anchor_takes_it_away(pair: Pair) -> No
         assert np.median(fixed.far - fixed.near) < 0.4 * np.median(aware.far - aware.near)
 
 
+def test_an_offset_of_a_rig_moves_depths_and_its_error_is_in_their_bars() -> None:
+    found = ps.depth_interval(DISPARITY, RIG, uncertainty=BAR, yaw=0, offset=(-3.0, 2.0))
+    np.testing.assert_array_equal(found.depth, replace(RIG, doffs=-1.0).depth(DISPARITY))
+    # The first is on the axis but for 95 / 1000, by which a yaw that moves 3 px moves it further.
+    bar = 1 + 1.645 * 2 + 3 * (-(98 + 1.5) / 1000) ** 2
+    assert found.near[0, 0] == pytest.approx(500 / (97 + bar), rel=1e-4)
+    assert found.far[0, 0] == pytest.approx(500 / (97 - bar), rel=1e-4)
+
+    for offset, anchor in (((1.0, 0.1), (0, 0, 5.0)), ((1.0, -0.1), None), ((np.nan, 0.1), None)):
+        with pytest.raises(ValueError, match="^offset: "):
+            ps.depth_interval(DISPARITY, RIG, uncertainty=BAR, offset=offset, anchor=anchor)
+
+
 def test_the_sky_is_an_anchor() -> None:
     disparity = np.array([[1.0, 9.0, 17.0, 25.0]] * 2)
     rig = Calibration.from_focal(1000, 0.5, width=4, height=2)

@@ -149,6 +149,23 @@ def test_a_saved_rig_goes_on_to_the_bit(tmp_path: Path) -> None:
         assert (tmp_path / "again.txt").read_text() == (tmp_path / "rig.txt").read_text()
 
 
+def test_a_saved_rig_has_what_its_sensors_are(tmp_path: Path) -> None:
+    rig, soft = ps.Rig(), Degradation(disk_psf(2.0))
+    rig.match(soft(frame(0)[0]), frame(0)[1])
+    for name in ("rig.txt", "again.txt"):
+        rig.save(tmp_path / name)
+        rig = ps.Rig.load(tmp_path / name)
+    assert (tmp_path / "again.txt").read_text() == (tmp_path / "rig.txt").read_text()
+    assert checks(rig)["blur"][0] == pytest.approx(1, abs=0.3)  # of a disk half its radius
+
+    text = (tmp_path / "rig.txt").read_text()
+    for change in (("kinds 1", "kinds 7"), ("tiles ", "tiles 9"), ("noise ", "noise inf ")):
+        assert change[0] in text
+        (tmp_path / "rig.txt").write_text(text.replace(*change))
+        with pytest.raises(ValueError, match=r"rig\.txt: rig: got"):
+            ps.Rig.load(tmp_path / "rig.txt")
+
+
 @pytest.mark.parametrize(
     "change",
     [("rig 1", "rig 2"), ("field ", "field nan "), ("start", "begin"), ("size 240", "size 0"),
@@ -203,6 +220,54 @@ def test_an_anchor_says_what_no_pair_shows() -> None:
     for anchor in ((np.nan, 1.0), 3.0, ("a", 1.0)):
         with pytest.raises((TypeError, ValueError), match="^anchor: got"):
             ps.Rig(anchor=anchor)  # type: ignore[arg-type]  # the point
+
+
+def checks(
+    rig: ps.Rig, focal: float | None = None, **limits: float
+) -> dict[str, tuple[float, bool | None]]:
+    return {one.name: (one.value, one.passed) for one in rig.test(limits, focal=focal)}
+
+
+def test_limits_tell_a_good_rig_from_one_that_is_off() -> None:
+    rig, turned = ps.Rig(), ps.Rig()
+    off = Misaligned(down=1.5, turn=0.3)
+    for index in range(3):
+        left, right = frame(index)
+        rig.match(left, right)
+        moved = off(replace(scene(), left=left, right=right, truth=None), "right")
+        turned.match(left, moved.right)
+
+    good = checks(rig, focal=300)
+    assert all(passed is not False for _, passed in good.values())
+    assert good["drift"][1] is None
+    assert good["exposure"][0] == pytest.approx(1, abs=0.03)
+    assert good["noise"][0] == pytest.approx(2 / 255, abs=0.003)
+    assert checks(rig)["rotation"][1] is None
+
+    value, passed = checks(turned, focal=300)["rotation"]
+    assert value == pytest.approx(np.hypot(0.3, np.degrees(1.5 / 300)), abs=0.03)
+    assert not passed
+    assert not checks(turned)["rows"][1]
+    assert checks(turned, rows=5, focal=300, rotation=1)["rows"][1]
+
+    # What was asked for and cannot be told fails.
+    assert checks(rig, drift=1)["drift"][1] is False
+    assert checks(ps.Rig())["wrong"][1] is False
+    for options in ({"rosw": 1.0}, {"rows": -1.0}, {"focal": 0.0}):
+        with pytest.raises(ValueError, match="^(limits|rows|focal): got"):
+            checks(rig, **options)
+
+
+def test_a_range_that_is_given_is_tested_for_its_reserve() -> None:
+    rig = ps.Rig(preset="fast", num_disparities=COUNT + 8)
+    rig.match(*frame(0))
+    rig.match(*frame(1))
+    assert rig.disparities == (0, COUNT + 8)
+    most = int(np.rint(np.percentile(cut(scene().truth), 99.8)))
+    value, passed = checks(rig)["reserve"]
+    assert value == pytest.approx(COUNT + 7 - most, abs=1)
+    assert passed
+    assert not checks(rig, reserve=value + 1)["reserve"][1]
 
 
 def test_raw_frames_of_a_real_rig_are_followed(data: Path) -> None:

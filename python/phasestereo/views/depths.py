@@ -29,6 +29,7 @@ It is 0.2 px at a focal length of 1100 px, as much as the corners of a calibrati
 by; a rig that was knocked or has warmed up may be off by ten times as much.
 """
 
+_NINETY = 1.645  # standard deviations on either side hold 90 %
 _STEEPEST = 10.0  # degrees; what is off by more is another rig
 
 
@@ -125,6 +126,7 @@ def depth_interval(
     uncertainty: ArrayLike | None = None,
     yaw: float = YAW,
     anchor: Anchor | None = None,
+    offset: tuple[float, float] | None = None,
 ) -> DepthInterval:
     """Return the depth of every pixel, and the ends of its error bar.
 
@@ -144,6 +146,10 @@ def depth_interval(
         A pixel whose distance is known, ``(x, y, depth)`` in the unit of the baseline, infinite for
         the sky: ``doffs`` becomes such that this pixel has this depth. A yaw adds to the error
         bars, then, only as far as it moves other columns by more or less than that one.
+    offset
+        In place of an anchor, what to add to all disparities, and its standard deviation, pixels,
+        as `phasestereo.Rig.offset` has them from its own anchor. A yaw adds to the error bars,
+        then, what it does beside the middle of the image.
 
     Returns
     -------
@@ -176,7 +182,11 @@ def depth_interval(
             "uncertainty: got None, and a result without error bars; accepts an array, or a result "
             "that was matched with confidence=True"
         )
+    if anchor is not None and offset is not None:
+        raise ValueError("offset: got one beside an anchor; accepts one of them")
     found = ranging(values, calibration, uncertainty=bars, yaw=yaw, anchor=anchor)
+    if offset is not None:
+        found = _moved(found, offset)
     return found.interval(values, bars, np.arange(values.shape[1]))
 
 
@@ -207,6 +217,16 @@ def ranging(
     left = max(slope, abs(moved) / (1 + middle))
     known = replace(calibration, doffs=calibration.doffs + moved)
     return Ranging(known, yaw, moved, (own, left, middle))
+
+
+def _moved(found: Ranging, offset: tuple[float, float]) -> Ranging:
+    """Return the same with an offset of all disparities and its standard deviation."""
+    moved, deviation = (as_number("offset", one) for one in offset)
+    if deviation < 0:
+        raise ValueError(f"offset: got a standard deviation of {deviation:g}; accepts 0 or more")
+    known = replace(found.calibration, doffs=found.calibration.doffs + moved)
+    slope = max(found.share[1], abs(moved))
+    return Ranging(known, found.yaw, moved, (_NINETY * deviation, slope, 0.0))
 
 
 def as_disparities(disparity: Result | ArrayLike) -> NDArray[Any]:

@@ -32,6 +32,7 @@ use crate::pipeline::summary::Summary;
 use crate::pipeline::temporal::TemporalFilter;
 use crate::rig::alignment::Alignment;
 use crate::rig::blur;
+use crate::rig::blur::defects::Defects;
 use crate::rig::blur::parts::Part;
 use crate::rig::estimation::rows::RowOffsets;
 use crate::rig::estimation::tracks::{AROUND, follow_here};
@@ -176,8 +177,8 @@ struct Followed<'a, 'b> {
 }
 
 /// The frame as these cameras see it: rectified.
-struct Seen {
-    pair: Pair,
+struct Seen<'a> {
+    pair: Cow<'a, Pair>,
     /// Whether the estimates of an earlier frame hold.
     is_as_before: bool,
 }
@@ -211,7 +212,7 @@ enum Verdict {
     Lost,
 }
 
-impl Followed<'_, '_> {
+impl<'a> Followed<'a, '_> {
     /// Matches the frame.
     fn frame(
         mut self,
@@ -254,18 +255,18 @@ impl Followed<'_, '_> {
     }
 
     /// The pair as the cameras see it, and whether it looks as before.
-    fn seen(&self, geometry: &Geometry) -> Result<Seen> {
+    fn seen(&self, geometry: &Geometry) -> Result<Seen<'a>> {
         let Runtime { matcher, control, .. } = self.runtime;
         matcher.install(|| {
             let mut pair = match &geometry.cameras {
-                Some(raw) => resampled(self.pair, &raw.places, control)?,
-                None => self.pair.clone(),
+                Some(raw) => Cow::Owned(resampled(self.pair, &raw.places, control)?),
+                None => Cow::Borrowed(self.pair),
             };
             if let Some(fit) = pair.fit().filter(|_| geometry.is_whole) {
-                pair = pair.fitted_again(fit.whole())?;
+                pair = Cow::Owned(pair.fitted_again(fit.whole())?);
             }
             if geometry.is_inverted && self.way.settings.compensate_blur {
-                pair = pair.with_own_ranges(control)?.inverted();
+                pair = Cow::Owned(pair.into_owned().with_own_ranges(control)?.inverted());
             }
 
             let look = self.rig.look.as_deref();
@@ -276,7 +277,8 @@ impl Followed<'_, '_> {
                 (None, _) => false,
                 (Some(_), None) => true,
                 (Some(_), Some(blur)) => {
-                    let repaired = pair.clone().with_impulses(blur.impulses);
+                    let defects = Defects { impulses: blur.impulses, ..Defects::default() };
+                    let repaired = defects.repaired(&pair);
                     blur::is_as_before(&repaired, &blur.signature, self.runtime)?
                 }
             };
@@ -287,7 +289,7 @@ impl Followed<'_, '_> {
     /// Matches the frame by what is known of it; once more, blocks of all rows are found again.
     fn shot(&self, geometry: &Geometry, seen: &Seen, is_again: bool) -> Result<Shot> {
         let Way { known, settings, .. } = self.way;
-        let pair = seen.pair.clone();
+        let pair = Pair::clone(&seen.pair);
         let candidates = match known.candidates {
             Some(given) => given,
             None => geometry.columns.candidates(pair.size().1)?,
@@ -493,9 +495,15 @@ impl Followed<'_, '_> {
         Ok(found)
     }
 
+    /// The settings of a match whose rows are estimated: all may have moved.
+    fn with_rows(&self) -> Settings {
+        Settings { align_rows: true, ..self.way.settings.clone() }
+    }
+
     /// Estimates all anew but the cameras by which the pair is rectified.
     fn rectified_anew(&self, raw: &Arc<Raw>) -> Result<(Geometry, Shot)> {
-        let Way { known, settings, .. } = self.way;
+        let known = self.way.known;
+        let settings = &self.with_rows();
         let Runtime { matcher, control, .. } = self.runtime;
         let pair = matcher.install(|| resampled(self.pair, &raw.places, control))?;
 
@@ -506,7 +514,8 @@ impl Followed<'_, '_> {
 
     /// Estimates all anew, as of a first frame.
     fn whole_anew(&self) -> Result<(Geometry, Shot)> {
-        let Way { known, settings, .. } = self.way;
+        let known = self.way.known;
+        let settings = &self.with_rows();
         let whole = prepare_and_match(self.pair.clone(), known.clone(), settings, self.runtime)?;
 
         let summary = whole.summary();

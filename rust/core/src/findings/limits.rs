@@ -68,8 +68,8 @@ impl Quantity {
     pub fn usual(self) -> f64 {
         match self {
             Self::Rows => ROWS[1],
-            // Rows that are off by 0.3 px are where a match begins to suffer.
-            Self::Error => ROWS[0] / 3.0,
+            // A third of what a match begins to suffer from.
+            Self::Error => 0.1,
             // As much as straightens or bends a pair within ten seconds.
             Self::Drift => ROWS[0],
             // At a focal length of 860 pixels, rows are then as far off as they may be.
