@@ -82,20 +82,20 @@ BOUNDS = {
     "imports of the same or a higher floor": 0,
     "imports of another distribution than those below": 0,
     "own modules imported by a string": 0,
-    "statements of phasestereo": 6_300,
+    "statements of phasestereo": 6_310,
     "statements of phasestereo_live": 2_100,
     "statements of phasestereo_large": 2_410,
     "statements of pandora_plugin_phasestereo": 120,
     "statements of phasestereo_bench": 6_970,
     "aliases at the boundary": 6,
     "public names": 122,
-    "words of documentation": 24_020,
-    "lines of Rust": 33_930,
-    "lines of tests": 28_560,
-    "statements of tests": 20_620,
+    "words of documentation": 24_070,
+    "lines of Rust": 33_940,
+    "lines of tests": 28_620,
+    "statements of tests": 20_680,
 }
 
-EXTENSION = 8.4
+EXTENSION = 8.5
 """Megabytes."""
 
 

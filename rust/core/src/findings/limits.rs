@@ -1,6 +1,6 @@
 //! Go or no-go: the quantities of a rig against limits, as at the end of a production line or at a start of a robot.
 //!
-//! Usual limits are those from which on a match is warned of ([`super::levels`]), where there are such. A quantity that cannot be told
+//! Usual limits are those from which on a match is warned of (`levels.rs`), where there are such. A quantity that cannot be told
 //! passes, unless its limit was given, or nothing can be said without it.
 
 use super::levels::{BLUR, BLUR_SHARE, CONTRAST, NOISE, ROWS, SURE, WRONG};

@@ -1,6 +1,6 @@
 //! Rectification of a raw pair from its images alone: the cameras that bring the rows of both together.
 //!
-//! 1. Corners of both images are described by codes and matched ([`corners`], [`codes`], [`matches`]).
+//! 1. Corners of both images are described by codes and matched ([`corners`], [`codes`], [`mod@matches`]).
 //! 2. Those that agree on one way that the cameras look are kept ([`consensus`]); where few do, one image is tried turned.
 //! 3. Fourteen numbers of two cameras are fitted to them ([`cameras`], [`fit`]).
 //! 4. Both images are rectified by those, and blocks of them correlated ([`blocks`]), which are more exact than corners; the
