@@ -79,6 +79,16 @@ def test_rows_that_move_are_right_in_that_frame() -> None:
     assert [(event.subject, event.frame) for event in rig.events] == [("rows", 4)]
 
 
+def test_rows_that_are_off_from_the_start_are_not_taken_for_drift() -> None:
+    rig = ps.Rig(preset="fast")
+    for index in range(20):
+        rig.match(*frame(index, rows=-1))
+    assert rig.field is not None
+    assert rig.field.applied
+    assert rig.field.coefficients[0] == pytest.approx(1, abs=0.06)
+    assert rig.field.coefficients[1] == pytest.approx(0, abs=0.06)
+
+
 def test_rows_that_begin_to_sway_are_found_in_each_frame_until_they_come_to_rest() -> None:
     rig, heights = ps.Rig(preset="fast"), [0.0] * 3 + [1.5, -1.0, 2.0] + [0.0] * 22
     results = []
