@@ -90,9 +90,9 @@ BOUNDS = {
     "aliases at the boundary": 6,
     "public names": 122,
     "words of documentation": 24_070,
-    "lines of Rust": 33_940,
-    "lines of tests": 28_620,
-    "statements of tests": 20_680,
+    "lines of Rust": 33_950,
+    "lines of tests": 28_630,
+    "statements of tests": 20_690,
 }
 
 EXTENSION = 8.5
