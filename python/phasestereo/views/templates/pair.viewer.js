@@ -91,6 +91,7 @@ function drawStage(context) {
   context.drawImage(over, 0, 0);
   context.restore();
   if (edge !== null) drawEdge(context, edge);
+  drawMeasures(context);
   if (state.pixel) drawMarks(context);
 }
 
@@ -219,6 +220,7 @@ function renew() {
   choose(isThere(state.view) ? state.view : "disparity");
   const { x, y } = state.pixel ?? {};
   readOut(inside(x, y) ? state.pixel : { x: page.cols >> 1, y: page.rows >> 1 });
+  keepMarks();
 }
 
 // As much of a layer as fills a small canvas.
@@ -252,6 +254,7 @@ function bindControls() {
   element("closer").addEventListener("click", () => stage.zoomBy(2));
   element("farther").addEventListener("click", () => stage.zoomBy(0.5));
   element("whole").addEventListener("click", () => stage.zoomBy(0));
+  bindMeasure();
   document.addEventListener("keydown", pressed);
 }
 
@@ -261,7 +264,7 @@ const STEPS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowD
 const IDLE = "body, input[type=range], input[type=radio]:checked";
 
 function pressed(event) {
-  if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches("select, textarea")) return;
+  if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches("select, textarea, input[type=text], input[type=number]")) return;
   const view = views[Number(event.key) - 1];
   const key = event.key.toLowerCase(); // also with Caps Lock
   const onStage = event.target === stage.canvas;
@@ -270,6 +273,7 @@ function pressed(event) {
   else if (event.key === "+" || event.key === "=") stage.zoomBy(2, middle());
   else if (event.key === "-") stage.zoomBy(0.5, middle());
   else if (event.key === "0") stage.zoomBy(0);
+  else if (key === "a" || key === "b") mark(key.toUpperCase());
   else if (event.key === "Escape") hold(null);
   else if (event.key === " " && (onStage || event.target.matches(IDLE))) { flicker(false); swap(); }
   else if (STEPS[event.key] && onStage) stepBy(STEPS[event.key], event.shiftKey ? 10 : 1);
