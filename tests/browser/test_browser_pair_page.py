@@ -94,6 +94,7 @@ def opened(browser: Browser, page: Path) -> Browser:
         stage.zoomBy(0);
         document.querySelector("input[value=wipe]").click();
         setMix(1);
+        state.hatched = false;
         choose("disparity");
         readOut({ x: 24, y: 18 });
         """
@@ -469,6 +470,19 @@ def test_marks_measure_a_length_by_keys_alone(opened: Browser) -> None:
     assert opened.run("return element('section').querySelector('svg').ariaLabel") is not None
 
 
+def test_what_is_not_trusted_is_hatched(opened: Browser) -> None:
+    """Stripes are where the result is not trusted, and nowhere else."""
+    opened.run("state.hatched = true; stage.paint()")
+    alpha = opened.run(
+        "const { data } = shown.hatches.getContext('2d').getImageData(0, 0, 48, 36);"
+        "return Array.from({ length: 48 * 36 }, (_, at) => data[4 * at + 3])"
+    )
+    striped = np.reshape(alpha, SHAPE) > 0
+    trusted = made_up().trusted
+    assert not (striped & trusted).any()
+    assert striped[~trusted].mean() > 0.5
+
+
 def test_a_plane_is_found_again(opened: Browser) -> None:
     """A plane in space is put into the maps; pixels that are not trusted lie elsewhere."""
     rows, cols = np.indices(SHAPE)
@@ -602,6 +616,11 @@ def test_both_themes(browser: Browser, page: Path) -> None:
         draw_all(browser, "#chart-disparities")
         text = "return getComputedStyle(document.querySelector('#chart-disparities .xtitle')).fill"
         texts.add(browser.run(text))
+        assert browser.faint() == []
+        assert browser.complaints() == []
+
+        browser.run("element('keys').style.color = 'var(--page)'")
+        assert len(browser.faint()) == 1
 
     assert shades[False] > shades[True] + 70
     assert len(texts) == 2

@@ -16,7 +16,9 @@ const placeOf = ({ x, y }) => y * page.cols + x;
 const isPoint = (at) => Number.isFinite(maps.disparity[at]) && depthOf(maps.disparity[at]) > 0;
 const isTrusted = (at) => Number.isFinite(maps.disparity[at]) && (maps.confidence ? maps.confidence[at] >= SURE : !maps.flags[at]);
 const dot = (one, other) => one.reduce((sum, value, axis) => sum + value * other[axis], 0);
-const inUnit = (value) => `${figures(value)}${page.scene.unit ? ` ${page.scene.unit}` : ""}`;
+const withUnit = (text) => (page.scene.unit ? `${text} ${page.scene.unit}` : text);
+const inUnit = (value) => withUnit(figures(value));
+const rounded = (value) => String(Number(value.toPrecision(2)));
 
 // The distance of two pixels' points and its error bar, which holds the true one with a probability of 90 %.
 function lengthBetween(first, second) {
@@ -125,14 +127,14 @@ function measured() {
   const given = Object.entries(marks).filter(([, mark]) => mark);
   for (const [name, mark] of given) {
     const at = placeOf(mark);
-    const depth = isPoint(at) ? `depth ${depthText(depthOf(maps.disparity[at]), mark.x * page.step, at)}${page.scene.unit ? ` ${page.scene.unit}` : ""}` : "no depth";
+    const depth = isPoint(at) ? `depth ${withUnit(depthText(depthOf(maps.disparity[at]), mark.x * page.step, at))}` : "no depth";
     said.push(`${name} at ${mark.x * page.step}, ${mark.y * page.step}: ${depth}${isTrusted(at) ? "" : ", not trusted"}.`);
   }
   if (given.length < 2) return said;
   const [first, second] = [marks.A, marks.B].map(placeOf);
   if (!isPoint(first) || !isPoint(second)) return [...said, "No length: a mark has no depth."];
   const { length, bar } = lengthBetween(first, second);
-  said.push(`Length from A to B: ${inUnit(length)}${Number.isFinite(bar) ? ` \u00b1 ${figures(bar)} (90 %)` : ""}.`);
+  said.push(`Length from A to B: ${Number.isFinite(bar) ? `${withUnit(`${figures(length)} \u00b1 ${rounded(bar)}`)} (90 %)` : inUnit(length)}.`);
   const plane = planeIn(marks.A, marks.B);
   const share = `${plane.trusted.toLocaleString("en")} of ${plane.pixels.toLocaleString("en")} pixels trusted`;
   said.push(plane.normal
