@@ -91,8 +91,8 @@ BOUNDS = {
     "public names": 122,
     "words of documentation": 24_070,
     "lines of Rust": 33_950,
-    "lines of tests": 28_630,
-    "statements of tests": 20_690,
+    "lines of tests": 28_780,
+    "statements of tests": 20_780,
 }
 
 EXTENSION = 8.5
