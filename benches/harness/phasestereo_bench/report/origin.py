@@ -121,8 +121,10 @@ def _commit(known: Mapping[str, Any]) -> str:
 
 def _with_commits(environment: str, commits: Sequence[str]) -> str:
     """Put the commits where an environment has the mark; nothing where none is known."""
-    if set(commits) == {"unknown"}:
+    known = [commit for commit in commits if commit != "unknown"]
+    if not known:
         return environment.replace(_COMMITS, "")
 
-    plural = "s" if len(commits) > 1 else ""
-    return environment.replace(_COMMITS, f" (commit{plural} {', '.join(commits)})")
+    plural = "s" if len(known) > 1 else ""
+    others = "" if len(known) == len(commits) else ", another not recorded"
+    return environment.replace(_COMMITS, f" (commit{plural} {', '.join(known)}{others})")
