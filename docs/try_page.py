@@ -21,7 +21,7 @@ from phasestereo.views.page import facts, layers
 from phasestereo.views.templating import render_page
 
 WEB = Path(__file__).resolve().parent.parent / "web"
-SCRIPTS = "data", "stage", "viewer", "readout", "scene"
+SCRIPTS = "data", "stage", "viewer", "readout", "measure", "scene"
 """Parts of the viewer that the report page has, too; it fills its maps by others."""
 
 CORE = "phasestereo.wasm"
@@ -47,7 +47,7 @@ def _index() -> str:
     truth = result.disparity
     maps = layers.layers_of(result, truth)
     views = layers.views(maps)
-    readout = facts.readout(result, truth, exact=True, metric=False, gray=(False, False))
+    readout = facts.readout(result, truth, exact=True, metric=True, gray=(False, False))
     page: dict[str, Any] = {
         "cols": 4,
         "rows": 3,

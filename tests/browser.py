@@ -37,6 +37,38 @@ _OPTIONS = (
 # Chromium's hints on how canvases and WebGL could be faster.
 _HINTS = ("willReadFrequently", "GPU stall due to ReadPixels")
 
+# Texts on plain backgrounds that are seen, each with what is behind it; what is disabled is exempt.
+_FAINT = """
+const context = document.createElement("canvas").getContext("2d", { willReadFrequently: true });
+const parts = (color) => {
+  context.clearRect(0, 0, 1, 1);
+  context.fillStyle = color;
+  context.fillRect(0, 0, 1, 1);
+  return [...context.getImageData(0, 0, 1, 1).data];
+};
+const over = (front, back) => [0, 1, 2].map((n) => back[n] + (front[n] - back[n]) * front[3] / 255);
+const linear = (part) => part < 10 ? part / 3294.6 : ((part / 255 + 0.055) / 1.055) ** 2.4;
+const light = (color) =>
+  [0.2126, 0.7152, 0.0722].reduce((sum, share, n) => sum + share * linear(color[n]), 0);
+const paper = parts(getComputedStyle(document.documentElement).getPropertyValue("--page"));
+const found = [];
+for (const node of document.querySelectorAll("body *")) {
+  const own = [...node.childNodes].some((one) => one.nodeType === 3 && one.textContent.trim());
+  const isSeen = node.checkVisibility({ opacityProperty: true, visibilityProperty: true });
+  if (!own || !isSeen || node.disabled || node.closest("script, noscript, .unseen")) continue;
+  let back = paper;
+  const around = [];
+  for (let one = node; one; one = one.parentElement) around.unshift(one);
+  for (const one of around) back = over(parts(getComputedStyle(one).backgroundColor), back);
+  const style = getComputedStyle(node);
+  const text = over(parts(node.ownerSVGElement ? style.fill : style.color), back);
+  const [bright, dark] = [light(text), light(back)].sort((a, b) => b - a);
+  const contrast = (bright + 0.05) / (dark + 0.05);
+  if (contrast < 4.5) found.push([contrast.toFixed(2), node.outerHTML.slice(0, 80)]);
+}
+return found;
+"""
+
 
 class Browser:
     """One Chromium, by the driver that is installed beside it; pages open in a window of it."""
@@ -104,6 +136,10 @@ class Browser:
         ]
 
         return [url for url in urls if not url.startswith(("data:", "blob:"))]
+
+    def faint(self) -> list[list[str]]:
+        """Return the texts in the page whose contrast is below 4.5, as WCAG 2.1 has it."""
+        return list(self.run(_FAINT))
 
     def picture(self, selector: str = "") -> NDArray[np.uint8]:
         """Return what is in sight, or one element, as RGB."""

@@ -2,6 +2,7 @@
 // `robust` once it rests. One match at a time; what was asked for in the meantime is the latest.
 
 import { createMatcher } from "./matcher.js";
+import { downloads } from "./downloads.js";
 import { readPair } from "./photographs.js";
 import { NUM_DISPARITIES, renderPair, SCENES } from "./render.js";
 import { forgetWanted, sharesOf, showPair, showResult } from "./results.js";
@@ -87,6 +88,7 @@ async function matched(preset) {
   if (pair.isNew && cloud?.gl) cloud.reset(); // its points are elsewhere
   pair.isNew = false;
   startScene();
+  for (const id of Object.keys(downloads)) element(id).disabled = false;
   root.dataset.matched = preset;
 }
 
@@ -159,6 +161,8 @@ const takeOwn = (read) => take({ ...read, truth: null, noise: 0, range: null });
 
 function take(taken) {
   Object.assign(pair, taken, { isNew: true });
+  Object.assign(known, { factor: 1, unit: null, share: 0 });
+  Object.assign(marks, { A: null, B: null });
   takePlain();
   element("pair-note").textContent = pair.note;
   trouble("");
@@ -218,6 +222,13 @@ function bindPage() {
   element("exchange").addEventListener("click", exchange);
   element("reset").addEventListener("click", () => setSliders(NOTHING));
   element("tabs").addEventListener("change", forgetWanted);
+  for (const [id, [name, write]] of Object.entries(downloads)) {
+    element(id).addEventListener("click", () => {
+      const url = URL.createObjectURL(new Blob([write()]));
+      made("a", { href: url, download: name }).click();
+      setTimeout(() => URL.revokeObjectURL(url));
+    });
+  }
   bindDrop();
 }
 

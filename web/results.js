@@ -94,19 +94,20 @@ function fillFlags(flags) {
 
 // The geometry of the points: the focal length is the images' width, the cameras look the same way from one unit apart.
 function fillScene(width, height) {
-  const known = sortedSample(maps.disparity).filter((value) => value > 0);
-  const [low, high] = known.length ? [known[0], known.at(-1)] : [0, 0];
+  const positive = sortedSample(maps.disparity).filter((value) => value > 0);
+  const [low, high] = positive.length ? [positive[0], positive.at(-1)] : [0, 0];
   const step = Math.max(FINEST, (high - low) / LEVELS);
   Object.assign(page.scene, {
     focal: [width, width],
     center: [(width - 1) / 2, (height - 1) / 2],
-    scale: width,
+    scale: width * known.factor,
     doffs: 0,
     right: [width, (width - 1) / 2],
     share: [0, 0, 0],
+    unit: known.unit ?? "baselines",
   });
   page.codings = { disparity: [low, step] };
-  page.scene.limit = known.length ? FAR * depthOf(at(known, 0.1)) : 0;
+  page.scene.limit = positive.length ? FAR * depthOf(at(positive, 0.1)) : 0;
   maps.codes = Uint16Array.from(maps.disparity, (value) => (
     value > 0 ? Math.min(LEVELS, Math.max(0, Math.round((value - low) / step))) : LEVELS + 1));
 }

@@ -94,6 +94,7 @@ def opened(browser: Browser, page: Path) -> Browser:
         stage.zoomBy(0);
         document.querySelector("input[value=wipe]").click();
         setMix(1);
+        state.hatched = false;
         choose("disparity");
         readOut({ x: 24, y: 18 });
         """
@@ -436,6 +437,81 @@ def test_keys_do_what_the_mouse_does(opened: Browser) -> None:
     press(opened, stage, "f")
 
 
+def test_marks_measure_a_length_by_keys_alone(opened: Browser) -> None:
+    """Its error bar holds 90 % of the lengths that disparities within their errors would have."""
+    opened.run("forgetMarks()")
+    result, ends = made_up(), ((20, 6), (44, 30))
+    for name, (x, y) in zip("ab", ends, strict=True):
+        opened.run("hold({ x: arguments[0] - 1, y: arguments[1] })", x, y)
+        press(opened, "#stage", "\ue014", name)  # right
+
+    drawn = np.random.default_rng(3).standard_normal((2, 200_000))
+    points = []
+    for (x, y), errors in zip(ends, drawn, strict=True):
+        disparity, bar = float(result.disparity[y, x]), 0.02 * float(result.uncertainty[y, x])
+        z = 50 * 0.2 / (disparity + errors * bar / 1.645)
+        points.append(np.stack([(x - 23.5) * z / 50, (y - 17.5) * z / 50, z]))
+    lengths = np.linalg.norm(points[1] - points[0], axis=0)
+
+    # Bars so short that what is not linear does not matter, and a yaw that is known.
+    opened.run("maps.uncertainty = maps.uncertainty.map((bar) => 0.02 * bar)")
+    opened.run("window.share = page.scene.share; page.scene.share = [0, 0, 0]")
+    found = opened.run("return lengthBetween(placeOf(marks.A), placeOf(marks.B))")
+    opened.run("maps.uncertainty = maps.uncertainty.map((bar) => 50 * bar)")
+    opened.run("page.scene.share = share")
+
+    assert found["length"] == pytest.approx(np.median(lengths), rel=2e-3)
+    low, high = np.quantile(lengths, [0.05, 0.95])
+    assert found["bar"] == pytest.approx((high - low) / 2, rel=0.02)
+    said = opened.text("measured")
+    assert "A at 20, 6: depth" in said
+    assert "Length from A to B:" in said
+    assert opened.run("return element('measured').ariaLive") == "polite"
+    assert opened.run("return element('section').querySelector('svg').ariaLabel") is not None
+
+
+def test_what_is_not_trusted_is_hatched(opened: Browser) -> None:
+    """Stripes are where the result is not trusted, and nowhere else."""
+    opened.run("state.hatched = true; stage.paint()")
+    alpha = opened.run(
+        "const { data } = shown.hatches.getContext('2d').getImageData(0, 0, 48, 36);"
+        "return Array.from({ length: 48 * 36 }, (_, at) => data[4 * at + 3])"
+    )
+    striped = np.reshape(alpha, SHAPE) > 0
+    trusted = made_up().trusted
+    assert not (striped & trusted).any()
+    assert striped[~trusted].mean() > 0.5
+
+
+def test_a_plane_is_found_again(opened: Browser) -> None:
+    """A plane in space is put into the maps; pixels that are not trusted lie elsewhere."""
+    rows, cols = np.indices(SHAPE)
+    normal, distance = np.array([0.36, -0.48, 0.8]), 4.0
+    rays = np.stack([(cols - 23.5) / 50, (rows - 17.5) / 50, np.ones(SHAPE)])
+    disparity = 50 * 0.2 * np.tensordot(normal, rays, 1) / distance
+    disparity[10:12] = 9
+    sure = np.ones(SHAPE)
+    sure[10:12] = 0.2
+
+    found = opened.run(
+        """
+        const [disparity, confidence] = arguments;
+        const before = { ...maps };
+        Object.assign(maps, { disparity, confidence });
+        const plane = planeIn({ x: 40, y: 30 }, { x: 5, y: 5 });
+        Object.assign(maps, before);
+        return plane;
+        """,
+        disparity.ravel().tolist(),
+        sure.ravel().tolist(),
+    )
+
+    assert found["normal"] == pytest.approx(-normal, abs=1e-6)
+    assert found["distance"] == pytest.approx(distance, rel=1e-6)
+    assert found["rms"] < 1e-6
+    assert (found["pixels"], found["trusted"]) == (36 * 26, 36 * 24)
+
+
 def test_zoom_and_drag_keep_pixels_under_the_pointer(opened: Browser) -> None:
     hover(opened, 36, 9)
     opened.run("stage.zoomBy(4, [36.5, 9.5])")
@@ -540,6 +616,11 @@ def test_both_themes(browser: Browser, page: Path) -> None:
         draw_all(browser, "#chart-disparities")
         text = "return getComputedStyle(document.querySelector('#chart-disparities .xtitle')).fill"
         texts.add(browser.run(text))
+        assert browser.faint() == []
+        assert browser.complaints() == []
+
+        browser.run("element('keys').style.color = 'var(--page)'")
+        assert len(browser.faint()) == 1
 
     assert shades[False] > shades[True] + 70
     assert len(texts) == 2

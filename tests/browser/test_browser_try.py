@@ -4,16 +4,18 @@ import shutil
 import subprocess
 import sys
 import zlib
-from base64 import b64encode
+from base64 import b64decode, b64encode
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from browser import Browser, serving
 from conftest import ENVIRONMENT, counterpart
 from documentation import ROOT
+from phasestereo.io import read_disparity
 
 for module in ("jinja2", "matplotlib"):
     counterpart(module)
@@ -72,6 +74,7 @@ def opened(browser: Browser, site: str) -> Browser:
 def test_it_fits_and_asks_nobody_else(browser: Browser, site: str, width: int, theme: str) -> None:
     open_page(browser, f"{site}/stand-in", width=width, dark=theme == "dark")
     assert browser.complaints() == []
+    assert browser.faint() == []
 
     asked = browser.requests()
     assert f"{site}/stand-in/viewer.js" in asked
@@ -336,6 +339,34 @@ def test_every_control_has_a_name_and_a_place_in_the_order(opened: Browser) -> N
     assert opened.run("return element('findings').ariaLive") == "polite"
 
 
+def test_a_known_length_sets_the_scale_of_what_is_saved(opened: Browser, tmp_path: Path) -> None:
+    opened.run("marks.A = { x: 20, y: 20 }; marks.B = { x: 60, y: 40 }; tellMeasures()")
+    opened.run("element('known').value = 2.5; element('unit').value = 'm'")
+    opened.run("element('set-scale').click()")
+    assert "Length from A to B: 2.5 \N{PLUS-MINUS SIGN} " in opened.text("measured")
+    assert "depth" in opened.text("measured")
+
+    kept = (
+        "new Promise((done) => { URL.createObjectURL = (blob) => { done(blob); return 'blob:' } })"
+    )
+    text = "blob.arrayBuffer().then((buffer) => [...new Uint8Array(buffer)])"
+    files = {}
+    for name in ("save-map", "save-cloud"):
+        opened.run(f"window.saved = {kept}; element('{name}').click()")
+        files[name] = bytes(opened.run(f"return saved.then((blob) => {text})"))
+
+    path = tmp_path / "map.pfm"
+    path.write_bytes(files["save-map"])
+    shown = np.array(opened.run("return [...maps.disparity]"), dtype=np.float32)
+    assert np.array_equal(read_disparity(path).ravel(), shown, equal_nan=True)
+
+    head, _, body = files["save-cloud"].partition(b"end_header\n")
+    point = np.frombuffer(body[:12], "<f4")
+    assert f"element vertex {len(body) // 15}\n".encode() in head
+    at = "maps.disparity.findIndex((_, at) => isTrusted(at) && isPoint(at))"
+    assert point == pytest.approx(opened.run(f"return pointOf({at})"), rel=1e-5)
+
+
 @pytest.fixture(scope="module")
 def core(built: Path) -> Path:
     """Return the page with the core; without it, skip visibly."""
@@ -348,6 +379,32 @@ def test_all_of_it_is_small(core: Path) -> None:
     sizes = {path.name: len(zlib.compress(path.read_bytes(), 9)) for path in core.iterdir()}
     assert {"index.html", "viewer.js", "page.js", CORE.name} <= sizes.keys()
     assert sum(sizes.values()) < MOST_BYTES
+
+
+def test_findings_are_those_of_the_command_line(
+    browser: Browser, site: str, core: Path, tmp_path: Path
+) -> None:
+    open_page(browser, f"{site}/{core.name}")
+    browser.run(
+        "element('defocus').value = 4; element('defocus').dispatchEvent(new Event('input'))"
+    )
+    matched(browser)
+
+    paths = []
+    for side in ("left", "right"):
+        url = browser.run(f"return pictures.{side}.canvas.toDataURL()")
+        paths.append(tmp_path / f"{side}.png")
+        paths[-1].write_bytes(b64decode(url.partition(",")[2]))
+
+    program = [sys.executable, "-m", "phasestereo", "check", *map(str, paths)]
+    told = subprocess.run(  # noqa: S603  # ours
+        program, env=ENVIRONMENT, check=False, capture_output=True, text=True
+    ).stdout
+    shown = browser.run(
+        "return [...element('findings').children].map((one) => one.lastChild.textContent.trim())"
+    )
+    assert any("softer" in sentence for sentence in shown)
+    assert [sentence for sentence in shown if sentence not in told] == []
 
 
 def test_the_core_matches_what_sliders_spoil(browser: Browser, site: str, core: Path) -> None:

@@ -58,6 +58,7 @@ class ScenePoints:
             "doffs": self.geometry.doffs,
             "limit": self.limit,
             "right": [self.geometry.cam1[0][0], self.geometry.cam1[0][2]],
+            "unit": "baselines" if self.nominal else "",  # a calibration names none
             "share": self.ranging.share,  # px that the yaw adds to an error bar
         }
 

@@ -4,11 +4,16 @@
 
 const depthOf = (disparity) => page.scene.scale / (disparity + page.scene.doffs);
 
-// The nearest and the farthest depth of a pixel's error bar, as phasestereo.depth_interval has them.
-function depthEnds(x, disparity, uncertainty) {
+// What a yaw adds to the error bar of a disparity.
+function yawOf(x, disparity) {
   const { right: [focal, center], share: [constant, slope, middle] } = page.scene;
   const t = (x - disparity - center) / focal;
-  const bar = uncertainty + constant + slope * Math.abs(t * t - middle);
+  return constant + slope * Math.abs(t * t - middle);
+}
+
+// The nearest and the farthest depth of a pixel's error bar, as phasestereo.depth_interval has them.
+function depthEnds(x, disparity, uncertainty) {
+  const bar = uncertainty + yawOf(x, disparity);
   return [bar, -bar].map((end) => (disparity + page.scene.doffs + end > 0 ? depthOf(disparity + end) : Infinity));
 }
 

@@ -10,7 +10,7 @@ const hex = (color) => [1, 3, 5].map((at) => parseInt(color.slice(at, at + 2), 1
 const views = page.views.map(([key, label]) => page.layers.find((layer) => layer.key === key) ?? { key, label });
 for (const layer of page.layers) layer.table = bytesOf(layer.lookup);
 
-const state = { view: "disparity", mix: 1, how: "wipe", timer: 0, pixel: null, held: false, only: 0 };
+const state = { view: "disparity", mix: 1, how: "wipe", timer: 0, pixel: null, held: false, only: 0, hatched: true };
 const shown = {}; // canvases by view, painted when first seen
 const viewOf = (key) => views.find((view) => view.key === key);
 const isThere = (key) => Boolean(pictures[key] ?? maps[key]);
@@ -89,9 +89,27 @@ function drawStage(context) {
     context.clip();
   }
   context.drawImage(over, 0, 0);
+  if (state.hatched && viewOf(state.view).table) context.drawImage((shown.hatches ??= hatches()), 0, 0);
   context.restore();
   if (edge !== null) drawEdge(context, edge);
+  drawMeasures(context);
   if (state.pixel) drawMarks(context);
+}
+
+// Stripes over what is not trusted.
+function hatches() {
+  const canvas = made("canvas", { width: page.cols, height: page.rows });
+  const context = canvas.getContext("2d");
+  const image = context.createImageData(page.cols, page.rows);
+  const every = Math.max(6, Math.round(page.cols / 90));
+  const colors = new Uint32Array(image.data.buffer);
+  for (let at = 0; at < colors.length; at++) {
+    if (isTrusted(at)) continue;
+    const place = ((at % page.cols) + Math.floor(at / page.cols)) % every;
+    colors[at] = 3 * place < every ? 0xd0000000 : 3 * place < 2 * every ? 0x80ffffff : 0;
+  }
+  context.putImageData(image, 0, 0);
+  return canvas;
 }
 
 function drawEdge(context, edge) {
@@ -219,6 +237,7 @@ function renew() {
   choose(isThere(state.view) ? state.view : "disparity");
   const { x, y } = state.pixel ?? {};
   readOut(inside(x, y) ? state.pixel : { x: page.cols >> 1, y: page.rows >> 1 });
+  keepMarks();
 }
 
 // As much of a layer as fills a small canvas.
@@ -249,9 +268,11 @@ function bindControls() {
   for (const input of document.querySelectorAll("input[name=how]")) {
     input.addEventListener("change", () => { state.how = input.value; stage.refresh(); });
   }
+  element("hatched").addEventListener("change", () => { state.hatched = element("hatched").checked; stage.refresh(); });
   element("closer").addEventListener("click", () => stage.zoomBy(2));
   element("farther").addEventListener("click", () => stage.zoomBy(0.5));
   element("whole").addEventListener("click", () => stage.zoomBy(0));
+  bindMeasure();
   document.addEventListener("keydown", pressed);
 }
 
@@ -261,7 +282,7 @@ const STEPS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowD
 const IDLE = "body, input[type=range], input[type=radio]:checked";
 
 function pressed(event) {
-  if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches("select, textarea")) return;
+  if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches("select, textarea, input[type=text], input[type=number]")) return;
   const view = views[Number(event.key) - 1];
   const key = event.key.toLowerCase(); // also with Caps Lock
   const onStage = event.target === stage.canvas;
@@ -270,6 +291,7 @@ function pressed(event) {
   else if (event.key === "+" || event.key === "=") stage.zoomBy(2, middle());
   else if (event.key === "-") stage.zoomBy(0.5, middle());
   else if (event.key === "0") stage.zoomBy(0);
+  else if (key === "a" || key === "b") mark(key.toUpperCase());
   else if (event.key === "Escape") hold(null);
   else if (event.key === " " && (onStage || event.target.matches(IDLE))) { flicker(false); swap(); }
   else if (STEPS[event.key] && onStage) stepBy(STEPS[event.key], event.shiftKey ? 10 : 1);

@@ -1,0 +1,28 @@
+// What was matched, as files of the user's own.
+
+// The trusted points in the left camera's coordinates, with the colors of the left image.
+function cloudFile() {
+  const chosen = Array.from(maps.disparity.keys()).filter((at) => isTrusted(at) && isPoint(at) && depthOf(maps.disparity[at]) <= page.scene.limit);
+  const axes = ["x", "y", "z"].map((name) => `property float ${name}\n`).join("");
+  const colors = ["red", "green", "blue"].map((name) => `property uchar ${name}\n`).join("");
+  const head = `ply\nformat binary_little_endian 1.0\nelement vertex ${chosen.length}\n${axes}${colors}end_header\n`;
+  const bytes = new DataView(new ArrayBuffer(15 * chosen.length));
+  chosen.forEach((at, n) => {
+    pointOf(at).forEach((value, axis) => bytes.setFloat32(15 * n + 4 * axis, value, true));
+    for (let channel = 0; channel < 3; channel++) bytes.setUint8(15 * n + 12 + channel, pictures.left.bytes[4 * at + channel]);
+  });
+  return new Blob([head, bytes]);
+}
+
+// The disparities in pixels, infinite where there is none, the last row first, as PFM has them.
+function mapFile() {
+  const { cols, rows } = page;
+  const bytes = new DataView(new ArrayBuffer(4 * cols * rows));
+  maps.disparity.forEach((value, at) => {
+    const row = rows - 1 - Math.floor(at / cols);
+    bytes.setFloat32(4 * (row * cols + (at % cols)), Number.isFinite(value) ? value : Infinity, true);
+  });
+  return new Blob([`Pf\n${cols} ${rows}\n-1\n`, bytes]);
+}
+
+export const downloads = { "save-cloud": ["cloud.ply", cloudFile], "save-map": ["disparities.pfm", mapFile] };
