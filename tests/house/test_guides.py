@@ -70,9 +70,7 @@ def test_the_walk_to_a_cloud_runs_and_its_depths_are_true(
     ):
         write_image(tmp_path / name, image)
 
-    steps = [
-        words for words in commands(ROOT / "docs" / "two-cameras.md") if words[0] != "pip"
-    ]
+    steps = [words for words in commands(ROOT / "docs" / "two-cameras.md") if words[0] != "pip"]
     assert [words[0] for words in steps] == ["calibrate", "rectify", "check", "match"]
     for words in steps:
         code, _, err = run(*words)
