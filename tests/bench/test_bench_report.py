@@ -317,8 +317,8 @@ def test_environments_that_differ_in_the_commit_alone_are_named_once() -> None:
     known = {"versions": {"phasestereo": "0.1.0", "numpy": "2.4"}, "cpu": "A", "date": "2026-11-22"}
     commits = (None, "428e2ebb75ed0000", "678a4e3fb8100000-dirty")
     assert made_with({**known, "commit": commit} for commit in commits) == (
-        "Made with phasestereo 0.1.0 (commits unknown, 428e2ebb75ed, 678a4e3fb810-dirty), "
-        "NumPy 2.4 on A, 2026-11-22."
+        "Made with phasestereo 0.1.0 (commits 428e2ebb75ed, 678a4e3fb810-dirty, "
+        "another not recorded), NumPy 2.4 on A, 2026-11-22."
     )
     alone = made_with([{**known, "commit": None}])
     assert alone == "Made with phasestereo 0.1.0, NumPy 2.4 on A, 2026-11-22."

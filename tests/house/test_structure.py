@@ -89,10 +89,10 @@ BOUNDS = {
     "statements of phasestereo_bench": 6_970,
     "aliases at the boundary": 6,
     "public names": 122,
-    "words of documentation": 24_070,
+    "words of documentation": 23_190,
     "lines of Rust": 33_950,
-    "lines of tests": 28_780,
-    "statements of tests": 20_780,
+    "lines of tests": 28_950,
+    "statements of tests": 20_900,
 }
 
 EXTENSION = 8.5

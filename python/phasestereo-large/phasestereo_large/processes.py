@@ -50,7 +50,7 @@ def local(workers: int, seconds: float | None = None) -> Iterator[Processes]:
     workers
         How many at most; each is started when there is a task for it.
     seconds
-        How long a task may take until its process is ended; None: as long as it wants.
+        How long a task may take until its process is ended; None: no limit.
     """
     processes = Processes(workers, seconds)
     try:

@@ -164,7 +164,7 @@ def from_document(document: Document) -> Rectification:
     if any(mask.shape != size or mask.dtype != np.bool_ for mask in (left_mask, right_mask)):
         raise ValueError("masks that are not those of the images")
     if q is not None and (q.shape != (4, 4) or q.dtype != np.float64):
-        raise ValueError("a matrix Q that is none")
+        raise ValueError("a matrix Q that is invalid")
     if plain["interpolation"] not in INTERPOLATIONS or plain["method"] not in _METHODS:
         raise ValueError("a way to rectify that is not known")
 

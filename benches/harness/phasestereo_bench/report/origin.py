@@ -41,12 +41,12 @@ def origin(results: Results) -> str:
 
 
 def made_with(environments: Iterable[Mapping[str, Any]]) -> str:
-    """Say which environments these are; those that differ in the commit alone are named once."""
-    commits: dict[str, list[str]] = {}
+    """Say which environments these are; those that differ in commit and date are named once."""
+    alike: dict[str, list[Mapping[str, Any]]] = {}
     for known in environments:
-        commits.setdefault(_environment(known), []).append(_commit(known))
+        alike.setdefault(_environment(known), []).append(known)
 
-    return "Made with " + "; ".join(starmap(_with_commits, commits.items())) + "."
+    return "Made with " + "; ".join(starmap(_in_words, alike.items())) + "."
 
 
 def commands(results: Results, metric: str) -> list[str]:
@@ -111,7 +111,7 @@ def _environment(known: Mapping[str, Any]) -> str:
     made = [
         words.format(version=versions[name]) for name, words in names.items() if versions.get(name)
     ]
-    return f"{', '.join(made)} on {known.get('cpu')}, {known.get('date')}"
+    return f"{', '.join(made)} on {known.get('cpu')}"
 
 
 def _commit(known: Mapping[str, Any]) -> str:
@@ -119,10 +119,14 @@ def _commit(known: Mapping[str, Any]) -> str:
     return f"{commit[:_COMMIT]}{dash}{state}"
 
 
-def _with_commits(environment: str, commits: Sequence[str]) -> str:
-    """Put the commits where an environment has the mark; nothing where none is known."""
-    if set(commits) == {"unknown"}:
-        return environment.replace(_COMMITS, "")
+def _in_words(environment: str, alike: Sequence[Mapping[str, Any]]) -> str:
+    """Put the commits where an environment has the mark, nothing where none is known; add dates."""
+    commits = list(dict.fromkeys(_commit(known) for known in alike))
+    named = [commit for commit in commits if commit != "unknown"]
+    plural = "s" if len(named) > 1 else ""
+    others = "" if len(named) == len(commits) else ", another not recorded"
+    made = f" (commit{plural} {', '.join(named)}{others})" if named else ""
 
-    plural = "s" if len(commits) > 1 else ""
-    return environment.replace(_COMMITS, f" (commit{plural} {', '.join(commits)})")
+    dates = sorted({str(known["date"]) for known in alike if known.get("date")})
+    days = f", {' to '.join(dict.fromkeys((dates[0], dates[-1])))}" if dates else ""
+    return environment.replace(_COMMITS, made) + days

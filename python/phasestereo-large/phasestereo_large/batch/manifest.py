@@ -1,7 +1,7 @@
 """What has become of every pair of a batch: a file of records, sound after any end of a run.
 
 Folders of results go through many hands: every record is held to its schema before it is believed.
-A line that is none is set apart, with its number, and its pair is matched again.
+An invalid line is set apart, with its number, and its pair is matched again.
 """
 
 from __future__ import annotations

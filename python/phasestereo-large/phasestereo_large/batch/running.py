@@ -267,7 +267,7 @@ class _Run:
         """Try all once, then those again that failed, then one by one those whose worker died.
 
         When a worker of a cluster dies, all that it had been given come under suspicion: alone,
-        each can but answer for itself.
+        each answers for itself.
         """
         self._drain(pool, jobs)
 
