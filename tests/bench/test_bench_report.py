@@ -313,7 +313,7 @@ def test_environments(tmp_path: Path) -> None:
     assert "versions that are not known" in origin(results)
 
 
-def test_environments_that_differ_in_the_commit_alone_are_named_once() -> None:
+def test_environments_that_differ_in_commit_and_date_are_named_once() -> None:
     known = {"versions": {"phasestereo": "0.1.0", "numpy": "2.4"}, "cpu": "A", "date": "2026-11-22"}
     commits = (None, "428e2ebb75ed0000", "678a4e3fb8100000-dirty")
     assert made_with({**known, "commit": commit} for commit in commits) == (

@@ -91,8 +91,8 @@ BOUNDS = {
     "public names": 122,
     "words of documentation": 23_190,
     "lines of Rust": 33_950,
-    "lines of tests": 28_950,
-    "statements of tests": 20_900,
+    "lines of tests": 28_850,
+    "statements of tests": 20_840,
 }
 
 EXTENSION = 8.5
