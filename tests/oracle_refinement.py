@@ -74,7 +74,7 @@ def offsets(costs: Ints, chosen: Ints) -> Map:
     """Return the place of the match between candidates, -0.5 to 0.5 from the chosen one, (H, W).
 
     The tip of the V through the costs of the candidate below, the chosen and that above; as much
-    steeper about the candidate as flatter half-way to the next: t / 2 (1 + 0.6 (1 - |t|)), t being
+    steeper about the candidate as flatter half-way to the next: t / 2 (1 + 0.3 (1 - |t|)), t being
     twice the tip's place. Candidates at either end are taken as they are.
     """
     found = np.zeros(chosen.shape, np.float32)
@@ -87,7 +87,7 @@ def offsets(costs: Ints, chosen: Ints) -> Map:
         depth = np.float32(max(max(below, above) - own, 1))
         t = np.clip(np.float32(below - above) / depth, np.float32(-1), np.float32(1))
         one = np.float32(1)
-        found[y, x] = np.float32(0.5) * t * (one + np.float32(0.6) * (one - abs(t)))
+        found[y, x] = np.float32(0.5) * t * (one + np.float32(0.3) * (one - abs(t)))
 
     return found
 

@@ -697,7 +697,7 @@ pub fn offset(below: u32, own: u32, above: u32) -> f32 {
     let slope = (below - own).max(above - own).max(1);
     let doubled = ((below - above) as f32 / slope as f32).clamp(-1.0, 1.0);
 
-    0.5 * doubled * (1.0 + 0.6 * (1.0 - doubled.abs()))
+    0.5 * doubled * (1.0 + 0.3 * (1.0 - doubled.abs()))
 }
 
 /// Reference implementation of [`phasestereo::internals::refinement::subpixel::smooth`]: every pair of neighbors by itself.

@@ -24,7 +24,7 @@ use crate::simd::{Level, Loop};
 const OWN_SHARE: u32 = 2;
 /// How much steeper than a V the interpolation is at the candidate; half-way to the next one it is as much flatter:
 /// this is where fractions are most even on rendered and on real pairs together.
-const STEEPER: f32 = 0.6;
+const STEEPER: f32 = 0.3;
 
 /// Rows and columns on either side that surfaces are smoothed over: more bend what is curved.
 pub const REACH: usize = 3;
