@@ -74,7 +74,7 @@ def reduced(image: Floats, factor: int) -> Floats:
     return mean
 
 
-def rough(pair: MaskedPair, factor: int, neighborhood: int) -> Floats:
+def rough(pair: MaskedPair, factor: int, neighborhood: int, **others: Any) -> Floats:
     """Return disparities, in pixels of the whole image, of the pair reduced by a factor."""
     smaller = [reduced(image, factor).astype(np.float32) for image in (pair.left, pair.right)]
 
@@ -89,6 +89,7 @@ def rough(pair: MaskedPair, factor: int, neighborhood: int) -> Floats:
         preset="paper",
         neighborhood=neighborhood,
         frequencies=(1, 1),
+        **others,
         precision="byte",
         optimizer="so",
         shiftable=False,
@@ -692,6 +693,123 @@ def cleaned(taps: Floats) -> Floats | None:
     return normal
 
 
+# --- blur that follows depth ---
+
+
+def by_depth(
+    pair: MaskedPair, there: Grid, step: int, noise: tuple[float, float], apart: float
+) -> tuple[list[Kind], NDArray[np.intp], int, float] | None:
+    """Return disks whose radii follow depth, their map, its tile and the contrast; or None."""
+    rows, cols = pair.size
+    tile = max(16, -(-int(np.sqrt(rows * cols // 6000)) // 16) * 16)
+    disparity = rough(pair, 4, 5, window=5, subpixel=True)
+    shape = -(-rows // tile), -(-cols // tile)
+
+    depths = np.empty(shape)
+    for y, x in np.ndindex(*shape):
+        middle = min(y * tile + tile // 2, rows - 1), min(x * tile + tile // 2, cols - 1)
+        first = [max(each - 16, 0) // 4 for each in middle]
+        core = disparity[first[0] : first[0] + 8, first[1] : first[1] + 8]
+        depths[y, x] = np.sort(core, axis=None)[core.size // 2]
+
+    # Blocks of mixed depths count little.
+    of_blocks, weights, members = [], [], np.flatnonzero(there.known)
+    for number in members:
+        y, x = (
+            min(each * step + step // 2, length - 1) // tile
+            for each, length in zip(divmod(number, there.shape[1]), pair.size, strict=True)
+        )
+        near = depths[max(y - 1, 0) : y + 2, max(x - 1, 0) : x + 2]
+        of_blocks.append(depths[y, x])
+        weights.append(near.max() - near.min())
+    known = np.array(of_blocks)
+
+    if len(known) < 24:
+        return None
+    ends = np.sort(known)
+    low, high = ends[len(ends) // 32], ends[len(ends) - 1 - len(ends) // 32]
+    if high - low < 2:
+        return None
+    weight = 1 / (1 + (np.array(weights) / (0.1 * (high - low))) ** 2)
+
+    # Losses of disks of 10 to 1 pixels of the right image, none, and 1 to 10 of the left one.
+    disks = np.concatenate([response(disk_psf(radius))[None] for radius in range(1, 11)])
+    losses = np.array(
+        [
+            np.concatenate(
+                [
+                    fit(*there.powers[number][::-1], noise[::-1], disks)[0][::-1],
+                    losses_of(there.powers[number], noise, [("none", FLAT)]),
+                    fit(*there.powers[number], noise, disks)[0],
+                ]
+            )
+            for number in members
+        ]
+    )
+
+    def share(disparity: Floats) -> Floats:
+        part: Floats = np.clip((disparity - low) / (high - low), 0, 1)
+        return part
+
+    parts = np.minimum((share(known) * 16).astype(int), 15)
+    sums = np.array([(weight[:, None] * losses)[parts == part].sum(0) for part in range(16)])
+
+    def radius_at(squared: tuple[float, float, float], where: Floats) -> Floats:
+        curve = np.polynomial.Polynomial.fit([0, 0.5, 1], squared, 2, domain=[0, 1], window=[0, 1])
+        found = curve(where)
+        return np.sign(found) * np.sqrt(np.abs(found))
+
+    def total(squared: tuple[float, float, float]) -> float:
+        radii = np.clip(radius_at(squared, (np.arange(16) + 0.5) / 16), -10, 10)
+        return sum(np.interp(r, np.arange(-10, 11), row) for r, row in zip(radii, sums, strict=True))
+
+    # Two lenses alike in focus apart, or one lens that blurs.
+    best, least = (0.0, 0.0, 0.0), np.inf
+    for first, last in np.ndindex(51, 51):
+        a, c = first / 25 - 1, last / 25 - 1
+        b = (a + c) / 2
+        one = 100 * a * a, 100 * b * b, 100 * c * c
+        for squared in ((100 * a, 100 * b, 100 * c), one, (-one[0], -one[1], -one[2])):
+            loss = total(squared)
+            if loss < least:
+                best, least = squared, loss
+
+    uniform = sums.sum(0).min() / weight.sum()
+    gain = uniform - least / weight.sum()
+    if gain < 0.025 or gain < (uniform - apart) / 2:
+        return None
+
+    def defocus(disparity: Floats) -> Floats:
+        radii = radius_at(best, share(disparity))
+        steps = np.clip(np.floor((np.abs(radii) - 2) / 1.5 + 0.5), 0, 5)
+        drawn: Floats = np.where(np.abs(radii) < 1, 0, np.sign(radii) * (2 + 1.5 * steps))
+        return drawn
+
+    drawn, of_members = defocus(depths), defocus(known)
+    kinds, contrasts = [], []
+    radii = list(dict.fromkeys(drawn.ravel().tolist()))
+    for signed in radii:
+        chosen = members[of_members == signed] if signed in of_members else members
+        powers = there.powers[chosen].mean(0)
+        side: Side = "left" if signed > 0 else "right" if signed < 0 else "none"
+        soft, sharp, levels = (*powers, noise)
+        if side == "right":
+            soft, sharp, levels = sharp, soft, noise[::-1]
+        taps = disk_psf(abs(signed)) if signed else FLAT
+        loss, power = fit(soft, sharp, levels, response(taps)[None])
+        psf = ("disk", abs(signed), 0.0) if signed else ("none", 0.0, 0.0)
+        if not signed:
+            loss = losses_of(powers, noise, [("none", FLAT)])
+        kinds.append(
+            Kind(side, psf, taps if signed else None, powers, float(loss[0]), float(power[0]))
+        )
+        contrasts.append(0.5 * np.log(power[0]) * (-1 if side == "right" else 1))
+
+    labels = np.array([radii.index(signed) for signed in drawn.ravel()]).reshape(shape)
+    contrast = float(np.exp(np.mean([contrasts[label] for label in labels.ravel()])))
+    return kinds, labels, tile, contrast
+
+
 # --- all of it ---
 
 
@@ -726,6 +844,12 @@ def estimate(pair: MaskedPair) -> Estimate:
     losses = losses_on(there, noise, everything())
     both = two_sided(there, noise)
     choices = chosen(losses) if both is None else []
+    following = None
+    if any(choice > 0 for choice in choices):
+        apart = losses[there.known][:, choices].min(1).mean()
+        following = by_depth(pair, there, spacing, noise, float(apart))
+    if following is not None:
+        choices = []
 
     kinds: list[Kind] = [] if both is None else [both]
 
@@ -749,11 +873,16 @@ def estimate(pair: MaskedPair) -> Estimate:
         tile = max(16, -(-int(np.sqrt(rows * cols // 6000)) // 16) * 16)
         drawn = map_of(grid(pair, disparity, tile), kinds, noise)
 
+    contrast = None
+    if following is not None:
+        kinds, drawn, tile, contrast = following
+
     # The kind of the largest area comes first; kinds without any tile are dropped.
     areas = np.bincount(drawn.ravel(), minlength=len(kinds))
     order = [int(n) for n in np.argsort(-areas, kind="stable") if areas[n] > 0]
     first = kinds[order[0]]
-    contrast = np.sqrt(first.gain) if first.side != "right" else 1 / np.sqrt(first.gain)
+    if contrast is None:
+        contrast = np.sqrt(first.gain) if first.side != "right" else 1 / np.sqrt(first.gain)
 
     return Estimate(
         kinds=[kinds[n] for n in order],

@@ -14,6 +14,7 @@ import oracle
 import oracle_blur
 import phasestereo as ps
 from phasestereo_bench.degradation import Degradation, disk_psf, gaussian_psf, motion_psf, suite
+from phasestereo_bench.rigs.suite import FAULTS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -138,6 +139,27 @@ def test_real_pairs_are_as_the_oracle_has_them(data: Path, name: str, row: str, 
         found,
         oracle_blur.estimate(oracle_blur.scene_of(images["left"], images["right"], search=search)),
     )
+
+
+@pytest.mark.parametrize(
+    ("name", "row", "side"), [("cones", "depth 8 opposite", "left"), ("venus", "depth 4", "right")]
+)
+def test_blur_that_follows_depth_is_as_the_oracle_has_it(
+    data: Path, name: str, row: str, side: str
+) -> None:
+    pair = FAULTS[row](load(data, name), side)
+    search = (0, pair.num_disparities)
+    found = ps.estimate_blur(pair.left, pair.right, num_disparities=search[1])
+    expected = oracle_blur.estimate(oracle_blur.scene_of(pair.left, pair.right, search=search))
+
+    signs = {"left": 1, "none": 0, "right": -1}
+    radii = np.array([signs[blur.side] * blur.size for blur in found.blurs])[found.labels]
+    others = np.array([signs[kind.side] * kind.psf[1] for kind in expected.kinds])
+    assert len(found.blurs) >= 3
+    assert {blur.kind for blur in found.blurs} <= {"disk", "none"}
+    # The maps by which blocks are found differ a little, and so do the blocks.
+    assert np.mean(np.abs(radii - others[expected.labels])) < 0.5
+    assert found.contrast == pytest.approx(expected.contrast, rel=0.1)
 
 
 @pytest.mark.parametrize("side", SIDES)

@@ -1,11 +1,13 @@
 //! Rows and ranges: what is injected is found and mended, the same at every level, for any threads, and of a pair that is
 //! read a few rows at a time.
 
+use std::ops::Range;
+
 use crate::common::parts::Slow;
 use crate::common::{hash, levels};
 use ndarray::Array3;
 use phasestereo::internals::findings::Finding;
-use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::image::plane::{Plane, reflect};
 use phasestereo::internals::image::view::{Image, Mask, View};
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::{Execution, Matcher};
@@ -14,7 +16,9 @@ use phasestereo::internals::pipeline::runtime::Runtime;
 use phasestereo::internals::pipeline::source::ranges;
 use phasestereo::internals::rig::alignment::Alignment;
 use phasestereo::internals::rig::alignment::straighten::straightened;
+use phasestereo::internals::rig::blur::Side;
 use phasestereo::internals::rig::estimation::{Estimates, Known, prepare, prepare_by_rows};
+use phasestereo::internals::rig::psf::{Family, Psf};
 use phasestereo::internals::settings::presets::Preset;
 use phasestereo::internals::settings::{Optimizer, Settings};
 use phasestereo::internals::simd::Level;
@@ -64,6 +68,25 @@ fn shots(field: &Alignment) -> [Plane<f64>; 2] {
     });
 
     [left, right]
+}
+
+/// The same with lenses in focus apart: the left one blurs what is near, the right one what is far.
+fn in_focus_apart([left, right]: [Plane<f64>; 2]) -> [Plane<f64>; 2] {
+    let taps = Psf::round(Family::Disk, 5.0).taps();
+    let soft = |plane: &Plane<f64>, y: usize, x: usize| -> f64 {
+        let tap = |(dy, dx, value): (isize, isize, f64)| {
+            let row = plane.row(reflect(y as isize - dy, SIZE.0));
+            row[reflect(x as isize - dx, SIZE.1)] * value
+        };
+        taps.places().map(tap).sum()
+    };
+    let shown = |plane: &Plane<f64>, is_soft: &dyn Fn(usize) -> bool| {
+        let pixel = |y, x| if is_soft(x) { soft(plane, y, x) } else { plane.row(y)[x] };
+        Plane::from_fn(SIZE.0, SIZE.1, pixel)
+    };
+
+    let middle = (SIZE.1 - DEPTHS[0] - DEPTHS[1]) / 2;
+    [shown(&left, &|x| depth(x as f64) > 15.0), shown(&right, &|x| x < middle)]
 }
 
 /// Gray pixels.
@@ -260,6 +283,32 @@ fn estimates_depend_on_nothing_but_the_images() {
 }
 
 #[test]
+fn blur_that_follows_depth_has_the_disk_of_each_disparity() {
+    let pair = pair_of(&in_focus_apart(shots(&field(&[0.0; 8]))), bytes);
+    let estimates = found(&pair, true, 1, Level::best());
+    let blur = estimates.blur.expect("estimated");
+
+    let (rows, cols, labels) = &blur.labels;
+    let of_side = |side: Side, columns: Range<usize>| {
+        let is_of =
+            |x: usize| blur.blurs[usize::from(labels[rows / 2 * cols + x])].side == Some(side);
+        columns.filter(|x| is_of(*x)).count()
+    };
+    // Far things are in the left half; the tiles at the jump are of either half.
+    let half = cols / 2 - 2;
+    assert_eq!(of_side(Side::Right, 0..half), half, "{blur:?}");
+    assert_eq!(of_side(Side::Left, cols - half..*cols), half, "{blur:?}");
+
+    let sizes = blur.blurs.iter().filter_map(|blur| blur.psf).map(|psf| (psf.family, psf.size));
+    assert!(
+        sizes.into_iter().all(|(family, size)| family == Family::Disk && size <= 6.5),
+        "{blur:?}"
+    );
+    let softer = estimates.findings.iter().filter(|one| one.sentence.contains("is softer than"));
+    assert_eq!(softer.count(), 2, "one of each image: {:?}", estimates.findings);
+}
+
+#[test]
 fn pairs_that_are_read_have_the_estimates_of_whole_ones() {
     let shots = shots(&field(&[1.5, 1.0, -0.5]));
 
@@ -278,7 +327,10 @@ fn pairs_that_are_read_have_the_estimates_of_whole_ones() {
     let sways = pair_of(&self::shots(&swaying(&[0.4, 1.2, -0.6])), bytes);
 
     let floats = plain[1].clone();
-    for pair in [plain[0].clone(), masked(&plain[0]), masked(&floats), floats, wide, sways] {
+    let apart = in_focus_apart(self::shots(&field(&[0.0; 8])));
+    let apart = pair_of(&apart, bytes);
+
+    for pair in [plain[0].clone(), masked(&plain[0]), masked(&floats), floats, wide, sways, apart] {
         for is_known in [true, false] {
             let expected = found(&pair, is_known, 1, Level::best());
 

@@ -196,12 +196,28 @@ impl Known<'_> {
             tiles as f64 / labels.len() as f64
         };
 
-        let mut findings = vec![];
+        // Disks of several radii in one image are one finding: they follow depth.
+        let mut kinds: Vec<(Vec<&blur::Blur>, f64)> = vec![];
         for (index, blur) in found.blurs.iter().enumerate() {
-            let share = share(index);
-            if blur.spread() >= BLUR[0] && share >= BLUR_SHARE {
-                let area = (found.blurs.len() > 1).then_some(share);
-                findings.extend(softer(blur, area));
+            let same = kinds
+                .iter_mut()
+                .find(|(kind, _)| is_disk(blur, blur.side) && is_disk(kind[0], blur.side));
+            match same {
+                Some((kind, sum)) => {
+                    kind.push(blur);
+                    *sum += share(index);
+                }
+                None => kinds.push((vec![blur], share(index))),
+            }
+        }
+
+        let mut findings = vec![];
+        for (kind, share) in &mut kinds {
+            kind.sort_by(|a, b| a.spread().total_cmp(&b.spread()));
+            let grave = kind.iter().any(|blur| blur.spread() >= BLUR[0]);
+            if grave && *share >= BLUR_SHARE {
+                let area = (found.blurs.len() > 1).then_some(*share);
+                findings.extend(softer(kind, area));
             }
         }
         if findings.is_empty() {
@@ -358,16 +374,29 @@ pub fn not_rectified(estimates: &Estimates, refusal: &Refusal) -> Option<Finding
     })
 }
 
-/// That one image is softer, over a part of it if there are several kinds of blur.
-fn softer(blur: &blur::Blur, area: Option<f64>) -> Option<Finding> {
+/// Whether one image alone, this one, is out of focus.
+fn is_disk(blur: &blur::Blur, side: Option<Side>) -> bool {
+    let family = blur.psf.map(|psf| psf.family);
+    blur.other.is_none() && blur.side == side && family == Some(Family::Disk)
+}
+
+/// That one image is softer, over a part of it if there are several kinds of blur. Several are disks, by rising radius.
+fn softer(kinds: &[&blur::Blur], area: Option<f64>) -> Option<Finding> {
+    let (least, blur) = (kinds.first()?, kinds.last()?);
     let (side, other) = match blur.side? {
         Side::Left => ("left", "right"),
         Side::Right => ("right", "left"),
     };
 
-    let what = match blur.other {
-        None => format!("softer than the {other} by {}", shape(blur)),
-        Some(psf) => format!("blurred by {}, the {other} one by {}", shape(blur), words(psf)),
+    let what = match (blur.other, least.psf, blur.psf) {
+        (None, Some(least), Some(psf)) if kinds.len() > 1 => format!(
+            "softer than the {other} by disks of radius {:.1} to {:.1} px",
+            least.size, psf.size
+        ),
+        (None, ..) => format!("softer than the {other} by {}", shape(blur)),
+        (Some(psf), ..) => {
+            format!("blurred by {}, the {other} one by {}", shape(blur), words(psf))
+        }
     };
     let area =
         area.map_or(String::new(), |share| format!(", over {} of the image", percent(share)));

@@ -12,11 +12,14 @@
 //!    explains these well, the kernel is measured (`measured`).
 //! 5. If there are several kinds, their map is drawn again on finer tiles.
 //!
+//! Where disks whose radii follow the disparities explain the blocks (`depth`), these take the place of 4 and 5.
+//!
 //! All sums are taken in a fixed order, so the result depends neither on threads nor on instructions.
 
 mod bank;
 pub(crate) mod bins;
 pub(crate) mod defects;
+mod depth;
 mod fit;
 mod measured;
 pub(crate) mod parts;
@@ -39,11 +42,12 @@ pub use self::bank::Side;
 use self::bank::bank;
 use self::bins::{SIDE, bins};
 use self::defects::Defects;
+use self::depth::{BlurByDepth, DEPTHS, Defocus};
 use self::fit::{BlurEvidence, Fit, Response};
 use self::measured::{add_cross_spectra, measured};
 use self::parts::{PairRows, Part, ROUGHEST, blocks};
 use self::refine::refine;
-use self::regions::{Losses, MOST, first};
+use self::regions::{Losses, first};
 use self::rough::{Correspondence, RoughMatch, RoughScale, grays_per_unit};
 use self::search::{Blocks, Choice, flat, searched};
 pub use self::signature::BlurSignature;
@@ -51,14 +55,15 @@ pub use self::spectrum::BlockPlace;
 use self::spectrum::{Cross, Powers, powers, response};
 use self::two_sided::{TwoSided, find_two_sided};
 use crate::error::Result;
+use crate::math;
 use crate::pipeline::pair::Pair;
 use crate::pipeline::runtime::Runtime;
-use crate::rig::psf::{Psf, Taps};
+use crate::rig::psf::{Family, Psf, Taps};
 use crate::simd::Level;
 
 /// The rough match by which a kernel is measured: half the size shows the kernel nearly as well as the
 /// true disparities would, a quarter does not.
-const ROUGH: RoughScale = RoughScale { factor: 2, neighborhood: 9 };
+const ROUGH: RoughScale = RoughScale { factor: 2, ..RoughScale::ROUGH };
 /// Number of blocks that suffices to see whether there is blur. About as many are taken, or fewer; more only of images in
 /// which they would be further apart than [`SPACING`].
 const ENOUGH_BLOCKS: usize = 110;
@@ -138,7 +143,8 @@ pub struct Estimate {
     pub labels: (usize, usize, Vec<u8>),
     /// Side of a tile, pixels.
     pub tile: usize,
-    /// Certainty from 0 to 1: the share of the loss of the opposite assumption that the first kind avoids.
+    /// Certainty from 0 to 1: the share of the loss of the opposite assumption that the first kind avoids; of blur that
+    /// follows depth, the share that this explains of what tiles with blurs of their own would.
     pub certainty: f32,
     /// Contrast of the left image relative to the right one's.
     pub gain: f64,
@@ -295,6 +301,14 @@ impl<'a> BlurEstimation<'a> {
         let chosen = grid.searched(&blocks, is_sharp, self.level()).chosen();
         let choices: Vec<Choice> = chosen.iter().map(|choice| Choice::at(*choice)).collect();
         let losses = grid.losses(&blocks, &choices, self.level());
+
+        if choices.iter().any(|choice| choice.side.is_some())
+            && let Some((kinds, map, certainty)) = self.by_depth(&grid, &blocks, &losses, noise)?
+        {
+            // Blocks at jumps mix radii, which looks like gain, the other way round where the other image is softer.
+            let gain = map.mean_gain(&kinds) * self.units[1] / self.units[0];
+            return Ok(Estimate { gain, certainty, ..self.finished(kinds, map, grid, noise) });
+        }
 
         // Step 4.
         let mut kinds = Vec::new();
@@ -482,6 +496,90 @@ impl<'a> BlurEstimation<'a> {
         Ok(FittedBlur { blur, response, fit, powers: family.powers })
     }
 
+    /// Disks that follow depth, their map, and how certain they are, if that is what the blocks show.
+    fn by_depth(
+        &self,
+        grid: &Grid,
+        blocks: &[Blocks],
+        losses: &Losses,
+        noise: [f32; 2],
+    ) -> Result<Option<(Vec<FittedBlur>, RegionMap, f32)>> {
+        let map = self.depths()?;
+        let (height, width) = self.size;
+
+        // The tiles of the grid with blocks, in the order of these, and the disparities at their centers.
+        let with_block = |tile: &usize| grid.places[*tile].is_some();
+        let tiles: Vec<usize> = (0..grid.places.len()).filter(with_block).collect();
+        let center =
+            |tile: usize, length: usize| (tile * grid.step + grid.step / 2).min(length - 1);
+        let disparity = |tile: &usize| {
+            let (y, x) = (tile / grid.cols, tile % grid.cols);
+            map.at(center(y, height), center(x, width))
+        };
+        let known: Vec<f32> = tiles.iter().map(disparity).collect();
+        let spread = |tile: &usize| {
+            let (y, x) = (tile / grid.cols, tile % grid.cols);
+            map.spread(center(y, height), center(x, width))
+        };
+        let spreads: Vec<f32> = tiles.iter().map(spread).collect();
+        let apart = losses.mean_of_best();
+        let Some(found) = BlurByDepth::new(blocks, &known, &spreads, apart, self.level()) else {
+            return Ok(None);
+        };
+
+        // The disks that occur, each with the blocks of its disparities.
+        let disks: Vec<Defocus> = map.values.iter().map(|d| found.defocus(*d)).collect();
+        let mut kinds: Vec<Defocus> = vec![];
+        let mut labels = vec![];
+        for disk in disks {
+            let known = kinds.iter().position(|known| *known == disk);
+            labels.push(known.unwrap_or(kinds.len()) as u8);
+            if known.is_none() {
+                kinds.push(disk);
+            }
+        }
+
+        let fitted = kinds.iter().map(|kind| {
+            let members = tiles.iter().zip(&known).filter(|(_, d)| found.defocus(**d) == *kind);
+            let members: Vec<usize> = members.map(|(tile, _)| *tile).collect();
+            let members = if members.is_empty() { &tiles } else { &members };
+            FittedBlur::defocused(*kind, grid.together(members), noise, self.level())
+        });
+        let map = RegionMap { rows: map.rows, cols: map.cols, labels, tile: map.tile };
+        Ok(Some((fitted.collect(), map, found.certainty)))
+    }
+
+    /// The disparities of tiles; those without any have that of the tile before.
+    fn depths(&self) -> Result<Depths> {
+        let (height, width) = self.size;
+        let tile = self.tile();
+        let (rows, cols) = (height.div_ceil(tile), width.div_ceil(tile));
+        let center = |index: usize, length: usize| (index * tile + tile / 2).min(length - 1);
+        let top = |y: usize| center(y, height).saturating_sub(SIDE / 2).min(height - SIDE);
+        let tops: Vec<usize> = (0..rows).map(top).collect();
+
+        let mut values = vec![];
+        let mut last = f32::NAN;
+        self.visit(&tops, DEPTHS, |_, (rough, first), visited| {
+            for y in visited {
+                for x in 0..cols {
+                    let found = rough.around(center(y, height) - first, center(x, width));
+                    last = found.unwrap_or(last);
+                    values.push(last);
+                }
+            }
+            Ok(())
+        })?;
+        Ok(Depths { rows, cols, tile, values })
+    }
+
+    /// The side of the tiles of a map: the least one, unless there were too many of them.
+    fn tile(&self) -> usize {
+        let (rows, cols) = self.size;
+        let even = ((rows * cols / MOST_TILES) as f64).sqrt() as usize;
+        even.next_multiple_of(TILE).max(TILE)
+    }
+
     /// The map of the kinds. Its tiles are finer than those of the first blocks, of which only those on a boundary are
     /// examined again.
     fn map(
@@ -491,12 +589,8 @@ impl<'a> BlurEstimation<'a> {
         first: &Grid,
         blocks: &[Blocks],
     ) -> Result<RegionMap> {
-        let (rows, cols) = self.size;
         let choices = choices(kinds);
-
-        // Tiles of the least size unless there were too many of them.
-        let even = ((rows * cols / MOST_TILES) as f64).sqrt() as usize;
-        let tile = even.next_multiple_of(TILE).max(TILE);
+        let tile = self.tile();
 
         let rough = first.losses(blocks, &choices, self.level());
         // The tile of the first grid under the center of a finer one.
@@ -525,16 +619,11 @@ impl<'a> BlurEstimation<'a> {
         let (map, order) = map.by_area(kinds.len());
 
         let first = &kinds[order[0]];
-        // A fit's gain is that of the softer image relative to the sharper one.
         let units = self.units[1] / self.units[0];
-        let gain = match first.blur.side {
-            Some(Side::Right) => 1.0 / f64::from(first.fit.gain()).sqrt(),
-            _ => f64::from(first.fit.gain()).sqrt(),
-        };
 
         Estimate {
             certainty: first.certainty(noise, self.level()),
-            gain: gain * units,
+            gain: first.gain() * units,
             noise: self.in_units(noise),
             blurs: order.iter().map(|kind| kinds[*kind].blur.clone()).collect(),
             labels: (map.rows, map.cols, map.labels),
@@ -652,6 +741,20 @@ impl FittedBlur {
         Self { blur, response: flat().clone(), fit, powers: powers.clone() }
     }
 
+    /// A disk of one image, or none.
+    fn defocused(disk: Defocus, powers: Powers, noise: [f32; 2], level: Level) -> Self {
+        let Some((side, radius)) = disk else {
+            return Self::unblurred(&powers, noise, level);
+        };
+
+        let psf = Psf::round(Family::Disk, radius);
+        let taps = psf.taps();
+        let response = response(&taps, level);
+        let fit = BlurEvidence::of_both(&powers, noise, level)[side.index()].fit(&response, level);
+        let blur = Blur { side: Some(side), psf: Some(psf), taps: Some(taps), other: None };
+        Self { blur, response, fit, powers }
+    }
+
     /// The blurs of both images; the softer image is the one with the wider blur.
     fn of_both_images(found: TwoSided, powers: Powers) -> Self {
         let [left, right] = found.entries;
@@ -669,6 +772,13 @@ impl FittedBlur {
         };
         // Responses tell kinds apart on tiles, and this kind is the only one.
         Self { blur, response: own.response, fit: found.fits[side.index()], powers }
+    }
+
+    /// The contrast of the left image relative to the right one's, both in gray values.
+    fn gain(&self) -> f64 {
+        // A fit's gain is that of the softer image relative to the sharper one.
+        let gain = f64::from(self.fit.gain()).sqrt();
+        if self.blur.side == Some(Side::Right) { 1.0 / gain } else { gain }
     }
 
     /// The share of the loss of the opposite assumption that this one avoids: of no blur, or of any blur.
@@ -698,6 +808,35 @@ fn merge(kinds: &mut Vec<FittedBlur>) {
     });
 }
 
+/// The disparities of square tiles, row after row.
+struct Depths {
+    rows: usize,
+    cols: usize,
+    tile: usize,
+    values: Vec<f32>,
+}
+
+impl Depths {
+    /// The difference of the disparities of the tiles around a pixel.
+    fn spread(&self, y: usize, x: usize) -> f32 {
+        let around = |at: usize, count: usize| {
+            let tile = at / self.tile;
+            tile.saturating_sub(1)..(tile + 2).min(count)
+        };
+        let columns = around(x, self.cols);
+        let values =
+            around(y, self.rows).flat_map(|row| &self.values[row * self.cols..][columns.clone()]);
+        let (low, high) = values
+            .fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)));
+        high - low
+    }
+
+    /// The disparity of the tile of a pixel.
+    fn at(&self, y: usize, x: usize) -> f32 {
+        self.values[y / self.tile * self.cols + x / self.tile]
+    }
+}
+
 /// The map of the kinds: the index of its kind for each tile.
 struct RegionMap {
     rows: usize,
@@ -711,6 +850,13 @@ impl RegionMap {
         Self { rows: 1, cols: 1, labels: vec![0], tile: rows.max(cols) }
     }
 
+    /// The geometric mean of the gains of the kinds over the tiles.
+    fn mean_gain(&self, kinds: &[FittedBlur]) -> f64 {
+        let logarithms: Vec<f64> = kinds.iter().map(|kind| math::ln(kind.gain())).collect();
+        let sum: f64 = self.labels.iter().map(|label| logarithms[usize::from(*label)]).sum();
+        math::exp(sum / self.labels.len() as f64)
+    }
+
     /// The map with its kinds numbered by falling area, without those of no tile, and the old numbers of these.
     fn by_area(mut self, kinds: usize) -> (Self, Vec<usize>) {
         let mut areas = vec![0; kinds];
@@ -719,7 +865,7 @@ impl RegionMap {
         let mut order: Vec<usize> = (0..kinds).filter(|kind| areas[*kind] > 0).collect();
         order.sort_by_key(|kind| std::cmp::Reverse(areas[*kind]));
 
-        let mut number = [0; MOST];
+        let mut number = vec![0; kinds];
         order.iter().enumerate().for_each(|(index, kind)| number[*kind] = index as u8);
         self.labels.iter_mut().for_each(|label| *label = number[usize::from(*label)]);
 

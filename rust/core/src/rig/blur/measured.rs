@@ -162,7 +162,7 @@ mod tests {
         let (control, level) = (Control::default(), Level::best());
         let execution = Execution { threads: 1, level };
         let matcher = Matcher::new(1).expect("a thread");
-        let scale = RoughScale { factor: 2, neighborhood: 9 };
+        let scale = RoughScale { factor: 2, ..RoughScale::ROUGH };
 
         let sharp = Plane::from_fn(150, 200, scene);
         let soft = convolved(&sharp, &hook());

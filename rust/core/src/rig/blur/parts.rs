@@ -15,7 +15,7 @@ use crate::pipeline::source::{Source, widened};
 /// rough match, those that masked rows copy, and one for the detection of impulses.
 pub const HALO: usize = 97;
 /// The rough match that finds the blocks that show the same.
-pub const ROUGHEST: RoughScale = RoughScale { factor: 4, neighborhood: 9 };
+pub const ROUGHEST: RoughScale = RoughScale { factor: 4, ..RoughScale::ROUGH };
 
 /// Some rows of a pair.
 pub struct Part<'a> {

@@ -19,7 +19,7 @@ const MARGIN: f32 = 0.06;
 /// explained as badly as can be, or 10 % of them a little.
 const WORTH: f32 = 0.01;
 /// Most choices.
-pub const MOST: usize = 8;
+const MOST: usize = 8;
 /// Cost of a neighboring tile of another choice, nepers; half of it for diagonal ones.
 /// Twice as much makes no difference.
 const BOUNDARY: f32 = 0.15;
@@ -30,6 +30,17 @@ impl Losses {
     /// The losses of a tile.
     pub fn of(&self, tile: usize) -> &[f32] {
         &self.values[tile * self.choices..][..self.choices]
+    }
+
+    /// The mean over the tiles with evidence of the least loss of each; infinite without any.
+    pub fn mean_of_best(&self) -> f32 {
+        let best = |losses: &[f32]| losses.iter().copied().fold(f32::INFINITY, f32::min);
+        let count = self.informative().count();
+        if count == 0 {
+            f32::INFINITY
+        } else {
+            self.informative().map(best).sum::<f32>() / count as f32
+        }
     }
 
     /// The losses of the tiles with evidence.

@@ -137,8 +137,17 @@ fn add_sums<const FACTOR: usize>(row: &[f32], sums: &mut [f32]) {
 pub struct RoughScale {
     /// The factor by which the images are reduced.
     pub factor: usize,
-    /// Side of the neighborhoods of the descriptor in the reduced images.
+    /// Side of the neighborhoods of the descriptor in the reduced images,
     pub neighborhood: usize,
+    /// ... and of the windows that costs are summed over.
+    pub window: usize,
+    /// Whether disparities are found between whole pixels of the reduced images.
+    pub subpixel: bool,
+}
+
+impl RoughScale {
+    /// Large neighborhoods withstand what is left of the blur. The factor is to be chosen.
+    pub const ROUGH: Self = Self { factor: 1, neighborhood: 9, window: 9, subpixel: false };
 }
 
 /// What is known of the geometry of a pair.
@@ -194,12 +203,13 @@ impl RoughMatch {
     pub fn new(
         grays: &[GrayPlane; 2],
         known: Correspondence,
-        RoughScale { factor, neighborhood }: RoughScale,
+        scale: RoughScale,
         matcher: &Matcher,
         execution: Execution,
         control: &Control,
     ) -> Result<Self> {
         let Correspondence { candidates, alignment } = known;
+        let factor = scale.factor;
         let left = as_view(reduced(&grays[0].plane, factor, execution.level, control)?);
         let right = reduced(&grays[1].plane, factor, execution.level, control)?;
         let right = as_view(match &alignment {
@@ -218,7 +228,9 @@ impl RoughMatch {
 
         // Few frequencies and costs of one byte are fast, and rough disparities suffice.
         let settings = Settings {
-            neighborhood,
+            neighborhood: scale.neighborhood,
+            window: scale.window,
+            subpixel: scale.subpixel,
             frequencies: (1, 1),
             precision: Precision::Byte,
             optimizer: Optimizer::ScanlineOptimization,
@@ -275,13 +287,18 @@ impl RoughMatch {
 
     /// The median disparity about the center of a left block; `None` where there is none.
     fn of_block(&self, top: usize, left: usize) -> Option<f32> {
-        let span = |corner: usize, length: usize| {
-            let first = ((corner + (SIDE - CORE) / 2) / self.factor).min(length - 1);
+        self.around(top + SIDE / 2, left + SIDE / 2)
+    }
+
+    /// The median disparity about a pixel; `None` where there is none.
+    pub fn around(&self, y: usize, x: usize) -> Option<f32> {
+        let span = |center: usize, length: usize| {
+            let first = (center.saturating_sub(CORE / 2) / self.factor).min(length - 1);
             first..(first + CORE / self.factor).min(length)
         };
 
-        let cols = span(left, self.disparity.cols());
-        let rows = span(top, self.disparity.rows());
+        let cols = span(x, self.disparity.cols());
+        let rows = span(y, self.disparity.rows());
         let values = rows.flat_map(|y| self.disparity.row(y)[cols.clone()].iter().copied());
         let mut values: Vec<f32> = values.filter(|value| value.is_finite()).collect();
         if values.is_empty() {
@@ -384,7 +401,7 @@ mod tests {
         RoughMatch::new(
             &grays,
             known,
-            RoughScale { factor, neighborhood: 9 },
+            RoughScale { factor, ..RoughScale::ROUGH },
             &matcher,
             execution,
             &control,
