@@ -8,6 +8,7 @@
 
 mod found;
 mod images;
+mod rectify;
 mod sized;
 mod told;
 #[cfg(target_family = "wasm")]
@@ -24,6 +25,7 @@ use phasestereo::{Error, Preset, Result};
 
 pub use self::found::Found;
 pub use self::images::{Image, Map};
+pub use self::rectify::{Calibration, Rectified};
 
 thread_local! {
     /// The message of the last call on this thread that failed.
@@ -203,8 +205,8 @@ pub unsafe extern "C" fn phasestereo_match(
         let (map, found) = unsafe { (sized::read(map, "map")?, place(found)?) };
         let disparities = read_disparities(min_disparity, num_disparities)?;
         // SAFETY: as above.
-        let ([left, right], size) = unsafe { read_images([left, right])? };
-        map.check(size)?;
+        let ([left, right], [given, _]) = unsafe { read_images([left, right])? };
+        map.check(given.size())?;
 
         let result = matcher.match_pair(left, right, disparities.clone())?;
 
@@ -266,19 +268,18 @@ fn read_disparities(min_disparity: i32, num_disparities: i32) -> Result<Option<R
     Ok(None)
 }
 
-/// Both images, and rows and columns of the left one.
+/// Both images, and what was said of them.
 ///
 /// # Safety
 ///
 /// The images are what their fields say, or NULL.
 unsafe fn read_images(
     [left, right]: [*const Image; 2],
-) -> Result<([phasestereo::Image; 2], (usize, usize))> {
+) -> Result<([phasestereo::Image; 2], [Image; 2])> {
     // SAFETY: as the caller promises.
-    let (left, right) = unsafe { (sized::read(left, "left")?, sized::read(right, "right")?) };
-    let size = (left.height as usize, left.width as usize);
+    let given = unsafe { [sized::read(left, "left")?, sized::read(right, "right")?] };
     // SAFETY: as above.
-    Ok((unsafe { [left.copied("left")?, right.copied("right")?] }, size))
+    Ok((unsafe { [given[0].copied("left")?, given[1].copied("right")?] }, given))
 }
 
 /// The matcher of a caller; one that was made before a fork, which would wait for threads for ever, is refused.

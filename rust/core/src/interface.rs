@@ -7,8 +7,9 @@ use std::ops::Range;
 use self::image::Image;
 use crate::cost::candidates::Candidates;
 use crate::error::{Error, Result};
-use crate::findings::{self, Finding};
+use crate::findings::{self, Finding, Severity, Topic};
 use crate::image::plane::Plane;
+use crate::image::view::View;
 use crate::pipeline::control::Control;
 use crate::pipeline::footprint::Demand;
 use crate::pipeline::matcher::{self, Disparity, Execution, Timings, usable_threads};
@@ -16,6 +17,9 @@ use crate::pipeline::pair::Pair;
 use crate::pipeline::runtime::Runtime;
 use crate::pipeline::summary::Summary;
 use crate::rig::estimation::{Estimates, Known, Prepared, prepare};
+use crate::rig::rectification::calibration::Calibration;
+use crate::rig::rectification::warp::Interpolation;
+use crate::rig::rectification::{rectify_views, warp};
 use crate::settings::Settings;
 use crate::simd::Level;
 use crate::verification;
@@ -146,6 +150,42 @@ impl Matcher {
         Ok(Verification { verdicts, better, findings, own })
     }
 
+    /// How to rectify two raw images, and others of the same cameras, by what they show alone; and what was found, in sentences.
+    pub fn calibrate(&self, left: Image, right: Image) -> Result<(Calibration, Vec<Finding>)> {
+        let views = raw(left, right)?;
+
+        let control = Control::default();
+        let found = self.on_threads(&control, |Runtime { execution, control, .. }| {
+            rectify_views(&[views], execution.level, control)
+        })?;
+
+        let note = |sentence: String| Finding::new(Topic::Alignment, Severity::Note, sentence);
+        let told = findings::rectification(&found).into_iter().map(note).collect();
+        Ok((Calibration::of_cameras(&found.cameras), told))
+    }
+
+    /// Rectifies two raw images: pixels that lie outside these are masked.
+    pub fn rectify(
+        &self,
+        left: Image,
+        right: Image,
+        calibration: &Calibration,
+        interpolation: Interpolation,
+    ) -> Result<[Image; 2]> {
+        let views = raw(left, right)?;
+        let (rows, cols, _) = views[0].image.shape();
+
+        let control = Control::default();
+        self.on_threads(&control, |Runtime { control, .. }| {
+            let places = calibration.places((rows, cols), control)?;
+            let rectified = |side: usize| -> Result<Image> {
+                let view = warp::rectified(&views[side], &places[side], interpolation, control)?;
+                Ok(Image::of_view(view))
+            };
+            Ok([rectified(0)?, rectified(1)?])
+        })
+    }
+
     /// The most bytes of working memory that the match of images of so many rows and columns takes, whose pixels, all
     /// channels together, take `pixel_bytes` each. Images and maps are not included, nor the codes of the right image that
     /// are kept for each kind of blur that is compensated for.
@@ -205,6 +245,21 @@ impl Match {
             timings,
         }
     }
+}
+
+/// Two raw images of one size.
+fn raw(left: Image, right: Image) -> Result<[View; 2]> {
+    let views = [left.into_view(), right.into_view()];
+    views[0].check("left")?;
+    views[1].check("right")?;
+
+    let [(rows, cols, _), (right_rows, right_cols, _)] =
+        views.each_ref().map(|view| view.image.shape());
+    if (rows, cols) != (right_rows, right_cols) {
+        let got = format!("{right_rows} x {right_cols} pixels");
+        return Err(Error::value("right", got, format!("the size of left, {rows} x {cols}")));
+    }
+    Ok(views)
 }
 
 /// Both images, and the disparities if they are given.

@@ -71,6 +71,8 @@ pub use pipeline::matcher::Timings;
 pub use pipeline::summary::Summary;
 pub use refinement::flag;
 pub use rig::estimation::Estimates;
+pub use rig::rectification::calibration::Calibration;
+pub use rig::rectification::warp::Interpolation;
 pub use settings::presets::Preset;
 pub use settings::{CostKind, Optimizer, Precision, Settings, Taper};
 pub use verification::verdict;
