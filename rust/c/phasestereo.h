@@ -213,6 +213,12 @@ typedef enum phasestereo_status {
 typedef struct phasestereo_matcher phasestereo_matcher;
 
 /**
+ * What two cameras are, learned from pair to pair, and the temporal filter of their video. Pairs are matched one after another: of
+ * two calls at the same time one is refused. It has no threads, and survives a fork.
+ */
+typedef struct Rig Rig;
+
+/**
  * A setting by its name, both as text that ends with a zero. Names, meanings and ranges are those of the class `Settings`
  * of the Python package; values are written as there, "none" and "true" or "false" in small letters, pairs as "0, 4095".
  * It never gets another field, and so has no size.
@@ -312,6 +318,14 @@ typedef struct phasestereo_map {
    * Bytes from a row to the next one.
    */
   ptrdiff_t uncertainty_stride;
+  /**
+   * How many pairs of a steadied rig support each disparity, 1 to 8; all 0 of any other match.
+   */
+  uint8_t *support;
+  /**
+   * Bytes from a row to the next one.
+   */
+  ptrdiff_t support_stride;
 } phasestereo_map;
 
 /**
@@ -666,6 +680,57 @@ enum phasestereo_status phasestereo_rectify(const struct phasestereo_matcher *ma
                                             const struct phasestereo_calibration *calibration,
                                             uint32_t interpolation,
                                             struct phasestereo_rectified *rectified);
+
+/**
+ * Makes a rig that has seen nothing, or knows what a `text` says that `phasestereo_rig_text` wrote (NULL: nothing). With `steadied`
+ * 1 disparities of its pairs are filtered over time where neither image changes; 0: they are not. Blur is estimated anew after
+ * `reestimate` pairs at the latest, 0: 30; with 1 every pair is matched by itself. NULL if it fails.
+ *
+ * The text ends with a zero, or is NULL.
+ */
+struct Rig *phasestereo_rig_new(const char *text,
+                                uint32_t steadied,
+                                uint32_t reestimate);
+
+/**
+ * Frees a rig. NULL is ignored.
+ *
+ * The rig is one of `phasestereo_rig_new`, no call is using it, and none will.
+ */
+void phasestereo_rig_free(struct Rig *rig);
+
+/**
+ * Matches the next pair of a rig, which learns from it; all else is as of `phasestereo_match`. A call that fails teaches it
+ * nothing. The matcher may be another one for each pair.
+ *
+ * As of `phasestereo_match`; the rig is one of `phasestereo_rig_new`.
+ */
+enum phasestereo_status phasestereo_rig_match(struct Rig *rig,
+                                              const struct phasestereo_matcher *matcher,
+                                              const struct phasestereo_image *left,
+                                              const struct phasestereo_image *right,
+                                              int32_t min_disparity,
+                                              int32_t num_disparities,
+                                              const struct phasestereo_map *map,
+                                              struct phasestereo_found *found);
+
+/**
+ * Forgets all pairs of a rig, and what a text said of it: it is as a new one.
+ *
+ * The rig is one of `phasestereo_rig_new`.
+ */
+enum phasestereo_status phasestereo_rig_reset(struct Rig *rig);
+
+/**
+ * Writes what is known of the cameras as text that ends with a zero, if it fits into `room` bytes, and returns how many it takes;
+ * 0 if it fails. `text` may be NULL where `room` is 0. `phasestereo_rig_new` and Python's `Rig.load` read it; the temporal filter is
+ * left out.
+ *
+ * The rig is one of `phasestereo_rig_new`, and `text` a place for `room` bytes.
+ */
+size_t phasestereo_rig_text(const struct Rig *rig,
+                            char *text,
+                            size_t room);
 
 /**
  * Writes a finding of the last match, check or estimate of this thread that succeeded, and returns 1; 0 if it has not so many,

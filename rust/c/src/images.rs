@@ -101,6 +101,10 @@ pub struct Map {
     pub uncertainty: *mut f32,
     /// Bytes from a row to the next one.
     pub uncertainty_stride: isize,
+    /// How many pairs of a steadied rig support each disparity, 1 to 8; all 0 of any other match.
+    pub support: *mut u8,
+    /// Bytes from a row to the next one.
+    pub support_stride: isize,
 }
 
 // SAFETY: both begin with their sizes; zeros are numbers and NULL.
@@ -263,6 +267,7 @@ impl Map {
             (!self.flags.is_null(), "flags_stride", self.flags_stride, 2),
             (!self.confidence.is_null(), "confidence_stride", self.confidence_stride, 4),
             (!self.uncertainty.is_null(), "uncertainty_stride", self.uncertainty_stride, 4),
+            (!self.support.is_null(), "support_stride", self.support_stride, 1),
         ] {
             if is_wanted {
                 check_stride(("map", name), stride, bytes * cols as u64, rows)?;
@@ -280,6 +285,8 @@ impl Map {
         let none = LazyCell::new(|| found.disparity.map(|_| f32::NAN));
         let confidence = found.confidence.as_ref().unwrap_or_else(|| &none);
         let uncertainty = found.uncertainty.as_ref().unwrap_or_else(|| &none);
+        let alone = LazyCell::new(|| found.disparity.map(|_| 0));
+        let support = found.support.as_ref().unwrap_or_else(|| &alone);
 
         // SAFETY: as the caller promises.
         unsafe {
@@ -287,6 +294,7 @@ impl Map {
             write(&found.flags, self.flags, self.flags_stride);
             write(confidence, self.confidence, self.confidence_stride);
             write(uncertainty, self.uncertainty, self.uncertainty_stride);
+            write(support, self.support, self.support_stride);
         }
     }
 }

@@ -74,8 +74,8 @@ impl Calibration {
         phasestereo::Calibration { camera, distortion, rotation, projection }
     }
 
-    fn new(known: phasestereo::Calibration) -> Self {
-        let phasestereo::Calibration { camera, distortion, rotation, projection } = known;
+    fn new(known: &phasestereo::Calibration) -> Self {
+        let phasestereo::Calibration { camera, distortion, rotation, projection } = *known;
         Self { struct_size: size_of::<Self>(), camera, distortion, rotation, projection }
     }
 }
@@ -124,7 +124,7 @@ pub unsafe extern "C" fn phasestereo_stereo_rectify(
         let made = phasestereo::Calibration::new(given.camera, given.distortion, pose, images)?;
 
         // SAFETY: as above.
-        unsafe { sized::write(calibration, size, &Calibration::new(made)) };
+        unsafe { sized::write(calibration, size, &Calibration::new(&made)) };
         Ok(())
     })
 }
@@ -151,7 +151,7 @@ pub unsafe extern "C" fn phasestereo_estimate_calibration(
         let (found, findings) = matcher.calibrate(left, right)?;
 
         // SAFETY: as above.
-        unsafe { sized::write(calibration, size, &Calibration::new(found)) };
+        unsafe { sized::write(calibration, size, &Calibration::new(&found)) };
         told::keep(findings);
         Ok(())
     })

@@ -1,13 +1,16 @@
 //! The interface of the crate: whole matches of images that are slices, on threads that are kept.
 
 pub mod image;
+pub mod rig;
 
 use std::ops::Range;
 
 use self::image::Image;
+use self::rig::Rig;
 use crate::cost::candidates::Candidates;
 use crate::error::{Error, Result};
 use crate::findings::{self, Finding, Severity, Topic};
+use crate::frames::{self, Way};
 use crate::image::plane::Plane;
 use crate::image::view::View;
 use crate::pipeline::control::Control;
@@ -47,6 +50,8 @@ pub struct Match {
     /// Half the width of the interval that holds the true disparity with a probability of 90 %, pixels; NaN where there
     /// is no estimate. `None`: not computed.
     pub uncertainty: Option<Plane<f32>>,
+    /// How many pairs of a rig support each disparity, 1 to 8; `None`: it was not filtered over time.
+    pub support: Option<Plane<u8>>,
     /// Shares of the pixels, and their mean confidence.
     pub summary: Summary,
     /// What is worth knowing about the match, the worst first.
@@ -119,6 +124,25 @@ impl Matcher {
             prepare_and_match(pair, known, &self.settings, runtime)
         })?;
         Ok(Match::new(matched))
+    }
+
+    /// Matches the next pair of a rig, which learns from it. A pair that fails teaches it nothing.
+    pub fn match_frame(
+        &self,
+        rig: &mut Rig,
+        left: Image,
+        right: Image,
+        disparities: impl Into<Option<Range<i64>>>,
+    ) -> Result<Match> {
+        let (pair, known) = pair(left, right, disparities.into())?;
+        let Rig { state, filter, reestimate } = rig;
+
+        let way = Way { known: &known, settings: &self.settings, reestimate: *reestimate };
+        let frame = self.on_threads(&Control::default(), |runtime| {
+            frames::match_frame(state, pair, way, filter.as_mut(), runtime)
+        })?;
+        let support = frame.support.map(|(support, _)| support);
+        Ok(Match { support, ..Match::new(frame.matched) })
     }
 
     /// Estimates from a pair what its match would estimate; the arguments are those of [`Self::match_pair`].
@@ -238,6 +262,7 @@ impl Match {
             flags,
             confidence,
             uncertainty,
+            support: None,
             summary,
             findings,
             estimates,

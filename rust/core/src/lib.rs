@@ -65,6 +65,7 @@ pub use error::{Error, Result};
 pub use findings::{Finding, Severity, Topic};
 pub use image::plane::Plane;
 pub use interface::image::{Image, Pixel};
+pub use interface::rig::Rig;
 pub use interface::{Match, Matcher, Verification};
 pub use pipeline::control::Control;
 pub use pipeline::matcher::Timings;

@@ -134,16 +134,16 @@ impl Calibration {
 
     fn places_of(
         &self,
-        side: usize,
+        camera: usize,
         inverse: &Matrix,
         size: (usize, usize),
         control: &Control,
     ) -> Result<Places> {
-        let [[fx, _, cx], [_, fy, cy], _] = self.camera[side];
+        let [[fx, _, cx], [_, fy, cy], _] = self.camera[camera];
         Plane::by_rows(size, control, |y, row| {
             for (x, place) in row.iter_mut().enumerate() {
                 let [x, y, z] = applied(inverse, [x as f64, y as f64, 1.0]);
-                let [x, y] = distorted(&self.distortion[side], [x / z, y / z]);
+                let [x, y] = distorted(&self.distortion[camera], [x / z, y / z]);
                 *place = [(fx * x + cx) as f32, (fy * y + cy) as f32];
             }
         })
@@ -266,8 +266,8 @@ fn applied(matrix: &Matrix, [x, y, z]: Vector) -> Vector {
     matrix.map(|[a, b, c]| a * x + b * y + c * z)
 }
 
-fn cross([a, b, c]: Vector, [x, y, z]: Vector) -> Vector {
-    [b * z - c * y, c * x - a * z, a * y - b * x]
+fn cross(one: Vector, other: Vector) -> Vector {
+    from_fn(|k| one[(k + 1) % 3] * other[(k + 2) % 3] - one[(k + 2) % 3] * other[(k + 1) % 3])
 }
 
 fn norm([x, y, z]: Vector) -> f64 {
