@@ -216,7 +216,7 @@ typedef struct phasestereo_matcher phasestereo_matcher;
  * What two cameras are, learned from pair to pair, and the temporal filter of their video. Pairs are matched one after another: of
  * two calls at the same time one is refused. It has no threads, and survives a fork.
  */
-typedef struct Rig Rig;
+typedef struct phasestereo_rig phasestereo_rig;
 
 /**
  * A setting by its name, both as text that ends with a zero. Names, meanings and ranges are those of the class `Settings`
@@ -688,16 +688,16 @@ enum phasestereo_status phasestereo_rectify(const struct phasestereo_matcher *ma
  *
  * The text ends with a zero, or is NULL.
  */
-struct Rig *phasestereo_rig_new(const char *text,
-                                uint32_t steadied,
-                                uint32_t reestimate);
+struct phasestereo_rig *phasestereo_rig_new(const char *text,
+                                            uint32_t steadied,
+                                            uint32_t reestimate);
 
 /**
  * Frees a rig. NULL is ignored.
  *
  * The rig is one of `phasestereo_rig_new`, no call is using it, and none will.
  */
-void phasestereo_rig_free(struct Rig *rig);
+void phasestereo_rig_free(struct phasestereo_rig *rig);
 
 /**
  * Matches the next pair of a rig, which learns from it; all else is as of `phasestereo_match`. A call that fails teaches it
@@ -705,7 +705,7 @@ void phasestereo_rig_free(struct Rig *rig);
  *
  * As of `phasestereo_match`; the rig is one of `phasestereo_rig_new`.
  */
-enum phasestereo_status phasestereo_rig_match(struct Rig *rig,
+enum phasestereo_status phasestereo_rig_match(struct phasestereo_rig *rig,
                                               const struct phasestereo_matcher *matcher,
                                               const struct phasestereo_image *left,
                                               const struct phasestereo_image *right,
@@ -719,7 +719,7 @@ enum phasestereo_status phasestereo_rig_match(struct Rig *rig,
  *
  * The rig is one of `phasestereo_rig_new`.
  */
-enum phasestereo_status phasestereo_rig_reset(struct Rig *rig);
+enum phasestereo_status phasestereo_rig_reset(struct phasestereo_rig *rig);
 
 /**
  * Writes what is known of the cameras as text that ends with a zero, if it fits into `room` bytes, and returns how many it takes;
@@ -728,7 +728,7 @@ enum phasestereo_status phasestereo_rig_reset(struct Rig *rig);
  *
  * The rig is one of `phasestereo_rig_new`, and `text` a place for `room` bytes.
  */
-size_t phasestereo_rig_text(const struct Rig *rig,
+size_t phasestereo_rig_text(const struct phasestereo_rig *rig,
                             char *text,
                             size_t room);
 

@@ -25,6 +25,7 @@ fn header() -> String {
         "Finding",
         "Calibration",
         "Rectified",
+        "Rig",
     ];
     let mut config = Config {
         language: Language::C,
