@@ -92,8 +92,8 @@ static void rectify(phasestereo_matcher *matcher, uint32_t channels, uint32_t bi
     char *pixels = room(2 * bytes);
     uint8_t *masks = room(2 * mask_bytes);
     phasestereo_rectified rectified = {
-        sizeof rectified, pixels, stride, pixels + bytes + bytes - stride, -stride, masks, mask_stride,
-        masks + mask_bytes, mask_stride, {{0}},
+        sizeof rectified, {pixels, pixels + bytes + bytes - stride}, {stride, -stride},
+        {masks, masks + mask_bytes}, {mask_stride, mask_stride}, {{0}},
     };
     done(phasestereo_rectify(matcher, &left, &right, &calibration, interpolation, &rectified));
 
@@ -104,10 +104,10 @@ static void rectify(phasestereo_matcher *matcher, uint32_t channels, uint32_t bi
 
     /* And match what was written, by its masks: what is not valid has no disparity. */
     phasestereo_image views[] = {left, right};
-    views[0].data = rectified.left;
-    views[0].mask = rectified.left_mask;
-    views[1].data = rectified.right;
-    views[1].mask = rectified.right_mask;
+    views[0].data = rectified.image[0];
+    views[0].mask = rectified.mask[0];
+    views[1].data = rectified.image[1];
+    views[1].mask = rectified.mask[1];
     views[0].stride = stride;
     views[1].stride = -stride;
     views[0].mask_stride = views[1].mask_stride = mask_stride;
@@ -200,9 +200,9 @@ static void refuse(phasestereo_matcher *matcher) {
     done(phasestereo_stereo_rectify(&calibration, rotation, given + 51, width, height));
 
     uint8_t *pixels = room(width * height);
-    phasestereo_rectified rectified = {sizeof rectified, NULL, 0, NULL, 0, pixels, width - 1, NULL, 0, {{0}}};
+    phasestereo_rectified rectified = {sizeof rectified, {NULL, NULL}, {0, 0}, {pixels, NULL}, {width - 1, 0}, {{0}}};
     refused(phasestereo_rectify(matcher, &left, &right, &calibration, 0, &rectified));
-    rectified.left_mask_stride = width;
+    rectified.mask_stride[0] = width;
     refused(phasestereo_rectify(matcher, &left, &right, &calibration, 2, &rectified));
     refused(phasestereo_rectify(matcher, &left, &right, NULL, 0, &rectified));
     refused(phasestereo_rectify(NULL, &left, &right, &calibration, 0, &rectified));

@@ -489,8 +489,8 @@ typedef struct phasestereo_calibration {
 } phasestereo_calibration;
 
 /**
- * The memory that rectified images are written to: of as many rows and columns as those that were given, and each of the
- * channels and bits of its own one. NULL: not wanted.
+ * The memory that rectified images are written to, left and right: of as many rows and columns as those that were given, and
+ * each of the channels and bits of its own one. NULL: not wanted.
  */
 typedef struct phasestereo_rectified {
   /**
@@ -498,37 +498,21 @@ typedef struct phasestereo_rectified {
    */
   size_t struct_size;
   /**
-   * The left image; a fourth channel is left as it is.
+   * The images; a fourth channel is left as it is.
    */
-  void *left;
+  void *image[2];
   /**
    * Bytes from a row to the next one, as of an image.
    */
-  ptrdiff_t left_stride;
+  ptrdiff_t stride[2];
   /**
-   * The right image.
+   * One byte a pixel: 1 where it is valid, 0 where it lies outside the image that was given.
    */
-  void *right;
-  /**
-   * Bytes from a row to the next one.
-   */
-  ptrdiff_t right_stride;
-  /**
-   * One byte a pixel: 1 where the left image is valid, 0 where a pixel lies outside the image that was given.
-   */
-  uint8_t *left_mask;
+  uint8_t *mask[2];
   /**
    * Bytes from a row to the next one.
    */
-  ptrdiff_t left_mask_stride;
-  /**
-   * The same of the right image.
-   */
-  uint8_t *right_mask;
-  /**
-   * Bytes from a row to the next one.
-   */
-  ptrdiff_t right_mask_stride;
+  ptrdiff_t mask_stride[2];
   /**
    * Written by the call: OpenCV's matrix Q, in the unit of the calibration's translation; NaN where the distance of the
    * cameras is not known.

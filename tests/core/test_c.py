@@ -450,7 +450,7 @@ def test_what_a_rig_cannot_take_is_refused(rig_program: RigProgram) -> None:
         f"1 rotation: {null}",
         f"1 {pair}",
         "1 rotation: got",
-        "1 rectified: got a left_mask_stride of 159 bytes; accepts at least 160",
+        "1 rectified: got a mask_stride of 159 bytes; accepts at least 160",
         "1 interpolation: got 2; accepts PHASESTEREO_LINEAR or PHASESTEREO_LANCZOS",
         f"1 calibration: {null}",
         f"1 matcher: {null}",

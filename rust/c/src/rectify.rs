@@ -30,29 +30,21 @@ pub struct Calibration {
     pub projection: [[[f64; 4]; 3]; 2],
 }
 
-/// The memory that rectified images are written to: of as many rows and columns as those that were given, and each of the
-/// channels and bits of its own one. NULL: not wanted.
+/// The memory that rectified images are written to, left and right: of as many rows and columns as those that were given, and
+/// each of the channels and bits of its own one. NULL: not wanted.
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
 pub struct Rectified {
     /// `sizeof(phasestereo_rectified)`.
     pub struct_size: usize,
-    /// The left image; a fourth channel is left as it is.
-    pub left: *mut c_void,
+    /// The images; a fourth channel is left as it is.
+    pub image: [*mut c_void; 2],
     /// Bytes from a row to the next one, as of an image.
-    pub left_stride: isize,
-    /// The right image.
-    pub right: *mut c_void,
+    pub stride: [isize; 2],
+    /// One byte a pixel: 1 where it is valid, 0 where it lies outside the image that was given.
+    pub mask: [*mut u8; 2],
     /// Bytes from a row to the next one.
-    pub right_stride: isize,
-    /// One byte a pixel: 1 where the left image is valid, 0 where a pixel lies outside the image that was given.
-    pub left_mask: *mut u8,
-    /// Bytes from a row to the next one.
-    pub left_mask_stride: isize,
-    /// The same of the right image.
-    pub right_mask: *mut u8,
-    /// Bytes from a row to the next one.
-    pub right_mask_stride: isize,
+    pub mask_stride: [isize; 2],
     /// Written by the call: OpenCV's matrix Q, in the unit of the calibration's translation; NaN where the distance of the
     /// cameras is not known.
     pub q: [[f64; 4]; 4],
@@ -81,20 +73,25 @@ impl Calibration {
 }
 
 impl Rectified {
-    /// The planes of a side, each with its stride and the name of that.
-    fn side(&self, right: bool) -> (Place<c_void>, Place<u8>) {
-        if right {
-            let mask = (self.right_mask, self.right_mask_stride, "right_mask_stride");
-            ((self.right, self.right_stride, "right_stride"), mask)
-        } else {
-            let mask = (self.left_mask, self.left_mask_stride, "left_mask_stride");
-            ((self.left, self.left_stride, "left_stride"), mask)
+    /// Refuses rows that would lie upon each other.
+    fn check(&self, given: &[Image; 2]) -> Result<()> {
+        for (side, image) in given.iter().enumerate() {
+            let (rows, cols) = image.size();
+            if !self.image[side].is_null() {
+                check_stride(("rectified", "stride"), self.stride[side], image.row_bytes(), rows)?;
+            }
+            if !self.mask[side].is_null() {
+                check_stride(
+                    ("rectified", "mask_stride"),
+                    self.mask_stride[side],
+                    cols as u64,
+                    rows,
+                )?;
+            }
         }
+        Ok(())
     }
 }
-
-/// A plane, the bytes from a row to the next one, and the name of these.
-type Place<T> = (*mut T, isize, &'static str);
 
 /// Fills in `rotation` and `projection` of a calibration of which `camera` and `distortion` are given: those that OpenCV's
 /// `stereoRectify` finds with `CALIB_ZERO_DISPARITY` and `alpha` -1. `rotation`, 9 numbers row by row, and `translation`, 3 of
@@ -192,19 +189,17 @@ pub unsafe extern "C" fn phasestereo_rectify(
 
         // SAFETY: as above.
         let ([left, right], given) = unsafe { read_images([left, right])? };
-        for (image, is_right) in given.iter().zip([false, true]) {
-            check(image, places.side(is_right))?;
-        }
+        places.check(&given)?;
 
         let q = calibration.q()?;
         let images = matcher.rectify(left, right, &calibration, interpolation)?;
 
-        for (side, is_right) in [false, true].into_iter().enumerate() {
-            let ((pixels, stride, _), (mask, mask_stride, _)) = places.side(is_right);
+        for (side, image) in images.iter().enumerate() {
+            let valid = image.valid().map(|valid| u8::from(*valid));
             // SAFETY: as above.
             unsafe {
-                given[side].write(&images[side], pixels, stride);
-                write(&images[side].valid().map(|valid| u8::from(*valid)), mask, mask_stride);
+                given[side].write(image, places.image[side], places.stride[side]);
+                write(&valid, places.mask[side], places.mask_stride[side]);
             }
         }
         places.q = q.unwrap_or([[f64::NAN; 4]; 4]);
@@ -212,16 +207,4 @@ pub unsafe extern "C" fn phasestereo_rectify(
         unsafe { sized::write(rectified, size, &places) };
         Ok(())
     })
-}
-
-/// Refuses rows that would lie upon each other.
-fn check(image: &Image, (pixels, mask): (Place<c_void>, Place<u8>)) -> Result<()> {
-    let rows = image.height as usize;
-    if !pixels.0.is_null() {
-        check_stride(("rectified", pixels.2), pixels.1, image.row_bytes(), rows)?;
-    }
-    if !mask.0.is_null() {
-        check_stride(("rectified", mask.2), mask.1, image.width.into(), rows)?;
-    }
-    Ok(())
 }
