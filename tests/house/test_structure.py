@@ -90,7 +90,7 @@ BOUNDS = {
     "aliases at the boundary": 6,
     "public names": 122,
     "words of documentation": 23_190,
-    "lines of Rust": 34_800,
+    "lines of Rust": 34_820,
     "lines of tests": 29_010,
     "statements of tests": 20_945,
 }

@@ -150,3 +150,21 @@ unsafe fn held<'a>(rig: *const Rig) -> Result<MutexGuard<'a, phasestereo::Rig>> 
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_two_calls_at_the_same_time_one_is_refused() {
+        // SAFETY: the rig is one of the first call, and freed by the last one.
+        unsafe {
+            let rig = phasestereo_rig_new(ptr::null(), 1, 0);
+            let other = held(rig).expect("nobody holds it");
+            assert_eq!(phasestereo_rig_reset(rig), Status::InvalidArgument);
+            drop(other);
+            assert_eq!(phasestereo_rig_reset(rig), Status::Ok);
+            phasestereo_rig_free(rig);
+        }
+    }
+}
