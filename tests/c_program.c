@@ -55,8 +55,8 @@ int main(int count, char **arguments) {
     left_data = (char *)read_all(arguments[1], bytes);
     right_data = (char *)read_all(arguments[2], bytes);
     const size_t first = stride < 0 ? bytes + stride : 0;
-    phasestereo_image left = {sizeof left, left_data + first, stride, width, height, channels, bits};
-    phasestereo_image right = {sizeof right, right_data + first, stride, width, height, channels, bits};
+    phasestereo_image left = {sizeof left, left_data + first, stride, width, height, channels, bits, NULL, 0};
+    phasestereo_image right = {sizeof right, right_data + first, stride, width, height, channels, bits, NULL, 0};
 
     const phasestereo_setting settings[] = {{"median", "0"}, {"min_confidence", " 0.25 "}, {"lr_check", "none"}};
     const int is_preset = strcmp(arguments[8], "settings") != 0;
@@ -72,7 +72,7 @@ int main(int count, char **arguments) {
     planes = (float *)room(3 * pixels * sizeof(float));
     flags = (uint16_t *)room(pixels * sizeof(uint16_t));
     const ptrdiff_t row = (ptrdiff_t)(width * sizeof(float));
-    const phasestereo_map map = {sizeof map, planes, row, flags, row / 2, planes + pixels, row, planes + 2 * pixels, row};
+    const phasestereo_map map = {sizeof map, planes, row, flags, row / 2, planes + pixels, row, planes + 2 * pixels, row, NULL, 0};
     phasestereo_found found, checked;
     found.struct_size = checked.struct_size = sizeof found;
     phasestereo_status status = phasestereo_match(matcher, &left, &right, 0, disparities, &map, &found);
@@ -84,7 +84,7 @@ int main(int count, char **arguments) {
     tell_findings("matched");
 
     /* What a check finds is what the match has found; and a map that nobody wants is not written. */
-    const phasestereo_map nothing = {sizeof nothing, NULL, 0, NULL, 0, NULL, 0, NULL, 0};
+    const phasestereo_map nothing = {sizeof nothing, NULL, 0, NULL, 0, NULL, 0, NULL, 0, NULL, 0};
     if (phasestereo_check(matcher, &left, &right, 0, disparities, &checked) != PHASESTEREO_STATUS_OK) return 3;
     if (checked.num_disparities != found.num_disparities) return 3;
     tell_findings("checked");

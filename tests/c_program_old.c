@@ -65,7 +65,7 @@ int main(void) {
     found->struct_size = 0;
     if (!refused(matcher, &left, &right, map, found)) return 7;
     found->struct_size = sizeof *found;
-    struct { phasestereo_image known; uint64_t newer; } newer = {left, 0};
+    struct { phasestereo_image known; uint64_t mask[2], newer; } newer = {left, {0, 0}, 0};
     newer.known.struct_size = sizeof newer;
     if (phasestereo_match(matcher, &newer.known, &right, 0, DISPARITIES, map, found) != PHASESTEREO_STATUS_OK) return 8;
     newer.newer = 1;

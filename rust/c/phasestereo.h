@@ -157,6 +157,16 @@
 #define PHASESTEREO_COARSE 2048
 
 /**
+ * Images are read between the four pixels around a place, with 0 beyond the image: as OpenCV's `remap` does by default.
+ */
+#define PHASESTEREO_LINEAR 0
+
+/**
+ * Images are read between 8 x 8 pixels, which keeps them sharp.
+ */
+#define PHASESTEREO_LANCZOS 1
+
+/**
  * All is well.
  */
 #define PHASESTEREO_OK 0
@@ -201,6 +211,12 @@ typedef enum phasestereo_status {
  * Settings, threads and working memory; any number of threads may use one at the same time.
  */
 typedef struct phasestereo_matcher phasestereo_matcher;
+
+/**
+ * What two cameras are, learned from pair to pair, and the temporal filter of their video. Pairs are matched one after another: of
+ * two calls at the same time one is refused. It has no threads, and survives a fork.
+ */
+typedef struct phasestereo_rig phasestereo_rig;
 
 /**
  * A setting by its name, both as text that ends with a zero. Names, meanings and ranges are those of the class `Settings`
@@ -250,6 +266,14 @@ typedef struct phasestereo_image {
    * Bits of a channel: 8, or 16 in the byte order of the machine.
    */
   uint32_t bits;
+  /**
+   * One byte a pixel, 0 where the image is not valid; NULL: all of it is.
+   */
+  const uint8_t *mask;
+  /**
+   * Bytes from a row of the mask to the next one.
+   */
+  ptrdiff_t mask_stride;
 } phasestereo_image;
 
 /**
@@ -294,6 +318,14 @@ typedef struct phasestereo_map {
    * Bytes from a row to the next one.
    */
   ptrdiff_t uncertainty_stride;
+  /**
+   * How many pairs of a steadied rig support each disparity, 1 to 8; all 0 of any other match.
+   */
+  uint8_t *support;
+  /**
+   * Bytes from a row to the next one.
+   */
+  ptrdiff_t support_stride;
 } phasestereo_map;
 
 /**
@@ -430,6 +462,65 @@ typedef struct phasestereo_found {
 } phasestereo_found;
 
 /**
+ * Two cameras and how their images are rectified; left and right, matrices row by row, as OpenCV has them.
+ */
+typedef struct phasestereo_calibration {
+  /**
+   * `sizeof(phasestereo_calibration)`.
+   */
+  size_t struct_size;
+  /**
+   * K1 and K2: focal lengths and principal points, pixels.
+   */
+  double camera[2][3][3];
+  /**
+   * D1 and D2: k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4; 0 for those that a calibration has not.
+   */
+  double distortion[2][12];
+  /**
+   * R1 and R2: from the raw camera to the rectified one.
+   */
+  double rotation[2][3][3];
+  /**
+   * P1 and P2: of the rectified images, pixels; the last column of P2 is minus the distance of the cameras times the focal
+   * length, 0 where it is not known.
+   */
+  double projection[2][3][4];
+} phasestereo_calibration;
+
+/**
+ * The memory that rectified images are written to, left and right: of as many rows and columns as those that were given, and
+ * each of the channels and bits of its own one. NULL: not wanted.
+ */
+typedef struct phasestereo_rectified {
+  /**
+   * `sizeof(phasestereo_rectified)`.
+   */
+  size_t struct_size;
+  /**
+   * The images; a fourth channel is left as it is.
+   */
+  void *image[2];
+  /**
+   * Bytes from a row to the next one, as of an image.
+   */
+  ptrdiff_t stride[2];
+  /**
+   * One byte a pixel: 1 where it is valid, 0 where it lies outside the image that was given.
+   */
+  uint8_t *mask[2];
+  /**
+   * Bytes from a row to the next one.
+   */
+  ptrdiff_t mask_stride[2];
+  /**
+   * Written by the call: OpenCV's matrix Q, in the unit of the calibration's translation; NaN where the distance of the
+   * cameras is not known.
+   */
+  double q[4][4];
+} phasestereo_rectified;
+
+/**
  * One thing that there is to say about a pair or its match. Texts end with a zero.
  */
 typedef struct phasestereo_finding {
@@ -536,9 +627,99 @@ enum phasestereo_status phasestereo_check(const struct phasestereo_matcher *matc
                                           struct phasestereo_found *found);
 
 /**
- * Writes a finding of the last `phasestereo_match` or `phasestereo_check` of this thread that succeeded, and returns 1; 0
- * if it has not so many, or `finding` is not acceptable. Those of a match are what is worth knowing, the worst first; those
- * of a check all that was looked at, in a fixed order. Texts are valid until the next match or check of this thread.
+ * Fills in `rotation` and `projection` of a calibration of which `camera` and `distortion` are given: those that OpenCV's
+ * `stereoRectify` finds with `CALIB_ZERO_DISPARITY` and `alpha` -1. `rotation`, 9 numbers row by row, and `translation`, 3 of
+ * any unit, lead from the left camera to the right one: `X_right = R X_left + T`. The cameras are side by side.
+ *
+ * Pointers are to what their types say, `rotation` to 9 numbers and `translation` to 3.
+ */
+enum phasestereo_status phasestereo_stereo_rectify(struct phasestereo_calibration *calibration,
+                                                   const double *rotation,
+                                                   const double *translation,
+                                                   uint32_t width,
+                                                   uint32_t height);
+
+/**
+ * Fills in all of a calibration by what two raw images of one size show alone; it holds for all images of these cameras. The
+ * distance of the cameras is not known by that. `phasestereo_get_finding` says what was found.
+ *
+ * Pointers are to what their types say.
+ */
+enum phasestereo_status phasestereo_estimate_calibration(const struct phasestereo_matcher *matcher,
+                                                         const struct phasestereo_image *left,
+                                                         const struct phasestereo_image *right,
+                                                         struct phasestereo_calibration *calibration);
+
+/**
+ * Rectifies two raw images of one size, so that what both show lies on the same row; `interpolation` is `PHASESTEREO_LINEAR` or
+ * `PHASESTEREO_LANCZOS`. What is written to may be given as the images to match, with the masks. If the call fails, nothing is
+ * written.
+ *
+ * Pointers are to what their types say; the planes of `rectified` have rows of as many pixels as the images have columns,
+ * and as many rows.
+ */
+enum phasestereo_status phasestereo_rectify(const struct phasestereo_matcher *matcher,
+                                            const struct phasestereo_image *left,
+                                            const struct phasestereo_image *right,
+                                            const struct phasestereo_calibration *calibration,
+                                            uint32_t interpolation,
+                                            struct phasestereo_rectified *rectified);
+
+/**
+ * Makes a rig that has seen nothing, or knows what a `text` says that `phasestereo_rig_text` wrote (NULL: nothing). With `steadied`
+ * 1 disparities of its pairs are filtered over time where neither image changes; 0: they are not. Blur is estimated anew after
+ * `reestimate` pairs at the latest, 0: 30; with 1 every pair is matched by itself. NULL if it fails.
+ *
+ * The text ends with a zero, or is NULL.
+ */
+struct phasestereo_rig *phasestereo_rig_new(const char *text,
+                                            uint32_t steadied,
+                                            uint32_t reestimate);
+
+/**
+ * Frees a rig. NULL is ignored.
+ *
+ * The rig is one of `phasestereo_rig_new`, no call is using it, and none will.
+ */
+void phasestereo_rig_free(struct phasestereo_rig *rig);
+
+/**
+ * Matches the next pair of a rig, which learns from it; all else is as of `phasestereo_match`. A call that fails teaches it
+ * nothing. The matcher may be another one for each pair.
+ *
+ * As of `phasestereo_match`; the rig is one of `phasestereo_rig_new`.
+ */
+enum phasestereo_status phasestereo_rig_match(struct phasestereo_rig *rig,
+                                              const struct phasestereo_matcher *matcher,
+                                              const struct phasestereo_image *left,
+                                              const struct phasestereo_image *right,
+                                              int32_t min_disparity,
+                                              int32_t num_disparities,
+                                              const struct phasestereo_map *map,
+                                              struct phasestereo_found *found);
+
+/**
+ * Forgets all pairs of a rig, and what a text said of it: it is as a new one.
+ *
+ * The rig is one of `phasestereo_rig_new`.
+ */
+enum phasestereo_status phasestereo_rig_reset(struct phasestereo_rig *rig);
+
+/**
+ * Writes what is known of the cameras as text that ends with a zero, if it fits into `room` bytes, and returns how many it takes;
+ * 0 if it fails. `text` may be NULL where `room` is 0. `phasestereo_rig_new` and Python's `Rig.load` read it; the temporal filter is
+ * left out.
+ *
+ * The rig is one of `phasestereo_rig_new`, and `text` a place for `room` bytes.
+ */
+size_t phasestereo_rig_text(const struct phasestereo_rig *rig,
+                            char *text,
+                            size_t room);
+
+/**
+ * Writes a finding of the last match, check or estimate of this thread that succeeded, and returns 1; 0 if it has not so many,
+ * or `finding` is not acceptable. Those of a match are what is worth knowing, the worst first; those of a check all that was
+ * looked at, in a fixed order. Texts are valid until the next such call of this thread.
  *
  * The pointer is to a place for a finding.
  */

@@ -21,6 +21,7 @@ from conftest import ON_CI, ROOT
 from phasestereo.io import write_image
 from phasestereo_bench.degradation import Degradation, disk_psf
 from phasestereo_bench.rendering import render_pair
+from rigs import SIZE, cv2, made_up
 
 Image = NDArray[Any]
 Pair = tuple[Image, Image]
@@ -248,7 +249,15 @@ def test_what_is_not_acceptable_is_reported(
     assert lines[0].startswith(message)
 
 
-LATER = r" *double rows_sway;\n", r" *float \*uncertainty;\n", r" *ptrdiff_t uncertainty_stride;\n"
+LATER = (
+    r" *double rows_sway;\n",
+    r" *const uint8_t \*mask;\n",
+    r" *ptrdiff_t mask_stride;\n",
+    r" *float \*uncertainty;\n",
+    r" *ptrdiff_t uncertainty_stride;\n",
+    r" *uint8_t \*support;\n",
+    r" *ptrdiff_t support_stride;\n",
+)
 """Fields that an older header might not have had: the last ones of their structures."""
 
 
@@ -278,6 +287,190 @@ def test_a_program_made_with_an_older_smaller_header_works(library: str, tmp_pat
     ]
     assert done.stdout.splitlines()[:-1] == wanted
     assert done.stdout.splitlines()[-1].startswith("1 matcher: got one of process ")
+
+
+# Raw pairs, and pairs of a rig
+
+
+@dataclass(frozen=True)
+class RigProgram:
+    """A compiled program that works on the files of a folder, and what it wrote there."""
+
+    path: Path
+    folder: Path
+
+    def run(self, work: str, images: dict[str, Image], *options: int) -> list[str]:
+        for name, pixels in images.items():
+            (self.folder / name).write_bytes(np.ascontiguousarray(pixels).tobytes())
+        rows, cols = next(iter(images.values())).shape[:2]
+        done = _run(self.path, work, self.folder, str(cols), str(rows), *map(str, options))
+        return done.stdout.splitlines()
+
+    def written(self, name: str, dtype: Any, *shape: int) -> Image:
+        return np.frombuffer((self.folder / name).read_bytes(), dtype).reshape(shape)
+
+    def calibrated(self, rig: dict[str, Image]) -> None:
+        """Write the numbers of a calibration."""
+        distortions = [np.pad(rig[name], (0, 12 - rig[name].size)) for name in ("D1", "D2")]
+        parts = rig["K1"], rig["K2"], *distortions, rig["R"], rig["T"]
+        (self.folder / "calibration").write_bytes(b"".join(part.tobytes() for part in parts))
+
+
+@pytest.fixture(scope="module")
+def rig_path(library: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    assert library
+    return _compiled("c_rig", INTERFACE, tmp_path_factory.mktemp("c_rig"))
+
+
+@pytest.fixture
+def rig_program(rig_path: Path, tmp_path: Path) -> RigProgram:
+    return RigProgram(rig_path, tmp_path)
+
+
+UNKNOWN = dict.fromkeys(("K1", "K2", "R"), np.zeros(9)) | dict.fromkeys(
+    ("D1", "D2", "T"), np.zeros(3)
+)
+LINEAR, LANCZOS = range(2)
+
+
+@pytest.mark.parametrize(
+    ("channels", "dtype"), [(GRAY, np.uint8), (RGB, np.uint16), (BGRA, np.uint8)]
+)
+def test_a_calibration_rectifies_as_that_of_python_to_the_bit(
+    rig_program: RigProgram, channels: int, dtype: Any
+) -> None:
+    (cols, rows), count = SIZE, (1, 3, 4, 3, 4)[channels]
+    top = np.iinfo(dtype).max
+    pair = np.random.default_rng(7).integers(0, top, (2, rows, cols, count), dtype, endpoint=True)
+    kept = pair[..., {1: [0], 3: [0, 1, 2], 4: [2, 1, 0]}[count]]
+    rig = made_up()
+    expected = ps.rectify(kept[0], kept[1], rig)
+
+    rig_program.calibrated(rig)
+    images = dict(zip(("left", "right"), pair, strict=True))
+    rig_program.run("rectify", images, channels, 8 * dtype(0).itemsize, LINEAR)
+
+    row = cols * count * dtype(0).itemsize
+    written = rig_program.written("pixels", np.uint8, 2, rows, row + 5)
+    assert not written[..., row:].any()  # what is between the rows
+    pixels = np.ascontiguousarray(written[..., :row]).view(dtype).reshape(pair.shape)
+    left, right = pixels[0], pixels[1, ::-1]
+    if count == 4:
+        assert not pixels[..., 3].any()
+        left, right = (image[..., [2, 1, 0]] for image in (left, right))
+    np.testing.assert_array_equal(left, expected.left.reshape(left.shape))
+    np.testing.assert_array_equal(right, expected.right.reshape(right.shape))
+
+    masks = rig_program.written("masks", np.uint8, 2, rows, cols + 5)[..., :cols]
+    np.testing.assert_array_equal(masks[0], expected.left_mask)
+    np.testing.assert_array_equal(masks[1], expected.right_mask)
+    np.testing.assert_allclose(rig_program.written("q", float, 4, 4), expected.Q, rtol=1e-12)
+
+    matched = rig_program.written("disparity", np.float32, rows, cols)
+    known = ps.match(
+        expected.left,
+        expected.right,
+        left_mask=expected.left_mask,
+        right_mask=expected.right_mask,
+        preset="fast",
+        num_disparities=16,
+    )
+    np.testing.assert_array_equal(matched, known.disparity)
+
+
+@pytest.mark.parametrize(("interpolation", "name"), [(LINEAR, "linear"), (LANCZOS, "lanczos")])
+def test_images_alone_rectify_as_in_python(
+    rig_program: RigProgram, interpolation: int, name: Any
+) -> None:
+    size = rows, cols = 300, 400
+    scene = render_pair(3, height=rows, width=cols, num_disparities=64)
+    turn = cv2.getRotationMatrix2D((200, 150), 2.0, 1.0)
+    right = cv2.warpAffine(scene.right, turn, (cols, rows), borderMode=cv2.BORDER_REFLECT)
+    expected = ps.rectify(scene.left, right, interpolation=name)
+
+    rig_program.calibrated(UNKNOWN)
+    images = {"left": scene.left, "right": right}
+    said = rig_program.run("rectify", images, RGB, 8, interpolation)
+    assert tuple(said) == expected.sentences
+    assert np.isnan(rig_program.written("q", float, 4, 4)).all()
+
+    pixels = rig_program.written("pixels", np.uint8, 2, rows, 3 * cols + 5)[..., : 3 * cols]
+    found = pixels[0].reshape(*size, 3), pixels[1, ::-1].reshape(*size, 3)
+    masks = expected.left_mask, expected.right_mask
+    for image, wanted, valid in zip(found, (expected.left, expected.right), masks, strict=True):
+        off = np.abs(image.astype(int) - wanted)
+        if interpolation == LINEAR:
+            assert off.max() == 0
+        else:
+            assert off[valid].mean() < 0.5  # OpenCV reads at fewer places between two pixels
+
+
+def test_frames_of_a_rig_are_those_of_python_to_the_bit(rig_program: RigProgram) -> None:
+    rendered = render_pair(3, height=120, width=160, num_disparities=48)
+    noise = np.random.default_rng(3)
+    frames = [
+        [
+            np.clip(image + noise.normal(0, 2, image.shape), 0, 255).astype(np.uint8)
+            for image in (rendered.left, rendered.right)
+        ]
+        for _ in range(3)
+    ]
+    images = {f"left{n}": frame[0] for n, frame in enumerate(frames)}
+    images |= {f"right{n}": frame[1] for n, frame in enumerate(frames)}
+    rig_program.run("frames", images)
+
+    rig, steady, saved = ps.Rig(preset="fast"), ps.TemporalFilter(), rig_program.folder / "saved"
+    expected = []
+    for frame in frames:
+        rig.save(saved)
+        result = rig.match(*frame, temporal_filter=steady)
+        expected.append((result.disparity, result.temporal_support))
+
+    size = rendered.left.shape[:2]
+    planes = np.dtype([("disparity", np.float32, size), ("support", np.uint8, size)])
+    for name in ("first", "again"):
+        for found, wanted in zip(rig_program.written(name, planes, 3), expected, strict=True):
+            np.testing.assert_array_equal(found["disparity"], wanted[0])
+            np.testing.assert_array_equal(found["support"], wanted[1])
+    assert expected[-1][1].max() == 3
+
+    # Saved after two frames, and loaded for the third one.
+    assert (rig_program.folder / "text").read_text("utf-8") == saved.read_text("utf-8")
+    loaded = ps.Rig.load(saved, preset="fast").match(*frames[2]).disparity
+    np.testing.assert_array_equal(rig_program.written("loaded", np.float32, *size), loaded)
+
+
+def test_what_a_rig_cannot_take_is_refused(rig_program: RigProgram) -> None:
+    rig_program.calibrated(made_up())
+    said = rig_program.run("refuse", {"left": np.full((120, 160), 90, np.uint8)})
+
+    null, pair = "got NULL; accepts a pointer", "translation: got one that leads to"
+    wanted = [
+        f"1 calibration: {null}",
+        "1 calibration: got a struct_size of 0; accepts its sizeof:",
+        f"1 rotation: {null}",
+        f"1 {pair}",
+        "1 rotation: got",
+        "1 rectified: got a mask_stride of 159 bytes; accepts at least 160",
+        "1 interpolation: got 2; accepts PHASESTEREO_LINEAR or PHASESTEREO_LANCZOS",
+        f"1 calibration: {null}",
+        f"1 matcher: {null}",
+        f"1 rectified: {null}",
+        "1 right: got 119 x 160 pixels; accepts the size of left, 120 x 160",
+        "1 left: got a mask_stride of 0 bytes; accepts at least 160",
+        "1 calibration: got numbers by which no pixel is found; accepts finite ones",
+        "1 left, right: got images that do not show how to rectify them",
+        f"1 rig: {null}",
+        f"1 rig: {null}",
+        f"text: {null}",
+        "rig: got 'no entry frames'; accepts a saved rig",
+        "text: got",
+        "1 matcher: got one of process",
+        "1 matcher: got one of process",
+    ]
+    assert len(said) == len(wanted)
+    for line, start in zip(said, wanted, strict=True):
+        assert line.startswith(start)
 
 
 # The installed package

@@ -6,7 +6,7 @@ import tomllib
 from conftest import ROOT
 
 RUST = ROOT / "rust"
-MOST_PUBLIC = 22  # types, traits and aliases at the root of the core
+MOST_PUBLIC = 25  # types, traits and aliases at the root of the core
 
 
 def _uses(crate: str) -> dict[str, set[str]]:

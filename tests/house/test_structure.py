@@ -90,9 +90,9 @@ BOUNDS = {
     "aliases at the boundary": 6,
     "public names": 122,
     "words of documentation": 23_190,
-    "lines of Rust": 33_950,
-    "lines of tests": 28_850,
-    "statements of tests": 20_840,
+    "lines of Rust": 34_820,
+    "lines of tests": 29_010,
+    "statements of tests": 20_945,
 }
 
 EXTENSION = 8.5

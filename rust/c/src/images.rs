@@ -71,6 +71,10 @@ pub struct Image {
     pub channels: u32,
     /// Bits of a channel: 8, or 16 in the byte order of the machine.
     pub bits: u32,
+    /// One byte a pixel, 0 where the image is not valid; NULL: all of it is.
+    pub mask: *const u8,
+    /// Bytes from a row of the mask to the next one.
+    pub mask_stride: isize,
 }
 
 /// The memory that a disparity map is written to: planes of as many rows and columns as the images have. NULL: not
@@ -97,11 +101,15 @@ pub struct Map {
     pub uncertainty: *mut f32,
     /// Bytes from a row to the next one.
     pub uncertainty_stride: isize,
+    /// How many pairs of a steadied rig support each disparity, 1 to 8; all 0 of any other match.
+    pub support: *mut u8,
+    /// Bytes from a row to the next one.
+    pub support_stride: isize,
 }
 
 // SAFETY: both begin with their sizes; zeros are numbers and NULL.
 unsafe impl Growing for Image {
-    const LEAST: usize = size_of::<Self>();
+    const LEAST: usize = offset_of!(Self, mask);
 }
 
 // SAFETY: as above.
@@ -127,31 +135,96 @@ impl Image {
             let got = format!("{} x {} pixels", self.height, self.width);
             return refused(got, "at least one pixel");
         }
-        let Some(layout) = self.layout() else {
+        if self.channels > PHASESTEREO_BGRA {
             return refused(format!("channels {}", self.channels), "PHASESTEREO_GRAY to _BGRA");
-        };
-
-        let row = u64::from(self.width) * layout.0 as u64 * u64::from(self.bits / 8);
-        check_stride((argument, "stride"), self.stride, row, self.height as usize)?;
+        }
+        check_stride((argument, "stride"), self.stride, self.row_bytes(), self.height as usize)?;
 
         // SAFETY: as the caller promises, of this many bytes.
+        let image = unsafe {
+            match self.bits {
+                8 => self.read(|[value]: [u8; 1]| value),
+                16 => self.read(u16::from_ne_bytes),
+                bits => refused(format!("{bits} bits a channel"), "8 or 16"),
+            }
+        }?;
+        if self.mask.is_null() {
+            return Ok(image);
+        }
+
+        let (rows, cols) = self.size();
+        check_stride((argument, "mask_stride"), self.mask_stride, self.width.into(), rows)?;
+        let mut valid = zeroed(rows.saturating_mul(cols))?;
+        for (y, row) in valid.chunks_exact_mut(cols).enumerate() {
+            for (x, valid) in row.iter_mut().enumerate() {
+                let at = self.mask.wrapping_offset(y as isize * self.mask_stride).wrapping_add(x);
+                // SAFETY: as the caller promises.
+                *valid = unsafe { *at } != 0;
+            }
+        }
+        image.with_mask(&valid)
+    }
+
+    /// Rows and columns.
+    pub fn size(&self) -> (usize, usize) {
+        (self.height as usize, self.width as usize)
+    }
+
+    /// The bytes of a row.
+    pub fn row_bytes(&self) -> u64 {
+        u64::from(self.width) * self.layout().0 as u64 * u64::from(self.bits / 8)
+    }
+
+    fn layout(&self) -> Layout {
+        match self.channels {
+            PHASESTEREO_GRAY => (1, &[0]),
+            PHASESTEREO_RGB => (3, &[0, 1, 2]),
+            PHASESTEREO_RGBA => (4, &[0, 1, 2]),
+            PHASESTEREO_BGR => (3, &[2, 1, 0]),
+            _ => (4, &[2, 1, 0]),
+        }
+    }
+
+    /// Copies an image out, with channels and bits of this one, which has its size; NULL: it is not wanted.
+    ///
+    /// # Safety
+    ///
+    /// There is a place for each row, so many bytes from one to the next.
+    pub unsafe fn write(&self, image: &phasestereo::Image, target: *mut c_void, stride: isize) {
+        if target.is_null() {
+            return;
+        }
+        // SAFETY: as the caller promises.
         unsafe {
             match self.bits {
-                8 => self.read(layout, |[value]: [u8; 1]| value),
-                16 => self.read(layout, u16::from_ne_bytes),
-                bits => refused(format!("{bits} bits a channel"), "8 or 16"),
+                8 => self.write_pixels::<u8>(image, target, stride),
+                _ => self.write_pixels::<u16>(image, target, stride),
             }
         }
     }
 
-    fn layout(&self) -> Option<Layout> {
-        match self.channels {
-            PHASESTEREO_GRAY => Some((1, &[0])),
-            PHASESTEREO_RGB => Some((3, &[0, 1, 2])),
-            PHASESTEREO_RGBA => Some((4, &[0, 1, 2])),
-            PHASESTEREO_BGR => Some((3, &[2, 1, 0])),
-            PHASESTEREO_BGRA => Some((4, &[2, 1, 0])),
-            _ => None,
+    /// As [`Self::write`], of one type.
+    ///
+    /// # Safety
+    ///
+    /// As of [`Self::write`].
+    unsafe fn write_pixels<T: Pixel>(
+        &self,
+        image: &phasestereo::Image,
+        target: *mut c_void,
+        stride: isize,
+    ) {
+        let (channels, taken) = self.layout();
+        let (_, cols) = self.size();
+        let rows = image.pixels::<T>().unwrap_or_default().chunks_exact(cols * taken.len());
+        for (y, row) in rows.enumerate() {
+            let start = target.cast::<u8>().wrapping_offset(y as isize * stride).cast::<T>();
+            for (x, pixel) in row.chunks_exact(taken.len()).enumerate() {
+                for (value, &channel) in pixel.iter().zip(taken) {
+                    // SAFETY: as the caller promises; channels may lie anywhere.
+                    unsafe { start.wrapping_add(x * channels + channel).write_unaligned(*value) };
+                }
+            }
         }
     }
 
@@ -162,10 +235,9 @@ impl Image {
     /// The image is what its fields say, of channels of `N` bytes.
     unsafe fn read<T: Pixel, const N: usize>(
         &self,
-        (channels, taken): Layout,
         value: impl Fn([u8; N]) -> T,
     ) -> Result<phasestereo::Image> {
-        let (rows, cols) = (self.height as usize, self.width as usize);
+        let ((channels, taken), (rows, cols)) = (self.layout(), self.size());
         let mut pixels = zeroed(rows.saturating_mul(cols).saturating_mul(taken.len()))?;
 
         for (y, row) in pixels.chunks_exact_mut(cols * taken.len()).enumerate() {
@@ -195,6 +267,7 @@ impl Map {
             (!self.flags.is_null(), "flags_stride", self.flags_stride, 2),
             (!self.confidence.is_null(), "confidence_stride", self.confidence_stride, 4),
             (!self.uncertainty.is_null(), "uncertainty_stride", self.uncertainty_stride, 4),
+            (!self.support.is_null(), "support_stride", self.support_stride, 1),
         ] {
             if is_wanted {
                 check_stride(("map", name), stride, bytes * cols as u64, rows)?;
@@ -212,6 +285,8 @@ impl Map {
         let none = LazyCell::new(|| found.disparity.map(|_| f32::NAN));
         let confidence = found.confidence.as_ref().unwrap_or_else(|| &none);
         let uncertainty = found.uncertainty.as_ref().unwrap_or_else(|| &none);
+        let alone = LazyCell::new(|| found.disparity.map(|_| 0));
+        let support = found.support.as_ref().unwrap_or_else(|| &alone);
 
         // SAFETY: as the caller promises.
         unsafe {
@@ -219,12 +294,13 @@ impl Map {
             write(&found.flags, self.flags, self.flags_stride);
             write(confidence, self.confidence, self.confidence_stride);
             write(uncertainty, self.uncertainty, self.uncertainty_stride);
+            write(support, self.support, self.support_stride);
         }
     }
 }
 
 /// Refuses a stride of rows of so many bytes that are nearer to each other, or reach further than memory.
-fn check_stride(
+pub fn check_stride(
     (argument, name): (&'static str, &str),
     stride: isize,
     row: u64,
@@ -244,7 +320,7 @@ fn check_stride(
 /// # Safety
 ///
 /// There is a place for each row of the plane, so many bytes from one to the next; or the pointer is NULL.
-unsafe fn write<T>(plane: &Plane<T>, target: *mut T, stride: isize) {
+pub unsafe fn write<T>(plane: &Plane<T>, target: *mut T, stride: isize) {
     if target.is_null() {
         return;
     }

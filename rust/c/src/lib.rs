@@ -8,6 +8,8 @@
 
 mod found;
 mod images;
+mod rectify;
+mod rig;
 mod sized;
 mod told;
 #[cfg(target_family = "wasm")]
@@ -24,6 +26,8 @@ use phasestereo::{Error, Preset, Result};
 
 pub use self::found::Found;
 pub use self::images::{Image, Map};
+pub use self::rectify::{Calibration, Rectified};
+pub use self::rig::Rig;
 
 thread_local! {
     /// The message of the last call on this thread that failed.
@@ -37,6 +41,9 @@ pub struct Matcher {
     /// The process whose threads it has.
     process: u32,
 }
+
+/// The images of a pair.
+type Images = [phasestereo::Image; 2];
 
 /// This process; browsers have one.
 fn this_process() -> u32 {
@@ -196,25 +203,12 @@ pub unsafe extern "C" fn phasestereo_match(
     map: *const Map,
     found: *mut Found,
 ) -> Status {
-    status(|| {
-        // SAFETY: as the caller promises.
-        let matcher = unsafe { ours(matcher)? };
-        // SAFETY: as above.
-        let (map, found) = unsafe { (sized::read(map, "map")?, place(found)?) };
-        let disparities = read_disparities(min_disparity, num_disparities)?;
-        // SAFETY: as above.
-        let ([left, right], size) = unsafe { read_images([left, right])? };
-        map.check(size)?;
-
-        let result = matcher.match_pair(left, right, disparities.clone())?;
-
-        // SAFETY: as above.
-        unsafe {
-            map.write(&result);
-            write(found, &Found::new(&result.estimates, disparities.is_some()));
-        }
-        told::keep(result.findings);
-        Ok(())
+    // SAFETY: as the caller promises.
+    status(|| unsafe {
+        let disparities = (min_disparity, num_disparities);
+        matched(matcher, [left, right], disparities, map, found, |matcher, [left, right], range| {
+            matcher.match_pair(left, right, range)
+        })
     })
 }
 
@@ -251,6 +245,39 @@ pub unsafe extern "C" fn phasestereo_check(
     })
 }
 
+/// Matches a pair in some way, and writes what comes of it.
+///
+/// # Safety
+///
+/// As of [`phasestereo_match`].
+unsafe fn matched(
+    matcher: *const Matcher,
+    images: [*const Image; 2],
+    (min_disparity, num_disparities): (i32, i32),
+    map: *const Map,
+    found: *mut Found,
+    by: impl FnOnce(&phasestereo::Matcher, Images, Option<Range<i64>>) -> Result<phasestereo::Match>,
+) -> Result<()> {
+    // SAFETY: as the caller promises.
+    let matcher = unsafe { ours(matcher)? };
+    // SAFETY: as above.
+    let (map, found) = unsafe { (sized::read(map, "map")?, place(found)?) };
+    let disparities = read_disparities(min_disparity, num_disparities)?;
+    // SAFETY: as above.
+    let (images, [given, _]) = unsafe { read_images(images)? };
+    map.check(given.size())?;
+
+    let result = by(matcher, images, disparities.clone())?;
+
+    // SAFETY: as above.
+    unsafe {
+        map.write(&result);
+        write(found, &Found::new(&result.estimates, disparities.is_some()));
+    }
+    told::keep(result.findings);
+    Ok(())
+}
+
 /// The disparities if they are given.
 fn read_disparities(min_disparity: i32, num_disparities: i32) -> Result<Option<Range<i64>>> {
     if num_disparities != 0 {
@@ -266,19 +293,16 @@ fn read_disparities(min_disparity: i32, num_disparities: i32) -> Result<Option<R
     Ok(None)
 }
 
-/// Both images, and rows and columns of the left one.
+/// Both images, and what was said of them.
 ///
 /// # Safety
 ///
 /// The images are what their fields say, or NULL.
-unsafe fn read_images(
-    [left, right]: [*const Image; 2],
-) -> Result<([phasestereo::Image; 2], (usize, usize))> {
+unsafe fn read_images([left, right]: [*const Image; 2]) -> Result<(Images, [Image; 2])> {
     // SAFETY: as the caller promises.
-    let (left, right) = unsafe { (sized::read(left, "left")?, sized::read(right, "right")?) };
-    let size = (left.height as usize, left.width as usize);
+    let given = unsafe { [sized::read(left, "left")?, sized::read(right, "right")?] };
     // SAFETY: as above.
-    Ok((unsafe { [left.copied("left")?, right.copied("right")?] }, size))
+    Ok((unsafe { [given[0].copied("left")?, given[1].copied("right")?] }, given))
 }
 
 /// The matcher of a caller; one that was made before a fork, which would wait for threads for ever, is refused.

@@ -16,7 +16,7 @@ pub const PHASESTEREO_NOTE: u32 = 1;
 pub const PHASESTEREO_WARNING: u32 = 2;
 
 thread_local! {
-    /// What the last match or check of this thread has found.
+    /// What the last match, check or estimate of this thread has found.
     static FINDINGS: RefCell<Vec<Kept>> = RefCell::default();
 }
 
@@ -64,9 +64,9 @@ pub fn keep(findings: Vec<phasestereo::Finding>) {
     FINDINGS.set(findings.into_iter().map(Kept::from).collect());
 }
 
-/// Writes a finding of the last `phasestereo_match` or `phasestereo_check` of this thread that succeeded, and returns 1; 0
-/// if it has not so many, or `finding` is not acceptable. Those of a match are what is worth knowing, the worst first; those
-/// of a check all that was looked at, in a fixed order. Texts are valid until the next match or check of this thread.
+/// Writes a finding of the last match, check or estimate of this thread that succeeded, and returns 1; 0 if it has not so many,
+/// or `finding` is not acceptable. Those of a match are what is worth knowing, the worst first; those of a check all that was
+/// looked at, in a fixed order. Texts are valid until the next such call of this thread.
 ///
 /// # Safety
 ///

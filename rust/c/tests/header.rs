@@ -14,7 +14,19 @@ const ABOUT: &str = "/* The C interface of phasestereo: dense stereo matching th
 
 fn header() -> String {
     let renamed = |name: &str| (name.to_owned(), format!("phasestereo_{}", name.to_lowercase()));
-    let names = ["Matcher", "Setting", "Status", "Image", "Map", "Blur", "Found", "Finding"];
+    let names = [
+        "Matcher",
+        "Setting",
+        "Status",
+        "Image",
+        "Map",
+        "Blur",
+        "Found",
+        "Finding",
+        "Calibration",
+        "Rectified",
+        "Rig",
+    ];
     let mut config = Config {
         language: Language::C,
         header: Some(ABOUT.into()),

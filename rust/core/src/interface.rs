@@ -1,14 +1,18 @@
 //! The interface of the crate: whole matches of images that are slices, on threads that are kept.
 
 pub mod image;
+pub mod rig;
 
 use std::ops::Range;
 
 use self::image::Image;
+use self::rig::Rig;
 use crate::cost::candidates::Candidates;
 use crate::error::{Error, Result};
-use crate::findings::{self, Finding};
+use crate::findings::{self, Finding, Severity, Topic};
+use crate::frames::{self, Way};
 use crate::image::plane::Plane;
+use crate::image::view::View;
 use crate::pipeline::control::Control;
 use crate::pipeline::footprint::Demand;
 use crate::pipeline::matcher::{self, Disparity, Execution, Timings, usable_threads};
@@ -16,6 +20,9 @@ use crate::pipeline::pair::Pair;
 use crate::pipeline::runtime::Runtime;
 use crate::pipeline::summary::Summary;
 use crate::rig::estimation::{Estimates, Known, Prepared, prepare};
+use crate::rig::rectification::calibration::Calibration;
+use crate::rig::rectification::warp::Interpolation;
+use crate::rig::rectification::{rectify_views, warp};
 use crate::settings::Settings;
 use crate::simd::Level;
 use crate::verification;
@@ -43,6 +50,8 @@ pub struct Match {
     /// Half the width of the interval that holds the true disparity with a probability of 90 %, pixels; NaN where there
     /// is no estimate. `None`: not computed.
     pub uncertainty: Option<Plane<f32>>,
+    /// How many pairs of a rig support each disparity, 1 to 8; `None`: it was not filtered over time.
+    pub support: Option<Plane<u8>>,
     /// Shares of the pixels, and their mean confidence.
     pub summary: Summary,
     /// What is worth knowing about the match, the worst first.
@@ -117,6 +126,25 @@ impl Matcher {
         Ok(Match::new(matched))
     }
 
+    /// Matches the next pair of a rig, which learns from it. A pair that fails teaches it nothing.
+    pub fn match_frame(
+        &self,
+        rig: &mut Rig,
+        left: Image,
+        right: Image,
+        disparities: impl Into<Option<Range<i64>>>,
+    ) -> Result<Match> {
+        let (pair, known) = pair(left, right, disparities.into())?;
+        let Rig { state, filter, reestimate } = rig;
+
+        let way = Way { known: &known, settings: &self.settings, reestimate: *reestimate };
+        let frame = self.on_threads(&Control::default(), |runtime| {
+            frames::match_frame(state, pair, way, filter.as_mut(), runtime)
+        })?;
+        let support = frame.support.map(|(support, _)| support);
+        Ok(Match { support, ..Match::new(frame.matched) })
+    }
+
     /// Estimates from a pair what its match would estimate; the arguments are those of [`Self::match_pair`].
     pub fn estimate(
         &self,
@@ -144,6 +172,42 @@ impl Matcher {
         let verification::Verification { verdicts, better, findings, own, prepared, .. } = judged;
         let own = Match::new(Matched { map: own, prepared, rectified: None });
         Ok(Verification { verdicts, better, findings, own })
+    }
+
+    /// How to rectify two raw images, and others of the same cameras, by what they show alone; and what was found, in sentences.
+    pub fn calibrate(&self, left: Image, right: Image) -> Result<(Calibration, Vec<Finding>)> {
+        let views = raw(left, right)?;
+
+        let control = Control::default();
+        let found = self.on_threads(&control, |Runtime { execution, control, .. }| {
+            rectify_views(&[views], execution.level, control)
+        })?;
+
+        let note = |sentence: String| Finding::new(Topic::Alignment, Severity::Note, sentence);
+        let told = findings::rectification(&found).into_iter().map(note).collect();
+        Ok((Calibration::of_cameras(&found.cameras), told))
+    }
+
+    /// Rectifies two raw images: pixels that lie outside these are masked.
+    pub fn rectify(
+        &self,
+        left: Image,
+        right: Image,
+        calibration: &Calibration,
+        interpolation: Interpolation,
+    ) -> Result<[Image; 2]> {
+        let views = raw(left, right)?;
+        let (rows, cols, _) = views[0].image.shape();
+
+        let control = Control::default();
+        self.on_threads(&control, |Runtime { control, .. }| {
+            let places = calibration.places((rows, cols), control)?;
+            let rectified = |side: usize| -> Result<Image> {
+                let view = warp::rectified(&views[side], &places[side], interpolation, control)?;
+                Ok(Image::of_view(view))
+            };
+            Ok([rectified(0)?, rectified(1)?])
+        })
     }
 
     /// The most bytes of working memory that the match of images of so many rows and columns takes, whose pixels, all
@@ -198,6 +262,7 @@ impl Match {
             flags,
             confidence,
             uncertainty,
+            support: None,
             summary,
             findings,
             estimates,
@@ -205,6 +270,21 @@ impl Match {
             timings,
         }
     }
+}
+
+/// Two raw images of one size.
+fn raw(left: Image, right: Image) -> Result<[View; 2]> {
+    let views = [left.into_view(), right.into_view()];
+    views[0].check("left")?;
+    views[1].check("right")?;
+
+    let [(rows, cols, _), (right_rows, right_cols, _)] =
+        views.each_ref().map(|view| view.image.shape());
+    if (rows, cols) != (right_rows, right_cols) {
+        let got = format!("{right_rows} x {right_cols} pixels");
+        return Err(Error::value("right", got, format!("the size of left, {rows} x {cols}")));
+    }
+    Ok(views)
 }
 
 /// Both images, and the disparities if they are given.

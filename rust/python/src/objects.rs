@@ -19,7 +19,8 @@ use phasestereo::internals::rig::estimation::compensation_plan::CompensationPlan
 use phasestereo::internals::rig::estimation::rows::RowOffsets;
 use phasestereo::internals::rig::photometry::{Contrast, Photometry};
 use phasestereo::internals::rig::psf::{Family, Psf, Taps};
-use phasestereo::internals::rig::rectification::cameras::{Camera, Cameras};
+use phasestereo::internals::rig::rectification::calibration::Calibration;
+use phasestereo::internals::rig::rectification::cameras::Cameras;
 use phasestereo::internals::verification::Verification;
 use phasestereo::internals::whole::Rectified;
 
@@ -245,22 +246,18 @@ fn rectified_of(py: Python<'_>, found: Rectified) -> Result<Object<'_>> {
 
 /// Cameras as OpenCV has them, by name.
 pub fn calibration<'py>(py: Python<'py>, cameras: &Cameras) -> Result<Bound<'py, PyDict>> {
-    let calibration = PyDict::new(py);
-    for (index, camera) in cameras.sides().iter().enumerate() {
-        let Camera { focal, center: [x, y], distortion: [k1, k2], rotation, .. } = camera;
-        let intrinsics = vec![*focal, 0.0, *x, 0.0, *focal, *y, 0.0, 0.0, 1.0];
-        let (focal, [x, y]) = (cameras.focal(), cameras.center(index));
-        let projection = vec![focal, 0.0, x, 0.0, 0.0, focal, y, 0.0, 0.0, 0.0, 1.0, 0.0];
-
-        let matrix = |values: Vec<f64>| wrap(py, Plane::from_vec(3, values.len() / 3, values)?);
-        let name = |letter: &str| format!("{letter}{}", index + 1);
-        calibration.set_item(name("K"), matrix(intrinsics)?)?;
-        calibration.set_item(name("D"), vec![*k1, *k2, 0.0, 0.0].into_pyarray(py))?;
-        calibration.set_item(name("R"), matrix(rotation.concat())?)?;
-        calibration.set_item(name("P"), matrix(projection)?)?;
+    let by_name = PyDict::new(py);
+    let Calibration { camera, distortion, rotation, projection } = Calibration::of_cameras(cameras);
+    let matrix = |values: &[f64]| wrap(py, Plane::from_vec(3, values.len() / 3, values.to_vec())?);
+    for side in 0..2 {
+        let name = |letter: &str| format!("{letter}{}", side + 1);
+        by_name.set_item(name("K"), matrix(camera[side].as_flattened())?)?;
+        by_name.set_item(name("D"), distortion[side][..4].to_vec().into_pyarray(py))?;
+        by_name.set_item(name("R"), matrix(rotation[side].as_flattened())?)?;
+        by_name.set_item(name("P"), matrix(projection[side].as_flattened())?)?;
     }
 
-    Ok(calibration)
+    Ok(by_name)
 }
 
 /// The field of rows.

@@ -13,6 +13,7 @@ pub struct Image(View);
 mod sealed {
     pub trait Sealed: Sized {
         fn image(pixels: ndarray::Array3<Self>) -> crate::image::view::Image;
+        fn pixels(image: &crate::image::view::Image) -> Option<&[Self]>;
     }
 }
 
@@ -24,6 +25,10 @@ macro_rules! pixels {
         $(impl sealed::Sealed for $kind {
             fn image(pixels: Array3<Self>) -> view::Image {
                 view::Image::$variant(pixels)
+            }
+
+            fn pixels(image: &view::Image) -> Option<&[Self]> {
+                if let view::Image::$variant(pixels) = image { pixels.as_slice() } else { None }
             }
         }
 
@@ -71,9 +76,25 @@ impl Image {
         Ok(Self(View { mask: Some(mask), ..self.0 }))
     }
 
+    /// The pixels, row after row, one value each or three; `None`: they are of another type.
+    pub fn pixels<T: Pixel>(&self) -> Option<&[T]> {
+        T::pixels(&self.0.image)
+    }
+
+    /// Which pixels are valid.
+    pub fn valid(&self) -> Plane<bool> {
+        let (rows, cols, _) = self.0.image.shape();
+        Plane::from_fn(rows, cols, |y, x| self.0.is_valid(y, x))
+    }
+
     /// The image as the stages have it.
     pub(crate) fn into_view(self) -> View {
         self.0
+    }
+
+    /// The image that the stages have.
+    pub(crate) fn of_view(view: View) -> Self {
+        Self(view)
     }
 }
 

@@ -11,6 +11,7 @@
 //! are matched each by itself, and fitted together. Everything is computed in a fixed order.
 
 pub mod blocks;
+pub mod calibration;
 pub mod cameras;
 pub mod codes;
 pub mod consensus;

@@ -44,7 +44,8 @@ const LEAST_DEPTH: f64 = 0.05;
 
 /// A column and a row.
 pub type Point = [f64; 2];
-type Matrix = [[f64; 3]; 3];
+/// Rows of numbers.
+pub type Matrix = [[f64; 3]; 3];
 
 /// Two cameras by their numbers.
 #[derive(Debug, Clone, PartialEq)]
@@ -338,7 +339,8 @@ fn turn(axis: usize, angle: f64, is_slope: bool) -> Matrix {
     matrix
 }
 
-fn times(one: &Matrix, other: &Matrix) -> Matrix {
+/// A matrix times another one.
+pub fn times(one: &Matrix, other: &Matrix) -> Matrix {
     from_fn(|row| from_fn(|col| (0..3).map(|k| one[row][k] * other[k][col]).sum()))
 }
 

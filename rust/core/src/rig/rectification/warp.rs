@@ -32,6 +32,15 @@ use crate::rig::alignment::straighten::{
 /// Where each pixel of a rectified image is in the raw one: column and row, NaN where no ray comes from.
 pub type Places = Plane<[f32; 2]>;
 
+/// How images are read between their pixels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Interpolation {
+    /// By the four pixels around a place, in single precision, with 0 beyond the image: as OpenCV's `remap` does.
+    Linear,
+    /// By 8 x 8 pixels, at 64 places between two; the border is repeated.
+    Lanczos,
+}
+
 /// The places of all pixels of the left (0) or the right image (1).
 pub fn places(
     cameras: &Cameras,
@@ -48,14 +57,19 @@ pub fn places(
 }
 
 /// The rectified view.
-pub fn rectified(view: &View, places: &Places, control: &Control) -> Result<View> {
+pub fn rectified(
+    view: &View,
+    places: &Places,
+    interpolation: Interpolation,
+    control: &Control,
+) -> Result<View> {
     // Masked pixels, which may be NaN, must not spread over the taps.
     let source = without_masked(view, control)?;
     let image = match &source.image {
-        Image::U8(pixels) => Image::U8(resampled(pixels, places, control)?),
-        Image::U16(pixels) => Image::U16(resampled(pixels, places, control)?),
-        Image::F32(pixels) => Image::F32(resampled(pixels, places, control)?),
-        Image::F64(pixels) => Image::F64(resampled(pixels, places, control)?),
+        Image::U8(pixels) => Image::U8(resampled(pixels, places, interpolation, control)?),
+        Image::U16(pixels) => Image::U16(resampled(pixels, places, interpolation, control)?),
+        Image::F32(pixels) => Image::F32(resampled(pixels, places, interpolation, control)?),
+        Image::F64(pixels) => Image::F64(resampled(pixels, places, interpolation, control)?),
     };
 
     let (rows, cols, _) = view.image.shape();
@@ -84,13 +98,13 @@ trait Sample: Copy + Default + Send + Sync + Into<f64> {
 
 impl Sample for u8 {
     fn nearest(value: f64) -> Self {
-        value.round().clamp(0.0, Self::MAX.into()) as Self
+        value.round_ties_even().clamp(0.0, Self::MAX.into()) as Self
     }
 }
 
 impl Sample for u16 {
     fn nearest(value: f64) -> Self {
-        value.round().clamp(0.0, Self::MAX.into()) as Self
+        value.round_ties_even().clamp(0.0, Self::MAX.into()) as Self
     }
 }
 
@@ -109,6 +123,7 @@ impl Sample for f64 {
 fn resampled<T: Sample>(
     pixels: &Array3<T>,
     places: &Places,
+    interpolation: Interpolation,
     control: &Control,
 ) -> Result<Array3<T>> {
     let (rows, cols, channels) = pixels.dim();
@@ -117,7 +132,10 @@ fn resampled<T: Sample>(
 
     let out = Plane::by_rows((rows, cols * channels), control, |y, out: &mut [T]| {
         for (out, place) in out.chunks_exact_mut(channels).zip(places.row(y)) {
-            source.write(*place, out);
+            match interpolation {
+                Interpolation::Linear => source.write_linear(*place, out),
+                Interpolation::Lanczos => source.write(*place, out),
+            }
         }
     })?;
     // The plane has as many values as the shape says.
@@ -161,6 +179,28 @@ impl<T: Sample> Source<'_, T> {
                 sum += f64::from(*weight) * of_row;
             }
             *out = T::nearest(sum / scale);
+        }
+    }
+
+    /// Writes the channels between the four pixels around a place. Places that are nowhere give 0.
+    fn write_linear(&self, place: [f32; 2], out: &mut [T]) {
+        let corner = place.map(f32::floor);
+        let [right, down] = from_fn(|axis| f64::from(place[axis] - corner[axis]));
+        let farthest = self.rows.max(self.cols) as f32;
+        let [column, row] = corner.map(|at| at.clamp(-2.0, farthest) as isize);
+
+        // A product of singles is exact as a double: only what comes of each step is rounded.
+        let single = |value: f64| f64::from(value as f32);
+        let between = |one: f64, other: f64, share: f64| single(one + single(other - one) * share);
+        for (channel, out) in out.iter_mut().enumerate() {
+            let value = |row: isize, column: isize| -> f64 {
+                let is_inside = (0..self.rows as isize).contains(&row)
+                    && (0..self.cols as isize).contains(&column);
+                let at = || (row as usize * self.cols + column as usize) * self.channels + channel;
+                if is_inside { self.pixels[at()].into() } else { 0.0 }
+            };
+            let along = |row: isize| between(value(row, column), value(row, column + 1), right);
+            *out = T::nearest(between(along(row), along(row + 1), down));
         }
     }
 }
@@ -272,7 +312,10 @@ mod tests {
         let cameras = Cameras::new([0.0; NUMBERS], USUAL, SIZE);
         let control = Control::default();
         let places = places(&cameras, 0, SIZE, &control).expect("memory");
-        assert_eq!(rectified(&view(), &places, &control).expect("memory"), view());
+        assert_eq!(
+            rectified(&view(), &places, Interpolation::Lanczos, &control).expect("memory"),
+            view()
+        );
 
         let (raw, rows) = raw(&map(), &cameras, &control).expect("memory");
         assert_eq!((&raw.flags, &raw.confidence), (&map().flags, &map().confidence));
@@ -328,7 +371,7 @@ mod tests {
         pixels[(30, 40, 0)] = f32::NAN;
         let mask = Plane::from_fn(SIZE.0, SIZE.1, |y, x| (y, x) != (30, 40));
         let view = View { mask: Some(mask), ..View::from(Image::F32(pixels)) };
-        let found = rectified(&view, &places, &control).expect("memory");
+        let found = rectified(&view, &places, Interpolation::Lanczos, &control).expect("memory");
 
         let Image::F32(pixels) = &found.image else { unreachable!("as it was") };
         assert!(pixels.iter().all(|value| (value - 50.0).abs() < 1e-3));
