@@ -696,118 +696,142 @@ def cleaned(taps: Floats) -> Floats | None:
 # --- blur that follows depth ---
 
 
+@dataclass
+class Curve:
+    """Squared radii, negative of the right image, at the ends and the middle of a span."""
+
+    span: tuple[float, float]
+    squared: tuple[float, float, float]
+
+    def radii(self, disparity: Floats) -> Floats:
+        low, high = self.span
+        part = np.clip((disparity - low) / (high - low), 0, 1)
+        curve = np.polynomial.Polynomial.fit(
+            [0, 0.5, 1], self.squared, 2, domain=[0, 1], window=[0, 1]
+        )
+        squared: Floats = curve(part)
+        return np.sign(squared) * np.sqrt(np.abs(squared))
+
+    def drawn(self, disparity: Floats) -> Floats:
+        """Return the radii of tiles: none, or 2 to 9.5 in steps of 1.5."""
+        radii = self.radii(disparity)
+        steps = np.clip(np.floor((np.abs(radii) - 2) / 1.5 + 0.5), 0, 5)
+        found: Floats = np.where(np.abs(radii) < 1, 0, np.sign(radii) * (2 + 1.5 * steps))
+        return found
+
+
+def depths_of(pair: MaskedPair, tile: int) -> Floats:
+    """Return the median disparity about the middle of every tile."""
+    disparity = rough(pair, 4, 5, window=5, subpixel=True)
+    depths = np.empty([-(-length // tile) for length in pair.size])
+
+    for place in np.ndindex(*depths.shape):
+        middle = (
+            min(each * tile + tile // 2, length - 1)
+            for each, length in zip(place, pair.size, strict=True)
+        )
+        y, x = (max(each - 16, 0) // 4 for each in middle)
+        core = disparity[y : y + 8, x : x + 8]
+        depths[place] = np.sort(core, axis=None)[core.size // 2]
+    return depths
+
+
+def disk_losses(powers: Floats, noise: tuple[float, float]) -> Floats:
+    """Return losses of disks of 10 to 1 px on the right, of none, and of 1 to 10 px on the left."""
+    disks = np.stack([response(disk_psf(radius)) for radius in range(1, 11)])
+    left, right = powers
+    on_right, _ = fit(right, left, noise[::-1], disks)
+    on_left, _ = fit(left, right, noise, disks)
+    return np.concatenate([on_right[::-1], losses_of(powers, noise, [("none", FLAT)]), on_left])
+
+
+def following(
+    known: Floats, weight: Floats, losses: Floats, apart: float, span: tuple[float, float]
+) -> Curve | None:
+    """Return the curve that explains blocks of these disparities clearly best, if one does."""
+    parts = np.minimum(
+        (np.clip((known - span[0]) / (span[1] - span[0]), 0, 1) * 16).astype(int), 15
+    )
+    sums = np.array([(weight[:, None] * losses)[parts == part].sum(0) for part in range(16)])
+    middles = span[0] + (np.arange(16) + 0.5) / 16 * (span[1] - span[0])
+
+    def total(curve: Curve) -> float:
+        radii = np.clip(curve.radii(middles), -10, 10)
+        at = (np.interp(r, np.arange(-10, 11), row) for r, row in zip(radii, sums, strict=True))
+        return float(sum(at))
+
+    # Two lenses alike in focus apart, or one lens that blurs.
+    tried = []
+    for first, last in np.ndindex(51, 51):
+        ends = np.array([first / 25 - 1, (first + last) / 50 - 1, last / 25 - 1])
+        tried += [100 * ends, 100 * ends**2, -100 * ends**2]
+    curves = [Curve(span, (float(a), float(b), float(c))) for a, b, c in tried]
+    best = min(curves, key=total)
+
+    uniform = sums.sum(0).min() / weight.sum()
+    gain = uniform - total(best) / weight.sum()
+    return best if gain >= 0.025 and gain >= (uniform - apart) / 2 else None
+
+
+def disk_of(signed: float, powers: Floats, noise: tuple[float, float]) -> Kind:
+    """Return the kind of a disk, on the right image if its radius is negative, or of none."""
+    left, right = powers
+    if not signed:
+        _, power = fit(left, right, noise, FLAT)
+        loss = losses_of(powers, noise, [("none", FLAT)])
+        return Kind("none", ("none", 0.0, 0.0), None, powers, float(loss[0]), float(power[0]))
+
+    taps = disk_psf(abs(signed))
+    side: Side = "left" if signed > 0 else "right"
+    soft, sharp, levels = (left, right, noise) if signed > 0 else (right, left, noise[::-1])
+    loss, power = fit(soft, sharp, levels, response(taps)[None])
+    return Kind(side, ("disk", abs(signed), 0.0), taps, powers, float(loss[0]), float(power[0]))
+
+
 def by_depth(
     pair: MaskedPair, there: Grid, step: int, noise: tuple[float, float], apart: float
 ) -> tuple[list[Kind], NDArray[np.intp], int, float] | None:
     """Return disks whose radii follow depth, their map, its tile and the contrast; or None."""
     rows, cols = pair.size
     tile = max(16, -(-int(np.sqrt(rows * cols // 6000)) // 16) * 16)
-    disparity = rough(pair, 4, 5, window=5, subpixel=True)
-    shape = -(-rows // tile), -(-cols // tile)
+    depths = depths_of(pair, tile)
 
-    depths = np.empty(shape)
-    for y, x in np.ndindex(*shape):
-        middle = min(y * tile + tile // 2, rows - 1), min(x * tile + tile // 2, cols - 1)
-        first = [max(each - 16, 0) // 4 for each in middle]
-        core = disparity[first[0] : first[0] + 8, first[1] : first[1] + 8]
-        depths[y, x] = np.sort(core, axis=None)[core.size // 2]
-
-    # Blocks of mixed depths count little.
-    of_blocks, weights, members = [], [], np.flatnonzero(there.known)
+    # The disparity of each block, and how mixed those around it are.
+    members = np.flatnonzero(there.known)
+    of_blocks, mixed = [], []
     for number in members:
         y, x = (
             min(each * step + step // 2, length - 1) // tile
-            for each, length in zip(divmod(number, there.shape[1]), pair.size, strict=True)
+            for each, length in zip(divmod(int(number), there.shape[1]), pair.size, strict=True)
         )
-        near = depths[max(y - 1, 0) : y + 2, max(x - 1, 0) : x + 2]
         of_blocks.append(depths[y, x])
-        weights.append(near.max() - near.min())
-    known = np.array(of_blocks)
+        mixed.append(np.ptp(depths[max(y - 1, 0) : y + 2, max(x - 1, 0) : x + 2]))
 
+    known, ends = np.array(of_blocks), np.sort(of_blocks)
     if len(known) < 24:
         return None
-    ends = np.sort(known)
-    low, high = ends[len(ends) // 32], ends[len(ends) - 1 - len(ends) // 32]
-    if high - low < 2:
-        return None
-    weight = 1 / (1 + (np.array(weights) / (0.1 * (high - low))) ** 2)
-
-    # Losses of disks of 10 to 1 pixels of the right image, none, and 1 to 10 of the left one.
-    disks = np.concatenate([response(disk_psf(radius))[None] for radius in range(1, 11)])
-    losses = np.array(
-        [
-            np.concatenate(
-                [
-                    fit(*there.powers[number][::-1], noise[::-1], disks)[0][::-1],
-                    losses_of(there.powers[number], noise, [("none", FLAT)]),
-                    fit(*there.powers[number], noise, disks)[0],
-                ]
-            )
-            for number in members
-        ]
-    )
-
-    def share(disparity: Floats) -> Floats:
-        part: Floats = np.clip((disparity - low) / (high - low), 0, 1)
-        return part
-
-    parts = np.minimum((share(known) * 16).astype(int), 15)
-    sums = np.array([(weight[:, None] * losses)[parts == part].sum(0) for part in range(16)])
-
-    def radius_at(squared: tuple[float, float, float], where: Floats) -> Floats:
-        curve = np.polynomial.Polynomial.fit([0, 0.5, 1], squared, 2, domain=[0, 1], window=[0, 1])
-        found = curve(where)
-        return np.sign(found) * np.sqrt(np.abs(found))
-
-    def total(squared: tuple[float, float, float]) -> float:
-        radii = np.clip(radius_at(squared, (np.arange(16) + 0.5) / 16), -10, 10)
-        return sum(np.interp(r, np.arange(-10, 11), row) for r, row in zip(radii, sums, strict=True))
-
-    # Two lenses alike in focus apart, or one lens that blurs.
-    best, least = (0.0, 0.0, 0.0), np.inf
-    for first, last in np.ndindex(51, 51):
-        a, c = first / 25 - 1, last / 25 - 1
-        b = (a + c) / 2
-        one = 100 * a * a, 100 * b * b, 100 * c * c
-        for squared in ((100 * a, 100 * b, 100 * c), one, (-one[0], -one[1], -one[2])):
-            loss = total(squared)
-            if loss < least:
-                best, least = squared, loss
-
-    uniform = sums.sum(0).min() / weight.sum()
-    gain = uniform - least / weight.sum()
-    if gain < 0.025 or gain < (uniform - apart) / 2:
+    span = float(ends[len(ends) // 32]), float(ends[len(ends) - 1 - len(ends) // 32])
+    if span[1] - span[0] < 2:
         return None
 
-    def defocus(disparity: Floats) -> Floats:
-        radii = radius_at(best, share(disparity))
-        steps = np.clip(np.floor((np.abs(radii) - 2) / 1.5 + 0.5), 0, 5)
-        drawn: Floats = np.where(np.abs(radii) < 1, 0, np.sign(radii) * (2 + 1.5 * steps))
-        return drawn
+    weight = 1 / (1 + (np.array(mixed) / (0.1 * (span[1] - span[0]))) ** 2)
+    losses = np.array([disk_losses(there.powers[number], noise) for number in members])
+    curve = following(known, weight, losses, apart, span)
+    if curve is None:
+        return None
 
-    drawn, of_members = defocus(depths), defocus(known)
-    kinds, contrasts = [], []
+    drawn, of_members = curve.drawn(depths), curve.drawn(known)
     radii = list(dict.fromkeys(drawn.ravel().tolist()))
-    for signed in radii:
-        chosen = members[of_members == signed] if signed in of_members else members
-        powers = there.powers[chosen].mean(0)
-        side: Side = "left" if signed > 0 else "right" if signed < 0 else "none"
-        soft, sharp, levels = (*powers, noise)
-        if side == "right":
-            soft, sharp, levels = sharp, soft, noise[::-1]
-        taps = disk_psf(abs(signed)) if signed else FLAT
-        loss, power = fit(soft, sharp, levels, response(taps)[None])
-        psf = ("disk", abs(signed), 0.0) if signed else ("none", 0.0, 0.0)
-        if not signed:
-            loss = losses_of(powers, noise, [("none", FLAT)])
-        kinds.append(
-            Kind(side, psf, taps if signed else None, powers, float(loss[0]), float(power[0]))
-        )
-        contrasts.append(0.5 * np.log(power[0]) * (-1 if side == "right" else 1))
+    chosen = [members[of_members == r] if r in of_members else members for r in radii]
+    kinds = [
+        disk_of(signed, there.powers[tiles].mean(0), noise)
+        for signed, tiles in zip(radii, chosen, strict=True)
+    ]
 
-    labels = np.array([radii.index(signed) for signed in drawn.ravel()]).reshape(shape)
-    contrast = float(np.exp(np.mean([contrasts[label] for label in labels.ravel()])))
-    return kinds, labels, tile, contrast
+    drawn_kinds = np.array([radii.index(r) for r in drawn.ravel()]).reshape(depths.shape)
+    signs = [-0.5 if kind.side == "right" else 0.5 for kind in kinds]
+    logs = np.array([sign * np.log(kind.gain) for sign, kind in zip(signs, kinds, strict=True)])
+    return kinds, drawn_kinds, tile, float(np.exp(logs[drawn_kinds].mean()))
 
 
 # --- all of it ---
@@ -844,11 +868,11 @@ def estimate(pair: MaskedPair) -> Estimate:
     losses = losses_on(there, noise, everything())
     both = two_sided(there, noise)
     choices = chosen(losses) if both is None else []
-    following = None
+    found = None
     if any(choice > 0 for choice in choices):
         apart = losses[there.known][:, choices].min(1).mean()
-        following = by_depth(pair, there, spacing, noise, float(apart))
-    if following is not None:
+        found = by_depth(pair, there, spacing, noise, float(apart))
+    if found is not None:
         choices = []
 
     kinds: list[Kind] = [] if both is None else [both]
@@ -874,22 +898,22 @@ def estimate(pair: MaskedPair) -> Estimate:
         drawn = map_of(grid(pair, disparity, tile), kinds, noise)
 
     contrast = None
-    if following is not None:
-        kinds, drawn, tile, contrast = following
+    if found is not None:
+        kinds, drawn, tile, contrast = found
 
     # The kind of the largest area comes first; kinds without any tile are dropped.
     areas = np.bincount(drawn.ravel(), minlength=len(kinds))
     order = [int(n) for n in np.argsort(-areas, kind="stable") if areas[n] > 0]
     first = kinds[order[0]]
     if contrast is None:
-        contrast = np.sqrt(first.gain) if first.side != "right" else 1 / np.sqrt(first.gain)
+        contrast = float(np.sqrt(first.gain) ** (-1 if first.side == "right" else 1))
 
     return Estimate(
         kinds=[kinds[n] for n in order],
         labels=np.array([order.index(n) for n in drawn.ravel()]).reshape(drawn.shape),
         tile=tile,
         certainty=certainty_of(first, noise),
-        contrast=float(contrast),
+        contrast=contrast,
         noise=(float(np.sqrt(noise[0])), float(np.sqrt(noise[1]))),
     )
 

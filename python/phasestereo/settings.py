@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from difflib import get_close_matches
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -280,6 +281,21 @@ PRESET = "robust"
 """Name of the settings to start from where nothing else is said."""
 
 
+_ARGUMENTS = [
+    "num_disparities",
+    "min_disparity",
+    "preset",
+    "settings",
+    "threads",
+    "left_mask",
+    "right_mask",
+    "progress",
+    "known",
+    "vertical",
+]
+"""What a match takes beside settings, for those who mistype it."""
+
+
 def resolve(
     preset: str | None, settings: Settings | None, overrides: Mapping[str, Any]
 ) -> Settings:
@@ -303,7 +319,9 @@ def resolve(
     names = [field.name for field in fields(Settings)]
     unknown = [name for name in overrides if name not in names]
     if unknown:
-        raise TypeError(f"{unknown[0]}: no such setting; accepts {', '.join(names)}")
+        likely = get_close_matches(unknown[0], {*names, *_ARGUMENTS} - {unknown[0]}, 1)
+        meant = f" (did you mean {likely[0]}?)" if likely else ""
+        raise TypeError(f"{unknown[0]}: no such setting{meant}; accepts {', '.join(names)}")
 
     if settings is None:
         settings = PRESETS[PRESET] if preset is None else Settings.preset(preset)

@@ -229,7 +229,9 @@ def test_unknown_names_are_refused_with_what_there_is() -> None:
     ):
         ps.match(IMAGE, IMAGE, num_disparities=2, preset="blind")
 
-    with pytest.raises(TypeError, match=r"^windows: no such setting; accepts cost, neighborhood"):
+    with pytest.raises(
+        TypeError, match=r"^windows: no such setting .*; accepts cost, neighborhood"
+    ):
         ps.match(IMAGE, IMAGE, num_disparities=2, windows=5)
 
     with pytest.raises(TypeError, match="^preset: got int"):

@@ -53,6 +53,7 @@ FLOORS = {
         "calibration known",  # by boards; of a pair, an earlier result too
         "matching stages",
         "opencv rigs verification views",  # what is made of a result, and a stand-in for a matcher
+        "selfcheck",  # of matches against digests
         "",  # the package itself, which names all of the interface
         "cli",
         "__main__",
@@ -82,7 +83,7 @@ BOUNDS = {
     "imports of the same or a higher floor": 0,
     "imports of another distribution than those below": 0,
     "own modules imported by a string": 0,
-    "statements of phasestereo": 6_310,
+    "statements of phasestereo": 6_470,
     "statements of phasestereo_live": 2_100,
     "statements of phasestereo_large": 2_410,
     "statements of pandora_plugin_phasestereo": 120,
@@ -90,9 +91,9 @@ BOUNDS = {
     "aliases at the boundary": 6,
     "public names": 122,
     "words of documentation": 23_190,
-    "lines of Rust": 34_820,
-    "lines of tests": 29_010,
-    "statements of tests": 20_945,
+    "lines of Rust": 35_170,
+    "lines of tests": 29_120,
+    "statements of tests": 21_030,
 }
 
 EXTENSION = 8.5

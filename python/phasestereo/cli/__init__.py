@@ -18,8 +18,9 @@ from cyclopts import App, CycloptsError, Parameter, UnusedCliTokensError
 import phasestereo
 from phasestereo.cli import match
 from phasestereo.cli.errors import WRONG_USAGE, CommandError
+from phasestereo.cli.help import EXPERT, Help
 from phasestereo.cli.missing import missing
-from phasestereo.cli.terminal import say
+from phasestereo.cli.terminal import print_lines, say
 
 __all__ = ["app", "run"]
 
@@ -29,6 +30,8 @@ _HELP = f"""{phasestereo.__doc__.splitlines()[0]} For example:
 phasestereo match left.png right.png -o out.pfm
 ```
 """
+
+_HELP_FORMATTER = Help()
 
 COMMANDS = "phasestereo.commands"
 """The group of entry points by which other distributions add commands."""
@@ -65,6 +68,7 @@ app = App(
     help=_HELP,
     version=phasestereo.__version__,
     help_format="markdown",
+    help_formatter=_HELP_FORMATTER,
     default_parameter=Parameter(negative_iterable=()),
 )
 app.command(match.match)
@@ -88,6 +92,11 @@ app.command(
     "phasestereo.cli.calibrate:calibrate",
     name="calibrate",
     help="Calibrate two cameras by pictures or a video of a board.",
+)
+app.command(
+    "phasestereo.cli.doctor:doctor",
+    name="doctor",
+    help="Say what is installed here, how fast it is, and whether its results are right.",
 )
 _rig = App(name="rig", help="Test two cameras while they run.")
 _rig.command(
@@ -127,7 +136,7 @@ def run(arguments: Sequence[str]) -> int:
         sys.stdout.flush()
     except UnusedCliTokensError as error:
         words = " ".join(error.unused_tokens or ())
-        return _refuse(CommandError(f"got {words}, which nothing takes", WRONG_USAGE))
+        return _refuse(CommandError(f"unknown arguments: {words}", WRONG_USAGE))
     except CycloptsError as error:
         return _refuse(CommandError(str(error), WRONG_USAGE))
     except CommandError as error:
@@ -140,8 +149,12 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def _execute(arguments: Sequence[str]) -> None:
+    _HELP_FORMATTER.whole, _HELP_FORMATTER.left_out = EXPERT in arguments, 0
+    arguments = ["--help" if word == EXPERT else word for word in arguments]
     command, bound, _ = app.parse_args(arguments, exit_on_error=False, print_error=False)
     command(*bound.args, **bound.kwargs)
+    if _HELP_FORMATTER.left_out:
+        print_lines([f"{EXPERT} shows {_HELP_FORMATTER.left_out} more options, and all of these."])
 
 
 def _refuse(error: CommandError) -> int:

@@ -43,7 +43,7 @@ class GeometryOptions:
     Parameters
     ----------
     calib
-        Middlebury's calib.txt; its baseline is in mm unless --unit says otherwise.
+        Middlebury's calib.txt. Its baseline is in mm unless --unit says otherwise.
     q
         The matrix Q of OpenCV's stereoRectify: .npy, .npz, .txt, or .yml and .xml of FileStorage.
     focal
@@ -57,7 +57,7 @@ class GeometryOptions:
     cy
         Row of the principal point. Default: that of the image's center.
     unit
-        The unit of the baseline, needed for ``--depth FILE.png``, which holds mm.
+        The unit of the baseline. Needed for ``--depth FILE.png``, which holds mm.
     max_depth
         Leave out everything further away, in the unit of the baseline.
     yaw

@@ -69,8 +69,7 @@ def match(
     """Match a rectified stereo pair.
 
     The left image is the reference: its pixel (x, y) corresponds to (x - d, y) in the right one.
-    At least one of ``--output``, ``--color``, ``--ply``, ``--mesh``, ``--depth``, ``--report``,
-    ``--truth`` and ``--json`` says what to do with the disparities d. For example:
+    For example:
 
     ```
     phasestereo match left.png right.png -o out.pfm
@@ -79,13 +78,13 @@ def match(
     Parameters
     ----------
     left
-        Left image: PNG, JPEG, WebP, HEIF, PBM/PGM/PPM, BMP, TIFF, .npy or PFM; gray or color. Or,
-        without RIGHT, a stereo photograph that holds both views.
+        Left image, or a stereo photograph that holds both views. PNG, JPEG, WebP, HEIF,
+        PBM/PGM/PPM, BMP, TIFF, .npy or PFM; gray or color.
     right
         Right image; it may be of another size and type.
     num_disparities
-        Number of disparities to search, 1 to the images' width; auto: the ndisp of --calib, or else
-        the range that is found in the images.
+        Number of disparities to search, or auto, which finds them. 1 to the images' width; auto is
+        the ndisp of --calib, or else the range that is found in the images.
     min_disparity
         Smallest disparity to search.
     left_mask
@@ -100,7 +99,7 @@ def match(
         Standard deviation of the images' noise, in units of their pixels; needed with
         --noise-threshold.
     strict
-        Exit with 3 if the match as a whole is not to be trusted; files are written all the same.
+        Exit with 3 if the match is not to be trusted. Files are written all the same.
     """
     scoring.check()
     geometry.check(wanted=outputs.use_geometry())

@@ -51,9 +51,23 @@ SETTINGS_HELP = "Each takes the place of the preset's."
 
 
 def _help(setting: _core.Setting) -> str:
-    """Return what the core says of a setting, in Markdown."""
+    """Return what the core says of a setting, and its values in the presets, in Markdown."""
     listed = [f'- `"{word}"`: {meaning}' for word, meaning in setting.choices]
-    return "\n".join([f"{setting.text} Default: by the preset.", "", *listed])
+    usual, *others = ((name, getattr(PRESETS[name], setting.name)) for name in PRESETS)
+    names: dict[str, list[str]] = {}
+    for name, value in others:
+        if value != usual[1]:
+            names.setdefault(_word(value), []).append(name)
+    differ = [f"{word} with {' and '.join(presets)}" for word, presets in names.items()]
+    default = "; ".join([f"Default: {_word(usual[1])}", *differ])
+    return "\n".join([f"{setting.text} {default}.", "", *listed])
+
+
+def _word(value: object) -> str:
+    """Return a value as the command line takes it."""
+    if isinstance(value, tuple):
+        return " ".join(map(str, value))
+    return "none" if value is None else str(value)
 
 
 if TYPE_CHECKING:

@@ -32,9 +32,9 @@ class Outputs:
     Parameters
     ----------
     output
-        File for the disparities in pixels: .pfm, .npy, .tif (which keeps the georeference of the
-        left image), or .png as KITTI has it (16 bits, 256 d). A .npz holds all maps by name:
-        disparity, flags, confidence, uncertainty.
+        File for the disparities in pixels: .pfm, .npy, .tif, .png, .npz. A .tif keeps the
+        georeference of the left image, a .png is as KITTI has it (16 bits, 256 d), a .npz holds all
+        maps by name: disparity, flags, confidence, uncertainty.
     flags_output
         File for the flags, 16 bits: .tif, .npy, .png.
     confidence_output
@@ -43,24 +43,26 @@ class Outputs:
         File for the error bars in pixels, half the width of what holds the true disparity with a
         probability of 90 %: .tif, .npy, .pfm.
     color
-        Image file for the disparities in color, beside a scale in pixels; pixels that are not
-        trusted are hatched, and gray without an estimate. Needs the extra ``plot``.
+        Image file for the disparities in color, beside a scale. Pixels that are not trusted are
+        hatched, and gray without an estimate. Needs the extra ``plot``.
     ply
-        File for the points in space, in the colors of the left image, with the nearest and the
-        farthest depth of their error bars: .ply, binary; X to the right, Y down, Z forward, in the
-        unit of the baseline. Needs a geometry.
+        File for the points in space, with colors and error bars: .ply. Binary; X to the right, Y
+        down, Z forward, and the nearest and the farthest depth of the error bar, in the unit of the
+        baseline. Needs a geometry.
     mesh
-        File for the surface, with the left image on it: .glb (glTF 2.0), which stands upright in
-        viewers; it ends where disparities jump. Needs a geometry and the extra ``mesh``.
+        File for the surface, with the left image on it: .glb. It stands upright in viewers (glTF
+        2.0), and ends where disparities jump. Needs a geometry and the extra ``mesh``.
     depth
-        File for the depths: .png of 16-bit mm, 0 being none, or .tif, .pfm, .npy in the unit of the
-        baseline. A .npz holds depth, near and far, the ends of the error bars. Needs a geometry.
+        File for the depths: .png, .tif, .pfm, .npy, .npz. A .png has 16-bit mm, 0 being none; the
+        others are in the unit of the baseline. A .npz holds depth, near and far, the ends of the
+        error bars. Needs a geometry.
     report
-        HTML file that shows the pair, all layers with their values, metrics and points in space, in
-        any browser and without a network. Points are to scale with a geometry. Needs the extra
-        ``report``.
+        HTML file that shows the pair, its map and points in space. All layers have their values;
+        any browser shows it, without a network. Points are to scale with a geometry. Needs the
+        extra ``report``.
     json
-        Print one JSON object on standard output: size, settings, timings, flags, metrics, files.
+        Print one JSON object on standard output. It has size, settings, timings, flags, metrics,
+        files.
     """
 
     output: Annotated[Path | None, Parameter(alias="-o")] = None

@@ -32,14 +32,14 @@ class Pairing:
     Parameters
     ----------
     layout
-        Where one file, LEFT alone, has both views: side-by-side, or top-bottom with the left view
-        above. An MPO file has two pictures and needs none.
+        Where one file, LEFT alone, has both views. With top-bottom the left view is above. An MPO
+        file has two pictures and needs none.
     rectify
-        Rectify the pair first: by a calibration or a saved rectification (twice for the files of
-        both cameras: --rectify left.yaml --rectify right.yaml), or auto, from the images alone.
-        Needs the extra ``rectify``.
+        Rectify the pair first, by a calibration, or auto, by its images. A saved rectification is a
+        calibration, too; files of both cameras are given as --rectify left.yaml --rectify
+        right.yaml. Needs the extra ``rectify``.
     vertical
-        The right camera is below the left one: LEFT is the upper image, and disparities are along
+        The right camera is below the left one. LEFT is the upper image, and disparities are along
         columns. A calibration says so by itself.
     """
 

@@ -26,7 +26,7 @@ class Scoring:
     Parameters
     ----------
     truth
-        Disparities known to be right: .pfm, .npy, .tif, KITTI's .png, or any gray image together
+        Disparities to score against: .pfm, .npy, .tif, KITTI's .png. Or any gray image, together
         with ``--truth-scale``.
     truth_scale
         Gray levels per pixel of disparity, 0 being unknown: 4 for Middlebury's cones and teddy.

@@ -106,8 +106,8 @@ class BlurEstimate:
         Side of a tile in pixels.
     certainty
         In [0, 1]: how much better the first of `blurs` explains its part of the images than its
-        contrary, that is no blur, or the best of all blurs. Where disks follow depth: the share that
-        they explain of what areas with blurs of their own would.
+        contrary, that is no blur, or the best of all blurs. Where disks follow depth: the share
+        that they explain of what areas with blurs of their own would.
     contrast
         Contrast of the left image relative to the right one, as the spectra have it.
     noise

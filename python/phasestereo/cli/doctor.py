@@ -1,0 +1,127 @@
+"""``phasestereo doctor``: what is installed, how fast it is, and whether its bits are right."""
+
+# No `from __future__ import annotations`: the command line is made of these annotations.
+
+import os
+import platform
+import re
+import time
+from importlib.metadata import PackageNotFoundError, distribution, version
+from statistics import median
+from typing import Annotated, Any
+
+import numpy as np
+from cyclopts import Parameter
+
+from phasestereo import _core
+from phasestereo.cli.errors import CommandError
+from phasestereo.cli.terminal import print_json, print_lines, progress_bar
+from phasestereo.cli.trust import unwarned
+from phasestereo.matching import match
+from phasestereo.selfcheck import DIGESTS, digest, pair
+from phasestereo.settings import PRESETS
+
+_OURS = "phasestereo", "phasestereo-live", "phasestereo-large", "phasestereo-bench"
+_LARGER = 4  # times the pair that is matched for its time, in rows and columns
+_ROUNDS = 5
+
+
+def doctor(
+    *, as_json: Annotated[bool, Parameter(name="--json", negative=(), show_default=False)] = False
+) -> None:
+    """Say what is installed here, how fast it is, and whether its results are right.
+
+    The exit code is 1 if a match is not to the bit what it is on every platform.
+
+    Parameters
+    ----------
+    as_json
+        Print one JSON object on standard output.
+    """
+    with unwarned(), progress_bar("Matching") as progress:
+        found: dict[str, Any] = {
+            "versions": _versions(),
+            "platform": f"{platform.system()} {platform.machine()}",
+            "instructions": _core.simd_level(),
+            "processors": os.cpu_count(),
+            "milliseconds": _times(progress),
+            "differing": _differing(),
+            "missing_extras": _missing(),
+        }
+
+    if as_json:
+        print_json(found)
+    else:
+        print_lines(_lines(found))
+    if found["differing"]:
+        pairs = ", ".join(found["differing"])
+        raise CommandError(
+            f"matches of {pairs} are not to the bit those of other platforms: please report it"
+        )
+
+
+def _versions() -> dict[str, str]:
+    """Return the versions of Python, NumPy and our distributions that are installed."""
+    found = {"python": platform.python_version(), "numpy": np.__version__}
+    for name in _OURS:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def _times(progress: Any) -> dict[str, float]:
+    """Return the median time of a match of each preset, in milliseconds."""
+    left, right = (np.tile(view, (_LARGER, _LARGER)) for view in pair("sharp"))
+    times: dict[str, float] = {}
+    for number, preset in enumerate(PRESETS):
+        rounds = []
+        for _ in range(_ROUNDS):
+            started = time.perf_counter()
+            match(left, right, num_disparities=64, preset=preset)
+            rounds.append(1000 * (time.perf_counter() - started))
+        times[preset] = round(median(rounds), 1)
+        if progress is not None:
+            progress(number + 1, len(PRESETS))
+    return times
+
+
+def _differing() -> list[str]:
+    """Return the pairs and presets whose matches are not as pinned."""
+    return [
+        f"{kind} by {preset}"
+        for (kind, preset), pinned in DIGESTS.items()
+        if digest(match(*pair(kind), num_disparities=32, preset=preset)) != pinned
+    ]
+
+
+def _missing() -> list[str]:
+    """Return the extras of which something is not installed."""
+    of_extra = re.compile(r"(?P<name>[\w.-]+).*extra == ['\"](?P<extra>[\w-]+)['\"]")
+    needed = [of_extra.match(text) for text in distribution("phasestereo").requires or ()]
+    return sorted({one["extra"] for one in needed if one and not _is_installed(one["name"])})
+
+
+def _is_installed(name: str) -> bool:
+    try:
+        distribution(name)
+    except PackageNotFoundError:
+        return False
+    return True
+
+
+def _lines(found: dict[str, Any]) -> list[str]:
+    versions = ", ".join(f"{name} {number}" for name, number in found["versions"].items())
+    rows, cols = (_LARGER * length for length in pair("sharp")[0].shape)
+    times = ", ".join(f"{preset} {ms:.0f} ms" for preset, ms in found["milliseconds"].items())
+    missing = ",".join(found["missing_extras"])
+
+    return [
+        versions,
+        f"{found['platform']}, {found['processors']} processors, {found['instructions']}",
+        f"{cols} x {rows} pixels, 64 disparities: {times}",
+        "extras: "
+        + (f"pip install 'phasestereo[{missing}]' brings the others" if missing else "all"),
+        *([] if found["differing"] else ["matches are to the bit those of every platform"]),
+    ]
