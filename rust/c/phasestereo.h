@@ -14,7 +14,7 @@
 /**
  * Most kinds of blur in one image.
  */
-#define PHASESTEREO_MOST_BLURS 8
+#define PHASESTEREO_MOST_BLURS 16
 
 /**
  * Coefficients of the field of vertical offsets.

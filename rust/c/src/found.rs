@@ -5,6 +5,7 @@ use std::array;
 use phasestereo::Estimates;
 use phasestereo::internals::rig::alignment::TERMS;
 use phasestereo::internals::rig::blur::{self, Side};
+use phasestereo::internals::rig::blur_compensation::MOST_CLASSES;
 use phasestereo::internals::rig::estimation::range::SearchRange;
 use phasestereo::internals::rig::estimation::rows::RowOffsets;
 use phasestereo::internals::rig::psf::{Family, Psf};
@@ -12,8 +13,8 @@ use phasestereo::internals::rig::psf::{Family, Psf};
 use crate::sized::Growing;
 
 /// Most kinds of blur in one image.
-pub const PHASESTEREO_MOST_BLURS: usize = 8;
-const _: () = assert!(PHASESTEREO_MOST_BLURS == blur::regions::MOST);
+pub const PHASESTEREO_MOST_BLURS: usize = 16;
+const _: () = assert!(PHASESTEREO_MOST_BLURS == MOST_CLASSES);
 /// Coefficients of the field of vertical offsets.
 pub const PHASESTEREO_TERMS: usize = 8;
 const _: () = assert!(PHASESTEREO_TERMS == TERMS);

@@ -307,7 +307,7 @@ impl<'a> BlurEstimation<'a> {
         {
             // Blocks at jumps mix radii, which looks like gain, the other way round where the other image is softer.
             let gain = map.mean_gain(&kinds) * self.units[1] / self.units[0];
-            return Ok(Estimate { gain, certainty, ..self.finished(kinds, map, grid, noise) });
+            return Ok(Estimate { certainty, gain, ..self.finished(kinds, map, grid, noise) });
         }
 
         // Step 4.
