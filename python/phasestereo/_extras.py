@@ -29,5 +29,5 @@ def require(module: str, *, extra: str, of: str = "phasestereo") -> Any:
         if error.name is None or module.split(".", maxsplit=1)[0] != error.name.split(".")[0]:
             raise
         raise ImportError(
-            f"{module} is not installed; it comes with: pip install '{of}[{extra}]'"
+            f"{error.name} is not installed; it comes with: pip install '{of}[{extra}]'"
         ) from error

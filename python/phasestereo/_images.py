@@ -174,7 +174,7 @@ def as_array(value: ArrayLike, name: str) -> NDArray[np.generic]:
         raise
     except Exception as error:
         raise TypeError(
-            f"{name}: got {type(value).__name__}, which is no array; accepts arrays of numbers"
+            f"{name}: got {type(value).__name__}, not an array; accepts arrays of numbers"
         ) from error
 
 

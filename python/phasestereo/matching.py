@@ -210,7 +210,7 @@ class Matcher:
         Raises
         ------
         TypeError
-            Also for a filter that is none.
+            Also for a filter of another type.
         ValueError
             Also for a filter that another match is using at this moment.
         """

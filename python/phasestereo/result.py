@@ -280,8 +280,9 @@ class Result:
         """Show the size, what is wrong, what is there and the time: arrays would say nothing."""
         rows, cols = self.disparity.shape
         wrong = self.verdict.replace(" of the pixels are", "")
-        estimated = f"{np.isfinite(self.disparity).mean():.1%} estimated"
-        parts = f"Result {cols}x{rows}", wrong, estimated, f"{sum(self.timings.values()):.3f} s"
+        known = np.isfinite(self.disparity) if self.confidence is None else self.trusted
+        share = f"{known.mean():.1%} {'estimated' if self.confidence is None else 'trusted'}"
+        parts = f"Result {cols}x{rows}", wrong, share, f"{sum(self.timings.values()):.3f} s"
         return f"<{', '.join(part for part in parts if part)}>"
 
     @property

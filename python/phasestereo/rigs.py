@@ -101,7 +101,7 @@ class Rig:
     Raises
     ------
     TypeError, ValueError
-        As `match`, and for an anchor that is none.
+        As `match`, and for an anchor that is not a pixel and a depth.
 
     Examples
     --------

@@ -477,7 +477,7 @@ def test_results_tell_about_themselves_and_travel() -> None:
         "refinement",
         "scales",
     }
-    assert "100.0% estimated" in repr(result)
+    assert "100.0% trusted" in repr(result)
     assert result.summary is not None
     told = replace(result, summary=replace(result.summary, wrong=0.374))
     assert repr(told).startswith("<Result 20x10, about 37 % probably wrong, ")

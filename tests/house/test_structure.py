@@ -83,7 +83,7 @@ BOUNDS = {
     "imports of the same or a higher floor": 0,
     "imports of another distribution than those below": 0,
     "own modules imported by a string": 0,
-    "statements of phasestereo": 6_470,
+    "statements of phasestereo": 6_475,
     "statements of phasestereo_live": 2_100,
     "statements of phasestereo_large": 2_410,
     "statements of pandora_plugin_phasestereo": 120,
@@ -93,7 +93,7 @@ BOUNDS = {
     "words of documentation": 23_190,
     "lines of Rust": 35_170,
     "lines of tests": 29_120,
-    "statements of tests": 21_030,
+    "statements of tests": 21_040,
 }
 
 EXTENSION = 8.5

@@ -55,6 +55,9 @@ def views(rendered: Pair, **attrs: Any) -> list[Any]:
 
 def test_it_is_the_match_of_the_arrays(rendered: Pair) -> None:
     left, right = views(rendered)
+    told_nothing = labeled.match(left, right)
+    assert told_nothing.attrs["num_disparities"] >= 8
+
     found = labeled.match(left, right, num_disparities=COUNT)
     plain = ps.match(gray(rendered.left), gray(rendered.right), num_disparities=COUNT)
 

@@ -247,7 +247,7 @@ def test_a_notebook_shows_the_result(result: ps.Result, tmp_path: Path) -> None:
 
     (output,) = notebook.cells[1].outputs
     assert output.output_type == "execute_result"
-    assert output.data["text/plain"].startswith("<Result 120x90, 98.1% estimated")
+    assert output.data["text/plain"].startswith("<Result 120x90, 98.1% trusted")
 
     block = HtmlBlock(output.data["text/html"])
     assert len(block.images) == 1

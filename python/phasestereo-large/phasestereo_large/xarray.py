@@ -43,7 +43,7 @@ def match(
     left: DataArray,
     right: DataArray,
     *,
-    num_disparities: int,
+    num_disparities: int | None = None,
     min_disparity: int = 0,
     left_mask: DataArray | ArrayLike | None = None,
     right_mask: DataArray | ArrayLike | None = None,
@@ -62,7 +62,8 @@ def match(
         in its encoding, unless that has a scale or an offset, too: then it is that of the packed
         numbers, which xarray has unpacked), pixels that have it in all bands are masked, as is NaN.
     num_disparities, min_disparity
-        The disparities to search, in pixels, as `phasestereo.match` takes them.
+        The disparities to search, in pixels, as `phasestereo.match` takes them; without them, what
+        it finds.
     left_mask, right_mask
         bool, True = valid: a labeled array with the rows and columns of its image, in any order,
         or a plain one (H, W). They mask more than "no data" does, never less.
@@ -108,6 +109,8 @@ def match(
         **options,
     )
 
+    if result.search is not None:
+        min_disparity, num_disparities = result.search.min_disparity, result.search.num_disparities
     search = {"min_disparity": min_disparity, "num_disparities": num_disparities}
     return as_dataset(result, like=views[0]).assign_attrs(search)
 

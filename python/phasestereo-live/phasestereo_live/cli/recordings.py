@@ -29,7 +29,8 @@ class Topics:
     ----------
     left
         Topic of the left images, where SOURCE is a recording: .mcap, .db3, a folder of rosbag2, or
-        a .bag of ROS 1. Needs the extra ``ros``, and not ROS.
+        a .bag of ROS 1. Default: the only two that "left" and "right" tell apart. Needs the extra
+        ``ros``, and not ROS.
     right
         Topic of the right images.
     camera_info
@@ -87,7 +88,8 @@ class Messages:
     ----------
     messages
         Messages that -o gets of each frame: disparity, depth, points, and once a second
-        diagnostics. Default: all; depth and points need the geometry of the cameras.
+        diagnostics. Default: all but points, which take the most room; depth and points need the
+        geometry of the cameras.
     depth_encoding
         That of the depths: 32FC1, m (the default), or 16UC1, mm.
     """
@@ -120,7 +122,7 @@ class Messages:
         writer = FrameWriter(
             messages,
             recording.topics,
-            kinds=self.messages or KINDS,
+            kinds=self.messages or [kind for kind in KINDS if kind != "points"],
             depth_encoding=self.depth_encoding or DEPTHS[0],
         )
 

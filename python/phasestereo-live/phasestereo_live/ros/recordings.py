@@ -54,8 +54,8 @@ class Recording(CaptureSource[Pair]):
 
 def open_recording(
     path: StrPath,
-    left: str,
-    right: str,
+    left: str = "",
+    right: str = "",
     *,
     camera_info: Sequence[str] | None = None,
     tolerance: float = TOLERANCE,
@@ -67,7 +67,8 @@ def open_recording(
     path
         An ``.mcap`` or ``.db3`` file, a folder of rosbag2, or a ``.bag`` of ROS 1.
     left, right
-        Topics of the images: ``sensor_msgs/Image`` or ``CompressedImage``.
+        Topics of the images: ``sensor_msgs/Image`` or ``CompressedImage``. Without both, the only
+        two that "left" and "right" tell apart.
     camera_info
         Topics of both cameras' ``sensor_msgs/CameraInfo``; None: ``camera_info`` beside the images,
         if it is there. Images on ``image_rect`` count as rectified; others are raw.
@@ -98,6 +99,8 @@ def open_recording(
     bag = Bag(path)
 
     try:
+        if not left and not right:
+            left, right = _guessed(bag, path)
         count = min(
             _count(bag, path, name, topic) for name, topic in zip(SIDES, (left, right), strict=True)
         )
@@ -127,13 +130,36 @@ def open_recording(
     )
 
 
+def _guessed(bag: Bag, path: StrPath) -> tuple[str, str]:
+    """Return the two topics of images that "left" and "right" alone tell apart.
+
+    Raises
+    ------
+    ValueError
+        If there are none, or several pairs of them.
+    """
+    images = [topic for topic, (kind, _) in bag.topics.items() if kind in _IMAGES]
+    pairs = [
+        (left, right)
+        for left in images
+        if "left" in left and (right := left.replace("left", "right")) in images
+    ]
+    if len(pairs) == 1:
+        return pairs[0]
+
+    raise ValueError(
+        f"left and right: got no topics; accepts two of {os.fspath(path)}: "
+        f"{', '.join(images) or 'there are no images in it'}"
+    )
+
+
 def _count(bag: Bag, path: StrPath, name: str, topic: str) -> int:
     """Return how many images a topic has."""
     kind, count = bag.topics.get(topic, ("", 0))
     if kind not in _IMAGES:
         found = [each for each, (kind, _) in bag.topics.items() if kind in _IMAGES]
         raise ValueError(
-            f"{name}: got {topic}, which is no topic of images in {os.fspath(path)}; accepts "
+            f"{name}: got {topic!r}, not a topic of images in {os.fspath(path)}; accepts "
             f"{', '.join(found) or 'none: there are no images in it'}"
         )
 
@@ -147,7 +173,7 @@ def _geometry(
     names = tuple(given) if given is not None else tuple(map(info_topic, topics))
     missing = [name for name in names if bag.topics.get(name, ("", 0))[0] != _INFO]
     if missing and given is not None:
-        raise ValueError(f"camera_info: got {missing[0]}, which is no topic of camera_info")
+        raise ValueError(f"camera_info: got {missing[0]!r}, not a topic of camera_info")
     if missing or len(names) != 2:
         said = f"no {' or '.join(missing)}: frames count as rectified, and there are no depths"
         return RigGeometry(None, None), said
