@@ -103,7 +103,7 @@ fn offsets_by_hand() {
     assert_eq!(offset(9, 5, 9), 0.0, "alike on both sides");
     assert_eq!(offset(9, 5, 5), 0.5, "as good as the next one");
     assert_eq!(offset(5, 5, 9), -0.5);
-    assert_eq!(offset(7, 5, 9), -0.325, "a quarter, plus 0.6 of its half");
+    assert_eq!(offset(7, 5, 9), -0.2875, "a quarter, plus 0.3 of its half");
     assert_eq!(offset(5, 5, 5), 0.0, "no preference");
     assert_eq!(offset(2, 5, 9), -0.5, "the neighbor is better");
     assert_eq!(offset(2, 9, 3), -0.5, "both neighbors are better");
