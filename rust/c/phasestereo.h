@@ -12,9 +12,9 @@
 #include <stdint.h>
 
 /**
- * Most kinds of blur in one image.
+ * Most kinds of blur that are told: those of the largest areas.
  */
-#define PHASESTEREO_MOST_BLURS 16
+#define PHASESTEREO_MOST_BLURS 8
 
 /**
  * Coefficients of the field of vertical offsets.

@@ -91,7 +91,7 @@ BOUNDS = {
     "aliases at the boundary": 6,
     "public names": 122,
     "words of documentation": 23_190,
-    "lines of Rust": 35_170,
+    "lines of Rust": 35_180,
     "lines of tests": 29_120,
     "statements of tests": 21_040,
 }

@@ -5,16 +5,14 @@ use std::array;
 use phasestereo::Estimates;
 use phasestereo::internals::rig::alignment::TERMS;
 use phasestereo::internals::rig::blur::{self, Side};
-use phasestereo::internals::rig::blur_compensation::MOST_CLASSES;
 use phasestereo::internals::rig::estimation::range::SearchRange;
 use phasestereo::internals::rig::estimation::rows::RowOffsets;
 use phasestereo::internals::rig::psf::{Family, Psf};
 
 use crate::sized::Growing;
 
-/// Most kinds of blur in one image.
-pub const PHASESTEREO_MOST_BLURS: usize = 16;
-const _: () = assert!(PHASESTEREO_MOST_BLURS == MOST_CLASSES);
+/// Most kinds of blur that are told: those of the largest areas.
+pub const PHASESTEREO_MOST_BLURS: usize = 8;
 /// Coefficients of the field of vertical offsets.
 pub const PHASESTEREO_TERMS: usize = 8;
 const _: () = assert!(PHASESTEREO_TERMS == TERMS);
@@ -190,7 +188,7 @@ fn blurs(estimate: &blur::Estimate) -> Vec<Blur> {
         }
     }
 
-    // A kind of both images is the only one, so there is room for all.
+    // A kind of both images is the only one; of disks that follow depth there may be more.
     blurs.truncate(PHASESTEREO_MOST_BLURS);
     blurs
 }

@@ -8,7 +8,10 @@
 
 mod found;
 mod images;
+// A page matches one pair, which the core rectifies by itself: without these it is a tenth smaller.
+#[cfg(not(target_family = "wasm"))]
 mod rectify;
+#[cfg(not(target_family = "wasm"))]
 mod rig;
 mod sized;
 mod told;
@@ -26,7 +29,9 @@ use phasestereo::{Error, Preset, Result};
 
 pub use self::found::Found;
 pub use self::images::{Image, Map};
+#[cfg(not(target_family = "wasm"))]
 pub use self::rectify::{Calibration, Rectified};
+#[cfg(not(target_family = "wasm"))]
 pub use self::rig::Rig;
 
 thread_local! {
