@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from phasestereo_bench.degradation import Degradation, suite
-from phasestereo_bench.rigs import ALTERNATING, FAULTS, Fault, side_of
+from phasestereo_bench.rigs import ALTERNATING, RIGS, Fault, side_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 
 Recipe: TypeAlias = Callable[..., Any]
 """What degrades an image: called with it, it returns one of the same shape and type. Of the suite
-"rigs" it is a `Fault`, which takes a whole pair."""
+"rigs" and "rigs-2" it is a `Fault`, which takes a whole pair."""
 
 SUITES: Mapping[str, Mapping[str, Recipe]] = MappingProxyType(
     {
         "one-sided-blur": MappingProxyType(suite()),
         "sharp": MappingProxyType({"sharp": Degradation()}),
-        "rigs": FAULTS,
+        **RIGS,
     }
 )
 """The degradations of each suite by name."""
@@ -53,7 +53,7 @@ SUITE_SCENES: Mapping[str, frozenset[str]] = MappingProxyType(dict.fromkeys(SUIT
 
 SIDES = ("left", "right", ALTERNATING)
 
-_SUITE_SIDES = {"rigs": ALTERNATING}
+_SUITE_SIDES = dict.fromkeys(RIGS, ALTERNATING)
 
 _KEPT = 2  # as many as jobs next to each other need: one degraded image, and its true blur
 

@@ -1,11 +1,12 @@
-"""Datasets: the official Middlebury folder trees, as scenes that load into pairs ready to score.
+"""Datasets: the official folder trees of Middlebury, ETH3D and KITTI, as scenes to load and score.
 
 Here belong where a dataset keeps its files, how its truth is coded and which of its pixels count;
 reading a single file belongs to `phasestereo.io`, scoring to `phasestereo.metrics`. All that
 differs between the years is one row each in `LAYOUTS`: a further year is a further row.
 
-The data itself is at https://vision.middlebury.edu/stereo/data; folders and files are expected
-under the names they have there.
+The data itself is at https://vision.middlebury.edu/stereo/data, https://www.eth3d.net and
+https://www.cvlibs.net/datasets/kitti; folders and files are expected under the names they have
+there.
 """
 
 from __future__ import annotations
@@ -60,6 +61,9 @@ class Pair:
     offset
         What cropping took off every disparity, px, where it is known (2005, 2006): the depth is
         focal length x baseline / (d + offset).
+    first
+        What the rig's own least disparity is where `truth` has 0: its right image is so many px
+        farther to the left.
     """
 
     name: str
@@ -71,6 +75,7 @@ class Pair:
     num_disparities: int
     calibration: Calibration | None
     offset: float | None = None
+    first: int = 0
 
 
 class MaskFile(NamedTuple):
@@ -85,6 +90,8 @@ class MaskFile(NamedTuple):
 class Layout:
     """How one collection keeps its scenes: `collection/<scene>/<file>`.
 
+    Where a folder holds many scenes, their names stand for `*` in the names of the files.
+
     Attributes
     ----------
     collection
@@ -98,8 +105,8 @@ class Layout:
     num_disparities
         How many disparities to search from 0, fixed by the collection and never by the truth: what
         the 8-bit code can hold (2001, 2003), 240 at full size (2005, 2006), 80 at a quarter of it
-        (MiddEval3). A scene whose calib.txt asks for more gets more. None where there is no such
-        number: what calib.txt gives, rounded up to a multiple of 16 (2014, 2021).
+        (MiddEval3), 64 (ETH3D), 192 (KITTI). A scene whose calib.txt asks for more gets more. None
+        where there is no such number: what calib.txt gives, rounded up to a multiple of 16 (2014, 2021).
     masks
         Mask files, each of which may be missing.
     also
@@ -131,6 +138,16 @@ class Layout:
     calibration: str | None = None
     offset: str | None = None
     max_width: int | None = None
+
+    def of(self, name: str) -> Layout:
+        """Return the layout with the name of a scene in its files."""
+        return replace(
+            self,
+            left=self.left.replace("*", name),
+            right=self.right.replace("*", name),
+            truth=self.truth.replace("*", name),
+            masks=tuple(mask._replace(file=mask.file.replace("*", name)) for mask in self.masks),
+        )
 
 
 _MASKS = (
@@ -239,6 +256,38 @@ LAYOUTS: tuple[Layout, ...] = (
         )
         for part in ("training", "test")
         for size, factor in (("Q", 1), ("H", 2), ("F", 4))
+    ),
+    *(
+        Layout(
+            collection=f"two_view_{part}",
+            left="im0.png",
+            right="im1.png",
+            truth="disp0GT.pfm",
+            truth_right=None,
+            truth_scale=None,
+            num_disparities=64,
+            masks=_MASKS_V3,
+            calibration="calib.txt",
+        )
+        for part in ("training", "test")
+    ),
+    *(
+        Layout(
+            collection=f"kitti{year}",
+            also=(archive,),
+            scenes="t*ing",  # training and testing
+            left=f"{image}{left}/*_10.png",
+            right=f"{image}{left + 1}/*_10.png",
+            truth=f"disp_occ{first}/*_10.png",
+            truth_right=None,
+            truth_scale=None,
+            num_disparities=192,
+            masks=(MaskFile("nonocc", f"disp_noc{first}/*_10.png", 1),),
+        )
+        for year, archive, image, left, first in (
+            (2012, "data_stereo_flow", "colored_", 0, ""),
+            (2015, "data_scene_flow", "image_", 2, "_0"),
+        )
     ),
 )
 
@@ -441,12 +490,12 @@ class Scene:
 
 
 def find_scenes(root: str | os.PathLike[str]) -> list[Scene]:
-    """Find the scenes of a Middlebury folder tree, without reading them.
+    """Find the scenes of a folder tree, without reading them.
 
     Parameters
     ----------
     root
-        The folder that holds `scenes2001`, `MiddEval3` and so on, as many as there are; or one of
+        The folder that holds `scenes2001`, `kitti2012` and so on, as many as there are; or one of
         these; or one scene in it. Folders are recognized by the official names of their files and
         of the folders they are in.
 
@@ -468,18 +517,18 @@ def find_scenes(root: str | os.PathLike[str]) -> list[Scene]:
     if not folder.is_dir():
         raise NotADirectoryError(f"root must be a folder, got the file {folder}")
 
-    scenes: dict[Path, Scene] = {}
+    scenes: dict[tuple[Path, str], Scene] = {}
     for layout in LAYOUTS:
         for candidate in _candidates(folder, layout):
-            if (candidate / layout.left).is_file():
-                scene = Scene(candidate.name, layout.collection, candidate, layout)
-                scenes.setdefault(candidate, scene)  # the first layout that fits is the one
+            for scene in _scenes_in(candidate, layout):
+                # The first layout that fits is the one.
+                scenes.setdefault((candidate, scene.name), scene)
 
     if not scenes:
         wanted = ", ".join(
             f"{layout.collection}/{layout.scenes}/{layout.left}" for layout in LAYOUTS
         )
-        raise ValueError(f"no Middlebury scene in {folder}: looked for {wanted}")
+        raise ValueError(f"no scene in {folder}: looked for {wanted}")
 
     return sorted(scenes.values(), key=lambda scene: (scene.collection, scene.name))
 
@@ -518,6 +567,16 @@ def find_scene(root: str | os.PathLike[str], name: str) -> Scene:
     raise ValueError(
         f"name {name!r} {problem} in {Path(root)}: there is {', '.join(map(str, choice))}"
     )
+
+
+def _scenes_in(folder: Path, layout: Layout) -> Iterator[Scene]:
+    """Yield the scene of a folder, or those that it holds many of."""
+    if "*" not in layout.left and (folder / layout.left).is_file():
+        yield Scene(folder.name, layout.collection, folder, layout)
+    elif "*" in layout.left:
+        for left in folder.glob(layout.left):
+            own = layout.of(left.stem.partition("_")[0])
+            yield Scene(left.stem, f"{layout.collection}/{folder.name}", folder, own)
 
 
 def _candidates(root: Path, layout: Layout) -> Iterator[Path]:

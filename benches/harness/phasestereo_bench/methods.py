@@ -75,12 +75,15 @@ class Method:
     true_blur
         Whether the sharp image of the pair is first convolved with the blur of the other one: what
         a user could do who knew it.
+    told
+        Whether it gets the range: also where that starts, if not at 0.
     """
 
     name: str
     match: Matcher
     settings: Mapping[str, Any] = field(default_factory=dict)
     true_blur: bool = False
+    told: bool = True
 
     def __str__(self) -> str:
         """Return the name, with its ending."""
@@ -188,7 +191,8 @@ def _ours(name: str, base: Settings, overrides: str) -> Method:
         settings = resolve(None, base, options)
     except (TypeError, ValueError) as error:
         raise type(error)(f"method: got {name!r}: {error}") from error
-    return Method(name, partial(_match, settings=settings, ranged=ranged), asdict(settings))
+    call = partial(_match, settings=settings, ranged=ranged)
+    return Method(name, call, asdict(settings), told=ranged)
 
 
 def _has_range(num_disparities: object) -> bool:

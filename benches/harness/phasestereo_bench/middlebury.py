@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from phasestereo_bench import cases
 from phasestereo_bench.cases import SIDES, SUITES, Case, usual_side
 from phasestereo_bench.measurement import measured
 from phasestereo_bench.methods import Method, available, method
+from phasestereo_bench.rigs import RIGS
 from phasestereo_bench.runner import Job, run_jobs
 from phasestereo_bench.worker import require_portable
 
@@ -46,7 +47,9 @@ _DEFAULTS = {
         "opencv:sgbm+true-blur",
     ),
     "sharp": ("robust", "fast", "paper", "opencv:bm", "opencv:sgbm", "opencv:sgbm-3x3"),
-    "rigs": ("robust", "robust:num_disparities=auto", "fast", "opencv:bm", "opencv:sgbm"),
+    **dict.fromkeys(
+        RIGS, ("robust", "robust:num_disparities=auto", "fast", "opencv:bm", "opencv:sgbm")
+    ),
 }
 
 
@@ -77,10 +80,10 @@ def run_middlebury(
         `phasestereo_bench.degradation.Degradation` makes them, and where one has a kernel,
         there is a true blur.
     suite
-        "one-sided-blur", "rigs", or "sharp", whose only row is the pair as it is.
+        "one-sided-blur", "rigs", "rigs-2", or "sharp", whose only row is the pair as it is.
     sides
         Which image is degraded: "left", "right" or both, one after the other; "alternating" is the
-        left one of every other scene. Default: alternating for "rigs", else left.
+        left one of every other scene. Default: alternating for rigs, else left.
     store
         File of JSON lines which keeps every record as soon as it is there; a run goes on where an
         earlier one with the same file stopped. None: keep nothing.
@@ -171,22 +174,46 @@ def score_case(case: Case, spec: str | Method) -> dict[str, Any]:
     """Match a case and return what is to be recorded of it: the work of one cell."""
     entrant = method(spec)
     pair = case.pair(true_blur=entrant.true_blur)
-    done = measured(lambda: entrant.match(pair.left, pair.right, pair.num_disparities))
-
-    height, width = pair.left.shape[:2]
-    answer = done.answer if isinstance(done.answer, tuple) else (done.answer, None)
-    disparity, confidence = _checked(*answer, size=(height, width))
+    found = matched(entrant, pair)
+    confidence = found.confidence
 
     return {
-        **_metrics(disparity, pair),
-        "roc": None if confidence is None else _roc(confidence, disparity, pair),
+        **_metrics(found.disparity, pair),
+        "roc": None if confidence is None else _roc(confidence, found.disparity, pair),
         "num_disparities": pair.num_disparities,
-        "width": width,
-        "height": height,
+        "width": pair.left.shape[1],
+        "height": pair.left.shape[0],
         "settings": dict(entrant.settings),
-        "seconds": done.seconds,
-        "peak_bytes": done.peak_bytes,
+        "seconds": found.seconds,
+        "peak_bytes": found.peak_bytes,
     }
+
+
+class Matched(NamedTuple):
+    """What a method found, and what it took."""
+
+    disparity: Floats
+    confidence: Floats | None
+    seconds: float
+    peak_bytes: int | None
+
+
+def matched(entrant: Method, pair: Pair) -> Matched:
+    """Match a pair and check what the method returns.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If that is anything but floats of the image's size, or two of these.
+    """
+    # A range that does not start at 0 is taken off the images of those that know it.
+    first = 0 if entrant.told else pair.first
+    right = np.roll(pair.right, -first, axis=1)
+    done = measured(lambda: entrant.match(pair.left, right, pair.num_disparities))
+
+    answer = done.answer if isinstance(done.answer, tuple) else (done.answer, None)
+    disparity, confidence = _checked(*answer, size=pair.left.shape[:2])
+    return Matched(disparity - first, confidence, done.seconds, done.peak_bytes)
 
 
 def _metrics(disparity: Floats, pair: Pair) -> dict[str, Any]:
@@ -214,7 +241,7 @@ def _roc(confidence: Floats, disparity: Floats, pair: Pair) -> float | None:
     return area if math.isfinite(area) else None
 
 
-def _checked(*returned: object, size: tuple[int, int]) -> tuple[Floats, Floats | None]:
+def _checked(*returned: object, size: tuple[int, ...]) -> tuple[Floats, Floats | None]:
     """Return what a method returned, if that is a disparity map, and a confidence or None."""
     if len(returned) != 2:
         raise TypeError(f"the method returned {len(returned)} things, not disparities, confidences")
@@ -224,7 +251,7 @@ def _checked(*returned: object, size: tuple[int, int]) -> tuple[Floats, Floats |
     return checked, None if confidence is None else _map(confidence, size)
 
 
-def _map(returned: object, size: tuple[int, int]) -> Floats:
+def _map(returned: object, size: tuple[int, ...]) -> Floats:
     if not isinstance(returned, np.ndarray):
         raise TypeError(f"the method returned {type(returned).__name__}, not an array")
     if not np.issubdtype(returned.dtype, np.floating):

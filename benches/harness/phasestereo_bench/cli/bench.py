@@ -15,6 +15,7 @@ from phasestereo_bench.cli import (
     bench_recordings,
     bench_report,
     bench_speed,
+    bench_submit,
     bench_surfaces,
     bench_verify,
     bench_video,
@@ -35,6 +36,7 @@ app.command(bench_confidence.confidence)
 app.command(bench_range.range_, name="range")
 app.command(bench_recordings.recordings)
 app.command(bench_speed.speed)
+app.command(bench_submit.submit)
 app.command(bench_surfaces.surfaces)
 app.command(bench_video.video)
 app.command(bench_verify.verify)

@@ -50,7 +50,7 @@ class SceneChoice:
         if not folders:
             raise ValueError("no folder given: where are the scenes?")
 
-        scenes = {scene.folder: scene for folder in folders for scene in find_scenes(folder)}
+        scenes = {(s.folder, s.name): s for folder in folders for s in find_scenes(folder)}
         there = list(scenes.values())
         named = [scene for name in self.scene for scene in _named(name, there)]
         chosen, left_out = (list(dict.fromkeys(named)), "") if named else _scored(there, suite)

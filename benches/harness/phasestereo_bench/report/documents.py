@@ -41,7 +41,7 @@ MARKERS: Mapping[str, tuple[str, Maker, Words]] = MappingProxyType(
         "sharp-means": ("sharp", two_table, explain),
         "sharp-v2": ("sharp", v2_table, explain_v2),
         "sharp-v3": ("sharp", v3_table, explain_v3),
-        **{name: ("rigs", table, explain_faults) for name, table in FAULT_TABLES.items()},
+        **{name: (*both, explain_faults) for name, both in FAULT_TABLES.items()},
     }
 )
 """The names that markers can have: the suite whose results they show, in which table, and what

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from phasestereo_bench.report.cells import METRICS
 from phasestereo_bench.report.tables import Entry, Table, figures, means
-from phasestereo_bench.rigs import FAULTS, GROUPS
+from phasestereo_bench.rigs import RIGS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -22,7 +22,7 @@ def fault_table(results: Results, metric: str, *, group: str) -> Table:
     rows = [
         (Entry(name), *figures(results.methods, values, METRICS[metric]))
         for name in results.degradations
-        if name in FAULTS and FAULTS[name].group == group
+        if RIGS[results.suite][name].group == group
         for values in [means(results, metric, (name,)).values]
     ]
     return Table(("fault", *results.methods), tuple(rows))
@@ -39,7 +39,10 @@ def explain_faults(results: Results, metric: str) -> str:
     )
 
 
-FAULT_TABLES: Mapping[str, Callable[[Results, str], Table]] = {
-    f"rigs-{group}": partial(fault_table, group=group) for group in GROUPS if group != "sharp"
+FAULT_TABLES: Mapping[str, tuple[str, Callable[[Results, str], Table]]] = {
+    f"rigs-{fault.group}": (suite, partial(fault_table, group=fault.group))
+    for suite, faults in RIGS.items()
+    for fault in faults.values()
+    if fault.group != "sharp"
 }
-"""The makers of the tables by the names of their markers."""
+"""The suites and the makers of the tables by the names of their markers."""

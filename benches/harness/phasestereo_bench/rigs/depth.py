@@ -10,6 +10,7 @@ import numpy as np
 
 from phasestereo_bench.degradation import convolve, disk_psf, quantize
 from phasestereo_bench.rigs.fault import SEEDS
+from phasestereo_bench.rigs.geometry import sampled
 from phasestereo_bench.rigs.optics import BLURRED_NOISE
 from phasestereo_bench.rigs.sensor import noise
 
@@ -65,6 +66,96 @@ class DepthOfField:
             images[name] = noise(soft, SEEDS[name], sigma=BLURRED_NOISE)
 
         return replace(pair, left=images["left"], right=images["right"])
+
+
+@dataclass(frozen=True, slots=True)
+class Raised:
+    """A step that raises the right camera: its rows are off by this share of the disparity."""
+
+    share: float
+
+    def __call__(self, pair: Pair, side: str) -> Pair:
+        """Return the pair of this rig; of a raised left camera all goes the other way."""
+        if pair.truth is None:
+            raise ValueError("raised camera: the pair has no truth")
+        y, x = np.mgrid[: pair.right.shape[0], : pair.right.shape[1]].astype(np.float64)
+        down = self.share * filled(seen_from_right(pair.truth)) * (1 if side == "right" else -1)
+        return replace(pair, right=quantize(sampled(pair.right, x, y - down), np.uint8))
+
+
+@dataclass(frozen=True, slots=True)
+class Redrawn:
+    """A step that draws the right image anew, out of the left one, by disparities of this span.
+
+    `first` is the least disparity of what the rig delivers, as `Pair` has it.
+    """
+
+    span: int
+    first: int = 0
+
+    def __call__(self, pair: Pair, _side: str) -> Pair:
+        """Return the pair of cameras that are closer together, and turned towards each other."""
+        if pair.truth is None:
+            raise ValueError("range: the pair has no truth")
+        low, high = float(np.nanmin(pair.truth)), float(np.nanmax(pair.truth))
+        truth = ((pair.truth - low) * (self.span / max(high - low, 1e-6))).astype(np.float32)
+        seen = filled(seen_from_right(truth))
+        y, x = np.mgrid[: truth.shape[0], : truth.shape[1]]
+
+        column = np.clip(np.nan_to_num(np.rint(x - truth)), 0, None).astype(int)
+        visible = (truth <= x) & (np.abs(np.take_along_axis(seen, column, 1) - truth) <= 1)
+        return replace(
+            pair,
+            right=quantize(sampled(pair.left, x + seen, y), np.uint8),
+            truth=truth,
+            truth_right=None,
+            masks={"nonocc": visible, "all": np.isfinite(truth)},
+            num_disparities=16,
+            first=self.first,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Pasted:
+    """A step that puts small things close to the cameras: pieces of the scene, upside down."""
+
+    count: int
+    size: int
+    ahead: int
+
+    def __call__(self, pair: Pair, _side: str) -> Pair:
+        """Return the pair with things that are `ahead` px of disparity nearer than all else."""
+        if pair.truth is None:
+            raise ValueError("near things: the pair has no truth")
+        rng = np.random.default_rng(SEEDS["left"])
+        rows, cols = pair.truth.shape
+        near = int(np.nanmax(pair.truth)) + self.ahead
+        left, right, truth = pair.left.copy(), pair.right.copy(), pair.truth.copy()
+        thing, hidden = np.zeros(truth.shape, bool), np.zeros(truth.shape, bool)
+
+        for _ in range(self.count):
+            y = rng.integers(0, rows - self.size)
+            x = rng.integers(min(near, cols - self.size - 1), cols - self.size)
+            here = slice(y, y + self.size), slice(x, x + self.size)
+            there = slice(y, y + self.size), slice(max(x - near, 0), max(x - near, 0) + self.size)
+            left[here] = right[there] = pair.left[::-1][here]
+            truth[here], thing[here], hidden[there] = x - there[1].start, True, True
+
+        column = np.clip(np.nan_to_num(np.rint(np.arange(cols) - truth)), 0, None).astype(int)
+        shown = ~np.take_along_axis(hidden, column, 1) | thing
+        masks = {
+            name: (mask | thing) & (shown | (name == "all")) for name, mask in pair.masks.items()
+        }
+        more = min(max(pair.num_disparities, (near + 16) // 16 * 16), cols)
+        return replace(
+            pair,
+            left=left,
+            right=right,
+            truth=truth,
+            truth_right=None,
+            masks=masks,
+            num_disparities=more,
+        )
 
 
 def filled(disparity: NDArray[np.floating]) -> Plane:

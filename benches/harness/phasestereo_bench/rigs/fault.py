@@ -58,7 +58,7 @@ class Fault:
     name
         What tables call it.
     group
-        The table that it is in, one of `GROUPS`.
+        The table that it is in, one of its suite.
     steps
         What is done, in this order.
     """

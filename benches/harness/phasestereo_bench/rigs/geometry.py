@@ -16,6 +16,8 @@ from scipy import ndimage
 from phasestereo_bench.degradation import quantize
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from phasestereo_bench.datasets import Pair
@@ -67,7 +69,7 @@ class Misaligned:
         size = pair.right.shape[:2]
         rows, cols = size
         y, x = np.mgrid[0:rows, 0:cols].astype(np.float64)
-        right = quantize(_sampled(pair.right, *self._came_from(x, y, sign)), np.uint8)
+        right = quantize(sampled(pair.right, *self.came_from(x, y, sign)), np.uint8)
 
         if pair.truth is None:
             return replace(pair, right=right)
@@ -107,7 +109,7 @@ class Misaligned:
         waves = sign * self.wobble * np.sin(2 * np.pi * _WAVES * y / rows)
         return middle_x + u - self.margin, middle_y + v + sign * self.down + waves
 
-    def _came_from(self, x: Plane, y: Plane, sign: float) -> tuple[Plane, Plane]:
+    def came_from(self, x: Plane, y: Plane, sign: float = 1.0) -> tuple[Plane, Plane]:
         """Return where what is at these places was before, by a fixed point."""
         size = x.shape[0], x.shape[1]
         from_x, from_y = x + self.margin, y.copy()
@@ -119,10 +121,70 @@ class Misaligned:
         return from_x, from_y
 
 
-def _sampled(image: NDArray[Any], x: Plane, y: Plane) -> Plane:
-    """Return an image at these places: cubic B-splines, borders continued by reflection."""
+@dataclass(frozen=True, slots=True)
+class Bent:
+    """A step that bends both images alike, and moves the right one to the left by a margin.
+
+    Parameters
+    ----------
+    off
+        Called with rows and columns, it returns how far each pixel of a bent image is off what it
+        shows, px along x and y.
+    margin
+        As of `Misaligned`.
+    """
+
+    off: Callable[[int, int], tuple[Plane, Plane]]
+    margin: int = 8
+
+    def __call__(self, pair: Pair, _side: str) -> Pair:
+        """Return the pair of two such lenses; the truth is that of the nearest pixel."""
+        rows, cols = pair.left.shape[:2]
+        y, x = np.mgrid[0:rows, 0:cols].astype(np.float64)
+        off_x, off_y = self.off(rows, cols)
+        seen_x, seen_y = (sampled(off, x + self.margin, y, order=1) for off in (off_x, off_y))
+        right = sampled(pair.right, x + self.margin + seen_x, y + seen_y)
+        bent = replace(
+            pair,
+            left=quantize(sampled(pair.left, x + off_x, y + off_y), np.uint8),
+            right=quantize(right, np.uint8),
+        )
+        if pair.truth is None:
+            return bent
+
+        shown_y = np.clip(np.rint(y + off_y), 0, rows - 1).astype(int)
+        shown_x = np.clip(np.rint(x + off_x), 0, cols - 1).astype(int)
+        match_x, match_y = x + off_x - pair.truth[shown_y, shown_x], y + off_y
+        at_x, at_y = match_x, match_y
+        for _ in range(_ROUNDS):
+            at = np.nan_to_num(at_x), np.nan_to_num(at_y)
+            at_x, at_y = (
+                match_x - sampled(off_x, *at, order=1),
+                match_y - sampled(off_y, *at, order=1),
+            )
+
+        disparity = (x - at_x + self.margin).astype(np.float32)
+        inside = (disparity <= x) & (at_x < cols) & (at_y >= 0) & (at_y < rows)
+        return replace(
+            bent,
+            truth=disparity,
+            truth_right=None,
+            masks={name: mask[shown_y, shown_x] & inside for name, mask in pair.masks.items()},
+            num_disparities=min(pair.num_disparities + 2 * self.margin, cols),
+        )
+
+
+def barrel(rows: int, cols: int, *, bend: float) -> tuple[Plane, Plane]:
+    """Return how far a lens of this radial distortion, as of `Misaligned`, is off, px."""
+    y, x = np.mgrid[0:rows, 0:cols].astype(np.float64)
+    from_x, from_y = Misaligned(distortion=bend).came_from(x, y)
+    return from_x - x, from_y - y
+
+
+def sampled(image: NDArray[Any], x: Plane, y: Plane, *, order: int = 3) -> Plane:
+    """Return an image at these places: cubic B-splines or less, borders continued by reflection."""
     sampled = np.empty(image.shape)
     for channel in np.ndindex(image.shape[2:]):
         plane = image[..., *channel].astype(np.float64)
-        sampled[..., *channel] = ndimage.map_coordinates(plane, (y, x), order=3, mode="reflect")
+        sampled[..., *channel] = ndimage.map_coordinates(plane, (y, x), order=order, mode="reflect")
     return sampled

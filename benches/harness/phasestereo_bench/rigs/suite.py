@@ -1,4 +1,4 @@
-"""Which faults the suite "rigs" has, and how strong they are."""
+"""Which faults the suites "rigs" and "rigs-2" have, and how strong they are."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from phasestereo_bench.rigs import optics, sensor
-from phasestereo_bench.rigs.depth import DepthOfField
+from phasestereo_bench.rigs import capture, optics, sensor
+from phasestereo_bench.rigs.corruptions import CORRUPTIONS
+from phasestereo_bench.rigs.depth import DepthOfField, Pasted, Raised, Redrawn
 from phasestereo_bench.rigs.fault import Both, Fault, One
-from phasestereo_bench.rigs.geometry import Misaligned
+from phasestereo_bench.rigs.geometry import Bent, Misaligned, barrel
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 
 _SIDEWAYS = 8  # px: more than any of these rigs moves columns by in images of 741 px
 _ZOOMED = 24
+
+_NOISE_10 = Both(partial(sensor.noise, sigma=10))
 
 _ROWS: dict[str, tuple[Step, ...]] = {
     "rows 0.5": (Misaligned(down=0.5),),
@@ -102,37 +105,79 @@ _COMPOSITES: dict[str, tuple[Step, ...]] = {
     ),
 }
 
-GROUPS: Mapping[str, str] = MappingProxyType(
-    {
-        "sharp": "As they are",
-        "rows": "Rows that do not correspond",
-        "sensor": "Sensors",
-        "coding": "JPEG",
-        "focus": "Focus and motion",
-        "light": "Light and what is on the lens",
-        "composites": "Whole rigs",
-    }
-)
-"""The tables of the suite by name, and what they are about."""
-
-_STEPS: dict[str, dict[str, tuple[Step, ...]]] = {
-    "sharp": {"sharp": ()},
-    "rows": _ROWS,
-    "sensor": _SENSOR,
-    "coding": _CODING,
-    "focus": _FOCUS,
-    "light": _LIGHT,
-    "composites": _COMPOSITES,
+_CODED: dict[str, tuple[Step, ...]] = {
+    **{
+        f"{name} {crf}": (Both(partial(capture.video, codec=codec, crf=crf)),)
+        for name, codec in (("h264", "libx264"), ("h265", "libx265"))
+        for crf in (23, 28, 33)
+    },
+    "one h264 33": (One(partial(capture.video, codec="libx264", crf=33)),),
+    "one denoised": (_NOISE_10, One(partial(capture.denoised, strength=10))),
+    "both denoised": (_NOISE_10, Both(partial(capture.denoised, strength=10))),
 }
 
-FAULTS: Mapping[str, Fault] = MappingProxyType(
+_CAPTURED: dict[str, tuple[Step, ...]] = {
+    "bayer noise 6": (Both(partial(capture.bayer, sigma=6)),),
+    "photons 20": (Both(partial(sensor.photons, white=20)),),
+    "chroma noise 30": (Both(partial(capture.chroma_noise, sigma=30)),),
+    "contrast 8%": (Both(partial(capture.pale, share=0.08)),),
+    "over-exposed 1.6": (One(partial(sensor.scaled, gain=1.6)),),
+    "over-exposed 2.5": (One(partial(sensor.scaled, gain=2.5)),),
+    "near infrared": (One(partial(capture.band, shares=capture.INFRARED)),),
+    "red and blue": (
+        Both(
+            partial(capture.band, shares=(1.0, 0.0, 0.0)),
+            partial(capture.band, shares=(0.0, 0.0, 1.0)),
+        ),
+    ),
+}
+
+_BUILT: dict[str, tuple[Step, ...]] = {
+    "barrel 0.05": (Misaligned(distortion=-0.05, margin=_SIDEWAYS),),
+    "both barrel 0.2": (Bent(partial(barrel, bend=-0.2)),),
+    "raised 5%": (Raised(0.05),),
+    "half resolution": (One(partial(capture.small, part=2)),),
+    "third resolution": (One(partial(capture.small, part=3)),),
+    "lenses apart 3": (DepthOfField(3, opposite=True),),
+    "lenses apart 5": (DepthOfField(5, opposite=True),),
+    "range -3..9": (Redrawn(12, first=-3), Both(partial(sensor.noise, sigma=2))),
+    "near things": (Pasted(6, size=32, ahead=16), Both(partial(sensor.noise, sigma=2))),
+}
+
+_STEPS: dict[str, dict[str, dict[str, tuple[Step, ...]]]] = {
+    "rigs": {
+        "sharp": {"sharp": ()},
+        "rows": _ROWS,
+        "sensor": _SENSOR,
+        "coding": _CODING,
+        "focus": _FOCUS,
+        "light": _LIGHT,
+        "composites": _COMPOSITES,
+    },
+    "rigs-2": {
+        "coded": _CODED,
+        "captured": _CAPTURED,
+        "built": _BUILT,
+        "corruptions": CORRUPTIONS,
+    },
+}
+
+RIGS: Mapping[str, Mapping[str, Fault]] = MappingProxyType(
     {
-        name: Fault(name, group, steps)
-        for group, faults in _STEPS.items()
-        for name, steps in faults.items()
+        suite: MappingProxyType(
+            {
+                name: Fault(name, group, steps)
+                for group, faults in groups.items()
+                for name, steps in faults.items()
+            }
+        )
+        for suite, groups in _STEPS.items()
     }
 )
-"""The faults of the suite by name, those of a group next to each other."""
+"""The faults of both suites by name, those of a group, which has a table, next to each other."""
+
+FAULTS = RIGS["rigs"]
+"""Those of the first."""
 
 QUICK_SCENES = frozenset(("scenes2001/tsukuba", "scenes2003/cones", "scenes2006/ThirdSize/Aloe"))
 """Three small scenes, for a look that takes minutes."""

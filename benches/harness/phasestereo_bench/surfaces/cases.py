@@ -273,7 +273,7 @@ def _room_size(megapixels: float) -> tuple[int, int]:
 
 def _found(folders: Iterable[Path]) -> tuple[list[Scene], list[Path]]:
     """Return the scenes and the table tops of folders."""
-    scenes: dict[Path, Scene] = {}
+    scenes: dict[tuple[Path, str], Scene] = {}
     tables: dict[Path, None] = {}
 
     for folder in folders:
@@ -283,7 +283,7 @@ def _found(folders: Iterable[Path]) -> tuple[list[Scene], list[Path]]:
         tables |= dict.fromkeys(there)
 
         try:
-            scenes |= {scene.folder: scene for scene in find_scenes(root)}
+            scenes |= {(scene.folder, scene.name): scene for scene in find_scenes(root)}
         except ValueError as error:
             if not there:
                 tops = f"{_TABLE_FOLDER}/*/{_TABLE_FILES[0]}"

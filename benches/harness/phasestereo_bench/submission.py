@@ -1,0 +1,164 @@
+"""Submissions: the files that the sites of benchmarks take, of scenes with and without a truth.
+
+What a site wants is a row of `SITES`; the files of one site and size become one zip.
+"""
+
+from __future__ import annotations
+
+import re
+import zipfile
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from phasestereo.io import write_disparity
+from phasestereo.io.drafts import replacing
+from phasestereo_bench.methods import method as method_of
+from phasestereo_bench.middlebury import matched
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from phasestereo_bench.datasets import Scene
+
+_NAME = re.compile(r"[A-Za-z0-9_-]+")
+
+
+@dataclass(frozen=True, slots=True)
+class Site:
+    """What a benchmark takes.
+
+    Attributes
+    ----------
+    collection
+        Pattern of the collections that it has; its first group, if any, tells sizes apart.
+    scenes
+        How many scenes a whole submission has, by the parts of which one is enough.
+    disparity, time
+        Files of a scene below the root of the zip, with {part}, {scene}, {name}; of Middlebury's
+        sparse maps, which leave pixels out, "_s" comes after the name.
+    seconds
+        What is in the file of the time.
+    """
+
+    collection: str
+    scenes: tuple[int, ...]
+    disparity: str
+    time: str | None = None
+    seconds: str = "{seconds:.4f}"
+
+
+SITES = {
+    "MiddEval3": Site(
+        r"MiddEval3/(?:training|test)([QHF])",
+        (15, 30),
+        "{part}/{scene}/disp0{name}{sparse}.pfm",
+        "{part}/{scene}/time{name}.txt",
+    ),
+    "ETH3D": Site(
+        r"two_view_(?:training|test)",
+        (27, 47),
+        "low_res_two_view/{scene}.pfm",
+        "low_res_two_view/{scene}.txt",
+        "runtime {seconds:.4f}",
+    ),
+    "KITTI2012": Site("kitti2012/testing", (195,), "{scene}.png"),
+    "KITTI2015": Site("kitti2015/testing", (200,), "disp_0/{scene}.png"),
+}
+"""The benchmarks by name."""
+
+
+def submit(
+    scenes: Sequence[Scene],
+    method: str,
+    name: str,
+    output: Path,
+    *,
+    progress: Callable[[int, int], object] | None = None,
+) -> tuple[dict[Path, int], list[str]]:
+    """Match scenes, one after the other, and write what their sites take.
+
+    Parameters
+    ----------
+    scenes
+        As `phasestereo_bench.datasets.find_scenes` returns them.
+    method
+        As `phasestereo_bench.method` takes it.
+    name
+        What the site is to call it: letters, digits, - and _.
+    output
+        Folder for the files, and for a zip of those of each site and size.
+    progress
+        Called as ``progress(done, total)``.
+
+    Returns
+    -------
+    tuple
+        How many scenes each zip has, and what is to be said: of scenes that were left out, and of
+        sites that take more scenes.
+
+    Raises
+    ------
+    OSError, TypeError, ValueError
+        If an argument is wrong, a scene cannot be read, a method returns no map, or no site takes
+        any of the scenes.
+    """
+    if not _NAME.fullmatch(name):
+        raise ValueError(f"name: got {name!r}; accepts letters, digits, - and _")
+    entrant = method_of(method)
+    sites = {scene: _site_of(scene) for scene in scenes}
+    taken = [(scene, *site) for scene, site in sites.items() if site is not None]
+    if not taken:
+        raise ValueError(f"no scene of {', '.join(SITES)} among {', '.join(map(str, scenes))}")
+
+    files: dict[str, dict[str, Path]] = {}
+    counts: dict[str, int] = {}
+    for done, (scene, title, site) in enumerate(taken, start=1):
+        found = matched(entrant, scene.load())
+        words = {
+            "part": scene.collection.rpartition("/")[2],
+            "scene": scene.name,
+            "name": name,
+            "sparse": "_s" * bool(np.isnan(found.disparity).any()),
+        }
+        counts[title] = counts.get(title, 0) + 1
+        own = files.setdefault(title, {})
+
+        path = _file(output / title, site.disparity.format(**words), own)
+        write_disparity(path, found.disparity.astype(np.float32))
+        if site.time is not None:
+            path = _file(output / title, site.time.format(**words), own)
+            path.write_text(site.seconds.format(seconds=found.seconds), "ascii")
+        if progress is not None:
+            progress(done, len(taken))
+
+    for title, own in files.items():
+        with replacing(output / f"{title}.zip") as file, zipfile.ZipFile(file, "w", 8) as archive:
+            for inside, path in own.items():
+                archive.write(path, inside)
+
+    left_out = [str(scene) for scene, site in sites.items() if site is None]
+    said = [f"left out, no site takes them: {', '.join(left_out)}"] if left_out else []
+    for title, count in counts.items():
+        whole = SITES[title.partition("-")[0]].scenes
+        if count not in whole:
+            said.append(f"{title}: {count} scenes; the site takes {' or '.join(map(str, whole))}")
+    return {output / f"{title}.zip": count for title, count in counts.items()}, said
+
+
+def _site_of(scene: Scene) -> tuple[str, Site] | None:
+    """Return the title of a scene's zip, and what is in that; None if no site takes the scene."""
+    for title, site in SITES.items():
+        found = re.fullmatch(site.collection, scene.collection)
+        if found is not None:
+            return "-".join([title, *found.groups()]), site
+    return None
+
+
+def _file(folder: Path, inside: str, files: dict[str, Path]) -> Path:
+    """Return where a file of a zip is, in a folder that is made."""
+    files[inside] = folder / inside
+    files[inside].parent.mkdir(parents=True, exist_ok=True)
+    return files[inside]
