@@ -16,13 +16,16 @@ from scipy import ndimage
 from phasestereo_bench import run_middlebury
 from phasestereo_bench.cases import SUITE_SCENES, SUITES, Case
 from phasestereo_bench.datasets import Pair, find_scene, find_scenes
-from phasestereo_bench.rigs import FAULTS, GROUPS, QUICK_SCENES, side_of
-from phasestereo_bench.rigs.depth import DepthOfField, filled, seen_from_right
+from phasestereo_bench.rigs import FAULTS, QUICK_SCENES, RIGS, side_of
+from phasestereo_bench.methods import Method
+from phasestereo_bench.middlebury import matched
+from phasestereo_bench.rigs.depth import DepthOfField, Raised, filled, seen_from_right
 from phasestereo_bench.rigs.geometry import Misaligned
 from test_bench_cases import plant
 
 DOCS = Path(__file__).parents[2] / "docs"
-PAGE = (DOCS / "rigs-suite.md").read_text("utf-8")
+PAGES = {"rigs": "rigs-suite.md", "rigs-2": "rigs-2.md"}
+ALL = {name: fault for faults in RIGS.values() for name, fault in faults.items()}
 ROWS, COLS = 96, 128
 ONE_SIDED = (
     "one noise 20",
@@ -33,11 +36,17 @@ ONE_SIDED = (
     "annulus 6 4.5",
     "depth 4",
     *(name for name, fault in FAULTS.items() if fault.group == "light"),
+    "one h264 33",
+    "over-exposed 1.6",
+    "over-exposed 2.5",
+    "near infrared",
+    "half resolution",
+    "third resolution",
 )
 MOVED = [
     name
-    for name, fault in FAULTS.items()
-    if any(isinstance(step, Misaligned) for step in fault.steps)
+    for name, fault in ALL.items()
+    if any(isinstance(step, Misaligned | Raised) for step in fault.steps)
 ]
 
 
@@ -79,24 +88,24 @@ def same(one: Pair, other: Pair) -> bool:
 # The registry
 
 
-def test_the_page_defines_every_fault_and_shows_every_table() -> None:
-    defined = set(re.findall(r"(?<!`)`([^`\n]+)`(?!`)", PAGE))
-    assert set(FAULTS) <= defined
+@pytest.mark.parametrize("suite", RIGS)
+def test_the_page_defines_every_fault_and_shows_every_table(suite: str) -> None:
+    page = (DOCS / PAGES[suite]).read_text("utf-8")
+    defined = set(re.findall(r"(?<!`)`([^`\n]+)`(?!`)", page))
+    assert set(RIGS[suite]) <= defined
 
-    for group in GROUPS:
-        assert any(fault.group == group for fault in FAULTS.values())
-        assert group == "sharp" or f"<!-- bench:rigs-{group} -->" in PAGE
-
-    assert {fault.group for fault in FAULTS.values()} == set(GROUPS)
-    assert f"{len(FAULTS) - 1} things" in PAGE
-    assert SUITES["rigs"] is FAULTS
+    for group in {fault.group for fault in RIGS[suite].values()} - {"sharp"}:
+        assert f"<!-- bench:rigs-{group} -->" in page
+    assert f"{len(set(RIGS[suite]) - {'sharp'})} things" in page
+    assert SUITES[suite] is RIGS[suite]
 
 
 def test_all_faults_differ_and_names_are_their_own() -> None:
-    spoiled = [fault(PAIR, "left") for fault in FAULTS.values()]
+    assert len(ALL) == sum(map(len, RIGS.values()))
+    spoiled = [fault(PAIR, "left") for fault in ALL.values()]
     for number, one in enumerate(spoiled):
         assert not any(same(one, other) for other in spoiled[:number])
-    assert all(name == fault.name for name, fault in FAULTS.items())
+    assert all(name == fault.name for name, fault in ALL.items())
     assert same(FAULTS["sharp"](PAIR, "left"), PAIR)
 
 
@@ -113,21 +122,21 @@ def test_sides_alternate_over_the_scenes(data: Path) -> None:
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
-@pytest.mark.parametrize("name", FAULTS)
+@pytest.mark.parametrize("name", ALL)
 def test_faults_are_the_same_every_time_and_keep_shape_and_type(name: str, side: str) -> None:
     for pair in (PAIR, photograph(gray=True)):
         before = replace(pair, left=pair.left.copy(), right=pair.right.copy())
-        one, again = FAULTS[name](pair, side), FAULTS[name](pair, side)
+        one, again = ALL[name](pair, side), ALL[name](pair, side)
         assert same(one, again)
         assert same(pair, before)  # what it was given is not changed
         assert one.left.shape == one.right.shape == pair.left.shape
         assert one.left.dtype == one.right.dtype == np.uint8
 
 
-@pytest.mark.parametrize("name", FAULTS)
+@pytest.mark.parametrize("name", ALL)
 def test_the_other_image_is_left_alone_where_one_is_worse(name: str) -> None:
     for side, other in (("left", "right"), ("right", "left")):
-        spoiled = FAULTS[name](PAIR, side)
+        spoiled = ALL[name](PAIR, side)
         alone = np.array_equal(getattr(spoiled, other), getattr(PAIR, other))
         changed = not np.array_equal(getattr(spoiled, side), getattr(PAIR, side))
 
@@ -171,7 +180,7 @@ def test_rows_move_by_whole_pixels_exactly(side: str, down: int) -> None:
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
-@pytest.mark.parametrize("name", [n for n in MOVED if FAULTS[n].group == "rows"])
+@pytest.mark.parametrize("name", [n for n in MOVED if ALL[n].group == "rows"])
 def test_the_truth_moves_with_the_image(name: str, side: str) -> None:
     spoiled, (step,) = FAULTS[name](PAIR, side), FAULTS[name].steps
 
@@ -225,6 +234,51 @@ def flat(level: int) -> Pair:
     """Return a pair of gray, large enough for statistics."""
     image = np.full((200, 300, 3), level, np.uint8)
     return replace(PAIR, left=image, right=image.copy(), truth=None, masks={})
+
+
+def test_a_mosaic_keeps_colors_and_codecs_lose_more_at_higher_factors() -> None:
+    colors = replace(flat(0), left=np.full((200, 300, 3), (200, 120, 40), np.uint8))
+    seen = ALL["bayer noise 6"](colors, "left").left
+    np.testing.assert_allclose(seen.mean(axis=(0, 1)), (200, 120, 40), atol=0.5)
+
+    lost = [
+        [np.abs(ALL[f"{codec} {crf}"](PAIR, "left").left - PAIR.left.astype(float)).mean()]
+        for codec in ("h264", "h265")
+        for crf in (23, 28, 33)
+    ]
+    assert lost[0] < lost[1] < lost[2]
+    assert lost[3] < lost[4] < lost[5]
+
+
+@pytest.mark.parametrize(
+    "name", ["both barrel 0.2", "elastic", "raised 5%", "range -3..9", "near things"]
+)
+def test_the_truth_takes_the_right_image_to_the_left_one(name: str) -> None:
+    spoiled = ALL[name](PAIR, "right")
+    mask = spoiled.masks["nonocc"]
+    assert mask.mean() > 0.6
+    assert np.nanmax(spoiled.truth[mask]) < spoiled.num_disparities
+
+    y, x = np.nonzero(mask)
+    errors = []
+    for off in (0, 2, -2):
+        at = np.clip(np.rint(x - spoiled.truth[y, x] + off), 0, COLS - 1).astype(int)
+        errors.append(np.abs(spoiled.left[y, x].astype(float) - spoiled.right[y, at]).mean())
+    assert errors[0] < 0.5 * min(errors[1:])
+
+
+def test_only_those_who_know_the_range_have_its_start_taken_off() -> None:
+    pair = replace(ALL["range -3..9"](PAIR, "left"), left=PAIR.left)
+    for told, start, shift in ((True, 0, 0), (False, -3, 3)):
+        seen: list[NDArray[Any]] = []
+
+        def match(left: Any, right: Any, _count: int, seen: Any = seen) -> NDArray[Any]:
+            seen.append(right)
+            return np.full(left.shape[:2], 4.0)
+
+        found = matched(Method("mine", match, told=told), pair)
+        assert (found.disparity == 4 - start).all()
+        np.testing.assert_array_equal(seen[0], np.roll(pair.right, shift, axis=1))
 
 
 # Lenses and light

@@ -27,8 +27,8 @@ from phasestereo_bench.speed.affinity import pinned
 
 cv2 = pytest.importorskip("cv2")
 
-RIVALS = ["opencv:bm", "opencv:bm-unchecked", "opencv:sgbm-3way"]
-WEIGHT = {"peak_bytes": 3_000_000, "result_bytes": 1_000_000}
+RIVALS = ["opencv:bm", "opencv:bm-unchecked", "opencv:sgbm-3way", "match"]
+WEIGHT = {"peak_bytes": 3_000_000, "result_bytes": 1_000_000, "first_call": 1.25}
 
 on_linux = pytest.mark.skipif(sys.platform != "linux", reason="no affinity of threads elsewhere")
 
@@ -131,11 +131,14 @@ def test_all_take_turns_in_changing_order(monkeypatch: pytest.MonkeyPatch, pair:
     monkeypatch.setattr(rounds, "CONTENDERS", {name: made(name) for name in bench.CONTENDERS})
 
     entrants = rounds.time_all_threads(pair, "robust", 12)
-    by_round = [turns[start : start + 4] for start in range(0, len(turns), 4)]
+    by_round = [turns[start : start + 5] for start in range(0, len(turns), 5)]
     assert len(by_round) == 13  # the first is to warm up, and does not count
-    assert all(sorted(turn) == sorted([bench.OURS["robust"], *RIVALS]) for turn in by_round)
+    assert all(
+        sorted(turn) == sorted(["phasestereo:robust", "phasestereo:robust+match", *RIVALS[:-1]])
+        for turn in by_round
+    )
     assert len(set(map(tuple, by_round))) > 3
-    assert [len(entrant.seconds) for entrant in entrants] == [12] * 4
+    assert [len(entrant.seconds) for entrant in entrants] == [12] * 5
 
 
 @on_linux
@@ -144,8 +147,9 @@ def test_opencv_takes_part_with_one_thread_and_two(pair: GrayPair) -> None:
     assert core in os.sched_getaffinity(0)
 
     assert [(e.name, e.opencv_threads) for e in entrants] == [
-        (bench.OURS["fast"], None),
-        *((name, count) for name in RIVALS for count in (1, 2)),
+        ("phasestereo:fast", None),
+        ("phasestereo:fast+match", None),
+        *((name, count) for name in RIVALS[:-1] for count in (1, 2)),
     ]
 
     assert [set(stage) for stage in entrants[0].stages] == [
@@ -208,6 +212,7 @@ def test_the_faster_number_of_opencv_threads_counts(
 
     entrants = [
         rounds.Entrant(bench.OURS["fast"], print, None, [2.0, 2.0, 1.0], [stage] * 3),
+        rounds.Entrant(bench.OURS["fast"] + contenders.MATCH, print, None, fast),
         rounds.Entrant("opencv:bm", print, 1, slow),
         rounds.Entrant("opencv:bm", print, 2, fast),
     ]
@@ -356,14 +361,14 @@ def test_tables_show_the_last_record_of_each_cell_by_size(tmp_path: Path) -> Non
 
     assert texts == [
         [
-            [*tsukuba, *figures, "-", "40"],
-            [*cones, "1", *figures, "1.50", "40"],
-            [*cones, "8", *figures, "1.50", "40"],
+            [*tsukuba, *figures, "-", "1.50", "1.25", "40"],
+            [*cones, "1", *figures, "1.50", "1.50", "1.25", "40"],
+            [*cones, "8", *figures, "1.50", "1.50", "1.25", "40"],
         ],
         [
-            [*tsukuba, "3.0", "1.0", "4.0", "4.0", "-"],
-            [*cones, "1", "3.0", "1.0", "4.0", "4.0", "4.0"],
-            [*cones, "8", "3.0", "1.0", "-", "4.0", "4.0"],
+            [*tsukuba, "3.0", "1.0", "4.0", "4.0", "-", "4.0"],
+            [*cones, "1", "3.0", "1.0", "4.0", "4.0", "4.0", "4.0"],
+            [*cones, "8", "3.0", "1.0", "-", "4.0", "4.0", "4.0"],
         ],
     ]
 
@@ -388,7 +393,7 @@ def test_files_of_mixed_or_wrong_records_are_refused(
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, weightless: None) -> Path:  # noqa: ARG001 - it is in force
-    """Return the current folder, with a small pair in place of the large rendered one."""
+    """Return the current folder, with a small pair in place of the large rendered ones."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("PHASESTEREO_DATA", raising=False)
     monkeypatch.setenv("COLUMNS", "200")
@@ -396,7 +401,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, weightless: None) ->
     noise = np.random.default_rng(0).integers(0, 256, (40, 270), dtype=np.uint8)
     (tmp_path / "out").mkdir()
     for side, view in (("left", noise[:, :-5]), ("right", noise[:, 5:])):
-        io.write_image(tmp_path / "out" / f"rendered-2964x1988-{side}.png", view)
+        for size in ("2964x1988x256", "1920x1080x128", "116x87x16"):
+            io.write_image(tmp_path / "out" / f"rendered-{size}-{side}.png", view)
     return tmp_path
 
 
@@ -408,9 +414,9 @@ def test_the_command_and_its_report(folder: Path, run_bench: Callable[..., Run])
     assert err.count("left out: ") == 4
     assert "Records: out/speed.jsonl" in out
 
-    code, again, err = run_bench(*command, "--pairs", "rendered")
-    assert (code, again) == (0, out)
-    assert "4 of 4 are in out/speed.jsonl already" in err
+    code, again, err = run_bench(*command, "--pairs", "rendered", "0.01MPx16")
+    assert "0.01MPx16" in again
+    assert "4 of 8 are in out/speed.jsonl already" in err
 
     document = folder / "speed.md"
     document.write_text("<!-- bench:speed --><!-- /bench:speed -->\n")
@@ -422,7 +428,7 @@ def test_the_command_and_its_report(folder: Path, run_bench: Callable[..., Run])
     code, _, err = run_bench(*command, "--pairs", "rendered", "--fresh")
     assert code == 0
     assert "renamed out/speed.jsonl to out/speed.jsonl.bak" in err
-    assert len(read_store("out/speed.jsonl")) == len(read_store("out/speed.jsonl.bak")) == 5
+    assert [len(read_store(f"out/speed.jsonl{end}")) for end in ("", ".bak")] == [5, 13]
 
 
 @pytest.mark.usefixtures("folder")
@@ -430,6 +436,7 @@ def test_the_command_and_its_report(folder: Path, run_bench: Callable[..., Run])
     ("arguments", "code", "message"),
     [
         (["--pairs", "venus"], 2, "--pairs: got 'venus'"),
+        (["--pairs", "1MPx17"], 2, "--pairs: got '1MPx17'"),
         (["--pairs", "cones"], 1, "there is no pair to match"),
         (["--rounds", "0"], 2, "rounds"),
     ],

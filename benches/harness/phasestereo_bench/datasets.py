@@ -106,7 +106,7 @@ class Layout:
         How many disparities to search from 0, fixed by the collection and never by the truth: what
         the 8-bit code can hold (2001, 2003), 240 at full size (2005, 2006), 80 at a quarter of it
         (MiddEval3), 64 (ETH3D), 192 (KITTI). A scene whose calib.txt asks for more gets more. None
-        where there is no such number: what calib.txt gives, rounded up to a multiple of 16 (2014, 2021).
+        where there is no such number: what calib.txt gives, up to a multiple of 16 (2014, 2021).
     masks
         Mask files, each of which may be missing.
     also

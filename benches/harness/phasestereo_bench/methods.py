@@ -53,9 +53,18 @@ BASELINES: Mapping[str, Settings] = {
 
 _OPENCV: Mapping[str, tuple[Matcher, Mapping[str, Any]]] = {
     "opencv:bm": (opencv.match_bm, opencv.BM),
-    "opencv:sgbm": (opencv.match_sgbm, {**opencv.SGBM, "mode": "HH"}),
-    "opencv:sgbm-3x3": (opencv.match_sgbm_3x3, {**opencv.SGBM_3X3, "mode": "HH"}),
-    "opencv:sgbm-3way": (opencv.match_sgbm_3way, {**opencv.SGBM, "mode": "SGBM_3WAY"}),
+    **{
+        f"opencv:sgbm{name}": (
+            partial(opencv.match_sgbm, mode=mode, options=options),
+            {**options, "mode": mode},
+        )
+        for name, mode, options in (
+            ("", "HH", opencv.SGBM),
+            ("-3x3", "HH", opencv.SGBM_3X3),
+            ("-5way", "SGBM", opencv.SGBM),
+            ("-3way", "SGBM_3WAY", opencv.SGBM),
+        )
+    },
 }
 
 

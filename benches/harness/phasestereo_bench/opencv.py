@@ -107,48 +107,24 @@ def match_bm(left: Image, right: Image, num_disparities: int) -> Map:
     return _disparities(found[margin:-margin, count + margin : -margin])
 
 
-def match_sgbm(left: Image, right: Image, num_disparities: int) -> Map:
-    """Match with StereoSGBM over eight directions.
-
-    Raises
-    ------
-    ImportError
-        If OpenCV is not installed.
-    """
-    return _match_sgbm(left, right, num_disparities, "STEREO_SGBM_MODE_HH")
-
-
-def match_sgbm_3x3(left: Image, right: Image, num_disparities: int) -> Map:
-    """Match with StereoSGBM over eight directions and blocks of 3 x 3 pixels.
-
-    Raises
-    ------
-    ImportError
-        If OpenCV is not installed.
-    """
-    return _match_sgbm(left, right, num_disparities, "STEREO_SGBM_MODE_HH", SGBM_3X3)
-
-
-def match_sgbm_3way(left: Image, right: Image, num_disparities: int) -> Map:
-    """Match with StereoSGBM over three directions.
-
-    Raises
-    ------
-    ImportError
-        If OpenCV is not installed.
-    """
-    return _match_sgbm(left, right, num_disparities, "STEREO_SGBM_MODE_SGBM_3WAY")
-
-
-def _match_sgbm(
+def match_sgbm(
     left: Image,
     right: Image,
     num_disparities: int,
-    mode: str,
+    *,
+    mode: str = "HH",
     options: Mapping[str, Any] = SGBM,
 ) -> Map:
+    """Match with StereoSGBM, over eight directions unless told otherwise.
+
+    Raises
+    ------
+    ImportError
+        If OpenCV is not installed.
+    """
     count, channels = _sixteens(num_disparities), 1 if left.ndim == 2 else left.shape[2]
-    matcher = create_sgbm(count, mode, channels=channels, options=options)
+    full = f"STEREO_SGBM_MODE_{mode}"
+    matcher = create_sgbm(count, full, channels=channels, options=options)
     found = matcher.compute(*(_continued(image, count, 0) for image in (left, right)))
     return _disparities(found[:, count:])
 

@@ -8,6 +8,7 @@ from phasestereo_bench.cli import (
     bench_all,
     bench_blur,
     bench_choices,
+    bench_compare,
     bench_confidence,
     bench_middlebury,
     bench_paper,
@@ -32,6 +33,7 @@ app.command(bench_paper.paper)
 app.command(bench_middlebury.middlebury)
 app.command(bench_blur.blur)
 app.command(bench_choices.choices)
+app.command(bench_compare.compare)
 app.command(bench_confidence.confidence)
 app.command(bench_range.range_, name="range")
 app.command(bench_recordings.recordings)

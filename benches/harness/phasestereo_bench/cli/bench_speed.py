@@ -19,14 +19,13 @@ from phasestereo_bench.speed import (
     PAIRS,
     GrayPair,
     find_pairs,
-    is_rendered,
     read_speed,
     run_speed,
     speed_jobs,
 )
 from phasestereo_bench.store import read_store
 
-_PAIRS_HELP = f"Only these: {', '.join(PAIRS)}."
+_PAIRS_HELP = f"Only these: {', '.join(PAIRS)}; or rendered ones of any size: 0.1MPx16, 24MPx512."
 _PIPED_WIDTH = 120
 
 
@@ -50,7 +49,7 @@ def speed(
 
     ```
     phasestereo bench speed data -o speed/speed.jsonl
-    phasestereo bench speed --pairs rendered --rounds 5
+    phasestereo bench speed --pairs full-hd 24MPx512 --rounds 5
     ```
 
     Parameters
@@ -58,11 +57,11 @@ def speed(
     data
         Folder with middlebury/scenes2001/tsukuba, middlebury/scenes2003/cones,
         middlebury/MiddEval3/trainingQ/Motorcycle and large/chess_1920x1080/left.png, right.png.
-        What is not there is left out. Without it, there is only a pair that is rendered.
+        What is not there is left out. Without it, there are only pairs that are rendered.
     rounds
         How often each matches each pair; medians count.
     output
-        File for the records; its folder is made if need be, and keeps the rendered pair.
+        File for the records; its folder is made if need be, and keeps rendered pairs.
     fresh
         Begin anew: rename an existing file of records.
     """
@@ -84,9 +83,7 @@ def speed(
 
 
 def _load(data: Path | None, cache: Path, names: tuple[str, ...]) -> list[GrayPair]:
-    if "rendered" in (names or PAIRS) and not is_rendered(cache):
-        say(f"rendering a pair into {cache} for this and later runs, about a minute")
-
+    say(f"pairs that are rendered are kept in {cache}; each takes ten seconds a megapixel once")
     there, left_out = find_pairs(data, cache=cache, names=names)
     for line in left_out:
         say(line)

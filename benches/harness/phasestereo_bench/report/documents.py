@@ -50,6 +50,7 @@ is said of it."""
 _OTHERS = (
     "blur",
     "choices",
+    "compare",
     "costs",
     "headline",
     "real-pairs",

@@ -21,7 +21,20 @@ if TYPE_CHECKING:
 
     from phasestereo_bench.report.results import Results
 
-__all__ = ["RIVAL", "Style", "draw_duel", "draw_means", "leader", "save_plot", "styles"]
+__all__ = [
+    "GRID",
+    "INK",
+    "RIVAL",
+    "SOFT",
+    "Style",
+    "draw_duel",
+    "draw_means",
+    "figure_of",
+    "leader",
+    "rule",
+    "save_plot",
+    "styles",
+]
 
 # Okabe and Ito's colors, which the color-blind can tell apart; the blues are ours alone.
 _OURS = ("#0b66c3", "#56b4e9", "#0a2f66", "#7d9bd1")
@@ -30,7 +43,7 @@ _OUR_MARKS, _OTHER_MARKS = "os^Dh", "vPX<>*"  # as many as have no divisor in co
 RIVAL = "opencv:sgbm"
 """The method to compare ours with, if it is there."""
 
-_INK, _SOFT, _GRID = "#1f2328", "#59636e", "#e3e7eb"
+INK, SOFT, GRID = "#1f2328", "#59636e", "#e3e7eb"
 _DPI = 200
 
 
@@ -89,7 +102,7 @@ def draw_means(results: Results, metric: str) -> Any:
 
     """
     rows, looks = groups(results), styles(results, metric)
-    figure = _figure(9.0, 1.3 + max(0.4 * len(rows), 0.24 * len(results.methods)))
+    figure = figure_of(9.0, 1.3 + max(0.4 * len(rows), 0.24 * len(results.methods)))
     axes, labels, uniform = figure.add_subplot(), [], scene_count(results, metric)
 
     for line, (name, degradations) in enumerate(rows.items()):
@@ -101,9 +114,9 @@ def draw_means(results: Results, metric: str) -> Any:
     for method in results.methods:
         axes.plot([], [], label=method, **looks[method].marker(9))
 
-    _rule(axes, labels)
+    rule(axes, labels)
     axes.set_xlim(left=min(0, axes.get_xlim()[0]))
-    axes.set_xlabel(_axis(metric), color=_SOFT)
+    axes.set_xlabel(_axis(metric), color=SOFT)
     over = uniform or "scenes (how many)"
 
     _title(figure, f"Means over {over}, {results.state}")
@@ -125,13 +138,13 @@ def draw_duel(results: Results, metric: str, methods: tuple[str, str]) -> Any:
     lines = -(-len(rows) // columns)
     height = 0.6 + 0.21 * len(results.places)
 
-    figure = _figure(1.6 + 2.6 * max(columns, 2), 1.1 + height * lines)
+    figure = figure_of(1.6 + 2.6 * max(columns, 2), 1.1 + height * lines)
     panels = list(figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False).flat)
 
     for panel, row in zip(panels, rows, strict=False):
         values = [results.values(metric, method, row) for method in methods]
         _draw_pairs(panel, results, metric, values, [looks[method] for method in methods])
-        panel.set_title(row, loc="left", color=_INK, size=10)
+        panel.set_title(row, loc="left", color=INK, size=10)
 
     for panel in panels[max(0, len(rows) - columns) : len(rows)]:
         panel.tick_params(labelbottom=True)  # also where the panel below is removed
@@ -147,7 +160,7 @@ def draw_duel(results: Results, metric: str, methods: tuple[str, str]) -> Any:
     legend = figure.legend(
         title=_axis(metric), loc="outside lower center", frameon=False, ncols=2, handletextpad=0.2
     )
-    legend.get_title().set_color(_SOFT)
+    legend.get_title().set_color(SOFT)
 
     return figure
 
@@ -190,23 +203,23 @@ def _draw_pairs(
         for value, look in pairs:
             panel.plot([value], [line], **look.marker(6.5))
 
-    _rule(panel, [names[place] for place in results.places])
+    rule(panel, [names[place] for place in results.places])
 
 
-def _figure(width: float, height: float) -> Any:
+def figure_of(width: float, height: float) -> Any:
     """Return a figure of this size in inches."""
     from matplotlib.figure import Figure  # noqa: PLC0415  # slow to import, and most of the harness does without
 
     return Figure(figsize=(width, height), layout="constrained", facecolor="white")
 
 
-def _rule(axes: Any, labels: Sequence[str]) -> None:
+def rule(axes: Any, labels: Sequence[str]) -> None:
     """Give the axes a line with a label for each row, the first on top, and nothing else."""
     axes.set_yticks(range(len(labels)), labels)
     axes.set_ylim(len(labels) - 0.5, -0.5)
-    axes.tick_params(length=0, colors=_INK, labelsize=9)
+    axes.tick_params(length=0, colors=INK, labelsize=9)
 
-    axes.grid(color=_GRID, linewidth=0.8)
+    axes.grid(color=GRID, linewidth=0.8)
     axes.set_axisbelow(True)
     for spine in axes.spines.values():
         spine.set_visible(False)
@@ -217,4 +230,4 @@ def _axis(metric: str) -> str:
 
 
 def _title(figure: Any, text: str) -> None:
-    figure.suptitle(text, x=0.01, ha="left", size=12, weight="bold", color=_INK)
+    figure.suptitle(text, x=0.01, ha="left", size=12, weight="bold", color=INK)

@@ -38,7 +38,7 @@ ANGLE = 30.0  # degrees, of a motion
 def multiplied(image: Image, seed: int, *, sigma: float) -> Image:
     """Multiply with 1 plus noise: speckle."""
     grain = np.random.default_rng(seed).normal(1, sigma, image.shape)
-    return quantize(image.astype(np.float64) * grain, np.uint8)
+    return quantize((grain * image).astype(np.float64), np.uint8)
 
 
 def counted(image: Image, seed: int, *, white: float) -> Image:

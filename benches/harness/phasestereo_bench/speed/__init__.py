@@ -12,7 +12,7 @@ in a store -> `results` and their tables, in a `document`.
 """
 
 from phasestereo_bench.speed.contenders import CONTENDERS, OURS
-from phasestereo_bench.speed.pairs import PAIRS, GrayPair, find_pairs, is_rendered
+from phasestereo_bench.speed.pairs import PAIRS, GrayPair, find_pairs
 from phasestereo_bench.speed.records import run_speed, speed_jobs
 from phasestereo_bench.speed.results import (
     KIND,
@@ -32,7 +32,6 @@ __all__ = [
     "SpeedResults",
     "explain_speed",
     "find_pairs",
-    "is_rendered",
     "memory_table",
     "read_speed",
     "run_speed",

@@ -15,11 +15,14 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from phasestereo._extras import require
-from phasestereo.matching import Matcher
+from phasestereo.matching import Matcher, match
 from phasestereo_bench.opencv import create_bm, create_sgbm
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+MATCH = "+match"
+"""Ending of ours that make a matcher for each pair, and give its memory back."""
 
 Call: TypeAlias = Callable[..., Any]
 """Takes the two images."""
@@ -33,6 +36,10 @@ OURS: Mapping[str, str] = MappingProxyType(
 def _ours(preset: str, num_disparities: int, threads: int | None) -> Call:
     matcher = Matcher(preset=preset, threads=threads)
     return partial(matcher.match, num_disparities=num_disparities)
+
+
+def _ours_once(preset: str, num_disparities: int, threads: int | None) -> Call:
+    return partial(match, preset=preset, num_disparities=num_disparities, threads=threads)
 
 
 def _bm(num_disparities: int, _threads: int | None) -> Call:
@@ -56,6 +63,7 @@ def _sgbm_3way(num_disparities: int, _threads: int | None) -> Call:
 CONTENDERS: Mapping[str, Callable[[int, int | None], Call]] = MappingProxyType(
     {
         **{name: partial(_ours, preset) for preset, name in OURS.items()},
+        **{name + MATCH: partial(_ours_once, preset) for preset, name in OURS.items()},
         "opencv:bm": _bm,
         "opencv:bm-unchecked": _bm_unchecked,
         "opencv:sgbm-3way": _sgbm_3way,

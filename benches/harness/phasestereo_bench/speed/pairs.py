@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
@@ -23,8 +25,8 @@ if TYPE_CHECKING:
     Gray = NDArray[np.uint8]
     Views = tuple[Gray, Gray]
 
-_WIDTH, _HEIGHT, _COUNT = 2964, 1988, 256
-_RENDERED = tuple(f"rendered-{_WIDTH}x{_HEIGHT}-{side}.png" for side in ("left", "right"))
+_SIZED = re.compile(r"(\d+(?:\.\d+)?)MPx(\d+)")
+_MOST_MEGAPIXELS, _MOST_DISPARITIES = 64, 1024
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,9 +63,10 @@ def find_pairs(
         ``large/chess_1920x1080``, with ``left.png`` and ``right.png``; or Middlebury's folders
         themselves. None: there is only what can be rendered.
     cache
-        Folder for the pair that is rendered, which takes about a minute the first time.
+        Folder for pairs that are rendered, which takes ten seconds a megapixel the first time.
     names
-        Only these of `PAIRS`, in this order; none: all.
+        Only these of `PAIRS`, in this order, or sizes and disparities of pairs to render, such as
+        "24MPx512"; none: all of `PAIRS`.
 
     Returns
     -------
@@ -79,13 +82,12 @@ def find_pairs(
     ValueError
         If there is no pair of that name.
     """
-    unknown = [name for name in names if name not in PAIRS]
-    if unknown:
-        raise ValueError(f"pairs: got {unknown[0]!r}; accepts {', '.join(PAIRS)}")
-
     found, left_out = [], []
     for name in dict.fromkeys(names or PAIRS):
-        source = PAIRS[name]
+        source = _source(name)
+        if source is None:
+            accepts = f"{', '.join(PAIRS)}, and sizes such as 0.1MPx16 or 24MPx512"
+            raise ValueError(f"pairs: got {name!r}; accepts {accepts}")
         try:
             left, right = source.load(data, cache)
         except Missing as error:
@@ -96,9 +98,19 @@ def find_pairs(
     return found, left_out
 
 
-def is_rendered(cache: Path) -> bool:
-    """Return whether the pair that takes a minute to render is there already."""
-    return all((cache / file).exists() for file in _RENDERED)
+def _source(name: str) -> PairSource | None:
+    """Return where a pair comes from: one of `PAIRS`, or rendered as its name says; or None."""
+    sized = _SIZED.fullmatch(name)
+    if sized is None:
+        return PAIRS.get(name)
+
+    megapixels, count = float(sized[1]), int(sized[2])
+    if not (
+        0.01 <= megapixels <= _MOST_MEGAPIXELS and count in range(16, _MOST_DISPARITIES + 1, 16)
+    ):
+        return None
+    rows = round(math.sqrt(megapixels * 1e6 * 3 / 4))
+    return _render(rows * 4 // 3, rows, count)
 
 
 class Missing(Exception):  # noqa: N818 - nothing went wrong: not everybody has every pair
@@ -124,13 +136,20 @@ def _chess(data: Path | None, _cache: Path) -> Views:
     return _read(data / "large" / "chess_1920x1080", "left.png", "right.png")
 
 
-def _rendered(_data: Path | None, cache: Path) -> Views:
-    """Read the pair that was rendered earlier, or render it."""
-    if not is_rendered(cache):
-        pair = render_pair(height=_HEIGHT, width=_WIDTH, num_disparities=_COUNT)
-        for file, view in zip(_RENDERED, (pair.left, pair.right), strict=True):
+def _render(width: int, height: int, count: int) -> PairSource:
+    """Return a pair that is rendered the first time, with nothing wrong with it."""
+    return PairSource(count, partial(_rendered, size=(width, height, count)))
+
+
+def _rendered(_data: Path | None, cache: Path, *, size: tuple[int, int, int]) -> Views:
+    """Read a pair that was rendered earlier, or render it."""
+    width, height, count = size
+    files = tuple(f"rendered-{width}x{height}x{count}-{side}.png" for side in ("left", "right"))
+    if not all((cache / file).exists() for file in files):
+        pair = render_pair(height=height, width=width, num_disparities=count)
+        for file, view in zip(files, (pair.left, pair.right), strict=True):
             write_image(cache / file, _gray(view))
-    return _read(cache, *_RENDERED)
+    return _read(cache, *files)
 
 
 def _read(folder: Path, left: str, right: str) -> Views:
@@ -161,7 +180,9 @@ PAIRS: MappingProxyType[str, PairSource] = MappingProxyType(
         "cones": PairSource(64, partial(_scene, "scenes2003/cones")),
         "Motorcycle": PairSource(64, partial(_scene, "trainingQ/Motorcycle")),
         "chess": PairSource(256, _chess),
-        "rendered": PairSource(_COUNT, _rendered),
+        "full-hd": _render(1920, 1080, 128),
+        "rendered": _render(2964, 1988, 256),
     }
 )
-"""The pairs by name, in the order of their size."""
+"""The pairs by name, those that are rendered at the end. Others are rendered as their names say:
+"0.1MPx16" to "24MPx512"."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from phasestereo import _core
 from phasestereo_bench.environment import describe_environment, usable_cpus
 from phasestereo_bench.runner import Job, run_jobs
-from phasestereo_bench.speed.contenders import OURS, opencv_build
+from phasestereo_bench.speed.contenders import MATCH, OURS, opencv_build
 from phasestereo_bench.speed.memory import memory_of
 from phasestereo_bench.speed.results import KIND
 from phasestereo_bench.speed.rounds import time_all_threads, time_one_thread
@@ -115,8 +115,9 @@ def measure(pair: GrayPair, preset: str, threads: str, rounds: int) -> dict[str,
         ``"thread_count"``; ``"pinned_to"``: number of the processor, None where threads were free;
         ``"ours"`` and ``"rivals"``, the latter by name: ``"seconds"`` of every round and their
         ``"median"`` and ``"minimum"``, ``"gde_per_second"`` (1e9 pixels times disparities a second,
-        by the median), ``"memory"`` as of `memory_of`. Ours also ``"stages"``, seconds by name in
-        every round, and ``"description_share"``, the median of the description's share of the time.
+        by the median), ``"memory"`` as of `memory_of`; "match" is `phasestereo.match`. Ours also
+        ``"stages"``, seconds by name in every round, and ``"description_share"``, the median of the
+        description's share of the time.
         Rivals also ``"ratio_of_medians"`` and ``"median_ratio"`` of the rounds, their time to ours;
         ``"opencv_threads"``, and the seconds with other numbers of these, which were ``"slower"``.
     """
@@ -131,6 +132,7 @@ def measure(pair: GrayPair, preset: str, threads: str, rounds: int) -> dict[str,
 
     count = 1 if threads == "one" else usable_cpus()
     (ours,) = by_name.pop(OURS[preset])
+    by_name["match"] = by_name.pop(OURS[preset] + MATCH)
 
     return {
         "thread_count": count,

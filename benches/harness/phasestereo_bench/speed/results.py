@@ -21,6 +21,7 @@ _TITLES: Mapping[str, str] = MappingProxyType(
         "opencv:bm": "StereoBM",
         "opencv:bm-unchecked": "StereoBM unchecked",
         "opencv:sgbm-3way": "SGBM 3-way",
+        "match": "ps.match",
     }
 )
 """The rivals, in the order of the tables, and what these call them."""
@@ -54,6 +55,8 @@ class SpeedRow:
         The rise of the peak in bytes by name, ours included, as far as it was measured.
     result_bytes
         How much of ours the result is.
+    first_call
+        The first match's time to the next one's, of ours.
     """
 
     pair: str
@@ -69,6 +72,7 @@ class SpeedRow:
     ratios: Mapping[str, float]
     memory: Mapping[str, float]
     result_bytes: float | None
+    first_call: float | None
 
     @property
     def labels(self) -> tuple[Entry, ...]:
@@ -136,7 +140,7 @@ def read_speed(paths: Sequence[str | os.PathLike[str]]) -> SpeedResults | None:
 
 def time_table(results: SpeedResults) -> Table:
     """Return what a pair takes us, and how much longer it takes the rivals."""
-    header = (*_LABELS, "threads", "ms", "GDE/s", *_TITLES.values(), "description %")
+    header = (*_LABELS, "threads", "ms", "GDE/s", *_TITLES.values(), "first call", "description %")
     rows = [
         (
             *line.labels,
@@ -144,6 +148,7 @@ def time_table(results: SpeedResults) -> Table:
             Entry(f"{line.milliseconds:.{1 if line.milliseconds < 100 else 0}f}"),
             Entry(f"{line.gde_per_second:.2f}"),
             *(_entry("{:.2f}", line.ratios.get(name)) for name in _TITLES),
+            _entry("{:.2f}", line.first_call),
             Entry(f"{100 * line.description_share:.0f}"),
         )
         for line in results.lines
@@ -176,8 +181,9 @@ def explain_speed(results: SpeedResults) -> str:
         f"{' or '.join(results.builds)}. ms, GDE/s (1e9 pixels times disparities a second): ours. "
         "Below the rivals' names: their time divided by ours, more than 1 where we are faster. "
         f"Medians of {rounds} rounds in which all took turns; a single thread was {held}. "
-        "description %: share of our time from images to codes. MB: rise of the peak of the "
-        "resident memory over a process that has matched a small pair."
+        "ps.match: without a Matcher that is kept. First call: the first match of a process after "
+        "a small one, divided by the next. description %: share of our time from images to codes. "
+        "MB: rise of the peak of the resident memory over a process that has matched a small pair."
     )
 
 
@@ -219,6 +225,7 @@ def _line(record: Mapping[str, Any]) -> SpeedRow:
         ratios={name: float(rivals[name]["median_ratio"]) for name in rivals},
         memory={name: float(peak) for name, peak in peaks.items() if peak is not None},
         result_bytes=ours["memory"].get("result_bytes"),
+        first_call=ours["memory"].get("first_call"),
     )
 
 

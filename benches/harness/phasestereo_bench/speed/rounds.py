@@ -12,7 +12,7 @@ from phasestereo.result import Result
 from phasestereo.rig.findings import MatchWarning
 from phasestereo_bench.environment import usable_cpus
 from phasestereo_bench.speed.affinity import pinned
-from phasestereo_bench.speed.contenders import CONTENDERS, OURS, set_opencv_threads
+from phasestereo_bench.speed.contenders import CONTENDERS, MATCH, OURS, set_opencv_threads
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -74,12 +74,12 @@ def _timed(
     pair: GrayPair, preset: str, rounds: int, threads: int | None, opencv_threads: Sequence[int]
 ) -> list[Entrant]:
     ours = OURS[preset]
-    rivals = [name for name in CONTENDERS if name not in OURS.values()]
+    rivals = [name for name in CONTENDERS if name.startswith("opencv")]
 
     entrants = [
         Entrant(name, CONTENDERS[name](pair.num_disparities, threads), count)
-        for name in (ours, *rivals)
-        for count in ((None,) if name == ours else opencv_threads)
+        for name in (ours, ours + MATCH, *rivals)
+        for count in (opencv_threads if name in rivals else (None,))
     ]
 
     for entrant in entrants:  # the first call allocates, and has caches to fill

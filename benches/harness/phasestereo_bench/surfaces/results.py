@@ -62,6 +62,16 @@ def upsampled_table(records: Sequence[Record]) -> Table | None:
     return Table(header, tuple(rows), labels=2) if rows else None
 
 
+def shares_by_kind(records: Iterable[Record]) -> dict[str, dict[str, dict[str, float]]]:
+    """Return bad-1 in %, means over the scenes that have enough pixels, by row, method and kind."""
+    shares: dict[str, dict[str, dict[str, float]]] = {}
+    for (row, method), views in _by_row(records).items():
+        means = {kind: _mean(views, "bad_1", kind) for kind in KINDS}
+        known = {kind: mean for kind, mean in means.items() if mean is not None}
+        shares.setdefault(row, {})[method] = known
+    return shares
+
+
 def _by_row(records: Iterable[Record]) -> dict[tuple[str, str], list[Found]]:
     """Return what was counted, by row and method, rows in order."""
     grouped: dict[str, dict[str, list[Found]]] = {}
@@ -77,11 +87,14 @@ def _share(view: Found, measure: str, kind: str) -> float:
 
 def _bad(views: Sequence[Found], kind: str) -> str:
     """Return means over the scenes that have enough pixels of a kind."""
+    one, two = (_mean(views, name, kind) for name in ("bad_1", "bad_2"))
+    return MISSING if one is None else f"{one:.1f} / {two:.1f}"
+
+
+def _mean(views: Sequence[Found], measure: str, kind: str) -> float | None:
+    """Return a mean in % over the scenes that have enough pixels of a kind; None without any."""
     some = [view for view in views if view["pixels"][kind] >= FEWEST]
-    if not some:
-        return MISSING
-    one, two = (fmean(_share(each, name, kind) for each in some) for name in ("bad_1", "bad_2"))
-    return f"{100 * one:.1f} / {100 * two:.1f}"
+    return 100 * fmean(_share(each, measure, kind) for each in some) if some else None
 
 
 def _stripes(views: Sequence[Found]) -> str:

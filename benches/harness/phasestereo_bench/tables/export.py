@@ -7,6 +7,7 @@ import re
 from typing import TYPE_CHECKING, Any
 
 from phasestereo.io.drafts import replacing
+from phasestereo_bench.surfaces.results import shares_by_kind
 from phasestereo_bench.tables.headline import headline_values
 from phasestereo_bench.tables.texts import read_records, read_suites
 
@@ -26,11 +27,14 @@ _LEFT_OUT = ("kind", "status", "environment", "seconds", "peak_bytes", "error", 
 def export(folder: Path, path: Path) -> None:
     """Write what a folder of records comes to; the same records give the same bytes.
 
+    What the folder has no records of stays as the file has it.
+
     The file has ``"format"``, 1; ``"environments"``, in which all of it ran; ``"headline"``, the
     means of the first table by column and method; ``"suites"`` by name: ``"side"``, ``"scenes"``
     and ``"bad_1"`` and ``"bad_2"``, the shares of non-occluded pixels that are more than 1 and 2 px
     off, %, by degradation and method, one number a scene, null where there is none;
-    ``"recordings"`` and ``"pairs"``, a record for each; ``"costs"``, seconds and bytes.
+    ``"recordings"`` and ``"pairs"``, a record for each; ``"costs"``, seconds and bytes;
+    ``"surfaces"``: the shares of pixels that are more than 1 px off, %, by row, method and kind.
 
     Raises
     ------
@@ -51,13 +55,21 @@ def export(folder: Path, path: Path) -> None:
     costs, timed_in = read_records(folder, "costs")
     environments |= {known["id"]: known for known in (*seen_in, *timed_in)}
 
-    content = {
-        "format": FORMAT,
-        "environments": list(environments.values()),
+    surfaces, _ = read_records(folder, "surfaces")
+    found = {
         "headline": _rounded(headline_values(suites)),
-        "suites": {name: _suite(results) for name, results in suites.items()},
         **real,
         "costs": costs,
+        "surfaces": _rounded(shares_by_kind(surfaces)),
+    }
+
+    earlier = json.loads(path.read_text("utf-8")) if path.exists() else {}
+    known = {each["id"]: each for each in earlier.get("environments", ())}
+    content = {
+        "format": FORMAT,
+        "environments": list((known | environments).values()),
+        **{name: new or earlier.get(name, new) for name, new in found.items()},
+        "suites": earlier.get("suites", {}) | {name: _suite(one) for name, one in suites.items()},
     }
 
     with replacing(path) as file:

@@ -1,0 +1,218 @@
+"""The comparison: where ours win and where others do, in three pictures and a table.
+
+All of it is made of the file of numbers that `export` writes, so that nothing has to be run.
+"""
+
+from __future__ import annotations
+
+import json
+from statistics import fmean
+from typing import TYPE_CHECKING, Any
+
+from phasestereo_bench.report.cells import METRICS
+from phasestereo_bench.report.documents import small_print
+from phasestereo_bench.report.markdown import markdown_table
+from phasestereo_bench.report.origin import made_with
+from phasestereo_bench.report.plots import GRID, INK, SOFT, figure_of, rule, save_plot
+from phasestereo_bench.report.tables import MISSING, Entry, Table, figures
+from phasestereo_bench.rigs import RIGS
+from phasestereo_bench.tables.headline import METRIC
+from phasestereo_bench.tables.plan import AUTO
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    Numbers = Mapping[str, Any]
+
+MARKER = "compare"
+
+_LOOKS = {
+    AUTO: ("robust, told nothing", "#0b66c3", "o"),
+    "fast": ("fast", "#56b4e9", "s"),
+    "paper": ("paper", "#0a2f66", "^"),
+    "opencv:bm": ("StereoBM", "#a6761d", "v"),
+    "opencv:sgbm-3way": ("StereoSGBM, 3 paths", "#e69f00", "P"),
+    "opencv:sgbm-5way": ("StereoSGBM, 5 paths", "#cc79a7", "*"),
+    "opencv:sgbm": ("StereoSGBM, 8 paths", "#d55e00", "X"),
+    "hitnet": ("HITNet", "#009e73", "h"),
+    "mccnn": ("MC-CNN", "#777777", "<"),
+}
+"""The methods that are shown: title, color, mark."""
+
+_SHOWN = (AUTO, "opencv:sgbm", "hitnet")
+_OFF = "more than 1 px off, %: less is better"
+_WORDS = (
+    "More than 1 px off, %, non-occluded pixels: less is better. Means over the faults of a group "
+    "of rigs and over the scenes that were run. s / MP and MB: of the largest sharp pair on one "
+    "thread, per megapixel, and the rise of the memory. Bold: the best."
+)
+
+
+def read_numbers(path: Path) -> Numbers:
+    """Return what `export` has written.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    ValueError
+        If it is another one.
+    """
+    numbers = json.loads(path.read_text("utf-8"))
+    if not isinstance(numbers, dict) or not {"suites", "costs"} <= set(numbers):
+        raise ValueError(f"{path}: these are not the numbers that bench tables writes")
+    return numbers
+
+
+def draw_comparison(numbers: Numbers, folder: Path) -> list[Path]:
+    """Draw the pictures of what there are numbers for, and return where they are.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be written.
+    """
+    drawn = {
+        "compare-time.svg": _draw_time(numbers),
+        "compare-faults.svg": _draw_faults(numbers),
+        "compare-pixels.svg": _draw_pixels(numbers),
+    }
+    for name, figure in drawn.items():
+        if figure is not None:
+            save_plot(figure, folder / name)
+    return [folder / name for name, figure in drawn.items() if figure is not None]
+
+
+def comparison_text(numbers: Numbers) -> str:
+    """Return the table of groups of faults, time and memory, and what is below it, as Markdown."""
+    ran = {cost["environment"] for cost in numbers["costs"]}
+    environments = [each for each in numbers["environments"] if each["id"] in ran]
+    table = markdown_table(comparison_table(numbers))
+    return f"{table}\n\n{small_print(f'{_WORDS} Times: {made_with(environments)}')}"
+
+
+def comparison_table(numbers: Numbers) -> Table:
+    """Return groups of faults, time and memory down, methods across."""
+    groups: dict[str, dict[str, list[float]]] = {"sharp": _means(numbers, "sharp", "sharp")}
+    for suite, name, values in _faults(numbers):
+        of_group = groups.setdefault(RIGS[suite][name].group, {})
+        for method, value in values.items():
+            of_group[method] = [*of_group.get(method, []), *value]
+
+    there = [method for method in _LOOKS if any(method in found for found in groups.values())]
+    rows = []
+    for group, found in groups.items():
+        means = {method: fmean(found[method]) for method in there if method in found}
+        rows.append((Entry(group), *figures(there, means, METRICS[METRIC])))
+
+    for title, field, scale in (("s / MP", "seconds", 1e6), ("MB", "peak_bytes", 1e-6)):
+        costs = [_cost(numbers, method) or {} for method in there]
+        each = [cost["pixels"] if cost and field == "seconds" else 1 for cost in costs]
+        taken = [
+            f"{cost[field] * scale / per:.2g}" if cost.get(field) else MISSING
+            for cost, per in zip(costs, each, strict=True)
+        ]
+        rows.append((Entry(title), *map(Entry, taken)))
+
+    return Table(("", *(_LOOKS[method][0] for method in there)), tuple(rows))
+
+
+def _draw_time(numbers: Numbers) -> Any:
+    """Draw errors on sharp pairs against time."""
+    errors = {m: fmean(v) for m, v in _means(numbers, "sharp", "sharp").items()}
+    times = {m: cost for m in errors if (cost := _cost(numbers, m)) is not None}
+    shown = [method for method in _LOOKS if method in times]
+    if not shown:
+        return None
+
+    figure = figure_of(7.0, 4.0)
+    axes = figure.add_subplot()
+    for number, method in enumerate(shown):
+        title, color, mark = _LOOKS[method]
+        spot = (1e9 * times[method]["seconds"] / times[method]["pixels"], errors[method])
+        axes.plot(*spot, mark, color=color, markersize=9)
+        # Neighbors in the list are so in the picture: labels are above and below by turns.
+        beside = (7, -11 if number % 2 else 4)
+        axes.annotate(title, spot, beside, textcoords="offset points", color=INK, size=9)
+
+    axes.set_xscale("log")
+    axes.margins(x=0.25, y=0.12)
+    axes.set_ylim(bottom=0)
+    axes.grid(color=GRID)
+    cpus = {e["id"]: e["cpu"] for e in numbers["environments"]}
+    machine = " or ".join(dict.fromkeys(cpus[times[m]["environment"]] for m in shown))
+    axes.set_xlabel(f"milliseconds a megapixel, one thread of {machine}", color=SOFT)
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.set_ylabel(f"sharp pairs, {_OFF}", color=SOFT)
+    return figure
+
+
+def _draw_faults(numbers: Numbers) -> Any:
+    """Draw all faults of the suites of rigs, a panel each."""
+    suites = [suite for suite in RIGS if suite in numbers["suites"]]
+    if not suites:
+        return None
+
+    rows = {suite: [(n, v) for s, n, v in _faults(numbers) if s == suite] for suite in suites}
+    figure = figure_of(4.8 * len(suites), 1.0 + 0.19 * max(map(len, rows.values())))
+    for panel, (suite, found) in zip(
+        figure.subplots(1, len(suites), squeeze=False)[0], rows.items(), strict=True
+    ):
+        _dots(panel, [(name, {m: fmean(v) for m, v in values.items()}) for name, values in found])
+        panel.set_title(suite, loc="left", color=INK, size=11)
+    return figure
+
+
+def _draw_pixels(numbers: Numbers) -> Any:
+    """Draw kinds of pixels, a panel for each row of the suite of surfaces that has several."""
+    rows = {
+        row: shares
+        for row, shares in numbers.get("surfaces", {}).items()
+        if row in ("rooms, 0.5 MP", "large planes", "scenes as they are")
+    }
+    if not rows:
+        return None
+
+    figure = figure_of(3.4 * len(rows), 2.6)
+    for panel, (row, shares) in zip(
+        figure.subplots(1, len(rows), squeeze=False)[0], rows.items(), strict=True
+    ):
+        kinds = dict.fromkeys(kind for found in shares.values() for kind in found)
+        _dots(panel, [(k, {m: v[k] for m, v in shares.items() if k in v}) for k in kinds])
+        panel.set_title(row, loc="left", color=INK, size=11)
+    return figure
+
+
+def _dots(axes: Any, rows: Sequence[tuple[str, Mapping[str, float]]]) -> None:
+    """Draw a row of marks for each name, and a legend."""
+    for line, (_, values) in enumerate(rows):
+        for method in [method for method in _SHOWN if method in values]:
+            title, color, mark = _LOOKS[method]
+            label = title if line == 0 else None
+            axes.plot(values[method], line, mark, color=color, markersize=6, label=label)
+
+    rule(axes, [name for name, _ in rows])
+    axes.set_xlim(left=0)
+    axes.set_xlabel(_OFF, color=SOFT)
+    axes.legend(loc="best", fontsize=8)
+
+
+def _faults(numbers: Numbers) -> Iterator[tuple[str, str, Mapping[str, list[float]]]]:
+    """Yield suite, name and values by method of every fault that there are numbers of."""
+    for suite in RIGS:
+        for name in numbers["suites"].get(suite, {}).get("bad_1", {}):
+            if name in RIGS[suite] and name != "sharp":
+                yield suite, name, _means(numbers, suite, name)
+
+
+def _means(numbers: Numbers, suite: str, row: str) -> dict[str, list[float]]:
+    """Return the values of the scenes by method, of methods that have all of them."""
+    found = numbers["suites"].get(suite, {}).get("bad_1", {}).get(row, {})
+    return {method: values for method, values in found.items() if None not in values}
+
+
+def _cost(numbers: Numbers, method: str) -> Mapping[str, Any] | None:
+    """Return what the largest sharp pair took, if a method was timed."""
+    own = [c for c in numbers["costs"] if (c["method"], c["degradation"]) == (method, "sharp")]
+    return max(own, key=lambda cost: float(cost["pixels"]), default=None)
