@@ -16,9 +16,9 @@ from scipy import ndimage
 from phasestereo_bench import run_middlebury
 from phasestereo_bench.cases import SUITE_SCENES, SUITES, Case
 from phasestereo_bench.datasets import Pair, find_scene, find_scenes
-from phasestereo_bench.rigs import FAULTS, QUICK_SCENES, RIGS, side_of
 from phasestereo_bench.methods import Method
 from phasestereo_bench.middlebury import matched
+from phasestereo_bench.rigs import FAULTS, QUICK_SCENES, RIGS, side_of
 from phasestereo_bench.rigs.depth import DepthOfField, Raised, filled, seen_from_right
 from phasestereo_bench.rigs.geometry import Misaligned
 from test_bench_cases import plant

@@ -48,7 +48,20 @@ _SCENES = frozenset(
     for scene in scenes
 )
 
-SUITE_SCENES: Mapping[str, frozenset[str]] = MappingProxyType(dict.fromkeys(SUITES, _SCENES))
+_PLANES = frozenset(
+    (
+        *(f"MiddEval3/trainingQ/{name}" for name in ("PianoL", "Playtable")),
+        *(
+            f"scenes2006/ThirdSize/{name}"
+            for name in ("Lampshade2", "Midd2", "Monopoly", "Plastic")
+        ),
+        *(f"kitti2012/training/{number}_10" for number in ("000027", "000151")),
+    )
+)
+
+SUITE_SCENES: Mapping[str, frozenset[str]] = MappingProxyType(
+    dict.fromkeys(SUITES, _SCENES) | {"rigs-2": _SCENES | _PLANES}
+)
 """The scenes over which the means of a suite are taken, where it says; each as `str(scene)`."""
 
 SIDES = ("left", "right", ALTERNATING)

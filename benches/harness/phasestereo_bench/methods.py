@@ -233,8 +233,8 @@ def _network(name: str, path: str) -> Method:
     if stem == "hitnet":
         networks.require_hitnet(path)
     label = stem if stem == "hitnet" else f"{stem}:{Path(path).stem}"
-    digest = networks.digest_of(path)
-    return Method(label, partial(networks.match_onnx, path=path), {"sha256": digest})
+    settings = {"sha256": networks.digest_of(path), "license": networks.license_of(path)}
+    return Method(label, partial(networks.match_onnx, path=path), settings)
 
 
 def _mccnn(name: str, rest: str) -> Method:

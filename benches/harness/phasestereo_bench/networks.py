@@ -119,6 +119,14 @@ def require_hitnet(path: str) -> None:
         )
 
 
+def license_of(path: str) -> str:
+    """Return the license of a network: what its file says, or the first line of one beside it."""
+    said = _session(path).get_modelmeta().custom_metadata_map
+    texts = (file.read_text("utf-8", "replace") for file in Path(path).parent.glob("LICENSE*"))
+    lines = (line.strip() for text in texts for line in text.splitlines() if line.strip())
+    return str(said.get("license") or next(lines, "not said: ask who trained it"))
+
+
 @lru_cache(4)
 def digest_of(path: str) -> str:
     """Return the SHA-256 of a file, as hexadecimal digits; OSError if there is none."""

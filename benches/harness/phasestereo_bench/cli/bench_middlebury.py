@@ -17,6 +17,7 @@ from phasestereo_bench.cases import SUITES
 from phasestereo_bench.cli.bench_runs import prepare, run_cells
 from phasestereo_bench.cli.bench_scenes import SceneChoice
 from phasestereo_bench.cli.bench_tables import costs_table, means_tables, name_of
+from phasestereo_bench.methods import method as method_of
 from phasestereo_bench.methods import present
 from phasestereo_bench.middlebury import default_methods, middlebury_jobs
 from phasestereo_bench.rigs import QUICK_SCENES
@@ -99,6 +100,9 @@ def middlebury(
 
         if left_out:
             say(left_out)
+        for entrant in map(method_of, methods):
+            if "license" in entrant.settings:
+                say(f"{entrant}: license of the weights: {entrant.settings['license']}")
 
         prepare(output, jobs, cells="cells", fresh=fresh)
         records = run_cells(jobs, output, workers=workers, title="Matching", cells="cells")

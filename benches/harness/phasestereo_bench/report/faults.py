@@ -6,6 +6,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from phasestereo_bench.report.cells import METRICS
+from phasestereo_bench.report.origin import left_out
 from phasestereo_bench.report.tables import Entry, Table, figures, means
 from phasestereo_bench.rigs import RIGS
 
@@ -35,7 +36,7 @@ def explain_faults(results: Results, metric: str) -> str:
 
     return (
         f"{title[0].upper()}{title[1:]}: {METRICS[metric].better}. Means over {count} scenes, "
-        f"{results.state}. Bold: the best."
+        f"{results.state}. Bold: the best.{left_out(results, metric)}"
     )
 
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from phasestereo_bench.report.cells import Place
     from phasestereo_bench.report.results import Results
 
-__all__ = ["commands", "explain", "made_with", "origin"]
+__all__ = ["commands", "explain", "left_out", "made_with", "origin"]
 
 _COMMIT = 12  # characters of it in running text
 _VARIANT = re.compile(r"(?P<scene>.+) \((?P<left>\S+) (?P<right>\S+)\)")
@@ -32,7 +32,26 @@ def explain(results: Results, metric: str) -> str:
     return (
         f"{title[0].upper()}{title[1:]}: {METRICS[metric].better}. Means over {scenes}, "
         f"{results.state}. Bold: the best of the methods that were not told the blur."
+        f"{left_out(results, metric)}"
     )
+
+
+def left_out(results: Results, metric: str) -> str:
+    """Say which scenes means are not over, and which method lacks them, if there is any."""
+    lacking = []
+    for method in results.methods:
+        rows = [row for row in results.degradations if results.values(metric, method, row)]
+        lacks = [
+            place.scene
+            for place in results.counted
+            if any(place not in results.values(metric, method, row) for row in rows)
+        ]
+        lacking += [f"{method} lacks {', '.join(lacks)}"] if lacks else []
+
+    missing = f" Left out of means, for not all methods have them: {'; '.join(lacking)}."
+    others = [place.scene for place in results.places if place not in results.counted]
+    beyond = f" Not of the suite, and in no mean: {', '.join(others)}."
+    return missing * bool(lacking) + beyond * bool(others)
 
 
 def origin(results: Results) -> str:

@@ -38,13 +38,13 @@ ANGLE = 30.0  # degrees, of a motion
 def multiplied(image: Image, seed: int, *, sigma: float) -> Image:
     """Multiply with 1 plus noise: speckle."""
     grain = np.random.default_rng(seed).normal(1, sigma, image.shape)
-    return quantize((grain * image).astype(np.float64), np.uint8)
+    return quantize(grain * image.astype(np.float64), np.uint8)
 
 
 def counted(image: Image, seed: int, *, white: float) -> Image:
     """Count photons, `white` of them at level 255."""
     counts = np.random.default_rng(seed).poisson(image / 255 * white)
-    return quantize(counts * (255 / white), np.uint8)
+    return quantize((counts * (255 / white)).astype(np.float64), np.uint8)
 
 
 def impulses(image: Image, seed: int, *, share: float) -> Image:

@@ -75,13 +75,14 @@ def job_groups(root: Path, rivals: Sequence[str], *, quick: bool = False) -> lis
     OSError, ValueError, ImportError
         If there is no scene, or something is not installed.
     """
-    scenes = _scenes(root, quick=quick)
+    scenes = _scenes(root, "rigs", quick=quick)
     timed = [scene for scene in scenes if str(scene) in TIMED_ON] or scenes[:1]
     ours = [*TIMED, *rivals]
 
     found = [
-        JobGroup(suite, middlebury_jobs(scenes, _methods(suite, rivals), suite=suite))
+        JobGroup(suite, middlebury_jobs(own, _methods(suite, rivals), suite=suite))
         for suite in SUITES
+        for own in [_scenes(root, suite, quick=quick)]
     ]
 
     found.append(JobGroup("choices", choice_jobs(scenes)))
@@ -106,9 +107,11 @@ def job_groups(root: Path, rivals: Sequence[str], *, quick: bool = False) -> lis
     return [group for group in found if group.jobs]
 
 
-def _scenes(root: Path, *, quick: bool) -> list[Scene]:
-    wanted = QUICK_SCENES if quick else SUITE_SCENES["rigs"]
-    scenes = [scene for scene in find_scenes(root / "middlebury") if str(scene) in wanted]
+def _scenes(root: Path, suite: str, *, quick: bool) -> list[Scene]:
+    wanted = QUICK_SCENES if quick else SUITE_SCENES[suite]
+    trees = [root / name for name in ("middlebury", "planes") if (root / name).is_dir()]
+    found = [scene for tree in trees for scene in find_scenes(tree)]
+    scenes = [scene for scene in found if str(scene) in wanted]
     if not scenes:
         raise ValueError(f"{root / 'middlebury'}: there is none of {', '.join(sorted(wanted))}")
     return scenes
