@@ -7,7 +7,6 @@ from cyclopts import App, Parameter
 from phasestereo_bench.cli import (
     bench_all,
     bench_blur,
-    bench_choices,
     bench_compare,
     bench_confidence,
     bench_middlebury,
@@ -32,7 +31,6 @@ app = App(
 app.command(bench_paper.paper)
 app.command(bench_middlebury.middlebury)
 app.command(bench_blur.blur)
-app.command(bench_choices.choices)
 app.command(bench_compare.compare)
 app.command(bench_confidence.confidence)
 app.command(bench_range.range_, name="range")

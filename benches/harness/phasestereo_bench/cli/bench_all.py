@@ -19,7 +19,7 @@ from phasestereo_bench.tables import export, job_groups, table_texts
 from phasestereo_bench.tables.plan import HITNET
 
 _SEVERAL = Parameter(consume_multiple=True, show_default=False)
-_OPTIONS = {"hitnet", "method"}
+_OPTIONS = {"hitnet", "method", "only"}
 
 
 def tables(
@@ -32,6 +32,7 @@ def tables(
     output: Annotated[Path, Parameter(alias="-o")] = Path("tables"),
     workers: Annotated[int | None, Parameter(validator=validators.Number(gte=0))] = None,
     speed_rounds: Annotated[int, Parameter(validator=validators.Number(gte=0))] = 5,
+    only: Annotated[tuple[str, ...], _SEVERAL] = (),
     quick: Annotated[bool, Parameter(negative=(), show_default=False)] = False,
     fresh: Annotated[bool, Parameter(negative=(), show_default=False)] = False,
 ) -> None:
@@ -44,6 +45,7 @@ def tables(
 
     ```
     phasestereo bench tables DATA -o tables --readme README.md docs/rigs-suite.md
+    phasestereo bench tables DATA --only choices --readme docs/choices.md
     phasestereo bench tables DATA -o quick --quick --speed-rounds 0
     ```
 
@@ -65,6 +67,8 @@ def tables(
         there are processors.
     speed_rounds
         How often `bench speed` matches each of its pairs; 0 leaves it out.
+    only
+        Only these: a suite, choices, synthesis, rendered, surfaces, blur, real, costs or speed.
     quick
         Only three small scenes, and no table is put into a document.
     fresh
@@ -77,7 +81,12 @@ def tables(
         output.mkdir(parents=True, exist_ok=True)
         failed: list[dict[str, Any]] = []
 
-        for group in job_groups(data, learned, quick=quick):
+        groups = {group.name: group for group in job_groups(data, learned, quick=quick)}
+        unknown = set(only) - {*groups, "speed"}
+        if unknown:
+            raise ValueError(f"only: got {min(unknown)}; accepts {', '.join((*groups, 'speed'))}")
+
+        for group in [group for name, group in groups.items() if name in (only or groups)]:
             store = output / f"{group.name}.jsonl"
             prepare(store, group.jobs, cells="cells", fresh=fresh)
             count = 1 if group.alone else workers
@@ -85,7 +94,7 @@ def tables(
             records = run_cells(group.jobs, store, workers=count, title=title, cells="cells")
             failed += [record for record in records if record["status"] != "ok"]
 
-        if speed_rounds and not quick:
+        if speed_rounds and not quick and (not only or "speed" in only):
             _time(data, output, speed_rounds, fresh=fresh)
 
         export(output, export_to or output / "results.json")

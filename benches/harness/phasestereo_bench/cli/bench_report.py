@@ -61,8 +61,8 @@ def report(
     results
         Files of records. Of several records of one cell the last counts.
     output
-        Folder for report.html, report.md, tables.csv and the plots; made if need be. Those of an
-        earlier report in it are replaced.
+        Folder for report.html and the plots; made if need be. Those of an earlier report in it are
+        replaced.
     readme
         Markdown files whose tables are to be replaced: what is between the comments
         ``<!-- bench:NAME -->`` and ``<!-- /bench:NAME -->``, NAME being one-sided-blur-means,

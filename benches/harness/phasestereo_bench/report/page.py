@@ -1,17 +1,14 @@
-"""The page: everything that results come to, in a folder, as HTML, Markdown, plots and CSV."""
+"""The page: everything that results come to, in a folder, as HTML and plots."""
 
 from __future__ import annotations
 
-import csv
-import io
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from phasestereo.io.drafts import replacing
 from phasestereo.views.templating import render_page
 from phasestereo_bench.report.cells import METRICS
-from phasestereo_bench.report.markdown import markdown_table, markdown_text
 from phasestereo_bench.report.origin import commands, explain, origin
 from phasestereo_bench.report.plots import RIVAL, draw_duel, draw_means, leader, save_plot
 from phasestereo_bench.report.results import knows_blur
@@ -29,7 +26,6 @@ from phasestereo_bench.report.tables import (
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Mapping, Sequence
 
     from phasestereo_bench.report.results import Results
     from phasestereo_bench.report.tables import Table
@@ -37,8 +33,6 @@ if TYPE_CHECKING:
 __all__ = ["write_report"]
 
 _PLOTS = ("means", "scenes")
-_KINDS = ("png", "svg")
-_COLUMNS = ("suite", "side", "collection", "scene", "degradation", "method", "metric", "value")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,9 +74,8 @@ def write_report(
     Returns
     -------
     list of Path
-        What was written: plots (``means`` and, if there is another method to compare ours with,
-        ``scenes``, as .png and .svg), all numbers in long form (``tables.csv``), ``report.md``
-        and, last, ``report.html``.
+        What was written: plots (``means.svg`` and, if there is another method to compare ours
+        with, ``scenes.svg``) and, last, ``report.html``.
 
     Raises
     ------
@@ -100,39 +93,28 @@ def write_report(
     if duel is not None:
         figures["scenes"] = draw_duel(results, metric, duel)
 
-    written = [target / f"{name}.{kind}" for name in figures for kind in _KINDS]
+    written = [target / f"{name}.svg" for name in figures]
     for path in written:
         save_plot(figures[path.stem], path)
 
     # An earlier report may have had plots that this one lacks.
-    earlier = {target / f"{name}.{kind}" for name in _PLOTS for kind in _KINDS}
+    earlier = {target / f"{name}.svg" for name in _PLOTS}
     for path in earlier.difference(written):
         path.unlink(missing_ok=True)
 
-    parts = _sections(results, metric, duel)
-    story = {
-        "title": f"Benchmark {results.suite}",
-        "lead": _lead(results),
-        "verdict": _verdict(results, metric),
-        "commands": commands(results, metric),
-    }
-
-    texts = {
-        "tables.csv": _csv(results),
-        "report.md": _markdown(parts, story),
-        "report.html": render_page(
-            "bench_report.html.j2",
-            package="phasestereo_bench",
-            sections=parts,
-            folder=target,
-            **story,
-        ),
-    }
-
-    for name, text in texts.items():
-        written.append(target / name)
-        with replacing(written[-1]) as file:
-            file.write(text.encode())
+    text = render_page(
+        "bench_report.html.j2",
+        package="phasestereo_bench",
+        sections=_sections(results, metric, duel),
+        folder=target,
+        title=f"Benchmark {results.suite}",
+        lead=_lead(results),
+        verdict=_verdict(results, metric),
+        commands=commands(results, metric),
+    )
+    written.append(target / "report.html")
+    with replacing(written[-1]) as file:
+        file.write(text.encode())
 
     return written
 
@@ -211,34 +193,3 @@ def _verdict(results: Results, metric: str) -> str:
 
 def _span(results: Results) -> str:
     return "mean over the blurs" if blurs(results) else "mean over all degradations"
-
-
-def _csv(results: Results) -> str:
-    """Return every number of every cell, in a line each."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(_COLUMNS)
-
-    for cell in results.cells.values():
-        costs = {"seconds": cell.seconds, "peak_bytes": cell.peak_bytes}
-        key = (cell.suite, cell.side, *cell.place, cell.degradation, cell.method)
-        for name, value in {**cell.metrics, **costs}.items():
-            if value is not None:
-                writer.writerow((*key, name, repr(value)))
-
-    return text.getvalue()
-
-
-def _markdown(sections: Sequence[Section], story: Mapping[str, Any]) -> str:
-    blocks = [f"# {markdown_text(story['title'])}", markdown_text(story["lead"])]
-    blocks.append(markdown_text(story["verdict"]))
-
-    for section in sections:
-        blocks += [f"## {markdown_text(section.title)}", markdown_text(section.text)]
-        blocks.append(f"![{markdown_text(section.title)}]({section.plot}.png)" * bool(section.plot))
-        blocks.append(markdown_table(section.table) if section.table is not None else "")
-
-    lines = "\n".join(story["commands"])
-    blocks += ["## Again", f"```sh\n{lines}\n```"]
-
-    return "\n\n".join(filter(None, blocks)) + "\n"
