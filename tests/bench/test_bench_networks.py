@@ -165,13 +165,25 @@ def test_a_file_that_is_no_network(tmp_path: Path) -> None:
         method(f"onnx:{file}").match(LEFT, RIGHT, 16)
 
 
+@pytest.mark.parametrize(("inside", "expected"), [({}, "Beside"), ({"license": "MIT"}, "MIT")])
+def test_the_license_of_a_network_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, inside: dict[str, str], expected: str
+) -> None:
+    (tmp_path / "LICENSE.txt").write_text("\n Beside \nmore")
+    session = SimpleNamespace(get_modelmeta=lambda: SimpleNamespace(custom_metadata_map=inside))
+    monkeypatch.setattr(networks, "_session", lambda _path: session)
+    assert networks.license_of(str(tmp_path / "net.onnx")) == expected
+
+
 def test_hitnet_is_as_good_as_it_was_measured(data: Path) -> None:
     counterpart("onnxruntime")
 
     pair = find_scene(data / "middlebury", "venus").load()
 
     entrant = method(f"hitnet:{data / 'rivals/hitnet_eth3d.onnx'}")
-    assert (entrant.name, entrant.settings) == ("hitnet", {"sha256": networks.HITNET_SHA256})
+    assert entrant.name == "hitnet"
+    license_ = "not said: ask who trained it"
+    assert entrant.settings == {"sha256": networks.HITNET_SHA256, "license": license_}
 
     disparity: Any = entrant.match(pair.left, pair.right, 1)
     bad = ps.metrics.bad_pixels(disparity, pair.truth, 1.0, pair.masks["nonocc"])
