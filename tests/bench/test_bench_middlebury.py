@@ -360,9 +360,10 @@ def test_command_prints_means_and_where_the_records_are(
     assert len(records) == 2 * 2 * 3
 
     bad = np.mean([record["v2"]["nonocc"] for record in records if not record["true_blur"]])
-    assert "mean of 2 scenes" in out
+    assert out.count("Means over 2 of 12 scenes") == 2
     assert out.count(f"{bad:.1f}") == 6, "both sides: gauss 2 and sharp plain, gauss 2 given"
-    assert "(right degraded)" in out
+    assert "left image degraded" in out
+    assert "right image degraded" in out
     assert "phasestereo bench report results.jsonl" in out
 
 
@@ -427,8 +428,7 @@ def test_failed_cells_are_reported_and_the_others_run(
         assert words in error
 
     assert read_store("results.jsonl")[-1]["v2"]["nonocc"] < 5, "the images are as they were"
-    assert out.count("-*") == 5
-    assert "* without the scenes" in out
+    assert all(f"{method} failed: " in out for method in methods)
 
 
 def test_command_takes_what_the_suite_is_of(run_bench: Callable[..., Run], tree: Path) -> None:
@@ -481,9 +481,6 @@ def test_sizes_of_version_3_have_tables_of_their_own(
     assert [record["width"] for record in records.values()] == [256, 256, 128, 64]
     assert records["MiddEval3/trainingH", "Piano"]["num_disparities"] == 160
 
-    words = " ".join(out.split())
-    for size in ("mean of 1 scenes ", "mean of 1 scenes of half size", "mean of 2 scenes of full"):
-        assert size in words
     # 1.5 px are 6 px of the full size at a quarter of it, 3 px at half of it: beyond 2 px of it.
     name = f"{HERE}:beside"
     lines = [line.split() for line in out.splitlines()]
@@ -515,7 +512,7 @@ def _scenes(store: str) -> list[str]:
     [
         ((), 1, "no folder given"),
         (("missing",), 1, "no such folder"),
-        (("empty",), 1, "no Middlebury scene in"),
+        (("empty",), 1, "no scene in"),
         (("blind",), 1, "nothing to score, no truth is known: scenes2001/blind"),
         (("blind", "--scene", "blind"), 2, "--scene: without truth there is nothing to score"),
         (("data", "--scene", "two"), 2, "--scene: got 'two'; there is scenes2001/one, scenes2001/"),

@@ -9,21 +9,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from html_page import Page
 from phasestereo_bench.cases import SUITE_SCENES, SUITES
 from phasestereo_bench.datasets import find_scene, find_scenes
-from phasestereo_bench.report import fill_document, read_results, write_report
+from phasestereo_bench.report import fill_document, read_results
 from phasestereo_bench.report.cells import Place
 from phasestereo_bench.report.markdown import fill_markers, markdown_table, markdown_text
-from phasestereo_bench.report.origin import commands, explain, made_with, origin
-from phasestereo_bench.report.plots import styles
+from phasestereo_bench.report.origin import explain, made_with, origin
+from phasestereo_bench.report.plots import draw_means, save_plot, styles
 from phasestereo_bench.report.results import Results
 from phasestereo_bench.report.sharp import explain_v3, sharp_tables, v2_table, v3_table
 from phasestereo_bench.report.tables import (
     Entry,
     Table,
-    cost_table,
-    environment_table,
     mean_table,
     means,
     scene_table,
@@ -233,9 +230,6 @@ def test_more_of_an_area_is_better(tmp_path: Path) -> None:
     assert "pixels: more is better." in explain(results, "roc")
     assert "pixels, %: less is better." in explain(results, "v2.nonocc")
 
-    page = write_report(results, tmp_path / "out", metric="roc")[-1].read_text("utf-8")
-    assert "scenes: paper 0.900, sad 0.800." in page
-
 
 # Sharp pairs
 
@@ -290,26 +284,10 @@ def test_only_sharp_pairs_have_such_tables(small: Results, tmp_path: Path) -> No
     assert "version 2 of the Middlebury evaluation had them" in words
 
 
-def test_costs_are_medians(small: Results) -> None:
-    table = cost_table(small)
-    assert table.header[2:] == (
-        *("cells", "seconds", "ns / (px disparity)", "peak MB", "bytes / (px disparity)"),
-    )
-    ours, rival, _ = texts(table)
-    assert ours == ["paper:window=11", "e1", "3", "0.088", "88000.00", "3.0", "3000.00"]
-    assert rival == ["opencv:sgbm", "e1", "4", "0.060", "60000.00", "3.0", "3000.00"]
-
-
 def test_environments(tmp_path: Path) -> None:
     records = [record("paper", 1.0), record("paper", 1.0, "venus", environment="e2")]
     results = read_results([store(tmp_path / "a", records)])
 
-    table = environment_table(results)
-    assert table.header == ("environment", "e1", "e2")
-    assert ["OpenCV", "5.0", "-"] in texts(table)
-    assert texts(table)[-1] == ["cells", "1", "1"]
-
-    assert [row[1].text for row in cost_table(results).rows] == ["e1", "e2"]
     assert "commit 0123456789ab-dirty" in origin(results)
     assert "versions that are not known" in origin(results)
 
@@ -417,58 +395,7 @@ def test_refusals_of_choice(tmp_path: Path) -> None:
     assert message == "method: got 'sad'; accepts those with results: paper"
 
 
-def test_refusal_of_a_metric(small: Results, tmp_path: Path) -> None:
-    for metric in ("v2.disc", "bad"):
-        with pytest.raises(ValueError, match=r"^metric: got .*accepts .*: v2\.nonocc, v2\.all, "):
-            write_report(small, tmp_path / "new", metric=metric)
-    assert not (tmp_path / "new").exists()
-
-
 # What is written
-
-
-FILES = {
-    "means.svg",
-    "scenes.svg",
-    "report.html",
-}
-
-
-@pytest.fixture(scope="module")
-def written(small: Results, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """Return what a report wrote into a folder of its own."""
-    return write_report(small, tmp_path_factory.mktemp("report") / "new" / "folder")
-
-
-def test_files_are_those_that_are_named(written: list[Path]) -> None:
-    assert {path.name for path in written[0].parent.iterdir()} == FILES
-    assert (
-        written[0].parent / written[-1].name == written[-1] == written[0].with_name("report.html")
-    )
-
-
-def test_same_results_same_bytes(small: Results, written: list[Path], tmp_path: Path) -> None:
-    again = write_report(small, tmp_path)
-    assert [path.read_bytes() for path in again] == [path.read_bytes() for path in written]
-
-
-def test_page_is_whole_and_needs_nothing_else(small: Results, written: list[Path]) -> None:
-    content = written[-1].read_text("utf-8")
-    page = Page()
-    page.feed(content)
-
-    assert (page.open, len(page.sources)) == ([], 2)
-    assert all(source.startswith("data:image/svg+xml;base64,") for source in page.sources)
-
-    assert "://" not in content
-    assert "<strong>15.0</strong>" in content
-    assert "no <b> | `here` at all" in page.text
-    assert "<b>" not in content
-    assert "A <fast> processor" in page.text
-    assert "1 cells failed" in page.text
-
-    for command in commands(small, "v2.nonocc"):
-        assert command in page.text
 
 
 def test_ours_stands_out(tmp_path: Path) -> None:
@@ -479,8 +406,11 @@ def test_ours_stands_out(tmp_path: Path) -> None:
     looks = styles(results, "v2.nonocc")
     assert looks["paper:window=9"].color == "#0b66c3"
     assert len({look.color for look in looks.values()}) == 4
-    drawn = write_report(results, tmp_path / "out")[0].with_name("means.svg").read_text("utf-8")
+    for file in ("one.svg", "two.svg"):
+        save_plot(draw_means(results, "v2.nonocc"), tmp_path / file)
+    drawn = (tmp_path / "one.svg").read_text("utf-8")
     assert all(look.color in drawn.lower() for look in looks.values())
+    assert drawn == (tmp_path / "two.svg").read_text("utf-8")
 
     plain, message = looks["paper:window=7"], looks["paper:window=7+true-blur"]
     assert (plain.color, plain.mark, plain.hollow, message.hollow) == (
@@ -501,28 +431,7 @@ def test_many_degradations_and_methods_fit(tmp_path: Path) -> None:
 
     results = read_results([store(tmp_path / "a", records)])
     assert results.degradations == ("blur 0", "blur 1", "blur 2", "blur 10")
-    assert len(write_report(results, tmp_path / "out")) == len(FILES)
-
-
-def test_command_makes_the_run_again(small: Results, whole: Results, tmp_path: Path) -> None:
-    again, report = commands(small, "v2.nonocc")
-    assert again == (
-        "phasestereo bench middlebury FOLDER --suite one-sided-blur --side left --method "
-        "paper:window=11 opencv:sgbm opencv:sgbm+true-blur --degradation 'gauss 2' sharp "
-        "--scene scenes2001/tsukuba scenes2001/venus -o results.jsonl"
-    )
-
-    assert report.startswith("phasestereo bench report results.jsonl --suite one-sided-blur")
-    assert commands(whole, "d1")[0].endswith("paper+true-blur -o results.jsonl")
-
-    light = record("paper", 1.0, "Art (view1.png Illum2/Exp1/view5.png)", suite="sharp")
-    made = commands(read_results([store(tmp_path / "light", [light])]), "d1")[0]
-    assert (
-        "--scene scenes2001/Art --left-image view1.png --right-image Illum2/Exp1/view5.png" in made
-    )
-
-    custom = read_results([store(tmp_path / "custom", [record("paper", 1.0, suite="custom")])])
-    assert [line.split()[2] for line in commands(custom, "d1")] == ["report"]
+    assert draw_means(results, "v2.nonocc").axes
 
 
 # Markdown and markers
@@ -618,24 +527,22 @@ def cli() -> Any:
 def test_command(
     whole: Results, tmp_path: Path, cli: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    source, readme = whole.sources[0], tmp_path / "README.md"
+    source, readme = str(tmp_path / "whole.jsonl"), tmp_path / "README.md"
     readme.write_text(
         "<!-- bench:one-sided-blur-scenes --><!-- /bench:one-sided-blur-scenes -->", "utf-8"
     )
-    arguments = ["bench", "report", source, "-o", str(tmp_path / "out"), "--readme", str(readme)]
+    plot = tmp_path / "means.png"
+    arguments = ["bench", "report", source, "-o", str(plot), "--readme", str(readme)]
 
     assert cli.run(arguments) == 0
     out, err = capsys.readouterr()
     assert err == ""
 
     assert re.search(r"paper +10\.0 +11\.0 .* 13\.5", out)
-    assert str(tmp_path / "out" / "report.html") in out
+    assert f"Wrote {plot}" in out
+    assert plot.read_bytes().startswith(b"\x89PNG")
+    assert "OpenCV 5.0" in out
     assert markdown_table(scene_table(whole, "v2.nonocc")) in readme.read_text("utf-8")
-
-    page = (tmp_path / "out" / "report.html").read_text("utf-8")
-    ranking = "paper 13.5 %, opencv:sgbm 23.5 %; told the blur: paper+true-blur 8.5 %."
-    assert f"mean over the blurs of 12 scenes: {ranking}" in page
-    assert "no cell failed" in page
 
     chosen = ["--method", "opencv:sgbm", "--metric", "v3.bad_2", "--side", "left", "--suite", SUITE]
     assert cli.run(["bench", "report", source, *chosen]) == 0
@@ -644,12 +551,11 @@ def test_command(
     assert "Bad-2.0" in out
 
 
-def test_command_refuses(
-    small: Results, tmp_path: Path, cli: Any, capsys: pytest.CaptureFixture[str]
-) -> None:
-    source, readme = small.sources[0], tmp_path / "README.md"
+def test_command_refuses(tmp_path: Path, cli: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    source = str(store(tmp_path / "small.jsonl", [record("paper", 1.0)]))
+    readme = tmp_path / "README.md"
     readme.write_text("no marker", "utf-8")
-    base = ["bench", "report", source, "-o", str(tmp_path / "out")]
+    base = ["bench", "report", source, "-o", str(tmp_path / "out.svg")]
 
     cases = [
         (["bench", "report"], 1, "no file"),
@@ -658,6 +564,7 @@ def test_command_refuses(
         ([*base, "--side", "right"], 2, "--side: got 'right'"),
         ([*base, "--method", "sad"], 2, "--method: got 'sad'"),
         ([*base, "--readme", str(readme)], 1, "README.md: no marker"),
+        ([*base[:3], "-o", str(tmp_path / "a.pdf")], 2, "--output: got"),
     ]
 
     for arguments, code, message in cases:
@@ -666,7 +573,7 @@ def test_command_refuses(
         assert line.startswith("phasestereo: error: ")
         assert message in line
 
-    assert not (tmp_path / "out").exists()
+    assert not (tmp_path / "out.svg").exists()
     assert readme.read_text("utf-8") == "no marker"
 
 

@@ -2,25 +2,25 @@
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from cyclopts import Group, Parameter, validators
-from rich.console import Console
 
 from phasestereo.cli.errors import CommandError, refusals
-from phasestereo.cli.terminal import printable, say
+from phasestereo.cli.terminal import say
 from phasestereo_bench.cases import SUITES
+from phasestereo_bench.cli.bench_report import show
 from phasestereo_bench.cli.bench_runs import prepare, run_cells
 from phasestereo_bench.cli.bench_scenes import SceneChoice
-from phasestereo_bench.cli.bench_tables import costs_table, means_tables, name_of
 from phasestereo_bench.methods import method as method_of
 from phasestereo_bench.methods import present
 from phasestereo_bench.middlebury import default_methods, middlebury_jobs
+from phasestereo_bench.report.results import results_of
 from phasestereo_bench.rigs import QUICK_SCENES
+from phasestereo_bench.store import read_store
 
 _OPTIONS = {"suite", "degradation", "side", "method", "hitnet", "scene"}
 _SEVERAL = Parameter(consume_multiple=True, show_default=False)
@@ -30,7 +30,6 @@ _RUN = Group.create_ordered("Run")
 _SUITE_HELP = f"Which degradations: {', '.join(SUITES)}."
 _COUNT = validators.Number(gte=0)
 _ALL = SceneChoice()
-_PIPED_WIDTH = 120
 
 
 def middlebury(
@@ -107,17 +106,20 @@ def middlebury(
         prepare(output, jobs, cells="cells", fresh=fresh)
         records = run_cells(jobs, output, workers=workers, title="Matching", cells="cells")
 
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
-    for table in (*means_tables(records), costs_table(records)):
-        console.print(table)
-        console.print()
-
-    message = f"Records: {output}; tables and plots of them: phasestereo bench report {output}"
-    console.print(printable(message), markup=False, soft_wrap=True)
+    known = [line for line in read_store(output) if line["kind"] == "environment"]
+    further = [f"Records: {output}; a plot and documents: phasestereo bench report {output}"]
+    for shown in dict.fromkeys(record["side"] for record in records if record["status"] == "ok"):
+        own = [*known, *(record for record in records if record["side"] == shown)]
+        results = results_of({str(number): line for number, line in enumerate(own)})
+        show(results, "v2.nonocc", further)
 
     failed = [record for record in records if record["status"] != "ok"]
     if failed:
-        raise CommandError(_failure(failed, len(records)))
+        first = failed[0]
+        case = f"{first['method']} on {first['scene']}, {first['degradation']}: {first['error']}"
+        raise CommandError(
+            f"{len(failed)} of {len(records)} cells failed, the first of them {case}"
+        )
 
 
 def rivals(hitnet: Path | None, others: Sequence[str] = ()) -> list[str]:
@@ -127,10 +129,3 @@ def rivals(hitnet: Path | None, others: Sequence[str] = ()) -> list[str]:
     for sentence in missing:
         say(sentence)
     return there
-
-
-def _failure(failed: Sequence[dict[str, Any]], total: int) -> str:
-    """Say in a line what failed."""
-    first = failed[0]
-    case = f"{name_of(first)} on {first['scene']}, {first['degradation']}"
-    return f"{len(failed)} of {total} cells failed, the first of them {case}: {first['error']}"

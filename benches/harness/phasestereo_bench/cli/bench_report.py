@@ -1,9 +1,9 @@
-"""``phasestereo bench report``: records -> tables, plots, a page, and the tables of documents."""
+"""``phasestereo bench report``: records -> tables, a plot, and the tables of documents."""
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, TypeAlias
 
@@ -20,11 +20,13 @@ from phasestereo_bench.blur.document import MARKER as BLUR
 from phasestereo_bench.blur.document import blur_text
 from phasestereo_bench.cli.bench_tables import blur_screen, speed_screen
 from phasestereo_bench.methods import TRUE_BLUR
-from phasestereo_bench.report import fill_document, read_results, write_report
+from phasestereo_bench.report import fill_document, read_results
 from phasestereo_bench.report.documents import fill_places, render_document
-from phasestereo_bench.report.origin import explain
+from phasestereo_bench.report.origin import explain, origin
+from phasestereo_bench.report.plots import draw_means, save_plot
+from phasestereo_bench.report.results import Results
 from phasestereo_bench.report.sharp import sharp_tables
-from phasestereo_bench.report.tables import Table, mean_table
+from phasestereo_bench.report.tables import Table, cost_table, mean_table
 from phasestereo_bench.speed import read_speed
 from phasestereo_bench.speed.document import MARKER as SPEED
 from phasestereo_bench.speed.document import speed_text
@@ -46,13 +48,13 @@ def report(
     suite: str | None = None,
     side: str | None = None,
 ) -> None:
-    """Report on ``bench middlebury``, ``speed`` or ``blur``: tables, plots, a page.
+    """Report on ``bench middlebury``, ``speed`` or ``blur``: tables, and a plot.
 
     Prints the means over the scenes, the times, or what was found, and writes whatever else is
-    asked for; of ``speed`` and ``blur`` there is no page. For example:
+    asked for; of ``speed`` and ``blur`` there is no plot. For example:
 
     ```
-    phasestereo bench report results.jsonl -o report
+    phasestereo bench report results.jsonl -o means.svg
     phasestereo bench report results.jsonl --readme README.md --method paper opencv:sgbm
     ```
 
@@ -61,8 +63,7 @@ def report(
     results
         Files of records. Of several records of one cell the last counts.
     output
-        Folder for report.html and the plots; made if need be. Those of an earlier report in it are
-        replaced.
+        File for a plot of the means, .svg or .png.
     readme
         Markdown files whose tables are to be replaced: what is between the comments
         ``<!-- bench:NAME -->`` and ``<!-- /bench:NAME -->``, NAME being one-sided-blur-means,
@@ -99,16 +100,25 @@ def report(
         for document in readme:  # refused before anything is written
             render_document(document, loaded, metric=metric)
 
-        written = [] if output is None else write_report(loaded, output, metric=metric)[-1:]
+        written = [] if output is None else [output]
+        for path in written:
+            save_plot(draw_means(loaded, metric), path)
         for document in readme:
             fill_document(document, loaded, metric=metric)
 
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
-    console.print(_screen(mean_table(loaded, metric)))
+    show(loaded, metric, [f"Wrote {path}" for path in (*written, *readme)])
 
-    for title, (_, table) in sharp_tables(loaded).items():
+
+def show(results: Results, metric: str, further: Sequence[str]) -> None:
+    """Print tables, what they are and were made with, what failed, and further lines."""
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
+    console.print(_screen(mean_table(results, metric)))
+    for title, (_, table) in sharp_tables(results).items():
         console.print(title, _screen(table), sep="\n")
-    for line in (explain(loaded, metric), *(f"Wrote {path}" for path in (*written, *readme))):
+    console.print(_screen(cost_table(results)))
+
+    failed = [f"{c.place}, {c.degradation}, {c.method} failed: {c.error}" for c in results.failures]
+    for line in (explain(results, metric), origin(results), *failed, *further):
         console.print(printable(line), markup=False, soft_wrap=True)
 
 

@@ -1,15 +1,14 @@
-"""The report of a benchmark: tables, plots, a page, and tables in documents.
+"""The report of a benchmark: tables, a plot, and tables in documents.
 
-    from phasestereo_bench.report import read_results, write_report
+    from phasestereo_bench.report import fill_document, read_results
 
-    write_report(read_results(["results.jsonl"]), "report")
+    fill_document("README.md", read_results(["results.jsonl"]))
 
-Data flow: stores -> `results` of `cells` -> `tables` and `plots` -> `page`, `documents`.
+Data flow: stores -> `results` of `cells` -> `tables` and `plots` -> `documents`.
 """
 
 from phasestereo_bench.report.cells import METRICS, Cell, Metric, Place
 from phasestereo_bench.report.documents import MARKERS, fill_document
-from phasestereo_bench.report.page import write_report
 from phasestereo_bench.report.results import Results, read_results
 
 __all__ = [
@@ -21,5 +20,4 @@ __all__ = [
     "Results",
     "fill_document",
     "read_results",
-    "write_report",
 ]

@@ -1,27 +1,21 @@
-"""Origin: where numbers come from, in words and as the commands that make them again."""
+"""Origin: where numbers come from, in words."""
 
 from __future__ import annotations
 
-import re
-import shlex
 from itertools import starmap
 from typing import TYPE_CHECKING, Any
 
-from phasestereo_bench.cases import SUITE_SCENES, SUITES
 from phasestereo_bench.report.cells import METRICS
 from phasestereo_bench.report.tables import scene_count
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from phasestereo_bench.report.cells import Place
     from phasestereo_bench.report.results import Results
 
-__all__ = ["commands", "explain", "left_out", "made_with", "origin"]
+__all__ = ["explain", "left_out", "made_with", "origin"]
 
 _COMMIT = 12  # characters of it in running text
-_VARIANT = re.compile(r"(?P<scene>.+) \((?P<left>\S+) (?P<right>\S+)\)")
-_STORE = "results.jsonl"
 _COMMITS = "<commits>"  # where the commits of an environment are to stand
 
 
@@ -66,53 +60,6 @@ def made_with(environments: Iterable[Mapping[str, Any]]) -> str:
         alike.setdefault(_environment(known), []).append(known)
 
     return "Made with " + "; ".join(starmap(_in_words, alike.items())) + "."
-
-
-def commands(results: Results, metric: str) -> list[str]:
-    """Return the command lines that lead to the same tables.
-
-    The folder of the scenes is called FOLDER there. A suite of the user's own degradations exists
-    in Python alone, and takes no command to make.
-    """
-    shown = ["--suite", results.suite, "--side", results.side, "--metric", metric, "-o", "report"]
-    if results.suite not in SUITES:
-        return [_line(["report", *results.sources, *shown])]
-
-    cells = [*results.cells.values(), *results.failures]
-    methods = dict.fromkeys([*results.methods, *(cell.method for cell in results.failures)])
-    options = ["--suite", results.suite, "--side", results.side, "--method", *methods]
-
-    rows = {cell.degradation for cell in cells}
-    if rows != set(SUITES[results.suite]):
-        options += ["--degradation", *sorted(rows)]
-
-    makers = [
-        ["middlebury", "FOLDER", *options, *scenes, "-o", _STORE]
-        for scenes in _scenes(results.suite, sorted({cell.place for cell in cells}))
-    ]
-
-    return [_line(command) for command in (*makers, ["report", _STORE, *shown])]
-
-
-def _scenes(suite: str, places: Sequence[Place]) -> list[list[str]]:
-    """Return the options that choose these scenes, one list for each choice of their images."""
-    if {str(place) for place in places} == SUITE_SCENES.get(suite, frozenset()):
-        return [[]]
-
-    names: dict[tuple[str, ...], list[str]] = {}
-    for place in places:
-        variant = _VARIANT.fullmatch(str(place))
-        if variant is None:
-            names.setdefault((), []).append(str(place))
-        else:
-            images = ("--left-image", variant["left"], "--right-image", variant["right"])
-            names.setdefault(images, []).append(variant["scene"])
-
-    return [["--scene", *scenes, *images] for images, scenes in names.items()]
-
-
-def _line(arguments: Sequence[str]) -> str:
-    return shlex.join(["phasestereo", "bench", *arguments])
 
 
 def _environment(known: Mapping[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""Plots: the means of all methods at one glance, and two methods against each other by scene.
+"""Plots: the means of all methods at one glance, and what all plots of this package share.
 
 Every method keeps its color and its mark in all plots: phase codes are blue, methods that know the
 blur are hollow. Figures are matplotlib's own objects, which pyplot does not manage.
@@ -13,10 +13,10 @@ from phasestereo.io.drafts import replacing
 from phasestereo_bench.methods import TRUE_BLUR
 from phasestereo_bench.report.cells import METRICS
 from phasestereo_bench.report.results import knows_blur
-from phasestereo_bench.report.tables import groups, means, overall, place_names, scene_count
+from phasestereo_bench.report.tables import groups, means, overall, scene_count
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping, Sequence
+    from collections.abc import Collection, Sequence
     from pathlib import Path
 
     from phasestereo_bench.report.results import Results
@@ -27,7 +27,6 @@ __all__ = [
     "RIVAL",
     "SOFT",
     "Style",
-    "draw_duel",
     "draw_means",
     "figure_of",
     "leader",
@@ -125,46 +124,6 @@ def draw_means(results: Results, metric: str) -> Any:
     return figure
 
 
-def draw_duel(results: Results, metric: str, methods: tuple[str, str]) -> Any:
-    """Draw two methods on every scene, a panel for each degradation.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    """
-    rows, looks = results.degradations, styles(results, metric)
-    columns = min(3, len(rows))
-    lines = -(-len(rows) // columns)
-    height = 0.6 + 0.21 * len(results.places)
-
-    figure = figure_of(1.6 + 2.6 * max(columns, 2), 1.1 + height * lines)
-    panels = list(figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False).flat)
-
-    for panel, row in zip(panels, rows, strict=False):
-        values = [results.values(metric, method, row) for method in methods]
-        _draw_pairs(panel, results, metric, values, [looks[method] for method in methods])
-        panel.set_title(row, loc="left", color=INK, size=10)
-
-    for panel in panels[max(0, len(rows) - columns) : len(rows)]:
-        panel.tick_params(labelbottom=True)  # also where the panel below is removed
-    for panel in panels[len(rows) :]:
-        panel.remove()
-
-    panels[0].set_xlim(left=min(0, panels[0].get_xlim()[0]))
-    for method in methods:
-        panels[0].plot([], [], label=method, **looks[method].marker(7))
-
-    _title(figure, f"Scene by scene, {results.state}")
-    # A label of the figure's own would be drawn over the legend, so that is its title.
-    legend = figure.legend(
-        title=_axis(metric), loc="outside lower center", frameon=False, ncols=2, handletextpad=0.2
-    )
-    legend.get_title().set_color(SOFT)
-
-    return figure
-
-
 def save_plot(figure: Any, path: Path) -> None:
     """Write a figure in the format that the suffix tells, the same bytes every time.
 
@@ -172,38 +131,18 @@ def save_plot(figure: Any, path: Path) -> None:
     ------
     OSError
         If the file cannot be written.
+    ValueError
+        If its name ends neither in .svg nor in .png.
     """
     kind = path.suffix.removeprefix(".")
+    if kind not in ("svg", "png"):
+        raise ValueError(f"output: got {path}; accepts names that end in .svg or .png")
     undated = {"Date": None} if kind == "svg" else {}
     import matplotlib  # noqa: PLC0415  # slow to import, and most of the harness does without
 
     context = matplotlib.rc_context({"svg.hashsalt": "phasestereo"})
     with context, replacing(path) as file:
         figure.savefig(file, format=kind, dpi=_DPI, metadata=undated)
-
-
-def _draw_pairs(
-    panel: Any,
-    results: Results,
-    metric: str,
-    values: Sequence[Mapping[Any, float]],
-    looks: Sequence[Style],
-) -> None:
-    """Draw the first method against the second; the line between takes the better one's color."""
-    names = place_names(results.places)
-
-    for line, place in enumerate(results.places):
-        found = [row.get(place) for row in values]
-        pairs = [(v, look) for v, look in zip(found, looks, strict=True) if v is not None]
-
-        if len(pairs) == len(looks):
-            _, winner = min(pairs, key=lambda pair: METRICS[metric].rank(pair[0]))
-            panel.plot([v for v, _ in pairs], [line, line], color=winner.color, lw=2, alpha=0.45)
-
-        for value, look in pairs:
-            panel.plot([value], [line], **look.marker(6.5))
-
-    rule(panel, [names[place] for place in results.places])
 
 
 def figure_of(width: float, height: float) -> Any:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     Environments = Mapping[str, Mapping[str, Any]]
     Natural = list[tuple[int, str]]
 
-__all__ = ["Results", "knows_blur", "read_results"]
+__all__ = ["Results", "knows_blur", "read_results", "results_of"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,8 +44,6 @@ class Results:
         Those without.
     environments
         What is known of the environments in which the cells ran, by name.
-    sources
-        The files, in order.
     """
 
     suite: str
@@ -56,7 +54,6 @@ class Results:
     cells: Mapping[tuple[Place, str, str], Cell]
     failures: tuple[Cell, ...]
     environments: Environments
-    sources: tuple[str, ...]
 
     @property
     def state(self) -> str:
@@ -143,26 +140,38 @@ def read_results(
     OSError
         If a file cannot be read.
     """
+    lines = {
+        f"{path}: line {number}": record
+        for path in paths
+        for number, record in enumerate(read_store(path), start=1)
+    }
+    if all(record.get("kind") != KIND for record in lines.values()):
+        raise ValueError(f"{', '.join(map(str, paths))}: no record of the kind {KIND!r}")
+    return results_of(lines, suite=suite, side=side, methods=methods)
+
+
+def results_of(
+    records: Mapping[str, Mapping[str, Any]],
+    *,
+    suite: str | None = None,
+    side: str | None = None,
+    methods: Sequence[str] = (),
+) -> Results:
+    """Return the results that records are, which messages call by the keys; as `read_results`."""
     cells: dict[tuple[object, ...], Cell] = {}
     environments: dict[str, Mapping[str, Any]] = {}
 
-    for path in paths:
-        for number, record in enumerate(read_store(path), start=1):
-            if record.get("kind") == "environment":
-                environments[str(record.get("id"))] = record
-            elif record.get("kind") == KIND:
-                try:
-                    cell = read_cell(record)
-                except ValueError as error:
-                    raise ValueError(f"{path}: line {number}: {error}") from error
-                cells[cell.key] = cell
+    for where, record in records.items():
+        if record.get("kind") == "environment":
+            environments[str(record.get("id"))] = record
+        elif record.get("kind") == KIND:
+            try:
+                cell = read_cell(record)
+            except ValueError as error:
+                raise ValueError(f"{where}: {error}") from error
+            cells[cell.key] = cell
 
-    sources = tuple(map(str, paths))
-    if not cells:
-        raise ValueError(f"{', '.join(sources)}: no record of the kind {KIND!r}")
-
-    chosen = _chosen(list(cells.values()), suite, side, methods)
-    return _ordered(chosen, methods, environments, sources)
+    return _ordered(_chosen(list(cells.values()), suite, side, methods), methods, environments)
 
 
 def _chosen(
@@ -202,7 +211,6 @@ def _ordered(
     cells: Sequence[Cell],
     methods: Sequence[str],
     environments: Environments,
-    sources: tuple[str, ...],
 ) -> Results:
     """Put the cells in the order of the tables."""
     done = [cell for cell in cells if cell.error is None]
@@ -235,7 +243,6 @@ def _ordered(
         environments={
             name: environments.get(name, {}) for name in _unique(c.environment for c in cells)
         },
-        sources=sources,
     )
 
 

@@ -7,12 +7,10 @@ be had, and do not compete with the others.
 
 from __future__ import annotations
 
-import json
-from collections import defaultdict
 from dataclasses import dataclass
 from itertools import product
-from statistics import fmean, median
-from typing import TYPE_CHECKING, Any, NamedTuple
+from statistics import fmean
+from typing import TYPE_CHECKING, NamedTuple
 
 from phasestereo_bench.cases import SUITE_SCENES, SUITES
 from phasestereo_bench.report.cells import METRICS
@@ -21,7 +19,7 @@ from phasestereo_bench.report.results import knows_blur
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from phasestereo_bench.report.cells import Cell, Metric, Place
+    from phasestereo_bench.report.cells import Metric, Place
     from phasestereo_bench.report.results import Results
 
 __all__ = [
@@ -32,8 +30,6 @@ __all__ = [
     "Table",
     "blurs",
     "cost_table",
-    "environment_table",
-    "failure_table",
     "figures",
     "groups",
     "mean_table",
@@ -42,26 +38,12 @@ __all__ = [
     "place_names",
     "scene_count",
     "scene_table",
-    "settings_table",
 ]
 
 MISSING = "-"
 
 MOST_COLUMNS = 12
 """Degradations that a table has side by side; more of them go down."""
-
-_FACTS = {
-    "processor": ("cpu",),
-    "cores used": ("cores",),
-    "platform": ("platform",),
-    "phasestereo": ("versions", "phasestereo"),
-    "commit": ("commit",),
-    "Python": ("versions", "python"),
-    "NumPy": ("versions", "numpy"),
-    "SciPy": ("versions", "scipy"),
-    "OpenCV": ("versions", "opencv"),
-    "date": ("date",),
-}
 
 
 class Entry(NamedTuple):
@@ -211,78 +193,15 @@ def place_names(places: Sequence[Place]) -> dict[Place, str]:
 
 
 def cost_table(results: Results) -> Table:
-    """Return what the methods take: medians over the cells of scenes that all of them have.
-
-    Where there are several environments, those of each apart.
-    """
-    rows = []
-    for environment in results.environments:
-        ran: dict[str, list[Cell]] = defaultdict(list)
-        for cell in results.cells.values():
-            if cell.environment == environment:
-                ran[cell.method].append(cell)
-
-        shared = _shared(results.places, [{c.place for c in cells} for cells in ran.values()])
-        for method in filter(ran.get, results.methods):
-            cells = [cell for cell in ran[method] if cell.place in shared]
-            rows.append((Entry(method), Entry(environment), *_costs(cells)))
-
-    header = ("method", "environment", "cells", "seconds", "ns / (px disparity)")
-    return Table((*header, "peak MB", "bytes / (px disparity)"), tuple(rows), labels=2)
-
-
-def _costs(cells: Sequence[Cell]) -> tuple[Entry, ...]:
-    """Return how many cells there are, then seconds and megabytes, whole and by volume."""
-    seconds = [(cell.seconds, cell.volume) for cell in cells if cell.seconds is not None]
-    memory = [(cell.peak_bytes, cell.volume) for cell in cells if cell.peak_bytes is not None]
-    return (
-        Entry(str(len(cells))),
-        _median("{:.3f}", [value for value, _ in seconds]),
-        _median("{:.2f}", [1e9 * value / volume for value, volume in seconds if volume]),
-        _median("{:.1f}", [value / 1e6 for value, _ in memory]),
-        _median("{:.2f}", [value / volume for value, volume in memory if volume]),
-    )
-
-
-def settings_table(results: Results) -> Table:
-    """Return the settings of every method; those that differ between cells with all values."""
+    """Return what a pair takes each method: means of seconds, and the most memory in MB."""
     rows = []
     for method in results.methods:
-        values: dict[str, dict[str, None]] = defaultdict(dict)  # as a set, but in order
-        for cell in results.cells.values():
-            for name, value in cell.settings.items() if cell.method == method else ():
-                values[name][value if isinstance(value, str) else json.dumps(value)] = None
-
-        text = ", ".join(f"{name} = {' or '.join(found)}" for name, found in values.items())
-        rows.append((Entry(method), Entry(text or MISSING)))
-
-    return Table(("method", "settings"), tuple(rows), labels=2)
-
-
-def environment_table(results: Results) -> Table:
-    """Return what is known of each environment."""
-    ran = [cell.environment for cell in (*results.cells.values(), *results.failures)]
-    rows = [
-        (Entry(fact), *(Entry(_fact(known, path)) for known in results.environments.values()))
-        for fact, path in _FACTS.items()
-    ]
-    rows.append((Entry("cells"), *(Entry(str(ran.count(name))) for name in results.environments)))
-
-    header = ("environment", *results.environments)
-    return Table(header, tuple(rows), labels=len(header))
-
-
-def failure_table(results: Results) -> Table:
-    """Return the cells that failed, and why."""
-    places = {*results.places, *(cell.place for cell in results.failures)}
-    names = place_names(sorted(places))
-    rows = [
-        tuple(map(Entry, (names[c.place], c.degradation, c.method, " ".join(str(c.error).split()))))
-        for c in results.failures
-    ]
-
-    header = ("scene", f"{results.side} image", "method", "reason")
-    return Table(header, tuple(rows), labels=len(header))
+        own = [cell for cell in results.cells.values() if cell.method == method]
+        seconds = fmean(cell.seconds for cell in own if cell.seconds is not None)
+        peaks = [cell.peak_bytes for cell in own if cell.peak_bytes is not None]
+        peak = f"{max(peaks) / 1e6:.0f}" if peaks else MISSING
+        rows.append((Entry(method), Entry(f"{seconds:.3f}"), Entry(peak)))
+    return Table(("one pair, one thread", "mean seconds", "peak MB"), tuple(rows))
 
 
 def figures(
@@ -306,18 +225,7 @@ def _share(results: Results, scenes: int) -> str:
     return f"{scenes} of {whole}" if scenes < whole else str(scenes)
 
 
-def _median(form: str, values: Sequence[float]) -> Entry:
-    return Entry(form.format(median(values)) if values else MISSING)
-
-
 def _shared(places: Iterable[Place], holders: Iterable[Iterable[Place]]) -> list[Place]:
     """Return the places that all holders have, in order; none if there is no holder."""
     sets = [set(holder) for holder in holders]
     return [place for place in places if sets and all(place in holder for holder in sets)]
-
-
-def _fact(known: Mapping[str, Any], path: Sequence[str]) -> str:
-    value: Any = known
-    for name in path:
-        value = value.get(name) if isinstance(value, dict) else None
-    return MISSING if value is None else str(value)
