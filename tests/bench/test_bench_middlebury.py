@@ -415,7 +415,7 @@ def test_failed_cells_are_reported_and_the_others_run(
 
     assert code == 1
     assert err == (
-        f"phasestereo: error: 5 of 6 cells failed, the first of them {methods[0]} on one, sharp: "
+        f"phasestereo: error: 5 of 6 cells failed, the first of them {methods[0]}, one, sharp: "
         "ValueError: the method returned shape (48, 71), not (48, 72)\n"
     )
 

@@ -1,6 +1,5 @@
 """The paper's experiments: what is blurred, chosen and claimed, and a small run of it all."""
 
-import csv
 import json
 import re
 from collections.abc import Callable
@@ -51,16 +50,6 @@ cli = pytest.importorskip("phasestereo.cli")
 bench_paper = pytest.importorskip("phasestereo_bench.cli.bench_paper")
 
 # What is blurred, and how much.
-
-
-def test_every_experiment_has_eight_levels_and_few_for_a_trial() -> None:
-    for experiment in EXPERIMENTS:
-        assert len(experiment.levels) >= 8
-        assert list(experiment.levels) == sorted(set(experiment.levels))
-        assert set(experiment.quick_levels) < set(experiment.levels)
-    ends = [(experiment.levels[0], experiment.levels[-1]) for experiment in EXPERIMENTS]
-    assert ends == [(1, 21), (1, 21), (0, 5), (3, 15)]
-    assert [experiment.power for experiment in EXPERIMENTS] == [2, 2, 1, 1]
 
 
 def test_tied_settings_hold_the_blur_and_are_valid() -> None:
@@ -340,28 +329,6 @@ def test_phase_codes_win_where_the_paper_says_most(study: Study) -> None:
     assert case_of(study.readings, AREAS, "tsukuba").gains[11] > 5
 
 
-def test_numbers_are_in_the_files(study: Study, folder: Path) -> None:
-    rows = []
-    for name in ("experiment1", "experiment2", "experiment3", "figure3"):
-        with (folder / f"{name}.csv").open(newline="", encoding="utf-8") as file:
-            rows += list(csv.DictReader(file))
-
-    assert [float(row["nonocc"]) for row in rows] == [each.nonocc for each in study.readings]
-    assert [float(row["level"]) for row in rows] == [each.level for each in study.readings]
-    assert {row["rule"] for row in rows} == {"", "2n + 1", "3n", "4 sigma + 1"}
-    assert all((row["neighborhood"] == "") == (row["method"] != "phase") for row in rows)
-
-    with (folder / "claims.csv").open(newline="", encoding="utf-8") as file:
-        verdicts_written = [row["verdict"] for row in csv.DictReader(file)]
-    assert verdicts_written == [each.verdict.value for each in judge_claims(study.readings)]
-
-    with (folder / "settings.csv").open(newline="", encoding="utf-8") as file:
-        chosen = list(csv.DictReader(file))
-    assert [(row["fixed: bad, %"], row["tied: bad, %"]) for row in chosen] == [
-        (f"{one.fixed_bad:.1f}", f"{one.penalty_bad:.1f}") for one in study.choices.values()
-    ]
-
-
 def test_page_has_a_verdict_on_every_claim_and_all_tables(study: Study, folder: Path) -> None:
     page = (folder / "paper.md").read_text("utf-8")
 
@@ -424,7 +391,7 @@ def test_refusals(middlebury: Path, tmp_path: Path, capsys: pytest.CaptureFixtur
 
     (tmp_path / "empty").mkdir()
     code, line = refusal(capsys, tmp_path / "empty")
-    assert (code, "no Middlebury scene in" in line) == (1, True)
+    assert (code, "no scene in" in line) == (1, True)
 
     code, line = refusal(capsys, middlebury / "scenes2003", "-o", tmp_path / "out")
     assert (code, "'scenes2001/tsukuba' is not a scene in" in line) == (1, True)

@@ -416,7 +416,7 @@ def test_the_command_and_its_report(folder: Path, run_bench: Callable[..., Run])
 
     code, again, err = run_bench(*command, "--pairs", "rendered", "0.01MPx16")
     assert "0.01MPx16" in again
-    assert "4 of 8 are in out/speed.jsonl already" in err
+    assert "4 of 8 measurements are in out/speed.jsonl already" in err
 
     document = folder / "speed.md"
     document.write_text("<!-- bench:speed --><!-- /bench:speed -->\n")

@@ -7,10 +7,10 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter, validators
 
-from phasestereo.cli.errors import CommandError, refusals
+from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import progress_bar, say
 from phasestereo_bench.cli.bench_middlebury import rivals
-from phasestereo_bench.cli.bench_runs import prepare, run_cells
+from phasestereo_bench.cli.bench_runs import prepare, require_done, run_cells
 from phasestereo_bench.cli.stores import put_aside
 from phasestereo_bench.report.documents import fill_places
 from phasestereo_bench.report.markdown import marked
@@ -79,7 +79,7 @@ def tables(
         learned = rivals(weights if hitnet or weights.is_file() else None, ["mccnn"])
 
         output.mkdir(parents=True, exist_ok=True)
-        failed: list[dict[str, Any]] = []
+        done: list[dict[str, Any]] = []
 
         groups = {group.name: group for group in job_groups(data, learned, quick=quick)}
         unknown = set(only) - {*groups, "speed"}
@@ -91,8 +91,7 @@ def tables(
             prepare(store, group.jobs, cells="cells", fresh=fresh)
             count = 1 if group.alone else workers
             title = group.name.capitalize()
-            records = run_cells(group.jobs, store, workers=count, title=title, cells="cells")
-            failed += [record for record in records if record["status"] != "ok"]
+            done += run_cells(group.jobs, store, workers=count, title=title, cells="cells")
 
         if speed_rounds and not quick and (not only or "speed" in only):
             _time(data, output, speed_rounds, fresh=fresh)
@@ -101,8 +100,7 @@ def tables(
         if not quick:
             _fill(readme, output)
     say(f"records and numbers: {output}")
-    if failed:
-        raise CommandError(f"{len(failed)} cells failed, the first of them: {failed[0]['error']}")
+    require_done(done, "cells", "kind")
 
 
 def _time(data: Path, output: Path, rounds: int, *, fresh: bool) -> None:

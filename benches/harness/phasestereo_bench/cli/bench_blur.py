@@ -2,19 +2,17 @@
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Group, Parameter, validators
-from rich.console import Console
 
-from phasestereo.cli.errors import CommandError, refusals
+from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import printable, say
 from phasestereo_bench.blur import BlurResults, blur_jobs
-from phasestereo_bench.cli.bench_runs import prepare, run_cells
+from phasestereo_bench.cli.bench_runs import prepare, require_done, run_cells
 from phasestereo_bench.cli.bench_scenes import SceneChoice
-from phasestereo_bench.cli.bench_tables import blur_screen
+from phasestereo_bench.cli.bench_tables import blur_screen, screen
 
 _OPTIONS = {"scene", "every"}
 _SCENES = Group.create_ordered("Scenes")
@@ -23,7 +21,6 @@ _SUITE = "one-sided-blur"
 _COUNT = validators.Number(gte=0)
 _STEP = validators.Number(gte=1)
 _ALL = SceneChoice()
-_PIPED_WIDTH = 120
 
 
 def blur(
@@ -71,18 +68,13 @@ def blur(
         prepare(output, jobs, cells="trials", fresh=fresh)
         records = run_cells(jobs, output, workers=workers, title="Estimating", cells="trials")
 
-    failed = [record for record in records if record["status"] != "ok"]
     good = tuple(record for record in records if record["status"] == "ok")
 
     if good:
-        console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
+        console = screen()
         console.print(blur_screen(BlurResults(records=good)))
         command = f"phasestereo bench report {output} --readme FILE.md"
         message = f"Records: {output}; into a document: {command}"
         console.print(printable(message), markup=False, soft_wrap=True)
 
-    if failed:
-        first = failed[0]
-        case = f"{first['family']} {first['size']:g} on {first['scene']}"
-        message = f"{len(failed)} of {len(records)} trials failed, the first of them {case}"
-        raise CommandError(f"{message}: {first['error']}")
+    require_done(records, "trials", "family", "size", "scene")

@@ -2,17 +2,16 @@
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Group, Parameter, validators
-from rich.console import Console
 
-from phasestereo.cli.errors import CommandError, refusals
+from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import printable, say
-from phasestereo_bench.cli.bench_runs import prepare, run_cells
+from phasestereo_bench.cli.bench_runs import prepare, require_done, run_cells
 from phasestereo_bench.cli.bench_scenes import SceneChoice
+from phasestereo_bench.cli.bench_tables import screen
 from phasestereo_bench.confidence import (
     confidence_jobs,
     held_out,
@@ -29,7 +28,6 @@ _RUN = Group.create_ordered("Run")
 _COUNT = validators.Number(gte=0)
 _STEP = validators.Number(gte=1)
 _ALL = SceneChoice()
-_PIPED_WIDTH = 140
 
 
 def confidence(
@@ -90,13 +88,9 @@ def confidence(
         if weights is not None:
             write_weights(learned, weights)
 
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
+    console = screen()
     for preset, several in verdicts.items():
         console.print(preset, verdict_table(several))
     console.print(printable(f"Records: {output}"), markup=False, soft_wrap=True)
 
-    failed = [record for record in records if record["status"] != "ok"]
-    if failed:
-        first = failed[0]
-        message = f"{len(failed)} of {len(records)} matches failed, the first of them"
-        raise CommandError(f"{message} {first['scene']}, {first['faults']}: {first['error']}")
+    require_done(records, "matches", "scene", "faults")

@@ -9,11 +9,11 @@ from typing import Annotated
 
 from cyclopts import Group, Parameter, validators
 
-from phasestereo.cli.errors import CommandError, refusals
+from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import say
 from phasestereo_bench.cases import SUITES
 from phasestereo_bench.cli.bench_report import show
-from phasestereo_bench.cli.bench_runs import prepare, run_cells
+from phasestereo_bench.cli.bench_runs import prepare, require_done, run_cells
 from phasestereo_bench.cli.bench_scenes import SceneChoice
 from phasestereo_bench.methods import method as method_of
 from phasestereo_bench.methods import present
@@ -113,13 +113,7 @@ def middlebury(
         results = results_of({str(number): line for number, line in enumerate(own)})
         show(results, "v2.nonocc", further)
 
-    failed = [record for record in records if record["status"] != "ok"]
-    if failed:
-        first = failed[0]
-        case = f"{first['method']} on {first['scene']}, {first['degradation']}: {first['error']}"
-        raise CommandError(
-            f"{len(failed)} of {len(records)} cells failed, the first of them {case}"
-        )
+    require_done(records, "cells", "method", "scene", "degradation")
 
 
 def rivals(hitnet: Path | None, others: Sequence[str] = ()) -> list[str]:

@@ -2,17 +2,15 @@
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
-from rich.console import Console
 
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import progress_bar
 from phasestereo_bench.cli.bench_scenes import SceneChoice
-from phasestereo_bench.cli.bench_tables import filled
+from phasestereo_bench.cli.bench_tables import filled, screen
 from phasestereo_bench.ranges import (
     KINDS,
     Comparison,
@@ -26,7 +24,6 @@ from phasestereo_bench.ranges import (
 
 _SEVERAL = Parameter(consume_multiple=True, show_default=False)
 _ALL = SceneChoice()
-_PIPED_WIDTH = 120
 
 
 def range_(
@@ -84,7 +81,7 @@ def range_(
                 comparisons.append(compare(pair, repeats=3))
                 count()
 
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
+    console = screen()
     console.print(filled("Outside the range that was found", found_table(trials)))
     for trial in trials:
         if trial.outside:

@@ -2,24 +2,21 @@
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter, validators
-from rich.console import Console
 
-from phasestereo.cli.errors import CommandError, refusals
+from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import printable
 from phasestereo_bench.cli.bench_middlebury import rivals
-from phasestereo_bench.cli.bench_runs import prepare, run_cells
-from phasestereo_bench.cli.bench_tables import filled
+from phasestereo_bench.cli.bench_runs import prepare, require_done, run_cells
+from phasestereo_bench.cli.bench_tables import filled, screen
 from phasestereo_bench.real import find_recording, recording_jobs
 from phasestereo_bench.tables.plan import TIMED
 from phasestereo_bench.tables.recorded import agreement_table, rows_table
 
 _SEVERAL = Parameter(consume_multiple=True, show_default=False)
-_PIPED_WIDTH = 120
 
 
 def recordings(
@@ -66,13 +63,9 @@ def recordings(
         records = run_cells(jobs, output, workers=workers, title="Matching", cells="cells")
 
     good = [record for record in records if record["status"] == "ok"]
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
+    console = screen()
     console.print(filled("Rows off, px rms: mean, worst frame", rows_table(good)))
     console.print(filled("Left and right agree; the method trusts itself", agreement_table(good)))
     console.print(printable(f"Records: {output}"), markup=False, soft_wrap=True)
 
-    failed = [record for record in records if record["status"] != "ok"]
-    if failed:
-        raise CommandError(
-            f"{len(failed)} of {len(records)} cells failed, the first of them: {failed[0]['error']}"
-        )
+    require_done(records, "cells", "method", "recording")

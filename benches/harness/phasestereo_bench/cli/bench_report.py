@@ -2,31 +2,27 @@
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, TypeAlias
 
 from cyclopts import Parameter
-from rich import box
-from rich.console import Console, Group
-from rich.table import Table as Screen
-from rich.text import Text
+from rich.console import Group
 
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import printable
 from phasestereo_bench.blur import read_blur
 from phasestereo_bench.blur.document import MARKER as BLUR
 from phasestereo_bench.blur.document import blur_text
-from phasestereo_bench.cli.bench_tables import blur_screen, speed_screen
-from phasestereo_bench.methods import TRUE_BLUR
+from phasestereo_bench.cli.bench_tables import blur_screen, filled, screen, speed_screen
 from phasestereo_bench.report import fill_document, read_results
+from phasestereo_bench.report.cells import METRICS
 from phasestereo_bench.report.documents import fill_places, render_document
 from phasestereo_bench.report.origin import explain, origin
 from phasestereo_bench.report.plots import draw_means, save_plot
 from phasestereo_bench.report.results import Results
 from phasestereo_bench.report.sharp import sharp_tables
-from phasestereo_bench.report.tables import Table, cost_table, mean_table
+from phasestereo_bench.report.tables import cost_table, mean_table
 from phasestereo_bench.speed import read_speed
 from phasestereo_bench.speed.document import MARKER as SPEED
 from phasestereo_bench.speed.document import speed_text
@@ -36,7 +32,6 @@ Shown: TypeAlias = tuple[Group, Callable[[Path], None]]
 
 _OPTIONS = {"metric", "method", "suite", "side", "output"}
 _SEVERAL = Parameter(consume_multiple=True, show_default=False)
-_PIPED_WIDTH = 120
 
 
 def report(
@@ -111,11 +106,11 @@ def report(
 
 def show(results: Results, metric: str, further: Sequence[str]) -> None:
     """Print tables, what they are and were made with, what failed, and further lines."""
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
-    console.print(_screen(mean_table(results, metric)))
+    console = screen()
+    console.print(filled(METRICS[metric].label, mean_table(results, metric)))
     for title, (_, table) in sharp_tables(results).items():
-        console.print(title, _screen(table), sep="\n")
-    console.print(_screen(cost_table(results)))
+        console.print(filled(title, table))
+    console.print(filled("One pair, one thread", cost_table(results)))
 
     failed = [f"{c.place}, {c.degradation}, {c.method} failed: {c.error}" for c in results.failures]
     for line in (explain(results, metric), origin(results), *failed, *further):
@@ -137,27 +132,11 @@ def _blur(results: tuple[Path, ...]) -> Shown | None:
 
 
 def _show(shown: Shown, readme: tuple[Path, ...]) -> None:
-    screen, fill = shown
+    tables, fill = shown
     for document in readme:
         fill(document)
 
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
-    console.print(screen)
+    console = screen()
+    console.print(tables)
     for document in readme:
         console.print(printable(f"Wrote {document}"), markup=False, soft_wrap=True)
-
-
-def _screen(table: Table) -> Screen:
-    """Return a table for the terminal, narrow headings over numbers."""
-    screen = Screen(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
-
-    first, *others = table.header
-    screen.add_column(first, overflow="fold")
-    for heading in others:
-        screen.add_column(heading.replace(" ", "\n"), justify="right")
-
-    for name, *row in table.rows:
-        texts = [Text(entry.text, "bold" if entry.best else "") for entry in row]
-        screen.add_row(Text(name.text.replace(TRUE_BLUR, f"\n{TRUE_BLUR}")), *texts)
-
-    return screen

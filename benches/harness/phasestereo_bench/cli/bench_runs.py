@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from phasestereo.cli.errors import CommandError
 from phasestereo.cli.terminal import progress_bar, say
 from phasestereo_bench.cli.stores import put_aside
 from phasestereo_bench.environment import describe_environment
@@ -11,7 +12,7 @@ from phasestereo_bench.runner import Job, finished, run_jobs
 from phasestereo_bench.store import read_store
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
 
@@ -29,6 +30,21 @@ def prepare(output: Path, jobs: Sequence[Job], *, cells: str, fresh: bool) -> No
         reason = f", {foreign} of them from other versions or machines" if foreign else ""
         kept_already = f"{len(kept)} of {len(jobs)} {cells} are in {output} already{reason}"
         say(f"{kept_already}; --fresh reruns them")
+
+
+def require_done(records: Sequence[Mapping[str, Any]], cells: str, *names: str) -> None:
+    """Refuse records that failed, with the fields of these names of the first; `cells`: theirs.
+
+    Raises
+    ------
+    CommandError
+        If there is one.
+    """
+    failed = [record for record in records if record["status"] != "ok"]
+    if failed:
+        case = ", ".join(str(failed[0][name]) for name in names)
+        count = f"{len(failed)} of {len(records)} {cells} failed"
+        raise CommandError(f"{count}, the first of them {case}: {failed[0]['error']}")
 
 
 def run_cells(

@@ -2,31 +2,25 @@
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
-import sys
 from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import Parameter, validators
-from rich.console import Console
 
 from phasestereo._extras import require
-from phasestereo.cli.errors import CommandError, refusals
-from phasestereo.cli.terminal import printable, progress_bar, say
-from phasestereo_bench.cli.bench_tables import speed_screen
-from phasestereo_bench.cli.stores import put_aside
-from phasestereo_bench.runner import finished
+from phasestereo.cli.errors import refusals
+from phasestereo.cli.terminal import printable, say
+from phasestereo_bench.cli.bench_runs import prepare, require_done, run_cells
+from phasestereo_bench.cli.bench_tables import screen, speed_screen
 from phasestereo_bench.speed import (
     PAIRS,
     GrayPair,
     find_pairs,
     read_speed,
-    run_speed,
     speed_jobs,
 )
-from phasestereo_bench.store import read_store
 
 _PAIRS_HELP = f"Only these: {', '.join(PAIRS)}; or rendered ones of any size: 0.1MPx16, 24MPx512."
-_PIPED_WIDTH = 120
 
 
 def speed(
@@ -70,15 +64,10 @@ def speed(
 
         output.parent.mkdir(parents=True, exist_ok=True)
         there = _load(data, output.parent, pairs)
-        _prepare(output, there, rounds, fresh=fresh)
-
-        try:
-            with progress_bar("Matching") as progress:
-                records = run_speed(there, output, rounds=rounds, progress=progress)
-        except KeyboardInterrupt:
-            say(f"{output} keeps what is done; the same command goes on")
-            raise
-
+        jobs = speed_jobs(there, rounds=rounds)
+        prepare(output, jobs, cells="measurements", fresh=fresh)
+        title = "Matching"
+        records = run_cells(jobs, output, workers=0, title=title, cells="measurements")
         _show(output, records)
 
 
@@ -93,37 +82,13 @@ def _load(data: Path | None, cache: Path, names: tuple[str, ...]) -> list[GrayPa
     return there
 
 
-def _prepare(output: Path, pairs: list[GrayPair], rounds: int, *, fresh: bool) -> None:
-    """Put an earlier file of records aside, or say what is kept of it."""
-    if not output.exists():
-        return
-
-    if fresh:
-        say(f"renamed {output} to {put_aside(output)}")
-        return
-
-    jobs = speed_jobs(pairs, rounds=rounds)
-    kept = finished(jobs, read_store(output))
-    if kept:
-        say(f"{len(kept)} of {len(jobs)} are in {output} already; --fresh measures them again")
-
-
 def _show(output: Path, records: list[dict[str, Any]]) -> None:
-    failed = [record for record in records if record["status"] != "ok"]
-    if len(failed) < len(records):
-        results = read_speed([output])
-
-        console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
-        if results is not None:
-            console.print(speed_screen(results))
-
+    results = read_speed([output]) if any(record["status"] == "ok" for record in records) else None
+    if results is not None:
         command = f"phasestereo bench report {output} --readme FILE.md"
+        console = screen()
+        console.print(speed_screen(results))
         message = f"Records: {output}; into a document: {command}"
         console.print(printable(message), markup=False, soft_wrap=True)
 
-    if failed:
-        first = failed[0]
-        raise CommandError(
-            f"{len(failed)} of {len(records)} measurements failed, the first of them "
-            f"{first['pair']} on {first['threads']} threads: {first['error']}"
-        )
+    require_done(records, "measurements", "pair", "threads")

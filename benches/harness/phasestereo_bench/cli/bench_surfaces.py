@@ -2,18 +2,16 @@
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Group, Parameter, validators
-from rich.console import Console
 
-from phasestereo.cli.errors import CommandError, refusals
+from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import printable
 from phasestereo_bench.cli.bench_middlebury import rivals
-from phasestereo_bench.cli.bench_runs import prepare, run_cells
-from phasestereo_bench.cli.bench_tables import filled
+from phasestereo_bench.cli.bench_runs import prepare, require_done, run_cells
+from phasestereo_bench.cli.bench_tables import filled, screen
 from phasestereo_bench.surfaces import (
     MEGAPIXELS,
     SEEDS,
@@ -29,7 +27,6 @@ _SEVERAL = Parameter(consume_multiple=True, show_default=False)
 _SCENES = Group.create_ordered("Scenes")
 _RUN = Group.create_ordered("Run")
 _COUNT = validators.Number(gte=0)
-_PIPED_WIDTH = 200
 
 
 def surfaces(
@@ -85,7 +82,7 @@ def surfaces(
         records = run_cells(jobs, output, workers=workers, title="Matching", cells="maps")
 
     good = [record for record in records if record["status"] == "ok"]
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
+    console = screen()
     if good:
         title = "Off by more than 1 / 2 px, %; stripes (of the truth), %"
         console.print(filled(title, surface_table(good)))
@@ -94,10 +91,4 @@ def surfaces(
             console.print(filled("Upsampled scenes at their own scale: bad-1, %", compared))
         console.print(printable(f"Records: {output}"), markup=False, soft_wrap=True)
 
-    failed = [record for record in records if record["status"] != "ok"]
-    if failed:
-        first = failed[0]
-        message = (
-            f"{len(failed)} of {len(records)} maps failed, the first of them {first['method']}"
-        )
-        raise CommandError(f"{message} on {first['scene']}, {first['row']}: {first['error']}")
+    require_done(records, "maps", "method", "scene", "row")

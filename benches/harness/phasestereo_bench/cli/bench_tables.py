@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING, Any, Literal
 
 from rich import box
-from rich.console import Group
+from rich.console import Console, Group
 from rich.table import Table
 from rich.text import Text
 
@@ -21,6 +22,14 @@ if TYPE_CHECKING:
     from phasestereo_bench.speed import SpeedResults
 
     Record = Mapping[str, Any]
+
+
+_PIPED_WIDTH = 200
+
+
+def screen() -> Console:
+    """Return the terminal, or what is as wide as any table where output is piped."""
+    return Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
 
 
 def speed_screen(results: SpeedResults) -> Group:
@@ -46,7 +55,7 @@ def filled(title: str, contents: Contents) -> Table:
         table.add_column(heading.replace(" ", "\n", 1), justify=justify)
 
     for row in contents.rows:
-        table.add_row(*(entry.text for entry in row))
+        table.add_row(*(Text(entry.text, "bold" if entry.best else "") for entry in row))
 
     return table
 

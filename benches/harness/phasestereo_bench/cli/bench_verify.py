@@ -2,25 +2,22 @@
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Group, Parameter
-from rich.console import Console
 
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import say
 from phasestereo_bench.cli.bench_middlebury import rivals
 from phasestereo_bench.cli.bench_scenes import SceneChoice
-from phasestereo_bench.cli.bench_tables import filled
+from phasestereo_bench.cli.bench_tables import filled, screen
 from phasestereo_bench.verification import CONDITIONS, opinion_table, opinions
 
 _SEVERAL = Parameter(consume_multiple=True, show_default=False)
 _SCENES = Group.create_ordered("Scenes")
 _OPTIONS = {"scene", "condition", "method", "hitnet"}
 _ALL = SceneChoice()
-_PIPED_WIDTH = 160
 
 
 def verify(
@@ -68,5 +65,5 @@ def verify(
         say(f"matching and judging {len(scenes)} scenes under {len(condition)} conditions")
         table = opinion_table(list(opinions(scenes, methods, condition)))
 
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
+    console = screen()
     console.print(filled(f"A second opinion, %, means of {len(scenes)} scenes", table))

@@ -2,20 +2,17 @@
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
-import sys
 from typing import Annotated
 
 from cyclopts import Parameter, validators
-from rich.console import Console
 
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import say
 from phasestereo.settings import PRESETS
-from phasestereo_bench.cli.bench_tables import filled
+from phasestereo_bench.cli.bench_tables import filled, screen
 from phasestereo_bench.video import compared, steadiness_table
 
 _SEVERAL = Parameter(consume_multiple=True, show_default=False)
-_PIPED_WIDTH = 140
 
 
 def video(
@@ -51,5 +48,5 @@ def video(
         say("rendering and matching 3 sequences")
         table = steadiness_table(list(compared(preset, noise, seed)))
 
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
+    console = screen()
     console.print(filled(f"Frame by frame -> temporal filter, noise {noise:g}", table))

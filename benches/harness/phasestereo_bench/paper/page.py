@@ -1,10 +1,7 @@
-"""What the experiments leave behind: CSV files, Figures 2 and 3, and a page of all tables."""
+"""What the experiments leave behind: Figures 2 and 3, and a page of all tables."""
 
 from __future__ import annotations
 
-import csv
-import io
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from phasestereo.io.drafts import replacing
@@ -19,7 +16,7 @@ from phasestereo_bench.paper.claims import (
     lines,
     settings_table,
 )
-from phasestereo_bench.paper.experiments import BITS_KEY, EXPERIMENTS, NSAD, PROTOCOLS, SAD
+from phasestereo_bench.paper.experiments import EXPERIMENTS, NSAD, PROTOCOLS, SAD
 from phasestereo_bench.paper.study import SCENES, curve
 from phasestereo_bench.report.markdown import markdown_table, markdown_text
 from phasestereo_bench.report.origin import made_with
@@ -27,7 +24,7 @@ from phasestereo_bench.report.plots import save_plot
 from phasestereo_bench.store import read_store
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from phasestereo_bench.paper.study import Reading, Study
@@ -54,7 +51,7 @@ as many reproduce it in part.
 
 
 def write_study(study: Study, store: Path, folder: Path) -> list[Path]:
-    """Write CSV files, figures and the page, in place of those of an earlier run.
+    """Write figures and the page, in place of those of an earlier run.
 
     Parameters
     ----------
@@ -75,7 +72,7 @@ def write_study(study: Study, store: Path, folder: Path) -> list[Path]:
     OSError
         If a file cannot be read or written.
     """
-    files = [*_write_tables(study, folder), *_draw_figures(study.readings, folder)]
+    files = _draw_figures(study.readings, folder)
     environments = [line for line in read_store(store) if line.get("kind") == "environment"]
     text = _page(study, environments)
     return [*files, _write(folder / "paper.md", text)]
@@ -102,38 +99,6 @@ def _page(study: Study, environments: Sequence[Mapping[str, Any]]) -> str:
     parts += [f"![Figure {n}, {p}](figure{n}_{p}.svg)" for n in (2, 3) for p in PROTOCOLS]
 
     return "\n\n".join([*parts, made_with(environments)]) + "\n"
-
-
-def _write_tables(study: Study, folder: Path) -> list[Path]:
-    """Write the readings, a file for each experiment, and tables."""
-    numbers = {each.key: f"experiment{each.number}" for each in EXPERIMENTS} | {BITS_KEY: "figure3"}
-    readings: dict[str, list[dict[str, Any]]] = {}
-    for each in study.readings:
-        readings.setdefault(numbers[each.experiment], []).append(asdict(each))
-
-    files = [
-        _write_csv(folder / f"{name}.csv", list(rows[0]), (row.values() for row in rows))
-        for name, rows in readings.items()
-    ]
-
-    tables = {
-        "claims": claims_table(judge_claims(study.readings)),
-        "settings": settings_table(study),
-    }
-    for name, table in tables.items():
-        rows = ([entry.text for entry in row] for row in table.rows)
-        files.append(_write_csv(folder / f"{name}.csv", table.header, rows))
-
-    return files
-
-
-def _write_csv(path: Path, header: Sequence[str], rows: Iterable[Iterable[Any]]) -> Path:
-    text = io.StringIO(newline="")
-    writer = csv.writer(text)
-    writer.writerow(header)
-    writer.writerows(rows)
-
-    return _write(path, text.getvalue())
 
 
 def _write(path: Path, text: str) -> Path:

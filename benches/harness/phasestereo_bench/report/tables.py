@@ -201,7 +201,7 @@ def cost_table(results: Results) -> Table:
         peaks = [cell.peak_bytes for cell in own if cell.peak_bytes is not None]
         peak = f"{max(peaks) / 1e6:.0f}" if peaks else MISSING
         rows.append((Entry(method), Entry(f"{seconds:.3f}"), Entry(peak)))
-    return Table(("one pair, one thread", "mean seconds", "peak MB"), tuple(rows))
+    return Table(("method", "mean seconds", "peak MB"), tuple(rows))
 
 
 def figures(
