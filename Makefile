@@ -87,9 +87,10 @@ settings: $(CORE) ## Write what Python and the glossary repeat of the table of s
 bench: $(VENV)/harness ## Time a match against OpenCV, in a quarter of an hour (PHASESTEREO_DATA as above)
 	PHASESTEREO_DATA="$${PHASESTEREO_DATA:-../shared}" $(BIN)/phasestereo bench speed --output speed/speed.jsonl $(ARGS)
 
-tables: $(VENV)/counterparts ## Make every table of the documentation, in half an hour (PHASESTEREO_DATA as above)
+tables: $(VENV)/counterparts ## Make every table and picture of comparison of the documentation, in an hour (PHASESTEREO_DATA as above)
 	$(BIN)/phasestereo bench tables "$${PHASESTEREO_DATA:-../shared}" --output tables --export docs/results.json \
 		--readme README.md docs/*.md $(ARGS)
+	$(BIN)/phasestereo bench compare docs/results.json -o docs/images --readme docs/compare.md
 
 bench-core: ## Time each stage of the core (make bench-core ARGS=optimization: one of them)
 	cargo bench --locked --package phasestereo -- $(ARGS)

@@ -16,7 +16,13 @@ from conftest import ROOT, counterpart
 from phasestereo_bench import methods
 from phasestereo_bench.report.documents import MARKERS
 from phasestereo_bench.report.tables import MISSING
-from phasestereo_bench.rigs import FAULTS
+from phasestereo_bench.rigs import FAULTS, RIGS
+from phasestereo_bench.tables import export
+from phasestereo_bench.tables.comparison import (
+    comparison_text,
+    draw_comparison,
+    read_numbers,
+)
 from phasestereo_bench.tables.headline import COLUMNS, TITLES
 from phasestereo_bench.tables.ours import CHOICES, choice_table
 from phasestereo_bench.tables.plan import job_groups
@@ -57,7 +63,7 @@ def test_one_command_makes_all_tables_and_the_same_again(tmp_path: Path, run: Ru
     assert code == 0, err
 
     content = json.loads((tmp_path / "one/results.json").read_text("utf-8"))
-    assert set(content["suites"]) == {"one-sided-blur", "rigs", "sharp"}
+    assert set(content["suites"]) == {"one-sided-blur", "rigs", "rigs-2", "sharp"}
     assert set(content["suites"]["rigs"]["bad_1"]) == set(FAULTS)
     assert set(content["headline"]) == set(COLUMNS)
     assert {"fast", "opencv:sgbm"} <= set(content["headline"]["webcam"])
@@ -66,7 +72,17 @@ def test_one_command_makes_all_tables_and_the_same_again(tmp_path: Path, run: Ru
     first = (tmp_path / "one/results.json").read_bytes()
     code, _, err = run(*command, "-o", tmp_path / "one")  # all of it is there already
     assert code == 0, err
-    assert (err.count("are in"), (tmp_path / "one/results.json").read_bytes()) == (7, first)
+    assert (err.count("are in"), (tmp_path / "one/results.json").read_bytes()) == (8, first)
+
+    export(tmp_path / "nothing", tmp_path / "one/results.json")  # keeps what it has no records of
+    assert (tmp_path / "one/results.json").read_bytes() == first
+
+    pictures = tmp_path / "pictures"
+    code, _, err = run("bench", "compare", tmp_path / "one/results.json", "-o", pictures)
+    assert code == 0, err
+    shown = (pictures / "compare-faults.svg").read_text("utf-8")
+    assert {path.name for path in pictures.iterdir()} == {"compare-faults.svg", "compare-time.svg"}
+    assert "robust, told nothing" in shown
 
     code, out, err = run("bench", "report", tmp_path / "one/rigs.jsonl")
     assert code == 0, err
@@ -80,6 +96,7 @@ def test_a_plan_has_all_that_there_is(data: Path) -> None:
         "one-sided-blur",
         "sharp",
         "rigs",
+        "rigs-2",
         "choices",
         "synthesis",
         "rendered",
@@ -131,15 +148,29 @@ def test_the_first_table_is_that_of_the_results() -> None:
                 assert value == pytest.approx(shown, abs=2e-3)
 
 
+def test_the_comparison_is_that_of_the_results(tmp_path: Path) -> None:
+    numbers = read_numbers(ROOT / "docs/results.json")
+    assert comparison_text(numbers) in (ROOT / "docs/compare.md").read_text("utf-8")
+
+    for path in draw_comparison(numbers, tmp_path):
+        committed = ROOT / "docs/images" / path.name
+        assert committed.stat().st_size == pytest.approx(path.stat().st_size, rel=0.05)
+
+    (tmp_path / "other.json").write_text("{}")
+    with pytest.raises(ValueError, match=r"other\.json: these are not the numbers"):
+        read_numbers(tmp_path / "other.json")
+
+
 @pytest.mark.parametrize("marker", [name for name in MARKERS if name.startswith("rigs-")])
 def test_tables_of_rigs_are_those_of_the_results(marker: str) -> None:
-    message, (header, *rows) = results()["suites"]["rigs"], table(marker)
+    suite = MARKERS[marker][0]
+    message, (header, *rows) = results()["suites"][suite], table(marker)
 
     assert {row[0] for row in rows} == {
-        name for name, fault in FAULTS.items() if f"rigs-{fault.group}" == marker
+        name for name, fault in RIGS[suite].items() if f"rigs-{fault.group}" == marker
     }
 
-    assert len(message["scenes"]) == 12
+    assert len(message["scenes"]) == {"rigs": 12, "rigs-2": 6}[suite]
 
     for name, *figures in rows:
         means = [fmean(message["bad_1"][name][method]) for method in header[1:]]

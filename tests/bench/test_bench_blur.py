@@ -271,7 +271,7 @@ def test_a_failure_is_recorded_and_reported(
 
     code, out, err = run_bench("blur", tree, "--every", 40, "--workers", 0)
     assert (code, out) == (1, "")
-    message = "3 of 3 trials failed, the first of them none, 0, squares: RuntimeError: no luck"
+    message = "3 of 3 trials failed, the first of them none, 0.0, squares: RuntimeError: no luck"
     assert err == f"phasestereo: error: {message}\n"
 
 

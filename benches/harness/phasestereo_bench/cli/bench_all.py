@@ -8,13 +8,12 @@ from typing import Annotated, Any
 from cyclopts import Parameter, validators
 
 from phasestereo.cli.errors import refusals
-from phasestereo.cli.terminal import progress_bar, say
+from phasestereo.cli.terminal import say
 from phasestereo_bench.cli.bench_middlebury import rivals
 from phasestereo_bench.cli.bench_runs import prepare, require_done, run_cells
-from phasestereo_bench.cli.stores import put_aside
 from phasestereo_bench.report.documents import fill_places
 from phasestereo_bench.report.markdown import marked
-from phasestereo_bench.speed import find_pairs, run_speed
+from phasestereo_bench.speed import find_pairs, speed_jobs
 from phasestereo_bench.tables import export, job_groups, table_texts
 from phasestereo_bench.tables.plan import HITNET
 
@@ -36,7 +35,7 @@ def tables(
     quick: Annotated[bool, Parameter(negative=(), show_default=False)] = False,
     fresh: Annotated[bool, Parameter(negative=(), show_default=False)] = False,
 ) -> None:
-    """Make every table of the documentation: all suites, real rigs, times; in half an hour.
+    """Make every table of the documentation: all suites, real rigs, times; in an hour.
 
     Learned rivals take part as far as they are there: HITNet by its file, MC-CNN if the package
     mccnn is installed. A run that was interrupted goes on where it stopped when the same command
@@ -89,9 +88,8 @@ def tables(
         for group in [group for name, group in groups.items() if name in (only or groups)]:
             store = output / f"{group.name}.jsonl"
             prepare(store, group.jobs, cells="cells", fresh=fresh)
-            count = 1 if group.alone else workers
-            title = group.name.capitalize()
-            done += run_cells(group.jobs, store, workers=count, title=title, cells="cells")
+            many, title = 1 if group.alone else workers, group.name.capitalize()
+            done += run_cells(group.jobs, store, workers=many, title=title, cells="cells")
 
         if speed_rounds and not quick and (not only or "speed" in only):
             _time(data, output, speed_rounds, fresh=fresh)
@@ -106,15 +104,13 @@ def tables(
 def _time(data: Path, output: Path, rounds: int, *, fresh: bool) -> None:
     """Run `bench speed`, whose pair that is rendered is kept beside the records."""
     store = output / "speed.jsonl"
-    if fresh and store.exists():
-        say(f"renamed {store} to {put_aside(store)}")
-
     pairs, left_out = find_pairs(data, cache=output, names=())
     for line in left_out:
         say(line)
 
-    with progress_bar("Speed") as progress:
-        run_speed(pairs, store, rounds=rounds, progress=progress)
+    jobs = speed_jobs(pairs, rounds=rounds)
+    prepare(store, jobs, cells="measurements", fresh=fresh)
+    run_cells(jobs, store, workers=0, title="Speed", cells="measurements")
 
 
 def _fill(documents: tuple[Path, ...], output: Path) -> None:

@@ -62,8 +62,8 @@ def report(
     readme
         Markdown files whose tables are to be replaced: what is between the comments
         ``<!-- bench:NAME -->`` and ``<!-- /bench:NAME -->``, NAME being one-sided-blur-means,
-        one-sided-blur-scenes, sharp, sharp-v2, sharp-v3, rigs-rows, rigs-sensor, rigs-coding,
-        rigs-focus, rigs-light, rigs-composites, speed or blur.
+        one-sided-blur-scenes, sharp, sharp-v2, sharp-v3, speed, blur, or those of rigs and rigs-2,
+        as rigs-rows.
     metric
         Which number: v2.nonocc, v2.all, v2.disc, v3.bad_0_5, v3.bad_1, v3.bad_2, v3.bad_4,
         v3.invalid, v3.avgerr, v3.rms, v3.a50, v3.a90, v3.a95, v3.a99, d1, epe or roc.

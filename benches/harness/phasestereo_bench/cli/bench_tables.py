@@ -48,7 +48,14 @@ def blur_screen(results: BlurResults) -> Group:
 
 def filled(title: str, contents: Contents) -> Table:
     """Return a table of a report as the screen shows it."""
-    table = _table(title, contents.header[0])
+    table = Table(
+        title=title,
+        title_justify="left",
+        box=box.SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+        show_edge=False,
+    )
+    table.add_column(contents.header[0], overflow="fold")
 
     for number, heading in enumerate(contents.header[1:], start=1):
         justify: Literal["left", "right"] = "left" if number < contents.labels else "right"
@@ -57,17 +64,4 @@ def filled(title: str, contents: Contents) -> Table:
     for row in contents.rows:
         table.add_row(*(Text(entry.text, "bold" if entry.best else "") for entry in row))
 
-    return table
-
-
-def _table(title: str, first: str = "method") -> Table:
-    table = Table(
-        title=title,
-        title_justify="left",
-        box=box.SIMPLE_HEAD,
-        padding=(0, 1, 0, 0),
-        show_edge=False,
-    )
-
-    table.add_column(first, overflow="fold")
     return table

@@ -124,12 +124,14 @@ def document_texts(results: Results, *, metric: str = "v2.nonocc") -> dict[str, 
     results.require_metric(metric)
     made = origin(results)
 
-    return {
-        name: f"{markdown_table(table(results, metric))}\n\n"
-        + small_print(f"{words(results, metric)} {made}")
-        for name, (suite, table, words) in MARKERS.items()
-        if suite == results.suite
-    }
+    texts: dict[str, str] = {}
+    for name, (suite, table, words) in MARKERS.items():
+        if suite == results.suite:
+            texts[name] = markdown_table(table(results, metric))
+            # The tables of faults are on one page, which says it once.
+            if words is not explain_faults or len(texts) == 1:
+                texts[name] += f"\n\n{small_print(f'{words(results, metric)} {made}')}"
+    return texts
 
 
 def _render(path: str | os.PathLike[str], texts: Mapping[str, str]) -> str:

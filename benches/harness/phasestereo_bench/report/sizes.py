@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from phasestereo_bench.report.cells import Cell
 
-__all__ = ["SIZES", "Size", "explain_sizes", "size_of", "size_table"]
+__all__ = ["SIZES", "Size", "explain_sizes", "size_table"]
 
 
 class Size(NamedTuple):
@@ -44,11 +44,6 @@ _OWN = {
 _HEADER = "size", "method", "scenes", "official bad-2.0", *_OWN.values(), "mean error", "seconds"
 
 
-def size_of(collection: str) -> str | None:
-    """Return the letter of a collection's size, one of `SIZES`; None for all but MiddEval3."""
-    return _COLLECTIONS.get(collection)
-
-
 def size_table(cells: Iterable[Cell]) -> Table | None:
     """Return sizes and methods down, errors across; None if no cell is of half or full size.
 
@@ -56,7 +51,7 @@ def size_table(cells: Iterable[Cell]) -> Table | None:
     """
     groups: dict[str, dict[str, list[Cell]]] = {}
     for cell in cells:
-        size = size_of(cell.place.collection)
+        size = _COLLECTIONS.get(cell.place.collection)
         if size is not None and cell.degradation == "sharp" and cell.metrics:
             groups.setdefault(size, {}).setdefault(cell.method, []).append(cell)
 

@@ -104,6 +104,7 @@ def small(image: Image, _seed: int, *, part: int) -> Any:
     return opencv().resize(lower, (cols, rows), interpolation=opencv().INTER_CUBIC)
 
 
-def pale(image: Image, _seed: int, *, share: float) -> Image:
-    """Leave this share of the contrast around the middle gray."""
-    return quantize(127.5 + share * (image.astype(np.float64) - 127.5), np.uint8)
+def pale(image: Image, _seed: int, *, share: float, middle: float | None = 127.5) -> Image:
+    """Leave this share of the contrast around a gray level; None: each channel's mean."""
+    around = image.mean(axis=(0, 1)) if middle is None else middle
+    return quantize(around + share * (image.astype(np.float64) - around), np.uint8)

@@ -15,11 +15,11 @@ import numpy as np
 from scipy import ndimage
 
 from phasestereo_bench.degradation import convolve, disk_psf, gaussian_psf, quantize
-from phasestereo_bench.rigs.capture import in_color, opencv
+from phasestereo_bench.rigs.capture import in_color, opencv, pale
 from phasestereo_bench.rigs.depth import filled, seen_from_right
 from phasestereo_bench.rigs.fault import Both
 from phasestereo_bench.rigs.geometry import Bent
-from phasestereo_bench.rigs.sensor import jpeg, noise
+from phasestereo_bench.rigs.sensor import jpeg, noise, photons
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -39,12 +39,6 @@ def multiplied(image: Image, seed: int, *, sigma: float) -> Image:
     """Multiply with 1 plus noise: speckle."""
     grain = np.random.default_rng(seed).normal(1, sigma, image.shape)
     return quantize(grain * image.astype(np.float64), np.uint8)
-
-
-def counted(image: Image, seed: int, *, white: float) -> Image:
-    """Count photons, `white` of them at level 255."""
-    counts = np.random.default_rng(seed).poisson(image / 255 * white)
-    return quantize((counts * (255 / white)).astype(np.float64), np.uint8)
 
 
 def impulses(image: Image, seed: int, *, share: float) -> Image:
@@ -97,12 +91,6 @@ def colored(image: Image, _seed: int, *, saturation: float = 1.0, brighter: floa
     return 255.0 * opencv().cvtColor(hsv, opencv().COLOR_HSV2RGB)
 
 
-def flat(image: Image, _seed: int, *, share: float) -> Image:
-    """Leave this share of the contrast around the mean of each channel."""
-    means = image.mean(axis=(0, 1))
-    return quantize(means + share * (image - means), np.uint8)
-
-
 def pixelated(image: Image, _seed: int, *, share: float) -> Image:
     """Have fewer pixels, each the mean of an area, and show them as squares."""
     rows, cols = image.shape[:2]
@@ -151,7 +139,7 @@ def fog(pair: Pair, _side: str) -> Pair:
 
 CORRUPTIONS: dict[str, tuple[Step, ...]] = {
     "brightness": (Both(partial(colored, brighter=0.1)),),
-    "contrast": (Both(partial(flat, share=0.4)),),
+    "contrast": (Both(partial(pale, share=0.4, middle=None)),),
     "saturate": (Both(partial(colored, saturation=0.3)),),
     "defocus blur": (Both(partial(through, psf=disk_psf(3))),),
     "gaussian blur": (Both(partial(through, psf=gaussian_psf(1))),),
@@ -161,7 +149,7 @@ CORRUPTIONS: dict[str, tuple[Step, ...]] = {
     "gaussian noise": (Both(partial(noise, sigma=0.08 * 255)),),
     "impulse noise": (Both(partial(impulses, share=0.03)),),
     "speckle noise": (Both(partial(multiplied, sigma=0.15)),),
-    "shot noise": (Both(partial(counted, white=60)),),
+    "shot noise": (Both(partial(photons, white=60, reading=0)),),
     "pixelate": (Both(partial(pixelated, share=0.6)),),
     "jpeg": (Both(partial(jpeg, quality=25)),),
     "elastic": (Bent(waves),),

@@ -30,11 +30,11 @@ def noise(image: Image, seed: int, *, sigma: float) -> Image:
     return quantize(image + grain, np.uint8)
 
 
-def photons(image: Image, seed: int, *, white: float) -> Image:
+def photons(image: Image, seed: int, *, white: float, reading: float = READ_NOISE) -> Image:
     """Count photons, `white` of them at level 255, and add the noise of reading them out."""
     rng = np.random.default_rng(seed)
     counted = rng.poisson(image / 255 * white) * (255 / white)
-    return quantize(counted + rng.normal(0.0, READ_NOISE, image.shape), np.uint8)
+    return quantize(counted + rng.normal(0.0, reading, image.shape), np.uint8)
 
 
 def bits(image: Image, _seed: int, *, count: int) -> Image:

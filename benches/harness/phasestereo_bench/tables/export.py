@@ -59,21 +59,36 @@ def export(folder: Path, path: Path) -> None:
     found = {
         "headline": _rounded(headline_values(suites)),
         **real,
-        "costs": costs,
         "surfaces": _rounded(shares_by_kind(surfaces)),
     }
 
     earlier = json.loads(path.read_text("utf-8")) if path.exists() else {}
     known = {each["id"]: each for each in earlier.get("environments", ())}
+    timed = {_timed(cost): cost for cost in (*earlier.get("costs", ()), *costs)}
     content = {
         "format": FORMAT,
         "environments": list((known | environments).values()),
         **{name: new or earlier.get(name, new) for name, new in found.items()},
-        "suites": earlier.get("suites", {}) | {name: _suite(one) for name, one in suites.items()},
+        "costs": list(timed.values()),
+        "suites": _merged(earlier.get("suites", {}), {n: _suite(one) for n, one in suites.items()}),
     }
 
     with replacing(path) as file:
         file.write(_readable(content).encode())
+
+
+def _merged(earlier: Mapping[str, Any], suites: Mapping[str, Any]) -> dict[str, Any]:
+    """Add what methods came to that are not in a suite of the same scenes any more."""
+    for name, suite in suites.items():
+        if earlier.get(name, {}).get("scenes") == suite["scenes"]:
+            for metric in _METRICS:
+                for row, methods in suite[metric].items():
+                    suite[metric][row] = earlier[name][metric].get(row, {}) | methods
+    return {**earlier, **suites}
+
+
+def _timed(cost: Mapping[str, Any]) -> tuple[str, str, str]:
+    return cost["scene"], cost["degradation"], cost["method"]
 
 
 def _suite(results: Results) -> dict[str, Any]:
