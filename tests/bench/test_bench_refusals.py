@@ -7,15 +7,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from phasestereo_bench import blur, ranges
+from phasestereo_bench import blur, ranges, run_jobs
 from phasestereo_bench.confidence import learned_weights
 from phasestereo_bench.degradation import motion_psf
 from phasestereo_bench.real import find_recording
 from phasestereo_bench.rendering.sequences import render_sequence
 from phasestereo_bench.rigs import FAULTS
 from phasestereo_bench.surfaces import surface_cases, surface_jobs
+from phasestereo_bench.tables.comparison import read_numbers
 from phasestereo_bench.tables.plan import job_groups
 from test_bench_cases import plant
+from test_bench_report import store
 
 ANY: Any = "rotation"
 
@@ -29,6 +31,15 @@ REFUSALS: list[tuple[Callable[[Path], object], type[Exception], str]] = [
     (lambda _: FAULTS["noise 2"](ANY, "middle"), ValueError, "^side: got 'middle'"),
     (lambda _: motion_psf(0.5), ValueError, "length"),
     (lambda _: motion_psf(3, np.nan), ValueError, "angle"),
+    (
+        lambda folder: read_numbers(store(folder / "other.json", [])),
+        ValueError,
+        "other.json: these are not the numbers",
+    ),
+    (lambda folder: run_jobs([], folder / "a", workers=-1), ValueError, "^workers: got -1"),
+    (lambda folder: run_jobs([], folder / "a", workers=ANY), TypeError, "^workers"),
+    (lambda folder: run_jobs([], folder / "a", workers=True), TypeError, "^workers"),
+    (lambda folder: run_jobs([], folder / "b" / "a", workers=0), OSError, "No such file"),
     (find_recording, ValueError, "no frames; accepts cam0 and cam1"),
     (lambda folder: find_recording(folder / "none"), NotADirectoryError, "no such folder"),
     (

@@ -421,19 +421,6 @@ def test_ours_stands_out(tmp_path: Path) -> None:
     )
 
 
-def test_many_degradations_and_methods_fit(tmp_path: Path) -> None:
-    records = [
-        record(method, float(number), scene, f"blur {row}", suite="custom")
-        for number, method in enumerate([f"m{number}:f" for number in range(20)] + ["paper"])
-        for scene in ("one", "two")
-        for row in (1, 10, 2, 0)
-    ]
-
-    results = read_results([store(tmp_path / "a", records)])
-    assert results.degradations == ("blur 0", "blur 1", "blur 2", "blur 10")
-    assert draw_means(results, "v2.nonocc").axes
-
-
 # Markdown and markers
 
 

@@ -249,19 +249,6 @@ def test_damage_within_a_file_is_reported(store: Path) -> None:
     assert store.read_text() == content
 
 
-def test_refusals(store: Path, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="^workers: got -1"):
-        run_jobs([], store, workers=-1)
-
-    for wrong in (1.5, True, "2"):
-        with pytest.raises(TypeError, match="^workers"):
-            run_jobs([], store, workers=wrong)  # type: ignore[arg-type]  # that is the point
-
-    with pytest.raises(OSError, match="missing"):
-        run_jobs([], tmp_path / "missing" / "store", workers=0)
-    assert not store.exists()
-
-
 # While it runs
 
 
