@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from itertools import count
 from typing import TYPE_CHECKING, Any
 
 from phasestereo.cli.errors import CommandError
 from phasestereo.cli.terminal import progress_bar, say
-from phasestereo_bench.cli.stores import put_aside
 from phasestereo_bench.environment import describe_environment
 from phasestereo_bench.runner import Job, finished, run_jobs
 from phasestereo_bench.store import read_store
@@ -23,7 +23,10 @@ def prepare(output: Path, jobs: Sequence[Job], *, cells: str, fresh: bool) -> No
 
     kept = finished(jobs, read_store(output))
     if fresh:
-        say(f"renamed {output} to {put_aside(output)}")
+        names = (output.with_name(f"{output.name}.bak{number or ''}") for number in count())
+        aside = next(name for name in names if not name.exists())
+        output.rename(aside)
+        say(f"renamed {output} to {aside}")
     elif kept:
         here = describe_environment()["id"]
         foreign = sum(record["environment"] != here for record in kept)

@@ -86,7 +86,7 @@ def draw_comparison(numbers: Numbers, folder: Path) -> list[Path]:
 
 def comparison_text(numbers: Numbers) -> str:
     """Return the table of groups of faults, time and memory, and what is below it, as Markdown."""
-    ran = {cost["environment"] for cost in numbers["costs"]}
+    ran = {cost["environment"] for cost in _costs(numbers)}
     environments = [each for each in numbers["environments"] if each["id"] in ran]
     table = markdown_table(comparison_table(numbers))
     return f"{table}\n\n{small_print(f'{_WORDS} Times: {made_with(environments)}')}"
@@ -140,8 +140,8 @@ def _draw_time(numbers: Numbers) -> Any:
     axes.margins(x=0.25, y=0.12)
     axes.set_ylim(bottom=0)
     axes.grid(color=GRID)
-    cpus = {e["id"]: e["cpu"] for e in numbers["environments"]}
-    machine = " or ".join(dict.fromkeys(cpus[times[m]["environment"]] for m in shown))
+    ran = times[shown[0]]["environment"]
+    machine = next(each["cpu"] for each in numbers["environments"] if each["id"] == ran)
     axes.set_xlabel(f"milliseconds a megapixel, one thread of {machine}", color=SOFT)
     axes.xaxis.set_major_formatter("{x:g}")
     axes.set_ylabel(f"sharp pairs, {_OFF}", color=SOFT)
@@ -212,7 +212,14 @@ def _means(numbers: Numbers, suite: str, row: str) -> dict[str, list[float]]:
     return {method: values for method, values in found.items() if None not in values}
 
 
+def _costs(numbers: Numbers) -> list[Mapping[str, Any]]:
+    """Return what was timed on the processor that was last timed on: others are not comparable."""
+    cpus = {each["id"]: each["cpu"] for each in numbers["environments"]}
+    costs = [(cost, cpus[cost["environment"]]) for cost in numbers["costs"]]
+    return [cost for cost, cpu in costs if cpu == costs[-1][1]]
+
+
 def _cost(numbers: Numbers, method: str) -> Mapping[str, Any] | None:
     """Return what the largest sharp pair took, if a method was timed."""
-    own = [c for c in numbers["costs"] if (c["method"], c["degradation"]) == (method, "sharp")]
+    own = [c for c in _costs(numbers) if (c["method"], c["degradation"]) == (method, "sharp")]
     return max(own, key=lambda cost: float(cost["pixels"]), default=None)

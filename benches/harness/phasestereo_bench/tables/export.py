@@ -33,7 +33,8 @@ def export(folder: Path, path: Path) -> None:
     means of the first table by column and method; ``"suites"`` by name: ``"side"``, ``"scenes"``
     and ``"bad_1"`` and ``"bad_2"``, the shares of non-occluded pixels that are more than 1 and 2 px
     off, %, by degradation and method, one number a scene, null where there is none;
-    ``"recordings"`` and ``"pairs"``, a record for each; ``"costs"``, seconds and bytes;
+    ``"recordings"`` and ``"pairs"``, a record for each; ``"costs"``, seconds and bytes of each
+    processor, the last one's at the end;
     ``"surfaces"``: the shares of pixels that are more than 1 px off, %, by row, method and kind.
 
     Raises
@@ -64,7 +65,11 @@ def export(folder: Path, path: Path) -> None:
 
     earlier = json.loads(path.read_text("utf-8")) if path.exists() else {}
     known = {each["id"]: each for each in earlier.get("environments", ())}
-    timed = {_timed(cost): cost for cost in (*earlier.get("costs", ()), *costs)}
+    cpus = {name: each["cpu"] for name, each in (known | environments).items()}
+    timed = {
+        (cost["scene"], cost["degradation"], cost["method"], cpus[cost["environment"]]): cost
+        for cost in (*earlier.get("costs", ()), *costs)
+    }
     content = {
         "format": FORMAT,
         "environments": list((known | environments).values()),
@@ -85,10 +90,6 @@ def _merged(earlier: Mapping[str, Any], suites: Mapping[str, Any]) -> dict[str, 
                 for row, methods in suite[metric].items():
                     suite[metric][row] = earlier[name][metric].get(row, {}) | methods
     return {**earlier, **suites}
-
-
-def _timed(cost: Mapping[str, Any]) -> tuple[str, str, str]:
-    return cost["scene"], cost["degradation"], cost["method"]
 
 
 def _suite(results: Results) -> dict[str, Any]:
