@@ -128,7 +128,7 @@ def whole(tmp_path: Path) -> Results:
                     cell = record(method, base + number, scene, row, collection=collection)
                     records.append(cell)
 
-    return read_results([store(tmp_path / "whole.jsonl", records)])
+    return read_results([store(tmp_path / "whole.jsonl", [*records, {"kind": "cost"}])])
 
 
 # What is averaged
@@ -527,6 +527,7 @@ def test_command(
 
     assert re.search(r"paper +10\.0 +11\.0 .* 13\.5", out)
     assert f"Wrote {plot}" in out
+    assert "Left out, records of other benchmarks: cost\n" in out
     assert plot.read_bytes().startswith(b"\x89PNG")
     assert "OpenCV 5.0" in out
     assert markdown_table(scene_table(whole, "v2.nonocc")) in readme.read_text("utf-8")

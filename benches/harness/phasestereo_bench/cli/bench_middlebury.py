@@ -69,14 +69,14 @@ def middlebury(
         Only these of the suite, such as "gauss 2".
     side
         Which image is degraded: left, right, or both one after the other; alternating is the left
-        one of every other scene. Without it, alternating for the suite rigs, else left.
+        one of every other scene. Without it, alternating for rigs and rigs-2, else left.
     method
         What to compare: a preset or baseline (robust, paper, fast, sad, nsad), other settings of it
         (paper:neighborhood=11,window=9; robust:num_disparities=auto gets no range), opencv:bm,
-        opencv:sgbm, opencv:sgbm-3x3, opencv:sgbm-3way, mccnn, onnx:FILE.onnx, "program:COMMAND
-        {left} {right} {num_disparities} {output}", an entry point of the group phasestereo.methods,
-        or package.module:function; with +true-blur after it, the sharp image is first blurred like
-        the other one. Without it, what the suite is for.
+        opencv:sgbm, opencv:sgbm-5way, opencv:sgbm-3way, opencv:sgbm-3x3, mccnn, onnx:FILE.onnx,
+        "program:COMMAND {left} {right} {num_disparities} {output}", an entry point of the group
+        phasestereo.methods, or package.module:function; with +true-blur after it, the sharp image
+        is first blurred like the other one. Without it, what the suite is for.
     hitnet
         HITNet's ONNX file for ETH3D: the network takes part, too, if onnxruntime is installed.
     output

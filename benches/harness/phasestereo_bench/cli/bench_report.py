@@ -16,7 +16,7 @@ from phasestereo_bench.blur.document import MARKER as BLUR
 from phasestereo_bench.blur.document import blur_text
 from phasestereo_bench.cli.bench_tables import blur_screen, filled, screen, speed_screen
 from phasestereo_bench.report import fill_document, read_results
-from phasestereo_bench.report.cells import METRICS
+from phasestereo_bench.report.cells import KIND, METRICS
 from phasestereo_bench.report.documents import fill_places, render_document
 from phasestereo_bench.report.origin import explain, origin
 from phasestereo_bench.report.plots import draw_means, save_plot
@@ -26,6 +26,7 @@ from phasestereo_bench.report.tables import cost_table, mean_table
 from phasestereo_bench.speed import read_speed
 from phasestereo_bench.speed.document import MARKER as SPEED
 from phasestereo_bench.speed.document import speed_text
+from phasestereo_bench.store import read_store
 
 Shown: TypeAlias = tuple[Group, Callable[[Path], None]]
 """What to print, and what fills a document."""
@@ -101,7 +102,10 @@ def report(
         for document in readme:
             fill_document(document, loaded, metric=metric)
 
-    show(loaded, metric, [f"Wrote {path}" for path in (*written, *readme)])
+    kinds = {str(record.get("kind")) for path in results for record in read_store(path)}
+    others = ", ".join(sorted(kinds - {KIND, "environment"}))
+    further = [f"Left out, records of other benchmarks: {others}"] if others else []
+    show(loaded, metric, [*further, *(f"Wrote {path}" for path in (*written, *readme))])
 
 
 def show(results: Results, metric: str, further: Sequence[str]) -> None:

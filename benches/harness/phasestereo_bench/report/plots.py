@@ -140,7 +140,7 @@ def save_plot(figure: Any, path: Path) -> None:
     undated = {"Date": None} if kind == "svg" else {}
     import matplotlib  # noqa: PLC0415  # slow to import, and most of the harness does without
 
-    context = matplotlib.rc_context({"svg.hashsalt": "phasestereo"})
+    context = matplotlib.rc_context({"svg.hashsalt": "phasestereo", "svg.fonttype": "none"})
     with context, replacing(path) as file:
         figure.savefig(file, format=kind, dpi=_DPI, metadata=undated)
 
