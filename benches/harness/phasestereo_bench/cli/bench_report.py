@@ -103,8 +103,8 @@ def report(
             fill_document(document, loaded, metric=metric)
 
     kinds = {str(record.get("kind")) for path in results for record in read_store(path)}
-    others = ", ".join(sorted(kinds - {KIND, "environment"}))
-    further = [f"Left out, records of other benchmarks: {others}"] if others else []
+    rest = ", ".join(sorted(kinds - {KIND, "environment"}))
+    further = [f"Left out, records of other benchmarks: {rest}"] if rest else []
     show(loaded, metric, [*further, *(f"Wrote {path}" for path in (*written, *readme))])
 
 
