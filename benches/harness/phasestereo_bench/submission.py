@@ -76,7 +76,7 @@ def submit(
     name: str,
     output: Path,
     *,
-    progress: Callable[[int, int], object],
+    progress: Callable[[int, int], object] | None = None,
 ) -> tuple[dict[Path, int], list[str]]:
     """Match scenes, one after the other, and write what their sites take.
 
@@ -131,7 +131,8 @@ def submit(
         if site.time is not None:
             path = _file(output / title, site.time.format(**words), own)
             path.write_text(site.seconds.format(seconds=found.seconds), "ascii")
-        progress(done, len(taken))
+        if progress is not None:
+            progress(done, len(taken))
 
     for title, own in files.items():
         with replacing(output / f"{title}.zip") as file, zipfile.ZipFile(file, "w", 8) as archive:

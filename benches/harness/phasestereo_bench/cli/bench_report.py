@@ -102,8 +102,9 @@ def report(
         for document in readme:
             fill_document(document, loaded, metric=metric)
 
-    kinds = {str(record.get("kind")) for path in results for record in read_store(path)}
-    rest = ", ".join(sorted(kinds - {KIND, "environment"}))
+    rest = ", ".join(
+        sorted({r["kind"] for path in results for r in read_store(path)} - {KIND, "environment"})
+    )
     further = [f"Left out, records of other benchmarks: {rest}"] if rest else []
     show(loaded, metric, [*further, *(f"Wrote {path}" for path in (*written, *readme))])
 
