@@ -106,11 +106,14 @@ def comparison_table(numbers: Numbers) -> Table:
         means = {method: fmean(found[method]) for method in there if method in found}
         rows.append((Entry(group), *figures(there, means, METRICS[METRIC])))
 
-    for title, field, scale in (("s / MP", "seconds", 1e6), ("MB", "peak_bytes", 1e-6)):
+    for title, field, scale, form in (
+        ("s / MP", "seconds", 1e6, ".2g"),
+        ("MB", "peak_bytes", 1e-6, ".0f"),
+    ):
         costs = [_cost(numbers, method) or {} for method in there]
         each = [cost["pixels"] if cost and field == "seconds" else 1 for cost in costs]
         taken = [
-            f"{cost[field] * scale / per:.2g}" if cost.get(field) else MISSING
+            f"{cost[field] * scale / per:{form}}" if cost.get(field) else MISSING
             for cost, per in zip(costs, each, strict=True)
         ]
         rows.append((Entry(title), *map(Entry, taken)))
