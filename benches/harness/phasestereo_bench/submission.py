@@ -150,11 +150,11 @@ def submit(
 
 def _site_of(scene: Scene) -> tuple[str, Site] | None:
     """Return the title of a scene's zip, and what is in that; None if no site takes the scene."""
-    for title, site in SITES.items():
-        found = re.fullmatch(site.collection, scene.collection)
-        if found is not None:
-            return "-".join([title, *found.groups()]), site
-    return None
+    fits = (re.fullmatch(site.collection, scene.collection) for site in SITES.values())
+    found = zip(SITES, SITES.values(), fits, strict=True)
+    return next(
+        (("-".join([title, *fit.groups()]), site) for title, site, fit in found if fit), None
+    )
 
 
 def _file(folder: Path, inside: str, files: dict[str, Path]) -> Path:

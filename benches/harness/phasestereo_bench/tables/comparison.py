@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     Numbers = Mapping[str, Any]
+    Dots = tuple[str, Mapping[str, float]]
 
 MARKER = "compare"
 
@@ -40,6 +41,7 @@ _LOOKS = {
 }
 """The methods that are shown: title, color, mark."""
 
+_SURFACES = ("rooms, 0.5 MP", "large planes", "scenes as they are")
 _SHOWN = (AUTO, "opencv:sgbm", "hitnet")
 _OFF = "more than 1 px off, %: less is better"
 _WORDS = (
@@ -131,13 +133,13 @@ def _draw_time(numbers: Numbers) -> Any:
 
     figure = figure_of(7.0, 4.0)
     axes = figure.add_subplot()
-    for number, method in enumerate(shown):
+    for method in shown:
         title, color, mark = _LOOKS[method]
         spot = (1e9 * times[method]["seconds"] / times[method]["pixels"], errors[method])
         axes.plot(*spot, mark, color=color, markersize=9)
-        # Neighbors in the list are so in the picture: labels are above and below by turns.
-        beside = (7, -11 if number % 2 else 4)
-        axes.annotate(title, spot, beside, textcoords="offset points", color=INK, size=9)
+        # Where others are close on the right, the label is on the left.
+        beside, side = ((-7, 4), "right") if method == "opencv:sgbm-3way" else ((7, 4), "left")
+        axes.annotate(title, spot, beside, textcoords="offset points", ha=side, color=INK, size=9)
 
     axes.set_xscale("log")
     axes.margins(x=0.25, y=0.12)
@@ -153,52 +155,47 @@ def _draw_time(numbers: Numbers) -> Any:
 
 def _draw_faults(numbers: Numbers) -> Any:
     """Draw all faults of the suites of rigs, a panel each."""
-    suites = [suite for suite in RIGS if suite in numbers["suites"]]
-    if not suites:
-        return None
-
-    rows = {suite: [(n, v) for s, n, v in _faults(numbers) if s == suite] for suite in suites}
-    figure = figure_of(4.8 * len(suites), 1.0 + 0.19 * max(map(len, rows.values())))
-    for panel, (suite, found) in zip(
-        figure.subplots(1, len(suites), squeeze=False)[0], rows.items(), strict=True
-    ):
-        _dots(panel, [(name, {m: fmean(v) for m, v in values.items()}) for name, values in found])
-        panel.set_title(suite, loc="left", color=INK, size=11)
-    return figure
+    panels: dict[str, list[Dots]] = {}
+    for suite, name, found in _faults(numbers):
+        dots = name, {method: fmean(values) for method, values in found.items()}
+        panels.setdefault(suite, []).append(dots)
+    return _panels(panels, 4.8)
 
 
 def _draw_pixels(numbers: Numbers) -> Any:
     """Draw kinds of pixels, a panel for each row of the suite of surfaces that has several."""
-    rows = {
-        row: shares
-        for row, shares in numbers.get("surfaces", {}).items()
-        if row in ("rooms, 0.5 MP", "large planes", "scenes as they are")
-    }
-    if not rows:
+    panels = {}
+    for row, shares in numbers.get("surfaces", {}).items():
+        if row in _SURFACES:
+            kinds = dict.fromkeys(kind for found in shares.values() for kind in found)
+            panels[row] = [(k, {m: v[k] for m, v in shares.items() if k in v}) for k in kinds]
+    return _panels(panels, 3.8)
+
+
+def _panels(panels: Mapping[str, Sequence[Dots]], width: float) -> Any:
+    """Draw a row of marks for each name, in panels by title; None without any."""
+    if not panels:
         return None
 
-    figure = figure_of(3.4 * len(rows), 2.6)
-    for panel, (row, shares) in zip(
-        figure.subplots(1, len(rows), squeeze=False)[0], rows.items(), strict=True
-    ):
-        kinds = dict.fromkeys(kind for found in shares.values() for kind in found)
-        _dots(panel, [(k, {m: v[k] for m, v in shares.items() if k in v}) for k in kinds])
-        panel.set_title(row, loc="left", color=INK, size=11)
+    figure = figure_of(width * len(panels), 1.3 + 0.19 * max(map(len, panels.values())))
+    drawn = figure.subplots(1, len(panels), squeeze=False)[0]
+    for axes, (name, rows) in zip(drawn, panels.items(), strict=True):
+        for line, (_, values) in enumerate(rows):
+            for method in [method for method in _SHOWN if method in values]:
+                title, color, mark = _LOOKS[method]
+                axes.plot(values[method], line, mark, color=color, markersize=6, label=title)
+
+        rule(axes, [label for label, _ in rows])
+        axes.set_xlim(left=0)
+        axes.set_xlabel(_OFF, color=SOFT)
+        axes.set_title(name, loc="left", color=INK, size=11)
+
+    handles, labels = drawn[-1].get_legend_handles_labels()
+    legend = dict(zip(labels, handles, strict=True))
+    figure.legend(
+        legend.values(), legend, loc="outside lower center", ncols=len(legend), frameon=False
+    )
     return figure
-
-
-def _dots(axes: Any, rows: Sequence[tuple[str, Mapping[str, float]]]) -> None:
-    """Draw a row of marks for each name, and a legend."""
-    for line, (_, values) in enumerate(rows):
-        for method in [method for method in _SHOWN if method in values]:
-            title, color, mark = _LOOKS[method]
-            label = title if line == 0 else None
-            axes.plot(values[method], line, mark, color=color, markersize=6, label=label)
-
-    rule(axes, [name for name, _ in rows])
-    axes.set_xlim(left=0)
-    axes.set_xlabel(_OFF, color=SOFT)
-    axes.legend(loc="best", fontsize=8)
 
 
 def _faults(numbers: Numbers) -> Iterator[tuple[str, str, Mapping[str, list[float]]]]:
