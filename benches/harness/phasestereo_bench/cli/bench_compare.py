@@ -11,7 +11,6 @@ from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import say
 from phasestereo_bench.report.documents import fill_places
 from phasestereo_bench.tables.comparison import (
-    MARKER,
     comparison_text,
     draw_comparison,
     read_numbers,
@@ -48,7 +47,7 @@ def compare(
         output.mkdir(parents=True, exist_ok=True)
         written = draw_comparison(found, output)
         if readme is not None:
-            fill_places(readme, {MARKER: comparison_text(found)})
+            fill_places(readme, {"compare": comparison_text(found)})
             written.append(readme)
 
     for path in written:

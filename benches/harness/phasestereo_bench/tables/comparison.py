@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     Numbers = Mapping[str, Any]
     Dots = tuple[str, Mapping[str, float]]
 
-MARKER = "compare"
-
 _LOOKS = {
     AUTO: ("robust, told nothing", "#0b66c3", "o"),
     "fast": ("fast", "#56b4e9", "s"),
