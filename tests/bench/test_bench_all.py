@@ -17,12 +17,7 @@ from phasestereo_bench import methods
 from phasestereo_bench.report.documents import MARKERS
 from phasestereo_bench.report.tables import MISSING
 from phasestereo_bench.rigs import FAULTS, RIGS
-from phasestereo_bench.tables import export
-from phasestereo_bench.tables.comparison import (
-    comparison_text,
-    draw_comparison,
-    read_numbers,
-)
+from phasestereo_bench.tables import comparison, export
 from phasestereo_bench.tables.headline import COLUMNS, TITLES
 from phasestereo_bench.tables.ours import CHOICES, choice_table
 from phasestereo_bench.tables.plan import job_groups
@@ -146,10 +141,10 @@ def test_the_first_table_is_that_of_the_results() -> None:
 
 
 def test_the_comparison_is_that_of_the_results(tmp_path: Path) -> None:
-    numbers = read_numbers(ROOT / "docs/results.json")
-    assert comparison_text(numbers) in (ROOT / "docs/compare.md").read_text("utf-8")
+    numbers = comparison.read_numbers(ROOT / "docs/results.json")
+    assert comparison.comparison_text(numbers) in (ROOT / "docs/compare.md").read_text("utf-8")
 
-    drawn = {path.name for path in draw_comparison(numbers, tmp_path)}
+    drawn = {path.name for path in comparison.draw_comparison(numbers, tmp_path)}
     assert drawn == {path.name for path in (ROOT / "docs/images").glob("compare-*")}
 
 

@@ -31,11 +31,7 @@ REFUSALS: list[tuple[Callable[[Path], object], type[Exception], str]] = [
     (lambda _: FAULTS["noise 2"](ANY, "middle"), ValueError, "^side: got 'middle'"),
     (lambda _: motion_psf(0.5), ValueError, "length"),
     (lambda _: motion_psf(3, np.nan), ValueError, "angle"),
-    (
-        lambda folder: read_numbers(store(folder / "other.json", [])),
-        ValueError,
-        "other.json: these are not the numbers",
-    ),
+    (lambda folder: read_numbers(store(folder / "a", [])), ValueError, "are not the numbers"),
     (lambda folder: run_jobs([], folder / "a", workers=-1), ValueError, "^workers: got -1"),
     (lambda folder: run_jobs([], folder / "a", workers=ANY), TypeError, "^workers"),
     (lambda folder: run_jobs([], folder / "a", workers=True), TypeError, "^workers"),
