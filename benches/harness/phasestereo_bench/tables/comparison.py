@@ -93,14 +93,14 @@ def comparison_text(numbers: Numbers) -> str:
 
 
 def comparison_table(numbers: Numbers) -> Table:
-    """Return groups of faults, time and memory down, methods across."""
+    """Return groups of faults, time and memory down, methods that have two groups across."""
     groups: dict[str, dict[str, list[float]]] = {"sharp": _means(numbers, "sharp", "sharp")}
     for suite, name, values in _faults(numbers):
         of_group = groups.setdefault(RIGS[suite][name].group, {})
         for method, value in values.items():
             of_group[method] = [*of_group.get(method, []), *value]
 
-    there = [method for method in _LOOKS if any(method in found for found in groups.values())]
+    there = [m for m in _LOOKS if sum(m in found for found in groups.values()) > 1]
     rows = []
     for group, found in groups.items():
         means = {method: fmean(found[method]) for method in there if method in found}
