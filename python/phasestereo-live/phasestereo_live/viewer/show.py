@@ -13,15 +13,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from phasestereo._numbers import as_json
 from phasestereo.io import Calibration, write_image
-from phasestereo.result import Flag
 from phasestereo.rig.diagnosis import Diagnosis
 from phasestereo.rig.findings import Finding
 from phasestereo.settings import Settings
-from phasestereo.views.depths import YAW, ranging
 from phasestereo.views.page import write_pair_page
 from phasestereo_live.video.streaming import Failure, Frame
+from phasestereo_live.viewer.frames import packed
 
 Change = Callable[["Settings", int | None], None]
 """Matches the coming frames with other settings and another number of disparities."""
@@ -175,8 +173,6 @@ class Display:
             "notes": list(self._notes.values()),
             "findings": _worst_first((*grave, *found)),
             "settings": self._settings_state(),
-            "unit": self._unit,
-            "metric": self._calibration is not None,
         }
 
     def _frame_state(self) -> dict[str, Any] | None:
@@ -260,36 +256,9 @@ class Display:
         with self._news():
             self.settings, self.num_disparities = settings, count
 
-    def value(self, x: int, y: int) -> dict[str, Any]:
-        """Return what is known of a pixel of the last frame; None for what has no number.
-
-        Raises
-        ------
-        ValueError
-            If there is no frame, or no such pixel.
-        """
-        frame = self.frame
-        rows, cols = (0, 0) if frame is None else frame.result.disparity.shape
-        if frame is None or not (0 <= x < cols and 0 <= y < rows):
-            raise ValueError(f"x, y: got {x}, {y}; accepts pixels of {cols} x {rows}")
-
-        disparity, bars = frame.result.disparity, frame.result.uncertainty
-        found = disparity[y, x]
-        bar = math.nan if bars is None else bars[y, x]
-        depth = near = far = math.nan
-        if self._calibration is not None and self._calibration.width == cols:
-            known = ranging(disparity, self._calibration, uncertainty=bars, yaw=YAW, anchor=None)
-            depth, near, far = map(float, known.interval(found, bar, x))
-
-        flags = Flag(int(frame.result.flags[y, x]))
-        return {
-            "disparity": as_json(float(found)),
-            "uncertainty": as_json(float(bar)),
-            "depth": as_json(depth),
-            "near": as_json(near),
-            "far": as_json(far),
-            "flags": [str(flag.name).lower() for flag in Flag if flag & flags],
-        }
+    def packed(self, frame: Frame) -> bytes:
+        """Return a frame as the page takes it."""
+        return packed(frame, self._calibration, self._unit, self.ends())
 
     def save(self) -> list[str]:
         """Save the last pair, and a page that shows its match; nothing is replaced.
