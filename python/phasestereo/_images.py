@@ -173,7 +173,7 @@ def as_array(value: ArrayLike, name: str) -> NDArray[np.generic]:
 
     try:
         if hasattr(value, "__dlpack__") and not hasattr(value, "__array__"):
-            return np.from_dlpack(value)
+            return np.from_dlpack(value)  # type: ignore[arg-type]  # asked for above
         return np.asarray(value)
     except MemoryError:
         raise

@@ -79,9 +79,9 @@ def test_the_viewer_has_what_was_matched(
         shown = np.array(browser.run(f"return [...maps.{name}]"), np.float32)
         np.testing.assert_array_equal(shown, getattr(given.result, name)[thin].ravel())
     for side, image in (("left", LEFT), ("right", RIGHT)):
-        colors = browser.run(f"return [...pictures.{side}.bytes]")
-        shown = np.array(colors, np.uint8).reshape(-1, 4)[:, :3]
-        np.testing.assert_array_equal(shown, image[thin].reshape(-1, 3))
+        levels = browser.run(f"return [...pictures.{side}.bytes]")
+        colors = np.array(levels, np.uint8).reshape(-1, 4)[:, :3]
+        np.testing.assert_array_equal(colors, image[thin].reshape(-1, 3))
 
     view = browser.driver.find_element("css selector", "#stage")
     view.send_keys("\ue014")  # arrow right, from the middle

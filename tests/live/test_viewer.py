@@ -287,7 +287,7 @@ def test_settings_change_the_coming_frames(server: Server, show: Display) -> Non
         ({"p1": -1}, "p1: got -1; accepts 0 to 100"),
         ({"p1": "9"}, "p1: got str; accepts a number"),
         ({"fill": True}, "fill: got bool; accepts a number"),
-        ({"window": 5}, "window: is no setting; accepts p1"),
+        ({"window": 5}, "window: is not a setting; accepts p1"),
         ({"num_disparities": 500}, "num_disparities: got 500"),
         ([1], "settings: got list; accepts an object"),
     ],

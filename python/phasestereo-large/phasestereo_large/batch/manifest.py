@@ -99,7 +99,7 @@ def read_manifest(path: StrPath) -> dict[str, Record]:
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """A line of a manifest that is no record: where it is, what is wrong with it, what it holds."""
+    """A line of a manifest that is not a record: where it is, what is wrong, what it holds."""
 
     where: str
     reason: str

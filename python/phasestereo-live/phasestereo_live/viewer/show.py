@@ -221,12 +221,12 @@ class Display:
         Raises
         ------
         TypeError, ValueError
-            If a name is unknown, a value is no number or out of its range, or `phasestereo.match`
-            refuses it.
+            If a name is unknown, a value is not a number or out of its range, or
+            `phasestereo.match` refuses it.
         """
         for name, value in wanted.items():
             if name not in RANGES:
-                raise ValueError(f"{name}: is no setting; accepts {', '.join(RANGES)}")
+                raise ValueError(f"{name}: is not a setting; accepts {', '.join(RANGES)}")
             if isinstance(value, bool) or not isinstance(value, int | float):
                 raise TypeError(f"{name}: got {type(value).__name__}; accepts a number")
             low, high = RANGES[name]
