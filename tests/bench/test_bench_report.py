@@ -452,8 +452,7 @@ def test_same_results_same_bytes(small: Results, written: list[Path], tmp_path: 
 
 def test_page_is_whole_and_needs_nothing_else(small: Results, written: list[Path]) -> None:
     content = written[-1].read_text("utf-8")
-    page = Page()
-    page.feed(content)
+    page = Page(written[-1])
 
     assert (page.open, len(page.sources)) == ([], 2)
     assert all(source.startswith("data:image/svg+xml;base64,") for source in page.sources)

@@ -684,7 +684,8 @@ def test_thinned_out_numbers_are_those_of_their_pixels(
     write_pair_page(tmp_path / "page.html", *images(), result)
     browser.open(tmp_path / "page.html")
 
-    hover(browser, 5, 7)  # of those shown, which are every second one
+    assert "every 2nd pixel of every 2nd row" in browser.run("return document.body.innerText")
+    hover(browser, 5, 7)  # of those shown
     shown = read(browser)
 
     assert shown["pixel"] == "10, 14"
