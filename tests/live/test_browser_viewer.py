@@ -54,9 +54,16 @@ def test_new_frames_and_troubles_appear_by_themselves(
     browser.wait("live.frame === 2")
 
     browser.run("element('hold-frame').click()")
+    for _ in range(100):
+        if show.held is not None:
+            break
+        show.wait(1000, 0.05)
     show.add(frame(3))
     browser.wait("document.getElementById('status').textContent.includes('frame 3')")
     assert browser.run("return live.frame") == 2
+    assert show.save()[0] == "pair-000002-left.png"
+    browser.run("element('hold-frame').click()")
+    browser.wait("live.frame === 3")
     assert browser.complaints() == []
 
 

@@ -179,6 +179,7 @@ class _Answers:
 
         self.deeds: dict[str, Callable[[Any], Any]] = {
             "settings": self._set,
+            "hold": show.hold,
             "save": lambda _: {"saved": show.save(), "folder": str(show.folder.resolve())},
             "close": lambda _: show.close(),
         }
@@ -197,9 +198,9 @@ class _Answers:
         return json.dumps(state, allow_nan=False).encode()
 
     def _frame(self, _: dict[str, str]) -> bytes:
-        """Return the last frame, packed once however many look at it."""
+        """Return the frame that is looked at, packed once however many look."""
         with self._lock:
-            frame = self._show.frame
+            frame = self._show.looked_at
             if frame is None:
                 raise ValueError("there is no frame yet")
             if self._packed is None or self._packed[0] is not frame:

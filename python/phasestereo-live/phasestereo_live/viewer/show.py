@@ -66,6 +66,7 @@ class Display:
         self.num_disparities = num_disparities
         self.folder = folder
         self.frame: Frame | None = None
+        self.held: Frame | None = None
         self.closed = False
 
         self._changed = Condition()
@@ -180,7 +181,6 @@ class Display:
             return None
 
         rows, cols = self.frame.result.disparity.shape
-        low, high = self.ends()
         return {
             "index": self.frame.index,
             "time": self.frame.time,
@@ -189,13 +189,12 @@ class Display:
             "rate": round(self._rate, 1),
             "verdict": self.frame.result.verdict,
             "trusted": round(100 * float(self.frame.result.trusted.mean()), 1),
-            "low": low,
-            "high": high,
         }
 
     def ends(self) -> tuple[int, int]:
         """Return the disparities at the ends of the colors: those searched."""
-        search = None if self.frame is None else self.frame.result.search
+        frame = self.looked_at
+        search = None if frame is None else frame.result.search
         if search is None:
             return 0, self.num_disparities or 1
         return search.min_disparity, search.min_disparity + search.num_disparities
@@ -256,12 +255,21 @@ class Display:
         with self._news():
             self.settings, self.num_disparities = settings, count
 
+    def hold(self, on: object) -> None:
+        """Keep the last frame, to be looked at and saved while others come; or keep none."""
+        self.held = self.frame if on is True else None
+
+    @property
+    def looked_at(self) -> Frame | None:
+        """The frame that is kept, or the last one."""
+        return self.held or self.frame
+
     def packed(self, frame: Frame) -> bytes:
         """Return a frame as the page takes it."""
         return packed(frame, self._calibration, self._unit, self.ends())
 
     def save(self) -> list[str]:
-        """Save the last pair, and a page that shows its match; nothing is replaced.
+        """Save the pair that is looked at, and the page of its match; nothing is replaced.
 
         Returns
         -------
@@ -273,7 +281,7 @@ class Display:
         OSError, ValueError
             If there is no pair, or it cannot be written.
         """
-        frame = self.frame
+        frame = self.looked_at
         if frame is None:
             raise ValueError("there is no pair to save yet")
         stem = _free(self.folder, f"pair-{frame.index:06}")

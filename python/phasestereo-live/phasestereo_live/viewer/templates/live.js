@@ -136,9 +136,11 @@ function bindSettings() {
 }
 
 function bindDeeds() {
-  element("hold-frame").addEventListener("click", () => {
+  element("hold-frame").addEventListener("click", async () => {
     live.held = !live.held;
     element("hold-frame").setAttribute("aria-pressed", String(live.held));
+    await send("hold", live.held);
+    await showFrame();
   });
   element("save").addEventListener("click", async () => {
     element("save").disabled = true;
