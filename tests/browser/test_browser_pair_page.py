@@ -173,6 +173,7 @@ def read(browser: Browser) -> dict[str, str]:
 
 def test_loads_without_a_word_and_without_a_network(browser: Browser, page: Path) -> None:
     browser.open(page)
+    assert browser.requests() == [page.as_uri()]
     assert browser.driver.title == "Stereo pair \N{EN DASH} phasestereo"
     draw_all(browser)
     assert (browser.complaints(), browser.requests()) == ([], [])
