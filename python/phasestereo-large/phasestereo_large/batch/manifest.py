@@ -89,7 +89,7 @@ def read_manifest(path: StrPath) -> dict[str, Record]:
     OSError
         If the file cannot be read.
     ValueError
-        If a line of it is no record; the message names the line.
+        If a line of it is not a record; the message names the line.
     """
     records, damaged = _read(Path(path))
     if damaged:

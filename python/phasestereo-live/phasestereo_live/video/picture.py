@@ -28,7 +28,7 @@ class FramePicture:
     Raises
     ------
     TypeError, ValueError
-        If these are no finite numbers, or low is not below high.
+        If these are not finite numbers, or low is not below high.
     ImportError
         If matplotlib is not installed.
     """
