@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import pytest
 
+import boards
 import phasestereo as ps
 from browser import Browser, serving
 from conftest import ENVIRONMENT, counterpart
 from documentation import ROOT
+from phasestereo.views.calibration_page import write_calibration_page
 from phasestereo.views.page import write_pair_page
 from phasestereo_bench.demo import run_demo, write_demo
 from phasestereo_bench.report import read_results, write_report
@@ -49,6 +51,9 @@ def sites(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Site]]
     report = folder / "pair & more #1.html"
     write_pair_page(report, *images(), result, truth=truth_of(result), calibration=CALIBRATION)
 
+    seen = boards.pairs(boards.chessboard(9, 6), 8, 0.025)
+    write_calibration_page(folder / "calibration.html", ps.calibrate(seen, square=0.025))
+
     rows = [
         record(method, bad, row=row)
         for method, bad in ((WIDE, 10.0), ("opencv:sgbm", 30.0))
@@ -76,6 +81,7 @@ def sites(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Site]]
             "report": Site(
                 report.as_uri(), ready.format("ready", "yes"), (*viewer, "Blur", "Numbers")
             ),
+            "calibration": Site((folder / "calibration.html").as_uri()),
             "bench": Site(next(path for path in bench if path.suffix == ".html").as_uri()),
             "demo": Site(write_demo(run_demo(0), folder / "demo")[-1].as_uri()),
             "try": Site(
@@ -102,7 +108,7 @@ def visit(browser: Browser, site: Site, size: str, *, dark: bool = False) -> Non
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
 @pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("name", ["report", "bench", "demo", "try", "live"])
+@pytest.mark.parametrize("name", ["report", "calibration", "bench", "demo", "try", "live"])
 def test_it_fits_is_read_well_and_asks_nobody_else(
     browser: Browser, sites: dict[str, Site], name: str, size: str, theme: str
 ) -> None:
