@@ -82,6 +82,7 @@ let startViewer = () => {
   bindControls();
   bindReadout();
   element("tabs").addEventListener("change", forgetWanted);
+  element("measured").ariaLive = "off"; // while frames come it would be read out without an end
   stage.draw = drawStage;
   makeScene();
 };
@@ -139,6 +140,7 @@ function bindDeeds() {
   element("hold-frame").addEventListener("click", async () => {
     live.held = !live.held;
     element("hold-frame").setAttribute("aria-pressed", String(live.held));
+    element("measured").ariaLive = live.held ? "polite" : "off";
     await send("hold", live.held);
     await showFrame();
   });
