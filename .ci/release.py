@@ -17,7 +17,7 @@ from pathlib import Path
 
 INSTALL = """```sh
 pip install phasestereo                # needs NumPy alone
-pip install 'phasestereo[cli,plot]'    # with the command line and pictures
+pip install 'phasestereo[cli,report]'    # with the command line and pictures
 ```
 
 From a clone of [the repository]({url}):

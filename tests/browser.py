@@ -32,6 +32,8 @@ _OPTIONS = (
     "--disable-background-networking",
     "--disable-component-update",
     "--no-first-run",
+    "--use-fake-device-for-media-stream=device-count=2",
+    "--use-fake-ui-for-media-stream",
 )
 
 # Chromium's hints on how canvases and WebGL could be faster.

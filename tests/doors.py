@@ -428,6 +428,7 @@ def _add_commands(add: Callable[..., None], of: Samples) -> None:
         "calibrate RIGHT": ("video.mkv", ("calibrate", of / "video.mkv", ...)),
         "calibrate --output": (">a.yaml", ("calibrate", of / "boards", "-o", ...)),
         "calibrate --page": (">a.html", ("calibrate", of / "boards", "--page", ...)),
+        "try --output": (">a.html", ("try", "--no-show", "-o", ...)),
         "rig test FRAMES": ("learned.txt", ("rig", "test", ..., *loose)),
         "rig test RIGHT": ("learned.txt", ("rig", "test", of / "boards", ...)),
         "rig test --rectify": ("learned.txt", ("rig", "test", of / "boards", "--rectify", ...)),

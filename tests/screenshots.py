@@ -84,13 +84,15 @@ def take_live_page(browser: Browser) -> None:
     result = ps.match(left, pair.right, num_disparities=64)
 
     show = Display(ps.PRESETS["robust"], 64, Path())
+    if pair.calibration is not None:
+        show.know(pair.calibration, "mm")
     show.add(live.Frame(311, 12.4, left, pair.right, result))
     show.diagnose(ps.check(left, pair.right))
 
     with Server(show) as server:
-        browser.visit(server.address, width=1280, height=960)
+        browser.visit(server.address, width=1440, height=960)
         browser.wait("document.documentElement?.dataset.ready === 'yes'")
-        browser.run("point(330, 250)")
+        browser.run("setMix(0.7); hold({ x: 330, y: 250 })")
         save(browser, "live-page")
         show.close()
 

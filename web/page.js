@@ -1,11 +1,11 @@
 // The page: which pair it is, what sliders do to it, and when it is matched: with `fast` while a slider moves, with
 // `robust` once it rests. One match at a time; what was asked for in the meantime is the latest.
 
+import { openCameras } from "./cameras.js";
 import { createMatcher } from "./matcher.js";
 import { downloads } from "./downloads.js";
 import { readPair } from "./photographs.js";
 import { NUM_DISPARITIES, renderPair, SCENES } from "./render.js";
-import { forgetWanted, sharesOf, showPair, showResult } from "./results.js";
 import { movedPoint, NOTHING, pointBefore, spoiled } from "./spoil.js";
 
 const REST = 300; // milliseconds after the last move of a slider
@@ -13,12 +13,13 @@ const NOISE = 1; // gray levels, of rendered pairs; photographs have their own
 const SEEDS = { left: 1, right: 2 }; // of this noise
 const OWN = "own"; // what the user's pair is called in the list
 
-const pair = { left: null, right: null, plain: null, truth: null, noise: 0, note: "", range: null, isNew: true };
+const pair = { left: null, right: null, plain: null, truth: null, noise: 0, note: "", range: null, focal: null, isNew: true };
 const asked = { ...NOTHING };
 let next = null; // the preset to match with next
 let timer = 0;
 let busy = false;
 let matcher = null;
+let cameras = null; // open: each frame is matched with `fast`
 
 const root = document.documentElement;
 
@@ -58,9 +59,11 @@ function ask(preset) {
 
 async function work() {
   busy = true;
-  while (next) {
-    const preset = next;
+  while (next || cameras) {
+    if (cameras) await takeFrame();
+    const preset = cameras ? "fast" : next;
     next = null;
+    if (!preset) break;
     try {
       await matched(preset);
       trouble("");
@@ -81,7 +84,7 @@ async function matched(preset) {
   if (isLast) tellFindings([...result.found.findings, ...checked]);
   startViewer();
   showPair(left, right);
-  showResult(result, truth, isLast);
+  showResult(result, { truth, isLast });
   tellFigures(result, truth, preset);
   if (!isLast || next) return;
   keepRange(result.found);
@@ -126,11 +129,12 @@ function tellFindings(found) {
     made("li", { className: severity }, made("b", { textContent: severity }), ` ${sentence}`)));
 }
 
+// Wrong is what is off by more than 1 px or has no estimate, against a truth alone.
 function tellFigures(result, truth, preset) {
-  const { trusted, wrong } = sharesOf(result, truth);
-  element("trusted-shown").textContent = `${(100 * trusted).toFixed(1)} %`;
-  element("wrong-shown").textContent = wrong === null ? "" : `${(100 * wrong).toFixed(1)} %`;
-  element("wrong-shown").parentElement.hidden = wrong === null;
+  const share = (counts) => `${((100 * maps.flags.reduce((sum, _, at) => sum + counts(at), 0)) / maps.flags.length).toFixed(1)} %`;
+  element("trusted-shown").textContent = share(isTrusted);
+  element("wrong-shown").textContent = truth ? share((at) => !(maps.error[at] <= 1)) : "";
+  element("wrong-shown").parentElement.hidden = !truth;
   element("time-shown").textContent = `${Math.max(1, Math.round(result.milliseconds))} ms`;
   element("preset-shown").textContent = `with ${preset}`;
 }
@@ -140,7 +144,7 @@ function tellFigures(result, truth, preset) {
 function takeScene(name) {
   const rendered = renderPair(name);
   const range = { minDisparity: 0, numDisparities: NUM_DISPARITIES };
-  take({ ...rendered, noise: NOISE, range, note: "Rendered here: the truth is known." });
+  take({ ...rendered, noise: NOISE, range, focal: null, note: "Rendered here: the truth is known." });
 }
 
 async function takeFiles(files) {
@@ -157,11 +161,45 @@ async function takeFiles(files) {
   }
 }
 
-const takeOwn = (read) => take({ ...read, truth: null, noise: 0, range: null });
+const OWN_PAIR = { truth: null, noise: 0, range: null };
+const takeOwn = (read) => take({ ...read, ...OWN_PAIR });
+
+// Cameras are watched until the button is pressed again, or another pair is chosen: the last frame is matched with `robust`.
+async function watch() {
+  element("cameras").disabled = true;
+  try {
+    if (cameras) takeOwn(await cameras.frame());
+    else {
+      const opened = await openCameras();
+      takeOwn(await opened.frame());
+      clearTimeout(timer);
+      cameras = opened;
+      element("cameras").setAttribute("aria-pressed", "true");
+      ask("fast");
+    }
+  } catch (error) {
+    trouble(`Cameras: ${error.message.replace(/^cameras: /, "")}`);
+  }
+  element("cameras").disabled = false;
+}
+
+function closeCameras() {
+  cameras?.close();
+  cameras = null;
+  element("cameras").setAttribute("aria-pressed", "false");
+}
+
+async function takeFrame() {
+  const frame = await cameras.frame();
+  if (!cameras) return; // closed in the meantime
+  Object.assign(pair, frame, OWN_PAIR);
+  takePlain();
+}
 
 function take(taken) {
+  closeCameras();
   Object.assign(pair, taken, { isNew: true });
-  Object.assign(known, { factor: 1, unit: null, share: 0 });
+  Object.assign(known, { factor: 1, unit: null, share: 0, focal: pair.focal ?? null });
   Object.assign(marks, { A: null, B: null });
   takePlain();
   element("pair-note").textContent = pair.note;
@@ -220,6 +258,7 @@ function bindPage() {
   }
   for (const side of document.querySelectorAll("input[name=side]")) side.addEventListener("change", changed);
   element("exchange").addEventListener("click", exchange);
+  element("cameras").addEventListener("click", watch);
   element("reset").addEventListener("click", () => setSliders(NOTHING));
   element("tabs").addEventListener("change", forgetWanted);
   for (const [id, [name, write]] of Object.entries(downloads)) {

@@ -1,24 +1,26 @@
 // Photographs of the user's own: two files, or one with both views: side by side, or as two pictures (MPO). They are read
 // here and go nowhere.
 
-import { picturesOf } from "./mpo.js";
+import { focal35Of, picturesOf } from "./jpeg.js";
+import { canvasOfDeep, deepImageOf } from "./png.js";
 
 const MOST_PIXELS = 500_000; // of an image: larger ones are made smaller, so that a match takes seconds at most
 const LEAST_RATIO = 1.2; // width by height from which on one file is taken for two views side by side
 const LARGEST_UNLIKE = 0.02; // share by which width by height of two images may differ, since sizes are rounded
+const FILM = Math.hypot(36, 24); // mm, the diagonal that focal lengths are told for
 
-// The pair in some files: {left, right, note}, `note` in words. Throws an Error that says what is wrong.
+// The pair in some files: {left, right, focal, note}: `focal` in pixels if the photographs name it, `note` in words. Throws an
+// Error that says what is wrong.
 export async function readPair(files) {
-  const pictures = [...files];
+  const pictures = inOrder([...files]);
   if (pictures.length !== 1 && pictures.length !== 2) {
     throw new Error(`files: got ${pictures.length}; accepts two images, or one with both views side by side`);
   }
-  if (pictures.length === 1) {
-    const views = await Promise.all((await picturesOf(pictures[0])).map((blob) => opened(blob, pictures[0].name)));
-    const isPair = views.length === 2 && sizeOf(views[0]) === sizeOf(views[1]); // others are previews
-    return isPair ? pairOfTwo(views) : pairOfOne(views[0], pictures[0].name);
-  }
-  return pairOfTwo(await Promise.all(inOrder(pictures).map((file) => opened(file, file.name))));
+  const blobs = pictures.length === 1 ? await picturesOf(pictures[0]) : pictures;
+  const views = await opened(blobs, pictures.map(({ name }) => name));
+  const isPair = pictures.length === 2 || (views.length === 2 && sizeOf(views[0]) === sizeOf(views[1])); // others are previews
+  if (!isPair) return pairOfOne(views[0], pictures[0].name);
+  return pairOfTwo(views, await focal35Of(pictures[0]));
 }
 
 // The left image first, as far as names say: left.png before right.png, im0 before im1, img_1 before img_2.
@@ -26,21 +28,29 @@ function inOrder(files) {
   return files.sort((a, b) => a.name.localeCompare(b.name, "en", { numeric: true }));
 }
 
-async function opened(blob, name) {
-  try {
-    return await createImageBitmap(blob);
-  } catch {
-    throw new Error(`${name}: is no image that this browser reads; accepts PNG, JPEG, WebP and others`);
-  }
+// What can be drawn, of each file; those of 16 bits are stretched alike.
+async function opened(blobs, names) {
+  const read = await Promise.all(blobs.map(async (blob, n) => {
+    try {
+      return (await deepImageOf(blob)) ?? (await createImageBitmap(blob));
+    } catch {
+      throw new Error(`${names[n] ?? names[0]}: is not an image that this browser reads; accepts PNG, JPEG, WebP and others`);
+    }
+  }));
+  const bits = Math.max(...read.map((one) => one.bits ?? 8));
+  return read.map((one) => (one.values ? canvasOfDeep(one, bits) : one));
 }
 
-function pairOfTwo([left, right]) {
+function pairOfTwo([left, right], focal35) {
   const unlike = (left.width * right.height) / (left.height * right.width);
   if (Math.abs(Math.log(unlike)) > LARGEST_UNLIKE) {
     throw new Error(`images: got ${sizeOf(left)} and ${sizeOf(right)} pixels; accepts two of one shape`);
   }
   const parts = [left, right].map(({ width, height }) => [0, width, height]);
-  return pairOf([left, right], parts, left.width, left.height);
+  const pair = pairOf([left, right], parts, left.width, left.height);
+  if (!focal35) return pair;
+  const focal = (focal35 / FILM) * Math.hypot(pair.left.width, pair.left.height);
+  return { ...pair, focal, note: `${pair.note} Focal length ${focal35} mm (of 35 mm film), as the photographs say.` };
 }
 
 function pairOfOne(both, name) {
@@ -53,8 +63,8 @@ function pairOfOne(both, name) {
 
 const sizeOf = ({ width, height }) => `${width} \u00d7 ${height}`;
 
-// The parts of two bitmaps, [start, width, height] each, at the size of the first or smaller.
-function pairOf(bitmaps, parts, width, height) {
+// The parts of two pictures, [start, width, height] each, at the size of the first or smaller.
+export function pairOf(bitmaps, parts, width, height) {
   const scale = Math.min(1, Math.sqrt(MOST_PIXELS / (width * height)));
   const [cols, rows] = [width, height].map((length) => Math.max(1, Math.round(length * scale)));
   const [left, right] = bitmaps.map((bitmap, n) => {
@@ -65,5 +75,5 @@ function pairOf(bitmaps, parts, width, height) {
     return context.getImageData(0, 0, cols, rows);
   });
   const note = `${sizeOf({ width, height })} pixels${scale < 1 ? `, matched at ${cols} \u00d7 ${rows}` : ""}.`;
-  return { left, right, note };
+  return { left, right, focal: null, note };
 }

@@ -164,11 +164,16 @@ def join_masks(
 
 
 def as_array(value: ArrayLike, name: str) -> NDArray[np.generic]:
-    """Return an array-like as an array; if it is none, the message names the argument."""
+    """Return an array-like as an array, that of another library without a copy, by DLPack.
+
+    If it is not one, the message names the argument.
+    """
     if _is_masked_array(value):
         raise TypeError(f"{name}: got a masked array; accepts plain arrays, and masks apart")
 
     try:
+        if hasattr(value, "__dlpack__") and not hasattr(value, "__array__"):
+            return np.from_dlpack(value)  # type: ignore[arg-type]  # asked for above
         return np.asarray(value)
     except MemoryError:
         raise

@@ -154,7 +154,7 @@ def verify(
     Raises
     ------
     TypeError
-        If the map is no array of real numbers; else as `match`.
+        If the map is not an array of real numbers; else as `match`.
     ValueError
         If the map has another shape than the images, or no finite value; else as `match`.
     OSError, ImportError, MemoryError, KeyboardInterrupt

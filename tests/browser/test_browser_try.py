@@ -1,6 +1,7 @@
 """The page "try it" in a real browser: with a stand-in for the matcher, and with the core."""
 
 import shutil
+import struct
 import subprocess
 import sys
 import zlib
@@ -8,6 +9,7 @@ from base64 import b64decode, b64encode
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,14 +17,13 @@ import pytest
 from browser import Browser, serving
 from conftest import ENVIRONMENT, counterpart
 from documentation import ROOT
-from phasestereo.io import read_disparity
+from phasestereo.io import read_disparity, read_image
 
 for module in ("jinja2", "matplotlib"):
     counterpart(module)
 
 CORE = ROOT / "web" / "phasestereo.wasm"
 RIGHT, END = "\ue014", "\ue010"  # keys
-SLIDERS = ("defocus", "shake", "dim", "turn", "rows")
 MOST_BYTES = 800_000  # compressed
 
 
@@ -67,27 +68,6 @@ def opened(browser: Browser, site: str) -> Browser:
     browser.run("calls.length = 0; choose('disparity'); setMix(1)")
 
     return browser
-
-
-@pytest.mark.parametrize("theme", ["light", "dark"])
-@pytest.mark.parametrize("width", [390, 1440])
-def test_it_fits_and_asks_nobody_else(browser: Browser, site: str, width: int, theme: str) -> None:
-    open_page(browser, f"{site}/stand-in", width=width, dark=theme == "dark")
-    assert browser.complaints() == []
-    assert browser.faint() == []
-
-    asked = browser.requests()
-    assert f"{site}/stand-in/viewer.js" in asked
-    assert all(url.startswith(f"{site}/stand-in/") for url in asked)
-    assert browser.run("return document.documentElement.scrollWidth") <= width
-
-    background = browser.run("return getComputedStyle(document.body).backgroundColor")
-    channels = [int(part) for part in background.removeprefix("rgb(").rstrip(")").split(",")]
-    assert (max(channels) < 60) == (theme == "dark")
-
-    in_sight = "return document.getElementById('{}').getBoundingClientRect().bottom <= innerHeight"
-    for needed in (*SLIDERS, "stage"):
-        assert browser.run(in_sight.format(needed)), needed
 
 
 def test_its_policy_lets_nothing_out(opened: Browser) -> None:
@@ -249,12 +229,21 @@ def test_one_image_is_dropped_with_both_views(opened: Browser) -> None:
 
 
 DROP_BYTES = """
-const bytes = Uint8Array.from(atob(arguments[0]), (letter) => letter.charCodeAt(0));
 const dataTransfer = new DataTransfer();
-dataTransfer.items.add(new File([bytes], arguments[1]));
+for (const [name, text] of arguments[0]) {
+  const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+  dataTransfer.items.add(new File([bytes], name));
+}
 delete document.documentElement.dataset.matched;
 document.body.dispatchEvent(new DragEvent("drop", { dataTransfer, bubbles: true }));
 """
+
+
+def drop(browser: Browser, *files: tuple[str, bytes]) -> dict[str, Any]:
+    """Drop files; return the last call of the matcher."""
+    browser.run(DROP_BYTES, [[name, b64encode(content).decode()] for name, content in files])
+    matched(browser)
+    return dict(browser.run("return calls.at(-1)"))
 
 
 def test_a_file_of_two_pictures_is_dropped(opened: Browser) -> None:
@@ -263,22 +252,86 @@ def test_a_file_of_two_pictures_is_dropped(opened: Browser) -> None:
         pil.new("L", size, level)
         for size, level in (((90, 60), 160), ((90, 60), 32), ((45, 30), 9))
     )
-    files = {}
-    for name, other in (("pair.mpo", right), ("one.jpg", preview)):
+    files = []
+    for other in (right, preview):
         target = BytesIO()
         left.save(target, format="MPO", save_all=True, append_images=[other])
-        files[name] = b64encode(target.getvalue()).decode()
+        files.append(target.getvalue())
 
-    opened.run(DROP_BYTES, files["pair.mpo"], "pair.mpo")
-    matched(opened)
-    call = opened.run("return calls.at(-1)")
+    call = drop(opened, ("pair.mpo", files[0]))
     assert (call["size"], call["first"], call["second"]) == ([90, 60], 160, 32)
 
     # A picture with a preview is one alone, which has both views side by side.
-    opened.run(DROP_BYTES, files["one.jpg"], "one.jpg")
-    matched(opened)
-    call = opened.run("return calls.at(-1)")
+    call = drop(opened, ("one.jpg", files[1]))
     assert (call["size"], call["first"], call["second"]) == ([45, 60], 160, 160)
+
+
+def test_the_focal_length_is_that_of_the_photographs(opened: Browser) -> None:
+    pil = counterpart("PIL.Image")
+    exif = pil.Exif()
+    exif.get_ifd(0x8769)[0xA405] = 26
+    files = []
+    for name in ("im0.jpg", "im1.jpg"):
+        target = BytesIO()
+        pil.new("L", (90, 60), 160).save(target, format="JPEG", exif=exif)
+        files.append((name, target.getvalue()))
+
+    drop(opened, *files)
+    assert opened.run("return page.scene.focal[0]") == pytest.approx(26 / 36 * 90)
+    assert "Focal length 26 mm" in opened.text("pair-note")
+    drop(opened, *((f"{name}.png", png16(100)) for name in "ab"))
+    assert opened.run("return page.scene.focal[0]") == 9
+
+
+def png16(level: int, rule: int = 0) -> bytes:
+    """Return a gray PNG of 16 bits, its columns one brighter each, its rows filtered by a rule."""
+    rows, cols = 7, 9
+    values = np.broadcast_to(level + np.arange(cols), (rows, cols)).astype(">u2")
+    plain = np.frombuffer(values.tobytes(), np.uint8).reshape(rows, -1).astype(int)
+    left = np.pad(plain, ((0, 0), (2, 0)))[:, :-2]
+    above = np.pad(plain, ((1, 0), (0, 0)))[:-1]
+    corner = np.pad(plain, ((1, 0), (2, 0)))[:-1, :-2]
+    guess = left + above - corner
+    apart = np.abs([guess - left, guess - above, guess - corner])
+    paeth = np.choose(apart.argmin(0), [left, above, corner])
+    taken = [0 * plain, left, above, (left + above) // 2, paeth][rule]
+    filtered = np.insert((plain - taken) % 256, 0, rule, axis=1).astype(np.uint8)
+
+    head = struct.pack(">IIBBBBB", cols, rows, 16, 0, 0, 0, 0)
+    chunks = ((b"IHDR", head), (b"IDAT", zlib.compress(filtered.tobytes())), (b"IEND", b""))
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+        for name, data in chunks
+    )
+
+
+@pytest.mark.parametrize("rule", range(5))
+def test_images_of_16_bits_are_stretched_alike(opened: Browser, tmp_path: Path, rule: int) -> None:
+    files = [(f"{side}.png", png16(level, rule)) for side, level in (("a", 4000), ("b", 1000))]
+    for name, file in files:
+        (tmp_path / name).write_bytes(file)
+    assert [read_image(tmp_path / name).max() for name, _ in files] == [4008, 1008]
+    call = drop(opened, *files)  # of 12 bits 8 are left
+    assert (call["size"], call["first"], call["second"]) == ([9, 7], 250, 62)
+    levels = opened.run("return [...pictures.left.bytes].filter((_, at) => at % 4 === 0)")
+    assert levels == [(4000 + x) >> 4 for x in range(9)] * 7
+
+
+def test_two_cameras_are_matched_until_one_frame_is_held(opened: Browser) -> None:
+    button = opened.driver.find_element("css selector", "#cameras")
+    button.click()
+    opened.wait("calls.filter((call) => call.preset === 'fast').length > 3")
+    assert opened.run("return calls.every((call) => call.preset === 'fast')")
+    assert opened.run("return calls.at(-1).size") == [640, 480]
+    assert button.get_attribute("aria-pressed") == "true"
+
+    button.click()
+    matched(opened)
+    assert button.get_attribute("aria-pressed") == "false"
+    count = opened.run("return calls.length")
+    matched(opened)
+    assert opened.run("return calls.length") == count
+    assert opened.complaints() == []
 
 
 def test_images_of_two_resolutions_are_brought_to_that_of_the_left_one(opened: Browser) -> None:
@@ -319,21 +372,7 @@ def test_an_error_of_the_matcher_is_reported_and_goes(opened: Browser) -> None:
     assert opened.run("return document.getElementById('trouble').hidden")
 
 
-def test_every_control_has_a_name_and_a_place_in_the_order(opened: Browser) -> None:
-    roles = "slider", "radio", "button", "combobox", "checkbox", "application", "img"
-    controls = opened.names(*roles)
-    names = {name for _, name in controls}
-    assert all(name for _, name in controls)
-    assert {"Defocus", "Shake", "Dim", "Turn", "Shift rows", "Left", "Right", "Pair"} <= names
-    assert "Open two photographs, or one with both views side by side" in names
-
-    # A section is a region for screen readers only if it has a name.
-    assert {("region", "The pair"), ("region", "What check finds")} <= {*opened.names("region")}
-    assert ("radiogroup", "Spoil one image") in opened.names("radiogroup")
-
-    other = "[tabindex]:not([tabindex='0'])"
-    assert opened.run("return document.querySelectorAll(arguments[0]).length", other) == 0
-
+def test_what_is_said_is_read_out(opened: Browser) -> None:
     message = "return ['findings', 'pair-note', 'trouble'].map((id) => element(id).role ?? '')"
     assert opened.run(message)[1:] == ["status", "alert"]
     assert opened.run("return element('findings').ariaLive") == "polite"

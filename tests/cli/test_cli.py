@@ -210,6 +210,20 @@ def test_expert_help_has_every_setting_with_its_defaults(
     assert "--neighborhood" not in basics
 
 
+def test_try_makes_a_pair_and_its_page(run: Callable[..., Run], tmp_path: Path) -> None:
+    code, out, err = run("try", "-o", tmp_path / "try.html")
+    assert (code, err) == (0, "")
+    assert "the left image is softer than the right" in out
+    assert f"look at {tmp_path / 'try.html'}" in out
+    assert "480 &times; 360 pixels" in (tmp_path / "try.html").read_text("utf-8")
+
+    # Of its scene the truth is known: the wall, the floor, and a box that hides some of both.
+    trying = pytest.importorskip("phasestereo.cli.trying")
+    found = ps.match(*trying._pair()).disparity
+    places = {(60, 240): 8, (170, 110): 8 + (219 - 180) * 24 // 180, (280, 240): 27, (350, 40): 30}
+    assert {at: round(float(found[at])) for at in places} == pytest.approx(places, abs=1)
+
+
 def test_doctor_says_what_is_here_and_whether_it_is_right(
     run: Callable[..., Run], monkeypatch: Any
 ) -> None:

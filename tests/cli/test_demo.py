@@ -72,8 +72,7 @@ def test_files_hold_what_was_computed(small: Demo, folder: Path) -> None:
 
 def test_page_is_whole_and_needs_nothing_else(small: Demo, folder: Path) -> None:
     content = (folder / "report.html").read_text("utf-8")
-    page = Page()
-    page.feed(content)
+    page = Page(folder / "report.html")
 
     assert page.open == []
     assert len(page.sources) >= 5 + 2 * len(small.outcomes)
@@ -91,8 +90,7 @@ def test_page_says_how_to_get_its_figures(
 ) -> None:
     cli = pytest.importorskip("phasestereo.cli")
 
-    page = Page()
-    page.feed((folder / "report.html").read_text("utf-8"))
+    page = Page(folder / "report.html")
 
     commands = re.findall("phasestereo (match .*)", page.text)
     assert len(commands) == len(METHODS) - 1  # all but StereoSGBM

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
+from phasestereo._images import as_pixels
 
 IMAGE = np.zeros((6, 8), np.uint8)
 REAL = np.zeros((6, 8), np.float32)
@@ -163,6 +164,27 @@ class Trap:
 def test_objects_that_break_their_word() -> None:
     refused(TypeError, "^left: got Trap", left=Trap())
     refused(TypeError, "^num_disparities: got Trap", num_disparities=Trap())
+
+
+class Tensor:
+    """An array of another library, which tells it by DLPack alone."""
+
+    def __init__(self, array: np.ndarray) -> None:
+        self.array = array
+
+    def __dlpack__(self, **options: Any) -> Any:
+        return self.array.__dlpack__(**options)
+
+    def __dlpack_device__(self) -> Any:
+        return self.array.__dlpack_device__()
+
+
+def test_arrays_of_other_libraries_are_taken_without_a_copy() -> None:
+    array = np.random.default_rng(0).integers(0, 256, (20, 30), np.uint8)
+    tensor: Any = Tensor(array)
+    assert np.shares_memory(as_pixels(tensor, "left"), array)
+    found = ps.match(tensor, tensor, num_disparities=4)
+    assert np.array_equal(found.disparity, ps.match(array, array, num_disparities=4).disparity)
 
 
 class Interruption:

@@ -256,7 +256,7 @@ def test_full_disk_ends_the_run_and_names_the_file(more: str) -> None:
     ("arguments", "code", "message"),
     [
         ("video.mkv --json --save-to .", WRONG, "--save-to: has no effect without --show"),
-        ("video.mkv --save-to none", FAILED, "--save-to: none is no folder"),
+        ("video.mkv --save-to none", FAILED, "--save-to: none is not a folder"),
         ("video.mkv --show=window", WRONG, "--show"),
         ("--json", WRONG, "SOURCE is missing"),
         ("video.mkv --cameras 0 1 --json", WRONG, "--cameras: stands in place of SOURCE"),

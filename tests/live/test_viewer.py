@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import http.client
 import http.cookies
-import io
 import json
 import re
 import socket
@@ -21,8 +20,6 @@ import pytest
 import phasestereo as ps
 from conftest import counterpart
 from phasestereo.io import Calibration, read_image
-from phasestereo.io.raster import decode_raster
-from phasestereo_live.video import FramePicture
 from phasestereo_live.video.streaming import Failure, Frame, stream
 from phasestereo_live.viewer import Display, Server
 from phasestereo_live.viewer.diagnosing import diagnosing
@@ -104,7 +101,7 @@ def ask(server: Server, path: str, method: str = "GET", body: Any = None, **head
 # Who is answered
 
 
-@pytest.mark.parametrize("path", ["", "viewer.js", "state?after=-2", "left.jpg", "value?x=0&y=0"])
+@pytest.mark.parametrize("path", ["", "viewer.js", "state?after=-2", "frame"])
 def test_only_who_was_let_in_is_answered(server: Server, show: Display, path: str) -> None:
     show.add(frame())
     assert ask(server, path).status == 200
@@ -198,52 +195,30 @@ def test_news_come_as_soon_as_there_are_any(server: Server, show: Display) -> No
 
     shown = response["frame"]
     assert (shown["index"], shown["width"], shown["height"]) == (3, COLS, ROWS)
-    assert (shown["low"], shown["high"]) == (0, COUNT)
     assert shown["verdict"] == "about 41 % of the pixels are probably wrong"
     assert shown["trusted"] == round(100 * told.trusted.mean(), 1)
 
 
-def test_pictures_are_those_of_the_frame(server: Server, show: Display) -> None:
-    assert ask(server, "left.jpg").status == 400
+def test_a_frame_comes_with_its_geometry(server: Server, show: Display) -> None:
+    assert ask(server, "frame").status == 400
+    show.add(frame(4))
+    assert geometry(ask(server, "frame")) == (4, None)
+    assert json.loads(ask(server, "frame").body[4:].partition(b"}")[0] + b"}")["ends"] == [0, COUNT]
+    show.know(Calibration.from_focal(100, 0.2, width=COLS + 1, height=ROWS), "m")
+    show.add(frame(5))
+    assert geometry(ask(server, "frame")) == (5, None), "of frames of another size"
 
-    given = frame()
-    show.add(given)
-    left = decode_raster(io.BytesIO(ask(server, "left.jpg").body)).astype(int)
-    assert np.abs(left - LEFT).mean() < 12
-
-    colors = decode_raster(io.BytesIO(ask(server, "disparity.png").body))
-    expected = FramePicture(0, COUNT)(given)[:, COLS:]
-    np.testing.assert_array_equal(colors, expected)
-    assert decode_raster(io.BytesIO(ask(server, "scale.png").body)).shape == (1, 256, 3)
+    show.know(Calibration.from_focal(100, 0.2, width=COLS, height=ROWS), "m")
+    show.add(frame(6))
+    index, scene = geometry(ask(server, "frame"))
+    assert (index, scene["scale"], scene["unit"]) == (6, 20, "m")
 
 
-def test_values_are_those_under_the_cursor(server: Server, show: Display) -> None:
-    given = frame()
-    bars = np.full((ROWS, COLS), 0.5, np.float32)
-    given = replace(given, result=replace(given.result, uncertainty=bars))
-    show.add(given)
-    none: dict[str, Any] = {"depth": None, "near": None, "far": None, "flags": []}
-    response = ask(server, "value?x=40&y=20").json()
-    assert response == {"disparity": float(SHIFT), "uncertainty": 0.5, **none}
-
-    known = Calibration.from_focal(100, 0.2, width=COLS, height=ROWS)
-    show.know(known, "m")
-    response = ask(server, "value?x=40&y=20").json()
-    wanted = ps.depth_interval(given.result, known)._asdict()
-    assert {name: response[name] for name in wanted} == {
-        name: float(values[20, 40]) for name, values in wanted.items()
-    }
-    assert response["near"] < response["depth"] == pytest.approx(100 * 0.2 / SHIFT)
-    assert ask(server, "state?after=-1").json()["unit"] == "m"
-
-    given.result.disparity[0, 0] = np.nan
-    given.result.flags[0, 0] = ps.Flag.OCCLUDED
-    assert ask(server, "value?x=0&y=0").json() == {
-        "disparity": None, "uncertainty": 0.5, **none, "flags": ["occluded"],
-    }  # fmt: skip
-
-    for place in ("x=90&y=0", "x=0&y=60", "x=-1&y=0", "x=a&y=0", ""):
-        assert ask(server, f"value?{place}").status == 400
+def geometry(answer: Answer) -> tuple[int, Any]:
+    """Return the number of a frame, and what makes points of its pixels."""
+    length = int.from_bytes(answer.body[:4], "little")
+    head = json.loads(answer.body[4 : 4 + length])
+    return head["index"], head["scene"]
 
 
 def test_what_fails_is_said_and_counted(server: Server, show: Display) -> None:
@@ -312,7 +287,7 @@ def test_settings_change_the_coming_frames(server: Server, show: Display) -> Non
         ({"p1": -1}, "p1: got -1; accepts 0 to 100"),
         ({"p1": "9"}, "p1: got str; accepts a number"),
         ({"fill": True}, "fill: got bool; accepts a number"),
-        ({"window": 5}, "window: is no setting; accepts p1"),
+        ({"window": 5}, "window: is not a setting; accepts p1"),
         ({"num_disparities": 500}, "num_disparities: got 500"),
         ([1], "settings: got list; accepts an object"),
     ],
@@ -377,6 +352,7 @@ def live(
         while not state["ended"]:
             state = ask(server, f"state?after={state['version']}").json()
             looked.append(state)
+        looked.append(geometry(ask(server, "frame"))[1])
         ask(server, "close", "POST")
 
     monkeypatch.setattr(home, "Server", Watched)
@@ -411,8 +387,8 @@ def test_live_shows_frames_until_it_is_ended(
     assert code == 0
     assert "phasestereo: look at http://127.0.0.1:" in err
 
-    assert looked[-1]["frame"]["index"] == 2
-    assert looked[-1]["ended"].startswith("no more frames come")
+    assert looked[-2]["frame"]["index"] == 2
+    assert looked[-2]["ended"].startswith("no more frames come")
     assert sorted(path.name for path in rig.iterdir()) == ["left", "right"]
 
 
@@ -459,9 +435,9 @@ def test_frames_of_another_size_are_said_and_do_not_end_the_run(
     assert code == 0
     assert "skipped frame 1: right: got" in err
     assert any(
-        (state["failure"] or {}).get("text", "").startswith("right: got") for state in looked
+        (state["failure"] or {}).get("text", "").startswith("right: got") for state in looked[:-1]
     )
-    assert (looked[-1]["frame"]["index"], looked[-1]["failed"]) == (2, 1)
+    assert (looked[-2]["frame"]["index"], looked[-2]["failed"]) == (2, 1)
 
 
 def test_a_wrong_calibration_is_reported_once_and_at_once(
@@ -474,12 +450,12 @@ def test_a_wrong_calibration_is_reported_once_and_at_once(
 
     _, err, looked = live(monkeypatch, capsys, "left", "right", "--show", *more)
     assert err.count("calibration: got that of 91 x 60 pixels") == 1
-    assert looked[-1]["notes"][0].endswith("there are no depths")
-    assert not looked[-1]["metric"]
+    assert looked[-2]["notes"][0].endswith("there are no depths")
+    assert looked[-1] is None
 
     (rig / "calib.txt").write_text("\n".join([*lines[:4], f"width={COLS}", f"height={ROWS}"]))
     _, err, looked = live(monkeypatch, capsys, "left", "right", "--show", *more)
-    assert (looked[-1]["metric"], looked[-1]["unit"]) == (True, "mm")
+    assert looked[-1]["unit"] == "mm"
     assert "calibration" not in err
 
 

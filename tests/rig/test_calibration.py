@@ -340,8 +340,7 @@ def test_the_page_has_all_of_it_and_needs_nothing(
     write_calibration_page(tmp_path / "page.html", said, title="<Rig>")
 
     text = (tmp_path / "page.html").read_text("utf-8")
-    page = Page()
-    page.feed(text)
+    page = Page(tmp_path / "page.html")
     assert page.sources == []
     assert page.open == []
     for words in ("<Rig>", "11 of 12 pairs", "Take <more> views.", "left out: <b>off</b>", "10 m"):

@@ -82,7 +82,7 @@ def test_real_blur_and_exposure_are_found(data: Path) -> None:
 def test_unrelated_images_are_recognized(data: Path) -> None:
     left, right = (find_scene(data / "middlebury", name).load() for name in ("Art", "Moebius"))
     found = check(left.left, right.right)
-    assert "these are no pair" in sentence(found, "match")
+    assert "these are not a pair" in sentence(found, "match")
     assert severities(found)["match"] == "warning"
     assert "too little in common" in sentence(found, "contrast")
     assert "too little in common" in sentence(found, "blur")

@@ -360,7 +360,7 @@ def test_files_that_are_no_calibration(tmp_path: Path, content: bytes) -> None:
 @pytest.mark.parametrize(("change", "message"), [
     ({"K1": np.eye(4)}, r"K1: got shape \(4, 4\); accepts \(3, 3\)"),
     ({"D2": np.zeros(3)}, r"D2: got shape \(3,\); accepts 4, 5, 8, 12, 14 numbers"),
-    ({"R": np.zeros((3, 3)) * np.nan}, "R: holds what is no finite number"),
+    ({"R": np.zeros((3, 3)) * np.nan}, "R: holds a value that is not a finite number"),
     ({"T": np.array([0.12, 0, 0])}, "a left camera that is on the right"),
     ({"T": np.array([0.01, 0.12, 0])}, "a left camera that is below the other one"),
     ({"M1": np.eye(3)}, "gives K1 twice"),

@@ -6,7 +6,6 @@ import json
 import re
 import sys
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +15,10 @@ from numpy.typing import NDArray
 
 import phasestereo as ps
 from conftest import counterpart
+from html_page import Page
 from phasestereo._images import on_screen, screen_range
 from phasestereo.io import Calibration
 from phasestereo.io.raster import decode_raster
-from phasestereo.views.page import page as page_module
 from phasestereo.views.page import write_pair_page
 from phasestereo.views.page.embedding import coding_of
 from phasestereo.views.page.facts import blur_facts, charts
@@ -48,27 +47,6 @@ def result() -> ps.Result:
     return ps.match(*pair_of(), num_disparities=COUNT)
 
 
-class Told(HTMLParser):
-    """What of a page the tests ask for: its text but for scripts, and what its scripts hold."""
-
-    def __init__(self, page: Path) -> None:
-        super().__init__()
-        self.text, self.scripts, self.tags = "", 0, [""]
-        self.feed(page.read_text("utf-8"))
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append(tag)
-        self.scripts += tag == "script"
-        assert not any(
-            name in ("src", "href") and not (value or "").startswith("data:")
-            for name, value in attrs
-        )
-
-    def handle_data(self, data: str) -> None:
-        if self.tags[-1] not in ("script", "style"):
-            self.text += data
-
-
 def page_data(page: Path) -> Any:
     """Return the numbers that the page's scripts work with, refusing what JSON does not have."""
 
@@ -84,8 +62,10 @@ def test_needs_nothing_beside_it(tmp_path: Path, result: ps.Result) -> None:
     page = tmp_path / "page.html"
     write_pair_page(page, *pair_of(), result, num_disparities=COUNT)
 
-    text = Told(page).text
-    assert "40 \N{MULTIPLICATION SIGN} 24 pixels, 8 disparities searched: 0 to 7 px." in text
+    read = Page(page)
+    assert read.open == []
+    assert [one for one in read.sources if not one.startswith("data:")] == []
+    assert "40 \N{MULTIPLICATION SIGN} 24 pixels, 8 disparities searched: 0 to 7 px." in read.text
 
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page.read_text("utf-8"))
     assert policy
@@ -105,7 +85,7 @@ def test_it_begins_with_what_is_probably_wrong(tmp_path: Path, result: ps.Result
     page = tmp_path / "page.html"
     write_pair_page(page, *pair_of(), told, calibration=rig, yaw=0.2)
 
-    lead, _, text = Told(page).text.partition("40 \N{MULTIPLICATION SIGN} 24 pixels")
+    lead, _, text = Page(page).text.partition("40 \N{MULTIPLICATION SIGN} 24 pixels")
     assert lead.strip().endswith("About 41 % of the pixels are probably wrong.")
     assert "Error bars of depths: a yaw of up to 0.2 degrees is allowed for, 3.5 px" in text
 
@@ -113,9 +93,9 @@ def test_it_begins_with_what_is_probably_wrong(tmp_path: Path, result: ps.Result
 def test_titles_are_text(tmp_path: Path, result: ps.Result) -> None:
     page, title = tmp_path / "page.html", "</title><script>alert('&')</script>"
     write_pair_page(page, *pair_of(), result, title="plain")
-    plain = Told(page)
+    plain = Page(page)
     write_pair_page(page, *pair_of(), result, title=title)
-    odd = Told(page)
+    odd = Page(page)
     assert odd.scripts == plain.scripts
     assert odd.text.count(title) == plain.text.count("plain") == 2
 
@@ -131,7 +111,7 @@ def test_metrics_are_those_of_the_library(tmp_path: Path, result: ps.Result) -> 
     write_pair_page(page, *pair_of(), result, truth=truth, mask=mask)
 
     score = ps.metrics.score(result.disparity, truth, mask=mask)
-    text = Told(page).text
+    text = Page(page).text
     for name, value in (("bad-0.5", f"{score.bad_0_5:.2f} %"), ("rms", f"{score.rms:.2f} px")):
         assert re.search(rf"{name}\s*{re.escape(value)}", text)
 
@@ -147,20 +127,9 @@ def test_without_any_estimate(tmp_path: Path, result: ps.Result) -> None:
     nothing = replace(result, disparity=np.full(SHAPE, np.nan, dtype=np.float32))
     write_pair_page(page, *pair_of(), nothing, truth=np.ones(SHAPE))
     assert page_data(page)["charts"]["errors"]["wrong"] == [100] * 80
-    text = Told(page).text
+    text = Page(page).text
     assert re.search("EPE\\)\\s*\N{EN DASH}", text)
     assert "No pixel has a depth" in text
-
-
-def test_large_maps_are_thinned_out(
-    tmp_path: Path, result: ps.Result, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(page_module, "MOST_PIXELS", 120)
-    page = tmp_path / "page.html"
-    write_pair_page(page, *pair_of(), result)
-    held = page_data(page)
-    assert (held["cols"], held["rows"], held["step"]) == (14, 8, 3)
-    assert "every 3rd pixel of every 3rd row" in " ".join(Told(page).text.split())
 
 
 REFUSED: list[tuple[dict[str, Any], type[Exception], str]] = [
@@ -352,4 +321,4 @@ def test_full_hd_takes_no_more_than_a_few_megabytes(tmp_path: Path) -> None:
 
     assert page.stat().st_size < 8e6  # noise, which nothing compresses, is most of it
     assert not page_data(page)["exact"]
-    assert "compressed with loss" in Told(page).text
+    assert "compressed with loss" in Page(page).text

@@ -98,6 +98,11 @@ app.command(
     name="doctor",
     help="Say what is installed here, how fast it is, and whether its results are right.",
 )
+app.command(
+    "phasestereo.cli.trying:try_it",
+    name="try",
+    help="Match a pair that is made here, its left image out of focus, and open the page of it.",
+)
 _rig = App(name="rig", help="Test two cameras while they run.")
 _rig.command(
     "phasestereo.cli.rig:rig_test",

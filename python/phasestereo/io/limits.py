@@ -76,7 +76,7 @@ def set_max_pixels(count: int | None) -> None:
 def check_size(width: int, height: int) -> None:
     """Refuse a size that no picture has, or one above `max_pixels`."""
     if width < 1 or height < 1:
-        raise ValueError(f"the header says {width} x {height} pixels: that is no image")
+        raise ValueError(f"the header says {width} x {height} pixels: that is not an image")
     if width * height > (most := max_pixels()):
         raise ValueError(
             f"the header says {width} x {height} pixels; at most {most} are read: raise that with "

@@ -16,7 +16,7 @@ def read_mask(path: Path | None, *, level: int = 1) -> NDArray[np.bool_] | None:
     Raises
     ------
     OSError, ValueError
-        As `phasestereo.io.read_image`; ValueError also if the samples are no integers.
+        As `phasestereo.io.read_image`; ValueError also if the samples are not integers.
     """
     if path is None:
         return None

@@ -71,7 +71,7 @@ class Directory:
             return default
 
         if kind not in _WHOLE or isinstance(content, int):
-            raise ValueError(f"the TIFF's tag {tag} is no whole number")
+            raise ValueError(f"the TIFF's tag {tag} is not a whole number")
         return int(np.frombuffer(content, self.order + _WHOLE[kind], 1)[0])
 
     @property
@@ -121,7 +121,7 @@ class Directory:
         """Refuse blocks that are not as many as the picture has, or much larger than it."""
         (width, height), (across, down) = self.size, self.block
         if min(width, height) < 1:
-            raise ValueError(f"the header says {width} x {height} pixels: that is no image")
+            raise ValueError(f"the header says {width} x {height} pixels: that is not an image")
 
         # Samples may be stored by planes, each with blocks of its own.
         planes = max(1, self.number(_SAMPLES, 1)) if self.number(_PLANAR, 1) == 2 else 1

@@ -125,7 +125,7 @@ def _as_numbers(name: str, value: Any) -> Matrix:
 
     matrix = array.astype(np.float64)
     if not np.isfinite(matrix).all():
-        raise ValueError(f"{name}: holds what is no finite number")
+        raise ValueError(f"{name}: holds a value that is not a finite number")
     if (size := np.abs(matrix).max(initial=0)) > _LARGEST:
         raise ValueError(f"{name}: got a number of size {size:g}; accepts {_LARGEST:g} at most")
     return matrix

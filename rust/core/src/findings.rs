@@ -190,7 +190,7 @@ mod tests {
         let same = Estimates { range: Some(SearchRange { identical: true, ..RANGE }), ..sound() };
         assert_eq!(said(&same, Topic::Match).0, Severity::Warning);
         let nothing = Estimates { range: None, confidence: Some(0.2), ..sound() };
-        assert!(said(&nothing, Topic::Match).1.contains("these are no pair"));
+        assert!(said(&nothing, Topic::Match).1.contains("these are not a pair"));
         let wall = Photometry { flat: [0.99; 2], ..PHOTOMETRY };
         let wall = Estimates { range: None, confidence: Some(0.2), ..with_photometry(wall) };
         assert!(

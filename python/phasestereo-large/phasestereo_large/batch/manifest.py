@@ -89,7 +89,7 @@ def read_manifest(path: StrPath) -> dict[str, Record]:
     OSError
         If the file cannot be read.
     ValueError
-        If a line of it is no record; the message names the line.
+        If a line of it is not a record; the message names the line.
     """
     records, damaged = _read(Path(path))
     if damaged:
@@ -99,7 +99,7 @@ def read_manifest(path: StrPath) -> dict[str, Record]:
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """A line of a manifest that is no record: where it is, what is wrong with it, what it holds."""
+    """A line of a manifest that is not a record: where it is, what is wrong, what it holds."""
 
     where: str
     reason: str

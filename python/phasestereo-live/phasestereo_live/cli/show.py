@@ -57,7 +57,7 @@ class ViewOptions:
         if self.save_to is not None and not shown:
             raise CommandError("--save-to: has no effect without --show", WRONG_USAGE)
         if self.save_to is not None and not self.save_to.is_dir():
-            raise CommandError(f"--save-to: {self.save_to} is no folder")
+            raise CommandError(f"--save-to: {self.save_to} is not a folder")
         return shown
 
 

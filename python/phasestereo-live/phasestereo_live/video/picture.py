@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phasestereo._images import as_pixels, as_rgb8
-from phasestereo.result import Result
 from phasestereo.views.picture import NEUTRAL, colorize, hatched
 from phasestereo_live.video.streaming import Frame
 
@@ -29,7 +28,7 @@ class FramePicture:
     Raises
     ------
     TypeError, ValueError
-        If these are no finite numbers, or low is not below high.
+        If these are not finite numbers, or low is not below high.
     ImportError
         If matplotlib is not installed.
     """
@@ -48,18 +47,11 @@ class FramePicture:
         self._colors = np.concatenate([colorize(ramp, low=low, high=high)[0], none])
 
     def __call__(self, frame: Frame) -> NDArray[np.uint8]:
-        """Return the picture: uint8 (H, 2 W, 3), RGB."""
-        left = as_rgb8(as_pixels(frame.left, "left"))
-        return np.concatenate([left, self.drawn(frame.result)], axis=1)
-
-    def drawn(self, result: Result) -> NDArray[np.uint8]:
-        """Return the disparities of a result in color, hatched where they are not trusted."""
-        unsure = np.isfinite(result.disparity) & ~result.trusted
-        return hatched(self.colored(result.disparity), unsure)
-
-    def colored(self, disparity: NDArray[np.float32]) -> NDArray[np.uint8]:
-        """Return disparities (H, W) in color: uint8 (H, W, 3), RGB."""
+        """Return the picture: uint8 (H, 2 W, 3), RGB; hatched is what is not trusted."""
+        disparity = frame.result.disparity
         steps = np.rint((disparity - np.float32(self._low)) * np.float32(self._scale))
         steps = np.where(np.isnan(steps), _STEPS, np.clip(steps, 0, _STEPS - 1))
         colored: NDArray[np.uint8] = self._colors[steps.astype(np.intp)]
-        return colored
+        unsure = np.isfinite(disparity) & ~frame.result.trusted
+        left = as_rgb8(as_pixels(frame.left, "left"))
+        return np.concatenate([left, hatched(colored, unsure)], axis=1)

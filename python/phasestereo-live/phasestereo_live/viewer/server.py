@@ -12,7 +12,6 @@ Whoever else connects can only wait: for some seconds, and as long as there is r
 
 from __future__ import annotations
 
-import io
 import json
 import secrets
 import socket
@@ -26,12 +25,8 @@ from threading import Lock, Thread
 from typing import Any, Self
 from urllib.parse import parse_qs
 
-import numpy as np
-
-from phasestereo._images import as_pixels, as_rgb8
-from phasestereo.io.raster import encode_raster
+from phasestereo.views.page.blank import blank_viewer, viewer_script
 from phasestereo.views.templating import render_page
-from phasestereo_live.video.picture import FramePicture
 from phasestereo_live.video.streaming import Frame
 from phasestereo_live.viewer.show import RANGES, Display
 
@@ -173,85 +168,54 @@ class _Answers:
         self._show = show
         self.hosts: tuple[str, ...] = ()
         self._lock = Lock()
-        self._encoded: dict[str, tuple[Frame, bytes]] = {}
-        self._picture: tuple[tuple[int, int], FramePicture] | None = None
+        self._packed: tuple[Frame, bytes] | None = None
 
         self.pages: dict[str, tuple[str, Callable[[dict[str, str]], bytes]]] = {
             "": (_HTML, self._page),
             "viewer.js": ("text/javascript; charset=utf-8", self._script),
             "state": ("application/json", self._state),
-            "value": ("application/json", self._value),
-            "left.jpg": ("image/jpeg", self._left),
-            "disparity.png": ("image/png", self._disparity),
-            "scale.png": ("image/png", self._scale),
+            "frame": ("application/octet-stream", self._frame),
         }
 
         self.deeds: dict[str, Callable[[Any], Any]] = {
             "settings": self._set,
+            "hold": show.hold,
             "save": lambda _: {"saved": show.save(), "folder": str(show.folder.resolve())},
             "close": lambda _: show.close(),
         }
 
     def _page(self, _: dict[str, str]) -> bytes:
-        page = render_page("viewer.html.j2", package="phasestereo_live.viewer", ranges=RANGES)
-        return page.encode()
+        blank = blank_viewer(truth=False)
+        package = "phasestereo_live.viewer"
+        return render_page("live.html.j2", package=package, ranges=RANGES, **blank).encode()
 
     def _script(self, _: dict[str, str]) -> bytes:
-        return (resources.files("phasestereo_live.viewer") / "templates" / "viewer.js").read_bytes()
+        own = resources.files("phasestereo_live.viewer") / "templates" / "live.js"
+        return viewer_script().encode() + own.read_bytes()
 
     def _state(self, query: dict[str, str]) -> bytes:
         state = self._show.wait(int(query.get("after", "-1")), _PATIENCE)
         return json.dumps(state, allow_nan=False).encode()
 
-    def _value(self, query: dict[str, str]) -> bytes:
-        value = self._show.value(int(query.get("x", "-1")), int(query.get("y", "-1")))
-        return json.dumps(value, allow_nan=False).encode()
+    def _frame(self, _: dict[str, str]) -> bytes:
+        """Return the frame that is looked at, packed once however many look."""
+        with self._lock:
+            frame = self._show.looked_at
+            if frame is None:
+                raise ValueError("there is no frame yet")
+            if self._packed is None or self._packed[0] is not frame:
+                self._packed = frame, self._show.packed(frame)
+            return self._packed[1]
 
     def _set(self, wanted: Any) -> None:
         if not isinstance(wanted, dict):
             raise TypeError(f"settings: got {type(wanted).__name__}; accepts an object")
         self._show.set(wanted)
 
-    def _left(self, _: dict[str, str]) -> bytes:
-        return self._drawn("JPEG", lambda frame: as_rgb8(as_pixels(frame.left, "left")))
-
-    def _disparity(self, _: dict[str, str]) -> bytes:
-        return self._drawn("PNG", lambda frame: self._colors().drawn(frame.result))
-
-    def _scale(self, _: dict[str, str]) -> bytes:
-        low, high = self._show.ends()
-        ramp = np.linspace(low, high, 256, dtype=np.float32)[np.newaxis]
-        return _encoded(self._colors().colored(ramp), "PNG")
-
-    def _colors(self) -> FramePicture:
-        """Return what colors disparities; the table is made anew where the range is another."""
-        ends = self._show.ends()
-        if self._picture is None or self._picture[0] != ends:
-            self._picture = ends, FramePicture(*ends)
-        return self._picture[1]
-
-    def _drawn(self, kind: str, draw: Callable[[Frame], np.ndarray[Any, Any]]) -> bytes:
-        """Return a picture of the last frame, encoded once however many look at it."""
-        frame = self._show.frame
-        if frame is None:
-            raise ValueError("there is no frame yet")
-
-        with self._lock:
-            known = self._encoded.get(kind)
-            if known is None or known[0] is not frame:
-                known = self._encoded[kind] = frame, _encoded(draw(frame), kind)
-            return known[1]
-
 
 def _is_same(one: str, other: str) -> bool:
     """Compare secrets in a time that tells nothing of them."""
     return secrets.compare_digest(one.encode("utf-8", "replace"), other.encode())
-
-
-def _encoded(picture: np.ndarray[Any, Any], kind: str) -> bytes:
-    file = io.BytesIO()
-    encode_raster(file, picture, kind)
-    return file.getvalue()
 
 
 class _Handler(BaseHTTPRequestHandler):

@@ -13,15 +13,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from phasestereo._numbers import as_json
 from phasestereo.io import Calibration, write_image
-from phasestereo.result import Flag
 from phasestereo.rig.diagnosis import Diagnosis
 from phasestereo.rig.findings import Finding
 from phasestereo.settings import Settings
-from phasestereo.views.depths import YAW, ranging
 from phasestereo.views.page import write_pair_page
 from phasestereo_live.video.streaming import Failure, Frame
+from phasestereo_live.viewer.frames import packed
 
 Change = Callable[["Settings", int | None], None]
 """Matches the coming frames with other settings and another number of disparities."""
@@ -68,6 +66,7 @@ class Display:
         self.num_disparities = num_disparities
         self.folder = folder
         self.frame: Frame | None = None
+        self.held: Frame | None = None
         self.closed = False
 
         self._changed = Condition()
@@ -175,8 +174,6 @@ class Display:
             "notes": list(self._notes.values()),
             "findings": _worst_first((*grave, *found)),
             "settings": self._settings_state(),
-            "unit": self._unit,
-            "metric": self._calibration is not None,
         }
 
     def _frame_state(self) -> dict[str, Any] | None:
@@ -184,7 +181,6 @@ class Display:
             return None
 
         rows, cols = self.frame.result.disparity.shape
-        low, high = self.ends()
         return {
             "index": self.frame.index,
             "time": self.frame.time,
@@ -193,13 +189,12 @@ class Display:
             "rate": round(self._rate, 1),
             "verdict": self.frame.result.verdict,
             "trusted": round(100 * float(self.frame.result.trusted.mean()), 1),
-            "low": low,
-            "high": high,
         }
 
     def ends(self) -> tuple[int, int]:
         """Return the disparities at the ends of the colors: those searched."""
-        search = None if self.frame is None else self.frame.result.search
+        frame = self.looked_at
+        search = None if frame is None else frame.result.search
         if search is None:
             return 0, self.num_disparities or 1
         return search.min_disparity, search.min_disparity + search.num_disparities
@@ -225,12 +220,12 @@ class Display:
         Raises
         ------
         TypeError, ValueError
-            If a name is unknown, a value is no number or out of its range, or `phasestereo.match`
-            refuses it.
+            If a name is unknown, a value is not a number or out of its range, or
+            `phasestereo.match` refuses it.
         """
         for name, value in wanted.items():
             if name not in RANGES:
-                raise ValueError(f"{name}: is no setting; accepts {', '.join(RANGES)}")
+                raise ValueError(f"{name}: is not a setting; accepts {', '.join(RANGES)}")
             if isinstance(value, bool) or not isinstance(value, int | float):
                 raise TypeError(f"{name}: got {type(value).__name__}; accepts a number")
             low, high = RANGES[name]
@@ -260,39 +255,21 @@ class Display:
         with self._news():
             self.settings, self.num_disparities = settings, count
 
-    def value(self, x: int, y: int) -> dict[str, Any]:
-        """Return what is known of a pixel of the last frame; None for what has no number.
+    def hold(self, on: object) -> None:
+        """Keep the last frame, to be looked at and saved while others come; or keep none."""
+        self.held = self.frame if on is True else None
 
-        Raises
-        ------
-        ValueError
-            If there is no frame, or no such pixel.
-        """
-        frame = self.frame
-        rows, cols = (0, 0) if frame is None else frame.result.disparity.shape
-        if frame is None or not (0 <= x < cols and 0 <= y < rows):
-            raise ValueError(f"x, y: got {x}, {y}; accepts pixels of {cols} x {rows}")
+    @property
+    def looked_at(self) -> Frame | None:
+        """The frame that is kept, or the last one."""
+        return self.held or self.frame
 
-        disparity, bars = frame.result.disparity, frame.result.uncertainty
-        found = disparity[y, x]
-        bar = math.nan if bars is None else bars[y, x]
-        depth = near = far = math.nan
-        if self._calibration is not None and self._calibration.width == cols:
-            known = ranging(disparity, self._calibration, uncertainty=bars, yaw=YAW, anchor=None)
-            depth, near, far = map(float, known.interval(found, bar, x))
-
-        flags = Flag(int(frame.result.flags[y, x]))
-        return {
-            "disparity": as_json(float(found)),
-            "uncertainty": as_json(float(bar)),
-            "depth": as_json(depth),
-            "near": as_json(near),
-            "far": as_json(far),
-            "flags": [str(flag.name).lower() for flag in Flag if flag & flags],
-        }
+    def packed(self, frame: Frame) -> bytes:
+        """Return a frame as the page takes it."""
+        return packed(frame, self._calibration, self._unit, self.ends())
 
     def save(self) -> list[str]:
-        """Save the last pair, and a page that shows its match; nothing is replaced.
+        """Save the pair that is looked at, and the page of its match; nothing is replaced.
 
         Returns
         -------
@@ -304,7 +281,7 @@ class Display:
         OSError, ValueError
             If there is no pair, or it cannot be written.
         """
-        frame = self.frame
+        frame = self.looked_at
         if frame is None:
             raise ValueError("there is no pair to save yet")
         stem = _free(self.folder, f"pair-{frame.index:06}")

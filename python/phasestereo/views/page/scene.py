@@ -11,7 +11,7 @@ from phasestereo._images import Map
 from phasestereo.io import Calibration
 from phasestereo.views.depths import Ranging
 
-__all__ = ["ScenePoints", "scene_points"]
+__all__ = ["ScenePoints", "described", "scene_points"]
 
 _FAR = 1.5  # depths beyond so many times the 90th percentile are left out: they dwarf the rest
 
@@ -50,22 +50,33 @@ class ScenePoints:
 
     def described(self) -> dict[str, Any]:
         """Return it as the page has it."""
-        (focal, _, x), (_, vertical, y), _ = self.geometry.cam0
+        unit = "baselines" if self.nominal else ""  # a calibration names none
         return {
-            "focal": [focal, vertical],
-            "center": [x, y],
-            "scale": focal * self.geometry.baseline,  # depth = scale / (disparity + doffs)
-            "doffs": self.geometry.doffs,
+            **described(self.ranging, unit),
             "limit": self.limit,
-            "right": [self.geometry.cam1[0][0], self.geometry.cam1[0][2]],
-            "unit": "baselines" if self.nominal else "",  # a calibration names none
-            "share": self.ranging.share,  # px that the yaw adds to an error bar
+            "nominal": self.nominal,
         }
 
     @property
     def unit(self) -> str:
         """The unit of distances, in words."""
         return "in baselines" if self.nominal else "in the unit of the baseline"
+
+
+def described(ranging: Ranging, unit: str) -> dict[str, Any]:
+    """Return a geometry, and how exact it is, as scripts have it."""
+    known = ranging.calibration
+    (focal, _, x), (_, vertical, y), _ = known.cam0
+    return {
+        "nominal": False,
+        "focal": [focal, vertical],
+        "center": [x, y],
+        "scale": focal * known.baseline,  # depth = scale / (disparity + doffs)
+        "doffs": known.doffs,
+        "right": [known.cam1[0][0], known.cam1[0][2]],
+        "unit": unit,
+        "share": ranging.share,  # px that the yaw adds to an error bar
+    }
 
 
 def scene_points(

@@ -9,8 +9,9 @@
 const NINETY = 1.645; // standard deviations on either side hold 90 %
 const SURE = 0.5; // least confidence of what is trusted, as phasestereo.Result.trusted has it
 const marks = { A: null, B: null };
-// What a known length has set: the factor of all lengths, their unit, and the share of each that it leaves open.
-const known = { factor: 1, unit: null, share: 0 };
+// What a known length has set: the factor of all lengths, their unit, and the share of each that it leaves open; the focal
+// length that photographs name, in pixels.
+const known = { factor: 1, unit: null, share: 0, focal: null };
 
 const placeOf = ({ x, y }) => y * page.cols + x;
 const isPoint = (at) => Number.isFinite(maps.disparity[at]) && depthOf(maps.disparity[at]) > 0;
@@ -148,6 +149,7 @@ function tellMeasures() {
   const said = measured();
   element("measured").replaceChildren(...said.map((textContent) => made("li", { textContent })));
   const both = marks.A && marks.B;
+  element("scaling").hidden = !page.scene.nominal; // a calibration has set it
   element("section").innerHTML = both ? sectionOf(lineBetween(marks.A, marks.B)) : "";
   element("set-scale").disabled = !both || !isPoint(placeOf(marks.A)) || !isPoint(placeOf(marks.B));
   stage.refresh();

@@ -29,7 +29,7 @@ function valuesOf({ x, y }) {
     flags: named(maps.flags[at]).join(", ") || "none",
     truth: Number.isFinite(maps.truth?.[at]) ? numberOf(maps.truth[at], 2, "px") : "unknown",
     error: !maps.scored?.[at] ? "not scored" : known ? numberOf(found - maps.truth[at], 2, "px") : "missing",
-    depth: depth > 0 ? depthText(depth, x * page.step, at) : none,
+    depth: depth > 0 ? withUnit(depthText(depth, x * page.step, at)) : none,
     left: intensity("left", x, y),
     right: known ? intensity("right", Math.round(match / page.step), y) : none,
   };

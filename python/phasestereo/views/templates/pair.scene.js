@@ -69,6 +69,7 @@ void main() { shown = vec4(color, 1.0); }`;
 
 const BACK = 1.15; // how far the eye is behind what it looks at, in its depth
 const FRAME = 1.25; // room around the image, as the left camera sees it
+const NARROW = 1.2; // and more across, where the eye is beside it
 
 class Cloud {
   constructor(canvas) {
@@ -150,7 +151,7 @@ class Cloud {
   // Tangent of half the angle that is seen up and down: the left camera's, and what a narrow view
   // needs to see as much across.
   get sight() {
-    return (FRAME * Math.max(this.image[1], this.image[0] / this.aspect)) / BACK;
+    return (FRAME * Math.max(this.image[1], (NARROW * this.image[0]) / this.aspect)) / BACK;
   }
 
   get aspect() {

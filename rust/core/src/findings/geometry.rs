@@ -15,8 +15,7 @@ use crate::rig::estimation::rows::{DISTORTED, RowOffsets};
 use crate::rig::psf::{Family, Psf, Taps};
 use crate::rig::rectification::{LONGEST, Rectification, Refusal};
 
-const NOTHING: &str =
-    "hardly anything in one image is found in the other: these are no pair, or far from rectified";
+const NOTHING: &str = "hardly anything in one image is found in the other: these are not a pair, or far from rectified";
 /// The term of the field of rows that a camera has which is turned towards the other.
 const TWIST: usize = 3;
 /// From so many pixels below zero on, the middle of all disparities counts as negative.
@@ -68,7 +67,7 @@ impl Known<'_> {
         } else if range.swapped && self.is_toed_in(range) {
             let toed_in = format!(
                 "all disparities are negative ({ends}), and rows lie as those of cameras that are toed in, with all of \
-                 the scene behind the point they look at: disparities are no depth before the pair is rectified"
+                 the scene behind the point they look at: disparities are not a depth before the pair is rectified"
             );
             findings.push(Finding::note(Topic::Swap, toed_in));
         } else if range.swapped {
@@ -291,7 +290,7 @@ pub fn fitted(fit: &Fit) -> Finding {
         "it is resampled to that, and disparities are in pixels of the left image".to_owned()
     } else {
         format!(
-            "it is laid over its middle, {:.2} times as large, and disparities are no depth: rectify the pair",
+            "it is laid over its middle, {:.2} times as large, and disparities are not a depth: rectify the pair",
             scale[1]
         )
     };

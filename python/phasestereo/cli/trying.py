@@ -1,0 +1,73 @@
+"""``phasestereo try``: a pair that is made here, one image out of focus, matched and shown."""
+
+# No `from __future__ import annotations`: the command line is made of these annotations.
+
+import sys
+import webbrowser
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from cyclopts import Parameter
+from numpy.typing import NDArray
+
+from phasestereo.cli.errors import refusals
+from phasestereo.cli.terminal import print_lines
+from phasestereo.cli.trust import unwarned
+from phasestereo.matching import match
+from phasestereo.selfcheck import box, noise
+from phasestereo.views.page import write_pair_page
+
+_ROWS, _COLS, _FAR, _NEAR = 360, 480, 8, 32
+_BOXES = (120, 220, 60, 160), (150, 270, 330, 420), (220, 330, 190, 290)
+"""First and last row, first and last column, the farthest box first; each stands on the floor."""
+
+_COLORS = (205, 214, 226), (168, 132, 96), (196, 92, 70), (98, 148, 110), (92, 132, 190)
+
+
+def try_it(
+    *, output: Annotated[Path, Parameter(alias="-o")] = Path("try.html"), show: bool = True
+) -> None:
+    """Match a pair that is made here, its left image out of focus, and open the page of it.
+
+    Parameters
+    ----------
+    output
+        The page: one file, which needs no network.
+    show
+        Open it in the web browser.
+    """
+    left, right = _pair()
+    with refusals(), unwarned():
+        result = match(left, right)
+        write_pair_page(output, left, right, result, title="Boxes, the left image out of focus")
+    seconds = sum(result.timings.values())
+    print_lines([f"{found.severity}: {found.sentence}" for found in result.findings])
+    print_lines([f"matched in {seconds:.2f} s"])
+    print_lines([f"look at {output}; your own: phasestereo match LEFT RIGHT --report page.html"])
+    if show and sys.stderr.isatty():
+        webbrowser.open(output.absolute().as_uri())
+
+
+def _pair() -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Return a wall, a floor that comes nearer row by row, and boxes on it, far to near."""
+    half = _ROWS // 2
+    nearer = np.arange(half) * (_NEAR - _FAR) // half + _FAR
+    parts = [(0, half, 0, _COLS, np.full(half, _FAR)), (half, _ROWS, 0, _COLS, nearer)]
+    parts += [(*at, np.full(at[1] - at[0], nearer[at[1] - half])) for at in _BOXES]
+
+    left, right = np.zeros((2, _ROWS, _COLS, 3), np.int64)
+    for seed, ((top, bottom, first, end, shifts), color) in enumerate(
+        zip(parts, _COLORS, strict=True)
+    ):
+        fine = noise(bottom - top, _COLS + _NEAR, seed)
+        grain = ((box(fine, 7, 7) - 128) * 4 + box(fine, 2, 2)).clip(0, 255)
+        for y, shift in enumerate(shifts, top):
+            texture = (128 + grain[y - top, first:, np.newaxis] // 2) * np.array(color) // 255
+            left[y, first:end] = texture[: end - first]
+            # What is far right in the right image goes on with what the left one does not see.
+            begin, wide = max(first - shift, 0), end if end == _COLS else end - shift
+            right[y, begin:wide] = texture[begin + shift - first : wide + shift - first]
+
+    soft = np.dstack([box(box(box(left[:, :, one], 5, 5), 5, 5), 3, 3) for one in range(3)])
+    return soft.astype(np.uint8), right.astype(np.uint8)
