@@ -42,7 +42,7 @@ from phasestereo_large.outofcore.plan import resident
 from phasestereo_live.viewer import Display, Server
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
 SIZES = (37, 64, 120, 181, 240, 333)
 PRESETS = "robust", "fast", "paper"
@@ -254,12 +254,15 @@ def main() -> int:
     end, told = started + given.seconds, [Counter[str]() for _ in range(given.threads + 3)]
     levels: list[tuple[float, int, int]] = []
     with TemporaryDirectory() as name:
-        works = [
-            (frames, (matchers, given.seed + at, end, told[at])) for at in range(given.threads)
+        folder = Path(name)
+        works: list[tuple[Callable[..., None], tuple[Any, ...]]] = [
+            (short_of_memory, (end, told[-1])),
+            (a_rig, (given.seed, end, told[-2], folder)),
+            (a_viewer, (given.seed, end, told[-3], folder)),
         ]
-        works += [(short_of_memory, (end, told[-1]))]
-        works += [(a_rig, (given.seed, end, told[-2], Path(name)))]
-        works += [(a_viewer, (given.seed, end, told[-3], Path(name)))]
+        works.extend(
+            (frames, (matchers, given.seed + at, end, told[at])) for at in range(given.threads)
+        )
         threads = [threading.Thread(target=work, args=args) for work, args in works]
         for thread in threads:
             thread.start()
