@@ -160,3 +160,19 @@ fn matches_take_their_share_of_the_model() {
     let wrong = wrong.map(|(found, case)| format!("{}: {found:.2}, not {}", case.name, case.share));
     assert_eq!(wrong.collect::<Vec<_>>(), [""; 0]);
 }
+
+#[test]
+fn what_no_machine_holds_is_not_taken_for_little() {
+    let side = u32::MAX as usize;
+    let demand = Demand {
+        settings: &robust(),
+        compensation: None,
+        alignment: None,
+        cols: side,
+        candidates: 256,
+        pixel: 24,
+        threads: 1,
+    };
+    assert_eq!(demand.bytes(side), u64::MAX);
+    assert!(demand.bytes(1) < u64::MAX);
+}
