@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import stat
 import struct
 import zlib
 from collections.abc import Callable, Iterator
@@ -97,6 +98,8 @@ def _check_file(path: Path, most: int) -> None:
     except OSError:
         return
     refuse_special(path, status.st_mode)
+    if stat.S_ISDIR(status.st_mode):  # which Zarr takes for a chunk of fill values
+        raise ValueError(f"{path}: a folder where a file should be")
     if status.st_size > most:
         raise ValueError(f"{path}: has {status.st_size} bytes; at most {most} are read")
 
