@@ -44,7 +44,7 @@ struct Case {
 const OFF: f64 = 0.07;
 
 fn cases() -> Vec<Case> {
-    let (large, flat, high) = ((500, 1200), (300, 1200), (560, 1200));
+    let (large, flat, high) = ((500, 1200), (300, 700), (560, 700));
     let case = |name, share, settings: &Settings, size, candidates| {
         let settings = settings.clone();
         Case { name, settings, size, candidates, share, channels: 1, threads: 1, kernels: 0 }
@@ -59,20 +59,20 @@ fn cases() -> Vec<Case> {
     vec![
         case("fast", 0.67, &fast, large, 32),
         Case { channels: 3, ..case("fast, colors", 0.72, &fast, large, 32) },
-        case("fast, wide", 0.82, &fast, flat, 900),
+        case("fast, wide", 0.89, &fast, flat, 600),
         case("paper", 0.70, &paper, large, 32),
-        case("paper, wide", 0.74, &paper, flat, 900),
+        case("paper, wide", 0.75, &paper, flat, 600),
         case("robust", 0.67, &plain, large, 32),
-        case("robust, wide", 0.72, &plain, high, 900),
-        Case { threads: 3, ..case("robust, threads", 0.72, &plain, high, 900) },
+        case("robust, wide", 0.81, &plain, high, 600),
+        Case { threads: 3, ..case("robust, threads", 0.87, &plain, high, 600) },
         Case { kernels: 6, ..case("kernels", 0.71, &plain, large, 32) },
-        Case { kernels: 1, ..case("synthesis", 0.65, &robust(), (800, 1200), 32) },
+        Case { kernels: 1, ..case("synthesis", 0.39, &robust(), (800, 1200), 32) },
         Case { channels: 3, ..case("sad", 0.95, &compared(CostKind::Sad), large, 32) },
         Case { channels: 3, ..case("nsad", 0.72, &compared(CostKind::NormalizedSad), large, 32) },
-        case("wta", 0.78, &searched(wta), flat, 900),
-        case("so", 0.84, &searched(so), flat, 900),
-        case("sgm", 0.72, &searched(sgm), high, 900),
-        case("dp", 0.74, &searched(dp), flat, 900),
+        case("wta", 0.84, &searched(wta), flat, 600),
+        case("so", 0.88, &searched(so), flat, 600),
+        case("sgm", 0.83, &searched(sgm), high, 600),
+        case("dp", 0.76, &searched(dp), flat, 600),
     ]
 }
 
