@@ -1,14 +1,19 @@
-"""A long run through one `Matcher`: changing sizes, several threads, faults; what is left of it.
+"""A long run of matchers, a rig and the viewer, with faults; what is left of it.
 
     python benches/soak.py [--seconds 300] [--threads 3] [--seed 0]
 
-Threads hand pairs of changing sizes and settings to one `Matcher` each preset. Among them are
-faults: frames that are NaN all over, images of different sizes, types that are refused, a progress
-that ends the match, and matches for which memory is refused (on Linux, by a limit on the address
-space, in processes of their own). Some results are compared with those of fresh matches, bit for
-bit. Prints the numbers of frames, faults and differences, and the resident memory after each tenth
-of the time. The exit code is 1 if a bit differed, a fault went unnoticed, or memory grew by more
-than 32 MB after the third tenth.
+- Threads hand pairs of changing sizes and settings to one `Matcher` each preset. Among them are
+  faults: frames that are NaN all over, images of different sizes, types that are refused, a
+  progress that ends the match, and matches for which memory is refused (on Linux, by a limit on the
+  address space, in processes of their own). Some results are compared with those of fresh matches,
+  bit for bit.
+- A stream, whose `Rig` is bumped and sees bad frames, is shown by the viewer. Browsers ask for all
+  that there is; others say nothing, say nonsense, or leave in the middle.
+- A `Rig` is saved and loaded now and then: both match the next frames to the same bits.
+
+Prints the numbers of frames, faults and differences, and memory, threads and descriptors after each
+tenth of the time. The exit code is 1 if a bit differed, a fault went unnoticed, memory grew by more
+than 32 MB after the third tenth, or threads or descriptors are left at the end.
 """
 
 from __future__ import annotations
@@ -20,13 +25,24 @@ import subprocess
 import sys
 import threading
 import time
+import warnings
 from collections import Counter
-from typing import Any
+from contextlib import suppress
+from http.client import HTTPConnection, HTTPException
+from http.cookies import SimpleCookie
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import phasestereo as ps
+import phasestereo_live
 from phasestereo_large.outofcore.plan import resident
+from phasestereo_live.viewer import Display, Server
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
 
 SIZES = (37, 64, 120, 181, 240, 333)
 PRESETS = "robust", "fast", "paper"
@@ -35,7 +51,7 @@ EVERY = 40  # frames of which one is compared
 SHORT = """
 import resource, sys
 import numpy as np, phasestereo as ps
-image = np.random.default_rng(0).integers(0, 256, (1200, 1600), np.uint8)
+image = np.random.default_rng(0).integers(0, 256, (2400, 3200), np.uint8)
 used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (used + 40_000_000,) * 2)
 try:
@@ -70,7 +86,7 @@ def fault(matcher: ps.Matcher, chance: random.Random) -> str:
     if kind == "nan":
         left, right = np.full(left.shape[:2], np.nan, "f4"), np.zeros(left.shape[:2], "f4")
     elif kind == "size":
-        right = right[:-1]
+        right = right[:3]  # further apart than other resolutions of a view
     elif kind == "type":
         left = left.astype("i4")
     else:
@@ -110,6 +126,118 @@ def short_of_memory(end: float, told: Counter[str]) -> None:
         time.sleep(min(10.0, max(0.0, end - time.monotonic())))
 
 
+def filmed(chance: random.Random, end: float) -> Iterator[tuple[Any, Any]]:
+    """Yield what two cameras see: one of them is bumped, darkens or fails now and then."""
+    samples = np.random.default_rng(chance.randrange(2**32))
+    scene = np.kron(samples.integers(0, 256, (45, 70), np.uint8), np.ones((4, 4), np.uint8))
+    rows, dark, number = 2, 1.0, 0
+    while time.monotonic() < end:
+        number += 1
+        if number % 200 == 0:
+            rows = chance.choice((0, 1, 2, 3, 4))
+        if number % 150 == 0:
+            dark = chance.choice((0.3, 0.6, 1.0))
+        noise = samples.integers(0, 5, (2, 160, 240), np.uint8)
+        left = scene[2:162, 20:260] // 2 + noise[0]
+        right = (scene[rows : rows + 160, 27:267] // 2 * dark).astype(np.uint8) + noise[1]
+        bad = chance.random()
+        if bad < 0.01:
+            right = right[:-1]
+        elif bad < 0.02:
+            left = np.full(left.shape, np.nan, np.float32)
+        yield left, right
+
+
+def a_rig(seed: int, end: float, told: Counter[str], folder: Path) -> None:
+    """Match frames by a rig; one that was saved and loaded goes on as this one does."""
+    chance, path = random.Random(seed), folder / "rig.txt"  # noqa: S311 -- no secret
+    rig, other = ps.Rig(preset="fast", num_disparities=24), None
+    for number, (left, right) in enumerate(filmed(chance, end)):
+        try:
+            found = rig.match(left, right)
+        except (TypeError, ValueError):
+            told["rig: refused"] += 1
+            other = None
+            continue
+        told["rig: frames"] += 1
+        if other is not None:
+            again = other.match(left, right)
+            told["compared"] += 1
+            told["differing"] += found.disparity.tobytes() != again.disparity.tobytes()
+            other = None
+        if number % EVERY == 0:
+            rig.save(path)
+            other = ps.Rig.load(path, preset="fast", num_disparities=24)
+    told["rig: events"] += len(rig.events)
+
+
+def a_viewer(seed: int, end: float, told: Counter[str], folder: Path) -> None:
+    """Show a stream to browsers that behave, and to others."""
+    show = Display(ps.PRESETS["fast"], 24, folder)
+    with Server(show) as server:
+        looking = threading.Thread(target=browsers, args=(server.address, seed, end, told))
+        looking.start()
+        frames = filmed(random.Random(seed), end)  # noqa: S311 -- no secret
+        with phasestereo_live.stream(
+            frames, num_disparities=24, preset="fast", on_error=show.fail
+        ) as stream:
+            for frame in stream:
+                show.add(frame)
+                told["viewer: frames"] += 1
+        show.end("the soak is over")
+        show.close()
+        looking.join()
+
+
+def browsers(address: str, seed: int, end: float, told: Counter[str]) -> None:
+    """Ask for what there is, say nothing, or nonsense, or leave before the answer."""
+    chance = random.Random(seed)  # noqa: S311 -- no secret
+    host, key = address.removeprefix("http://").split("/")
+    idle: list[HTTPConnection] = []
+    room, cookie = let_in(host, key)
+    paths = "", "viewer.js", "state?after=-1", "value?x=9&y=9", "left.jpg", "disparity.png"
+    while time.monotonic() < end:
+        connection = HTTPConnection(host, timeout=30)
+        kind = chance.choice(("asks", "asks", "asks", "is silent", "is unknown", "leaves"))
+        told[f"viewer: a browser {kind}"] += 1
+        with suppress(OSError, HTTPException):  # as a connection that had to make room
+            if kind == "is silent":
+                connection.connect()
+                idle.append(connection)
+            else:
+                headers = {} if kind == "is unknown" else {"Cookie": cookie}
+                connection.request("GET", f"{room}{chance.choice(paths)}", headers=headers)
+                if kind != "leaves":
+                    answer = connection.getresponse()
+                    answer.read()
+                    told[f"viewer: {kind}, {answer.status}"] += 1
+        if connection not in idle:
+            connection.close()
+        if len(idle) > 100:
+            idle.pop(0).close()
+        time.sleep(0.02)
+    for connection in idle:
+        connection.close()
+
+
+def let_in(host: str, key: str) -> tuple[str, str]:
+    """Return the room that a key leads to, and the cookie for it."""
+    connection = HTTPConnection(host, timeout=30)
+    connection.request("GET", f"/{key}")
+    answer = connection.getresponse()
+    page = answer.read().decode()
+    connection.close()
+    ((name, morsel),) = SimpleCookie(answer.headers["Set-Cookie"]).items()
+    assert page  # noqa: S101 -- which leads to the room
+    return morsel["path"], f"{name}={morsel.value}"
+
+
+def descriptors() -> int:
+    """Return how many files and connections are open; 0 where the system does not say."""
+    folder = Path("/proc/self/fd")
+    return len(list(folder.iterdir())) if folder.exists() else 0
+
+
 def main() -> int:
     """Soak, and say what came of it."""
     parser = argparse.ArgumentParser()
@@ -117,34 +245,66 @@ def main() -> int:
     parser.add_argument("--threads", type=int, default=3)
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
+    warnings.simplefilter("ignore", ps.MatchWarning)  # of noise
     matchers = {preset: ps.Matcher(preset=preset) for preset in PRESETS}
+    match_once(matchers)
+    before = threading.active_count(), descriptors()
+
     started = time.monotonic()
-    end, told = started + given.seconds, [Counter[str]() for _ in range(given.threads + 1)]
-    threads = [
-        threading.Thread(target=frames, args=(matchers, given.seed + number, end, told[number]))
-        for number in range(given.threads)
-    ]
-    threads.append(threading.Thread(target=short_of_memory, args=(end, told[-1])))
-    for thread in threads:
-        thread.start()
-    levels = []
-    for tenth in range(1, 11):
-        time.sleep(max(0.0, started + tenth * given.seconds / 10 - time.monotonic()))
-        gc.collect()
-        levels.append(resident())
-    for thread in threads:
-        thread.join()
-    grown = levels[-1] - levels[2]
+    end, told = started + given.seconds, [Counter[str]() for _ in range(given.threads + 3)]
+    levels: list[tuple[float, int, int]] = []
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        works: list[tuple[Callable[..., None], tuple[Any, ...]]] = [
+            (short_of_memory, (end, told[-1])),
+            (a_rig, (given.seed, end, told[-2], folder)),
+            (a_viewer, (given.seed, end, told[-3], folder)),
+        ]
+        works.extend(
+            (frames, (matchers, given.seed + at, end, told[at])) for at in range(given.threads)
+        )
+        threads = [threading.Thread(target=work, args=args) for work, args in works]
+        for thread in threads:
+            thread.start()
+        for tenth in range(1, 11):
+            time.sleep(max(0.0, started + tenth * given.seconds / 10 - time.monotonic()))
+            gc.collect()
+            levels.append((resident() / 1e6, threading.active_count(), descriptors()))
+        for thread in threads:
+            thread.join()
+    after = settled(before)
+
     every = sum(told, Counter())
     for name, count in sorted(every.items()):
         print(f"{name}: {count}")  # noqa: T201
     seconds = time.monotonic() - started
-    print(  # noqa: T201
-        f"{seconds:.0f} s on {given.threads} threads; MB resident after each tenth of the time: "
-        + " ".join(f"{level / 1e6:.1f}" for level in levels)
-    )
+    print(f"{seconds:.0f} s; MB, threads, descriptors after each tenth of the time:")  # noqa: T201
+    print(" ".join(f"{megabytes:.1f},{many},{open_}" for megabytes, many, open_ in levels))  # noqa: T201
+    print(f"threads, descriptors before {before}, after {after}")  # noqa: T201
     wrong = every["differing"] + sum(n for name, n in every.items() if "unnoticed" in name)
-    return int(wrong > 0 or grown > GROWTH)
+    grown = 1e6 * (levels[-1][0] - levels[2][0])
+    return int(wrong > 0 or grown > GROWTH or is_more(after, before))
+
+
+def match_once(matchers: dict[str, ps.Matcher]) -> None:
+    """Start the threads that last."""
+    for matcher in matchers.values():
+        matcher.match(*pair(random.Random(0)), num_disparities=8)  # noqa: S311 -- no secret
+
+
+def settled(before: tuple[int, int]) -> tuple[int, int]:
+    """Return threads and descriptors once those of connections that were closed have gone."""
+    until = time.monotonic() + 30
+    while True:
+        after = threading.active_count(), descriptors()
+        if not is_more(after, before) or time.monotonic() > until:
+            return after
+        time.sleep(0.1)
+
+
+def is_more(after: tuple[int, int], before: tuple[int, int]) -> bool:
+    """Return whether either count has grown."""
+    return after[0] > before[0] or after[1] > before[1]
 
 
 if __name__ == "__main__":

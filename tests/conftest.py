@@ -100,10 +100,15 @@ class EndingError(Exception):
     """What the progress callback of a test raises to end a run."""
 
 
+def real_data() -> Path:
+    """Return where real pairs are, if there are any."""
+    return Path(os.environ.get("PHASESTEREO_DATA", ROOT / "../shared"))
+
+
 @pytest.fixture(scope="session")
 def data() -> Path:
     """Return the folder of real pairs."""
-    folder = Path(os.environ.get("PHASESTEREO_DATA", ROOT / "../shared"))
+    folder = real_data()
     if not (folder / "middlebury").is_dir():
         place = folder.resolve()
         pytest.skip(f"no real data in {place}: set PHASESTEREO_DATA to a folder of pairs")

@@ -28,7 +28,8 @@ def main() -> None:
     options = ["--package", "phasestereo", "--output", str(FOUND.parent)]
     command = ["cargo", "mutants", *options, *sys.argv[1:]]
     # What is compiled again and again is compiled quickly.
-    environment = os.environ | {"CARGO_PROFILE_TEST_OPT_LEVEL": "1"}
+    quickly = {"CARGO_PROFILE_TEST_OPT_LEVEL": "1", "CARGO_PROFILE_TEST_DEBUG": "0"}
+    environment = os.environ | quickly
     done = subprocess.run(command, cwd=ROOT, env=environment, check=False)  # noqa: S603 -- as given
     if done.returncode not in FINISHED:
         sys.exit(f"cargo-mutants ended with {done.returncode}")

@@ -81,18 +81,21 @@ class Program:
         assert code == 0, lines
 
         size = expected.disparity.shape
-        data = output.read_bytes()
-        split = 3 * 4 * expected.disparity.size
-        planes = np.frombuffer(data[:split], np.float32).reshape(3, *size)
-        flags = np.frombuffer(data[split:], np.uint16).reshape(size)
-        np.testing.assert_array_equal(flags, expected.flags)
-
-        wanted = expected.disparity, expected.confidence, expected.uncertainty
-        for plane, values in zip(planes, wanted, strict=True):
-            none = np.full(size, np.nan)
-            np.testing.assert_array_equal(plane, none if values is None else values)
+        for name, plane in planes_of(output, size).items():
+            values = getattr(expected, name)
+            np.testing.assert_array_equal(
+                plane, np.full(size, np.nan) if values is None else values
+            )
 
         return {line.split()[0]: line.split()[1:] for line in lines}
+
+
+def planes_of(output: Path, size: tuple[int, ...]) -> dict[str, Image]:
+    """Return the planes that the program wrote."""
+    data, split = output.read_bytes(), 3 * 4 * size[0] * size[1]
+    numbers = np.frombuffer(data[:split], np.float32).reshape(3, *size)
+    found = dict(zip(("disparity", "confidence", "uncertainty"), numbers, strict=True))
+    return found | {"flags": np.frombuffer(data[split:], np.uint16).reshape(size)}
 
 
 def _run(

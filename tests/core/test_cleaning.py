@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 from dataclasses import replace
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,14 +12,10 @@ from PIL import Image
 
 import oracle
 import phasestereo as ps
-import phasestereo_large as large
 from phasestereo.metrics import bad_pixels
 from phasestereo_bench.rendering import render_pair
-from phasestereo_large import bands
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from numpy.typing import NDArray
 
     Pixels = NDArray[Any]
@@ -197,35 +192,6 @@ def test_noise_and_compression_cost_less() -> None:
 
 
 # --- once for the whole of a pair ---
-
-
-def test_parts_are_those_of_the_whole(tmp_path: Path) -> None:
-    left, right = compressed(SCENE.left, 30), SCENE.right.copy()
-    right[120:140, 30:60] = hot(right[120:140, 30:60], 0.2, 3)
-    left[5:15] = hot(left[5:15], 0.05, 3)
-
-    whole = ps.match(left, right, **SEARCH, scales=False)
-    assert whole.blur is not None
-    assert min(whole.blur.impulses) > 0
-    assert whole.blur.coding[0] > 1
-
-    def read(first: int, last: int) -> tuple[Any, Any, None, None]:
-        return left[first:last], right[first:last], None, None
-
-    known = large.pair_statistics(read, left.shape[:2], **SEARCH)
-    known.save(tmp_path / "statistics.npz")
-    for statistics in (known, bands.load(tmp_path / "statistics.npz")):
-        assert statistics.blur_compensation is not None
-        assert statistics.blur_compensation.impulses == whole.blur.impulses
-        assert statistics.blur is not None
-        assert statistics.blur.coding == whole.blur.coding
-
-        cuts = [0, 1, 64, 125, 130, 200]
-        parts = [large.match_rows(read, statistics, a, b) for a, b in pairwise(cuts)]
-
-        for name in ("disparity", "flags", "confidence"):
-            joined = np.concatenate([getattr(part, name) for part in parts])
-            np.testing.assert_array_equal(joined, getattr(whole, name), err_msg=name)
 
 
 def test_estimates_of_a_stream_are_taken_over_with_impulses() -> None:

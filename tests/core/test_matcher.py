@@ -170,42 +170,6 @@ def test_fast_with_masks_equals_the_oracle() -> None:
     np.testing.assert_array_equal(result.disparity, expected)
 
 
-def test_few_valid_costs_in_bytes_cost_no_more_than_none() -> None:
-    """Scaled to the full window, few valid costs must still fit a byte."""
-    texture = np.random.default_rng(0).integers(1, 256, (1, 70), np.uint8).repeat(40, axis=0)
-
-    left, right = texture[:, :60], 255 - texture[:, 3:63]  # every bit differs where it is shifted
-    left_mask = np.ones(left.shape, bool)
-    left_mask[::11] = False
-
-    described: dict[str, Any] = {"num_disparities": 7, "frequencies": (3, 0), "window": 11}
-    valid = oracle.valid_candidates(left_mask, np.ones_like(left_mask), 0, 7)
-    costs = ps.cost_volume(left, right, **described).astype(np.int64)
-
-    volume = oracle.aggregate(
-        costs, 11, shiftable=False, valid=valid, ceiling=6, dropped=oracle.dropped_bits(11, 6)
-    )
-
-    penalty = 167 * 8 / 121  # 167 and 11 * (66 >> 3) = 88 are 255
-
-    result = ps.match(
-        left,
-        right,
-        **described,
-        left_mask=left_mask,
-        preset="paper",
-        shiftable=False,
-        confidence=False,
-        precision="byte",
-        optimizer="so",
-        p1=penalty,
-        p2=penalty,
-    )
-
-    expected = oracle.free_scanline(volume, 167, 167)
-    np.testing.assert_array_equal(result.disparity[left_mask], expected[left_mask])
-
-
 # They were 5.26, 2.80 and 8.13 %.
 @pytest.mark.parametrize(("name", "bound"), [("tsukuba", 6.0), ("venus", 3.5), ("cones", 9.0)])
 def test_the_fast_preset_on_real_pairs(data: Path, name: str, bound: float) -> None:
@@ -237,31 +201,6 @@ def test_images_to_disparities_equal_the_oracle_but_for_rounding(data: Path) -> 
     )
     # A few components lie within rounding of a boundary: 99.9 % of the pixels were equal.
     assert (result.disparity == expected).mean() > 0.995
-
-
-def test_sums_of_absolute_differences_equal_the_oracle() -> None:
-    left, right = np.random.default_rng(3).integers(0, 256, (2, 15, 24, 3), np.uint8)
-    sad: dict[str, Any] = {"preset": "paper", "cost": "sad", "window": 5}
-
-    result = ps.match(left, right, num_disparities=7, **sad, p1=40, p2=40)
-
-    volume = oracle.aggregate(oracle.sad_costs(left, right, 0, 7), 5, shiftable=True)
-    step = oracle.window_penalty(40, 5)
-
-    np.testing.assert_array_equal(result.disparity, oracle.scanline(volume, step, step))
-    everything = ps.match(left, right, num_disparities=7, **sad, p1=0, p2=0)
-    assert (everything.disparity != result.disparity).any(), "the penalty mattered"
-
-
-def test_confidence_tells_texture_from_none() -> None:
-    left, right = noise_pair(30, 60, 3)
-    for image in (left, right):
-        image[:, 35:] = 128
-    result = ps.match(left, right, num_disparities=6, preset="paper")
-    assert result.confidence is not None
-    # Both are lower than elsewhere, since half of the pair has failed.
-    textured, flat = result.confidence[:, 6:28], result.confidence[:, 50:]
-    assert textured.min() > 3 * flat.max(), "nothing speaks for anything"
 
 
 def test_shifted_texture_is_found_and_the_border_is_flagged() -> None:
@@ -429,20 +368,6 @@ def test_contrast_is_left_alone() -> None:
     dim = (left // 4 + 60).astype(np.uint8)
     assert (ps.match(dim, right, num_disparities=8, preset="paper").disparity[:, 8:] == 3).all()
     assert np.abs(ps.match(dim, right, num_disparities=8).disparity - 3).max() < 0.4
-
-
-@pytest.mark.parametrize("fill", [True, False])
-def test_threads_change_nothing_however_columns_and_bands_are_shared(*, fill: bool) -> None:
-    left, right = two_surfaces(1, (150, 700, 3))
-    mask = np.random.default_rng(3).random((150, 700)) > 0.05
-    options: dict[str, Any] = {"num_disparities": 12, "left_mask": mask, "fill": fill}
-
-    expected = ps.match(left, right, threads=1, **options)
-
-    for threads in (2, 5, 11):
-        found = ps.match(left, right, threads=threads, **options)
-        for field in ("disparity", "flags", "confidence"):
-            np.testing.assert_array_equal(getattr(found, field), getattr(expected, field))
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (2, 3)])

@@ -67,7 +67,7 @@ FLOORS = {
     ),
     "phasestereo_large": (
         "locks processes records",
-        "geotiff statistics",
+        "geotiff statistics zarr_folders",
         "bands windows xarray",
         "batch dask outofcore",
         "cli",

@@ -130,15 +130,6 @@ def test_bands_from_below_are_those_of_the_whole(name: str, rows: int) -> None:
         known.check(first, last)
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_a_few_rows_at_a_time(name: str) -> None:
-    known = case(name)
-    for first in (0, 1, 63, 64, 119, 160, known.read.size[0] - 1):
-        known.check(first, first + 1)
-    for first in (0, 59, 121, known.read.size[0] - 7):
-        known.check(first, first + 7)
-
-
 def test_masks_of_some_rows_alone_may_be_left_out() -> None:
     for name in ("robust soft masked floats", "paper masked", "fast masked", "nsad"):
         known = case(name)
@@ -149,23 +140,6 @@ def test_masks_of_some_rows_alone_may_be_left_out() -> None:
 
         for first, last in bands_of(known.read.size[0], 40):
             known.check(first, last, read)
-
-
-def test_colors_and_strides_of_any_kind_match() -> None:
-    plain = scene(SIZE)
-    color = np.stack([plain.images[0], plain.images[0] // 2, plain.images[0]], -1)
-    read = Reading(color, plain.images[1][..., None])
-    statistics = gathered(read, preset="paper")
-    whole = read.matched(num_disparities=16, preset="paper")
-
-    doubled = [np.repeat(image, 2, axis=1) for image in read.images]
-
-    def strided(first: int, last: int) -> Any:
-        left, right = (image[first:last, ::2] for image in doubled)
-        return [left, right.astype(right.dtype.newbyteorder()), None, None]
-
-    for first, last in [(0, 50), (20, 33), (50, 300)]:
-        assert_rows(match_rows(strided, statistics, first, last), whole, first, last)
 
 
 # What is read
@@ -293,19 +267,6 @@ def test_errors_of_the_reader_come_out_as_they_are(name: str, error: BaseExcepti
 
     read.failing = lambda *_: False
     known.check(20, 90, read)
-
-
-def test_a_second_read_may_fail_too() -> None:
-    known = case("fast masked")
-    left, right = known.read.images
-    read = Reading(left, right, known.read.masks)
-    read.failing = lambda *_: len(read.asked) == 2
-
-    with pytest.raises(LookupError, match="torn"):
-        match_rows(read, known.statistics, 0, 300)
-
-    assert len(read.asked) == 2
-    known.check(0, 300, read)
 
 
 def test_what_progress_raises_comes_out() -> None:

@@ -692,45 +692,6 @@ def test_few_pairs_are_under_way_at_a_time(
     assert 2 <= most <= 8
 
 
-def test_a_run_that_is_killed_goes_on_from_its_manifest(
-    pairs: list[PairFiles], matching: Callable[..., Any], cluster: Any, tmp_path: Path
-) -> None:
-    folder = tmp_path / "out"
-    rows = [f"{pair.left},{pair.right},{pair.name}{n}" for n in range(40) for pair in pairs]
-    save_list(tmp_path, "\n".join(["left,right,name", *rows]))
-
-    process = subprocess.Popen(  # noqa: S603  # our own interpreter on our own code
-        [
-            *(sys.executable, "-m", "phasestereo", "batch", str(tmp_path / "pairs.csv")),
-            *("--num-disparities", str(COUNT), "--preset", "fast", "-o", str(folder)),
-            *("--scheduler", cluster.scheduler_address),
-        ],
-        env=ENVIRONMENT,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-
-    log = folder / "manifest.jsonl"
-    while process.poll() is None and not (log.exists() and log.read_bytes().count(b"\n") > 20):
-        time.sleep(0.01)
-    assert process.poll() is None
-
-    os.kill(process.pid, signal.SIGKILL)
-    process.wait()
-
-    done = len(states(folder))
-    with log.open("ab") as file:
-        file.write(b'{"name": "left0')  # as if torn
-    assert len(states(folder)) == done > 20
-
-    listed = read_pairs(tmp_path / "pairs.csv", num_disparities=COUNT)
-    report = matching(listed, folder)
-
-    assert (report.pairs, report.skipped) == (240, done)
-    assert (report.done, report.failed) == (240 - done, [])
-    assert len(states(folder)) == 240
-
-
 @pytest.mark.parametrize("at_work", [False, True], ids=["workers start", "workers match"])
 def test_ctrl_c_is_reported_in_one_line_and_leaves_no_process(
     images: Path,

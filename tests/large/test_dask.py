@@ -120,16 +120,6 @@ def test_bands_together_are_the_whole(options: dict[str, Any]) -> None:
     assert_same(found, wanted, scheduler="sync")
 
 
-@pytest.mark.parametrize("dtype", [np.uint16, np.float32, np.float64])
-@pytest.mark.parametrize("gray", [False, True], ids=["color", "gray"])
-def test_images_of_every_type(dtype: Any, gray: bool) -> None:  # noqa: FBT001 -- a parameter of a test
-    left, right = views(dtype)
-    if gray:
-        left, right = left[:, :, 1], right[:, :, :1]
-    wanted = ps.match(left, right, **FAST)
-    assert_same(lazily.maps(lazy(left), lazy(right), band_rows=64, **FAST), wanted)
-
-
 @pytest.mark.parametrize(
     "chunks", [(1000, 1000), (331, 10), (7, 97), (100, 50), ((300, 31), (90, 7)), ((1, 330), 97)]
 )
@@ -159,15 +149,6 @@ def test_masks_of_both_images() -> None:
 
     wanted = ps.match(LEFT, RIGHT, right_mask=valid[1], **FAST)
     found = lazily.maps(lazy(LEFT), lazy(RIGHT), right_mask=valid[1], band_rows=64, **FAST)
-    assert_same(found, wanted)
-
-
-def test_rows_without_any_valid_pixel_look_further() -> None:
-    valid = np.ones((HEIGHT, WIDTH), np.bool_)
-    valid[60:200] = False
-    wanted = ps.match(LEFT, RIGHT, left_mask=valid, **FAST)
-    found = lazily.maps(lazy(LEFT), lazy(RIGHT), left_mask=valid, band_rows=64, **FAST)
-    assert len(found.disparity.chunks[0]) > 1
     assert_same(found, wanted)
 
 
@@ -317,20 +298,6 @@ def test_statistics_that_is_given_is_not_made_again() -> None:
 
 
 # Several paths
-
-
-@pytest.mark.parametrize("band_rows", [1, 150, 165, None])
-def test_several_paths_are_those_of_the_whole_whatever_the_bands(band_rows: int | None) -> None:
-    left, right = views(height=700)
-    valid = np.random.default_rng(5).random((700, WIDTH)) > 0.1
-    options: dict[str, Any] = {**ROBUST, "speckle_size": 0, "lr_check": None}
-    wanted = ps.match(left, right, left_mask=valid, **options)
-
-    given = lazy(left), lazy(right)
-    found = lazily.maps(*given, left_mask=valid, band_rows=band_rows, **options)
-
-    assert (len(found.disparity.chunks[0]) > 1) == (band_rows is not None)
-    assert_same(found, wanted)
 
 
 # Refusals

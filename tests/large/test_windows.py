@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gzip
 import re
 import sys
+from os import truncate
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +20,7 @@ rasterio = counterpart("rasterio")
 shutil = counterpart("rasterio.shutil")
 tifffile = counterpart("tifffile")
 zarr = counterpart("zarr")
+numcodecs = counterpart("numcodecs")
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -270,14 +273,46 @@ def test_a_damaged_tile_is_reported(tmp_path: Path) -> None:
         assert rows_of(error) == (128, 191)
 
 
-def test_a_damaged_chunk_of_a_zarr_array_is_reported(tmp_path: Path) -> None:
-    path = tmp_path / "image.zarr"
-    zarr.create_array(path, data=noise(HEIGHT, WIDTH), chunks=(100, WIDTH))
-    (path / "c/1/0").write_bytes(b"nonsense")
+ZSTD, BLOSC, GZIP = zarr.codecs.ZstdCodec(), zarr.codecs.BloscCodec(), zarr.codecs.GzipCodec()
+
+
+@pytest.mark.parametrize(("packer", "content", "message"), [
+    (ZSTD, b"nonsense", ""),
+    (ZSTD, b"\x28\xb5\x2f\xfd\xe0" + bytes([0, 0, 0, 0, 1, 0, 0, 0, 0]), "to 4294967296 bytes"),
+    (ZSTD, b"\x28\xb5\x2f\xfd\x00\x58" + bytes(9), "unpacks to 108097 bytes or more"),  # unsaid
+    (ZSTD, b"\x28\xb5", "not packed by zstd"),
+    (BLOSC, b"\x02\x01\x94\x01" + b"\xff\xff\xff\x7f" + bytes(40), "to 2147483647 bytes"),
+    (GZIP, gzip.compress(bytes(2**24)), "at most 108096 are read"),
+    (GZIP, 2 * gzip.compress(bytes(100)), "at most 108096 are read"),
+    (GZIP, None, "c/1/0: has 1073741825 bytes; at most 1073741824"),
+])  # fmt: skip
+def test_a_damaged_or_hostile_chunk_of_a_zarr_array_is_refused(
+    tmp_path: Path, packer: Any, content: bytes | None, message: str
+) -> None:
+    path, image = tmp_path / "image.zarr", noise(HEIGHT, WIDTH)
+    zarr.create_array(path, data=image, chunks=(100, WIDTH), compressors=packer)
+    check(path, image)
+    (path / "c/1/0").write_bytes(content or b"")
+    if content is None:
+        truncate(path / "c/1/0", 2**30 + 1)
     with open_raster(path) as raster:
         raster.read(0, 100)
-        with pytest.raises(ValueError, match="image.zarr: rows 100 to 199"):
+        with pytest.raises(ValueError, match=f"image.zarr: rows 100 to 199 .*{message}"):
             raster.read(0, HEIGHT)
+
+
+@pytest.mark.parametrize("packer", ["zlib", "lz4", "lzma", None])
+def test_arrays_of_the_second_version_of_zarr_are_read_if_they_are_bounded(
+    tmp_path: Path, packer: str | None
+) -> None:
+    path, image = tmp_path / "image.zarr", noise(HEIGHT, WIDTH)
+    more = {"compressor": packer and numcodecs.get_codec({"id": packer}), "zarr_format": 2}
+    zarr.create(image.shape, chunks=(100, WIDTH), dtype="u1", store=path, **more)[:] = image
+    if packer == "lzma":
+        with pytest.raises(ValueError, match="image.zarr: .*packed by lzma; accepts one of zstd"):
+            open_raster(path).__enter__()
+    else:
+        check(path, image)
 
 
 def test_a_file_that_shrinks_is_reported(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import zlib
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+import hostile
 from conftest import counterpart
 from footage import INTRA, LOSSLESS, damage, film, pair, side_by_side
 from phasestereo import io
@@ -169,6 +171,24 @@ def test_what_is_no_video_is_refused() -> None:
 
 
 # Both views
+
+
+def test_frames_of_more_pixels_than_a_picture_may_have_are_not_decoded(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Whatever the file says that they have."""
+    content = hostile.png(640, 480, 0, zlib.compress(bytes(641 * 480)))
+    with av.open("a.avi", "w") as file:
+        stream = file.add_stream("png", rate=10)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "gray"
+        packet = av.Packet(content)
+        packet.stream, packet.pts, packet.dts, packet.time_base = stream, 0, 0, Fraction(1, 10)
+        file.mux(packet)
+
+    (whole,) = outcomes(open_video("a.avi"))
+    assert whole.shape == (480, 640)
+    monkeypatch.setenv("PHASESTEREO_MAX_PIXELS", "307199")
+    assert outcomes(open_video("a.avi")) == ["damaged (Invalid argument)"]
 
 
 def test_halves() -> None:

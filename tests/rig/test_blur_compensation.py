@@ -66,34 +66,6 @@ def test_each_pixel_is_compared_in_its_versions(dtype: type[np.generic], weak: f
     assert (found != ps.cost_volume(*pair, **SEARCH, noise_threshold=weak, known=NOISE)).any()
 
 
-@pytest.mark.parametrize("optimizer", ["dp", "so", "wta"])
-@pytest.mark.parametrize("precision", ["full", "byte"])
-def test_the_rest_of_a_match_is_as_ever(optimizer: Any, precision: Any) -> None:
-    result = ps.match(
-        LEFT,
-        RIGHT,
-        **SEARCH,
-        preset="paper",
-        noise_threshold=1.0,
-        known=KNOWN,
-        optimizer=optimizer,
-        precision=precision,
-    )
-
-    costs = costs_by_class(LEFT, RIGHT, noise_threshold=1.0, known=NOISE).astype(np.int64)
-    dropped = oracle.dropped_bits(9, 28, 2) if precision == "byte" else 0
-    volume = oracle.aggregate(costs, 9, shiftable=True, dropped=dropped)
-    penalty = oracle.window_penalty(2, 9, dropped)
-
-    chosen = {
-        "dp": lambda: oracle.scanline(volume, penalty, penalty),
-        "so": lambda: oracle.free_scanline(volume, penalty, penalty),
-        "wta": lambda: oracle.winner_takes_all(volume),
-    }[optimizer]()
-
-    np.testing.assert_array_equal(result.disparity, chosen - 2)
-
-
 @pytest.mark.parametrize("name", ["disk", "tilted"])
 def test_blurred_versions_are_those_of_a_blurred_image(name: str) -> None:
     y, x = np.mgrid[-6:7, -6:7]
@@ -132,22 +104,6 @@ def test_what_a_mask_covers_spreads_nowhere() -> None:
 
     for field in ("disparity", "flags", "confidence"):
         np.testing.assert_array_equal(getattr(found, field), getattr(expected, field))
-
-
-def test_threads_and_matchers_change_nothing() -> None:
-    left, right = np.tile(LEFT, (4, 1)), np.tile(RIGHT, (4, 1))
-
-    expected = ps.match(left, right, **SEARCH, known=KNOWN, threads=1).disparity
-
-    for threads in (2, 3, 8):
-        matcher = ps.Matcher(threads=threads)
-        found = matcher.match(left, right, **SEARCH, known=KNOWN)
-        np.testing.assert_array_equal(found.disparity, expected)
-
-        plain = matcher.match(left, right, **SEARCH)
-        np.testing.assert_array_equal(
-            plain.disparity, ps.match(left, right, **SEARCH, threads=1).disparity
-        )
 
 
 def test_noise_alone_is_one_class_of_images_as_they_are() -> None:

@@ -13,7 +13,6 @@ import pytest
 import phasestereo as ps
 import phasestereo_live as live
 from conftest import counterpart
-from phasestereo.io import Calibration, read_image
 from phasestereo_live.video.rectifying import Rectifier
 from rigs import SIZE, cv2, euroc, euroc_frames, made_up, of_opencv, turned
 
@@ -65,33 +64,6 @@ def test_raw_frames_of_euroc_come_out_as_opencv_has_them(data: Path) -> None:
     assert {"alignment", "blur"} & {
         finding.topic for finding in diagnosis.findings if finding.severity != "ok"
     } == set()
-
-
-def test_raw_frames_of_a_cheap_rig_come_out_as_opencv_has_them(data: Path) -> None:
-    folder = data / "rigs/stereopi"
-
-    def load(name: str) -> Any:
-        return np.load(folder / f"{name}.npy")
-
-    maps = [
-        cv2.initUndistortRectifyMap(
-            load(f"cam_mats_{side}"),
-            load(f"dist_coefs_{side}"),
-            load(f"rect_trans_{side}"),
-            load(f"proj_mats_{side}"),
-            (320, 240),
-            cv2.CV_32FC1,
-        )
-        for side in ("left", "right")
-    ]
-
-    for number in ("02", "26"):
-        pair = [read_image(folder / f"{side}_{number}.png")[:, :, :3] for side in ("left", "right")]
-        found = of(pair, folder)
-        assert_same_bits(found, maps, pair)
-
-    assert found.Q is not None
-    assert Calibration.from_q(found.Q, width=320, height=240).baseline > 0
 
 
 def test_the_calibration_of_another_rig_is_reported(data: Path) -> None:
@@ -482,19 +454,6 @@ def test_masked_pixels_may_be_nan() -> None:
 
     with pytest.raises(ValueError, match="^left: got NaN"):
         ps.rectify(pair[0], pair[1])
-
-
-def test_a_rectification_is_used_again() -> None:
-    found = rectified(made_up())
-    other: Any = RNG.integers(0, 256, (2, SIZE[1], SIZE[0]), np.uint8)
-
-    expected = of(other, made_up())
-    for image, wanted in zip(found.apply(*other), (expected.left, expected.right), strict=True):
-        np.testing.assert_array_equal(image, wanted)
-
-    again = of(other, found)
-    np.testing.assert_array_equal(again.left, expected.left)
-    assert again.maps is found.maps
 
 
 def assert_same(one: ps.Rectification, other: ps.Rectification) -> None:

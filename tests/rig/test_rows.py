@@ -321,21 +321,6 @@ def test_the_negative_of_an_inverted_image_is_matched(
         assert apart.mean() < 0.01, count
 
 
-def test_parts_of_an_inverted_pair_are_those_of_the_whole(load: Callable[[str], Pair]) -> None:
-    pair = load("cones")
-    left, right = pair.left, 255 - pair.right
-
-    def read(first: int, last: int) -> Any:
-        return left[first:last], right[first:last], None, None
-
-    found = large.pair_statistics(read, left.shape[:2])
-    assert found.is_inverted
-
-    part, whole = large.match_rows(read, found, 100, 180), ps.match(left, right)
-    np.testing.assert_array_equal(part.disparity, whole.disparity[100:180])
-    np.testing.assert_array_equal(part.flags, whole.flags[100:180])
-
-
 def test_a_rig_goes_on_with_the_negative(load: Callable[[str], Pair]) -> None:
     pair = load("cones")
     rig = ps.Rig()

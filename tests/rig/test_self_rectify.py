@@ -120,16 +120,6 @@ def test_the_rectified_pair_is_that_of_its_calibration(turned: Pair, found: ps.R
     assert again.error < 0.5
 
 
-def test_the_same_bits_come_from_any_number_of_threads(turned: Pair, found: ps.Result) -> None:
-    again = ps.match(turned.left, turned.right, threads=3)
-
-    assert again.rectified is not None
-    assert found.rectified is not None
-    np.testing.assert_array_equal(again.disparity, found.disparity)
-    np.testing.assert_array_equal(again.flags, found.flags)
-    np.testing.assert_array_equal(again.rectified.rows, found.rectified.rows)
-
-
 def test_a_rig_rectifies_all_frames_by_the_cameras_of_the_first_and_exports_them(
     turned: Pair, found: ps.Result, tmp_path: Path
 ) -> None:

@@ -12,6 +12,7 @@ mod cost;
 mod descriptor;
 mod estimation;
 mod filling;
+mod footprint;
 mod impulses;
 mod intensity;
 mod interface;

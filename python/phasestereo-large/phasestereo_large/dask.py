@@ -1,7 +1,7 @@
 """Matches of Dask arrays: lazy bands of rows, each a task of its own, on any of Dask's schedulers.
 
-The bands put together are what `phasestereo.match` finds for the whole pair, bit for bit. Dask
-(extra ``dask``) is imported when it is first needed.
+The bands put together are what `phasestereo.match` with ``scales=False`` finds for the whole pair,
+bit for bit. Dask (extra ``dask``) is imported when it is first needed.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ def maps(
 
     Each band is one task, which gets its own rows and those above and below that its disparities
     depend on, however the images are chunked; nothing holds a whole image. The bands together are
-    what `phasestereo.match` returns, bit for bit.
+    what `phasestereo.match` with ``scales=False`` returns, bit for bit.
 
     What must be known of the whole pair (its blur and noise, the range of float images) is found
     out **at the call**, window by window, unless it is in ``statistics``: then every pixel is

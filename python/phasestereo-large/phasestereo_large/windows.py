@@ -36,6 +36,7 @@ from phasestereo_large.geotiff import (
     read_valid,
     unplaced_allowed,
 )
+from phasestereo_large.zarr_folders import open_array
 
 Window = tuple[slice, slice]
 Piece = Callable[[Window], tuple[Pixels, Mask | None]]
@@ -386,10 +387,13 @@ def _open_tiff(stack: ExitStack, path: str, chosen: list[int] | None, max_bytes:
 
 def _open_zarr(path: str, max_bytes: int) -> Raster:
     """Open the folder of a Zarr array."""
-    zarr = require("zarr", extra="large")
     try:
-        array = zarr.open_array(path, mode="r")
+        array = open_array(path, max_bytes)
+    except ImportError:
+        raise
     except Exception as error:
+        if is_of_the_system(error):
+            raise
         kept = error if isinstance(error, ValueError | OSError) else repr(error)
         raise ValueError(f"{path}: a folder, and no Zarr array ({kept})") from error
 

@@ -57,10 +57,10 @@ def match(
 ) -> MapReport:
     """Match a rectified stereo pair that need not fit into memory, from file to file.
 
-    What comes out is what `phasestereo.match` returns for the whole pair, to the bit. The pair is
-    matched in bands, each by itself; finished bands are kept in a folder beside the output
-    (``out.tif.part``), and the same call matches the others after whatever ended it. The folder is
-    removed in the end.
+    What comes out is what `phasestereo.match` with ``scales=False`` returns for the whole pair, to
+    the bit. The pair is matched in bands, each by itself; finished bands are kept in a folder
+    beside the output (``out.tif.part``), and the same call matches the others after whatever ended
+    it. The folder is removed in the end.
 
     Parameters
     ----------

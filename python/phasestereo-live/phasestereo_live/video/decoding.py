@@ -12,6 +12,7 @@ import numpy as np
 
 from phasestereo._extras import require
 from phasestereo.io.files import StrPath, open_regular
+from phasestereo.io.limits import max_pixels
 from phasestereo_live.video.capture import Capture, CaptureSource, Image, lost
 
 _PATIENCE = 10.0  # seconds to wait for a network stream before giving it up
@@ -22,7 +23,8 @@ def open_video(path: StrPath) -> CaptureSource[Image]:
     """Open a video file, or a stream at an address such as ``rtsp://...``.
 
     Frames are uint8, or uint16 where the video has more than 8 bits, (H, W) where it is gray, else
-    RGB (H, W, 3); turned upright where the file says how.
+    RGB (H, W, 3); turned upright where the file says how. Those of more pixels than
+    `phasestereo.io.max_pixels` says are lost, as damaged ones are.
 
     Raises
     ------
@@ -35,10 +37,12 @@ def open_video(path: StrPath) -> CaptureSource[Image]:
     """
     av = require("av", extra="live")
     name = os.fspath(path)
-    options = {}
+    # A frame of a few bytes may unpack to any size, and one is decoded to open the video.
+    bounded = {"max_pixels": str(min(max_pixels(), 2**31 - 1))}
+    options = dict(bounded)
     if not is_address(name):
         open_regular(name).close()  # says what is wrong in the words of the system
-        options = {"protocol_whitelist": "file"}  # playlists may name addresses
+        options["protocol_whitelist"] = "file"  # playlists may name addresses
 
     try:
         container = av.open(name, timeout=_PATIENCE, options=options)
@@ -54,7 +58,7 @@ def open_video(path: StrPath) -> CaptureSource[Image]:
     stream = container.streams.video[0]
 
     # By default decoders conceal damage; what is made up must not be measured.
-    stream.codec_context.options = {"err_detect": "crccheck+explode"}
+    stream.codec_context.options = bounded | {"err_detect": "crccheck+explode"}
 
     rate = stream.average_rate or stream.guessed_rate
     return CaptureSource(

@@ -2,7 +2,7 @@
 //!
 //! Buffers that grow with the rows are counted by the pixel: the images, as read and as kept, with masks; codes; gray
 //! values; the map. The others are the [`Workspace`](crate::optimization::Workspace) of each thread.
-//! Measured, a match takes 35 to 85 % of this bound.
+//! Measured, a match takes 67 to 95 % of this bound, with synthesis 39 %, as `tests/rust/footprint.rs` has it for each kind.
 
 use crate::cost::aggregation::Window;
 use crate::image::intensity::{LEVEL_CEILING, LEVEL_STEPS};
@@ -53,26 +53,37 @@ pub struct Demand<'a> {
     pub threads: usize,
 }
 
+/// A product that may be larger than memory.
+fn times(count: usize, bytes: usize) -> u128 {
+    count as u128 * bytes as u128
+}
+
 impl Demand<'_> {
-    /// The bytes that a match of so many rows takes, with the rows of its halo.
+    /// The bytes that a match of so many rows takes, with the rows of its halo; of images that no machine holds, as many as
+    /// there are numbers for.
     pub fn bytes(&self, rows: usize) -> u64 {
         let halo = Halo::new(self.settings, self.compensation, self.alignment);
         let read = rows + 2 * (halo.rows() + halo.masked);
-        let map = (rows + 2 * halo.map) * self.cols;
+        let mapped = rows + 2 * halo.map;
 
-        // Both images and their masks, twice; the right one once more, or twice, if it is straightened.
+        // Of each row that is read: both images and their masks, twice; the right one once more, or twice, if it is
+        // straightened.
         let copies = if self.alignment.is_some() { 6 } else { 4 };
-        let images = read * self.cols * copies * (self.pixel + 1);
+        let images = self.cols * copies * (self.pixel + 1);
 
         let (kept, passing) = self.compared();
-        let describing = read * (kept + passing);
-        let matching = read * (kept + TEXTURE * self.cols) + MAP * map;
-        let synthesizing = if self.synthesizes() { SYNTHESIZED * read * self.cols } else { 0 };
-        let refining = REFINED[usize::from(Texture::is_needed(self.settings))] * map + synthesizing;
+        let texture = TEXTURE * self.cols;
+        let synthesized = if self.synthesizes() { SYNTHESIZED * self.cols } else { 0 };
+        let refined = REFINED[usize::from(Texture::is_needed(self.settings))] * self.cols;
 
         // The three stages follow one another, so the largest one counts.
-        let pixels = images + describing.max(matching).max(refining);
-        (pixels + self.threads * (self.workspace() + self.view())) as u64
+        let stages =
+            [(kept + passing, 0), (kept + texture, MAP * self.cols), (synthesized, refined)];
+        let stage = |(of_read, of_map)| times(read, images + of_read) + times(mapped, of_map);
+        let pixels = stages.map(stage).into_iter().max().unwrap_or_default();
+
+        let bytes = pixels + times(self.threads, self.workspace() + self.view());
+        u64::try_from(bytes).unwrap_or(u64::MAX)
     }
 
     /// Bytes of a row of the descriptors of both images: of those that are kept, and of intermediate ones.

@@ -1,0 +1,142 @@
+"""Arrays in folders of Zarr, which come from anyone: files are looked at before Zarr reads them.
+
+Metadata is read to a bound, and names what unpacks the chunks. A chunk is a regular file that says
+it unpacks to no more than its pixels take.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import stat
+import struct
+import zlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from phasestereo._extras import require
+from phasestereo.io.files import open_regular, read_bounded, refuse_special
+from phasestereo.io.limits import SMALL
+
+_METADATA = "zarr.json", ".zarray", ".zattrs", ".zgroup", ".zmetadata"
+_SAME_SIZE = {
+    "bytes", "endian", "transpose", "crc32c", "shuffle", "delta", "fixedscaleoffset", "astype",
+    "bitround", "quantize", "sharding_indexed",
+}  # fmt: skip
+"""Steps whose result is as long as what they take, or a few times so."""
+
+_TIMES, _MORE = 8, 4096
+"""A chunk may unpack to so many times the bytes of its pixels, and so many more."""
+
+
+def open_array(path: str, max_bytes: int) -> Any:
+    """Open the array of a folder, to read it.
+
+    Raises
+    ------
+    OSError
+        If metadata is in no regular file.
+    ValueError
+        Or whatever Zarr raises, if it holds no array; if its chunks are packed in ways that
+        are not bounded.
+    ImportError
+        If Zarr is not installed.
+    """
+    zarr = require("zarr", extra="large")
+    packer = _packer(Path(path))
+
+    # Zarr, whose class this is, is imported when it is needed: its types are unknown.
+    class Bounded(zarr.storage.LocalStore):  # type: ignore[misc, name-defined]
+        async def get(self, key: str, prototype: Any = None, byte_range: Any = None) -> Any:
+            most = SMALL if key.rpartition("/")[2] in _METADATA else max_bytes
+            _check_file(self.root / key, most)
+            found = await super().get(key, prototype, byte_range)
+            if found is not None and self.unpacks is not None and most != SMALL:
+                self.unpacks(found.as_buffer_like())
+            return found
+
+        unpacks: Callable[[Any], None] | None = None
+
+    store = Bounded(path, read_only=True)
+    array = zarr.open_array(store, mode="r")
+    if packer is not None:
+        most = _TIMES * math.prod(array.chunks) * array.dtype.itemsize + _MORE
+        store.unpacks = lambda chunk: _check_claim(chunk, packer, most)
+    return array
+
+
+def _packer(folder: Path) -> str | None:
+    """Return the name of what packs whole chunks, as far as the metadata says."""
+    for name in ("zarr.json", ".zarray"):
+        if (folder / name).exists():
+            with open_regular(folder / name) as file:
+                steps = [*_steps(json.loads(read_bounded(file, SMALL)))]
+            break
+    else:
+        return None  # which Zarr says in its own words
+
+    packers = [step for step in steps if step not in _SAME_SIZE]
+    if len(packers) > 1 or not {*packers} <= {*_CLAIMS}:
+        raise ValueError(f"packed by {', '.join(packers)}; accepts one of {', '.join(_CLAIMS)}")
+    return packers[0] if packers and "sharding_indexed" not in steps else None
+
+
+def _steps(metadata: Any) -> Iterator[str]:
+    """Yield what is done to chunks, by name: in the second version of Zarr, or in the third."""
+    told = [metadata.get("compressor"), *(metadata.get("filters") or ())]
+    for step in [*told, *(metadata.get("codecs") or ())]:
+        if step is not None:
+            yield str(step.get("id", step.get("name"))).removeprefix("numcodecs.")
+            yield from _steps(step.get("configuration") or {})
+
+
+def _check_file(path: Path, most: int) -> None:
+    """Refuse what is no regular file, or a long one; one that is not there is nobody's fault."""
+    try:
+        status = path.stat()
+    except OSError:
+        return
+    refuse_special(path, status.st_mode)
+    if stat.S_ISDIR(status.st_mode):  # which Zarr takes for a chunk of fill values
+        raise ValueError(f"{path}: a folder where a file should be")
+    if status.st_size > most:
+        raise ValueError(f"{path}: has {status.st_size} bytes; at most {most} are read")
+
+
+def _check_claim(chunk: Any, packer: str, most: int) -> None:
+    """Refuse a chunk that unpacks to more than its pixels need, or does not say to how much."""
+    try:
+        needed = _CLAIMS[packer](bytes(chunk), most)
+    except (struct.error, IndexError, zlib.error):
+        raise ValueError(f"a chunk is not packed by {packer}") from None
+    if needed > most:
+        raise ValueError(f"a chunk unpacks to {needed} bytes or more; at most {most} are read")
+
+
+def _of_zstd(chunk: bytes, most: int) -> int:
+    """Return what a frame says that it unpacks to, which its header need not."""
+    head = chunk[4]
+    size = (1 if head & 32 else 0, 2, 4, 8)[head >> 6]
+    if not size:
+        return most + 1
+    start = 5 + (0 if head & 32 else 1) + (0, 1, 2, 4)[head & 3]
+    says = int.from_bytes(chunk[start : start + size], "little")
+    return says + 256 if size == 2 else says
+
+
+def _of_deflate(chunk: bytes, most: int) -> int:
+    """Return what unpacks, as far as the bound; of one member alone, as Zarr writes it."""
+    unpacker = zlib.decompressobj(wbits=47)  # whatever its header
+    unpacked = len(unpacker.decompress(chunk, most + 1))
+    return most + 1 if unpacker.unused_data else unpacked
+
+
+_CLAIMS: dict[str, Callable[[bytes, int], int]] = {
+    "zstd": _of_zstd,
+    "blosc": lambda chunk, _: struct.unpack_from("<I", chunk, 4)[0],
+    "lz4": lambda chunk, _: struct.unpack_from("<I", chunk)[0],
+    "gzip": _of_deflate,
+    "zlib": _of_deflate,
+}
+"""How many bytes a chunk unpacks to, as its header says it."""
