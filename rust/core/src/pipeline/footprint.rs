@@ -123,11 +123,11 @@ impl Demand<'_> {
             Optimizer::ScanlineOptimization => (BAND, seen, BAND * (1 + PANEL) * runs),
             Optimizer::WinnerTakesAll => (BAND, PANEL, 0),
             // Works on whole rows, the other optimizers on panels of columns.
-            Optimizer::DynamicProgramming => (ORDERED_ROWS, self.cols, 0),
+            Optimizer::DynamicProgramming => (ORDERED_ROWS, self.cols.next_multiple_of(STRIP), 0),
         };
 
         let is_whole = self.settings.optimizer == Optimizer::DynamicProgramming;
-        let around = cols + 2 * window.halo();
+        let around = seen + 2 * window.halo();
 
         // Costs and votes of the rows of a window and of the one that has left it, their sums, these without their lowest
         // bits, and sums of windows.
@@ -139,7 +139,9 @@ impl Demand<'_> {
         let lanes = rows * cols * runs + totals + paths + summed * runs;
 
         let width = Width::new(self.settings, window, penalties, true).bytes();
-        let origins = if is_whole { 2 * self.cols * self.candidates } else { 0 };
+        // How the totals of all rows came about, and the totals of a pixel.
+        let origins = ORDERED_ROWS * (self.cols * self.candidates + 8 * (self.candidates + 1));
+        let origins = if is_whole { origins } else { 0 };
 
         width * LANES * lanes + origins + BAND * self.cols * FOUND
     }
