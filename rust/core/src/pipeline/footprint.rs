@@ -129,14 +129,14 @@ impl Demand<'_> {
         let is_whole = self.settings.optimizer == Optimizer::DynamicProgramming;
         let around = seen + 2 * window.halo();
 
-        // Costs and votes of the rows of a window and of the one that has left it, their sums, these without their lowest
-        // bits, and sums of windows.
-        let summed = 2 * (window.side + 3) * around + (window.side + 1) * around;
+        // Of a line of candidates: costs and votes of the rows of a window and of the one that has left it, their sums, and
+        // sums of windows.
+        let summed = 2 * (window.side + 2) * around + (window.side + 1) * around;
 
         // The paths themselves, along rows and along columns, at two pixels each, and the sums of a row.
         let paths = 2 * 2 * STRIP * (runs + 2) + STRIP * runs;
 
-        let lanes = rows * cols * runs + totals + paths + summed * runs;
+        let lanes = rows * cols * runs + totals + paths + 2 * summed;
 
         let width = Width::new(self.settings, window, penalties, true).bytes();
         // How the totals of all rows came about, and the totals of a pixel.
