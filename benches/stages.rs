@@ -489,7 +489,13 @@ mod optimization {
         // Enough for 16 whole rows, which dynamic programming reads together, or for a panel of all rows.
         let places = runs * (ROWS * (PANEL + LOOKAHEAD_COLUMNS)).max(16 * COLS);
         let costs = noise(places, LANES, |value| T::truncated(u64::from(value % 200)));
-        let source = Same(costs.as_slice().as_chunks().0.to_vec());
+        let mut costs: Vec<Lanes<T>> = costs.as_slice().as_chunks().0.to_vec();
+        // Beyond the last candidate costs are never the least.
+        let used = candidates.min(LANES);
+        for lanes in &mut costs {
+            lanes[used..].fill(T::FAR);
+        }
+        let source = Same(costs);
 
         let edges = if has_edges {
             let gray = noise(ROWS, COLS, |value| value as i32);

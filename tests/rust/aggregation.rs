@@ -282,6 +282,22 @@ proptest! {
     }
 }
 
+/// As many candidates as fill lines of the cache, with and without masks and shifted windows.
+#[test]
+fn lines_of_candidates_and_what_is_left_of_them() {
+    for (count, shiftable) in [(64, false), (65, true), (96, true), (97, false), (140, false)] {
+        let (rows, cols) = (7, 140);
+        let views = [1u64, 2].map(|seed| View {
+            mask: (seed as i64 == count % 4).then(|| mask(rows, cols, 3, seed)),
+            ..view(rows, cols, |y, x| hash(seed, y, x) as u8)
+        });
+
+        let candidates = Candidates::new(0, count, cols).expect("in reach");
+        let settings = Settings { shiftable, window: 5, ..Preset::Fast.settings() };
+        MaskedCosts { views, candidates, settings, block: (5, PANEL) }.check();
+    }
+}
+
 /// The mean of few valid pixels may exceed the largest sum of a window, as bits are dropped from that.
 #[test]
 fn few_valid_pixels_do_not_overflow_a_byte() {

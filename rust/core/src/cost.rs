@@ -18,6 +18,7 @@ pub mod candidates;
 pub mod validity;
 
 use std::ops::Range;
+use std::slice::ChunksExactMut;
 
 use crate::cost::candidates::{Candidates, Searched};
 use crate::cost::validity::Validity;
@@ -59,6 +60,49 @@ enum Compared<'a> {
     Levels(Vec<[Plane<u16>; 2]>),
     /// Costs of the caller, candidate innermost.
     Volume(&'a Plane<u16>),
+}
+
+/// Values of neighboring pixels, to be written: of each pixel `L` lanes from `first` on, where it has `stride` of them.
+pub struct Lines<'a, V, const L: usize> {
+    /// All lanes of the pixels.
+    pub values: &'a mut [V],
+    /// The first lane of a line.
+    pub first: usize,
+    /// Lanes of a pixel.
+    pub stride: usize,
+}
+
+impl<V, const L: usize> Lines<'_, V, L> {
+    /// Pixels.
+    #[inline(always)]
+    pub fn count(&self) -> usize {
+        self.values.len() / self.stride
+    }
+
+    /// The line of one pixel.
+    #[inline(always)]
+    pub fn line(&mut self, pixel: usize) -> &mut [V; L] {
+        line(&mut self.values[pixel * self.stride..], self.first)
+    }
+
+    /// All lanes of each pixel, and the first of a line: see [`line`].
+    #[inline(always)]
+    pub fn pixels(&mut self) -> (ChunksExactMut<'_, V>, usize) {
+        (self.values.chunks_exact_mut(self.stride), self.first)
+    }
+
+    /// Those of the pixels from index `start` on, so many.
+    #[inline(always)]
+    pub fn part(&mut self, start: usize, count: usize) -> Lines<'_, V, L> {
+        let values = &mut self.values[start * self.stride..][..count * self.stride];
+        Lines { values, ..*self }
+    }
+}
+
+/// The line of a pixel that begins with lane `first`. A function, not a closure in an iterator, which might not be inlined.
+#[inline(always)]
+pub fn line<V, const L: usize>(pixel: &mut [V], first: usize) -> &mut [V; L] {
+    &mut pixel[first..].as_chunks_mut().0[0]
 }
 
 /// Steps of the cost per unit of the penalties.
@@ -240,39 +284,51 @@ impl<'a> Costs<'a> {
         searched: Searched,
         out: &mut [Lanes<V>],
     ) {
-        let runs = searched.runs();
+        let (values, stride) = (out.as_flattened_mut(), searched.runs() * LANES);
 
+        for first in (0..stride).step_by(LANES) {
+            let block = (y, columns.clone(), searched.part(first, LANES));
+            self.write_lines(block, Lines::<V, LANES> { values, first, stride });
+        }
+    }
+
+    /// Writes the costs of up to `L` candidates, as [`Self::write`], into a line of each pixel.
+    #[inline(always)]
+    pub fn write_lines<V: Value, const L: usize>(
+        &self,
+        (y, columns, searched): (usize, Range<usize>, Searched),
+        mut out: Lines<V, L>,
+    ) {
         match &self.compared {
             Compared::Codes(codes) => {
                 let block = (y, columns.clone(), searched);
                 match codes.left.count {
-                    1 => self.write_distances::<V, 1>(codes, (0, false), block, out),
-                    2 => self.write_distances::<V, 2>(codes, (0, false), block, out),
+                    1 => self.write_distances::<V, 1, L>(codes, (0, false), block, &mut out),
+                    2 => self.write_distances::<V, 2, L>(codes, (0, false), block, &mut out),
                     // Longer codes: one byte after another.
                     bytes => {
-                        out.fill([V::default(); LANES]);
+                        clear(&mut out);
                         for byte in 0..bytes {
-                            let block = (y, columns.clone(), searched);
-                            self.write_distances::<V, 1>(codes, (byte, true), block, out);
+                            let block = block.clone();
+                            self.write_distances::<V, 1, L>(codes, (byte, true), block, &mut out);
                         }
                     }
                 }
             }
             Compared::Levels(channels) => {
-                out.fill([V::default(); LANES]);
+                clear(&mut out);
                 for [left, right] in channels {
-                    let left = &left.row(y)[columns.clone()];
-                    let pixels = columns.clone().zip(left).zip(out.chunks_exact_mut(runs));
-                    for ((x, left), out) in pixels {
-                        add_differences(*left, self.unrolled(right, y, x, searched), out);
+                    for (place, x) in columns.clone().enumerate() {
+                        let right = self.unrolled(right, y, x, searched);
+                        add_differences(left.row(y)[x], right, out.line(place));
                     }
                 }
             }
             Compared::Volume(volume) => {
                 let count = self.candidates.count();
                 let costs = volume.row(y)[columns.start * count..].chunks_exact(count);
-                for (out, costs) in out.chunks_exact_mut(runs).zip(costs) {
-                    let lanes = out.as_flattened_mut().iter_mut().zip(&costs[searched.start..]);
+                for (place, costs) in costs.take(columns.len()).enumerate() {
+                    let lanes = out.line(place).iter_mut().zip(&costs[searched.start..]);
                     lanes.for_each(|(out, cost)| *out = V::truncated((*cost).into()));
                 }
             }
@@ -281,9 +337,8 @@ impl<'a> Costs<'a> {
         // Invalid pairs add nothing to sums, which aggregation scales by the number of valid ones.
         if let (Some(validity), Some([left, right])) = (&self.validity, &self.valid) {
             let (whole, left) = (validity.whole(y), left.row(y));
-            let pixels = columns.zip(out.chunks_exact_mut(runs));
-            for (x, out) in pixels.filter(|(x, _)| !whole[*x]) {
-                mask_out(left[x], self.unrolled(right, y, x, searched), out);
+            for (place, x) in columns.enumerate().filter(|(_, x)| !whole[*x]) {
+                mask_out(left[x], self.unrolled(right, y, x, searched), out.line(place));
             }
         }
     }
@@ -291,77 +346,65 @@ impl<'a> Costs<'a> {
     /// Writes 1 where a pixel of some columns of row `y` and its candidate are both valid, else 0. Writes nothing without
     /// masks.
     #[inline(always)]
-    pub fn write_validity<V: Value>(
+    pub fn write_validity<V: Value, const L: usize>(
         &self,
-        y: usize,
-        columns: Range<usize>,
-        searched: Searched,
-        out: &mut [Lanes<V>],
+        (y, columns, searched): (usize, Range<usize>, Searched),
+        out: &mut [[V; L]],
     ) {
         let Some([left, right]) = &self.valid else { return };
 
         let left = &left.row(y)[columns.clone()];
-        let pixels = columns.zip(left).zip(out.chunks_exact_mut(searched.runs()));
-        for ((x, left), out) in pixels {
+        for ((x, left), out) in columns.zip(left).zip(out) {
             mark_valid(*left, self.unrolled(right, y, x, searched), out);
         }
     }
 
     /// Writes the Hamming distances over `N` bytes of the codes, from byte `first` on; `adds`: to what is there.
     #[inline(always)]
-    fn write_distances<V: Value, const N: usize>(
+    fn write_distances<V: Value, const N: usize, const L: usize>(
         &self,
         codes: &PairCodes,
         (first, adds): (usize, bool),
         (y, columns, searched): (usize, Range<usize>, Searched),
-        out: &mut [Lanes<V>],
+        out: &mut Lines<V, L>,
     ) {
         let Some(labels) = &codes.labels else {
             let block = (y, columns, searched);
-            return self.write_stretch::<V, N>(codes, (0, first, adds), block, out);
+            return self.write_stretch::<V, N, L>(codes, (0, first, adds), block, out);
         };
 
         // Most neighbors have the same label, so are compared with the same version of the right image.
-        let (mut start, mut out) = (columns.start, out);
-        for stretch in labels.row(y)[columns].chunk_by(|label, next| label == next) {
+        let mut start = 0;
+        for stretch in labels.row(y)[columns.clone()].chunk_by(|label, next| label == next) {
             let version = usize::from(stretch[0]);
-            let columns = start..start + stretch.len();
-            start = columns.end;
-
-            let (here, rest) = out.split_at_mut(stretch.len() * searched.runs());
-            out = rest;
-            let block = (y, columns, searched);
-            self.write_stretch::<V, N>(codes, (version, first, adds), block, here);
+            let here = columns.start + start..columns.start + start + stretch.len();
+            let (block, mut out) = ((y, here, searched), out.part(start, stretch.len()));
+            self.write_stretch::<V, N, L>(codes, (version, first, adds), block, &mut out);
+            start += stretch.len();
         }
     }
 
     /// As [`Self::write_distances`], for columns that are compared with one version of the right image.
     #[inline(always)]
-    fn write_stretch<V: Value, const N: usize>(
+    fn write_stretch<V: Value, const N: usize, const L: usize>(
         &self,
         codes: &PairCodes,
         (version, first, adds): (usize, usize, bool),
         (y, columns, searched): (usize, Range<usize>, Searched),
-        out: &mut [Lanes<V>],
+        out: &mut Lines<V, L>,
     ) {
-        let runs = searched.runs();
         let mut lefts: [&[u8]; N] = codes.left.rows(first, y);
         let mut rights: [&[u8]; N] = codes.rights[version].rows(first, y);
 
         // What the last of these columns meets comes first.
         let start = self.cols - columns.end + searched.start;
-        let width = columns.len() - 1 + runs * LANES;
+        let width = columns.len() - 1 + L;
         for byte in 0..N {
             lefts[byte] = &lefts[byte][columns.clone()];
             rights[byte] = &rights[byte][start..][..width];
         }
 
-        // Usual numbers of runs as constants, so that the loop over runs is unrolled.
-        match runs {
-            1 => compare(lefts, rights, 1, adds, out),
-            2 => compare(lefts, rights, 2, adds, out),
-            runs => compare(lefts, rights, runs, adds, out),
-        }
+        compare(lefts, rights, adds, out);
     }
 
     /// The cost of a left pixel with the pixel of any right column; `None` where either is invalid. Disparity 0 must be the
@@ -393,16 +436,16 @@ impl<'a> Costs<'a> {
         })
     }
 
-    /// The pixels under the searched candidates of column `x`, of row `y` of an unrolled plane.
+    /// The pixels under `L` candidates of column `x`, of row `y` of an unrolled plane.
     #[inline(always)]
-    fn unrolled<'p, T>(
+    fn unrolled<'p, T, const L: usize>(
         &self,
         plane: &'p Plane<T>,
         y: usize,
         x: usize,
         searched: Searched,
-    ) -> &'p [Lanes<T>] {
-        plane.row(y)[self.cols - 1 - x + searched.start..].as_chunks().0
+    ) -> &'p [T; L] {
+        leading(&plane.row(y)[self.cols - 1 - x + searched.start..])
     }
 }
 
@@ -645,42 +688,53 @@ impl simd::Loop for WriteRow<'_> {
     }
 }
 
+#[inline(always)]
+fn clear<V: Value, const L: usize>(out: &mut Lines<V, L>) {
+    for pixel in 0..out.count() {
+        *out.line(pixel) = [V::default(); L];
+    }
+}
+
+/// The first `L` values.
+#[inline(always)]
+fn leading<T, const L: usize>(values: &[T]) -> &[T; L] {
+    &values.as_chunks().0[0]
+}
+
 /// Writes the Hamming distances over `N` bytes, of pixels and their candidates, or adds them to what is there.
 #[inline(always)]
-fn compare<V: Value, const N: usize>(
+fn compare<V: Value, const N: usize, const L: usize>(
     lefts: [&[u8]; N],
     rights: [&[u8]; N],
-    runs: usize,
     adds: bool,
-    out: &mut [Lanes<V>],
+    out: &mut Lines<V, L>,
 ) {
     let last = lefts[0].len() - 1;
 
-    for (place, out) in out.chunks_exact_mut(runs).enumerate() {
+    let (pixels, first) = out.pixels();
+    for (place, pixel) in pixels.enumerate() {
         let mut left = [0; N];
-        let mut right = [&[][..]; N];
+        let mut right = [&[0; L]; N];
         for byte in 0..N {
             left[byte] = lefts[byte][place];
-            right[byte] = rights[byte][last - place..][..runs * LANES].as_chunks().0;
+            right[byte] = leading(&rights[byte][last - place..]);
         }
 
-        for (run, out) in out.iter_mut().enumerate() {
-            let bits = distances(left, right, run);
-
-            for j in 0..LANES {
-                let bits = V::truncated(bits[j].into());
-                out[j] = if adds { out[j].plus(bits) } else { bits };
-            }
+        let bits = distances(left, right);
+        let out: &mut [V; L] = line(pixel, first);
+        for j in 0..L {
+            let bits = V::truncated(bits[j].into());
+            out[j] = if adds { out[j].plus(bits) } else { bits };
         }
     }
 }
 
 #[inline(always)]
-fn distances<const N: usize>(left: [u8; N], right: [&[Lanes<u8>]; N], run: usize) -> Lanes<u8> {
-    let mut bits = [0; LANES];
+fn distances<const N: usize, const L: usize>(left: [u8; N], right: [&[u8; L]; N]) -> [u8; L] {
+    let mut bits = [0; L];
     for byte in 0..N {
-        let (left, right) = (left[byte], &right[byte][run]);
-        for j in 0..LANES {
+        let (left, right) = (left[byte], right[byte]);
+        for j in 0..L {
             bits[j] += (left ^ right[j]).count_ones() as u8;
         }
     }
@@ -688,17 +742,15 @@ fn distances<const N: usize>(left: [u8; N], right: [&[Lanes<u8>]; N], run: usize
 }
 
 #[inline(always)]
-fn add_differences<V: Value>(left: u16, right: &[Lanes<u16>], out: &mut [Lanes<V>]) {
-    for (out, right) in out.iter_mut().zip(right) {
-        for j in 0..LANES {
-            out[j] = out[j].plus(V::truncated(left.abs_diff(right[j]).into()));
-        }
+fn add_differences<V: Value, const L: usize>(left: u16, right: &[u16; L], out: &mut [V; L]) {
+    for j in 0..L {
+        out[j] = out[j].plus(V::truncated(left.abs_diff(right[j]).into()));
     }
 }
 
 /// 1 for the candidates of a pixel that are valid as it is, else 0: in registers, as what is written may not overlap it.
 #[inline(always)]
-fn both_valid(left: u8, right: &Lanes<u8>) -> Lanes<u8> {
+fn both_valid<const L: usize>(left: u8, right: &[u8; L]) -> [u8; L] {
     let mut both = *right;
     for both in &mut both {
         *both &= left;
@@ -707,22 +759,18 @@ fn both_valid(left: u8, right: &Lanes<u8>) -> Lanes<u8> {
 }
 
 #[inline(always)]
-fn mark_valid<V: Value>(left: u8, right: &[Lanes<u8>], out: &mut [Lanes<V>]) {
-    for (out, right) in out.iter_mut().zip(right) {
-        let both = both_valid(left, right);
-        for j in 0..LANES {
-            out[j] = V::truncated(both[j].into());
-        }
+fn mark_valid<V: Value, const L: usize>(left: u8, right: &[u8; L], out: &mut [V; L]) {
+    let both = both_valid(left, right);
+    for j in 0..L {
+        out[j] = V::truncated(both[j].into());
     }
 }
 
 #[inline(always)]
-fn mask_out<V: Value>(left: u8, right: &[Lanes<u8>], out: &mut [Lanes<V>]) {
-    for (out, right) in out.iter_mut().zip(right) {
-        let both = both_valid(left, right);
-        for j in 0..LANES {
-            // All bits or none: the compiler makes choices lane by lane.
-            out[j] = V::truncated(out[j].widened() & u64::from(both[j]).wrapping_neg());
-        }
+fn mask_out<V: Value, const L: usize>(left: u8, right: &[u8; L], out: &mut [V; L]) {
+    let both = both_valid(left, right);
+    for j in 0..L {
+        // All bits or none: the compiler makes choices lane by lane.
+        out[j] = V::truncated(out[j].widened() & u64::from(both[j]).wrapping_neg());
     }
 }

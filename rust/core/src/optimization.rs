@@ -49,6 +49,7 @@ use crate::simd::{Level, Loop};
 use crate::value::{LANES, Lanes, Value};
 
 use self::ordered::Ordered;
+pub use self::ordered::ROWS as ORDERED_ROWS;
 use self::panel_ranges::PanelRanges;
 pub use self::panel_ranges::{BAND, PANEL};
 pub use self::paths::STRIP;
@@ -63,9 +64,6 @@ pub const LOOKAHEAD_ROWS: usize = 16;
 /// Columns right of a panel where its paths from the right start: one strip, which the next panel takes over. Results
 /// depend on it, as the means above say.
 pub const LOOKAHEAD_COLUMNS: usize = STRIP;
-
-/// Rows whose costs are aggregated at a time for dynamic programming along each.
-pub const ORDERED_ROWS: usize = 16;
 
 /// The rows of which more is needed than the chosen candidates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -380,7 +378,7 @@ impl CandidateSearch<'_> {
         Ok(())
     }
 
-    /// Chooses for each row under the ordering constraint, [`ORDERED_ROWS`] rows at a time.
+    /// Chooses for rows under the ordering constraint, [`ORDERED_ROWS`] at a time.
     fn choose_in_order<T: Value>(
         &self,
         rows: Range<usize>,
@@ -388,33 +386,35 @@ impl CandidateSearch<'_> {
         workspace: &mut Workspace<T>,
     ) -> Result<()> {
         let Workspace { aggregator, costs, ordered, selection, evidence, .. } = workspace;
-        let all = self.all();
-        let width = self.size.1 * all.runs();
-        costs.resize(ORDERED_ROWS.min(rows.len()) * width)?;
+        let (searched, cols) = (self.all(), self.size.1);
 
         for first in rows.clone().step_by(ORDERED_ROWS) {
-            self.control.checkpoint()?;
-
             let group = first..(first + ORDERED_ROWS).min(rows.end);
-            let columns = 0..self.size.1;
-            let block = PixelBlock { rows: group.clone(), columns, strip: self.size.1 };
-            source.write(aggregator, (block, all), &mut costs[..group.len() * width])?;
+            let block = &PixelBlock { rows: group, columns: 0..cols, strip: STRIP };
+            costs.resize(block.places() * searched.runs())?;
 
-            for (y, costs) in group.zip(costs.chunks_exact_mut(width)) {
+            // Strips follow one another, so those of each panel are a block of their own.
+            let mut rest = &mut costs[..];
+            for columns in self.panels() {
                 self.control.checkpoint()?;
-                let chosen = ordered.choose(costs, self.candidates, self.penalties)?;
-
-                let (row, is_weighed) = (y - rows.start, self.weighs(y));
-                self.level.run(WeighRow {
-                    search: self,
-                    row,
-                    is_weighed,
-                    chosen,
-                    costs,
-                    selection,
-                    evidence,
-                });
+                let panel = PixelBlock { columns, ..block.clone() };
+                let (here, others) = rest.split_at_mut(panel.places() * searched.runs());
+                source.write(aggregator, (panel, searched), here)?;
+                rest = others;
             }
+
+            let runtime = (self.level, self.control);
+            let chosen =
+                ordered.choose((block, costs), self.candidates, self.penalties, runtime)?;
+            self.level.run(WeighRows {
+                search: self,
+                block,
+                row: first - rows.start,
+                chosen,
+                costs,
+                selection,
+                evidence,
+            });
         }
 
         Ok(())
@@ -491,37 +491,43 @@ impl<T: Value> Loop for SelectPixels<'_, T> {
     }
 }
 
-/// Cost margin and sub-pixel offset of the candidates chosen for a row. Overwrites the costs.
-struct WeighRow<'a, T> {
+/// Cost margin and sub-pixel offset of the candidates chosen for a block of rows, of which the evidence begins with row
+/// `row`. Overwrites the costs.
+struct WeighRows<'a, T> {
     search: &'a CandidateSearch<'a>,
+    block: &'a PixelBlock,
     row: usize,
-    is_weighed: bool,
     chosen: &'a [u16],
     costs: &'a mut [Lanes<T>],
     selection: &'a mut Selection<T>,
     evidence: &'a mut Evidence,
 }
 
-impl<T: Value> Loop for WeighRow<'_, T> {
+impl<T: Value> Loop for WeighRows<'_, T> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
-        let Self { search, row, is_weighed, chosen, costs, selection, evidence } = self;
-        if !is_weighed {
-            return evidence.choose(row, 0, chosen);
-        }
-        let runs = search.all().runs();
+        let Self { search, block, row, chosen, costs, selection, evidence } = self;
+        let (runs, candidates) = (search.all().runs(), search.candidates);
 
-        let groups = chosen.chunks(PIXELS).zip(costs.chunks_mut(PIXELS * runs));
-        for (first, (chosen, costs)) in (0..).step_by(PIXELS).zip(groups) {
-            for (pixel, chosen) in chosen.iter().enumerate() {
-                let k = usize::from(*chosen);
-                selection.choose(pixel, *chosen, costs[pixel * runs + k / LANES][k % LANES]);
+        for (index, chosen) in chosen.chunks_exact(block.columns.len()).enumerate() {
+            let row = row + index;
+            if !search.weighs(block.rows.start + index) {
+                evidence.choose(row, 0, chosen);
+                continue;
             }
 
-            selection.weigh(costs, None, (chosen.len(), search.candidates, runs));
-            selection.write(chosen.len(), evidence, (row, first));
+            for (strip, chosen) in chosen.chunks(PIXELS).enumerate() {
+                let costs = &mut costs[block.place(strip, index) * runs..][..chosen.len() * runs];
+                for (pixel, chosen) in chosen.iter().enumerate() {
+                    let k = usize::from(*chosen);
+                    selection.choose(pixel, *chosen, costs[pixel * runs + k / LANES][k % LANES]);
+                }
+
+                selection.weigh(costs, None, (chosen.len(), candidates, runs));
+                selection.write(chosen.len(), evidence, (row, strip * PIXELS));
+            }
         }
     }
 }

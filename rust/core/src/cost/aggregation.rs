@@ -4,13 +4,16 @@
 //! each column over the rows of the window are updated from row to row, those over its columns from pixel to pixel:
 //!
 //! ```text
-//! for y in rows:
-//!     column[x][k] += cost[y + r][x][k] - cost[y - r - 1][x][k]      # a ring of 2 r + 2 rows of costs
-//!     summand[x][k] = column[x][k] >> n                              # n bits are dropped
-//!     for x in columns:
-//!         sum[k]   += summand[x + r][k] - summand[x - r - 1][k]
-//!         aggregated[y][x][k] = sum[k]
+//! for line in lines of candidates:
+//!     for y in rows:
+//!         column[x][k] += cost[y + r][x][k] - cost[y - r - 1][x][k]      # a ring of 2 r + 2 rows of costs
+//!         for x in columns:
+//!             sum[k]   += (column[x + r][k] >> n) - (column[x - r - 1][k] >> n)      # n bits are dropped
+//!             aggregated[y][x][k] = sum[k]
 //! ```
+//!
+//! A line of candidates fills a line of the cache: 64 bytes, or 32 wider integers. Line by line the ring stays in the
+//! first-level cache, however many candidates there are, and every loop goes through arrays of one length.
 //!
 //! Beyond the image its edge rows and columns are repeated. A shiftable window takes the least of the sums at five
 //! places, so a ring of rows of sums is kept as well. Under masks the valid pixels of each window are counted by the same
@@ -28,12 +31,11 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use crate::cost::candidates::{Candidates, Searched};
-use crate::cost::validity::Validity;
-use crate::cost::{Costs, steps_of};
+use crate::cost::{Costs, Lines, line, steps_of};
 use crate::error::Result;
 use crate::image::plane::Plane;
 use crate::pipeline::control::Control;
-use crate::pipeline::memory::RunMemory;
+use crate::pipeline::memory::{Memory, RunMemory};
 use crate::settings::{Precision, Settings};
 use crate::simd::{Level, Loop};
 use crate::value::{LANES, Lanes, Value, nearest};
@@ -138,7 +140,7 @@ impl Window {
     /// Replaces sums by those over the whole window, from the numbers of valid pixels in it; without any, by the largest
     /// there is.
     #[inline(always)]
-    fn scale<V: Value>(&self, counts: &[Lanes<V>], sums: &mut [Lanes<V>]) {
+    fn scale<V: Value, const L: usize>(&self, counts: &[V; L], sums: &mut [V; L]) {
         let area = f64::from(self.area());
         let largest = self.largest_sum() as f64;
         // The mean rounded, halves up: fractions are multiples of 1 / count, so the next ones below a half stay below it.
@@ -147,7 +149,6 @@ impl Window {
         // The loops have no closures, which might not be inlined, and so not be compiled for the level. Bits are dropped from
         // the sum of each column, so the mean of a few may exceed the largest sum; without valid pixels it is NaN, which is
         // not less than that.
-        let (sums, counts) = (sums.as_flattened_mut(), counts.as_flattened());
         if largest * area < f64::from(1 << 20) {
             // Registers have more lanes of single precision, whose roundings are less than `tie` here.
             let (area, largest, tie) = (area as f32, largest as f32, tie as f32);
@@ -214,16 +215,22 @@ impl PixelBlock {
 /// Aggregates block after block; its buffers are reused.
 #[derive(Debug, Default)]
 pub struct Aggregator<V> {
+    windows: Windows<V>,
+    /// A ring of rows of sums, for shiftable windows: as many rows as a window has.
+    boxes: Memory<V>,
+}
+
+/// Sums over the windows of a row, scaled to the valid pixels.
+#[derive(Debug, Default)]
+struct Windows<V> {
     /// Sums of the costs.
     costs: BoxSums<V>,
     /// Numbers of valid pixels, by stretches of columns in whose windows there are invalid ones ...
     validity: Vec<BoxSums<V>>,
     /// ... and these stretches.
     stretches: Vec<Range<usize>>,
-    /// A ring of rows of sums, for shiftable windows: as many rows as a window has.
-    boxes: RunMemory<V>,
     /// Numbers of valid pixels in the windows of a row.
-    counts: RunMemory<V>,
+    counts: Memory<V>,
 }
 
 impl<V: Value> Aggregator<V> {
@@ -237,33 +244,62 @@ impl<V: Value> Aggregator<V> {
         level: Level,
         out: &mut [Lanes<V>],
     ) -> Result<()> {
-        let runs = searched.runs();
-        let shift = window.largest_shift();
-        let around = block.columns.len() + 2 * shift;
-        // Fixed windows need no ring.
-        let ring = if shift > 0 { window.side } else { 0 };
-        self.boxes.resize(around * ring * runs)?;
-        self.costs.begin(window, &block.columns, searched)?;
+        self.windows.find_stretches(costs, window, &block);
 
-        self.stretches.clear();
-        if let Some(validity) = costs.validity() {
-            self.find_stretches(validity, window, &block);
-            self.counts.resize(around * runs)?;
+        let (values, stride) = (out.as_flattened_mut(), searched.runs() * LANES);
+        let mut first = 0;
+        while first < stride {
+            // A line of the cache is two runs of bytes, or one of wider integers.
+            let is_wide = size_of::<V>() == 1 && stride - first > LANES;
+            let lanes = if is_wide { 2 * LANES } else { LANES };
+            let part = searched.part(first, lanes);
+            self.windows.begin(window, &block.columns, (part, lanes))?;
+            // Fixed windows need no ring.
+            let ring = if window.shiftable { window.side } else { 0 };
+            self.boxes.resize((block.columns.len() + 2 * window.largest_shift()) * ring * lanes)?;
+
+            let (aggregator, block) = (&mut *self, &block);
+            if is_wide {
+                let out = Lines::<V, { 2 * LANES }> { values, first, stride };
+                level.run(Aggregate { aggregator, costs, window, block, out });
+            } else {
+                let out = Lines::<V, LANES> { values, first, stride };
+                level.run(Aggregate { aggregator, costs, window, block, out });
+            }
+
+            first += lanes;
         }
+
+        Ok(())
+    }
+}
+
+impl<V: Value> Windows<V> {
+    /// Sizes all buffers for some columns and candidates, in so many lanes.
+    fn begin(
+        &mut self,
+        window: Window,
+        columns: &Range<usize>,
+        line: (Searched, usize),
+    ) -> Result<()> {
+        self.costs.begin(window, columns, line)?;
 
         // Windows are counted where they are, and the shifted ones take the sums.
         let counted = Window { dropped: 0, shiftable: false, ..window };
         self.validity.resize_with(self.stretches.len().max(self.validity.len()), BoxSums::default);
         for (counts, columns) in self.validity.iter_mut().zip(&self.stretches) {
-            counts.begin(counted, columns, searched)?;
+            counts.begin(counted, columns, line)?;
         }
 
-        level.run(Aggregate { aggregator: self, costs, window, block, out });
-        Ok(())
+        let longest = self.stretches.iter().map(ExactSizeIterator::len).max().unwrap_or_default();
+        self.counts.resize(longest * line.1)
     }
 
     /// Finds the columns around a block whose windows have an invalid pixel, or one of an invalid candidate, in some row.
-    fn find_stretches(&mut self, validity: &Validity, window: Window, block: &PixelBlock) {
+    fn find_stretches(&mut self, costs: &Costs, window: Window, block: &PixelBlock) {
+        self.stretches.clear();
+        let Some(validity) = costs.validity() else { return };
+
         let widened = |range: &Range<usize>, by: usize, end: usize| {
             range.start.saturating_sub(by)..(range.end + by).min(end)
         };
@@ -290,67 +326,57 @@ impl<V: Value> Aggregator<V> {
 
     /// Moves the windows to a row.
     #[inline(always)]
-    fn center_on(sums: (&mut BoxSums<V>, &mut [BoxSums<V>]), costs: &Costs, y: usize) {
-        let (of_costs, of_validity) = sums;
-
-        of_costs.center_on(y, Summed::Costs, costs);
-        for counts in of_validity {
-            counts.center_on(y, Summed::Validity, costs);
+    fn center_on<const L: usize>(&mut self, costs: &Costs, y: usize) {
+        self.costs.center_on::<L>(y, Summed::Costs, costs);
+        for counts in &mut self.validity[..self.stretches.len()] {
+            counts.center_on::<L>(y, Summed::Validity, costs);
         }
     }
 
     /// Writes the sums over the windows of some columns of the row, scaled to the valid pixels where there are others.
     #[inline(always)]
-    fn write_boxes(
-        (of_costs, stretches): (&BoxSums<V>, &[Range<usize>]),
-        (of_validity, counts): (&[BoxSums<V>], &mut [Lanes<V>]),
-        columns: Range<usize>,
-        out: &mut [Lanes<V>],
-    ) {
-        let runs = of_costs.searched.runs();
-        of_costs.write_row(columns.clone(), out);
+    fn write_row<const L: usize>(&mut self, columns: Range<usize>, out: &mut Lines<V, L>) {
+        let Self { costs, validity, stretches, counts } = self;
+        costs.write_row(columns.clone(), out);
 
-        for (stretch, validity) in stretches.iter().zip(of_validity) {
+        for (stretch, validity) in stretches.iter().zip(validity) {
             let here = stretch.start.max(columns.start)..stretch.end.min(columns.end);
             if here.is_empty() {
                 continue;
             }
 
-            let counts = &mut counts[..here.len() * runs];
-            let sums = &mut out[(here.start - columns.start) * runs..][..counts.len()];
-            validity.write_row(here, counts);
-            of_costs.window.scale(counts, sums);
+            let (values, length) = (&mut counts[..here.len() * L], here.len());
+            let mut sums = out.part(here.start - columns.start, length);
+            validity.write_row(here, &mut Lines::<V, L> { values, first: 0, stride: L });
+            for pixel in 0..length {
+                costs.window.scale(&counts.as_chunks().0[pixel], sums.line(pixel));
+            }
         }
     }
 }
 
-/// The loop of [`Aggregator::aggregate`].
-struct Aggregate<'a, V> {
+/// The loop of [`Aggregator::aggregate`], for a line of candidates.
+struct Aggregate<'a, V, const L: usize> {
     aggregator: &'a mut Aggregator<V>,
     costs: &'a Costs<'a>,
     window: Window,
-    block: PixelBlock,
-    out: &'a mut [Lanes<V>],
+    block: &'a PixelBlock,
+    out: Lines<'a, V, L>,
 }
 
-impl<V: Value> Aggregate<'_, V> {
+impl<V: Value, const L: usize> Aggregate<'_, V, L> {
     /// Writes the sum over the centered window of each pixel.
     #[inline(always)]
     fn centered(self) {
-        let Self { aggregator, costs, block, out, .. } = self;
-        let Aggregator { costs: of_costs, validity, stretches, counts, .. } = aggregator;
-        let validity = &mut validity[..stretches.len()];
-        let searched = of_costs.searched;
-        let runs = searched.runs();
+        let Self { aggregator: Aggregator { windows, .. }, costs, block, mut out, .. } = self;
 
         for (row, y) in block.rows.clone().enumerate() {
-            Aggregator::center_on((of_costs, validity), costs, y);
+            windows.center_on::<L>(costs, y);
 
             for (strip, columns) in block.strips().enumerate() {
-                let out = &mut out[block.place(strip, row) * runs..][..columns.len() * runs];
-                let sums = (&*of_costs, &stretches[..]);
-                Aggregator::write_boxes(sums, (validity, counts), columns, out);
-                pad(out, searched.count);
+                let mut out = out.part(block.place(strip, row), columns.len());
+                windows.write_row(columns, &mut out);
+                pad(&mut out, windows.costs.searched);
             }
         }
     }
@@ -359,36 +385,32 @@ impl<V: Value> Aggregate<'_, V> {
     /// shifted to them.
     #[inline(always)]
     fn shifted(self) {
-        let Self { aggregator, costs, window, block, out } = self;
-        let Aggregator { costs: of_costs, validity, stretches, boxes, counts } = aggregator;
-        let validity = &mut validity[..stretches.len()];
-        let PixelBlock { rows, columns, .. } = &block;
-        let searched = of_costs.searched;
-        let runs = searched.runs();
+        let Self { aggregator: Aggregator { windows, boxes }, costs, window, block, mut out } =
+            self;
+        let PixelBlock { rows, columns, .. } = block;
         let shift = window.largest_shift();
         let around = columns.start.saturating_sub(shift)..(columns.end + shift).min(window.cols);
-        let width = around.len() * runs;
+        let width = around.len() * L;
         let last = window.rows - 1;
         let mut next = rows.start.saturating_sub(shift);
 
         for (row, y) in rows.clone().enumerate() {
             // Each row is summed once, when the first window is shifted to it.
             while next <= (y + shift).min(last) {
-                let boxes = &mut boxes[next % window.side * width..][..width];
-                Aggregator::center_on((of_costs, validity), costs, next);
-                let sums = (&*of_costs, &stretches[..]);
-                Aggregator::write_boxes(sums, (validity, counts), around.clone(), boxes);
+                windows.center_on::<L>(costs, next);
+                let values = &mut boxes[next % window.side * width..][..width];
+                let mut out = Lines::<V, L> { values, first: 0, stride: L };
+                windows.write_row(around.clone(), &mut out);
                 next += 1;
             }
 
-            let shifted_to = |y: usize| &boxes[y % window.side * width..][..width];
+            let shifted_to = |y: usize| boxes[y % window.side * width..][..width].as_chunks().0;
             let rows = [y, y.saturating_sub(shift), (y + shift).min(last)].map(shifted_to);
 
             for (strip, columns) in block.strips().enumerate() {
-                let out = &mut out[block.place(strip, row) * runs..][..columns.len() * runs];
-                let places = (columns, around.start, window);
-                write_least(rows, places, runs, out);
-                pad(out, searched.count);
+                let mut out = out.part(block.place(strip, row), columns.len());
+                write_least(rows, (columns, around.start, window), &mut out);
+                pad(&mut out, windows.costs.searched);
             }
         }
     }
@@ -397,33 +419,24 @@ impl<V: Value> Aggregate<'_, V> {
 /// Writes the least of the sums at five places for some columns: here, above, below, left and right. The rows of sums begin
 /// with column `first`.
 #[inline(always)]
-fn write_least<V: Value>(
-    [here, above, below]: [&[Lanes<V>]; 3],
+fn write_least<V: Value, const L: usize>(
+    [here, above, below]: [&[[V; L]]; 3],
     (columns, first, window): (Range<usize>, usize, Window),
-    runs: usize,
-    out: &mut [Lanes<V>],
+    out: &mut Lines<V, L>,
 ) {
     let shift = window.largest_shift();
 
-    for (x, out) in columns.zip(out.chunks_exact_mut(runs)) {
-        let left = (x.saturating_sub(shift) - first) * runs;
-        let right = ((x + shift).min(window.cols - 1) - first) * runs;
-        let place = (x - first) * runs;
-        let others = [&here[left..], &here[right..], &above[place..], &below[place..]];
+    for (pixel, x) in columns.enumerate() {
+        let left = x.saturating_sub(shift) - first;
+        let right = (x + shift).min(window.cols - 1) - first;
+        let place = x - first;
 
-        for (run, out) in out.iter_mut().enumerate() {
-            let mut best = here[place + run];
-            for sums in others {
-                for j in 0..LANES {
-                    best[j] = best[j].min(sums[run][j]);
-                }
-            }
-            *out = best;
-        }
+        let along = lesser(here[left], here[right]);
+        *out.line(pixel) = lesser(here[place], lesser(along, lesser(above[place], below[place])));
     }
 }
 
-impl<V: Value> Loop for Aggregate<'_, V> {
+impl<V: Value, const L: usize> Loop for Aggregate<'_, V, L> {
     type Output = ();
     const COUNTS_BITS: bool = true;
 
@@ -433,14 +446,12 @@ impl<V: Value> Loop for Aggregate<'_, V> {
     }
 }
 
-/// Pads the last run of every pixel with [`Value::FAR`], which never wins.
+/// Pads lines with [`Value::FAR`] beyond the last candidate, which never wins.
 #[inline(always)]
-fn pad<V: Value>(costs: &mut [Lanes<V>], candidates: usize) {
-    let used = candidates % LANES;
-    if used > 0 {
-        let runs = candidates.div_ceil(LANES);
-        for last in costs.iter_mut().skip(runs - 1).step_by(runs) {
-            last[used..].fill(V::FAR);
+fn pad<V: Value, const L: usize>(out: &mut Lines<V, L>, searched: Searched) {
+    if searched.count < L {
+        for pixel in 0..out.count() {
+            out.line(pixel)[searched.count..].fill(V::FAR);
         }
     }
 }
@@ -455,15 +466,15 @@ enum Summed {
 impl Summed {
     /// Writes the summands of some columns of a row.
     #[inline(always)]
-    fn write<V: Value>(
+    fn write<V: Value, const L: usize>(
         self,
         costs: &Costs,
-        (y, columns, searched): (usize, Range<usize>, Searched),
-        out: &mut [Lanes<V>],
+        block: (usize, Range<usize>, Searched),
+        values: &mut [V],
     ) {
         match self {
-            Self::Costs => costs.write(y, columns, searched, out),
-            Self::Validity => costs.write_validity(y, columns, searched, out),
+            Self::Costs => costs.write_lines::<V, L>(block, Lines { values, first: 0, stride: L }),
+            Self::Validity => costs.write_validity::<V, L>(block, values.as_chunks_mut().0),
         }
     }
 }
@@ -480,17 +491,20 @@ struct BoxSums<V> {
     /// The row on which the window is centered.
     center: Option<usize>,
     /// Costs of the rows of the window and of the one that has just left it: a ring.
-    rows: RunMemory<V>,
-    /// Their sums over the rows of the window, for each column.
-    columns: RunMemory<V>,
-    /// These sums without their lowest bits. Beyond the image its edge columns are repeated, so the halo is complete.
-    summands: RunMemory<V>,
+    rows: Memory<V>,
+    /// Their sums over the rows of the window, for each column. Beyond the image its edge columns are repeated, so the halo
+    /// is complete.
+    columns: Memory<V>,
 }
 
 impl<V: Value> BoxSums<V> {
-    /// Sizes the buffers for some columns, before the first row.
-    fn begin(&mut self, window: Window, columns: &Range<usize>, searched: Searched) -> Result<()> {
-        let runs = searched.runs();
+    /// Sizes the buffers for some columns and candidates, in so many lanes, before the first row.
+    fn begin(
+        &mut self,
+        window: Window,
+        columns: &Range<usize>,
+        (searched, lanes): (Searched, usize),
+    ) -> Result<()> {
         let halo = window.halo();
         self.around = columns.start.saturating_sub(halo)..(columns.end + halo).min(window.cols);
         self.beyond = halo.saturating_sub(columns.start);
@@ -498,121 +512,116 @@ impl<V: Value> BoxSums<V> {
         self.searched = searched;
         self.center = None;
 
-        let width = self.around.len() * runs;
-        self.rows.resize((window.side + 1) * width)?;
-        self.columns.resize(width)?;
-        self.summands.resize((columns.len() + 2 * halo) * runs)
+        self.rows.resize((window.side + 1) * self.around.len() * lanes)?;
+        self.columns.resize((columns.len() + 2 * halo) * lanes)
     }
 
     /// Moves the window to row `y`: the next one, or any if it is the first.
     #[inline(always)]
-    fn center_on(&mut self, y: usize, summed: Summed, costs: &Costs) {
-        let radius = self.window.radius();
-        let side = self.window.side;
-        let width = self.columns.len();
-        let last = self.window.rows - 1;
+    fn center_on<const L: usize>(&mut self, y: usize, summed: Summed, costs: &Costs) {
+        let Self { window, searched, around, beyond, center, rows, columns } = self;
+        let (radius, side) = (window.radius(), window.side);
+        let width = around.len() * L;
+        let last = window.rows - 1;
         // Places count rows from `radius` rows above the image on; beyond the image its edge is repeated.
         let slot = |place: usize| place % (side + 1) * width;
         let row = |place: usize| place.saturating_sub(radius).min(last);
 
         let mut entering = y + 2 * radius..y + 2 * radius + 1;
-        if self.center.replace(y).is_none() {
+        if center.replace(y).is_none() {
             // Before the first row the window is empty, and all of its rows enter.
             entering.start = y;
-            self.rows.fill([V::default(); LANES]);
-            self.columns.fill([V::default(); LANES]);
+            rows.fill(V::default());
+            columns.fill(V::default());
         }
 
+        let sums = &mut columns[*beyond * L..][..width];
         for place in entering {
-            let entered = &mut self.rows[slot(place)..][..width];
-            summed.write(costs, (row(place), self.around.clone(), self.searched), entered);
+            let block = (row(place), around.clone(), *searched);
+            summed.write::<V, L>(costs, block, &mut rows[slot(place)..][..width]);
 
-            let entered = self.rows[slot(place)..][..width].as_flattened();
-            let left = self.rows[slot(place + 1)..][..width].as_flattened();
-            let sums = self.columns.as_flattened_mut().iter_mut();
-            for ((sum, new), old) in sums.zip(entered).zip(left) {
+            let entered = &rows[slot(place)..][..width];
+            let left = &rows[slot(place + 1)..][..width];
+            for ((sum, new), old) in sums.iter_mut().zip(entered).zip(left) {
                 // Subtracts first, so that no sum exceeds the largest one of a window.
                 *sum = sum.minus(*old).plus(*new);
             }
         }
 
-        // Usual numbers as constants: bytes can only be shifted by constants in one instruction.
-        match self.window.dropped {
-            0 => self.drop_bits(0),
-            1 => self.drop_bits(1),
-            2 => self.drop_bits(2),
-            3 => self.drop_bits(3),
-            bits => self.drop_bits(bits),
-        }
-    }
-
-    /// Writes the sums of the columns without their lowest bits.
-    #[inline(always)]
-    fn drop_bits(&mut self, bits: u32) {
-        let Self { searched, beyond, columns, summands, .. } = self;
-        let runs = searched.runs();
-
-        let (left, rest) = summands.split_at_mut(*beyond * runs);
-        let (within, right) = rest.split_at_mut(columns.len());
-
-        let sums = columns.as_flattened();
-        for (summand, sum) in within.as_flattened_mut().iter_mut().zip(sums) {
-            *summand = sum.shifted(bits);
-        }
-
-        let (first, last) = (&within[..runs], &within[within.len() - runs..]);
-        left.chunks_exact_mut(runs).for_each(|pixel| pixel.copy_from_slice(first));
-        right.chunks_exact_mut(runs).for_each(|pixel| pixel.copy_from_slice(last));
+        let columns: &mut [[V; L]] = columns.as_chunks_mut().0;
+        let (left, rest) = columns.split_at_mut(*beyond);
+        let (within, right) = rest.split_at_mut(around.len());
+        left.fill(within[0]);
+        right.fill(within[within.len() - 1]);
     }
 
     /// Writes the sums over the windows of some columns.
     #[inline(always)]
-    fn write_row(&self, columns: Range<usize>, out: &mut [Lanes<V>]) {
+    fn write_row<const L: usize>(&self, columns: Range<usize>, out: &mut Lines<V, L>) {
         // The first window begins `radius` columns left of its center, which may be beyond the image.
         let first = columns.start + self.beyond - self.window.radius() - self.around.start;
-        let runs = self.searched.runs();
-        let summands = &self.summands[first * runs..];
+        let (sums, side) = (&self.columns.as_chunks().0[first..], self.window.side);
 
-        // Usual numbers as constants, so that places are found without a multiplication.
-        match runs {
-            1 => sum_windows(summands, self.window.side, 1, out),
-            2 => sum_windows(summands, self.window.side, 2, out),
-            runs => sum_windows(summands, self.window.side, runs, out),
+        // Usual numbers as constants: bytes can only be shifted by constants in one instruction.
+        match self.window.dropped {
+            0 => sum_windows(sums, side, 0, out),
+            1 => sum_windows(sums, side, 1, out),
+            2 => sum_windows(sums, side, 2, out),
+            3 => sum_windows(sums, side, 3, out),
+            bits => sum_windows(sums, side, bits, out),
         }
     }
 }
 
-/// Writes the sums over neighboring windows of so many columns, of pixels with so many runs of candidates.
+/// Writes the sums over neighboring windows of so many columns, each column without its lowest bits.
 #[inline(always)]
-fn sum_windows<V: Value>(columns: &[Lanes<V>], side: usize, runs: usize, out: &mut [Lanes<V>]) {
-    for run in 0..runs {
-        let mut sum = [V::default(); LANES];
-        for column in columns.chunks_exact(runs).take(side - 1) {
-            sum = added(sum, column[run]);
-        }
+fn sum_windows<V: Value, const L: usize>(
+    columns: &[[V; L]],
+    side: usize,
+    bits: u32,
+    out: &mut Lines<V, L>,
+) {
+    let mut sum = [V::default(); L];
+    for column in &columns[..side - 1] {
+        sum = added(sum, shifted(*column, bits));
+    }
 
-        let entering = columns[(side - 1) * runs..].chunks_exact(runs);
-        let leaving = columns.chunks_exact(runs);
-        for ((out, entering), leaving) in out.chunks_exact_mut(runs).zip(entering).zip(leaving) {
-            sum = added(sum, entering[run]);
-            out[run] = sum;
-            sum = subtracted(sum, leaving[run]);
-        }
+    let (pixels, first) = out.pixels();
+    for ((pixel, entering), leaving) in pixels.zip(&columns[side - 1..]).zip(columns) {
+        sum = added(sum, shifted(*entering, bits));
+        *line(pixel, first) = sum;
+        sum = subtracted(sum, shifted(*leaving, bits));
     }
 }
 
 #[inline(always)]
-fn added<V: Value>(mut values: Lanes<V>, others: Lanes<V>) -> Lanes<V> {
-    for j in 0..LANES {
+fn shifted<V: Value, const L: usize>(mut values: [V; L], bits: u32) -> [V; L] {
+    for value in &mut values {
+        *value = value.shifted(bits);
+    }
+    values
+}
+
+#[inline(always)]
+fn added<V: Value, const L: usize>(mut values: [V; L], others: [V; L]) -> [V; L] {
+    for j in 0..L {
         values[j] = values[j].plus(others[j]);
     }
     values
 }
 
 #[inline(always)]
-fn subtracted<V: Value>(mut values: Lanes<V>, others: Lanes<V>) -> Lanes<V> {
-    for j in 0..LANES {
+fn subtracted<V: Value, const L: usize>(mut values: [V; L], others: [V; L]) -> [V; L] {
+    for j in 0..L {
         values[j] = values[j].minus(others[j]);
+    }
+    values
+}
+
+#[inline(always)]
+fn lesser<V: Value, const L: usize>(mut values: [V; L], others: [V; L]) -> [V; L] {
+    for j in 0..L {
+        values[j] = values[j].min(others[j]);
     }
     values
 }

@@ -88,6 +88,12 @@ impl Searched {
         Self { start: start.min(count - searched), count: searched }
     }
 
+    /// Those from index `first` on, so many at most.
+    #[inline(always)]
+    pub fn part(self, first: usize, most: usize) -> Self {
+        Self { start: self.start + first, count: (self.count - first).min(most) }
+    }
+
     /// Runs of [`LANES`] candidates, the last of them padded.
     #[inline(always)]
     pub fn runs(self) -> usize {

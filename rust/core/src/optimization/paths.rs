@@ -202,32 +202,28 @@ impl<T: Value> Paths<T> {
         runs: usize,
     ) {
         let least = self.least;
-        let mut from_least = [T::default(); STRIP];
-        for path in 0..STRIP {
-            from_least[path] = least[path].plus(p2[path]);
-        }
-
         let mut minima = [[T::FAR; LANES]; STRIP];
         let [before, here] = self.halves();
         let totals = before.chunks_exact(span(runs)).zip(here.chunks_exact_mut(span(runs)));
-        let least_ones = minima.iter_mut().zip(least.iter().zip(&from_least));
+        let least_ones = minima.iter_mut().zip(least.iter().zip(&p2));
         let paths = totals.zip(least_ones).zip(costs).zip(sinks);
 
-        for ((((before, here), (minimum, (least, from_least))), costs), mut sink) in paths {
+        for ((((before, here), (minimum, (least, p2))), costs), mut sink) in paths {
             let smaller = &before[LANES - 1..].as_chunks::<LANES>().0[..runs];
             let same = &before[LANES..].as_chunks::<LANES>().0[..runs];
             let larger = &before[LANES + 1..].as_chunks::<LANES>().0[..runs];
             let here = &mut here.as_chunks_mut::<LANES>().0[1..][..runs];
             let costs = &costs[..runs];
 
-            // The recurrence of the module, a run of candidates at a time; `k-1` and `k+1` share the addition of P1.
+            // The recurrence of the module, a run of candidates at a time; `k-1` and `k+1` share the addition of P1. P2 meets
+            // what exceeds the least total, so that nothing waits for the least totals of all paths.
             let mut lanes = [T::FAR; LANES];
             for run in 0..runs {
                 let mut totals = [T::default(); LANES];
                 for j in 0..LANES {
                     let changed = smaller[run][j].min(larger[run][j]).plus(p1);
-                    let best = same[run][j].min(*from_least).min(changed);
-                    totals[j] = best.minus(*least).plus(costs[run][j]);
+                    let best = same[run][j].min(changed).minus(*least).min(*p2);
+                    totals[j] = best.plus(costs[run][j]);
                     lanes[j] = lanes[j].min(totals[j]);
                 }
 

@@ -134,23 +134,25 @@ impl Demand<'_> {
             Optimizer::ScanlineOptimization => (BAND, seen, BAND * (1 + PANEL) * runs),
             Optimizer::WinnerTakesAll => (BAND, PANEL, 0),
             // Works on whole rows, the other optimizers on panels of columns.
-            Optimizer::DynamicProgramming => (ORDERED_ROWS, self.cols, 0),
+            Optimizer::DynamicProgramming => (ORDERED_ROWS, self.cols.next_multiple_of(STRIP), 0),
         };
 
         let is_whole = self.settings.optimizer == Optimizer::DynamicProgramming;
-        let around = cols + 2 * window.halo();
+        let around = seen + 2 * window.halo();
 
-        // Costs and votes of the rows of a window and of the one that has left it, their sums, these without their lowest
-        // bits, and sums of windows.
-        let summed = 2 * (window.side + 3) * around + (window.side + 1) * around;
+        // Of a line of candidates: costs and votes of the rows of a window and of the one that has left it, their sums, and
+        // sums of windows.
+        let summed = 2 * (window.side + 2) * around + (window.side + 1) * around;
 
         // The paths themselves, along rows and along columns, at two pixels each, and the sums of a row.
         let paths = 2 * 2 * STRIP * (runs + 2) + STRIP * runs;
 
-        let lanes = rows * cols * runs + totals + paths + summed * runs;
+        let lanes = rows * cols * runs + totals + paths + 2 * summed;
 
         let width = Width::new(self.settings, window, penalties, true).bytes();
-        let origins = if is_whole { 2 * self.cols * self.candidates } else { 0 };
+        // How the totals of all rows came about, and the totals of a pixel.
+        let origins = ORDERED_ROWS * (self.cols * self.candidates + 8 * (self.candidates + 1));
+        let origins = if is_whole { origins } else { 0 };
 
         width * LANES * lanes + origins + BAND * self.cols * FOUND
     }
