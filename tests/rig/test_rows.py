@@ -357,3 +357,16 @@ def test_a_matcher_warns_too_and_a_summary_is_what_it_says() -> None:
     failed = ps.Flag.OCCLUDED | ps.Flag.MISMATCHED | ps.Flag.SPECKLE
     assert result.summary.flagged == ((result.flags & failed) != 0).mean()
     assert result.summary.estimated == np.isfinite(result.disparity).mean()
+def test_a_negative_is_known_by_its_gray_levels_where_few_disparities_are_searched(
+    load: Callable[[str], Pair],
+) -> None:
+    pair = load("tsukuba")
+    straight = ps.match(pair.left, pair.right, num_disparities=16)
+    inverted = ps.match(pair.left, 255 - pair.right, num_disparities=16)
+    assert straight.search is not None
+    assert inverted.search is not None
+    assert not straight.search.inverted
+    assert inverted.search.inverted
+    assert bad(pair, inverted) < bad(pair, straight) + 0.5
+
+

@@ -498,10 +498,17 @@ impl Geometry {
         };
         let range = found.map(|found| found.range);
 
-        let is_inverted = range.is_none()
-            && last.confidence < range::LEAST_CONFIDENCE
-            && overview.inverted().rough(None, None, runtime)?.confidence
-                >= overview::GOOD_CONFIDENCE;
+        let negative = |candidates| -> Result<f64> {
+            Ok(overview.inverted().rough(candidates, None, runtime)?.confidence)
+        };
+        let is_inverted = if range.is_none() && last.confidence < range::LEAST_CONFIDENCE {
+            negative(None)? >= overview::GOOD_CONFIDENCE
+        } else if request.candidates.is_some() && overview.is_opposite(&rough) {
+            // Of few candidates some always match: then it is the gray levels that tell.
+            negative(request.candidates)? >= rough.confidence.max(overview::GOOD_CONFIDENCE)
+        } else {
+            false
+        };
 
         let contrast = sample.scales.contrast(overview, last);
         let rough = Some((rough, overview.factor));
