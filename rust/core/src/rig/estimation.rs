@@ -352,7 +352,9 @@ impl Estimates {
 
         let compensation = match (&blur, request.noise) {
             _ if request.compensation.is_some() => None,
-            (Some(blur), noise) => Some(CompensationPlan::new(blur, noise, settings)?),
+            (Some(blur), noise) => {
+                Some(CompensationPlan::new(blur, noise, photometry.range, settings)?)
+            }
             (None, Some(noise)) => Some(CompensationPlan::of_noise(noise, settings)?),
             (None, None) => None,
         };
