@@ -126,8 +126,9 @@ class Settings:
         straightened. What is estimated is a smooth field of vertical offsets (shift, turn, focal
         length, keystone, distortion), and a spline of the row where rows sway. Where these are
         significant, the right image is straightened by them, that is resampled along its columns;
-        where they are slight, only if some bands are matched better so. Default ``True`` (paper
-        ``False``, fast ``False``).
+        where they are slight, only if some bands are matched better so. Of an interlaced image
+        whose fields are shifted the even rows alone are matched, but for parts of a pair. Default
+        ``True`` (paper ``False``, fast ``False``).
     self_rectify
         Whether a pair that is too far from rectified for that is rectified by what its images show,
         and matched then. It is tried where small copies hardly match: turned, tilted, zoomed and

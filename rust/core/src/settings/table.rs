@@ -150,7 +150,8 @@ settings! {
     ///
     /// What is estimated is a smooth field of vertical offsets (shift, turn, focal length, keystone, distortion), and a spline
     /// of the row where rows sway. Where these are significant, the right image is straightened by them, that is resampled
-    /// along its columns; where they are slight, only if some bands are matched better so.
+    /// along its columns; where they are slight, only if some bands are matched better so. Of an interlaced image whose
+    /// fields are shifted the even rows alone are matched, but for parts of a pair.
     align_rows: bool, default true, paper false, fast false;
 
     /// Whether a pair that is too far from rectified for that is rectified by what its images show, and matched then.
