@@ -419,7 +419,7 @@ def test_a_default_match_is_one_call_of_the_core(psf: NDArray[np.float64] | None
 
 
 def test_what_the_core_found_cannot_be_written_to() -> None:
-    result = ps.match(*shots(disk_psf(3)))
+    result = ps.match(*shots(disk_psf(4)))
     compensation = result.blur_compensation
     assert compensation is not None
     assert result.settings.neighborhood > ps.Settings().neighborhood

@@ -60,6 +60,57 @@ def assert_same(one: ps.Result, other: ps.Result) -> None:
 # --- rows ---
 
 
+def of_even_rows(image: NDArray[Any]) -> NDArray[Any]:
+    """Return the even rows, and between two of them their mean, rounded down."""
+    merged = image.copy()
+    for y in range(1, len(image), 2):
+        below = min(y + 1, len(image) - 2 + len(image) % 2)
+        if image.dtype == bool:
+            merged[y] = image[y - 1] & image[below]
+        else:
+            both = image[y - 1].astype(float) + image[below]
+            merged[y] = both // 2 if image.dtype.kind == "u" else both / 2
+    return merged
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+@pytest.mark.parametrize("sides", [(0, 3), (-2, 0), (3, 3)])
+def test_of_interlaced_images_the_even_rows_are_matched(
+    load: Callable[[str], Pair], dtype: type[Any], sides: tuple[int, int]
+) -> None:
+    pair = load("cones")
+    rows = pair.left.shape[0] - (dtype is np.uint16)  # even, and odd
+    images, masks, expected, expected_masks = [], [], [], []
+    for image, shift in zip((pair.left, pair.right), sides, strict=True):
+        # Floats that are whole numbers would be taken for bytes.
+        fields = (image[:rows] * (0.37 if dtype is np.float32 else 1)).astype(dtype)
+        fields[1::2] = np.roll(fields, shift, axis=1)[1::2]
+        mask = np.ones(fields.shape[:2], bool)
+        mask[100:111, 200:230] = False
+        images.append(fields)
+        masks.append(mask)
+        expected.append(of_even_rows(fields) if shift else fields)
+        expected_masks.append(of_even_rows(mask) if shift else mask)
+
+    found = ps.match(*images, left_mask=masks[0], right_mask=masks[1])
+    same = ps.match(*expected, left_mask=expected_masks[0], right_mask=expected_masks[1])
+    assert_same(found, same)
+    (said,) = (one for one in found.findings if one.topic == "interlacing")
+    assert "a match takes the even rows alone" in said.sentence
+
+    left_alone = ps.match(*images, align_rows=False)
+    assert (left_alone.disparity != found.disparity).mean() > 0.2
+
+
+def test_interlaced_pairs_are_matched_about_as_well_as_progressive_ones(
+    load: Callable[[str], Pair],
+) -> None:
+    pair = load("cones")
+    fields = pair.right.copy()
+    fields[1::2] = np.roll(fields, 4, axis=1)[1::2]
+    assert bad(pair, ps.match(pair.left, fields)) < bad(pair, ps.match(pair.left, pair.right)) + 2
+
+
 @pytest.mark.parametrize(
     "how", [{"down": 1.0}, {"down": -4.0}, {"clockwise": 0.5}, {"scale": 1.02}]
 )
@@ -319,6 +370,19 @@ def test_the_negative_of_an_inverted_image_is_matched(
         known = np.isfinite(straight.disparity) & np.isfinite(inverted.disparity)
         apart = np.abs(straight.disparity - inverted.disparity)[known] > 1
         assert apart.mean() < 0.01, count
+
+
+def test_a_negative_is_known_by_its_gray_levels_where_few_disparities_are_searched(
+    load: Callable[[str], Pair],
+) -> None:
+    pair = load("tsukuba")
+    straight = ps.match(pair.left, pair.right, num_disparities=16)
+    inverted = ps.match(pair.left, 255 - pair.right, num_disparities=16)
+    assert straight.search is not None
+    assert inverted.search is not None
+    assert not straight.search.inverted
+    assert inverted.search.inverted
+    assert bad(pair, inverted) < bad(pair, straight) + 0.5
 
 
 def test_a_rig_goes_on_with_the_negative(load: Callable[[str], Pair]) -> None:

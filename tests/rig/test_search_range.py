@@ -15,6 +15,7 @@ from estimating import estimated
 from phasestereo.rig.search_range import SearchRange
 from phasestereo_bench import degradation
 from phasestereo_bench.datasets import find_scene
+from phasestereo_bench.rigs import FAULTS, side_of
 from test_alignment import gray
 
 Plane = NDArray[np.float32]
@@ -50,6 +51,13 @@ def test_range_holds_the_truth_and_little_else(data: Path, radius: int) -> None:
         low, high = np.percentile(truth, [0.25, 99.75])
         assert search.num_disparities <= 2.5 * (high - low) + 4, name
         assert (search.swapped, search.mixed) == (False, False), name
+
+
+def test_noise_hides_no_end_of_the_range(data: Path) -> None:
+    scene = find_scene(data / "middlebury", "Lampshade1")
+    pair = FAULTS["webcam"](scene.load(), side_of(scene))
+    search = ps.match(pair.left, pair.right).search
+    assert inside(pair.truth[pair.masks["nonocc"]], search) >= 0.99
 
 
 def test_exchanged_images_are_reported_and_their_range_found(data: Path) -> None:

@@ -3,6 +3,8 @@
 //! image.
 //!
 //! ```text
+//! if an image is interlaced:
+//!     its odd rows become the means of the even ones beside them
 //! if the rough match of a pair has little confidence, or its rows are bent as by lenses that distort:
 //!     cameras = those that its images show                    # crate::rig::rectification; or nothing, with a reason
 //!     rectified = both images as these cameras would see them
@@ -16,8 +18,9 @@
 use std::sync::Arc;
 
 use crate::error::Result;
-use crate::findings::{self, Finding};
+use crate::findings::{self, Finding, Topic};
 use crate::image::plane::Plane;
+use crate::image::view::View;
 use crate::pipeline::control::Control;
 use crate::pipeline::matcher::Disparity;
 use crate::pipeline::pair::Pair;
@@ -26,6 +29,7 @@ use crate::pipeline::runtime::Runtime;
 use crate::pipeline::summary::Summary;
 use crate::rig::estimation::estimates::Estimates;
 use crate::rig::estimation::{Known, Prepared, estimated, prepared};
+use crate::rig::photometry::Photometry;
 use crate::rig::rectification::{Negative, Refusal, gray, rectify, warp};
 use crate::rig::state::Raw;
 use crate::scales::match_over_scales;
@@ -100,7 +104,8 @@ pub fn prepare_and_match(
     settings: &Settings,
     runtime: Runtime,
 ) -> Result<Matched> {
-    let (pair, mut estimates) = estimated(pair, &known, settings, runtime)?;
+    let (pair, estimates) = estimated(pair, &known, settings, runtime)?;
+    let (pair, mut estimates) = progressive(pair, estimates, &known, settings, runtime)?;
     let attempt = attempt(&pair, &estimates, &known, settings, runtime)?;
     estimates.findings.extend(attempt.finding(&estimates));
     if let Attempt::Done(matched) = attempt {
@@ -110,6 +115,33 @@ pub fn prepare_and_match(
     let prepared = prepared(pair, estimates, known, settings, runtime)?;
     let map = match_over_scales(&prepared, settings, runtime)?;
     Ok(Matched { map, prepared, rectified: None })
+}
+
+/// A pair with these estimates; where an image is interlaced, its even rows alone, and the estimates of that.
+fn progressive(
+    pair: Pair,
+    before: Estimates,
+    known: &Known,
+    settings: &Settings,
+    runtime: Runtime,
+) -> Result<(Pair, Estimates)> {
+    let fields = before.photometry.map_or([0; 2], |found| found.fields);
+    let is_known = known.alignment.is_some() || known.compensation.is_some();
+    if fields == [0; 2] || is_known || before.is_inverted || !settings.align_rows {
+        return Ok((pair, before));
+    }
+
+    let [left, right] = pair.views();
+    let of_rows = |view: &View, shift| if shift == 0 { view.clone() } else { view.of_even_rows() };
+    let views = [of_rows(left, fields[0]), of_rows(right, fields[1])];
+    let (pair, mut after) = estimated(pair.with_views(views), known, settings, runtime)?;
+
+    // What is said of fields, and what is known of them, is of the pair as it came.
+    after.photometry = after.photometry.map(|found| Photometry { fields, ..found });
+    let is_of_fields = |one: &Finding| one.topic == Topic::Interlacing;
+    after.findings.extend(before.findings.into_iter().filter(is_of_fields));
+    after.time += before.time;
+    Ok((pair, after))
 }
 
 /// What came of the attempt to rectify a pair.

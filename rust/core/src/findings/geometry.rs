@@ -210,13 +210,15 @@ impl Known<'_> {
             }
         }
 
+        let plan = self.estimates.compensation.as_ref();
+        let is_left = plan.is_none_or(|plan| plan.kernels.iter().flatten().all(Option::is_none));
         let mut findings = vec![];
         for (kind, share) in &mut kinds {
             kind.sort_by(|a, b| a.spread().total_cmp(&b.spread()));
             let grave = kind.iter().any(|blur| blur.spread() >= BLUR[0]);
             if grave && *share >= BLUR_SHARE {
                 let area = (found.blurs.len() > 1).then_some(*share);
-                findings.extend(softer(kind, area));
+                findings.extend(softer(kind, area, is_left));
             }
         }
         if findings.is_empty() {
@@ -379,8 +381,9 @@ fn is_disk(blur: &blur::Blur, side: Option<Side>) -> bool {
     blur.other.is_none() && blur.side == side && family == Some(Family::Disk)
 }
 
-/// That one image is softer, over a part of it if there are several kinds of blur. Several are disks, by rising radius.
-fn softer(kinds: &[&blur::Blur], area: Option<f64>) -> Option<Finding> {
+/// That one image is softer, over a part of it if there are several kinds of blur, and whether slight blur is left.
+/// Several are disks, by rising radius.
+fn softer(kinds: &[&blur::Blur], area: Option<f64>, is_left: bool) -> Option<Finding> {
     let (least, blur) = (kinds.first()?, kinds.last()?);
     let (side, other) = match blur.side? {
         Side::Left => ("left", "right"),
@@ -399,7 +402,7 @@ fn softer(kinds: &[&blur::Blur], area: Option<f64>) -> Option<Finding> {
     };
     let area =
         area.map_or(String::new(), |share| format!(", over {} of the image", percent(share)));
-    let done = if blur.is_slight() {
+    let done = if is_left && blur.is_slight() {
         "it is so slight that a match does better as the images are"
     } else {
         "robust matching compensates it"

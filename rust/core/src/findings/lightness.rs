@@ -26,7 +26,7 @@ impl Known<'_> {
         findings.push(saturation(found));
         findings.push(self.texture(found));
         findings.extend(repetition(found));
-        findings.extend(interlacing(found));
+        findings.extend(self.interlacing(found));
         findings
     }
 
@@ -100,6 +100,28 @@ impl Known<'_> {
             format!("{share} of the image has no texture beyond noise{hint}"),
         )
     }
+
+    fn interlacing(&self, found: &Photometry) -> Option<Finding> {
+        let which = match found.fields {
+            [0, 0] => return None,
+            [_, 0] => "the left image is",
+            [0, _] => "the right image is",
+            _ => "the images are",
+        };
+        let shift = found.fields.map(i32::abs).into_iter().max().unwrap_or(0);
+        let mend = if self.settings.align_rows {
+            "a match takes the even rows alone; deinterlace the video"
+        } else {
+            "match every other row, or deinterlace the video"
+        };
+
+        Some(Finding::warning(
+            Topic::Interlacing,
+            format!(
+                "{which} interlaced: odd rows are shifted by {shift} px against even ones; {mend}"
+            ),
+        ))
+    }
 }
 
 /// How far a factor is from 1, the same for its inverse.
@@ -165,24 +187,6 @@ fn repetition(found: &Photometry) -> Option<Finding> {
         );
         Finding::new(Topic::Repetition, severity, sentence)
     })
-}
-
-fn interlacing(found: &Photometry) -> Option<Finding> {
-    let which = match found.fields {
-        [0, 0] => return None,
-        [_, 0] => "the left image is",
-        [0, _] => "the right image is",
-        _ => "the images are",
-    };
-    let shift = found.fields.map(i32::abs).into_iter().max().unwrap_or(0);
-
-    Some(Finding::warning(
-        Topic::Interlacing,
-        format!(
-            "{which} interlaced: odd rows are shifted by {shift} px against even ones; match every \
-             other row, or deinterlace the video"
-        ),
-    ))
 }
 
 /// A number to two significant digits.

@@ -2,7 +2,7 @@
 
 use std::ops;
 
-use ndarray::{Array3, ArrayView1, ArrayView2, ArrayView3, Axis, s};
+use ndarray::{Array3, ArrayView1, ArrayView2, ArrayView3, Axis, Zip, s};
 
 use crate::error::{Error, Result};
 use crate::image::intensity_range::{IntensityRange, NOWHERE};
@@ -136,6 +136,25 @@ impl View {
         Self { image, mask: self.mask.clone(), range, ..*self }
     }
 
+    /// The even rows of a whole image alone: an odd one becomes the mean of those beside it, the last one a copy of the one above. A pixel is
+    /// valid where both are.
+    pub fn of_even_rows(&self) -> Self {
+        let image = match &self.image {
+            Image::U8(pixels) => Image::U8(of_even_rows(pixels, u8::midpoint)),
+            Image::U16(pixels) => Image::U16(of_even_rows(pixels, u16::midpoint)),
+            Image::F32(pixels) => Image::F32(of_even_rows(pixels, f32::midpoint)),
+            Image::F64(pixels) => Image::F64(of_even_rows(pixels, f64::midpoint)),
+        };
+        let mask = self.mask.as_ref().map(|mask| {
+            let rows = mask.rows();
+            let is_valid = |y: usize, x: usize| beside(y, rows).iter().all(|y| mask.row(*y)[x]);
+            Plane::from_fn(rows, mask.cols(), is_valid)
+        });
+
+        // The range may be another one.
+        Self { image, mask, range: None, ..*self }
+    }
+
     /// Some rows.
     pub fn of_rows(&self, rows: ops::Range<usize>) -> Self {
         // The range and the impulses remain those of the whole image.
@@ -178,6 +197,22 @@ impl View {
         );
         Err(Error::value(argument, got, accepts))
     }
+}
+
+/// The even rows that make up row `y` of so many: itself, or those above and below it.
+fn beside(y: usize, rows: usize) -> [usize; 2] {
+    let below = if y + y % 2 < rows { y + y % 2 } else { y - 1 };
+    [y - y % 2, below]
+}
+
+/// As [`View::of_even_rows`], of one type.
+fn of_even_rows<T: Copy>(pixels: &Array3<T>, mean: impl Fn(T, T) -> T) -> Array3<T> {
+    let mut merged = pixels.clone();
+    for (y, mut row) in merged.axis_iter_mut(Axis(0)).enumerate().skip(1).step_by(2) {
+        let [above, below] = beside(y, pixels.dim().0).map(|y| row_of(pixels, y));
+        Zip::from(&mut row).and(above).and(below).for_each(|own, a, b| *own = mean(*a, *b));
+    }
+    merged
 }
 
 /// The pixels of row `y`, columns x channels.

@@ -352,7 +352,9 @@ impl Estimates {
 
         let compensation = match (&blur, request.noise) {
             _ if request.compensation.is_some() => None,
-            (Some(blur), noise) => Some(CompensationPlan::new(blur, noise, settings)?),
+            (Some(blur), noise) => {
+                Some(CompensationPlan::new(blur, noise, photometry.range, settings)?)
+            }
             (None, Some(noise)) => Some(CompensationPlan::of_noise(noise, settings)?),
             (None, None) => None,
         };
@@ -498,10 +500,17 @@ impl Geometry {
         };
         let range = found.map(|found| found.range);
 
-        let is_inverted = range.is_none()
-            && last.confidence < range::LEAST_CONFIDENCE
-            && overview.inverted().rough(None, None, runtime)?.confidence
-                >= overview::GOOD_CONFIDENCE;
+        let negative = |candidates| -> Result<f64> {
+            Ok(overview.inverted().rough(candidates, None, runtime)?.confidence)
+        };
+        let is_inverted = if range.is_none() && last.confidence < range::LEAST_CONFIDENCE {
+            negative(None)? >= overview::GOOD_CONFIDENCE
+        } else if request.candidates.is_some() && overview.is_opposite(&rough) {
+            // Of few candidates some always match: then it is the gray levels that tell.
+            negative(request.candidates)? >= rough.confidence.max(overview::GOOD_CONFIDENCE)
+        } else {
+            false
+        };
 
         let contrast = sample.scales.contrast(overview, last);
         let rough = Some((rough, overview.factor));

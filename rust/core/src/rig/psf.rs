@@ -133,13 +133,26 @@ impl Taps {
 
     /// Root mean square distance of the taps from their mean, pixels.
     pub fn radius(&self) -> f64 {
+        let [down, across, _] = self.moments();
+        (down + across).max(0.0).sqrt()
+    }
+
+    /// The standard deviation in the direction in which it is least, pixels: nearly 0 of a motion.
+    pub fn least_spread(&self) -> f64 {
+        let [down, across, both] = self.moments();
+        let least = f64::midpoint(down, across) - math::hypot((down - across) / 2.0, both);
+        least.max(0.0).sqrt()
+    }
+
+    /// The second moments about the mean, which need not be the center: down, across, and of both.
+    fn moments(&self) -> [f64; 3] {
         let moment = |of: &dyn Fn(f64, f64) -> f64| -> f64 {
             self.places().map(|(dy, dx, value)| value * of(dy as f64, dx as f64)).sum()
         };
-
-        // The second moment about the mean, which need not be the center.
         let (y, x) = (moment(&|y, _| y), moment(&|_, x| x));
-        moment(&|dy, dx| (dy - y).powi(2) + (dx - x).powi(2)).max(0.0).sqrt()
+        let down = moment(&|dy, _| (dy - y).powi(2));
+        let across = moment(&|_, dx| (dx - x).powi(2));
+        [down, across, moment(&|dy, dx| (dy - y) * (dx - x))]
     }
 }
 

@@ -140,17 +140,18 @@ settings! {
 
     /// Whether the relative blur of the images is estimated, and the sharper one blurred alike.
     ///
-    /// That is done area by area, before they are compared; it needs phase codes. What is left of a blur is described by
-    /// larger neighborhoods: where any is found, `neighborhood` and `window` are two pixels larger than said
-    /// (`neighborhood` four, where all of it is Gaussian, of 2.25 pixels or more), 61 and 63 at most; with 2 `sizes` both
-    /// neighborhoods grow.
+    /// That is done area by area, before they are compared; it needs phase codes. Slight blur is left, but in noise.
+    /// What is left of more blur is described by larger neighborhoods: in noise, or where it is wide in all directions
+    /// (a disk of 3.2 pixels), `neighborhood` and `window` are two pixels larger than said (`neighborhood` four, where all
+    /// of it is Gaussian, of 2.25 pixels or more), 61 and 63 at most; with 2 `sizes` both neighborhoods grow.
     compensate_blur: bool, default true, paper false, fast false;
 
     /// Whether it is estimated how the rows of the images correspond, and the right image straightened.
     ///
     /// What is estimated is a smooth field of vertical offsets (shift, turn, focal length, keystone, distortion), and a spline
     /// of the row where rows sway. Where these are significant, the right image is straightened by them, that is resampled
-    /// along its columns; where they are slight, only if some bands are matched better so.
+    /// along its columns; where they are slight, only if some bands are matched better so. Of an interlaced image whose
+    /// fields are shifted the even rows alone are matched, but for parts of a pair.
     align_rows: bool, default true, paper false, fast false;
 
     /// Whether a pair that is too far from rectified for that is rectified by what its images show, and matched then.

@@ -9,15 +9,22 @@ use crate::rig::blur_compensation::BlurCompensation;
 use crate::rig::psf::{Family, Taps};
 use crate::settings::{LARGEST_PIXEL, LARGEST_WINDOW, Settings};
 
-/// Pixels by which neighborhoods and windows grow where there is blur: larger ones describe what is left of the texture.
+/// Pixels by which neighborhoods and windows grow where there is more than a narrow blur: larger ones describe what is left of
+/// the texture.
 pub const LARGER: usize = 2;
 /// Pixels by which neighborhoods grow where all blur is Gaussian, of at least [`WIDE`].
 ///
-/// They pay off where nothing finer is left in any direction. Narrow Gaussians, disks and motions
-/// leave fine texture in some direction, of which larger ones make less.
+/// They pay off where nothing finer is left in any direction.
 pub const MUCH_LARGER: usize = 4;
 /// Standard deviation of a wide Gaussian, pixels.
 pub const WIDE: f64 = 2.25;
+
+/// Noise of so large a share of the range, or as much harm by compression, is stood by larger neighborhoods alone. Then even a
+/// slight blur is worth compensating: fine texture, which that costs, is lost in noise.
+const NOISY: f64 = 0.008;
+/// Standard deviation, pixels, in its narrowest direction, of a narrow blur. Without noise it leaves fine texture in that
+/// direction, or in all, of which larger neighborhoods make less: of motions of any length, and disks of radius 3.
+const NARROW: f64 = 1.6;
 
 /// Standard deviations of the noise that are smoothed away. Fewer leave more of noise and compression, and harm
 /// sharp pairs hardly less.
@@ -46,26 +53,38 @@ pub struct CompensationPlan {
 }
 
 impl CompensationPlan {
-    /// The plan for an estimate; `noise` is the known noise, if any.
-    pub fn new(estimate: &Estimate, noise: Option<[f64; 2]>, settings: &Settings) -> Result<Self> {
+    /// The plan for an estimate; `noise` is the known noise, if any, and `range` white less black, in units of the pixels.
+    pub fn new(
+        estimate: &Estimate,
+        noise: Option<[f64; 2]>,
+        range: f64,
+        settings: &Settings,
+    ) -> Result<Self> {
         let plain = Self {
             impulses: if settings.despike { estimate.impulses } else { [0.0; 2] },
             smoothing: if settings.denoise { smoothing(estimate, noise) } else { [0.0; 2] },
             ..Self::of_noise(noise.unwrap_or_else(|| weak_level(estimate)), settings)?
         };
 
-        if !settings.compensate_blur || estimate.blurs.iter().all(Blur::is_slight) {
+        let harm = plain.noise.into_iter().chain(estimate.coding).fold(0.0, f64::max);
+        let is_noisy = harm >= NOISY * range;
+        let mut blurs = estimate.blurs.iter().filter(|blur| blur.taps.is_some()).peekable();
+        let is_slight = estimate.blurs.iter().all(Blur::is_slight);
+        if !settings.compensate_blur || blurs.peek().is_none() || (is_slight && !is_noisy) {
             return Ok(plain);
         }
 
         // The larger one of two sizes of neighborhoods has to stay within the limit, too.
         let (rows, cols, labels) = &estimate.labels;
         let largest = LARGEST_WINDOW - (settings.largest_neighborhood() - settings.neighborhood);
-        let is_wide = estimate.blurs.iter().filter(|blur| blur.taps.is_some()).all(is_wide);
-        let growth = if is_wide { MUCH_LARGER } else { LARGER };
+        let growth = match () {
+            () if is_slight || (!is_noisy && blurs.clone().all(is_narrow)) => 0,
+            () if blurs.all(is_wide) => MUCH_LARGER,
+            () => LARGER,
+        };
         let settings = Settings {
             neighborhood: (settings.neighborhood + growth).min(largest),
-            window: (settings.window + LARGER).min(LARGEST_WINDOW),
+            window: (settings.window + growth.min(LARGER)).min(LARGEST_WINDOW),
             ..settings.clone()
         };
 
@@ -105,6 +124,11 @@ impl CompensationPlan {
             BlurCompensation::new(self.noise, kernels, self.labels.clone(), self.tile)?;
         compensation.with_impulses(self.impulses)?.with_smoothing(self.smoothing)
     }
+}
+
+fn is_narrow(blur: &Blur) -> bool {
+    let is_narrow = |taps: &Taps| taps.least_spread() < NARROW;
+    blur.other.is_none() && blur.taps.as_ref().is_none_or(is_narrow)
 }
 
 fn is_wide(blur: &Blur) -> bool {
@@ -164,44 +188,65 @@ mod tests {
     use super::*;
     use crate::rig::psf::Psf;
 
-    /// Neighborhood and window that suit areas of blurs of these families and sizes, beside areas without blur.
-    fn sizes(kinds: &[(Family, f64)]) -> (usize, usize) {
+    /// The plan for areas of blurs of these families and sizes, beside areas without blur, and noise of so many gray levels.
+    fn plan(kinds: &[(Family, f64)], noise: f64) -> CompensationPlan {
         let blur = |&(family, size): &(Family, f64)| {
-            let psf = Psf::round(family, size);
+            let psf = if family == Family::Motion {
+                Psf::motion(size, 30.0)
+            } else {
+                Psf::round(family, size)
+            };
             Blur { side: Some(Side::Left), psf: Some(psf), taps: Some(psf.taps()), other: None }
         };
         let none = Blur { side: None, psf: None, taps: None, other: None };
 
         let estimate = Estimate {
             blurs: kinds.iter().map(blur).chain([none]).collect(),
-            noise: [1.0; 2],
+            noise: [noise; 2],
             ..Estimate::unknown((16, 16))
         };
 
         let settings = Settings { noise_threshold: 0.0, sizes: 1, ..Settings::default() };
-        let settings = CompensationPlan::new(&estimate, None, &settings).expect("legal").settings;
+        CompensationPlan::new(&estimate, None, 255.0, &settings).expect("legal")
+    }
+
+    /// Neighborhood and window of such a plan.
+    fn sizes(kinds: &[(Family, f64)], noise: f64) -> (usize, usize) {
+        let settings = plan(kinds, noise).settings;
         (settings.neighborhood, settings.window)
     }
 
     #[test]
-    fn slight_blur_is_left_as_it_is() {
+    fn slight_blur_is_left_as_it_is_but_in_noise() {
         for slight in [(Family::Gaussian, 0.9), (Family::Disk, 1.4)] {
-            assert_eq!(sizes(&[slight]), (3, 5));
-            assert_eq!(sizes(&[slight, (Family::Motion, 5.0)]), (5, 7));
+            assert_eq!(plan(&[slight], 1.0).kernels, [[None, None]]);
+            let kernels = plan(&[slight], 3.0).kernels;
+            assert!(kernels[0][0].is_none() && kernels[0][1].is_some(), "the right one is sharper");
+            assert_eq!(sizes(&[slight], 3.0), (3, 5));
         }
-        for more in [(Family::Gaussian, 1.1), (Family::Disk, 2.0), (Family::Motion, 5.0)] {
-            assert_eq!(sizes(&[more]), (5, 7));
+        assert_eq!(plan(&[], 3.0).kernels, [[None, None]]);
+    }
+
+    #[test]
+    fn neighborhoods_grow_with_blur_that_is_wide_in_all_directions_and_in_noise() {
+        for narrow in [(Family::Gaussian, 1.3), (Family::Disk, 3.0), (Family::Motion, 15.0)] {
+            assert_eq!(sizes(&[narrow], 1.0), (3, 5));
+            assert!(plan(&[narrow], 1.0).kernels[0][1].is_some());
+            assert_eq!(sizes(&[narrow], 3.0), (5, 7));
+        }
+        for more in [(Family::Gaussian, 2.0), (Family::Disk, 4.0)] {
+            assert_eq!(sizes(&[more], 1.0), (5, 7));
+            assert_eq!(sizes(&[more, (Family::Motion, 5.0)], 1.0), (5, 7));
         }
     }
 
     #[test]
     fn only_wide_gaussians_take_much_larger_neighborhoods() {
-        assert_eq!(sizes(&[]), (3, 5));
-        assert_eq!(sizes(&[(Family::Gaussian, 2.5)]), (7, 7));
-        assert_eq!(sizes(&[(Family::Gaussian, 2.5), (Family::Gaussian, 4.0)]), (7, 7));
+        assert_eq!(sizes(&[], 1.0), (3, 5));
+        assert_eq!(sizes(&[(Family::Gaussian, 2.5)], 1.0), (7, 7));
+        assert_eq!(sizes(&[(Family::Gaussian, 2.5), (Family::Gaussian, 4.0)], 1.0), (7, 7));
         for other in [(Family::Gaussian, 2.0), (Family::Disk, 4.0), (Family::Motion, 9.0)] {
-            assert_eq!(sizes(&[other]), (5, 7));
-            assert_eq!(sizes(&[(Family::Gaussian, 4.0), other]), (5, 7));
+            assert_eq!(sizes(&[(Family::Gaussian, 4.0), other], 1.0), (5, 7));
         }
     }
 }

@@ -37,6 +37,9 @@ pub const LEAST_SIZE: usize = 48;
 pub const GOOD_CONFIDENCE: f64 = 0.65;
 /// Disparities of at least this confidence are kept.
 const SURE: f32 = 0.5;
+/// Of the rows of a copy, one in so many tells whether gray levels rise on one side and fall on the other.
+const SAMPLED: usize = 4;
+
 /// How a match of copies looks at details.
 #[derive(Debug, Clone, Copy)]
 pub struct Detail {
@@ -242,6 +245,27 @@ impl Overview {
         let planes = [left.clone(), right.map(|value| -value)];
 
         Self { factor: self.factor, planes, valid: self.valid.clone() }
+    }
+
+    /// Whether, where they match, what is brighter than the mean in one image is darker in the other.
+    pub fn is_opposite(&self, map: &RoughMap) -> bool {
+        let cols = self.valid.cols();
+        let mut matched = vec![];
+        for y in (0..self.valid.rows()).step_by(SAMPLED) {
+            let disparities = map.unsure.row(y);
+            let [left, right] = self.planes.each_ref().map(|plane| plane.row(y));
+            for (x, disparity) in disparities.iter().enumerate() {
+                let at = x as f32 - disparity;
+                if self.valid.row(y)[x] && at >= 0.0 && at < cols as f32 {
+                    matched.push([f64::from(left[x]), f64::from(right[at as usize])]);
+                }
+            }
+        }
+
+        let count = matched.len().max(1) as f64;
+        let mean = [0, 1].map(|side| matched.iter().map(|pixel| pixel[side]).sum::<f64>() / count);
+        let product = |pixel: &[f64; 2]| (pixel[0] - mean[0]) * (pixel[1] - mean[1]);
+        matched.iter().map(product).sum::<f64>() < 0.0
     }
 
     /// The same, reduced to the width of [`Self::new`]; `None`: it has that width.

@@ -30,6 +30,8 @@ const LONG: f64 = 16.0;
 const NEARLY_ALL: f64 = 0.95;
 /// Least mean confidence of the match of finer copies; with less, noise or blur leave nothing to be seen in them.
 const LEAST_FINE: f64 = 0.5;
+/// Pixels of the copy by which such finer copies may still refine an end.
+const LOST: isize = 1;
 /// Bits by which an area has to be explained better by disparities outside the run to belong to the range. Of 54 things of
 /// 0.5 % of an image, 8 to 14 px wide, or of 24 to 40 px, one has less; in 27 pairs without such things, no area has more
 /// than 857 ...
@@ -129,7 +131,12 @@ pub fn range(
     let (mut low, mut high) = (0.0, 0.0);
     let mut places = vec![];
     if !identical {
-        [low, high] = ends(&fine, run).map(|end| end * factor);
+        [low, high] = ends(&fine, run);
+        if fine.confidence < LEAST_FINE {
+            // They hide what the rough match was sure of.
+            (low, high) = (low.min((run.0 + LOST) as f64), high.max((run.1 - LOST) as f64));
+        }
+        (low, high) = (low * factor, high * factor);
         places = outside(copies, overview, map, run, runtime)?;
     }
     for place in &places {
