@@ -13,7 +13,8 @@
 //! ```
 //!
 //! Where the rows of raw images correspond about as well as can be told, nothing is tried: a pair that is hard to match for other
-//! reasons, as noise or blur, would only be resampled once more.
+//! reasons, as noise or blur, would only be resampled once more. Blocks that were followed often tell that before any cameras
+//! are looked for, which takes ten times as long as a match.
 
 use std::sync::Arc;
 
@@ -163,9 +164,9 @@ fn attempt(
     runtime: Runtime,
 ) -> Result<Attempt> {
     let Some(confidence) = before.confidence else { return Ok(Attempt::None) };
-    let is_distorted = before.offsets.as_ref().is_some_and(|found| found.distortion().is_some());
-    let is_needed = confidence < GOOD || is_distorted;
-    if !is_needed || !can_be_tried(before, known, settings) {
+    let is_distorted = is_distorted(before);
+    let may_help = is_distorted || confidence < GOOD && !correspond(before);
+    if !may_help || !can_be_tried(before, known, settings) {
         return Ok(Attempt::None);
     }
 
@@ -199,6 +200,17 @@ fn attempt(
     Ok(Attempt::Done(Box::new(Matched::of_rectified(Arc::new(raw), map, prepared, runtime)?)))
 }
 
+/// Whether rows are bent as by lenses that distort.
+fn is_distorted(estimates: &Estimates) -> bool {
+    estimates.offsets.as_ref().is_some_and(|found| found.distortion().is_some())
+}
+
+/// Whether blocks tell that rows correspond so well that they would be left as they are.
+fn correspond(estimates: &Estimates) -> bool {
+    let rows = estimates.offsets.as_ref();
+    rows.is_some_and(|found| found.field.rms() + found.error < LEAST_ROWS)
+}
+
 /// Whether a pair may be resampled: nothing that is known of it says otherwise.
 fn can_be_tried(estimates: &Estimates, known: &Known, settings: &Settings) -> bool {
     let is_same = estimates.range.as_ref().is_some_and(|range| range.identical);
@@ -220,5 +232,31 @@ impl Attempt {
     fn finding(&self, estimates: &Estimates) -> Option<Finding> {
         let Self::Refused(refusal) = self else { return None };
         findings::not_rectified(estimates, refusal)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cost::candidates::Candidates;
+    use crate::rig::alignment::sway::INTERVALS;
+    use crate::rig::alignment::{Alignment, TERMS};
+    use crate::rig::estimation::rows::RowOffsets;
+
+    #[test]
+    fn rows_correspond_if_blocks_tell_so_to_half_a_pixel() {
+        let estimates = |offset: f64, error: f64| {
+            let mut coefficients = [0.0; TERMS];
+            coefficients[0] = offset;
+            let field = Alignment::new(coefficients, (100, 100)).expect("a legal field");
+            let errors = [error; INTERVALS];
+            let offsets = RowOffsets { field, error, errors, blocks: 100, spread: 0.1 };
+            let candidates = Candidates::new(0, 16, 100).expect("a legal range");
+            Estimates { offsets: Some(offsets), ..Estimates::of_candidates(candidates) }
+        };
+
+        assert!(correspond(&estimates(0.3, 0.1)) && correspond(&estimates(-0.1, 0.3)));
+        assert!(!correspond(&estimates(0.45, 0.1)) && !correspond(&estimates(-3.0, 0.1)));
+        assert!(!correspond(&Estimates { offsets: None, ..estimates(0.0, 0.1) }));
     }
 }

@@ -606,7 +606,7 @@ impl<'a> BlurEstimation<'a> {
             }
         }
 
-        let labels = losses.steadied().labels();
+        let labels = losses.steadied().main_labels();
         Ok(RegionMap { rows: grid.rows, cols: grid.cols, labels, tile })
     }
 

@@ -28,6 +28,8 @@
 
 use std::ops::Range;
 
+use rayon::prelude::*;
+
 use crate::error::Result;
 use crate::image::intensity::Gray;
 use crate::image::plane::Plane;
@@ -37,7 +39,7 @@ use crate::pipeline::matcher::Disparity;
 use crate::pipeline::pair::Pair;
 use crate::refinement::flag;
 use crate::scales::flat_areas::{FlatArea, flat_areas};
-use crate::simd::Level;
+use crate::simd::{Level, Loop};
 
 /// How far from an area pixels count for its plane.
 const RING: usize = 4;
@@ -50,6 +52,8 @@ const LEAST_PIXELS: usize = 100;
 /// Pixels that a plane is fitted to, and planes that are tried.
 const SAMPLES: usize = 2000;
 const TRIALS: usize = 300;
+/// Samples that are counted before a trial may end.
+const COUNTED: usize = 128;
 /// How near a plane samples have to be, pixels.
 const NEAR: f64 = 0.7;
 /// Steepest planes, disparity by column and by row.
@@ -100,16 +104,14 @@ pub fn draw(map: &mut Disparity, pair: &Pair, level: Level, control: &Control) -
         around: &around,
         // Nothing lies behind infinity.
         least: if pair.candidates().min() >= 0 { 0.0 } else { f32::NEG_INFINITY },
+        level,
         control,
     };
 
     // Every plane competes with the map as it was matched.
-    let mut drawn = vec![];
-    for area in &areas {
-        drawn.extend(scene.drawn(area)?);
-    }
+    let drawn: Result<Vec<_>> = areas.par_iter().map(|area| scene.drawn(area)).collect();
 
-    for Drawn { surface, rows } in drawn {
+    for Drawn { surface, rows } in drawn?.into_iter().flatten() {
         for (y, pixels) in rows {
             for (x, confidence) in pixels {
                 let x = x as usize;
@@ -138,6 +140,7 @@ struct Scene<'a> {
     around: &'a Plane<f32>,
     /// Least disparity.
     least: f32,
+    level: Level,
     control: &'a Control,
 }
 
@@ -153,7 +156,8 @@ impl Scene<'_> {
     /// What is drawn of the plane of an area.
     fn drawn(&self, area: &FlatArea) -> Result<Option<Drawn>> {
         let frame = self.frame(area)?;
-        let Some(surface) = Surface::of_samples(&self.samples(&frame)) else { return Ok(None) };
+        let samples = self.samples(&frame);
+        let Some(surface) = Surface::of_samples(&samples, self.level) else { return Ok(None) };
 
         let agreeing = |y: usize, x: usize| {
             let distance = self.disparity.row(y)[x] - surface.disparity(y, x);
@@ -252,18 +256,17 @@ impl Scene<'_> {
 
     /// Pixels at even steps of the sum of weights.
     fn samples(&self, frame: &Frame) -> Vec<Sample> {
-        let heavy = || {
-            let places = frame.weights.as_slice().iter().enumerate();
-            places.filter(|(_, weight)| **weight > LEAST_WEIGHT)
-        };
-        if heavy().count() < LEAST_PIXELS {
+        let places = frame.weights.as_slice().iter().copied().enumerate();
+        let heavy: Vec<(usize, f32)> =
+            places.filter(|(_, weight)| *weight > LEAST_WEIGHT).collect();
+        if heavy.len() < LEAST_PIXELS {
             return vec![];
         }
 
-        let step = heavy().map(|(_, weight)| f64::from(*weight)).sum::<f64>() / SAMPLES as f64;
+        let step = heavy.iter().map(|(_, weight)| f64::from(*weight)).sum::<f64>() / SAMPLES as f64;
         let (mut sum, mut samples) = (0.0, vec![]);
-        for (place, weight) in heavy() {
-            sum += f64::from(*weight);
+        for (place, weight) in heavy {
+            sum += f64::from(weight);
             // A pixel heavier than a step counts more than once.
             while sum >= step * (samples.len() + 1) as f64 {
                 let (row, col) = (place / frame.cols.len(), place % frame.cols.len());
@@ -282,27 +285,30 @@ impl Surface {
         self.at([x as f64, y as f64]) as f32
     }
 
+    #[inline(always)]
     fn at(&self, [x, y]: [f64; 2]) -> f64 {
         x * self.slopes[0] + y * self.slopes[1] + self.height
     }
 
+    #[inline(always)]
     fn is_near(&self, [x, y, disparity]: Sample) -> bool {
         (disparity - self.at([x, y])).abs() < NEAR
     }
 
     /// The plane that most samples are near, fitted to these.
-    fn of_samples(samples: &[Sample]) -> Option<Self> {
+    fn of_samples(samples: &[Sample], level: Level) -> Option<Self> {
         if samples.is_empty() {
             return None;
         }
 
+        let columns = [0, 1, 2].map(|i| samples.iter().map(|sample| sample[i]).collect::<Vec<_>>());
         let mut random = Random(1);
         let (mut best, mut most) = (None, 0);
         for _ in 0..TRIALS {
             let three = [(); 3].map(|()| samples[random.below(samples.len())]);
             let Some(surface) = Self::through(three) else { continue };
 
-            let count = samples.iter().filter(|sample| surface.is_near(**sample)).count();
+            let count = level.run(CountNear { surface, columns: &columns, most });
             if count > most {
                 (best, most) = (Some(surface), count);
             }
@@ -329,15 +335,16 @@ impl Surface {
 
     /// The plane with the least squares of distances from the samples that are near this one.
     fn fitted(&self, samples: &[Sample]) -> Option<Self> {
-        let near = || samples.iter().filter(|sample| self.is_near(**sample));
-        let count = near().count() as f64;
+        let near: Vec<&Sample> = samples.iter().filter(|sample| self.is_near(**sample)).collect();
+        let count = near.len() as f64;
         let [x, y, disparity] =
-            [0, 1, 2].map(|i| near().map(|sample| sample[i]).sum::<f64>() / count);
+            [0, 1, 2].map(|i| near.iter().map(|sample| sample[i]).sum::<f64>() / count);
 
         // About the mean, the two slopes have equations of their own.
         let product = |i: usize, j: usize| {
             let means = [x, y, disparity];
-            near().map(|sample| (sample[i] - means[i]) * (sample[j] - means[j])).sum::<f64>()
+            let products = near.iter().map(|s| (s[i] - means[i]) * (s[j] - means[j]));
+            products.sum::<f64>()
         };
         let [xx, xy, yy, xd, yd] =
             [(0, 0), (0, 1), (1, 1), (0, 2), (1, 2)].map(|(i, j)| product(i, j));
@@ -348,6 +355,38 @@ impl Surface {
 
         let slopes = [(xd * yy - yd * xy) / determinant, (yd * xx - xd * xy) / determinant];
         Some(Self { slopes, height: disparity - slopes[0] * x - slopes[1] * y })
+    }
+}
+
+/// Counts the samples that are near a plane, as long as they may be more than `most`.
+struct CountNear<'a> {
+    surface: Surface,
+    /// Columns, rows and disparities of the samples.
+    columns: &'a [Vec<f64>; 3],
+    most: usize,
+}
+
+impl Loop for CountNear<'_> {
+    type Output = usize;
+
+    #[inline(always)]
+    fn run(self) -> usize {
+        let Self { surface, columns, most } = self;
+        let [x, y, disparity] = columns.each_ref().map(|column| column.chunks(COUNTED));
+        let (mut count, mut rest) = (0, columns[0].len());
+
+        for ((x, y), disparity) in x.zip(y).zip(disparity) {
+            let samples = x.iter().zip(y).zip(disparity);
+            let near: u64 =
+                samples.map(|((x, y), d)| u64::from(surface.is_near([*x, *y, *d]))).sum();
+            count += near as usize;
+            rest -= x.len();
+            if count + rest <= most {
+                break;
+            }
+        }
+
+        count
     }
 }
 

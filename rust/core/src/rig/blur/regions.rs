@@ -23,6 +23,8 @@ const MOST: usize = 8;
 /// Cost of a neighboring tile of another choice, nepers; half of it for diagonal ones.
 /// Twice as much makes no difference.
 const BOUNDARY: f32 = 0.15;
+/// Choices of a smaller share of the tiles are left out: the whole map would be redrawn for hardly any pixels.
+const LEAST_SHARE: f64 = 0.02;
 /// Most rounds in which tiles agree with their neighbors.
 const ROUNDS: usize = 8;
 
@@ -144,6 +146,30 @@ impl Losses {
                 break;
             }
             labels = next;
+        }
+
+        labels
+    }
+
+    /// The same without choices of hardly any tiles, which take the best ones of the others.
+    pub fn main_labels(&self) -> Vec<u8> {
+        let mut labels = self.labels();
+        let mut areas = vec![0; self.choices];
+        for label in &labels {
+            areas[usize::from(*label)] += 1;
+        }
+
+        let is_large =
+            |choice: &usize| f64::from(areas[*choice]) >= LEAST_SHARE * labels.len() as f64;
+        let mut kept: Vec<usize> = (0..self.choices).filter(is_large).collect();
+        // Where losses are equal, or there is no evidence, that of the largest area.
+        kept.sort_by_key(|choice| std::cmp::Reverse(areas[*choice]));
+
+        for (label, losses) in labels.iter_mut().zip(self.values.chunks(self.choices)) {
+            if !kept.contains(&usize::from(*label)) {
+                let better = |a: usize, b: usize| if losses[b] < losses[a] { b } else { a };
+                *label = kept.iter().copied().reduce(better).unwrap_or(0) as u8;
+            }
         }
 
         labels
@@ -315,5 +341,25 @@ mod tests {
         let mut tiles = [[0.9, 0.2]; 25];
         tiles[..3].fill([f32::INFINITY; 2]);
         assert_eq!(losses(5, &tiles).labels(), [1; 25]);
+    }
+
+    #[test]
+    fn choices_of_hardly_any_tiles_are_left_out() {
+        let mut tiles = [[0.1, 0.9, 0.5]; 200];
+        tiles[100..].fill([0.9, 0.1, 0.5]);
+        // Three tiles by three are a choice of more than 2 %, one by three of less.
+        let block = |first: usize, rows: usize| {
+            (0..rows).flat_map(move |y| (0..3).map(move |x| first + 20 * y + x))
+        };
+        block(25, 3).for_each(|tile| tiles[tile] = [1.9, 1.8, 0.1]);
+        assert_eq!(losses(20, &tiles).main_labels(), losses(20, &tiles).labels());
+        assert!(losses(20, &tiles).main_labels().contains(&2));
+
+        block(25, 3).for_each(|tile| tiles[tile] = [0.1, 0.9, 0.5]);
+        block(25, 1).for_each(|tile| tiles[tile] = [1.9, 1.8, 0.1]);
+        assert!(losses(20, &tiles).labels().contains(&2));
+        let found = losses(20, &tiles).main_labels();
+        assert!(!found.contains(&2));
+        assert_eq!(found[25..28], [1; 3]);
     }
 }
