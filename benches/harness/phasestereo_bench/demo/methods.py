@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from phasestereo.matching import match
+from phasestereo.rig.findings import MatchWarning
 from phasestereo.settings import PRESETS, Settings
 from phasestereo_bench.opencv import match_sgbm
 
@@ -57,7 +59,9 @@ class DemoMethod:
         if self.settings is None:
             return match_sgbm(left, right, num_disparities)
 
-        result = match(left, right, num_disparities=num_disparities, settings=self.settings)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", MatchWarning)  # how bad a map is, its score says
+            result = match(left, right, num_disparities=num_disparities, settings=self.settings)
         return result.disparity
 
 

@@ -1,6 +1,6 @@
 //! Named sets of settings.
 //!
-//! `phasestereo bench choices` measures them with one setting changed at a time.
+//! `phasestereo bench tables --only choices` measures them with one setting changed at a time.
 
 use crate::error::{Error, Result};
 use crate::settings::table::Settings;
