@@ -59,8 +59,7 @@ fn times(count: usize, bytes: usize) -> u128 {
 }
 
 impl Demand<'_> {
-    /// The bytes that a match of so many rows takes, with the rows of its halo; of images that no machine holds, as many as
-    /// there are numbers for.
+    /// The bytes that a match of so many rows takes, with the rows of its halo; `u64::MAX` where these are more.
     pub fn bytes(&self, rows: usize) -> u64 {
         let halo = Halo::new(self.settings, self.compensation, self.alignment);
         let read = rows + 2 * (halo.rows() + halo.masked);
