@@ -82,8 +82,8 @@ def test_of_interlaced_images_the_even_rows_are_matched(
     rows = pair.left.shape[0] - (dtype is np.uint16)  # even, and odd
     images, masks, expected, expected_masks = [], [], [], []
     for image, shift in zip((pair.left, pair.right), sides, strict=True):
-        # Floats that are whole numbers would be taken for bytes.
-        fields = (image[:rows] * (0.37 if dtype is np.float32 else 1)).astype(dtype)
+        # Floats that are multiples of a step would be taken for bytes.
+        fields = (np.sqrt(image[:rows]) if dtype is np.float32 else image[:rows]).astype(dtype)
         fields[1::2] = np.roll(fields, shift, axis=1)[1::2]
         mask = np.ones(fields.shape[:2], bool)
         mask[100:111, 200:230] = False

@@ -136,8 +136,8 @@ impl View {
         Self { image, mask: self.mask.clone(), range, ..*self }
     }
 
-    /// The even rows of a whole image alone: an odd one becomes the mean of those beside it, the last one a copy of the one above. A pixel is
-    /// valid where both are.
+    /// The even rows of a whole image alone: an odd one becomes the mean of those beside it, the last one a copy of the one
+    /// above. A pixel is valid where both are.
     pub fn of_even_rows(&self) -> Self {
         let image = match &self.image {
             Image::U8(pixels) => Image::U8(of_even_rows(pixels, u8::midpoint)),
