@@ -59,9 +59,9 @@ fn cases() -> Vec<Case> {
     vec![
         case("fast", 0.67, &fast, large, 32),
         Case { channels: 3, ..case("fast, colors", 0.72, &fast, large, 32) },
-        case("fast, wide", 0.89, &fast, flat, 600),
+        case("fast, wide", 0.97, &fast, flat, 600),
         case("paper", 0.70, &paper, large, 32),
-        case("paper, wide", 0.75, &paper, flat, 600),
+        case("paper, wide", 0.95, &paper, flat, 600),
         case("robust", 0.67, &plain, large, 32),
         case("robust, wide", 0.81, &plain, high, 600),
         Case { threads: 3, ..case("robust, threads", 0.87, &plain, high, 600) },
@@ -69,10 +69,10 @@ fn cases() -> Vec<Case> {
         Case { kernels: 1, ..case("synthesis", 0.39, &robust(), (800, 1200), 32) },
         Case { channels: 3, ..case("sad", 0.95, &compared(CostKind::Sad), large, 32) },
         Case { channels: 3, ..case("nsad", 0.72, &compared(CostKind::NormalizedSad), large, 32) },
-        case("wta", 0.84, &searched(wta), flat, 600),
+        case("wta", 0.91, &searched(wta), flat, 600),
         case("so", 0.88, &searched(so), flat, 600),
         case("sgm", 0.83, &searched(sgm), high, 600),
-        case("dp", 0.76, &searched(dp), flat, 600),
+        case("dp", 0.96, &searched(dp), flat, 600),
     ]
 }
 
