@@ -85,7 +85,7 @@ impl<V, const L: usize> Lines<'_, V, L> {
         line(&mut self.values[pixel * self.stride..], self.first)
     }
 
-    /// All lanes of each pixel, and the first of a line: see [`line`].
+    /// All lanes of each pixel, and the first of a line: see [`line()`].
     #[inline(always)]
     pub fn pixels(&mut self) -> (ChunksExactMut<'_, V>, usize) {
         (self.values.chunks_exact_mut(self.stride), self.first)
