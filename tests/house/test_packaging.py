@@ -657,7 +657,7 @@ def test_a_package_page_has_addresses_alone_and_they_are_of_files(
     for link in [*addresses, *links]:
         if link.startswith(f"{URL}/") and not link.endswith("/issues"):
             kind, tag, *parts = link.removeprefix(f"{URL}/").partition("#")[0].split("/")
-            picture = parts[-1].endswith(".jpg")
+            picture = parts[-1].endswith((".jpg", ".svg"))
             assert (kind, tag) == ("raw" if picture else "blob", "v0.1.0")
             assert ROOT.joinpath(*parts).is_file(), link
 
