@@ -60,7 +60,7 @@ fuzz: $(VENV)/counterparts ## Tests by new random examples, mutated files, stran
 soak: $(CORE) ## Stream pairs with faults through one Matcher (make soak ARGS="--seconds 3600"; 5 minutes)
 	$(BIN)/python benches/soak.py $(ARGS)
 
-nightly: $(VENV)/counterparts web/phasestereo.wasm ## Hold 300 spoiled pairs to one map each, in every way; fuzz and soak: 2 hours
+nightly: $(VENV)/counterparts web/phasestereo.wasm ## Hold 300 spoiled pairs to one map each, in every way; fuzz and soak, half an hour each
 	cargo build --locked --profile test --package phasestereo-c --lib
 	PHASESTEREO_PAIRS=300 PHASESTEREO_SEED="$$(date +%Y%m%d)" $(BIN)/python -m pytest --numprocesses auto \
 		$(if $(WITHOUT),-k "not $(WITHOUT)") tests/core/test_determinism.py

@@ -1,4 +1,4 @@
-"""The viewer before there is a result: pages that are given one after the other begin with it."""
+"""The viewer without a result: pages that get one result after another start from it."""
 
 from __future__ import annotations
 
