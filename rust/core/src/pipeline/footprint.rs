@@ -2,7 +2,7 @@
 //!
 //! Buffers that grow with the rows are counted by the pixel: the images, as read and as kept, with masks; codes; gray
 //! values; the map. The others are the [`Workspace`](crate::optimization::Workspace) of each thread.
-//! Measured, a match takes 67 to 95 % of this bound, with synthesis 39 %, as `tests/rust/footprint.rs` has it for each kind.
+//! Measured, a match takes 67 to 99 % of this bound, with synthesis 39 %, as `tests/rust/footprint.rs` has it for each kind.
 
 use crate::cost::aggregation::Window;
 use crate::image::intensity::{LEVEL_CEILING, LEVEL_STEPS};

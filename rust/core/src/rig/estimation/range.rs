@@ -30,7 +30,7 @@ const LONG: f64 = 16.0;
 const NEARLY_ALL: f64 = 0.95;
 /// Least mean confidence of the match of finer copies; with less, noise or blur leave nothing to be seen in them.
 const LEAST_FINE: f64 = 0.5;
-/// Pixels of the copy by which such finer copies may still refine an end.
+/// Pixels of the copy by which finer copies of less confidence may still move an end inwards.
 const LOST: isize = 1;
 /// Bits by which an area has to be explained better by disparities outside the run to belong to the range. Of 54 things of
 /// 0.5 % of an image, 8 to 14 px wide, or of 24 to 40 px, one has less; in 27 pairs without such things, no area has more
