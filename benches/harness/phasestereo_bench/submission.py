@@ -149,7 +149,7 @@ def submit(
 
 
 def _site_of(scene: Scene) -> tuple[str, Site] | None:
-    """Return the title of a scene's zip, and what is in that; None if no site takes the scene."""
+    """Return the title and the contents of a scene's zip; None if no site takes the scene."""
     fits = (re.fullmatch(site.collection, scene.collection) for site in SITES.values())
     found = zip(SITES, SITES.values(), fits, strict=True)
     return next(
@@ -158,7 +158,7 @@ def _site_of(scene: Scene) -> tuple[str, Site] | None:
 
 
 def _file(folder: Path, inside: str, files: dict[str, Path]) -> Path:
-    """Return where a file of a zip is, in a folder that is made."""
+    """Return the path of a file of a zip; its folder is made."""
     files[inside] = folder / inside
     files[inside].parent.mkdir(parents=True, exist_ok=True)
     return files[inside]

@@ -27,7 +27,7 @@ _SAME_SIZE = {
 """Steps whose result is as long as what they take, or a few times so."""
 
 _TIMES, _MORE = 8, 4096
-"""A chunk may unpack to so many times the bytes of its pixels, and so many more."""
+"""A chunk may unpack to this many times the bytes of its pixels, plus this many."""
 
 
 def open_array(path: str, max_bytes: int) -> Any:
@@ -92,7 +92,7 @@ def _steps(metadata: Any) -> Iterator[str]:
 
 
 def _check_file(path: Path, most: int) -> None:
-    """Refuse what is no regular file, or a long one; one that is not there is nobody's fault."""
+    """Refuse what is not a regular file, or too long; a missing chunk holds fill values."""
     try:
         status = path.stat()
     except OSError:
@@ -115,7 +115,7 @@ def _check_claim(chunk: Any, packer: str, most: int) -> None:
 
 
 def _of_zstd(chunk: bytes, most: int) -> int:
-    """Return what a frame says that it unpacks to, which its header need not."""
+    """Return the size that a frame states; a frame that states none counts as too large."""
     head = chunk[4]
     size = (1 if head & 32 else 0, 2, 4, 8)[head >> 6]
     if not size:
@@ -126,7 +126,7 @@ def _of_zstd(chunk: bytes, most: int) -> int:
 
 
 def _of_deflate(chunk: bytes, most: int) -> int:
-    """Return what unpacks, as far as the bound; of one member alone, as Zarr writes it."""
+    """Return the bytes that unpack, up to the bound; of one member, as Zarr writes it."""
     unpacker = zlib.decompressobj(wbits=47)  # whatever its header
     unpacked = len(unpacker.decompress(chunk, most + 1))
     return most + 1 if unpacker.unused_data else unpacked
@@ -139,4 +139,4 @@ _CLAIMS: dict[str, Callable[[bytes, int], int]] = {
     "gzip": _of_deflate,
     "zlib": _of_deflate,
 }
-"""How many bytes a chunk unpacks to, as its header says it."""
+"""The bytes that a chunk unpacks to, as its header states them."""

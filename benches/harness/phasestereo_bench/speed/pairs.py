@@ -137,7 +137,7 @@ def _chess(data: Path | None, _cache: Path) -> Views:
 
 
 def _render(width: int, height: int, count: int) -> PairSource:
-    """Return a pair that is rendered the first time, with nothing wrong with it."""
+    """Return a rendered pair without faults; it is rendered the first time."""
     return PairSource(count, partial(_rendered, size=(width, height, count)))
 
 

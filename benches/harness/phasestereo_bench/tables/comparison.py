@@ -211,7 +211,7 @@ def _means(numbers: Numbers, suite: str, row: str) -> dict[str, list[float]]:
 
 
 def _costs(numbers: Numbers) -> list[Mapping[str, Any]]:
-    """Return what was timed on the processor that was last timed on: others are not comparable."""
+    """Return the costs measured on the latest processor: those of others are not comparable."""
     cpus = {each["id"]: each["cpu"] for each in numbers["environments"]}
     costs = [(cost, cpus[cost["environment"]]) for cost in numbers["costs"]]
     return [cost for cost, cpu in costs if cpu == costs[-1][1]]
