@@ -63,6 +63,8 @@ def matched(left: Image, right: Image) -> Map:
         p2=16.0,
     )
 
+    ps.release_memory()
+
     settings: ps.Settings = ps.PRESETS["paper"]
     matcher = ps.Matcher(settings=settings, threads=1)
     steady = ps.TemporalFilter()

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from phasestereo import _core
 from phasestereo.known import Known
-from phasestereo.matching import Matcher, match
+from phasestereo.matching import Matcher, match, release_memory
 from phasestereo.result import Flag, Result, Summary
 from phasestereo.rig.alignment import Alignment
 from phasestereo.rig.blur import Blur, BlurEstimate
@@ -63,6 +63,7 @@ __all__ = [
     "optimize",
     "point_cloud",
     "rectify",
+    "release_memory",
     "surface_mesh",
     "verify",
 ]

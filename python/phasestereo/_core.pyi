@@ -53,6 +53,7 @@ __all__ = [
     "optimize_volume",
     "preset",
     "rectify_pairs",
+    "release_memory",
     "rows_to_tally",
     "simd_level",
     "verify_map",
@@ -134,6 +135,7 @@ def estimate_pair(
     settings: Settings,
     threads: int | Workers | None,
 ) -> Estimates: ...
+def release_memory() -> None: ...
 def rectify_pairs(
     pairs: Sequence[tuple[Pixels, Pixels]],
 ) -> tuple[dict[str, NDArray[np.float64]], float, list[str]]: ...

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -119,8 +120,8 @@ def match(
     whole pair there are copies of the images, codes (a byte for each eight bits and pixel, of the
     right image once for each version), gray values and the result: 6 bytes a pixel, 10 with
     confidences; with ``scales``, where pixels are in doubt, about 11 more. Pairs that do not fit
-    into memory: `phasestereo_large.outofcore`, `match_rows`. Nothing but that is kept, nor are any
-    threads: to match one pair after another, `Matcher` keeps them.
+    into memory: `phasestereo_large.outofcore`, `match_rows`. The threads and at most 64 MB of the
+    working memory stay for the next call, until `release_memory`.
     """
     result = match_silently(
         (left, right),
@@ -135,6 +136,20 @@ def match(
 
     warn(result.findings)
     return result
+
+
+def release_memory() -> None:
+    """Give back the threads and the working memory, at most 64 MB, that `match` keeps for later.
+
+    Calls that run keep theirs. A fork does the same, in both processes; what a `Matcher` keeps is
+    its own.
+    """
+    _core.release_memory()
+
+
+if hasattr(os, "register_at_fork"):
+    # Threads do not survive a fork, and a process with threads is warned of it.
+    os.register_at_fork(before=_core.release_memory)
 
 
 class Matcher:

@@ -169,6 +169,7 @@ def test_matches_at_the_same_time_share_their_threads(monkeypatch: pytest.Monkey
     monkeypatch.setenv("RAYON_NUM_THREADS", "3")
 
     pair = RNG.integers(0, 256, (2, 200, 300), np.uint8)
+    ps.release_memory()
     shared = most_threads(lambda: ps.match(*pair, num_disparities=64), 10)
     # Threads that were asked to end may be seen beside those that have just been started.
     assert 1 <= shared <= 6
@@ -179,29 +180,50 @@ def test_matches_at_the_same_time_share_their_threads(monkeypatch: pytest.Monkey
     assert most_threads(lambda: matcher.match(*pair, num_disparities=64), 10) <= 0
 
 
-@on_linux
-def test_no_threads_are_left_behind() -> None:
-    finished = run("""
+SETTLED = """
 import os, time
+os.environ |= {"RAYON_NUM_THREADS": "2", "OPENBLAS_NUM_THREADS": "1"}
 import numpy as np, phasestereo as ps
 pair = np.random.default_rng(0).integers(0, 256, (2, 40, 60), np.uint8)
-def settled(count):
+def settled(more):
     for _ in range(500):
-        if len(os.listdir("/proc/self/task")) == count:
+        if len(os.listdir("/proc/self/task")) == before + more:
             return True
         time.sleep(0.01)
 before = len(os.listdir("/proc/self/task"))
-ps.match(*pair, num_disparities=8, threads=4)
-assert settled(before), "own"
+"""
+
+
+@on_linux
+def test_threads_stay_for_the_next_match_until_they_are_released() -> None:
+    finished = run(
+        SETTLED
+        + """
+for _ in range(3):
+    ps.match(*pair, num_disparities=8, threads=4)
+    assert settled(4), "own"
+ps.match(*pair, num_disparities=8, threads=3)
+assert settled(3), "own, another number"
 ps.match(*pair, num_disparities=8)
-assert settled(before), "shared"
+assert settled(3 + 2), "shared"
+ps.release_memory()
+assert settled(0), "released"
+ps.match(*pair, num_disparities=8)
+if hasattr(os, "fork"):
+    if os.fork() == 0:
+        os._exit(0)
+    assert settled(0), "forked"
+ps.match(*pair, num_disparities=8)
 matcher = ps.Matcher(threads=4)
+ps.release_memory()
+assert settled(4), "a matcher"
 for _ in range(3):
     matcher.match(*pair, num_disparities=8)
-    assert len(os.listdir("/proc/self/task")) == before + 4
+    assert settled(4), "a matcher"
 del matcher
-assert settled(before), "kept"
-""")
+assert settled(0), "without the matcher"
+"""
+    )
 
     assert finished.returncode == 0, finished.stderr
 
@@ -365,17 +387,27 @@ print(resident() - before)
 
 
 @on_linux
-def test_match_keeps_no_memory_and_a_matcher_does() -> None:
+def test_match_keeps_bounded_memory_until_it_is_released_and_a_matcher_all(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # What is freed goes back to the system at once.
+    monkeypatch.setenv("MALLOC_MMAP_THRESHOLD_", "65536")
+    monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", "65536")
     finished = run(
         RESIDENT
         + """
-huge = rng.integers(0, 256, (2, 64, 2500), np.uint8)
+huge = rng.integers(0, 256, (2, 64, 9000), np.uint8)
 ps.match(*small, num_disparities=32)
 before = resident()
-ps.match(*huge, num_disparities=2000, preset="fast", threads=1)
+ps.match(*large, num_disparities=700, preset="fast", threads=1)
+print(resident() - before)
+ps.match(*huge, num_disparities=8000, preset="fast", threads=1)
+print(resident() - before)
+ps.match(*large, num_disparities=700, preset="fast", threads=1)
+ps.release_memory()
 print(resident() - before)
 matcher = ps.Matcher(preset="fast", threads=1)
-matcher.match(*huge, num_disparities=2000)
+matcher.match(*huge, num_disparities=8000)
 print(resident() - before)
 del matcher
 print(resident() - before)
@@ -383,7 +415,7 @@ print(resident() - before)
     )
 
     assert finished.returncode == 0, finished.stderr
-    after_match, kept, after_matcher = map(int, finished.stdout.split())
-    assert after_match < 15 << 20
-    assert kept > 20 << 20
-    assert after_matcher < 15 << 20
+    few, too_many, released, of_matcher, without = map(int, finished.stdout.split())
+    assert few > 4 << 20
+    assert max(too_many, released, without) < 4 << 20
+    assert of_matcher > 64 << 20

@@ -36,7 +36,7 @@ use self::settings::{Setting, every_setting, read_settings, write_settings};
 use self::supervisor::supervised;
 use self::temporal::{TemporalFilter, held};
 use self::verification::verify_map;
-use self::workers::{Pool, Workers};
+use self::workers::{Pool, Workers, release_memory};
 use phasestereo::Error;
 use phasestereo::internals::cost::Costs;
 use phasestereo::internals::cost::aggregation::{Window, aggregate};
@@ -96,8 +96,8 @@ mod _core {
         Rig, Scale, Setting, TemporalFilter, Workers, aggregate_volume, check_blur_compensation,
         check_noise, check_settings, cost_volume, descriptor, estimate_pair, estimate_pair_by_rows,
         find_roughness, find_scale, fit_right, halo, match_pair, match_raw, match_rows,
-        optimize_volume, preset, rectify_pairs, rows_to_tally, simd_level, verify_map,
-        working_memory,
+        optimize_volume, preset, rectify_pairs, release_memory, rows_to_tally, simd_level,
+        verify_map, working_memory,
     };
 
     #[pymodule_init]

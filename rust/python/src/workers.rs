@@ -5,7 +5,7 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::{Receiver, channel};
-use std::sync::{Arc, Condvar, Mutex, PoisonError, Weak};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::Duration;
 use std::{mem, process};
 
@@ -21,9 +21,12 @@ use phasestereo::internals::pipeline::matcher::Matcher;
 /// thread that waits for others starts the next call meanwhile, on the same stack.
 const MOST_CALLS: usize = 64;
 
-/// The pool of all calls that leave the number of threads open. It lives as long as any of them runs: calls that
-/// overlap share threads and memory, and none are left behind.
-static SHARED: Mutex<Weak<Pool>> = Mutex::new(Weak::new());
+/// Most bytes of working memory that a kept pool holds between calls.
+const MOST_KEPT: usize = 64 << 20;
+
+/// What calls without [`Workers`] leave to later ones: a pool that is used by one call at a time, and one that all calls share
+/// which leave the number of threads open.
+static KEPT: Mutex<[Option<Arc<Pool>>; 2]> = Mutex::new([None, None]);
 
 /// Threads of this process, and a matcher with its memory.
 #[derive(Debug)]
@@ -31,42 +34,64 @@ pub struct Pool {
     matcher: Matcher,
     threads: usize,
     process: u32,
+    /// Most bytes of working memory between calls.
+    most_kept: usize,
     /// Number of running calls.
     calls: Mutex<usize>,
     call_ended: Condvar,
 }
 
 impl Pool {
-    /// A pool of its own threads.
+    /// A pool of its own threads, which keeps all the memory that a call has taken.
     pub fn new(threads: usize) -> phasestereo::Result<Arc<Self>> {
-        let matcher = Matcher::new(threads)?;
-        let (calls, call_ended) = (Mutex::default(), Condvar::default());
-        Ok(Arc::new(Self { matcher, threads, process: process::id(), calls, call_ended }))
+        Self::keeping(usize::MAX, threads)
     }
 
-    /// The pool for an argument `threads`: [`Workers`], a number of threads, or None for the shared pool.
+    fn keeping(most_kept: usize, threads: usize) -> phasestereo::Result<Arc<Self>> {
+        let (matcher, process) = (Matcher::new(threads)?, process::id());
+        let (calls, call_ended) = (Mutex::default(), Condvar::default());
+        Ok(Arc::new(Self { matcher, threads, process, most_kept, calls, call_ended }))
+    }
+
+    /// The pool for an argument `threads`: [`Workers`], a number of threads of its own, or None for the shared pool.
     pub fn for_argument(threads: &Bound<'_, PyAny>) -> Result<Arc<Self>> {
         if let Ok(workers) = threads.cast::<Workers>() {
             return Ok(workers.get().pool()?);
         }
 
-        let count = read_threads(threads)?;
-        Ok(if threads.is_none() { Self::shared(count)? } else { Self::new(count)? })
+        Ok(Self::kept(read_threads(threads)?, threads.is_none())?)
     }
 
-    /// The shared pool. Only threads that hold the GIL take this lock. A thread that forks also holds the GIL, so the
-    /// child never inherits it locked; if it was forked by other means, it does not wait for the lock.
-    fn shared(threads: usize) -> phasestereo::Result<Arc<Self>> {
-        let Ok(mut shared) = SHARED.try_lock() else {
-            return Self::new(threads);
+    /// A kept pool of so many threads, or else another one, which is kept in its place unless that one is in use.
+    ///
+    /// Nobody waits for the lock: a child that is forked while another thread holds it never sees it released.
+    fn kept(threads: usize, is_shared: bool) -> phasestereo::Result<Arc<Self>> {
+        let Ok(mut kept) = KEPT.try_lock() else {
+            return Self::keeping(MOST_KEPT, threads);
         };
+        let kept = &mut kept[usize::from(is_shared)];
 
-        // A pool of the parent process, or of another number of threads, is replaced.
-        let pool = shared.upgrade().filter(|pool| pool.is_ours() && pool.threads == threads);
-        let pool = pool.map_or_else(|| Self::new(threads), Ok)?;
+        if let Some(pool) = kept.as_ref().filter(|pool| pool.is_ours()) {
+            // Whoever uses it holds it, too.
+            let is_free = Arc::strong_count(pool) == 1;
+            if pool.threads == threads && (is_free || is_shared) {
+                return Ok(Arc::clone(pool));
+            }
+            if !is_free {
+                return Self::keeping(MOST_KEPT, threads);
+            }
+        }
 
-        *shared = Arc::downgrade(&pool);
+        let pool = Self::keeping(MOST_KEPT, threads)?;
+        kept.replace(Arc::clone(&pool)).into_iter().for_each(Self::leave);
         Ok(pool)
+    }
+
+    /// Drops a pool, but leaks that of another process: dropping would wait for threads that are not here.
+    fn leave(self: Arc<Self>) {
+        if !self.is_ours() {
+            mem::forget(self);
+        }
     }
 
     /// The number of threads.
@@ -110,6 +135,7 @@ impl Turn {
         pool.matcher.spawn(move || {
             // A panic must not end rayon's thread: the process would abort.
             let outcome = catch_unwind(AssertUnwindSafe(|| work(&self.0.matcher, &control)));
+            self.0.matcher.keep_at_most(self.0.most_kept);
 
             // Dropped first, so that the receiver is the last to hold a pool of its own, and drops its memory.
             drop(self);
@@ -127,6 +153,15 @@ impl Drop for Turn {
     fn drop(&mut self) {
         *self.0.calls.lock().unwrap_or_else(PoisonError::into_inner) -= 1;
         self.0.call_ended.notify_one();
+    }
+}
+
+/// Gives back what calls without [`Workers`] have left to later ones: threads and working memory.
+#[pyfunction]
+pub fn release_memory() {
+    // Whoever holds the lock starts a call, which leaves something again.
+    if let Ok(mut kept) = KEPT.try_lock() {
+        mem::take(&mut *kept).into_iter().flatten().for_each(Pool::leave);
     }
 }
 
@@ -169,8 +204,7 @@ impl Workers {
         }
 
         let pool = Pool::new(self.pool.threads)?;
-        // The old pool belongs to the parent process: dropping it would wait for threads that are not here.
-        mem::forget(forked.replace(Arc::clone(&pool)));
+        forked.replace(Arc::clone(&pool)).into_iter().for_each(Pool::leave);
 
         Ok(pool)
     }
@@ -180,11 +214,6 @@ impl Drop for Workers {
     fn drop(&mut self) {
         let forked = self.forked.get_mut().unwrap_or_else(PoisonError::into_inner).take();
 
-        // As above: pools of another process are leaked.
-        for pool in forked.into_iter().chain([Arc::clone(&self.pool)]) {
-            if !pool.is_ours() {
-                mem::forget(pool);
-            }
-        }
+        forked.into_iter().chain([Arc::clone(&self.pool)]).for_each(Pool::leave);
     }
 }

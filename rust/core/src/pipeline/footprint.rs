@@ -120,7 +120,7 @@ impl Demand<'_> {
     }
 
     /// Bytes that one thread searches in.
-    fn workspace(&self) -> usize {
+    pub fn workspace(&self) -> usize {
         let (window, penalties) = self.window();
         let runs = self.candidates.div_ceil(LANES);
 

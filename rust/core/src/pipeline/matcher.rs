@@ -2,7 +2,7 @@
 
 use std::any::Any;
 use std::ops::Range;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use std::{env, thread};
 
@@ -19,6 +19,7 @@ use crate::optimization::evidence::{Evidence, NONE};
 use crate::optimization::selection::Selection;
 use crate::optimization::{AggregatedCosts, CandidateSearch, Penalties, Weighing, Workspace};
 use crate::pipeline::control::Control;
+use crate::pipeline::footprint::Demand;
 use crate::pipeline::halo::Halo;
 use crate::pipeline::map::{DraftMap, MapBand};
 use crate::pipeline::pair::Pair;
@@ -85,8 +86,16 @@ pub struct Timings {
 #[derive(Debug)]
 pub struct Matcher {
     pool: ThreadPool,
-    /// Workspaces that no band uses at the moment, of any type.
-    spare: Mutex<Vec<Box<dyn Any + Send>>>,
+    /// Workspaces that no band uses at the moment, the last used one last.
+    spare: Mutex<Vec<Spare>>,
+}
+
+/// A workspace of any type.
+#[derive(Debug)]
+struct Spare {
+    memory: Box<dyn Any + Send>,
+    /// The most bytes that it can take, by the memory model.
+    bytes: usize,
 }
 
 /// The unrefined disparities of some rows.
@@ -105,6 +114,8 @@ struct Job<'a> {
     window: Window,
     search: CandidateSearch<'a>,
     settings: &'a Settings,
+    /// Bytes of the workspace of a band, by the memory model.
+    workspace: usize,
 }
 
 /// Runs `work` on threads that are started for it and ended after it.
@@ -279,7 +290,17 @@ impl Matcher {
             control,
         };
 
-        let job = Job { costs: &costs, window, search, settings };
+        let demand = Demand {
+            settings,
+            compensation: pair.blur_compensation(),
+            alignment: None,
+            cols: pair.size().1,
+            candidates: candidates.count(),
+            pixel: pair.views()[0].image.shape().2,
+            threads: execution.threads,
+        };
+        let workspace = demand.workspace();
+        let job = Job { costs: &costs, window, search, settings, workspace };
 
         let mut map = DraftMap::new((section.rows.len(), pair.size().1), texture.is_some())?;
         let bands = map.bands(job.search.bands(section.rows.clone()));
@@ -299,7 +320,7 @@ impl Matcher {
     fn match_bands<T: Value>(&self, bands: Vec<MapBand>, job: &Job) -> Result<()> {
         // One band per task: longer tasks would leave threads idle at the end.
         bands.into_par_iter().with_max_len(1).try_for_each(|mut band| {
-            let mut workspace: Box<Workspace<T>> = self.memory();
+            let (mut workspace, bytes): (Box<Workspace<T>>, _) = self.memory();
             let (costs, window, level) = (job.costs, job.window, job.search.level);
             let source = AggregatedCosts { costs, window, level };
 
@@ -307,24 +328,42 @@ impl Matcher {
             job.write(&mut band, evidence)?;
             job.search.control.finish_rows(band.rows().len());
 
-            self.keep(workspace);
+            self.keep(Spare { memory: workspace, bytes: bytes.max(job.workspace) });
             Ok(())
         })
     }
 
-    /// A workspace of this type: a used one if there is any.
-    #[expect(clippy::unnecessary_box_returns, reason = "the box is what is kept")]
-    fn memory<M: Default + Send + 'static>(&self) -> Box<M> {
-        let mut spare = self.spare.lock().unwrap_or_else(PoisonError::into_inner);
-        let index = spare.iter().rposition(|memory| memory.is::<M>());
-        let memory = index.map(|index| spare.swap_remove(index));
+    /// A workspace of this type and the bytes that it may have: a used one if there is any.
+    fn memory<M: Default + Send + 'static>(&self) -> (Box<M>, usize) {
+        let mut spare = self.spare();
+        let index = spare.iter().rposition(|spare| spare.memory.is::<M>());
+        let Spare { memory, bytes } = index.map_or_else(
+            || Spare { memory: Box::<M>::default(), bytes: 0 },
+            |index| spare.remove(index),
+        );
 
-        memory.and_then(|memory| memory.downcast().ok()).unwrap_or_default()
+        (memory.downcast().unwrap_or_default(), bytes)
     }
 
     /// Keeps a workspace for later bands.
-    fn keep(&self, memory: Box<dyn Any + Send>) {
-        self.spare.lock().unwrap_or_else(PoisonError::into_inner).push(memory);
+    fn keep(&self, workspace: Spare) {
+        self.spare().push(workspace);
+    }
+
+    /// Gives workspaces back that no band uses, those that were not used for longest first, until the others have at most so
+    /// many bytes.
+    pub fn keep_at_most(&self, bytes: usize) {
+        let mut spare = self.spare();
+        let mut kept = spare.iter().map(|spare| spare.bytes).sum::<usize>();
+        spare.retain(|one| {
+            let is_kept = kept <= bytes;
+            kept -= if is_kept { 0 } else { one.bytes };
+            is_kept
+        });
+    }
+
+    fn spare(&self) -> MutexGuard<'_, Vec<Spare>> {
+        self.spare.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
