@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from phasestereo.metrics import Score, middlebury_v2, roc_area, score
+from phasestereo.metrics import Score, bad_pixels, middlebury_v2, roc_area, score
 from phasestereo_bench import cases
 from phasestereo_bench.cases import SIDES, SUITES, Case, usual_side
 from phasestereo_bench.measurement import measured
@@ -95,7 +95,7 @@ def run_middlebury(
     list of dict
         A record per cell: "kind", "suite", "collection", "scene", "degradation", "side", "method"
         and "true_blur" tell which; "status" is "ok" or "failed". With "ok" there are "v2"
-        (`MiddleburyV2`'s regions), "v3" (the fields of `MiddleburyV3`), "d1", "epe" and "roc",
+        (`MiddleburyV2`'s regions), "v3" (the other fields of `Score`), "d1", "epe" and "roc",
         which is what `phasestereo.metrics.roc_area` says of the confidence (all four on the
         non-occluded pixels), None where a mask or a confidence is missing or nothing has an
         estimate; "num_disparities", "width" and "height"; the method's "settings"; "seconds" and
@@ -214,6 +214,14 @@ def matched(entrant: Method, pair: Pair) -> Matched:
     answer = done.answer if isinstance(done.answer, tuple) else (done.answer, None)
     disparity, confidence = _checked(*answer, size=pair.left.shape[:2])
     return Matched(disparity - first, confidence, done.seconds, done.peak_bytes)
+
+
+def wrong_shares(pair: Pair, spec: str | Method) -> dict[str, float]:
+    """Match a pair; return the shares of its visible pixels that are off, %: "bad_1", "bad_2"."""
+    if pair.truth is None:
+        raise ValueError(f"{pair.name}: the pair has no truth")
+    found, mask = matched(method(spec), pair).disparity, pair.masks["nonocc"]
+    return {f"bad_{px}": bad_pixels(found, pair.truth, float(px), mask) for px in (1, 2)}
 
 
 def _metrics(disparity: Floats, pair: Pair) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from cyclopts import Group, Parameter, validators
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import printable, say
 from phasestereo_bench.blur import blur_jobs, blur_table, explain_blur
-from phasestereo_bench.cli.bench_runs import prepare, require_done, run_cells
+from phasestereo_bench.cli.bench_runs import require_done, run_cells
 from phasestereo_bench.cli.bench_scenes import SceneChoice
 from phasestereo_bench.cli.bench_tables import filled, screen
 
@@ -65,8 +65,9 @@ def blur(
         if left_out:
             say(left_out)
 
-        prepare(output, jobs, cells="trials", fresh=fresh)
-        records = run_cells(jobs, output, workers=workers, title="Estimating", cells="trials")
+        records = run_cells(
+            jobs, output, workers=workers, fresh=fresh, title="Estimating", cells="trials"
+        )
 
     good = [record for record in records if record["status"] == "ok"]
     if good:

@@ -10,7 +10,7 @@ from cyclopts import Parameter, validators
 from phasestereo._extras import require
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import printable, say
-from phasestereo_bench.cli.bench_runs import prepare, require_done, run_cells
+from phasestereo_bench.cli.bench_runs import require_done, run_cells
 from phasestereo_bench.cli.bench_tables import filled, screen
 from phasestereo_bench.report.origin import made_with
 from phasestereo_bench.speed import (
@@ -69,9 +69,8 @@ def speed(
         output.parent.mkdir(parents=True, exist_ok=True)
         there = _load(data, output.parent, pairs)
         jobs = speed_jobs(there, rounds=rounds)
-        prepare(output, jobs, cells="measurements", fresh=fresh)
         title = "Matching"
-        records = run_cells(jobs, output, workers=0, title=title, cells="measurements")
+        records = run_cells(jobs, output, workers=0, fresh=fresh, title=title, cells="measurements")
         _show(output, records)
 
 
