@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,24 +17,18 @@ from phasestereo_bench.measurement import measured
 from phasestereo_bench.methods import Method, available, method
 from phasestereo_bench.rigs import RIGS
 from phasestereo_bench.runner import Job, run_jobs
-from phasestereo_bench.worker import require_portable
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from numpy.typing import NDArray
 
-    from phasestereo_bench.cases import Recipe
     from phasestereo_bench.datasets import Pair, Scene
     from phasestereo_bench.methods import Matcher
 
     Floats = NDArray[np.floating[Any]]
     Specs = Iterable[str | Matcher | Method]
-    Degradations = Iterable[str] | Mapping[str, Recipe]
-
-CUSTOM = "custom"
-"""What records call a suite of the user's own degradations."""
 
 _DEFAULTS = {
     "one-sided-blur": (
@@ -56,7 +49,7 @@ _DEFAULTS = {
 def run_middlebury(
     scenes: Iterable[Scene],
     methods: Specs | None = None,
-    degradations: Degradations | None = None,
+    degradations: Iterable[str] | None = None,
     *,
     suite: str = "one-sided-blur",
     sides: Iterable[str] | None = None,
@@ -72,13 +65,11 @@ def run_middlebury(
         With truth, as `phasestereo_bench.datasets.find_scenes` returns them.
     methods
         Names, functions ``(left, right, num_disparities) -> disparity``, or a pair of it and of a
-        confidence, or `Method`s, as `phasestereo_bench.method` takes them. A function must be one
-        that other processes can import, unless ``workers=0``. Default: those of `default_methods`.
+        confidence, or `Method`s, as `phasestereo_bench.method` takes them. Default: those of
+        `default_methods`. Cells of a function fail that other processes cannot import, unless
+        ``workers=0``.
     degradations
-        Names of the suite, all of them by default; or, in its place, some of your own by name:
-        functions from an image to one of its shape and type.
-        `phasestereo_bench.degradation.Degradation` makes them, and where one has a kernel,
-        there is a true blur.
+        Names of the suite, all of them by default.
     suite
         "one-sided-blur", "rigs", "rigs-2", or "sharp", whose only row is the pair as it is.
     sides
@@ -114,8 +105,6 @@ def run_middlebury(
     """
     jobs = middlebury_jobs(scenes, methods, degradations, suite=suite, sides=sides)
 
-    if workers != 0:
-        _require_portable(jobs)
     cases.forget()
 
     if store is not None:
@@ -127,7 +116,7 @@ def run_middlebury(
 def middlebury_jobs(
     scenes: Iterable[Scene],
     methods: Specs | None = None,
-    degradations: Degradations | None = None,
+    degradations: Iterable[str] | None = None,
     *,
     suite: str = "one-sided-blur",
     sides: Iterable[str] | None = None,
@@ -137,9 +126,9 @@ def middlebury_jobs(
     entrants = _entrants(default_methods(suite) if methods is None else methods)
 
     rows = [
-        Case(scene, name, degradation, side, recipe)
+        Case(scene, suite, degradation, side)
         for scene in _require_truth(scenes)
-        for name, degradation, recipe in _degradations(suite, degradations)
+        for degradation in _degradations(suite, degradations)
         for side in _sides(sides or (usual_side(suite),))
     ]
 
@@ -302,16 +291,11 @@ def _entrants(specs: Specs) -> list[tuple[Method, str | Method]]:
     return list(entrants.values())
 
 
-def _degradations(suite: str, wanted: Degradations | None) -> list[tuple[str, str, Recipe | None]]:
-    """Return the name of the suite and of the degradation, and what it is if it is the user's."""
-    if isinstance(wanted, Mapping):
-        return [(CUSTOM, name, recipe) for name, recipe in wanted.items()]
-
+def _degradations(suite: str, wanted: Iterable[str] | None) -> list[str]:
     names = list(SUITES[suite]) if wanted is None else list(dict.fromkeys(wanted))
     for name in names:
         _require_known("degradation", name, SUITES[suite])
-
-    return [(suite, name, None) for name in names]
+    return names
 
 
 def _sides(sides: Iterable[str]) -> list[str]:
@@ -331,16 +315,3 @@ def _require_truth(scenes: Iterable[Scene]) -> list[Scene]:
 def _require_known(argument: str, value: object, known: Iterable[str]) -> None:
     if value not in list(known):
         raise ValueError(f"{argument}: got {value!r}; accepts {', '.join(known)}")
-
-
-def _require_portable(jobs: Iterable[Job]) -> None:
-    """Refuse functions of the user's that cannot be sent to other processes."""
-    # Jobs share their functions, so each is tried once.
-    things: dict[int, tuple[str, object]] = {}
-    for job in jobs:
-        spec, recipe = job.arguments["spec"], job.arguments["case"].recipe
-        things[id(spec)] = "method", spec.match if isinstance(spec, Method) else None
-        things[id(recipe)] = "degradation", recipe
-
-    for argument, thing in things.values():
-        require_portable(argument, thing)
