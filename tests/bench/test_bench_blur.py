@@ -203,36 +203,3 @@ def test_the_command_and_its_table(run_bench: Callable[..., Run], tree: Path) ->
 
     code, _, err = run_bench(*command, "--fresh")
     assert (code, err) == (0, "phasestereo: renamed blur.jsonl to blur.jsonl.bak\n")
-
-
-def test_a_failure_is_recorded_and_reported(
-    run_bench: Callable[..., Run], tree: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fail(*_: object, **__: object) -> None:
-        raise RuntimeError("no luck")
-
-    monkeypatch.setattr("phasestereo_bench.blur.trials.estimate_blur", fail)
-
-    code, out, err = run_bench("blur", tree, "--every", 40, "--workers", 0)
-    assert (code, out) == (1, "")
-    message = "3 of 3 trials failed, the first of them none, 0.0, squares: RuntimeError: no luck"
-    assert err == f"phasestereo: error: {message}\n"
-
-
-@pytest.mark.usefixtures("tree")
-@pytest.mark.parametrize(
-    ("arguments", "code", "message"),
-    [
-        ((), 1, "no folder given"),
-        (("missing",), 1, "no such folder"),
-        (("data", "--scene", "cones"), 2, "--scene: got 'cones'; there is scenes2001/squares"),
-        (("data", "--every", "0"), 2, "--every"),
-        (("data", "--workers", "-1"), 2, "--workers"),
-    ],
-)
-def test_commands_that_are_refused(
-    run_bench: Callable[..., Run], arguments: tuple[str, ...], code: int, message: str
-) -> None:
-    answer = run_bench("blur", *arguments)
-    assert (answer[0], answer[1]) == (code, "")
-    assert message in answer[2]

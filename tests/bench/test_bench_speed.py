@@ -413,22 +413,3 @@ def test_commands_that_are_refused(
     answer = run_bench("speed", "-o", "out/speed.jsonl", *arguments)
     assert answer[0] == code
     assert message in answer[2].splitlines()[-1]
-
-
-@pytest.mark.usefixtures("folder")
-def test_a_failure_is_recorded_and_reported(
-    run_bench: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fail(*_: object) -> None:
-        raise RuntimeError("no luck")
-
-    monkeypatch.setattr(records, "time_all_threads", fail)
-
-    code, out, err = run_bench(
-        "speed", "-o", "out/speed.jsonl", "--rounds", 1, "--pairs", "rendered"
-    )
-
-    assert code == 1
-    assert "2 of 4 measurements failed" in err
-    assert "RuntimeError: no luck" in err
-    assert "265 x 40" in out
