@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from phasestereo_bench.methods import Matcher
 
     Floats = NDArray[np.floating[Any]]
+    Image = NDArray[np.uint8]
     Specs = Iterable[str | Matcher | Method]
 
 _DEFAULTS = {
@@ -163,7 +164,7 @@ def score_case(case: Case, spec: str | Method) -> dict[str, Any]:
     """Match a case and return what is to be recorded of it: the work of one cell."""
     entrant = method(spec)
     pair = case.pair(true_blur=entrant.true_blur)
-    found = matched(entrant, pair)
+    found = matched_pair(entrant, pair)
     confidence = found.confidence
 
     return {
@@ -187,29 +188,33 @@ class Matched(NamedTuple):
     peak_bytes: int | None
 
 
-def matched(entrant: Method, pair: Pair) -> Matched:
-    """Match a pair and check what the method returns.
+def matched_pair(entrant: Method, pair: Pair) -> Matched:
+    """Match a pair; see `matched`."""
+    # A range that does not start at 0 is taken off the images of those that know it.
+    first = 0 if entrant.told else pair.first
+    found = matched(entrant, pair.left, np.roll(pair.right, -first, axis=1), pair.num_disparities)
+    return found._replace(disparity=found.disparity - first)
+
+
+def matched(entrant: Method, left: Image, right: Image, num_disparities: int) -> Matched:
+    """Match images and check what the method returns.
 
     Raises
     ------
     TypeError, ValueError
         If that is anything but floats of the image's size, or two of these.
     """
-    # A range that does not start at 0 is taken off the images of those that know it.
-    first = 0 if entrant.told else pair.first
-    right = np.roll(pair.right, -first, axis=1)
-    done = measured(lambda: entrant.match(pair.left, right, pair.num_disparities))
-
+    done = measured(lambda: entrant.match(left, right, num_disparities))
     answer = done.answer if isinstance(done.answer, tuple) else (done.answer, None)
-    disparity, confidence = _checked(*answer, size=pair.left.shape[:2])
-    return Matched(disparity - first, confidence, done.seconds, done.peak_bytes)
+    disparity, confidence = _checked(*answer, size=left.shape[:2])
+    return Matched(disparity, confidence, done.seconds, done.peak_bytes)
 
 
 def wrong_shares(pair: Pair, spec: str | Method) -> dict[str, float]:
     """Match a pair; return the shares of its visible pixels that are off, %: "bad_1", "bad_2"."""
     if pair.truth is None:
         raise ValueError(f"{pair.name}: the pair has no truth")
-    found, mask = matched(method(spec), pair).disparity, pair.masks["nonocc"]
+    found, mask = matched_pair(method(spec), pair).disparity, pair.masks["nonocc"]
     return {f"bad_{px}": bad_pixels(found, pair.truth, float(px), mask) for px in (1, 2)}
 
 

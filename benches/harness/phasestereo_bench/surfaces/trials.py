@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from phasestereo_bench.measurement import measured
 from phasestereo_bench.methods import available, method
+from phasestereo_bench.middlebury import matched
 from phasestereo_bench.runner import Job
 from phasestereo_bench.surfaces import cases
 from phasestereo_bench.surfaces.measures import count_bad, stripes
@@ -76,21 +76,17 @@ def try_out(case: SurfaceCase, spec: str | Method) -> dict[str, Any]:
     """Match a case and return what is to be recorded of it."""
     entrant, task = method(spec), cases.load(case)
     left, right = task.left.copy(), task.right.copy()
-    done = measured(lambda: entrant.match(left, right, task.num_disparities))
-
-    answer = done.answer[0] if isinstance(done.answer, tuple) else done.answer
-    disparity = np.asarray(answer, dtype=np.float64)
+    found = matched(entrant, left, right, task.num_disparities)
+    disparity = found.disparity.astype(np.float64)
     height, width = left.shape[:2]
-    if disparity.shape != (height, width):
-        raise ValueError(f"the method returned shape {disparity.shape}, not {(height, width)}")
 
     return {
         "views": {view.row: _counted(view, disparity) for view in task.views},
         "num_disparities": task.num_disparities,
         "width": width,
         "height": height,
-        "seconds": done.seconds,
-        "peak_bytes": done.peak_bytes,
+        "seconds": found.seconds,
+        "peak_bytes": found.peak_bytes,
     }
 
 
