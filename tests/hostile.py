@@ -71,6 +71,47 @@ def zeros(size: int) -> bytes:
     return head + piece * (size // 2**24) + packer.flush()
 
 
+def zstd_zeros(size: int, *, said: bool = True) -> bytes:
+    """Return zeros as zstd packs them, four bytes for 128 KiB; it may say how many."""
+    says = b"\xc0\x58" + struct.pack("<Q", size) if said else b"\0\x58"
+    block = (2**17 << 3 | 1 << 1).to_bytes(3, "little") + b"\0"
+    last = (block[0] | 1).to_bytes(1, "little") + block[1:]
+    return b"\x28\xb5\x2f\xfd" + says + block * (size // 2**17 - 1) + last
+
+
+def mcap(packer: str, packed: bytes, claimed: int) -> bytes:
+    """Return a recording of one chunk."""
+
+    def record(code: int, content: bytes) -> bytes:
+        return struct.pack("<BQ", code, len(content)) + content
+
+    def text(of: bytes) -> bytes:
+        return struct.pack("<I", len(of)) + of
+
+    head = struct.pack("<QQQI", 0, 0, claimed, 0) + text(packer.encode())
+    chunk = record(6, head + struct.pack("<Q", len(packed)) + packed)
+    end = record(2, struct.pack("<QQI", 0, 0, 0))
+    return b"\x89MCAP0\r\n" + record(1, text(b"ros2") + text(b"")) + chunk + end + b"\x89MCAP0\r\n"
+
+
+SHARDED = {
+    "zarr_format": 3, "node_type": "array", "shape": [64, 64], "data_type": "uint8",
+    "fill_value": 0, "attributes": {},
+    "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [64, 64]}},
+    "chunk_key_encoding": {"name": "default", "configuration": {"separator": "/"}},
+    "codecs": [{"name": "sharding_indexed", "configuration": {
+        "chunk_shape": [64, 64], "index_location": "end",
+        "codecs": [{"name": "bytes"}, {"name": "zstd", "configuration": {"level": 0}}],
+        "index_codecs": [{"name": "bytes", "configuration": {"endian": "little"}}],
+    }}],
+}  # fmt: skip
+"""The metadata of a Zarr array of one shard of one chunk."""
+
+
+def shard(chunk: bytes) -> bytes:
+    return chunk + struct.pack("<QQ", 0, len(chunk))
+
+
 def looping() -> bytes:
     whole = tiff(page(4, 4), bytes(16))
     start = struct.unpack_from("<I", whole, 4)[0]
@@ -210,6 +251,13 @@ CONTENTS: dict[str, tuple[Callable[[], bytes], tuple[str, ...]]] = {
     "line.csv": (lambda: b"left,right\n" + b"," * 2**20, ("read_pairs",)),
     "line.jsonl": (lambda: b" " * 2**20, ("read_manifest",)),
     "arrays.npz": (lambda: many(300), ("read_q", "load_statistics")),
+    "bomb.mcap": (lambda: mcap("zstd", zstd_zeros(2**31), 2**20), ("open_recording",)),
+    "claim.mcap": (lambda: mcap("zstd", zstd_zeros(2**31), 2**31), ("open_recording",)),
+    "unsaid.mcap": (
+        lambda: mcap("zstd", zstd_zeros(2**31, said=False), 2**20),
+        ("open_recording",),
+    ),
+    "bomb.zarr": (lambda: shard(zstd_zeros(2**31)), ("open_raster",)),
     "packed.tif": (
         lambda: tiff(page(2**11, 2**11, compression=PACKBITS, stored=2**21), bytes(2**21)),
         ("read_image",),
@@ -228,7 +276,12 @@ CONTENTS: dict[str, tuple[Callable[[], bytes], tuple[str, ...]]] = {
 def make(folder: Path) -> None:
     """Write all of them."""
     for name, (content, _) in CONTENTS.items():
-        (folder / name).write_bytes(content())
+        path = folder / name
+        if path.suffix == ".zarr":
+            (path / "c" / "0").mkdir(parents=True)
+            (path / "zarr.json").write_text(json.dumps(SHARDED), "utf-8")
+            path = path / "c" / "0" / "0"
+        path.write_bytes(content())
 
 
 def cases(folder: Path) -> Iterator[tuple[str, Path]]:
@@ -245,6 +298,7 @@ def readers() -> dict[str, Callable[[Path], Any]]:
     from phasestereo_large import batch, geotiff  # noqa: PLC0415
     from phasestereo_large.bands import load  # noqa: PLC0415
     from phasestereo_large.windows import open_raster  # noqa: PLC0415
+    from phasestereo_live.ros import open_recording  # noqa: PLC0415
 
     def open_one(path: Path) -> None:
         with open_raster(path):
@@ -254,6 +308,7 @@ def readers() -> dict[str, Callable[[Path], Any]]:
         "read_image": ps.io.read_image,
         "read_geotiff": geotiff.read_geotiff,
         "open_raster": open_one,
+        "open_recording": open_recording,
         "is_geotiff": is_geotiff,
         "read_q": ps.io.read_q,
         "read_rig": read_calibration,

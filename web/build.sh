@@ -12,8 +12,8 @@ rebuild=
 if [ ! -d "$(rustc --print target-libdir --target $target)" ]; then
     [ -d "$folder" ] || web/toolchain.sh "$folder"
     export PATH="$folder/usr/bin:$PATH" RUSTC="$folder/usr/bin/rustc"
-    export LD_LIBRARY_PATH="$folder/usr/lib/x86_64-linux-gnu:$folder/usr/lib/llvm-19/lib"
-    export CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_LINKER=wasm-ld-19
+    export LD_LIBRARY_PATH="$folder/usr/lib/x86_64-linux-gnu"
+    export CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_LINKER=wasm-ld
     # Debian has the sources of the standard library alone, which are built by what is not stable yet.
     export RUSTC_BOOTSTRAP=1
     rebuild=-Zbuild-std=std,panic_abort

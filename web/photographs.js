@@ -33,8 +33,10 @@ async function opened(blobs, names) {
   const read = await Promise.all(blobs.map(async (blob, n) => {
     try {
       return (await deepImageOf(blob)) ?? (await createImageBitmap(blob));
-    } catch {
-      throw new Error(`${names[n] ?? names[0]}: is not an image that this browser reads; accepts PNG, JPEG, WebP and others`);
+    } catch (error) {
+      const isOurs = error.constructor === Error; // the browser's say less
+      const said = isOurs ? error.message : "is not an image that this browser reads; accepts PNG, JPEG, WebP and others";
+      throw new Error(`${names[n] ?? names[0]}: ${said}`);
     }
   }));
   const bits = Math.max(...read.map((one) => one.bits ?? 8));

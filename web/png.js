@@ -15,7 +15,7 @@ export async function deepImageOf(file) {
   const channels = CHANNELS[color];
   if (depth !== 16 || interlaced || !channels) return null;
   if (!(width * height > 0 && width * height <= MOST_PIXELS)) {
-    throw new Error(`${file.name}: got ${width} \u00d7 ${height} pixels; accepts 1 to ${MOST_PIXELS.toLocaleString("en")} in all`);
+    throw new Error(`got ${width} \u00d7 ${height} pixels; accepts 1 to ${MOST_PIXELS.toLocaleString("en")} in all`);
   }
 
   const plain = new Blob(await chunksOf(file)).stream().pipeThrough(new DecompressionStream("deflate"));

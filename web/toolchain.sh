@@ -4,20 +4,20 @@
 set -eu
 
 folder=$1
+# A release that Debian gives a newer Rust for the web than its own. Debian keeps no earlier versions, so the
+# build takes what there is today: apt says what Rust needs, and the newest linker reads what the newest LLVM writes.
 release=bookworm
-packages="rustc-web cargo-web libstd-rust-web-dev libstd-rust-web-1.96 rust-web-src libllvm22 lld-19 libllvm19
-    libgit2-1.5 libhttp-parser2.9 libmbedtls14 libmbedx509-1 libmbedcrypto7"
 
 # A configuration of apt of our own: the lists and the cache of the machine's are neither read nor written.
 rm -rf "$folder.part"
-mkdir -p "$folder.part/apt/lists/partial" "$folder.part/apt/cache/archives/partial" "$folder.part/debs"
+mkdir -p "$folder.part/apt/lists/partial" "$folder.part/apt/cache/archives/partial"
 cd "$folder.part"
 signed="[arch=amd64 signed-by=/usr/share/keyrings/debian-archive-keyring.gpg]"
 cat > apt/sources.list <<END
 deb $signed http://deb.debian.org/debian $release main
 deb $signed http://deb.debian.org/debian-security $release-security main
 END
-touch apt/status
+cp /var/lib/dpkg/status apt/status # what the machine has is not downloaded
 cat > apt/apt.conf <<END
 Dir::Etc::sourcelist "$PWD/apt/sources.list";
 Dir::Etc::sourceparts "/dev/null";
@@ -29,8 +29,9 @@ APT::Architectures { "amd64"; };
 END
 export APT_CONFIG="$PWD/apt/apt.conf"
 apt-get update --quiet
-# shellcheck disable=SC2086
-(cd debs && apt-get download --quiet $packages)
-for package in debs/*.deb; do dpkg-deb --extract "$package" .; done
-rm -rf apt debs
+linker=$(apt-cache pkgnames lld- | grep -x 'lld-[0-9]*' | sort --version-sort | tail -n 1)
+apt-get install --quiet --yes --download-only --no-install-recommends rustc-web cargo-web rust-web-src "$linker"
+for package in apt/cache/archives/*.deb; do dpkg-deb --extract "$package" .; done
+ln -s "wasm-ld-${linker#lld-}" usr/bin/wasm-ld
+rm -rf apt
 mv "$folder.part" "$folder"

@@ -13,9 +13,10 @@ import pytest
 
 from phasestereo import io
 from phasestereo_bench import blur as bench
-from phasestereo_bench import read_store
+from phasestereo_bench import read_store, run_jobs
 from phasestereo_bench.datasets import Scene, find_scenes
 from phasestereo_bench.degradation import Degradation, disk_psf, gaussian_psf, motion_psf
+from phasestereo_bench.tables import table_texts
 
 for module in ("scipy", "PIL"):
     pytest.importorskip(module)
@@ -80,7 +81,7 @@ def test_images_are_blurred_as_given(scene: Scene, family: str, psf: Any, side: 
 
 
 def test_a_record_tells_what_was_found(scene: Scene, tmp_path: Path) -> None:
-    (record,) = bench.run_blur([scene], tmp_path / "a.jsonl", every=1000, workers=0)
+    (record,) = run_jobs(bench.blur_jobs([scene], every=1000), tmp_path / "a.jsonl", workers=0)
 
     assert record["status"] == "ok"
     assert (record["collection"], record["scene"]) == ("scenes2001", "squares")
@@ -154,19 +155,6 @@ def test_verdicts(measured: dict[str, Any], wrong: set[str]) -> None:
 # Results
 
 
-def stored(path: Path, *records: dict[str, Any]) -> Path:
-    facts = {
-        "kind": "environment",
-        "id": "0",
-        "cpu": "a processor",
-        "date": "2026-01-01",
-        "versions": {"phasestereo": "1.2.3"},
-    }
-
-    path.write_text("".join(json.dumps(line) + "\n" for line in (facts, *records)))
-    return path
-
-
 RECORDS = [
     record("motion", 9, 30, "left", angle=34, size=9.4),
     record("motion", 9, 30, "right", kind="disk"),
@@ -177,11 +165,9 @@ RECORDS = [
 ]
 
 
-def test_the_table_has_a_row_for_each_blur(tmp_path: Path) -> None:
-    results = bench.read_blur([stored(tmp_path / "a.jsonl", *RECORDS)])
-
+def test_the_table_has_a_row_for_each_blur() -> None:
     rows = {
-        row[0].text: [entry.text for entry in row[1:]] for row in bench.blur_table(results).rows
+        row[0].text: [entry.text for entry in row[1:]] for row in bench.blur_table(RECORDS).rows
     }
     assert rows == {
         "gaussian 2": ["1", "100", "100", "100", "-", "100", "100", "0.00", "-"],
@@ -194,46 +180,14 @@ def test_the_table_has_a_row_for_each_blur(tmp_path: Path) -> None:
 
     assert list(rows)[-1] == "all"
     assert "1 scenes; a blurred image has 8 bits and noise of 1 gray levels" in (
-        bench.explain_blur(results)
+        bench.explain_blur(RECORDS)
     )
-
-
-def test_of_several_records_of_a_trial_the_last_counts(tmp_path: Path) -> None:
-    wrong = record("disk", 3, 0, "left", side="right")
-    failed = record("gaussian", 2, 0, "left") | {"status": "failed", "error": "E: no luck"}
-
-    results = bench.read_blur(
-        [
-            stored(tmp_path / name, *records)
-            for name, records in (("a", [wrong]), ("b", [*RECORDS, failed]))
-        ]
-    )
-
-    assert len(results.records) == len(RECORDS)
-    assert all(bench.verdict(record).side for record in results.records)
-
-
-@pytest.mark.parametrize(
-    ("records", "message"),
-    [
-        ([record("disk", 3, 0, "left") | {"found": {}}], "a record of kind 'blur' is not whole"),
-        ([record("disk", 3, 0, "left") | {"status": "failed"}], "no results: all trials failed"),
-        ([RECORDS[0], {"kind": "speed"}], "results of several benchmarks: blur, speed; give one"),
-    ],
-)
-def test_files_of_mixed_or_wrong_records_are_refused(
-    tmp_path: Path, records: list[dict[str, Any]], message: str
-) -> None:
-    with pytest.raises(ValueError, match=message):
-        bench.read_blur([stored(tmp_path / "a.jsonl", *records)])
 
 
 # The command
 
 
-def test_the_command_and_its_report(
-    run_bench: Callable[..., Run], tree: Path, tmp_path: Path
-) -> None:
+def test_the_command_and_its_table(run_bench: Callable[..., Run], tree: Path) -> None:
     command = "blur", tree, "--every", 40, "--workers", 0
 
     code, out, err = run_bench(*command)
@@ -241,6 +195,7 @@ def test_the_command_and_its_report(
     assert "none: as they are" in out
     assert "Records: blur.jsonl" in out
     assert len(read_store("blur.jsonl")) == 1 + 3
+    assert "| none: as they are | 1 | 100 |" in table_texts(Path())["blur"]
 
     code, again, err = run_bench(*command)
     assert (code, again) == (0, out)
@@ -248,47 +203,3 @@ def test_the_command_and_its_report(
 
     code, _, err = run_bench(*command, "--fresh")
     assert (code, err) == (0, "phasestereo: renamed blur.jsonl to blur.jsonl.bak\n")
-
-    (tmp_path / "blur.md").write_text("<!-- bench:blur --><!-- /bench:blur -->\n")
-    code, out, err = run_bench("report", "blur.jsonl", "--readme", "blur.md")
-    assert (code, err) == (0, "")
-    assert "none: as they are" in out
-    assert "Wrote blur.md" in out
-    assert "| none: as they are | 1 | 100 |" in (tmp_path / "blur.md").read_text()
-
-    code, _, err = run_bench("report", "blur.jsonl", "--suite", "sharp")
-    assert code == 2
-    assert "--suite: results of bench blur have no choice of it" in err
-
-
-def test_a_failure_is_recorded_and_reported(
-    run_bench: Callable[..., Run], tree: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fail(*_: object, **__: object) -> None:
-        raise RuntimeError("no luck")
-
-    monkeypatch.setattr("phasestereo_bench.blur.trials.estimate_blur", fail)
-
-    code, out, err = run_bench("blur", tree, "--every", 40, "--workers", 0)
-    assert (code, out) == (1, "")
-    message = "3 of 3 trials failed, the first of them none, 0.0, squares: RuntimeError: no luck"
-    assert err == f"phasestereo: error: {message}\n"
-
-
-@pytest.mark.usefixtures("tree")
-@pytest.mark.parametrize(
-    ("arguments", "code", "message"),
-    [
-        ((), 1, "no folder given"),
-        (("missing",), 1, "no such folder"),
-        (("data", "--scene", "cones"), 2, "--scene: got 'cones'; there is scenes2001/squares"),
-        (("data", "--every", "0"), 2, "--every"),
-        (("data", "--workers", "-1"), 2, "--workers"),
-    ],
-)
-def test_commands_that_are_refused(
-    run_bench: Callable[..., Run], arguments: tuple[str, ...], code: int, message: str
-) -> None:
-    answer = run_bench("blur", *arguments)
-    assert (answer[0], answer[1]) == (code, "")
-    assert message in answer[2]

@@ -1,7 +1,6 @@
 """Cases: which image is degraded, by what, and what the other one becomes."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -74,26 +73,3 @@ def test_which_rows_have_a_true_blur(scene: Scene) -> None:
     assert without == {"sharp", "contrast 1.5 0.6", "mixed"}
     with pytest.raises(ValueError, match="no true blur of 'mixed'"):
         views(Case(scene, "one-sided-blur", "mixed", "left"), true_blur=True)
-
-
-def test_degradations_of_ones_own(scene: Scene) -> None:
-    def darker(image: NDArray[Any]) -> NDArray[Any]:
-        return image // 2
-
-    pair = scene.load()
-
-    case = Case(scene, "custom", "darker", "right", recipe=darker)
-    assert case.kernel is None
-    np.testing.assert_array_equal(views(case)["right"], pair.right // 2)
-
-    blur = Case(scene, "custom", "blur", "right", recipe=Degradation(disk_psf(2)))
-    expected = Degradation(disk_psf(2))(pair.left)
-    np.testing.assert_array_equal(views(blur, true_blur=True)["left"], expected)
-
-
-@pytest.mark.parametrize(
-    "spoil", [lambda image: image[1:], lambda image: image / 2, lambda _: None]
-)
-def test_a_degradation_keeps_shape_and_type(scene: Scene, spoil: Any) -> None:
-    with pytest.raises(ValueError, match="^degradation 'spoil' must keep shape"):
-        views(Case(scene, "custom", "spoil", "left", recipe=spoil))

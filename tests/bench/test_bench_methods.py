@@ -3,7 +3,6 @@
 import sys
 from dataclasses import asdict, replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,11 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 import phasestereo as ps
-from phasestereo_bench import available, method, opencv, run_middlebury
-from phasestereo_bench.datasets import find_scenes
+from phasestereo_bench import available, method, opencv
 from phasestereo_bench.demo import SGBM
 from phasestereo_bench.methods import BASELINES
-from test_bench_cases import plant
 
 RNG = np.random.default_rng(0)
 SHIFT, COUNT = 5, 16
@@ -143,60 +140,3 @@ def test_a_function_is_a_method() -> None:
     chosen = method(own)
     assert (chosen.name, chosen.match) == ("test_bench_methods:own", own)
     assert method("test_bench_methods:own") == chosen
-
-
-@pytest.fixture
-def plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    """Install a distribution that adds methods; return the name of the one that works."""
-    (tmp_path / "shift_plugin.py").write_text(
-        "import numpy as np\n"
-        "constant = 3\n"
-        "def match(left, right, num_disparities):\n"
-        "    return np.full(left.shape[:2], 4.0)\n"
-    )
-
-    info = tmp_path / "shift_plugin-1.2.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: shift-plugin\nVersion: 1.2\n")
-
-    (info / "entry_points.txt").write_text(
-        "[phasestereo.methods]\n"
-        "shift=shift_plugin:match\n"
-        "no-function=shift_plugin:constant\n"
-        "broken=not_there_plugin:match\n"
-        "paper=shift_plugin:match\n"
-    )
-
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.delitem(sys.modules, "shift_plugin", raising=False)
-    return "shift"
-
-
-def test_an_entry_point_is_a_method(plugin: str) -> None:
-    assert plugin in available()
-
-    chosen = method(f"{plugin}+true-blur")
-    assert (chosen.name, chosen.true_blur) == (plugin, True)
-
-    assert chosen.settings == {
-        "entry_point": "shift_plugin:match",
-        "distribution": "shift-plugin 1.2",
-    }
-
-    assert (found(plugin) == 4).all()
-
-
-def test_an_entry_point_runs_in_other_processes(plugin: str, tmp_path: Path) -> None:
-    scenes = find_scenes(plant(tmp_path, "one"))
-    (record,) = run_middlebury(scenes, [plugin], ["sharp"], workers=1)
-    assert (record["method"], record["v2"]["all"]) == (plugin, 0)
-    assert record["settings"]["distribution"] == "shift-plugin 1.2"
-
-
-@pytest.mark.usefixtures("plugin")
-def test_entry_points_that_are_of_no_use() -> None:
-    with pytest.raises(TypeError, match="'no-function' is no function but int"):
-        method("no-function")
-    with pytest.raises(ImportError, match="not_there_plugin"):
-        method("broken")
-    assert method("paper").settings == asdict(ps.PRESETS["paper"]), "ours are not replaced"

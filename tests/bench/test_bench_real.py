@@ -34,19 +34,23 @@ GRAY = np.arange(600, dtype=np.uint16).reshape(20, 30).astype(np.uint8)
 
 
 def test_frames_are_found_by_their_names(tmp_path: Path) -> None:
-    for name in ("cam0/a.png", "cam0/b.png", "cam1/b.png", "left_1.png", "right_1.png"):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        write_image(tmp_path / name, GRAY)
+    for name in ("cam0/a.png", "cam0/b.png", "cam1/b.png"):
+        (tmp_path / "rig" / name).parent.mkdir(exist_ok=True, parents=True)
+        write_image(tmp_path / "rig" / name, GRAY)
+    (files,) = find_recording(tmp_path / "rig").frames
+    assert [path.name for path in files] == ["b.png", "b.png"]
 
+    for name in ("left_1.png", "right_1.png"):
+        write_image(tmp_path / name, GRAY)
     write_image(tmp_path / "left_2.png", GRAY)  # without its right one
     write_image(tmp_path / "wide.png", np.hstack([GRAY, 255 - GRAY]))
     write_image(tmp_path / "other.png", GRAY)
 
     recording = find_recording(tmp_path)
     names = [tuple(path.name for path in files) for files in recording.frames]
-    assert names == [("b.png", "b.png"), ("left_1.png", "right_1.png"), ("wide.png",)]
+    assert names == [("left_1.png", "right_1.png"), ("wide.png",)]
 
-    left, right = read_frame(recording.frames[2])
+    left, right = read_frame(recording.frames[1])
     np.testing.assert_array_equal(left, GRAY)
     np.testing.assert_array_equal(right, 255 - GRAY)
 

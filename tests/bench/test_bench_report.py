@@ -11,7 +11,7 @@ import pytest
 
 from phasestereo_bench.cases import SUITE_SCENES, SUITES
 from phasestereo_bench.datasets import find_scene, find_scenes
-from phasestereo_bench.report import fill_document, read_results
+from phasestereo_bench.report import document_texts, fill_places, read_results
 from phasestereo_bench.report.cells import Place
 from phasestereo_bench.report.markdown import fill_markers, markdown_table, markdown_text
 from phasestereo_bench.report.origin import explain, made_with, origin
@@ -276,7 +276,7 @@ def test_only_sharp_pairs_have_such_tables(small: Results, tmp_path: Path) -> No
     path = tmp_path / "sharp.md"
     path.write_text("".join(f"<!-- bench:sharp{n} --><!-- /bench:sharp{n} -->" for n in ENDINGS))
 
-    fill_document(path, results)
+    fill_places(path, document_texts(results))
     for table in (v2_table(results), v3_table(results), scene_table(results, "v2.nonocc")):
         assert markdown_table(table) in path.read_text("utf-8")
 
@@ -447,7 +447,7 @@ def test_markers_are_filled_and_filled_again() -> None:
         "<!-- bench:a --><!-- /bench:a -->\r\n", {"a": "x\ny"}
     )
 
-    kept = fill_markers(document, {"a": "A"}, others=["b"])
+    kept = fill_markers(document, {"a": "A"})
     assert "<!--bench:b-->old\n<!-- /bench:b -->" in kept
 
 
@@ -456,19 +456,15 @@ def test_markers_are_filled_and_filled_again() -> None:
     [
         ("no marker", "no marker to fill; accepts <!-- bench:a -->"),
         ("<!-- bench:b --><!-- /bench:b -->", "no marker to fill"),
-        (
-            "<!-- bench:c --><!-- /bench:c -->",
-            "unknown marker <!-- bench:c -->; accepts the names a, b",
-        ),
-        ("<!-- bench:a -->", "marker <!-- bench:a --> has no end"),
-        ("<!-- bench:a --><!-- bench:b --><!-- /bench:b -->", "marker <!-- bench:a --> has no end"),
-        ("<!-- bench:a --><!-- /bench:b -->", "marker <!-- bench:a --> has no end"),
-        ("<!-- /bench:a --><!-- bench:a -->", "marker <!-- /bench:a --> has no start"),
+        ("<!-- bench:a -->", "marker <!-- bench:a --> has no counterpart"),
+        ("<!-- bench:a --><!-- bench:b --><!-- /bench:b -->", "marker <!-- bench:a --> has no"),
+        ("<!-- bench:a --><!-- /bench:b -->", "marker <!-- bench:a --> has no counterpart"),
+        ("<!-- /bench:a --><!-- bench:a -->", "marker <!-- /bench:a --> has no counterpart"),
     ],
 )
 def test_refusals_of_documents(document: str, message: str) -> None:
     with pytest.raises(ValueError, match=re.escape(message)):
-        fill_markers(document, {"a": "A"}, others=["b"])
+        fill_markers(document, {"a": "A"})
 
 
 def test_documents_are_replaced_as_a_whole(whole: Results, tmp_path: Path) -> None:
@@ -478,7 +474,7 @@ def test_documents_are_replaced_as_a_whole(whole: Results, tmp_path: Path) -> No
     document = "\n".join(["# Ä", *places])
     path.write_text(document, "utf-8")
 
-    fill_document(path, whole)
+    fill_places(path, document_texts(whole))
     filled = path.read_text("utf-8")
     assert markdown_table(mean_table(whole, "v2.nonocc")) in filled
     assert filled.startswith("# Ä\n")
@@ -493,12 +489,12 @@ def test_documents_are_replaced_as_a_whole(whole: Results, tmp_path: Path) -> No
         assert fact in filled.replace("\n", " ")
 
     before = path.stat()
-    fill_document(path, whole)
+    fill_places(path, document_texts(whole))
     assert path.stat() == before
 
     path.write_text("<!-- bench:sharp --><!-- /bench:sharp -->", "utf-8")
     with pytest.raises(ValueError, match=r"README.md: no marker to fill"):
-        fill_document(path, whole)
+        fill_places(path, document_texts(whole))
     assert [entry.name for entry in tmp_path.iterdir() if entry.name.startswith(".")] == []
 
 
@@ -511,15 +507,10 @@ def cli() -> Any:
     return pytest.importorskip("phasestereo.cli")
 
 
-def test_command(
-    whole: Results, tmp_path: Path, cli: Any, capsys: pytest.CaptureFixture[str]
-) -> None:
-    source, readme = str(tmp_path / "whole.jsonl"), tmp_path / "README.md"
-    readme.write_text(
-        "<!-- bench:one-sided-blur-scenes --><!-- /bench:one-sided-blur-scenes -->", "utf-8"
-    )
-    plot = tmp_path / "means.png"
-    arguments = ["bench", "report", source, "-o", str(plot), "--readme", str(readme)]
+@pytest.mark.usefixtures("whole")
+def test_command(tmp_path: Path, cli: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    source, plot = str(tmp_path / "whole.jsonl"), tmp_path / "means.png"
+    arguments = ["bench", "report", source, "-o", str(plot)]
 
     assert cli.run(arguments) == 0
     out, err = capsys.readouterr()
@@ -530,7 +521,6 @@ def test_command(
     assert "Left out, records of other benchmarks: cost\n" in out
     assert plot.read_bytes().startswith(b"\x89PNG")
     assert "OpenCV 5.0" in out
-    assert markdown_table(scene_table(whole, "v2.nonocc")) in readme.read_text("utf-8")
 
     chosen = ["--method", "opencv:sgbm", "--metric", "v3.bad_2", "--side", "left", "--suite", SUITE]
     assert cli.run(["bench", "report", source, *chosen]) == 0
@@ -541,8 +531,6 @@ def test_command(
 
 def test_command_refuses(tmp_path: Path, cli: Any, capsys: pytest.CaptureFixture[str]) -> None:
     source = str(store(tmp_path / "small.jsonl", [record("paper", 1.0)]))
-    readme = tmp_path / "README.md"
-    readme.write_text("no marker", "utf-8")
     base = ["bench", "report", source, "-o", str(tmp_path / "out.svg")]
 
     cases = [
@@ -551,7 +539,6 @@ def test_command_refuses(tmp_path: Path, cli: Any, capsys: pytest.CaptureFixture
         ([*base, "--metric", "bad"], 2, "--metric: got 'bad'"),
         ([*base, "--side", "right"], 2, "--side: got 'right'"),
         ([*base, "--method", "sad"], 2, "--method: got 'sad'"),
-        ([*base, "--readme", str(readme)], 1, "README.md: no marker"),
         ([*base[:3], "-o", str(tmp_path / "a.pdf")], 2, "--output: got"),
     ]
 
@@ -562,7 +549,6 @@ def test_command_refuses(tmp_path: Path, cli: Any, capsys: pytest.CaptureFixture
         assert message in line
 
     assert not (tmp_path / "out.svg").exists()
-    assert readme.read_text("utf-8") == "no marker"
 
 
 # The document that defines the suite

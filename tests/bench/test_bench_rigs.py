@@ -17,7 +17,7 @@ from phasestereo_bench import run_middlebury
 from phasestereo_bench.cases import SUITE_SCENES, SUITES, Case
 from phasestereo_bench.datasets import Pair, find_scene, find_scenes
 from phasestereo_bench.methods import Method
-from phasestereo_bench.middlebury import matched
+from phasestereo_bench.middlebury import matched_pair
 from phasestereo_bench.rigs import FAULTS, QUICK_SCENES, RIGS, side_of
 from phasestereo_bench.rigs.depth import DepthOfField, Raised, filled, seen_from_right
 from phasestereo_bench.rigs.geometry import Misaligned
@@ -269,7 +269,7 @@ def test_only_those_who_know_the_range_have_its_start_taken_off() -> None:
             seen.append(right)
             return np.full(left.shape[:2], 4.0)
 
-        found = matched(Method("mine", match, told=told), pair)
+        found = matched_pair(Method("mine", match, told=told), pair)
         assert (found.disparity == 4 - start).all()
         np.testing.assert_array_equal(seen[0], np.roll(pair.right, shift, axis=1))
 

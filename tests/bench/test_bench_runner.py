@@ -4,7 +4,6 @@ import json
 import math
 import os
 import shutil
-import signal
 import subprocess
 import sys
 import time
@@ -54,15 +53,6 @@ def fail_unless(path: str) -> Mapping[str, Any]:
     if not Path(path).exists():
         raise FileNotFoundError(path)
     return {}
-
-
-def kill() -> Mapping[str, Any]:
-    os.kill(os.getpid(), signal.SIGKILL)
-    return {}
-
-
-def leave(code: int) -> Mapping[str, Any]:
-    os._exit(code)
 
 
 def lie() -> Mapping[str, Any]:
@@ -163,25 +153,6 @@ def test_what_cannot_be_sent_fails_its_cell(store: Path) -> None:
     bad, good = run_jobs(jobs, store, workers=1)
     assert "lambda" in bad["error"]
     assert good["status"] == "ok"
-
-
-def test_a_process_that_dies_fails_its_cell(store: Path) -> None:
-    jobs = [
-        job("killed", kill),
-        *(job(f"{n}", square, number=n) for n in range(3)),
-        job("left", leave, code=3),
-        *(job(f"{n}", square, number=n) for n in range(3, 6)),
-    ]
-
-    records = run_jobs(jobs, store, workers=2)
-
-    failed = {record["name"]: record["error"] for record in records if record["status"] != "ok"}
-    assert failed == {
-        "killed": "WorkerDiedError: its worker died: killed by SIGKILL, as when memory runs out",
-        "left": "WorkerDiedError: its worker died: ended with exit code 3",
-    }
-
-    assert [record["square"] for record in records if "square" in record] == [0, 1, 4, 9, 16, 25]
 
 
 # Going on

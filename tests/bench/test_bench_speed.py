@@ -4,7 +4,6 @@
 # mypy: no-strict-optional
 
 import copy
-import json
 import os
 import sys
 import threading
@@ -19,11 +18,12 @@ import pytest
 from conftest import Run
 from phasestereo import _core, io
 from phasestereo.settings import PRESETS
-from phasestereo_bench import read_store
+from phasestereo_bench import read_store, run_jobs
 from phasestereo_bench import speed as bench
 from phasestereo_bench.environment import usable_cpus
 from phasestereo_bench.speed import GrayPair, contenders, memory, records, rounds
 from phasestereo_bench.speed.affinity import pinned
+from phasestereo_bench.tables import table_texts
 
 cv2 = pytest.importorskip("cv2")
 
@@ -176,7 +176,7 @@ def test_memory_is_that_of_the_match(pair: GrayPair) -> None:
 
 @pytest.mark.usefixtures("weightless")
 def test_figures_follow_from_the_seconds(tmp_path: Path, pair: GrayPair) -> None:
-    records = bench.run_speed([pair], tmp_path / "speed.jsonl", rounds=3)
+    records = run_jobs(bench.speed_jobs([pair], rounds=3), tmp_path / "speed.jsonl", workers=0)
     assert [(record["preset"], record["threads"]) for record in records] == [
         (preset, threads) for preset in ("fast", "robust") for threads in ("one", "all")
     ]
@@ -233,12 +233,16 @@ def test_done_is_not_done_again_unless_something_changed(
     tmp_path: Path, pair: GrayPair, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     store = tmp_path / "speed.jsonl"
-    first = bench.run_speed([pair], store, rounds=1)
+
+    def run() -> list[dict[str, Any]]:
+        return run_jobs(bench.speed_jobs([pair], rounds=1), store, workers=0)
+
+    first = run()
     content = store.read_bytes()
-    assert (bench.run_speed([pair], store, rounds=1), store.read_bytes()) == (first, content)
+    assert (run(), store.read_bytes()) == (first, content)
 
     monkeypatch.setattr(_core, "simd_level", lambda: "another")
-    assert [r["simd"] for r in bench.run_speed([pair], store, rounds=1)] == ["another"] * 4
+    assert [r["simd"] for r in run()] == ["another"] * 4
     assert len(read_store(store)) == 9  # an environment, and twice four records
 
 
@@ -292,18 +296,8 @@ def test_real_pairs_have_the_sizes_that_are_stated(data: Path, tmp_path: Path) -
 # What the tables show
 
 
-ENVIRONMENT = {
-    "kind": "environment",
-    "id": "e",
-    "cpu": "Some [CPU]",
-    "commit": None,
-    "versions": {"phasestereo": "1.2.3", "opencv": "5.0"},
-    "date": "2026-01-02",
-}
-
-
 def record(**changed: Any) -> dict[str, Any]:
-    """Return a record such as `run_speed` makes."""
+    """Return a record such as those of `speed_jobs`."""
     rival = {"median_ratio": 1.5, "memory": {"peak_bytes": 4_000_000, "result_bytes": 2}}
     made = {
         "kind": "speed",
@@ -331,28 +325,19 @@ def record(**changed: Any) -> dict[str, Any]:
     return {**made, **changed}
 
 
-def stored(path: Path, *lines: dict[str, Any]) -> Path:
-    path.write_text("".join(json.dumps(line) + "\n" for line in (ENVIRONMENT, *lines)))
-    return path
-
-
-def test_tables_show_the_last_record_of_each_cell_by_size(tmp_path: Path) -> None:
+def test_tables_show_records_by_size() -> None:
     lines = [
-        record(ours={**record()["ours"], "median": 9.0}),
         record(threads="all", thread_count=8, pinned_to=None),
         record(pair="tsukuba", height=288, width=384, num_disparities=16),
         record(),
-        record(status="failed", error="late"),
     ]
 
-    lines[1]["rivals"]["opencv:bm"]["memory"] = {"error": "it died"}
-    del lines[2]["rivals"]["opencv:sgbm-3way"]
-
-    results = bench.read_speed([stored(tmp_path / "speed.jsonl", *lines)])
-    assert results.pinned
+    lines[0]["rivals"]["opencv:bm"]["memory"] = {"error": "it died"}
+    del lines[1]["rivals"]["opencv:sgbm-3way"]
+    assert "a single thread was held to one processor" in bench.explain_speed(lines)
 
     texts = [
-        [[entry.text for entry in row] for row in table(results).rows]
+        [[entry.text for entry in row] for row in table(lines).rows]
         for table in (bench.time_table, bench.memory_table)
     ]
 
@@ -373,21 +358,6 @@ def test_tables_show_the_last_record_of_each_cell_by_size(tmp_path: Path) -> Non
     ]
 
 
-@pytest.mark.parametrize(
-    ("lines", "message"),
-    [
-        ([record(ours={})], "is not whole: KeyError"),
-        ([record(status="failed", error="no luck")], "all 1 cells failed, no luck"),
-        ([record(), {"kind": "middlebury"}], "several benchmarks: middlebury, speed; give one"),
-    ],
-)
-def test_files_of_mixed_or_wrong_records_are_refused(
-    tmp_path: Path, lines: list[dict[str, Any]], message: str
-) -> None:
-    with pytest.raises(ValueError, match=message):
-        bench.read_speed([stored(tmp_path / "speed.jsonl", *lines)])
-
-
 # The command
 
 
@@ -406,7 +376,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, weightless: None) ->
     return tmp_path
 
 
-def test_the_command_and_its_report(folder: Path, run_bench: Callable[..., Run]) -> None:
+@pytest.mark.usefixtures("folder")
+def test_the_command_and_its_tables(run_bench: Callable[..., Run]) -> None:
     command = ["speed", "-o", "out/speed.jsonl", "--rounds", 1]
     code, out, err = run_bench(*command)
     assert code == 0, err
@@ -418,12 +389,7 @@ def test_the_command_and_its_report(folder: Path, run_bench: Callable[..., Run])
     assert "0.01MPx16" in again
     assert "4 of 8 measurements are in out/speed.jsonl already" in err
 
-    document = folder / "speed.md"
-    document.write_text("<!-- bench:speed --><!-- /bench:speed -->\n")
-    code, out, err = run_bench("report", "out/speed.jsonl", "--readme", "speed.md")
-    assert code == 0, err
-    assert "265 x 40" in out
-    assert "| rendered | 265 x 40 | fast | 256 | 1 |" in document.read_text()
+    assert "| rendered | 265 x 40 | fast | 256 | 1 |" in table_texts(Path("out"))["speed"]
 
     code, _, err = run_bench(*command, "--pairs", "rendered", "--fresh")
     assert code == 0
@@ -447,22 +413,3 @@ def test_commands_that_are_refused(
     answer = run_bench("speed", "-o", "out/speed.jsonl", *arguments)
     assert answer[0] == code
     assert message in answer[2].splitlines()[-1]
-
-
-@pytest.mark.usefixtures("folder")
-def test_a_failure_is_recorded_and_reported(
-    run_bench: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fail(*_: object) -> None:
-        raise RuntimeError("no luck")
-
-    monkeypatch.setattr(records, "time_all_threads", fail)
-
-    code, out, err = run_bench(
-        "speed", "-o", "out/speed.jsonl", "--rounds", 1, "--pairs", "rendered"
-    )
-
-    assert code == 1
-    assert "2 of 4 measurements failed" in err
-    assert "RuntimeError: no luck" in err
-    assert "265 x 40" in out

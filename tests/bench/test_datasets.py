@@ -320,88 +320,23 @@ def full_folder(root: Path, collection: str, name: str) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("collection", "usual", "level", "offset"),
+    ("collection", "level", "offset"),
     [
-        ("scenes2005/ThirdSize", "Illum1/Exp1/", 70, 90),
-        ("scenes2006/HalfSize", "Illum1/Exp2/", 80, 135),
-        ("scenes2006/FullSize", "Illum1/Exp2/", 80, 270),
+        ("scenes2005/ThirdSize", 70, 90),
+        ("scenes2006/HalfSize", 80, 135),
+        ("scenes2006/FullSize", 80, 270),
     ],
 )
 def test_a_full_folder_of_2005_or_2006_has_a_usual_light(
-    tmp_path: Path, collection: str, usual: str, level: int, offset: float
+    tmp_path: Path, collection: str, level: int, offset: float
 ) -> None:
     full_folder(tmp_path, collection, "Art")
 
     (scene,) = find_scenes(tmp_path)
-    assert (scene.lefts[0], scene.rights[0]) == (f"{usual}view1.png", f"{usual}view5.png")
-    assert len(scene.lefts) == len(scene.rights) == 9
-    assert not any("view0" in image for image in scene.lefts + scene.rights)
-
     pair = scene.load()
     assert (pair.name, pair.left.max(), pair.right.max()) == ("Art", level + 1, level + 5)
     assert pair.truth is not None
     assert pair.offset == offset
-
-
-def test_other_light_and_exposure_can_be_chosen_for_either_image(tmp_path: Path) -> None:
-    full_folder(tmp_path, "scenes2005/ThirdSize", "Art")
-
-    (scene,) = find_scenes(tmp_path)
-    variant = scene.variant(left="Illum2/Exp0/view1.png", right="Illum3/Exp2/view5.png")
-
-    pair = variant.load()
-    assert (pair.left.max(), pair.right.max()) == (121, 205)
-    assert pair.name == variant.name == "Art (Illum2/Exp0/view1.png Illum3/Exp2/view5.png)"
-    assert str(variant) == f"scenes2005/ThirdSize/{variant.name}"
-
-    half = variant.variant(right="Illum3/Exp2/view5.png")  # from the usual images, not from these
-    assert half.name == "Art (Illum1/Exp1/view1.png Illum3/Exp2/view5.png)"
-    assert (half.load().left.max(), variant.lefts) == (71, scene.lefts)
-
-    seen = {int(scene.variant(right=image).load().right.max()) for image in scene.rights}
-    assert len(seen) == 9
-
-
-def test_the_right_images_of_2014_in_other_light_and_otherwise_exposed(tmp_path: Path) -> None:
-    folder = put(
-        tmp_path / "scenes2014" / "Pipes-perfect",
-        im0_png=plain(),
-        **{
-            f"im1{kind}_png": plain() + np.uint8(level)
-            for kind, level in (("", 1), ("E", 2), ("L", 3))
-        },
-        calib_txt=CALIBRATION.format(ndisp=16),
-    )
-    put(folder / "ambient" / "L1", im0e0_png=plain(), im1e0_png=plain(), im1e1_png=plain())
-
-    (scene,) = find_scenes(tmp_path)
-    assert scene.lefts == ("im0.png", "ambient/L1/im0e0.png")
-    assert scene.rights == (
-        "im1.png",
-        "ambient/L1/im1e0.png",
-        "ambient/L1/im1e1.png",
-        "im1E.png",
-        "im1L.png",
-    )
-
-    levels_seen = [scene.variant(right=f"im1{kind}.png").load().right.max() for kind in "EL"]
-    assert levels_seen == [2, 3]
-
-
-def test_a_variant_that_is_not_there_is_refused_with_those_that_are(tmp_path: Path) -> None:
-    folder = put(tmp_path / "scenes2014" / "Pipes-perfect", im0_png=plain(), im1_png=plain())
-    put(folder, im1E_png=plain())
-    (scene,) = find_scenes(tmp_path)
-
-    with pytest.raises(
-        ValueError, match=r"right: scenes2014/Pipes-perfect has no .*L.png'; there is im1.png, im1E"
-    ):
-        scene.variant(right="im1L.png")
-
-    with pytest.raises(ValueError, match=r"left: .* no image '../../x.png'; there is im0.png$"):
-        scene.variant(left="../../x.png")
-
-    assert cones(tmp_path).rights == ("im6.png",)
 
 
 @pytest.mark.parametrize("content", ["", "two", "nan", "-3", "inf", "1 2"])

@@ -1,8 +1,6 @@
 """Degradations: kernels and borders by hand, convolution against a direct loop, seeds, areas."""
 
 import pickle
-from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -139,9 +137,6 @@ def test_quantize_rounds_to_nearest_and_ties_to_even() -> None:
     np.testing.assert_array_equal(dg.quantize(values, np.uint8), [0, 0, 2, 2, 254, 255, 255])
     with pytest.raises(ValueError, match="NaN"):
         dg.quantize(np.array([np.nan]), np.uint8)
-    wrong: Any = np.int32
-    with pytest.raises(TypeError, match="dtype"):
-        dg.quantize(values, wrong)
 
 
 def test_noise_is_the_generators_and_comes_after_rounding() -> None:
@@ -191,10 +186,8 @@ def test_every_degradation_keeps_shape_dtype_and_input(
         np.testing.assert_array_equal(image, before)
 
 
-def test_the_default_is_the_identity_and_the_kernel_is_kept_safe() -> None:
-    image, psf = photograph(5, 6), np.ones((1, 1))
-    degrade = dg.Degradation(psf)
-    psf[0, 0] = 0
+def test_the_default_is_the_identity_and_can_be_sent() -> None:
+    image, degrade = photograph(5, 6), dg.Degradation(np.ones((1, 1)))
     np.testing.assert_array_equal(degrade(image), image)
     np.testing.assert_array_equal(dg.Degradation()(image), image)
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(degrade))(image), image)  # noqa: S301 - our own bytes
@@ -233,83 +226,3 @@ def test_suite_leaves_sharp_and_contrast_without_noise() -> None:
         quiet = dg.suite(noise=0)[name](image).astype(int)
         difference = suite[name](image).astype(int) - quiet
         assert 0.7 < difference.std() < 1.3, name
-
-
-LOOSE: Any = dg  # what is wrong is what is tested
-ONE, GRAY = np.ones((1, 1)), np.ones((3, 3))
-TWICE = [dg.Degradation(), dg.Degradation()]
-REFUSALS: list[tuple[Callable[[], object], type[Exception], str]] = [
-    *(
-        (partial(psf, number), error, message)
-        for psf in (LOOSE.gaussian_psf, LOOSE.disk_psf, LOOSE.motion_psf)
-        for numbers, error, message in (
-            ((-1, np.nan, np.inf, 1e9), ValueError, "must be a finite number in"),
-            (("2", None, True, 1j, [1.0]), TypeError, "must be a number"),
-        )
-        for number in numbers
-    ),
-    *(
-        (partial(dg.convolve, image, psf), error, message)
-        for image, psf, error, message in (
-            (GRAY, np.ones((2, 3)), ValueError, "psf must have odd sides"),
-            (GRAY, np.ones((1, 2051)), ValueError, "psf must have odd sides"),
-            (GRAY, np.ones(3), ValueError, "psf must have 2 dim"),
-            (GRAY, np.full((1, 1), np.nan), ValueError, "psf must not contain NaN"),
-            (GRAY, np.ones((1, 1), dtype=bool), TypeError, "psf must be an array"),
-            (GRAY, "soft", TypeError, "psf must be an array"),
-            (np.ones(3), ONE, ValueError, "image must have 2 or 3"),
-            (np.ones((3, 0)), ONE, ValueError, "image must have 2 or 3"),
-            (np.full((3, 3), np.inf), ONE, ValueError, "image must not contain"),
-            (np.ones((3, 3), dtype=complex), ONE, TypeError, "image must be an array"),
-        )
-    ),
-    *(
-        (partial(LOOSE.Degradation, **{field: value}), error, field)
-        for field, value, error in (
-            ("psf", np.ones((2, 2)), ValueError),
-            ("gamma", 0, ValueError),
-            ("gain", -1, ValueError),
-            ("offset", np.nan, ValueError),
-            ("noise", -0.1, ValueError),
-            ("noise", "1", TypeError),
-            ("seed", -1, ValueError),
-            ("seed", 1.0, TypeError),
-            ("seed", True, TypeError),
-        )
-    ),
-    *(
-        (partial(call, image), error, "image must be")
-        for call in (LOOSE.Degradation(), partial(dg.areas, layout=[[0]], versions=TWICE))
-        for image, error in (
-            (GRAY, TypeError),
-            ([[1, 2]], TypeError),
-            (np.ones((3, 3), dtype=np.int16), TypeError),
-            (np.ones(3, dtype=np.uint8), ValueError),
-            (np.ones((0, 3), dtype=np.uint8), ValueError),
-        )
-    ),
-    *(
-        (partial(dg.areas, photograph(8, 8), layout, TWICE), error, message)
-        for layout, error, message in (
-            ([[0, 2]], ValueError, "indices of the 2 versions"),
-            ([[-1]], ValueError, "indices of the 2 versions"),
-            ([[0.0]], TypeError, "layout must be an array of integers"),
-            ([0, 1], ValueError, "layout must be"),
-            (np.zeros((1, 9), dtype=int), ValueError, "layout must be"),
-            (np.zeros((0, 2), dtype=int), ValueError, "layout must be"),
-        )
-    ),
-    (
-        partial(dg.areas, photograph(8, 8), [[0]], [lambda image: image[1:]]),
-        ValueError,
-        r"versions\[0\] must keep shape",
-    ),
-]
-
-
-@pytest.mark.parametrize(("call", "error", "message"), REFUSALS)
-def test_bad_arguments_are_refused(
-    call: Callable[[], object], error: type[Exception], message: str
-) -> None:
-    with pytest.raises(error, match=message):
-        call()

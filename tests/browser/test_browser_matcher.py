@@ -48,6 +48,58 @@ window.matcher[task](...images.map(image), options).then((value) => {
 """
 
 
+# Has the worker tell how much memory the core has, whenever it is asked.
+_TELLING = """
+window.Worker = class extends Worker {
+    constructor(url, options) {
+        const more = `import "${url}";
+            const { instantiate } = WebAssembly;
+            let memory = null;
+            WebAssembly.instantiate = async (...given) => {
+                const made = await instantiate(...given);
+                memory = made.exports.memory;
+                return made;
+            };
+            const work = self.onmessage;
+            self.onmessage = (event) => {
+                const { id, task } = event.data;
+                if (task !== "tell") work(event);
+                else postMessage({ id, value: memory.buffer.byteLength });
+            };`;
+        super(URL.createObjectURL(new Blob([more], { type: "text/javascript" })), options);
+    }
+};
+"""
+
+# Has the page match again and again, and keep the core's bytes of memory before and after.
+_REPEAT = """
+const [times, address] = arguments;
+const image = (width, height) => {
+    const data = new Uint8ClampedArray(4 * width * height);
+    for (let at = 0; at < data.length; at++) data[at] = Math.imul(at + width, 2654435761) >>> 24;
+    return { width, height, data };
+};
+const sizes = [[96, 64], [40, 90], [17, 16], [1, 1]];
+import(address).then(async ({ createMatcher }) => {
+    const matcher = await createMatcher();
+    let done = 0;
+    const once = async (n) => {
+        const [width, height] = sizes[n % sizes.length];
+        const pair = [image(width, height), image(width, height)];
+        const preset = ["fast", "robust", "paper"][n % 3];
+        const numDisparities = n % 5 ? 16 : 0;
+        await matcher.match(...pair, { preset, numDisparities }).then(() => done++, () => {});
+        if (n % 7 === 0) await matcher.check(...pair).catch(() => {});
+    };
+    for (let n = 0; n < 60; n++) await once(n);
+    const before = await matcher.call("tell", {});
+    for (let n = 0; n < times; n++) await once(n);
+    window.told = [before, await matcher.call("tell", {}), done];
+    matcher.close();
+}).catch((error) => { window.told = error.message; });
+"""
+
+
 class MatcherPage:
     """A page that has the matcher."""
 
@@ -191,6 +243,17 @@ def test_faults_are_reported_and_the_next_call_works(page: MatcherPage, rendered
         page.match(rendered, preset="fast", numDisparities=48),
         ps.match(*rendered, preset="fast", num_disparities=48),
     )
+
+
+def test_two_hundred_matches_take_no_more_memory(browser: Browser, address: str) -> None:
+    """Of some sizes, by all presets; with those that are refused, too."""
+    browser.visit(f"{address}/matcher.js")
+    browser.run(_TELLING)
+    browser.run(_REPEAT, 200, f"{address}/matcher.js")
+    browser.wait("window.told !== undefined", 120)
+    before, after, done = browser.run("return window.told")
+    assert before == after
+    assert done > 200
 
 
 def test_a_module_that_is_not_there_is_reported(page: MatcherPage, address: str) -> None:

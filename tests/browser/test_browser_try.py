@@ -6,7 +6,7 @@ import subprocess
 import sys
 import zlib
 from base64 import b64decode, b64encode
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import hostile
 from browser import Browser, serving
 from conftest import ENVIRONMENT, counterpart
 from documentation import ROOT
@@ -246,6 +247,49 @@ def drop(browser: Browser, *files: tuple[str, bytes]) -> dict[str, Any]:
     return dict(browser.run("return calls.at(-1)"))
 
 
+NO_IMAGE = "is not an image that this browser reads"
+GRAY = np.random.default_rng(0).integers(0, 256, (60, 90), np.uint8)
+
+
+def written(kind: str) -> bytes:
+    """Return an image of noise as a file."""
+    target = BytesIO()
+    counterpart("PIL.Image").fromarray(GRAY).save(target, kind)
+    return target.getvalue()
+
+
+@pytest.mark.parametrize(("content", "message"), [
+    (lambda: written("PNG")[:2000], NO_IMAGE),
+    (lambda: written("JPEG")[:1500], NO_IMAGE),
+    (lambda: hostile.png(2**31 - 1, 2**31 - 1, 0, b"x"), NO_IMAGE),
+    (lambda: hostile.png(65535, 65535, 0, zlib.compress(b"0")), NO_IMAGE),
+    (lambda: hostile.png(0, 0, 0), NO_IMAGE),
+    (lambda: png16(0)[:-40], NO_IMAGE),
+    (lambda: deep(2**31 - 1, 2**31 - 1), "got 2147483647 x 2147483647 pixels; accepts 1 to 100,"),
+    (lambda: deep(0, 7), "got 0 x 7 pixels; accepts 1 to 100,000,000 in all"),
+    (lambda: deep(10_000, 10_000, zlib.compress(bytes(100))), NO_IMAGE),
+    (lambda: b"", NO_IMAGE),
+    (lambda: b"no image", NO_IMAGE),
+    (lambda: b"%PDF-1.4", NO_IMAGE),
+    (lambda: b"<svg xmlns='http://www.w3.org/2000/svg' width='9' height='9'/>", NO_IMAGE),
+])  # fmt: skip
+def test_what_is_no_image_is_refused(
+    opened: Browser, content: Callable[[], bytes], message: str
+) -> None:
+    opened.run(DROP_BYTES, [[f"{side}.png", b64encode(content()).decode()] for side in "ab"])
+    opened.wait("!document.getElementById('trouble').hidden", 5)
+    said = opened.text("trouble").replace("\N{MULTIPLICATION SIGN}", "x")
+    assert said.partition(": ")[0] in ("a.png", "b.png")
+    assert said.partition(": ")[2].startswith(message)
+    assert opened.complaints() == []
+
+
+def deep(cols: int, rows: int, data: bytes = b"") -> bytes:
+    """Return a PNG of 16 bits of what it says to hold, and may not."""
+    eight, sixteen = (bytes([depth, 0, 0, 0, 0]) for depth in (8, 16))
+    return hostile.png(cols, rows, 0, data).replace(eight, sixteen, 1)
+
+
 def test_a_file_of_two_pictures_is_dropped(opened: Browser) -> None:
     pil = counterpart("PIL.Image")
     left, right, preview = (
@@ -418,6 +462,17 @@ def test_all_of_it_is_small(core: Path) -> None:
     sizes = {path.name: len(zlib.compress(path.read_bytes(), 9)) for path in core.iterdir()}
     assert {"index.html", "viewer.js", "page.js", CORE.name} <= sizes.keys()
     assert sum(sizes.values()) < MOST_BYTES
+
+
+@pytest.mark.parametrize(("cols", "rows"), [(1, 1), (1, 5000), (60_000, 1)])
+def test_the_core_answers_for_strange_sizes(
+    browser: Browser, site: str, core: Path, cols: int, rows: int
+) -> None:
+    open_page(browser, f"{site}/{core.name}")
+    content = hostile.png(cols, rows, 0, zlib.compress(bytes((cols + 1) * rows)))
+    browser.run(DROP_BYTES, [[name, b64encode(content).decode()] for name in ("a", "b")])
+    browser.wait("document.documentElement.dataset.matched")
+    assert browser.complaints() == []
 
 
 def test_findings_are_those_of_the_command_line(

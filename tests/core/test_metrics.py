@@ -54,8 +54,8 @@ def test_middlebury_v2_scores_each_region_there_is() -> None:
     assert (wider.nonocc, wider.disc, wider.threshold) == (None, None, 2.0)
 
 
-def test_middlebury_v3_by_hand() -> None:
-    record = metrics.middlebury_v3(ESTIMATE, TRUTH, num_disparities=16)
+def test_scores_by_hand() -> None:
+    record = metrics.score(ESTIMATE, TRUTH, num_disparities=16)
 
     errors = [0, 0.25, 1, 1, 2, 5]
     assert record.pixels == 8
@@ -78,8 +78,6 @@ def test_middlebury_v3_by_hand() -> None:
 def test_estimates_are_clipped_to_the_range_of_disparities(
     estimate: float, truth: float, error: float
 ) -> None:
-    record = metrics.middlebury_v3(row(estimate), row(truth), num_disparities=16)
-    assert record.avgerr == error
     both = metrics.score(row(estimate), row(truth), num_disparities=16)
     assert (both.avgerr, both.epe) == (error, abs(estimate - truth))
 
@@ -101,7 +99,6 @@ def test_an_outlier_of_kitti_is_off_by_3_px_and_5_percent(
     truth: float, estimate: float, *, outlier: bool
 ) -> None:
     estimates, truths = row(estimate, 20), row(truth, 20)
-    assert metrics.kitti_d1(estimates, truths) == 50.0 * outlier
     assert metrics.score(estimates, truths).d1 == 50.0 * outlier
 
 
@@ -245,8 +242,6 @@ def test_a_loop_over_pixels_counts_the_same(
 ALL: list[tuple[str, Measure]] = [
     ("bad_pixels", lambda d, gt, m: metrics.bad_pixels(d, gt, 1, m)),
     ("middlebury_v2", lambda d, gt, m: metrics.middlebury_v2(d, (gt, {"all": m}))),
-    ("middlebury_v3", lambda d, gt, m: metrics.middlebury_v3(d, gt, m, num_disparities=9)),
-    ("kitti_d1", metrics.kitti_d1),
     ("end_point_error", metrics.end_point_error),
     ("score", lambda d, gt, m: metrics.score(d, gt, mask=m)),
     ("subpixel", metrics.subpixel),
@@ -292,8 +287,6 @@ def test_a_threshold_is_a_number_of_pixels(threshold: Any, error: type[Exception
     ("count", "error"), [(0, ValueError), (-16, ValueError), (16.0, TypeError), (True, TypeError)]
 )
 def test_num_disparities_is_a_positive_integer(count: Any, error: type[Exception]) -> None:
-    with pytest.raises(error, match="^num_disparities: got"):
-        metrics.middlebury_v3(FLAT, FLAT, num_disparities=count)
     with pytest.raises(error, match="^num_disparities: got"):
         metrics.score(FLAT, FLAT, num_disparities=count)
 

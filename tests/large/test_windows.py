@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import re
+import struct
 import sys
 from os import truncate
 from typing import TYPE_CHECKING, Any
@@ -299,6 +300,26 @@ def test_a_damaged_or_hostile_chunk_of_a_zarr_array_is_refused(
         raster.read(0, 100)
         with pytest.raises(ValueError, match=f"image.zarr: rows 100 to 199 .*{message}"):
             raster.read(0, HEIGHT)
+
+
+@pytest.mark.parametrize("first", [HEIGHT - 1, 0])  # some of a shard, or all of it
+def test_a_hostile_chunk_within_a_shard_is_refused(tmp_path: Path, first: int) -> None:
+    path, image = tmp_path / "image.zarr", noise(HEIGHT, WIDTH)
+    layout = {"chunks": (HEIGHT // 2, WIDTH), "shards": (HEIGHT, WIDTH)}
+    array = zarr.create_array(path, shape=image.shape, dtype="u1", compressors=ZSTD, **layout)
+    array[:] = np.ones_like(image)
+    shard = bytearray((path / "c/0/0").read_bytes())
+    check(path, np.ones_like(image))
+
+    place = shard.rindex(b"\x28\xb5\x2f\xfd")
+    assert shard[place + 4] >> 5 == 3  # a size of two bytes, which follows
+    shard[place + 4 : place + 13] = b"\xe0" + struct.pack("<Q", 2**32)
+    (path / "c/0/0").write_bytes(shard)
+    with (
+        open_raster(path) as raster,
+        pytest.raises(ValueError, match=r"image.zarr: rows .* unpacks to 4294967296 bytes"),
+    ):
+        raster.read(first, HEIGHT)
 
 
 @pytest.mark.parametrize("packer", ["zlib", "lz4", "lzma", None])

@@ -108,10 +108,16 @@ class Bag:
         """Add a message."""
         self.items.append((topic, stamp, message))
 
-    def write(self, path: Path) -> Path:
-        """Write a .bag, a .mcap file, or with any other name a folder of rosbag2."""
+    def write(self, path: Path, packed: str = "none") -> Path:
+        """Write a .bag, a .mcap file, or with any other name a folder of rosbag2.
+
+        A .bag is packed by "bz2" or "lz4", others by zstd: "storage", "message" or "file".
+        """
         if path.suffix == ".bag":
-            with rosbag1.Writer(path) as writer:
+            writer = rosbag1.Writer(path)
+            if packed != "none":
+                writer.set_compression(writer.CompressionFormat[packed.upper()])
+            with writer:
                 self._fill(writer, self.types.serialize_ros1)
             return path
 
@@ -119,7 +125,10 @@ class Bag:
         plugins = rosbag2.StoragePlugin
         plugin = plugins.MCAP if path.suffix == ".mcap" else plugins.SQLITE3
 
-        with rosbag2.Writer(folder, version=8, storage_plugin=plugin) as writer:
+        writer = rosbag2.Writer(folder, version=8, storage_plugin=plugin)
+        mode = rosbag2.CompressionMode[packed.upper()]
+        writer.set_compression(mode, rosbag2.CompressionFormat.ZSTD)
+        with writer:
             self._fill(writer, self.types.serialize_cdr)
 
         if path.suffix == ".mcap":

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import json
 import re
+import struct
+from contextlib import closing
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
+import hostile
 import phasestereo as ps
 import robots
+from conftest import counterpart
 from phasestereo.io import Calibration
 from phasestereo_live import ros, stream
+from phasestereo_live.ros import reading
 from phasestereo_live.ros.images import decode_image, encode_image
 from phasestereo_live.ros.infos import info_topic
 from phasestereo_live.ros.output import FrameWriter
@@ -58,6 +64,7 @@ def recording(
     types: Any = ROS2,
     topics: tuple[str, str] = TOPICS,
     doffs: float = 0.0,
+    packed: str = "none",
 ) -> Path:
     """Write a recording of some pairs from cameras that need no rectification."""
     bag = Bag(types)
@@ -75,7 +82,7 @@ def recording(
                 robots.image(types, stamp, np.ascontiguousarray(view[:, :, ::-1]), "bgr8"),
             )
 
-    return bag.write(path)
+    return bag.write(path, packed)
 
 
 def live(run: Callable[..., Run], path: Path, *more: object) -> Run:
@@ -171,6 +178,67 @@ def test_arrays_go_through_messages() -> None:
     for array in (cut(0)[0], np.eye(3, dtype=np.uint16), np.full((2, 3), np.nan, np.float32)):
         message = ROS2.types["sensor_msgs/msg/Image"](header=None, **encode_image(array))
         np.testing.assert_array_equal(decode_image(message), array)
+
+
+# Recordings that are packed
+
+
+def taken(path: Path) -> list[Any]:
+    """Return the pairs of a recording."""
+    with closing(ros.open_recording(path, *TOPICS)) as source:
+        return [capture.take() for capture in source.captures]
+
+
+@pytest.mark.parametrize(("name", "packed"), [
+    ("a.bag", "bz2"), ("a.bag", "lz4"), ("a.mcap", "storage"), ("a", "message"), ("a", "file"),
+])  # fmt: skip
+def test_packed_recordings_are_read(tmp_path: Path, name: str, packed: str) -> None:
+    types = ROS1 if name == "a.bag" else ROS2
+    pairs = taken(recording(tmp_path / name, types=types, packed=packed))
+    for index, (found, expected) in enumerate(zip(pairs, map(cut, range(3)), strict=True)):
+        np.testing.assert_array_equal(found, expected, str(index))
+
+
+@pytest.mark.parametrize("claimed", [10, 2**31])
+@pytest.mark.parametrize("packed", ["bz2", "lz4"])
+def test_a_chunk_unpacks_to_what_it_claims(tmp_path: Path, packed: str, claimed: int) -> None:
+    path = recording(tmp_path / "a.bag", types=ROS1, packed=packed)
+    content = bytearray(path.read_bytes())
+    struct.pack_into("<I", content, content.index(b"size=") + 5, claimed)
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=rf"a\.bag: claims to unpack to {claimed} bytes"):
+        taken(path)
+
+
+@pytest.mark.parametrize(("content", "message"), [
+    (hostile.zstd_zeros(2**31), "claims to unpack to 2147483648 bytes; records have"),
+    (hostile.zstd_zeros(2**31, said=False), "does not say to how much it unpacks"),
+])  # fmt: skip
+def test_a_packed_message_says_to_how_much_it_unpacks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes, message: str
+) -> None:
+    writing = counterpart("rosbags.rosbag2.writer")
+    monkeypatch.setattr(writing, "zstd", SimpleNamespace(compress=lambda _: content))
+    path = recording(tmp_path / "a", packed="message")
+    with pytest.raises(ValueError, match=f"a: .*{message}"):
+        taken(path)
+
+
+def test_a_packed_file_does_not_fill_the_disk(tmp_path: Path) -> None:
+    path = recording(tmp_path / "a", packed="file")
+    (file,) = path.glob("*.zstd")
+    file.write_bytes(hostile.zstd_zeros(2**29))
+    with pytest.raises(ValueError, match=r"a: unpacks to more than 100 times its size"):
+        taken(path)
+
+
+def test_chunks_that_overlap_are_bounded_together(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = recording(tmp_path / "a.mcap")
+    monkeypatch.setattr(reading, "_TOGETHER", 1000)
+    with pytest.raises(ValueError, match=r"a\.mcap: chunks of one time unpack to more than 1000"):
+        taken(path)
 
 
 # From recording to recording

@@ -5,10 +5,13 @@ from __future__ import annotations
 import http.client
 import http.cookies
 import json
+import os
 import re
+import shutil
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -425,6 +428,40 @@ def test_no_command_line_and_no_environment_has_a_secret(
     assert address[1] not in command + environment
     assert (address[0] in link, mode, folder_mode) == (True, "0o600", "0o700")
     assert not Path(re.search("file://([^\0]*)", command)[1]).exists()  # type: ignore[index]
+
+
+# Prints what a user reads of processes and a file, and what the server says to who has nothing.
+SNOOPING = """
+for file in /proc/[0-9]*/cmdline /proc/[0-9]*/environ "$1"; do cat "$file" 2>/dev/null; done
+exec 3<>"/dev/tcp/127.0.0.1/$2"
+printf 'GET / HTTP/1.1\\r\\nHost: 127.0.0.1:%s\\r\\nConnection: close\\r\\n\\r\\n' "$2" >&3
+cat <&3
+"""
+
+
+@pytest.mark.skipif(
+    not (hasattr(os, "geteuid") and os.geteuid() == 0 and shutil.which("bash")),
+    reason="only root becomes another user",
+)
+def test_another_user_of_the_machine_learns_nothing(show: Display) -> None:
+    with tempfile.TemporaryDirectory(prefix="phasestereo-") as home, Server(show) as server:
+        link = server.write_link(Path(home) / "viewer.html")
+        _, _, host, key = server.address.split("/")
+        room, cookie = let_in(server)
+
+        def learned(user: int) -> str:
+            program = ["bash", "-c", SNOOPING, "bash", str(link), host.partition(":")[2]]
+            done = subprocess.run(  # noqa: S603 -- ours
+                program, user=user, group=user, extra_groups=(), cwd="/", capture_output=True,
+                check=True, timeout=30,
+            )  # fmt: skip
+            return done.stdout.decode(errors="replace")
+
+        ours, theirs = learned(0), learned(65_534)
+
+    secrets = key, room.strip("/"), cookie.partition("=")[2]
+    assert (key in ours, [one for one in secrets if one in theirs]) == (True, [])
+    assert "403 Forbidden" in theirs
 
 
 def test_frames_of_another_size_are_said_and_do_not_end_the_run(

@@ -13,7 +13,6 @@ from phasestereo.views.picture import (
     colorize,
     disparity_picture,
     error_picture,
-    panel,
 )
 
 pytest.importorskip("matplotlib")
@@ -105,22 +104,8 @@ def test_disparity_picture_holds_the_map_at_its_own_size() -> None:
     assert not np.array_equal(drawn, disparity_picture(disparity, low=0, high=60))
 
 
-def test_panel_holds_all_pictures_row_by_row() -> None:
-    rng = np.random.default_rng(0)
-    pictures = [rng.integers(0, 256, (30, 50, 3), dtype=np.uint8) for _ in range(5)]
-
-    drawn = panel(pictures, list("abcde"), columns=3, heading="Heading")
-    for part in pictures:
-        assert contains(drawn, part)
-
-    middle = drawn.shape[0] // 2 + 15  # below the first row's pictures, the heading being above
-    assert contains(drawn[:middle], pictures[2])
-    assert contains(drawn[middle - 45 :], pictures[3])
-
-
 def test_pyplot_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)  # its import would raise
-    panel([colorize(RAMP)], ["t"], columns=1)
     disparity_picture(np.tile(RAMP, (5, 1)))
 
 
@@ -155,22 +140,3 @@ def test_error_picture_refuses(
 ) -> None:
     with pytest.raises(error, match=message):
         error_picture(RAMP, **arguments)
-
-
-@pytest.mark.parametrize(
-    ("pictures", "titles", "columns", "error"),
-    [
-        ([], [], 1, ValueError),
-        ([np.zeros((4, 4, 3), np.uint8)], [], 1, ValueError),
-        ([np.zeros((4, 4, 3), np.uint8)], ["a"], 0, ValueError),
-        ([np.zeros((4, 4, 3), np.uint8)], ["a"], 1.0, TypeError),
-        ([np.zeros((4, 4, 3))], ["a"], 1, TypeError),
-        ([np.zeros((4, 4), np.uint8)], ["a"], 1, ValueError),
-        ([np.zeros((4, 4, 3), np.uint8), np.zeros((4, 5, 3), np.uint8)], ["a", "b"], 1, ValueError),
-    ],
-)
-def test_panel_refuses(
-    pictures: list[Any], titles: list[str], columns: Any, error: type[Exception]
-) -> None:
-    with pytest.raises(error):
-        panel(pictures, titles, columns=columns)

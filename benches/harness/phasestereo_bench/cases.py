@@ -8,20 +8,14 @@ from functools import lru_cache
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-import numpy as np
-
 from phasestereo_bench.degradation import Degradation, suite
 from phasestereo_bench.rigs import ALTERNATING, RIGS, Fault, side_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import NDArray
-
     from phasestereo_bench.datasets import Pair, Scene
     from phasestereo_bench.degradation import Kernel
-
-    Image = NDArray[np.uint8]
 
 Recipe: TypeAlias = Callable[..., Any]
 """What degrades an image: called with it, it returns one of the same shape and type. Of the suite
@@ -83,20 +77,17 @@ class Case:
         What was done to it, as `SUITES` has it.
     side
         To which image: "left", "right", or "alternating", which `rigs.side_of` decides.
-    recipe
-        In place of what `SUITES` has: a degradation of the user's own.
     """
 
     scene: Scene
     suite: str
     degradation: str
     side: str
-    recipe: Recipe | None = None
 
     @property
     def degrade(self) -> Recipe:
         """What is done to the image."""
-        return self.recipe or SUITES[self.suite][self.degradation]
+        return SUITES[self.suite][self.degradation]
 
     @property
     def kernel(self) -> Kernel | None:
@@ -114,11 +105,9 @@ class Case:
         Raises
         ------
         OSError, ValueError
-            As `Scene.load`; ValueError also if a true blur is asked for and there is none, or the
-            degradation has changed the image's shape or type.
+            As `Scene.load`; ValueError also if a true blur is asked for and there is none.
         """
-        cached = _pair if self.recipe is None else _pair.__wrapped__
-        pair = cached(self, true_blur)
+        pair = _pair(self, true_blur)
         return replace(pair, left=pair.left.copy(), right=pair.right.copy())
 
 
@@ -151,20 +140,10 @@ def _pair(case: Case, true_blur: bool) -> Pair:  # noqa: FBT001 - lru_cache tell
         return case.degrade(pair, side)
 
     images = {"left": pair.left, "right": pair.right}
-    images[side] = _degraded(images[side], case)
+    images[side] = case.degrade(images[side])
 
     if true_blur:
         sharp = "right" if side == "left" else "left"
         images[sharp] = Degradation(psf=case.kernel)(images[sharp])
 
     return replace(pair, left=images["left"], right=images["right"])
-
-
-def _degraded(image: Image, case: Case) -> Image:
-    degraded = np.asarray(case.degrade(image))
-    if degraded.shape != image.shape or degraded.dtype != image.dtype:
-        raise ValueError(
-            f"degradation {case.degradation!r} must keep shape {image.shape} and {image.dtype}, "
-            f"got {degraded.shape} and {degraded.dtype}"
-        )
-    return degraded

@@ -113,8 +113,6 @@ class Layout:
         Other folders with the same scenes: where the site itself has them, so that a mirror works.
     scenes
         What a scene's folder is called, `*` for any characters.
-    more_left, more_right
-        Patterns of further images of the same two views, in other light or exposed otherwise.
     calibration
         File name of the calibration.
     offset
@@ -133,8 +131,6 @@ class Layout:
     masks: tuple[MaskFile, ...]
     also: tuple[str, ...] = ()
     scenes: str = "*"
-    more_left: tuple[str, ...] = ()
-    more_right: tuple[str, ...] = ()
     calibration: str | None = None
     offset: str | None = None
     max_width: int | None = None
@@ -209,8 +205,6 @@ LAYOUTS: tuple[Layout, ...] = (
             collection=f"scenes{year}/{size}",
             left=f"{light}view1.png",
             right=f"{light}view5.png",
-            more_left=("Illum*/Exp*/view1.png",),
-            more_right=("Illum*/Exp*/view5.png",),
             truth="disp1.png",
             truth_right="disp5.png",
             truth_scale=scale,
@@ -228,8 +222,6 @@ LAYOUTS: tuple[Layout, ...] = (
             also=also,
             left="im0.png",
             right="im1.png",
-            more_left=("ambient/L*/im0e*.png",),
-            more_right=("im1?.png", "ambient/L*/im1e*.png"),
             truth="disp0.pfm",
             truth_right="disp1.pfm",
             truth_scale=None,
@@ -306,69 +298,16 @@ class Scene:
         Where its files are.
     layout
         Which files these are, and how the truth is coded.
-    left, right
-        The images to load, out of `lefts` and `rights`; None for the layout's own.
     """
 
     name: str
     collection: str
     folder: Path
     layout: Layout
-    left: str | None = None
-    right: str | None = None
 
     def __str__(self) -> str:
         """Return "collection/name"."""
         return f"{self.collection}/{self.name}"
-
-    @property
-    def lefts(self) -> tuple[str, ...]:
-        """File names of the left images there are, below the folder; the usual one comes first.
-
-        2005 and 2006: "Illum1/Exp0/view1.png" and so on, of 3 lights and 3 exposures.
-        2014 and 2021: "ambient/L1/im0e0.png" and so on.
-        """
-        return self._images(self.layout.left, self.layout.more_left)
-
-    @property
-    def rights(self) -> tuple[str, ...]:
-        """The same of the right images; 2014 has "im1E.png" (exposure) and "im1L.png" (light)."""
-        return self._images(self.layout.right, self.layout.more_right)
-
-    def variant(self, *, left: str | None = None, right: str | None = None) -> Scene:
-        """Return the same scene with other images: in other light, or exposed otherwise.
-
-        Parameters
-        ----------
-        left, right
-            Out of `lefts` and `rights`; None for the usual image.
-
-        Returns
-        -------
-        Scene
-            Named after its folder and both images: "Art (view1.png Illum3/Exp1/view5.png)".
-
-        Raises
-        ------
-        ValueError
-            If there is no such image; the message lists those there are.
-        """
-        chosen = []
-        for side, image, images in (("left", left, self.lefts), ("right", right, self.rights)):
-            if image is not None and image not in images:
-                raise ValueError(
-                    f"{side}: {self.collection}/{self.folder.name} has no image {image!r}; "
-                    f"there is {', '.join(images)}"
-                )
-            chosen.append(images[0] if image is None else image)
-
-        name = f"{self.folder.name} ({' '.join(chosen)})"
-        return replace(self, name=name, left=chosen[0], right=chosen[1])
-
-    def _images(self, usual: str, patterns: tuple[str, ...]) -> tuple[str, ...]:
-        found = sorted(path for pattern in patterns for path in self.folder.glob(pattern))
-        names = (path.relative_to(self.folder).as_posix() for path in found)
-        return tuple(dict.fromkeys((usual, *names)))
 
     def load(self) -> Pair:
         """Read the images, and what there is of truth, masks and calibration.
@@ -397,8 +336,8 @@ class Scene:
             how many disparities to search.
         """
         layout = self.layout
-        path_left = self.folder / (self.left or layout.left)
-        path_right = self.folder / (self.right or layout.right)
+        path_left = self.folder / layout.left
+        path_right = self.folder / layout.right
 
         left, right = _read_view(path_left), _read_view(path_right)
         _require_shape(path_right, right.shape, left.shape)

@@ -14,7 +14,6 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -35,9 +34,6 @@ if TYPE_CHECKING:
     Floats = NDArray[np.floating[Any]]
 
 Matcher: TypeAlias = Callable[..., "Floats | tuple[Floats, Floats]"]
-
-GROUP = "phasestereo.methods"
-"""The group of the entry points that add methods."""
 
 TRUE_BLUR = "+true-blur"
 """Ending of a method's name: the sharp image is blurred like the other one before it matches."""
@@ -101,11 +97,7 @@ class Method:
 
 def available() -> list[str]:
     """Return the names of all methods that there are here, OpenCV's if it is installed."""
-    names = [*PRESETS, *BASELINES]
-    if _opencv_is_installed():
-        names += _OPENCV
-
-    return [*names, *sorted(_plugins())]
+    return [*PRESETS, *BASELINES, *(_OPENCV if _opencv_is_installed() else ())]
 
 
 def method(spec: str | Matcher | Method) -> Method:
@@ -119,9 +111,9 @@ def method(spec: str | Matcher | Method) -> Method:
         ``"num_disparities=auto"`` given no range; ``"opencv:bm"``, ``"opencv:sgbm"``,
         ``"opencv:sgbm-3x3"`` or ``"opencv:sgbm-3way"``; a network by its file,
         ``"hitnet:FILE.onnx"``, ``"onnx:FILE.onnx"``, or ``"mccnn"``; a program,
-        ``"program:COMMAND {left} {right} {num_disparities} {output}"``; an entry point of the group
-        ``phasestereo.methods``; ``"package.module:function"``; any of these followed by
-        ``"+true-blur"``. Or such a function itself; or a `Method`, returned as it is.
+        ``"program:COMMAND {left} {right} {num_disparities} {output}"``;
+        ``"package.module:function"``; any of these followed by ``"+true-blur"``. Or such a
+        function itself; or a `Method`, returned as it is.
 
     Raises
     ------
@@ -181,9 +173,6 @@ def _named(name: str) -> Method:
     if stem in _FROM_OUTSIDE:
         return _FROM_OUTSIDE[stem](name, rest)
 
-    plugins = _plugins()
-    if name in plugins:
-        return _plugged(plugins[name])
     if rest and stem != "opencv":
         return _imported(name)
 
@@ -286,17 +275,6 @@ def _value(text: str) -> int | float | bool | str | None:
         except ValueError:
             continue
     return text
-
-
-def _plugins() -> dict[str, EntryPoint]:
-    return {point.name: point for point in entry_points(group=GROUP)}
-
-
-def _plugged(point: EntryPoint) -> Method:
-    settings = {"entry_point": point.value}
-    if point.dist is not None:
-        settings["distribution"] = f"{point.dist.name} {point.dist.version}"
-    return Method(point.name, _callable(point.name, point.load()), settings)
 
 
 def _imported(name: str) -> Method:

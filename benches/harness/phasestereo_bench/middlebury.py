@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -11,31 +10,26 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from phasestereo.metrics import Score, middlebury_v2, roc_area, score
+from phasestereo.metrics import Score, bad_pixels, middlebury_v2, roc_area, score
 from phasestereo_bench import cases
 from phasestereo_bench.cases import SIDES, SUITES, Case, usual_side
 from phasestereo_bench.measurement import measured
 from phasestereo_bench.methods import Method, available, method
 from phasestereo_bench.rigs import RIGS
 from phasestereo_bench.runner import Job, run_jobs
-from phasestereo_bench.worker import require_portable
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from numpy.typing import NDArray
 
-    from phasestereo_bench.cases import Recipe
     from phasestereo_bench.datasets import Pair, Scene
     from phasestereo_bench.methods import Matcher
 
     Floats = NDArray[np.floating[Any]]
+    Image = NDArray[np.uint8]
     Specs = Iterable[str | Matcher | Method]
-    Degradations = Iterable[str] | Mapping[str, Recipe]
-
-CUSTOM = "custom"
-"""What records call a suite of the user's own degradations."""
 
 _DEFAULTS = {
     "one-sided-blur": (
@@ -56,7 +50,7 @@ _DEFAULTS = {
 def run_middlebury(
     scenes: Iterable[Scene],
     methods: Specs | None = None,
-    degradations: Degradations | None = None,
+    degradations: Iterable[str] | None = None,
     *,
     suite: str = "one-sided-blur",
     sides: Iterable[str] | None = None,
@@ -72,13 +66,11 @@ def run_middlebury(
         With truth, as `phasestereo_bench.datasets.find_scenes` returns them.
     methods
         Names, functions ``(left, right, num_disparities) -> disparity``, or a pair of it and of a
-        confidence, or `Method`s, as `phasestereo_bench.method` takes them. A function must be one
-        that other processes can import, unless ``workers=0``. Default: those of `default_methods`.
+        confidence, or `Method`s, as `phasestereo_bench.method` takes them. Default: those of
+        `default_methods`. Cells of a function fail that other processes cannot import, unless
+        ``workers=0``.
     degradations
-        Names of the suite, all of them by default; or, in its place, some of your own by name:
-        functions from an image to one of its shape and type.
-        `phasestereo_bench.degradation.Degradation` makes them, and where one has a kernel,
-        there is a true blur.
+        Names of the suite, all of them by default.
     suite
         "one-sided-blur", "rigs", "rigs-2", or "sharp", whose only row is the pair as it is.
     sides
@@ -95,7 +87,7 @@ def run_middlebury(
     list of dict
         A record per cell: "kind", "suite", "collection", "scene", "degradation", "side", "method"
         and "true_blur" tell which; "status" is "ok" or "failed". With "ok" there are "v2"
-        (`MiddleburyV2`'s regions), "v3" (the fields of `MiddleburyV3`), "d1", "epe" and "roc",
+        (`MiddleburyV2`'s regions), "v3" (the other fields of `Score`), "d1", "epe" and "roc",
         which is what `phasestereo.metrics.roc_area` says of the confidence (all four on the
         non-occluded pixels), None where a mask or a confidence is missing or nothing has an
         estimate; "num_disparities", "width" and "height"; the method's "settings"; "seconds" and
@@ -114,8 +106,6 @@ def run_middlebury(
     """
     jobs = middlebury_jobs(scenes, methods, degradations, suite=suite, sides=sides)
 
-    if workers != 0:
-        _require_portable(jobs)
     cases.forget()
 
     if store is not None:
@@ -127,7 +117,7 @@ def run_middlebury(
 def middlebury_jobs(
     scenes: Iterable[Scene],
     methods: Specs | None = None,
-    degradations: Degradations | None = None,
+    degradations: Iterable[str] | None = None,
     *,
     suite: str = "one-sided-blur",
     sides: Iterable[str] | None = None,
@@ -137,9 +127,9 @@ def middlebury_jobs(
     entrants = _entrants(default_methods(suite) if methods is None else methods)
 
     rows = [
-        Case(scene, name, degradation, side, recipe)
+        Case(scene, suite, degradation, side)
         for scene in _require_truth(scenes)
-        for name, degradation, recipe in _degradations(suite, degradations)
+        for degradation in _degradations(suite, degradations)
         for side in _sides(sides or (usual_side(suite),))
     ]
 
@@ -174,7 +164,7 @@ def score_case(case: Case, spec: str | Method) -> dict[str, Any]:
     """Match a case and return what is to be recorded of it: the work of one cell."""
     entrant = method(spec)
     pair = case.pair(true_blur=entrant.true_blur)
-    found = matched(entrant, pair)
+    found = matched_pair(entrant, pair)
     confidence = found.confidence
 
     return {
@@ -198,22 +188,34 @@ class Matched(NamedTuple):
     peak_bytes: int | None
 
 
-def matched(entrant: Method, pair: Pair) -> Matched:
-    """Match a pair and check what the method returns.
+def matched_pair(entrant: Method, pair: Pair) -> Matched:
+    """Match a pair; see `matched`."""
+    # A range that does not start at 0 is taken off the images of those that know it.
+    first = 0 if entrant.told else pair.first
+    found = matched(entrant, pair.left, np.roll(pair.right, -first, axis=1), pair.num_disparities)
+    return found._replace(disparity=found.disparity - first)
+
+
+def matched(entrant: Method, left: Image, right: Image, num_disparities: int) -> Matched:
+    """Match images and check what the method returns.
 
     Raises
     ------
     TypeError, ValueError
         If that is anything but floats of the image's size, or two of these.
     """
-    # A range that does not start at 0 is taken off the images of those that know it.
-    first = 0 if entrant.told else pair.first
-    right = np.roll(pair.right, -first, axis=1)
-    done = measured(lambda: entrant.match(pair.left, right, pair.num_disparities))
-
+    done = measured(lambda: entrant.match(left, right, num_disparities))
     answer = done.answer if isinstance(done.answer, tuple) else (done.answer, None)
-    disparity, confidence = _checked(*answer, size=pair.left.shape[:2])
-    return Matched(disparity - first, confidence, done.seconds, done.peak_bytes)
+    disparity, confidence = _checked(*answer, size=left.shape[:2])
+    return Matched(disparity, confidence, done.seconds, done.peak_bytes)
+
+
+def wrong_shares(pair: Pair, spec: str | Method) -> dict[str, float]:
+    """Match a pair; return the shares of its visible pixels that are off, %: "bad_1", "bad_2"."""
+    if pair.truth is None:
+        raise ValueError(f"{pair.name}: the pair has no truth")
+    found, mask = matched_pair(method(spec), pair).disparity, pair.masks["nonocc"]
+    return {f"bad_{px}": bad_pixels(found, pair.truth, float(px), mask) for px in (1, 2)}
 
 
 def _metrics(disparity: Floats, pair: Pair) -> dict[str, Any]:
@@ -294,16 +296,11 @@ def _entrants(specs: Specs) -> list[tuple[Method, str | Method]]:
     return list(entrants.values())
 
 
-def _degradations(suite: str, wanted: Degradations | None) -> list[tuple[str, str, Recipe | None]]:
-    """Return the name of the suite and of the degradation, and what it is if it is the user's."""
-    if isinstance(wanted, Mapping):
-        return [(CUSTOM, name, recipe) for name, recipe in wanted.items()]
-
+def _degradations(suite: str, wanted: Iterable[str] | None) -> list[str]:
     names = list(SUITES[suite]) if wanted is None else list(dict.fromkeys(wanted))
     for name in names:
         _require_known("degradation", name, SUITES[suite])
-
-    return [(suite, name, None) for name in names]
+    return names
 
 
 def _sides(sides: Iterable[str]) -> list[str]:
@@ -323,16 +320,3 @@ def _require_truth(scenes: Iterable[Scene]) -> list[Scene]:
 def _require_known(argument: str, value: object, known: Iterable[str]) -> None:
     if value not in list(known):
         raise ValueError(f"{argument}: got {value!r}; accepts {', '.join(known)}")
-
-
-def _require_portable(jobs: Iterable[Job]) -> None:
-    """Refuse functions of the user's that cannot be sent to other processes."""
-    # Jobs share their functions, so each is tried once.
-    things: dict[int, tuple[str, object]] = {}
-    for job in jobs:
-        spec, recipe = job.arguments["spec"], job.arguments["case"].recipe
-        things[id(spec)] = "method", spec.match if isinstance(spec, Method) else None
-        things[id(recipe)] = "degradation", recipe
-
-    for argument, thing in things.values():
-        require_portable(argument, thing)

@@ -12,6 +12,15 @@ if TYPE_CHECKING:
     import os
     from collections.abc import Callable, Iterator, Mapping
 
+    Record = dict[str, Any]
+
+_CELL = (
+    *("kind", "row", "recording", "frame", "rectified", "pair", "preset", "threads", "seed"),
+    *("suite", "collection", "scene", "degradation", "side", "method"),
+    *("family", "size", "angle", "noise"),
+)
+"""The fields that identify a record, of whatever kind it is."""
+
 
 def read_store(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
     """Read all lines of a store: environments and records, in order of their writing.
@@ -36,6 +45,24 @@ def read_store(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
             raise ValueError(f"{path}: line {number} is no JSON object")
         lines.append(record)
     return lines
+
+
+def read_good(path: str | os.PathLike[str]) -> tuple[list[Record], list[Record]]:
+    """Return the good records of a store, the last of each cell, and their environments.
+
+    Raises
+    ------
+    OSError, ValueError
+        As `read_store`.
+    """
+    lines = read_store(path)
+    good = {
+        tuple(str(line.get(name)) for name in _CELL): line
+        for line in lines
+        if line.get("status") == "ok"
+    }
+    ran = {line["environment"] for line in good.values()}
+    return list(good.values()), [line for line in lines if line.get("id") in ran]
 
 
 @contextmanager

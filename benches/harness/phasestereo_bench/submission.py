@@ -15,7 +15,7 @@ import numpy as np
 from phasestereo.io import write_disparity
 from phasestereo.io.drafts import replacing
 from phasestereo_bench.methods import method as method_of
-from phasestereo_bench.middlebury import matched
+from phasestereo_bench.middlebury import matched_pair
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -116,7 +116,7 @@ def submit(
     files: dict[str, dict[str, Path]] = {}
     counts: dict[str, int] = {}
     for done, (scene, title, site) in enumerate(taken, start=1):
-        found = matched(entrant, scene.load())
+        found = matched_pair(entrant, scene.load())
         words = {
             "part": scene.collection.rpartition("/")[2],
             "scene": scene.name,

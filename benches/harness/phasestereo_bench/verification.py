@@ -14,6 +14,7 @@ import numpy as np
 import phasestereo as ps
 from phasestereo_bench.cases import Case, usual_side
 from phasestereo_bench.methods import method as as_method
+from phasestereo_bench.middlebury import matched_pair
 from phasestereo_bench.report.tables import Entry, Table
 
 if TYPE_CHECKING:
@@ -130,8 +131,7 @@ def _judged(pair: Pair, methods: Sequence[Method]) -> list[Opinion]:
 
     found = []
     for method in methods:
-        answer = method.match(pair.left, pair.right, pair.num_disparities)
-        claims = np.asarray(answer[0] if isinstance(answer, tuple) else answer, np.float32)
+        claims = matched_pair(method, pair).disparity.astype(np.float32)
         found.append(_opinion(pair, claims, seen, hidden))
     return found
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 import json
 import math
 import os
-import sys
 import traceback
 from collections.abc import Mapping
 from contextlib import contextmanager
-from multiprocessing.reduction import ForkingPickler
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -102,31 +100,6 @@ def failure(error: Exception) -> JobFields:
     message = " ".join(f"{type(error).__name__}: {error}".split())
     trace = "".join(traceback.format_exception(error))
     return {"status": "failed", "error": message, "traceback": trace}
-
-
-def require_portable(name: str, value: object) -> None:
-    """Refuse what cannot be sent to another process.
-
-    Raises
-    ------
-    TypeError
-        If it cannot; the message begins with the name.
-    """
-    main = sys.modules["__main__"]
-    # A spawned process imports the main module by name or file; a notebook has neither.
-    homeless = getattr(main, "__spec__", None) is None and not hasattr(main, "__file__")
-    reason = "it is of a notebook or an interactive session"
-
-    try:
-        ForkingPickler.dumps(value)
-        if not (homeless and getattr(value, "__module__", None) == "__main__"):
-            return
-    except Exception as error:  # noqa: BLE001 - pickling runs code of the value
-        reason = str(error)
-    raise TypeError(
-        f"{name}: {value!r} cannot be sent to other processes: {reason}; "
-        "define it in a module, or run in this process with workers=0"
-    )
 
 
 def _plain(value: Any) -> Any:

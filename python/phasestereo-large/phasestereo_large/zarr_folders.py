@@ -1,7 +1,7 @@
 """Arrays in folders of Zarr, which come from anyone: files are looked at before Zarr reads them.
 
-Metadata is read to a bound, and names what unpacks the chunks. A chunk is a regular file that says
-it unpacks to no more than its pixels take.
+Metadata is read to a bound, and names what unpacks the chunks. Chunks are in regular files, by
+themselves or in shards, and say that they unpack to no more than their pixels take.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import math
 import stat
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -51,19 +51,35 @@ def open_array(path: str, max_bytes: int) -> Any:
         async def get(self, key: str, prototype: Any = None, byte_range: Any = None) -> Any:
             most = SMALL if key.rpartition("/")[2] in _METADATA else max_bytes
             _check_file(self.root / key, most)
-            found = await super().get(key, prototype, byte_range)
-            if found is not None and self.unpacks is not None and most != SMALL:
-                self.unpacks(found.as_buffer_like())
-            return found
+            return await super().get(key, prototype, byte_range)
 
-        unpacks: Callable[[Any], None] | None = None
-
-    store = Bounded(path, read_only=True)
-    array = zarr.open_array(store, mode="r")
+    array = zarr.open_array(Bounded(path, read_only=True), mode="r")
     if packer is not None:
-        most = _TIMES * math.prod(array.chunks) * array.dtype.itemsize + _MORE
-        store.unpacks = lambda chunk: _check_claim(chunk, packer, most)
+        # The public name of this is younger than the oldest version of Zarr that will do.
+        for codec in array._async_array.codec_pipeline:
+            _bound(codec, packer, _TIMES * array.dtype.itemsize)
     return array
+
+
+def _bound(codec: Any, packer: str, times: int) -> None:
+    """Have what unpacks chunks look at each first, within shards, too: so many bytes a pixel."""
+    for inner in getattr(codec, "codecs", ()):
+        _bound(inner, packer, times)
+
+    # Zarr's second version has one step, which does all of them.
+    if not hasattr(codec, "compressor") and not codec.to_dict()["name"].endswith(packer):
+        return
+    decode = codec.decode
+
+    async def looked_at(chunks_and_specs: Iterable[tuple[Any, Any]]) -> Any:
+        chunks = [*chunks_and_specs]
+        for chunk, spec in chunks:
+            if chunk is not None:  # of fill values
+                most = times * math.prod(spec.shape) + _MORE
+                _check_claim(chunk.as_buffer_like(), packer, most)
+        return await decode(chunks)
+
+    object.__setattr__(codec, "decode", looked_at)  # of this array alone: a frozen dataclass
 
 
 def _packer(folder: Path) -> str | None:
@@ -79,7 +95,7 @@ def _packer(folder: Path) -> str | None:
     packers = [step for step in steps if step not in _SAME_SIZE]
     if len(packers) > 1 or not {*packers} <= {*_CLAIMS}:
         raise ValueError(f"packed by {', '.join(packers)}; accepts one of {', '.join(_CLAIMS)}")
-    return packers[0] if packers and "sharding_indexed" not in steps else None
+    return packers[0] if packers else None
 
 
 def _steps(metadata: Any) -> Iterator[str]:

@@ -13,15 +13,12 @@ fixed point (disparity times 16 or 256), which would be scored without a complai
 from phasestereo.metrics.roc import Sparsification, roc_area, sparsification
 from phasestereo.metrics.scores import (
     MiddleburyV2,
-    MiddleburyV3,
     Score,
     Scored,
     SubPixel,
     bad_pixels,
     end_point_error,
-    kitti_d1,
     middlebury_v2,
-    middlebury_v3,
     score,
     subpixel,
 )
@@ -29,16 +26,13 @@ from phasestereo.metrics.temporal import temporal_deviation
 
 __all__ = [
     "MiddleburyV2",
-    "MiddleburyV3",
     "Score",
     "Scored",
     "Sparsification",
     "SubPixel",
     "bad_pixels",
     "end_point_error",
-    "kitti_d1",
     "middlebury_v2",
-    "middlebury_v3",
     "roc_area",
     "score",
     "sparsification",

@@ -65,8 +65,8 @@ class MiddleburyV2:
 
 
 @dataclass(frozen=True, slots=True)
-class MiddleburyV3:
-    """The numbers of the Middlebury evaluation, version 3.
+class Score:
+    """All that can be said of one estimate: Middlebury version 3, KITTI's D1, end-point error.
 
     Attributes
     ----------
@@ -80,6 +80,10 @@ class MiddleburyV3:
         Mean and root mean square of the absolute error, px, over the pixels with an estimate.
     a50, a90, a95, a99
         Quantiles of the absolute error, px, over the pixels with an estimate.
+    d1
+        Percent of the scored pixels off by more than 3 px and 5 % of the truth, or missing.
+    epe
+        Mean absolute error in px over the pixels with an estimate, which is never clipped here.
 
     Notes
     -----
@@ -98,26 +102,12 @@ class MiddleburyV3:
     a90: float
     a95: float
     a99: float
+    d1: float
+    epe: float
 
     def as_dict(self) -> dict[str, float]:
         """Return the numbers by the names they are printed with: "bad-0.5", "A90", "EPE" ..."""
         return {_LABELS.get(name, name): value for name, value in asdict(self).items()}
-
-
-@dataclass(frozen=True, slots=True)
-class Score(MiddleburyV3):
-    """All that can be said of one estimate: Middlebury version 3, KITTI's D1, end-point error.
-
-    Attributes
-    ----------
-    d1
-        Percent of the scored pixels off by more than 3 px and 5 % of the truth, or missing.
-    epe
-        Mean absolute error in px over the pixels with an estimate, which is never clipped here.
-    """
-
-    d1: float
-    epe: float
 
 
 def unit_of(metric: str) -> str:
@@ -232,67 +222,6 @@ def middlebury_v2(
     return MiddleburyV2(**percent, threshold=as_number("threshold", threshold, least=0))
 
 
-def middlebury_v3(
-    estimate: Floats, truth: Floats, mask: Mask | None = None, *, num_disparities: int
-) -> MiddleburyV3:
-    """Return the numbers of the Middlebury evaluation, version 3.
-
-    As in the official program, pixels of unknown truth are skipped, estimates are clipped to
-    [0, num_disparities] first, and a missing estimate is left out of avgerr, rms and the
-    quantiles. Unlike its tables of sparse results, the bad-pixel rates count a missing estimate as
-    bad (the program's "totalbad"), so that leaving pixels out never pays; `invalid` says how many.
-
-    Parameters
-    ----------
-    estimate, truth
-        Disparities in px, float (H, W); NaN or infinite = missing, unknown.
-    mask
-        Pixels to score, bool (H, W); without one, all whose truth is known.
-    num_disparities
-        The scene's number of disparities, > 0 (the evaluation's own is `ndisp` of calib.txt).
-
-    Raises
-    ------
-    TypeError, ValueError
-        As `bad_pixels`; also if `num_disparities` is not a positive integer.
-
-    Notes
-    -----
-    The quantiles interpolate linearly between the sorted errors.
-
-    References
-    ----------
-    Scharstein et al., "High-resolution stereo datasets with subpixel-accurate ground truth",
-    GCPR 2014, section 6, and the program `evaldisp` of the MiddEval3 kit.
-    """
-    values, wanted = scored_values(estimate, truth, mask)
-    limit = as_integer("num_disparities", num_disparities, least=1)
-
-    return _v3(_errors(np.clip(values, 0, limit), wanted))
-
-
-def kitti_d1(estimate: Floats, truth: Floats, mask: Mask | None = None) -> float:
-    """Return KITTI's D1: percent of pixels off by more than 3 px and by more than 5 % of the truth.
-
-    A missing estimate counts as an outlier; the official kit fills holes before it counts.
-
-    Parameters
-    ----------
-    estimate, truth, mask
-        As for `bad_pixels`.
-
-    Raises
-    ------
-    TypeError, ValueError
-        As `bad_pixels`.
-
-    References
-    ----------
-    Menze & Geiger, "Object scene flow for autonomous vehicles", CVPR 2015, section 4.
-    """
-    return _d1(*scored_values(estimate, truth, mask))
-
-
 def end_point_error(estimate: Floats, truth: Floats, mask: Mask | None = None) -> float:
     """Return the mean of |estimate - truth| in px over the scored pixels that have an estimate.
 
@@ -319,20 +248,36 @@ def score(
     mask: Mask | None = None,
     num_disparities: int | None = None,
 ) -> Score:
-    """Return every number at once.
+    """Return every number at once: those of Middlebury's version 3, KITTI's D1, and the EPE.
+
+    As in Middlebury's official program, pixels of unknown truth are skipped, and a missing estimate
+    is left out of avgerr, rms and the quantiles. Unlike its tables of sparse results, the bad-pixel
+    rates count a missing estimate as bad (the program's "totalbad"), so that leaving pixels out
+    never pays; `invalid` says how many. KITTI's kit fills holes before it counts; here a missing
+    estimate is an outlier.
 
     Parameters
     ----------
     estimate, truth, mask
         As for `bad_pixels`.
     num_disparities
-        Clip the estimates to [0, num_disparities] first, as `middlebury_v3` does, for all numbers
-        but D1 and EPE; without it nothing is clipped.
+        Clip the estimates to [0, num_disparities] first, as that program does (by `ndisp` of
+        calib.txt), for all numbers but D1 and EPE; without it nothing is clipped.
 
     Raises
     ------
     TypeError, ValueError
-        As `middlebury_v3`.
+        As `bad_pixels`; also if `num_disparities` is not a positive integer.
+
+    Notes
+    -----
+    The quantiles interpolate linearly between the sorted errors.
+
+    References
+    ----------
+    Scharstein et al., "High-resolution stereo datasets with subpixel-accurate ground truth",
+    GCPR 2014, section 6, and the program `evaldisp` of the MiddEval3 kit. Menze & Geiger, "Object
+    scene flow for autonomous vehicles", CVPR 2015, section 4.
     """
     values, wanted = scored_values(estimate, truth, mask)
 
@@ -342,7 +287,27 @@ def score(
         limit = as_integer("num_disparities", num_disparities, least=1)
         clipped = _errors(np.clip(values, 0, limit), wanted)
 
-    return Score(**asdict(_v3(clipped)), d1=_d1(values, wanted), epe=_mean(_present(errors)))
+    present = _present(clipped)
+    quantiles = np.quantile(present, (0.5, 0.9, 0.95, 0.99)) if present.size else [math.nan] * 4
+    a50, a90, a95, a99 = (float(value) for value in quantiles)
+    excess = errors - np.maximum(_D1_PIXELS, _D1_SHARE * np.abs(wanted))
+
+    return Score(
+        pixels=errors.size,
+        bad_0_5=_percent_bad(clipped, 0.5),
+        bad_1=_percent_bad(clipped, 1.0),
+        bad_2=_percent_bad(clipped, 2.0),
+        bad_4=_percent_bad(clipped, 4.0),
+        invalid=100.0 * (errors.size - present.size) / errors.size,
+        avgerr=_mean(present),
+        rms=math.sqrt(_mean(present**2)),
+        a50=a50,
+        a90=a90,
+        a95=a95,
+        a99=a99,
+        d1=_percent_bad(excess, 0.0),
+        epe=_mean(_present(errors)),
+    )
 
 
 def subpixel(
@@ -411,32 +376,6 @@ def _fractions(values: Values, bins: int) -> npt.NDArray[np.intp]:
     """Return the histogram of the fractional parts; that of -1e-20 is 1, by rounding."""
     places = np.minimum(np.mod(values, 1.0) * bins, bins - 1).astype(np.intp)
     return np.bincount(places, minlength=bins)
-
-
-def _v3(errors: Values) -> MiddleburyV3:
-    present = _present(errors)
-    quantiles = np.quantile(present, (0.5, 0.9, 0.95, 0.99)) if present.size else [math.nan] * 4
-    a50, a90, a95, a99 = (float(value) for value in quantiles)
-
-    return MiddleburyV3(
-        pixels=errors.size,
-        bad_0_5=_percent_bad(errors, 0.5),
-        bad_1=_percent_bad(errors, 1.0),
-        bad_2=_percent_bad(errors, 2.0),
-        bad_4=_percent_bad(errors, 4.0),
-        invalid=100.0 * (errors.size - present.size) / errors.size,
-        avgerr=_mean(present),
-        rms=math.sqrt(_mean(present**2)),
-        a50=a50,
-        a90=a90,
-        a95=a95,
-        a99=a99,
-    )
-
-
-def _d1(values: Values, wanted: Values) -> float:
-    excess = _errors(values, wanted) - np.maximum(_D1_PIXELS, _D1_SHARE * np.abs(wanted))
-    return _percent_bad(excess, 0.0)
 
 
 def _percent_bad(errors: Values, threshold: float) -> float:

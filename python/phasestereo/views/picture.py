@@ -7,7 +7,6 @@ state knows of.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._extras import require
 from phasestereo._images import Mask, as_mask, as_pixels, on_screens
-from phasestereo._numbers import as_integer, as_number
+from phasestereo._numbers import as_number
 
 Picture = NDArray[np.uint8]
 Map = NDArray[np.float64]
@@ -38,7 +37,6 @@ __all__ = [
     "hatched",
     "limits",
     "longest",
-    "panel",
     "viewable",
 ]
 
@@ -300,60 +298,6 @@ def distribution(values: NDArray[np.floating]) -> tuple[NDArray[np.intp], Map]:
     return np.histogram(values, bins, (low, high))
 
 
-def panel(
-    pictures: Sequence[Picture], titles: Sequence[str], *, columns: int, heading: str = ""
-) -> Picture:
-    """Put pictures of one size side by side, row by row, each under its title.
-
-    Parameters
-    ----------
-    pictures
-        uint8 (H, W, 3), at least one.
-    titles
-        One each.
-    columns
-        Pictures in a row, at least 1.
-    heading
-        Text above them all.
-
-    Returns
-    -------
-    ndarray
-        uint8 RGB; the pictures have their own size in pixels, on light gray.
-
-    Raises
-    ------
-    TypeError
-        If a picture is not uint8, or columns not an integer.
-    ValueError
-        If there is no picture, they differ in shape from (H, W, 3) or each other, the titles are
-        not as many, or columns is below 1.
-    ImportError
-        If matplotlib is not installed.
-    """
-    rows, cols = _common_size(pictures, titles)
-    as_integer("columns", columns, least=1)
-
-    text = _text_size(cols)
-    gap, lines = text, -(-len(pictures) // columns)
-    above = 3 * text if heading else gap
-    step_x, step_y = cols + gap, rows + 3 * text
-    width, height = columns * step_x + gap, above + lines * step_y
-
-    figure = _figure(width, height)
-    figure.text(
-        gap / width, 1 - 1.75 * text / height, heading, va="center", size=1.3 * _points(text)
-    )
-
-    for number, (picture, title) in enumerate(zip(pictures, titles, strict=True)):
-        line, column = divmod(number, columns)
-        x, y = gap + column * step_x, above + line * step_y  # of its top left corner, y down
-        figure.figimage(picture, x, height - y - 2 * text - rows, origin="upper")
-        figure.text(x / width, 1 - (y + text) / height, title, va="center", size=_points(text))
-
-    return _drawn(figure)
-
-
 def _colored(
     values: Map, shown: Mask, ends: Ends, colors: str, elsewhere: tuple[int, int, int]
 ) -> Picture:
@@ -425,18 +369,3 @@ def as_map(name: str, values: ArrayLike, *, like: tuple[int, ...] | None = None)
         raise ValueError(f"{name}: got shape {array.shape}; accepts that of the estimate, {like}")
 
     return array.astype(np.float64)
-
-
-def _common_size(pictures: Sequence[Picture], titles: Sequence[str]) -> tuple[int, int]:
-    """Return the rows and columns that all pictures have."""
-    if not pictures or len(pictures) != len(titles):
-        raise ValueError(f"titles: got {len(titles)} of {len(pictures)} pictures; accepts one each")
-
-    shape = pictures[0].shape
-    for picture in pictures:
-        if picture.dtype != np.uint8:
-            raise TypeError(f"pictures: got {picture.dtype}; accepts uint8")
-        if picture.shape != shape or picture.shape[2:] != (3,):
-            raise ValueError(f"pictures: got shape {picture.shape}; accepts one (H, W, 3) for all")
-
-    return shape[0], shape[1]

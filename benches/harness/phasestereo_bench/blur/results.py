@@ -1,23 +1,18 @@
-"""Results: the records of the trials, read back, and the table they make."""
+"""The table that the records of the trials make."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-from phasestereo_bench.blur.trials import KIND
 from phasestereo_bench.blur.verdicts import ANGLE, SIZE_PIXELS, SIZE_SHARE, BlurVerdict, verdict
 from phasestereo_bench.report.tables import MISSING, Entry, Table
-from phasestereo_bench.store import read_store
 
 if TYPE_CHECKING:
-    import os
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
     Record = Mapping[str, Any]
 
-_ENVIRONMENT = "environment"
 _FAMILIES = ("gaussian", "disk", "motion", "none")
 _HEADER = (
     *("blur", "trials", "kind %", "side %", "size %", "angle %", "one kind %", "all right %"),
@@ -25,64 +20,10 @@ _HEADER = (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BlurResults:
-    """The good records of trials, and what they were made with.
-
-    Attributes
-    ----------
-    records
-        As `run_blur` returns them; at least one.
-    environments
-        What is known of the environments, by name.
-    """
-
-    records: tuple[Record, ...]
-    environments: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-
-
-def read_blur(paths: Sequence[str | os.PathLike[str]]) -> BlurResults | None:
-    """Read one or more stores; None if they have no record of this kind.
-
-    Of several records of the same trial the last counts.
-
-    Raises
-    ------
-    ValueError
-        If a file is not what it should be, all trials failed, or there are records of other kinds,
-        too; each benchmark has a report of its own.
-    OSError
-        If a file cannot be read.
-    """
-    stored = [record for path in paths for record in read_store(path)]
-    kinds = {str(record.get("kind")) for record in stored} - {_ENVIRONMENT}
-
-    if KIND not in kinds:
-        return None
-    if len(kinds) > 1:
-        raise ValueError(f"results of several benchmarks: {', '.join(sorted(kinds))}; give one")
-
-    try:
-        trials = _last(record for record in stored if record["kind"] == KIND)
-        for record in trials:
-            verdict(record)
-        used = dict.fromkeys(str(record["environment"]) for record in trials)
-    except (KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"a record of kind {KIND!r} is not whole: {error!r}") from error
-
-    if not trials:
-        raise ValueError("no results: all trials failed")
-
-    known = {record["id"]: record for record in stored if record["kind"] == _ENVIRONMENT}
-    return BlurResults(
-        records=tuple(trials), environments={name: known.get(name, {}) for name in used}
-    )
-
-
-def blur_table(results: BlurResults) -> Table:
+def blur_table(records: Iterable[Record]) -> Table:
     """Return how much of it is right, a row for each blur, and one for all."""
     groups: dict[str, list[BlurVerdict]] = {}
-    for record in sorted(results.records, key=_order):
+    for record in sorted(records, key=_order):
         groups.setdefault(_name(record), []).append(verdict(record))
 
     everything = [judged for group in groups.values() for judged in group]
@@ -90,10 +31,10 @@ def blur_table(results: BlurResults) -> Table:
     return Table(_HEADER, (*rows, _row("all", everything)))
 
 
-def explain_blur(results: BlurResults) -> str:
+def explain_blur(records: Sequence[Record]) -> str:
     """Say what the figures of the table are."""
-    scenes = {(record["collection"], record["scene"]) for record in results.records}
-    noises = sorted({record["noise"] for record in results.records if record["noise"]})
+    scenes = {(record["collection"], record["scene"]) for record in records}
+    noises = sorted({record["noise"] for record in records if record["noise"]})
     levels = " or ".join(f"{noise:g}" for noise in noises)
 
     return (
@@ -105,14 +46,6 @@ def explain_blur(results: BlurResults) -> str:
         "disks up to 2 px may be taken for each other, a disk for a Gaussian of half its size. "
         "Off: the median of what is right in kind."
     )
-
-
-def _last(records: Iterable[Record]) -> list[Record]:
-    """Return the good ones, of several of a trial the last."""
-    names = ("collection", "scene", "family", "size", "angle", "side", "noise")
-    good = [record for record in records if record["status"] == "ok"]
-
-    return list({tuple(record[name] for name in names): record for record in good}.values())
 
 
 def _order(record: Record) -> tuple[int, int, float]:

@@ -10,11 +10,10 @@ from phasestereo.rig.estimation import estimate_blur
 from phasestereo_bench import cases
 from phasestereo_bench.degradation import Degradation, disk_psf, gaussian_psf, motion_psf
 from phasestereo_bench.measurement import measured
-from phasestereo_bench.runner import Job, run_jobs
+from phasestereo_bench.runner import Job
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
-    from pathlib import Path
+    from collections.abc import Iterable, Sequence
 
     from numpy.typing import NDArray
 
@@ -89,15 +88,8 @@ class BlurTrial:
         return Degradation(self.psf, noise=self.noise, seed=_SEEDS[side])(image)
 
 
-def run_blur(
-    scenes: Iterable[Scene],
-    store: Path,
-    *,
-    every: int = 1,
-    workers: int | None = None,
-    progress: Callable[[int, int], object] | None = None,
-) -> list[dict[str, Any]]:
-    """Blur scenes by known kernels, estimate the blur, and keep a record of each trial.
+def blur_jobs(scenes: Iterable[Scene], *, every: int = 1) -> list[Job]:
+    """Return the jobs that blur scenes by known kernels and estimate the blur, one for each trial.
 
     Every scene is tried as it is; with one image blurred, the left or the right one, by 26
     point-spread functions (Gaussians of standard deviation 1 to 4 px, disks of radius 2 to 8 px,
@@ -108,36 +100,23 @@ def run_blur(
     ----------
     scenes
         As `phasestereo_bench.datasets.find_scenes` returns them.
-    store
-        File of JSON lines which keeps every record as soon as it is there; a run goes on where an
-        earlier one with the same file stopped.
     every
         Only every so many trials, 1 or more: 7 gives a quick look at all kinds of them.
-    workers, progress
-        As for `phasestereo_bench.run_jobs`.
 
     Returns
     -------
-    list of dict
-        A record per trial: "kind", "collection", "scene", "family", "size", "angle", "side" and
-        "noise" identify it, as `BlurTrial` has them; "status" is "ok" or "failed". With "ok" there
-        are "found" ("side", "kind", "size" and "angle" of the blur of the largest area), "kinds"
-        (how many), "areas" (the share of each), "certainty", "contrast", "noise_found",
-        "num_disparities", "width", "height", "seconds" and "peak_bytes" of the estimation, on one
-        thread. Otherwise "error" says why.
+    list of Job
+        Their records: "kind", "collection", "scene", "family", "size", "angle", "side" and "noise"
+        identify a trial, as `BlurTrial` has them. Good ones have "found" ("side", "kind", "size"
+        and "angle" of the blur of the largest area), "kinds" (how many), "areas" (the share of
+        each), "certainty", "contrast", "noise_found", "num_disparities", "width", "height",
+        "seconds" and "peak_bytes" of the estimation, on one thread.
 
     Raises
     ------
     ValueError
         If there is no trial, or `every` is less than 1.
-    OSError, TypeError, RuntimeError, KeyboardInterrupt
-        As `phasestereo_bench.run_jobs`.
     """
-    return run_jobs(blur_jobs(scenes, every=every), store, workers=workers, progress=progress)
-
-
-def blur_jobs(scenes: Iterable[Scene], *, every: int = 1) -> list[Job]:
-    """Return the jobs of `run_blur`, whose arguments these are, without running them."""
     if every < 1:
         raise ValueError(f"every: got {every}; accepts 1 and more")
 

@@ -9,10 +9,10 @@ from cyclopts import Group, Parameter, validators
 
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import printable, say
-from phasestereo_bench.blur import BlurResults, blur_jobs
-from phasestereo_bench.cli.bench_runs import prepare, require_done, run_cells
+from phasestereo_bench.blur import blur_jobs, blur_table, explain_blur
+from phasestereo_bench.cli.bench_runs import require_done, run_cells
 from phasestereo_bench.cli.bench_scenes import SceneChoice
-from phasestereo_bench.cli.bench_tables import blur_screen, screen
+from phasestereo_bench.cli.bench_tables import filled, screen
 
 _OPTIONS = {"scene", "every"}
 _SCENES = Group.create_ordered("Scenes")
@@ -65,16 +65,15 @@ def blur(
         if left_out:
             say(left_out)
 
-        prepare(output, jobs, cells="trials", fresh=fresh)
-        records = run_cells(jobs, output, workers=workers, title="Estimating", cells="trials")
+        records = run_cells(
+            jobs, output, workers=workers, fresh=fresh, title="Estimating", cells="trials"
+        )
 
-    good = tuple(record for record in records if record["status"] == "ok")
-
+    good = [record for record in records if record["status"] == "ok"]
     if good:
         console = screen()
-        console.print(blur_screen(BlurResults(records=good)))
-        command = f"phasestereo bench report {output} --readme FILE.md"
-        message = f"Records: {output}; into a document: {command}"
-        console.print(printable(message), markup=False, soft_wrap=True)
+        console.print(filled("Blur that was found", blur_table(good)))
+        for line in (explain_blur(good), f"Records: {output}"):
+            console.print(printable(line), markup=False, soft_wrap=True)
 
     require_done(records, "trials", "family", "size", "scene")

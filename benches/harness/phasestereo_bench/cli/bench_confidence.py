@@ -9,7 +9,7 @@ from cyclopts import Group, Parameter, validators
 
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import printable, say
-from phasestereo_bench.cli.bench_runs import prepare, require_done, run_cells
+from phasestereo_bench.cli.bench_runs import require_done, run_cells
 from phasestereo_bench.cli.bench_scenes import SceneChoice
 from phasestereo_bench.cli.bench_tables import screen
 from phasestereo_bench.confidence import (
@@ -76,8 +76,9 @@ def confidence(
         if left_out:
             say(left_out)
 
-        prepare(output, jobs, cells="matches", fresh=fresh)
-        records = run_cells(jobs, output, workers=workers, title="Matching", cells="matches")
+        records = run_cells(
+            jobs, output, workers=workers, fresh=fresh, title="Matching", cells="matches"
+        )
 
         good = [record for record in records if record["status"] == "ok"]
         learned = learned_weights(good)

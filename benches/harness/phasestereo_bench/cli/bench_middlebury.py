@@ -13,7 +13,7 @@ from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import say
 from phasestereo_bench.cases import SUITES
 from phasestereo_bench.cli.bench_report import show
-from phasestereo_bench.cli.bench_runs import prepare, require_done, run_cells
+from phasestereo_bench.cli.bench_runs import require_done, run_cells
 from phasestereo_bench.cli.bench_scenes import SceneChoice
 from phasestereo_bench.methods import method as method_of
 from phasestereo_bench.methods import present
@@ -74,9 +74,9 @@ def middlebury(
         What to compare: a preset or baseline (robust, paper, fast, sad, nsad), other settings of it
         (paper:neighborhood=11,window=9; robust:num_disparities=auto gets no range), opencv:bm,
         opencv:sgbm, opencv:sgbm-5way, opencv:sgbm-3way, opencv:sgbm-3x3, mccnn, onnx:FILE.onnx,
-        "program:COMMAND {left} {right} {num_disparities} {output}", an entry point of the group
-        phasestereo.methods, or package.module:function; with +true-blur after it, the sharp image
-        is first blurred like the other one. Without it, what the suite is for.
+        "program:COMMAND {left} {right} {num_disparities} {output}", or
+        package.module:function; with +true-blur after it, the sharp image is first blurred like the
+        other one. Without it, what the suite is for.
     hitnet
         HITNet's ONNX file for ETH3D: the network takes part, too, if onnxruntime is installed.
     output
@@ -103,11 +103,12 @@ def middlebury(
             if "license" in entrant.settings:
                 say(f"{entrant}: license of the weights: {entrant.settings['license']}")
 
-        prepare(output, jobs, cells="cells", fresh=fresh)
-        records = run_cells(jobs, output, workers=workers, title="Matching", cells="cells")
+        records = run_cells(
+            jobs, output, workers=workers, fresh=fresh, title="Matching", cells="cells"
+        )
 
     known = [line for line in read_store(output) if line["kind"] == "environment"]
-    further = [f"Records: {output}; a plot and documents: phasestereo bench report {output}"]
+    further = [f"Records: {output}; a plot: phasestereo bench report {output}"]
     for shown in dict.fromkeys(record["side"] for record in records if record["status"] == "ok"):
         own = [*known, *(record for record in records if record["side"] == shown)]
         results = results_of({str(number): line for number, line in enumerate(own)})

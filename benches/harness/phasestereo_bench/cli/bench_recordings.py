@@ -10,7 +10,7 @@ from cyclopts import Parameter, validators
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import printable
 from phasestereo_bench.cli.bench_middlebury import rivals
-from phasestereo_bench.cli.bench_runs import prepare, require_done, run_cells
+from phasestereo_bench.cli.bench_runs import require_done, run_cells
 from phasestereo_bench.cli.bench_tables import filled, screen
 from phasestereo_bench.real import find_recording, recording_jobs
 from phasestereo_bench.tables.plan import TIMED
@@ -59,8 +59,9 @@ def recordings(
         methods = [*(method or TIMED), *rivals(hitnet)]
         jobs = [job for place in folders for job in recording_jobs(find_recording(place), methods)]
 
-        prepare(output, jobs, cells="cells", fresh=fresh)
-        records = run_cells(jobs, output, workers=workers, title="Matching", cells="cells")
+        records = run_cells(
+            jobs, output, workers=workers, fresh=fresh, title="Matching", cells="cells"
+        )
 
     good = [record for record in records if record["status"] == "ok"]
     console = screen()

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-def prepare(output: Path, jobs: Sequence[Job], *, cells: str, fresh: bool) -> None:
+def _prepare(output: Path, jobs: Sequence[Job], *, cells: str, fresh: bool) -> None:
     """Put an earlier file of records aside, or say what is kept of it; `cells` is their name."""
     if not output.exists():
         return
@@ -51,9 +51,28 @@ def require_done(records: Sequence[Mapping[str, Any]], cells: str, *names: str) 
 
 
 def run_cells(
-    jobs: Sequence[Job], output: Path, *, workers: int | None, title: str, cells: str
+    jobs: Sequence[Job],
+    output: Path,
+    *,
+    workers: int | None,
+    fresh: bool,
+    title: str,
+    cells: str,
 ) -> list[dict[str, Any]]:
-    """Run jobs under a progress bar; when interrupted, say how to go on."""
+    """Run jobs under a progress bar; say what is there already, and when interrupted how to go on.
+
+    Parameters
+    ----------
+    jobs, output, workers
+        As for `phasestereo_bench.run_jobs`.
+    fresh
+        Whether an earlier file is put aside.
+    title
+        That of the progress bar.
+    cells
+        What the jobs are called.
+    """
+    _prepare(output, jobs, cells=cells, fresh=fresh)
     try:
         with progress_bar(title) as progress:
             return run_jobs(jobs, output, workers=workers, progress=progress)

@@ -27,16 +27,9 @@ class SceneChoice:
     scene
         Only these, by name: cones, trainingH/Piano, "scenes2005/*". Without it, those of the
         suite; if there is none of these, all that have a truth.
-    left_image
-        Instead of the usual left image those of other light or exposure that fit:
-        "Illum2/*/view1.png".
-    right_image
-        The same of the right image: im1E.png.
     """
 
     scene: Annotated[tuple[str, ...], _SEVERAL] = ()
-    left_image: str | None = None
-    right_image: str | None = None
 
     def select(self, folders: Sequence[Path], suite: str) -> tuple[list[Scene], str]:
         """Return the scenes of these folders, and what to say of those left out.
@@ -44,8 +37,8 @@ class SceneChoice:
         Raises
         ------
         OSError, ValueError
-            As `phasestereo_bench.datasets.find_scenes`; ValueError also if a scene or an image of
-            it is not there, or no scene can be scored.
+            As `phasestereo_bench.datasets.find_scenes`; ValueError also if a scene is not there, or
+            none can be scored.
         """
         if not folders:
             raise ValueError("no folder given: where are the scenes?")
@@ -53,18 +46,7 @@ class SceneChoice:
         scenes = {(s.folder, s.name): s for folder in folders for s in find_scenes(folder)}
         there = list(scenes.values())
         named = [scene for name in self.scene for scene in _named(name, there)]
-        chosen, left_out = (list(dict.fromkeys(named)), "") if named else _scored(there, suite)
-
-        return [variant for scene in chosen for variant in self._variants(scene)], left_out
-
-    def _variants(self, scene: Scene) -> list[Scene]:
-        if self.left_image is None and self.right_image is None:
-            return [scene]
-        return [
-            scene.variant(left=left, right=right)
-            for left in _fitting(self.left_image, scene.lefts)
-            for right in _fitting(self.right_image, scene.rights)
-        ]
+        return (list(dict.fromkeys(named)), "") if named else _scored(there, suite)
 
 
 def _named(name: str, scenes: Sequence[Scene]) -> list[Scene]:
@@ -91,10 +73,3 @@ def _scored(scenes: Sequence[Scene], suite: str) -> tuple[list[Scene], str]:
 def _listed(scenes: Sequence[Scene]) -> str:
     more = f" and {len(scenes) - _LISTED} more" if len(scenes) > _LISTED else ""
     return ", ".join(map(str, scenes[:_LISTED])) + more
-
-
-def _fitting(pattern: str | None, images: Sequence[str]) -> Sequence[str | None]:
-    """Return the images that fit; where none does, the pattern itself, which is then refused."""
-    if pattern is None:
-        return [None]
-    return [image for image in images if fnmatchcase(image, pattern)] or [pattern]

@@ -10,15 +10,19 @@ from cyclopts import Parameter, validators
 from phasestereo._extras import require
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import printable, say
-from phasestereo_bench.cli.bench_runs import prepare, require_done, run_cells
-from phasestereo_bench.cli.bench_tables import screen, speed_screen
+from phasestereo_bench.cli.bench_runs import require_done, run_cells
+from phasestereo_bench.cli.bench_tables import filled, screen
+from phasestereo_bench.report.origin import made_with
 from phasestereo_bench.speed import (
     PAIRS,
     GrayPair,
+    explain_speed,
     find_pairs,
-    read_speed,
+    memory_table,
     speed_jobs,
+    time_table,
 )
+from phasestereo_bench.store import read_good
 
 _PAIRS_HELP = f"Only these: {', '.join(PAIRS)}; or rendered ones of any size: 0.1MPx16, 24MPx512."
 
@@ -65,9 +69,8 @@ def speed(
         output.parent.mkdir(parents=True, exist_ok=True)
         there = _load(data, output.parent, pairs)
         jobs = speed_jobs(there, rounds=rounds)
-        prepare(output, jobs, cells="measurements", fresh=fresh)
         title = "Matching"
-        records = run_cells(jobs, output, workers=0, title=title, cells="measurements")
+        records = run_cells(jobs, output, workers=0, fresh=fresh, title=title, cells="measurements")
         _show(output, records)
 
 
@@ -83,12 +86,12 @@ def _load(data: Path | None, cache: Path, names: tuple[str, ...]) -> list[GrayPa
 
 
 def _show(output: Path, records: list[dict[str, Any]]) -> None:
-    results = read_speed([output]) if any(record["status"] == "ok" for record in records) else None
-    if results is not None:
-        command = f"phasestereo bench report {output} --readme FILE.md"
+    good, ran_in = read_good(output)
+    if good:
         console = screen()
-        console.print(speed_screen(results))
-        message = f"Records: {output}; into a document: {command}"
-        console.print(printable(message), markup=False, soft_wrap=True)
+        console.print(filled("Times: ours, and the rivals' divided by ours", time_table(good)))
+        console.print(filled("Memory, MB", memory_table(good)))
+        for line in (explain_speed(good), made_with(ran_in), f"Records: {output}"):
+            console.print(printable(line), markup=False, soft_wrap=True)
 
     require_done(records, "measurements", "pair", "threads")

@@ -10,7 +10,7 @@ from cyclopts import Group, Parameter, validators
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import printable
 from phasestereo_bench.cli.bench_middlebury import rivals
-from phasestereo_bench.cli.bench_runs import prepare, require_done, run_cells
+from phasestereo_bench.cli.bench_runs import require_done, run_cells
 from phasestereo_bench.cli.bench_tables import filled, screen
 from phasestereo_bench.surfaces import (
     MEGAPIXELS,
@@ -78,8 +78,9 @@ def surfaces(
     with refusals(options=_OPTIONS):
         cases = surface_cases(folders, megapixels=megapixels, seeds=seeds)
         jobs = surface_jobs(cases, [*(method or default_methods()), *rivals(hitnet)])
-        prepare(output, jobs, cells="maps", fresh=fresh)
-        records = run_cells(jobs, output, workers=workers, title="Matching", cells="maps")
+        records = run_cells(
+            jobs, output, workers=workers, fresh=fresh, title="Matching", cells="maps"
+        )
 
     good = [record for record in records if record["status"] == "ok"]
     console = screen()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -12,10 +12,11 @@ from phasestereo import __version__
 from phasestereo.io import write_disparity, write_image
 from phasestereo.io.drafts import replacing
 from phasestereo.settings import PRESETS
-from phasestereo.views.picture import colorize, disparity_picture, error_picture, panel
+from phasestereo.views.picture import colorize, disparity_picture, error_picture
 from phasestereo.views.templating import render_page
 from phasestereo_bench.demo import trials
 from phasestereo_bench.demo.methods import NEIGHBORHOOD, NSAD, ROBUST, SGBM, WINDOW
+from phasestereo_bench.report.plots import figure_of, save_plot
 
 if TYPE_CHECKING:
     import os
@@ -61,6 +62,9 @@ def write_demo(demo: Demo, folder: str | os.PathLike[str]) -> list[Path]:
         written.append(target / f"{name}.png")
         write_image(written[-1], picture)
 
+    written.append(target / "overview.png")
+    save_plot(_overview(demo), written[-1])
+
     written.append(target / "report.html")
     with replacing(written[-1]) as file:
         file.write(_page(demo, target).encode())
@@ -78,7 +82,6 @@ def _pictures(demo: Demo) -> dict[str, Picture]:
         "right": pair.right,
         "nonocc": nonocc.astype(np.uint8) * np.uint8(255),
         "truth": disparity_picture(truth, title="Truth", **_ends(truth)),
-        "overview": _overview(demo),
     }
 
     for outcome in demo.outcomes:
@@ -90,8 +93,8 @@ def _pictures(demo: Demo) -> dict[str, Picture]:
     return pictures
 
 
-def _overview(demo: Demo) -> Picture:
-    """Return the whole story in one picture."""
+def _overview(demo: Demo) -> Any:
+    """Return the whole story in one figure."""
     pair, truth = demo.pair, cast("Map", demo.pair.truth)
     shown = [outcome for outcome in demo.outcomes if outcome.method in (ROBUST, SGBM, NSAD)]
     found = [outcome.degraded.disparity for outcome in shown]
@@ -108,8 +111,13 @@ def _overview(demo: Demo) -> Picture:
     titles += [_title(outcome) for outcome in shown]
     titles += ["Errors: white is right, dark red is 4 pixels off or more", "Errors", "Errors"]
 
-    heading = "One image out of focus: what is left of the disparities?"
-    return panel(pictures, titles, columns=len(shown), heading=heading)
+    figure = figure_of(15.0, 12.5)
+    figure.suptitle("One image out of focus: what is left of the disparities?", size=16)
+    for axes, picture, title in zip(figure.subplots(3, 3).flat, pictures, titles, strict=True):
+        axes.imshow(picture)
+        axes.set_title(title, loc="left", size=9)
+        axes.axis("off")
+    return figure
 
 
 def _title(outcome: Comparison) -> str:

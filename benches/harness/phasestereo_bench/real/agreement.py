@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import phasestereo as ps
-from phasestereo_bench.measurement import measured
 from phasestereo_bench.methods import method
+from phasestereo_bench.middlebury import matched
 from phasestereo_bench.real.frames import read_frame
 
 if TYPE_CHECKING:
@@ -53,21 +53,20 @@ def score_frame(folder: Path, files: tuple[Path, ...], spec: str, *, rectified: 
         rig = ps.rectify(left, right, folder)
         left, right, valid = rig.left, rig.right, rig.left_mask
 
-    match = method(spec).match
+    entrant = method(spec)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ps.MatchWarning)
-        done = measured(lambda: match(left, right, NUM_DISPARITIES))
-        mirrored = match(_mirrored(right), _mirrored(left), NUM_DISPARITIES)
+        found = matched(entrant, left, right, NUM_DISPARITIES)
+        other = matched(entrant, _mirrored(right), _mirrored(left), NUM_DISPARITIES).disparity
 
-    disparity, confidence = done.answer if isinstance(done.answer, tuple) else (done.answer, None)
-    other = mirrored[0] if isinstance(mirrored, tuple) else mirrored
+    confidence = found.confidence
     trusted = None if confidence is None else float((confidence >= CONFIDENT)[valid].mean())
 
     return {
-        "agreement": float(confirmed(disparity, _mirrored(other))[valid].mean()),
+        "agreement": float(confirmed(found.disparity, _mirrored(other))[valid].mean()),
         "trusted": trusted,
-        "seconds": done.seconds,
-        "peak_bytes": done.peak_bytes,
+        "seconds": found.seconds,
+        "peak_bytes": found.peak_bytes,
     }
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from phasestereo.io import read_image, read_pair
+from phasestereo.io.folders import images_of, paths_of_rig
 
 if TYPE_CHECKING:
     import os
@@ -16,9 +18,7 @@ if TYPE_CHECKING:
 
     Image = NDArray[np.uint8]
 
-_ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".pgm", ".ppm", ".bmp")
 _SIDE_BY_SIDE = 2  # times as wide as high, or wider: both views in one picture
-_PLACES = (("cam0", "cam1"), ("cam0/data", "cam1/data"), ("left", "right"), ("image_0", "image_1"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,10 +49,9 @@ def find_recording(folder: str | os.PathLike[str]) -> RigRecording:
     Parameters
     ----------
     folder
-        Holds the calibration and one of these: folders ``cam0`` and ``cam1`` (as EuRoC's, with or
-        without ``data`` below), ``left`` and ``right`` or ``image_0`` and ``image_1``, with files
-        of the same names; or files ``left*`` and ``right*`` with the same ending of the name. Other
-        pictures in it that are at least twice as wide as high have both views side by side.
+        Holds the calibration, and both views in folders or files as a batch finds them: folders
+        ``cam0`` and ``cam1``, ``left`` and ``right`` and so on, or files ``left*`` and ``right*``.
+        Other pictures in it that are at least twice as wide as high have both views side by side.
 
     Raises
     ------
@@ -65,28 +64,19 @@ def find_recording(folder: str | os.PathLike[str]) -> RigRecording:
     if not root.is_dir():
         raise NotADirectoryError(f"{root}: no such folder")
 
-    frames = [pair for places in _PLACES for pair in _of_folders(root, *places)]
-    pictures = [path for path in sorted(root.iterdir()) if path.suffix.lower() in _ENDINGS]
-    by_name = {path.name: path for path in pictures}
-
-    # Files left* and right* whose names end alike are pairs.
-    frames += [
-        (path, by_name[f"right{path.name.removeprefix('left')}"])
-        for path in pictures
-        if path.name.startswith("left") and f"right{path.name.removeprefix('left')}" in by_name
-    ]
-
-    # All other wide pictures hold both views.
-    frames += [
-        (path,)
-        for path in pictures
-        if not path.name.startswith(("left", "right")) and _is_wide(path)
-    ]
+    frames: list[tuple[Path, ...]] = []
+    with suppress(ValueError):  # no pairs
+        frames += [both for both in paths_of_rig(root) if all(map(_is_picture, both))]
+    with suppress(ValueError):  # no pictures
+        others = {*filter(_is_picture, images_of(root))} - {
+            path for both in frames for path in both
+        }
+        frames += [(path,) for path in sorted(others) if _is_wide(path)]
 
     if not frames:
         raise ValueError(
-            f"{root}: no frames; accepts cam0 and cam1, left and right or image_0 and image_1 with "
-            "files of the same names, files left* and right*, or pictures of both views"
+            f"{root}: no frames; accepts cam0 and cam1, left and right or image_0 and image_1, "
+            "files left* and right*, or pictures of both views"
         )
 
     return RigRecording(root, tuple(frames))
@@ -113,13 +103,8 @@ def _opaque(image: NDArray[np.generic]) -> Image:
     return found
 
 
-def _of_folders(root: Path, left: str, right: str) -> list[tuple[Path, ...]]:
-    if not (root / left).is_dir():
-        return []
-
-    names = [path for path in sorted((root / left).iterdir()) if path.suffix.lower() in _ENDINGS]
-    pairs = [(path, root / right / path.name) for path in names]
-    return [(path, other) for path, other in pairs if other.is_file()]
+def _is_picture(path: Path) -> bool:
+    return path.suffix != ".npy" and path.is_file()  # the others are of a calibration
 
 
 def _is_wide(path: Path) -> bool:

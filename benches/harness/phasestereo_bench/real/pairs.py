@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from phasestereo.io import read_image
-from phasestereo.metrics import bad_pixels
 from phasestereo_bench.datasets import Pair, find_scenes
-from phasestereo_bench.methods import method
+from phasestereo_bench.middlebury import wrong_shares
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -69,11 +68,4 @@ def load_pair(name: str, folder: Path) -> Pair:
 
 def score_pair(name: str, folder: Path, spec: str) -> dict[str, Any]:
     """Match a real pair and return the share of wrong pixels, %, as ``"bad_1"`` and ``"bad_2"``."""
-    pair = load_pair(name, folder)
-    answer = method(spec).match(pair.left, pair.right, pair.num_disparities)
-    disparity = answer[0] if isinstance(answer, tuple) else answer
-    if pair.truth is None:
-        raise ValueError(f"{name}: the pair has no truth")
-
-    mask = pair.masks["nonocc"]
-    return {f"bad_{px}": bad_pixels(disparity, pair.truth, float(px), mask) for px in (1, 2)}
+    return wrong_shares(load_pair(name, folder), spec)

@@ -1,14 +1,14 @@
 """The report of a benchmark: tables, a plot, and tables in documents.
 
-    from phasestereo_bench.report import fill_document, read_results
+    from phasestereo_bench.report import document_texts, fill_places, read_results
 
-    fill_document("README.md", read_results(["results.jsonl"]))
+    fill_places("README.md", document_texts(read_results(["results.jsonl"])))
 
 Data flow: stores -> `results` of `cells` -> `tables` and `plots` -> `documents`.
 """
 
 from phasestereo_bench.report.cells import METRICS, Cell, Metric, Place
-from phasestereo_bench.report.documents import MARKERS, fill_document
+from phasestereo_bench.report.documents import MARKERS, document_texts, fill_places
 from phasestereo_bench.report.results import Results, read_results
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     "Metric",
     "Place",
     "Results",
-    "fill_document",
+    "document_texts",
+    "fill_places",
     "read_results",
 ]

@@ -98,8 +98,6 @@ class Cell:
         Finite values by the names in `METRICS`, as many as there are.
     seconds, peak_bytes
         What it took, where that is known.
-    volume
-        Pixels times disparities searched, where that is known.
     settings
         The method's settings by name.
     environment
@@ -116,7 +114,6 @@ class Cell:
     metrics: Mapping[str, float]
     seconds: float | None
     peak_bytes: float | None
-    volume: float | None
     settings: Mapping[str, Any]
     environment: str
     error: str | None
@@ -147,7 +144,6 @@ def read_cell(record: Record) -> Cell:
         metrics=_metrics(record) if ok else {},
         seconds=_number(record.get("seconds")),
         peak_bytes=_number(record.get("peak_bytes")),
-        volume=_volume(record),
         settings=settings if isinstance(settings, dict) else {},
         environment=str(record.get("environment", "unknown")),
         error=None if ok else str(record.get("error")),
@@ -169,12 +165,6 @@ def _metrics(record: Record) -> dict[str, float]:
             found[name] = value
 
     return found
-
-
-def _volume(record: Record) -> float | None:
-    sizes = [_number(record.get(name)) for name in ("width", "height", "num_disparities")]
-    known = [size for size in sizes if size is not None and size > 0]
-    return math.prod(known) if len(known) == len(sizes) else None
 
 
 def _number(value: object) -> float | None:

@@ -27,9 +27,7 @@ if TYPE_CHECKING:
 __all__ = [
     "MARKERS",
     "document_texts",
-    "fill_document",
     "fill_places",
-    "render_document",
     "small_print",
 ]
 
@@ -47,70 +45,42 @@ MARKERS: Mapping[str, tuple[str, Maker, Words]] = MappingProxyType(
 """The names that markers can have: the suite whose results they show, in which table, and what
 is said of it."""
 
-_OTHERS = (
-    "blur",
-    "choices",
-    "compare",
-    "costs",
-    "headline",
-    "real-pairs",
-    "recordings",
-    "recordings-rows",
-    "rendered",
-    "speed",
-    "surfaces",
-    "surfaces-upsampled",
-    "synthesis",
-)
-"""Names of markers that are filled from results of another kind."""
-
 _WIDTH = 110
 
 
-def fill_document(
-    path: str | os.PathLike[str], results: Results, *, metric: str = "v2.nonocc"
-) -> None:
-    """Replace the tables between the markers of a document by those of these results.
+def fill_places(path: str | os.PathLike[str], texts: Mapping[str, str]) -> None:
+    """Replace what a document has between ``<!-- bench:NAME -->`` and ``<!-- /bench:NAME -->``.
 
-    Places of other suites stay as they are. The file is replaced as a whole or not at all, and not
+    Places of other names stay as they are. The file is replaced as a whole or not at all, and not
     touched if nothing changes.
 
     Parameters
     ----------
     path
-        A Markdown file, with ``<!-- bench:NAME --><!-- /bench:NAME -->`` where a table is to be;
-        the names are those of `MARKERS`.
-    results
-        What to show.
-    metric
-        Which number, a name in `METRICS`; tables of several metrics ignore it.
+        A Markdown file.
+    texts
+        What to put there, by name.
 
     Raises
     ------
     ValueError
-        If a marker has an unknown name or no counterpart, if there is none for this suite, if the
-        file is not UTF-8, or if there is no number of the metric.
+        If a marker has no counterpart, there is none of these names, or the file is not UTF-8.
     OSError
         If the file cannot be read or written.
     """
-    _replace(path, render_document(path, results, metric=metric))
-
-
-def fill_places(path: str | os.PathLike[str], texts: Mapping[str, str]) -> None:
-    """Replace what is between the markers of these names; the rest is as of `fill_document`."""
-    _replace(path, _render(path, texts))
+    content = Path(path).read_bytes()
+    try:
+        filled = fill_markers(content.decode(), texts).encode()
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+    if filled != content:
+        with replacing(path) as file:
+            file.write(filled)
 
 
 def small_print(text: str) -> str:
     """Return what stands below a table as Markdown, in lines."""
     return fill(markdown_text(text), _WIDTH, break_on_hyphens=False)
-
-
-def render_document(
-    path: str | os.PathLike[str], results: Results, *, metric: str = "v2.nonocc"
-) -> str:
-    """Return what `fill_document` would write; parameters and errors are the same."""
-    return _render(path, document_texts(results, metric=metric))
 
 
 def document_texts(results: Results, *, metric: str = "v2.nonocc") -> dict[str, str]:
@@ -132,18 +102,3 @@ def document_texts(results: Results, *, metric: str = "v2.nonocc") -> dict[str, 
             if words is not explain_faults or len(texts) == 1:
                 texts[name] += f"\n\n{small_print(f'{words(results, metric)} {made}')}"
     return texts
-
-
-def _render(path: str | os.PathLike[str], texts: Mapping[str, str]) -> str:
-    others = [name for name in (*MARKERS, *_OTHERS) if name not in texts]
-    try:
-        return fill_markers(Path(path).read_bytes().decode(), texts, others=others)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
-
-
-def _replace(path: str | os.PathLike[str], document: str) -> None:
-    content = document.encode()
-    if content != Path(path).read_bytes():
-        with replacing(path) as file:
-            file.write(content)

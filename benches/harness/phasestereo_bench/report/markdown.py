@@ -8,17 +8,21 @@ from __future__ import annotations
 
 import re
 from html import escape
-from itertools import zip_longest
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
+    from collections.abc import Mapping
 
     from phasestereo_bench.report.tables import Entry, Table
 
 __all__ = ["fill_markers", "markdown_table", "markdown_text", "marked"]
 
-_MARKER = re.compile(r"<!--[ \t]*(?P<end>/?)bench:(?P<name>.*?)[ \t]*-->")
+_MARKER = re.compile(r"<!--[ \t]*/?bench:.*?-->")
+_PLACE = re.compile(
+    r"(?P<start><!--[ \t]*bench:(?P<name>\S+)[ \t]*-->)(?:(?!<!--[ \t]*/?bench:).)*"
+    r"(?P<end><!--[ \t]*/bench:(?P=name)[ \t]*-->)",
+    re.DOTALL,
+)
 
 
 def markdown_text(text: str) -> str:
@@ -37,8 +41,8 @@ def markdown_table(table: Table) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def fill_markers(document: str, texts: Mapping[str, str], *, others: Collection[str] = ()) -> str:
-    """Replace what is between the markers of a document.
+def fill_markers(document: str, texts: Mapping[str, str]) -> str:
+    """Replace what is between the markers of a document; those of other names stay.
 
     Parameters
     ----------
@@ -46,8 +50,6 @@ def fill_markers(document: str, texts: Mapping[str, str], *, others: Collection[
         Markdown with at least one marker of a name in `texts`; a name may come more than once.
     texts
         What to put there, by name.
-    others
-        Names that are known, too, but whose places stay as they are.
 
     Returns
     -------
@@ -57,44 +59,29 @@ def fill_markers(document: str, texts: Mapping[str, str], *, others: Collection[
     Raises
     ------
     ValueError
-        If a marker has an unknown name or no counterpart, or there is none to be filled.
+        If a marker has no counterpart, or there is none to be filled.
     """
     newline = "\r\n" if "\r\n" in document else "\n"
-    parts, done = [], 0
 
-    for start, end in _places(document, (*texts, *others)):
-        if start["name"] in texts:
-            text = texts[start["name"]].replace("\n", newline)
-            # Markdown needs the empty lines: a comment would take the table for its own.
-            parts += [document[done : start.end()], newline * 2, text, newline * 2]
-            done = end.start()
+    def filled(place: re.Match[str]) -> str:
+        if place["name"] not in texts:
+            return place[0]
+        # Markdown needs the empty lines: a comment would take the table for its own.
+        text = texts[place["name"]].replace("\n", newline)
+        return f"{place['start']}{newline * 2}{text}{newline * 2}{place['end']}"
 
-    if not parts:
+    alone = _MARKER.search(_PLACE.sub("", document))
+    if alone is not None:
+        raise ValueError(f"marker {alone[0]} has no counterpart")
+    if not texts.keys() & marked(document):
         names = ", ".join(f"<!-- bench:{name} -->" for name in texts)
         raise ValueError(f"no marker to fill; accepts {names}, each with its end")
-
-    return "".join([*parts, document[done:]])
+    return _PLACE.sub(filled, document)
 
 
 def marked(document: str) -> set[str]:
-    """Return the names of the markers that a document has."""
-    return {marker["name"] for marker in _MARKER.finditer(document)}
-
-
-def _places(document: str, known: Collection[str]) -> list[tuple[re.Match[str], re.Match[str]]]:
-    """Return the markers in pairs, each start with its end."""
-    markers = list(_MARKER.finditer(document))
-    for marker in markers:
-        if marker["name"] not in known:
-            raise ValueError(f"unknown marker {marker[0]}; accepts the names {', '.join(known)}")
-
-    pairs = list(zip_longest(markers[::2], markers[1::2]))
-    for start, end in pairs:
-        if start["end"] or end is None or not end["end"] or end["name"] != start["name"]:
-            what = "has no start" if start["end"] else "has no end"
-            raise ValueError(f"marker {start[0]} {what}")
-
-    return pairs
+    """Return the names of the places that a document has."""
+    return {place["name"] for place in _PLACE.finditer(document)}
 
 
 def _entry(entry: Entry) -> str:

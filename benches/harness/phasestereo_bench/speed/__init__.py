@@ -2,24 +2,23 @@
 
     from pathlib import Path
 
-    from phasestereo_bench.speed import find_pairs, run_speed
+    from phasestereo_bench import run_jobs
+    from phasestereo_bench.speed import find_pairs, speed_jobs
 
     pairs, left_out = find_pairs(Path("data"), cache=Path("."))
-    records = run_speed(pairs, Path("speed.jsonl"))
+    records = run_jobs(speed_jobs(pairs), Path("speed.jsonl"), workers=0)
 
 Data flow: `pairs` -> `contenders`, timed in turn by `rounds` and weighed by `memory` -> `records`,
-in a store -> `results` and their tables, in a `document`.
+in a store -> the tables of `results`.
 """
 
 from phasestereo_bench.speed.contenders import CONTENDERS, OURS
 from phasestereo_bench.speed.pairs import PAIRS, GrayPair, find_pairs
-from phasestereo_bench.speed.records import run_speed, speed_jobs
+from phasestereo_bench.speed.records import speed_jobs
 from phasestereo_bench.speed.results import (
     KIND,
-    SpeedResults,
     explain_speed,
     memory_table,
-    read_speed,
     time_table,
 )
 
@@ -29,12 +28,9 @@ __all__ = [
     "OURS",
     "PAIRS",
     "GrayPair",
-    "SpeedResults",
     "explain_speed",
     "find_pairs",
     "memory_table",
-    "read_speed",
-    "run_speed",
     "speed_jobs",
     "time_table",
 ]

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 from phasestereo import _core
 from phasestereo_bench.environment import describe_environment, usable_cpus
-from phasestereo_bench.runner import Job, run_jobs
+from phasestereo_bench.runner import Job
 from phasestereo_bench.speed.contenders import MATCH, OURS, opencv_build
 from phasestereo_bench.speed.memory import memory_of
 from phasestereo_bench.speed.results import KIND
 from phasestereo_bench.speed.rounds import time_all_threads, time_one_thread
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from phasestereo_bench.speed.pairs import GrayPair
     from phasestereo_bench.speed.rounds import Entrant
@@ -24,45 +24,20 @@ if TYPE_CHECKING:
 ROUNDS = 15
 
 
-def run_speed(
-    pairs: Sequence[GrayPair],
-    store: Path,
-    *,
-    rounds: int = ROUNDS,
-    progress: Callable[[int, int], object] | None = None,
-) -> list[dict[str, Any]]:
-    """Time both presets and all rivals on these pairs; keep a record of each as a line of JSON.
+def speed_jobs(pairs: Sequence[GrayPair], *, rounds: int = ROUNDS) -> list[Job]:
+    """Return the jobs that time both presets and all rivals on these pairs: four for each.
 
-    What the file has of the same machine, versions and compiled core is not done again.
-
-    Parameters
-    ----------
-    pairs
-        What to match.
-    store
-        The file, made if it does not exist, else appended to.
-    rounds
-        How often everybody matches everything, at least once.
-    progress
-        As of `phasestereo_bench.run_jobs`: there are four records a pair.
-
-    Returns
-    -------
-    list of dict
-        As of `phasestereo_bench.run_jobs`; see `measure` for what a record holds.
+    They have to run one by one and in this process: ``run_jobs(..., workers=0)``. What a file of
+    records has of the same machine, versions and compiled core is not done again. See `measure` for
+    what a record holds.
 
     Raises
     ------
     ImportError
         If OpenCV is not installed.
-    OSError, TypeError, ValueError, RuntimeError, KeyboardInterrupt
-        As `phasestereo_bench.run_jobs`; ValueError also if there are no rounds.
+    ValueError
+        If there are no rounds.
     """
-    return run_jobs(speed_jobs(pairs, rounds=rounds), store, workers=0, progress=progress)
-
-
-def speed_jobs(pairs: Sequence[GrayPair], *, rounds: int = ROUNDS) -> list[Job]:
-    """Return the jobs of `run_speed`, which have to run one by one and in this process."""
     if rounds < 1:
         raise ValueError(f"rounds: got {rounds}; accepts 1 and more")
 

@@ -2,10 +2,11 @@
 
     from pathlib import Path
 
-    from phasestereo_bench.surfaces import run_surfaces, surface_cases, surface_table
+    from phasestereo_bench import run_jobs
+    from phasestereo_bench.surfaces import surface_cases, surface_jobs, surface_table
 
-    records = run_surfaces(surface_cases([Path("middlebury")]), Path("surfaces.jsonl"))
-    table = surface_table(records)
+    jobs = surface_jobs(surface_cases([Path("middlebury")]))
+    table = surface_table(run_jobs(jobs, Path("surfaces.jsonl")))
 
 Data flow: `cases` -> `trials`, which count by `measures` -> records, in a store -> `results`.
 """
@@ -37,7 +38,6 @@ from phasestereo_bench.surfaces.trials import (
     KIND,
     OURS,
     default_methods,
-    run_surfaces,
     surface_jobs,
     try_out,
 )
@@ -62,7 +62,6 @@ __all__ = [
     "default_methods",
     "gray_of",
     "kinds_of_pixels",
-    "run_surfaces",
     "stripes",
     "surface_cases",
     "surface_jobs",

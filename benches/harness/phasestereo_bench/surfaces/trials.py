@@ -6,15 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from phasestereo_bench.measurement import measured
 from phasestereo_bench.methods import available, method
-from phasestereo_bench.runner import Job, run_jobs
+from phasestereo_bench.middlebury import matched
+from phasestereo_bench.runner import Job
 from phasestereo_bench.surfaces import cases
 from phasestereo_bench.surfaces.measures import count_bad, stripes
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from pathlib import Path
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
@@ -32,38 +31,25 @@ def default_methods() -> list[str]:
     return [name for name in (OURS, "opencv:sgbm") if name == OURS or name in available()]
 
 
-def run_surfaces(
-    chosen: Sequence[SurfaceCase],
-    store: Path,
-    *,
-    methods: Sequence[str] | None = None,
-    workers: int | None = None,
-    progress: Callable[[int, int], object] | None = None,
-) -> list[dict[str, Any]]:
-    """Match cases, and keep a record of each map.
+def surface_jobs(chosen: Sequence[SurfaceCase], methods: Sequence[str] | None = None) -> list[Job]:
+    """Return the jobs that match cases, one for each and each method.
 
     Parameters
     ----------
     chosen
         As `phasestereo_bench.surfaces.surface_cases` returns them.
-    store
-        File of JSON lines which keeps every record as soon as it is there; a run goes on where an
-        earlier one with the same file stopped.
     methods
         Names as `phasestereo_bench.method` takes them. Default: ours told nothing, and StereoSGBM,
         which is told the range.
-    workers, progress
-        As for `phasestereo_bench.run_jobs`.
 
     Returns
     -------
-    list of dict
-        A record per case and method: "kind", "row", "scene" and "method" identify it; "status" is
-        "ok" or "failed". With "ok" there are "views", by the row of the table: "pixels", "bad_1"
-        and "bad_2" by kind of pixel (how many count, and how many of them are off by more than 1
-        and 2 px or missing), "stripes" and "truth_stripes" (0 to 1); "num_disparities", "width"
-        and "height"; "seconds" and "peak_bytes" of the match on one thread. Otherwise "error" says
-        why.
+    list of Job
+        Their records: "kind", "row", "scene" and "method" identify a map. Good ones have "views",
+        by the row of the table: "pixels", "bad_1" and "bad_2" by kind of pixel (how many count, and
+        how many of them are off by more than 1 and 2 px or missing), "stripes" and "truth_stripes"
+        (0 to 1); "num_disparities", "width" and "height"; "seconds" and "peak_bytes" of the match
+        on one thread.
 
     Raises
     ------
@@ -71,15 +57,7 @@ def run_surfaces(
         If there is no such method, or no case.
     ImportError
         If what a method needs is not installed.
-    OSError, RuntimeError, KeyboardInterrupt
-        As `phasestereo_bench.run_jobs`.
     """
-    jobs = surface_jobs(chosen, methods)
-    return run_jobs(jobs, store, workers=workers, progress=progress)
-
-
-def surface_jobs(chosen: Sequence[SurfaceCase], methods: Sequence[str] | None = None) -> list[Job]:
-    """Return the jobs of `run_surfaces`, whose arguments these are, without running them."""
     specs = list(dict.fromkeys(default_methods() if methods is None else methods))
     if not chosen or not specs:
         raise ValueError("there is nothing to match: give cases and methods")
@@ -98,21 +76,17 @@ def try_out(case: SurfaceCase, spec: str | Method) -> dict[str, Any]:
     """Match a case and return what is to be recorded of it."""
     entrant, task = method(spec), cases.load(case)
     left, right = task.left.copy(), task.right.copy()
-    done = measured(lambda: entrant.match(left, right, task.num_disparities))
-
-    answer = done.answer[0] if isinstance(done.answer, tuple) else done.answer
-    disparity = np.asarray(answer, dtype=np.float64)
+    found = matched(entrant, left, right, task.num_disparities)
+    disparity = found.disparity.astype(np.float64)
     height, width = left.shape[:2]
-    if disparity.shape != (height, width):
-        raise ValueError(f"the method returned shape {disparity.shape}, not {(height, width)}")
 
     return {
         "views": {view.row: _counted(view, disparity) for view in task.views},
         "num_disparities": task.num_disparities,
         "width": width,
         "height": height,
-        "seconds": done.seconds,
-        "peak_bytes": done.peak_bytes,
+        "seconds": found.seconds,
+        "peak_bytes": found.peak_bytes,
     }
 
 

@@ -6,9 +6,8 @@ from functools import lru_cache
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
-from phasestereo.metrics import bad_pixels
 from phasestereo_bench.methods import method
-from phasestereo_bench.middlebury import middlebury_jobs
+from phasestereo_bench.middlebury import middlebury_jobs, wrong_shares
 from phasestereo_bench.rendering import render_pair
 from phasestereo_bench.report.tables import MISSING, Entry, Table
 from phasestereo_bench.runner import Job
@@ -122,14 +121,7 @@ def rendered_jobs(rivals: Sequence[str]) -> list[Job]:
 
 def score_rendered(seed: int, spec: str) -> dict[str, float]:
     """Match a rendered pair and return the shares of wrong pixels, %."""
-    pair = _rendered(seed)
-    answer = method(spec).match(pair.left, pair.right, pair.num_disparities)
-    disparity = answer[0] if isinstance(answer, tuple) else answer
-    if pair.truth is None:
-        raise ValueError("a rendered pair has a truth")
-
-    mask = pair.masks["nonocc"]
-    return {f"bad_{px}": bad_pixels(disparity, pair.truth, float(px), mask) for px in (1, 2)}
+    return wrong_shares(_rendered(seed), spec)
 
 
 def rendered_table(records: Sequence[Record]) -> Table:

@@ -5,18 +5,14 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from phasestereo_bench.blur import read_blur
-from phasestereo_bench.blur.document import MARKER as BLUR
-from phasestereo_bench.blur.document import blur_text
+from phasestereo_bench.blur import blur_table, explain_blur
 from phasestereo_bench.cases import SUITES
 from phasestereo_bench.report import read_results
 from phasestereo_bench.report.documents import document_texts, small_print
 from phasestereo_bench.report.markdown import markdown_table
 from phasestereo_bench.report.origin import made_with
-from phasestereo_bench.speed import read_speed
-from phasestereo_bench.speed.document import MARKER as SPEED
-from phasestereo_bench.speed.document import speed_text
-from phasestereo_bench.store import read_store
+from phasestereo_bench.speed import explain_speed, memory_table, time_table
+from phasestereo_bench.store import read_good
 from phasestereo_bench.surfaces import surface_table, upsampled_table
 from phasestereo_bench.tables.headline import cost_table, headline_table
 from phasestereo_bench.tables.ours import choice_table, rendered_table, synthesis_table
@@ -63,24 +59,6 @@ _WORDS = {
 }
 
 
-_CELL = (
-    "kind",
-    "row",
-    "recording",
-    "frame",
-    "rectified",
-    "pair",
-    "seed",
-    "suite",
-    "collection",
-    "scene",
-    "degradation",
-    "side",
-    "method",
-)
-"""The fields that identify a record, of whatever kind it is."""
-
-
 def read_suites(folder: Path) -> dict[str, Results]:
     """Return the results of the suites whose files of records are in a folder.
 
@@ -94,13 +72,9 @@ def read_suites(folder: Path) -> dict[str, Results]:
 
 
 def read_records(folder: Path, group: str) -> tuple[list[Record], list[Record]]:
-    """Return the good records of a group, the last of each cell, and their environments."""
+    """Return the good records of a group, and their environments; see `read_good`."""
     file = folder / f"{group}.jsonl"
-    lines = read_store(file) if file.is_file() else []
-    good = {_cell(line): line for line in lines if line.get("status") == "ok"}
-
-    ran = {line["environment"] for line in good.values()}
-    return list(good.values()), [line for line in lines if line.get("id") in ran]
+    return read_good(file) if file.is_file() else ([], [])
 
 
 def table_texts(folder: Path) -> dict[str, str]:
@@ -177,14 +151,16 @@ def _surfaces(folder: Path) -> dict[str, str]:
 
 
 def _others(folder: Path) -> dict[str, str]:
+    """Return the table of blurs, and those of times and memory, which stand together."""
     texts = {}
-    blur = read_blur([folder / "blur.jsonl"]) if (folder / "blur.jsonl").is_file() else None
-    if blur is not None:
-        texts[BLUR] = blur_text(blur)
+    records, ran_in = read_records(folder, "blur")
+    if records:
+        texts["blur"] = _text(blur_table(records), explain_blur(records), ran_in)
 
-    speed = read_speed([folder / "speed.jsonl"]) if (folder / "speed.jsonl").is_file() else None
-    if speed is not None:
-        texts[SPEED] = speed_text(speed)
+    records, ran_in = read_records(folder, "speed")
+    if records:
+        memory = _text(memory_table(records), explain_speed(records), ran_in)
+        texts["speed"] = f"{markdown_table(time_table(records))}\n\n{memory}"
 
     return texts
 
@@ -192,7 +168,3 @@ def _others(folder: Path) -> dict[str, str]:
 def _text(table: Table, words: str, environments: Sequence[Mapping[str, Any]]) -> str:
     known = {environment["id"]: environment for environment in environments}
     return f"{markdown_table(table)}\n\n{small_print(f'{words} {made_with(known.values())}')}"
-
-
-def _cell(line: Record) -> tuple[str, ...]:
-    return tuple(str(line.get(name)) for name in _CELL)

@@ -28,8 +28,8 @@ from phasestereo.io import read_calibration, write_disparity
 from phasestereo.io.drafts import draft_of
 from phasestereo_live.cli.tally import Tally
 from phasestereo_live.rerun import log_failure, log_frame, saving
-from phasestereo_live.ros.bags import SUFFIXES as RECORDINGS
 from phasestereo_live.ros.bags import RecordingWriter
+from phasestereo_live.ros.reading import SUFFIXES as RECORDINGS
 from phasestereo_live.video import FramePicture, VideoWriter
 from phasestereo_live.video.streaming import Frame
 

@@ -1,13 +1,7 @@
-"""Files of messages, through the library rosbags: opened to read, and written as a whole.
-
-The library trusts what a file says of its lengths, so it gets files that answer within bounds: how
-they begin is looked at first, and no piece is read that is longer than the file or than a record
-may be.
-"""
+"""Files of messages, through the library rosbags: opened to read, and written as a whole."""
 
 from __future__ import annotations
 
-import io
 import os
 import shutil
 from collections.abc import Callable, Iterator, Sequence
@@ -16,22 +10,9 @@ from typing import Any, NamedTuple
 
 from phasestereo._extras import require
 from phasestereo.io.drafts import growing
-from phasestereo.io.files import (
-    StrPath,
-    check_head,
-    named,
-    open_regular,
-    read_bounded,
-    suffix,
-    target_of,
-)
-from phasestereo.io.limits import RECORD
+from phasestereo.io.files import StrPath, named, suffix, target_of
 from phasestereo_live._closing import Closing
-
-_HEADS = {".mcap": b"\x89MCAP0\r\n", ".db3": b"SQLite format 3\0", ".bag": b"#ROSBAG V2.0\n"}
-SUFFIXES = tuple(_HEADS)
-
-_METADATA = 2**19  # bytes of a metadata.yaml at most, which has some hundreds for each topic
+from phasestereo_live.ros.reading import SUFFIXES, reader_of
 
 
 class Item(NamedTuple):
@@ -76,13 +57,8 @@ class Bag:
 
         self._path.stat()  # the system says what does not exist
         self._reader: Any = None
-        _check_heads(self._path)
         with named(os.fspath(path)):
-            ros1, ros2 = (
-                require("rosbags.rosbag1", extra="ros"),
-                require("rosbags.rosbag2", extra="ros"),
-            )
-            reader = (ros1 if is_ros1 else ros2).Reader(_Place(path))
+            reader = reader_of(self._path)
             reader.open()
             self._reader = reader
 
@@ -116,38 +92,6 @@ class Bag:
         reader, self._reader = self._reader, None
         if reader is not None:
             reader.close()
-
-
-class _Records(io.BufferedReader):
-    """A file of which no piece is read that is longer than a record may be, or than the file."""
-
-    def read(self, size: int | None = -1, /) -> bytes:
-        """Read at most so many bytes; what ends before them is short, as at the end of a file."""
-        rest = max(0, os.fstat(self.fileno()).st_size - self.tell())
-        wanted = rest if size is None or size < 0 else min(size, rest)
-        if wanted > RECORD:
-            raise ValueError(f"asks for {wanted} bytes at once; records have {RECORD} at most")
-        return super().read(wanted)
-
-
-class _Place(type(Path())):  # type: ignore[misc]  # the system's kind of path
-    """A path whose files the library opens within bounds, those that a folder names, too."""
-
-    def open(self, *_: Any, **__: Any) -> _Records:
-        """Open a regular file to read its bytes."""
-        return _Records(open_regular(self).detach())  # type: ignore[attr-defined]  # is buffered
-
-    def read_text(self, *_: Any, **__: Any) -> str:
-        """Return the text of ``metadata.yaml``."""
-        with open_regular(self) as file:
-            return read_bounded(file, _METADATA).decode()
-
-
-def _check_heads(path: Path) -> None:
-    """Refuse files that do not begin as their suffix says; SQLite opens them by name."""
-    for file in sorted(path.iterdir()) if path.is_dir() else [path]:
-        if head := _HEADS.get(suffix(file)):
-            check_head(file, head)
 
 
 class RecordingWriter(Closing):
