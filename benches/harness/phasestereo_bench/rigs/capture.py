@@ -57,7 +57,9 @@ def video(image: Image, _seed: int, *, codec: str, crf: int) -> Any:
         stream: Any = written.add_stream(codec, rate=30, options=options)
         stream.height, stream.width, stream.pix_fmt = *even.shape[:2], "yuv420p"
         frame = av.VideoFrame.from_ndarray(even, "rgb24")
-        written.mux([*stream.encode(frame), *stream.encode()])
+        for packet in (*stream.encode(frame), *stream.encode()):
+            packet.pts = packet.dts = 0  # x265 gets one of them wrong once in a thousand runs
+            written.mux(packet)
 
     file.seek(0)
     with av.open(file, "r") as read:
