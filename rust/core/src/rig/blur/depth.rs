@@ -194,3 +194,26 @@ fn total(curve: BlurByDepth, sums: &[[f32; RADII]; PARTS]) -> f32 {
     };
     sums.iter().enumerate().map(of_part).sum()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tile_has_the_disk_nearest_to_the_radius_at_its_disparity() {
+        let of_squared = |squared| BlurByDepth { span: (10.0, 30.0), squared, certainty: 1.0 };
+
+        // Squared radii of -16 to 16.
+        let found = of_squared([-16.0, 0.0, 16.0]);
+        assert_eq!(found.defocus(10.0), Some((Side::Right, 3.5)));
+        assert_eq!(found.defocus(20.0), None);
+        assert_eq!(found.defocus(21.0), Some((Side::Left, 2.0)));
+        assert_eq!(found.defocus(30.0), Some((Side::Left, 3.5)));
+        assert_eq!(found.defocus(50.0), Some((Side::Left, 3.5)));
+
+        // The left image alone: 5 px at the middle, 10 at the end.
+        let found = of_squared([0.0, 25.0, 100.0]);
+        assert_eq!(found.defocus(20.0), Some((Side::Left, 5.0)));
+        assert_eq!(found.defocus(30.0), Some((Side::Left, 9.5)));
+    }
+}

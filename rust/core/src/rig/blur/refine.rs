@@ -154,6 +154,14 @@ mod tests {
     }
 
     #[test]
+    fn a_disk_with_a_hole_must_be_clearly_better_than_one_without() {
+        for inner in [0.1, 0.15, 0.2, 0.25] {
+            let found = refine(&evidence(Psf::annulus(5.0, inner)), Level::best()).entry.psf;
+            assert_eq!(found.family, Family::Disk, "{found:?}");
+        }
+    }
+
+    #[test]
     fn sizes_stay_within_what_blocks_see() {
         for psf in [
             Psf::round(Family::Gaussian, 16.0),
