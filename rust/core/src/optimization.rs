@@ -57,7 +57,7 @@ use self::paths::{
     AdaptivePenalties, Horizontal, HorizontalPass, Panel, Smoothness, Vertical, VerticalPass,
 };
 pub use self::penalties::{LARGEST_SUMMED_PENALTY, Penalties};
-use self::selection::{Minimum, PIXELS, Selection};
+use self::selection::{PIXELS, Selection};
 
 /// Rows above and below a band where its vertical paths start.
 pub const LOOKAHEAD_ROWS: usize = 16;
@@ -291,6 +291,7 @@ impl CandidateSearch<'_> {
             workspace;
 
         costs.resize(seen.len() * (PANEL + LOOKAHEAD_COLUMNS) * most)?;
+        selection.begin(most)?;
         horizontal.begin(rows.len(), most)?;
         if is_vertical {
             vertical.begin(rows.len(), most)?;
@@ -358,6 +359,7 @@ impl CandidateSearch<'_> {
 
         let all = self.all();
         costs.resize(rows.len() * PANEL * all.runs())?;
+        selection.begin(all.runs())?;
 
         for columns in self.panels() {
             self.control.checkpoint()?;
@@ -387,6 +389,7 @@ impl CandidateSearch<'_> {
     ) -> Result<()> {
         let Workspace { aggregator, costs, ordered, selection, evidence, .. } = workspace;
         let (searched, cols) = (self.all(), self.size.1);
+        selection.begin(searched.runs())?;
 
         for first in rows.clone().step_by(ORDERED_ROWS) {
             let group = first..(first + ORDERED_ROWS).min(rows.end);
@@ -445,12 +448,11 @@ fn write_costs<T: Value>(
     source.write(aggregator, (rest, searched), &mut costs[strip..])
 }
 
-/// The best candidates of a block of strips of [`STRIP`] columns, by totals of paths or by costs alone. Overwrites the
-/// totals.
+/// The best candidates of a block of strips of [`STRIP`] columns, by totals of paths or by costs alone.
 struct SelectPixels<'a, T> {
     search: &'a CandidateSearch<'a>,
     block: (&'a PixelBlock, Searched),
-    totals: &'a mut [Lanes<T>],
+    totals: &'a [Lanes<T>],
     costs: Option<&'a [Lanes<T>]>,
     selection: &'a mut Selection<T>,
     evidence: &'a mut Evidence,
@@ -467,19 +469,14 @@ impl<T: Value> Loop for SelectPixels<'_, T> {
         for (strip, columns) in block.strips().enumerate() {
             for row in 0..block.rows.len() {
                 let (pixels, place) = (columns.len(), block.place(strip, row) * runs);
-                let totals = &mut totals[place..][..pixels * runs];
+                let totals = &totals[place..][..pixels * runs];
 
-                for (minimum, totals) in
-                    selection.minima().iter_mut().zip(totals.chunks_exact(runs))
-                {
-                    *minimum = Minimum::of_all(totals);
-                }
-
-                selection.settle();
+                selection.find_least(totals, runs);
+                selection.settle(totals, runs);
 
                 if search.weighs(block.rows.start + row) {
                     let costs = costs.map(|costs| &costs[place..][..pixels * runs]);
-                    selection.weigh(totals, costs, (pixels, searched.count, runs));
+                    selection.weigh(totals, costs, (searched.count, runs));
                     selection.number_from(searched.start);
                     selection.write(pixels, evidence, (row, columns.start));
                 } else {
@@ -492,13 +489,13 @@ impl<T: Value> Loop for SelectPixels<'_, T> {
 }
 
 /// Cost margin and sub-pixel offset of the candidates chosen for a block of rows, of which the evidence begins with row
-/// `row`. Overwrites the costs.
+/// `row`.
 struct WeighRows<'a, T> {
     search: &'a CandidateSearch<'a>,
     block: &'a PixelBlock,
     row: usize,
     chosen: &'a [u16],
-    costs: &'a mut [Lanes<T>],
+    costs: &'a [Lanes<T>],
     selection: &'a mut Selection<T>,
     evidence: &'a mut Evidence,
 }
@@ -519,13 +516,13 @@ impl<T: Value> Loop for WeighRows<'_, T> {
             }
 
             for (strip, chosen) in chosen.chunks(PIXELS).enumerate() {
-                let costs = &mut costs[block.place(strip, index) * runs..][..chosen.len() * runs];
+                let costs = &costs[block.place(strip, index) * runs..][..chosen.len() * runs];
                 for (pixel, chosen) in chosen.iter().enumerate() {
                     let k = usize::from(*chosen);
                     selection.choose(pixel, *chosen, costs[pixel * runs + k / LANES][k % LANES]);
                 }
 
-                selection.weigh(costs, None, (chosen.len(), candidates, runs));
+                selection.weigh(costs, None, (candidates, runs));
                 selection.write(chosen.len(), evidence, (row, strip * PIXELS));
             }
         }

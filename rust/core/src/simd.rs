@@ -154,6 +154,107 @@ fn avx512_bitalg<L: Loop>(work: L) -> L::Output {
     work.run()
 }
 
+/// The highest bit of each byte: that of byte `j` as bit `j`.
+#[inline(always)]
+pub fn highest_bits(bytes: &[u8; 32]) -> u32 {
+    #[cfg(target_arch = "x86_64")]
+    return sse2::highest_bits(bytes);
+    #[cfg(not(target_arch = "x86_64"))]
+    return portable::highest_bits(bytes);
+}
+
+/// The least byte of each of sixteen rows.
+#[inline(always)]
+pub fn least_bytes(rows: &[[u8; 32]; 16]) -> [u8; 16] {
+    #[cfg(target_arch = "x86_64")]
+    return sse2::least_bytes(rows);
+    #[cfg(not(target_arch = "x86_64"))]
+    return portable::least_bytes(rows);
+}
+
+/// What the compiler does not make of plain loops: it takes single bytes, which are then written one by one, and whoever
+/// reads them together has to wait.
+///
+/// Every x86-64 processor has these instructions. In loops for a higher level they are compiled with its own, halves of a
+/// wider register together.
+#[cfg(target_arch = "x86_64")]
+mod sse2 {
+    use std::arch::x86_64::*;
+
+    #[inline(always)]
+    pub fn highest_bits(bytes: &[u8; 32]) -> u32 {
+        let halves = bytes.as_ptr().cast::<__m128i>();
+
+        // SAFETY: every x86-64 processor has SSE2; the array has both halves, and they are loaded from any address.
+        let [low, high] = unsafe {
+            let halves = [_mm_loadu_si128(halves), _mm_loadu_si128(halves.add(1))];
+            [_mm_movemask_epi8(halves[0]), _mm_movemask_epi8(halves[1])]
+        };
+
+        low as u32 | (high as u32) << 16
+    }
+
+    /// Two registers of bytes become one in which theirs alternate, one of pairs of bytes, and so on: in the last one each
+    /// byte is of another row.
+    #[inline(always)]
+    pub fn least_bytes(rows: &[[u8; 32]; 16]) -> [u8; 16] {
+        let mut bytes = [0; 16];
+
+        // SAFETY: every x86-64 processor has SSE2; every row has both halves, `bytes` is as long as a register, and all are
+        // loaded from and stored to any address.
+        unsafe {
+            let mut least = [_mm_setzero_si128(); 16];
+            for (least, row) in least.iter_mut().zip(rows) {
+                let halves = row.as_ptr().cast::<__m128i>();
+                *least = _mm_min_epu8(_mm_loadu_si128(halves), _mm_loadu_si128(halves.add(1)));
+            }
+
+            for i in 0..8 {
+                let [a, b] = [least[2 * i], least[2 * i + 1]];
+                least[i] = _mm_min_epu8(_mm_unpacklo_epi8(a, b), _mm_unpackhi_epi8(a, b));
+            }
+            for i in 0..4 {
+                let [a, b] = [least[2 * i], least[2 * i + 1]];
+                least[i] = _mm_min_epu8(_mm_unpacklo_epi16(a, b), _mm_unpackhi_epi16(a, b));
+            }
+            for i in 0..2 {
+                let [a, b] = [least[2 * i], least[2 * i + 1]];
+                least[i] = _mm_min_epu8(_mm_unpacklo_epi32(a, b), _mm_unpackhi_epi32(a, b));
+            }
+
+            let [a, b, ..] = least;
+            let least = _mm_min_epu8(_mm_unpacklo_epi64(a, b), _mm_unpackhi_epi64(a, b));
+            _mm_storeu_si128(bytes.as_mut_ptr().cast(), least);
+        }
+
+        bytes
+    }
+}
+
+/// The same for other processors, and for tests.
+#[cfg(any(test, not(target_arch = "x86_64")))]
+mod portable {
+    #[inline(always)]
+    pub fn highest_bits(bytes: &[u8; 32]) -> u32 {
+        let mut bits = 0;
+        for (j, byte) in bytes.iter().enumerate() {
+            bits |= u32::from(byte >> 7) << j;
+        }
+        bits
+    }
+
+    #[inline(always)]
+    pub fn least_bytes(rows: &[[u8; 32]; 16]) -> [u8; 16] {
+        let mut least = [u8::MAX; 16];
+        for (least, row) in least.iter_mut().zip(rows) {
+            for byte in row {
+                *least = (*least).min(*byte);
+            }
+        }
+        least
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -189,6 +290,41 @@ mod tests {
             match level {
                 Some(level) => assert_eq!(level.run(ByteSum(&values)), expected, "{name}"),
                 None => println!("{name}: not run, this machine does not have it"),
+            }
+        }
+    }
+    #[test]
+    fn every_level_finds_the_bits_and_the_least_of_bytes() {
+        struct Rows<'a>(&'a [[u8; 32]; 16]);
+
+        impl Loop for Rows<'_> {
+            type Output = ([u32; 16], [u8; 16]);
+            #[inline(always)]
+            fn run(self) -> Self::Output {
+                let mut bits = [0; 16];
+                for (bits, row) in bits.iter_mut().zip(self.0) {
+                    *bits = highest_bits(row);
+                }
+                (bits, least_bytes(self.0))
+            }
+        }
+
+        // The least byte of row `i` is 5 `i`, at place 7 `i`.
+        let byte =
+            |i: usize, j: usize| if j == 7 * i % 32 { 5 * i } else { 90 + 37 * (i + j) % 166 };
+        let rows = std::array::from_fn(|i| std::array::from_fn(|j| byte(i, j) as u8));
+        let least = std::array::from_fn(|i| 5 * i as u8);
+        let bits = rows.map(|row: [u8; 32]| {
+            row.iter().enumerate().map(|(j, byte)| u32::from(*byte >= 128) << j).sum()
+        });
+
+        assert_eq!(
+            (rows.map(|row| portable::highest_bits(&row)), portable::least_bytes(&rows)),
+            (bits, least)
+        );
+        for (name, level) in Level::all() {
+            if let Some(level) = level {
+                assert_eq!(level.run(Rows(&rows)), (bits, least), "{name}");
             }
         }
     }

@@ -3,8 +3,13 @@
 
 use std::fmt::Debug;
 
+use crate::simd::least_bytes;
+
 /// Disparities that are processed together: one AVX2 register of bytes.
 pub const LANES: usize = 32;
+
+/// Rows of lanes whose least ones are found together.
+pub const ROWS: usize = 16;
 
 /// One value for each of [`LANES`] neighboring disparities.
 pub type Lanes<T> = [T; LANES];
@@ -15,6 +20,16 @@ pub fn least_lane<T: Copy + Ord>(values: &Lanes<T>) -> T {
     let mut least = values[0];
     for value in values {
         least = least.min(*value);
+    }
+    least
+}
+
+/// The least lane of each of some rows.
+#[inline(always)]
+fn least_lanes<T: Value>(rows: &[Lanes<T>; ROWS]) -> [T; ROWS] {
+    let mut least = [T::default(); ROWS];
+    for (least, row) in least.iter_mut().zip(rows) {
+        *least = least_lane(row);
     }
     least
 }
@@ -48,11 +63,13 @@ pub trait Value: Copy + Debug + Default + Ord + Send + Sync + 'static {
     fn mean(self, other: Self) -> Self;
     /// Shifted right, without its lowest bits.
     fn shifted(self, bits: u32) -> Self;
+    /// The least lane of each row.
+    fn least_lanes(rows: &[Lanes<Self>; ROWS]) -> [Self; ROWS];
 }
 
 macro_rules! impl_value {
     (
-        $type:ty, far: $far:expr, largest_total: $largest:expr, plus: $plus:ident
+        $type:ty, far: $far:expr, largest_total: $largest:expr, plus: $plus:ident, least_lanes: $least_lanes:path
     ) => {
         impl Value for $type {
             const FAR: Self = $far;
@@ -88,11 +105,16 @@ macro_rules! impl_value {
             fn shifted(self, bits: u32) -> Self {
                 self.wrapping_shr(bits)
             }
+
+            #[inline(always)]
+            fn least_lanes(rows: &[Lanes<Self>; ROWS]) -> [Self; ROWS] {
+                $least_lanes(rows)
+            }
         }
     };
 }
 
 // Bytes and words have saturating instructions, so all of their range is used. 32 bits have none, but range to spare.
-impl_value!(u8, far: u8::MAX, largest_total: u8::MAX, plus: saturating_add);
-impl_value!(u16, far: u16::MAX, largest_total: u16::MAX, plus: saturating_add);
-impl_value!(u32, far: 1 << 29, largest_total: (1u32 << 29) - 1, plus: wrapping_add);
+impl_value!(u8, far: u8::MAX, largest_total: u8::MAX, plus: saturating_add, least_lanes: least_bytes);
+impl_value!(u16, far: u16::MAX, largest_total: u16::MAX, plus: saturating_add, least_lanes: least_lanes);
+impl_value!(u32, far: 1 << 29, largest_total: (1u32 << 29) - 1, plus: wrapping_add, least_lanes: least_lanes);

@@ -33,10 +33,10 @@ use crate::optimization::edges::{Edges, Neighbor};
 use crate::optimization::evidence::Evidence;
 use crate::optimization::panel_ranges::PANEL;
 use crate::optimization::penalties::Penalties;
-use crate::optimization::selection::{Minimum, PIXELS, Selection};
+use crate::optimization::selection::{PIXELS, Selection};
 use crate::pipeline::memory::{Memory, RunMemory};
 use crate::simd::Loop;
-use crate::value::{LANES, Lanes, Value, least_lane};
+use crate::value::{LANES, Lanes, Value};
 
 /// Columns of a strip: the values of a panel lie in memory strip after strip, and in each strip row by row. So paths along
 /// columns go through neighboring memory, too, not from page to page, and take 2 to 4 % less time.
@@ -237,9 +237,7 @@ impl<T: Value> Paths<T> {
 
         // The next pixels become the last ones.
         self.is_swapped = !self.is_swapped;
-        for (least, minimum) in self.least.iter_mut().zip(&minima) {
-            *least = least_lane(minimum);
-        }
+        self.least = T::least_lanes(&minima);
     }
 }
 
@@ -653,13 +651,13 @@ impl<T: Value> VerticalPass<'_, T> {
         let below = row_of(below, row, STRIP * runs).chunks_exact(runs);
         let sums = sums[..STRIP * runs].chunks_exact_mut(runs);
 
-        let others = means.zip(below).zip(sums.zip(selection.minima()));
-        let sinks = others.map(|((means, below), (sums, found))| AverageAll {
+        let others = means.zip(below).zip(sums.zip(selection.least()));
+        let sinks = others.map(|((means, below), (sums, least))| AverageAll {
             means,
             below,
             sums,
-            minimum: Minimum::of([T::FAR; LANES]),
-            found,
+            lanes: [T::FAR; LANES],
+            least,
         });
 
         let penalties =
@@ -671,13 +669,13 @@ impl<T: Value> VerticalPass<'_, T> {
     #[inline(always)]
     fn select(&mut self, y: usize, (strip, columns): &(usize, Range<usize>), runs: usize) {
         let Self { vertical, panel, selection, .. } = self;
-        let sums = &mut vertical.sums[..STRIP * runs];
+        let sums = &vertical.sums[..STRIP * runs];
         let costs = strip_rows(panel.costs, &panel.seen, (*strip, &(y..y + 1)), runs);
         let pixels = columns.len();
         let row = y - panel.block.rows.start;
 
-        selection.settle();
-        selection.weigh(sums, Some(costs), (pixels, panel.searched.count, runs));
+        selection.settle(sums, runs);
+        selection.weigh(sums, Some(costs), (panel.searched.count, runs));
         selection.number_from(panel.searched.start);
         selection.write(pixels, self.evidence, (row, columns.start));
     }
@@ -688,8 +686,8 @@ struct AverageAll<'a, T> {
     means: &'a [Lanes<T>],
     below: &'a [Lanes<T>],
     sums: &'a mut [Lanes<T>],
-    minimum: Minimum<T>,
-    found: &'a mut Minimum<T>,
+    lanes: Lanes<T>,
+    least: &'a mut Lanes<T>,
 }
 
 impl<T: Value> Sink<T> for AverageAll<'_, T> {
@@ -701,14 +699,14 @@ impl<T: Value> Sink<T> for AverageAll<'_, T> {
         let mut sums = [T::default(); LANES];
         for j in 0..LANES {
             sums[j] = means[j].mean(totals[j].mean(below[j]));
+            self.lanes[j] = self.lanes[j].min(sums[j]);
         }
 
         self.sums[run] = sums;
-        self.minimum.see(run, sums);
     }
 
     #[inline(always)]
     fn finish(self) {
-        *self.found = self.minimum;
+        *self.least = self.lanes;
     }
 }

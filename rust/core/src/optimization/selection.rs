@@ -7,28 +7,38 @@
 //! offset    = the tip of a V through chosen - 1, chosen, chosen + 1
 //! ```
 //!
-//! While costs go by, each lane keeps its least one and the run of candidates that it came from; only at the end are the
-//! lanes compared. Pixels take one step after another together, each step a small loop of its own, since the compiler
-//! turns such loops into vector instructions.
+//! While costs go by, each lane keeps its least one; at the end the least lanes of sixteen pixels are found together. The
+//! costs are then read twice more, from the first-level cache: to find where the least one is, by a bit mask of the lanes
+//! that are equal to it, and for the least cost elsewhere, where the chosen candidate and its neighbors are masked.
+//!
+//! Pixels take one step after another together, each step a small loop of its own, since the compiler turns such loops into
+//! vector instructions. What is written pixel by pixel is read for all of them only some steps later: a processor has to
+//! wait if it reads in one piece what it has just written in many.
 
+use std::hint::select_unpredictable;
+
+use crate::error::Result;
 use crate::optimization::evidence::{Evidence, EvidenceRow, NONE};
+use crate::pipeline::memory::Memory;
 use crate::refinement::subpixel::{self, evidence};
-use crate::value::{LANES, Lanes, Value, least_lane};
+use crate::simd::highest_bits;
+use crate::value::{LANES, Lanes, ROWS, Value};
 
 /// Pixels whose candidates are selected together.
-pub const PIXELS: usize = 16;
+pub const PIXELS: usize = ROWS;
 
 /// The selection for up to [`PIXELS`] pixels. It lies behind a reference: of a local one the compiler would keep single lanes.
 #[derive(Debug)]
 pub struct Selection<T> {
-    /// The number of each lane. In memory, since the compiler splits a constant into single lanes.
-    lanes: Lanes<T>,
-    /// The least costs of each pixel.
-    minima: [Minimum<T>; PIXELS],
+    /// The least cost of each pixel in each lane.
+    least: [Lanes<T>; PIXELS],
     /// Costs of the chosen candidates.
     own: [T; PIXELS],
     /// Indices of the chosen candidates.
     chosen: [u16; PIXELS],
+    /// The largest number at three places in the middle, and 0 elsewhere. The part that has them at a candidate and its
+    /// neighbors masks their costs: the maximum with it leaves all other costs.
+    mask: Memory<T>,
     /// Least costs of candidates not next to the chosen ones.
     elsewhere: [u32; PIXELS],
     /// Sub-pixel offsets from the chosen candidates.
@@ -38,10 +48,10 @@ pub struct Selection<T> {
 impl<T: Value> Default for Selection<T> {
     fn default() -> Self {
         Self {
-            lanes: std::array::from_fn(|j| T::truncated(j as u64)),
-            minima: [Minimum::of([T::default(); LANES]); PIXELS],
+            least: [[T::default(); LANES]; PIXELS],
             own: [T::default(); PIXELS],
             chosen: [0; PIXELS],
+            mask: Memory::default(),
             elsewhere: [NONE; PIXELS],
             offset: [0.0; PIXELS],
         }
@@ -49,47 +59,59 @@ impl<T: Value> Default for Selection<T> {
 }
 
 impl<T: Value> Selection<T> {
-    /// Most runs of candidates that an index of this type can number.
-    pub const MOST_RUNS: u64 = T::LARGEST_TOTAL;
+    /// Sizes the buffer for pixels with up to `most` runs of candidates, whose costs are weighed.
+    pub fn begin(&mut self, most: usize) -> Result<()> {
+        let middle = most * LANES;
+        self.mask.resize(2 * middle + 1)?;
+        self.mask.fill(T::default());
+        self.mask[middle - 1..middle + 2].fill(T::truncated(u64::MAX));
 
-    /// The least costs of each pixel, to be written.
-    #[inline(always)]
-    pub fn minima(&mut self) -> &mut [Minimum<T>; PIXELS] {
-        &mut self.minima
+        Ok(())
     }
 
-    /// Finds the least cost of each pixel and the first candidate that has it: the least lane in the least run with this
-    /// cost. Runs and lanes that do not qualify are replaced by the largest number, so that every step is a plain minimum.
+    /// The least cost of each pixel in each lane, to be written.
     #[inline(always)]
-    pub fn settle(&mut self) {
-        let Self { lanes, minima, own, chosen, .. } = self;
+    pub fn least(&mut self) -> &mut [Lanes<T>; PIXELS] {
+        &mut self.least
+    }
 
-        for (own, minimum) in own.iter_mut().zip(&*minima) {
-            *own = least_lane(&minimum.least);
+    /// Finds the least cost of each pixel in each lane.
+    #[inline(always)]
+    pub fn find_least(&mut self, totals: &[Lanes<T>], runs: usize) {
+        for (least, totals) in self.least.iter_mut().zip(totals.chunks_exact(runs)) {
+            let mut lanes = totals[0];
+            for run in 1..runs {
+                for j in 0..LANES {
+                    lanes[j] = lanes[j].min(totals[run][j]);
+                }
+            }
+
+            *least = lanes;
         }
+    }
 
-        for (Minimum { least, run }, own) in minima.iter_mut().zip(&*own) {
-            keep_equal(run, least, *own);
-        }
+    /// Finds the least cost of each pixel, from those of its lanes, and the first candidate that has it.
+    #[inline(always)]
+    pub fn settle(&mut self, totals: &[Lanes<T>], runs: usize) {
+        let Self { least, own, chosen, .. } = self;
+        *own = T::least_lanes(least);
 
-        let mut first = [T::default(); PIXELS];
-        for (first, minimum) in first.iter_mut().zip(&*minima) {
-            *first = least_lane(&minimum.run);
-        }
+        for ((chosen, own), totals) in chosen.iter_mut().zip(own).zip(totals.chunks_exact(runs)) {
+            let mut k = 0;
 
-        for (Minimum { run, .. }, first) in minima.iter_mut().zip(&first) {
-            let mut lane = *lanes;
-            keep_equal(&mut lane, run, *first);
-            *run = lane;
-        }
+            // From the last run on, so that the first one stays; without branches, which would depend on the costs.
+            for run in (0..runs).rev() {
+                let mut is_own = [0; LANES];
+                for j in 0..LANES {
+                    is_own[j] = if totals[run][j] == *own { u8::MAX } else { 0 };
+                }
 
-        let mut lane = [T::default(); PIXELS];
-        for (lane, minimum) in lane.iter_mut().zip(&*minima) {
-            *lane = least_lane(&minimum.run);
-        }
+                let lanes = highest_bits(&is_own);
+                let first = (run * LANES) as u32 + lanes.trailing_zeros();
+                k = select_unpredictable(lanes != 0, first, k);
+            }
 
-        for ((chosen, first), lane) in chosen.iter_mut().zip(&first).zip(&lane) {
-            *chosen = (first.widened() * LANES as u64 + lane.widened()) as u16;
+            *chosen = k as u16;
         }
     }
 
@@ -114,50 +136,50 @@ impl<T: Value> Selection<T> {
     }
 
     /// Finds the least cost elsewhere and the sub-pixel offset of the chosen candidates, for pixels with so many candidates
-    /// in so many runs. `totals` decided and are overwritten; `costs` are the pixels' own costs, if totals are of paths.
+    /// in so many runs. `totals` decided; `costs` are the pixels' own costs, if totals are of paths.
     #[inline(always)]
     pub fn weigh(
         &mut self,
-        totals: &mut [Lanes<T>],
+        totals: &[Lanes<T>],
         costs: Option<&[Lanes<T>]>,
-        (pixels, candidates, runs): (usize, usize, usize),
+        (candidates, runs): (usize, usize),
     ) {
-        let Self { minima, chosen, elsewhere, offset, .. } = self;
-        let most = T::truncated(u64::MAX);
+        let Self { least, chosen, mask, elsewhere, offset, .. } = self;
 
-        // Takes out the costs of the chosen candidate and its neighbors; the least of the rest is then the one elsewhere.
+        // The chosen candidate and its neighbors; at either end of the range any three will do.
         let mut valley = [[0; PIXELS]; 3];
-        for (pixel, totals) in totals.chunks_exact_mut(runs).take(pixels).enumerate() {
-            let totals = &mut totals.as_flattened_mut()[..candidates];
-            let k = usize::from(chosen[pixel]);
-            // At either end of the range one of them is the chosen one itself.
-            let places = [k.saturating_sub(1), k, (k + 1).min(candidates - 1)];
+        for (pixel, totals) in totals.chunks_exact(runs).enumerate() {
+            let below = usize::from(chosen[pixel]).clamp(1, runs * LANES - 2) - 1;
+            let totals = &totals.as_flattened()[below..][..3];
 
-            for (valley, place) in valley.iter_mut().zip(places) {
-                let cost = costs
-                    .map_or(0, |costs| capped(costs.as_flattened()[pixel * runs * LANES + place]));
-                valley[pixel] = evidence(capped(totals[place]), cost);
+            let mut own = [T::default(); 3];
+            if let Some(costs) = costs {
+                let costs = &costs[pixel * runs..][..runs];
+                own.copy_from_slice(&costs.as_flattened()[below..][..3]);
             }
-            for place in places {
-                totals[place] = most;
+
+            for (i, valley) in valley.iter_mut().enumerate() {
+                valley[pixel] = evidence(capped(totals[i]), capped(own[i]));
             }
         }
 
-        for (minimum, totals) in minima.iter_mut().zip(totals.chunks_exact(runs)).take(pixels) {
-            let mut lanes = totals[0];
-            for totals in &totals[1..] {
+        // The least of the costs that are not masked is the one elsewhere.
+        let middle = mask.len() / 2;
+        let pixels = least.iter_mut().zip(&*chosen).zip(totals.chunks_exact(runs));
+        for ((least, chosen), totals) in pixels {
+            let mask = &mask[middle - usize::from(*chosen)..].as_chunks::<LANES>().0[..runs];
+
+            let mut lanes = [T::truncated(u64::MAX); LANES];
+            for run in 0..runs {
                 for j in 0..LANES {
-                    lanes[j] = lanes[j].min(totals[j]);
+                    lanes[j] = lanes[j].min(totals[run][j].max(mask[run][j]));
                 }
             }
 
-            minimum.least = lanes;
+            *least = lanes;
         }
 
-        let mut others = [T::default(); PIXELS];
-        for (others, minimum) in others.iter_mut().zip(&*minima) {
-            *others = least_lane(&minimum.least);
-        }
+        let others = T::least_lanes(least);
 
         // From here on for all pixels, whether used or not: a fixed length is vectorized.
         let candidates = candidates as u32;
@@ -168,15 +190,16 @@ impl<T: Value> Selection<T> {
         }
 
         let [below, at, above] = &valley;
+        let mut tips = [0.0; PIXELS];
         for pixel in 0..PIXELS {
-            offset[pixel] = subpixel::offset(below[pixel], at[pixel], above[pixel]);
+            tips[pixel] = subpixel::offset(below[pixel], at[pixel], above[pixel]);
         }
 
         // At either end of the range there is no V: the match is taken as it is.
         for pixel in 0..PIXELS {
             let k = u32::from(chosen[pixel]);
             let is_inside = (k > 0) & (k + 1 < candidates);
-            offset[pixel] = if is_inside { offset[pixel] } else { 0.0 };
+            offset[pixel] = if is_inside { tips[pixel] } else { 0.0 };
         }
     }
 
@@ -196,57 +219,6 @@ impl<T: Value> Selection<T> {
         };
 
         evidence.set(row, first, found);
-    }
-}
-
-/// The least cost of a pixel so far in each lane, and the run that it was found in.
-#[derive(Debug, Clone, Copy)]
-pub struct Minimum<T> {
-    least: Lanes<T>,
-    run: Lanes<T>,
-}
-
-impl<T: Value> Minimum<T> {
-    /// The minimum of the first run.
-    #[inline(always)]
-    pub fn of(first: Lanes<T>) -> Self {
-        Self { least: first, run: [T::default(); LANES] }
-    }
-
-    /// Includes the costs of run `index`.
-    #[inline(always)]
-    pub fn see(&mut self, index: usize, costs: Lanes<T>) {
-        let index = T::truncated(index as u64);
-        let Self { least, run } = *self;
-
-        for j in 0..LANES {
-            let is_less = costs[j] < least[j];
-            self.run[j] = if is_less { index } else { run[j] };
-        }
-
-        for j in 0..LANES {
-            self.least[j] = least[j].min(costs[j]);
-        }
-    }
-
-    /// The minimum of all costs of a pixel.
-    #[inline(always)]
-    pub fn of_all(costs: &[Lanes<T>]) -> Self {
-        let mut minimum = Self::of(costs[0]);
-        for (index, costs) in costs.iter().enumerate().skip(1) {
-            minimum.see(index, *costs);
-        }
-        minimum
-    }
-}
-
-/// Replaces numbers by the largest one where the value is not the wanted one.
-#[inline(always)]
-fn keep_equal<T: Value>(numbers: &mut Lanes<T>, values: &Lanes<T>, wanted: T) {
-    for j in 0..LANES {
-        // 0, or all bits. In arithmetic, since a comparison would be compiled lane by lane.
-        let unequal = T::default().minus(values[j].minus(wanted).min(T::truncated(1)));
-        numbers[j] = numbers[j].max(unequal);
     }
 }
 

@@ -16,7 +16,6 @@ use crate::image::plane::Plane;
 use crate::image::texture::Texture;
 use crate::optimization::edges::Edges;
 use crate::optimization::evidence::{Evidence, NONE};
-use crate::optimization::selection::Selection;
 use crate::optimization::{AggregatedCosts, CandidateSearch, Penalties, Weighing, Workspace};
 use crate::pipeline::control::Control;
 use crate::pipeline::footprint::Demand;
@@ -32,7 +31,7 @@ use crate::refinement::synthesis;
 use crate::refinement::{Draft, MapWriter, invalidate};
 use crate::settings::{Optimizer, Settings};
 use crate::simd::Level;
-use crate::value::{LANES, Value};
+use crate::value::Value;
 
 /// Most threads that one match may ask for.
 pub const MOST_THREADS: usize = 1024;
@@ -527,9 +526,8 @@ impl Width {
         };
 
         let largest = largest_cost.max(largest_total);
-        let runs = window.candidates.div_ceil(LANES) as u64;
 
-        if largest <= u8::LARGEST_TOTAL && runs <= Selection::<u8>::MOST_RUNS {
+        if largest <= u8::LARGEST_TOTAL {
             Self::Bytes
         } else if largest <= u16::LARGEST_TOTAL {
             Self::Words
