@@ -463,8 +463,20 @@ impl<T: Value> Loop for SelectPixels<'_, T> {
 
     #[inline(always)]
     fn run(self) {
+        // Usual numbers of runs as constants, so that loops over runs are unrolled.
+        match self.block.1.runs() {
+            1 => self.select(1),
+            2 => self.select(2),
+            3 => self.select(3),
+            runs => self.select(runs),
+        }
+    }
+}
+
+impl<T: Value> SelectPixels<'_, T> {
+    #[inline(always)]
+    fn select(self, runs: usize) {
         let Self { search, block: (block, searched), totals, costs, selection, evidence } = self;
-        let runs = searched.runs();
 
         for (strip, columns) in block.strips().enumerate() {
             for row in 0..block.rows.len() {

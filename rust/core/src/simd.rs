@@ -154,23 +154,10 @@ fn avx512_bitalg<L: Loop>(work: L) -> L::Output {
     work.run()
 }
 
-/// The highest bit of each byte: that of byte `j` as bit `j`.
-#[inline(always)]
-pub fn highest_bits(bytes: &[u8; 32]) -> u32 {
-    #[cfg(target_arch = "x86_64")]
-    return sse2::highest_bits(bytes);
-    #[cfg(not(target_arch = "x86_64"))]
-    return portable::highest_bits(bytes);
-}
-
-/// The least byte of each of sixteen rows.
-#[inline(always)]
-pub fn least_bytes(rows: &[[u8; 32]; 16]) -> [u8; 16] {
-    #[cfg(target_arch = "x86_64")]
-    return sse2::least_bytes(rows);
-    #[cfg(not(target_arch = "x86_64"))]
-    return portable::least_bytes(rows);
-}
+#[cfg(not(target_arch = "x86_64"))]
+pub use self::portable::{highest_bits, least_bytes};
+#[cfg(target_arch = "x86_64")]
+pub use self::sse2::{highest_bits, least_bytes};
 
 /// What the compiler does not make of plain loops: it takes single bytes, which are then written one by one, and whoever
 /// reads them together has to wait.
@@ -179,8 +166,14 @@ pub fn least_bytes(rows: &[[u8; 32]; 16]) -> [u8; 16] {
 /// wider register together.
 #[cfg(target_arch = "x86_64")]
 mod sse2 {
-    use std::arch::x86_64::*;
+    use std::arch::x86_64::{
+        __m128i, _mm_loadu_si128, _mm_min_epu8, _mm_movemask_epi8, _mm_setzero_si128,
+        _mm_storeu_si128, _mm_unpackhi_epi8, _mm_unpackhi_epi16, _mm_unpackhi_epi32,
+        _mm_unpackhi_epi64, _mm_unpacklo_epi8, _mm_unpacklo_epi16, _mm_unpacklo_epi32,
+        _mm_unpacklo_epi64,
+    };
 
+    /// The highest bit of each byte: that of byte `j` as bit `j`.
     #[inline(always)]
     pub fn highest_bits(bytes: &[u8; 32]) -> u32 {
         let halves = bytes.as_ptr().cast::<__m128i>();
@@ -194,6 +187,8 @@ mod sse2 {
         low as u32 | (high as u32) << 16
     }
 
+    /// The least byte of each of sixteen rows.
+    ///
     /// Two registers of bytes become one in which theirs alternate, one of pairs of bytes, and so on: in the last one each
     /// byte is of another row.
     #[inline(always)]
@@ -231,18 +226,22 @@ mod sse2 {
     }
 }
 
-/// The same for other processors, and for tests.
+/// The same for other processors.
 #[cfg(any(test, not(target_arch = "x86_64")))]
 mod portable {
+    /// The highest bit of each byte: that of byte `j` as bit `j`.
     #[inline(always)]
     pub fn highest_bits(bytes: &[u8; 32]) -> u32 {
         let mut bits = 0;
-        for (j, byte) in bytes.iter().enumerate() {
-            bits |= u32::from(byte >> 7) << j;
+        for (i, eight) in bytes.as_chunks().0.iter().enumerate() {
+            // The product shifts the bit of byte `j` from place 8 `j` + 7 to 56 + `j`.
+            let highest = u64::from_le_bytes(*eight) & 0x8080_8080_8080_8080;
+            bits |= (highest.wrapping_mul(0x0002_0408_1020_4081) >> 56 << (8 * i)) as u32;
         }
         bits
     }
 
+    /// The least byte of each of sixteen rows.
     #[inline(always)]
     pub fn least_bytes(rows: &[[u8; 32]; 16]) -> [u8; 16] {
         let mut least = [u8::MAX; 16];

@@ -69,7 +69,8 @@ pub trait Value: Copy + Debug + Default + Ord + Send + Sync + 'static {
 
 macro_rules! impl_value {
     (
-        $type:ty, far: $far:expr, largest_total: $largest:expr, plus: $plus:ident, least_lanes: $least_lanes:path
+        $type:ty, far: $far:expr, largest_total: $largest:expr, plus: $plus:ident,
+        least_lanes: $least_lanes:path
     ) => {
         impl Value for $type {
             const FAR: Self = $far;
@@ -115,6 +116,15 @@ macro_rules! impl_value {
 }
 
 // Bytes and words have saturating instructions, so all of their range is used. 32 bits have none, but range to spare.
-impl_value!(u8, far: u8::MAX, largest_total: u8::MAX, plus: saturating_add, least_lanes: least_bytes);
-impl_value!(u16, far: u16::MAX, largest_total: u16::MAX, plus: saturating_add, least_lanes: least_lanes);
-impl_value!(u32, far: 1 << 29, largest_total: (1u32 << 29) - 1, plus: wrapping_add, least_lanes: least_lanes);
+impl_value!(
+    u8, far: u8::MAX, largest_total: u8::MAX, plus: saturating_add,
+    least_lanes: least_bytes
+);
+impl_value!(
+    u16, far: u16::MAX, largest_total: u16::MAX, plus: saturating_add,
+    least_lanes: least_lanes
+);
+impl_value!(
+    u32, far: 1 << 29, largest_total: (1u32 << 29) - 1, plus: wrapping_add,
+    least_lanes: least_lanes
+);
