@@ -95,6 +95,8 @@ impl<T: Value> Selection<T> {
     pub fn settle(&mut self, totals: &[Lanes<T>], runs: usize) {
         let Self { least, own, chosen, .. } = self;
         *own = T::least_lanes(least);
+        // Pixels that are not used must not keep what was numbered before.
+        *chosen = [0; PIXELS];
 
         for ((chosen, own), totals) in chosen.iter_mut().zip(own).zip(totals.chunks_exact(runs)) {
             let mut k = 0;
