@@ -167,21 +167,19 @@ pub use self::sse2::{highest_bits, least_bytes};
 #[cfg(target_arch = "x86_64")]
 mod sse2 {
     use std::arch::x86_64::{
-        __m128i, _mm_loadu_si128, _mm_min_epu8, _mm_movemask_epi8, _mm_setzero_si128,
-        _mm_storeu_si128, _mm_unpackhi_epi8, _mm_unpackhi_epi16, _mm_unpackhi_epi32,
-        _mm_unpackhi_epi64, _mm_unpacklo_epi8, _mm_unpacklo_epi16, _mm_unpacklo_epi32,
-        _mm_unpacklo_epi64,
+        __m128i, _mm_min_epu8, _mm_movemask_epi8, _mm_unpackhi_epi8, _mm_unpackhi_epi16,
+        _mm_unpackhi_epi32, _mm_unpackhi_epi64, _mm_unpacklo_epi8, _mm_unpacklo_epi16,
+        _mm_unpacklo_epi32, _mm_unpacklo_epi64,
     };
+    use std::mem::transmute;
 
     /// The highest bit of each byte: that of byte `j` as bit `j`.
     #[inline(always)]
     pub fn highest_bits(bytes: &[u8; 32]) -> u32 {
-        let halves = bytes.as_ptr().cast::<__m128i>();
-
-        // SAFETY: every x86-64 processor has SSE2; the array has both halves, and they are loaded from any address.
+        // SAFETY: registers are bytes of any value; every x86-64 processor has SSE2.
         let [low, high] = unsafe {
-            let halves = [_mm_loadu_si128(halves), _mm_loadu_si128(halves.add(1))];
-            [_mm_movemask_epi8(halves[0]), _mm_movemask_epi8(halves[1])]
+            let [low, high] = transmute::<[u8; 32], [__m128i; 2]>(*bytes);
+            [_mm_movemask_epi8(low), _mm_movemask_epi8(high)]
         };
 
         low as u32 | (high as u32) << 16
@@ -193,15 +191,12 @@ mod sse2 {
     /// byte is of another row.
     #[inline(always)]
     pub fn least_bytes(rows: &[[u8; 32]; 16]) -> [u8; 16] {
-        let mut bytes = [0; 16];
-
-        // SAFETY: every x86-64 processor has SSE2; every row has both halves, `bytes` is as long as a register, and all are
-        // loaded from and stored to any address.
+        // SAFETY: registers are bytes of any value; every x86-64 processor has SSE2.
         unsafe {
-            let mut least = [_mm_setzero_si128(); 16];
+            let mut least = [transmute::<[u8; 16], __m128i>([0; 16]); 16];
             for (least, row) in least.iter_mut().zip(rows) {
-                let halves = row.as_ptr().cast::<__m128i>();
-                *least = _mm_min_epu8(_mm_loadu_si128(halves), _mm_loadu_si128(halves.add(1)));
+                let [low, high] = transmute::<[u8; 32], [__m128i; 2]>(*row);
+                *least = _mm_min_epu8(low, high);
             }
 
             for i in 0..8 {
@@ -219,10 +214,8 @@ mod sse2 {
 
             let [a, b, ..] = least;
             let least = _mm_min_epu8(_mm_unpacklo_epi64(a, b), _mm_unpackhi_epi64(a, b));
-            _mm_storeu_si128(bytes.as_mut_ptr().cast(), least);
+            transmute::<__m128i, [u8; 16]>(least)
         }
-
-        bytes
     }
 }
 
