@@ -80,9 +80,9 @@ impl<T: Value> Selection<T> {
     pub fn find_least(&mut self, totals: &[Lanes<T>], runs: usize) {
         for (least, totals) in self.least.iter_mut().zip(totals.chunks_exact(runs)) {
             let mut lanes = totals[0];
-            for run in 1..runs {
+            for totals in &totals[1..] {
                 for j in 0..LANES {
-                    lanes[j] = lanes[j].min(totals[run][j]);
+                    lanes[j] = lanes[j].min(totals[j]);
                 }
             }
 
