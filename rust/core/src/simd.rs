@@ -29,6 +29,16 @@ pub trait Loop {
     fn run(self) -> Self::Output;
 }
 
+/// A value without its fraction, cut to magnitudes up to 2^30; 0 for NaN. A cast by `as` saturates, for which there is no
+/// instruction: loops with one are compiled value by value.
+#[inline(always)]
+pub fn whole(value: f32) -> i32 {
+    const MOST: f32 = (1 << 30) as f32;
+    let known = if value.is_nan() { 0.0 } else { value };
+    // SAFETY: it is a number, and 32 bits hold it.
+    unsafe { known.clamp(-MOST, MOST).to_int_unchecked() }
+}
+
 /// An instruction-set level that this machine has; no other can be constructed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Level(Isa);
@@ -261,6 +271,16 @@ mod tests {
             assert!(lowered <= best);
             assert!(level.is_none_or(|level| level == lowered && level.name() == name));
         }
+    }
+
+    #[test]
+    fn whole_values_are_those_of_a_cast_up_to_a_limit() {
+        for value in [0.0, -0.0, 0.99, -0.99, 1.5, -7.5, 8_388_607.5, 16_777_217.0, -1e9, 1e-40] {
+            assert_eq!(whole(value), value as i32);
+        }
+        assert_eq!([f32::NAN, -f32::NAN].map(whole), [0; 2]);
+        assert_eq!([2e9, f32::INFINITY, f32::MAX].map(whole), [1 << 30; 3]);
+        assert_eq!([-2e9, f32::NEG_INFINITY, f32::MIN].map(whole), [-1 << 30; 3]);
     }
 
     #[test]

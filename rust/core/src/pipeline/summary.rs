@@ -5,7 +5,7 @@ use crate::image::plane::Plane;
 use crate::pipeline::matcher::Disparity;
 use crate::refinement::calibration::{FAILED, STEPS};
 use crate::refinement::flag;
-use crate::simd::{Level, Loop};
+use crate::simd::{Level, Loop, whole};
 
 /// Shares of the pixels of a map, and their mean confidence.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -151,7 +151,7 @@ impl Loop for SumPart<'_> {
         let [mut all, mut right] = [0; 2];
 
         for (confidence, disparity) in self.confidence.iter().zip(self.disparity) {
-            let steps = (confidence * STEPS) as i32 as u32;
+            let steps = whole(confidence * STEPS) as u32;
             all += steps;
             right += if disparity.is_nan() { 0 } else { steps };
         }

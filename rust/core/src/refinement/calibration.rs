@@ -39,7 +39,7 @@ use crate::pipeline::pair::Pair;
 use crate::refinement::flag;
 use crate::rig::blur_compensation::BlurCompensation;
 use crate::settings::Optimizer;
-use crate::simd::{Level, Loop};
+use crate::simd::{Level, Loop, whole};
 
 /// Traits of a pair.
 pub const TRAITS: usize = 8;
@@ -177,7 +177,7 @@ impl Loop for TallyPart<'_> {
 
         for ((confidence, disparity), flags) in confidence.iter().zip(disparity).zip(flags) {
             let is_own = (flags & flag::FILLED == 0) & !disparity.is_nan();
-            let steps = (confidence * STEPS) as i32 as u32;
+            let steps = whole(confidence * STEPS) as u32;
             confidences += if is_own { steps } else { 0 };
             own += u32::from(is_own);
             at_ends += u32::from(is_own & ((*disparity < ends[0]) | (*disparity > ends[1])));

@@ -30,7 +30,7 @@ use crate::image::plane::{Plane, parts, zeroed};
 use crate::image::texture::{Roughness, Texture};
 use crate::pipeline::control::Control;
 use crate::refinement::jumps::Mark;
-use crate::simd::{Level, Loop};
+use crate::simd::{Level, Loop, whole};
 
 /// How outlines are drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -207,9 +207,9 @@ impl Loop for Quantize<'_> {
 
         for x in 0..n {
             let level = (gray[x] as f32 * self.scale).clamp(-FARTHEST as f32, FARTHEST as f32);
-            grays[x] = if disparity[x].is_nan() { NOTHING } else { level as i32 as i16 };
+            grays[x] = if disparity[x].is_nan() { NOTHING } else { whole(level) as i16 };
             // NaN becomes 0 steps; its gray value takes its weight away.
-            steps[x] = (disparity[x] * FINENESS) as i32;
+            steps[x] = whole(disparity[x] * FINENESS);
         }
     }
 }

@@ -29,7 +29,7 @@ use crate::pipeline::runtime::Runtime;
 use crate::rig::blur::parts::{HALO, PairRows, Part, Strips};
 use crate::rig::blur::rough::grays_per_unit;
 use crate::rig::estimation::overview::{Overview, RoughMap};
-use crate::simd::{Level, Loop};
+use crate::simd::{Level, Loop, whole};
 
 /// Rows of a strip.
 const STRIP: usize = 16;
@@ -356,7 +356,7 @@ impl Loop for InSteps<'_> {
     #[inline(always)]
     fn run(self) {
         for (step, value) in self.steps.iter_mut().zip(self.row) {
-            *step = (value * STEPS) as i32;
+            *step = whole(value * STEPS);
         }
     }
 }
