@@ -4,6 +4,7 @@ use crate::common::{noise, random, volumes};
 use crate::reference;
 use phasestereo::internals::image::normalization::normalize;
 use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::simd::Level;
 use proptest::prelude::*;
 
 proptest! {
@@ -14,7 +15,7 @@ proptest! {
         let window = 2 * radius + 1;
         let expected = reference::normalize(&plane, window);
 
-        prop_assert_eq!(normalize(&plane, window, &Control::default()), Ok(expected));
+        prop_assert_eq!(normalize(&plane, window, Level::best(), &Control::default()), Ok(expected));
     }
 }
 
@@ -23,5 +24,5 @@ fn bands_leave_no_seam() {
     let plane = noise(300, 5).map(|&value| value as u16);
     let expected = reference::normalize(&plane, 9);
 
-    assert_eq!(normalize(&plane, 9, &Control::default()), Ok(expected));
+    assert_eq!(normalize(&plane, 9, Level::best(), &Control::default()), Ok(expected));
 }

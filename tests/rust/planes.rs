@@ -104,10 +104,11 @@ fn flat_areas_are_those_of_a_naive_search() {
         let gray = patched(size, salt);
         let naive = naive_areas(&gray);
 
-        let areas = flat_areas(gray, 1 << 13, &Control::default()).expect("enough memory");
+        let areas =
+            flat_areas(gray, 1 << 13, Level::best(), &Control::default()).expect("enough memory");
         let pixels = |area: &FlatArea| {
             let all = (&(0..size.0), &(0..size.1));
-            let marked = area.near(all, 0, &Control::default()).expect("memory");
+            let marked = area.near(all, 0, Level::best(), &Control::default()).expect("memory");
             places(size).filter(|&(y, x)| marked.row(y)[x]).collect::<BTreeSet<_>>()
         };
 

@@ -67,7 +67,7 @@ fn means_of_windows_are_those_of_every_window_by_itself() {
     for (size, radius) in [((1, 1), 3), ((70, 9), 2), ((131, 40), 15), ((5, 80), 30)] {
         let plane = Plane::from_fn(size.0, size.1, |y, x| random(7, y, x));
 
-        let runtime = window_means(size, radius, |y| plane.row(y).iter().copied());
+        let runtime = window_means(size, radius, |y| plane.row(y).iter().copied(), Level::best());
 
         let naive =
             Plane::from_fn(size.0, size.1, |y, x| naive_mean(&plane, (y, x), radius as isize));
@@ -133,9 +133,10 @@ fn the_choice_is_that_of_a_naive_one() {
         let mut fine = map(size, salt, 2.0);
         let coarse = map((size.0 / 2, size.1 / 2), salt + 9, 1.0);
         let before = fine.clone();
-        let doubt = Doubt::of_map(&fine).expect("enough memory").expect("confidences");
+        let doubt =
+            Doubt::of_map(&fine, Level::best()).expect("enough memory").expect("confidences");
 
-        choose(&mut fine, &doubt, &coarse).expect("enough memory");
+        choose(&mut fine, &doubt, &coarse, Level::best()).expect("enough memory");
 
         for (y, x) in (0..size.0).flat_map(|y| (0..size.1).map(move |x| (y, x))) {
             let (disparity, flags, confidence, bar) = naive_choice(&before, &coarse, y, x);
@@ -163,8 +164,8 @@ fn the_detail_of_a_map_is_the_mean_factor_of_the_copies_that_decided() {
     let quarter = certain((30, 40), 30.0, 40);
 
     let decide = |map: &mut Disparity, copy: &Disparity| {
-        let doubt = Doubt::of_map(map).expect("enough memory").expect("confidences");
-        choose(map, &doubt, copy).expect("enough memory");
+        let doubt = Doubt::of_map(map, Level::best()).expect("enough memory").expect("confidences");
+        choose(map, &doubt, copy, Level::best()).expect("enough memory");
     };
     decide(&mut half, &quarter);
     decide(&mut fine, &half);

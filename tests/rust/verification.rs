@@ -10,6 +10,7 @@ use phasestereo::internals::pipeline::matcher::{Disparity, Timings};
 use phasestereo::internals::refinement::flag;
 use phasestereo::internals::settings::presets::Preset;
 use phasestereo::internals::settings::{CostKind, Settings};
+use phasestereo::internals::simd::Level;
 use phasestereo::internals::verification::evidence::Evidence;
 use phasestereo::internals::verification::judgment::Jury;
 use phasestereo::internals::verification::verdict;
@@ -151,7 +152,8 @@ fn evidence_is_what_its_definition_says() {
     for is_masked in [false, true] {
         let [left, right] = &views(is_masked);
         let costs = any_columns([left, right], &settings());
-        let found = Evidence::new(&map, &own, &costs, &Control::default()).expect("memory");
+        let found =
+            Evidence::new(&map, &own, &costs, Level::best(), &Control::default()).expect("memory");
 
         for (y, x) in window(0, 0, ROWS) {
             let here = side(&map, &own, y, x);
@@ -235,10 +237,12 @@ fn verdicts_are_what_their_definition_says() {
     let (map, own) = (claims(), own());
     let [left, right] = &views(false);
     let costs = any_columns([left, right], &settings());
-    let evidence = Evidence::new(&map, &own, &costs, &Control::default()).expect("memory");
+    let evidence =
+        Evidence::new(&map, &own, &costs, Level::best(), &Control::default()).expect("memory");
 
     let jury = Jury { map: &map, own: &own, evidence: &evidence };
-    let (verdicts, better, counts) = jury.judge(&Control::default()).expect("memory");
+    let (verdicts, better, counts) =
+        jury.judge(Level::best(), &Control::default()).expect("memory");
 
     let mut expected = [0; 4];
     for (y, x) in window(0, 0, ROWS) {

@@ -166,7 +166,9 @@ impl<'a> Costs<'a> {
             CostKind::NormalizedSad => {
                 let [left, right] = level_planes(views, settings.intensity_range, control)?;
                 let normalized = |side: Vec<Plane<u16>>| -> Result<Vec<_>> {
-                    side.iter().map(|plane| normalize(plane, settings.window, control)).collect()
+                    side.iter()
+                        .map(|plane| normalize(plane, settings.window, level, control))
+                        .collect()
                 };
 
                 let channels = [normalized(left)?, normalized(right)?];

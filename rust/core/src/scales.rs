@@ -60,7 +60,7 @@ pub fn match_over_scales(
     let mut map = matcher.install(|| matched(pair, suited, runtime))?;
 
     let started = Instant::now();
-    matcher.install(|| match Doubt::of_map(&map)? {
+    matcher.install(|| match Doubt::of_map(&map, execution.level)? {
         Some(doubt) if doubt.share() > SOME => {
             decide(&mut map, &doubt, pair, settings, runtime)?;
             planes::draw(&mut map, pair, execution.level, control)?;
@@ -107,9 +107,9 @@ fn decide(
 
     let Prepared { pair: copy, settings: suited, .. } = prepare(copy, known, &settings, runtime)?;
     let mut coarse = matched(&copy, &suited, runtime)?;
-    if let Some(doubt) = Doubt::of_map(&coarse)? {
+    if let Some(doubt) = Doubt::of_map(&coarse, runtime.execution.level)? {
         decide(&mut coarse, &doubt, &copy, &settings, runtime)?;
     }
 
-    choice::choose(map, doubt, &coarse)
+    choice::choose(map, doubt, &coarse, runtime.execution.level)
 }

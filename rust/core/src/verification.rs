@@ -136,9 +136,9 @@ pub fn verify(
         let pair = pair.clone().searched(searched);
         let own = matcher.match_pair(&pair, &prepared.settings, execution, control)?;
 
-        let evidence = Evidence::new(map, &own, &costs, control)?;
+        let evidence = Evidence::new(map, &own, &costs, execution.level, control)?;
         let jury = Jury { map, own: &own, evidence: &evidence };
-        let (verdicts, better, counts) = jury.judge(control)?;
+        let (verdicts, better, counts) = jury.judge(execution.level, control)?;
         drop(costs);
 
         prepared.pair = pair;

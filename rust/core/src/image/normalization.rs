@@ -6,6 +6,7 @@ use crate::image::intensity::LEVEL_STEPS;
 use crate::image::plane::Plane;
 use crate::image::window_sums::{Beyond, Windows};
 use crate::pipeline::control::Control;
+use crate::simd::Level;
 
 /// Fixed-point steps per standard deviation.
 pub const DEVIATION_STEPS: u16 = 256;
@@ -20,7 +21,12 @@ const BAND_ROWS: usize = 128;
 ///
 /// One gray level of deviation is added in quadrature, so that flat areas do not turn noise into signal.
 /// The one division and square root per pixel are those of IEEE 754, alike on every machine.
-pub fn normalize(plane: &Plane<u16>, window: usize, control: &Control) -> Result<Plane<u16>> {
+pub fn normalize(
+    plane: &Plane<u16>,
+    window: usize,
+    level: Level,
+    control: &Control,
+) -> Result<Plane<u16>> {
     let size = (plane.rows(), plane.cols());
     let windows = Windows { size, radius: window / 2, beyond: Beyond::Reflection };
     let count = (window * window) as i64;
@@ -40,6 +46,6 @@ pub fn normalize(plane: &Plane<u16>, window: usize, control: &Control) -> Result
 
     Plane::by_bands(size, BAND_ROWS, |first, band| {
         control.checkpoint()?;
-        windows.write((first, band), moments, normalized)
+        windows.write((first, band), moments, normalized, level)
     })
 }

@@ -15,13 +15,13 @@
 //!     columns -= values[y - radius]
 //! ```
 //!
-//! Both are the same loop, once over rows and once over columns. Values are integers, so that sums have no error, in
-//! whatever bands of rows a plane is cut.
+//! Values are integers, so that sums have no error, in whatever bands of rows a plane is cut.
 
-use std::ops::{AddAssign, Range, SubAssign};
+use std::ops::{AddAssign, SubAssign};
 
 use crate::error::Result;
 use crate::image::plane::{Plane, reflect, zeroed};
+use crate::simd::{Level, Loop, whole};
 
 /// Steps of a value of 1 whose mean is taken.
 const STEPS: f32 = (1 << 20) as f32;
@@ -48,13 +48,6 @@ pub enum Beyond {
     Reflection,
 }
 
-/// What happens to the values of a place as a window slides on.
-#[derive(Debug, Clone, Copy)]
-enum Change {
-    Enters,
-    Leaves,
-}
-
 impl Windows {
     /// Writes `result(y, x, sums)` for the pixels of a band of rows that begins with row `first`. `values(y)` are the values
     /// of a row, of each pixel as many as there are sums.
@@ -63,70 +56,49 @@ impl Windows {
         (first, band): (usize, &mut [R]),
         values: impl Fn(usize) -> V,
         result: impl Fn(usize, usize, [T; N]) -> R,
+        level: Level,
     ) -> Result<()>
     where
         T: Copy + Default + AddAssign + SubAssign,
         V: Iterator<Item = [T; N]>,
     {
-        let (rows, cols) = self.size;
-        let band_rows = first..first + band.len() / cols;
-
-        let change_row = |columns: &mut Vec<T>, y: usize, change: Change| {
-            for (sums, values) in columns.as_chunks_mut().0.iter_mut().zip(values(y)) {
-                change.apply(sums, values);
-            }
-        };
-
-        self.slide(band_rows, rows, zeroed(cols * N)?, change_row, |y, columns| {
-            let columns = columns.as_chunks().0;
-            let out = &mut band[(y - first) * cols..][..cols];
-
-            let change_column = |sums: &mut _, x: usize, change: Change| {
-                change.apply(sums, columns[x]);
-            };
-            self.slide(0..cols, cols, [T::default(); N], change_column, |x, sums| {
-                out[x] = result(y, x, *sums);
-            });
-        });
-
+        let cols = self.size.1;
+        let (columns, sums) = (zeroed(cols * N)?, zeroed(cols * N)?);
+        level.run(WriteBand { windows: self, first, band, columns, sums, values, result });
         Ok(())
     }
 
     /// The pixels of the plane that lie in the window around one.
-    pub fn pixels(self, y: usize, x: usize) -> usize {
+    #[inline(always)]
+    pub fn pixels(self, y: usize, x: usize) -> u32 {
         let reach = |place: usize, length: usize| {
-            (place + self.radius + 1).min(length) - place.saturating_sub(self.radius)
+            ((place + self.radius + 1).min(length) - place.saturating_sub(self.radius)) as u32
         };
         reach(y, self.size.0) * reach(x, self.size.1)
     }
 
-    /// Slides a window over `places` of `0..length`: `change` adds to the sum what enters and takes off what leaves, and
-    /// `take` sees the sum of each place.
+    /// Adds up the columns of every window of a row.
     #[inline(always)]
-    fn slide<S>(
-        self,
-        places: Range<usize>,
-        length: usize,
-        mut sum: S,
-        change: impl Fn(&mut S, usize, Change),
-        mut take: impl FnMut(usize, &S),
-    ) {
-        let radius = self.radius as isize;
-        let first = places.start as isize;
+    fn add_along<T, const N: usize>(self, columns: &[[T; N]], sums: &mut [[T; N]])
+    where
+        T: Copy + Default + AddAssign + SubAssign,
+    {
+        let reach = self.radius as isize;
+        let column = |x: isize| self.place(x, columns.len()).map(|x| columns[x]);
 
-        for place in first - radius..first + radius {
-            if let Some(place) = self.place(place, length) {
-                change(&mut sum, place, Change::Enters);
+        let mut sum = [T::default(); N];
+        for x in -reach..reach {
+            if let Some(values) = column(x) {
+                add(&mut sum, values);
             }
         }
-
-        for center in places {
-            if let Some(place) = self.place(center as isize + radius, length) {
-                change(&mut sum, place, Change::Enters);
+        for (x, out) in (0..).zip(sums) {
+            if let Some(values) = column(x + reach) {
+                add(&mut sum, values);
             }
-            take(center, &sum);
-            if let Some(place) = self.place(center as isize - radius, length) {
-                change(&mut sum, place, Change::Leaves);
+            *out = sum;
+            if let Some(values) = column(x - reach) {
+                subtract(&mut sum, values);
             }
         }
     }
@@ -141,32 +113,83 @@ impl Windows {
     }
 }
 
-impl Change {
+#[inline(always)]
+fn add<T: AddAssign, const N: usize>(sums: &mut [T; N], values: [T; N]) {
+    sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
+}
+
+#[inline(always)]
+fn subtract<T: SubAssign, const N: usize>(sums: &mut [T; N], values: [T; N]) {
+    sums.iter_mut().zip(values).for_each(|(sum, value)| *sum -= value);
+}
+
+/// Writes a band of rows that begins with row `first`.
+struct WriteBand<'a, T, R, F, G> {
+    windows: Windows,
+    first: usize,
+    band: &'a mut [R],
+    /// The sums of each column over the rows of the windows, and those over the windows of a row.
+    columns: Vec<T>,
+    sums: Vec<T>,
+    values: F,
+    result: G,
+}
+
+impl<T, const N: usize, V, R, F, G> Loop for WriteBand<'_, T, R, F, G>
+where
+    T: Copy + Default + AddAssign + SubAssign,
+    V: Iterator<Item = [T; N]>,
+    F: Fn(usize) -> V,
+    G: Fn(usize, usize, [T; N]) -> R,
+{
+    type Output = ();
+
     #[inline(always)]
-    fn apply<T: AddAssign + SubAssign, const N: usize>(self, sums: &mut [T; N], values: [T; N]) {
-        for (sum, value) in sums.iter_mut().zip(values) {
-            match self {
-                Self::Enters => *sum += value,
-                Self::Leaves => *sum -= value,
+    fn run(self) {
+        let Self { windows, first, band, mut columns, mut sums, values, result } = self;
+        let (rows, cols) = windows.size;
+        let columns: &mut [[T; N]] = columns.as_chunks_mut().0;
+        let sums: &mut [[T; N]] = sums.as_chunks_mut().0;
+        let row = |y: isize| windows.place(y, rows).map(&values);
+        let reach = windows.radius as isize;
+
+        let start = first as isize;
+        for values in (start - reach..start + reach).filter_map(row) {
+            columns.iter_mut().zip(values).for_each(|(sums, values)| add(sums, values));
+        }
+        for (y, out) in (first..).zip(band.chunks_exact_mut(cols)) {
+            if let Some(values) = row(y as isize + reach) {
+                columns.iter_mut().zip(values).for_each(|(sums, values)| add(sums, values));
+            }
+            // Each sum follows from the one before; what becomes of them is computed side by side.
+            windows.add_along(columns, sums);
+            for (x, (out, sums)) in out.iter_mut().zip(&*sums).enumerate() {
+                *out = result(y, x, *sums);
+            }
+            if let Some(values) = row(y as isize - reach) {
+                columns.iter_mut().zip(values).for_each(|(sums, values)| subtract(sums, values));
             }
         }
     }
 }
 
-/// The means of values from 0 to 1, rounded down to steps, over windows that end with the plane. `values(y)` are those of
-/// a row.
+/// The means of values from 0 to 1, rounded down to steps, over windows of a radius up to 31 that end with the plane.
+/// `values(y)` are those of a row.
 pub fn window_means<V: Iterator<Item = f32>>(
     size: (usize, usize),
     radius: usize,
     values: impl Fn(usize) -> V + Sync,
+    level: Level,
 ) -> Result<Plane<f32>> {
     let windows = Windows { size, radius, beyond: Beyond::Nothing };
-    let steps = |y: usize| values(y).map(|value| [u64::from((value * STEPS) as u32)]);
+    // The sums of 63 x 63 of them fit.
+    let steps = |y: usize| values(y).map(|value| [whole(value * STEPS) as u32]);
 
     Plane::by_bands(size, BAND, |first, band| {
-        windows.write((first, band), steps, |y, x, [sum]| {
-            (sum as f64 / windows.pixels(y, x) as f64) as f32 / STEPS
-        })
+        let mean = |y: usize, x: usize, [sum]: [u32; 1]| {
+            (f64::from(sum) / f64::from(windows.pixels(y, x))) as f32 / STEPS
+        };
+        windows.write((first, band), steps, mean, level)
     })
 }
 
@@ -204,7 +227,8 @@ mod tests {
             for wanted in [0..rows, 0..1, 3..8] {
                 let mut found = vec![[0, 0]; wanted.len() * cols];
                 let place = (wanted.start, found.as_mut_slice());
-                windows.write(place, values, |_, _, sums| sums).expect("enough memory");
+                let best = Level::best();
+                windows.write(place, values, |_, _, sums| sums, best).expect("enough memory");
 
                 let all = wanted.flat_map(|y| (0..cols).map(move |x| (y, x)));
                 let expected: Vec<_> = all.map(|(y, x)| naive(windows, y, x)).collect();

@@ -25,6 +25,7 @@ use crate::image::window_sums::window_means;
 use crate::math::exp2;
 use crate::pipeline::matcher::Disparity;
 use crate::refinement::flag;
+use crate::simd::Level;
 
 /// How far surroundings reach, pixels of the map.
 const RADIUS: usize = 15;
@@ -50,20 +51,21 @@ pub struct Doubt(Plane<f32>);
 
 impl Doubt {
     /// The doubt of a map; `None` if it has no confidences.
-    pub fn of_map(map: &Disparity) -> Result<Option<Self>> {
+    pub fn of_map(map: &Disparity, level: Level) -> Result<Option<Self>> {
         let Some(confidence) = &map.confidence else { return Ok(None) };
-        Self::new(confidence, RADIUS, |confidence| 1.0 - confidence).map(Some)
+        Self::new(confidence, RADIUS, |confidence| 1.0 - confidence, level).map(Some)
     }
 
     fn new(
         confidence: &Plane<f32>,
         radius: usize,
         doubt: impl Fn(f32) -> f32 + Sync,
+        level: Level,
     ) -> Result<Self> {
         let size = (confidence.rows(), confidence.cols());
         let doubts = |y: usize| confidence.row(y).iter().map(|confidence| doubt(*confidence));
 
-        Ok(Self(window_means(size, radius, doubts)?))
+        Ok(Self(window_means(size, radius, doubts, level)?))
     }
 
     /// The share of the pixels in doubt.
@@ -86,7 +88,7 @@ fn lowered(confidence: f32, factor: f32) -> f32 {
 }
 
 /// Replaces what the copy knows better.
-pub fn choose(map: &mut Disparity, doubt: &Doubt, coarse: &Disparity) -> Result<()> {
+pub fn choose(map: &mut Disparity, doubt: &Doubt, coarse: &Disparity, level: Level) -> Result<()> {
     let (Some(confidence), Some(uncertainty)) = (&mut map.confidence, &mut map.uncertainty) else {
         return Ok(());
     };
@@ -96,7 +98,7 @@ pub fn choose(map: &mut Disparity, doubt: &Doubt, coarse: &Disparity) -> Result<
         return Ok(());
     };
     // The same surroundings are half as wide there.
-    let coarse_doubt = Doubt::new(coarse_confidence, RADIUS / 2, |c| 1.0 - same(c))?;
+    let coarse_doubt = Doubt::new(coarse_confidence, RADIUS / 2, |c| 1.0 - same(c), level)?;
 
     let cols = map.disparity.cols();
     let rows = map.disparity.as_mut_slice().par_chunks_mut(cols);

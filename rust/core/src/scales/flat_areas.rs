@@ -16,6 +16,7 @@ use crate::image::plane::Plane;
 use crate::image::regions::{Connectivity, Region, Regions, Run};
 use crate::image::window_sums::{Beyond, Windows};
 use crate::pipeline::control::Control;
+use crate::simd::{Level, Loop};
 
 /// Least share of the image of an area.
 const LEAST_SHARE: f64 = 0.01;
@@ -25,6 +26,8 @@ const RADIUS: usize = 2;
 const BAND: usize = 32;
 /// Most bits of the magnitude of a gray value.
 const MOST_BITS: u32 = 15;
+/// Pixels of a row that are looked at together for whether all of them are marked.
+const WHOLE: usize = 32;
 /// About so many pixels are looked at for the noise.
 const SAMPLES: usize = 1 << 15;
 
@@ -40,16 +43,21 @@ pub struct FlatArea {
 }
 
 /// The large flat areas of an image of this reach, from top to bottom.
-pub fn flat_areas(mut gray: Plane<i32>, reach: u32, control: &Control) -> Result<Vec<FlatArea>> {
+pub fn flat_areas(
+    mut gray: Plane<i32>,
+    reach: u32,
+    level: Level,
+    control: &Control,
+) -> Result<Vec<FlatArea>> {
     // Sums of squares then fit.
     let surplus = (u32::BITS - reach.leading_zeros()).saturating_sub(MOST_BITS);
     gray.as_mut_slice().iter_mut().for_each(|gray| *gray >>= surplus);
     let least = LEAST_SHARE * (gray.rows() * gray.cols()) as f64;
 
-    let flat = flat(&gray, control)?;
+    let flat = flat(&gray, level, control)?;
     drop(gray);
-    let lost = grown(&flat.map(|is_flat| !is_flat), 1, control)?;
-    let opened = grown(&lost.map(|is_lost| !is_lost), 1, control)?;
+    let lost = grown(&flat.map(|is_flat| !is_flat), 1, level, control)?;
+    let opened = grown(&lost.map(|is_lost| !is_lost), 1, level, control)?;
 
     large(&opened, least, control)
 }
@@ -60,6 +68,7 @@ impl FlatArea {
         &self,
         (rows, cols): (&Range<usize>, &Range<usize>),
         radius: usize,
+        level: Level,
         control: &Control,
     ) -> Result<Plane<bool>> {
         let mut marked = Plane::new(rows.len(), cols.len())?;
@@ -67,12 +76,12 @@ impl FlatArea {
             marked.row_mut(y - rows.start)[run.start - cols.start..run.end - cols.start].fill(true);
         }
 
-        grown(&marked, radius, control)
+        grown(&marked, radius, level, control)
     }
 }
 
 /// Which pixels are flat.
-fn flat(gray: &Plane<i32>, control: &Control) -> Result<Plane<bool>> {
+fn flat(gray: &Plane<i32>, level: Level, control: &Control) -> Result<Plane<bool>> {
     let (rows, cols) = (gray.rows(), gray.cols());
     let noise = noise(gray);
     let windows = Windows { size: (rows, cols), radius: RADIUS, beyond: Beyond::Nothing };
@@ -80,10 +89,11 @@ fn flat(gray: &Plane<i32>, control: &Control) -> Result<Plane<bool>> {
 
     Plane::by_bands((rows, cols), BAND, |first, band| {
         control.checkpoint()?;
-        windows.write((first, band), moments, |y, x, [sum, squares]| {
-            let count = windows.pixels(y, x) as i64;
+        let is_flat = |y: usize, x: usize, [sum, squares]: [i64; 2]| {
+            let count = i64::from(windows.pixels(y, x));
             count * squares - sum * sum <= count * count * noise * noise
-        })
+        };
+        windows.write((first, band), moments, is_flat, level)
     })
 }
 
@@ -92,47 +102,60 @@ fn noise(gray: &Plane<i32>) -> i64 {
     let (rows, cols) = (gray.rows(), gray.cols());
     let step = (rows * cols / SAMPLES).max(1);
 
-    let of_row = |y: usize| {
+    let mut magnitudes: Vec<u32> = vec![];
+    for y in (1..rows.saturating_sub(1)).step_by(step) {
         let [above, row, below] = [y - 1, y, y + 1].map(|y| gray.row(y));
-        (1..cols.saturating_sub(1)).map(move |x| {
-            let around = above[x] + below[x] + row[x - 1] + row[x + 1];
-            i64::from(4 * row[x] - around).abs()
-        })
-    };
-
-    let mut magnitudes: Vec<i64> =
-        (1..rows.saturating_sub(1)).step_by(step).flat_map(of_row).collect();
+        let across = row.windows(3).zip(above.iter().zip(below).skip(1));
+        magnitudes.extend(across.map(|(beside, (above, below))| {
+            (4 * beside[1] - above - below - beside[0] - beside[2]).unsigned_abs()
+        }));
+    }
     if magnitudes.is_empty() {
         return 0;
     }
     let middle = magnitudes.len() / 2;
-    *magnitudes.select_nth_unstable(middle).1
+    (*magnitudes.select_nth_unstable(middle).1).into()
 }
 
 /// The pixels that are at most `radius` rows and columns from a marked one.
-fn grown(marked: &Plane<bool>, radius: usize, control: &Control) -> Result<Plane<bool>> {
-    let (rows, cols) = (marked.rows(), marked.cols());
-    let window = |at: usize, count| at.saturating_sub(radius)..(at + radius + 1).min(count);
+fn grown(
+    marked: &Plane<bool>,
+    radius: usize,
+    level: Level,
+    control: &Control,
+) -> Result<Plane<bool>> {
+    let size = (marked.rows(), marked.cols());
 
-    let along = Plane::by_rows((rows, cols), control, |y, near: &mut [bool]| {
+    let along = Plane::by_rows(size, control, |y, near: &mut [bool]| {
         let marked = marked.row(y);
-        for shift in 0..=radius.min(cols) {
-            for (near, marked) in near[shift..].iter_mut().zip(marked) {
-                *near |= marked;
-            }
-            for (near, marked) in near.iter_mut().zip(&marked[shift..]) {
-                *near |= marked;
-            }
+        for shift in 0..=radius.min(size.1) {
+            level.run(Mark { near: &mut near[shift..], marked });
+            level.run(Mark { near: &mut *near, marked: &marked[shift..] });
         }
     })?;
 
-    Plane::by_rows((rows, cols), control, |y, near: &mut [bool]| {
-        for y in window(y, rows) {
-            for (near, marked) in near.iter_mut().zip(along.row(y)) {
-                *near |= marked;
-            }
+    Plane::by_rows(size, control, |y, near: &mut [bool]| {
+        for y in y.saturating_sub(radius)..(y + radius + 1).min(size.0) {
+            level.run(Mark { near: &mut *near, marked: along.row(y) });
         }
     })
+}
+
+/// Marks what is marked in another row, as far as both reach.
+struct Mark<'a> {
+    near: &'a mut [bool],
+    marked: &'a [bool],
+}
+
+impl Loop for Mark<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        for (near, marked) in self.near.iter_mut().zip(self.marked) {
+            *near |= marked;
+        }
+    }
 }
 
 /// Marked pixels, which are connected with marked neighbors.
@@ -151,10 +174,18 @@ impl<'a> Connectivity for Marked<'a> {
 
     fn add_runs(row: &&[bool], runs: &mut Vec<Run>) {
         let mut start = 0;
-        for part in row.chunk_by(|a, b| a == b) {
-            let end = start + part.len() as u32;
-            if part[0] {
-                runs.push(Run { start, end });
+        while start < row.len() {
+            let is_marked = row[start];
+            // Most runs are long.
+            let alike =
+                |part: &&[bool]| part.iter().fold(true, |all, one| all & (*one == is_marked));
+            let whole = row[start..].chunks_exact(WHOLE).take_while(alike).count();
+            let rest = start + whole * WHOLE;
+            let end = row[rest..].iter().position(|one| *one != is_marked);
+            let end = end.map_or(row.len(), |end| rest + end);
+
+            if is_marked {
+                runs.push(Run { start: start as u32, end: end as u32 });
             }
             start = end;
         }

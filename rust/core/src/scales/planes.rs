@@ -32,14 +32,14 @@ use rayon::prelude::*;
 
 use crate::error::Result;
 use crate::image::intensity::Gray;
-use crate::image::plane::Plane;
+use crate::image::plane::{Plane, zeroed};
 use crate::image::window_sums::window_means;
 use crate::pipeline::control::Control;
 use crate::pipeline::matcher::Disparity;
 use crate::pipeline::pair::Pair;
 use crate::refinement::flag;
 use crate::scales::flat_areas::{FlatArea, flat_areas};
-use crate::simd::{Level, Loop};
+use crate::simd::{Level, Loop, whole};
 
 /// How far from an area pixels count for its plane.
 const RING: usize = 4;
@@ -49,6 +49,12 @@ const DRAWN: usize = 2;
 const LEAST_WEIGHT: f32 = 0.25;
 /// Fewest such pixels.
 const LEAST_PIXELS: usize = 100;
+/// Steps of a weight of 1.
+const STEPS: f32 = (1 << 25) as f32;
+/// Pixels whose weights are summed together: in steps to less than 2^32.
+const GROUP: usize = 16;
+/// Columns whose agreement is summed together.
+const COLUMNS: usize = 64;
 /// Pixels that a plane is fitted to, and planes that are tried.
 const SAMPLES: usize = 2000;
 const TRIALS: usize = 300;
@@ -94,10 +100,10 @@ pub fn draw(map: &mut Disparity, pair: &Pair, level: Level, control: &Control) -
     let Some(confidence) = &map.confidence else { return Ok(()) };
     let [left, _] = pair.views();
     let gray = Gray::new(left, level, control)?;
-    let areas = flat_areas(gray.plane(level, control)?, gray.reach(), control)?;
+    let areas = flat_areas(gray.plane(level, control)?, gray.reach(), level, control)?;
 
     let size = (confidence.rows(), confidence.cols());
-    let around = window_means(size, FEW, |y| confidence.row(y).iter().copied())?;
+    let around = window_means(size, FEW, |y| confidence.row(y).iter().copied(), level)?;
     let scene = Scene {
         disparity: &map.disparity,
         confidence,
@@ -156,52 +162,44 @@ impl Scene<'_> {
     /// What is drawn of the plane of an area.
     fn drawn(&self, area: &FlatArea) -> Result<Option<Drawn>> {
         let frame = self.frame(area)?;
-        let samples = self.samples(&frame);
+        let samples = self.samples(&frame)?;
         let Some(surface) = Surface::of_samples(&samples, self.level) else { return Ok(None) };
 
-        let agreeing = |y: usize, x: usize| {
-            let distance = self.disparity.row(y)[x] - surface.disparity(y, x);
-            distance.abs() < 1.0
-        };
-        let agree = self.tiles(&frame, agreeing)?;
-        let all = self.tiles(&frame, |_, _| true)?;
-        let sum = |tiles: &Plane<f32>| tiles.as_slice().iter().copied().map(f64::from).sum::<f64>();
-        let whole = (sum(&agree) / sum(&all)) as f32;
+        let tiles = self.tiles(&frame, surface)?;
+        let size = (tiles.rows(), tiles.cols());
+        let sum = |of: usize| tiles.as_slice().iter().map(|sums| f64::from(sums[of])).sum::<f64>();
+        let whole = (sum(0) / sum(1)) as f32;
         if whole <= 0.5 {
             return Ok(None);
         }
 
-        let nearby = |tiles: &Plane<f32>| {
-            let size = (tiles.rows(), tiles.cols());
-            window_means(size, NEARBY, |y| tiles.row(y).iter().copied())
+        let nearby = |of: usize| {
+            let sums = |y: usize| tiles.row(y).iter().map(move |sums| sums[of]);
+            window_means(size, NEARBY, sums, self.level)
         };
-        let (agree, all) = (nearby(&agree)?, nearby(&all)?);
-        let inside = area.near((&frame.rows, &frame.cols), DRAWN, self.control)?;
+        let (agree, all) = (nearby(0)?, nearby(1)?);
+        let inside = area.near((&frame.rows, &frame.cols), DRAWN, self.level, self.control)?;
 
-        let mut rows = vec![];
+        let (mut rows, mut chances) = (vec![], vec![]);
+        let mut drawn = zeroed(frame.cols.len())?;
         for (row, y) in frame.rows.clone().enumerate() {
-            let [disparity, own, around] =
-                [self.disparity, self.confidence, self.around].map(|plane| plane.row(y));
-            let [agree, all] = [&agree, &all].map(|plane| plane.row(row / TILE));
-            let mut pixels = vec![];
-
-            for ((col, x), is_inside) in frame.cols.clone().enumerate().zip(inside.row(row)) {
-                // A thin thing may be sure of itself amid doubt.
-                let sure = around[x].max(own[x]);
-                if !is_inside || sure >= TRUST {
-                    continue;
-                }
-
+            if row.is_multiple_of(TILE) {
                 // Of the weights nearby, the mean is all, and the mean of those that agree is agree.
-                let p = TRUST * (agree[col / TILE] + PRIOR * whole) / (all[col / TILE] + PRIOR);
-                let plane = surface.disparity(y, x);
-
-                let is_better = p > sure && plane >= self.least;
-                if is_better && (disparity[x] - plane).abs() > LEAST_CHANGE {
-                    pixels.push((x as u32, p));
-                }
+                let sums = agree.row(row / TILE).iter().zip(all.row(row / TILE));
+                let chance = |(agree, all)| TRUST * (agree + PRIOR * whole) / (all + PRIOR);
+                chances.clear();
+                chances.extend(sums.map(chance).flat_map(|chance| [chance; TILE]));
             }
 
+            let [disparity, own, around] = [self.disparity, self.confidence, self.around]
+                .map(|plane| &plane.row(y)[frame.cols.clone()]);
+            let place = (y, frame.cols.start);
+            let (least, inside, chances) = (self.least, inside.row(row), &chances);
+            let known = [disparity, own, around, chances];
+            self.level.run(DrawRow { surface, place, known, inside, least, drawn: &mut drawn });
+
+            let pixels = frame.cols.clone().zip(&drawn).filter(|(_, p)| **p > 0.0);
+            let pixels: Vec<_> = pixels.map(|(x, p)| (x as u32, *p)).collect();
             if !pixels.is_empty() {
                 rows.push((y, pixels));
             }
@@ -218,71 +216,188 @@ impl Scene<'_> {
         let rows = wider(&area.rows, self.disparity.rows());
         let cols = wider(&area.cols, self.disparity.cols());
 
-        let near = area.near((&rows, &cols), RING, self.control)?;
+        let near = area.near((&rows, &cols), RING, self.level, self.control)?;
         let size = (rows.len(), cols.len());
         let weights = Plane::by_rows(size, self.control, |row, weights: &mut [f32]| {
             let confidences = &self.confidence.row(rows.start + row)[cols.clone()];
-            for ((weight, confidence), is_near) in
-                weights.iter_mut().zip(confidences).zip(near.row(row))
-            {
-                *weight = if *is_near { confidence * confidence } else { 0.0 };
-            }
+            self.level.run(Weigh { confidences, near: near.row(row), weights });
         })?;
 
         Ok(Frame { rows, cols, weights })
     }
 
-    /// The mean over tiles of the weights of those pixels of which `is_counted(y, x)` holds.
-    fn tiles(
-        &self,
-        frame: &Frame,
-        is_counted: impl Fn(usize, usize) -> bool + Sync,
-    ) -> Result<Plane<f32>> {
+    /// The means over tiles of the weights of those pixels that agree with a surface, and of all.
+    fn tiles(&self, frame: &Frame, surface: Surface) -> Result<Plane<[f32; 2]>> {
         let size = (frame.rows.len().div_ceil(TILE), frame.cols.len().div_ceil(TILE));
 
-        Plane::by_rows(size, self.control, |tile, means: &mut [f32]| {
+        Plane::by_rows(size, self.control, |tile, means: &mut [[f32; 2]]| {
             for row in tile * TILE..((tile + 1) * TILE).min(frame.rows.len()) {
-                let tiles = frame.weights.row(row).chunks(TILE).enumerate();
-                for (mean, (tile, weights)) in means.iter_mut().zip(tiles) {
-                    let first = frame.cols.start + tile * TILE;
-                    for (x, weight) in (first..).zip(weights) {
-                        let is_counted = *weight > 0.0 && is_counted(frame.rows.start + row, x);
-                        *mean += if is_counted { weight / (TILE * TILE) as f32 } else { 0.0 };
-                    }
-                }
+                let y = frame.rows.start + row;
+                let disparity = &self.disparity.row(y)[frame.cols.clone()];
+                let (place, weights) = ((y, frame.cols.start), frame.weights.row(row));
+                self.level.run(AddToTiles { surface, place, disparity, weights, means });
             }
         })
     }
 
     /// Pixels at even steps of the sum of weights.
-    fn samples(&self, frame: &Frame) -> Vec<Sample> {
-        let places = frame.weights.as_slice().iter().copied().enumerate();
-        let heavy: Vec<(usize, f32)> =
-            places.filter(|(_, weight)| *weight > LEAST_WEIGHT).collect();
-        if heavy.len() < LEAST_PIXELS {
-            return vec![];
+    fn samples(&self, frame: &Frame) -> Result<Vec<Sample>> {
+        let weights = frame.weights.as_slice();
+        let mut sums = zeroed(weights.len().div_ceil(GROUP))?;
+        let pixels = self.level.run(SumHeavy { weights, sums: &mut sums });
+        if pixels < LEAST_PIXELS {
+            return Ok(vec![]);
         }
 
-        let step = heavy.iter().map(|(_, weight)| f64::from(*weight)).sum::<f64>() / SAMPLES as f64;
-        let (mut sum, mut samples) = (0.0, vec![]);
-        for (place, weight) in heavy {
-            sum += f64::from(weight);
-            // A pixel heavier than a step counts more than once.
-            while sum >= step * (samples.len() + 1) as f64 {
-                let (row, col) = (place / frame.cols.len(), place % frame.cols.len());
-                let (y, x) = (frame.rows.start + row, frame.cols.start + col);
-                samples.push([x as f64, y as f64, f64::from(self.disparity.row(y)[x])]);
+        let weight = |steps: u64| steps as f64 / f64::from(STEPS);
+        let share = weight(sums.iter().map(|sum| u64::from(*sum)).sum()) / SAMPLES as f64;
+        let (mut sum, mut samples) = (0, vec![]);
+        for (group, (weights, more)) in weights.chunks(GROUP).zip(sums).enumerate() {
+            // Many hold no sample.
+            let next = share * (samples.len() + 1) as f64;
+            if weight(sum + u64::from(more)) < next {
+                sum += u64::from(more);
+                continue;
+            }
+
+            for (place, steps) in (group * GROUP..).zip(weights.iter().map(|one| heavy(*one))) {
+                sum += u64::from(steps);
+                // A pixel heavier than a share counts more than once.
+                while steps > 0 && weight(sum) >= share * (samples.len() + 1) as f64 {
+                    let (row, col) = (place / frame.cols.len(), place % frame.cols.len());
+                    let (y, x) = (frame.rows.start + row, frame.cols.start + col);
+                    samples.push([x as f64, y as f64, f64::from(self.disparity.row(y)[x])]);
+                }
             }
         }
 
-        samples
+        Ok(samples)
+    }
+}
+
+/// The weight of a pixel that a plane is fitted to, else 0, in steps: integers sum to the same in any order. They are exact,
+/// since floats from [`LEAST_WEIGHT`] on have no finer steps.
+#[inline(always)]
+fn heavy(weight: f32) -> u32 {
+    if weight > LEAST_WEIGHT { whole(weight * STEPS) as u32 } else { 0 }
+}
+
+/// Sums the weights of the pixels that a plane is fitted to, of every [`GROUP`] pixels, and counts these pixels.
+struct SumHeavy<'a> {
+    weights: &'a [f32],
+    sums: &'a mut [u32],
+}
+
+impl Loop for SumHeavy<'_> {
+    type Output = usize;
+
+    #[inline(always)]
+    fn run(self) -> usize {
+        let mut count = 0;
+        for (sum, weights) in self.sums.iter_mut().zip(self.weights.chunks(GROUP)) {
+            *sum = weights.iter().map(|weight| heavy(*weight)).sum();
+            let heavy: u32 = weights.iter().map(|weight| u32::from(*weight > LEAST_WEIGHT)).sum();
+            count += heavy as usize;
+        }
+        count
+    }
+}
+
+/// Writes the weights of a row.
+struct Weigh<'a> {
+    confidences: &'a [f32],
+    near: &'a [bool],
+    weights: &'a mut [f32],
+}
+
+impl Loop for Weigh<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let places = self.weights.iter_mut().zip(self.confidences).zip(self.near);
+        for ((weight, confidence), is_near) in places {
+            *weight = if *is_near { confidence * confidence } else { 0.0 };
+        }
+    }
+}
+
+/// Adds a row that begins at a place to the means over tiles of what agrees with a surface, and of all.
+struct AddToTiles<'a> {
+    surface: Surface,
+    place: (usize, usize),
+    disparity: &'a [f32],
+    weights: &'a [f32],
+    means: &'a mut [[f32; 2]],
+}
+
+impl Loop for AddToTiles<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { surface, place: (y, first), disparity, weights, means } = self;
+        let parts = disparity.chunks(COLUMNS).zip(weights.chunks(COLUMNS));
+        for ((disparity, weights), (part, means)) in
+            parts.zip(means.chunks_mut(COLUMNS / TILE).enumerate())
+        {
+            let mut shares = [[0.0; COLUMNS]; 2];
+            let [agreeing, all] = &mut shares;
+            for (i, (disparity, weight)) in disparity.iter().zip(weights).enumerate() {
+                let agrees =
+                    (disparity - surface.disparity(y, first + part * COLUMNS + i)).abs() < 1.0;
+                let share = if *weight > 0.0 { weight / (TILE * TILE) as f32 } else { 0.0 };
+                (agreeing[i], all[i]) = (if agrees { share } else { 0.0 }, share);
+            }
+
+            for (of, shares) in shares.iter().enumerate() {
+                for (mean, shares) in means.iter_mut().zip(shares.as_chunks::<TILE>().0) {
+                    for share in shares {
+                        mean[of] += share;
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Writes the confidences of those pixels of a row that are drawn, 0 of the others. The row begins at a place.
+struct DrawRow<'a> {
+    surface: Surface,
+    place: (usize, usize),
+    /// Disparities, their own confidences and the mean ones around, and the probabilities of the plane.
+    known: [&'a [f32]; 4],
+    inside: &'a [bool],
+    least: f32,
+    drawn: &'a mut [f32],
+}
+
+impl Loop for DrawRow<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { surface, place: (y, first), known, inside, least, drawn } = self;
+        let count = drawn.len();
+        let [disparity, own, around, chances] = known.map(|values| &values[..count]);
+        let inside = &inside[..count];
+
+        for i in 0..count {
+            let plane = surface.disparity(y, first + i);
+            // A thin thing may be sure of itself amid doubt.
+            let sure = around[i].max(own[i]);
+            let is_better = inside[i] & (sure < TRUST) & (chances[i] > sure) & (plane >= least);
+            let is_drawn = is_better & ((disparity[i] - plane).abs() > LEAST_CHANGE);
+            drawn[i] = if is_drawn { chances[i] } else { 0.0 };
+        }
     }
 }
 
 impl Surface {
     /// The disparity of a pixel.
+    #[inline(always)]
     fn disparity(&self, y: usize, x: usize) -> f32 {
-        self.at([x as f64, y as f64]) as f32
+        self.at([x as u32, y as u32].map(f64::from)) as f32
     }
 
     #[inline(always)]
@@ -336,18 +451,22 @@ impl Surface {
     /// The plane with the least squares of distances from the samples that are near this one.
     fn fitted(&self, samples: &[Sample]) -> Option<Self> {
         let near: Vec<&Sample> = samples.iter().filter(|sample| self.is_near(**sample)).collect();
-        let count = near.len() as f64;
-        let [x, y, disparity] =
-            [0, 1, 2].map(|i| near.iter().map(|sample| sample[i]).sum::<f64>() / count);
+        let mut sums = [0.0; 3];
+        for sample in &near {
+            sums.iter_mut().zip(*sample).for_each(|(sum, value)| *sum += value);
+        }
+        let [x, y, disparity] = sums.map(|sum| sum / near.len() as f64);
 
         // About the mean, the two slopes have equations of their own.
-        let product = |i: usize, j: usize| {
-            let means = [x, y, disparity];
-            let products = near.iter().map(|s| (s[i] - means[i]) * (s[j] - means[j]));
-            products.sum::<f64>()
-        };
-        let [xx, xy, yy, xd, yd] =
-            [(0, 0), (0, 1), (1, 1), (0, 2), (1, 2)].map(|(i, j)| product(i, j));
+        let [mut xx, mut xy, mut yy, mut xd, mut yd] = [0.0; 5];
+        for sample in near {
+            let [x, y, d] = [sample[0] - x, sample[1] - y, sample[2] - disparity];
+            xx += x * x;
+            xy += x * y;
+            yy += y * y;
+            xd += x * d;
+            yd += y * d;
+        }
         let determinant = xx * yy - xy * xy;
         if determinant < 1.0 {
             return None;

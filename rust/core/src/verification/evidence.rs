@@ -22,6 +22,7 @@ use crate::image::plane::Plane;
 use crate::image::window_sums::{Beyond, Windows};
 use crate::pipeline::control::Control;
 use crate::pipeline::matcher::Disparity;
+use crate::simd::Level;
 
 /// Parts of a pixel in which disparities are interpolated, so costs are in parts of a bit.
 pub const STEPS: u32 = 256;
@@ -56,6 +57,7 @@ impl Evidence {
         map: &Plane<f32>,
         own: &Disparity,
         costs: &Costs,
+        level: Level,
         control: &Control,
     ) -> Result<Self> {
         let size = (map.rows(), map.cols());
@@ -75,9 +77,8 @@ impl Evidence {
         let against = Plane::by_bands(size, BAND, |first, band| {
             control.checkpoint()?;
             let values = |y: usize| differences.row(y).iter().map(|one| one.by_side());
-            windows.write((first, band), values, |y, x, sums| {
-                strength(differences.row(y)[x].side, sums)
-            })
+            let strength = |y: usize, x: usize, sums| strength(differences.row(y)[x].side, sums);
+            windows.write((first, band), values, strength, level)
         })?;
 
         Ok(Self { against })

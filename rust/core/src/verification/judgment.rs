@@ -31,6 +31,7 @@ use crate::math::ln;
 use crate::pipeline::control::Control;
 use crate::pipeline::matcher::Disparity;
 use crate::refinement::flag;
+use crate::simd::Level;
 use crate::verification::claims::right_column;
 use crate::verification::evidence::{DIFFERENT, Evidence};
 use crate::verification::{Counts, verdict};
@@ -79,11 +80,15 @@ type Judged = (u8, f32);
 
 impl Jury<'_> {
     /// The verdicts, the better disparities, and their numbers, on the threads of the current pool.
-    pub fn judge(&self, control: &Control) -> Result<(Plane<u8>, Plane<f32>, Counts)> {
+    pub fn judge(
+        &self,
+        level: Level,
+        control: &Control,
+    ) -> Result<(Plane<u8>, Plane<f32>, Counts)> {
         let (rows, cols) = (self.map.rows(), self.map.cols());
         let judged = Plane::by_bands((rows, cols), BAND, |first, band: &mut [Judged]| {
             control.checkpoint()?;
-            let trust = self.trust(first..first + band.len() / cols)?;
+            let trust = self.trust(first..first + band.len() / cols, level)?;
             let mut nearest = zeroed(cols)?;
 
             let lines = band.chunks_exact_mut(cols).zip(trust.chunks_exact(cols));
@@ -169,16 +174,19 @@ impl Jury<'_> {
     }
 
     /// The logit of the mean confidence around the pixels of some rows.
-    fn trust(&self, rows: std::ops::Range<usize>) -> Result<Vec<f64>> {
+    fn trust(&self, rows: std::ops::Range<usize>, level: Level) -> Result<Vec<f64>> {
         let size = (self.map.rows(), self.map.cols());
         let windows = Windows { size, radius: TRUST_RADIUS, beyond: Beyond::Nothing };
         let mut trust = zeroed(rows.len() * size.1)?;
 
         let steps = |y: usize| (0..size.1).map(move |x| [(self.confidence(y, x) * STEPS) as i32]);
-        windows.write((rows.start, &mut trust), steps, |y, x, [sum]| {
-            let mean = f64::from(sum) / f64::from(STEPS) / windows.pixels(y, x) as f64;
-            logit(mean).clamp(-3.0, 4.0)
-        })?;
+        let mean = |y: usize, x: usize, [sum]: [i32; 1]| {
+            f64::from(sum) / f64::from(STEPS) / f64::from(windows.pixels(y, x))
+        };
+        windows.write((rows.start, &mut trust), steps, mean, level)?;
+        for mean in &mut trust {
+            *mean = logit(*mean).clamp(-3.0, 4.0);
+        }
 
         Ok(trust)
     }
