@@ -81,8 +81,9 @@ struct Window {
     /// Standard deviations.
     left_spread: f64,
     right_spread: f64,
-    /// Logarithm of the right mean.
+    /// Logarithms of the right mean and of the brightest pixels there.
     log: f64,
+    log_brightest: f64,
 }
 
 impl Contrast {
@@ -183,7 +184,9 @@ impl Sums {
             (self.squares[side] / self.count - mean * mean).max(0.0).sqrt()
         };
         let (left_spread, right_spread) = (spread(0, left), spread(1, right));
-        Some(Window { left, right, left_spread, right_spread, log: math::ln(right) })
+        let log_brightest = math::ln(right + ABOVE_MEAN * right_spread);
+        let log = math::ln(right);
+        Some(Window { left, right, left_spread, right_spread, log, log_brightest })
     }
 }
 
@@ -201,8 +204,7 @@ impl Window {
 
     /// Whether a fit expects that the window is not clipped.
     fn is_below_top(&self, gain: f64, gamma: f64) -> bool {
-        let brightest = self.right + ABOVE_MEAN * self.right_spread;
-        gain * math::exp(gamma * math::ln(brightest)) < FITTED_TOP
+        gain * math::exp(gamma * self.log_brightest) < FITTED_TOP
     }
 }
 
