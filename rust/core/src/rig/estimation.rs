@@ -329,6 +329,7 @@ impl Estimates {
             alignment,
             contrast,
             rough,
+            seen,
         } = Geometry::new(rows, sample, request, runtime)?;
 
         let width = rows.size().1;
@@ -338,8 +339,10 @@ impl Estimates {
             (None, None) => Candidates::new(0, width.div_ceil(DEFAULT_SHARE) as i64, width)?,
         };
 
-        // Blur is compared where both images show the same, so it comes after the geometry.
-        let known = rough::Correspondence { candidates, alignment: alignment.clone() };
+        // Blur is compared where both images show the same, so it comes after the geometry. What most of the images show may not
+        // be among the known disparities.
+        let seen = seen.map(|range| range.candidates(width)).transpose()?.unwrap_or(candidates);
+        let known = rough::Correspondence { candidates: seen, alignment: alignment.clone() };
         let rough =
             rough.map(|(map, factor)| RoughMatch::of_whole(map.unsure, factor, alignment.clone()));
         let blur = || blur::estimate(rows, sample.pair, known, rough, runtime);
@@ -444,6 +447,8 @@ struct Geometry {
     /// The rough match of the known disparities, or else of all that are tried, and the factor by which its images are
     /// reduced.
     rough: Option<(RoughMap, usize)>,
+    /// The range by which it was found instead where the known disparities match badly, and these well.
+    seen: Option<SearchRange>,
 }
 
 /// Some rows of a pair, and its scales.
@@ -513,7 +518,19 @@ impl Geometry {
         };
 
         let contrast = sample.scales.contrast(overview, last);
-        let rough = Some((rough, overview.factor));
-        Ok(Self { confidence, is_inverted, range, left_out, offsets, alignment, contrast, rough })
+        let wide = wide.filter(|wide| wide.confidence >= overview::GOOD_CONFIDENCE);
+        let seen = wide.as_ref().and(range);
+        let rough = wide.filter(|_| seen.is_some()).unwrap_or(rough);
+        Ok(Self {
+            confidence,
+            is_inverted,
+            range,
+            left_out,
+            offsets,
+            alignment,
+            contrast,
+            rough: Some((rough, overview.factor)),
+            seen,
+        })
     }
 }
