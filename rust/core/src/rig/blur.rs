@@ -6,7 +6,8 @@
 //!    is made of gain, noise, and the response of the relative blur, whatever the blocks show.
 //! 3. Each of a bank of blurs (`bank`) is fitted to all blocks together, then to every pair of blocks (`fit`); the fewest
 //!    that explain the tiles of the image are kept (`regions`). Where none explains all of them together, only the
-//!    pairs are fitted to the whole bank that one of a few blurs explains better than none.
+//!    pairs are fitted to the whole bank that one of a few blurs explains better than none, and no pair unless that is
+//!    worth something to a sample.
 //!    Where no blur of one image explains all blocks together, one of each image may do (`two_sided`).
 //! 4. Size and direction of each kind are refined (`refine`) on the powers of all its blocks together; where no family
 //!    explains these well, the kernel is measured (`measured`).

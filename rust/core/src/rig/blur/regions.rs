@@ -17,7 +17,7 @@ pub struct Losses {
 const MARGIN: f32 = 0.06;
 /// ... and the mean of what is beyond over all tiles must be at least this, nepers: 1 % of the tiles, all of which were
 /// explained as badly as can be, or 10 % of them a little.
-const WORTH: f32 = 0.01;
+pub const WORTH: f32 = 0.01;
 /// Most choices.
 const MOST: usize = 8;
 /// Cost of a neighboring tile of another choice, nepers; half of it for diagonal ones.

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::bank::{Entry, Side, bank, probes};
 use super::fit::{BlurEvidence, Fit, Response};
-use super::regions::first;
+use super::regions::{WORTH, first};
 use super::spectrum::Powers;
 use crate::rig::psf::Family;
 use crate::simd::Level;
@@ -22,6 +22,10 @@ const CLEAR: f32 = 0.3;
 /// What a further blur could gain of the other blocks is far below what it must gain (see `regions`), and half as many
 /// are tried as with 0.
 const BETTER: f32 = 0.02;
+
+/// What a few blurs are worth to a sample of blocks that are sharp together, nepers on average, from which on all blocks are
+/// looked at: a quarter of what a kind has to be worth, of which a sample may show less than its share.
+const GLANCE: f32 = 0.25 * WORTH;
 
 /// By how much an annulus has to explain blocks better than other blurs, nepers: lenses with a covered middle are
 /// rare, and their zeros resemble what compression leaves of other blurs. Annuli themselves are found all the same.
@@ -108,14 +112,18 @@ impl Blocks {
         losses
     }
 
-    /// Whether one of a few blurs has a smaller loss than this.
-    fn may_be_explained_better(&self, than: f32, level: Level) -> bool {
+    /// The least loss of a few blurs.
+    fn least_of_probes(&self, level: Level) -> f32 {
         let tried = self.evidence.iter().zip(self.may_be_softer()).filter(|(_, tried)| *tried);
+        let losses = tried.flat_map(|(evidence, _)| {
+            evidence.losses(probes().map(|entry| &entry.response), level)
+        });
+        losses.fold(f32::INFINITY, f32::min)
+    }
 
-        tried.into_iter().any(|(evidence, _)| {
-            let responses = probes().map(|entry| &entry.response);
-            evidence.losses(responses, level).into_iter().any(|loss| loss < than)
-        })
+    /// By how much the best of a few blurs is better than none, less what is chance.
+    fn worth(&self, level: Level) -> f32 {
+        (self.none().loss - self.least_of_probes(level) - BETTER).max(0.0)
     }
 
     /// Whether the left and the right block may be the softer one.
@@ -129,25 +137,42 @@ impl Blocks {
     /// The losses of all choices. Where none of a few blurs is better than the first choice, only this and none are
     /// tried.
     fn losses_unless_explained(&self, first: usize, level: Level) -> Vec<f32> {
-        let none = self.none().loss;
         let own = self.loss(Choice::at(first), level);
-        if self.may_be_explained_better(own - BETTER, level) {
+        if self.least_of_probes(level) < own - BETTER {
             return self.losses(level);
         }
+        self.losses_of(first, level)
+    }
 
+    /// The losses where only one choice and none are tried.
+    fn losses_of(&self, choice: usize, level: Level) -> Vec<f32> {
+        let own = self.loss(Choice::at(choice), level);
         // Choices that are not tried must not look better than those that are.
         let mut losses = vec![own.max(UNTRIED); 1 + 2 * bank().len()];
-        (losses[0], losses[first]) = (none, own);
+        (losses[0], losses[choice]) = (self.none().loss, own);
 
         losses
     }
 }
 
 /// The losses of all choices on many pairs of blocks. Those of a sample are tried with all choices, if not all blocks
-/// together are sharp; the others only if something explains them better than what explains the sample best.
+/// together are sharp; the others only if something explains them better than what explains the sample best. If they are, and a
+/// few blurs are worth nothing to the sample either, no blur is tried.
 pub fn searched(all: &[Blocks], is_sample: &[bool], is_sharp: bool, level: Level) -> Vec<Vec<f32>> {
     if is_sharp {
-        return all.par_iter().map(|blocks| blocks.losses_unless_explained(0, level)).collect();
+        let sample: Vec<&Blocks> =
+            all.iter().zip(is_sample).filter(|(_, is_one)| **is_one).map(|(one, _)| one).collect();
+        let worth: Vec<f32> = sample.par_iter().map(|blocks| blocks.worth(level)).collect();
+        let is_all_sharp = worth.iter().sum::<f32>() < GLANCE * sample.len() as f32;
+
+        let losses = |blocks: &Blocks| {
+            if is_all_sharp {
+                blocks.losses_of(0, level)
+            } else {
+                blocks.losses_unless_explained(0, level)
+            }
+        };
+        return all.par_iter().map(losses).collect();
     }
 
     let of_sample: Vec<Option<Vec<f32>>> = all
@@ -261,5 +286,9 @@ mod tests {
         let found = searched(&blocks, &[true, true], true, level);
         assert_eq!(found[1], blocks[1].losses(level));
         assert!(found[0][1..].iter().all(|loss| loss.to_bits() == UNTRIED.to_bits()));
+
+        // Where a sample is sharp, too, no blur is tried.
+        let found = searched(&blocks, &[true, false], true, level);
+        assert!(found.iter().all(|losses| losses[1..].iter().all(|loss| *loss >= UNTRIED)));
     }
 }
