@@ -83,20 +83,20 @@ BOUNDS = {
     "imports of the same or a higher floor": 0,
     "imports of another distribution than those below": 0,
     "own modules imported by a string": 0,
-    "statements of phasestereo": 6_545,
-    "statements of phasestereo_live": 2_095,
-    "statements of phasestereo_large": 2_490,
+    "statements of phasestereo": 6_515,
+    "statements of phasestereo_live": 2_160,
+    "statements of phasestereo_large": 2_500,
     "statements of pandora_plugin_phasestereo": 120,
-    "statements of phasestereo_bench": 7_120,
+    "statements of phasestereo_bench": 6_785,
     "aliases at the boundary": 6,
-    "public names": 122,
-    "words of documentation": 21_800,
-    "lines of Rust": 35_670,
-    "lines of tests": 28_940,
-    "statements of tests": 20_865,
+    "public names": 120,
+    "words of documentation": 21_150,
+    "lines of Rust": 36_280,
+    "lines of tests": 28_840,
+    "statements of tests": 20_820,
 }
 
-EXTENSION = 8.5
+EXTENSION = 8.6
 """Megabytes."""
 
 

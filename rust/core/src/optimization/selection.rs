@@ -15,8 +15,6 @@
 //! vector instructions. What is written pixel by pixel is read for all of them only some steps later: a processor has to
 //! wait if it reads in one piece what it has just written in many.
 
-use std::hint::select_unpredictable;
-
 use crate::error::Result;
 use crate::optimization::evidence::{Evidence, EvidenceRow, NONE};
 use crate::pipeline::memory::Memory;
@@ -99,21 +97,19 @@ impl<T: Value> Selection<T> {
         *chosen = [0; PIXELS];
 
         for ((chosen, own), totals) in chosen.iter_mut().zip(own).zip(totals.chunks_exact(runs)) {
-            let mut k = 0;
-
-            // From the last run on, so that the first one stays; without branches, which would depend on the costs.
-            for run in (0..runs).rev() {
+            // Neighbors mostly choose from the same run, so that a processor foresees where this ends.
+            for (run, totals) in totals.iter().enumerate() {
                 let mut is_own = [0; LANES];
                 for j in 0..LANES {
-                    is_own[j] = if totals[run][j] == *own { u8::MAX } else { 0 };
+                    is_own[j] = if totals[j] == *own { u8::MAX } else { 0 };
                 }
 
                 let lanes = highest_bits(&is_own);
-                let first = (run * LANES) as u32 + lanes.trailing_zeros();
-                k = select_unpredictable(lanes != 0, first, k);
+                if lanes != 0 {
+                    *chosen = ((run * LANES) as u32 + lanes.trailing_zeros()) as u16;
+                    break;
+                }
             }
-
-            *chosen = k as u16;
         }
     }
 
