@@ -43,6 +43,7 @@ use crate::optimization::edges::Edges;
 use crate::optimization::evidence::Evidence;
 use crate::pipeline::control::Control;
 use crate::pipeline::memory::RunMemory;
+use crate::pipeline::platform::MAY_BE_LARGE;
 use crate::refinement::sample;
 use crate::settings::Optimizer;
 use crate::simd::{Level, Loop};
@@ -465,9 +466,9 @@ impl<T: Value> Loop for SelectPixels<'_, T> {
     fn run(self) {
         // Usual numbers of runs as constants, so that loops over runs are unrolled.
         match self.block.1.runs() {
-            1 => self.select(1),
-            2 => self.select(2),
-            3 => self.select(3),
+            1 if MAY_BE_LARGE => self.select(1),
+            2 if MAY_BE_LARGE => self.select(2),
+            3 if MAY_BE_LARGE => self.select(3),
             runs => self.select(runs),
         }
     }

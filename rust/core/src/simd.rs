@@ -305,6 +305,7 @@ mod tests {
             }
         }
     }
+
     #[test]
     fn every_level_finds_the_bits_and_the_least_of_bytes() {
         struct Rows<'a>(&'a [[u8; 32]; 16]);

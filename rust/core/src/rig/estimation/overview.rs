@@ -379,3 +379,19 @@ impl RoughMap {
         Self { disparity, unsure, field, confidence: sum / f64::from(count.max(1)) }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn images_are_halved_until_they_are_narrow_enough_or_would_be_too_flat() {
+        for (cols, factor) in [(320, 1), (321, 2), (640, 2), (641, 4), (9000, 32)] {
+            assert_eq!(reduction((32 * LEAST_ROWS, cols), 320), factor, "{cols}");
+        }
+        for (rows, factor) in [(1, 1), (2, 2), (3, 2), (4, 4), (7, 4), (8, 8)] {
+            assert_eq!(reduction((rows * LEAST_ROWS, 9000), 320), factor, "{rows}");
+        }
+        assert_eq!(reduction((8 * LEAST_ROWS - 1, 9000), 320), 4);
+    }
+}
