@@ -59,19 +59,19 @@ fn cases() -> Vec<Case> {
     vec![
         case("fast", 0.67, &fast, large, 32),
         Case { channels: 3, ..case("fast, colors", 0.72, &fast, large, 32) },
-        case("fast, wide", 0.97, &fast, flat, 600),
+        case("fast, wide", 0.98, &fast, flat, 600),
         case("paper", 0.70, &paper, large, 32),
         case("paper, wide", 0.95, &paper, flat, 600),
         case("robust", 0.67, &plain, large, 32),
-        case("robust, wide", 0.81, &plain, high, 600),
-        Case { threads: 3, ..case("robust, threads", 0.87, &plain, high, 600) },
+        case("robust, wide", 0.85, &plain, high, 600),
+        Case { threads: 3, ..case("robust, threads", 0.89, &plain, high, 600) },
         Case { kernels: 6, ..case("kernels", 0.71, &plain, large, 32) },
         Case { kernels: 1, ..case("synthesis", 0.39, &robust(), (800, 1200), 32) },
         Case { channels: 3, ..case("sad", 0.95, &compared(CostKind::Sad), large, 32) },
         Case { channels: 3, ..case("nsad", 0.72, &compared(CostKind::NormalizedSad), large, 32) },
         case("wta", 0.91, &searched(wta), flat, 600),
-        case("so", 0.88, &searched(so), flat, 600),
-        case("sgm", 0.83, &searched(sgm), high, 600),
+        case("so", 0.94, &searched(so), flat, 600),
+        case("sgm", 0.86, &searched(sgm), high, 600),
         case("dp", 0.96, &searched(dp), flat, 600),
     ]
 }
@@ -158,10 +158,9 @@ fn matches_take_their_share_of_the_model() {
             .unwrap_or_else(|| panic!("{}: {text}", case.name))
     };
 
-    // Threads that wait for others on a busy machine take less: once in a while, not three times.
-    let is_off = |case: &Case| (0..3).all(|_| (measured(case) - case.share).abs() > OFF);
-    let wrong = cases().into_iter().filter(is_off);
-    let wrong = wrong.map(|case| format!("{}: not {}", case.name, case.share));
+    let shares = cases().into_iter().map(|case| (measured(&case), case));
+    let wrong = shares.filter(|(found, case)| (found - case.share).abs() > OFF);
+    let wrong = wrong.map(|(found, case)| format!("{}: {found:.2}, not {}", case.name, case.share));
     assert_eq!(wrong.collect::<Vec<_>>(), [""; 0]);
 }
 
