@@ -96,7 +96,7 @@ BOUNDS = {
     "statements of tests": 20_820,
 }
 
-EXTENSION = 8.6
+EXTENSION = 8.4
 """Megabytes."""
 
 

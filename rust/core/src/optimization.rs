@@ -43,7 +43,6 @@ use crate::optimization::edges::Edges;
 use crate::optimization::evidence::Evidence;
 use crate::pipeline::control::Control;
 use crate::pipeline::memory::RunMemory;
-use crate::pipeline::platform::MAY_BE_LARGE;
 use crate::refinement::sample;
 use crate::settings::Optimizer;
 use crate::simd::{Level, Loop};
@@ -464,20 +463,8 @@ impl<T: Value> Loop for SelectPixels<'_, T> {
 
     #[inline(always)]
     fn run(self) {
-        // Usual numbers of runs as constants, so that loops over runs are unrolled.
-        match self.block.1.runs() {
-            1 if MAY_BE_LARGE => self.select(1),
-            2 if MAY_BE_LARGE => self.select(2),
-            3 if MAY_BE_LARGE => self.select(3),
-            runs => self.select(runs),
-        }
-    }
-}
-
-impl<T: Value> SelectPixels<'_, T> {
-    #[inline(always)]
-    fn select(self, runs: usize) {
         let Self { search, block: (block, searched), totals, costs, selection, evidence } = self;
+        let runs = searched.runs();
 
         for (strip, columns) in block.strips().enumerate() {
             for row in 0..block.rows.len() {

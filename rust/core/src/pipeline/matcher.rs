@@ -327,7 +327,8 @@ impl Matcher {
             job.write(&mut band, evidence)?;
             job.search.control.finish_rows(band.rows().len());
 
-            self.keep(Spare { memory: workspace, bytes: bytes.max(job.workspace) });
+            let bytes = bytes.max(job.workspace);
+            self.spare().push(Spare { memory: workspace, bytes });
             Ok(())
         })
     }
@@ -342,11 +343,6 @@ impl Matcher {
         );
 
         (memory.downcast().unwrap_or_default(), bytes)
-    }
-
-    /// Keeps a workspace for later bands.
-    fn keep(&self, workspace: Spare) {
-        self.spare().push(workspace);
     }
 
     /// Gives workspaces back that no band uses, those that were not used for longest first, until the others have at most so

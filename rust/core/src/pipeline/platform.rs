@@ -1,12 +1,9 @@
-//! Threads and the clock, and their replacements in a browser's WebAssembly, which has neither; the size of the code.
+//! Threads and the clock, and their replacements in a browser's WebAssembly, which has neither.
 
 #[cfg(not(all(target_family = "wasm", target_os = "unknown")))]
 pub use self::native::{Instant, ThreadPool};
 #[cfg(all(target_family = "wasm", target_os = "unknown"))]
 pub use self::web::{Instant, ThreadPool};
-
-/// Whether code that is there several times for a little speed may stay: a browser loads all of it before the first match.
-pub const MAY_BE_LARGE: bool = !cfg!(all(target_family = "wasm", target_os = "unknown"));
 
 #[cfg(not(all(target_family = "wasm", target_os = "unknown")))]
 mod native {
