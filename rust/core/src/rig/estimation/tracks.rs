@@ -33,8 +33,6 @@ const SEARCH: usize = 4;
 const AREA: usize = BLOCK + 2 * SEARCH;
 /// Pixels that the binomial filter reads on either side.
 const SMOOTH: usize = 2;
-/// Rows of a task that smooths.
-const SMOOTHED_ROWS: usize = 32;
 /// Least correlation of blocks that show the same.
 const LEAST_CORRELATION: f32 = 0.5;
 /// Of a block, at most one pixel in so many may be masked.
@@ -94,7 +92,6 @@ pub fn follow(
         let end = seeds.partition_point(|seed| top(seed) <= wanted[wanted.len() - 1]);
 
         let copies = Copies::new(part, overview, factor, runtime)?;
-        let copies = copies.smoothed_for(end - first, runtime)?;
         let here = |seed: &Seed| track(&copies, part, seed, runtime.execution.level);
 
         let tracks: Vec<Option<Track>> = seeds[first..end].par_iter().map(here).collect();
@@ -108,7 +105,7 @@ pub fn follow(
 /// The same in a part of the pair as it is, which has the rows that all of these blocks are looked for in.
 pub fn follow_here(part: &Part, seeds: &[Seed], level: Level) -> Vec<Track> {
     let planes = part.grays.each_ref().map(|grays| Cow::Borrowed(&grays.plane));
-    let copies = Copies { planes, factor: 1, first: part.first as isize, are_smooth: false };
+    let copies = Copies { planes, factor: 1, first: part.first as isize };
 
     let tracks: Vec<Option<Track>> =
         seeds.par_iter().map(|seed| track(&copies, part, seed, level)).collect();
@@ -121,8 +118,6 @@ struct Copies<'a> {
     factor: usize,
     /// The row of the whole copies that is the first here.
     first: isize,
-    /// Whether they are smoothed, but for their borders.
-    are_smooth: bool,
 }
 
 impl<'a> Copies<'a> {
@@ -135,7 +130,7 @@ impl<'a> Copies<'a> {
     ) -> Result<Self> {
         if factor == overview.factor {
             let planes = overview.planes.each_ref().map(Cow::Borrowed);
-            return Ok(Self { planes, factor, first: 0, are_smooth: false });
+            return Ok(Self { planes, factor, first: 0 });
         }
 
         let copy = |side: usize| -> Result<Cow<'a, Plane<f32>>> {
@@ -147,18 +142,7 @@ impl<'a> Copies<'a> {
         };
 
         let first = (part.first / factor) as isize;
-        Ok(Self { planes: [copy(0)?, copy(1)?], factor, first, are_smooth: false })
-    }
-
-    /// The same, smoothed if so many blocks have more pixels to smooth.
-    fn smoothed_for(self, blocks: usize, runtime: Runtime) -> Result<Self> {
-        let [left, right] = &self.planes;
-        if left.as_slice().len() > blocks * BLOCK * BLOCK {
-            return Ok(self);
-        }
-
-        let planes = [smoothed(left, runtime)?, smoothed(right, runtime)?].map(Cow::Owned);
-        Ok(Self { planes, are_smooth: true, ..self })
+        Ok(Self { planes: [copy(0)?, copy(1)?], factor, first })
     }
 }
 
@@ -169,7 +153,7 @@ fn in_copy(place: f64, factor: usize) -> isize {
 
 /// Searches one block.
 fn track(copies: &Copies, part: &Part, seed: &Seed, level: Level) -> Option<Track> {
-    let Copies { planes: [left, right], factor, first, .. } = copies;
+    let Copies { planes: [left, right], factor, first } = copies;
     let factor = *factor;
 
     // Places in the whole copies.
@@ -184,10 +168,8 @@ fn track(copies: &Copies, part: &Part, seed: &Seed, level: Level) -> Option<Trac
         return None;
     }
 
-    let is_smooth = copies.are_smooth;
-    let block = level.run(CutPatch::<BLOCK> { image: left, is_smooth, x, y: y - first })?;
-    let (x_there, y_there) = (right_x, right_y - first);
-    let area = level.run(CutPatch::<AREA> { image: right, is_smooth, x: x_there, y: y_there })?;
+    let block = level.run(CutPatch::<BLOCK> { image: left, x, y: y - first })?;
+    let area = level.run(CutPatch::<AREA> { image: right, x: right_x, y: right_y - first })?;
     let (offset, weight) = level.run(Climb { block: &block, area: &area })?;
 
     // The center of a block of an even side lies between pixels.
@@ -213,57 +195,9 @@ fn is_valid(part: &Part, (x, y): (isize, isize), factor: usize, side: usize) -> 
     masked * MASKED_SHARE <= total
 }
 
-/// The binomial of an image; nothing near its ends.
-fn smoothed(image: &Plane<f32>, Runtime { execution, control, .. }: Runtime) -> Result<Plane<f32>> {
-    let (rows, cols) = (image.rows(), image.cols());
-    let along = Plane::by_bands((rows, cols), SMOOTHED_ROWS, |first, band: &mut [f32]| {
-        control.checkpoint()?;
-        for (y, out) in (first..).zip(band.chunks_exact_mut(cols)) {
-            let row = image.row(y);
-            let taps = from_fn(|tap| row.get(tap..).unwrap_or_default());
-            let out = out.get_mut(SMOOTH..).unwrap_or_default();
-            execution.level.run(Binomial { taps, out });
-        }
-        Ok(())
-    })?;
-
-    Plane::by_bands((rows, cols), SMOOTHED_ROWS, |first, band: &mut [f32]| {
-        control.checkpoint()?;
-        for (y, out) in (first..).zip(band.chunks_exact_mut(cols)) {
-            if (SMOOTH..rows.saturating_sub(SMOOTH)).contains(&y) {
-                let taps = from_fn(|tap| along.row(y + tap - SMOOTH));
-                execution.level.run(Binomial { taps, out });
-            }
-        }
-        Ok(())
-    })
-}
-
-/// Writes the binomial of five rows, as far as all of them reach.
-struct Binomial<'a> {
-    taps: [&'a [f32]; 2 * SMOOTH + 1],
-    out: &'a mut [f32],
-}
-
-impl Loop for Binomial<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { taps, out } = self;
-        let count = taps.iter().fold(out.len(), |least, tap| least.min(tap.len()));
-        let (taps, out) = (taps.map(|tap| &tap[..count]), &mut out[..count]);
-        for at in 0..count {
-            out[at] = binomial(from_fn(|tap| taps[tap][at]));
-        }
-    }
-}
-
 /// Cuts a smoothed part about a place; `None` where it would leave the image.
 struct CutPatch<'a, const SIDE: usize> {
     image: &'a Plane<f32>,
-    /// Whether the image is smoothed.
-    is_smooth: bool,
     x: isize,
     y: isize,
 }
@@ -273,7 +207,7 @@ impl<const SIDE: usize> Loop for CutPatch<'_, SIDE> {
 
     #[inline(always)]
     fn run(self) -> Self::Output {
-        let Self { image, is_smooth, x, y } = self;
+        let Self { image, x, y } = self;
         let corner = |at: isize| usize::try_from(at - (SIDE / 2 + SMOOTH) as isize).ok();
         let (left, top) = (corner(x)?, corner(y)?);
 
@@ -282,35 +216,25 @@ impl<const SIDE: usize> Loop for CutPatch<'_, SIDE> {
             return None;
         }
 
+        // The binomial is separable: first along the rows, then along the columns.
+        let mut along = [[0.0f32; SIDE]; AREA + 2 * SMOOTH];
+        for (row, out) in along[..side].iter_mut().enumerate() {
+            let pixels = &image.row(top + row)[left..left + side];
+            for (at, out) in out.iter_mut().enumerate() {
+                *out = binomial(from_fn(|tap| pixels[at + tap]));
+            }
+        }
+
         let mut values = [[0.0f32; SIDE]; SIDE];
-        if is_smooth {
-            for (row, out) in values.iter_mut().enumerate() {
-                out.copy_from_slice(&image.row(top + SMOOTH + row)[left + SMOOTH..][..SIDE]);
-            }
-        } else {
-            // The binomial is separable: first along the rows, then along the columns.
-            let mut along = [[0.0f32; SIDE]; AREA + 2 * SMOOTH];
-            for (row, out) in along[..side].iter_mut().enumerate() {
-                let pixels = &image.row(top + row)[left..left + side];
-                for (at, out) in out.iter_mut().enumerate() {
-                    *out = binomial(from_fn(|tap| pixels[at + tap]));
-                }
-            }
-
-            for (row, out) in values.iter_mut().enumerate() {
-                let rows: [&[f32; SIDE]; 2 * SMOOTH + 1] = from_fn(|tap| &along[row + tap]);
-                for at in 0..SIDE {
-                    out[at] = binomial(from_fn(|tap| rows[tap][at]));
-                }
-            }
-        }
-
         let mut sums = [0.0f32; SIDE];
-        for row in &values {
+        for (row, out) in values.iter_mut().enumerate() {
+            let rows: [&[f32; SIDE]; 2 * SMOOTH + 1] = from_fn(|tap| &along[row + tap]);
             for at in 0..SIDE {
-                sums[at] += row[at];
+                out[at] = binomial(from_fn(|tap| rows[tap][at]));
+                sums[at] += out[at];
             }
         }
+
         let mean = total(sums) / (SIDE * SIDE) as f32;
         for row in &mut values {
             for value in row {
