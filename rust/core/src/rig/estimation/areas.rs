@@ -266,7 +266,9 @@ impl<'a> Search<'a> {
             for columns in blocks.stretches(top / BLOCK, cols) {
                 let windows =
                     Windows { costs: &costs, rows, cols, top, count: band.len() / cols, columns };
-                let each = WriteLeast { borders: &borders, least: &mut *band };
+                let each = |y: usize, x: usize, sums: &[Lanes<u8>]| {
+                    band[y * cols + x] = borders.least(sums, x)[0];
+                };
                 self.runtime.execution.level.run(Visit { windows, each });
             }
             Ok(())
@@ -290,7 +292,10 @@ impl<'a> Search<'a> {
             let mut found = vec![];
             for columns in blocks.stretches(row, cols) {
                 let windows = Windows { costs: &costs, rows, cols, top, count, columns };
-                let each = FindOutside { borders: &borders, top, found: &mut found };
+                let each = |y: usize, x: usize, sums: &[Lanes<u8>]| {
+                    let one = borders.outside(sums, x);
+                    found.extend(one.map(|one| ((top + y) * cols + x, one)));
+                };
                 self.runtime.execution.level.run(Visit { windows, each });
             }
             found.sort_unstable_by_key(|(at, _)| *at);
@@ -430,48 +435,13 @@ struct Windows<'a> {
     columns: Range<usize>,
 }
 
-/// What becomes of the sums of all candidates of a pixel, given its row from the top one and its column. A closure would
-/// not be compiled for the level.
-trait Each {
-    fn each(&mut self, y: usize, x: usize, sums: &[Lanes<u8>]);
-}
-
-/// Writes the least sums outside the run.
-struct WriteLeast<'a> {
-    borders: &'a Borders,
-    least: &'a mut [u8],
-}
-
-impl Each for WriteLeast<'_> {
-    #[inline(always)]
-    fn each(&mut self, y: usize, x: usize, sums: &[Lanes<u8>]) {
-        self.least[y * self.borders.cols + x] = self.borders.least(sums, x)[0];
-    }
-}
-
-/// Adds the pixels that stand out.
-struct FindOutside<'a> {
-    borders: &'a Borders,
-    top: usize,
-    found: &'a mut Vec<Member>,
-}
-
-impl Each for FindOutside<'_> {
-    #[inline(always)]
-    fn each(&mut self, y: usize, x: usize, sums: &[Lanes<u8>]) {
-        if let Some(one) = self.borders.outside(sums, x) {
-            self.found.push(((self.top + y) * self.borders.cols + x, one));
-        }
-    }
-}
-
-/// Looks at every pixel of the windows.
-struct Visit<'a, E> {
+/// Calls `each(row, column, sums of all candidates)` for every pixel of the windows.
+struct Visit<'a, F> {
     windows: Windows<'a>,
-    each: E,
+    each: F,
 }
 
-impl<E: Each> Loop for Visit<'_, E> {
+impl<F: FnMut(usize, usize, &[Lanes<u8>])> Loop for Visit<'_, F> {
     type Output = ();
 
     #[inline(always)]
@@ -509,7 +479,7 @@ impl<E: Each> Loop for Visit<'_, E> {
                 window.copy_from_slice(here);
                 add(&mut window, before, u8::wrapping_add);
                 add(&mut window, after, u8::wrapping_add);
-                each.each(y - top, x, &window);
+                each(y - top, x, &window);
             }
         }
     }
