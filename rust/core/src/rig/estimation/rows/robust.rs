@@ -20,7 +20,6 @@ use crate::math;
 use crate::rig::alignment::sway::{self, INTERVALS, KNOTS, mean_weights};
 use crate::rig::alignment::{TERMS, places, terms};
 use crate::rig::estimation::tracks::{BLOCK, Track};
-use crate::simd::{Level, Loop};
 
 /// Reweightings, and how many of them are for absolute deviations.
 const STEPS: (usize, usize) = (20, 6);
@@ -32,11 +31,8 @@ const FLOOR: f64 = 0.02;
 const LARGEST_CONDITION: f64 = 1e6;
 /// Places along a row over which errors are averaged.
 const COLUMNS: usize = 8;
-/// Most unknowns of a fit, a multiple of [`LANES`].
-const MOST: usize = (TERMS + KNOTS).next_multiple_of(LANES);
-/// Unknowns, and rows of a matrix of them, that sums are taken of together.
-const LANES: usize = 8;
-const GROUP: usize = 4;
+/// Most unknowns of a fit.
+const MOST: usize = TERMS + KNOTS;
 /// Widths that are tried, pixels,
 const WIDTHS: [f64; 8] = [0.06, 0.12, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
 /// ... and weights of the second differences; with less, a few mistaken blocks at a border bend a spline to them.
@@ -224,7 +220,8 @@ impl Model {
     ) -> f64 {
         // The variance at a place is t' A^-1 t = |L^-1 t|^2 for its terms t.
         let variance = |(x, y): (f64, f64)| -> f64 {
-            let row = self.row(&terms(x, y), &self.spline(y));
+            let fraction = 0.5 * (y + 1.0);
+            let row = self.row(&terms(x, y), &mean_weights(fraction, fraction));
             let half = forward(lower, row, self.count());
             half[..self.count()].iter().map(|value| value * value).sum()
         };
@@ -232,12 +229,6 @@ impl Model {
         let variances: Vec<f64> = places.map(variance).collect();
         let mean = variances.iter().sum::<f64>() / variances.len() as f64;
         spread * (self.excess * mean).sqrt()
-    }
-
-    /// The weights of the factors of the spline at a place from -1 to 1; without a spline, 0.
-    fn spline(&self, y: f64) -> [f64; KNOTS] {
-        let fraction = 0.5 * (y + 1.0);
-        if self.sways { mean_weights(fraction, fraction) } else { [0.0; KNOTS] }
     }
 
     /// The variance of a point of weight 1 if points with these weights have that spread.
@@ -282,11 +273,13 @@ impl Model {
 impl RobustFit {
     /// Root mean square of the difference of two fields.
     pub fn difference(&self, other: &Self) -> f64 {
-        let coefficients: [f64; TERMS] = from_fn(|i| self.coefficients[i] - other.coefficients[i]);
-        let sway: [f64; KNOTS] = from_fn(|i| self.sway[i] - other.sway[i]);
         let field = |(x, y)| -> f64 {
-            let smooth = coefficients.iter().zip(terms(x, y)).map(|(a, b)| a * b);
-            smooth.sum::<f64>() + sway::at(&sway, 0.5 * (y + 1.0))
+            let terms = terms(x, y);
+            let spline = mean_weights(0.5 * (y + 1.0), 0.5 * (y + 1.0));
+            let smooth =
+                (0..TERMS).map(|i| (self.coefficients[i] - other.coefficients[i]) * terms[i]);
+            let sway = (0..KNOTS).map(|i| (self.sway[i] - other.sway[i]) * spline[i]);
+            smooth.sum::<f64>() + sway.sum::<f64>()
         };
 
         let squares: Vec<f64> = places().map(|place| field(place).powi(2)).collect();
@@ -369,7 +362,23 @@ struct Normal {
 
 impl Normal {
     fn new(rows: &[[f64; MOST]], points: &[Point], weights: &[f64], count: usize) -> Self {
-        Level::best().run(SumEquations { rows, points, weights, count })
+        let (mut matrix, mut target) = ([[0.0; MOST]; MOST], [0.0; MOST]);
+
+        for ((terms, point), weight) in rows.iter().zip(points).zip(weights) {
+            for row in 0..count {
+                let weighted = weight * terms[row];
+                // Most factors of a spline are zero at a block.
+                if weighted == 0.0 {
+                    continue;
+                }
+                target[row] += weighted * point.value;
+                for col in 0..=row {
+                    matrix[row][col] += weighted * terms[col];
+                }
+            }
+        }
+
+        Self { matrix, target, count }
     }
 
     /// Multiplies both sides.
@@ -388,7 +397,26 @@ impl Normal {
 
     /// The Cholesky factor; `None` where the equations do not determine the smooth terms.
     fn factor(&self, smooth: usize) -> Option<[[f64; MOST]; MOST]> {
-        Level::best().run(Factor { normal: self, smooth })
+        // A pivot that is tiny beside the first one means that the points do not determine a term.
+        let mut lower = [[0.0f64; MOST]; MOST];
+        for row in 0..self.count {
+            for col in 0..=row {
+                let done: f64 = (0..col).map(|k| lower[row][k] * lower[col][k]).sum();
+                let rest = self.matrix[row][col] - done;
+
+                if row > col {
+                    lower[row][col] = rest / lower[col][col];
+                } else if rest > 0.0
+                    && (row >= smooth || rest * LARGEST_CONDITION > self.matrix[0][0])
+                {
+                    lower[row][row] = rest.sqrt();
+                } else {
+                    return None;
+                }
+            }
+        }
+
+        Some(lower)
     }
 
     /// The solution, by substitution forward and backward.
@@ -412,99 +440,6 @@ impl Normal {
         let half = forward(&lower, self.target, self.count);
         let explained: f64 = half[..self.count].iter().map(|value| value * value).sum();
         Some(explained / 2.0 - half_logarithm(&lower, self.count))
-    }
-}
-
-/// The normal equations of so many unknowns of weighted points.
-struct SumEquations<'a> {
-    rows: &'a [[f64; MOST]],
-    points: &'a [Point],
-    weights: &'a [f64],
-    count: usize,
-}
-
-impl Loop for SumEquations<'_> {
-    type Output = Normal;
-
-    #[inline(always)]
-    fn run(self) -> Normal {
-        let Self { rows, points, weights, count } = self;
-        let (mut matrix, mut target) = ([[0.0; MOST]; MOST], [0.0; MOST]);
-
-        // Sums of a few rows stay in registers. Those beyond the diagonal are not used.
-        for row in (0..count).step_by(GROUP) {
-            for col in (0..=row).step_by(LANES) {
-                let mut sums = [[0.0; LANES]; GROUP];
-                for (terms, weight) in rows.iter().zip(weights) {
-                    let (down, along) = (&terms[row..][..GROUP], &terms[col..][..LANES]);
-                    for (sums, term) in sums.iter_mut().zip(down) {
-                        let weighted = weight * term;
-                        for lane in 0..LANES {
-                            sums[lane] += weighted * along[lane];
-                        }
-                    }
-                }
-                for (row, sums) in matrix[row..].iter_mut().zip(sums) {
-                    row[col..][..LANES].copy_from_slice(&sums);
-                }
-            }
-        }
-
-        for row in (0..count).step_by(LANES) {
-            let mut sums = [0.0; LANES];
-            for ((terms, point), weight) in rows.iter().zip(points).zip(weights) {
-                let terms = &terms[row..][..LANES];
-                for lane in 0..LANES {
-                    sums[lane] += weight * terms[lane] * point.value;
-                }
-            }
-            target[row..][..LANES].copy_from_slice(&sums);
-        }
-
-        Normal { matrix, target, count }
-    }
-}
-
-/// The Cholesky factor, column by column.
-struct Factor<'a> {
-    normal: &'a Normal,
-    smooth: usize,
-}
-
-impl Loop for Factor<'_> {
-    type Output = Option<[[f64; MOST]; MOST]>;
-
-    #[inline(always)]
-    fn run(self) -> Self::Output {
-        let Self { normal: Normal { matrix, count, .. }, smooth } = self;
-        let mut lower = [[0.0; MOST]; MOST];
-        // What the columns so far make of each element.
-        let mut done = [[0.0; MOST]; MOST];
-        let width = count.next_multiple_of(LANES);
-
-        for col in 0..*count {
-            let rest = matrix[col][col] - done[col][col];
-            // A pivot that is tiny beside the first one means that the points do not determine a term.
-            let is_determined = col >= smooth || rest * LARGEST_CONDITION > matrix[0][0];
-            if !(rest > 0.0 && is_determined) {
-                return None;
-            }
-
-            let pivot = rest.sqrt();
-            let mut column = [0.0; MOST];
-            column[col] = pivot;
-            for row in col + 1..*count {
-                column[row] = (matrix[row][col] - done[row][col]) / pivot;
-            }
-            for row in col..*count {
-                lower[row][col] = column[row];
-                for (done, value) in done[row][..width].iter_mut().zip(&column[..width]) {
-                    *done += column[row] * value;
-                }
-            }
-        }
-
-        Some(lower)
     }
 }
 
