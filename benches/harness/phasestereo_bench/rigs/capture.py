@@ -58,7 +58,7 @@ def video(image: Image, _seed: int, *, codec: str, crf: int) -> Any:
         stream.height, stream.width, stream.pix_fmt = *even.shape[:2], "yuv420p"
         frame = av.VideoFrame.from_ndarray(even, "rgb24")
         for packet in (*stream.encode(frame), *stream.encode()):
-            packet.pts = packet.dts = 0  # x265 gets one of them wrong once in a thousand runs
+            packet.pts = packet.dts = 0  # of x265 one of them is wrong now and then
             written.mux(packet)
 
     file.seek(0)
