@@ -18,7 +18,7 @@ deb $signed http://deb.debian.org/debian $release main
 deb $signed http://deb.debian.org/debian-security $release-security main
 END
 # What the machine has is not downloaded, but the tools themselves are: the build names them in this folder.
-awk 'BEGIN { RS = ""; ORS = "\n\n" } !/^Package: (rustc-web|cargo-web|rust-web-src|libstd-rust-web|lld-|libllvm)/' \
+awk 'BEGIN { RS = ""; ORS = "\n\n" } !/^Package: (lld|cargo-web|clippy-web|rust[a-z]*-web|libstd-rust-web)/' \
     /var/lib/dpkg/status > apt/status
 cat > apt/apt.conf <<END
 Dir::Etc::sourcelist "$PWD/apt/sources.list";
