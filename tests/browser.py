@@ -92,7 +92,8 @@ class Browser:
         self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [scheme]})
-        self.complaints()  # those of an earlier page
+        self.driver.get("about:blank")  # an earlier page may ask for more until it is left
+        self.complaints()
         self.requests()
         self.driver.get(address)
 

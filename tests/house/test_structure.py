@@ -91,7 +91,7 @@ BOUNDS = {
     "aliases at the boundary": 6,
     "public names": 120,
     "words of documentation": 21_150,
-    "lines of Rust": 36_310,
+    "lines of Rust": 36_130,
     "lines of tests": 28_840,
     "statements of tests": 20_820,
 }
