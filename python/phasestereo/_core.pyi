@@ -55,6 +55,7 @@ __all__ = [
     "rectify_pairs",
     "release_memory",
     "rows_to_tally",
+    "self_check",
     "simd_level",
     "verify_map",
     "working_memory",
@@ -226,4 +227,5 @@ def optimize_volume(
     costs: NDArray[np.uint32], settings: Settings, p1: int, p2: int
 ) -> NDArray[np.uint16]: ...
 def preset(name: str) -> dict[str, Any]: ...
+def self_check() -> list[str]: ...
 def simd_level() -> str: ...

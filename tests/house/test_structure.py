@@ -53,7 +53,6 @@ FLOORS = {
         "calibration known",  # by boards; of a pair, an earlier result too
         "matching stages",
         "opencv rigs verification views",  # what is made of a result, and a stand-in for a matcher
-        "selfcheck",  # of matches against digests
         "",  # the package itself, which names all of the interface
         "cli",
         "__main__",

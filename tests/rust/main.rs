@@ -27,6 +27,7 @@ mod planes;
 mod quantizer;
 mod reference;
 mod scales;
+mod self_check;
 mod smoothing;
 mod source;
 mod speckles;

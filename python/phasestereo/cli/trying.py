@@ -15,7 +15,6 @@ from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import print_lines
 from phasestereo.cli.trust import unwarned
 from phasestereo.matching import match
-from phasestereo.selfcheck import box, noise
 from phasestereo.views.page import write_pair_page
 
 _ROWS, _COLS, _FAR, _NEAR = 360, 480, 8, 32
@@ -60,8 +59,9 @@ def _pair() -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     for seed, ((top, bottom, first, end, shifts), color) in enumerate(
         zip(parts, _COLORS, strict=True)
     ):
-        fine = noise(bottom - top, _COLS + _NEAR, seed)
-        grain = ((box(fine, 7, 7) - 128) * 4 + box(fine, 2, 2)).clip(0, 255)
+        samples = np.random.default_rng(seed)
+        fine = samples.integers(0, 256, (bottom - top, _COLS + _NEAR))
+        grain = ((_means(fine, 7) - 128) * 4 + _means(fine, 2)).clip(0, 255)
         for y, shift in enumerate(shifts, top):
             texture = (128 + grain[y - top, first:, np.newaxis] // 2) * np.array(color) // 255
             left[y, first:end] = texture[: end - first]
@@ -69,5 +69,14 @@ def _pair() -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
             begin, wide = max(first - shift, 0), end if end == _COLS else end - shift
             right[y, begin:wide] = texture[begin + shift - first : wide + shift - first]
 
-    soft = np.dstack([box(box(box(left[:, :, one], 5, 5), 5, 5), 3, 3) for one in range(3)])
+    soft = np.dstack([_means(_means(_means(left[:, :, one], 5), 5), 3) for one in range(3)])
     return soft.astype(np.uint8), right.astype(np.uint8)
+
+
+def _means(image: NDArray[np.int64], size: int) -> NDArray[np.int64]:
+    """Return means of so many rows and columns, in integers."""
+    padded = np.pad(image, size // 2, mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (size, size))
+    rows, cols = image.shape
+    found: NDArray[np.int64] = windows[:rows, :cols].sum(axis=(2, 3)) // size**2
+    return found

@@ -30,6 +30,8 @@
 //! On top, `interface` takes images that are slices, matches them on threads that are kept, and returns the map with what
 //! there is to say about it.
 //!
+//! Whether all that computes here what it computes elsewhere is known from pairs that are made here (`self_check`).
+//!
 //! A disparity map of another origin is judged by the same means: `verification` compares it with a match of its own and
 //! with the costs of both.
 //!
@@ -58,6 +60,7 @@ mod pipeline;
 mod refinement;
 mod rig;
 mod scales;
+mod self_check;
 mod verification;
 mod whole;
 
@@ -97,5 +100,5 @@ macro_rules! open {
 
 open! {
     error findings math settings simd value
-    cost descriptor frames image optimization pipeline refinement rig scales verification whole
+    cost descriptor frames image optimization pipeline refinement rig scales self_check verification whole
 }

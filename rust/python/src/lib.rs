@@ -67,6 +67,7 @@ use phasestereo::internals::rig::estimation::compensation_plan::{LARGER, MUCH_LA
 use phasestereo::internals::rig::estimation::overview::LEAST_SIZE;
 use phasestereo::internals::rig::estimation::{Prepared, prepare, prepare_by_rows};
 use phasestereo::internals::rig::rectification::rectify_views;
+use phasestereo::internals::self_check::differing;
 use phasestereo::internals::settings::presets::Preset;
 use phasestereo::internals::settings::{MOST_DISPARITIES, Settings};
 use phasestereo::internals::simd::Level;
@@ -96,8 +97,8 @@ mod _core {
         Rig, Scale, Setting, TemporalFilter, Workers, aggregate_volume, check_blur_compensation,
         check_noise, check_settings, cost_volume, descriptor, estimate_pair, estimate_pair_by_rows,
         find_roughness, find_scale, fit_right, halo, match_pair, match_raw, match_rows,
-        optimize_volume, preset, rectify_pairs, release_memory, rows_to_tally, simd_level,
-        verify_map, working_memory,
+        optimize_volume, preset, rectify_pairs, release_memory, rows_to_tally, self_check,
+        simd_level, verify_map, working_memory,
     };
 
     #[pymodule_init]
@@ -143,6 +144,13 @@ fn warm_up(py: Python<'_>) -> Result<()> {
 #[pyfunction]
 fn simd_level() -> &'static str {
     Level::best().name()
+}
+
+/// The names of pairs whose matches are not to the bit what they are on every platform.
+#[pyfunction]
+fn self_check(py: Python<'_>) -> Result<Vec<String>> {
+    let pool = Pool::for_argument(&py.None().into_bound(py))?;
+    supervised(py, &pool, 0, None, differing)
 }
 
 #[pyfunction]

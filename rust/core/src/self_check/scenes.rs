@@ -1,0 +1,235 @@
+//! Pairs that are made here, of integers: a wall, a floor and a box in front of them, and what a rig may do to the images.
+
+use ndarray::Array3;
+
+use crate::image::plane::{Plane, reflect};
+use crate::image::view::{Image, View};
+
+/// What a rig does to its images.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Fault {
+    /// Nothing.
+    None,
+    /// The left image is out of focus.
+    Defocus,
+    /// The left lens is focused far, the right one near.
+    FocusApart,
+    /// The right camera moves sideways.
+    Motion,
+    /// Both sensors are noisy.
+    Noise,
+    /// Some pixels of the right sensor are broken.
+    Impulses,
+    /// The right image is in blocks, as of compression.
+    Blocks,
+    /// The right image has rows that are too bright or too dark, in a random order.
+    Stripes,
+    /// The right image is 1 row lower at its left end, 3 rows at its right one.
+    Rows,
+    /// The right camera is turned about its axis.
+    Turned,
+    /// The right lens has a longer focal length.
+    Zoomed,
+    /// Lenses distort, and the right camera looks down.
+    Distorted,
+    /// Odd rows of the right image are taken later.
+    Interlaced,
+    /// The right image is darker toward its corners, and has 16 bits.
+    Vignetting,
+    /// Colors, as floats, the right ones half as large.
+    Floats,
+    /// The right image is a negative.
+    Inverted,
+    /// Left is right.
+    Swapped,
+    /// The right sensor has half the pixels a side.
+    Smaller,
+    /// Wall and floor have no texture.
+    Plain,
+    /// The upper left part of the left image is masked.
+    Masked,
+}
+
+type Gray = Plane<i32>;
+
+/// The scene in so many rows and columns, as a rig with a fault takes it. Another `moment` has other noise.
+pub fn pair(fault: Fault, size: (usize, usize), moment: u32) -> [View; 2] {
+    let (rows, cols) = (size.0 as i32, size.1 as i32);
+    let is_plain = fault == Fault::Plain;
+    let [left, right] = [0, 1].map(|side| gray(size, |y, x| shown((y, x), side, size, is_plain)));
+
+    let grain = |seed| move |y, x, value| value + (noise(y, x, seed + 2 * moment) - 128) / 12;
+    let [left, right] = match fault {
+        Fault::Defocus => [mean(&mean(&left, 5, 5), 3, 3), right],
+        Fault::FocusApart => {
+            let near = |y, x| surface((y, x), 0, size).1 > FAR;
+            let [softer, other] = [&left, &right].map(|image| mean(&mean(image, 5, 5), 3, 3));
+            let left =
+                changed(&left, |y, x, sharp| if near(y, x) { at(&softer, y, x) } else { sharp });
+            let right =
+                changed(&right, |y, x, sharp| if near(y, x) { sharp } else { at(&other, y, x) });
+            [left, right]
+        }
+        Fault::Motion => [left, mean(&right, 1, 9)],
+        Fault::Noise => [changed(&left, grain(21)), changed(&right, grain(22))],
+        Fault::Impulses => {
+            let broken = |y, x, value| if noise(y, x, 23) < 2 { 255 * (x % 2) } else { value };
+            [left, changed(&right, broken)]
+        }
+        Fault::Blocks => {
+            let coarse = mean(&right, 7, 7);
+            let coded = |y: i32, x: i32, value| {
+                let block = at(&coarse, y / 8 * 8 + 4, x / 8 * 8 + 4);
+                block + (value - block) / 24 * 24
+            };
+            [left, changed(&right, coded)]
+        }
+        Fault::Stripes => [left, changed(&right, |y, _, value| value + noise(y, 0, 24) / 12)],
+        Fault::Rows => [left, moved(&right, |y, x| (y + 1 + 2 * x / cols, x))],
+        Fault::Turned => {
+            [left, moved(&right, |y, x| (y + (x - cols / 2) / 30, x - (y - rows / 2) / 30))]
+        }
+        Fault::Zoomed => {
+            let zoom = |place: i32, length: i32| length / 2 + (place - length / 2) * 32 / 33;
+            [left, moved(&right, |y, x| (zoom(y, rows), zoom(x, cols)))]
+        }
+        Fault::Distorted => {
+            let bent = |sign: i32, down: i32| {
+                move |y: i32, x: i32| {
+                    let (y, x) = (y - rows / 2, x - cols / 2);
+                    let share = sign * 1000 * (y * y + x * x) / (rows * rows + cols * cols);
+                    let scaled = |place: i32| place + place * share / 2500;
+                    (rows / 2 + scaled(y) + down, cols / 2 + scaled(x))
+                }
+            };
+            [moved(&left, bent(1, 0)), moved(&right, bent(-1, 6))]
+        }
+        Fault::Interlaced => [left, moved(&right, |y, x| (y, x + 3 * (y % 2)))],
+        Fault::Vignetting => {
+            let darker = |y: i32, x: i32, value: i32| {
+                let from =
+                    |place: i32, length: i32| (2 * place - length).pow(2) * 100 / length.pow(2);
+                value * (300 - from(y, rows) - from(x, cols)) / 400
+            };
+            [left, changed(&right, darker)]
+        }
+        Fault::Inverted => [left, changed(&right, |_, _, value| 255 - value)],
+        Fault::Swapped => [right, left],
+        Fault::Smaller => {
+            let half = gray((size.0 / 2, size.1 / 2), |y, x| {
+                let sum = |row| at(&right, row, 2 * x) + at(&right, row, 2 * x + 1);
+                (sum(2 * y) + sum(2 * y + 1)) / 4
+            });
+            [left, half]
+        }
+        Fault::None | Fault::Floats | Fault::Plain | Fault::Masked => [left, right],
+    };
+
+    let corner = Plane::from_fn(size.0, size.1, |y, x| y > size.0 / 4 || x > size.1 / 4);
+    match fault {
+        Fault::Vignetting => [words(&left), words(&right)],
+        Fault::Floats => [floats(&left, 256.0), floats(&right, 512.0)],
+        Fault::Masked => [View { mask: Some(corner), ..bytes(&left) }, bytes(&right)],
+        _ => [bytes(&left), bytes(&right)],
+    }
+}
+
+/// Disparity of the wall, pixels.
+pub const FAR: i32 = 5;
+/// Disparity of the box, pixels.
+pub const NEAR: i32 = 11;
+
+/// Number of the box among the surfaces.
+const BOX: u32 = 3;
+
+/// Which surface is seen at a place of the left (0) or right (1) image, and its disparity.
+fn surface((y, x): (i32, i32), side: i32, (rows, cols): (usize, usize)) -> (u32, i32) {
+    let (rows, cols) = (rows as i32, cols as i32);
+    let is_of_box = (rows * 3 / 10..rows * 7 / 10).contains(&y)
+        && (cols * 4 / 10..cols * 7 / 10).contains(&(x + side * NEAR));
+    let into_floor = y - rows * 8 / 10;
+
+    if is_of_box {
+        (BOX, NEAR)
+    } else if into_floor > 0 {
+        (2, FAR + into_floor / 4)
+    } else {
+        (1, FAR)
+    }
+}
+
+/// What is seen at a place; where the scene is plain, the box alone has texture.
+fn shown((y, x): (i32, i32), side: i32, size: (usize, usize), is_plain: bool) -> i32 {
+    let (seed, disparity) = surface((y, x), side, size);
+    if is_plain && seed != BOX { 60 * seed as i32 } else { texture(y, x + side * disparity, seed) }
+}
+
+/// Gray values: noise between whose values it is linear, coarse and fine.
+fn texture(y: i32, x: i32, seed: u32) -> i32 {
+    let grid = |step: i32, seed: u32| {
+        let (below, beside) = (y % step, x % step);
+        let corner = |dy, dx| noise(y / step + dy, x / step + dx, seed);
+        let row = |dy| corner(dy, 0) * (step - beside) + corner(dy, 1) * beside;
+        (row(0) * (step - below) + row(1) * below) / (step * step)
+    };
+    (5 * grid(9, seed) + 3 * grid(3, seed + 10)) / 8
+}
+
+/// A byte that is a hash of a place.
+fn noise(y: i32, x: i32, seed: u32) -> i32 {
+    let [y, x] = [y, x].map(|place| place as u32);
+    let place = y.wrapping_mul(73_856_093) ^ x.wrapping_mul(19_349_663);
+    let mix = |state: u32, _| (state ^ (state >> 15)).wrapping_mul(0x2C1B_3C6D);
+    ((0..2).fold(place ^ seed.wrapping_mul(83_492_791), mix) >> 24) as i32
+}
+
+fn gray((rows, cols): (usize, usize), value: impl Fn(i32, i32) -> i32) -> Gray {
+    Plane::from_fn(rows, cols, |y, x| value(y as i32, x as i32))
+}
+
+/// The value at a place, reflected at the border.
+fn at(image: &Gray, y: i32, x: i32) -> i32 {
+    image.row(reflect(y as isize, image.rows()))[reflect(x as isize, image.cols())]
+}
+
+/// The image with other values.
+fn changed(image: &Gray, value: impl Fn(i32, i32, i32) -> i32) -> Gray {
+    gray((image.rows(), image.cols()), |y, x| value(y, x, at(image, y, x)))
+}
+
+/// The image whose pixels are elsewhere.
+fn moved(image: &Gray, place: impl Fn(i32, i32) -> (i32, i32)) -> Gray {
+    changed(image, |y, x, _| {
+        let (y, x) = place(y, x);
+        at(image, y, x)
+    })
+}
+
+/// Means of so many rows and columns, odd numbers.
+fn mean(image: &Gray, rows: i32, cols: i32) -> Gray {
+    let (above, before) = (rows / 2, cols / 2);
+    changed(image, |y, x, _| {
+        let row = |y| (x - before..=x + before).map(|x| at(image, y, x)).sum::<i32>();
+        (y - above..=y + above).map(row).sum::<i32>() / (rows * cols)
+    })
+}
+
+fn bytes(image: &Gray) -> View {
+    let pixels = image.as_slice().iter().map(|&value| value.clamp(0, 255) as u8);
+    Image::U8(shaped(image, 1, pixels.collect())).into()
+}
+
+fn words(image: &Gray) -> View {
+    let pixels = image.as_slice().iter().map(|&value| value.clamp(0, 255) as u16 * 200);
+    Image::U16(shaped(image, 1, pixels.collect())).into()
+}
+
+fn floats(image: &Gray, white: f32) -> View {
+    let colors = |&value: &i32| [value, value / 2, 255 - value].map(|part| part as f32 / white);
+    Image::F32(shaped(image, 3, image.as_slice().iter().flat_map(colors).collect())).into()
+}
+
+fn shaped<T>(image: &Gray, channels: usize, pixels: Vec<T>) -> Array3<T> {
+    let shape = (image.rows(), image.cols(), channels);
+    Array3::from_shape_vec(shape, pixels).expect("as many values as pixels")
+}
