@@ -56,7 +56,7 @@ const fn case(fault: Fault, size: (usize, usize), work: Work, digest: u64) -> Ca
 }
 
 /// All of them.
-pub const CASES: [Case; 34] = [
+pub const CASES: [Case; 38] = [
     case(Fault::None, SMALL, Work::Match(Preset::Robust, TOLD), 0x0BE5_EB2A_DBD4_FC41),
     case(Fault::None, SMALL, Work::Match(Preset::Fast, TOLD), 0x31B0_7587_72DD_CEF5),
     case(Fault::None, SMALL, Work::Match(Preset::Paper, TOLD), 0x1E17_8564_CCF9_7EF5),
@@ -85,7 +85,11 @@ pub const CASES: [Case; 34] = [
     case(Fault::Swapped, MIDDLE, Work::Match(Preset::Robust, None), 0x0977_BA2D_70BC_4B27),
     case(Fault::Smaller, MIDDLE, Work::Match(Preset::Robust, None), 0x21CF_FEB1_6D04_BBE6),
     case(Fault::Masked, MIDDLE, Work::Match(Preset::Robust, None), 0x2526_353E_109B_4466),
-    // A range that is far too small.
+    case(Fault::Pole, MIDDLE, Work::Match(Preset::Robust, None), 0x2DC4_D1E6_BDB7_A33F),
+    case(Fault::Fence, MIDDLE, Work::Match(Preset::Robust, None), 0xF1E5_07D3_4F9B_27AF),
+    case(Fault::Twice, MIDDLE, Work::Match(Preset::Robust, None), 0x0B2F_72A3_7C9A_2002),
+    // Ranges that are too small.
+    case(Fault::Pole, MIDDLE, Work::Match(Preset::Robust, Some(24)), 0x667F_4A11_87E8_B851),
     case(Fault::None, MIDDLE, Work::Match(Preset::Robust, Some(4)), 0xF85F_DCFF_CB1C_AC0B),
     case(Fault::None, MIDDLE, Work::Frame, 0x811A_E1F0_C669_DF9A),
     case(Fault::Rows, MIDDLE, Work::Frame, 0xEA02_F778_3976_8B09),

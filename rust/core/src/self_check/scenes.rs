@@ -48,6 +48,12 @@ pub enum Fault {
     Plain,
     /// The upper left part of the left image is masked.
     Masked,
+    /// A thin pole is much nearer than all else.
+    Pole,
+    /// All surfaces have the texture of a fence.
+    Fence,
+    /// Both images are the left one.
+    Twice,
 }
 
 type Gray = Plane<i32>;
@@ -55,14 +61,13 @@ type Gray = Plane<i32>;
 /// The scene in so many rows and columns, as a rig with a fault takes it. Another `moment` has other noise.
 pub fn pair(fault: Fault, size: (usize, usize), moment: u32) -> [View; 2] {
     let (rows, cols) = (size.0 as i32, size.1 as i32);
-    let is_plain = fault == Fault::Plain;
-    let [left, right] = [0, 1].map(|side| gray(size, |y, x| shown((y, x), side, size, is_plain)));
+    let [left, right] = [0, 1].map(|side| gray(size, |y, x| shown((y, x), side, size, fault)));
 
     let grain = |seed| move |y, x, value| value + (noise(y, x, seed + 2 * moment) - 128) / 12;
     let [left, right] = match fault {
         Fault::Defocus => [mean(&mean(&left, 5, 5), 3, 3), right],
         Fault::FocusApart => {
-            let near = |y, x| surface((y, x), 0, size).1 > FAR;
+            let near = |y, x| surface((y, x), 0, size, fault).1 > FAR;
             let [softer, other] = [&left, &right].map(|image| mean(&mean(image, 5, 5), 3, 3));
             let left =
                 changed(&left, |y, x, sharp| if near(y, x) { at(&softer, y, x) } else { sharp });
@@ -115,6 +120,7 @@ pub fn pair(fault: Fault, size: (usize, usize), moment: u32) -> [View; 2] {
         }
         Fault::Inverted => [left, changed(&right, |_, _, value| 255 - value)],
         Fault::Swapped => [right, left],
+        Fault::Twice => [left.clone(), left],
         Fault::Smaller => {
             let half = gray((size.0 / 2, size.1 / 2), |y, x| {
                 let sum = |row| at(&right, row, 2 * x) + at(&right, row, 2 * x + 1);
@@ -122,7 +128,7 @@ pub fn pair(fault: Fault, size: (usize, usize), moment: u32) -> [View; 2] {
             });
             [left, half]
         }
-        Fault::None | Fault::Floats | Fault::Plain | Fault::Masked => [left, right],
+        _ => [left, right],
     };
 
     let corner = Plane::from_fn(size.0, size.1, |y, x| y > size.0 / 4 || x > size.1 / 4);
@@ -143,13 +149,23 @@ pub const NEAR: i32 = 11;
 const BOX: u32 = 3;
 
 /// Which surface is seen at a place of the left (0) or right (1) image, and its disparity.
-fn surface((y, x): (i32, i32), side: i32, (rows, cols): (usize, usize)) -> (u32, i32) {
+fn surface(
+    (y, x): (i32, i32),
+    side: i32,
+    (rows, cols): (usize, usize),
+    fault: Fault,
+) -> (u32, i32) {
     let (rows, cols) = (rows as i32, cols as i32);
+    let is_of_pole = fault == Fault::Pole
+        && (rows / 10..rows * 9 / 10).contains(&y)
+        && (cols / 4..cols / 4 + 5).contains(&(x + side * 4 * NEAR));
     let is_of_box = (rows * 3 / 10..rows * 7 / 10).contains(&y)
         && (cols * 4 / 10..cols * 7 / 10).contains(&(x + side * NEAR));
     let into_floor = y - rows * 8 / 10;
 
-    if is_of_box {
+    if is_of_pole {
+        (4, 4 * NEAR)
+    } else if is_of_box {
         (BOX, NEAR)
     } else if into_floor > 0 {
         (2, FAR + into_floor / 4)
@@ -158,10 +174,15 @@ fn surface((y, x): (i32, i32), side: i32, (rows, cols): (usize, usize)) -> (u32,
     }
 }
 
-/// What is seen at a place; where the scene is plain, the box alone has texture.
-fn shown((y, x): (i32, i32), side: i32, size: (usize, usize), is_plain: bool) -> i32 {
-    let (seed, disparity) = surface((y, x), side, size);
-    if is_plain && seed != BOX { 60 * seed as i32 } else { texture(y, x + side * disparity, seed) }
+/// What is seen at a place.
+fn shown(place: (i32, i32), side: i32, size: (usize, usize), fault: Fault) -> i32 {
+    let (seed, disparity) = surface(place, side, size, fault);
+    let (y, x) = (place.0, place.1 + side * disparity);
+    match fault {
+        Fault::Plain if seed != BOX => 60 * seed as i32,
+        Fault::Fence => texture(y / 8, x % 18, seed),
+        _ => texture(y, x, seed),
+    }
 }
 
 /// Gray values: noise between whose values it is linear, coarse and fine.
