@@ -82,7 +82,7 @@ BOUNDS = {
     "imports of the same or a higher floor": 0,
     "imports of another distribution than those below": 0,
     "own modules imported by a string": 0,
-    "statements of phasestereo": 6_515,
+    "statements of phasestereo": 6_470,
     "statements of phasestereo_live": 2_160,
     "statements of phasestereo_large": 2_500,
     "statements of pandora_plugin_phasestereo": 120,
@@ -90,9 +90,9 @@ BOUNDS = {
     "aliases at the boundary": 6,
     "public names": 120,
     "words of documentation": 21_150,
-    "lines of Rust": 36_130,
-    "lines of tests": 28_840,
-    "statements of tests": 20_820,
+    "lines of Rust": 36_560,
+    "lines of tests": 28_825,
+    "statements of tests": 20_810,
 }
 
 EXTENSION = 8.4
