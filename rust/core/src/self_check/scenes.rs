@@ -151,16 +151,16 @@ const BOX: u32 = 3;
 /// Which surface is seen at a place of the left (0) or right (1) image, and its disparity.
 fn surface(
     (y, x): (i32, i32),
-    side: i32,
+    camera: i32,
     (rows, cols): (usize, usize),
     fault: Fault,
 ) -> (u32, i32) {
     let (rows, cols) = (rows as i32, cols as i32);
     let is_of_pole = fault == Fault::Pole
         && (rows / 10..rows * 9 / 10).contains(&y)
-        && (cols / 4..cols / 4 + 5).contains(&(x + side * 4 * NEAR));
+        && (cols / 4..cols / 4 + 5).contains(&(x + camera * 4 * NEAR));
     let is_of_box = (rows * 3 / 10..rows * 7 / 10).contains(&y)
-        && (cols * 4 / 10..cols * 7 / 10).contains(&(x + side * NEAR));
+        && (cols * 4 / 10..cols * 7 / 10).contains(&(x + camera * NEAR));
     let into_floor = y - rows * 8 / 10;
 
     if is_of_pole {
@@ -175,9 +175,9 @@ fn surface(
 }
 
 /// What is seen at a place.
-fn shown(place: (i32, i32), side: i32, size: (usize, usize), fault: Fault) -> i32 {
-    let (seed, disparity) = surface(place, side, size, fault);
-    let (y, x) = (place.0, place.1 + side * disparity);
+fn shown(place: (i32, i32), camera: i32, size: (usize, usize), fault: Fault) -> i32 {
+    let (seed, disparity) = surface(place, camera, size, fault);
+    let (y, x) = (place.0, place.1 + camera * disparity);
     match fault {
         Fault::Plain if seed != BOX => 60 * seed as i32,
         Fault::Fence => texture(y / 8, x % 18, seed),
