@@ -265,6 +265,17 @@ fn an_estimated_range_contains_the_disparities() {
 }
 
 #[test]
+fn a_range_without_the_disparities_does_not_count_as_images_that_hardly_match() {
+    let pair = pair_of(&shots(&field(&[])), bytes);
+    let [left, right] = pair.views().map(View::clone);
+    let narrow = Pair::new(left, right, 0, 4).expect("legal");
+    let found = found(&narrow, true, 1, Level::best());
+
+    assert!(found.range.is_some_and(|range| range.candidates(SIZE.1).expect("legal").count() > 16));
+    assert!(found.confidence.is_some_and(|found| found > 0.65), "{:?}", found.confidence);
+}
+
+#[test]
 fn estimates_depend_on_nothing_but_the_images() {
     let pairs = [field(&[1.5, 1.0, -0.5]), swaying(&[0.4, 1.2, -0.6])];
     let pairs = pairs.map(|field| pair_of(&shots(&field), bytes));

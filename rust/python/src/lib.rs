@@ -146,7 +146,7 @@ fn simd_level() -> &'static str {
     Level::best().name()
 }
 
-/// The names of pairs whose matches are not to the bit what they are on every platform.
+/// Pairs whose matches are not to the bit what they are on every platform: their names and digests.
 #[pyfunction]
 fn self_check(py: Python<'_>) -> Result<Vec<String>> {
     let pool = Pool::for_argument(&py.None().into_bound(py))?;

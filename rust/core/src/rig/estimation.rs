@@ -488,7 +488,6 @@ impl Geometry {
             }
         }
 
-        let confidence = Some(rough.confidence);
         // Where known disparities match badly, a finding names those that would match better.
         let is_poor = request.candidates.is_some() && rough.confidence < overview::GOOD_CONFIDENCE;
         let wide =
@@ -522,7 +521,7 @@ impl Geometry {
         let seen = wide.as_ref().and(range);
         let rough = wide.filter(|_| seen.is_some()).unwrap_or(rough);
         Ok(Self {
-            confidence,
+            confidence: Some(rough.confidence),
             is_inverted,
             range,
             left_out,

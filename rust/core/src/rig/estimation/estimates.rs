@@ -19,7 +19,8 @@ pub struct Estimates {
     /// The disparities to search.
     #[doc(hidden)]
     pub candidates: Candidates,
-    /// Mean confidence of the rough match of the reduced images, if there was one.
+    /// Mean confidence of the rough match of the reduced images, if there was one: over the known disparities, unless these match
+    /// badly and others well.
     pub confidence: Option<f64>,
     /// Whether the images match once one of them is inverted, and not before. With `compensate_blur`, all else was then
     /// estimated with the negative of the right image.
