@@ -342,10 +342,12 @@ fn fit(points: &[Point], excess: f64) -> Option<RobustFit> {
 /// The field with linear terms, or all of them if that explains much more; with a spline of the row or without.
 fn smooth(points: &[Point], excess: f64, sways: bool) -> Option<(Model, RobustFit)> {
     let [linear, all] = [LINEAR, TERMS].map(|smooth| Model { smooth, sways, excess });
-    let least = linear.fitted(points)?;
+    let is_enough = points.len() >= ENOUGH_BLOCKS;
+    let fit_all = || is_enough.then(|| all.fitted(points)).flatten();
+    let (least, most) = rayon::join(|| linear.fitted(points), fit_all);
+    let least = least?;
 
-    if points.len() >= ENOUGH_BLOCKS
-        && let Some(most) = all.fitted(points)
+    if let Some(most) = most
         && most.difference(&least) > RICHER * most.error.max(LEAST_RICHER)
     {
         return Some((all, most));
