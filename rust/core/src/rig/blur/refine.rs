@@ -134,6 +134,7 @@ mod tests {
         let psfs = [
             Psf::round(Family::Gaussian, 2.43),
             Psf::round(Family::Gaussian, 6.2),
+            Psf::round(Family::Disk, 0.6),
             Psf::round(Family::Disk, 3.55),
             Psf::round(Family::Disk, 7.1),
             Psf::motion(12.1, 38.0),
@@ -155,8 +156,8 @@ mod tests {
 
     #[test]
     fn a_disk_with_a_hole_must_be_clearly_better_than_one_without() {
-        for inner in [0.1, 0.15, 0.2, 0.25] {
-            let found = refine(&evidence(Psf::annulus(5.0, inner)), Level::best()).entry.psf;
+        for (size, inner) in [(5.0, 0.1), (5.0, 0.25), (4.0, 0.3), (7.0, 0.3)] {
+            let found = refine(&evidence(Psf::annulus(size, inner)), Level::best()).entry.psf;
             assert_eq!(found.family, Family::Disk, "{found:?}");
         }
     }
