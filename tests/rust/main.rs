@@ -5,6 +5,7 @@ mod areas;
 mod bands;
 mod blocking;
 mod blur;
+mod calibration;
 mod common;
 mod confidence;
 mod convolution;
