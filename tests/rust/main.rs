@@ -27,6 +27,7 @@ mod outlines;
 mod planes;
 mod quantizer;
 mod reference;
+mod rig;
 mod scales;
 mod self_check;
 mod smoothing;
