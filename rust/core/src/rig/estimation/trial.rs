@@ -95,11 +95,7 @@ pub fn confirms(
         scores[1].add(&straight?);
     }
 
-    // A rise of confidence pays for a small fall of consistency.
-    let [before, after] = scores;
-    let rise = (after.confidence - before.confidence) / before.pixels;
-    let fall = (before.consistent - after.consistent) / before.pixels;
-    Ok(rise > LEAST_RISE && fall <= CHANCE.max(OF_RISE * rise))
+    Ok(scores[1].is_better_than(scores[0]))
 }
 
 /// The settings with paths along the rows alone, so that bands need a small halo, and of refinement with no more than the
@@ -146,11 +142,98 @@ impl Score {
             self.pixels += map.flags.row(y).len() as f64;
         }
     }
+
+    /// Whether confidence rises: that pays for a small fall of consistency.
+    fn is_better_than(self, before: Self) -> bool {
+        let rise = (self.confidence - before.confidence) / before.pixels;
+        let fall = (before.consistent - self.consistent) / before.pixels;
+        rise > LEAST_RISE && fall <= CHANCE.max(OF_RISE * rise)
+    }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::borrow::Cow;
+
+    use ndarray::Array3;
+
     use super::*;
+    use crate::image::view::{Image, View};
+    use crate::pipeline::control::Control;
+    use crate::pipeline::matcher::{Execution, Matcher};
+    use crate::rig::alignment::Alignment;
+    use crate::rig::alignment::sway::INTERVALS;
+    use crate::rig::blur::parts::Part;
+    use crate::rig::estimation::rows::RowOffsets;
+    use crate::settings::presets::Preset;
+    use crate::simd::Level;
+
+    #[test]
+    fn rising_confidence_pays_for_a_little_consistency() {
+        let score = |confidence, consistent| Score { confidence, consistent, pixels: 1000.0 };
+        let is_better = |confidence, consistent| {
+            score(confidence, consistent).is_better_than(score(500.0, 900.0))
+        };
+        assert!(is_better(501.1, 900.0) && !is_better(500.9, 950.0));
+        assert!(is_better(502.0, 899.0) && !is_better(502.0, 898.9));
+        assert!(is_better(520.0, 894.1) && !is_better(520.0, 893.9));
+    }
+
+    #[test]
+    fn a_field_is_right_if_it_is_large_or_bands_match_better_by_it() {
+        let size = (150, 160);
+        // A plane that is 0 in the middle, whatever rows a band begins with.
+        let field = |slope: f64| Alignment::new([0.0, 0.0, slope, 0.0, 0.0, 0.0, 0.0, 0.0], size);
+        let random = |y: f64, x: f64| {
+            let (y, x) = ((y + 50.0) as usize, x as usize);
+            ((((y * 7919 + x * 104_729) * 2_654_435_761) >> 20) % 1000) as f64
+        };
+        // Squares of two pixels, smooth between their corners.
+        let scene = |y: f64, x: f64| {
+            let (y, x) = (0.5 * y, 0.5 * x);
+            let (top, left) = (y.floor(), x.floor());
+            let along = |y: f64| {
+                let [first, last] = [random(y, left), random(y, left + 1.0)];
+                first + (x - left) * (last - first)
+            };
+            along(top) + (y - top) * (along(top + 1.0) - along(top))
+        };
+        let (matcher, control) = (Matcher::new(1).expect("a thread"), Control::default());
+        let execution = Execution { threads: 1, level: Level::best() };
+        let runtime = Runtime { matcher: &matcher, execution, control: &control };
+        let settings = Settings { confidence: true, ..Preset::Paper.settings() };
+
+        let is_right = |injected: f64, claimed: f64, error: f64| {
+            let off = field(injected).expect("legal");
+            let view = |is_right: bool| {
+                let pixel = |(y, x, _)| {
+                    let (y, x) = (y as f64, x as f64);
+                    let row = if is_right { y - off.at(x, y) } else { y };
+                    scene(row, x + if is_right { 7.0 } else { 0.0 }) as f32
+                };
+                View::from(Image::F32(Array3::from_shape_fn((size.0, size.1, 1), pixel)))
+            };
+            let pair = Pair::new(view(false), view(true), 0, 16).expect("legal");
+            let pair = pair.with_own_ranges(&control).expect("legal");
+
+            let field = field(claimed).expect("legal");
+            let errors = [error; INTERVALS];
+            let offsets =
+                RowOffsets { field: field.clone(), error, blocks: 100, spread: 0.1, errors };
+            let estimates = Estimates {
+                alignment: (claimed != 0.0).then_some(field),
+                offsets: Some(offsets),
+                ..Estimates::of_candidates(pair.candidates())
+            };
+            let part = Part::new(0, Cow::Owned(pair), runtime).expect("memory");
+            confirms(PairRows::Kept(&part), &estimates, None, &settings, runtime).expect("it runs")
+        };
+
+        assert!(is_right(1.5, 1.5, 0.5) && is_right(-1.5, -1.5, 0.5));
+        assert!(!is_right(0.0, 1.5, 0.5) && !is_right(1.5, -1.5, 0.5) && !is_right(0.0, 0.0, 0.5));
+        // Of the root mean square 0.87.
+        assert!(is_right(0.0, 1.5, 0.2) && !is_right(0.0, 0.3, 0.01));
+    }
 
     #[test]
     fn bands_are_spread_evenly() {
