@@ -24,6 +24,7 @@ mod median;
 mod normalization;
 mod optimization;
 mod outlines;
+mod overview;
 mod planes;
 mod quantizer;
 mod reference;

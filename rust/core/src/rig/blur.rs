@@ -23,7 +23,7 @@ pub(crate) mod defects;
 mod depth;
 mod fit;
 mod measured;
-pub(crate) mod parts;
+pub mod parts;
 mod refine;
 pub mod regions;
 pub(crate) mod rough;

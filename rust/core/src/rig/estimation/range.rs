@@ -190,7 +190,7 @@ fn refined(
 
 /// The bands of so many rows that show most of the disparities at either end of a run, and the outermost ones, from the top
 /// down.
-fn bands_at_ends(map: &RoughMap, (first, last): Span, height: usize) -> Vec<Range<usize>> {
+pub fn bands_at_ends(map: &RoughMap, (first, last): Span, height: usize) -> Vec<Range<usize>> {
     let rows = map.disparity.rows();
     let bands: Vec<Range<usize>> =
         (0..rows).step_by(height).map(|top| top..(top + height).min(rows)).collect();
@@ -214,7 +214,7 @@ fn bands_at_ends(map: &RoughMap, (first, last): Span, height: usize) -> Vec<Rang
 }
 
 /// Whether nearly all disparities are negative, and whether there are many of either sign.
-fn signs(map: &RoughMap) -> (bool, bool) {
+pub fn signs(map: &RoughMap) -> (bool, bool) {
     let known: Vec<f64> = known(map).map(f64::from).collect();
     let share = |is_one: &dyn Fn(f64) -> bool| {
         known.iter().filter(|value| is_one(**value)).count() as f64 / known.len() as f64
@@ -235,14 +235,8 @@ pub fn left_out(
     runtime: Runtime,
 ) -> Result<Vec<LeftOut>> {
     let run = overview.span(candidates);
-    let places = places_of(
-        overview,
-        overview.guess(map, overview),
-        run,
-        reach(overview, run),
-        map,
-        runtime,
-    )?;
+    let guess = overview.guess(map, overview);
+    let places = places_of(overview, guess, run, reach(overview, run, false), map, runtime)?;
     Ok(beyond(places, candidates))
 }
 
@@ -263,14 +257,7 @@ fn outside(
         let by = (here.factor / copies.factor) as isize;
         let run = (run.0.div_euclid(by), (run.1 + by - 1).div_euclid(by));
 
-        let (lowest, highest) = reach(here, run);
-        let reach = if here.factor >= overview.factor {
-            (lowest, highest)
-        } else if run.0 + run.1 >= 0 {
-            (run.0.min(highest), highest)
-        } else {
-            (lowest, run.1.max(lowest))
-        };
+        let reach = reach(here, run, here.factor < overview.factor);
         places.extend(places_of(here, overview.guess(map, here), run, reach, map, runtime)?);
 
         match here.halved(runtime)? {
@@ -280,14 +267,14 @@ fn outside(
     }
 }
 
-/// The disparities that are tried beside a run: all that are nearer, and as far on the other side of zero as cameras that are
-/// not quite parallel see.
-fn reach(copies: &Overview, run: Span) -> Span {
+/// The disparities that are tried beside a run: all that are nearer, and, unless the copies are finer than the overview, as far
+/// on the other side of zero as cameras that are not quite parallel see.
+pub fn reach(copies: &Overview, run: Span, is_finer: bool) -> Span {
     let (lowest, highest) = copies.widest();
     if run.0 + run.1 >= 0 {
-        (run.0.min(lowest / OTHER_SIDE), highest)
+        (run.0.min(if is_finer { highest } else { lowest / OTHER_SIDE }), highest)
     } else {
-        (lowest, run.1.max(highest / OTHER_SIDE))
+        (lowest, run.1.max(if is_finer { lowest } else { highest / OTHER_SIDE }))
     }
 }
 
@@ -300,29 +287,26 @@ fn places_of(
     map: &RoughMap,
     runtime: Runtime,
 ) -> Result<Vec<LeftOut>> {
-    let place = |area: Area| {
-        let is_seen = 10 * area.seen >= 7 * area.size;
-        let is_certain = area.gain >= CERTAIN || (area.gain >= BESIDE.0 && is_beside(&area, run));
-
-        (is_seen && is_certain).then(|| LeftOut::new(&area, copies.factor))
-    };
-
-    let found = areas(copies, guess, run, reach, map.field.as_ref(), runtime)?;
-    Ok(found.into_iter().filter_map(place).collect())
+    let mut found = areas(copies, guess, run, reach, map.field.as_ref(), runtime)?;
+    found.retain(|area| belongs(area, run));
+    Ok(found.iter().map(|area| LeftOut::new(area, copies.factor)).collect())
 }
 
-/// Whether an area is next to a run, on its near side.
-fn is_beside(area: &Area, run: Span) -> bool {
+/// Whether an area is seen from the right image, too, and explained so much better outside a run, or next to its near side.
+pub fn belongs(area: &Area, run: Span) -> bool {
     let step = (BESIDE.1 * (run.1 - run.0) as f64) as isize;
-    if run.0 + run.1 >= 0 {
+    let is_beside = if run.0 + run.1 >= 0 {
         (run.1..=run.1 + step).contains(&area.span.0)
     } else {
         (run.0 - step..=run.0).contains(&area.span.1)
-    }
+    };
+
+    let least = if is_beside { BESIDE.0 } else { CERTAIN };
+    10 * area.seen >= 7 * area.size && area.gain >= least
 }
 
 /// The places with disparities beyond the candidates.
-fn beyond(mut places: Vec<LeftOut>, candidates: Candidates) -> Vec<LeftOut> {
+pub fn beyond(mut places: Vec<LeftOut>, candidates: Candidates) -> Vec<LeftOut> {
     let first = candidates.min() as f64 - 0.5;
     let last = candidates.disparity(candidates.count() - 1) as f64 + 0.5;
 
@@ -333,7 +317,7 @@ fn beyond(mut places: Vec<LeftOut>, candidates: Candidates) -> Vec<LeftOut> {
 
 impl LeftOut {
     /// The place of an area of a copy that is reduced by a factor.
-    fn new(area: &Area, factor: usize) -> Self {
+    pub fn new(area: &Area, factor: usize) -> Self {
         let whole = |range: &Range<usize>| range.start * factor..range.end * factor;
         let end = |disparity: isize, half: f64| (disparity as f64 + half) * factor as f64;
 
@@ -350,7 +334,7 @@ impl LeftOut {
 ///
 /// In each of some tiles, the difference is regressed on the slope of the gray values along both axes: the coefficients are
 /// shifts.
-fn is_identical(copies: &Overview) -> bool {
+pub fn is_identical(copies: &Overview) -> bool {
     let [left, right] = &copies.planes;
     let (rows, cols) = (left.rows(), left.cols());
     let tile = |at: usize, length: usize| {
@@ -381,7 +365,7 @@ fn is_identical(copies: &Overview) -> bool {
 }
 
 /// The ends of the disparities of a run, without the few that lie farthest out.
-fn ends(map: &RoughMap, run: Span) -> [f64; 2] {
+pub fn ends(map: &RoughMap, run: Span) -> [f64; 2] {
     let (first, last) = (run.0 as f32 - 0.5, run.1 as f32 + 0.5);
     let mut values: Vec<f32> = known(map).filter(|value| (first..=last).contains(value)).collect();
     let few = (FARTHEST * values.len() as f64) as usize;
@@ -425,7 +409,7 @@ impl Overview {
 }
 
 /// The least and the largest disparity, without mistakes.
-fn extent(map: &RoughMap) -> Option<(isize, isize)> {
+pub fn extent(map: &RoughMap) -> Option<(isize, isize)> {
     let whole = |value: f32| value.round_ties_even() as isize;
     let lowest = whole(known(map).reduce(f32::min)?);
     let highest = whole(known(map).reduce(f32::max)?);
@@ -518,6 +502,8 @@ mod tests {
         assert_eq!(with_margin(-20.0, 30.0, 2.0), (-26, 36));
         assert_eq!(with_margin(-0.4, 40.0, 2.0), (0, 45));
         assert_eq!(with_margin(-0.4, 6.0, 2.0), (-3, 8));
+        assert_eq!(with_margin(-40.0, 0.4, 2.0), (-45, 0));
+        assert_eq!(with_margin(-6.0, 0.4, 2.0), (-8, 3));
         assert_eq!(with_margin(0.0, 0.0, 2.0), (-2, 2));
     }
 }

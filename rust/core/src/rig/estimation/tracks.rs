@@ -337,7 +337,7 @@ fn correlation(block: &Patch<BLOCK>, area: &Patch<AREA>, energy: f32, x: usize, 
 }
 
 /// The maximum of the paraboloid through nine correlations, and how well it fixes the row; `None` if it has none nearby.
-fn peak(nine: [f32; 9], at: [f64; 2]) -> Option<([f64; 2], f64)> {
+pub fn peak(nine: [f32; 9], at: [f64; 2]) -> Option<([f64; 2], f64)> {
     let [above, middle, below] =
         [0, 3, 6].map(|row| [0, 1, 2].map(|col| f64::from(nine[row + col])));
 
