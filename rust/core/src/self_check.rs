@@ -107,7 +107,7 @@ impl Case {
 
     /// The digest of what comes of it here.
     pub fn found(&self, runtime: Runtime) -> Result<u64> {
-        let mut digest = Digest::default();
+        let mut digest = Digest(0xCBF2_9CE4_8422_2325);
         match self.work {
             Work::Match(preset, count) => self.matched(preset, count, &mut digest, runtime),
             Work::Frame => self.frame(&mut digest, runtime),
@@ -186,12 +186,6 @@ pub fn differing(runtime: Runtime) -> Result<Vec<String>> {
 
 /// FNV-1a of 64 bits.
 struct Digest(u64);
-
-impl Default for Digest {
-    fn default() -> Self {
-        Self(0xCBF2_9CE4_8422_2325)
-    }
-}
 
 impl Digest {
     fn add(&mut self, bytes: impl IntoIterator<Item = u8>) {

@@ -423,5 +423,12 @@ mod tests {
         );
         assert!(cameras.is_folded([640.0, 480.0], 0) && !cameras.is_folded([330.0, 240.0], 0));
         assert!(cameras.rectified([640.0, 480.0], 0).iter().all(|at| at.is_finite()));
+
+        // Slopes fall below a tenth from a radius of 0.78 on, which is seen at 0.58.
+        (numbers[K1], numbers[K1 + 1]) = (-0.3, -0.2);
+        let cameras = Cameras::new(numbers, [1.0; NUMBERS], SIZE);
+        let [column, row] = cameras.sides()[0].center;
+        let is_folded = |by: f64| cameras.is_folded([column, row + by * cameras.focal()], 0);
+        assert!(is_folded(0.572) && !is_folded(0.565));
     }
 }
