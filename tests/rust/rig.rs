@@ -268,6 +268,14 @@ fn the_range_follows_what_comes_nearer_and_forgets_what_is_gone() {
     let mut long = Columns::of_numbers(0, vec![0; 130], 0);
     assert!(long.update(&near(129.0), 133) && long.searched == (0..133));
 
+    // A frame is idle that leaves more than the reserve and 16 others.
+    let idle = |value| {
+        let mut columns = Columns::of_numbers(0, vec![0; 40], 0);
+        columns.update(&map(&[(value, 2500)]), 400);
+        columns.idle()
+    };
+    assert_eq!((idle(17.0), idle(16.0)), (0, 1));
+
     // What is not seen fades by a 32nd with each frame, and is cut off 90 frames after.
     let before = columns.shares()[39];
     assert!(!columns.update(&usual, 400));
