@@ -139,6 +139,7 @@ fn rows_that_are_off_are_shifted_by_the_least_that_matches_best() {
         assert_eq!(shift, (off != 0).then_some(off as f64));
     }
 }
+
 #[test]
 fn blocks_are_found_where_nine_tenths_of_both_are_valid() {
     let (rows, cols) = (170, 230);

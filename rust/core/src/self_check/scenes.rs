@@ -5,6 +5,14 @@ use ndarray::Array3;
 use crate::image::plane::{Plane, reflect};
 use crate::image::view::{Image, View};
 
+/// Disparity of the wall, pixels.
+pub const FAR: i32 = 5;
+/// Disparity of the box, pixels.
+pub const NEAR: i32 = 11;
+
+/// Number of the box among the surfaces.
+const BOX: u32 = 3;
+
 /// What a rig does to its images.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Fault {
@@ -131,22 +139,17 @@ pub fn pair(fault: Fault, size: (usize, usize), moment: u32) -> [View; 2] {
         _ => [left, right],
     };
 
-    let corner = Plane::from_fn(size.0, size.1, |y, x| y > size.0 / 4 || x > size.1 / 4);
     match fault {
         Fault::Vignetting => [words(&left), words(&right)],
         Fault::Floats => [floats(&left, 256.0), floats(&right, 512.0)],
-        Fault::Masked => [View { mask: Some(corner), ..bytes(&left) }, bytes(&right)],
+        Fault::Masked => {
+            let is_valid = |y, x| y > size.0 / 4 || x > size.1 / 4;
+            let mask = Some(Plane::from_fn(size.0, size.1, is_valid));
+            [View { mask, ..bytes(&left) }, bytes(&right)]
+        }
         _ => [bytes(&left), bytes(&right)],
     }
 }
-
-/// Disparity of the wall, pixels.
-pub const FAR: i32 = 5;
-/// Disparity of the box, pixels.
-pub const NEAR: i32 = 11;
-
-/// Number of the box among the surfaces.
-const BOX: u32 = 3;
 
 /// Which surface is seen at a place of the left (0) or right (1) image, and its disparity.
 fn surface(
