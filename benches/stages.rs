@@ -420,13 +420,14 @@ mod aggregation {
         with_costs(case, settings, |costs, window| {
             assert!(window.largest_value(false) <= V::LARGEST_TOTAL);
 
-            let mut out = vec![[V::default(); LANES]; ROWS * PANEL * costs.runs()];
+            let places = PixelBlock::new(0..ROWS, 0..PANEL, STRIP).places();
+            let mut out = vec![[V::default(); LANES]; places * costs.runs()];
             let mut aggregator = Aggregator::<V>::default();
 
             bencher.counter(case.evaluations()).bench_local(|| {
                 for start in (0..COLS).step_by(PANEL) {
                     let columns = start..start + PANEL;
-                    let block = PixelBlock { rows: 0..ROWS, columns, strip: STRIP };
+                    let block = PixelBlock::new(0..ROWS, columns, STRIP);
                     let block = (block, costs.searched());
                     let out = divan::black_box(&mut out[..]);
                     aggregator.aggregate(costs, window, block, case.level, out).expect("memory");
@@ -460,7 +461,7 @@ mod optimization {
     use phasestereo::internals::optimization::edges::Edges;
     use phasestereo::internals::optimization::{
         BAND, CandidateSearch, CostSource, LOOKAHEAD_COLUMNS, LOOKAHEAD_ROWS, PANEL, Penalties,
-        Weighing, Workspace,
+        STRIP, Weighing, Workspace,
     };
     use phasestereo::internals::value::{LANES, Lanes, Value};
 
@@ -487,7 +488,9 @@ mod optimization {
         let runs = candidates.div_ceil(LANES);
 
         // Enough for 16 whole rows, which dynamic programming reads together, or for a panel of all rows.
-        let places = runs * (ROWS * (PANEL + LOOKAHEAD_COLUMNS)).max(16 * COLS);
+        let panel = PixelBlock::new(0..ROWS, 0..PANEL + LOOKAHEAD_COLUMNS, STRIP);
+        let rows = PixelBlock::new(0..16, 0..COLS, STRIP);
+        let places = runs * panel.places().max(rows.places());
         let costs = noise(places, LANES, |value| T::truncated(u64::from(value % 200)));
         let mut costs: Vec<Lanes<T>> = costs.as_slice().as_chunks().0.to_vec();
         // Beyond the last candidate costs are never the least.

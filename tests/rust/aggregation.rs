@@ -182,7 +182,7 @@ impl MaskedCosts {
 
             // Strips of one column, of a few, and one of all.
             let strip = [1, 3, columns.len()][(y + x) % 3];
-            let block = PixelBlock { rows: rows.clone(), columns: columns.clone(), strip };
+            let block = PixelBlock::new(rows.clone(), columns.clone(), strip);
 
             // All candidates together, or two overlapping parts of them.
             let middle = (y + x) % count;
@@ -205,7 +205,7 @@ impl MaskedCosts {
 
                 for (y, x) in rows.clone().flat_map(|y| columns.clone().map(move |x| (y, x))) {
                     let (row, col) = (y - rows.start, x - columns.start);
-                    let place = (col / strip * rows.len() + row) * strip + col % strip;
+                    let place = (col / strip * rows.len() + row) * (strip + 1) + col % strip;
                     let (sums, beyond) = pixels[place].split_at(searched.count);
 
                     assert!(beyond.iter().all(|sum| *sum == V::FAR), "beyond the last candidate");

@@ -52,10 +52,10 @@ use self::ordered::Ordered;
 pub use self::ordered::ROWS as ORDERED_ROWS;
 use self::panel_ranges::PanelRanges;
 pub use self::panel_ranges::{BAND, PANEL};
-pub use self::paths::STRIP;
 use self::paths::{
     AdaptivePenalties, Horizontal, HorizontalPass, Panel, Smoothness, Vertical, VerticalPass,
 };
+pub use self::paths::{STRIDE, STRIP};
 pub use self::penalties::{LARGEST_SUMMED_PENALTY, Penalties};
 use self::selection::{PIXELS, Selection};
 
@@ -64,6 +64,8 @@ pub const LOOKAHEAD_ROWS: usize = 16;
 /// Columns right of a panel where its paths from the right start: one strip, which the next panel takes over. Results
 /// depend on it, as the means above say.
 pub const LOOKAHEAD_COLUMNS: usize = STRIP;
+/// Strips of a panel and its look-ahead columns.
+const STRIPS: usize = (PANEL + LOOKAHEAD_COLUMNS) / STRIP;
 
 /// The rows of which more is needed than the chosen candidates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -198,15 +200,22 @@ impl<T: Value> Default for Workspace<T> {
     }
 }
 
+/// Rows of a band. Of many candidates a panel of [`BAND`] rows does not fit in the second-level cache, so where nothing
+/// goes along columns a band has half of them.
+pub fn band_height(optimizer: Optimizer, candidates: usize) -> usize {
+    let is_along_rows = optimizer == Optimizer::ScanlineOptimization;
+    if is_along_rows && candidates > 128 { BAND / 2 } else { BAND }
+}
+
 impl CandidateSearch<'_> {
     /// The bands that some rows of the image lie in, each clipped to these rows.
     pub fn bands(&self, rows: Range<usize>) -> impl Iterator<Item = Range<usize>> + use<> {
-        let first = self.first;
+        let (height, first) = (band_height(self.optimizer, self.candidates), self.first);
         let mut start = rows.start;
 
         std::iter::from_fn(move || {
-            // Bands end at multiples of `BAND` of the whole image.
-            let end = (((start + first) / BAND + 1) * BAND - first).min(rows.end);
+            // Bands end at multiples of their height in the whole image.
+            let end = (((start + first) / height + 1) * height - first).min(rows.end);
 
             let band = start..end;
             start = end;
@@ -290,7 +299,7 @@ impl CandidateSearch<'_> {
         let Workspace { aggregator, costs, horizontal, vertical, selection, evidence, .. } =
             workspace;
 
-        costs.resize(seen.len() * (PANEL + LOOKAHEAD_COLUMNS) * most)?;
+        costs.resize(seen.len() * STRIPS * STRIDE * most)?;
         selection.begin(most)?;
         horizontal.begin(rows.len(), most)?;
         if is_vertical {
@@ -299,7 +308,8 @@ impl CandidateSearch<'_> {
 
         let smoothness =
             Smoothness { penalties: AdaptivePenalties::new(self.penalties), edges: self.edges };
-        let mut before = None;
+        // The look-ahead columns of a panel are the first strip of the next one, and stay where they are in the ring.
+        let (mut before, mut first) = (None, 0);
 
         for columns in self.panels() {
             self.control.checkpoint()?;
@@ -313,12 +323,18 @@ impl CandidateSearch<'_> {
             }
 
             let end = (columns.end + LOOKAHEAD_COLUMNS).min(cols);
-            let around =
-                PixelBlock { rows: seen.clone(), columns: columns.start..end, strip: STRIP };
-            let is_known = before.replace(searched) == Some(searched);
-            write_costs((&around, searched), is_known, source, aggregator, costs)?;
+            let around = PixelBlock::new(seen.clone(), columns.start..end, STRIP);
+            let around = around.in_ring(STRIPS, first);
+            first += PANEL / STRIP;
 
-            let block = PixelBlock { rows: rows.clone(), columns, strip: STRIP };
+            // They have their costs already, if these are of the candidates that are searched here.
+            let is_known = before.replace(searched) == Some(searched);
+            let unknown = around.without(if is_known { LOOKAHEAD_COLUMNS / STRIP } else { 0 });
+            if !unknown.columns.is_empty() {
+                source.write(aggregator, (unknown, searched), costs)?;
+            }
+
+            let block = PixelBlock::new(rows.clone(), columns, STRIP);
             let panel = &Panel { block, seen: around, costs, searched };
 
             self.level.run(HorizontalPass { horizontal, panel, smoothness });
@@ -338,7 +354,7 @@ impl CandidateSearch<'_> {
                     search: self,
                     block: (&panel.block, searched),
                     totals: means,
-                    costs: Some(panel.costs),
+                    costs: Some((&panel.seen, panel.costs)),
                     selection,
                     evidence,
                 });
@@ -358,13 +374,13 @@ impl CandidateSearch<'_> {
         let Workspace { aggregator, costs, selection, evidence, .. } = workspace;
 
         let all = self.all();
-        costs.resize(rows.len() * PANEL * all.runs())?;
+        costs.resize(rows.len() * PANEL / STRIP * STRIDE * all.runs())?;
         selection.begin(all.runs())?;
 
         for columns in self.panels() {
             self.control.checkpoint()?;
 
-            let block = &PixelBlock { rows: rows.clone(), columns, strip: STRIP };
+            let block = &PixelBlock::new(rows.clone(), columns, STRIP);
             let totals = &mut costs[..block.places() * all.runs()];
             source.write(aggregator, (block.clone(), all), totals)?;
             self.level.run(SelectPixels {
@@ -393,14 +409,14 @@ impl CandidateSearch<'_> {
 
         for first in rows.clone().step_by(ORDERED_ROWS) {
             let group = first..(first + ORDERED_ROWS).min(rows.end);
-            let block = &PixelBlock { rows: group, columns: 0..cols, strip: STRIP };
+            let block = &PixelBlock::new(group, 0..cols, STRIP);
             costs.resize(block.places() * searched.runs())?;
 
             // Strips follow one another, so those of each panel are a block of their own.
             let mut rest = &mut costs[..];
             for columns in self.panels() {
                 self.control.checkpoint()?;
-                let panel = PixelBlock { columns, ..block.clone() };
+                let panel = PixelBlock::new(block.rows.clone(), columns, STRIP);
                 let (here, others) = rest.split_at_mut(panel.places() * searched.runs());
                 source.write(aggregator, (panel, searched), here)?;
                 rest = others;
@@ -424,36 +440,13 @@ impl CandidateSearch<'_> {
     }
 }
 
-/// Writes the costs of a panel and its look-ahead columns. The latter are the first ones of the next panel, which takes
-/// them over if they are of the candidates that it searches.
-fn write_costs<T: Value>(
-    (panel, searched): (&PixelBlock, Searched),
-    is_known: bool,
-    source: &impl CostSource<T>,
-    aggregator: &mut Aggregator<T>,
-    costs: &mut [Lanes<T>],
-) -> Result<()> {
-    if !is_known {
-        return source.write(aggregator, (panel.clone(), searched), costs);
-    }
-
-    let strip = panel.place(1, 0) * searched.runs();
-    costs.copy_within(PANEL / STRIP * strip..(PANEL / STRIP + 1) * strip, 0);
-
-    let columns = panel.columns.start + LOOKAHEAD_COLUMNS..panel.columns.end;
-    if columns.is_empty() {
-        return Ok(());
-    }
-    let rest = PixelBlock { columns, ..panel.clone() };
-    source.write(aggregator, (rest, searched), &mut costs[strip..])
-}
-
 /// The best candidates of a block of strips of [`STRIP`] columns, by totals of paths or by costs alone.
 struct SelectPixels<'a, T> {
     search: &'a CandidateSearch<'a>,
     block: (&'a PixelBlock, Searched),
     totals: &'a [Lanes<T>],
-    costs: Option<&'a [Lanes<T>]>,
+    /// The costs of a block that begins with the same pixel.
+    costs: Option<(&'a PixelBlock, &'a [Lanes<T>])>,
     selection: &'a mut Selection<T>,
     evidence: &'a mut Evidence,
 }
@@ -468,14 +461,16 @@ impl<T: Value> Loop for SelectPixels<'_, T> {
 
         for (strip, columns) in block.strips().enumerate() {
             for row in 0..block.rows.len() {
-                let (pixels, place) = (columns.len(), block.place(strip, row) * runs);
-                let totals = &totals[place..][..pixels * runs];
+                let pixels = columns.len();
+                let totals = &totals[block.place(strip, row) * runs..][..pixels * runs];
 
                 selection.find_least(totals, runs);
                 selection.settle(totals, runs);
 
                 if search.weighs(block.rows.start + row) {
-                    let costs = costs.map(|costs| &costs[place..][..pixels * runs]);
+                    let costs = costs.map(|(block, costs)| {
+                        &costs[block.place(strip, row) * runs..][..pixels * runs]
+                    });
                     selection.weigh(totals, costs, (searched.count, runs));
                     selection.number_from(searched.start);
                     selection.write(pixels, evidence, (row, columns.start));

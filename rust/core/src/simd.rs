@@ -164,6 +164,18 @@ fn avx512_bitalg<L: Loop>(work: L) -> L::Output {
     work.run()
 }
 
+/// Asks for the line of the cache that holds a place, before it is read or written. Any address will do.
+#[inline(always)]
+pub fn fetch<T>(place: *const T) {
+    #[cfg(target_arch = "x86_64")]
+    // SAFETY: it is a hint, which never faults; every x86-64 processor has SSE.
+    unsafe {
+        std::arch::x86_64::_mm_prefetch::<{ std::arch::x86_64::_MM_HINT_T0 }>(place.cast());
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = place;
+}
+
 #[cfg(not(target_arch = "x86_64"))]
 pub use self::portable::{highest_bits, least_bytes};
 #[cfg(target_arch = "x86_64")]

@@ -14,6 +14,11 @@ pub const ROWS: usize = 16;
 /// One value for each of [`LANES`] neighboring disparities.
 pub type Lanes<T> = [T; LANES];
 
+/// The lanes of some pixels, from the start of a line of the cache on: no register of them spans two lines.
+#[derive(Debug, Clone, Copy)]
+#[repr(align(64))]
+pub struct Rows<T>(pub [Lanes<T>; ROWS]);
+
 /// The least of all lanes. Call it in a small loop of its own: in larger loops it is compiled lane by lane.
 #[inline(always)]
 pub fn least_lane<T: Copy + Ord>(values: &Lanes<T>) -> T {
@@ -64,7 +69,7 @@ pub trait Value: Copy + Debug + Default + Ord + Send + Sync + 'static {
     /// Shifted right, without its lowest bits.
     fn shifted(self, bits: u32) -> Self;
     /// The least lane of each row.
-    fn least_lanes(rows: &[Lanes<Self>; ROWS]) -> [Self; ROWS];
+    fn least_lanes(rows: &Rows<Self>) -> [Self; ROWS];
 }
 
 macro_rules! impl_value {
@@ -108,8 +113,8 @@ macro_rules! impl_value {
             }
 
             #[inline(always)]
-            fn least_lanes(rows: &[Lanes<Self>; ROWS]) -> [Self; ROWS] {
-                $least_lanes(rows)
+            fn least_lanes(rows: &Rows<Self>) -> [Self; ROWS] {
+                $least_lanes(&rows.0)
             }
         }
     };

@@ -176,7 +176,9 @@ fn nearest_below_2_22(value: f32) -> u32 {
 
 /// Pixels whose costs are aggregated together.
 ///
-/// Their values lie in strips of columns, one strip after another, and in each strip row by row: see [`Self::place`].
+/// Their values lie in strips of columns, and in each strip row by row: see [`Self::place`]. Strips lie one after another,
+/// or in a ring, in which the last ones of one block may be the first ones of the next. After each row one place is left
+/// free: rows of a power of two of bytes would share few sets of the first-level cache.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct PixelBlock {
     /// Rows of the images.
@@ -185,18 +187,48 @@ pub struct PixelBlock {
     pub columns: Range<usize>,
     /// Columns of a strip.
     pub strip: usize,
+    /// Strips that the ring has places for ...
+    ring: usize,
+    /// ... and the place of the first strip among them.
+    first: usize,
 }
 
 impl PixelBlock {
-    /// Pixels that the block has places for: its last strip is as long as the others, however many columns it has.
+    /// A block whose strips lie one after another.
+    pub fn new(rows: Range<usize>, columns: Range<usize>, strip: usize) -> Self {
+        let ring = columns.len().div_ceil(strip);
+        Self { rows, columns, strip, ring, first: 0 }
+    }
+
+    /// The same block with its strips in a ring of so many, from place `first` on.
+    pub fn in_ring(self, ring: usize, first: usize) -> Self {
+        Self { ring, first: first % ring, ..self }
+    }
+
+    /// The block without its first strips.
+    pub fn without(&self, strips: usize) -> Self {
+        let start = (self.columns.start + strips * self.strip).min(self.columns.end);
+        let block = Self { columns: start..self.columns.end, ..self.clone() };
+        block.in_ring(self.ring, self.first + strips)
+    }
+
+    /// Places for pixels: the last strip is as long as the others, however many columns it has.
     pub fn places(&self) -> usize {
-        self.rows.len() * self.columns.len().next_multiple_of(self.strip)
+        self.ring * self.rows.len() * self.stride()
+    }
+
+    /// Places from one row of a strip to the next.
+    #[inline(always)]
+    pub fn stride(&self) -> usize {
+        self.strip + 1
     }
 
     /// The place of the first pixel of row `row` of a strip; those of the row follow.
     #[inline(always)]
     pub fn place(&self, strip: usize, row: usize) -> usize {
-        (strip * self.rows.len() + row) * self.strip
+        let strip = self.first + strip;
+        let strip = if strip < self.ring { strip } else { strip - self.ring };
+        (strip * self.rows.len() + row) * self.stride()
     }
 
     /// The columns of every strip.
@@ -644,19 +676,18 @@ pub fn aggregate(
         let mut aggregator = Aggregator::<u32>::default();
         let mut lanes = RunMemory::default();
         let rows = index * ROWS..((index + 1) * ROWS).min(rows);
-        lanes.resize(rows.len() * cols * costs.runs())?;
+        let block = PixelBlock::new(rows, 0..cols, cols);
+        lanes.resize(block.places() * costs.runs())?;
+        let stride = block.stride() * costs.runs() * LANES;
 
-        aggregator.aggregate(
-            &costs,
-            window,
-            (PixelBlock { rows, columns: 0..cols, strip: cols }, costs.searched()),
-            level,
-            &mut lanes,
-        )?;
+        aggregator.aggregate(&costs, window, (block, costs.searched()), level, &mut lanes)?;
 
-        let pixels = lanes.as_flattened().chunks_exact(costs.runs() * LANES);
-        for (aggregated, lanes) in aggregated.chunks_exact_mut(candidates).zip(pixels) {
-            aggregated.copy_from_slice(&lanes[..candidates]);
+        let rows = lanes.as_flattened().chunks_exact(stride);
+        for (aggregated, lanes) in aggregated.chunks_exact_mut(cols * candidates).zip(rows) {
+            let pixels = lanes.chunks_exact(costs.runs() * LANES);
+            for (aggregated, lanes) in aggregated.chunks_exact_mut(candidates).zip(pixels) {
+                aggregated.copy_from_slice(&lanes[..candidates]);
+            }
         }
 
         Ok(())

@@ -197,7 +197,7 @@ impl<V: Value, W: Total> Loop for Extend<'_, V, W> {
         let Self { pass, strip, penalties: [p1, p2], totals, origins } = self;
         let Pass { block, costs, candidates, .. } = pass;
         let runs = candidates.div_ceil(LANES);
-        let width = block.strip * runs;
+        let width = block.stride() * runs;
         let costs = &costs[block.place(strip, 0) * runs..][..block.rows.len() * width];
 
         let [mut rows, mut spare] = [[[V::default(); LANES]; ROWS]; 2];

@@ -34,13 +34,15 @@ use crate::optimization::evidence::Evidence;
 use crate::optimization::panel_ranges::PANEL;
 use crate::optimization::penalties::Penalties;
 use crate::optimization::selection::{PIXELS, Selection};
-use crate::pipeline::memory::{Memory, RunMemory};
-use crate::simd::Loop;
-use crate::value::{LANES, Lanes, Value};
+use crate::pipeline::memory::{LINE, Memory, RunMemory};
+use crate::simd::{Loop, fetch};
+use crate::value::{LANES, Lanes, Rows, Value};
 
 /// Columns of a strip: the values of a panel lie in memory strip after strip, and in each strip row by row. So paths along
 /// columns go through neighboring memory, too, not from page to page, and take 2 to 4 % less time.
 pub const STRIP: usize = PIXELS;
+/// Places from one row of a strip to the next: [`PixelBlock::stride`].
+pub const STRIDE: usize = STRIP + 1;
 
 /// P1, and P2 by the jump of the gray values: the whole of it, half, and a third, but not less than P1.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -108,14 +110,24 @@ struct Paths<T> {
     totals: Memory<T>,
     /// Whether the totals at the last pixel come second.
     is_swapped: bool,
-    /// The least total of each path at the last pixel.
+    /// The least total of each path at the last pixel ...
     least: [T; STRIP],
+    /// ... and in each lane.
+    lanes: Rows<T>,
 }
 
 impl<T: Value> Default for Paths<T> {
     fn default() -> Self {
-        Self { totals: Memory::default(), is_swapped: false, least: [T::default(); STRIP] }
+        let (least, lanes) = ([T::default(); STRIP], Rows([[T::default(); LANES]; STRIP]));
+        Self { totals: Memory::default(), is_swapped: false, least, lanes }
     }
+}
+
+/// Halves of the totals of paths: those at the last pixel, and those at the next one.
+#[inline(always)]
+fn halves<T>(totals: &mut [T], is_swapped: bool) -> [&mut [T]; 2] {
+    let (first, second) = totals.split_at_mut(totals.len() / 2);
+    if is_swapped { [second, first] } else { [first, second] }
 }
 
 /// Values of one path: its totals and a run on either side.
@@ -185,10 +197,7 @@ impl<T: Value> Paths<T> {
     /// The totals at the last pixel, and those at the next one, which are written.
     #[inline(always)]
     fn halves(&mut self) -> [&mut [T]; 2] {
-        let half = self.totals.len() / 2;
-        let (first, second) = self.totals.split_at_mut(half);
-
-        if self.is_swapped { [second, first] } else { [first, second] }
+        halves(&mut self.totals, self.is_swapped)
     }
 
     /// Extends as many paths as have costs to their next pixels, which have these values of P2, these costs, and sinks for
@@ -201,11 +210,11 @@ impl<T: Value> Paths<T> {
         sinks: impl Iterator<Item = impl Sink<T>>,
         runs: usize,
     ) {
-        let least = self.least;
-        let mut minima = [[T::FAR; LANES]; STRIP];
-        let [before, here] = self.halves();
+        let Self { totals, is_swapped, least, lanes } = self;
+        let [before, here] = halves(totals, *is_swapped);
         let totals = before.chunks_exact(span(runs)).zip(here.chunks_exact_mut(span(runs)));
-        let least_ones = minima.iter_mut().zip(least.iter().zip(&p2));
+        let least_before = *least;
+        let least_ones = lanes.0.iter_mut().zip(least_before.iter().zip(&p2));
         let paths = totals.zip(least_ones).zip(costs).zip(sinks);
 
         for ((((before, here), (minimum, (least, p2))), costs), mut sink) in paths {
@@ -236,8 +245,8 @@ impl<T: Value> Paths<T> {
         }
 
         // The next pixels become the last ones.
-        self.is_swapped = !self.is_swapped;
-        self.least = T::least_lanes(&minima);
+        *is_swapped = !*is_swapped;
+        *least = T::least_lanes(lanes);
     }
 }
 
@@ -268,25 +277,37 @@ fn discards() -> impl Iterator<Item = Discard> {
     [(); STRIP].iter().map(|()| Discard)
 }
 
-/// Writes the totals.
-struct StoreTotals<'a, T>(&'a mut [Lanes<T>]);
+/// Writes the totals of a pixel; the path's next one lies so many pixels further.
+struct StoreTotals<'a, T>(&'a mut [Lanes<T>], isize);
 
 impl<T: Value> Sink<T> for StoreTotals<'_, T> {
     #[inline(always)]
     fn take(&mut self, run: usize, totals: Lanes<T>) {
+        fetch_next(self.0, run, self.1);
         self.0[run] = totals;
     }
 }
 
-/// Replaces the totals that are there by their mean with the new ones, rounded up.
+/// Replaces the totals that are there by their mean with the new ones, rounded up; the path's next pixel follows.
 struct AverageTotals<'a, T>(&'a mut [Lanes<T>]);
 
 impl<T: Value> Sink<T> for AverageTotals<'_, T> {
     #[inline(always)]
     fn take(&mut self, run: usize, totals: Lanes<T>) {
+        fetch_next(self.0, run, 1);
         for (mean, total) in self.0[run].iter_mut().zip(totals) {
             *mean = mean.mean(total);
         }
+    }
+}
+
+/// Asks for the same run of the pixel so many pixels further, once for each line of the cache. Paths wait for where their
+/// totals go, not for costs: of these, neighboring ones are read one after another, which a processor foresees.
+#[inline(always)]
+fn fetch_next<T>(lanes: &[Lanes<T>], run: usize, pixels: isize) {
+    if (run * size_of::<Lanes<T>>()).is_multiple_of(LINE) {
+        let further = pixels * (lanes.len() * LANES) as isize;
+        fetch(lanes[run].as_ptr().wrapping_offset(further));
     }
 }
 
@@ -315,7 +336,7 @@ impl<T: Value> Horizontal<T> {
         self.least.resize(rows)?;
         self.least.fill(T::default());
 
-        self.means.resize(rows * PANEL * most)?;
+        self.means.resize(rows * PANEL / STRIP * STRIDE * most)?;
         self.p2.resize((PANEL + 2 * STRIP) * STRIP)
     }
 
@@ -372,7 +393,7 @@ fn strip_rows<'a, V>(
     runs: usize,
 ) -> &'a [V] {
     let place = block.place(strip, rows.start - block.rows.start);
-    &values[place * runs..][..rows.len() * STRIP * runs]
+    &values[place * runs..][..rows.len() * block.stride() * runs]
 }
 
 /// As [`strip_rows`], to be written.
@@ -384,7 +405,7 @@ fn strip_rows_mut<'a, V>(
     runs: usize,
 ) -> &'a mut [V] {
     let place = block.place(strip, rows.start - block.rows.start);
-    &mut values[place * runs..][..rows.len() * STRIP * runs]
+    &mut values[place * runs..][..rows.len() * block.stride() * runs]
 }
 
 /// Row `row` of values with `width` values to the row.
@@ -479,7 +500,7 @@ impl<T: Value> HorizontalPass<'_, T> {
                 let means = strip_rows_mut(means, block, (strip, &rows), runs);
                 for x in (0..columns.len()).rev() {
                     let costs = column(costs, x, runs);
-                    let sinks = column_mut(means, x, runs).map(StoreTotals);
+                    let sinks = column_mut(means, x, runs).map(|pixel| StoreTotals(pixel, -1));
                     paths.extend((p1, p2[x]), costs, sinks, runs);
                 }
             }
@@ -517,13 +538,13 @@ impl<T: Value> HorizontalPass<'_, T> {
 /// A pixel of each of some rows of a strip.
 #[inline(always)]
 fn column<V>(rows: &[V], x: usize, runs: usize) -> impl Iterator<Item = &[V]> {
-    rows.chunks_exact(STRIP * runs).map(move |row| &row[x * runs..][..runs])
+    rows.chunks_exact(STRIDE * runs).map(move |row| &row[x * runs..][..runs])
 }
 
 /// As [`column()`], to be written.
 #[inline(always)]
 fn column_mut<V>(rows: &mut [V], x: usize, runs: usize) -> impl Iterator<Item = &mut [V]> {
-    rows.chunks_exact_mut(STRIP * runs).map(move |row| &mut row[x * runs..][..runs])
+    rows.chunks_exact_mut(STRIDE * runs).map(move |row| &mut row[x * runs..][..runs])
 }
 
 /// State of the vertical paths of a panel.
@@ -613,7 +634,8 @@ impl<T: Value> VerticalPass<'_, T> {
 
             if y < rows.end {
                 let below = row_of_mut(below, y - rows.start, STRIP * runs);
-                let sinks = below.chunks_exact_mut(runs).map(StoreTotals);
+                let below = below.chunks_exact_mut(runs);
+                let sinks = below.map(|pixel| StoreTotals(pixel, -(STRIP as isize)));
                 paths.extend(penalties, costs, sinks, runs);
             } else {
                 let sinks = discards();
@@ -693,6 +715,9 @@ struct AverageAll<'a, T> {
 impl<T: Value> Sink<T> for AverageAll<'_, T> {
     #[inline(always)]
     fn take(&mut self, run: usize, totals: Lanes<T>) {
+        // In the next row.
+        fetch_next(self.means, run, STRIDE as isize);
+        fetch_next(self.below, run, STRIP as isize);
         let means = &self.means[run];
         let below = &self.below[run];
 

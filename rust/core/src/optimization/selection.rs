@@ -20,7 +20,7 @@ use crate::optimization::evidence::{Evidence, EvidenceRow, NONE};
 use crate::pipeline::memory::Memory;
 use crate::refinement::subpixel::{self, evidence};
 use crate::simd::highest_bits;
-use crate::value::{LANES, Lanes, ROWS, Value};
+use crate::value::{LANES, Lanes, ROWS, Rows, Value};
 
 /// Pixels whose candidates are selected together.
 pub const PIXELS: usize = ROWS;
@@ -29,7 +29,7 @@ pub const PIXELS: usize = ROWS;
 #[derive(Debug)]
 pub struct Selection<T> {
     /// The least cost of each pixel in each lane.
-    least: [Lanes<T>; PIXELS],
+    least: Rows<T>,
     /// Costs of the chosen candidates.
     own: [T; PIXELS],
     /// Indices of the chosen candidates.
@@ -46,7 +46,7 @@ pub struct Selection<T> {
 impl<T: Value> Default for Selection<T> {
     fn default() -> Self {
         Self {
-            least: [[T::default(); LANES]; PIXELS],
+            least: Rows([[T::default(); LANES]; PIXELS]),
             own: [T::default(); PIXELS],
             chosen: [0; PIXELS],
             mask: Memory::default(),
@@ -70,13 +70,13 @@ impl<T: Value> Selection<T> {
     /// The least cost of each pixel in each lane, to be written.
     #[inline(always)]
     pub fn least(&mut self) -> &mut [Lanes<T>; PIXELS] {
-        &mut self.least
+        &mut self.least.0
     }
 
     /// Finds the least cost of each pixel in each lane.
     #[inline(always)]
     pub fn find_least(&mut self, totals: &[Lanes<T>], runs: usize) {
-        for (least, totals) in self.least.iter_mut().zip(totals.chunks_exact(runs)) {
+        for (least, totals) in self.least.0.iter_mut().zip(totals.chunks_exact(runs)) {
             let mut lanes = totals[0];
             for totals in &totals[1..] {
                 for j in 0..LANES {
@@ -163,7 +163,7 @@ impl<T: Value> Selection<T> {
 
         // The least of the costs that are not masked is the one elsewhere.
         let middle = mask.len() / 2;
-        let pixels = least.iter_mut().zip(&*chosen).zip(totals.chunks_exact(runs));
+        let pixels = least.0.iter_mut().zip(&*chosen).zip(totals.chunks_exact(runs));
         for ((least, chosen), totals) in pixels {
             let mask = &mask[middle - usize::from(*chosen)..].as_chunks::<LANES>().0[..runs];
 

@@ -9,7 +9,8 @@ use crate::image::intensity::{LEVEL_CEILING, LEVEL_STEPS};
 use crate::image::normalization::{DEVIATION_CEILING, DEVIATION_STEPS};
 use crate::image::texture::Texture;
 use crate::optimization::{
-    BAND, LOOKAHEAD_COLUMNS, LOOKAHEAD_ROWS, ORDERED_ROWS, PANEL, Penalties, STRIP,
+    BAND, LOOKAHEAD_COLUMNS, LOOKAHEAD_ROWS, ORDERED_ROWS, PANEL, Penalties, STRIDE, STRIP,
+    band_height,
 };
 use crate::pipeline::halo::Halo;
 use crate::pipeline::matcher::Width;
@@ -126,14 +127,16 @@ impl Demand<'_> {
 
         // Rows and columns of the costs, and totals of paths: half their sums, those from below and from the left.
         let seen = PANEL + LOOKAHEAD_COLUMNS;
+        let places = |cols: usize| cols.div_ceil(STRIP) * STRIDE;
+        let band = band_height(self.settings.optimizer, self.candidates);
         let (rows, cols, totals) = match self.settings.optimizer {
             Optimizer::SemiGlobal => {
-                (BAND + 2 * LOOKAHEAD_ROWS, seen, (BAND * (1 + PANEL + STRIP)) * runs)
+                (BAND + 2 * LOOKAHEAD_ROWS, seen, (BAND * (1 + places(PANEL) + STRIP)) * runs)
             }
-            Optimizer::ScanlineOptimization => (BAND, seen, BAND * (1 + PANEL) * runs),
+            Optimizer::ScanlineOptimization => (band, seen, band * (1 + places(PANEL)) * runs),
             Optimizer::WinnerTakesAll => (BAND, PANEL, 0),
             // Works on whole rows, the other optimizers on panels of columns.
-            Optimizer::DynamicProgramming => (ORDERED_ROWS, self.cols.next_multiple_of(STRIP), 0),
+            Optimizer::DynamicProgramming => (ORDERED_ROWS, self.cols, 0),
         };
 
         let is_whole = self.settings.optimizer == Optimizer::DynamicProgramming;
@@ -146,7 +149,7 @@ impl Demand<'_> {
         // The paths themselves, along rows and along columns, at two pixels each, and the sums of a row.
         let paths = 2 * 2 * STRIP * (runs + 2) + STRIP * runs;
 
-        let lanes = rows * cols * runs + totals + paths + 2 * summed;
+        let lanes = rows * places(cols) * runs + totals + paths + 2 * summed;
 
         let width = Width::new(self.settings, window, penalties, true).bytes();
         // How the totals of all rows came about, and the totals of a pixel.

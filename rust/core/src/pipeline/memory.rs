@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::value::{LANES, Lanes};
 
 /// Bytes of a cache line: a vector register that is loaded from the start of a line never spans two lines.
-const LINE: usize = 64;
+pub const LINE: usize = 64;
 
 /// A reusable buffer, as long as was last asked for; its values are unspecified after that.
 #[derive(Debug)]
