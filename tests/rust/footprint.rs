@@ -64,7 +64,7 @@ fn cases() -> Vec<Case> {
         case("paper, wide", 0.95, &paper, flat, 600),
         case("robust", 0.67, &plain, large, 32),
         case("robust, wide", 0.85, &plain, high, 600),
-        Case { threads: 3, ..case("robust, threads", 0.89, &plain, high, 600) },
+        Case { threads: 3, ..case("robust, threads", 0.80, &plain, high, 600) },
         Case { kernels: 6, ..case("kernels", 0.71, &plain, large, 32) },
         Case { kernels: 1, ..case("synthesis", 0.39, &robust(), (800, 1200), 32) },
         Case { channels: 3, ..case("sad", 0.95, &compared(CostKind::Sad), large, 32) },

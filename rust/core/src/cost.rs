@@ -32,6 +32,7 @@ use crate::image::plane::Plane;
 use crate::image::view::{Mask, View};
 use crate::pipeline::control::Control;
 use crate::pipeline::memory::RunMemory;
+use crate::pipeline::runtime::both;
 use crate::rig::blur_compensation::{self, BlurCompensation, Labels};
 use crate::settings::{CostKind, Settings};
 use crate::simd::{self, Level};
@@ -478,29 +479,30 @@ impl PairCodes {
         };
 
         let Some(compensation) = compensation else {
-            let left = codes(&gray(0)?, 0, None)?;
-            return Ok(Self { left, rights: vec![codes(&gray(1)?, 1, None)?], labels: None });
+            let [left, right] = both(|side| codes(&gray(side)?, side, None))?;
+            return Ok(Self { left, rights: vec![right], labels: None });
         };
 
-        // The left pixels take the codes of the version that their label names.
-        let (kernels, labels) = compensation.of_side(0, (rows, cols))?;
-        let of_left = gray(0)?;
-        let mut left = codes(&of_left, 0, kernels[0])?;
-        for (label, kernel) in (1..).zip(&kernels[1..]) {
-            left.take_where(&codes(&of_left, 0, *kernel)?, &labels, label);
-        }
-        // Gray values are freed before the next plane is allocated.
-        drop(of_left);
+        let [left, right] = both(|side| {
+            let (kernels, labels) = compensation.of_side(side, (rows, cols))?;
+            let gray = gray(side)?;
+            let mut versions = vec![codes(&gray, side, kernels[0])?];
+            for (label, kernel) in (1..).zip(&kernels[1..]) {
+                let codes = codes(&gray, side, *kernel)?;
+                // A left pixel takes the codes of the version that its label names, and may be compared with any version of
+                // the right image, so all of these are kept.
+                match side {
+                    0 => versions[0].take_where(&codes, &labels, label),
+                    _ => versions.push(codes),
+                }
+            }
+            Ok((versions, labels))
+        })?;
 
-        // Any left pixel may be compared with any version of the right image, so all are kept.
-        let (kernels, labels) = compensation.of_side(1, (rows, cols))?;
-        let of_right = gray(1)?;
-        let rights: Vec<_> =
-            kernels.iter().map(|kernel| codes(&of_right, 1, *kernel)).collect::<Result<_>>()?;
+        let ((mut lefts, _), (rights, labels)) = (left, right);
         // With a single version there is nothing to look up.
         let labels = (rights.len() > 1).then_some(labels);
-
-        Ok(Self { left, rights, labels })
+        Ok(Self { left: lefts.remove(0), rights, labels })
     }
 
     /// The Hamming distance of the code of a left pixel and one at a place of the unrolled right image.

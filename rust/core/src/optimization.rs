@@ -200,17 +200,18 @@ impl<T: Value> Default for Workspace<T> {
     }
 }
 
-/// Rows of a band. Of many candidates a panel of [`BAND`] rows does not fit in the second-level cache, so where nothing
-/// goes along columns a band has half of them.
-pub fn band_height(optimizer: Optimizer, candidates: usize) -> usize {
+/// Rows of a band, of an image with so many. Where nothing goes along columns, half of [`BAND`] will do: of many candidates
+/// a panel of all rows does not fit in the second-level cache, and few bands leave threads idle.
+pub fn band_height(optimizer: Optimizer, candidates: usize, rows: usize) -> usize {
     let is_along_rows = optimizer == Optimizer::ScanlineOptimization;
-    if is_along_rows && candidates > 128 { BAND / 2 } else { BAND }
+    if is_along_rows && (candidates > 128 || rows < 8 * BAND) { BAND / 2 } else { BAND }
 }
 
 impl CandidateSearch<'_> {
     /// The bands that some rows of the image lie in, each clipped to these rows.
     pub fn bands(&self, rows: Range<usize>) -> impl Iterator<Item = Range<usize>> + use<> {
-        let (height, first) = (band_height(self.optimizer, self.candidates), self.first);
+        let (height, first) =
+            (band_height(self.optimizer, self.candidates, self.size.0), self.first);
         let mut start = rows.start;
 
         std::iter::from_fn(move || {

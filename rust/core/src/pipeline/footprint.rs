@@ -72,6 +72,8 @@ impl Demand<'_> {
         let images = self.cols * copies * (self.pixel + 1);
 
         let (kept, passing) = self.compared();
+        // Both images are described at the same time.
+        let passing = passing * self.threads.min(2);
         let texture = TEXTURE * self.cols;
         let synthesized = if self.synthesizes() { SYNTHESIZED * self.cols } else { 0 };
         let refined = REFINED[usize::from(Texture::is_needed(self.settings))] * self.cols;
@@ -128,7 +130,7 @@ impl Demand<'_> {
         // Rows and columns of the costs, and totals of paths: half their sums, those from below and from the left.
         let seen = PANEL + LOOKAHEAD_COLUMNS;
         let places = |cols: usize| cols.div_ceil(STRIP) * STRIDE;
-        let band = band_height(self.settings.optimizer, self.candidates);
+        let band = band_height(self.settings.optimizer, self.candidates, usize::MAX);
         let (rows, cols, totals) = match self.settings.optimizer {
             Optimizer::SemiGlobal => {
                 (BAND + 2 * LOOKAHEAD_ROWS, seen, (BAND * (1 + places(PANEL) + STRIP)) * runs)

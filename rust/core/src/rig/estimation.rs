@@ -497,11 +497,13 @@ impl Geometry {
         let is_asked = request.candidates.is_none() || is_poor;
         let found = is_asked.then(|| range::range(&copies, overview, last, runtime)).transpose()?;
         let found = found.flatten();
-        let left_out = match (request.candidates, &found) {
-            (Some(given), _) => range::left_out(overview, &rough, given, runtime)?,
-            (None, Some(found)) => found.left_out.clone(),
-            (None, None) => vec![],
+        let left_out = || match (request.candidates, &found) {
+            (Some(given), _) => range::left_out(overview, &rough, given, runtime),
+            (None, Some(found)) => Ok(found.left_out.clone()),
+            (None, None) => Ok(vec![]),
         };
+        let (left_out, contrast) = rayon::join(left_out, || sample.scales.contrast(overview, last));
+        let left_out = left_out?;
         let range = found.map(|found| found.range);
 
         let negative = |candidates| -> Result<f64> {
@@ -516,7 +518,6 @@ impl Geometry {
             false
         };
 
-        let contrast = sample.scales.contrast(overview, last);
         let wide = wide.filter(|wide| wide.confidence >= overview::GOOD_CONFIDENCE);
         let seen = wide.as_ref().and(range);
         let rough = wide.filter(|_| seen.is_some()).unwrap_or(rough);

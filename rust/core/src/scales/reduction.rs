@@ -11,7 +11,7 @@ use crate::image::intensity::Gray;
 use crate::image::plane::Plane;
 use crate::image::view::{Image, View};
 use crate::pipeline::pair::Pair;
-use crate::pipeline::runtime::Runtime;
+use crate::pipeline::runtime::{Runtime, both};
 
 /// Fewest rows and columns of a copy.
 pub const LEAST_SIZE: usize = 100;
@@ -31,8 +31,7 @@ pub fn halved(pair: &Pair, runtime: Runtime) -> Result<Option<Pair>> {
     let (low, high) = (low.div_euclid(2), -(-high).div_euclid(2));
     let count = (high - low + 1).min(cols as isize / 2);
 
-    let [left, right] = pair.views();
-    let (left, right) = (halved_view(left, runtime)?, halved_view(right, runtime)?);
+    let [left, right] = both(|side| halved_view(pair.views()[side], runtime))?;
     // At its very ends a range may have none on the copy.
     Ok(Pair::new(left, right, low as i64, count as i64).ok())
 }

@@ -15,7 +15,7 @@ use crate::image::masking;
 use crate::image::plane::Plane;
 use crate::image::view::{Image, View};
 use crate::pipeline::pair::Pair;
-use crate::pipeline::runtime::Runtime;
+use crate::pipeline::runtime::{Runtime, both};
 use crate::pipeline::source::{Source, bands, has_empty_row, widened};
 
 /// The noise, in gray levels, that does as much harm as the loss of compression where blocks stand out by one level.
@@ -77,10 +77,9 @@ impl Defects {
     /// The defects of a pair in memory, whose gray levels are given.
     pub fn of_pair(pair: &Pair, levels: [f64; 2], runtime: Runtime) -> Result<Self> {
         let height = pair.size().0;
-        let left = counts(pair, 0, 0..height, (0, height), levels[0], runtime)?;
-        let right = counts(pair, 1, 0..height, (0, height), levels[1], runtime)?;
+        let found = both(|side| counts(pair, side, 0..height, (0, height), levels[side], runtime))?;
 
-        Ok(Self::from_counts(&[left, right], levels, pair.size()))
+        Ok(Self::from_counts(&found, levels, pair.size()))
     }
 
     /// The defects of a pair that is read by rows, whose gray levels are given.

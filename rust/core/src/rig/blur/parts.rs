@@ -8,7 +8,7 @@ use super::rough::{Correspondence, GrayPlane, RoughMatch, RoughScale};
 use super::spectrum::BlockPlace;
 use crate::error::Result;
 use crate::pipeline::pair::Pair;
-use crate::pipeline::runtime::Runtime;
+use crate::pipeline::runtime::{Runtime, both};
 use crate::pipeline::source::{Source, widened};
 
 /// Rows above and below a block on which its rough disparities depend: those of windows and neighborhoods of the
@@ -105,10 +105,7 @@ impl<'a> Part<'a> {
         pair: Cow<'a, Pair>,
         Runtime { execution, control, .. }: Runtime,
     ) -> Result<Self> {
-        let [left, right] = pair.views();
-        let grays =
-            [GrayPlane::new(left, execution, control)?, GrayPlane::new(right, execution, control)?];
-
+        let grays = both(|side| GrayPlane::new(pair.views()[side], execution, control))?;
         Ok(Self { first, pair, grays })
     }
 

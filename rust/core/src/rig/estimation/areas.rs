@@ -32,7 +32,7 @@ use crate::descriptor::describe_as;
 use crate::error::Result;
 use crate::image::intensity::Gray;
 use crate::image::plane::Plane;
-use crate::pipeline::runtime::Runtime;
+use crate::pipeline::runtime::{Runtime, both};
 use crate::rig::alignment::Alignment;
 use crate::rig::blur::rough::{as_view, raised};
 use crate::settings::Settings;
@@ -177,18 +177,15 @@ impl<'a> Search<'a> {
         runtime: Runtime<'a>,
     ) -> Result<Self> {
         let Runtime { execution, control, .. } = runtime;
-        let [left, right] = &copies.planes;
-        let right = match field {
-            Some(field) => raised(right, field, copies.factor, control)?,
-            None => right.clone(),
-        };
-
-        let codes = |plane: Plane<f32>| -> Result<Plane<u8>> {
-            let view = as_view(plane);
+        let codes = both(|side| {
+            let plane = &copies.planes[side];
+            let view = as_view(match field {
+                Some(field) if side == 1 => raised(plane, field, copies.factor, control)?,
+                _ => plane.clone(),
+            });
             let gray = Gray::new(&view, execution.level, control)?;
             describe_as(&gray, &codes(), None, execution.level, control)
-        };
-        let codes = [codes(left.clone())?, codes(right)?];
+        })?;
         Ok(Self { codes, valid: &copies.valid, run, runtime })
     }
 

@@ -8,7 +8,7 @@ use crate::image::plane::Plane;
 use crate::pipeline::control::Control;
 use crate::pipeline::matcher::Disparity;
 use crate::pipeline::pair::Pair;
-use crate::pipeline::runtime::Runtime;
+use crate::pipeline::runtime::{Runtime, both};
 use crate::pipeline::section::Section;
 use crate::refinement::flag;
 use crate::rig::alignment::{Alignment, TERMS};
@@ -153,9 +153,11 @@ impl Overview {
             // The part begins with its halo, whose rows belong to others.
             let skipped = visited.start - part.first / factor;
             let places = skipped * cols..(skipped + visited.len()) * cols;
-            for (side, grays) in [&mut left, &mut right].into_iter().zip(&part.grays) {
-                let plane =
-                    reduced(&grays.plane, factor, runtime.execution.level, runtime.control)?;
+            let planes = both(|side| {
+                let plane = &part.grays[side].plane;
+                reduced(plane, factor, runtime.execution.level, runtime.control)
+            })?;
+            for (side, plane) in [&mut left, &mut right].into_iter().zip(&planes) {
                 side.extend_from_slice(&plane.as_slice()[places.clone()]);
             }
 
@@ -288,9 +290,9 @@ impl Overview {
 
     /// The same, reduced by so much more.
     fn reduced_by(&self, by: usize, runtime: Runtime) -> Result<Self> {
-        let [left, right] = &self.planes;
-        let copy = |plane| reduced(plane, by, runtime.execution.level, runtime.control);
-        let planes = [copy(left)?, copy(right)?];
+        let copy =
+            |side: usize| reduced(&self.planes[side], by, runtime.execution.level, runtime.control);
+        let planes = both(copy)?;
 
         let (rows, cols) = (planes[0].rows(), planes[0].cols());
         let valid = Plane::from_fn(rows, cols, |y, x| self.valid.row(y * by)[x * by]);
