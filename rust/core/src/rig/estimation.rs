@@ -320,17 +320,10 @@ impl Estimates {
         settings: &Settings,
         runtime: Runtime,
     ) -> Result<Self> {
-        let Geometry {
-            confidence,
-            is_inverted,
-            range,
-            left_out,
-            offsets,
-            alignment,
-            contrast,
-            rough,
-            seen,
-        } = Geometry::new(rows, sample, request, runtime)?;
+        let geometry = Geometry::new(rows, request, runtime)?;
+        let geometry = geometry.as_ref();
+        let range = geometry.and_then(Geometry::range);
+        let alignment = geometry.and_then(|geometry| geometry.alignment.clone());
 
         let width = rows.size().1;
         let candidates = match (request.candidates, &range) {
@@ -341,13 +334,19 @@ impl Estimates {
 
         // Blur is compared where both images show the same, so it comes after the geometry. What most of the images show may not
         // be among the known disparities.
-        let seen = seen.map(|range| range.candidates(width)).transpose()?.unwrap_or(candidates);
-        let known = rough::Correspondence { candidates: seen, alignment: alignment.clone() };
-        let rough =
-            rough.map(|(map, factor)| RoughMatch::of_whole(map.unsure, factor, alignment.clone()));
-        let blur = || blur::estimate(rows, sample.pair, known, rough, runtime);
-        let blur = request.blur.then(blur).transpose()?;
-        let blur = blur.map(|blur| blur.with(defects));
+        let seen = geometry.and_then(Geometry::seen).map(|range| range.candidates(width));
+        let seen = seen.transpose()?.unwrap_or(candidates);
+        let blur = || {
+            let known = rough::Correspondence { candidates: seen, alignment: alignment.clone() };
+            let rough = geometry.map(|geometry| geometry.rough_match());
+            blur::estimate(rows, sample.pair, known, rough, runtime)
+        };
+        let blur = || request.blur.then(blur).transpose();
+        let remarks = || geometry.map(|found| found.remarks(sample, request, runtime)).transpose();
+
+        let (blur, remarks) = rayon::join(blur, remarks);
+        let blur = blur?.map(|blur| blur.with(defects));
+        let Remarks { left_out, is_inverted, contrast } = remarks?.unwrap_or_default();
 
         let noise = blur.as_ref().map(|blur| blur.noise).or(request.noise).unwrap_or_default();
         let photometry =
@@ -364,11 +363,11 @@ impl Estimates {
 
         let mut estimates = Self {
             candidates,
-            confidence,
+            confidence: geometry.map(|geometry| geometry.matched().confidence),
             is_inverted,
             range,
             left_out,
-            offsets,
+            offsets: geometry.and_then(|geometry| geometry.offsets.clone()),
             alignment,
             blur,
             photometry: Some(photometry),
@@ -434,21 +433,27 @@ impl Estimates {
     }
 }
 
-/// What the reduced images show, as the fields of [`Estimates`] say.
-#[derive(Default)]
+/// How the reduced images correspond.
 struct Geometry {
-    confidence: Option<f64>,
-    is_inverted: bool,
-    range: Option<SearchRange>,
-    left_out: Vec<LeftOut>,
+    /// The images, reduced ...
+    copies: Overview,
+    /// ... and reduced more, if others of the usual size are finer.
+    usual: Option<Overview>,
+    /// The rough match of the known disparities, or else of all that are tried.
+    rough: RoughMap,
+    /// That of all that are tried, where the known ones match badly.
+    wide: Option<RoughMap>,
     offsets: Option<RowOffsets>,
     alignment: Option<Alignment>,
+    found: Option<range::Found>,
+}
+
+/// What else they show, as the fields of [`Estimates`] say.
+#[derive(Default)]
+struct Remarks {
+    left_out: Vec<LeftOut>,
+    is_inverted: bool,
     contrast: Option<Contrast>,
-    /// The rough match of the known disparities, or else of all that are tried, and the factor by which its images are
-    /// reduced.
-    rough: Option<(RoughMap, usize)>,
-    /// The range by which it was found instead where the known disparities match badly, and these well.
-    seen: Option<SearchRange>,
 }
 
 /// Some rows of a pair, and its scales.
@@ -458,8 +463,8 @@ struct Sample<'a> {
 }
 
 impl Geometry {
-    /// Matches the reduced images, if they are needed and large enough.
-    fn new(rows: PairRows, sample: &Sample, request: &Request, runtime: Runtime) -> Result<Self> {
+    /// Matches the reduced images; `None`: they are not needed or too small.
+    fn new(rows: PairRows, request: &Request, runtime: Runtime) -> Result<Option<Self>> {
         let is_needed = request.candidates.is_none() || request.rows;
         // The ends of an unknown range are found on finer copies.
         let copies = |runtime| match request.candidates {
@@ -467,7 +472,7 @@ impl Geometry {
             None => Overview::fine(rows, runtime),
         };
         let Some(copies) = is_needed.then(|| copies(runtime)).transpose()?.flatten() else {
-            return Ok(Self::default());
+            return Ok(None);
         };
         let usual = copies.usual(runtime)?;
         let overview = usual.as_ref().unwrap_or(&copies);
@@ -497,40 +502,56 @@ impl Geometry {
         let is_asked = request.candidates.is_none() || is_poor;
         let found = is_asked.then(|| range::range(&copies, overview, last, runtime)).transpose()?;
         let found = found.flatten();
-        let left_out = || match (request.candidates, &found) {
-            (Some(given), _) => range::left_out(overview, &rough, given, runtime),
-            (None, Some(found)) => Ok(found.left_out.clone()),
-            (None, None) => Ok(vec![]),
+
+        Ok(Some(Self { copies, usual, rough, wide, offsets, alignment, found }))
+    }
+
+    fn overview(&self) -> &Overview {
+        self.usual.as_ref().unwrap_or(&self.copies)
+    }
+
+    fn range(&self) -> Option<SearchRange> {
+        self.found.as_ref().map(|found| found.range)
+    }
+
+    /// The range of the match of all disparities that are tried, where the known ones match badly, and these well.
+    fn seen(&self) -> Option<SearchRange> {
+        let is_good = |wide: &RoughMap| wide.confidence >= overview::GOOD_CONFIDENCE;
+        self.wide.as_ref().filter(|wide| is_good(wide)).and(self.range())
+    }
+
+    /// The match of the disparities that match.
+    fn matched(&self) -> &RoughMap {
+        self.wide.as_ref().filter(|_| self.seen().is_some()).unwrap_or(&self.rough)
+    }
+
+    fn rough_match(&self) -> RoughMatch {
+        let (disparity, factor) = (self.matched().unsure.clone(), self.overview().factor);
+        RoughMatch::of_whole(disparity, factor, self.alignment.clone())
+    }
+
+    fn remarks(&self, sample: &Sample, request: &Request, runtime: Runtime) -> Result<Remarks> {
+        let (overview, rough) = (self.overview(), &self.rough);
+        let last = self.wide.as_ref().unwrap_or(rough);
+
+        let left_out = match (request.candidates, &self.found) {
+            (Some(given), _) => range::left_out(overview, rough, given, runtime)?,
+            (None, Some(found)) => found.left_out.clone(),
+            (None, None) => vec![],
         };
-        let (left_out, contrast) = rayon::join(left_out, || sample.scales.contrast(overview, last));
-        let left_out = left_out?;
-        let range = found.map(|found| found.range);
 
         let negative = |candidates| -> Result<f64> {
             Ok(overview.inverted().rough(candidates, None, runtime)?.confidence)
         };
-        let is_inverted = if range.is_none() && last.confidence < range::LEAST_CONFIDENCE {
+        let is_inverted = if self.found.is_none() && last.confidence < range::LEAST_CONFIDENCE {
             negative(None)? >= overview::GOOD_CONFIDENCE
-        } else if request.candidates.is_some() && overview.is_opposite(&rough) {
+        } else if request.candidates.is_some() && overview.is_opposite(rough) {
             // Of few candidates some always match: then it is the gray levels that tell.
             negative(request.candidates)? >= rough.confidence.max(overview::GOOD_CONFIDENCE)
         } else {
             false
         };
 
-        let wide = wide.filter(|wide| wide.confidence >= overview::GOOD_CONFIDENCE);
-        let seen = wide.as_ref().and(range);
-        let rough = wide.filter(|_| seen.is_some()).unwrap_or(rough);
-        Ok(Self {
-            confidence: Some(rough.confidence),
-            is_inverted,
-            range,
-            left_out,
-            offsets,
-            alignment,
-            contrast,
-            rough: Some((rough, overview.factor)),
-            seen,
-        })
+        Ok(Remarks { left_out, is_inverted, contrast: sample.scales.contrast(overview, last) })
     }
 }
