@@ -90,7 +90,7 @@ BOUNDS = {
     "aliases at the boundary": 6,
     "public names": 120,
     "words of documentation": 21_150,
-    "lines of Rust": 36_630,
+    "lines of Rust": 36_725,
     "lines of tests": 28_825,
     "statements of tests": 20_810,
 }

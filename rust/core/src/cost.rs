@@ -32,7 +32,7 @@ use crate::image::plane::Plane;
 use crate::image::view::{Mask, View};
 use crate::pipeline::control::Control;
 use crate::pipeline::memory::RunMemory;
-use crate::pipeline::runtime::both;
+use crate::pipeline::platform::both;
 use crate::rig::blur_compensation::{self, BlurCompensation, Labels};
 use crate::settings::{CostKind, Settings};
 use crate::simd::{self, Level};

@@ -1,6 +1,5 @@
 //! What an estimation and a whole match are carried out with.
 
-use crate::error::Result;
 use crate::pipeline::control::Control;
 use crate::pipeline::matcher::{Execution, Matcher};
 
@@ -13,11 +12,4 @@ pub struct Runtime<'a> {
     pub execution: Execution,
     /// Cancellation.
     pub control: &'a Control,
-}
-
-/// Does the same for the left image and for the right one, at the same time: side 0 and 1. Two threads wait for one another
-/// less often than if they shared the work on each.
-pub fn both<T: Send>(of: impl Fn(usize) -> Result<T> + Sync) -> Result<[T; 2]> {
-    let (left, right) = rayon::join(|| of(0), || of(1));
-    Ok([left?, right?])
 }

@@ -338,7 +338,7 @@ impl Estimates {
         let seen = seen.transpose()?.unwrap_or(candidates);
         let blur = || {
             let known = rough::Correspondence { candidates: seen, alignment: alignment.clone() };
-            let rough = geometry.map(|geometry| geometry.rough_match());
+            let rough = geometry.map(Geometry::rough_match);
             blur::estimate(rows, sample.pair, known, rough, runtime)
         };
         let blur = || request.blur.then(blur).transpose();

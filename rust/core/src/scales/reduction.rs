@@ -11,7 +11,8 @@ use crate::image::intensity::Gray;
 use crate::image::plane::Plane;
 use crate::image::view::{Image, View};
 use crate::pipeline::pair::Pair;
-use crate::pipeline::runtime::{Runtime, both};
+use crate::pipeline::platform::both;
+use crate::pipeline::runtime::Runtime;
 
 /// Fewest rows and columns of a copy.
 pub const LEAST_SIZE: usize = 100;

@@ -15,7 +15,8 @@ use crate::image::masking;
 use crate::image::plane::Plane;
 use crate::image::view::{Image, View};
 use crate::pipeline::pair::Pair;
-use crate::pipeline::runtime::{Runtime, both};
+use crate::pipeline::platform::both;
+use crate::pipeline::runtime::Runtime;
 use crate::pipeline::source::{Source, bands, has_empty_row, widened};
 
 /// The noise, in gray levels, that does as much harm as the loss of compression where blocks stand out by one level.

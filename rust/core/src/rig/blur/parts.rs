@@ -8,7 +8,8 @@ use super::rough::{Correspondence, GrayPlane, RoughMatch, RoughScale};
 use super::spectrum::BlockPlace;
 use crate::error::Result;
 use crate::pipeline::pair::Pair;
-use crate::pipeline::runtime::{Runtime, both};
+use crate::pipeline::platform::both;
+use crate::pipeline::runtime::Runtime;
 use crate::pipeline::source::{Source, widened};
 
 /// Rows above and below a block on which its rough disparities depend: those of windows and neighborhoods of the

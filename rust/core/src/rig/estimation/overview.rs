@@ -8,7 +8,8 @@ use crate::image::plane::Plane;
 use crate::pipeline::control::Control;
 use crate::pipeline::matcher::Disparity;
 use crate::pipeline::pair::Pair;
-use crate::pipeline::runtime::{Runtime, both};
+use crate::pipeline::platform::both;
+use crate::pipeline::runtime::Runtime;
 use crate::pipeline::section::Section;
 use crate::refinement::flag;
 use crate::rig::alignment::{Alignment, TERMS};
@@ -153,12 +154,12 @@ impl Overview {
             // The part begins with its halo, whose rows belong to others.
             let skipped = visited.start - part.first / factor;
             let places = skipped * cols..(skipped + visited.len()) * cols;
-            let planes = both(|side| {
-                let plane = &part.grays[side].plane;
-                reduced(plane, factor, runtime.execution.level, runtime.control)
+            let both = both(|side| {
+                let gray = &part.grays[side].plane;
+                reduced(gray, factor, runtime.execution.level, runtime.control)
             })?;
-            for (side, plane) in [&mut left, &mut right].into_iter().zip(&planes) {
-                side.extend_from_slice(&plane.as_slice()[places.clone()]);
+            for (side, reduced) in [&mut left, &mut right].into_iter().zip(&both) {
+                side.extend_from_slice(&reduced.as_slice()[places.clone()]);
             }
 
             let view = part.pair.views()[0];
