@@ -233,7 +233,7 @@ def test_doctor_says_what_is_here_and_whether_it_is_right(
     assert found["versions"]["phasestereo"] == ps.__version__
     assert set(found["milliseconds"]) == set(ps.PRESETS)
 
-    monkeypatch.setattr("phasestereo._core.self_check", lambda: ["Motion, 160 x 120"])
+    monkeypatch.setattr("phasestereo._core.self_check", lambda _: ["Motion, 160 x 120"])
     code, out, err = run("doctor")
     assert code == 1
     assert found["instructions"] in out

@@ -67,7 +67,7 @@ use phasestereo::internals::rig::estimation::compensation_plan::{LARGER, MUCH_LA
 use phasestereo::internals::rig::estimation::overview::LEAST_SIZE;
 use phasestereo::internals::rig::estimation::{Prepared, prepare, prepare_by_rows};
 use phasestereo::internals::rig::rectification::rectify_views;
-use phasestereo::internals::self_check::differing;
+use phasestereo::internals::self_check::{CASES, differing};
 use phasestereo::internals::settings::presets::Preset;
 use phasestereo::internals::settings::{MOST_DISPARITIES, Settings};
 use phasestereo::internals::simd::Level;
@@ -148,9 +148,9 @@ fn simd_level() -> &'static str {
 
 /// Pairs whose matches are not to the bit what they are on every platform: their names and digests.
 #[pyfunction]
-fn self_check(py: Python<'_>) -> Result<Vec<String>> {
+fn self_check(py: Python<'_>, progress: Option<Bound<'_, PyAny>>) -> Result<Vec<String>> {
     let pool = Pool::for_argument(&py.None().into_bound(py))?;
-    supervised(py, &pool, 0, None, differing)
+    supervised(py, &pool, CASES.len(), progress, differing)
 }
 
 #[pyfunction]
