@@ -483,26 +483,27 @@ impl PairCodes {
             return Ok(Self { left, rights: vec![right], labels: None });
         };
 
-        let [left, right] = both(|side| {
-            let (kernels, labels) = compensation.of_side(side, (rows, cols))?;
-            let gray = gray(side)?;
-            let mut versions = vec![codes(&gray, side, kernels[0])?];
+        // The left pixels take the codes of the version that their label names.
+        let left = || {
+            let ((kernels, labels), gray) = (compensation.of_side(0, (rows, cols))?, gray(0)?);
+            let mut left = codes(&gray, 0, kernels[0])?;
             for (label, kernel) in (1..).zip(&kernels[1..]) {
-                let codes = codes(&gray, side, *kernel)?;
-                // A left pixel takes the codes of the version that its label names, and may be compared with any version of
-                // the right image, so all of these are kept.
-                match side {
-                    0 => versions[0].take_where(&codes, &labels, label),
-                    _ => versions.push(codes),
-                }
+                left.take_where(&codes(&gray, 0, *kernel)?, &labels, label);
             }
-            Ok((versions, labels))
-        })?;
+            Ok(left)
+        };
+        // Any left pixel may be compared with any version of the right image, so all are kept.
+        let rights = || {
+            let ((kernels, labels), gray) = (compensation.of_side(1, (rows, cols))?, gray(1)?);
+            let rights = kernels.iter().map(|kernel| codes(&gray, 1, *kernel));
+            let rights = rights.collect::<Result<Vec<_>>>()?;
+            // With a single version there is nothing to look up.
+            let labels = (rights.len() > 1).then_some(labels);
+            Ok((rights, labels))
+        };
 
-        let ((mut lefts, _), (rights, labels)) = (left, right);
-        // With a single version there is nothing to look up.
-        let labels = (rights.len() > 1).then_some(labels);
-        Ok(Self { left: lefts.remove(0), rights, labels })
+        let (left, rights) = rayon::join(left, rights);
+        rights.and_then(|(rights, labels)| Ok(Self { left: left?, rights, labels }))
     }
 
     /// The Hamming distance of the code of a left pixel and one at a place of the unrolled right image.

@@ -2,9 +2,9 @@
 //! Semiglobal Matching and Mutual Information*, PAMI 2008), by two along the row, by dynamic programming under the
 //! ordering constraint, or each pixel by itself.
 //!
-//! The cost volume never exists as a whole. An image is cut into bands of [`BAND`] rows, a band into panels of [`PANEL`]
-//! columns. The costs of a panel lie in strips of [`STRIP`] columns and fit in the second-level cache. Paths from the left
-//! run through whole rows. Paths from the right start [`LOOKAHEAD_COLUMNS`] columns right of each panel, paths from above
+//! The cost volume never exists as a whole. An image is cut into bands of [`BAND`] rows, or half of them ([`band_height`]),
+//! a band into panels of [`PANEL`] columns. The costs of a panel lie in strips of [`STRIP`] columns; those of up to about 128
+//! disparities fit in a second-level cache. Paths from the left run through whole rows. Paths from the right start [`LOOKAHEAD_COLUMNS`] columns right of each panel, paths from above
 //! and below [`LOOKAHEAD_ROWS`] rows outside each band. So no band depends on another, and any thread may work on any band
 //! at any time. Bands and panels begin at multiples of their sizes in the whole image, so the result does not depend on
 //! which rows are matched together:
@@ -200,8 +200,8 @@ impl<T: Value> Default for Workspace<T> {
     }
 }
 
-/// Rows of a band, of an image with so many. Where nothing goes along columns, half of [`BAND`] will do: of many candidates
-/// a panel of all rows does not fit in the second-level cache, and few bands leave threads idle.
+/// Rows of a band of an image with so many rows. Without paths along columns, a band of half of [`BAND`] gives the same: of
+/// many candidates a panel of all rows does not fit in the second-level cache, and few bands leave threads idle.
 pub fn band_height(optimizer: Optimizer, candidates: usize, rows: usize) -> usize {
     let is_along_rows = optimizer == Optimizer::ScanlineOptimization;
     if is_along_rows && (candidates > 128 || rows < 8 * BAND) { BAND / 2 } else { BAND }
@@ -309,7 +309,7 @@ impl CandidateSearch<'_> {
 
         let smoothness =
             Smoothness { penalties: AdaptivePenalties::new(self.penalties), edges: self.edges };
-        // The look-ahead columns of a panel are the first strip of the next one, and stay where they are in the ring.
+        // The look-ahead columns of a panel are the first strip of the next one, and keep their costs in the ring.
         let (mut before, mut first) = (None, 0);
 
         for columns in self.panels() {
@@ -328,7 +328,6 @@ impl CandidateSearch<'_> {
             let around = around.in_ring(STRIPS, first);
             first += PANEL / STRIP;
 
-            // They have their costs already, if these are of the candidates that are searched here.
             let is_known = before.replace(searched) == Some(searched);
             let unknown = around.without(if is_known { LOOKAHEAD_COLUMNS / STRIP } else { 0 });
             if !unknown.columns.is_empty() {

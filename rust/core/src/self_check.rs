@@ -174,11 +174,10 @@ impl Case {
 
 /// The cases whose digests are not those of every platform: their names, and the digests. Each case counts as a row done.
 pub fn differing(runtime: Runtime) -> Result<Vec<String>> {
-    let Runtime { control, .. } = runtime;
     let mut differing = Vec::new();
     for case in &CASES {
-        let found = case.found(Runtime { control: &control.aside(), ..runtime })?;
-        control.finish_rows(1);
+        let found = case.found(Runtime { control: &runtime.control.aside(), ..runtime })?;
+        runtime.control.finish_rows(1);
         if found != case.digest {
             differing.push(format!("{}: {found:#018x}", case.name()));
         }

@@ -174,11 +174,13 @@ fn nearest_below_2_22(value: f32) -> u32 {
     (value + 1.5 * (1u32 << 23) as f32).to_bits() & ((1 << 22) - 1)
 }
 
+/// Places left free after each row of a strip: rows of a power of two of bytes share few sets of the first-level cache.
+pub const GAP: usize = 1;
+
 /// Pixels whose costs are aggregated together.
 ///
 /// Their values lie in strips of columns, and in each strip row by row: see [`Self::place`]. Strips lie one after another,
-/// or in a ring, in which the last ones of one block may be the first ones of the next. After each row one place is left
-/// free: rows of a power of two of bytes would share few sets of the first-level cache.
+/// or in a ring, in which the last ones of one block may be the first ones of the next.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct PixelBlock {
     /// Rows of the images.
@@ -220,7 +222,7 @@ impl PixelBlock {
     /// Places from one row of a strip to the next.
     #[inline(always)]
     pub fn stride(&self) -> usize {
-        self.strip + 1
+        self.strip + GAP
     }
 
     /// The place of the first pixel of row `row` of a strip; those of the row follow.

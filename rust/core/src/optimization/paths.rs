@@ -26,7 +26,7 @@
 
 use std::ops::Range;
 
-use crate::cost::aggregation::PixelBlock;
+use crate::cost::aggregation::{GAP, PixelBlock};
 use crate::cost::candidates::Searched;
 use crate::error::Result;
 use crate::optimization::edges::{Edges, Neighbor};
@@ -42,7 +42,7 @@ use crate::value::{LANES, Lanes, Rows, Value};
 /// columns go through neighboring memory, too, not from page to page, and take 2 to 4 % less time.
 pub const STRIP: usize = PIXELS;
 /// Places from one row of a strip to the next: [`PixelBlock::stride`].
-pub const STRIDE: usize = STRIP + 1;
+pub const STRIDE: usize = STRIP + GAP;
 
 /// P1, and P2 by the jump of the gray values: the whole of it, half, and a third, but not less than P1.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -123,7 +123,7 @@ impl<T: Value> Default for Paths<T> {
     }
 }
 
-/// Halves of the totals of paths: those at the last pixel, and those at the next one.
+/// The totals of paths at the last pixel, and those at the next one, which are written.
 #[inline(always)]
 fn halves<T>(totals: &mut [T], is_swapped: bool) -> [&mut [T]; 2] {
     let (first, second) = totals.split_at_mut(totals.len() / 2);
@@ -151,7 +151,7 @@ impl<T: Value> Paths<T> {
     fn restart(&mut self, runs: usize) {
         self.least = [T::default(); STRIP];
 
-        for totals in self.halves()[0].chunks_exact_mut(span(runs)) {
+        for totals in halves(&mut self.totals, self.is_swapped)[0].chunks_exact_mut(span(runs)) {
             totals[LANES..][..runs * LANES].fill(T::default());
         }
     }
@@ -169,7 +169,10 @@ impl<T: Value> Paths<T> {
     ) {
         self.least[..paths].copy_from_slice(&least[first..][..paths]);
 
-        for (path, before) in self.halves()[0].chunks_exact_mut(span(runs)).take(paths).enumerate()
+        for (path, before) in halves(&mut self.totals, self.is_swapped)[0]
+            .chunks_exact_mut(span(runs))
+            .take(paths)
+            .enumerate()
         {
             let totals = row_of(totals, first + path, most * LANES);
             before[LANES..][..runs * LANES].copy_from_slice(&totals[..runs * LANES]);
@@ -188,16 +191,14 @@ impl<T: Value> Paths<T> {
     ) {
         least[first..][..paths].copy_from_slice(&self.least[..paths]);
 
-        for (path, before) in self.halves()[0].chunks_exact(span(runs)).take(paths).enumerate() {
+        for (path, before) in halves(&mut self.totals, self.is_swapped)[0]
+            .chunks_exact(span(runs))
+            .take(paths)
+            .enumerate()
+        {
             let totals = row_of_mut(totals, first + path, most * LANES);
             totals[..runs * LANES].copy_from_slice(&before[LANES..][..runs * LANES]);
         }
-    }
-
-    /// The totals at the last pixel, and those at the next one, which are written.
-    #[inline(always)]
-    fn halves(&mut self) -> [&mut [T]; 2] {
-        halves(&mut self.totals, self.is_swapped)
     }
 
     /// Extends as many paths as have costs to their next pixels, which have these values of P2, these costs, and sinks for
@@ -301,8 +302,8 @@ impl<T: Value> Sink<T> for AverageTotals<'_, T> {
     }
 }
 
-/// Asks for the same run of the pixel so many pixels further, once for each line of the cache. Paths wait for where their
-/// totals go, not for costs: of these, neighboring ones are read one after another, which a processor foresees.
+/// Asks for the same run of the pixel so many pixels further, once for each line of the cache. Without that, paths wait for
+/// the places where their totals go; costs a processor fetches ahead by itself.
 #[inline(always)]
 fn fetch_next<T>(lanes: &[Lanes<T>], run: usize, pixels: isize) {
     if (run * size_of::<Lanes<T>>()).is_multiple_of(LINE) {
@@ -715,7 +716,7 @@ struct AverageAll<'a, T> {
 impl<T: Value> Sink<T> for AverageAll<'_, T> {
     #[inline(always)]
     fn take(&mut self, run: usize, totals: Lanes<T>) {
-        // In the next row.
+        // The path's next pixel is in the next row.
         fetch_next(self.means, run, STRIDE as isize);
         fetch_next(self.below, run, STRIP as isize);
         let means = &self.means[run];

@@ -130,6 +130,7 @@ impl Demand<'_> {
         // Rows and columns of the costs, and totals of paths: half their sums, those from below and from the left.
         let seen = PANEL + LOOKAHEAD_COLUMNS;
         let places = |cols: usize| cols.div_ceil(STRIP) * STRIDE;
+        // The bands of low images are no higher.
         let band = band_height(self.settings.optimizer, self.candidates, usize::MAX);
         let (rows, cols, totals) = match self.settings.optimizer {
             Optimizer::SemiGlobal => {

@@ -448,7 +448,7 @@ struct Geometry {
     found: Option<range::Found>,
 }
 
-/// What else they show, as the fields of [`Estimates`] say.
+/// What else the reduced images show, as the fields of [`Estimates`] say; neither geometry nor blur depends on it.
 #[derive(Default)]
 struct Remarks {
     left_out: Vec<LeftOut>,
@@ -520,7 +520,7 @@ impl Geometry {
         self.wide.as_ref().filter(|wide| is_good(wide)).and(self.range())
     }
 
-    /// The match of the disparities that match.
+    /// The rough match that is better: of all disparities where [`Self::seen`] has a range, else of the known ones.
     fn matched(&self) -> &RoughMap {
         self.wide.as_ref().filter(|_| self.seen().is_some()).unwrap_or(&self.rough)
     }

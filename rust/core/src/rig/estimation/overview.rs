@@ -291,9 +291,8 @@ impl Overview {
 
     /// The same, reduced by so much more.
     fn reduced_by(&self, by: usize, runtime: Runtime) -> Result<Self> {
-        let copy =
-            |side: usize| reduced(&self.planes[side], by, runtime.execution.level, runtime.control);
-        let planes = both(copy)?;
+        let Runtime { execution, control, .. } = runtime;
+        let planes = both(|side| reduced(&self.planes[side], by, execution.level, control))?;
 
         let (rows, cols) = (planes[0].rows(), planes[0].cols());
         let valid = Plane::from_fn(rows, cols, |y, x| self.valid.row(y * by)[x * by]);
