@@ -1,4 +1,7 @@
-"""The structure of the distributions: figures that may fall, and grow on purpose alone.
+"""The structure of the distributions, and the sizes of the wheels and of the documentation.
+
+Structure is fixed. Sizes are bounded 5 % above their values at the last release; the bounds are set
+again at each release. Tests, the harness and the lines of Rust are not bounded.
 
 Every import counts, inside functions and under ``TYPE_CHECKING``, too. That a package is imported
 with each of its modules does not. ``pytest -s`` prints the figures.
@@ -82,18 +85,16 @@ BOUNDS = {
     "imports of the same or a higher floor": 0,
     "imports of another distribution than those below": 0,
     "own modules imported by a string": 0,
-    "statements of phasestereo": 6_470,
-    "statements of phasestereo_live": 2_160,
-    "statements of phasestereo_large": 2_500,
-    "statements of pandora_plugin_phasestereo": 120,
-    "statements of phasestereo_bench": 6_785,
     "aliases at the boundary": 6,
     "public names": 120,
-    "words of documentation": 21_150,
-    "lines of Rust": 36_725,
-    "lines of tests": 28_825,
-    "statements of tests": 20_810,
+    "statements of phasestereo": 6_900,
+    "statements of phasestereo_live": 2_400,
+    "statements of phasestereo_large": 2_600,
+    "words of documentation": 22_200,
 }
+"""The sizes are set again at each release, 5 % above the values of that day."""
+
+WHEELS = ("phasestereo", "phasestereo_live", "phasestereo_large")
 
 EXTENSION = 8.4
 """Megabytes."""
@@ -252,16 +253,6 @@ def lines(folder: str, pattern: str) -> list[str]:
     return [line for line in every if line.strip()]
 
 
-def statements_of_tests() -> list[str]:
-    """Return the file of each statement of the tests."""
-    return [
-        path.name
-        for path in sorted((ROOT / "tests").rglob("*.py"))
-        for node in ast.walk(ast.parse(path.read_text("utf-8")))
-        if isinstance(node, ast.stmt)
-    ]
-
-
 def rust_files() -> dict[str, set[str]]:
     """Return what each file of the core names of other files in its ``use``, tests left out."""
     source = ROOT / "rust" / "core" / "src"
@@ -319,18 +310,15 @@ FIGURES: dict[str, Callable[[], list[str]]] = {
     "imports of the same or a higher floor": not_down,
     "imports of another distribution than those below": not_below,
     "own modules imported by a string": by_a_string,
-    **{f"statements of {name}": partial(statements, name) for name in DISTRIBUTIONS},
+    **{f"statements of {name}": partial(statements, name) for name in WHEELS},
     "aliases at the boundary": at_the_boundary,
     "public names": public_names,
     "words of documentation": words,
-    "lines of Rust": partial(lines, "rust", "*.rs"),
-    "lines of tests": partial(lines, "tests", "*.py"),
-    "statements of tests": statements_of_tests,
 }
 
 
 @pytest.mark.parametrize("figure", BOUNDS)
-def test_the_structure_has_not_grown(figure: str) -> None:
+def test_a_figure_is_within_its_bound(figure: str) -> None:
     found = FIGURES[figure]()
     if len(found) > BOUNDS[figure]:
         which = ", ".join(found[:20]) if len(found) < 100 else "raise it if it is worth it"
