@@ -51,6 +51,10 @@ OTHERS = {
         "whatever ended it.",
         "'phasestereo[large]'",
     ),
+    "asp": (
+        "Match a tile of the Ames Stereo Pipeline, which calls it so.",
+        "'phasestereo[cli,geo]'",
+    ),
     "demo": (
         "Show what one image out of focus does to stereo matching.\n\n"
         "Renders a pair with its true disparities, degrades the left image (defocus, contrast, "

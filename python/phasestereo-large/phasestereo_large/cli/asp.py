@@ -1,0 +1,112 @@
+"""``phasestereo asp``: the matcher that the Ames Stereo Pipeline calls for each tile of a pair."""
+
+# No `from __future__ import annotations`: the command line is made of these annotations.
+
+from dataclasses import fields
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from cyclopts import Group, Parameter
+from numpy.typing import NDArray
+
+from phasestereo._images import Mask
+from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals, refuse_taken
+from phasestereo.cli.options import PRESET_HELP, REASONABLE, SETTINGS_HELP, Overrides
+from phasestereo.cli.trust import show_findings, unwarned
+from phasestereo.matching import match
+from phasestereo.result import Result
+from phasestereo.settings import PRESET, Settings, resolve
+from phasestereo_large.geotiff import read_geotiff_pair, write_geotiff
+
+_OPTIONS = frozenset(["preset", "threads"]).union(field.name for field in fields(Settings))
+_UNASKED = {"fill": False, "self_rectify": False}
+"""The pipeline interpolates by itself, and its tiles are rectified: other rows would mislead it."""
+
+_SEARCH = Group.create_ordered("Search")
+_SETTINGS = Group.create_ordered("Expert settings", help=SETTINGS_HELP)
+_Bound = Annotated[int | None, Parameter(group=_SEARCH, validator=REASONABLE)]
+
+
+def asp(
+    left: Path,
+    right: Path,
+    output: Path,
+    /,
+    *,
+    minimum: Annotated[_Bound, Parameter(alias="-r")] = None,
+    maximum: Annotated[_Bound, Parameter(alias="-R")] = None,
+    preset: Annotated[str, Parameter(group=_SEARCH, help=PRESET_HELP)] = PRESET,
+    threads: Annotated[int | None, Parameter(group=_SEARCH)] = None,
+    overrides: Annotated[Overrides | None, Parameter(name="*", group=_SETTINGS)] = None,
+) -> None:
+    """Match a tile of the Ames Stereo Pipeline, which calls it so.
+
+    Left column x corresponds to right column x + d: disparities have the sign that the pipeline
+    has, which is not that of the other commands. For example:
+
+    ```
+    phasestereo asp -r -40 -R 8 left.tif right.tif disparity.tif
+    ```
+
+    Parameters
+    ----------
+    left
+        Left image, a TIFF file; NaN, or its "no data" value, is no data.
+    right
+        Right image, of the same size.
+    output
+        TIFF file for the disparities, 32-bit floats of the images' size; NaN where there is none.
+    minimum
+        The smallest disparity to search; needs --maximum. Without both, the range is found.
+    maximum
+        The largest disparity to search.
+    threads
+        Number of threads; without it, as many as there are processors.
+    """
+    refuse_taken("output", output, [left, right])
+    with refusals(options=_OPTIONS), unwarned():
+        settings = resolve(preset, None, _UNASKED | (overrides or {}))
+        low, count = _range(minimum, maximum)
+        pair = read_geotiff_pair(left, right)
+        masks = [_valid(view.mask, view.image.shape[:2]) for view in pair]
+        result = match(
+            pair[0].image,
+            pair[1].image,
+            left_mask=masks[0],
+            right_mask=masks[1],
+            min_disparity=low,
+            num_disparities=count,
+            settings=settings,
+            threads=threads,
+        )
+        write_geotiff(output, _disparities(result, *masks), like=pair[0])
+    show_findings(result.findings)
+
+
+def _range(minimum: int | None, maximum: int | None) -> tuple[int, int | None]:
+    """Return the smallest disparity and their number by our sign."""
+    if minimum is None and maximum is None:
+        return 0, None
+    if minimum is None or maximum is None or minimum > maximum:
+        raise CommandError(
+            f"--minimum: got {minimum} with --maximum {maximum}; accepts both, the smaller one "
+            "first, or neither",
+            WRONG_USAGE,
+        )
+    return -maximum, maximum - minimum + 1
+
+
+def _valid(mask: Mask | None, size: tuple[int, ...]) -> Mask:
+    return np.ones(size, np.bool_) if mask is None else mask
+
+
+def _disparities(result: Result, left: Mask, right: Mask) -> NDArray[np.float32]:
+    """Return right less left columns, NaN where either pixel has no data."""
+    found = result.disparity
+    rows, columns = np.indices(found.shape)
+    with np.errstate(invalid="ignore"):  # NaN is of no column
+        partners = np.nan_to_num(columns - np.rint(found), nan=-1).astype(np.int64)
+    inside = left & (partners >= 0) & (partners < found.shape[1])
+    inside &= right[rows, np.clip(partners, 0, found.shape[1] - 1)]
+    return np.where(inside, -found, np.float32(np.nan))
