@@ -1,6 +1,7 @@
 """Pictures: what each color means, and that nothing global is touched."""
 
 import sys
+import tracemalloc
 from typing import Any
 
 import numpy as np
@@ -102,6 +103,19 @@ def test_disparity_picture_holds_the_map_at_its_own_size() -> None:
     drawn = disparity_picture(disparity, title="A title", low=0, high=60)
     assert contains(drawn, colorize(disparity, low=0, high=60))
     assert not np.array_equal(drawn, disparity_picture(disparity, low=0, high=60))
+
+
+def test_a_picture_takes_little_more_than_its_pixels() -> None:
+    disparity = np.random.default_rng(0).uniform(0, 60, (1024, 1500)).astype(np.float32)
+    disparity_picture(disparity)  # imports matplotlib
+    tracemalloc.start()
+    try:
+        drawn = disparity_picture(disparity, trusted=disparity > 5)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    # The estimates once more, to find the ends of the colors, or the picture and its strips.
+    assert peak < 3 * drawn.nbytes
 
 
 def test_pyplot_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -57,6 +57,7 @@ GOOD = 1.0
 
 _ROBUST = (1.0, 99.0)  # percentiles: a few outliers must not take the colors from the rest
 _BINS = 96
+_BAND = 64  # rows that are colored at a time
 _HATCHING = 6  # columns from a line of hatched pixels to the next one
 _PAPER = "#f4f4f4"  # not white, from which a picture of no errors would not stand out
 _DPI = 100
@@ -96,16 +97,38 @@ def colorize(
     ImportError
         If matplotlib is not installed.
     """
-    values = as_map("disparity", disparity)
-    known = np.isfinite(values)
-    ends = limits(values[known], low, high)
-    picture = _colored(values, known, ends, DISPARITY_COLORS, NEUTRAL)
-
-    sure = as_mask(trusted, values.shape, "trusted")
-    return picture if sure is None else hatched(picture, known & ~sure)
+    values = _as_floats("disparity", disparity)
+    ends = limits(values[np.isfinite(values)], low, high)
+    picture = np.empty((*values.shape, 3), np.uint8)
+    _paint(picture, values, as_mask(trusted, values.shape, "trusted"), ends)
+    return picture
 
 
-def hatched(picture: Picture, pixels: Mask) -> Picture:
+def _paint(picture: Picture, values: NDArray[Any], sure: Mask | None, ends: Ends) -> None:
+    """Color disparities into a picture of their size, by bands of rows: copies of a map are large.
+
+    Parameters
+    ----------
+    picture
+        uint8 (H, W, 3), which is written to.
+    values
+        Floats (H, W), pixels.
+    sure
+        bool (H, W); what is not is hatched. None: all are.
+    ends
+        Disparities at the ends of the colors.
+    """
+    for top in range(0, len(values), _BAND):
+        rows = slice(top, top + _BAND)
+        band = values[rows].astype(np.float64)
+        known = np.isfinite(band)
+        colored = _colored(band, known, ends, DISPARITY_COLORS, NEUTRAL)
+        if sure is not None:
+            colored = hatched(colored, known & ~sure[rows], top=top)
+        picture[rows] = colored
+
+
+def hatched(picture: Picture, pixels: Mask, *, top: int = 0) -> Picture:
     """Return a picture whose color is half gray at some pixels, and all gray on lines of them.
 
     Parameters
@@ -114,8 +137,10 @@ def hatched(picture: Picture, pixels: Mask) -> Picture:
         uint8 (H, W, 3), RGB.
     pixels
         Which, bool (H, W); the others stay as they are.
+    top
+        The row of the whole picture that is the first one of this.
     """
-    y, x = np.ogrid[: pixels.shape[0], : pixels.shape[1]]
+    y, x = np.ogrid[top : top + pixels.shape[0], : pixels.shape[1]]
     lines = (x + y) % _HATCHING < _HATCHING // 2
     pale = (picture // 2 + np.array(NEUTRAL) // 2).astype(np.uint8)
 
@@ -151,22 +176,36 @@ def disparity_picture(
     TypeError, ValueError, ImportError
         As `colorize`.
     """
-    values = as_map("disparity", disparity)
+    values = _as_floats("disparity", disparity)
+    sure = as_mask(trusted, values.shape, "trusted")
     low, high = limits(values[np.isfinite(values)], low, high)
 
-    # Sizes in pixels; matplotlib places things by shares of the figure, from the bottom left.
+    # Sizes in pixels; matplotlib places things by shares of a figure, from the bottom left.
     rows, cols = values.shape
     text = _text_size(cols)
     margin, beside = 2 * text, 7 * text
-    width, height = margin + cols + beside, rows + 2 * margin
+    width, height = margin + cols, rows + 2 * margin
 
+    heading = _figure(width, margin)
+    heading.text(margin / width, 0.5, title, va="center", size=_points(text))
+    top = _drawn(heading)
+    scale = _scale(beside, height, text, (low, high))
+
+    # The figures are strips: one of the whole picture would take 4 bytes a pixel more than once.
+    picture = np.empty((height, width + beside, 3), np.uint8)
+    picture[:, :width] = top[0, 0]
+    picture[:margin, :width] = top
+    picture[:, width:] = scale
+    _paint(picture[margin : margin + rows, margin:width], values, sure, (low, high))
+    return picture
+
+
+def _scale(width: int, height: int, text: int, ends: Ends) -> Picture:
+    """Draw the bar of the colors, with a margin of two lines above and below it."""
     figure = _figure(width, height)
-    shown = colorize(values, low=low, high=high, trusted=trusted)
-    figure.figimage(shown, margin, margin, origin="upper")
-    figure.text(margin / width, 1 - 0.5 * margin / height, title, va="center", size=_points(text))
-
-    box = (margin + cols + text) / width, margin / height, text / width, rows / height
-    normalize = require("matplotlib.colors", extra="plot").Normalize(low, high)
+    margin = 2 * text
+    box = text / width, margin / height, text / width, 1 - 2 * margin / height
+    normalize = require("matplotlib.colors", extra="plot").Normalize(*ends)
     mappable = require("matplotlib.cm", extra="plot").ScalarMappable(normalize, DISPARITY_COLORS)
     bar = figure.colorbar(mappable, cax=figure.add_axes(box))
     bar.set_label("disparity, pixels", size=_points(text))
@@ -359,6 +398,13 @@ def _points(pixels: int) -> float:
 
 def as_map(name: str, values: ArrayLike, *, like: tuple[int, ...] | None = None) -> Map:
     """Return floats (H, W) of any precision as float64; else the error names the argument."""
+    return _as_floats(name, values, like=like).astype(np.float64)
+
+
+def _as_floats(
+    name: str, values: ArrayLike, *, like: tuple[int, ...] | None = None
+) -> NDArray[np.floating[Any]]:
+    """Return floats (H, W) as they are, without a copy; else the error names the argument."""
     array = np.asarray(values)
     if not np.issubdtype(array.dtype, np.floating):
         raise TypeError(f"{name}: got {array.dtype}; accepts floats (pixels, NaN = none)")
@@ -368,4 +414,4 @@ def as_map(name: str, values: ArrayLike, *, like: tuple[int, ...] | None = None)
     if like is not None and array.shape != like:
         raise ValueError(f"{name}: got shape {array.shape}; accepts that of the estimate, {like}")
 
-    return array.astype(np.float64)
+    return array
