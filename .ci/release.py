@@ -46,7 +46,10 @@ Issues = "{url}/issues"
 
     for path, section, line in [
         (root / "Cargo.toml", "[workspace.package]\n", f'repository = "{url}"\n'),
-        (root / "rust/core/Cargo.toml", "[package]\n", "repository.workspace = true\n"),
+        *(
+            (path, "[package]\n", "repository.workspace = true\n")
+            for path in sorted(root.glob("rust/*/Cargo.toml"))
+        ),
     ]:
         text = path.read_text("utf-8")
         path.write_text(text.replace(section, section + line), "utf-8")

@@ -1,23 +1,23 @@
 //! Time of each stage alone, on one thread, in (pixel x candidate) or pixels a second.
 //!
-//! One group per stage, named as the files of `rust/core/src`; `cargo bench -- optimization` runs one of them. The times of the
+//! One group per stage, named as the files of `rust/match/src`; `cargo bench -- optimization` runs one of them. The times of the
 //! stages compare to the limits of the machine: `cargo bench -- machine`.
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
 use ndarray::Array3;
-use phasestereo::internals::cost::Costs;
-use phasestereo::internals::cost::aggregation::Window;
-use phasestereo::internals::cost::candidates::Candidates;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::image::texture::Texture;
-use phasestereo::internals::image::view::{Image, View};
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::matcher::{Matcher, on_threads};
-use phasestereo::internals::refinement::flag;
-use phasestereo::internals::settings::presets::Preset;
-use phasestereo::internals::settings::{CostKind, Optimizer, Settings};
-use phasestereo::internals::simd::Level;
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::simd::Level;
+use phasestereo_match::cost::Costs;
+use phasestereo_match::cost::aggregation::Window;
+use phasestereo_match::image::texture::Texture;
+use phasestereo_match::image::view::{Image, View};
+use phasestereo_match::matcher::{Matcher, on_threads};
+use phasestereo_match::pair::candidates::Candidates;
+use phasestereo_match::refinement::flag;
+use phasestereo_match::settings::presets::Preset;
+use phasestereo_match::settings::{CostKind, Optimizer, Settings};
 
 /// Rows of the images, as many as of a band.
 const ROWS: usize = 64;
@@ -176,9 +176,9 @@ mod descriptor {
         Bencher, COLS, Control, Image, ItemsCount, Preset, ROWS, Settings, View, noise, on_threads,
     };
     use ndarray::Array3;
-    use phasestereo::internals::descriptor::describe as describe_gray;
-    use phasestereo::internals::image::intensity::Gray;
-    use phasestereo::internals::simd::Level;
+    use phasestereo_match::base::simd::Level;
+    use phasestereo_match::descriptor::describe as describe_gray;
+    use phasestereo_match::image::intensity::Gray;
 
     /// The image and the settings of one bench, by name.
     type Case = (&'static str, fn() -> Image, Settings);
@@ -250,11 +250,11 @@ mod descriptor {
 mod convolution {
     use super::{Bencher, Control, Image, ItemsCount, View, noise, on_threads};
     use ndarray::Array3;
-    use phasestereo::internals::image::convolution::{Kernel, convolve as convolve_gray};
-    use phasestereo::internals::image::intensity::Gray;
-    use phasestereo::internals::image::plane::Plane;
-    use phasestereo::internals::math;
-    use phasestereo::internals::simd::Level;
+    use phasestereo_match::base::math;
+    use phasestereo_match::base::plane::Plane;
+    use phasestereo_match::base::simd::Level;
+    use phasestereo_match::image::convolution::{Kernel, convolve as convolve_gray};
+    use phasestereo_match::image::intensity::Gray;
 
     const ROWS: usize = 497;
     const COLS: usize = 741;
@@ -348,9 +348,9 @@ mod convolution {
 /// Codes or gray values -> costs of all candidates, panel after panel into the same few kilobytes.
 mod cost {
     use super::{Bencher, COLS, Case, CostKind, Costs, Preset, ROWS, Settings, cases, with_costs};
-    use phasestereo::internals::optimization::PANEL;
-    use phasestereo::internals::simd::Loop;
-    use phasestereo::internals::value::{LANES, Lanes, Value};
+    use phasestereo_match::base::simd::Loop;
+    use phasestereo_match::base::value::{LANES, Lanes, Value};
+    use phasestereo_match::optimization::PANEL;
 
     /// Writes the costs of all panels of the image.
     struct WriteCosts<'a, V> {
@@ -412,9 +412,9 @@ mod cost {
 /// Sums over windows and the aggregated costs, panel by panel: of the codes of `fast`, `robust` and `paper`.
 mod aggregation {
     use super::{Bencher, COLS, Case, Preset, ROWS, Settings, cases, fast, robust, with_costs};
-    use phasestereo::internals::cost::aggregation::{Aggregator, PixelBlock};
-    use phasestereo::internals::optimization::{PANEL, STRIP};
-    use phasestereo::internals::value::{LANES, Value};
+    use phasestereo_match::base::value::{LANES, Value};
+    use phasestereo_match::cost::aggregation::{Aggregator, PixelBlock};
+    use phasestereo_match::optimization::{PANEL, STRIP};
 
     fn aggregate<V: Value>(bencher: Bencher, case: Case, settings: &Settings) {
         with_costs(case, settings, |costs, window| {
@@ -455,15 +455,15 @@ mod aggregation {
 /// The search of a band, from aggregated costs to chosen candidates. All panels have the same costs.
 mod optimization {
     use super::{Bencher, COLS, Case, Control, Optimizer, Texture, cases, noise};
-    use phasestereo::internals::cost::aggregation::{Aggregator, PixelBlock};
-    use phasestereo::internals::cost::candidates::Searched;
-    use phasestereo::internals::error::Result;
-    use phasestereo::internals::optimization::edges::Edges;
-    use phasestereo::internals::optimization::{
+    use phasestereo_match::base::error::Result;
+    use phasestereo_match::base::value::{LANES, Lanes, Value};
+    use phasestereo_match::cost::aggregation::{Aggregator, PixelBlock};
+    use phasestereo_match::optimization::edges::Edges;
+    use phasestereo_match::optimization::{
         BAND, CandidateSearch, CostSource, LOOKAHEAD_COLUMNS, LOOKAHEAD_ROWS, PANEL, Penalties,
         STRIP, Weighing, Workspace,
     };
-    use phasestereo::internals::value::{LANES, Lanes, Value};
+    use phasestereo_match::pair::candidates::Searched;
 
     /// Rows that the paths of a band see.
     const ROWS: usize = BAND + 2 * LOOKAHEAD_ROWS;
@@ -558,8 +558,8 @@ mod optimization {
 
 mod consistency {
     use super::{Bencher, COLS, ROWS, SampleMap};
-    use phasestereo::internals::cost::candidates::Candidates;
-    use phasestereo::internals::refinement::left_right_check::{Checker, Choices};
+    use phasestereo_match::pair::candidates::Candidates;
+    use phasestereo_match::refinement::left_right_check::{Checker, Choices};
 
     #[divan::bench]
     fn check(bencher: Bencher) {
@@ -583,7 +583,7 @@ mod consistency {
 
 mod speckles {
     use super::{At, Bencher, Control, SampleMap, every};
-    use phasestereo::internals::refinement::speckles::flag_speckles;
+    use phasestereo_match::refinement::speckles::flag_speckles;
 
     #[divan::bench(args = every())]
     fn flag(bencher: Bencher, At(level): &At) {
@@ -599,7 +599,7 @@ mod filling {
     #[divan::bench(args = every())]
     fn fill(bencher: Bencher, At(level): &At) {
         SampleMap::bench(bencher, |SampleMap { disparity, flags, .. }, _| {
-            phasestereo::internals::refinement::filling::fill(
+            phasestereo_match::refinement::filling::fill(
                 disparity,
                 flags,
                 *level,
@@ -611,7 +611,7 @@ mod filling {
 
 mod outlines {
     use super::{At, Bencher, Control, SampleMap, every};
-    use phasestereo::internals::refinement::outlines::Outlines;
+    use phasestereo_match::refinement::outlines::Outlines;
 
     fn draw(bencher: Bencher, At(level): &At, outlines: Outlines) {
         SampleMap::bench(bencher, |SampleMap { disparity, texture, .. }, out| {
@@ -635,9 +635,9 @@ mod synthesis {
         At, Bencher, COLS, Control, ItemsCount, Matcher, Plane, Preset, ROWS, Settings, every,
         noise, views,
     };
-    use phasestereo::internals::image::convolution::Kernel;
-    use phasestereo::internals::refinement::synthesis::BlurredPair;
-    use phasestereo::internals::rig::blur_compensation::BlurCompensation;
+    use phasestereo_match::image::convolution::Kernel;
+    use phasestereo_match::pair::blur_compensation::BlurCompensation;
+    use phasestereo_match::refinement::synthesis::BlurredPair;
 
     /// Synthesizes the soft image (0: left, 1: right) of a map of patches.
     fn redraw(bencher: Bencher, At(level): &At, side: usize) {
@@ -695,7 +695,7 @@ mod median {
     #[divan::bench(args = every())]
     fn smooth(bencher: Bencher, At(level): &At) {
         SampleMap::bench(bencher, |SampleMap { disparity, .. }, out| {
-            phasestereo::internals::refinement::median::smooth(
+            phasestereo_match::refinement::median::smooth(
                 disparity,
                 out,
                 *level,
@@ -711,7 +711,7 @@ mod subpixel {
     #[divan::bench(args = every())]
     fn smooth(bencher: Bencher, At(level): &At) {
         SampleMap::bench(bencher, |SampleMap { disparity, .. }, out| {
-            phasestereo::internals::refinement::subpixel::smooth(
+            phasestereo_match::refinement::subpixel::smooth(
                 disparity,
                 out,
                 *level,
@@ -723,7 +723,7 @@ mod subpixel {
 
 mod confidence {
     use super::{At, Bencher, Control, SampleMap, every};
-    use phasestereo::internals::refinement::confidence::VotedMap;
+    use phasestereo_match::refinement::confidence::VotedMap;
 
     #[divan::bench(args = every())]
     fn confidences(bencher: Bencher, At(level): &At) {
@@ -738,10 +738,10 @@ mod matcher {
     use super::{
         Bencher, Case, Control, Matcher, Plane, Preset, Settings, cases, fast, noise, robust, views,
     };
-    use phasestereo::internals::image::convolution::Kernel;
-    use phasestereo::internals::pipeline::matcher::Execution;
-    use phasestereo::internals::pipeline::pair::Pair;
-    use phasestereo::internals::rig::blur_compensation::BlurCompensation;
+    use phasestereo_match::image::convolution::Kernel;
+    use phasestereo_match::matcher::Execution;
+    use phasestereo_match::pair::Pair;
+    use phasestereo_match::pair::blur_compensation::BlurCompensation;
 
     fn weak() -> Settings {
         Settings { noise_threshold: 1.0, p1: 6.0, p2: 32.0, ..fast() }
@@ -811,9 +811,9 @@ mod temporal {
     use super::{
         At, Bencher, COLS, Control, ItemsCount, Matcher, Plane, ROWS, every, fast, noise, views,
     };
-    use phasestereo::internals::pipeline::matcher::{Disparity, Timings};
-    use phasestereo::internals::pipeline::pair::Pair;
-    use phasestereo::internals::pipeline::temporal::TemporalFilter;
+    use phasestereo::internals::video::temporal::TemporalFilter;
+    use phasestereo_match::matcher::{Disparity, Timings};
+    use phasestereo_match::pair::Pair;
 
     /// A frame that is as the one before, so that all of its disparities become means.
     #[divan::bench(args = every())]
@@ -842,8 +842,8 @@ mod temporal {
 mod machine {
     use super::{At, Bencher, every, noise};
     use divan::counter::{BytesCount, ItemsCount};
-    use phasestereo::internals::image::plane::Plane;
-    use phasestereo::internals::simd::Loop;
+    use phasestereo_match::base::plane::Plane;
+    use phasestereo_match::base::simd::Loop;
 
     /// Bytes of one operand: three of them fit into any first-level cache.
     const FEW: usize = 8 << 10;

@@ -217,7 +217,7 @@ class Settings:
     """
 
     # These fields, and the parameters above, are written from the table in Rust
-    # (rust/core/src/settings/table.rs) by ``make settings``.
+    # (rust/match/src/settings/table.rs) by ``make settings``.
     cost: Literal["phase", "sad", "nsad"] = "phase"
     neighborhood: int = 3
     taper: Literal["uniform", "gaussian", "hann"] = "uniform"

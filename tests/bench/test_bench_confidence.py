@@ -25,7 +25,7 @@ from phasestereo_bench.confidence.observation import (
 from phasestereo_bench.confidence.verdict import judged
 from phasestereo_bench.rendering import render_pair
 
-WEIGHTS = Path(__file__).parents[2] / "rust/core/src/refinement/calibration" / "weights.rs"
+WEIGHTS = Path(__file__).parents[2] / "rust/match/src/refinement/calibration" / "weights.rs"
 
 
 def made_up(seed: int) -> dict[str, object]:

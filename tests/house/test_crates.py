@@ -1,29 +1,111 @@
-"""The crates: the core stands alone, its interface is small, and the C interface is made of it."""
+"""The crates: what each may import, its floors, and the size of the interface."""
 
 import re
 import tomllib
+from collections.abc import Iterator
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import pytest
 
 from conftest import ROOT
 
 RUST = ROOT / "rust"
 MOST_PUBLIC = 25  # types, traits and aliases at the root of the core
+BELOW = {
+    "match": {"libm", "ndarray", "rayon", "thiserror"},
+    "core": {"libm", "ndarray", "rayon", "thiserror", "phasestereo-match"},
+}
+FLOORS = {
+    "match": "base settings image pair descriptor cost optimization refinement matcher",
+    "core": "findings estimation rectification scales match_pair verification video interface",
+}
+"""Folders of each crate, from the ground up. What is not among them, as ``lib``, may import all."""
+
+# What is still above its floor: each line is to be deleted.
+UPWARD = {
+    ("match", "optimization", "refinement"),
+    ("core", "findings", "estimation"),
+    ("core", "findings", "rectification"),
+}
+CIRCLES = {
+    ("optimization::evidence", "optimization::selection"),
+    ("settings::presets", "settings::table"),
+    ("estimation::blur::spectrum", "estimation::blur::fit"),
+}
 
 
-def _uses(crate: str) -> dict[str, set[str]]:
-    """Return the paths into the core's hidden module that each file of a crate names."""
-    files = (RUST / crate / "src").glob("*.rs")
-    path = re.compile(r"phasestereo::internals::(\w+(?:::\w+)*)")
-    return {file.name: set(path.findall(file.read_text("utf-8"))) for file in files}
+def code(file: Path) -> str:
+    """Return the code of a file without comments and unit tests."""
+    text = file.read_text("utf-8").split("#[cfg(test)]\nmod tests")[0]
+    return re.sub(r"//.*", "", text)
 
 
-def test_the_core_knows_neither_python_nor_c() -> None:
-    core = tomllib.loads((RUST / "core" / "Cargo.toml").read_text("utf-8"))
+def files(crate: str) -> dict[str, Path]:
+    """Return the files of a crate by their module paths."""
+    source = RUST / crate / "src"
+    found = sorted(source.rglob("*.rs"))
+    return {"::".join(f.relative_to(source).with_suffix("").parts): f for f in found}
 
-    assert set(core["dependencies"]) == {"libm", "ndarray", "rayon", "thiserror"}
-    assert "features" not in core
 
-    sources = [file.read_text("utf-8") for file in (RUST / "core" / "src").rglob("*.rs")]
-    assert len(sources) > 80
+def uses(crate: str) -> dict[str, set[str]]:
+    """Return, for each module, the modules of its crate that its code names."""
+    there = files(crate)
+    return {name: {*named(name, code(file), {*there})} - {name} for name, file in there.items()}
+
+
+def named(module: str, text: str, there: set[str]) -> Iterator[str]:
+    for path in re.findall(r"\b(?:crate|self|super)(?:::\w+)+(?:::\{[^;]*\})?", text):
+        for start, *steps in (one.split("::") for one in leaves(re.sub(r"\s+", "", path))):
+            above = {"crate": [], "self": module.split("::"), "super": module.split("::")[:-1]}
+            parts = [*above[start], *steps]
+            names = ("::".join(parts[:count]) for count in range(len(parts), 0, -1))
+            yield from [name for name in names if name in there][:1]
+
+
+def leaves(tree: str) -> list[str]:
+    """Return the paths of a tree such as ``a::{b,c::{d,e}}``."""
+    while found := re.search(r"([\w:]*)\{([^{}]*)\}", tree):
+        inner = ",".join(found[1] + one for one in found[2].split(",") if one)
+        tree = tree[: found.start()] + inner + tree[found.end() :]
+    return tree.split(",")
+
+
+@pytest.mark.parametrize("crate", FLOORS)
+def test_folders_import_of_lower_floors(crate: str) -> None:
+    floor = {name: number for number, name in enumerate(FLOORS[crate].split())}
+    rooms = (
+        (module.split("::")[0], other.split("::")[0])
+        for module, others in uses(crate).items()
+        for other in others
+    )
+    upward = {(crate, a, b) for a, b in rooms if a in floor and floor[a] < floor.get(b, -1)}
+    assert upward == {arrow for arrow in UPWARD if arrow[0] == crate}
+
+
+@pytest.mark.parametrize("crate", BELOW)
+def test_no_files_import_each_other(crate: str) -> None:
+    """But for a module and its submodules, which are one."""
+    graph = {
+        module: {
+            o
+            for o in others
+            if not (f"{o}::".startswith(f"{module}::") or module.startswith(f"{o}::"))
+        }
+        for module, others in uses(crate).items()
+    }
+    for one, other in CIRCLES:
+        graph.get(one, set()).discard(other)
+    TopologicalSorter(graph).prepare()  # raises CycleError
+
+
+@pytest.mark.parametrize("crate", BELOW)
+def test_a_crate_knows_those_below_it_alone(crate: str) -> None:
+    manifest = tomllib.loads((RUST / crate / "Cargo.toml").read_text("utf-8"))
+    assert set(manifest["dependencies"]) == BELOW[crate]
+
+    sources = [file.read_text("utf-8") for file in files(crate).values()]
+    assert len(sources) > 50
     assert not [text for text in sources if re.search(r"dead_code|extern \"C\"|pyo3", text)]
 
 
@@ -37,9 +119,11 @@ def test_the_interface_of_the_core_is_small() -> None:
 
 
 def test_the_c_interface_is_made_of_the_interface_of_the_core() -> None:
-    hidden = {file: used for file, used in _uses("c").items() if used}
+    path = re.compile(r"phasestereo::internals::(\w+(?:::\w+)*)")
+    hidden = {
+        f.name: set(path.findall(f.read_text("utf-8"))) for f in (RUST / "c/src").glob("*.rs")
+    }
 
-    # Estimates have more details than the interface tells.
-    assert hidden.keys() <= {"found.rs", "images.rs"}
-    assert hidden["images.rs"] == {"image::plane::zeroed"}
-    assert all(used.startswith("rig::") for used in hidden["found.rs"])
+    # Estimates have more details than the interface reports.
+    assert {file for file, used in hidden.items() if used} <= {"found.rs"}
+    assert all(used.startswith("estimation::") for used in hidden["found.rs"])

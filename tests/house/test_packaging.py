@@ -630,7 +630,7 @@ URL = "https://example.org/somebody/phasestereo"
 def released(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a copy of what a release changes, changed by it."""
     folder = tmp_path_factory.mktemp("released")
-    kept = [ROOT / "Cargo.toml", *ROOT.glob("rust/*/Cargo.toml"), ROOT / "rust/core/README.md"]
+    kept = [ROOT / "Cargo.toml", *ROOT.glob("rust/*/Cargo.toml"), *ROOT.glob("rust/*/README.md")]
     for path in kept + [place / name for place in FOLDERS.values() for name in PAGE]:
         copy = folder / path.relative_to(ROOT)
         copy.parent.mkdir(parents=True, exist_ok=True)

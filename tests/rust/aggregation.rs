@@ -5,19 +5,19 @@ use crate::common::{
     view, volumes, widths,
 };
 use crate::reference;
-use phasestereo::internals::cost::Costs;
-use phasestereo::internals::cost::aggregation::{Aggregator, PixelBlock, Window, aggregate};
-use phasestereo::internals::cost::candidates::{Candidates, Searched};
-use phasestereo::internals::error::Error;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::image::view::View;
-use phasestereo::internals::optimization::PANEL;
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::rig::blur_compensation::BlurCompensation;
-use phasestereo::internals::settings::presets::Preset;
-use phasestereo::internals::settings::{CostKind, LARGEST_WINDOW, Precision, Settings};
-use phasestereo::internals::simd::Level;
-use phasestereo::internals::value::{LANES, Value};
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::error::Error;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::simd::Level;
+use phasestereo_match::base::value::{LANES, Value};
+use phasestereo_match::cost::Costs;
+use phasestereo_match::cost::aggregation::{Aggregator, PixelBlock, Window, aggregate};
+use phasestereo_match::image::view::View;
+use phasestereo_match::optimization::PANEL;
+use phasestereo_match::pair::blur_compensation::BlurCompensation;
+use phasestereo_match::pair::candidates::{Candidates, Searched};
+use phasestereo_match::settings::presets::Preset;
+use phasestereo_match::settings::{CostKind, LARGEST_WINDOW, Precision, Settings};
 use proptest::prelude::*;
 
 /// Limit on the work of naive windows: pixels x candidates x places.

@@ -2,19 +2,19 @@
 
 use crate::common::{hash, levels};
 use ndarray::Array3;
-use phasestereo::internals::cost::Costs;
-use phasestereo::internals::cost::candidates::Candidates;
-use phasestereo::internals::image::intensity_range::IntensityRange;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::image::view::{Image, View};
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::matcher::{Execution, Matcher};
-use phasestereo::internals::pipeline::runtime::Runtime;
-use phasestereo::internals::rig::estimation::areas::{Area, areas};
-use phasestereo::internals::rig::estimation::overview::{Guess, Overview};
-use phasestereo::internals::settings::Settings;
-use phasestereo::internals::settings::presets::Preset;
-use phasestereo::internals::simd::Level;
+use phasestereo::internals::estimation::areas::{Area, areas};
+use phasestereo::internals::estimation::overview::{Guess, Overview};
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::simd::Level;
+use phasestereo_match::cost::Costs;
+use phasestereo_match::image::intensity_range::IntensityRange;
+use phasestereo_match::image::view::{Image, View};
+use phasestereo_match::matcher::runtime::Runtime;
+use phasestereo_match::matcher::{Execution, Matcher};
+use phasestereo_match::pair::candidates::Candidates;
+use phasestereo_match::settings::Settings;
+use phasestereo_match::settings::presets::Preset;
 
 /// Rows and columns of the copies.
 const SIZE: (usize, usize) = (61, 117);

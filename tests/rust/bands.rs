@@ -9,25 +9,25 @@ use crate::common::{
     LARGEST_PENALTY, OPTIMIZERS, affordable, blur_compensation, hash, levels, mask, noises, random,
     robust, settings, view, views,
 };
-use phasestereo::internals::error::Error;
-use phasestereo::internals::image::convolution::Kernel;
-use phasestereo::internals::image::intensity_range::IntensityRange;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::image::texture::{Roughness, Texture};
-use phasestereo::internals::image::view::{Mask, View};
-use phasestereo::internals::optimization::BAND;
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::halo::Halo;
-use phasestereo::internals::pipeline::matcher::{Disparity, Execution, Matcher, Timings};
-use phasestereo::internals::pipeline::pair::Pair;
-use phasestereo::internals::pipeline::section::Section;
-use phasestereo::internals::pipeline::source::{ranges, roughness, widened};
-use phasestereo::internals::refinement::calibration::{Tally, sampled};
-use phasestereo::internals::refinement::{Draft, flag};
-use phasestereo::internals::rig::blur_compensation::BlurCompensation;
-use phasestereo::internals::settings::presets::Preset;
-use phasestereo::internals::settings::{CostKind, Optimizer, Precision, Settings};
-use phasestereo::internals::simd::Level;
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::error::Error;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::simd::Level;
+use phasestereo_match::image::convolution::Kernel;
+use phasestereo_match::image::intensity_range::IntensityRange;
+use phasestereo_match::image::texture::{Roughness, Texture};
+use phasestereo_match::image::view::{Mask, View};
+use phasestereo_match::matcher::halo::Halo;
+use phasestereo_match::matcher::section::Section;
+use phasestereo_match::matcher::{Disparity, Execution, Matcher, Timings};
+use phasestereo_match::optimization::BAND;
+use phasestereo_match::pair::Pair;
+use phasestereo_match::pair::blur_compensation::BlurCompensation;
+use phasestereo_match::pair::source::{ranges, roughness, widened};
+use phasestereo_match::refinement::calibration::{Tally, sampled};
+use phasestereo_match::refinement::{Draft, flag};
+use phasestereo_match::settings::presets::Preset;
+use phasestereo_match::settings::{CostKind, Optimizer, Precision, Settings};
 use proptest::prelude::*;
 use proptest::sample::{Index, select};
 

@@ -2,9 +2,9 @@
 
 use crate::common::{at_every_level, hash, random};
 use crate::reference;
-use phasestereo::internals::image::blocking::Extra;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::simd::Level;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::simd::Level;
+use phasestereo_match::image::blocking::Extra;
 use proptest::prelude::*;
 use proptest::sample::select;
 

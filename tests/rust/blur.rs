@@ -4,17 +4,17 @@
 use crate::common::estimates::estimate;
 use crate::common::{hash, levels};
 use ndarray::Array3;
-use phasestereo::internals::error::Error;
-use phasestereo::internals::image::plane::{Plane, reflect};
-use phasestereo::internals::image::view::{Image, Mask, View};
-use phasestereo::internals::math;
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::matcher::{Execution, Matcher};
-use phasestereo::internals::pipeline::pair::Pair;
-use phasestereo::internals::pipeline::runtime::Runtime;
-use phasestereo::internals::rig::blur::{BlurSignature, Estimate, Side, is_as_before};
-use phasestereo::internals::rig::psf::{Family, Psf, Taps, path};
-use phasestereo::internals::simd::Level;
+use phasestereo::internals::estimation::blur::psf::{Family, Psf, Taps, path};
+use phasestereo::internals::estimation::blur::{BlurSignature, Estimate, Side, is_as_before};
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::error::Error;
+use phasestereo_match::base::math;
+use phasestereo_match::base::plane::{Plane, reflect};
+use phasestereo_match::base::simd::Level;
+use phasestereo_match::image::view::{Image, Mask, View};
+use phasestereo_match::matcher::runtime::Runtime;
+use phasestereo_match::matcher::{Execution, Matcher};
+use phasestereo_match::pair::Pair;
 
 const SIZE: (usize, usize) = (160, 224);
 /// Disparity of every pixel of the scene.

@@ -1,10 +1,10 @@
 //! Calibrated cameras are rectified as by OpenCV 5.0: `stereoRectify` and `initUndistortRectifyMap` gave these numbers.
 
-use phasestereo::internals::math;
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::rig::rectification::calibration::Calibration;
-use phasestereo::internals::rig::rectification::cameras::{Cameras, NUMBERS};
-use phasestereo::internals::rig::rectification::warp;
+use phasestereo::internals::rectification::calibration::Calibration;
+use phasestereo::internals::rectification::cameras::{Cameras, NUMBERS};
+use phasestereo::internals::rectification::warp;
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::math;
 
 const SIZE: (usize, usize) = (480, 640);
 const CAMERA: [[[f64; 3]; 3]; 2] = [

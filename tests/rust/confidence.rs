@@ -5,20 +5,18 @@
 use crate::common::maps::drawn;
 use crate::common::{hash, levels, random};
 use crate::reference::{self, RawMap};
-use phasestereo::internals::cost::candidates::Candidates;
-use phasestereo::internals::error::Error;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::image::texture::{Roughness, Texture};
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::refinement::calibration::{
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::error::Error;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::image::texture::{Roughness, Texture};
+use phasestereo_match::pair::blur_compensation::BlurCompensation;
+use phasestereo_match::pair::candidates::Candidates;
+use phasestereo_match::refinement::calibration::{
     Calibration, Faults, Tally, Weights, sampled, traits,
 };
-use phasestereo::internals::refinement::confidence::{
-    CostMargin, VotedMap, confidence, similar, vote,
-};
-use phasestereo::internals::refinement::flag;
-use phasestereo::internals::rig::blur_compensation::BlurCompensation;
-use phasestereo::internals::settings::Optimizer;
+use phasestereo_match::refinement::confidence::{CostMargin, VotedMap, confidence, similar, vote};
+use phasestereo_match::refinement::flag;
+use phasestereo_match::settings::Optimizer;
 use proptest::prelude::*;
 
 /// The planes of a map with votes.

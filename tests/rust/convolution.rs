@@ -2,17 +2,17 @@
 
 use crate::common::{hash, levels, noise, random, view};
 use crate::reference;
-use phasestereo::internals::error::{Error, Result};
-use phasestereo::internals::image::LARGEST_KERNEL;
-use phasestereo::internals::image::convolution::{
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::error::{Error, Result};
+use phasestereo_match::base::math;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::simd::Level;
+use phasestereo_match::image::LARGEST_KERNEL;
+use phasestereo_match::image::convolution::{
     GUARD, Kernel, MOST_FRACTION, SHIFT, Weights, convolve,
 };
-use phasestereo::internals::image::intensity::Gray;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::math;
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::matcher::on_threads;
-use phasestereo::internals::simd::Level;
+use phasestereo_match::image::intensity::Gray;
+use phasestereo_match::matcher::on_threads;
 use proptest::prelude::*;
 use proptest::sample::select;
 

@@ -2,15 +2,15 @@
 
 use crate::common::{COUNTS, descriptors, grays, hash, levels, mask, naive, random, view, views};
 use crate::reference;
-use phasestereo::internals::cost::Costs;
-use phasestereo::internals::cost::candidates::Candidates;
-use phasestereo::internals::cost::validity::Validity;
-use phasestereo::internals::error::Error;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::image::view::{Image, View};
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::settings::presets::Preset;
-use phasestereo::internals::settings::{CostKind, Settings};
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::error::Error;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::cost::Costs;
+use phasestereo_match::cost::validity::Validity;
+use phasestereo_match::image::view::{Image, View};
+use phasestereo_match::pair::candidates::Candidates;
+use phasestereo_match::settings::presets::Preset;
+use phasestereo_match::settings::{CostKind, Settings};
 use proptest::prelude::*;
 
 /// The costs of a pair, which must be the same at every level.

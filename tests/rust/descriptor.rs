@@ -6,16 +6,16 @@ use crate::common::{
     descriptors, every_descriptor, grays, noise, noises, random, weak_descriptors,
 };
 use crate::reference;
-use phasestereo::internals::descriptor::{Codes, describe};
-use phasestereo::internals::error::Error;
-use phasestereo::internals::image::intensity::Gray;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::math;
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::matcher::on_threads;
-use phasestereo::internals::settings::presets::Preset;
-use phasestereo::internals::settings::{Settings, Taper};
-use phasestereo::internals::simd::Level;
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::error::Error;
+use phasestereo_match::base::math;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::simd::Level;
+use phasestereo_match::descriptor::{Codes, describe};
+use phasestereo_match::image::intensity::Gray;
+use phasestereo_match::matcher::on_threads;
+use phasestereo_match::settings::presets::Preset;
+use phasestereo_match::settings::{Settings, Taper};
 use proptest::prelude::*;
 
 /// The largest magnitude that a plane may announce.

@@ -3,10 +3,10 @@
 use crate::common::maps::{FlaggedMap, bits, maps, row};
 use crate::common::{at_every_level, hash, random};
 use crate::reference;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::refinement::filling::fill;
-use phasestereo::internals::refinement::flag;
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::refinement::filling::fill;
+use phasestereo_match::refinement::flag;
 use proptest::prelude::*;
 
 /// Most rows to one that is copied.

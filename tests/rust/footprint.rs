@@ -8,19 +8,19 @@ use std::process::Command;
 
 use crate::common::{hash, robust};
 use ndarray::Array3;
-use phasestereo::internals::image::convolution::Kernel;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::image::view::{Image, View};
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::footprint::Demand;
-use phasestereo::internals::pipeline::halo::Halo;
-use phasestereo::internals::pipeline::matcher::{Execution, Matcher};
-use phasestereo::internals::pipeline::pair::Pair;
-use phasestereo::internals::pipeline::section::Section;
-use phasestereo::internals::rig::blur_compensation::BlurCompensation;
-use phasestereo::internals::settings::presets::Preset;
-use phasestereo::internals::settings::{CostKind, Optimizer, Settings};
-use phasestereo::internals::simd::Level;
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::simd::Level;
+use phasestereo_match::image::convolution::Kernel;
+use phasestereo_match::image::view::{Image, View};
+use phasestereo_match::matcher::footprint::Demand;
+use phasestereo_match::matcher::halo::Halo;
+use phasestereo_match::matcher::section::Section;
+use phasestereo_match::matcher::{Execution, Matcher};
+use phasestereo_match::pair::Pair;
+use phasestereo_match::pair::blur_compensation::BlurCompensation;
+use phasestereo_match::settings::presets::Preset;
+use phasestereo_match::settings::{CostKind, Optimizer, Settings};
 
 /// Names the case that this process is to measure.
 const CASE: &str = "PHASESTEREO_MEMORY_OF";

@@ -2,12 +2,12 @@
 
 use crate::common::{at_every_level, grays, hash, random};
 use crate::reference;
-use phasestereo::internals::image::impulses::{count_doubtless, has_impulses, repaired};
-use phasestereo::internals::image::intensity::Gray;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::image::view::{Image, View};
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::simd::Level;
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::simd::Level;
+use phasestereo_match::image::impulses::{count_doubtless, has_impulses, repaired};
+use phasestereo_match::image::intensity::Gray;
+use phasestereo_match::image::view::{Image, View};
 use proptest::prelude::*;
 use proptest::sample::select;
 

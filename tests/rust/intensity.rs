@@ -2,12 +2,12 @@
 
 use crate::common::{gray, level_pair, plane, random, views};
 use ndarray::Array3;
-use phasestereo::internals::image::convolution::Kernel;
-use phasestereo::internals::image::intensity::Gray;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::image::view::{Image, Mask, View};
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::simd::Level;
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::simd::Level;
+use phasestereo_match::image::convolution::Kernel;
+use phasestereo_match::image::intensity::Gray;
+use phasestereo_match::image::view::{Image, Mask, View};
 use proptest::prelude::*;
 
 fn view(image: Image) -> View {

@@ -1,14 +1,14 @@
 //! The interface of the crate gives what the stages give, and refuses by name.
 
-use phasestereo::internals::image::view::{self, View};
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::matcher::{self, Execution};
-use phasestereo::internals::pipeline::pair::Pair;
-use phasestereo::internals::pipeline::runtime::Runtime;
-use phasestereo::internals::rig::estimation::Known;
-use phasestereo::internals::simd::Level;
-use phasestereo::internals::whole::prepare_and_match;
+use phasestereo::internals::estimation::Known;
+use phasestereo::internals::match_pair::prepare_and_match;
 use phasestereo::{Error, Image, Matcher, Preset, verdict};
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::simd::Level;
+use phasestereo_match::image::view::{self, View};
+use phasestereo_match::matcher::runtime::Runtime;
+use phasestereo_match::matcher::{self, Execution};
+use phasestereo_match::pair::Pair;
 
 const SIZE: (usize, usize) = (80, 120);
 

@@ -2,9 +2,9 @@
 
 use crate::common::{hash, random};
 use crate::reference;
-use phasestereo::internals::cost::candidates::Candidates;
-use phasestereo::internals::refinement::flag;
-use phasestereo::internals::refinement::left_right_check::{Checker, Choices};
+use phasestereo_match::pair::candidates::Candidates;
+use phasestereo_match::refinement::flag;
+use phasestereo_match::refinement::left_right_check::{Checker, Choices};
 use proptest::prelude::*;
 use proptest::sample::select;
 

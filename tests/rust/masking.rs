@@ -2,10 +2,10 @@
 
 use crate::common::{grays, hash, random};
 use crate::reference;
-use phasestereo::internals::image::masking::fill_masked;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::image::view::Mask;
-use phasestereo::internals::pipeline::control::Control;
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::image::masking::fill_masked;
+use phasestereo_match::image::view::Mask;
 use proptest::prelude::*;
 
 /// Most rows to one that is copied: what the largest kernel and the largest window reach.

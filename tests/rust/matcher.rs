@@ -8,22 +8,22 @@ use crate::common::{
     LARGEST_PENALTY, OPTIMIZERS, affordable, blur_compensation, eight_valid_pairs, hash, levels,
     mask, noises, random, refinements, robust, settings, view, views,
 };
-use phasestereo::internals::cost::validity::Validity;
-use phasestereo::internals::error::Error;
-use phasestereo::internals::image::convolution::Kernel;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::image::view::{Image, View};
-use phasestereo::internals::math;
-use phasestereo::internals::optimization::PANEL;
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::matcher::{Execution, Matcher, on_threads};
-use phasestereo::internals::pipeline::pair::Pair;
-use phasestereo::internals::refinement::flag;
-use phasestereo::internals::rig::blur_compensation::BlurCompensation;
-use phasestereo::internals::settings::presets::Preset;
-use phasestereo::internals::settings::{CostKind, Optimizer, Precision, Settings};
-use phasestereo::internals::simd::Level;
-use phasestereo::internals::value::Value;
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::error::Error;
+use phasestereo_match::base::math;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::simd::Level;
+use phasestereo_match::base::value::Value;
+use phasestereo_match::cost::validity::Validity;
+use phasestereo_match::image::convolution::Kernel;
+use phasestereo_match::image::view::{Image, View};
+use phasestereo_match::matcher::{Execution, Matcher, on_threads};
+use phasestereo_match::optimization::PANEL;
+use phasestereo_match::pair::Pair;
+use phasestereo_match::pair::blur_compensation::BlurCompensation;
+use phasestereo_match::refinement::flag;
+use phasestereo_match::settings::presets::Preset;
+use phasestereo_match::settings::{CostKind, Optimizer, Precision, Settings};
 use proptest::prelude::*;
 use proptest::sample::select;
 

@@ -3,10 +3,10 @@
 use crate::common::maps::{bits, drawn, maps, row};
 use crate::common::{levels, random};
 use crate::reference;
-use phasestereo::internals::error::Error;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::refinement::median::{NONE, disparity, key, median9, smooth};
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::error::Error;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::refinement::median::{NONE, disparity, key, median9, smooth};
 use proptest::prelude::*;
 
 fn smoothed(disparity: &Plane<f32>) -> Plane<f32> {

@@ -2,9 +2,9 @@
 
 use crate::common::{noise, random, volumes};
 use crate::reference;
-use phasestereo::internals::image::normalization::normalize;
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::simd::Level;
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::simd::Level;
+use phasestereo_match::image::normalization::normalize;
 use proptest::prelude::*;
 
 proptest! {

@@ -9,25 +9,25 @@ use crate::common::{
 };
 use crate::reference;
 use crate::reference::PixelEvidence;
-use phasestereo::internals::cost::aggregation::Window;
-use phasestereo::internals::cost::candidates::Searched;
-use phasestereo::internals::error::{Error, Result};
-use phasestereo::internals::image::intensity::LARGEST_REACH;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::image::texture::Texture;
-use phasestereo::internals::optimization::edges::Edges;
-use phasestereo::internals::optimization::evidence::NONE;
-use phasestereo::internals::optimization::panel_ranges::PanelRanges;
-use phasestereo::internals::optimization::{
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::error::{Error, Result};
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::simd::Level;
+use phasestereo_match::base::value::{LANES, Value};
+use phasestereo_match::cost::aggregation::Window;
+use phasestereo_match::image::intensity::LARGEST_REACH;
+use phasestereo_match::image::texture::Texture;
+use phasestereo_match::matcher::on_threads;
+use phasestereo_match::optimization::edges::Edges;
+use phasestereo_match::optimization::evidence::NONE;
+use phasestereo_match::optimization::panel_ranges::PanelRanges;
+use phasestereo_match::optimization::{
     BAND, CandidateSearch, CostVolume, LARGEST_SUMMED_PENALTY, LOOKAHEAD_COLUMNS, LOOKAHEAD_ROWS,
     PANEL, Penalties, Weighing, Workspace, optimize,
 };
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::matcher::on_threads;
-use phasestereo::internals::settings::presets::Preset;
-use phasestereo::internals::settings::{MOST_DISPARITIES, Optimizer, Settings};
-use phasestereo::internals::simd::Level;
-use phasestereo::internals::value::{LANES, Value};
+use phasestereo_match::pair::candidates::Searched;
+use phasestereo_match::settings::presets::Preset;
+use phasestereo_match::settings::{MOST_DISPARITIES, Optimizer, Settings};
 use proptest::prelude::*;
 use proptest::sample::select;
 

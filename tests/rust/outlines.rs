@@ -3,10 +3,10 @@
 use crate::common::maps::{FlaggedMap, bits, drawn, maps, patches};
 use crate::common::{hash, random};
 use crate::reference;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::image::texture::Texture;
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::refinement::outlines::Outlines;
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::image::texture::Texture;
+use phasestereo_match::refinement::outlines::Outlines;
 use proptest::prelude::*;
 use proptest::sample::select;
 

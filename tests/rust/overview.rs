@@ -5,23 +5,23 @@ use std::ops::Range;
 
 use crate::common::hash;
 use ndarray::Array3;
-use phasestereo::internals::cost::candidates::Candidates;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::image::view::{Image, Mask, View};
-use phasestereo::internals::math;
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::matcher::{Execution, Matcher};
-use phasestereo::internals::pipeline::pair::Pair;
-use phasestereo::internals::pipeline::runtime::Runtime;
-use phasestereo::internals::rig::blur::parts::{PairRows, Part};
-use phasestereo::internals::rig::estimation::areas::Area;
-use phasestereo::internals::rig::estimation::overview::{Guess, Overview, RoughMap};
-use phasestereo::internals::rig::estimation::range::{
+use phasestereo::internals::estimation::areas::Area;
+use phasestereo::internals::estimation::blur::parts::{PairRows, Part};
+use phasestereo::internals::estimation::overview::{Guess, Overview, RoughMap};
+use phasestereo::internals::estimation::range::{
     LeftOut, SearchRange, bands_at_ends, belongs, beyond, ends, extent, is_identical, range, reach,
     signs,
 };
-use phasestereo::internals::rig::estimation::tracks::{BLOCK, Seed, Track, follow, peak};
-use phasestereo::internals::simd::Level;
+use phasestereo::internals::estimation::tracks::{BLOCK, Seed, Track, follow, peak};
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::math;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::simd::Level;
+use phasestereo_match::image::view::{Image, Mask, View};
+use phasestereo_match::matcher::runtime::Runtime;
+use phasestereo_match::matcher::{Execution, Matcher};
+use phasestereo_match::pair::Pair;
+use phasestereo_match::pair::candidates::Candidates;
 
 fn with_runtime<T>(work: impl FnOnce(Runtime) -> T) -> T {
     let (matcher, control) = (Matcher::new(1).expect("a thread"), Control::default());

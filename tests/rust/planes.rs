@@ -7,15 +7,15 @@ use crate::common::hash;
 use crate::common::naive::ResultBits;
 use crate::scales::{naive_mean, random};
 use ndarray::Array3;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::image::view::{Image, View};
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::matcher::{Disparity, Timings};
-use phasestereo::internals::pipeline::pair::Pair;
-use phasestereo::internals::refinement::flag;
 use phasestereo::internals::scales::flat_areas::{FlatArea, flat_areas};
 use phasestereo::internals::scales::planes::draw;
-use phasestereo::internals::simd::Level;
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::simd::Level;
+use phasestereo_match::image::view::{Image, View};
+use phasestereo_match::matcher::{Disparity, Timings};
+use phasestereo_match::pair::Pair;
+use phasestereo_match::refinement::flag;
 
 /// Row and column.
 type Place = (usize, usize);

@@ -1,11 +1,11 @@
 //! Codes of phases: the reference by angles and whole numbers, the core against the reference.
 
 use crate::reference::quantize;
-use phasestereo::internals::descriptor::quantizer::Quantizer;
-use phasestereo::internals::descriptor::spectrum::Lane;
-use phasestereo::internals::math;
-use phasestereo::internals::settings::Settings;
-use phasestereo::internals::settings::presets::Preset;
+use phasestereo_match::base::math;
+use phasestereo_match::descriptor::quantizer::Quantizer;
+use phasestereo_match::descriptor::spectrum::Lane;
+use phasestereo_match::settings::Settings;
+use phasestereo_match::settings::presets::Preset;
 
 /// Every power of the spectrum with every number of bits.
 fn kinds() -> impl Iterator<Item = (usize, usize)> {

@@ -7,21 +7,21 @@
 use std::cmp::Reverse;
 use std::ops::Range;
 
-use phasestereo::internals::cost::aggregation::Window;
-use phasestereo::internals::cost::candidates::Candidates;
-use phasestereo::internals::descriptor::basis::{Basis, Component};
-use phasestereo::internals::image::convolution::{Kernel, Weights};
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::image::texture::Roughness;
-use phasestereo::internals::image::view::Mask;
-use phasestereo::internals::math::{exp, ln};
-use phasestereo::internals::optimization::Penalties;
-use phasestereo::internals::refinement::calibration::Weights as CalibrationWeights;
-use phasestereo::internals::refinement::confidence::VotedMap;
-use phasestereo::internals::refinement::flag;
-use phasestereo::internals::refinement::left_right_check::Choices;
-use phasestereo::internals::rig::blur_compensation::BlurCompensation;
-use phasestereo::internals::settings::Settings;
+use phasestereo_match::base::math::{exp, ln};
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::cost::aggregation::Window;
+use phasestereo_match::descriptor::basis::{Basis, Component};
+use phasestereo_match::image::convolution::{Kernel, Weights};
+use phasestereo_match::image::texture::Roughness;
+use phasestereo_match::image::view::Mask;
+use phasestereo_match::optimization::Penalties;
+use phasestereo_match::pair::blur_compensation::BlurCompensation;
+use phasestereo_match::pair::candidates::Candidates;
+use phasestereo_match::refinement::calibration::Weights as CalibrationWeights;
+use phasestereo_match::refinement::confidence::VotedMap;
+use phasestereo_match::refinement::flag;
+use phasestereo_match::refinement::left_right_check::Choices;
+use phasestereo_match::settings::Settings;
 
 /// Fractional bits of kernel weights, and those that a product of two factors keeps in between.
 const WEIGHT_BITS: u32 = 14;
@@ -57,7 +57,7 @@ fn mirrored(index: isize, length: usize) -> usize {
     }
 }
 
-/// Reference implementation of [`phasestereo::internals::image::masking::fill_masked`]: for every masked pixel the whole row is searched, then, for
+/// Reference implementation of [`phasestereo_match::image::masking::fill_masked`]: for every masked pixel the whole row is searched, then, for
 /// rows without a valid pixel, the whole column of rows.
 pub fn fill_masked(plane: &Plane<i32>, mask: &Mask) -> Plane<i32> {
     let (rows, cols) = (plane.rows(), plane.cols());
@@ -76,7 +76,7 @@ pub fn fill_masked(plane: &Plane<i32>, mask: &Mask) -> Plane<i32> {
     })
 }
 
-/// Reference implementation of [`phasestereo::internals::image::normalization::normalize`]: mean and variance of each window by themselves.
+/// Reference implementation of [`phasestereo_match::image::normalization::normalize`]: mean and variance of each window by themselves.
 pub fn normalize(plane: &Plane<u16>, window: usize) -> Plane<u16> {
     let radius = (window / 2) as isize;
     let count = (window * window) as i64;
@@ -100,7 +100,7 @@ pub fn normalize(plane: &Plane<u16>, window: usize) -> Plane<u16> {
     })
 }
 
-/// Reference implementation of [`phasestereo::internals::image::convolution::convolve`]: every sum by itself, one whole pass after the other.
+/// Reference implementation of [`phasestereo_match::image::convolution::convolve`]: every sum by itself, one whole pass after the other.
 pub fn convolve(gray: &Plane<i32>, kernel: &Kernel, fraction: u32) -> Plane<i32> {
     let pass = |values: &Plane<i32>, weights: &Plane<i32>, dropped: u32| {
         let unit = 1 << dropped;
@@ -133,7 +133,7 @@ fn weighted_sum(values: &Plane<i32>, weights: &Plane<i32>, y: usize, x: usize) -
     sum
 }
 
-/// Reference implementation of [`phasestereo::internals::image::impulses::repaired`]: the neighbors of every pixel are sorted.
+/// Reference implementation of [`phasestereo_match::image::impulses::repaired`]: the neighbors of every pixel are sorted.
 pub fn repair(plane: &Plane<i32>, height: i32) -> Plane<i32> {
     Plane::from_fn(plane.rows(), plane.cols(), |y, x| {
         let pixel = plane.row(y)[x];
@@ -146,7 +146,7 @@ pub fn repair(plane: &Plane<i32>, height: i32) -> Plane<i32> {
     })
 }
 
-/// Reference implementation of [`phasestereo::internals::image::impulses::count_doubtless`], for all rows.
+/// Reference implementation of [`phasestereo_match::image::impulses::count_doubtless`], for all rows.
 pub fn doubtless(plane: &Plane<i32>, height: i32) -> u64 {
     let places = (0..plane.rows()).flat_map(|y| (0..plane.cols()).map(move |x| (y, x)));
     let is_doubtless = |(y, x): &(usize, usize)| {
@@ -172,7 +172,7 @@ fn sorted_neighbors(plane: &Plane<i32>, y: usize, x: usize) -> Vec<i32> {
     values
 }
 
-/// Reference implementation of [`phasestereo::internals::image::blocking::Extra::jump`]: phase by phase, differences clipped to `clip` half steps.
+/// Reference implementation of [`phasestereo_match::image::blocking::Extra::jump`]: phase by phase, differences clipped to `clip` half steps.
 pub fn jump(plane: &Plane<i32>, clip: i32) -> f64 {
     // Columns are the rows of the transposed plane.
     let turned = Plane::from_fn(plane.cols(), plane.rows(), |y, x| plane.row(x)[y]);
@@ -202,7 +202,7 @@ pub fn jump(plane: &Plane<i32>, clip: i32) -> f64 {
     along(plane).min(along(&turned)) / 2.0
 }
 
-/// Reference implementation of [`phasestereo::internals::image::smoothing::smooth`]: every window by itself; sums over the rows of a column first.
+/// Reference implementation of [`phasestereo_match::image::smoothing::smooth`]: every window by itself; sums over the rows of a column first.
 pub fn smooth_gray(plane: &Plane<i32>, deviation: f64, scale: f64) -> Plane<i32> {
     let (rows, cols) = (plane.rows(), plane.cols());
     let mean = |values: &dyn Fn(usize, usize) -> f64, y: usize, x: usize| {
@@ -233,7 +233,7 @@ pub fn smooth_gray(plane: &Plane<i32>, deviation: f64, scale: f64) -> Plane<i32>
     })
 }
 
-/// Reference implementation of [`phasestereo::internals::descriptor::describe`]: every component by its double sum. Parts of components up to
+/// Reference implementation of [`phasestereo_match::descriptor::describe`]: every component by its double sum. Parts of components up to
 /// `threshold` are weak, if there is a weak level; with two sizes, those of the larger one.
 pub fn describe(gray: &Plane<i32>, settings: &Settings, threshold: f64) -> Plane<u64> {
     if settings.sizes == 1 {
@@ -307,7 +307,7 @@ const TANGENTS: [f64; 7] = [
     5.027_339_492_125_846,
 ];
 
-/// Reference implementation of [`phasestereo::internals::descriptor::quantizer`]: the code of the component `re + i im` and
+/// Reference implementation of [`phasestereo_match::descriptor::quantizer`]: the code of the component `re + i im` and
 /// its length, by the power of the spectrum and the bits of its phase. A boundary belongs to the sector counter-clockwise
 /// of it, zero to the first sector. With a weak level: the clearly negative parts, then the clearly positive ones.
 pub fn quantize(
@@ -347,7 +347,7 @@ pub fn quantize(
     (code, length)
 }
 
-/// Reference implementation of [`phasestereo::internals::cost::Costs::write`] for phase codes: every bit compared by itself, over the whole
+/// Reference implementation of [`phasestereo_match::cost::Costs::write`] for phase codes: every bit compared by itself, over the whole
 /// image.
 pub fn phase_costs(left: &Plane<u64>, right: &Plane<u64>, candidates: Candidates) -> Plane<u16> {
     let (rows, cols, count) = (left.rows(), left.cols(), candidates.count());
@@ -359,7 +359,7 @@ pub fn phase_costs(left: &Plane<u64>, right: &Plane<u64>, candidates: Candidates
     })
 }
 
-/// Reference implementation of [`phasestereo::internals::cost::Costs::write`] for absolute differences.
+/// Reference implementation of [`phasestereo_match::cost::Costs::write`] for absolute differences.
 pub fn absolute_differences(
     left: &[Plane<u16>],
     right: &[Plane<u16>],
@@ -382,7 +382,7 @@ fn scaled(sum: u64, support: u64, window: Window) -> u64 {
     mean.unwrap_or(u64::MAX).min(window.largest_sum())
 }
 
-/// Reference implementation of [`phasestereo::internals::cost::aggregation::Aggregator`]: each window summed by itself, over the whole image.
+/// Reference implementation of [`phasestereo_match::cost::aggregation::Aggregator`]: each window summed by itself, over the whole image.
 pub fn aggregate(costs: &Plane<u16>, validity: &Plane<u16>, window: Window) -> Plane<u32> {
     let count = window.candidates;
     let boxes = Plane::from_fn(window.rows, window.cols * count, |y, place| {
@@ -420,7 +420,7 @@ fn box_sum(volume: &Plane<u16>, window: Window, y: usize, x: usize, k: usize) ->
     (-radius..=radius).map(column_sum).sum()
 }
 
-/// Reference implementation of [`phasestereo::internals::optimization::ordered::Ordered`]: every origin of every state is tried.
+/// Reference implementation of [`phasestereo_match::optimization::ordered::Ordered`]: every origin of every state is tried.
 pub fn in_order(costs: &[u32], candidates: usize, penalties: Penalties) -> Vec<u16> {
     let mut totals = vec![0u64; candidates];
     let mut origins: Vec<Vec<usize>> = Vec::new();
@@ -467,7 +467,7 @@ fn least<T: Ord + Copy>(values: &[T]) -> usize {
     best
 }
 
-/// Reference implementation of [`phasestereo::internals::optimization::edges::Edges`]: each pixel and neighbor by itself. In the lowest bits of a pixel is the jump from
+/// Reference implementation of [`phasestereo_match::optimization::edges::Edges`]: each pixel and neighbor by itself. In the lowest bits of a pixel is the jump from
 /// above, then that from the left.
 pub fn edges(gray: &Plane<i32>, threshold: f64) -> Plane<u8> {
     let (rows, cols) = (gray.rows(), gray.cols());
@@ -503,7 +503,7 @@ fn limited(
     })
 }
 
-/// Reference implementation of the sums of [`phasestereo::internals::optimization`] that decide by horizontal paths alone: half
+/// Reference implementation of the sums of [`phasestereo_match::optimization`] that decide by horizontal paths alone: half
 /// the sum of both totals, rounded up, for every candidate of every pixel. `edges` are those of [`edges`](fn@edges).
 pub fn scanline_optimization(
     costs: &Plane<u32>,
@@ -535,7 +535,7 @@ pub fn scanline_optimization(
     })
 }
 
-/// Reference implementation of the sums of [`phasestereo::internals::optimization`] that decide by four paths: the mean of the
+/// Reference implementation of the sums of [`phasestereo_match::optimization`] that decide by four paths: the mean of the
 /// horizontal mean and, of each band with its look-ahead rows, the vertical mean.
 pub fn semi_global(
     costs: &Plane<u32>,
@@ -653,7 +653,7 @@ pub struct PixelEvidence {
     pub offset: f32,
 }
 
-/// Reference implementation of [`phasestereo::internals::optimization::selection`]: of one pixel, by what all paths come to and by its own costs.
+/// Reference implementation of [`phasestereo_match::optimization::selection`]: of one pixel, by what all paths come to and by its own costs.
 pub fn select(sums: &[u64], costs: &[u32]) -> PixelEvidence {
     let valley: Vec<_> = sums.iter().zip(costs).map(|(&sum, &cost)| evidence(sum, cost)).collect();
     found(least(sums), sums, &valley)
@@ -691,7 +691,7 @@ fn evidence(sum: u64, cost: u32) -> u32 {
     (u64::from(capped(sum)) + 2 * u64::from(cost)).min((1 << 31) - 1) as u32
 }
 
-/// Reference implementation of [`phasestereo::internals::refinement::subpixel::offset`]: the tip of a V, moved away from the candidate.
+/// Reference implementation of [`phasestereo_match::refinement::subpixel::offset`]: the tip of a V, moved away from the candidate.
 pub fn offset(below: u32, own: u32, above: u32) -> f32 {
     let [below, own, above] = [below, own, above].map(i64::from);
     let slope = (below - own).max(above - own).max(1);
@@ -700,7 +700,7 @@ pub fn offset(below: u32, own: u32, above: u32) -> f32 {
     0.5 * doubled * (1.0 + 0.3 * (1.0 - doubled.abs()))
 }
 
-/// Reference implementation of [`phasestereo::internals::refinement::subpixel::smooth`]: every pair of neighbors by itself.
+/// Reference implementation of [`phasestereo_match::refinement::subpixel::smooth`]: every pair of neighbors by itself.
 pub fn smooth_surfaces(disparity: &Plane<f32>) -> Plane<f32> {
     let (rows, cols) = (disparity.rows(), disparity.cols());
     let reach = 3;
@@ -794,7 +794,7 @@ pub struct RawMap<'a> {
     pub confidence: &'a Plane<f32>,
 }
 
-/// Reference implementation of [`phasestereo::internals::refinement::calibration`]: confidence and bar of each pixel by
+/// Reference implementation of [`phasestereo_match::refinement::calibration`]: confidence and bar of each pixel by
 /// itself, from the sums over the sampled rows, which all pixels are asked for.
 pub fn calibrated(
     map: RawMap,
@@ -911,7 +911,7 @@ fn calibration_traits(
     ]
 }
 
-/// Reference implementation of [`phasestereo::internals::refinement::left_right_check::Checker`]: for every pixel all others of the row are asked.
+/// Reference implementation of [`phasestereo_match::refinement::left_right_check::Checker`]: for every pixel all others of the row are asked.
 pub fn check_row(choices: Choices, most: u16, flags: &[u16]) -> Vec<u16> {
     let Choices { chosen, costs, candidates } = choices;
     let cols = chosen.len();
@@ -943,7 +943,7 @@ pub fn check_row(choices: Choices, most: u16, flags: &[u16]) -> Vec<u16> {
     (0..cols).map(|x| flags[x] | reason(x)).collect()
 }
 
-/// Reference implementation of [`phasestereo::internals::refinement::speckles::flag_speckles`]: each region is walked from each of its pixels, until it is too large.
+/// Reference implementation of [`phasestereo_match::refinement::speckles::flag_speckles`]: each region is walked from each of its pixels, until it is too large.
 pub fn flag_speckles(
     disparity: &Plane<f32>,
     flags: &Plane<u16>,
@@ -989,7 +989,7 @@ fn trusted(disparity: &Plane<f32>, flags: &Plane<u16>, y: usize, x: usize) -> Op
     (flags.row(y)[x] & flag::UNTRUSTED == 0 && !value.is_nan()).then_some(value)
 }
 
-/// Reference implementation of [`phasestereo::internals::refinement::filling::fill`]: each pixel looks for its neighbors by itself. Disparity and flags.
+/// Reference implementation of [`phasestereo_match::refinement::filling::fill`]: each pixel looks for its neighbors by itself. Disparity and flags.
 pub fn fill(disparity: &Plane<f32>, flags: &Plane<u16>) -> (Plane<f32>, Plane<u16>) {
     let (rows, cols) = (disparity.rows(), disparity.cols());
     let trusted = |y, x| trusted(disparity, flags, y, x);
@@ -1024,7 +1024,7 @@ pub fn fill(disparity: &Plane<f32>, flags: &Plane<u16>) -> (Plane<f32>, Plane<u1
     (filled, flags)
 }
 
-/// Reference implementation of [`phasestereo::internals::refinement::median::smooth`]: the nine values sorted.
+/// Reference implementation of [`phasestereo_match::refinement::median::smooth`]: the nine values sorted.
 pub fn smooth(disparity: &Plane<f32>) -> Plane<f32> {
     let near = |at: usize, length: usize| {
         [-1, 0, 1].map(|step| (at as isize + step).clamp(0, length as isize - 1) as usize)
@@ -1063,7 +1063,7 @@ pub struct Soft<'a> {
     pub left: (f64, i64),
 }
 
-/// Reference implementation of [`phasestereo::internals::refinement::synthesis::BlurredPair::redraw`]: all of the image under all kernels, by each of the three maps.
+/// Reference implementation of [`phasestereo_match::refinement::synthesis::BlurredPair::redraw`]: all of the image under all kernels, by each of the three maps.
 pub fn synthesize(disparity: &Plane<f32>, soft: Soft) -> Plane<f32> {
     // Sums over windows, by each map; of a soft left image all classes lie in one view.
     let maps = [disparity.clone(), rival(disparity, false), rival(disparity, true)];
@@ -1207,7 +1207,7 @@ fn windows(values: &Plane<u32>) -> Plane<u32> {
     })
 }
 
-/// Reference implementation of [`phasestereo::internals::refinement::outlines::Outlines::draw`]: the weighted values
+/// Reference implementation of [`phasestereo_match::refinement::outlines::Outlines::draw`]: the weighted values
 /// sorted. Crisp outlines look at 5 x 5 pixels two apart, wide ones at 7 x 7 three apart.
 pub fn outline(disparity: &Plane<f32>, gray: &Plane<i32>, is_wide: bool) -> Plane<f32> {
     let (rows, cols) = (disparity.rows(), disparity.cols());

@@ -4,20 +4,20 @@
 use std::array::from_fn;
 
 use crate::common::hash;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::math;
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::matcher::{Disparity, Timings};
-use phasestereo::internals::rig::alignment::{Alignment, TERMS, places, terms};
-use phasestereo::internals::rig::blur::{Blur, Estimate, Side};
-use phasestereo::internals::rig::estimation::rows::RowOffsets;
-use phasestereo::internals::rig::estimation::tracks::{Seed, Track};
-use phasestereo::internals::rig::state::Rig;
-use phasestereo::internals::rig::state::columns::Columns;
-use phasestereo::internals::rig::state::events::{Events, Steady, Subject};
-use phasestereo::internals::rig::state::field::{FieldFilter, seeds};
-use phasestereo::internals::rig::state::text::{read, written};
-use phasestereo::internals::settings::Settings;
+use phasestereo::internals::estimation::blur::{Blur, Estimate, Side};
+use phasestereo::internals::estimation::rows::RowOffsets;
+use phasestereo::internals::estimation::tracks::{Seed, Track};
+use phasestereo::internals::video::rig::Rig;
+use phasestereo::internals::video::rig::columns::Columns;
+use phasestereo::internals::video::rig::events::{Events, Steady, Subject};
+use phasestereo::internals::video::rig::field::{FieldFilter, seeds};
+use phasestereo::internals::video::rig::text::{read, written};
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::math;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::matcher::{Disparity, Timings};
+use phasestereo_match::pair::alignment::{Alignment, TERMS, places, terms};
+use phasestereo_match::settings::Settings;
 
 const SIZE: (usize, usize) = (300, 400);
 

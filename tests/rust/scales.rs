@@ -2,22 +2,22 @@
 
 use crate::common::{hash, levels};
 use ndarray::Array3;
-use phasestereo::internals::cost::candidates::Candidates;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::image::view::{Image, Mask, View};
-use phasestereo::internals::image::window_sums::window_means;
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::matcher::{Disparity, Execution, Matcher, Timings};
-use phasestereo::internals::pipeline::pair::Pair;
-use phasestereo::internals::pipeline::runtime::Runtime;
-use phasestereo::internals::refinement::flag;
-use phasestereo::internals::rig::estimation::{Known, prepare};
+use phasestereo::internals::estimation::{Known, prepare};
+use phasestereo::internals::match_pair::prepare_and_match;
 use phasestereo::internals::scales::choice::{Doubt, choose, conclude};
 use phasestereo::internals::scales::ranges::panel_ranges;
 use phasestereo::internals::scales::reduction::halved;
-use phasestereo::internals::settings::{Optimizer, Settings};
-use phasestereo::internals::simd::Level;
-use phasestereo::internals::whole::prepare_and_match;
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::simd::Level;
+use phasestereo_match::image::view::{Image, Mask, View};
+use phasestereo_match::image::window_sums::window_means;
+use phasestereo_match::matcher::runtime::Runtime;
+use phasestereo_match::matcher::{Disparity, Execution, Matcher, Timings};
+use phasestereo_match::pair::Pair;
+use phasestereo_match::pair::candidates::Candidates;
+use phasestereo_match::refinement::flag;
+use phasestereo_match::settings::{Optimizer, Settings};
 
 /// A number from 0 to 1.
 pub fn random(salt: u64, y: usize, x: usize) -> f32 {

@@ -1,17 +1,17 @@
 //! Digests of matches are those of every platform at every level, for any threads; and the pairs show what they should.
 
 use crate::common::levels;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::matcher::{Execution, Matcher};
-use phasestereo::internals::pipeline::pair::Pair;
-use phasestereo::internals::pipeline::runtime::Runtime;
-use phasestereo::internals::rig::estimation::Known;
+use phasestereo::internals::estimation::Known;
+use phasestereo::internals::match_pair::prepare_and_match;
 use phasestereo::internals::self_check::scenes::{FAR, Fault, NEAR, pair};
 use phasestereo::internals::self_check::{CASES, Case};
-use phasestereo::internals::settings::presets::Preset;
-use phasestereo::internals::simd::Level;
-use phasestereo::internals::whole::prepare_and_match;
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::simd::Level;
+use phasestereo_match::matcher::runtime::Runtime;
+use phasestereo_match::matcher::{Execution, Matcher};
+use phasestereo_match::pair::Pair;
+use phasestereo_match::settings::presets::Preset;
 
 fn found(case: &Case, level: Level, threads: usize) -> u64 {
     let (matcher, control) = (Matcher::new(threads).expect("threads"), Control::default());

@@ -2,11 +2,11 @@
 
 use crate::common::{at_every_level, grays, hash, plane, random};
 use crate::reference;
-use phasestereo::internals::image::intensity::Gray;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::image::smoothing::smooth;
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::matcher::on_threads;
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::image::intensity::Gray;
+use phasestereo_match::image::smoothing::smooth;
+use phasestereo_match::matcher::on_threads;
 use proptest::prelude::*;
 use proptest::sample::select;
 
@@ -98,7 +98,7 @@ fn smoothed_images_have_steps_as_fine_as_32_bits_hold() {
     for (reach, expected) in reaches {
         let gray = Gray::within(reach, Plane::from_fn(5, 5, |y, x| (100 * x + y) as i32));
         let control = Control::default();
-        let found = gray.smoothed(1.0, phasestereo::internals::simd::Level::best(), &control);
+        let found = gray.smoothed(1.0, phasestereo_match::base::simd::Level::best(), &control);
         let found = found.expect("not cancelled");
 
         let scale = f64::from(expected) / f64::from(reach);

@@ -3,12 +3,12 @@
 use crate::common::maps::{FlaggedMap, maps};
 use crate::common::{at_every_level, levels, random};
 use crate::reference;
-use phasestereo::internals::error::Error;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::matcher::on_threads;
-use phasestereo::internals::refinement::flag;
-use phasestereo::internals::refinement::speckles::flag_speckles;
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::error::Error;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::matcher::on_threads;
+use phasestereo_match::refinement::flag;
+use phasestereo_match::refinement::speckles::flag_speckles;
 use proptest::prelude::*;
 use proptest::sample::select;
 

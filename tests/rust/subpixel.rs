@@ -5,10 +5,10 @@
 use crate::common::maps::drawn;
 use crate::common::{hash, levels, random};
 use crate::reference;
-use phasestereo::internals::error::Error;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::refinement::subpixel::{evidence, offset, smooth};
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::error::Error;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::refinement::subpixel::{evidence, offset, smooth};
 use proptest::prelude::*;
 
 fn smoothed(disparity: &Plane<f32>) -> Plane<f32> {

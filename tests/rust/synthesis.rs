@@ -3,14 +3,14 @@
 use crate::common::maps::{FlaggedMap, bits, drawn};
 use crate::common::naive::synthesized;
 use crate::common::{blur_compensation, hash, random, robust, view, views, weak_descriptors};
-use phasestereo::internals::image::convolution::Kernel;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::image::view::View;
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::pair::Pair;
-use phasestereo::internals::refinement::synthesis::{BlurredPair, is_asked_for};
-use phasestereo::internals::rig::blur_compensation::BlurCompensation;
-use phasestereo::internals::settings::Settings;
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::image::convolution::Kernel;
+use phasestereo_match::image::view::View;
+use phasestereo_match::pair::Pair;
+use phasestereo_match::pair::blur_compensation::BlurCompensation;
+use phasestereo_match::refinement::synthesis::{BlurredPair, is_asked_for};
+use phasestereo_match::settings::Settings;
 use proptest::prelude::*;
 
 fn pair([left, right]: [View; 2], compensation: BlurCompensation) -> Pair {

@@ -3,20 +3,20 @@
 use crate::common::maps::bits;
 use crate::common::{at_every_level, hash, levels, mask, random, view};
 use ndarray::Array3;
-use phasestereo::internals::error::Error;
-use phasestereo::internals::image::intensity::intensity_range;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::image::view::{Image, View};
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::matcher::{Disparity, Timings, on_threads};
-use phasestereo::internals::pipeline::pair::Pair;
-use phasestereo::internals::pipeline::temporal::change::{
+use phasestereo::internals::video::temporal::change::{
     BLOCK, BLOCK_FACTOR, ENOUGH_BLOCKS, LARGEST, LEAST_NOISE, MOST_NOISE, QUIETEST, RATIO, STEP,
 };
-use phasestereo::internals::pipeline::temporal::{FRAMES, TemporalFilter};
-use phasestereo::internals::settings::Settings;
-use phasestereo::internals::settings::presets::Preset;
-use phasestereo::internals::simd::Level;
+use phasestereo::internals::video::temporal::{FRAMES, TemporalFilter};
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::error::Error;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::simd::Level;
+use phasestereo_match::image::intensity::intensity_range;
+use phasestereo_match::image::view::{Image, View};
+use phasestereo_match::matcher::{Disparity, Timings, on_threads};
+use phasestereo_match::pair::Pair;
+use phasestereo_match::settings::Settings;
+use phasestereo_match::settings::presets::Preset;
 use proptest::prelude::*;
 
 /// One frame to be filtered.

@@ -1,19 +1,19 @@
 //! The second opinion: its evidence and its verdicts, pixel by pixel from their definitions.
 
 use crate::common::{hash, levels, mask, view};
-use phasestereo::internals::cost::Costs;
-use phasestereo::internals::cost::candidates::Candidates;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::image::view::View;
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::matcher::{Disparity, Timings};
-use phasestereo::internals::refinement::flag;
-use phasestereo::internals::settings::presets::Preset;
-use phasestereo::internals::settings::{CostKind, Settings};
-use phasestereo::internals::simd::Level;
 use phasestereo::internals::verification::evidence::Evidence;
 use phasestereo::internals::verification::judgment::Jury;
 use phasestereo::internals::verification::verdict;
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::simd::Level;
+use phasestereo_match::cost::Costs;
+use phasestereo_match::image::view::View;
+use phasestereo_match::matcher::{Disparity, Timings};
+use phasestereo_match::pair::candidates::Candidates;
+use phasestereo_match::refinement::flag;
+use phasestereo_match::settings::presets::Preset;
+use phasestereo_match::settings::{CostKind, Settings};
 
 const ROWS: usize = 40;
 const COLS: usize = 37;
@@ -183,7 +183,7 @@ fn evidence_is_what_its_definition_says() {
 fn judged(map: &Plane<f32>, own: &Disparity, against: f32, y: usize, x: usize) -> (u8, f32) {
     let logit = |p: f64| {
         let p = p.clamp(0.001, 0.999);
-        phasestereo::internals::math::ln(p / (1.0 - p))
+        phasestereo_match::base::math::ln(p / (1.0 - p))
     };
     let confidence = own.confidence.as_ref().expect("confidences");
     let mean = |places: Vec<(usize, usize)>| {

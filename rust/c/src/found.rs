@@ -3,11 +3,11 @@
 use std::array;
 
 use phasestereo::Estimates;
-use phasestereo::internals::rig::alignment::TERMS;
-use phasestereo::internals::rig::blur::{self, Side};
-use phasestereo::internals::rig::estimation::range::SearchRange;
-use phasestereo::internals::rig::estimation::rows::RowOffsets;
-use phasestereo::internals::rig::psf::{Family, Psf};
+use phasestereo::internals::estimation::blur::psf::{Family, Psf};
+use phasestereo::internals::estimation::blur::{self, Side};
+use phasestereo::internals::estimation::range::SearchRange;
+use phasestereo::internals::estimation::rows::RowOffsets;
+use phasestereo_match::pair::alignment::TERMS;
 
 use crate::sized::Growing;
 

@@ -4,8 +4,8 @@ use std::cell::LazyCell;
 use std::ffi::c_void;
 use std::mem::offset_of;
 
-use phasestereo::internals::image::plane::zeroed;
 use phasestereo::{Error, Match, Pixel, Plane, Result, flag};
+use phasestereo_match::base::plane::zeroed;
 
 use crate::sized::Growing;
 

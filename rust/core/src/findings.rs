@@ -9,17 +9,16 @@
 
 pub mod finding;
 mod geometry;
-mod levels;
+pub mod levels;
 mod lightness;
-pub mod limits;
 mod outcome;
 
 pub use self::finding::{Finding, Severity, Topic};
 pub use self::geometry::{fitted, not_rectified, rectification, rectified};
 pub use self::outcome::of_match;
-use crate::rig::estimation::estimates::Estimates;
-use crate::rig::estimation::overview::LEAST_SIZE;
-use crate::settings::Settings;
+use crate::estimation::estimates::Estimates;
+use crate::estimation::overview::LEAST_SIZE;
+use phasestereo_match::settings::Settings;
 
 /// A pair of which something was estimated.
 #[derive(Clone, Copy)]
@@ -87,18 +86,20 @@ fn percent(share: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cost::candidates::Candidates;
-    use crate::rig::alignment::sway::{INTERVALS, KNOTS};
-    use crate::rig::alignment::{Alignment, TERMS};
-    use crate::rig::blur;
-    use crate::rig::blur::Side;
-    use crate::rig::estimation::range::{LeftOut, SearchRange};
-    use crate::rig::estimation::rows::RowOffsets;
-    use crate::rig::photometry::{Contrast, Photometry, Saturation};
-    use crate::rig::psf::{Family, Psf};
-    use crate::rig::rectification::cameras::{Cameras, NUMBERS, USUAL};
-    use crate::rig::rectification::{Rectification, Refusal};
-    use crate::settings::presets::Preset;
+    use phasestereo_match::base::math::{cos, sin};
+
+    use crate::estimation::blur;
+    use crate::estimation::blur::Side;
+    use crate::estimation::blur::psf::{Family, Psf};
+    use crate::estimation::photometry::{Contrast, Photometry, Saturation};
+    use crate::estimation::range::{LeftOut, SearchRange};
+    use crate::estimation::rows::RowOffsets;
+    use crate::rectification::cameras::{Cameras, NUMBERS, USUAL};
+    use crate::rectification::{Rectification, Refusal};
+    use phasestereo_match::pair::alignment::sway::{INTERVALS, KNOTS};
+    use phasestereo_match::pair::alignment::{Alignment, TERMS};
+    use phasestereo_match::pair::candidates::Candidates;
+    use phasestereo_match::settings::presets::Preset;
 
     const SIZE: (usize, usize) = (200, 300);
     const EVEN: Contrast = Contrast { gain: 1.0, gamma: 1.0, ratio: 1.0, ends: [1.0; 2] };
@@ -235,7 +236,16 @@ mod tests {
         assert!(of(shift(2.0), 0.02, false).1.contains("straightening does not help"));
 
         let turned = of(
-            [0.0, 150.0 * crate::math::tan(1f64.to_radians()), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+            [
+                0.0,
+                150.0 * sin(1f64.to_radians()) / cos(1f64.to_radians()),
+                0.0,
+                0.0,
+                0.0,
+                0.0,
+                0.0,
+                0.0,
+            ],
             0.02,
             true,
         );

@@ -7,26 +7,26 @@ use std::ops::Range;
 
 use self::image::Image;
 use self::rig::Rig;
-use crate::cost::candidates::Candidates;
-use crate::error::{Error, Result};
+use crate::estimation::{Estimates, Known, Prepared, prepare};
 use crate::findings::{self, Finding, Severity, Topic};
-use crate::frames::{self, Way};
-use crate::image::plane::Plane;
-use crate::image::view::View;
-use crate::pipeline::control::Control;
-use crate::pipeline::footprint::Demand;
-use crate::pipeline::matcher::{self, Disparity, Execution, Timings, usable_threads};
-use crate::pipeline::pair::Pair;
-use crate::pipeline::runtime::Runtime;
-use crate::pipeline::summary::Summary;
-use crate::rig::estimation::{Estimates, Known, Prepared, prepare};
-use crate::rig::rectification::calibration::Calibration;
-use crate::rig::rectification::warp::Interpolation;
-use crate::rig::rectification::{rectify_views, warp};
-use crate::settings::Settings;
-use crate::simd::Level;
+use crate::match_pair::{Matched, Rectified, prepare_and_match};
+use crate::rectification::calibration::Calibration;
+use crate::rectification::warp::Interpolation;
+use crate::rectification::{rectify_views, warp};
 use crate::verification;
-use crate::whole::{Matched, Rectified, prepare_and_match};
+use crate::video::frames::{self, Way};
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::error::{Error, Result};
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::simd::Level;
+use phasestereo_match::image::view::View;
+use phasestereo_match::matcher::footprint::Demand;
+use phasestereo_match::matcher::runtime::Runtime;
+use phasestereo_match::matcher::summary::Summary;
+use phasestereo_match::matcher::{self, Disparity, Execution, Timings, usable_threads};
+use phasestereo_match::pair::Pair;
+use phasestereo_match::pair::candidates::Candidates;
+use phasestereo_match::settings::Settings;
 
 /// Settings, threads and working memory, which are kept from one pair to the next. Any number of threads may use one at the
 /// same time.

@@ -27,24 +27,24 @@ pub mod planes;
 pub mod ranges;
 pub mod reduction;
 
-use crate::error::Result;
-use crate::pipeline::matcher::Disparity;
-use crate::pipeline::pair::Pair;
-use crate::pipeline::platform::Instant;
-use crate::pipeline::runtime::Runtime;
-use crate::pipeline::section::Section;
-use crate::rig::estimation::{Known, Prepared, prepare};
+use crate::estimation::{Known, Prepared, prepare};
 use crate::scales::choice::Doubt;
 use crate::scales::ranges::panel_ranges;
 use crate::scales::reduction::halved;
-use crate::settings::Settings;
+use phasestereo_match::base::error::Result;
+use phasestereo_match::base::platform::Instant;
+use phasestereo_match::matcher::Disparity;
+use phasestereo_match::matcher::runtime::Runtime;
+use phasestereo_match::matcher::section::Section;
+use phasestereo_match::pair::Pair;
+use phasestereo_match::settings::Settings;
 
 /// Share of the pixels in doubt from which on planes are looked for.
 const SOME: f64 = 0.01;
 /// Share of the pixels in doubt from which on a smaller copy is matched: of sharp pairs with fewer it decides less than 1 %.
 const MANY: f64 = 0.05;
 
-/// Matches a prepared pair as [`crate::pipeline::matcher::Matcher::match_pair`] does, and decides over scales where these
+/// Matches a prepared pair as [`phasestereo_match::matcher::Matcher::match_pair`] does, and decides over scales where these
 /// settings, from which it was prepared, ask for it.
 pub fn match_over_scales(
     prepared: &Prepared,

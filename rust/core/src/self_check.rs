@@ -7,20 +7,20 @@
 pub mod scenes;
 
 use self::scenes::{Fault, pair};
-use crate::cost::candidates::Candidates;
-use crate::error::Result;
+use crate::estimation::Known;
 use crate::findings::{self, Finding};
-use crate::frames::{Way, match_frame};
-use crate::image::plane::Plane;
-use crate::pipeline::matcher::Disparity;
-use crate::pipeline::pair::Pair;
-use crate::pipeline::runtime::Runtime;
-use crate::pipeline::temporal::TemporalFilter;
-use crate::rig::estimation::Known;
-use crate::rig::rectification::rectify_views;
-use crate::rig::state::{Rig, text};
-use crate::settings::presets::Preset;
-use crate::whole::prepare_and_match;
+use crate::match_pair::prepare_and_match;
+use crate::rectification::rectify_views;
+use crate::video::frames::{Way, match_frame};
+use crate::video::rig::{Rig, text};
+use crate::video::temporal::TemporalFilter;
+use phasestereo_match::base::error::Result;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::matcher::Disparity;
+use phasestereo_match::matcher::runtime::Runtime;
+use phasestereo_match::pair::Pair;
+use phasestereo_match::pair::candidates::Candidates;
+use phasestereo_match::settings::presets::Preset;
 
 /// What is done with a pair.
 #[derive(Debug, Clone, Copy)]

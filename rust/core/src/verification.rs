@@ -21,19 +21,19 @@ pub mod evidence;
 mod findings;
 pub mod judgment;
 
-use crate::cost::Costs;
-use crate::cost::candidates::Candidates;
-use crate::error::{Error, Result};
+use crate::estimation::{Known, Prepared, prepare};
 use crate::findings::Finding;
-use crate::image::plane::Plane;
-use crate::pipeline::matcher::Disparity;
-use crate::pipeline::pair::Pair;
-use crate::pipeline::runtime::Runtime;
-use crate::rig::estimation::{Known, Prepared, prepare};
-use crate::settings::Settings;
 use crate::verification::claims::Misreading;
 use crate::verification::evidence::Evidence;
 use crate::verification::judgment::Jury;
+use phasestereo_match::base::error::{Error, Result};
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::cost::Costs;
+use phasestereo_match::matcher::Disparity;
+use phasestereo_match::matcher::runtime::Runtime;
+use phasestereo_match::pair::Pair;
+use phasestereo_match::pair::candidates::Candidates;
+use phasestereo_match::settings::Settings;
 
 /// What the images say of a claim.
 pub mod verdict {

@@ -4,9 +4,9 @@ use pyo3::prelude::*;
 
 use crate::arguments::{Disparities, number, read_blur_compensation};
 use crate::failure::Result;
-use phasestereo::internals::cost::candidates::Candidates;
-use phasestereo::internals::rig::blur_compensation::check_noise;
-use phasestereo::internals::rig::estimation::Known;
+use phasestereo::internals::estimation::Known;
+use phasestereo_match::pair::blur_compensation::check_noise;
+use phasestereo_match::pair::candidates::Candidates;
 
 /// Reads `known.noise`: a number, or a pair of them for the left and for the right image.
 pub fn read_noise_of_pair(noise: &Bound<'_, PyAny>) -> Result<[f64; 2]> {

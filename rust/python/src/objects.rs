@@ -9,20 +9,20 @@ use pyo3::types::{PyDict, PyMapping, PyTuple};
 
 use super::wrap;
 use crate::failure::Result;
+use phasestereo::internals::estimation::Estimates;
+use phasestereo::internals::estimation::blur::psf::{Family, Psf, Taps};
+use phasestereo::internals::estimation::blur::{self, Blur, Side};
+use phasestereo::internals::estimation::compensation_plan::CompensationPlan;
+use phasestereo::internals::estimation::photometry::{Contrast, Photometry};
+use phasestereo::internals::estimation::rows::RowOffsets;
 use phasestereo::internals::findings::Finding;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::pipeline::matcher::Disparity;
-use phasestereo::internals::pipeline::summary::Summary;
-use phasestereo::internals::rig::blur::{self, Blur, Side};
-use phasestereo::internals::rig::estimation::Estimates;
-use phasestereo::internals::rig::estimation::compensation_plan::CompensationPlan;
-use phasestereo::internals::rig::estimation::rows::RowOffsets;
-use phasestereo::internals::rig::photometry::{Contrast, Photometry};
-use phasestereo::internals::rig::psf::{Family, Psf, Taps};
-use phasestereo::internals::rig::rectification::calibration::Calibration;
-use phasestereo::internals::rig::rectification::cameras::Cameras;
+use phasestereo::internals::match_pair::Rectified;
+use phasestereo::internals::rectification::calibration::Calibration;
+use phasestereo::internals::rectification::cameras::Cameras;
 use phasestereo::internals::verification::Verification;
-use phasestereo::internals::whole::Rectified;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::matcher::Disparity;
+use phasestereo_match::matcher::summary::Summary;
 
 /// An object of Python.
 pub type Object<'py> = Bound<'py, PyAny>;

@@ -8,11 +8,11 @@ use pyo3::prelude::*;
 use crate::arguments::{Both, Disparities, read_images};
 use crate::failure::{Failure, Result};
 use phasestereo::Error;
-use phasestereo::internals::cost::candidates::Candidates;
-use phasestereo::internals::image::intensity_range::IntensityRange;
-use phasestereo::internals::image::packing::{Integers, Packing};
-use phasestereo::internals::pipeline::pair::Pair;
-use phasestereo::internals::pipeline::source::Source;
+use phasestereo_match::image::intensity_range::IntensityRange;
+use phasestereo_match::image::packing::{Integers, Packing};
+use phasestereo_match::pair::Pair;
+use phasestereo_match::pair::candidates::Candidates;
+use phasestereo_match::pair::source::Source;
 
 /// A callable `read(first, last)` that returns ((left, right), masks) of these rows, as [`read_images`] takes them.
 pub struct Reader {

@@ -8,11 +8,11 @@ use pyo3::types::PyDict;
 use crate::failure::Result;
 use crate::objects::{self, Object};
 use crate::temporal::held;
-use phasestereo::internals::findings::limits::{self, Check};
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::rig::state::events::Event;
-use phasestereo::internals::rig::state::text;
-use phasestereo::internals::rig::state::{Geometry, Rig as State};
+use phasestereo::internals::video::limits::{self, Check};
+use phasestereo::internals::video::rig::events::Event;
+use phasestereo::internals::video::rig::text;
+use phasestereo::internals::video::rig::{Geometry, Rig as State};
+use phasestereo_match::base::control::Control;
 
 /// The cameras of one rig.
 #[pyclass(module = "phasestereo._core", frozen)]

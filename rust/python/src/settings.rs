@@ -7,8 +7,8 @@ use pyo3::types::PyDict;
 use crate::arguments::{both, natural, number, wrong_type};
 use crate::failure::Result;
 use phasestereo::Error;
-use phasestereo::internals::settings::kind::{Description, Kind, Value};
-use phasestereo::internals::settings::{DESCRIPTIONS, Settings};
+use phasestereo_match::settings::kind::{Description, Kind, Value};
+use phasestereo_match::settings::{DESCRIPTIONS, Settings};
 
 /// What there is to know of a setting.
 #[pyclass(frozen, get_all, module = "phasestereo._core")]

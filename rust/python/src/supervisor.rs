@@ -10,10 +10,10 @@ use super::internal;
 use crate::failure::{Failure, Result};
 use crate::workers::Pool;
 
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::matcher::{Execution, Matcher};
-use phasestereo::internals::pipeline::runtime::Runtime;
-use phasestereo::internals::simd::Level;
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::simd::Level;
+use phasestereo_match::matcher::runtime::Runtime;
+use phasestereo_match::matcher::{Execution, Matcher};
 
 /// How often a running call checks for Ctrl-C and reports its progress.
 const TICK: Duration = Duration::from_millis(50);

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 use pyo3::prelude::*;
 
 use phasestereo::Error;
-use phasestereo::internals::pipeline::temporal::TemporalFilter as Filter;
+use phasestereo::internals::video::temporal::TemporalFilter as Filter;
 
 /// A filter that a running call and Python both hold.
 pub type Shared = Arc<Mutex<Filter>>;

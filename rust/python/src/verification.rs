@@ -13,9 +13,9 @@ use crate::settings::read_settings;
 use crate::supervisor::supervised;
 use crate::workers::Pool;
 use phasestereo::internals::findings;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::pipeline::summary::Summary;
 use phasestereo::internals::verification::verify;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::matcher::summary::Summary;
 
 /// Judges a disparity map; the own match is as `match_pair` returns it.
 #[pyfunction]

@@ -14,8 +14,8 @@ use pyo3::prelude::*;
 use crate::arguments::read_threads;
 use crate::failure::Result;
 
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::matcher::Matcher;
+use phasestereo_match::base::control::Control;
+use phasestereo_match::matcher::Matcher;
 
 /// Most calls that run in one pool at once; others wait for their turn. Each holds the codes of a pair. Besides, a
 /// thread that waits for others starts the next call meanwhile, on the same stack.

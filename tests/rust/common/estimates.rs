@@ -1,15 +1,15 @@
 //! The estimate of a pair before it is matched.
 
-use phasestereo::internals::error::Result;
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::matcher::{Execution, Matcher};
-use phasestereo::internals::pipeline::pair::Pair;
-use phasestereo::internals::pipeline::runtime::Runtime;
-use phasestereo::internals::pipeline::source::Source;
-use phasestereo::internals::rig::blur::Estimate;
-use phasestereo::internals::rig::estimation::{Known, prepare, prepare_by_rows};
-use phasestereo::internals::settings::Settings;
-use phasestereo::internals::settings::presets::Preset;
+use phasestereo::internals::estimation::blur::Estimate;
+use phasestereo::internals::estimation::{Known, prepare, prepare_by_rows};
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::error::Result;
+use phasestereo_match::matcher::runtime::Runtime;
+use phasestereo_match::matcher::{Execution, Matcher};
+use phasestereo_match::pair::Pair;
+use phasestereo_match::pair::source::Source;
+use phasestereo_match::settings::Settings;
+use phasestereo_match::settings::presets::Preset;
 
 /// Settings that only need noise and blur.
 pub fn of_blur() -> Settings {

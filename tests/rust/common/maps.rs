@@ -1,9 +1,9 @@
 //! Disparity maps to be refined: patches, slopes and noise, with flags and missing estimates.
 
-use phasestereo::internals::error::Result;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::refinement::flag;
-use phasestereo::internals::simd::Level;
+use phasestereo_match::base::error::Result;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::simd::Level;
+use phasestereo_match::refinement::flag;
 use proptest::prelude::*;
 use proptest::sample::select;
 

@@ -7,17 +7,17 @@ pub mod parts;
 
 use crate::reference;
 use ndarray::Array3;
-use phasestereo::internals::image::convolution::Kernel;
-use phasestereo::internals::image::intensity::{Gray, level_planes};
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::image::view::{Image, Mask, View};
-use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::rig::blur_compensation::{BlurCompensation, MOST_CLASSES};
-use phasestereo::internals::settings::presets::Preset;
-use phasestereo::internals::settings::{
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::simd::Level;
+use phasestereo_match::image::convolution::Kernel;
+use phasestereo_match::image::intensity::{Gray, level_planes};
+use phasestereo_match::image::view::{Image, Mask, View};
+use phasestereo_match::pair::blur_compensation::{BlurCompensation, MOST_CLASSES};
+use phasestereo_match::settings::presets::Preset;
+use phasestereo_match::settings::{
     CostKind, MOST_DISPARITIES, Optimizer, Precision, Settings, Taper,
 };
-use phasestereo::internals::simd::Level;
 use proptest::prelude::*;
 use proptest::sample::select;
 use proptest::test_runner::RngSeed;

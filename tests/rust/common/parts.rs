@@ -4,13 +4,13 @@ use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
 use ndarray::{Array3, s};
-use phasestereo::internals::cost::candidates::Candidates;
-use phasestereo::internals::error::{Error, Result};
-use phasestereo::internals::image::intensity_range::IntensityRange;
-use phasestereo::internals::image::plane::Plane;
-use phasestereo::internals::image::view::{Image, View};
-use phasestereo::internals::pipeline::pair::Pair;
-use phasestereo::internals::pipeline::source::Source;
+use phasestereo_match::base::error::{Error, Result};
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::image::intensity_range::IntensityRange;
+use phasestereo_match::image::view::{Image, View};
+use phasestereo_match::pair::Pair;
+use phasestereo_match::pair::candidates::Candidates;
+use phasestereo_match::pair::source::Source;
 
 /// A pair in memory that gives at most so many rows at a time, with a record of what was read.
 pub struct Slow {

@@ -50,7 +50,7 @@ def confidence(
     ```
     phasestereo bench confidence ~/middlebury -o confidence.jsonl
     phasestereo bench confidence ~/middlebury \
-        --weights rust/core/src/refinement/calibration/weights.rs
+        --weights rust/match/src/refinement/calibration/weights.rs
     ```
 
     Parameters

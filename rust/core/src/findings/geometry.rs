@@ -5,15 +5,15 @@ use super::levels::{
     ROWS, SURE, SWAY,
 };
 use super::{Finding, Known, Severity, Topic, percent};
-use crate::math;
-use crate::pipeline::fitting::Fit;
-use crate::rig::alignment::{Alignment, LINEAR, TERMS};
-use crate::rig::blur::{self, Side};
-use crate::rig::estimation::estimates::Estimates;
-use crate::rig::estimation::range::{LeftOut, SearchRange};
-use crate::rig::estimation::rows::{DISTORTED, RowOffsets};
-use crate::rig::psf::{Family, Psf, Taps};
-use crate::rig::rectification::{LONGEST, Rectification, Refusal};
+use crate::estimation::blur::psf::{Family, Psf, Taps};
+use crate::estimation::blur::{self, Side};
+use crate::estimation::estimates::Estimates;
+use crate::estimation::range::{LeftOut, SearchRange};
+use crate::estimation::rows::{DISTORTED, RowOffsets};
+use crate::rectification::{LONGEST, Rectification, Refusal};
+use phasestereo_match::base::math;
+use phasestereo_match::pair::alignment::{Alignment, LINEAR, TERMS};
+use phasestereo_match::pair::fitting::Fit;
 
 const NOTHING: &str = "hardly anything in one image is found in the other: these are not a pair, or far from rectified";
 /// The term of the field of rows that a camera has which is turned towards the other.

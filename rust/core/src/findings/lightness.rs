@@ -2,8 +2,8 @@
 
 use super::levels::{CODING, CONTRAST, CURVE, NOISE, REPEATED, SATURATED, TEXTURED, TEXTURELESS};
 use super::{Finding, Known, Severity, Topic, percent};
-use crate::math;
-use crate::rig::photometry::{Contrast, Photometry};
+use crate::estimation::photometry::{Contrast, Photometry};
+use phasestereo_match::base::math;
 
 /// Least factor that a logarithm is taken of.
 const LEAST_FACTOR: f64 = 1e-6;

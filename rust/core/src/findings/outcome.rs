@@ -6,9 +6,9 @@ use super::finding::{Finding, Severity, Topic};
 use super::levels::{
     AT_END, AT_ZERO, FLAGGED, LEAST_ROUGH, MENTIONED, PLAIN, ROWS, SATURATED, SMEARED, WRONG,
 };
-use crate::pipeline::summary::Summary;
-use crate::rig::estimation::estimates::Estimates;
-use crate::rig::estimation::overview::LEAST_SIZE;
+use crate::estimation::estimates::Estimates;
+use crate::estimation::overview::LEAST_SIZE;
+use phasestereo_match::matcher::summary::Summary;
 
 /// What to look at where no cause is known.
 const ADVICE: &str =
@@ -220,20 +220,16 @@ impl Outcome<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cost::candidates::Candidates;
+    use phasestereo_match::pair::candidates::Candidates;
 
     const SIZE: (usize, usize) = (100, 100);
-    const WELL: Summary = Summary {
-        estimated: 1.0,
-        flagged: 0.0,
-        at_low: 0.0,
-        at_high: 0.0,
-        confidence: 1.0,
-        wrong: 0.0,
-        coarse: 0.0,
-        inferred: 0.0,
-        detail: f64::NAN,
-    };
+    /// The summary of a match that is well, with some changes.
+    fn summary(change: impl FnOnce(&mut Summary)) -> Summary {
+        let mut well = Summary::default();
+        (well.estimated, well.confidence, well.detail) = (1.0, 1.0, f64::NAN);
+        change(&mut well);
+        well
+    }
 
     fn estimates(first: i64, findings: Vec<Finding>) -> Estimates {
         let candidates = Candidates::new(first, 20, 100).expect("legal");
@@ -254,8 +250,11 @@ mod tests {
                 Finding::warning(Topic::Noise, "noisy"),
             ]
         };
-        assert_eq!(said(pair(), 0, WELL), [(Severity::Note, "noisy".to_owned())]);
-        assert!(of_match(&estimates(0, pair()), &WELL, (47, 100)).is_empty(), "too small");
+        assert_eq!(said(pair(), 0, summary(|_| ())), [(Severity::Note, "noisy".to_owned())]);
+        assert!(
+            of_match(&estimates(0, pair()), &summary(|_| ()), (47, 100)).is_empty(),
+            "too small"
+        );
     }
 
     #[test]
@@ -265,22 +264,47 @@ mod tests {
             Finding::note(Topic::Noise, "noisy"),
             Finding::warning(Topic::Interlacing, "interlaced"),
         ];
-        let found = said(pair, 0, Summary { wrong: 0.4, ..WELL });
+        let found = said(
+            pair,
+            0,
+            summary(|s| {
+                s.wrong = 0.4;
+            }),
+        );
         let first =
             "about 40 % of the pixels are probably wrong, because of noise and interlaced fields";
         assert_eq!(found[0], (Severity::Warning, first.to_owned()));
         assert_eq!(found.len(), 4);
 
-        let found = said(vec![], 0, Summary { wrong: 0.4, ..WELL });
+        let found = said(
+            vec![],
+            0,
+            summary(|s| {
+                s.wrong = 0.4;
+            }),
+        );
         assert!(
             found[0].1.starts_with("about 40 % of the pixels are probably wrong: check that rows")
         );
-        assert!(said(vec![], 0, Summary { wrong: 0.21, flagged: 0.9, ..WELL }).is_empty());
+        assert!(
+            said(
+                vec![],
+                0,
+                summary(|s| {
+                    s.wrong = 0.21;
+                    s.flagged = 0.9;
+                })
+            )
+            .is_empty()
+        );
     }
 
     #[test]
     fn plain_images_are_named() {
-        let copies = Summary { coarse: 0.3, detail: 3.2, ..WELL };
+        let copies = summary(|s| {
+            s.coarse = 0.3;
+            s.detail = 3.2;
+        });
         let of_copies = "30 % of the disparities were decided by smaller copies: there the images \
                          hold no detail finer than about 3 px";
         let of_planes = "27 % of the disparities are those of planes drawn into flat areas, which \
@@ -288,36 +312,75 @@ mod tests {
         let note = |sentence: String| vec![(Severity::Note, sentence)];
 
         assert_eq!(said(vec![], 0, copies), note(of_copies.to_owned()));
-        let planes = Summary { coarse: 0.004, inferred: 0.27, detail: 2.0, ..WELL };
+        let planes = summary(|s| {
+            s.coarse = 0.004;
+            s.inferred = 0.27;
+            s.detail = 2.0;
+        });
         assert_eq!(said(vec![], 0, planes), note(of_planes.to_owned()));
-        let both = Summary { inferred: 0.27, ..copies };
+        let both = summary(|s| {
+            *s = copies;
+            s.inferred = 0.27;
+        });
         assert_eq!(said(vec![], 0, both), note(format!("{of_copies}; {of_planes}")));
-        assert!(said(vec![], 0, Summary { coarse: 0.1, inferred: 0.1, ..copies }).is_empty());
+        assert!(
+            said(
+                vec![],
+                0,
+                summary(|s| {
+                    *s = copies;
+                    s.coarse = 0.1;
+                    s.inferred = 0.1;
+                })
+            )
+            .is_empty()
+        );
     }
 
     #[test]
     fn flags_say_what_is_known_without_confidences() {
-        let unsure = Summary { wrong: f64::NAN, flagged: 0.3, ..WELL };
+        let unsure = summary(|s| {
+            s.wrong = f64::NAN;
+            s.flagged = 0.3;
+        });
         let found = said(vec![Finding::note(Topic::Blur, "soft")], 0, unsure);
         let first = "30 % of the pixels fail the left-right check, because of blur";
         assert_eq!(found[0], (Severity::Note, first.to_owned()));
-        assert_eq!(said(vec![], 0, Summary { flagged: 0.5, ..unsure })[0].0, Severity::Warning);
+        assert_eq!(
+            said(
+                vec![],
+                0,
+                summary(|s| {
+                    *s = unsure;
+                    s.flagged = 0.5;
+                })
+            )[0]
+            .0,
+            Severity::Warning
+        );
     }
 
     #[test]
     fn both_ends_of_the_range_are_looked_at() {
-        let at_high = Summary { at_high: 0.03, ..WELL };
+        let at_high = summary(|s| {
+            s.at_high = 0.03;
+        });
         assert!(
             said(vec![], 0, at_high)[0]
                 .1
                 .contains("0 to 19 px is too short: 3 % of the pixels are at its end at 19 px")
         );
 
-        let at_low = Summary { at_low: 0.03, ..WELL };
+        let at_low = summary(|s| {
+            s.at_low = 0.03;
+        });
         assert!(said(vec![], -5, at_low)[0].1.contains("at its end at -5 px"));
         assert!(said(vec![], 0, at_low).is_empty(), "what is far away lies there");
 
-        let failed = Summary { at_low: 0.3, wrong: 0.5, ..WELL };
+        let failed = summary(|s| {
+            s.at_low = 0.3;
+            s.wrong = 0.5;
+        });
         let found = said(vec![], 0, failed);
         assert!(found[0].1.ends_with("because of a range that is too short"));
         assert!(found[1].1.contains("30 % of the pixels are at its end at 0 px"));
@@ -329,9 +392,16 @@ mod tests {
     #[test]
     fn what_small_copies_do_not_show_may_match_all_the_same() {
         let unlike = Finding::warning(Topic::Match, "hardly anything");
-        assert_eq!(said(vec![unlike.clone()], 0, WELL)[0].0, Severity::Note);
+        assert_eq!(said(vec![unlike.clone()], 0, summary(|_| ()))[0].0, Severity::Note);
 
-        let found = said(vec![unlike], 0, Summary { wrong: 0.8, at_high: 0.1, ..WELL });
+        let found = said(
+            vec![unlike],
+            0,
+            summary(|s| {
+                s.wrong = 0.8;
+                s.at_high = 0.1;
+            }),
+        );
         assert_eq!(found.len(), 2);
         assert!(found.iter().all(|(severity, _)| *severity == Severity::Warning));
     }

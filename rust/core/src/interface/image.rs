@@ -2,9 +2,9 @@
 
 use ndarray::Array3;
 
-use crate::error::{Error, Result};
-use crate::image::plane::{Plane, zeroed};
-use crate::image::view::{self, View};
+use phasestereo_match::base::error::{Error, Result};
+use phasestereo_match::base::plane::{Plane, zeroed};
+use phasestereo_match::image::view::{self, View};
 
 /// A gray or color image, of which pixels may be masked.
 #[derive(Debug, Clone, PartialEq)]
@@ -12,8 +12,8 @@ pub struct Image(View);
 
 mod sealed {
     pub trait Sealed: Sized {
-        fn image(pixels: ndarray::Array3<Self>) -> crate::image::view::Image;
-        fn pixels(image: &crate::image::view::Image) -> Option<&[Self]>;
+        fn image(pixels: ndarray::Array3<Self>) -> phasestereo_match::image::view::Image;
+        fn pixels(image: &phasestereo_match::image::view::Image) -> Option<&[Self]>;
     }
 }
 

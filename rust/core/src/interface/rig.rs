@@ -1,15 +1,15 @@
 //! Two cameras that take one pair after another, and a video that is steadied.
 
-use crate::error::Result;
-use crate::pipeline::control::Control;
-use crate::pipeline::temporal::TemporalFilter;
-use crate::rig::state;
-use crate::rig::state::text;
+use crate::video::rig;
+use crate::video::rig::text;
+use crate::video::temporal::TemporalFilter;
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::error::Result;
 
 /// What two cameras are, learned from pair to pair, and, if it is wanted, the temporal filter of their video.
 #[derive(Debug)]
 pub struct Rig {
-    pub(super) state: state::Rig,
+    pub(super) state: rig::Rig,
     pub(super) filter: Option<TemporalFilter>,
     pub(super) reestimate: u64,
 }
@@ -22,7 +22,7 @@ impl Rig {
     /// `reestimate` pairs blur is estimated anew at the latest; 1: every pair is matched by itself.
     pub fn new(steadied: bool, reestimate: u64) -> Self {
         let filter = steadied.then(TemporalFilter::new);
-        Self { state: state::Rig::default(), filter, reestimate }
+        Self { state: rig::Rig::default(), filter, reestimate }
     }
 
     /// The rig with what a text says that [`Self::text`] wrote.

@@ -19,13 +19,13 @@
 
 use rayon::prelude::*;
 
-use crate::error::Result;
-use crate::image::plane::Plane;
-use crate::image::window_sums::window_means;
-use crate::math::exp2;
-use crate::pipeline::matcher::Disparity;
-use crate::refinement::flag;
-use crate::simd::Level;
+use phasestereo_match::base::error::Result;
+use phasestereo_match::base::math::exp2;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::simd::Level;
+use phasestereo_match::image::window_sums::window_means;
+use phasestereo_match::matcher::Disparity;
+use phasestereo_match::refinement::flag;
 
 /// How far surroundings reach, pixels of the map.
 const RADIUS: usize = 15;

@@ -11,12 +11,12 @@
 
 use std::ops::Range;
 
-use crate::error::Result;
-use crate::image::plane::Plane;
-use crate::image::regions::{Connectivity, Region, Regions, Run};
-use crate::image::window_sums::{Beyond, Windows};
-use crate::pipeline::control::Control;
-use crate::simd::{Level, Loop};
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::error::Result;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::simd::{Level, Loop};
+use phasestereo_match::image::regions::{Connectivity, Region, Regions, Run};
+use phasestereo_match::image::window_sums::{Beyond, Windows};
 
 /// Least share of the image of an area.
 const LEAST_SHARE: f64 = 0.01;

@@ -30,16 +30,16 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use crate::error::Result;
-use crate::image::intensity::Gray;
-use crate::image::plane::{Plane, zeroed};
-use crate::image::window_sums::window_means;
-use crate::pipeline::control::Control;
-use crate::pipeline::matcher::Disparity;
-use crate::pipeline::pair::Pair;
-use crate::refinement::flag;
 use crate::scales::flat_areas::{FlatArea, flat_areas};
-use crate::simd::{Level, Loop, whole};
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::error::Result;
+use phasestereo_match::base::plane::{Plane, zeroed};
+use phasestereo_match::base::simd::{Level, Loop, whole};
+use phasestereo_match::image::intensity::Gray;
+use phasestereo_match::image::window_sums::window_means;
+use phasestereo_match::matcher::Disparity;
+use phasestereo_match::pair::Pair;
+use phasestereo_match::refinement::flag;
 
 /// How far from an area pixels count for its plane.
 const RING: usize = 4;

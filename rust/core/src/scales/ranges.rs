@@ -23,16 +23,16 @@
 
 use std::ops::Range;
 
-use crate::cost::candidates::{Candidates, Searched};
-use crate::error::Result;
-use crate::image::plane::Plane;
-use crate::optimization::panel_ranges::PanelRanges;
-use crate::pipeline::pair::Pair;
-use crate::pipeline::runtime::Runtime;
-use crate::pipeline::section::Section;
-use crate::rig::estimation::overview::Detail;
+use crate::estimation::overview::Detail;
 use crate::scales::reduction::halved;
-use crate::settings::{Optimizer, Settings};
+use phasestereo_match::base::error::Result;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::matcher::runtime::Runtime;
+use phasestereo_match::matcher::section::Section;
+use phasestereo_match::optimization::panel_ranges::PanelRanges;
+use phasestereo_match::pair::Pair;
+use phasestereo_match::pair::candidates::{Candidates, Searched};
+use phasestereo_match::settings::{Optimizer, Settings};
 
 /// Fewest disparities of a pair that are narrowed.
 const MANY: usize = 384;

@@ -6,13 +6,13 @@
 
 use ndarray::Array3;
 
-use crate::error::Result;
-use crate::image::intensity::Gray;
-use crate::image::plane::Plane;
-use crate::image::view::{Image, View};
-use crate::pipeline::pair::Pair;
-use crate::pipeline::platform::both;
-use crate::pipeline::runtime::Runtime;
+use phasestereo_match::base::error::Result;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::platform::both;
+use phasestereo_match::image::intensity::Gray;
+use phasestereo_match::image::view::{Image, View};
+use phasestereo_match::matcher::runtime::Runtime;
+use phasestereo_match::pair::Pair;
 
 /// Fewest rows and columns of a copy.
 pub const LEAST_SIZE: usize = 100;

@@ -2,8 +2,8 @@
 
 use ndarray::Array3;
 
-use crate::image::plane::{Plane, reflect};
-use crate::image::view::{Image, View};
+use phasestereo_match::base::plane::{Plane, reflect};
+use phasestereo_match::image::view::{Image, View};
 
 /// Disparity of the wall, pixels.
 pub const FAR: i32 = 5;

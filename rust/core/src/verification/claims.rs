@@ -1,10 +1,10 @@
 //! What a map claims as a whole: the disparities to search because of it, and whether its numbers are meant otherwise.
 
-use crate::cost::Costs;
-use crate::cost::candidates::Candidates;
-use crate::image::plane::Plane;
-use crate::settings::MOST_DISPARITIES;
 use crate::verification::evidence::{STEPS, cost_at};
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::cost::Costs;
+use phasestereo_match::pair::candidates::Candidates;
+use phasestereo_match::settings::MOST_DISPARITIES;
 
 /// Share of the claims at either end that do not widen the range: maps have outliers.
 const OUTLIERS: usize = 200;

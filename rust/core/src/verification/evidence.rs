@@ -16,13 +16,13 @@
 //! So a claim that costs as much as the own disparity in every pixel has no evidence against it, and many small
 //! differences weigh as much as noise lets them. The costs of disparities between two candidates are interpolated.
 
-use crate::cost::Costs;
-use crate::error::Result;
-use crate::image::plane::Plane;
-use crate::image::window_sums::{Beyond, Windows};
-use crate::pipeline::control::Control;
-use crate::pipeline::matcher::Disparity;
-use crate::simd::Level;
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::error::Result;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::simd::Level;
+use phasestereo_match::cost::Costs;
+use phasestereo_match::image::window_sums::{Beyond, Windows};
+use phasestereo_match::matcher::Disparity;
 
 /// Parts of a pixel in which disparities are interpolated, so costs are in parts of a bit.
 pub const STEPS: u32 = 256;
@@ -154,7 +154,7 @@ mod tests {
         });
         let costs = Costs::of_volume(
             &volume,
-            crate::cost::candidates::Candidates::new(0, 4, 4).expect("legal"),
+            phasestereo_match::pair::candidates::Candidates::new(0, 4, 4).expect("legal"),
         );
 
         let cost =

@@ -24,17 +24,17 @@
 //! `HIDDEN` was set by hand: pixels that the right image does not see are not in the regression, and a map that is right
 //! there contradicts the match. With -0.7 fewer of them are refuted, and 1 to 2 points less of what is wrong.
 
-use crate::error::Result;
-use crate::image::plane::{Plane, zeroed};
-use crate::image::window_sums::{Beyond, Windows};
-use crate::math::ln;
-use crate::pipeline::control::Control;
-use crate::pipeline::matcher::Disparity;
-use crate::refinement::flag;
-use crate::simd::Level;
 use crate::verification::claims::right_column;
 use crate::verification::evidence::{DIFFERENT, Evidence};
 use crate::verification::{Counts, verdict};
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::error::Result;
+use phasestereo_match::base::math::ln;
+use phasestereo_match::base::plane::{Plane, zeroed};
+use phasestereo_match::base::simd::Level;
+use phasestereo_match::image::window_sums::{Beyond, Windows};
+use phasestereo_match::matcher::Disparity;
+use phasestereo_match::refinement::flag;
 
 const OFFSET: f64 = -1.95;
 const BY: f64 = 0.43;

@@ -1,0 +1,911 @@
+//! The relative blur of a pair from the images alone: which image is the softer one, where, and by what.
+//!
+//! 1. The pair is matched at a quarter of its size (`rough`), where little is left of the blur: that finds the blocks of
+//!    the two images that show the same.
+//! 2. The power spectra of each such pair of blocks are taken (`spectrum`) and averaged in bins (`bins`). Their quotient
+//!    is made of gain, noise, and the response of the relative blur, whatever the blocks show.
+//! 3. Each of a bank of blurs (`bank`) is fitted to all blocks together, then to every pair of blocks (`fit`); the fewest
+//!    that explain the tiles of the image are kept (`regions`). Where none explains all of them together, only the
+//!    pairs are fitted to the whole bank that one of a few blurs explains better than none, and no pair unless that is
+//!    worth something to a sample.
+//!    Where no blur of one image explains all blocks together, one of each image may do (`two_sided`).
+//! 4. Size and direction of each kind are refined (`refine`) on the powers of all its blocks together; where no family
+//!    explains these well, the kernel is measured (`measured`).
+//! 5. If there are several kinds, their map is drawn again on finer tiles.
+//!
+//! Where disks whose radii follow the disparities explain the blocks (`depth`), these take the place of 4 and 5.
+//!
+//! All sums are taken in a fixed order, so the result depends neither on threads nor on instructions.
+
+mod bank;
+pub(crate) mod bins;
+pub(crate) mod defects;
+mod depth;
+mod fit;
+mod measured;
+pub mod parts;
+pub mod psf;
+mod refine;
+pub mod regions;
+pub(crate) mod rough;
+mod search;
+mod signature;
+mod spectrum;
+mod transform;
+mod two_sided;
+
+use std::borrow::Cow;
+use std::iter;
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+pub use self::bank::Side;
+use self::bank::bank;
+use self::bins::{SIDE, bins};
+use self::defects::Defects;
+use self::depth::{BlurByDepth, DEPTHS, Defocus};
+use self::fit::{BlurEvidence, Fit, Response};
+use self::measured::{add_cross_spectra, measured};
+use self::parts::{PairRows, Part, ROUGHEST, blocks};
+use self::refine::refine;
+use self::regions::{Losses, first};
+use self::rough::{Correspondence, RoughMatch, RoughScale, grays_per_unit};
+use self::search::{Blocks, Choice, flat, searched};
+pub use self::signature::BlurSignature;
+pub use self::spectrum::BlockPlace;
+use self::spectrum::{Cross, Powers, powers, response};
+use self::two_sided::{TwoSided, find_two_sided};
+use crate::estimation::blur::psf::{Family, Psf, Taps};
+use phasestereo_match::base::error::Result;
+use phasestereo_match::base::math;
+use phasestereo_match::base::simd::Level;
+use phasestereo_match::matcher::runtime::Runtime;
+use phasestereo_match::pair::Pair;
+
+/// The rough match by which a kernel is measured: half the size shows the kernel nearly as well as the
+/// true disparities would, a quarter does not.
+const ROUGH: RoughScale = RoughScale { factor: 2, ..RoughScale::ROUGH };
+/// Number of blocks that suffices to see whether there is blur. About as many are taken, or fewer; more only of images in
+/// which they would be further apart than [`SPACING`].
+const ENOUGH_BLOCKS: usize = 110;
+/// Number of blocks that suffices for the largest images, too.
+const MOST_BLOCKS: usize = 400;
+/// Least and largest distance of blocks at first, pixels; the largest grows where there were too many blocks.
+const SPACING: (usize, usize) = (32, 64);
+/// Side of the tiles of a map, pixels; larger where there were too many tiles.
+const TILE: usize = 16;
+/// Most tiles of a map.
+const MOST_TILES: usize = 6000;
+/// Blurs of less spread than this, pixels, are ignored: real pairs differ by as much.
+const LEAST_SPREAD: f64 = 0.6;
+/// Families that leave a larger loss than this, nepers, may be wrong: then the kernel is measured.
+const DOUBTFUL: f32 = 0.3;
+/// Blurs of both images are accepted if their loss is at most this share of that of the best blur of one image, where
+/// this one is doubtful. True blurs of both, motions and disks, have less; arcs of one image, which no family
+/// explains, have more.
+const CLEARLY_BETTER: f32 = 0.7;
+/// A kernel is measured, and blurs of both images are searched, on at least this many blocks;
+const LEAST_BLOCKS: usize = 12;
+/// ... a kernel on at least one in so many of all: it takes another match, which is not worth it for a little of a large
+/// image,
+const LEAST_PART: usize = 20;
+/// ... and unless the measured kernel has a loss larger than the family's by this factor.
+const MUCH_WORSE: f32 = 1.5;
+/// One block in so many is fitted to all blurs, whatever explains the others,
+const SAMPLE: usize = 4;
+/// ... unless there would be fewer than this.
+const LEAST_SAMPLE: usize = 12;
+/// The quietest one in so many blocks gives the noise.
+const QUIET: usize = 10;
+/// The ratio of the noise to that of the quietest tenth of the blocks, in the quietest of eight directions:
+/// measured for noise of a known level on the suite's scenes.
+const QUIET_BIAS: f32 = 1.28;
+
+/// Share of the texture of 4 pixels' period that a slight blur leaves.
+const SLIGHT: f64 = 0.3;
+
+/// A kind of relative blur.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Blur {
+    /// The softer image; `None`: both are equally sharp.
+    pub side: Option<Side>,
+    /// The point-spread function, if a family explains the blur.
+    pub psf: Option<Psf>,
+    /// The kernel that the sharper image has to be convolved with; `None`: there is none.
+    pub taps: Option<Taps>,
+    /// The blur of the sharper image, if it lacks something as well: the softer one has to be convolved with it.
+    pub other: Option<Psf>,
+}
+
+impl Blur {
+    /// Whether there is no blur, or so slight a one that to give it to the sharper image, too, would cost more detail than the
+    /// difference does: codes are of phase, which a symmetric blur leaves alone.
+    pub fn is_slight(&self) -> bool {
+        let leaves_most = |taps: &Taps| taps.least_response() >= SLIGHT;
+        self.other.is_none() && self.taps.as_ref().is_none_or(leaves_most)
+    }
+
+    /// The standard deviation of its kernel along an axis, pixels.
+    pub fn spread(&self) -> f64 {
+        match (self.psf, &self.taps) {
+            (Some(psf), _) => psf.spread(),
+            (None, Some(taps)) => taps.radius() / 2f64.sqrt(),
+            (None, None) => 0.0,
+        }
+    }
+}
+
+/// The relative blur and the noise of a pair.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Estimate {
+    /// The kinds of blur, that of the largest area first; never empty.
+    pub blurs: Vec<Blur>,
+    /// The kind of every tile: rows, columns, values row after row.
+    pub labels: (usize, usize, Vec<u8>),
+    /// Side of a tile, pixels.
+    pub tile: usize,
+    /// Certainty from 0 to 1: the share of the loss of the opposite assumption that the first kind avoids; of blur that
+    /// follows depth, the share that this explains of what tiles with blurs of their own would.
+    pub certainty: f32,
+    /// Contrast of the left image relative to the right one's.
+    pub gain: f64,
+    /// Standard deviations of the noise, left and right, in units of the pixels.
+    pub noise: [f64; 2],
+    /// The least height of impulses of the left and of the right image, in units of the pixels; 0: there are none.
+    pub impulses: [f64; 2],
+    /// Standard deviations of a noise that would do as much harm as the loss of compression, left and right, in units
+    /// of the pixels.
+    pub coding: [f64; 2],
+    /// Statistics by which a later pair of the same cameras is compared.
+    pub signature: BlurSignature,
+}
+
+/// A grid of tiles, and the blocks about their centers.
+struct Grid {
+    /// Side of a tile, pixels.
+    step: usize,
+    rows: usize,
+    cols: usize,
+    places: Vec<Option<BlockPlace>>,
+    powers: Vec<Powers>,
+}
+
+/// The blocks of a grid together.
+struct AllBlocks {
+    /// Their mean powers.
+    powers: Powers,
+    /// The evidence of these.
+    blocks: Blocks,
+    /// The loss of every choice.
+    losses: Vec<f32>,
+}
+
+/// The pair, and what the steps of its estimation have in common.
+struct BlurEstimation<'a> {
+    rows: PairRows<'a>,
+    /// Rough disparities of the whole pair; `None`: they are found part by part.
+    rough: Option<RoughMatch>,
+    known: Correspondence,
+    size: (usize, usize),
+    /// Gray values per unit of the pixels of either image.
+    units: [f64; 2],
+    runtime: Runtime<'a>,
+}
+
+/// A kind of blur, fitted to the mean powers of its blocks.
+struct FittedBlur {
+    blur: Blur,
+    response: Response,
+    fit: Fit,
+    powers: Powers,
+}
+
+/// Computes all tables that are made only once, among them the responses of the bank.
+pub fn prepare() {
+    flat();
+    bank();
+}
+
+/// Estimates the relative blur of a pair on the current threads. `sample` is any part of the pair; `whole` are rough
+/// disparities of all of it, if there are any yet.
+pub(crate) fn estimate(
+    rows: PairRows,
+    sample: &Pair,
+    known: Correspondence,
+    whole: Option<RoughMatch>,
+    runtime: Runtime,
+) -> Result<Estimate> {
+    let size = rows.size();
+    if !is_enough(size) {
+        return Ok(Estimate::unknown(size));
+    }
+
+    BlurEstimation::new(rows, sample, known, whole, runtime)?.estimate()
+}
+
+/// Whether the blur of a pair, whose impulses are repaired as in an earlier one, is still that of the earlier one.
+/// Sizes that change by less than about a fifth, and blur that appears in less than a sixteenth of the image, are
+/// missed.
+pub fn is_as_before(pair: &Pair, before: &BlurSignature, runtime: Runtime) -> Result<bool> {
+    let size = pair.size();
+    if !before.fits(size) {
+        return Ok(false);
+    }
+
+    let part = Part::new(0, Cow::Borrowed(pair), runtime)?;
+    let images = part.grays.each_ref().map(|grays| &grays.plane);
+    let powers = powers(images, &before.places, runtime.execution.level, runtime.control)?;
+    Ok(before.is_like(&BlurSignature::new(before.places.clone(), &powers, size)))
+}
+
+/// Whether an image of this size holds a block.
+pub(crate) fn is_enough((rows, cols): (usize, usize)) -> bool {
+    rows >= SIDE && cols >= SIDE
+}
+
+impl<'a> BlurEstimation<'a> {
+    /// `sample` is any part of the pair.
+    fn new(
+        rows: PairRows<'a>,
+        sample: &Pair,
+        known: Correspondence,
+        whole: Option<RoughMatch>,
+        runtime: Runtime<'a>,
+    ) -> Result<Self> {
+        let [left, right] = sample.views();
+        let unit = |view| grays_per_unit(view, runtime.execution.level, runtime.control);
+        let units = [unit(left)?, unit(right)?];
+
+        // Those at hand save a match.
+        let rough = match (whole.filter(|whole| whole.factor() == ROUGHEST.factor), rows) {
+            (Some(whole), _) => Some(whole),
+            (None, PairRows::Kept(part)) => Some(part.rough(&known, ROUGHEST, runtime)?),
+            (None, PairRows::Read(_)) => None,
+        };
+
+        Ok(Self { rows, rough, known, size: rows.size(), units, runtime })
+    }
+
+    /// Visits the blocks with these top rows, from the first one down, with their rough disparities and the row of the
+    /// image that these begin with.
+    fn visit(
+        &self,
+        tops: &[usize],
+        scale: RoughScale,
+        mut visit: impl FnMut(&Part, (&RoughMatch, usize), Range<usize>) -> Result<()>,
+    ) -> Result<()> {
+        self.rows.visit(blocks(tops, &self.known), self.runtime, |part, visited| {
+            match &self.rough {
+                Some(rough) if scale == ROUGHEST => visit(part, (rough, 0), visited),
+                _ => {
+                    let rough = part.rough(&self.known, scale, self.runtime)?;
+                    visit(part, (&rough, part.first), visited)
+                }
+            }
+        })
+    }
+
+    /// The estimate, step by step as the module says.
+    fn estimate(&self) -> Result<Estimate> {
+        // Steps 1 and 2.
+        let grid = self.grid(self.spacing(), |_| true)?;
+        let noise = grid.noise();
+        let all = AllBlocks::new(&grid, noise, self.level());
+        if let Some(kind) = all.as_ref().and_then(|all| self.two_sided(all)) {
+            return Ok(self.finished(vec![kind], RegionMap::uniform(self.size), grid, noise));
+        }
+
+        let blocks = grid.blocks(noise, self.level());
+
+        // Step 3: which blurs explain the tiles, and which tiles each of them explains best.
+        let is_sharp = all.is_some_and(|all| first(iter::once(&*all.losses)) == Some(0));
+        let chosen = grid.searched(&blocks, is_sharp, self.level()).chosen();
+        let choices: Vec<Choice> = chosen.iter().map(|choice| Choice::at(*choice)).collect();
+        let losses = grid.losses(&blocks, &choices, self.level());
+
+        if choices.iter().any(|choice| choice.side.is_some())
+            && let Some((kinds, map, certainty)) = self.by_depth(&grid, &blocks, &losses, noise)?
+        {
+            // Blocks at jumps mix radii, which looks like gain, the other way round where the other image is softer.
+            let gain = map.mean_gain(&kinds) * self.units[1] / self.units[0];
+            return Ok(Estimate { certainty, gain, ..self.finished(kinds, map, grid, noise) });
+        }
+
+        // Step 4.
+        let mut kinds = Vec::new();
+        for (index, Choice { side, .. }) in choices.into_iter().enumerate() {
+            let members = losses.best_members(index);
+            // Choices that were added later may explain all tiles of an earlier one better.
+            if side.is_none() || !members.is_empty() {
+                kinds.push(self.fitted_blur(&grid, &members, noise, side)?);
+            }
+        }
+        merge(&mut kinds);
+
+        if kinds.is_empty() {
+            let unknown = Estimate::unknown(self.size);
+            return Ok(Estimate { noise: self.in_units(noise), ..unknown });
+        }
+
+        // Step 5.
+        let map = if kinds.len() > 1 {
+            self.map(&kinds, noise, &grid, &blocks)?
+        } else {
+            RegionMap::uniform(self.size)
+        };
+
+        Ok(self.finished(kinds, map, grid, noise))
+    }
+
+    fn finished(
+        &self,
+        kinds: Vec<FittedBlur>,
+        map: RegionMap,
+        grid: Grid,
+        noise: [f32; 2],
+    ) -> Estimate {
+        let places = grid.places.into_iter().flatten().collect();
+        let signature = BlurSignature::new(places, &grid.powers, self.size);
+        Estimate { signature, ..self.summary(kinds, map, noise) }
+    }
+
+    fn level(&self) -> Level {
+        self.runtime.execution.level
+    }
+
+    /// The distance of the first blocks: so that there are enough of them, but not too many.
+    fn spacing(&self) -> usize {
+        let (rows, cols) = self.size;
+        let even = |blocks: usize| {
+            let spacing = ((rows * cols / blocks) as f64).sqrt();
+            // To the nearest multiple of 16 pixels there were up to 180 blocks, to the next one as few as 70.
+            (spacing / 8.0).ceil() as usize * 8
+        };
+
+        even(ENOUGH_BLOCKS).clamp(SPACING.0, SPACING.1.max(even(MOST_BLOCKS)))
+    }
+
+    /// Tiles of `step` pixels, and the blocks about the centers of those that are wanted, by row and column.
+    fn grid(&self, step: usize, is_wanted: impl Fn((usize, usize)) -> bool) -> Result<Grid> {
+        let (height, width) = self.size;
+        // The block about the center of a tile, moved inside the image.
+        let corner = |tile: usize, length: usize| {
+            (tile * step + step / 2).saturating_sub(SIDE / 2).min(length - SIDE)
+        };
+
+        let (rows, cols) = (height.div_ceil(step), width.div_ceil(step));
+        let tops: Vec<usize> = (0..rows).map(|y| corner(y, height)).collect();
+
+        let mut places = vec![];
+        let mut all_powers = vec![];
+        self.visit(&tops, ROUGHEST, |part, rough, rows| {
+            let tiles = rows.flat_map(|y| (0..cols).map(move |x| (y, x)));
+            let place = |(y, x): (usize, usize)| {
+                is_wanted((y, x)).then(|| part.place(rough, tops[y], corner(x, width)))?
+            };
+            let new: Vec<_> = tiles.map(place).collect();
+
+            let images = part.grays.each_ref().map(|grays| &grays.plane);
+            let local = part.local(new.iter().flatten());
+            all_powers.extend(powers(images, &local, self.level(), self.runtime.control)?);
+            places.extend(new);
+            Ok(())
+        })?;
+
+        Ok(Grid { step, rows, cols, places, powers: all_powers })
+    }
+
+    /// The blurs of both images, if they explain all blocks together clearly better than any blur of one image.
+    fn two_sided(&self, all: &AllBlocks) -> Option<FittedBlur> {
+        let one_sided = all.losses.iter().copied().fold(f32::INFINITY, f32::min);
+        if one_sided <= DOUBTFUL {
+            return None;
+        }
+
+        let found = find_two_sided(&all.blocks.evidence, self.level())?;
+        let is_slight = found.entries.iter().any(|entry| entry.psf.spread() < LEAST_SPREAD);
+        if is_slight || found.loss() > CLEARLY_BETTER * one_sided {
+            return None;
+        }
+
+        Some(FittedBlur::of_both_images(found, all.powers.clone()))
+    }
+
+    /// The blur of these tiles together: of a family, or measured, or none.
+    fn fitted_blur(
+        &self,
+        grid: &Grid,
+        tiles: &[usize],
+        noise: [f32; 2],
+        side: Option<Side>,
+    ) -> Result<FittedBlur> {
+        let powers = grid.together(tiles);
+        let none = FittedBlur::unblurred(&powers, noise, self.level());
+        let Some(side) = side else {
+            return Ok(none);
+        };
+
+        let [left, right] = BlurEvidence::of_both(&powers, noise, self.level());
+        let evidence = if side == Side::Left { left } else { right };
+        // A blur of hardly any spread is none, unless no family explains the powers.
+        let refined = refine(&evidence, self.level());
+        if refined.entry.psf.spread() < LEAST_SPREAD && refined.fit.loss <= DOUBTFUL {
+            return Ok(none);
+        }
+
+        let blur = Blur {
+            side: Some(side),
+            psf: Some(refined.entry.psf),
+            taps: Some(refined.entry.psf.taps()),
+            other: None,
+        };
+        let family =
+            FittedBlur { blur, response: refined.entry.response, fit: refined.fit, powers };
+
+        // A measurement takes another match: only where the family is doubtful and there are enough blocks.
+        let least = LEAST_BLOCKS.max(grid.powers.len() / LEAST_PART);
+        if family.fit.loss <= DOUBTFUL || tiles.len() < least {
+            return Ok(family);
+        }
+
+        self.measured(grid, tiles, &evidence, family)
+    }
+
+    /// The kernel as it is measured, unless it explains the powers much worse than the family does.
+    fn measured(
+        &self,
+        grid: &Grid,
+        tiles: &[usize],
+        evidence: &BlurEvidence,
+        family: FittedBlur,
+    ) -> Result<FittedBlur> {
+        let Some(side) = family.blur.side else {
+            return Ok(family);
+        };
+
+        // Rows are visited from the top down, whatever order the tiles were chosen in.
+        let mut tiles = tiles.to_vec();
+        tiles.sort_unstable();
+        let places: Vec<BlockPlace> = tiles.iter().filter_map(|tile| grid.places[*tile]).collect();
+        let mut rows: Vec<usize> = places.iter().map(|place| place.top).collect();
+        rows.dedup();
+
+        let mut sums = Cross::default();
+        self.visit(&rows, ROUGH, |part, (rough, _), visited| {
+            let here = &rows[visited];
+            let there = places.iter().filter(|place| here.contains(&place.top));
+            add_cross_spectra(
+                &part.grays,
+                rough,
+                &part.local(there),
+                &mut sums,
+                self.level(),
+                self.runtime.control,
+            )
+        })?;
+
+        let Some(taps) = measured(&sums, side, self.level()) else {
+            return Ok(family);
+        };
+        let response = response(&taps, self.level());
+        let fit = evidence.fit(&response, self.level());
+        if fit.loss > MUCH_WORSE * family.fit.loss {
+            return Ok(family);
+        }
+
+        let blur = Blur { side: Some(side), psf: None, taps: Some(taps), other: None };
+        Ok(FittedBlur { blur, response, fit, powers: family.powers })
+    }
+
+    /// Disks that follow depth, their map, and how certain they are, if that is what the blocks show.
+    fn by_depth(
+        &self,
+        grid: &Grid,
+        blocks: &[Blocks],
+        losses: &Losses,
+        noise: [f32; 2],
+    ) -> Result<Option<(Vec<FittedBlur>, RegionMap, f32)>> {
+        let map = self.depths()?;
+        let (height, width) = self.size;
+
+        // The tiles of the grid with blocks, in the order of these, and the disparities at their centers.
+        let with_block = |tile: &usize| grid.places[*tile].is_some();
+        let tiles: Vec<usize> = (0..grid.places.len()).filter(with_block).collect();
+        let center =
+            |tile: usize, length: usize| (tile * grid.step + grid.step / 2).min(length - 1);
+        let disparity = |tile: &usize| {
+            let (y, x) = (tile / grid.cols, tile % grid.cols);
+            map.at(center(y, height), center(x, width))
+        };
+        let known: Vec<f32> = tiles.iter().map(disparity).collect();
+        let spread = |tile: &usize| {
+            let (y, x) = (tile / grid.cols, tile % grid.cols);
+            map.spread(center(y, height), center(x, width))
+        };
+        let spreads: Vec<f32> = tiles.iter().map(spread).collect();
+        let apart = losses.mean_of_best();
+        let Some(found) = BlurByDepth::new(blocks, &known, &spreads, apart, self.level()) else {
+            return Ok(None);
+        };
+
+        // The disks that occur, each with the blocks of its disparities.
+        let disks: Vec<Defocus> = map.values.iter().map(|d| found.defocus(*d)).collect();
+        let mut kinds: Vec<Defocus> = vec![];
+        let mut labels = vec![];
+        for disk in disks {
+            let known = kinds.iter().position(|known| *known == disk);
+            labels.push(known.unwrap_or(kinds.len()) as u8);
+            if known.is_none() {
+                kinds.push(disk);
+            }
+        }
+
+        let fitted = kinds.iter().map(|kind| {
+            let members = tiles.iter().zip(&known).filter(|(_, d)| found.defocus(**d) == *kind);
+            let members: Vec<usize> = members.map(|(tile, _)| *tile).collect();
+            let members = if members.is_empty() { &tiles } else { &members };
+            FittedBlur::defocused(*kind, grid.together(members), noise, self.level())
+        });
+        let map = RegionMap { rows: map.rows, cols: map.cols, labels, tile: map.tile };
+        Ok(Some((fitted.collect(), map, found.certainty)))
+    }
+
+    /// The disparities of tiles; those without any have that of the tile before.
+    fn depths(&self) -> Result<Depths> {
+        let (height, width) = self.size;
+        let tile = self.tile();
+        let (rows, cols) = (height.div_ceil(tile), width.div_ceil(tile));
+        let center = |index: usize, length: usize| (index * tile + tile / 2).min(length - 1);
+        let top = |y: usize| center(y, height).saturating_sub(SIDE / 2).min(height - SIDE);
+        let tops: Vec<usize> = (0..rows).map(top).collect();
+
+        let mut values = vec![];
+        let mut last = f32::NAN;
+        self.visit(&tops, DEPTHS, |_, (rough, first), visited| {
+            for y in visited {
+                for x in 0..cols {
+                    let found = rough.around(center(y, height) - first, center(x, width));
+                    last = found.unwrap_or(last);
+                    values.push(last);
+                }
+            }
+            Ok(())
+        })?;
+        Ok(Depths { rows, cols, tile, values })
+    }
+
+    /// The side of the tiles of a map: the least one, unless there were too many of them.
+    fn tile(&self) -> usize {
+        let (rows, cols) = self.size;
+        let even = ((rows * cols / MOST_TILES) as f64).sqrt() as usize;
+        even.next_multiple_of(TILE).max(TILE)
+    }
+
+    /// The map of the kinds. Its tiles are finer than those of the first blocks, of which only those on a boundary are
+    /// examined again.
+    fn map(
+        &self,
+        kinds: &[FittedBlur],
+        noise: [f32; 2],
+        first: &Grid,
+        blocks: &[Blocks],
+    ) -> Result<RegionMap> {
+        let choices = choices(kinds);
+        let tile = self.tile();
+
+        let rough = first.losses(blocks, &choices, self.level());
+        // The tile of the first grid under the center of a finer one.
+        let at = |length: usize| (length * tile + tile / 2) / first.step;
+        let around = |(y, x)| at(y).min(first.rows - 1) * first.cols + at(x).min(first.cols - 1);
+        let grid = self.grid(tile, |place| rough.is_boundary(around(place)))?;
+
+        let mut losses = grid.losses(&grid.blocks(noise, self.level()), &choices, self.level());
+        for (index, tile) in losses.values.chunks_mut(choices.len()).enumerate() {
+            let coarse = around((index / grid.cols, index % grid.cols));
+            if !rough.is_boundary(coarse) {
+                tile.copy_from_slice(rough.of(coarse));
+            }
+        }
+
+        let labels = losses.steadied().main_labels();
+        Ok(RegionMap { rows: grid.rows, cols: grid.cols, labels, tile })
+    }
+
+    /// Standard deviations of noise of these powers, in units of the pixels.
+    fn in_units(&self, noise: [f32; 2]) -> [f64; 2] {
+        [0, 1].map(|side| f64::from(noise[side]).sqrt() / self.units[side])
+    }
+
+    fn summary(&self, kinds: Vec<FittedBlur>, map: RegionMap, noise: [f32; 2]) -> Estimate {
+        let (map, order) = map.by_area(kinds.len());
+
+        let first = &kinds[order[0]];
+        let units = self.units[1] / self.units[0];
+
+        Estimate {
+            certainty: first.certainty(noise, self.level()),
+            gain: first.gain() * units,
+            noise: self.in_units(noise),
+            blurs: order.iter().map(|kind| kinds[*kind].blur.clone()).collect(),
+            labels: (map.rows, map.cols, map.labels),
+            tile: map.tile,
+            impulses: [0.0; 2],
+            coding: [0.0; 2],
+            signature: BlurSignature::default(),
+        }
+    }
+}
+
+impl AllBlocks {
+    /// `None` where there are few blocks.
+    fn new(grid: &Grid, noise: [f32; 2], level: Level) -> Option<Self> {
+        let tiles: Vec<usize> =
+            (0..grid.places.len()).filter(|tile| grid.places[*tile].is_some()).collect();
+        if tiles.len() < LEAST_BLOCKS {
+            return None;
+        }
+
+        let powers = grid.together(&tiles);
+        let blocks = Blocks::new(&powers, noise, level);
+        let losses = blocks.losses(level);
+        Some(Self { powers, blocks, losses })
+    }
+}
+
+impl Grid {
+    /// The power of the noise of either image, from its quietest blocks.
+    fn noise(&self) -> [f32; 2] {
+        [0, 1].map(|side| {
+            // Texture only adds power, so the quietest blocks show the noise.
+            let mut highs: Vec<f32> =
+                self.powers.iter().map(|powers| powers.least_high[side]).collect();
+            let quiet = highs.len() / QUIET;
+            if highs.is_empty() {
+                return 0.0;
+            }
+
+            *highs.select_nth_unstable_by(quiet, f32::total_cmp).1 * QUIET_BIAS
+        })
+    }
+
+    /// The evidence of every pair of blocks.
+    fn blocks(&self, noise: [f32; 2], level: Level) -> Vec<Blocks> {
+        self.powers.par_iter().map(|powers| Blocks::new(powers, noise, level)).collect()
+    }
+
+    /// The loss of every choice on every tile.
+    fn losses(&self, blocks: &[Blocks], choices: &[Choice], level: Level) -> Losses {
+        let losses_of = |blocks: &Blocks| -> Vec<f32> {
+            choices.iter().map(|choice| blocks.loss(*choice, level)).collect()
+        };
+
+        self.on_tiles(choices.len(), blocks.par_iter().map(losses_of).collect())
+    }
+
+    /// The loss of each of all blurs on every tile; some blocks are not fitted to all of them.
+    fn searched(&self, blocks: &[Blocks], is_sharp: bool, level: Level) -> Losses {
+        let with_blocks = self.places.iter().enumerate().filter(|(_, place)| place.is_some());
+        // Samples lie in every row, shifted by half a sample from row to row.
+        let is_sample = with_blocks.map(|(tile, _)| {
+            let (y, x) = (tile / self.cols, tile % self.cols);
+            blocks.len() <= LEAST_SAMPLE * SAMPLE || (x + 2 * y).is_multiple_of(SAMPLE)
+        });
+        let is_sample: Vec<bool> = is_sample.collect();
+
+        self.on_tiles(1 + 2 * bank().len(), searched(blocks, &is_sample, is_sharp, level))
+    }
+
+    /// Losses of blocks as losses of tiles; infinite for tiles without a block.
+    fn on_tiles(&self, choices: usize, losses: Vec<Vec<f32>>) -> Losses {
+        let mut losses = losses.into_iter();
+        let unknown = vec![f32::INFINITY; choices];
+        let of_tile = |place: &Option<BlockPlace>| {
+            place.and_then(|_| losses.next()).unwrap_or_else(|| unknown.clone())
+        };
+
+        let values = self.places.iter().flat_map(of_tile).collect();
+        Losses { rows: self.rows, cols: self.cols, choices, values }
+    }
+
+    /// The mean powers of these tiles.
+    fn together(&self, tiles: &[usize]) -> Powers {
+        // Powers are stored for the tiles with a block only.
+        let mut index = 0;
+        let mut indices = vec![0; self.places.len()];
+        for (tile, place) in self.places.iter().enumerate() {
+            indices[tile] = index;
+            index += usize::from(place.is_some());
+        }
+
+        let mut sums = Powers {
+            binned: [vec![0.0; bins().count()], vec![0.0; bins().count()]],
+            least_high: [0.0; 2],
+        };
+
+        let share = 1.0 / tiles.len().max(1) as f32;
+        for tile in tiles.iter().filter(|tile| self.places[**tile].is_some()) {
+            let powers = &self.powers[indices[*tile]];
+            for (sums, values) in sums.binned.iter_mut().zip(&powers.binned) {
+                sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += share * value);
+            }
+        }
+
+        sums
+    }
+}
+
+impl FittedBlur {
+    fn unblurred(powers: &Powers, noise: [f32; 2], level: Level) -> Self {
+        let blur = Blur { side: None, psf: None, taps: None, other: None };
+        let fit = Blocks::new(powers, noise, level).none();
+
+        Self { blur, response: flat().clone(), fit, powers: powers.clone() }
+    }
+
+    /// A disk of one image, or none.
+    fn defocused(disk: Defocus, powers: Powers, noise: [f32; 2], level: Level) -> Self {
+        let Some((side, radius)) = disk else {
+            return Self::unblurred(&powers, noise, level);
+        };
+
+        let psf = Psf::round(Family::Disk, radius);
+        let taps = psf.taps();
+        let response = response(&taps, level);
+        let fit = BlurEvidence::of_both(&powers, noise, level)[side.index()].fit(&response, level);
+        let blur = Blur { side: Some(side), psf: Some(psf), taps: Some(taps), other: None };
+        Self { blur, response, fit, powers }
+    }
+
+    /// The blurs of both images; the softer image is the one with the wider blur.
+    fn of_both_images(found: TwoSided, powers: Powers) -> Self {
+        let [left, right] = found.entries;
+        let (side, own, other) = if left.psf.spread() >= right.psf.spread() {
+            (Side::Left, left, right)
+        } else {
+            (Side::Right, right, left)
+        };
+
+        let blur = Blur {
+            side: Some(side),
+            psf: Some(own.psf),
+            taps: Some(own.psf.taps()),
+            other: Some(other.psf),
+        };
+        // Responses tell kinds apart on tiles, and this kind is the only one.
+        Self { blur, response: own.response, fit: found.fits[side.index()], powers }
+    }
+
+    /// The contrast of the left image relative to the right one's, both in gray values.
+    fn gain(&self) -> f64 {
+        // A fit's gain is that of the softer image relative to the sharper one.
+        let gain = f64::from(self.fit.gain()).sqrt();
+        if self.blur.side == Some(Side::Right) { 1.0 / gain } else { gain }
+    }
+
+    /// The share of the loss of the opposite assumption that this one avoids: of no blur, or of any blur.
+    fn certainty(&self, noise: [f32; 2], level: Level) -> f32 {
+        let blocks = Blocks::new(&self.powers, noise, level);
+        let opposite = match self.blur.side {
+            Some(_) => blocks.none().loss,
+            None => blocks.losses(level)[1..].iter().copied().fold(f32::INFINITY, f32::min),
+        };
+
+        (1.0 - self.fit.loss / opposite.max(f32::MIN_POSITIVE)).clamp(0.0, 1.0)
+    }
+}
+
+/// The kinds as choices for tiles.
+fn choices(kinds: &[FittedBlur]) -> Vec<Choice<'_>> {
+    kinds.iter().map(|kind| Choice { side: kind.blur.side, response: &kind.response }).collect()
+}
+
+/// Keeps only the first of the kinds without blur.
+fn merge(kinds: &mut Vec<FittedBlur>) {
+    let mut seen = false;
+    kinds.retain(|kind| {
+        let keep = kind.blur.side.is_some() || !seen;
+        seen |= kind.blur.side.is_none();
+        keep
+    });
+}
+
+/// The disparities of square tiles, row after row.
+struct Depths {
+    rows: usize,
+    cols: usize,
+    tile: usize,
+    values: Vec<f32>,
+}
+
+impl Depths {
+    /// The difference of the disparities of the tiles around a pixel.
+    fn spread(&self, y: usize, x: usize) -> f32 {
+        let around = |at: usize, count: usize| {
+            let tile = at / self.tile;
+            tile.saturating_sub(1)..(tile + 2).min(count)
+        };
+        let columns = around(x, self.cols);
+        let values =
+            around(y, self.rows).flat_map(|row| &self.values[row * self.cols..][columns.clone()]);
+        let (low, high) = values
+            .fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)));
+        high - low
+    }
+
+    /// The disparity of the tile of a pixel.
+    fn at(&self, y: usize, x: usize) -> f32 {
+        self.values[y / self.tile * self.cols + x / self.tile]
+    }
+}
+
+/// The map of the kinds: the index of its kind for each tile.
+struct RegionMap {
+    rows: usize,
+    cols: usize,
+    labels: Vec<u8>,
+    tile: usize,
+}
+
+impl RegionMap {
+    fn uniform((rows, cols): (usize, usize)) -> Self {
+        Self { rows: 1, cols: 1, labels: vec![0], tile: rows.max(cols) }
+    }
+
+    /// The geometric mean of the gains of the kinds over the tiles.
+    fn mean_gain(&self, kinds: &[FittedBlur]) -> f64 {
+        let logarithms: Vec<f64> = kinds.iter().map(|kind| math::ln(kind.gain())).collect();
+        let sum: f64 = self.labels.iter().map(|label| logarithms[usize::from(*label)]).sum();
+        math::exp(sum / self.labels.len() as f64)
+    }
+
+    /// The map with its kinds numbered by falling area, without those of no tile, and the old numbers of these.
+    fn by_area(mut self, kinds: usize) -> (Self, Vec<usize>) {
+        let mut areas = vec![0; kinds];
+
+        self.labels.iter().for_each(|label| areas[usize::from(*label)] += 1);
+        let mut order: Vec<usize> = (0..kinds).filter(|kind| areas[*kind] > 0).collect();
+        order.sort_by_key(|kind| std::cmp::Reverse(areas[*kind]));
+
+        let mut number = vec![0; kinds];
+        order.iter().enumerate().for_each(|(index, kind)| number[*kind] = index as u8);
+        self.labels.iter_mut().for_each(|label| *label = number[usize::from(*label)]);
+
+        (self, order)
+    }
+}
+
+impl Estimate {
+    /// The estimate with the defects of the images.
+    pub(crate) fn with(self, Defects { impulses, coding }: Defects) -> Self {
+        Self { impulses, coding, ..self }
+    }
+
+    /// The estimate where there is no evidence.
+    pub fn unknown((rows, cols): (usize, usize)) -> Self {
+        Self {
+            blurs: vec![Blur { side: None, psf: None, taps: None, other: None }],
+            labels: (1, 1, vec![0]),
+            tile: rows.max(cols),
+            certainty: 0.0,
+            gain: 1.0,
+            noise: [0.0; 2],
+            impulses: [0.0; 2],
+            coding: [0.0; 2],
+            signature: BlurSignature::default(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn kinds_are_numbered_by_area_and_those_without_tiles_left_out() {
+        let map = RegionMap { rows: 1, cols: 6, labels: vec![3, 0, 0, 0, 3, 2], tile: 16 };
+
+        let (map, order) = map.by_area(4);
+        assert_eq!((map.labels, order), (vec![1, 0, 0, 0, 1, 2], vec![0, 3, 2]));
+    }
+}

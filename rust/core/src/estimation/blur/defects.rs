@@ -1,0 +1,241 @@
+//! Defects of images beside blur and noise, which are detected once for a whole pair: impulses
+//! ([`phasestereo_match::image::impulses`]), and blocks that compression has left ([`phasestereo_match::image::blocking`]).
+
+use std::borrow::Cow;
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use phasestereo_match::base::error::Result;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::platform::both;
+use phasestereo_match::image::blocking::{self, Extra};
+use phasestereo_match::image::impulses::{self, HEIGHT, count_doubtless, has_impulses};
+use phasestereo_match::image::intensity::{Gray, intensity_range};
+use phasestereo_match::image::masking;
+use phasestereo_match::image::view::{Image, View};
+use phasestereo_match::matcher::runtime::Runtime;
+use phasestereo_match::pair::Pair;
+use phasestereo_match::pair::candidates::Candidates;
+use phasestereo_match::pair::source::{Source, bands, has_empty_row, widened};
+
+/// The noise, in gray levels, that does as much harm as the loss of compression where blocks stand out by one level.
+/// More helps a little where both images are compressed, and harms where one is.
+const HARM: f64 = 6.0;
+/// Rows of one task.
+const ROWS: usize = 64;
+/// Rows above and below one that its defects depend on.
+const REACH: usize =
+    if impulses::REACH > blocking::REACH { impulses::REACH } else { blocking::REACH };
+
+/// The defects of the left and the right image, in units of their pixels.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Defects {
+    /// The least height of their impulses; 0: there are none.
+    pub impulses: [f64; 2],
+    /// Standard deviations of a noise that would do as much harm as the loss of compression.
+    pub coding: [f64; 2],
+}
+
+/// A source whose pairs have known impulses, which are repaired.
+pub struct Repaired<'a> {
+    /// The pair as it is.
+    pub source: &'a dyn Source,
+    /// The least height of its impulses, left and right.
+    pub impulses: [f64; 2],
+}
+
+impl Source for Repaired<'_> {
+    fn size(&self) -> (usize, usize) {
+        self.source.size()
+    }
+
+    fn candidates(&self) -> Candidates {
+        self.source.candidates()
+    }
+
+    fn most_rows(&self) -> usize {
+        self.source.most_rows()
+    }
+
+    fn rows(&self, rows: Range<usize>) -> Result<Pair> {
+        Ok(self.source.rows(rows)?.with_impulses(self.impulses))
+    }
+}
+
+/// What is counted in an image.
+#[derive(Debug, Clone, Copy, Default)]
+struct DefectCounts {
+    /// Pixels that are impulses without doubt.
+    doubtless: u64,
+    /// Differences at the borders of coding blocks beyond those elsewhere.
+    extra: Extra,
+    /// Steps of gray values per unit of the pixels.
+    steps: f64,
+}
+
+impl Defects {
+    /// The defects of a pair in memory, whose gray levels are given.
+    pub fn of_pair(pair: &Pair, levels: [f64; 2], runtime: Runtime) -> Result<Self> {
+        let height = pair.size().0;
+        let found = both(|side| counts(pair, side, 0..height, (0, height), levels[side], runtime))?;
+
+        Ok(Self::from_counts(&found, levels, pair.size()))
+    }
+
+    /// The defects of a pair that is read by rows, whose gray levels are given.
+    pub fn of_source(source: &dyn Source, levels: [f64; 2], runtime: Runtime) -> Result<Self> {
+        let (height, cols) = source.size();
+        let mut found = [DefectCounts::default(); 2];
+        for rows in bands(source) {
+            let mut read = widened(&rows, REACH, height);
+            let mut pair = source.rows(read.clone())?;
+
+            if pair.views().iter().any(|view| view.mask.as_ref().is_some_and(has_empty_row)) {
+                // Rows without a valid pixel copy the nearest ones that have some, which may not have been read.
+                read = widened(&read, masking::REACH, height);
+                pair = source.rows(read.clone())?;
+            }
+
+            let here = rows.start - read.start..rows.end - read.start;
+            for (side, found) in found.iter_mut().enumerate() {
+                let place = (read.start, height);
+                *found =
+                    found.and(counts(&pair, side, here.clone(), place, levels[side], runtime)?);
+            }
+        }
+
+        Ok(Self::from_counts(&found, levels, (height, cols)))
+    }
+
+    /// The pair with the heights of its impulses.
+    pub fn repaired<'a>(&self, pair: &'a Pair) -> Cow<'a, Pair> {
+        if self.impulses.iter().all(|height| *height <= 0.0) {
+            return Cow::Borrowed(pair);
+        }
+
+        Cow::Owned(pair.clone().with_impulses(self.impulses))
+    }
+
+    fn from_counts(
+        found: &[DefectCounts; 2],
+        levels: [f64; 2],
+        (rows, cols): (usize, usize),
+    ) -> Self {
+        let mut defects = Self { impulses: [0.0; 2], coding: [0.0; 2] };
+
+        for (side, DefectCounts { doubtless, extra, steps }) in found.iter().enumerate() {
+            if has_impulses(*doubtless, rows * cols) {
+                defects.impulses[side] = HEIGHT * levels[side];
+            }
+            defects.coding[side] = HARM * extra.jump() / steps;
+        }
+
+        defects
+    }
+}
+
+impl DefectCounts {
+    fn and(self, other: Self) -> Self {
+        Self {
+            doubtless: self.doubtless + other.doubtless,
+            extra: self.extra.and(other.extra),
+            steps: other.steps,
+        }
+    }
+}
+
+/// Counts in some rows of an image, of a pair that begins with row `first` of `height` rows.
+fn counts(
+    pair: &Pair,
+    side: usize,
+    rows: Range<usize>,
+    (first, height): (usize, usize),
+    gray_level: f64,
+    Runtime { execution, control, .. }: Runtime,
+) -> Result<DefectCounts> {
+    let gray = Gray::new(pair.views()[side], execution.level, control)?;
+    let (own_height, cols) = gray.size();
+    let level = gray.steps(gray_level);
+
+    let of_rows = |start: usize| -> Result<DefectCounts> {
+        control.checkpoint()?;
+
+        // Gray values of few rows at a time stay in the cache.
+        let rows = start..(start + ROWS).min(rows.end);
+        let read = widened(&rows, REACH, own_height);
+        let mut plane = Plane::new(read.len(), cols)?;
+        for (row, y) in read.clone().enumerate() {
+            gray.write_row(y, execution.level, plane.row_mut(row))?;
+        }
+
+        let origin = (first + read.start, height);
+        let rows = rows.start - read.start..rows.end - read.start;
+        Ok(DefectCounts {
+            doubtless: count_doubtless(&plane, rows.clone(), level, execution.level)?,
+            extra: Extra::of_rows(&plane, rows, origin, level, execution.level)?,
+            steps: gray.steps(1.0),
+        })
+    };
+
+    // Counts are integers and sums of integers, so the order of the tasks does not matter.
+    let starts: Vec<usize> = rows.clone().step_by(ROWS).collect();
+    let found = starts.into_par_iter().map(of_rows);
+    found.try_reduce(DefectCounts::default, |a, b| Ok(a.and(b)))
+}
+
+/// The gray levels of a pair in memory, in units of its pixels.
+pub fn levels_of_pair(pair: &Pair, runtime: Runtime) -> Result<[f64; 2]> {
+    gray_levels(pair, largest(pair), runtime)
+}
+
+/// The gray levels of a pair that is read by rows.
+pub fn levels_of_source(source: &dyn Source, runtime: Runtime) -> Result<[f64; 2]> {
+    let sample = source.rows(0..1)?;
+
+    let mut brightest = 0;
+    // Gray levels of 16 bits depend on the brightest pixel of the whole pair.
+    if matches!(sample.views()[0].image, Image::U16(_)) {
+        for rows in bands(source) {
+            brightest = largest(&source.rows(rows)?).max(brightest);
+        }
+    }
+
+    gray_levels(&sample, brightest, runtime)
+}
+
+/// The largest valid pixel of both images if they have 16 bits, else 0.
+fn largest(pair: &Pair) -> u16 {
+    let of_view = |view: &View| match (&view.image, &view.mask) {
+        (Image::U16(pixels), None) => pixels.iter().copied().max(),
+        (Image::U16(pixels), Some(_)) => {
+            let valid = pixels.indexed_iter().filter(|((y, x, _), _)| view.is_valid(*y, *x));
+            valid.map(|(_, pixel)| *pixel).max()
+        }
+        _ => None,
+    };
+
+    let [left, right] = pair.views().map(of_view);
+    left.max(right).unwrap_or(0)
+}
+
+/// The gray level of either image, in units of the caller's pixels: one of 256 steps from black to white. Few cameras use all 16
+/// bits, so of those as many count as the brightest pixel has.
+fn gray_levels(pair: &Pair, largest: u16, runtime: Runtime) -> Result<[f64; 2]> {
+    let bits = (u16::BITS - largest.leading_zeros()).max(u8::BITS);
+
+    let level = |view: &View| -> Result<f64> {
+        let level = match &view.image {
+            Image::U8(_) => 1.0,
+            Image::U16(_) => f64::from(1u32 << (bits - u8::BITS)),
+            // Ranges are in thousandths of the unit.
+            Image::F32(_) | Image::F64(_) => {
+                intensity_range(view, runtime.control)?.width() / 256e3
+            }
+        };
+        Ok(level * view.unit)
+    };
+
+    let [left, right] = pair.views();
+    Ok([level(left)?, level(right)?])
+}

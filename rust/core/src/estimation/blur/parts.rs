@@ -1,0 +1,165 @@
+//! The rows of a pair that the estimation reads, a part at a time where the pair does not fit into memory.
+
+use std::borrow::Cow;
+use std::ops::Range;
+
+use super::bins::SIDE;
+use super::rough::{Correspondence, GrayPlane, RoughMatch, RoughScale};
+use super::spectrum::BlockPlace;
+use phasestereo_match::base::error::Result;
+use phasestereo_match::base::platform::both;
+use phasestereo_match::matcher::runtime::Runtime;
+use phasestereo_match::pair::Pair;
+use phasestereo_match::pair::source::{Source, widened};
+
+/// Rows above and below a block on which its rough disparities depend: those of windows and neighborhoods of the
+/// rough match, those that masked rows copy, and one for the detection of impulses.
+pub const HALO: usize = 97;
+/// The rough match that finds the blocks that show the same.
+pub const ROUGHEST: RoughScale = RoughScale { factor: 4, ..RoughScale::ROUGH };
+
+/// Some rows of a pair.
+pub struct Part<'a> {
+    /// The row of the whole image that is the first here.
+    pub first: usize,
+    /// The rows.
+    pub pair: Cow<'a, Pair>,
+    /// Gray values of both images.
+    pub grays: [GrayPlane; 2],
+}
+
+/// All rows of a pair.
+#[derive(Clone, Copy)]
+pub enum PairRows<'a> {
+    /// In memory.
+    Kept(&'a Part<'a>),
+    /// Read when they are visited.
+    Read(&'a dyn Source),
+}
+
+/// Strips of rows to visit.
+#[derive(Clone, Copy)]
+pub struct Strips<'a> {
+    /// The top row of each strip, in rising order.
+    pub tops: &'a [usize],
+    /// Rows of each strip.
+    pub rows: usize,
+    /// Rows that are needed above and below.
+    pub halo: usize,
+    /// Parts begin and end at multiples of so many rows.
+    pub unit: usize,
+}
+
+impl PairRows<'_> {
+    /// Rows and columns.
+    pub fn size(&self) -> (usize, usize) {
+        match self {
+            Self::Kept(part) => part.pair.size(),
+            Self::Read(source) => source.size(),
+        }
+    }
+
+    /// Some rows as a pair of their own.
+    pub fn pair(&self, rows: Range<usize>) -> Result<Pair> {
+        match self {
+            Self::Kept(part) => Ok(part.pair.of_rows(rows)),
+            Self::Read(source) => source.rows(rows),
+        }
+    }
+
+    /// Visits the strips from the first one down: calls `visit` with a part of the pair and the indices of the strips
+    /// that lie in it. How many strips a part holds makes no difference.
+    pub fn visit(
+        &self,
+        strips: Strips,
+        runtime: Runtime,
+        mut visit: impl FnMut(&Part, Range<usize>) -> Result<()>,
+    ) -> Result<()> {
+        let source = match self {
+            Self::Kept(part) => return visit(part, 0..strips.tops.len()),
+            Self::Read(source) => *source,
+        };
+
+        let (height, most) = (source.size().0, source.most_rows());
+        let mut first = 0;
+        while let Some(rest) = strips.tops.get(first..).filter(|rest| !rest.is_empty()) {
+            // As many strips as fit into a part, and at least one.
+            let fits = |top: &&usize| *top - rest[0] + strips.rows <= most;
+            let count = rest.iter().take_while(fits).count().max(1);
+
+            let rows = widened(&(rest[0]..rest[count - 1] + strips.rows), strips.halo, height);
+            let start = rows.start / strips.unit * strips.unit;
+            let end = rows.end.next_multiple_of(strips.unit).min(height);
+            visit(&Part::read(source, start..end, runtime)?, first..first + count)?;
+
+            first += count;
+        }
+
+        Ok(())
+    }
+}
+
+impl<'a> Part<'a> {
+    /// The part that begins with row `first` of the whole image.
+    pub fn new(
+        first: usize,
+        pair: Cow<'a, Pair>,
+        Runtime { execution, control, .. }: Runtime,
+    ) -> Result<Self> {
+        let grays = both(|side| GrayPlane::new(pair.views()[side], execution, control))?;
+        Ok(Self { first, pair, grays })
+    }
+
+    fn read(source: &dyn Source, rows: Range<usize>, runtime: Runtime) -> Result<Self> {
+        Part::new(rows.start, Cow::Owned(source.rows(rows)?), runtime)
+    }
+
+    /// Rough disparities of the part.
+    pub fn rough(
+        &self,
+        known: &Correspondence,
+        scale: RoughScale,
+        Runtime { matcher, execution, control }: Runtime,
+    ) -> Result<RoughMatch> {
+        let alignment = known.alignment.clone().map(|field| field.starting_at_row(self.first));
+        let known = Correspondence { alignment, ..*known };
+
+        RoughMatch::new(&self.grays, known, scale, matcher, execution, control)
+    }
+
+    /// The pair of blocks that show the same, whose left one has this corner in the whole image; `None` where there is
+    /// none, or they have no contrast. The rough disparities begin with row `first` of the whole image.
+    pub fn place(
+        &self,
+        (rough, first): (&RoughMatch, usize),
+        top: usize,
+        left: usize,
+    ) -> Option<BlockPlace> {
+        let place = rough.place(&self.pair, self.first - first, top - self.first, left)?;
+
+        let [left_shades, right_shades] = &self.grays;
+        let has_contrast = left_shades.has_contrast(place.top, place.left)
+            && right_shades.has_contrast(place.right_top, place.right);
+
+        let right_top = place.right_top + self.first;
+        has_contrast.then_some(BlockPlace { top, right_top, ..place })
+    }
+
+    /// Places of the whole image, relative to the part.
+    pub fn local<'b>(&self, places: impl IntoIterator<Item = &'b BlockPlace>) -> Vec<BlockPlace> {
+        let local = |place: &BlockPlace| BlockPlace {
+            top: place.top - self.first,
+            right_top: place.right_top - self.first,
+            ..*place
+        };
+
+        places.into_iter().map(local).collect()
+    }
+}
+
+/// The strips of blocks with these top rows, with the halo of their rough disparities.
+pub fn blocks<'a>(tops: &'a [usize], known: &Correspondence) -> Strips<'a> {
+    let field = known.alignment.as_ref().map_or(0, |field| field.bound().ceil() as usize);
+
+    Strips { tops, rows: SIDE, halo: HALO + field, unit: ROUGHEST.factor }
+}

@@ -1,0 +1,490 @@
+//! Rough matches: gray values of both images, disparities of reduced copies, and pairs of blocks that show the same.
+
+use super::bins::SIDE;
+use super::spectrum::BlockPlace;
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::error::Result;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::simd::{Level, Loop};
+use phasestereo_match::base::value::nearest;
+use phasestereo_match::image::intensity::Gray;
+use phasestereo_match::image::intensity_range::IntensityRange;
+use phasestereo_match::image::view::{Image, View};
+use phasestereo_match::matcher::section::Section;
+use phasestereo_match::matcher::{Execution, Matcher};
+use phasestereo_match::pair::Pair;
+use phasestereo_match::pair::alignment::Alignment;
+use phasestereo_match::pair::candidates::Candidates;
+use phasestereo_match::settings::presets::Preset;
+use phasestereo_match::settings::{Optimizer, Precision, Settings};
+
+/// Gray values lie within so many of zero, whatever the type of the image.
+const REACH: f64 = 128.0;
+/// Side of the area about the center of a block whose median disparity the block takes, pixels.
+const CORE: usize = SIDE / 2;
+/// Of a block at most one pixel in so many may be masked.
+const MASKED_SHARE: usize = 10;
+/// Steps of a row in which the offsets of a reduced image are rounded.
+const RAISED_STEPS: isize = 64;
+
+/// Gray values of an image, in one range for all types.
+#[derive(Debug)]
+pub struct GrayPlane {
+    /// Gray values around the middle of the image's range.
+    pub plane: Plane<f32>,
+}
+
+/// Number of gray values per unit of the pixels of a view.
+pub fn grays_per_unit(view: &View, level: Level, control: &Control) -> Result<f64> {
+    let gray = Gray::new(view, level, control)?;
+    Ok(gray.steps(1.0) * scale(&gray))
+}
+
+/// Gray values per step of [`Gray`].
+fn scale(gray: &Gray) -> f64 {
+    REACH / f64::from(gray.reach())
+}
+
+impl GrayPlane {
+    /// The gray values of a view; masked pixels take the values of valid neighbors.
+    pub fn new(view: &View, execution: Execution, control: &Control) -> Result<Self> {
+        let gray = Gray::new(view, execution.level, control)?;
+        let scale = scale(&gray) as f32;
+
+        let plane = Plane::by_bands(gray.size(), 1, |y, row| {
+            control.checkpoint()?;
+            let mut steps = vec![0; row.len()];
+            gray.write_row(y, execution.level, &mut steps)?;
+            row.iter_mut().zip(steps).for_each(|(to, from)| *to = from as f32 * scale);
+            Ok(())
+        })?;
+
+        Ok(Self { plane })
+    }
+
+    /// Whether the block with this corner has more than one value: without contrast there is no evidence of blur.
+    pub fn has_contrast(&self, top: usize, left: usize) -> bool {
+        let mut values = (top..top + SIDE).flat_map(|y| &self.plane.row(y)[left..left + SIDE]);
+        let first = values.next().map(|value| value.to_bits());
+        values.any(|value| Some(value.to_bits()) != first)
+    }
+}
+
+/// Means over squares of `factor` pixels, a power of two; incomplete squares at the far ends are left out.
+pub fn reduced(
+    plane: &Plane<f32>,
+    factor: usize,
+    level: Level,
+    control: &Control,
+) -> Result<Plane<f32>> {
+    let size = (plane.rows() / factor, plane.cols() / factor);
+
+    Plane::by_rows(size, control, |y, out: &mut [f32]| {
+        level.run(ReduceRow { plane, factor, y, out });
+    })
+}
+
+/// Writes a row of means over squares, from zeros.
+struct ReduceRow<'a> {
+    plane: &'a Plane<f32>,
+    factor: usize,
+    y: usize,
+    out: &'a mut [f32],
+}
+
+impl Loop for ReduceRow<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { plane, factor, y, out } = self;
+
+        for row in y * factor..(y + 1) * factor {
+            // Sums of a fixed number of pixels are vectorized.
+            match factor {
+                2 => add_sums::<2>(plane.row(row), out),
+                4 => add_sums::<4>(plane.row(row), out),
+                8 => add_sums::<8>(plane.row(row), out),
+                _ => {
+                    for (sum, part) in out.iter_mut().zip(plane.row(row).chunks_exact(factor)) {
+                        *sum += part.iter().sum::<f32>();
+                    }
+                }
+            }
+        }
+
+        let share = 1.0 / (factor * factor) as f32;
+        for sum in out {
+            *sum *= share;
+        }
+    }
+}
+
+/// Adds the sum of every `FACTOR` pixels.
+#[inline(always)]
+fn add_sums<const FACTOR: usize>(row: &[f32], sums: &mut [f32]) {
+    for (sum, part) in sums.iter_mut().zip(row.as_chunks::<FACTOR>().0) {
+        let mut total = part[0];
+        for pixel in &part[1..] {
+            total += pixel;
+        }
+        *sum += total;
+    }
+}
+
+/// The scale of a rough match.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RoughScale {
+    /// The factor by which the images are reduced.
+    pub factor: usize,
+    /// Side of the neighborhoods of the descriptor in the reduced images,
+    pub neighborhood: usize,
+    /// ... and of the windows that costs are summed over.
+    pub window: usize,
+    /// Whether disparities are found between whole pixels of the reduced images.
+    pub subpixel: bool,
+}
+
+impl RoughScale {
+    /// Large neighborhoods withstand what is left of the blur. The factor is to be chosen.
+    pub const ROUGH: Self = Self { factor: 1, neighborhood: 9, window: 9, subpixel: false };
+}
+
+/// What is known of the geometry of a pair.
+#[derive(Debug, Clone)]
+pub struct Correspondence {
+    /// The disparities to search.
+    pub candidates: Candidates,
+    /// The field of vertical offsets of the pair; `None`: its rows correspond.
+    pub alignment: Option<Alignment>,
+}
+
+/// Disparities of reduced images.
+#[derive(Debug)]
+pub struct RoughMatch {
+    /// Pixels of the reduced image; NaN where there is none.
+    disparity: Plane<f32>,
+    factor: usize,
+    alignment: Option<Alignment>,
+}
+
+/// The right image, reduced by a factor, resampled by the field of vertical offsets; linear between rows.
+pub fn raised(
+    right: &Plane<f32>,
+    alignment: &Alignment,
+    factor: usize,
+    control: &Control,
+) -> Result<Plane<f32>> {
+    // The center of a reduced pixel in the whole image.
+    let center = |at: usize| (at as f64 + 0.5) * factor as f64 - 0.5;
+
+    let last = right.rows() as isize - 1;
+
+    Plane::by_rows((right.rows(), right.cols()), control, |y, row: &mut [f32]| {
+        let along = alignment.along(center(y));
+
+        for (x, value) in row.iter_mut().enumerate() {
+            // Offsets are rounded to steps, so that it makes no difference where a part of the image begins.
+            let offset =
+                nearest(along.at(center(x)) * RAISED_STEPS as f64 / factor as f64) as isize;
+            let above = y as isize + offset.div_euclid(RAISED_STEPS);
+            let share = offset.rem_euclid(RAISED_STEPS) as f32 / RAISED_STEPS as f32;
+
+            let [upper, lower] =
+                [above, above + 1].map(|y| right.row(y.clamp(0, last) as usize)[x]);
+            *value = upper + share * (lower - upper);
+        }
+    })
+}
+
+impl RoughMatch {
+    /// Matches a pair reduced by a factor, on neighborhoods of a certain side: blur shrinks with the images, and larger
+    /// neighborhoods tolerate what is left of it.
+    pub fn new(
+        grays: &[GrayPlane; 2],
+        known: Correspondence,
+        scale: RoughScale,
+        matcher: &Matcher,
+        execution: Execution,
+        control: &Control,
+    ) -> Result<Self> {
+        let Correspondence { candidates, alignment } = known;
+        let factor = scale.factor;
+        let left = as_view(reduced(&grays[0].plane, factor, execution.level, control)?);
+        let right = reduced(&grays[1].plane, factor, execution.level, control)?;
+        let right = as_view(match &alignment {
+            Some(alignment) => raised(&right, alignment, factor, control)?,
+            None => right,
+        });
+
+        // The reduced range holds the whole one, within what the reduced width allows.
+        let (low, high) = (candidates.min(), candidates.disparity(candidates.count() - 1));
+        let low = low.div_euclid(factor as isize) as i64;
+        let width = left.image.shape().1 as i64;
+        let count = (high.div_euclid(factor as isize) as i64 + 2 - low).min(width);
+        let low = low.clamp(1 - width - (count - 1), width - 1);
+
+        let pair = Pair::new(left, right, low, count)?;
+
+        // Few frequencies and costs of one byte are fast, and rough disparities suffice.
+        let settings = Settings {
+            neighborhood: scale.neighborhood,
+            window: scale.window,
+            subpixel: scale.subpixel,
+            frequencies: (1, 1),
+            precision: Precision::Byte,
+            optimizer: Optimizer::ScanlineOptimization,
+            shiftable: false,
+            p1: 3.0,
+            p2: 16.0,
+            confidence: false,
+            ..Preset::Paper.settings()
+        };
+
+        // Rows of the reduced pair are not rows of the result: its progress is counted apart.
+        let all = Section::whole(&pair);
+        let map = matcher.match_alone(&pair, &all, &settings, execution, &control.aside())?;
+
+        Ok(Self { disparity: map.disparity, factor, alignment })
+    }
+
+    /// Disparities of the whole images, reduced by a factor, whose rows correspond as the field says.
+    pub fn of_whole(disparity: Plane<f32>, factor: usize, alignment: Option<Alignment>) -> Self {
+        Self { disparity, factor, alignment }
+    }
+
+    /// The factor by which the images are reduced.
+    pub fn factor(&self) -> usize {
+        self.factor
+    }
+
+    /// The number of rows by which column `x` of the right image is lower than row `y` of the left one.
+    pub fn rows_at(&self, y: usize, x: usize) -> isize {
+        let offset = |alignment: &Alignment| alignment.at(x as f64, y as f64).round() as isize;
+        self.alignment.as_ref().map_or(0, offset)
+    }
+
+    /// The disparity at a pixel of the whole image, interpolated bilinearly.
+    pub fn at(&self, y: usize, x: usize) -> f32 {
+        let place = |at: usize, length: usize| {
+            // Pixel centers of both sizes; beyond the outermost ones, the disparity stays the same.
+            let exact = (at as f32 + 0.5) / self.factor as f32 - 0.5;
+            let exact = exact.clamp(0.0, (length - 1) as f32);
+            let first = (exact as usize).min(length.saturating_sub(2));
+            (first, (first + 1).min(length - 1), exact - first as f32)
+        };
+
+        let (top, bottom, down) = place(y, self.disparity.rows());
+        let (left, right, along) = place(x, self.disparity.cols());
+
+        let row = |y: usize| {
+            let row = self.disparity.row(y);
+            row[left] + along * (row[right] - row[left])
+        };
+
+        (row(top) + down * (row(bottom) - row(top))) * self.factor as f32
+    }
+
+    /// The median disparity about the center of a left block; `None` where there is none.
+    fn of_block(&self, top: usize, left: usize) -> Option<f32> {
+        self.around(top + SIDE / 2, left + SIDE / 2)
+    }
+
+    /// The median disparity about a pixel; `None` where there is none.
+    pub fn around(&self, y: usize, x: usize) -> Option<f32> {
+        let span = |center: usize, length: usize| {
+            let first = (center.saturating_sub(CORE / 2) / self.factor).min(length - 1);
+            first..(first + CORE / self.factor).min(length)
+        };
+
+        let cols = span(x, self.disparity.cols());
+        let rows = span(y, self.disparity.rows());
+        let values = rows.flat_map(|y| self.disparity.row(y)[cols.clone()].iter().copied());
+        let mut values: Vec<f32> = values.filter(|value| value.is_finite()).collect();
+        if values.is_empty() {
+            return None;
+        }
+
+        let middle = values.len() / 2;
+        Some(*values.select_nth_unstable_by(middle, f32::total_cmp).1 * self.factor as f32)
+    }
+
+    /// The pair of blocks whose left one has this corner, in a pair that begins `above` rows below these disparities;
+    /// `None` where no disparity is known, the right block would leave its image, or too much of either is masked.
+    pub fn place(&self, pair: &Pair, above: usize, top: usize, left: usize) -> Option<BlockPlace> {
+        // The median disparity gives the column of the right block, then the field its row.
+        let right = left as isize - self.of_block(above + top, left)?.round() as isize;
+
+        let right = usize::try_from(right).ok().filter(|x| x + SIDE <= pair.size().1)?;
+
+        let below = self.rows_at(above + top + SIDE / 2, right + SIDE / 2);
+        let right_top = top.checked_add_signed(below).filter(|y| y + SIDE <= pair.size().0)?;
+
+        let place = BlockPlace { top, left, right_top, right };
+
+        let [left_view, right_view] = pair.views();
+        (is_valid(left_view, top, left) && is_valid(right_view, right_top, right)).then_some(place)
+    }
+}
+
+/// Whether most pixels of a block are valid.
+fn is_valid(view: &View, top: usize, left: usize) -> bool {
+    let Some(mask) = &view.mask else {
+        return true;
+    };
+
+    let rows = (top..top + SIDE).map(|y| &mask.row(y)[left..left + SIDE]);
+    let masked = rows.flatten().filter(|valid| !**valid).count();
+    masked * MASKED_SHARE <= SIDE * SIDE
+}
+
+/// A plane of gray values as a view.
+pub fn as_view(plane: Plane<f32>) -> View {
+    let shape = (plane.rows(), plane.cols(), 1);
+    let pixels = ndarray::Array3::from_shape_vec(shape, plane.into_vec());
+
+    // A fixed range keeps the scale the same for every part of an image; in thousandths.
+    let range = IntensityRange::about_zero(1000.0 * REACH);
+
+    // The plane has as many values as its shape, so there is no error.
+    View {
+        image: Image::F32(pixels.unwrap_or_default()),
+        mask: None,
+        range: Some(range),
+        impulses: 0.0,
+        unit: 1.0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use phasestereo_match::base::simd::Level;
+    use phasestereo_match::image::view::Mask;
+
+    const SHIFT: usize = 12;
+
+    fn texture(y: usize, x: usize) -> u8 {
+        let mut bits = (y as u64) << 32 | x as u64;
+
+        for factor in [0xbf58_476d_1ce4_e5b9, 0x94d0_49bb_1331_11eb] {
+            bits = (bits ^ bits >> 29).wrapping_add(0x9e37_79b9).wrapping_mul(factor);
+        }
+        (bits >> 56) as u8
+    }
+
+    /// Squares of 3 pixels, everywhere at one disparity.
+    fn pair(masks: [Option<Mask>; 2]) -> Pair {
+        let view = |from: usize, mask| {
+            let pixel = |(y, x, _)| texture(y / 3, (x + from) / 3);
+            View {
+                image: Image::U8(ndarray::Array3::from_shape_fn((130, 200, 1), pixel)),
+                mask,
+                range: None,
+                impulses: 0.0,
+                unit: 1.0,
+            }
+        };
+
+        let [left, right] = masks;
+        Pair::new(view(0, left), view(SHIFT, right), 0, 40).expect("a legal pair")
+    }
+
+    fn rough(pair: &Pair, factor: usize) -> RoughMatch {
+        let execution = Execution { threads: 1, level: Level::best() };
+        let control = Control::default();
+        let matcher = Matcher::new(1).expect("a thread");
+        let grays =
+            pair.views().map(|view| GrayPlane::new(view, execution, &control).expect("memory"));
+        let known = Correspondence { candidates: pair.candidates(), alignment: None };
+
+        RoughMatch::new(
+            &grays,
+            known,
+            RoughScale { factor, ..RoughScale::ROUGH },
+            &matcher,
+            execution,
+            &control,
+        )
+        .expect("a match")
+    }
+
+    #[test]
+    fn blocks_of_a_pair_show_the_same() {
+        let pair = pair([None, None]);
+        for factor in [2, 4] {
+            let place = rough(&pair, factor).place(&pair, 0, 20, 70);
+            assert_eq!(
+                place,
+                Some(BlockPlace { top: 20, left: 70, right_top: 20, right: 70 - SHIFT })
+            );
+        }
+    }
+
+    #[test]
+    fn blocks_lie_inside_both_images() {
+        let pair = pair([None, None]);
+
+        let rough = rough(&pair, 4);
+        assert_eq!(rough.place(&pair, 0, 0, SHIFT - 8).map(|place| place.right), None);
+        assert!(rough.place(&pair, 0, 130 - SIDE, 200 - SIDE).is_some());
+    }
+
+    #[test]
+    fn blocks_that_are_masked_in_either_image_are_left_out() {
+        let masked =
+            |share: usize| Some(Mask::from_fn(130, 200, |y, x| (31 * y + x) % 100 >= share));
+
+        for masks in [[masked(13), None], [None, masked(13)]] {
+            let pair = pair(masks);
+            assert_eq!(rough(&pair, 4).place(&pair, 0, 20, 70), None);
+        }
+
+        let pair = pair([masked(5), masked(5)]);
+        assert!(rough(&pair, 4).place(&pair, 0, 20, 70).is_some());
+    }
+
+    #[test]
+    fn between_pixels_disparities_are_interpolated_and_beyond_them_kept() {
+        let rough = RoughMatch {
+            disparity: Plane::from_fn(2, 3, |y, x| (x + 10 * y) as f32),
+            factor: 4,
+            alignment: None,
+        };
+
+        for (place, expected) in [((0, 0), 0.0), ((1, 3), 1.5), ((3, 5), 18.5), ((7, 11), 48.0)] {
+            assert!((rough.at(place.0, place.1) - expected).abs() < 1e-4, "{place:?}");
+        }
+    }
+
+    #[test]
+    fn one_value_all_over_is_no_contrast() {
+        let grays = |odd: usize| GrayPlane {
+            plane: Plane::from_fn(80, 80, |y, x| if y * 80 + x == odd { 1.0 } else { 7.0 }),
+        };
+
+        assert!(grays(79 * 80).has_contrast(16, 0), "the last row of the block");
+        assert!(!grays(79 * 80).has_contrast(15, 0), "the row below it");
+        assert!(grays(0).has_contrast(0, 0) && !grays(0).has_contrast(0, 1));
+    }
+
+    #[test]
+    fn shades_are_in_one_range_whatever_the_type() {
+        let execution = Execution { threads: 1, level: Level::best() };
+
+        let bytes = ndarray::Array3::from_shape_fn((9, 11, 1), |(y, x, _)| texture(y, x));
+        let images = [
+            (Image::U16(bytes.mapv(|value| u16::from(value) * 256)), 1.0 / 256.0),
+            (Image::U8(bytes), 1.0),
+        ];
+
+        let planes = images.map(|(image, unit)| {
+            let (view, control) = (View::from(image), Control::default());
+            let found = grays_per_unit(&view, execution.level, &control).expect("memory");
+            assert!((found / unit - 1.0).abs() < 1e-9);
+            GrayPlane::new(&view, execution, &control).expect("memory").plane
+        });
+
+        assert_eq!(planes[0], planes[1]);
+    }
+}

@@ -1,0 +1,76 @@
+//! What was estimated from a pair.
+
+use std::ops::Range;
+use std::time::Duration;
+
+use super::compensation_plan::CompensationPlan;
+use super::range::{LeftOut, SearchRange};
+use super::rows::RowOffsets;
+use crate::estimation::blur;
+use crate::estimation::photometry::Photometry;
+use crate::findings::finding::Finding;
+use phasestereo_match::pair::alignment::Alignment;
+use phasestereo_match::pair::candidates::Candidates;
+
+/// What was estimated from a pair, and the settings and kernels that suit it.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct Estimates {
+    /// The disparities to search.
+    #[doc(hidden)]
+    pub candidates: Candidates,
+    /// Mean confidence of the rough match of the reduced images, if there was one: over the known disparities, unless these match
+    /// badly and others well.
+    pub confidence: Option<f64>,
+    /// Whether the images match once one of them is inverted, and not before. With `compensate_blur`, all else was then
+    /// estimated with the negative of the right image.
+    pub is_inverted: bool,
+    /// The range of disparities, if it was to be estimated, or the known one matches badly.
+    #[doc(hidden)]
+    pub range: Option<SearchRange>,
+    /// Places that seem to have disparities that are not searched.
+    #[doc(hidden)]
+    pub left_out: Vec<LeftOut>,
+    /// The vertical offsets, if they were to be estimated and enough blocks were found in both images.
+    #[doc(hidden)]
+    pub offsets: Option<RowOffsets>,
+    /// The field by which the right image is straightened.
+    #[doc(hidden)]
+    pub alignment: Option<Alignment>,
+    /// Noise and blur, if they were to be estimated.
+    #[doc(hidden)]
+    pub blur: Option<blur::Estimate>,
+    /// What the gray values say, if anything was to be estimated.
+    #[doc(hidden)]
+    pub photometry: Option<Photometry>,
+    /// The settings and kernels that suit the blur and the noise, of which one or both are estimated or known.
+    #[doc(hidden)]
+    pub compensation: Option<CompensationPlan>,
+    /// What there is to say about the pair, in a fixed order of topics.
+    pub findings: Vec<Finding>,
+    /// Wall-clock time.
+    pub time: Duration,
+}
+
+impl Estimates {
+    /// The disparities to search, half-open: those that were given, or else those that were found.
+    pub fn disparities(&self) -> Range<i64> {
+        let (min, count) = (self.candidates.min() as i64, self.candidates.count() as i64);
+        min..min + count
+    }
+
+    /// Whether the right image is straightened, since its rows do not correspond to those of the left one.
+    pub fn is_straightened(&self) -> bool {
+        self.alignment.is_some()
+    }
+
+    /// Whether rows sway.
+    pub fn sways(&self) -> bool {
+        self.offsets.as_ref().is_some_and(|found| found.field.sway().is_some())
+    }
+
+    /// Standard deviations of the noise, left and right, in units of the pixels; `None`: not estimated.
+    pub fn noise(&self) -> Option<[f64; 2]> {
+        self.blur.as_ref().map(|blur| blur.noise)
+    }
+}

@@ -1,0 +1,458 @@
+//! What the gray values of a pair say of it: how the two images compare, how much of them carries no information, and
+//! what misleads a match.
+//!
+//! Rows are sampled: of every sixteen the first and the ninth, and the two below the first. All that is counted
+//! is an integer, so it does not matter how a pair is cut into parts:
+//!
+//! ```text
+//! saturated   pixels with a channel at the least or at the largest value that the image has
+//! flat        runs of 16 pixels of a row that differ by no more than noise does
+//! smeared     runs with texture, whose values lie on a smooth curve (rows.rs)
+//! repeated    windows of a row that come back a few pixels on, within the disparities that are searched (rows.rs)
+//! fields      sums of differences between even and odd rows, shifted against each other (rows.rs)
+//! ```
+//!
+//! Gain and gamma are fitted to windows of the reduced copies that correspond (response.rs).
+
+mod response;
+mod rows;
+
+use rayon::prelude::*;
+
+pub use self::response::Contrast;
+use self::rows::{FIELD_REACH, Runs, field_differences, repeated_windows, runs};
+use crate::estimation::blur::parts::{HALO, PairRows, Part, Strips};
+use crate::estimation::blur::rough::grays_per_unit;
+use crate::estimation::overview::{Overview, RoughMap};
+use phasestereo_match::base::error::Result;
+use phasestereo_match::base::simd::{Level, Loop, whole};
+use phasestereo_match::image::intensity::intensity_range;
+use phasestereo_match::image::view::{Image, View};
+use phasestereo_match::matcher::runtime::Runtime;
+use phasestereo_match::pair::Pair;
+
+/// Rows of a strip.
+const STRIP: usize = 16;
+/// Of a strip, each row of so many is looked at.
+const EVERY: usize = 8;
+/// Steps of a gray value in which rows are compared.
+const STEPS: f32 = 64.0;
+/// Differences up to so many standard deviations of the noise are no texture.
+const QUIET: f64 = 2.0;
+/// ... and so are those below this share of the range, half a gray level of 8 bits, however little noise there is.
+const FLAT: f64 = 0.002;
+/// Runs of so many times that are judged for how sharp they are.
+const TEXTURED: f64 = 3.0;
+/// Interlaced images: shifted back, the fields differ by at most this share of what they differ by as they are. Of
+/// progressive images, no shift makes even and odd rows more alike.
+const ALIKE: f64 = 0.9;
+/// By chance, sums over `n` differences of noise differ by about `1 / sqrt(n)` of themselves; so many times that is no chance.
+const BEYOND_CHANCE: f64 = 6.0;
+
+/// Shares of an image's pixels, 0 to 1, a channel of which is at an end of the values that the image has.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Saturation {
+    /// At the least value.
+    pub dark: f64,
+    /// At the largest one.
+    pub bright: f64,
+}
+
+/// What the gray values of a pair say; of two values, that of the left image comes first.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Photometry {
+    /// Black to white, in units of the pixels: what the bits in use can hold, or the range of floats.
+    pub range: f64,
+    /// Pixels at the ends of the values.
+    pub saturation: [Saturation; 2],
+    /// Shares of the image without texture along its rows; NaN where it is narrower than a run.
+    pub flat: [f64; 2],
+    /// Shares of the texture that is smeared, as by lossy compression, by denoising or by a soft lens; NaN where there is none.
+    pub smeared: [f64; 2],
+    /// Shares of the image with texture that repeats itself along its rows; NaN where it is too narrow to tell.
+    pub repeated: [f64; 2],
+    /// By how many pixels odd rows are shifted against even ones, as in interlaced video of what moves; 0: they are not.
+    pub fields: [i32; 2],
+    /// How the gray levels of the images correspond; `None`: too little corresponds.
+    pub contrast: Option<Contrast>,
+}
+
+/// How gray values of an image (`GrayPlane`) become fractions of the range from black to white.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scale {
+    /// The gray value of black.
+    black: f64,
+    /// White less black.
+    width: f64,
+    /// Gray values per unit of the pixels.
+    unit: f64,
+}
+
+/// The scales of both images, and white less black in units of the pixels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scales {
+    sides: [Scale; 2],
+    range: f64,
+}
+
+/// What is counted in an image.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Counts {
+    /// The least value of a channel, and the pixels that have it.
+    least: (f64, u64),
+    /// The largest value of a channel, and the pixels that have it.
+    largest: (f64, u64),
+    /// Pixels that were looked at.
+    pixels: u64,
+    /// Runs of pixels.
+    runs: Runs,
+    /// Windows that repeat themselves, and all.
+    repeated: [u64; 2],
+    /// Sums of differences between the fields, by shift.
+    fields: [u64; 2 * FIELD_REACH + 1],
+}
+
+impl Photometry {
+    /// Looks at sampled rows of a pair of which so many disparities are searched. `noise` are the standard deviations in units
+    /// of the pixels, 0 where unknown.
+    pub fn new(
+        rows: PairRows,
+        scales: &Scales,
+        noise: [f64; 2],
+        disparities: usize,
+        contrast: Option<Contrast>,
+        runtime: Runtime,
+    ) -> Result<Self> {
+        let tops: Vec<usize> = (0..rows.size().0).step_by(STRIP).collect();
+        let strips = Strips { tops: &tops, rows: STRIP, halo: HALO, unit: 1 };
+
+        let mut found = [Counts::default(); 2];
+        rows.visit(strips, runtime, |part, visited| {
+            let of_strip = |top: &usize| {
+                runtime.control.checkpoint()?;
+                let level = runtime.execution.level;
+                let limits = |side| scales.limits(side, noise, disparities);
+                let side = |side| Counts::of_strip(part, side, *top, &limits(side), level);
+                Ok([side(0), side(1)])
+            };
+
+            let counts: Result<Vec<_>> = tops[visited].par_iter().map(of_strip).collect();
+            for [left, right] in counts? {
+                found = [found[0].and(left), found[1].and(right)];
+            }
+            Ok(())
+        })?;
+
+        Ok(Self {
+            range: scales.range,
+            saturation: found.map(|counts| counts.saturation()),
+            flat: found.map(|counts| share([counts.runs.flat, counts.runs.all])),
+            smeared: found.map(|counts| share([counts.runs.smeared, counts.runs.textured])),
+            repeated: found.map(|counts| share(counts.repeated)),
+            fields: found.map(|counts| counts.field_shift()),
+            contrast,
+        })
+    }
+}
+
+impl Photometry {
+    /// The share of the image that repeats itself in both.
+    pub fn repeats(&self) -> f64 {
+        self.repeated[0].min(self.repeated[1])
+    }
+}
+
+/// The quotient of a count and of all; NaN of none.
+fn share([some, all]: [u64; 2]) -> f64 {
+    some as f64 / all as f64
+}
+
+/// Differences in steps of sampled rows, and distances.
+struct Limits {
+    /// The standard deviation of the noise.
+    noise: f64,
+    /// The standard deviation below which there is no texture.
+    flat: f64,
+    /// That from which on texture may be judged for how sharp it is.
+    textured: f64,
+    /// The longest period that misleads a match, pixels.
+    period: usize,
+}
+
+impl Scales {
+    /// The scales of a pair whose gray levels, in units of its pixels, are these. `sample` is any part of it.
+    pub fn new(sample: &Pair, gray_levels: [f64; 2], runtime: Runtime) -> Result<Self> {
+        // One row has the scale of all.
+        let sample = sample.of_rows(0..1);
+        let views = sample.views();
+        let unit = |view| grays_per_unit(view, runtime.execution.level, runtime.control);
+        let units = [unit(views[0])?, unit(views[1])?];
+        // Both images have one step.
+        let step = views[0].unit;
+
+        if let Some(middle) = views[0].image.middle() {
+            let range = 256.0 * gray_levels[0] - step;
+            let middle = f64::from(middle) * step;
+            let side = |unit| Scale { black: -middle * unit, width: range * unit, unit };
+            return Ok(Self { sides: units.map(side), range });
+        }
+
+        let range = |view| intensity_range(view, runtime.control);
+        let ranges = [range(views[0])?, range(views[1])?];
+        let both = ranges[0].union(ranges[1]);
+        // Ranges are in thousandths of the unit. A pair of constant images has none.
+        let thousandth = step / 1000.0;
+        let range = if both.width() > 0.0 { both.width() * thousandth } else { 1.0 };
+        let side = |side: usize| Scale {
+            black: (both.black - ranges[side].black) * thousandth * units[side],
+            width: range * units[side],
+            unit: units[side],
+        };
+        Ok(Self { sides: [side(0), side(1)], range })
+    }
+
+    /// How the gray levels of the reduced images correspond.
+    pub fn contrast(&self, overview: &Overview, rough: &RoughMap) -> Option<Contrast> {
+        Contrast::new(overview, rough, &self.sides)
+    }
+
+    fn limits(&self, side: usize, noise: [f64; 2], disparities: usize) -> Limits {
+        let steps = self.sides[side].unit * f64::from(STEPS);
+        let flat = (QUIET * noise[side]).max(FLAT * self.range) * steps;
+        let textured = flat.max(TEXTURED * FLAT * self.range * steps);
+        Limits { noise: noise[side] * steps, flat, textured, period: disparities - 1 }
+    }
+}
+
+impl Default for Counts {
+    fn default() -> Self {
+        Self {
+            least: (f64::INFINITY, 0),
+            largest: (f64::NEG_INFINITY, 0),
+            pixels: 0,
+            runs: Runs::default(),
+            repeated: [0; 2],
+            fields: [0; 2 * FIELD_REACH + 1],
+        }
+    }
+}
+
+impl Counts {
+    /// Counts in the strip with this top row of the whole image.
+    fn of_strip(part: &Part, side: usize, top: usize, limits: &Limits, level: Level) -> Self {
+        let mut counts = Self::default();
+        let (view, plane) = (part.pair.views()[side], &part.grays[side].plane);
+
+        let first = top - part.first;
+        let steps = |y: usize| {
+            let mut steps = vec![0; plane.cols()];
+            level.run(InSteps { row: plane.row(y), steps: &mut steps });
+            steps
+        };
+        for y in (first..(first + STRIP).min(plane.rows())).step_by(EVERY) {
+            counts = counts.and(Self::of_pixels(view, y, level));
+            counts.runs = counts.runs.and(runs(&steps(y), limits.flat, limits.textured, level));
+        }
+
+        let row = steps(first);
+        counts.repeated = repeated_windows(&row, limits.noise, limits.flat, limits.period, level);
+        // Strips begin with an even row.
+        if first + 2 < plane.rows() {
+            let rows = [&row, &steps(first + 1), &steps(first + 2)];
+            counts.fields = field_differences(rows.map(Vec::as_slice), level);
+        }
+
+        counts
+    }
+
+    /// The valid pixels of a row of the part at the ends of their values.
+    fn of_pixels(view: &View, y: usize, level: Level) -> Self {
+        match &view.image {
+            Image::U8(pixels) => Self::of_values(pixels.row_of(y), view, y, level),
+            Image::U16(pixels) => Self::of_values(pixels.row_of(y), view, y, level),
+            Image::F32(pixels) => Self::of_values(pixels.row_of(y), view, y, level),
+            Image::F64(pixels) => Self::of_values(pixels.row_of(y), view, y, level),
+        }
+    }
+
+    fn of_values<T: Copy + PartialOrd + Into<f64>>(
+        row: ndarray::ArrayView2<T>,
+        view: &View,
+        y: usize,
+        level: Level,
+    ) -> Self {
+        let channels = row.ncols().max(1);
+        // A slice, since iterators of views of single pixels are slow.
+        let row = row.as_standard_layout();
+        let all = row.as_slice().unwrap_or_default();
+        let valid = view.mask.as_ref().map(|mask| {
+            let pixels = all.chunks_exact(channels).zip(mask.row(y));
+            pixels.filter(|(_, valid)| **valid).flat_map(|(pixel, _)| pixel).copied().collect()
+        });
+        let valid: Option<Vec<T>> = valid;
+        let values = valid.as_deref().unwrap_or(all);
+        Self::of_ends(level.run(CountEnds { values, channels }))
+    }
+
+    fn of_ends<T: Into<f64>>(ends: Option<Ends<T>>) -> Self {
+        ends.map_or(Self::default(), |Ends { least, largest, pixels, counts: [dark, bright] }| {
+            Self {
+                least: (least.into(), dark.into()),
+                largest: (largest.into(), bright.into()),
+                pixels: pixels as u64,
+                ..Self::default()
+            }
+        })
+    }
+
+    /// The counts of both parts.
+    fn and(self, other: Self) -> Self {
+        // Of two ends, the outer one counts.
+        let end = |own: (f64, u64), other: (f64, u64), is_outer: bool| match () {
+            () if own.0.to_bits() == other.0.to_bits() => (own.0, own.1 + other.1),
+            () if is_outer => other,
+            () => own,
+        };
+
+        let mut fields = self.fields;
+        fields.iter_mut().zip(other.fields).for_each(|(sum, more)| *sum += more);
+        Self {
+            least: end(self.least, other.least, other.least.0 < self.least.0),
+            largest: end(self.largest, other.largest, other.largest.0 > self.largest.0),
+            pixels: self.pixels + other.pixels,
+            runs: self.runs.and(other.runs),
+            repeated: [0, 1].map(|at| self.repeated[at] + other.repeated[at]),
+            fields,
+        }
+    }
+
+    fn saturation(&self) -> Saturation {
+        let of = |count: u64| share([count, self.pixels.max(1)]);
+        Saturation { dark: of(self.least.1), bright: of(self.largest.1) }
+    }
+
+    /// By how many pixels odd rows are shifted; 0: no shift makes the fields clearly more alike.
+    fn field_shift(&self) -> i32 {
+        let differences = self.fields.iter().enumerate();
+        let best = differences.min_by_key(|(_, sum)| **sum).map_or(FIELD_REACH, |(at, _)| at);
+
+        // Of a strip, one row of pixels is compared, and one of every `EVERY` is looked at.
+        let compared = (self.pixels * EVERY as u64 / STRIP as u64).max(1) as f64;
+        let most = ALIKE.min(1.0 - BEYOND_CHANCE / compared.sqrt());
+        let is_clear = (self.fields[best] as f64) < most * self.fields[FIELD_REACH] as f64;
+        if is_clear { best as i32 - FIELD_REACH as i32 } else { 0 }
+    }
+}
+
+/// Gray values in steps.
+struct InSteps<'a> {
+    row: &'a [f32],
+    steps: &'a mut [i32],
+}
+
+impl Loop for InSteps<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        for (step, value) in self.steps.iter_mut().zip(self.row) {
+            *step = whole(value * STEPS);
+        }
+    }
+}
+
+/// The ends of the values of a row, and how many pixels have them.
+struct Ends<T> {
+    least: T,
+    largest: T,
+    pixels: usize,
+    /// Pixels a channel of which is the least, and those a channel of which is the largest.
+    counts: [u32; 2],
+}
+
+/// Finds the ends of the values of pixels, channel after channel; `None` without any.
+struct CountEnds<'a, T> {
+    values: &'a [T],
+    channels: usize,
+}
+
+impl<T: Copy + PartialOrd> Loop for CountEnds<'_, T> {
+    type Output = Option<Ends<T>>;
+
+    #[inline(always)]
+    fn run(self) -> Option<Ends<T>> {
+        let Self { values, channels } = self;
+        let first = *values.first()?;
+        let (mut least, mut largest) = (first, first);
+        for value in values {
+            least = if *value < least { *value } else { least };
+            largest = if *value > largest { *value } else { largest };
+        }
+
+        let mut counts = [0u32; 2];
+        let mut count = |pixel: &[T]| {
+            let [mut is_dark, mut is_bright] = [false; 2];
+            for value in pixel {
+                is_dark |= *value == least;
+                is_bright |= *value == largest;
+            }
+            counts[0] += u32::from(is_dark);
+            counts[1] += u32::from(is_bright);
+        };
+        // Usual numbers of channels as constants, so that loops over them are unrolled.
+        match channels {
+            1 => values.as_chunks::<1>().0.iter().for_each(|pixel| count(pixel)),
+            3 => values.as_chunks::<3>().0.iter().for_each(|pixel| count(pixel)),
+            _ => values.chunks_exact(channels).for_each(count),
+        }
+
+        Some(Ends { least, largest, pixels: values.len() / channels, counts })
+    }
+}
+
+impl Scale {
+    /// A gray value as a fraction of the range, clipped to it.
+    fn fraction(&self, shade: f32) -> f64 {
+        ((f64::from(shade) - self.black) / self.width).clamp(0.0, 1.0)
+    }
+}
+
+/// Rows of an image of any type.
+trait Rows<T> {
+    /// The pixels of row `y`, columns x channels.
+    fn row_of(&self, y: usize) -> ndarray::ArrayView2<'_, T>;
+}
+
+impl<T> Rows<T> for ndarray::Array3<T> {
+    fn row_of(&self, y: usize) -> ndarray::ArrayView2<'_, T> {
+        self.index_axis(ndarray::Axis(0), y)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ends_of_parts_are_those_of_the_whole() {
+        let ends = |least, largest| Counts { least, largest, pixels: 10, ..Counts::default() };
+        let found = ends((3.0, 2), (9.0, 1)).and(ends((3.0, 1), (8.0, 4)));
+        assert_eq!((found.least, found.largest), ((3.0, 3), (9.0, 1)));
+
+        let found = found.and(ends((4.0, 1), (11.0, 5))).and(Counts::default());
+        assert_eq!(found.saturation(), Saturation { dark: 0.1, bright: 5.0 / 30.0 });
+    }
+
+    #[test]
+    fn fields_are_shifted_where_that_makes_them_clearly_more_alike() {
+        let mut fields = [100; 2 * FIELD_REACH + 1];
+        let shift = |fields, pixels| Counts { pixels, fields, ..Counts::default() }.field_shift();
+        fields[FIELD_REACH + 3] = 95;
+        assert_eq!(shift(fields, 100_000), 0);
+
+        fields[FIELD_REACH - 2] = 70;
+        assert_eq!(shift(fields, 100_000), -2);
+        assert_eq!(shift(fields, 500), 0, "by chance");
+        assert_eq!(Counts::default().field_shift(), 0);
+    }
+}

@@ -1,0 +1,509 @@
+//! The range of disparities to search: the run that holds nearly all of those found in reduced copies of a pair, with what
+//! lies next to it, and the areas that match outside it ([`super::areas`]), however small.
+
+use std::cmp::Reverse;
+use std::ops::Range;
+
+use super::areas::{Area, areas};
+use super::overview::{COARSE_WIDTH, FINE, Guess, Overview, ROUGH, RoughMap, Span};
+use phasestereo_match::base::error::Result;
+use phasestereo_match::matcher::runtime::Runtime;
+use phasestereo_match::pair::alignment::Alignment;
+use phasestereo_match::pair::candidates::Candidates;
+use phasestereo_match::settings::MOST_DISPARITIES;
+
+/// Least mean confidence of a usable match: between those of unrelated images and of true pairs, see [`RoughMap`].
+pub const LEAST_CONFIDENCE: f64 = 0.45;
+/// Share of the matches that the shortest range holds at least.
+const CORE: f64 = 0.97;
+/// A disparity next to the range belongs to it if it has at least this share of the matches.
+const FEW: f64 = 0.001;
+/// Disparities farther off than this share of the range's length are mistakes.
+const NEXT: f64 = 0.12;
+/// Disparities to search beyond those that were found on either side, as a share of the range's length.
+const MARGIN: f64 = 0.08;
+/// ... and as a share of a pixel of the copy on which the ends were found.
+const COARSE: f64 = 0.1;
+/// Length of a long range, pixels.
+const LONG: f64 = 16.0;
+/// Nearly all of the matches.
+const NEARLY_ALL: f64 = 0.95;
+/// Least mean confidence of the match of finer copies; with less, noise or blur leave nothing to be seen in them.
+const LEAST_FINE: f64 = 0.5;
+/// Pixels of the copy by which finer copies of less confidence may still move an end inwards.
+const LOST: isize = 1;
+/// Bits by which an area has to be explained better by disparities outside the run to belong to the range. Of 54 things of
+/// 0.5 % of an image, 8 to 14 px wide, or of 24 to 40 px, one has less; in 27 pairs without such things, no area has more
+/// than 857 ...
+const CERTAIN: u64 = 1000;
+/// ... or, on the near side of the run, within this share of its length of it.
+const BESIDE: (u64, f64) = (500, 0.25);
+/// Rows of the finer copies of a band in which an end of the run is refined.
+const BAND: usize = 16;
+/// Fewest bands of an end, and one in how many of all.
+const BANDS: (usize, usize) = (2, 6);
+/// Of the disparities on the other side of zero, the share of one in so many is tried.
+const OTHER_SIDE: isize = 4;
+/// Longest run, pixels of the copy, of an image and its copy with noise.
+const NARROW: isize = 8;
+/// Tiles on each side of an image.
+const TILES: usize = 4;
+/// Shifts, pixels of the copy, that are none.
+const SHIFT: f64 = 0.05;
+/// Share of the disparities that is left out at either end of those of the fine copies.
+const FARTHEST: f64 = 0.0005;
+/// Disparities of the copy, pixels, that are clearly not zero.
+const CLEARLY: f64 = 2.0;
+
+/// The range of disparities of a pair.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SearchRange {
+    /// Smallest disparity to search.
+    pub min: i64,
+    /// Number of disparities to search.
+    pub count: i64,
+    /// Least disparity found, pixels.
+    pub low: f64,
+    /// Largest disparity found, pixels.
+    pub high: f64,
+    /// Whether nearly all disparities are negative, most of them clearly, as when the images are swapped.
+    pub swapped: bool,
+    /// Whether many disparities of either sign are clearly not zero, as with toed-in cameras.
+    pub mixed: bool,
+    /// Whether both images are the same, up to noise.
+    pub identical: bool,
+}
+
+impl SearchRange {
+    /// The disparities to search in images of this width.
+    pub fn candidates(&self, width: usize) -> Result<Candidates> {
+        let count = self.count.clamp(1, width.min(MOST_DISPARITIES) as i64);
+        let min = self.min.clamp(1 - width as i64, width as i64 - 1);
+        Candidates::new(min, count, width)
+    }
+}
+
+/// A place whose disparities are not searched, although something seems to be there; pixels of the whole image.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LeftOut {
+    /// Its rows.
+    pub rows: Range<usize>,
+    /// Its columns.
+    pub columns: Range<usize>,
+    /// The least disparity there.
+    pub low: f64,
+    /// The largest one.
+    pub high: f64,
+}
+
+/// The range of a pair, and what it leaves out.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Found {
+    /// The range.
+    pub range: SearchRange,
+    /// Places that it may leave out.
+    pub left_out: Vec<LeftOut>,
+}
+
+/// The range of a rough match of the overview; `None` where there is too little texture or too little in common. The ends
+/// are those on the finer copies, if these match.
+pub fn range(
+    copies: &Overview,
+    overview: &Overview,
+    map: &RoughMap,
+    runtime: Runtime,
+) -> Result<Option<Found>> {
+    let Some((first, last)) = extent(map).filter(|_| map.confidence >= LEAST_CONFIDENCE) else {
+        return Ok(None);
+    };
+
+    let mut copies = copies;
+    let (mut run, mut fine) = refined(copies, overview, map, (first, last), runtime)?;
+    if fine.confidence < LEAST_FINE && copies.factor < overview.factor {
+        copies = overview;
+        (run, fine) = refined(overview, overview, map, (first, last), runtime)?;
+    }
+
+    let factor = copies.factor as f64;
+    let is_narrow = run.0 <= 0 && run.1 >= 0 && run.1 - run.0 <= NARROW;
+    let identical = is_narrow && is_identical(copies);
+
+    let (mut low, mut high) = (0.0, 0.0);
+    let mut places = vec![];
+    if !identical {
+        [low, high] = ends(&fine, run);
+        if fine.confidence < LEAST_FINE {
+            // They hide what the rough match was sure of.
+            (low, high) = (low.min((run.0 + LOST) as f64), high.max((run.1 - LOST) as f64));
+        }
+        (low, high) = (low * factor, high * factor);
+        places = outside(copies, overview, map, run, runtime)?;
+    }
+    for place in &places {
+        (low, high) = (low.min(place.low), high.max(place.high));
+    }
+
+    let (start, end) = with_margin(low, high, factor);
+    let width = overview.planes[0].cols() * overview.factor;
+    let (swapped, mixed) = signs(map);
+    let count = (end - start + 1).min(width as i64);
+    let range = SearchRange { min: start, count, low, high, swapped, mixed, identical };
+
+    let left_out = beyond(places, range.candidates(width)?);
+    Ok(Some(Found { range, left_out }))
+}
+
+/// The run of a rough map of the overview as its ends are on finer copies, and a match of these where the ends are.
+fn refined(
+    copies: &Overview,
+    overview: &Overview,
+    map: &RoughMap,
+    (first, last): Span,
+    runtime: Runtime,
+) -> Result<(Span, RoughMap)> {
+    let finer = overview.factor / copies.factor;
+    let bands = bands_at_ends(map, (first, last), BAND.div_ceil(finer));
+    let bands: Vec<Range<usize>> =
+        bands.iter().map(|rows| rows.start * finer..rows.end * finer).collect();
+
+    let by = finer as isize;
+    let around = ((first - 1) * by - 1, (last + 2) * by);
+    let bands = copies.bands(&bands, map.field.as_ref(), runtime.control)?;
+    let fine = bands.matched(around, None, FINE, runtime)?;
+
+    // Each end is the outermost of the disparities about it that has enough matches.
+    let mut counts = vec![0usize; (around.1 - around.0 + 1) as usize];
+    for value in known(&fine) {
+        let at = value.round_ties_even() as isize - around.0;
+        let count = usize::try_from(at).ok().and_then(|at| counts.get_mut(at));
+        if let Some(count) = count {
+            *count += 1;
+        }
+    }
+    let enough = (FEW * counts.iter().sum::<usize>() as f64).max(2.0);
+    let is_likely = |count: &usize| *count as f64 >= enough;
+    let disparity = |at: usize| at as isize + around.0;
+    let low = counts.iter().position(is_likely).map_or(first * by, disparity);
+    let high = counts.iter().rposition(is_likely).map_or(last * by, disparity);
+    Ok(((low.min((first + 1) * by), high.max((last - 1) * by).max(low)), fine))
+}
+
+/// The bands of so many rows that show most of the disparities at either end of a run, and the outermost ones, from the top
+/// down.
+pub fn bands_at_ends(map: &RoughMap, (first, last): Span, height: usize) -> Vec<Range<usize>> {
+    let rows = map.disparity.rows();
+    let bands: Vec<Range<usize>> =
+        (0..rows).step_by(height).map(|top| top..(top + height).min(rows)).collect();
+    let wanted = (bands.len() / BANDS.1).max(BANDS.0);
+
+    // Of a floor or a slope, the border shows the ends.
+    let mut chosen = vec![0, bands.len() - 1];
+    for end in [first, last] {
+        let is_there = |value: &&f32| (**value - end as f32).abs() < 0.5;
+        let count = |rows: &Range<usize>| -> usize {
+            rows.clone().map(|y| map.disparity.row(y).iter().filter(is_there).count()).sum()
+        };
+        let mut order: Vec<(usize, usize)> = bands.iter().map(count).zip(0..).collect();
+        order.sort_by_key(|(count, band)| (Reverse(*count), *band));
+        chosen.extend(order.into_iter().take(wanted).map(|(_, band)| band));
+    }
+
+    chosen.sort_unstable();
+    chosen.dedup();
+    chosen.into_iter().map(|band| bands[band].clone()).collect()
+}
+
+/// Whether nearly all disparities are negative, and whether there are many of either sign.
+pub fn signs(map: &RoughMap) -> (bool, bool) {
+    let known: Vec<f64> = known(map).map(f64::from).collect();
+    let share = |is_one: &dyn Fn(f64) -> bool| {
+        known.iter().filter(|value| is_one(**value)).count() as f64 / known.len() as f64
+    };
+
+    // Few clear disparities of the other sign may be mistakes.
+    let below = share(&|value| value <= -CLEARLY);
+    let swapped = share(&|value| value < 0.0) >= NEARLY_ALL && below >= 0.5;
+    let mixed = below.min(share(&|value| value >= CLEARLY)) >= 1.0 - NEARLY_ALL;
+    (swapped, mixed)
+}
+
+/// What known disparities leave out, as far as the overview shows it.
+pub fn left_out(
+    overview: &Overview,
+    map: &RoughMap,
+    candidates: Candidates,
+    runtime: Runtime,
+) -> Result<Vec<LeftOut>> {
+    let run = overview.span(candidates);
+    let guess = overview.guess(map, overview);
+    let places = places_of(overview, guess, run, reach(overview, run, false), map, runtime)?;
+    Ok(beyond(places, candidates))
+}
+
+/// The places outside a run of the copies that belong to the range, on these and all coarser copies, which withstand
+/// noise. `map` is the rough match of the overview. On copies finer than the overview, only nearer places are looked for: what is farther than a run is not small.
+fn outside(
+    copies: &Overview,
+    overview: &Overview,
+    map: &RoughMap,
+    run: Span,
+    runtime: Runtime,
+) -> Result<Vec<LeftOut>> {
+    let mut places = vec![];
+    let mut coarser: Option<Overview> = None;
+
+    loop {
+        let here = coarser.as_ref().unwrap_or(copies);
+        let by = (here.factor / copies.factor) as isize;
+        let run = (run.0.div_euclid(by), (run.1 + by - 1).div_euclid(by));
+
+        let reach = reach(here, run, here.factor < overview.factor);
+        places.extend(places_of(here, overview.guess(map, here), run, reach, map, runtime)?);
+
+        match here.halved(runtime)? {
+            Some(next) => coarser = Some(next),
+            None => return Ok(places),
+        }
+    }
+}
+
+/// The disparities that are tried beside a run: all that are nearer, and, unless the copies are finer than the overview, as far
+/// on the other side of zero as cameras that are not quite parallel see.
+pub fn reach(copies: &Overview, run: Span, is_finer: bool) -> Span {
+    let (lowest, highest) = copies.widest();
+    if run.0 + run.1 >= 0 {
+        (run.0.min(if is_finer { highest } else { lowest / OTHER_SIDE }), highest)
+    } else {
+        (lowest, run.1.max(if is_finer { lowest } else { highest / OTHER_SIDE }))
+    }
+}
+
+/// The places outside a run of some copies that belong to the range.
+fn places_of(
+    copies: &Overview,
+    guess: Guess,
+    run: Span,
+    reach: Span,
+    map: &RoughMap,
+    runtime: Runtime,
+) -> Result<Vec<LeftOut>> {
+    let mut found = areas(copies, guess, run, reach, map.field.as_ref(), runtime)?;
+    found.retain(|area| belongs(area, run));
+    Ok(found.iter().map(|area| LeftOut::new(area, copies.factor)).collect())
+}
+
+/// Whether an area is seen from the right image, too, and explained so much better outside a run, or next to its near side.
+pub fn belongs(area: &Area, run: Span) -> bool {
+    let step = (BESIDE.1 * (run.1 - run.0) as f64) as isize;
+    let is_beside = if run.0 + run.1 >= 0 {
+        (run.1..=run.1 + step).contains(&area.span.0)
+    } else {
+        (run.0 - step..=run.0).contains(&area.span.1)
+    };
+
+    let least = if is_beside { BESIDE.0 } else { CERTAIN };
+    10 * area.seen >= 7 * area.size && area.gain >= least
+}
+
+/// The places with disparities beyond the candidates.
+pub fn beyond(mut places: Vec<LeftOut>, candidates: Candidates) -> Vec<LeftOut> {
+    let first = candidates.min() as f64 - 0.5;
+    let last = candidates.disparity(candidates.count() - 1) as f64 + 0.5;
+
+    let middle = |place: &LeftOut| f64::midpoint(place.low, place.high);
+    places.retain(|place| !(first..=last).contains(&middle(place)));
+    places
+}
+
+impl LeftOut {
+    /// The place of an area of a copy that is reduced by a factor.
+    pub fn new(area: &Area, factor: usize) -> Self {
+        let whole = |range: &Range<usize>| range.start * factor..range.end * factor;
+        let end = |disparity: isize, half: f64| (disparity as f64 + half) * factor as f64;
+
+        Self {
+            rows: whole(&area.rows),
+            columns: whole(&area.columns),
+            low: end(area.span.0, -0.5),
+            high: end(area.span.1, 0.5),
+        }
+    }
+}
+
+/// Whether both images are the same up to noise: nowhere do they differ as if one was shifted.
+///
+/// In each of some tiles, the difference is regressed on the slope of the gray values along both axes: the coefficients are
+/// shifts.
+pub fn is_identical(copies: &Overview) -> bool {
+    let [left, right] = &copies.planes;
+    let (rows, cols) = (left.rows(), left.cols());
+    let tile = |at: usize, length: usize| {
+        at * (length - 2) / TILES + 1..(at + 1) * (length - 2) / TILES + 1
+    };
+
+    (0..TILES * TILES).all(|number| {
+        let (mut by_along, mut by_down, mut rest) = (0.0f64, 0.0f64, 0.0f64);
+        let (mut along, mut down) = (0.0f64, 0.0f64);
+        for y in tile(number / TILES, rows) {
+            let [above, here, below, there] =
+                [left.row(y - 1), left.row(y), left.row(y + 1), right.row(y)];
+            for x in tile(number % TILES, cols) {
+                let difference = f64::from(here[x] - there[x]);
+                let slope = f64::from(here[x + 1] - here[x - 1]) / 2.0;
+                let descent = f64::from(below[x] - above[x]) / 2.0;
+
+                by_along += difference * slope;
+                along += slope * slope;
+                by_down += difference * descent;
+                down += descent * descent;
+                rest += difference * difference;
+            }
+        }
+
+        by_along.abs() <= SHIFT * along && by_down.abs() <= SHIFT * down && rest <= along + down
+    })
+}
+
+/// The ends of the disparities of a run, without the few that lie farthest out.
+pub fn ends(map: &RoughMap, run: Span) -> [f64; 2] {
+    let (first, last) = (run.0 as f32 - 0.5, run.1 as f32 + 0.5);
+    let mut values: Vec<f32> = known(map).filter(|value| (first..=last).contains(value)).collect();
+    let few = (FARTHEST * values.len() as f64) as usize;
+
+    let end = |at: usize, values: &mut [f32]| {
+        f64::from(*values.select_nth_unstable_by(at, f32::total_cmp).1)
+    };
+    match values.len().checked_sub(1) {
+        Some(most) => [few, most - few].map(|at| end(at, &mut values)),
+        None => [f64::from(first), f64::from(last)],
+    }
+}
+
+/// The finite disparities.
+fn known(map: &RoughMap) -> impl Iterator<Item = f32> {
+    map.disparity.as_slice().iter().copied().filter(|value| value.is_finite())
+}
+
+impl Overview {
+    /// Matches the reduced images, the right one resampled by the field. If the disparities are unknown, all are
+    /// tried on still smaller copies, and here only those that were found there, and some around them.
+    pub fn rough(
+        &self,
+        candidates: Option<Candidates>,
+        field: Option<&Alignment>,
+        runtime: Runtime,
+    ) -> Result<RoughMap> {
+        if let Some(all) = candidates {
+            return self.matched(self.span(all), field, ROUGH, runtime);
+        }
+
+        // Coarse to fine: a wide search on few pixels, then a narrow one on more.
+        let coarse = self.reduced(COARSE_WIDTH, runtime)?;
+        let map = coarse.matched(coarse.widest(), field, ROUGH, runtime)?;
+        // A quarter of the range on either side makes up for what the smaller copies do not show.
+        let (low, high) = extent(&map).unwrap_or_else(|| coarse.widest());
+        let around = ((high - low) / 4).max(2);
+        let finer = (coarse.factor / self.factor) as isize;
+        self.matched(((low - around) * finer, (high + around + 1) * finer), field, ROUGH, runtime)
+    }
+}
+
+/// The least and the largest disparity, without mistakes.
+pub fn extent(map: &RoughMap) -> Option<(isize, isize)> {
+    let whole = |value: f32| value.round_ties_even() as isize;
+    let lowest = whole(known(map).reduce(f32::min)?);
+    let highest = whole(known(map).reduce(f32::max)?);
+
+    let mut counts = vec![0usize; (highest - lowest + 1) as usize];
+    known(map).for_each(|value| counts[(whole(value) - lowest) as usize] += 1);
+    let total: usize = counts.iter().sum();
+
+    let (mut first, mut last) = shortest(&counts, (CORE * total as f64).ceil() as usize);
+
+    // The range grows as long as disparities within a step of its ends have enough matches.
+    let is_likely = |count: usize| count as f64 >= (FEW * total as f64).max(2.0);
+    loop {
+        let step = ((NEXT * (last - first) as f64).round() as usize).max(2);
+
+        let mut likely = (first.saturating_sub(step)..(last + step + 1).min(counts.len()))
+            .filter(|at| is_likely(counts[*at]));
+        let from = likely.next().unwrap_or(first);
+        let to = likely.next_back().unwrap_or(last);
+
+        let wider = (first.min(from), last.max(to));
+        if wider == (first, last) {
+            return Some((first as isize + lowest, last as isize + lowest));
+        }
+        (first, last) = wider;
+    }
+}
+
+/// The first and the last index of the shortest run of counts whose sum is at least `enough`.
+fn shortest(counts: &[usize], enough: usize) -> (usize, usize) {
+    let mut best = (0, counts.len() - 1);
+    let (mut start, mut sum) = (0, 0);
+
+    // Each end has one best start, which moves only to the right: linear time.
+    for (end, count) in counts.iter().enumerate() {
+        sum += count;
+
+        while start < end && sum - counts[start] >= enough {
+            sum -= counts[start];
+            start += 1;
+        }
+
+        if sum >= enough && end - start < best.1 - best.0 {
+            best = (start, end);
+        }
+    }
+
+    best
+}
+
+/// The first and the last disparity to search, with a margin around those from low to high.
+///
+/// A range on one side of zero stays there, and begins at zero unless that would more than double it. Searching more
+/// than there is costs time but no accuracy; searching less costs both.
+fn with_margin(low: f64, high: f64, factor: f64) -> (i64, i64) {
+    let margin = 1.0 + MARGIN * (high - low) + COARSE * factor;
+    let start = (low - margin).floor() as i64;
+    let end = (high + margin).ceil() as i64;
+    let length = end - start;
+
+    // Ends that are this much on one side of zero are not across it by mistake. The candidate 0 stands for half a pixel on
+    // either side: in a long range an end that is no farther across is most often a mistake.
+    let clear = if high - low > LONG { -0.5 } else { factor / 4.0 };
+    if low + high > 0.0 {
+        let start = if low >= clear && start <= length { 0 } else { start };
+        (start, end)
+    } else {
+        let end = if high <= -clear && -end <= length { 0 } else { end };
+        (start, end)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_shortest_run_holds_enough() {
+        assert_eq!(shortest(&[1, 0, 5, 6, 0, 1], 11), (2, 3));
+        assert_eq!(shortest(&[1, 0, 5, 6, 0, 1], 13), (0, 5));
+        assert_eq!(shortest(&[4], 4), (0, 0));
+    }
+
+    #[test]
+    fn margins_stay_on_their_side_of_zero_unless_the_ends_do_not() {
+        assert_eq!(with_margin(2.0, 52.0, 2.0), (0, 58));
+        assert_eq!(with_margin(30.0, 60.0, 2.0), (0, 64));
+        assert_eq!(with_margin(200.0, 250.0, 2.0), (194, 256));
+        assert_eq!(with_margin(-52.0, -2.0, 2.0), (-58, 0));
+        assert_eq!(with_margin(-20.0, 30.0, 2.0), (-26, 36));
+        assert_eq!(with_margin(-0.4, 40.0, 2.0), (0, 45));
+        assert_eq!(with_margin(-0.4, 6.0, 2.0), (-3, 8));
+        assert_eq!(with_margin(-40.0, 0.4, 2.0), (-45, 0));
+        assert_eq!(with_margin(-6.0, 0.4, 2.0), (-8, 3));
+        assert_eq!(with_margin(0.0, 0.0, 2.0), (-2, 2));
+    }
+}

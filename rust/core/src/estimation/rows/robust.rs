@@ -1,0 +1,542 @@
+//! Robust fits of fields of vertical offsets to blocks: iteratively reweighted least squares, first of absolute deviations,
+//! then with Tukey's biweight.
+//!
+//! The spline of the row has more factors than some images have blocks to tell them by, so it has a prior: its factors, and
+//! with more or less weight their second differences, are normal with the mean 0. Where few blocks are, the spline is what
+//! its neighbors say, and goes to 0 with them. How wide and how smooth it is are those values under which the blocks are
+//! most probable, the factors integrated out (Bayesian interpolation, Neural Computation 4, 1992):
+//!
+//! ```text
+//! A = sum of t t' / variance over the blocks;  b = sum of t dy / variance;  P = (1 + smooth D' D) / width^2
+//! evidence(width, smooth) = (log |P| - log |A + P| + b' (A + P)^-1 b) / 2
+//! ```
+//!
+//! The evidence of a spline is that of the best of them less that of the smooth field alone: the logarithm of by how much more
+//! probable the blocks are with the spline.
+
+use std::array::from_fn;
+
+use crate::estimation::tracks::{BLOCK, Track};
+use phasestereo_match::base::math;
+use phasestereo_match::pair::alignment::sway::{self, INTERVALS, KNOTS, mean_weights};
+use phasestereo_match::pair::alignment::{TERMS, places, terms};
+
+/// Reweightings, and how many of them are for absolute deviations.
+const STEPS: (usize, usize) = (20, 6);
+/// Residuals beyond so many robust standard deviations have no weight.
+const CUT: f64 = 4.0;
+/// Least robust standard deviation: no correlation is more exact, pixels.
+const FLOOR: f64 = 0.02;
+/// Largest ratio of the pivots of the normal equations: beyond it, the blocks lie along a line.
+const LARGEST_CONDITION: f64 = 1e6;
+/// Places along a row over which errors are averaged.
+const COLUMNS: usize = 8;
+/// Most unknowns of a fit.
+const MOST: usize = TERMS + KNOTS;
+/// Widths that are tried, pixels,
+const WIDTHS: [f64; 8] = [0.06, 0.12, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
+/// ... and weights of the second differences; with less, a few mistaken blocks at a border bend a spline to them.
+const SMOOTHNESS: [f64; 3] = [10.0, 100.0, 1000.0];
+
+/// One equation of a fit.
+pub struct Point {
+    /// The terms of the smooth field.
+    pub terms: [f64; TERMS],
+    /// The weights of the factors of the spline.
+    pub sway: [f64; KNOTS],
+    /// The offset.
+    pub value: f64,
+    /// Inverse variance of the offset, of arbitrary scale.
+    pub weight: f64,
+}
+
+impl Point {
+    /// The equation of a block in copies, reduced by a factor, of images of so many rows and columns.
+    pub fn of_track(
+        Track { place, weight }: &Track,
+        (rows, cols): (usize, usize),
+        factor: usize,
+    ) -> Self {
+        // Fields are functions of places from -1 to 1 of the right image, splines of shares of the height. A block shows the
+        // mean over its rows.
+        let fraction = |at: f64, length: usize| (at + 0.5) / (length as f64 / 2.0) - 1.0;
+        let half = (BLOCK * factor) as f64 / 2.0;
+        let share = |y: f64| (y + 0.5) / rows as f64;
+
+        Self {
+            terms: terms(fraction(place.x + place.dx, cols), fraction(place.y, rows)),
+            sway: mean_weights(share(place.y - half), share(place.y + half)),
+            value: place.dy,
+            weight: *weight,
+        }
+    }
+
+    /// The offset less that of a smooth field with these coefficients.
+    pub fn residual(&self, coefficients: &[f64; TERMS]) -> f64 {
+        self.value - coefficients.iter().zip(self.terms).map(|(a, b)| a * b).sum::<f64>()
+    }
+}
+
+/// What is fitted.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Model {
+    /// The first terms of the smooth field, as many.
+    pub smooth: usize,
+    /// Whether there is a spline of the row, too.
+    pub sways: bool,
+    /// Ratio of the variance of a mean over points to that over independent ones.
+    pub excess: f64,
+}
+
+/// The result of a robust fit.
+pub struct RobustFit {
+    /// Factors of the terms of the smooth field.
+    pub coefficients: [f64; TERMS],
+    /// Factors of the spline of the row.
+    pub sway: [f64; KNOTS],
+    /// Robust standard deviation of the residuals, pixels.
+    pub spread: f64,
+    /// Number of points with any weight.
+    pub agreeing: usize,
+    /// Standard error of the field, root mean square over the image.
+    pub error: f64,
+    /// Standard error in the middle of every interval of the spline, root mean square over the columns.
+    pub errors: [f64; INTERVALS],
+    /// Weights of the points.
+    weights: Vec<f64>,
+}
+
+impl Model {
+    /// Number of unknowns.
+    fn count(&self) -> usize {
+        self.smooth + if self.sways { KNOTS } else { 0 }
+    }
+
+    /// The factors of the unknowns.
+    fn row(&self, terms: &[f64; TERMS], sway: &[f64; KNOTS]) -> [f64; MOST] {
+        let mut row = [0.0; MOST];
+        row[..self.smooth].copy_from_slice(&terms[..self.smooth]);
+        row[self.smooth..self.smooth + KNOTS].copy_from_slice(sway);
+        row
+    }
+
+    /// Fits the field; `None` where it is not determined.
+    pub fn fitted(&self, points: &[Point]) -> Option<RobustFit> {
+        let rows: Vec<[f64; MOST]> =
+            points.iter().map(|point| self.row(&point.terms, &point.sway)).collect();
+        let mut weights: Vec<f64> = points.iter().map(|point| point.weight).collect();
+        let mut solution = [0.0; MOST];
+        let mut spread = 0.0;
+        let mut prior = None;
+
+        for step in 0..STEPS.0 {
+            let mut normal = Normal::new(&rows, points, &weights, self.count());
+            if self.sways {
+                // At first the spread is not known, which a spline that is as wide as can be hardly depends on.
+                if step == 1 || step == STEPS.1 || step + 1 == STEPS.0 {
+                    prior = Some(self.most_probable(&rows, points, &weights, spread)?.1);
+                }
+                let noise = self.noise(spread.max(FLOOR), &weights);
+                normal.add(prior.get_or_insert_with(Prior::widest), self.smooth, noise);
+            }
+
+            solution = normal.solved(self.smooth)?;
+            let residual = |(row, point): (&[f64; MOST], &Point)| {
+                let field: f64 = (0..self.count()).map(|at| solution[at] * row[at]).sum();
+                (point.value - field).abs()
+            };
+            let residuals: Vec<f64> = rows.iter().zip(points).map(residual).collect();
+            // 1.4826 times the median absolute deviation is the standard deviation of normal errors.
+            spread = 1.4826 * median(residuals.clone()) + FLOOR;
+
+            // Absolute deviations lead near the solution from anywhere; the biweight then ignores outliers entirely.
+            for ((weight, point), residual) in weights.iter_mut().zip(points).zip(&residuals) {
+                *weight = point.weight
+                    * if step < STEPS.1 {
+                        1.0 / residual.max(0.1 * spread)
+                    } else {
+                        (1.0 - (residual / (CUT * spread)).powi(2)).max(0.0).powi(2)
+                    };
+            }
+        }
+
+        // Each remaining point counts once in the variance, whatever its weight.
+        let agree: Vec<f64> = weights.iter().map(|weight| f64::from(*weight > 0.0)).collect();
+        let agreeing = agree.iter().filter(|weight| **weight > 0.0).count();
+        let mut normal = Normal::new(&rows, points, &agree, self.count());
+        if let Some(prior) = prior {
+            normal.add(&prior, self.smooth, self.noise(spread, &agree));
+        }
+        let lower = normal.factor(self.smooth)?;
+        let errors = from_fn(|interval| {
+            let y = (2 * interval + 1) as f64 / INTERVALS as f64 - 1.0;
+            let x = |at| (2 * at + 1) as f64 / COLUMNS as f64 - 1.0;
+            self.error(&lower, spread, (0..COLUMNS).map(|at| (x(at), y)))
+        });
+
+        let (coefficients, sway) = self.parted(&solution);
+        let error = self.error(&lower, spread, places());
+        Some(RobustFit { coefficients, sway, spread, agreeing, error, errors, weights })
+    }
+
+    /// The factors of the smooth terms, and those of the spline, of which the line through it goes to the smooth terms: only
+    /// their sum is determined.
+    fn parted(&self, solution: &[f64; MOST]) -> ([f64; TERMS], [f64; KNOTS]) {
+        let mut coefficients: [f64; TERMS] =
+            from_fn(|at| if at < self.smooth { solution[at] } else { 0.0 });
+        let mut sway = [0.0; KNOTS];
+        if !self.sways {
+            return (coefficients, sway);
+        }
+
+        sway.copy_from_slice(&solution[self.smooth..][..KNOTS]);
+        // Of a sum over places that are symmetrical, shift and slope are determined one by one.
+        let (mut sums, mut squares) = ([0.0; 2], [0.0; 2]);
+        for (_, y) in places() {
+            let offset = sway::at(&sway, 0.5 * (y + 1.0));
+            for (at, term) in [1.0, y].into_iter().enumerate() {
+                sums[at] += term * offset;
+                squares[at] += term * term;
+            }
+        }
+        let [shift, slope] = [0, 1].map(|at| sums[at] / squares[at]);
+
+        coefficients[0] += shift;
+        coefficients[2] += slope;
+        for (knot, factor) in sway.iter_mut().enumerate() {
+            // A cubic B-spline whose factors are a line is that line.
+            let y = 2.0 * (knot as f64 - 1.0) / INTERVALS as f64 - 1.0;
+            *factor -= shift + slope * y;
+        }
+        (coefficients, sway)
+    }
+
+    /// Standard error of the field at places, root mean square.
+    fn error(
+        &self,
+        lower: &[[f64; MOST]; MOST],
+        spread: f64,
+        places: impl Iterator<Item = (f64, f64)>,
+    ) -> f64 {
+        // The variance at a place is t' A^-1 t = |L^-1 t|^2 for its terms t.
+        let variance = |(x, y): (f64, f64)| -> f64 {
+            let fraction = 0.5 * (y + 1.0);
+            let row = self.row(&terms(x, y), &mean_weights(fraction, fraction));
+            let half = forward(lower, row, self.count());
+            half[..self.count()].iter().map(|value| value * value).sum()
+        };
+
+        let variances: Vec<f64> = places.map(variance).collect();
+        let mean = variances.iter().sum::<f64>() / variances.len() as f64;
+        spread * (self.excess * mean).sqrt()
+    }
+
+    /// The variance of a point of weight 1 if points with these weights have that spread.
+    fn noise(&self, spread: f64, weights: &[f64]) -> f64 {
+        let positive = weights.iter().filter(|weight| **weight > 0.0).count().max(1);
+        self.excess * spread * spread * weights.iter().sum::<f64>() / positive as f64
+    }
+
+    /// The evidence for a spline of the row beside the smooth terms of a fit.
+    pub fn evidence(&self, points: &[Point], fit: &RobustFit) -> f64 {
+        let rows: Vec<[f64; MOST]> =
+            points.iter().map(|point| self.row(&point.terms, &point.sway)).collect();
+        self.most_probable(&rows, points, &fit.weights, fit.spread).map_or(0.0, |found| found.0)
+    }
+
+    /// The same, and the prior of the most probable spline.
+    fn most_probable(
+        &self,
+        rows: &[[f64; MOST]],
+        points: &[Point],
+        weights: &[f64],
+        spread: f64,
+    ) -> Option<(f64, Prior)> {
+        let count = self.smooth + KNOTS;
+        let mut normal = Normal::new(rows, points, weights, count);
+        normal.scale(1.0 / self.noise(spread, weights));
+
+        let alone = Normal { count: self.smooth, ..normal.clone() }.probability(self.smooth)?;
+        let mut best: Option<(f64, Prior)> = None;
+        for prior in Prior::all() {
+            let mut with = normal.clone();
+            with.add(&prior, self.smooth, 1.0);
+            let found = with.probability(self.smooth)? + prior.half_logarithm - alone;
+            if best.as_ref().is_none_or(|(most, _)| found > *most) {
+                best = Some((found, prior));
+            }
+        }
+        best
+    }
+}
+
+impl RobustFit {
+    /// Root mean square of the difference of two fields.
+    pub fn difference(&self, other: &Self) -> f64 {
+        let field = |(x, y)| -> f64 {
+            let terms = terms(x, y);
+            let spline = mean_weights(0.5 * (y + 1.0), 0.5 * (y + 1.0));
+            let smooth =
+                (0..TERMS).map(|i| (self.coefficients[i] - other.coefficients[i]) * terms[i]);
+            let sway = (0..KNOTS).map(|i| (self.sway[i] - other.sway[i]) * spline[i]);
+            smooth.sum::<f64>() + sway.sum::<f64>()
+        };
+
+        let squares: Vec<f64> = places().map(|place| field(place).powi(2)).collect();
+        (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+    }
+}
+
+/// What is thought of the factors of the spline before blocks are seen.
+struct Prior {
+    /// The inverse of their covariance.
+    precision: [[f64; KNOTS]; KNOTS],
+    /// Half of the logarithm of its determinant.
+    half_logarithm: f64,
+}
+
+impl Prior {
+    /// Those that are tried.
+    fn all() -> impl Iterator<Item = Self> {
+        SMOOTHNESS.into_iter().flat_map(|smooth| {
+            let unit = Self::new(smooth);
+            WIDTHS.into_iter().map(move |width| unit.scaled(width))
+        })
+    }
+
+    /// The one that says least.
+    fn widest() -> Self {
+        Self::new(0.0).scaled(WIDTHS[WIDTHS.len() - 1])
+    }
+
+    /// The one of width 1 with this weight of the second differences.
+    fn new(smooth: f64) -> Self {
+        let mut precision = [[0.0; KNOTS]; KNOTS];
+        for (knot, row) in precision.iter_mut().enumerate() {
+            row[knot] = 1.0;
+        }
+        for first in 0..KNOTS - 2 {
+            for (i, a) in [1.0, -2.0, 1.0].into_iter().enumerate() {
+                for (j, b) in [1.0, -2.0, 1.0].into_iter().enumerate() {
+                    precision[first + i][first + j] += smooth * a * b;
+                }
+            }
+        }
+
+        let mut matrix = [[0.0; MOST]; MOST];
+        for (row, values) in matrix.iter_mut().zip(&precision) {
+            row[..KNOTS].copy_from_slice(values);
+        }
+        let normal = Normal { matrix, target: [0.0; MOST], count: KNOTS };
+        // The matrix is one plus squares, so it has a factor.
+        let half_logarithm = normal.factor(0).map_or(0.0, |lower| half_logarithm(&lower, KNOTS));
+        Self { precision, half_logarithm }
+    }
+
+    /// The same with another width.
+    fn scaled(&self, width: f64) -> Self {
+        let precision = self.precision.map(|row| row.map(|value| value / (width * width)));
+        let half_logarithm = self.half_logarithm - KNOTS as f64 * math::ln(width);
+        Self { precision, half_logarithm }
+    }
+}
+
+/// Half of the logarithm of the determinant of the matrix with this factor.
+fn half_logarithm(lower: &[[f64; MOST]; MOST], count: usize) -> f64 {
+    (0..count).map(|at| math::ln(lower[at][at])).sum()
+}
+
+/// The middle one of some values.
+pub fn median(mut values: Vec<f64>) -> f64 {
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+/// Normal equations; of the symmetric matrix, the lower triangle.
+#[derive(Clone)]
+struct Normal {
+    matrix: [[f64; MOST]; MOST],
+    target: [f64; MOST],
+    count: usize,
+}
+
+impl Normal {
+    fn new(rows: &[[f64; MOST]], points: &[Point], weights: &[f64], count: usize) -> Self {
+        let (mut matrix, mut target) = ([[0.0; MOST]; MOST], [0.0; MOST]);
+
+        for ((terms, point), weight) in rows.iter().zip(points).zip(weights) {
+            for row in 0..count {
+                let weighted = weight * terms[row];
+                // Most factors of a spline are zero at a block.
+                if weighted == 0.0 {
+                    continue;
+                }
+                target[row] += weighted * point.value;
+                for col in 0..=row {
+                    matrix[row][col] += weighted * terms[col];
+                }
+            }
+        }
+
+        Self { matrix, target, count }
+    }
+
+    /// Multiplies both sides.
+    fn scale(&mut self, by: f64) {
+        self.matrix.iter_mut().flatten().chain(&mut self.target).for_each(|value| *value *= by);
+    }
+
+    /// Adds what is thought of the factors of the spline, which begin after the smooth terms.
+    fn add(&mut self, prior: &Prior, smooth: usize, weight: f64) {
+        for (row, values) in self.matrix[smooth..].iter_mut().zip(&prior.precision) {
+            for (sum, value) in row[smooth..].iter_mut().zip(values) {
+                *sum += weight * value;
+            }
+        }
+    }
+
+    /// The Cholesky factor; `None` where the equations do not determine the smooth terms.
+    fn factor(&self, smooth: usize) -> Option<[[f64; MOST]; MOST]> {
+        // A pivot that is tiny beside the first one means that the points do not determine a term.
+        let mut lower = [[0.0f64; MOST]; MOST];
+        for row in 0..self.count {
+            for col in 0..=row {
+                let done: f64 = (0..col).map(|k| lower[row][k] * lower[col][k]).sum();
+                let rest = self.matrix[row][col] - done;
+
+                if row > col {
+                    lower[row][col] = rest / lower[col][col];
+                } else if rest > 0.0
+                    && (row >= smooth || rest * LARGEST_CONDITION > self.matrix[0][0])
+                {
+                    lower[row][row] = rest.sqrt();
+                } else {
+                    return None;
+                }
+            }
+        }
+
+        Some(lower)
+    }
+
+    /// The solution, by substitution forward and backward.
+    fn solved(&self, smooth: usize) -> Option<[f64; MOST]> {
+        let lower = self.factor(smooth)?;
+        let mut solution = forward(&lower, self.target, self.count);
+
+        for row in (0..self.count).rev() {
+            let known: f64 = (row + 1..self.count).map(|k| lower[k][row] * solution[k]).sum();
+            solution[row] = (solution[row] - known) / lower[row][row];
+        }
+
+        solution[self.count..].fill(0.0);
+
+        Some(solution)
+    }
+
+    /// Logarithm of the probability of the points, but for what all models share.
+    fn probability(&self, smooth: usize) -> Option<f64> {
+        let lower = self.factor(smooth)?;
+        let half = forward(&lower, self.target, self.count);
+        let explained: f64 = half[..self.count].iter().map(|value| value * value).sum();
+        Some(explained / 2.0 - half_logarithm(&lower, self.count))
+    }
+}
+
+/// Solves the equations of a lower triangle.
+fn forward(lower: &[[f64; MOST]; MOST], mut values: [f64; MOST], count: usize) -> [f64; MOST] {
+    for row in 0..count {
+        let known: f64 = (0..row).map(|k| lower[row][k] * values[k]).sum();
+        values[row] = (values[row] - known) / lower[row][row];
+    }
+
+    values
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use phasestereo_match::pair::alignment::LINEAR;
+
+    const PLAIN: Model = Model { smooth: LINEAR, sways: false, excess: 1.0 };
+    const SWAYING: Model = Model { sways: true, ..PLAIN };
+
+    fn points(field: &[f64; TERMS], wrong: usize) -> Vec<Point> {
+        let place = |index: usize| 2.0 * ((index * 37 % 101) as f64 / 100.0) - 1.0;
+        let point = |index: usize| {
+            let (x, y) = (place(index), place(7 * index + 3));
+            let terms = terms(x, y);
+            let exact: f64 = field.iter().zip(terms).map(|(a, b)| a * b).sum();
+            let astray = if index.is_multiple_of(wrong) { 3.0 } else { 0.0 };
+            let share = 0.5 * (y + 1.0);
+            Point { terms, sway: mean_weights(share, share), value: exact + astray, weight: 1.0 }
+        };
+
+        (1..200).map(point).collect()
+    }
+
+    /// The same with noise and waves in rows whose share of the height is in a range.
+    fn waving(height: f64, rows: std::ops::Range<f64>) -> Vec<Point> {
+        let mut points = points(&[1.5, -2.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0], 200);
+        points.retain(|point| rows.contains(&(0.5 * (point.terms[2] + 1.0))));
+        for (index, point) in points.iter_mut().enumerate() {
+            let noise = (index * 7919 % 101) as f64 / 500.0 - 0.1;
+            point.value += height * math::sin(8.0 * point.terms[2]) + noise;
+        }
+        points
+    }
+
+    #[test]
+    fn a_field_is_found_in_spite_of_outliers() {
+        let field = [1.5, -2.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0];
+        let fit = PLAIN.fitted(&points(&field, 5)).expect("enough points");
+        assert!((0..TERMS).all(|term| (fit.coefficients[term] - field[term]).abs() < 1e-6));
+        assert_eq!(fit.agreeing, 160);
+
+        let field = [1.5, -2.0, 0.5, 1.0, -0.25, 0.75, -1.0, 0.5];
+        let all = Model { smooth: TERMS, ..PLAIN };
+        let fit = all.fitted(&points(&field, 6)).expect("enough points");
+        assert!((0..TERMS).all(|term| (fit.coefficients[term] - field[term]).abs() < 1e-6));
+    }
+
+    #[test]
+    fn blocks_along_a_line_determine_no_field() {
+        let point = |index: usize| Point {
+            terms: terms(index as f64 / 100.0 - 1.0, 0.5),
+            sway: mean_weights(0.75, 0.75),
+            value: 1.0,
+            weight: 1.0,
+        };
+        let points: Vec<Point> = (0..200).map(point).collect();
+        assert!(PLAIN.fitted(&points).is_none());
+    }
+
+    #[test]
+    fn there_is_evidence_of_rows_that_sway_and_none_in_noise() {
+        let evidence = |points: &[Point]| {
+            SWAYING.evidence(points, &SWAYING.fitted(points).expect("enough points"))
+        };
+        assert!(evidence(&waving(0.0, 0.0..1.0)) < 1.0);
+        assert!(evidence(&waving(0.5, 0.0..1.0)) > 50.0);
+    }
+
+    #[test]
+    fn a_spline_is_the_waves_and_shrinks_where_there_are_no_blocks() {
+        let points = waving(0.8, 0.0..1.0);
+        let fit = SWAYING.fitted(&points).expect("enough points");
+        let value = |fit: &RobustFit, y: f64| {
+            let smooth = fit.coefficients[0] + fit.coefficients[2] * y;
+            smooth + sway::at(&fit.sway, 0.5 * (y + 1.0))
+        };
+        for row in -9..=9 {
+            let y = f64::from(row) / 10.0;
+            let exact = 1.5 + 0.5 * y + 0.8 * math::sin(8.0 * y);
+            assert!((value(&fit, y) - exact).abs() < 0.1, "{y}");
+        }
+
+        // The upper half alone: the lower one is unknown, and said to be.
+        let fit = SWAYING.fitted(&waving(0.8, 0.0..0.5)).expect("enough points");
+        assert!(fit.errors[2] < 0.1 && fit.errors[13] > 0.5, "{:?}", fit.errors);
+        assert!(fit.sway.iter().all(|factor| factor.abs() < 4.0), "{:?}", fit.sway);
+    }
+}

@@ -1,0 +1,718 @@
+//! Rectification of a raw pair from its images alone: the cameras that bring the rows of both together.
+//!
+//! 1. Corners of both images are described by codes and matched ([`corners`], [`codes`], [`mod@matches`]).
+//! 2. Those that agree on one way that the cameras look are kept ([`consensus`]); where few do, one image is tried turned.
+//! 3. Fourteen numbers of two cameras are fitted to them ([`cameras`], [`fit`]).
+//! 4. Both images are rectified by those, and blocks of them correlated ([`blocks`]), which are more exact than corners; the
+//!    numbers are fitted again, and all of this is repeated until they stay.
+//! 5. The rectified images are moved so that things stay about where they were, and so that disparities are positive.
+//!
+//! A pair of which too little agrees is not rectified: a wrong rectification is worse than none. Several pairs of the same cameras
+//! are matched each by itself, and fitted together. Everything is computed in a fixed order.
+
+pub mod blocks;
+pub mod calibration;
+pub mod cameras;
+pub mod codes;
+pub mod consensus;
+pub mod corners;
+pub mod filters;
+pub mod fit;
+pub mod linear;
+pub mod matches;
+#[cfg(test)]
+pub mod scene;
+pub mod warp;
+
+use std::fmt;
+
+use self::blocks::Block;
+use self::cameras::{Cameras, NUMBERS, Point};
+use self::codes::Features;
+use self::fit::Steps;
+use self::linear::{Normal, forward, median};
+use self::matches::Match;
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::error::{Error, Result};
+use phasestereo_match::base::math;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::simd::Level;
+use phasestereo_match::image::view::View;
+
+/// Wider images are reduced: their rows are found as exactly as those of so many columns.
+const MOST_COLUMNS: usize = 1600;
+
+/// Fewest corners of an image; fewest matches that agree, and as a share of all.
+const LEAST_CORNERS: usize = 72;
+const LEAST_AGREEING: (usize, f64) = (45, 0.30);
+/// From so many agreeing matches on, as many of all, no image is tried turned.
+const ENOUGH: (usize, f64) = (60, 0.5);
+/// By how much the right image is tried turned, degrees.
+const TURNS: [f64; 2] = [24.0, -24.0];
+/// Fewest blocks to fit to, and fewest of a result.
+const LEAST_BLOCKS: (usize, usize) = (40, 60);
+/// From such a spread on other cameras than those that explain the corners best are tried, too; pixels, and share of the width.
+const DOUBTFUL: (f64, f64) = (0.25, 0.00025);
+/// Most rounds of blocks; the rows that a round changes when it is the last, pixels.
+const ROUNDS: usize = 8;
+const STILL: f64 = 0.03;
+/// Matches agree if their rows are at most so many spreads apart, or such a share of the width.
+const AGREE: (f64, f64) = (4.0, 0.003);
+/// Largest share of blocks where the distortion folds the image.
+const FOLDED: f64 = 0.05;
+/// Largest spread of the rows of blocks, pixels of an image of up to 1000 columns, and as a share of wider ones.
+const SPREAD: (f64, f64) = (1.5, 0.0015);
+/// Disparities apart from others by such a share of the width are mistakes, if they are fewer than such a share of all.
+const APART: (f64, f64) = (0.03, 0.05);
+/// The errors of rows are worked out at so many places along each side of the image, at these shares of the disparities; what
+/// no averaging removes of them, pixels; and the largest that is accepted, pixels of an image of up to 1000 columns.
+const PLACES: usize = 16;
+const ENDS: [f64; 3] = [0.02, 0.5, 0.98];
+const BIAS: f64 = 0.03;
+const LARGEST_ERROR: f64 = 1.0;
+/// The share of the disparities below the least one that counts. Negative ones beyond such a share of the width are made
+/// positive, and begin at another.
+const LEAST_SHARE: f64 = 0.01;
+const NEGATIVE: (f64, f64) = (0.01, 0.02);
+
+/// The longest focal length of toed-in cameras, in widths of the image.
+pub const LONGEST: f64 = 1.5;
+
+/// What becomes of disparities that are negative.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Negative {
+    /// They stay.
+    Kept,
+    /// Columns are moved so that they are positive, if the cameras are toed in; of images that are exchanged they stay.
+    MovedIfToedIn,
+    /// Columns are moved so that they are positive.
+    Moved,
+}
+
+/// A pair that was rectified.
+#[derive(Debug, Clone)]
+pub struct Rectification {
+    /// The cameras, with how the rectified images are moved.
+    pub cameras: Cameras,
+    /// Matched corners, and those of them that agree.
+    pub matches: [usize; 2],
+    /// Blocks that the last fit uses.
+    pub blocks: usize,
+    /// By how many rows these blocks differ in the raw images, rms in pixels.
+    pub rows: f64,
+    /// The same in the rectified images.
+    pub rms: f64,
+    /// By how much rows may differ by what the blocks determine, rms in pixels over what both images show.
+    pub error: f64,
+    /// The disparities of the rectified images: almost the least, the median and almost the largest.
+    pub disparities: [f64; 3],
+    /// How many pairs were used.
+    pub pairs: usize,
+    /// Whether the right images had to be inverted.
+    pub is_inverted: bool,
+    /// By how many columns the right image was moved so that disparities are positive.
+    pub moved: f64,
+    /// By how many pixels each lens moves what is at half the width from the middle, outward, and the standard error.
+    pub distortion: [(f64, f64); 2],
+}
+
+/// Why a pair is not rectified.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub enum Refusal {
+    /// Too few corners: left and right.
+    Corners([usize; 2]),
+    /// Too few matched corners agree: those that agree, and all.
+    Matches([usize; 2]),
+    /// Too few blocks are found in both rectified images.
+    Blocks(usize),
+    /// The lenses that fit best would show some things twice.
+    Folds,
+    /// Rows stay apart by so many pixels.
+    Rows(f64),
+    /// Rows would be known to so many pixels.
+    Uncertain(f64),
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, to: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Self::Corners([left, right]) => {
+                write!(to, "they have only {left} and {right} corners that could be compared")
+            }
+            Self::Matches([agreeing, all]) => {
+                write!(
+                    to,
+                    "only {agreeing} of {all} corners that look alike agree on how the cameras look"
+                )
+            }
+            Self::Blocks(found) => write!(to, "only {found} blocks of one are found in the other"),
+            Self::Folds => write!(to, "the lenses that fit best would show some things twice"),
+            Self::Rows(spread) => write!(to, "rows would still be {spread:.1} px apart"),
+            Self::Uncertain(error) => write!(to, "they tell rows to {error:.1} px only"),
+        }
+    }
+}
+
+/// The gray images of pairs: left and right.
+pub type Grays = [Plane<f32>; 2];
+
+/// Rectifies pairs of views of the same cameras, of which the right ones may be negatives.
+pub fn rectify_views(
+    pairs: &[[View; 2]],
+    level: Level,
+    control: &Control,
+) -> Result<Rectification> {
+    let mut grays = Vec::with_capacity(pairs.len());
+    for [left, right] in pairs {
+        grays.push([gray(left, control)?, gray(right, control)?]);
+    }
+
+    let refusal = match rectify(&grays, Negative::MovedIfToedIn, level, control)? {
+        Ok(found) => return Ok(found),
+        Err(refusal) => refusal,
+    };
+    if matches!(refusal, Refusal::Matches(_)) {
+        for [_, right] in &mut grays {
+            *right = right.map(|value| -value);
+        }
+        if let Ok(found) = rectify(&grays, Negative::MovedIfToedIn, level, control)? {
+            return Ok(Rectification { is_inverted: true, ..found });
+        }
+    }
+
+    let got = format!("images that do not show how to rectify them: {refusal}");
+    let accepts = "two views of one scene, taken side by side; more pairs of the same cameras (others) tell more, and a \
+                   calibration all";
+    Err(Error::value("left, right", got, accepts))
+}
+
+/// The gray values of a view.
+pub fn gray(view: &View, control: &Control) -> Result<Plane<f32>> {
+    let (rows, cols, _) = view.image.shape();
+    Plane::by_bands_with(
+        (rows, cols),
+        1,
+        || Ok(vec![0.0; cols]),
+        |luminance, y, row| {
+            control.checkpoint()?;
+            view.image.write_luminance(y, luminance);
+            for (gray, luminance) in row.iter_mut().zip(luminance.iter()) {
+                *gray = (luminance / 1000.0) as f32;
+            }
+            Ok(())
+        },
+    )
+}
+
+/// Rectifies pairs of gray images, all of one size, of the same cameras.
+pub fn rectify(
+    pairs: &[Grays],
+    negative: Negative,
+    level: Level,
+    control: &Control,
+) -> Result<std::result::Result<Rectification, Refusal>> {
+    let (rows, cols) = (pairs[0][0].rows(), pairs[0][0].cols());
+    let factor = cols.div_ceil(MOST_COLUMNS).max(1);
+    let size = (rows / factor, cols / factor);
+    let smaller = |image: &Plane<f32>| -> Result<Plane<f32>> {
+        let image = filters::stretched(image);
+        if factor == 1 {
+            Ok(image)
+        } else {
+            filters::reduced(&filters::cropped(&image, factor)?, size)
+        }
+    };
+
+    let mut reduced = Vec::with_capacity(pairs.len());
+    for [left, right] in pairs {
+        reduced.push([smaller(left)?, smaller(right)?]);
+    }
+    let found = rectify_small(&reduced, negative, level, control)?;
+    Ok(found.map(|found| found.enlarged(factor, size)).map_err(|refusal| match refusal {
+        Refusal::Rows(spread) => Refusal::Rows(spread * factor as f64),
+        Refusal::Uncertain(error) => Refusal::Uncertain(error * factor as f64),
+        other => other,
+    }))
+}
+
+fn rectify_small(
+    pairs: &[Grays],
+    negative: Negative,
+    level: Level,
+    control: &Control,
+) -> Result<std::result::Result<Rectification, Refusal>> {
+    let size = (pairs[0][0].rows(), pairs[0][0].cols());
+    let (mut views, mut agreeing, mut refusal) = (vec![], vec![], None);
+    for [left, right] in pairs {
+        match matched([left, right], level, control)? {
+            Ok((matches, agree)) => {
+                views.push(Views { pair: [left, right], matches });
+                agreeing.extend(agree);
+            }
+            Err(why) => refusal = refusal.or(Some(why)),
+        }
+    }
+    if let (true, Some(refusal)) = (views.is_empty(), refusal) {
+        return Ok(Err(refusal));
+    }
+
+    let all: Vec<Match> = views.iter().flat_map(|views| &views.matches).copied().collect();
+    let counts = [all.len(), agreeing.iter().filter(|is_in| **is_in).count()];
+
+    let (mut most, mut best) = (0, None);
+    for (cameras, near) in fit::fitted(&all, &agreeing, size) {
+        let found = refined(&views, cameras, near, level, control)?;
+        most = most.max(found.blocks.len());
+        let Some(fit) = found.fit.as_ref().filter(|_| found.blocks.len() >= LEAST_BLOCKS.1) else {
+            continue;
+        };
+
+        let (spread, improbability) = (fit.spread, fit.improbability());
+        if best.as_ref().is_none_or(|(least, _)| improbability < *least) {
+            best = Some((improbability, found));
+        }
+        if spread < DOUBTFUL.0.max(DOUBTFUL.1 * size.1 as f64) {
+            break;
+        }
+    }
+    match best {
+        Some((_, found)) => Ok(found.checked(counts, size, negative, views.len())),
+        None => Ok(Err(Refusal::Blocks(most))),
+    }
+}
+
+/// The images of a pair and their matched corners.
+struct Views<'a> {
+    pair: [&'a Plane<f32>; 2],
+    matches: Vec<Match>,
+}
+
+impl Views<'_> {
+    /// The matches whose rows are near with these cameras.
+    fn near(&self, cameras: &Cameras, near: f64) -> Vec<Match> {
+        let is_near = |one: &&Match| cameras.row_difference([one.left, one.right]).abs() < near;
+        self.matches.iter().filter(is_near).copied().collect()
+    }
+}
+
+/// Matched corners, and which of them agree.
+type Agreement = (Vec<Match>, Vec<bool>);
+
+/// Matches the corners of a pair, if enough of them agree.
+fn matched(
+    pair: [&Plane<f32>; 2],
+    level: Level,
+    control: &Control,
+) -> Result<std::result::Result<Agreement, Refusal>> {
+    let cols = pair[0].cols();
+    let features = |side: usize| {
+        control.checkpoint()?;
+        Features::new(pair[side], level)
+    };
+    let (left, right) = rayon::join(|| features(0), || features(1));
+    let (left, right) = (left?, right?);
+    let corners = [left.places.len(), right.places.len()];
+    if corners.iter().any(|count| *count < LEAST_CORNERS) {
+        return Ok(Err(Refusal::Corners(corners)));
+    }
+
+    let codes = left.codes(0.0);
+    let turned = |turn: f64| {
+        let others = right.codes(turn.to_radians());
+        let found = matches::matched([&left, &right], [&codes, &others], cols, level);
+        let agree = consensus::agreeing(&found, cols);
+        (agree.iter().filter(|is_in| **is_in).count(), found, agree)
+    };
+
+    let mut best = turned(0.0);
+    if best.0 < ENOUGH.0 || (best.0 as f64) <= ENOUGH.1 * best.1.len() as f64 {
+        for turn in TURNS {
+            let other = turned(turn);
+            if other.0 > best.0 {
+                best = other;
+            }
+        }
+    }
+
+    let (count, found, agree) = best;
+    if count < LEAST_AGREEING.0 || (count as f64) < LEAST_AGREEING.1 * found.len() as f64 {
+        return Ok(Err(Refusal::Matches([count, found.len()])));
+    }
+    Ok(Ok((found, agree)))
+}
+
+/// Cameras that blocks were fitted to.
+struct Refined {
+    cameras: Cameras,
+    /// All blocks of the last round.
+    blocks: Vec<Block>,
+    /// The weight of each, 0 for mistakes.
+    weights: Vec<f64>,
+    /// Corners that agree.
+    kept: Vec<Match>,
+    /// The normal equations of the last fit.
+    fit: Option<fit::Fit>,
+}
+
+/// Fits cameras to blocks, again and again, until they stay. They begin with such to which matches agree whose rows are so near.
+fn refined(
+    views: &[Views],
+    cameras: Cameras,
+    near: f64,
+    level: Level,
+    control: &Control,
+) -> Result<Refined> {
+    let cols = views[0].pair[0].cols() as f64;
+    let mut near = near;
+    let mut now = Refined { cameras, blocks: vec![], weights: vec![], kept: vec![], fit: None };
+
+    for round in 0..ROUNDS {
+        let before = now.cameras.clone();
+        now.blocks.clear();
+        now.kept.clear();
+        for views in views {
+            control.checkpoint()?;
+            let kept = views.near(&before, near);
+            now.blocks.extend(blocks::blocks(views.pair, &before, &kept, level)?);
+            now.kept.extend(kept);
+        }
+        if now.blocks.len() < LEAST_BLOCKS.0 {
+            break;
+        }
+
+        // Blocks alone, then with the corners, as much less exact as their rows spread more.
+        let mut places: Vec<Match> = now.blocks.iter().map(|block| block.places).collect();
+        let mut weights: Vec<f64> = now.blocks.iter().map(|block| block.weight).collect();
+        let alone = fit::fit(&places, &weights, &before, Steps(15, 3));
+
+        let rows = |cameras: &Cameras, one: &Match| cameras.row_difference([one.left, one.right]);
+        let spread = now.kept.iter().map(|one| rows(&alone.cameras, one).abs()).collect();
+        let spread = 1.4826 * median(spread) + 0.05;
+        places.extend(&now.kept);
+        weights.resize(places.len(), (alone.spread / spread).powi(2).min(1.0));
+        let both = fit::fit(&places, &weights, &alone.cameras, Steps(10, 0));
+
+        now.cameras = both.cameras.clone();
+        now.weights = both.weights[..now.blocks.len()].to_vec();
+        now.fit = Some(both);
+        near = (AGREE.0 * spread).max(AGREE.1 * cols);
+
+        let changes = now.blocks.iter().map(|block| {
+            (rows(&now.cameras, &block.places) - rows(&before, &block.places)).powi(2)
+        });
+        let change = (changes.sum::<f64>() / now.blocks.len() as f64).sqrt();
+        if round > 0 && change < STILL {
+            break;
+        }
+    }
+
+    now.kept = views.iter().flat_map(|views| views.near(&now.cameras, near)).collect();
+    Ok(now)
+}
+
+impl Refined {
+    /// The result, if it can be believed.
+    fn checked(
+        self,
+        matches: [usize; 2],
+        (rows, cols): (usize, usize),
+        negative: Negative,
+        pairs: usize,
+    ) -> std::result::Result<Rectification, Refusal> {
+        let Self { mut cameras, blocks, weights, kept, fit } = self;
+        let size = (rows, cols);
+        let cols = cols as f64;
+
+        let is_folded = |block: &&Block| {
+            let Match { left, right } = block.places;
+            cameras.is_folded(left, 0) || cameras.is_folded(right, 1)
+        };
+        if blocks.iter().filter(is_folded).count() as f64 > FOLDED * blocks.len() as f64 {
+            return Err(Refusal::Folds);
+        }
+
+        let good: Vec<Match> = blocks
+            .iter()
+            .zip(&weights)
+            .filter(|(_, weight)| **weight > 0.0)
+            .map(|(block, _)| block.places)
+            .collect();
+        let rows: Vec<f64> =
+            good.iter().map(|one| cameras.row_difference([one.left, one.right])).collect();
+        let spread = 1.4826 * median(rows.iter().map(|row| row.abs()).collect());
+        if good.is_empty() || spread > SPREAD.0.max(SPREAD.1 * cols) {
+            return Err(Refusal::Rows(spread));
+        }
+
+        let count = (good.len() as f64).sqrt();
+        let rms = length(&rows) / count;
+        let raw: Vec<f64> = good.iter().map(|one| one.right[1] - one.left[1]).collect();
+        let raw = length(&raw) / count;
+        let lower = fit.and_then(|fit| fit.normal.factor());
+        let distortion = [0, 1].map(|side| {
+            let (moved, slope) = cameras.distortion(side);
+            (moved, lower.map_or(f64::INFINITY, |lower| length(&forward(&lower, slope))))
+        });
+
+        cameras.shifts = shifts(&cameras, &good);
+        let found = disparities(&cameras, good.iter().chain(&kept), cols);
+        let least = at(&found, LEAST_SHARE);
+        let mut moved = 0.0;
+        let is_moved = match negative {
+            Negative::Kept => false,
+            Negative::MovedIfToedIn => {
+                found[found.len() / 2] < 0.0 && is_toed_in(&good, size, least)
+            }
+            Negative::Moved => true,
+        };
+        if is_moved && least < -NEGATIVE.0 * cols {
+            moved = (NEGATIVE.1 * cols - least).ceil();
+            cameras.shifts[1][0] -= moved;
+        }
+
+        let disparities = ENDS.map(|share| at(&found, share) + moved);
+        let error = error(&cameras, size, disparities, lower.as_ref());
+        if error > LARGEST_ERROR.max(LARGEST_ERROR * cols / 1000.0) {
+            return Err(Refusal::Uncertain(error));
+        }
+
+        Ok(Rectification {
+            cameras,
+            matches,
+            blocks: good.len(),
+            rows: raw,
+            rms,
+            error,
+            disparities,
+            pairs,
+            is_inverted: false,
+            moved,
+            distortion,
+        })
+    }
+}
+
+impl Rectification {
+    /// That of images so many times larger.
+    fn enlarged(self, factor: usize, (rows, cols): (usize, usize)) -> Self {
+        let times = factor as f64;
+        Self {
+            cameras: self.cameras.resized((rows * factor, cols * factor)),
+            rows: self.rows * times,
+            rms: self.rms * times,
+            error: self.error * times,
+            disparities: self.disparities.map(|disparity| disparity * times),
+            moved: self.moved * times,
+            distortion: self.distortion.map(|(moved, error)| (moved * times, error * times)),
+            ..self
+        }
+    }
+}
+
+fn length(values: &[f64]) -> f64 {
+    values.iter().map(|value| value * value).sum::<f64>().sqrt()
+}
+
+/// By how much rows may differ by the covariance of the numbers, rms over what both images show at these disparities.
+fn error(
+    cameras: &Cameras,
+    (rows, cols): (usize, usize),
+    disparities: [f64; 3],
+    lower: Option<&[[f64; NUMBERS]; NUMBERS]>,
+) -> f64 {
+    let Some(lower) = lower else { return f64::INFINITY };
+    let is_inside = |place: &Point| {
+        (0.0..=(cols - 1) as f64).contains(&place[0])
+            && (0.0..=(rows - 1) as f64).contains(&place[1])
+    };
+    let along =
+        |index: usize, count: usize| index as f64 * (count - 1) as f64 / (PLACES - 1) as f64;
+
+    let mut errors = vec![];
+    for index in 0..PLACES * PLACES {
+        let [x, y] = [along(index % PLACES, cols), along(index / PLACES, rows)];
+        for disparity in disparities {
+            let raw = [cameras.raw([x, y], 0), cameras.raw([x - disparity, y], 1)];
+            let [Some(left), Some(right)] = raw.map(|place| place.filter(is_inside)) else {
+                continue;
+            };
+            let (_, slope) = cameras.row_derivatives([left, right]);
+            errors.push(length(&forward(lower, slope)));
+        }
+    }
+    math::hypot(length(&errors) / (errors.len() as f64).sqrt(), BIAS)
+}
+
+/// Whether rows of raw images lie as those of cameras that are turned towards each other so far that there are such disparities.
+/// A camera of focal length `f` that is turned moves columns by `s` and, at `(x, y)` from its center, rows by `s x y / f^2`;
+/// images that are exchanged leave rows alone.
+fn is_toed_in(blocks: &[Match], (rows, cols): (usize, usize), least: f64) -> bool {
+    const TERMS: usize = 6;
+    const TWIST: usize = 3;
+    let mut normal = Normal::<TERMS>::held([1e-9; TERMS]);
+    for Match { left, right } in blocks {
+        let x = 2.0 * right[0] / (cols - 1) as f64 - 1.0;
+        let y = 2.0 * left[1] / (rows - 1) as f64 - 1.0;
+        normal.add(&[1.0, x, y, x * y, x * x, y * y], right[1] - left[1], 1.0);
+    }
+
+    let of_shift = -least * rows as f64 / (4.0 * LONGEST.powi(2) * cols as f64);
+    normal.solved().is_some_and(|terms| terms[TWIST] >= of_shift)
+}
+
+/// The shifts that leave things where they were, at the median. Rows are moved alike; columns each by themselves, since what
+/// moves all disparities, as toed-in cameras do, is hardly known from rows.
+fn shifts(cameras: &Cameras, blocks: &[Match]) -> [Point; 2] {
+    let by = |side: usize, axis: usize| -> Vec<f64> {
+        let moved = |one: &Match| {
+            let raw = [one.left, one.right][side];
+            raw[axis] - cameras.rectified(raw, side)[axis]
+        };
+        blocks.iter().map(moved).collect()
+    };
+
+    let both = by(0, 1).into_iter().zip(by(1, 1)).map(|(left, right)| left + right);
+    let rows = median(both.collect()) / 2.0;
+    [[median(by(0, 0)), rows], [median(by(1, 0)), rows]]
+}
+
+/// The disparities of matches in order, without clusters that are small and far from others.
+fn disparities<'a>(
+    cameras: &Cameras,
+    matches: impl Iterator<Item = &'a Match>,
+    cols: f64,
+) -> Vec<f64> {
+    let disparity =
+        |one: &Match| cameras.rectified(one.left, 0)[0] - cameras.rectified(one.right, 1)[0];
+    let mut all: Vec<f64> = matches.map(disparity).collect();
+    all.sort_by(f64::total_cmp);
+
+    let clusters = all.chunk_by(|one, next| next - one <= APART.0 * cols);
+    let large = clusters.filter(|cluster| cluster.len() as f64 >= APART.1 * all.len() as f64);
+    let kept: Vec<f64> = large.flatten().copied().collect();
+    if kept.is_empty() { all } else { kept }
+}
+
+/// The value below which such a share of sorted ones lies.
+fn at(sorted: &[f64], share: f64) -> f64 {
+    sorted[(share * (sorted.len() - 1) as f64).round() as usize]
+}
+
+/// The cameras of raw images.
+#[derive(Debug)]
+pub struct Raw {
+    /// The cameras.
+    pub rectification: Rectification,
+    /// Where each rectified pixel is in the raw images.
+    pub places: [Plane<[f32; 2]>; 2],
+}
+
+impl Raw {
+    /// With the places of images of this size.
+    pub fn new(
+        rectification: Rectification,
+        size: (usize, usize),
+        control: &Control,
+    ) -> Result<Self> {
+        let places = |side| warp::places(&rectification.cameras, side, size, control);
+        Ok(Self { places: [places(0)?, places(1)?], rectification })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rectification::cameras::USUAL;
+
+    const SIZE: (usize, usize) = (300, 400);
+
+    fn found(pair: &[Plane<f32>; 2]) -> std::result::Result<Rectification, Refusal> {
+        let control = Control::default();
+        rectify(std::slice::from_ref(pair), Negative::Moved, Level::best(), &control)
+            .expect("memory")
+    }
+
+    /// The largest difference of rows, over the image, of what cameras see at the same place.
+    fn rows_apart(truth: &Cameras, found: &Cameras) -> f64 {
+        let place =
+            |index: usize| [30.0 + 20.0 * (index % 17) as f64, 30.0 + 20.0 * (index / 17) as f64];
+        let apart = |index: usize| {
+            let [x, y] = place(index);
+            let right = [x - scene::disparity(x, y, SIZE.1), y];
+            let raw = [truth.raw([x, y], 0), truth.raw(right, 1)];
+            match raw {
+                [Some(left), Some(right)] => found.row_difference([left, right]).abs(),
+                _ => 0.0,
+            }
+        };
+        (0..17 * 12).map(apart).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn turned_tilted_and_bent_cameras_are_found() {
+        let turned = [0.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0, 1.0, 0.0, -2.0];
+        let mut bent = [0.0; NUMBERS];
+        bent[cameras::K1] = -1.0;
+        for numbers in [turned, bent] {
+            let truth = Cameras::new(numbers, USUAL, SIZE);
+            let found = found(&scene::pair(&truth, SIZE, 1)).expect("a pair");
+            assert!(found.rms < 0.3 && found.rows > 0.4, "{} {}", found.rms, found.rows);
+            let apart = rows_apart(&truth, &found.cameras);
+            assert!(apart < 0.8, "{apart}");
+        }
+    }
+
+    #[test]
+    fn disparities_are_made_positive_if_that_is_asked_for() {
+        let truth = Cameras::new([0.0; NUMBERS], USUAL, SIZE);
+        let [left, right] = scene::pair(&truth, SIZE, 2);
+        let control = Control::default();
+        let swapped = |negative: Negative| {
+            let found =
+                rectify(&[[right.clone(), left.clone()]], negative, Level::best(), &control);
+            found.expect("memory").expect("a pair").moved
+        };
+        let moved = swapped(Negative::Moved);
+        assert!((12.0..40.0).contains(&moved), "{moved}");
+        for negative in [Negative::Kept, Negative::MovedIfToedIn] {
+            assert!(swapped(negative).abs() < 1e-12, "{negative:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_pair_is_refused() {
+        let truth = Cameras::new([0.0; NUMBERS], USUAL, SIZE);
+        let [left, _] = scene::pair(&truth, SIZE, 3);
+        let [other, _] = scene::pair(&truth, SIZE, 4);
+        let flat = left.map(|_| 7.0);
+        assert!(matches!(found(&[left.clone(), other]), Err(Refusal::Matches(_))));
+        assert_eq!(
+            found(&[left, flat.clone()]).err().map(|why| why.to_string().len() > 20),
+            Some(true)
+        );
+        assert!(matches!(
+            found(&[flat.clone(), flat.map(|_| f32::NAN)]),
+            Err(Refusal::Corners([0, 0]))
+        ));
+        let tiny = Plane::from_fn(2, 3, |y, x| (x + y) as f32);
+        assert!(found(&[tiny.clone(), tiny]).is_err());
+    }
+
+    #[test]
+    fn threads_and_instructions_do_not_change_a_bit() {
+        let mut numbers = [0.0; NUMBERS];
+        numbers[13] = 1.0;
+        let pair = scene::pair(&Cameras::new(numbers, USUAL, SIZE), SIZE, 5);
+        let first = found(&pair).expect("a pair").cameras;
+
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().expect("threads");
+        for (name, level) in Level::all() {
+            let Some(level) = level else { continue };
+            let control = Control::default();
+            let again = pool
+                .install(|| rectify(std::slice::from_ref(&pair), Negative::Moved, level, &control));
+            assert_eq!(again.expect("memory").expect("a pair").cameras, first, "{name}");
+        }
+    }
+}

@@ -1,0 +1,485 @@
+//! Blocks of the rectified left image, found again in the rectified right one by correlation, to a fraction of a pixel.
+//!
+//! ```text
+//! even = (image - mean) / sqrt(variance + 9)         # over 31 x 31: light and contrast are taken out
+//! c(dx, dy) = correlation of the block of 24 x 24 about a corner with the block at (dx, dy) of the right image
+//!     of images of half the size within 12 px of what the nearest matches say (about the nearest corner that is so far from
+//!     their ends that it fits), then of the whole ones within 4 px
+//! (dx, dy) = the largest c, and the vertex of the paraboloid through the nine about it
+//! kept if c > 0.7, unique and curved enough along y
+//! ```
+//!
+//! Images are in integers from `even` on, so correlations are exact up to their one division.
+
+use super::cameras::{Cameras, Point};
+use super::corners::{Corner, corners};
+use super::filters::{reduced, smoothed};
+use super::linear::median;
+use super::matches::Match;
+use phasestereo_match::base::error::Result;
+use phasestereo_match::base::plane::{Plane, zeroed};
+use phasestereo_match::base::simd::{Level, Loop};
+
+/// Number of corners that blocks are laid about, and how near they may be to the border.
+const CORNERS: usize = 2000;
+const BORDER: usize = 16;
+/// Side of a block.
+const SIDE: usize = 24;
+/// How far blocks are searched for in images of half the size and in whole ones.
+const SEARCH: [usize; 2] = [12, 4];
+/// Radius of the windows that light is taken out over, and what is added to the variance.
+const EVEN: (usize, f64) = (15, 9.0);
+/// Gray values in steps of 1 / 8; deviations in steps of 1 / 64 and at most so many.
+const STEPS: [f32; 2] = [8.0, 64.0];
+const LARGEST: f32 = 1023.0;
+/// What images are smoothed by first, and those that corners are sought in, pixels.
+const SMOOTHING: [f64; 2] = [0.8, 1.0];
+/// Least correlation.
+const LEAST: f64 = 0.7;
+/// Correlations farther from the best one are of other places, pixels; what they must be below, as a share of what is missing.
+const ELSEWHERE: usize = 3;
+const UNIQUE: f64 = 0.7;
+/// Least curvature of the correlation along y, and that of full weight.
+const CURVATURE: (f64, f64) = (0.03, 0.1);
+/// Nearest matches whose median says where a block may be.
+const NEAREST: usize = 3;
+/// Blocks nearer to the ends of a raw image are left out, pixels.
+const MARGIN: f64 = 8.0;
+
+/// A block that was found.
+#[derive(Debug, Clone, Copy)]
+pub struct Block {
+    /// Where its middle is in both raw images.
+    pub places: Match,
+    /// How well its row is known, up to 1.
+    pub weight: f64,
+}
+
+/// Finds blocks of a pair in gray again, given its cameras and matches.
+pub fn blocks(
+    pair: [&Plane<f32>; 2],
+    cameras: &Cameras,
+    matches: &[Match],
+    level: Level,
+) -> Result<Vec<Block>> {
+    let [left, right] = [warped(pair[0], cameras, 0)?, warped(pair[1], cameras, 1)?];
+    let (rows, cols) = (left.rows(), left.cols());
+    let found = corners(&smoothed(&left, SMOOTHING[1], level)?, CORNERS, BORDER, level)?;
+    let guesses = guesses(&found, cameras, matches);
+
+    let half = |image: &Plane<f32>| -> Result<Plane<i16>> {
+        even(&smoothed(&reduced(image, (rows / 2, cols / 2))?, SMOOTHING[0], level)?)
+    };
+    let whole = |image: &Plane<f32>| even(&smoothed(image, SMOOTHING[0], level)?);
+    let (halves, wholes) = ([half(&left)?, half(&right)?], [whole(&left)?, whole(&right)?]);
+
+    let mut blocks = vec![];
+    for (corner, guess) in found.iter().zip(guesses) {
+        let [x, y] = corner.pixel;
+        let to = guess.map(|by| (by / 2.0).round() as isize);
+        // Near the ends of the image, a place farther in tells how far things are moved.
+        let inward = |at: usize, size: usize| at.clamp(SIDE / 2, (size - SIDE / 2).max(SIDE / 2));
+        let middle = [inward(x / 2, halves[0].cols()), inward(y / 2, halves[0].rows())];
+        let Some(rough) = correlated(&halves, middle, to, SEARCH[0], level) else { continue };
+        let to = rough.by.map(|by| (2.0 * by).round() as isize);
+        let Some(fine) = correlated(&wholes, [x, y], to, SEARCH[1], level) else { continue };
+
+        // The middle of a block of even side lies between pixels.
+        let place = [x as f64 - 0.5, y as f64 - 0.5];
+        let other = [place[0] + fine.by[0], place[1] + fine.by[1]];
+        let (Some(left), Some(right)) = (cameras.raw(place, 0), cameras.raw(other, 1)) else {
+            continue;
+        };
+        if [(left, pair[0]), (right, pair[1])].iter().all(|(place, image)| is_inside(*place, image))
+        {
+            let weight = (fine.curvature / CURVATURE.1).min(1.0);
+            blocks.push(Block { places: Match { left, right }, weight });
+        }
+    }
+
+    Ok(blocks)
+}
+
+fn is_inside([x, y]: Point, image: &Plane<f32>) -> bool {
+    let (right, bottom) = ((image.cols() - 1) as f64, (image.rows() - 1) as f64);
+    (MARGIN..=right - MARGIN).contains(&x) && (MARGIN..=bottom - MARGIN).contains(&y)
+}
+
+/// By how many columns and rows each corner may be elsewhere in the right image.
+fn guesses(corners: &[Corner], cameras: &Cameras, matches: &[Match]) -> Vec<[f64; 2]> {
+    let known: Vec<[Point; 2]> = matches
+        .iter()
+        .map(|one| [cameras.rectified(one.left, 0), cameras.rectified(one.right, 1)])
+        .collect();
+
+    let guess = |corner: &Corner| {
+        let [x, y] = corner.pixel.map(|at| at as f64);
+        let far = |[place, _]: &[Point; 2]| (place[0] - x).powi(2) + (place[1] - y).powi(2);
+        let mut order: Vec<(f64, usize)> = known.iter().map(far).zip(0..).collect();
+        let count = NEAREST.min(order.len());
+        if count == 0 {
+            return [0.0; 2];
+        }
+        order.select_nth_unstable_by(count - 1, |one, other| {
+            one.0.total_cmp(&other.0).then(one.1.cmp(&other.1))
+        });
+
+        let near = |axis: usize| {
+            let by = |(_, index): &(f64, usize)| known[*index][1][axis] - known[*index][0][axis];
+            median(order[..count].iter().map(by).collect())
+        };
+        [near(0), near(1)]
+    };
+    corners.iter().map(guess).collect()
+}
+
+/// The rectified image by bicubic interpolation; 0 beyond the raw one.
+fn warped(image: &Plane<f32>, cameras: &Cameras, side: usize) -> Result<Plane<f32>> {
+    let (rows, cols) = (image.rows(), image.cols());
+    let mut out = Plane::new(rows, cols)?;
+    for y in 0..rows {
+        for (x, value) in out.row_mut(y).iter_mut().enumerate() {
+            if let Some(place) = cameras.raw([x as f64, y as f64], side) {
+                *value = bicubic(image, place);
+            }
+        }
+    }
+    Ok(out)
+}
+
+/// The value between pixels by R. Keys' cubic convolution (1981); 0 beyond the image.
+fn bicubic(image: &Plane<f32>, [x, y]: Point) -> f32 {
+    let (column, row) = (x.floor(), y.floor());
+    let is_inside = column >= 1.0
+        && row >= 1.0
+        && column + 2.0 < image.cols() as f64
+        && row + 2.0 < image.rows() as f64;
+    if !is_inside {
+        return 0.0;
+    }
+
+    let (along, down) = (keys((x - column) as f32), keys((y - row) as f32));
+    let (first, top) = (column as usize - 1, row as usize - 1);
+    let mut sum = 0.0;
+    for (k, weight) in down.iter().enumerate() {
+        let taps = &image.row(top + k)[first..first + 4];
+        sum += weight
+            * (along[0] * taps[0] + along[1] * taps[1] + along[2] * taps[2] + along[3] * taps[3]);
+    }
+    sum
+}
+
+fn keys(t: f32) -> [f32; 4] {
+    let (square, cube) = (t * t, t * t * t);
+    [
+        0.5 * (-t + 2.0 * square - cube),
+        0.5 * (2.0 - 5.0 * square + 3.0 * cube),
+        0.5 * (t + 4.0 * square - 3.0 * cube),
+        0.5 * (cube - square),
+    ]
+}
+
+/// The image with light and contrast taken out.
+fn even(image: &Plane<f32>) -> Result<Plane<i16>> {
+    let (rows, cols) = (image.rows(), image.cols());
+    let radius = EVEN.0;
+    let values = image.map(|value| (value * STEPS[0]).round().clamp(-4096.0, 4096.0) as i32);
+
+    let mut out = Plane::new(rows, cols)?;
+    let mut sums: Vec<[i64; 2]> = zeroed(cols)?;
+    let add = |sums: &mut [[i64; 2]], row: &[i32], sign: i64| {
+        for (sum, value) in sums.iter_mut().zip(row) {
+            let value = i64::from(*value);
+            sum[0] += sign * value;
+            sum[1] += sign * value * value;
+        }
+    };
+    (0..radius.min(rows)).for_each(|y| add(&mut sums, values.row(y), 1));
+
+    for y in 0..rows {
+        if y + radius < rows {
+            add(&mut sums, values.row(y + radius), 1);
+        }
+        if let Some(gone) = y.checked_sub(radius + 1) {
+            add(&mut sums, values.row(gone), -1);
+        }
+
+        let high = (y + radius + 1).min(rows) - y.saturating_sub(radius);
+        let (mut first, mut second) = (0, 0);
+        for sum in &sums[..radius.min(cols)] {
+            first += sum[0];
+            second += sum[1];
+        }
+        for (x, out) in out.row_mut(y).iter_mut().enumerate() {
+            if let Some(sum) = sums.get(x + radius) {
+                first += sum[0];
+                second += sum[1];
+            }
+            if let Some(gone) = x.checked_sub(radius + 1) {
+                first -= sums[gone][0];
+                second -= sums[gone][1];
+            }
+
+            let wide = (x + radius + 1).min(cols) - x.saturating_sub(radius);
+            let share = 1.0 / (high * wide) as f64;
+            let mean = first as f64 * share;
+            let step = f64::from(STEPS[0]);
+            let variance = (second as f64 * share - mean * mean).max(0.0);
+            let deviation = (variance + EVEN.1 * step * step).sqrt();
+            let even = (f64::from(values.row(y)[x]) - mean) / deviation;
+            *out = (even as f32 * STEPS[1]).clamp(-LARGEST, LARGEST).round() as i16;
+        }
+    }
+
+    Ok(out)
+}
+
+/// Where a block was found.
+struct Found {
+    /// Columns and rows from where it is in the left image.
+    by: [f64; 2],
+    /// Curvature of the correlation along y, where x is free to follow.
+    curvature: f64,
+}
+
+/// Finds the block about a pixel of the left image within `search` pixels of where it is moved to.
+fn correlated(
+    images: &[Plane<i16>; 2],
+    [x, y]: [usize; 2],
+    to: [isize; 2],
+    search: usize,
+    level: Level,
+) -> Option<Found> {
+    let half = (SIDE / 2) as isize;
+    let (rows, cols) = (images[0].rows() as isize, images[0].cols() as isize);
+    let [left, top] = [x as isize - half, y as isize - half];
+    let ends = |left: isize, top: isize| {
+        left >= 0 && top >= 0 && left + 2 * half <= cols && top + 2 * half <= rows
+    };
+    if !ends(left, top) || !ends(left + to[0], top + to[1]) {
+        return None;
+    }
+
+    let block = cut(&images[0], [left, top], SIDE);
+    let reach = search as isize;
+    let area = cut(&images[1], [left + to[0] - reach, top + to[1] - reach], SIDE + 2 * search);
+    let surface = level.run(Correlate { block: &block, area: &area, search });
+
+    let peak = peak(&surface, 2 * search + 1)?;
+    let by = [0, 1].map(|axis| to[axis] as f64 - reach as f64 + peak.by[axis]);
+    Some(Found { by, ..peak })
+}
+
+/// A square of an image; 0 beyond it.
+fn cut(image: &Plane<i16>, [left, top]: [isize; 2], side: usize) -> Vec<i16> {
+    let mut out = vec![0; side * side];
+    for (y, out) in (top..).zip(out.chunks_exact_mut(side)) {
+        let row = image.row_or_nothing(y);
+        let skip = (-left).clamp(0, side as isize) as usize;
+        let start = left.max(0) as usize;
+        let inside = row.get(start.min(row.len())..).unwrap_or_default();
+        for (out, value) in out[skip..].iter_mut().zip(inside) {
+            *out = *value;
+        }
+    }
+    out
+}
+
+/// The correlations of a block with all blocks of an area.
+struct Correlate<'a> {
+    block: &'a [i16],
+    area: &'a [i16],
+    search: usize,
+}
+
+impl Loop for Correlate<'_> {
+    type Output = Vec<f64>;
+
+    #[inline(always)]
+    fn run(self) -> Vec<f64> {
+        let Self { block, area, search } = self;
+        let (count, width) = (2 * search + 1, SIDE + 2 * search);
+        let pixels = (SIDE * SIDE) as i64;
+
+        // Sums over the columns of a block slide down, those over a block slide along.
+        let mut columns = vec![[0i32; 2]; width];
+        for row in area.chunks_exact(width).take(SIDE - 1) {
+            add_row(&mut columns, row, 1);
+        }
+
+        let (own, own_squares) = sums(block);
+        let own_variance = pixels * own_squares - own * own;
+        let mut out = Vec::with_capacity(count * count);
+        for dy in 0..count {
+            add_row(&mut columns, &area[(dy + SIDE - 1) * width..][..width], 1);
+            let (mut sum, mut squares) = (0i64, 0i64);
+            for column in &columns[..SIDE - 1] {
+                sum += i64::from(column[0]);
+                squares += i64::from(column[1]);
+            }
+
+            for dx in 0..count {
+                sum += i64::from(columns[dx + SIDE - 1][0]);
+                squares += i64::from(columns[dx + SIDE - 1][1]);
+
+                let mut product = 0i32;
+                for k in 0..SIDE {
+                    let one: &[i16] = &block[k * SIDE..][..SIDE];
+                    let other: &[i16] = &area[(dy + k) * width + dx..][..SIDE];
+                    for (a, b) in one.iter().zip(other) {
+                        product += i32::from(*a) * i32::from(*b);
+                    }
+                }
+
+                let variance = pixels * squares - sum * sum;
+                let together = pixels * i64::from(product) - own * sum;
+                let scale = (own_variance as f64 * variance as f64).sqrt();
+                out.push(if scale > 0.0 { together as f64 / scale } else { 0.0 });
+
+                sum -= i64::from(columns[dx][0]);
+                squares -= i64::from(columns[dx][1]);
+            }
+            add_row(&mut columns, &area[dy * width..][..width], -1);
+        }
+
+        out
+    }
+}
+
+#[inline(always)]
+fn add_row(columns: &mut [[i32; 2]], row: &[i16], sign: i32) {
+    for (column, value) in columns.iter_mut().zip(row) {
+        let value = i32::from(*value);
+        column[0] += sign * value;
+        column[1] += sign * value * value;
+    }
+}
+
+/// The sum and that of the squares.
+#[inline(always)]
+fn sums(values: &[i16]) -> (i64, i64) {
+    values.iter().fold((0, 0), |(sum, squares), value| {
+        let value = i64::from(*value);
+        (sum + value, squares + value * value)
+    })
+}
+
+/// The largest of `count x count` correlations, if it is large, inside, unique and curved enough; in columns and rows from
+/// the first.
+fn peak(surface: &[f64], count: usize) -> Option<Found> {
+    let larger = |best: usize, at: usize| if surface[at] > surface[best] { at } else { best };
+    let best = (0..surface.len()).fold(0, larger);
+    let (y, x, top) = (best / count, best % count, surface[best]);
+    let is_inside = (1..count - 1).contains(&y) && (1..count - 1).contains(&x);
+    if !is_inside || top <= LEAST {
+        return None;
+    }
+
+    let is_elsewhere =
+        |at: usize| (at / count).abs_diff(y) > ELSEWHERE || (at % count).abs_diff(x) > ELSEWHERE;
+    let other = (0..surface.len()).filter(|at| is_elsewhere(*at)).map(|at| surface[at]);
+    let other = other.fold(-1.0, f64::max);
+
+    let at = |dy: isize, dx: isize| surface[(best as isize + dy * count as isize + dx) as usize];
+    let slope = [(at(0, 1) - at(0, -1)) / 2.0, (at(1, 0) - at(-1, 0)) / 2.0];
+    let bend = [at(0, 1) + at(0, -1) - 2.0 * top, at(1, 0) + at(-1, 0) - 2.0 * top];
+    let twist = (at(1, 1) + at(-1, -1) - at(1, -1) - at(-1, 1)) / 4.0;
+    let determinant = bend[0] * bend[1] - twist * twist;
+    if determinant <= 1e-9 || bend[0] >= 0.0 {
+        return None;
+    }
+
+    let by = [
+        (twist * slope[1] - bend[1] * slope[0]) / determinant,
+        (twist * slope[0] - bend[0] * slope[1]) / determinant,
+    ];
+    let curvature = -determinant / bend[0];
+    let is_good = by.iter().all(|by| by.abs() < 1.0)
+        && curvature > CURVATURE.0
+        && 1.0 - top < UNIQUE * (1.0 - other);
+    is_good.then(|| Found { by: [x as f64 + by[0], y as f64 + by[1]], curvature })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn noise(rows: usize, cols: usize, seed: usize) -> Plane<i16> {
+        Plane::from_fn(rows, cols, |y, x| {
+            let mixed = (y * 7919 + x * 104_729 + seed).wrapping_mul(2_654_435_761) >> 7;
+            (mixed % 801) as i16 - 400
+        })
+    }
+
+    /// The correlation of two blocks, as it is defined.
+    fn plain(one: &[i16], other: &[i16]) -> f64 {
+        let mean = |values: &[i16]| {
+            values.iter().map(|value| f64::from(*value)).sum::<f64>() / values.len() as f64
+        };
+        let (a, b) = (mean(one), mean(other));
+        let sum = |f: &dyn Fn(f64, f64) -> f64| -> f64 {
+            one.iter().zip(other).map(|(x, y)| f(f64::from(*x) - a, f64::from(*y) - b)).sum()
+        };
+        sum(&|x, y| x * y) / (sum(&|x, _| x * x) * sum(&|_, y| y * y)).sqrt()
+    }
+
+    #[test]
+    fn correlations_are_those_of_every_block() {
+        let (image, search) = (noise(60, 60, 1), 4);
+        let block = cut(&image, [20, 18], SIDE);
+        let area = cut(&image, [14, 15], SIDE + 2 * search);
+        for (name, level) in Level::all() {
+            let Some(level) = level else { continue };
+            let found = level.run(Correlate { block: &block, area: &area, search });
+            for (index, value) in found.iter().enumerate() {
+                let at = [14 + (index % 9) as isize, 15 + (index / 9) as isize];
+                let expected = plain(&block, &cut(&image, at, SIDE));
+                assert!((value - expected).abs() < 1e-9, "{name} {at:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn beyond_an_image_there_is_nothing() {
+        let image = noise(30, 30, 2);
+        let found = cut(&image, [-2, -1], 4);
+        assert_eq!(found[..6], [0; 6]);
+        assert_eq!(found[6..8], image.row(0)[..2]);
+        assert_eq!(cut(&image, [28, 29], 3)[..3], [image.row(29)[28], image.row(29)[29], 0]);
+        assert_eq!(cut(&image, [40, 3], 2), [0; 4]);
+    }
+
+    #[test]
+    fn light_and_contrast_are_taken_out_of_every_window() {
+        let image = Plane::from_fn(40, 50, |y, x| ((y * 13 + x * x * 7) % 97) as f32);
+        let found = even(&image).expect("memory");
+        for (y, x) in [(0usize, 0usize), (3, 20), (20, 25), (39, 49), (33, 2)] {
+            let rows = y.saturating_sub(15)..(y + 16).min(40);
+            let window = rows.flat_map(|row| &image.row(row)[x.max(15) - 15..(x + 16).min(50)]);
+            let values: Vec<f64> = window.map(|value| f64::from(*value)).collect();
+            let count = values.len() as f64;
+            let mean = values.iter().sum::<f64>() / count;
+            let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / count;
+            let expected = (f64::from(image.row(y)[x]) - mean) / (variance + 9.0).sqrt() * 64.0;
+            assert!((f64::from(found.row(y)[x]) - expected).abs() <= 0.51, "{y} {x}");
+        }
+    }
+
+    #[test]
+    fn a_moved_block_is_found_between_pixels() {
+        let wave = |x: f64, y: f64| {
+            100.0 + 30.0 * (math(0.31 * x + 0.11 * y) + math(0.17 * x - 0.41 * y) + math(0.5 * y))
+        };
+        let image = |by: [f64; 2]| {
+            even(&Plane::from_fn(80, 90, |y, x| wave(x as f64 - by[0], y as f64 - by[1]) as f32))
+        };
+        let images = [image([0.0; 2]).expect("memory"), image([-5.3, 1.4]).expect("memory")];
+        let found = correlated(&images, [45, 40], [-4, 0], 4, Level::best()).expect("a block");
+        assert!((found.by[0] + 5.3).abs() < 0.05 && (found.by[1] - 1.4).abs() < 0.05);
+        assert!(correlated(&images, [5, 40], [0, 0], 4, Level::best()).is_none(), "at the border");
+    }
+
+    fn math(angle: f64) -> f64 {
+        phasestereo_match::base::math::sin(angle)
+    }
+}

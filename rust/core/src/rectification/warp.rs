@@ -1,0 +1,383 @@
+//! A raw view -> the rectified one, and a map of the rectified pair -> one of the raw left image.
+//!
+//! ```text
+//! place = where the rectified pixel is in the raw image, in steps of 1 / 64 pixel
+//! out = sum over rows j and columns i of 8 x 8 pixels about the place of weights[j] weights[i] raw    # Lanczos
+//! valid if the place is inside the raw image, and the raw pixel nearest to it is valid
+//!
+//! q = the place of the raw left pixel p in the rectified image;   d = disparity of the pixel nearest to q
+//! p' = the place of (q.x - d, q.y) in the raw right image
+//! disparity(p) = p.x - p'.x,  rows(p) = p'.y - p.y
+//! ```
+//!
+//! The weights are those by which rows are aligned ([`phasestereo_match::pair::alignment::straighten`]). Disparities are taken as they are, from
+//! the nearest pixel, since a mean over a jump would be neither side's. Sums have a fixed order; those of integers are
+//! exact.
+
+use std::array::from_fn;
+
+use ndarray::Array3;
+
+use super::cameras::{Cameras, Point};
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::error::Result;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::image::view::{Image, View};
+use phasestereo_match::matcher::Disparity;
+use phasestereo_match::pair::alignment::straighten::{
+    CENTER, STEPS, TAPS, WEIGHT_BITS, weights, without_masked,
+};
+use phasestereo_match::refinement::flag;
+
+/// Where each pixel of a rectified image is in the raw one: column and row, NaN where no ray comes from.
+pub type Places = Plane<[f32; 2]>;
+
+/// How images are read between their pixels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Interpolation {
+    /// By the four pixels around a place, in single precision, with 0 beyond the image: as OpenCV's `remap` does.
+    Linear,
+    /// By 8 x 8 pixels, at 64 places between two; the border is repeated.
+    Lanczos,
+}
+
+/// The places of all pixels of the left (0) or the right image (1).
+pub fn places(
+    cameras: &Cameras,
+    camera: usize,
+    size: (usize, usize),
+    control: &Control,
+) -> Result<Places> {
+    Plane::by_rows(size, control, |y, row| {
+        for (x, place) in row.iter_mut().enumerate() {
+            let raw = cameras.raw([x as f64, y as f64], camera);
+            *place = raw.map_or([f32::NAN; 2], |raw| raw.map(|at| at as f32));
+        }
+    })
+}
+
+/// The rectified view.
+pub fn rectified(
+    view: &View,
+    places: &Places,
+    interpolation: Interpolation,
+    control: &Control,
+) -> Result<View> {
+    // Masked pixels, which may be NaN, must not spread over the taps.
+    let source = without_masked(view, control)?;
+    let image = match &source.image {
+        Image::U8(pixels) => Image::U8(resampled(pixels, places, interpolation, control)?),
+        Image::U16(pixels) => Image::U16(resampled(pixels, places, interpolation, control)?),
+        Image::F32(pixels) => Image::F32(resampled(pixels, places, interpolation, control)?),
+        Image::F64(pixels) => Image::F64(resampled(pixels, places, interpolation, control)?),
+    };
+
+    let (rows, cols, _) = view.image.shape();
+    let ends = [cols as f32 - 1.0, rows as f32 - 1.0];
+    let is_valid = |place: [f32; 2]| {
+        let is_inside = (0..2).all(|axis| (0.0..=ends[axis]).contains(&place[axis]));
+        let [x, y] = place.map(|at| at.round() as usize);
+        is_inside && view.is_valid(y, x)
+    };
+    let mask = Plane::by_rows((rows, cols), control, |y, row| {
+        for (valid, place) in row.iter_mut().zip(places.row(y)) {
+            *valid = is_valid(*place);
+        }
+    })?;
+
+    // A mask that is true everywhere would only cost time.
+    let mask = (!mask.as_slice().iter().all(|valid| *valid)).then_some(mask);
+    Ok(View { image, mask, range: None, ..*view })
+}
+
+/// A pixel that can be resampled.
+trait Sample: Copy + Default + Send + Sync + Into<f64> {
+    /// The nearest value of this type.
+    fn nearest(value: f64) -> Self;
+}
+
+impl Sample for u8 {
+    fn nearest(value: f64) -> Self {
+        value.round_ties_even().clamp(0.0, Self::MAX.into()) as Self
+    }
+}
+
+impl Sample for u16 {
+    fn nearest(value: f64) -> Self {
+        value.round_ties_even().clamp(0.0, Self::MAX.into()) as Self
+    }
+}
+
+impl Sample for f32 {
+    fn nearest(value: f64) -> Self {
+        value as Self
+    }
+}
+
+impl Sample for f64 {
+    fn nearest(value: f64) -> Self {
+        value
+    }
+}
+
+fn resampled<T: Sample>(
+    pixels: &Array3<T>,
+    places: &Places,
+    interpolation: Interpolation,
+    control: &Control,
+) -> Result<Array3<T>> {
+    let (rows, cols, channels) = pixels.dim();
+    let pixels = pixels.as_standard_layout();
+    let source = Source { pixels: pixels.as_slice().unwrap_or_default(), rows, cols, channels };
+
+    let out = Plane::by_rows((rows, cols * channels), control, |y, out: &mut [T]| {
+        for (out, place) in out.chunks_exact_mut(channels).zip(places.row(y)) {
+            match interpolation {
+                Interpolation::Linear => source.write_linear(*place, out),
+                Interpolation::Lanczos => source.write(*place, out),
+            }
+        }
+    })?;
+    // The plane has as many values as the shape says.
+    Ok(Array3::from_shape_vec((rows, cols, channels), out.into_vec()).unwrap_or_default())
+}
+
+/// An image, row after row.
+struct Source<'a, T> {
+    pixels: &'a [T],
+    rows: usize,
+    cols: usize,
+    channels: usize,
+}
+
+impl<T: Sample> Source<'_, T> {
+    /// Writes the channels at a place. Beyond the image its border is repeated; nowhere is 0.
+    fn write(&self, place: [f32; 2], out: &mut [T]) {
+        if place[0].is_nan() {
+            return;
+        }
+
+        let steps = place.map(|at| (f64::from(at) * f64::from(STEPS)).round() as i64);
+        let step = i64::from(STEPS);
+        let [along, down] = steps.map(|at| &weights()[at.rem_euclid(step) as usize]);
+        let [column, row] = steps.map(|at| at.div_euclid(step) as isize - CENTER);
+        let clamp = |at: isize, length: usize| at.clamp(0, length as isize - 1) as usize;
+        let columns: [usize; TAPS] = from_fn(|tap| clamp(column + tap as isize, self.cols));
+
+        let scale = f64::from(1u32 << WEIGHT_BITS).powi(2);
+        for (channel, out) in out.iter_mut().enumerate() {
+            let mut sum = 0.0;
+            for (tap, weight) in (0..).zip(down) {
+                let start = clamp(row + tap, self.rows) * self.cols;
+                let value = |at: usize| -> f64 {
+                    self.pixels[(start + at) * self.channels + channel].into()
+                };
+                let mut of_row = 0.0;
+                for (weight, at) in along.iter().zip(columns) {
+                    of_row += f64::from(*weight) * value(at);
+                }
+                sum += f64::from(*weight) * of_row;
+            }
+            *out = T::nearest(sum / scale);
+        }
+    }
+
+    /// Writes the channels between the four pixels around a place. Places that are nowhere give 0.
+    fn write_linear(&self, place: [f32; 2], out: &mut [T]) {
+        let corner = place.map(f32::floor);
+        let [right, down] = from_fn(|axis| f64::from(place[axis] - corner[axis]));
+        let farthest = self.rows.max(self.cols) as f32;
+        let [column, row] = corner.map(|at| at.clamp(-2.0, farthest) as isize);
+
+        // A product of singles is exact as a double: only what comes of each step is rounded.
+        let single = |value: f64| f64::from(value as f32);
+        let between = |one: f64, other: f64, share: f64| single(one + single(other - one) * share);
+        for (channel, out) in out.iter_mut().enumerate() {
+            let value = |row: isize, column: isize| -> f64 {
+                let is_inside = (0..self.rows as isize).contains(&row)
+                    && (0..self.cols as isize).contains(&column);
+                let at = || (row as usize * self.cols + column as usize) * self.channels + channel;
+                if is_inside { self.pixels[at()].into() } else { 0.0 }
+            };
+            let along = |row: isize| between(value(row, column), value(row, column + 1), right);
+            *out = T::nearest(between(along(row), along(row + 1), down));
+        }
+    }
+}
+
+/// A map of the rectified pair as one of the raw left image, and by how many rows each pixel is lower in the raw right image
+/// (NaN where there is no disparity).
+pub fn raw(
+    map: &Disparity,
+    cameras: &Cameras,
+    control: &Control,
+) -> Result<(Disparity, Plane<f32>)> {
+    let size @ (rows, cols) = (map.disparity.rows(), map.disparity.cols());
+    let nearest: Plane<u64> = Plane::by_rows(size, control, |y, out| {
+        for (x, index) in out.iter_mut().enumerate() {
+            let [u, v] = cameras.rectified([x as f64, y as f64], 0).map(f64::round);
+            let is_inside = (0.0..cols as f64).contains(&u) && (0.0..rows as f64).contains(&v);
+            // Places beyond the rectified image are the number of its pixels.
+            *index =
+                if is_inside { v as u64 * cols as u64 + u as u64 } else { (rows * cols) as u64 };
+        }
+    })?;
+
+    let claims: Plane<[f32; 3]> = Plane::by_rows(size, control, |y, out| {
+        for (x, (claim, index)) in out.iter_mut().zip(nearest.row(y)).enumerate() {
+            let disparity = map.disparity.as_slice().get(*index as usize).copied();
+            let claimed = disparity.and_then(|d| claim_of(cameras, [x as f64, y as f64], d));
+            *claim = claimed.unwrap_or([f32::NAN; 3]);
+        }
+    })?;
+
+    let flags = sampled(&map.flags, &nearest, flag::NO_CANDIDATE, control)?;
+    let confidence = map.confidence.as_ref();
+    let confidence = confidence.map(|plane| sampled(plane, &nearest, 0.0, control)).transpose()?;
+    let uncertainty = map.uncertainty.as_ref().map(|plane| -> Result<Plane<f32>> {
+        let mut found = sampled(plane, &nearest, f32::NAN, control)?;
+        for (value, claim) in found.as_mut_slice().iter_mut().zip(claims.as_slice()) {
+            *value *= claim[2];
+        }
+        Ok(found)
+    });
+
+    let disparity = claims.map(|claim| claim[0]);
+    let raw = Disparity {
+        disparity,
+        flags,
+        confidence,
+        uncertainty: uncertainty.transpose()?,
+        wrong: map.wrong,
+        detail: map.detail,
+        timings: map.timings,
+    };
+    Ok((raw, claims.map(|claim| claim[1])))
+}
+
+/// Of a raw left pixel with a rectified disparity: by how many columns it is farther left in the raw right image, by how many rows
+/// lower, and how many raw columns a rectified one is there.
+fn claim_of(cameras: &Cameras, place: Point, disparity: f32) -> Option<[f32; 3]> {
+    let rectified = cameras.rectified(place, 0);
+    let at = |by: f64| cameras.raw([rectified[0] - by, rectified[1]], 1);
+
+    let disparity = f64::from(disparity);
+    let (found, before, after) = (at(disparity)?, at(disparity - 0.5)?, at(disparity + 0.5)?);
+    let columns = place[0] - found[0];
+    let claim = [columns, found[1] - place[1], (before[0] - after[0]).abs()];
+    claim.iter().all(|value| value.is_finite()).then(|| claim.map(|value| value as f32))
+}
+
+fn sampled<T: Copy + Default + Send + Sync>(
+    plane: &Plane<T>,
+    nearest: &Plane<u64>,
+    nowhere: T,
+    control: &Control,
+) -> Result<Plane<T>> {
+    Plane::by_rows((plane.rows(), plane.cols()), control, |y, out| {
+        for (value, index) in out.iter_mut().zip(nearest.row(y)) {
+            *value = plane.as_slice().get(*index as usize).copied().unwrap_or(nowhere);
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::cameras::{NUMBERS, USUAL};
+    use super::*;
+
+    const SIZE: (usize, usize) = (60, 80);
+
+    fn view() -> View {
+        let value = |(y, x, c)| ((31 * y + 17 * x + 5 * c) % 200) as u8;
+        View::from(Image::U8(Array3::from_shape_fn((SIZE.0, SIZE.1, 3), value)))
+    }
+
+    fn map() -> Disparity {
+        Disparity {
+            disparity: Plane::from_fn(SIZE.0, SIZE.1, |y, x| {
+                if x < 20 { f32::NAN } else { y as f32 / 8.0 }
+            }),
+            flags: Plane::from_fn(SIZE.0, SIZE.1, |_, x| x as u16),
+            confidence: Some(Plane::from_fn(SIZE.0, SIZE.1, |_, x| x as f32 / 100.0)),
+            uncertainty: Some(Plane::from_fn(SIZE.0, SIZE.1, |_, _| 1.0)),
+            wrong: None,
+            detail: None,
+            timings: phasestereo_match::matcher::Timings::default(),
+        }
+    }
+
+    #[test]
+    fn usual_cameras_change_nothing() {
+        let cameras = Cameras::new([0.0; NUMBERS], USUAL, SIZE);
+        let control = Control::default();
+        let places = places(&cameras, 0, SIZE, &control).expect("memory");
+        assert_eq!(
+            rectified(&view(), &places, Interpolation::Lanczos, &control).expect("memory"),
+            view()
+        );
+
+        let (raw, rows) = raw(&map(), &cameras, &control).expect("memory");
+        assert_eq!((&raw.flags, &raw.confidence), (&map().flags, &map().confidence));
+        for (found, known) in raw.disparity.as_slice().iter().zip(map().disparity.as_slice()) {
+            assert!((found - known).abs() < 1e-4 || (found.is_nan() && known.is_nan()));
+        }
+        assert!(rows.as_slice().iter().all(|row| row.is_nan() || row.abs() < 1e-4));
+    }
+
+    #[test]
+    fn a_map_is_taken_from_where_raw_pixels_are() {
+        let mut numbers = [0.0; NUMBERS];
+        (numbers[1], numbers[13]) = (1.0, 2.0);
+        let shifts = [[0.0, 0.0], [-4.0, 1.0]];
+        let mut cameras = Cameras::new(numbers, USUAL, SIZE);
+        cameras.shifts = shifts;
+        let (raw, rows) = raw(&map(), &cameras, &Control::default()).expect("memory");
+
+        let mut seen = 0;
+        for (y, x) in (0..SIZE.0).flat_map(|y| (0..SIZE.1).map(move |x| (y, x))) {
+            let place = cameras.rectified([x as f64, y as f64], 0);
+            let [u, v] = place.map(|at| at.round() as i64);
+            if !(0..80).contains(&u) || !(0..60).contains(&v) {
+                assert_eq!(
+                    (raw.flags.row(y)[x], raw.disparity.row(y)[x].is_nan()),
+                    (flag::NO_CANDIDATE, true)
+                );
+                continue;
+            }
+
+            let disparity = map().disparity.row(v as usize)[u as usize];
+            let right = [place[0] - f64::from(disparity), place[1]];
+            let right = cameras.raw(right, 1).filter(|_| disparity.is_finite());
+            assert_eq!(right.is_none(), raw.disparity.row(y)[x].is_nan());
+            if let Some(right) = right {
+                assert!((x as f64 - right[0] - f64::from(raw.disparity.row(y)[x])).abs() < 1e-4);
+                assert!((right[1] - y as f64 - f64::from(rows.row(y)[x])).abs() < 1e-4);
+                seen += 1;
+            }
+        }
+        assert!(seen > 2000, "{seen}");
+    }
+
+    #[test]
+    fn what_lies_outside_is_masked_and_masked_pixels_do_not_spread() {
+        let mut numbers = [0.0; NUMBERS];
+        numbers[10] = 3.0;
+        let cameras = Cameras::new(numbers, USUAL, SIZE);
+        let control = Control::default();
+        let places = places(&cameras, 0, SIZE, &control).expect("memory");
+
+        let mut pixels = Array3::from_elem((SIZE.0, SIZE.1, 1), 50.0f32);
+        pixels[(30, 40, 0)] = f32::NAN;
+        let mask = Plane::from_fn(SIZE.0, SIZE.1, |y, x| (y, x) != (30, 40));
+        let view = View { mask: Some(mask), ..View::from(Image::F32(pixels)) };
+        let found = rectified(&view, &places, Interpolation::Lanczos, &control).expect("memory");
+
+        let Image::F32(pixels) = &found.image else { unreachable!("as it was") };
+        assert!(pixels.iter().all(|value| (value - 50.0).abs() < 1e-3));
+        let mask = found.mask.expect("corners are outside");
+        assert!(!mask.row(0)[0] && mask.row(20)[20]);
+        let hidden = mask.as_slice().iter().filter(|valid| !**valid).count();
+        assert!((100..2000).contains(&hidden), "{hidden}");
+    }
+}

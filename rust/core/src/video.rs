@@ -1,0 +1,6 @@
+//! The frames of two cameras, one after another: what a rig learns from them, and maps that are steady over time.
+
+pub mod frames;
+pub mod limits;
+pub mod rig;
+pub mod temporal;

@@ -1,0 +1,602 @@
+//! The frames of two cameras, one after another: each is matched by what those before have shown, and shows more.
+//!
+//! ```text
+//! first frame, or one of another size:  estimate all, match               # crate::match_pair
+//! other frames:
+//!     field += drift;  cameras, field and range are those of the rig
+//!     blur, noise and light: as they were, if they look so at a glance and were estimated not long ago; else estimated
+//!     match; find some blocks of the map again
+//!     if their rows have moved:          the field is opened, takes them in, and the frame is matched once more
+//!     if all rows then disagree again, or sway:
+//!                                        rows are estimated, and of every frame from here on while they sway
+//!     if the range ends where things are: it grows, and the frame is matched once more
+//!     if the map got much worse:          all is estimated anew; what comes of it counts if it matches better
+//!     the rig takes in the map: rows, disparities, which image is softer, how much is wrong
+//! ```
+//!
+//! A frame that fails changes nothing.
+
+use std::borrow::Cow;
+use std::sync::Arc;
+use std::time::Duration;
+
+use crate::estimation::blur;
+use crate::estimation::blur::defects::Defects;
+use crate::estimation::blur::parts::Part;
+use crate::estimation::rows::RowOffsets;
+use crate::estimation::tracks::{AROUND, follow_here};
+use crate::estimation::{Estimates, Known, Prepared, estimated, prepared};
+use crate::findings::{self, Finding, Severity};
+use crate::match_pair::{Matched, prepare_and_match, resampled};
+use crate::rectification::Raw;
+use crate::scales::match_over_scales;
+use crate::video::rig::events::{Steady, Subject};
+use crate::video::rig::field::{Innovation, seeds};
+use crate::video::rig::sensors::Sensors;
+use crate::video::rig::{Geometry, Look, Rig};
+use crate::video::temporal::TemporalFilter;
+use phasestereo_match::base::error::Result;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::platform::Instant;
+use phasestereo_match::image::packing::Packing;
+use phasestereo_match::matcher::Disparity;
+use phasestereo_match::matcher::runtime::Runtime;
+use phasestereo_match::matcher::summary::Summary;
+use phasestereo_match::pair::Pair;
+use phasestereo_match::pair::alignment::Alignment;
+use phasestereo_match::settings::Settings;
+
+/// A map of which so much more is wrong than of those before may be of cameras that were moved.
+const WORSE: f64 = 0.15;
+/// Most frames until all is estimated anew again, where that did not help.
+const LONGEST: u64 = 64;
+/// Times that a frame is matched again at most.
+const AGAIN: usize = 2;
+/// The share of the pixels at the near end of the range from which on the frame is matched again with a larger one.
+const AT_END: f64 = 0.005;
+
+/// How frames are matched.
+#[derive(Debug, Clone, Copy)]
+pub struct Way<'a> {
+    /// What the caller knows of every frame.
+    pub known: &'a Known,
+    /// How they are matched.
+    pub settings: &'a Settings,
+    /// Frames after which blur is estimated anew; 1: every frame is matched by itself.
+    pub reestimate: u64,
+}
+
+/// A frame that was matched.
+#[derive(Debug)]
+pub struct Frame {
+    /// The match.
+    pub matched: Matched,
+    /// Shares of the pixels of the map as it was matched.
+    pub summary: Summary,
+    /// Whether the estimates of an earlier frame were taken over.
+    pub is_reused: bool,
+    /// How many frames support each disparity, and the time that a temporal filter took.
+    pub support: Option<(Plane<u8>, Duration)>,
+}
+
+/// Matches the next frame of a rig, which takes in what it shows.
+pub fn match_frame(
+    rig: &mut Rig,
+    pair: Pair,
+    way: Way,
+    filter: Option<&mut TemporalFilter>,
+    runtime: Runtime,
+) -> Result<Frame> {
+    // What fails half-way must leave nothing half learned.
+    let mut next = rig.clone();
+    next.suit(pair.size(), way.settings);
+
+    // Each frame by itself, if all is to be estimated of each.
+    let frame = match next.geometry.take().filter(|_| way.reestimate > 1) {
+        Some(geometry) => {
+            let packing = Packing::of_views(pair.views(), runtime.control)?;
+            let pair = &pair.packed(&packing);
+            Followed { rig: &mut next, pair, way, runtime }.frame(geometry, filter)?
+        }
+        None => next.begin(pair, way, filter, runtime)?,
+    };
+
+    next.frames += 1;
+    *rig = next;
+    Ok(frame)
+}
+
+impl Rig {
+    /// Matches a frame of which nothing is known, and learns how the cameras look if it is to be trusted.
+    fn begin(
+        &mut self,
+        pair: Pair,
+        way: Way,
+        filter: Option<&mut TemporalFilter>,
+        runtime: Runtime,
+    ) -> Result<Frame> {
+        let size = pair.size();
+        let mut matched = prepare_and_match(pair, way.known.clone(), way.settings, runtime)?;
+        let summary = matched.summary();
+
+        let estimates = &matched.prepared.estimates;
+        let said = findings::of_match(estimates, &summary, size);
+        let is_trusted = is_trusted(&said);
+        let raw = matched.rectified.as_ref().map(|rectified| Arc::clone(&rectified.raw));
+        // Cameras that rectify a pair count even where noise spoils its match.
+        if is_trusted || raw.is_some() {
+            if let Some(raw) = &raw {
+                let rows = raw.rectification.rms;
+                let sentence =
+                    format!("raw images are rectified from here on: rows to {rows:.2} px");
+                self.events.push(Subject::Cameras, self.frames, sentence);
+            }
+
+            self.geometry = Some(Geometry::new(&matched.prepared.pair, estimates, raw));
+        }
+        if is_trusted {
+            self.remember(estimates, way.settings);
+        }
+        self.settle(estimates.blur.as_ref().filter(|_| is_trusted), summary.wrong);
+
+        let filter = filter.filter(|_| matched.rectified.is_none());
+        let Matched { map, prepared, .. } = &mut matched;
+        let support = filter.map(|filter| steadied(filter, map, prepared, runtime)).transpose()?;
+        let summary = if support.is_some() { matched.summary() } else { summary };
+        Ok(Frame { matched, summary, is_reused: false, support })
+    }
+
+    /// Keeps what was estimated of this frame.
+    fn remember(&mut self, estimates: &Estimates, settings: &Settings) {
+        let look =
+            Look { estimates: estimates.clone(), settings: settings.clone(), frame: self.frames };
+        self.look = Some(Arc::new(look));
+        self.sensors = Sensors::new(estimates, self.frames).or(self.sensors.take());
+    }
+}
+
+/// Filters a map over time.
+fn steadied(
+    filter: &mut TemporalFilter,
+    map: &mut Disparity,
+    prepared: &Prepared,
+    runtime: Runtime,
+) -> Result<(Plane<u8>, Duration)> {
+    let started = Instant::now();
+    let Runtime { matcher, execution, control } = runtime;
+    let Prepared { pair, settings, .. } = prepared;
+    let frames = matcher.install(|| filter.apply(pair, settings, map, execution.level, control))?;
+    Ok((frames, started.elapsed()))
+}
+
+/// A frame of cameras that are known.
+struct Followed<'a, 'b> {
+    rig: &'a mut Rig,
+    pair: &'a Pair,
+    way: Way<'a>,
+    runtime: Runtime<'b>,
+}
+
+/// The frame as these cameras see it: rectified.
+struct Seen<'a> {
+    pair: Cow<'a, Pair>,
+    /// Whether the estimates of an earlier frame hold.
+    is_as_before: bool,
+}
+
+/// A match of the frame.
+struct Shot {
+    map: Disparity,
+    prepared: Prepared,
+    summary: Summary,
+    innovation: Option<Innovation>,
+}
+
+impl Shot {
+    /// Whether the match is to be trusted.
+    fn is_trusted(&self, size: (usize, usize)) -> bool {
+        is_trusted(&findings::of_match(&self.prepared.estimates, &self.summary, size))
+    }
+}
+
+/// What a match says of how the cameras look.
+enum Verdict {
+    /// They are as known.
+    Known,
+    /// Their rows have moved.
+    Moved,
+    /// Their rows sway.
+    Swaying,
+    /// There are nearer things than were searched for.
+    Nearer,
+    /// Much more is wrong than before.
+    Lost,
+}
+
+impl<'a> Followed<'a, '_> {
+    /// Matches the frame.
+    fn frame(
+        mut self,
+        mut geometry: Geometry,
+        filter: Option<&mut TemporalFilter>,
+    ) -> Result<Frame> {
+        geometry.field.predict();
+        let seen = self.seen(&geometry)?;
+        let mut is_reused = seen.is_as_before;
+        let mut shot = self.shot(&geometry, &seen, false)?;
+        let mut is_anew = false;
+
+        for _ in 0..AGAIN {
+            match self.verdict(&mut geometry, &shot) {
+                Verdict::Known => break,
+                Verdict::Moved if !is_anew => {
+                    self.reopen(&mut geometry, &shot);
+                    is_anew = true;
+                    shot = self.shot(&geometry, &seen, is_anew)?;
+                }
+                // Rows that were moved as a whole agree with each other.
+                Verdict::Moved | Verdict::Swaying => {
+                    shot = self.rows_anew(&mut geometry, &seen)?;
+                    is_anew = true;
+                    break;
+                }
+                Verdict::Nearer => shot = self.shot(&geometry, &seen, is_anew)?,
+                Verdict::Lost => {
+                    if let Some((found, better)) = self.anew(&geometry, shot.summary.wrong)? {
+                        (geometry, shot) = (found, better);
+                        (is_reused, is_anew) = (false, true);
+                    }
+                    break;
+                }
+            }
+        }
+
+        self.learn(geometry, &shot, is_reused);
+        self.finished(shot, is_reused, filter, is_anew)
+    }
+
+    /// The pair as the cameras see it, and whether it looks as before.
+    fn seen(&self, geometry: &Geometry) -> Result<Seen<'a>> {
+        let Runtime { matcher, control, .. } = self.runtime;
+        matcher.install(|| {
+            let mut pair = match &geometry.cameras {
+                Some(raw) => Cow::Owned(resampled(self.pair, &raw.places, control)?),
+                None => Cow::Borrowed(self.pair),
+            };
+            if let Some(fit) = pair.fit().filter(|_| geometry.is_whole) {
+                pair = Cow::Owned(pair.fitted_again(fit.whole())?);
+            }
+            if geometry.is_inverted && self.way.settings.compensate_blur {
+                pair = Cow::Owned(pair.into_owned().with_own_ranges(control)?.inverted());
+            }
+
+            let look = self.rig.look.as_deref();
+            let look = look.filter(|look| self.rig.frames - look.frame < self.way.reestimate);
+            let blur = look.and_then(|look| look.estimates.blur.as_ref());
+
+            let is_as_before = match (look, blur) {
+                (None, _) => false,
+                (Some(_), None) => true,
+                (Some(_), Some(blur)) => {
+                    let defects = Defects { impulses: blur.impulses, ..Defects::default() };
+                    let repaired = defects.repaired(&pair);
+                    blur::is_as_before(&repaired, &blur.signature, self.runtime)?
+                }
+            };
+            Ok(Seen { pair, is_as_before })
+        })
+    }
+
+    /// Matches the frame by what is known of it; once more, blocks of all rows are found again.
+    fn shot(&self, geometry: &Geometry, seen: &Seen, is_again: bool) -> Result<Shot> {
+        let Way { known, settings, .. } = self.way;
+        let pair = Pair::clone(&seen.pair);
+        let candidates = match known.candidates {
+            Some(given) => given,
+            None => geometry.columns.candidates(pair.size().1)?,
+        };
+        let told = Known {
+            candidates: Some(candidates),
+            alignment: geometry.alignment()?,
+            ..known.clone()
+        };
+        // Rows are followed whatever the settings say, and estimated where they sway.
+        let sways = geometry.sways.state == 1;
+        let settings = Settings { align_rows: sways, ..settings.clone() };
+
+        let estimates = match &self.rig.look {
+            Some(look) if seen.is_as_before => {
+                let rows = sways.then(|| self.rows(&pair, &look.estimates, &told, &settings));
+                let (alignment, offsets) = match rows {
+                    Some(found) => found?,
+                    None => (told.alignment.clone(), geometry.field.offsets()?),
+                };
+                Estimates {
+                    candidates,
+                    alignment,
+                    offsets,
+                    findings: still_said(&look.estimates),
+                    time: Duration::ZERO,
+                    ..look.estimates.clone()
+                }
+            }
+            _ => self.estimates(&pair, geometry, &told, &settings)?,
+        };
+
+        let mut shot = self.matched(pair, estimates, told, &settings)?;
+        if !sways {
+            shot.innovation = self.innovation(&shot.map, &seen.pair, geometry, is_again)?;
+        }
+        Ok(shot)
+    }
+
+    /// The rows of a pair whose blur and noise are as they were.
+    fn rows(
+        &self,
+        pair: &Pair,
+        look: &Estimates,
+        told: &Known,
+        settings: &Settings,
+    ) -> Result<(Option<Alignment>, Option<RowOffsets>)> {
+        let mut told = told.clone();
+        let mut settings = settings.clone();
+        if let Some(plan) = &look.compensation {
+            told.compensation = Some(plan.blur_compensation()?);
+            settings = Settings { align_rows: true, ..plan.settings.clone() };
+        }
+        let (_, found) = estimated(pair.clone(), &told, &settings, self.runtime)?;
+        Ok((found.alignment, found.offsets))
+    }
+
+    /// What blocks of a map say of the rows, which are found again in the pair as it is.
+    fn innovation(
+        &self,
+        map: &Disparity,
+        pair: &Pair,
+        geometry: &Geometry,
+        has_all: bool,
+    ) -> Result<Option<Innovation>> {
+        let Runtime { matcher, execution, .. } = self.runtime;
+        let field = geometry.field.field()?;
+        let around = AROUND + field.bound().ceil() as usize;
+        let rows = pair.size().0;
+
+        let tracks = matcher.install(|| {
+            let mut tracks = vec![];
+            for seeds in seeds(&map.disparity, &map.flags, &field, self.rig.frames, has_all) {
+                let Some(first) = seeds.first() else { continue };
+                let y = first.y as usize;
+                let (top, end) = (y.saturating_sub(around), (y + around + 1).min(rows));
+                let part = Part::new(top, Cow::Owned(pair.of_rows(top..end)), self.runtime)?;
+                tracks.extend(follow_here(&part, &seeds, execution.level));
+            }
+            Ok(tracks)
+        })?;
+        Ok(geometry.field.innovation(&tracks))
+    }
+
+    /// Estimates blur, noise and light of a pair whose geometry is known.
+    fn estimates(
+        &self,
+        pair: &Pair,
+        geometry: &Geometry,
+        told: &Known,
+        settings: &Settings,
+    ) -> Result<Estimates> {
+        let (_, mut found) = estimated(pair.clone(), told, settings, self.runtime)?;
+        if let Some(look) = &self.rig.look {
+            let before = &look.estimates;
+            found.confidence = before.confidence;
+            found.range = before.range;
+            found.left_out.clone_from(&before.left_out);
+        }
+
+        found.is_inverted = geometry.is_inverted;
+        if !settings.align_rows {
+            found.offsets = geometry.field.offsets()?;
+        }
+        let is_given = self.way.known.candidates.is_some();
+        found.findings = findings::of_pair(&found, geometry.size, is_given, self.way.settings);
+        if let Some(raw) = &geometry.cameras {
+            found.findings.push(findings::rectified(&raw.rectification));
+        }
+        if let Some(fit) = pair.fit() {
+            found.findings.push(findings::fitted(&fit));
+        }
+        Ok(found)
+    }
+
+    /// Matches a pair with these estimates.
+    fn matched(
+        &self,
+        pair: Pair,
+        estimates: Estimates,
+        known: Known,
+        settings: &Settings,
+    ) -> Result<Shot> {
+        let prepared = prepared(pair, estimates, known, settings, self.runtime)?;
+        let map = match_over_scales(&prepared, settings, self.runtime)?;
+        let summary = Summary::new(&map, prepared.estimates.candidates);
+        Ok(Shot { map, prepared, summary, innovation: None })
+    }
+
+    /// What a match says of the cameras. The range grows if it has to.
+    fn verdict(&self, geometry: &mut Geometry, shot: &Shot) -> Verdict {
+        let is_worse = self.rig.health.is_some_and(|health| shot.summary.wrong > health + WORSE);
+        if shot.innovation.as_ref().is_some_and(|found| found.is_moved) {
+            return Verdict::Moved;
+        }
+        if shot.innovation.as_ref().is_some_and(|found| found.sways) {
+            return Verdict::Swaying;
+        }
+        if is_worse && self.rig.frames >= self.rig.doubt.1 {
+            return Verdict::Lost;
+        }
+        if self.way.known.candidates.is_none() && shot.summary.at_high > AT_END {
+            let width = geometry.size.1;
+            let mut wider = geometry.columns.clone();
+            if wider.update(&shot.map, width) {
+                geometry.columns.extend(wider.searched.end);
+                return Verdict::Nearer;
+            }
+        }
+        Verdict::Known
+    }
+
+    /// Opens the field where rows have moved, and takes them in.
+    fn reopen(&mut self, geometry: &mut Geometry, shot: &Shot) {
+        let Some(found) = &shot.innovation else { return };
+        geometry.field.reopen(found);
+        geometry.straighten_at_once();
+        let sentence = format!("rows moved by {:.2} px rms", found.moved);
+        self.rig.events.push(Subject::Rows, self.rig.frames, sentence);
+    }
+
+    /// Matches the frame by rows that are estimated anew, and from here on if they sway.
+    fn rows_anew(&mut self, geometry: &mut Geometry, seen: &Seen) -> Result<Shot> {
+        geometry.sways = Steady::new(1);
+        let shot = self.shot(geometry, seen, true)?;
+
+        let estimates = &shot.prepared.estimates;
+        let sways = estimates.sways() && shot.is_trusted(geometry.size);
+        geometry.take_rows(estimates);
+        geometry.sways = Steady::new(sways.into());
+        let sentence = if sways {
+            "rows sway from here on, as those of a rolling shutter that shakes: they are found in each frame"
+        } else {
+            "rows moved, and were estimated anew"
+        };
+        self.rig.events.renew(Subject::Rows, self.rig.frames, sentence);
+        Ok(shot)
+    }
+
+    /// Estimates all anew; `None`: that matches no better than so much wrong.
+    fn anew(&mut self, geometry: &Geometry, wrong: f64) -> Result<Option<(Geometry, Shot)>> {
+        let now = self.rig.frames;
+        let is_better = |(_, shot): &(Geometry, Shot)| {
+            shot.is_trusted(geometry.size) && shot.summary.wrong + WORSE / 2.0 < wrong
+        };
+
+        // Cameras that were turned a little are still about those that are known.
+        let rectified = geometry.cameras.as_ref().map(|raw| self.rectified_anew(raw));
+        let found = match rectified.transpose()?.filter(is_better) {
+            Some(found) => Some(found),
+            None => Some(self.whole_anew()?).filter(is_better),
+        };
+
+        if found.is_some() {
+            self.rig.doubt = (0, now);
+            let sentence = "rows and range were estimated anew, since much was wrong";
+            self.rig.events.push(Subject::Rows, now, sentence);
+        } else {
+            // It may be night, or dirt: asked again and again, it would cost as much as the matches.
+            let wait = (2 * self.rig.doubt.0 + 1).min(LONGEST);
+            self.rig.doubt = (wait, now + wait);
+        }
+        Ok(found)
+    }
+
+    /// The settings of a match whose rows are estimated: all may have moved.
+    fn with_rows(&self) -> Settings {
+        Settings { align_rows: true, ..self.way.settings.clone() }
+    }
+
+    /// Estimates all anew but the cameras by which the pair is rectified.
+    fn rectified_anew(&self, raw: &Arc<Raw>) -> Result<(Geometry, Shot)> {
+        let known = self.way.known;
+        let settings = &self.with_rows();
+        let Runtime { matcher, control, .. } = self.runtime;
+        let pair = matcher.install(|| resampled(self.pair, &raw.places, control))?;
+
+        let (pair, estimates) = estimated(pair, known, settings, self.runtime)?;
+        let found = Geometry::new(&pair, &estimates, Some(Arc::clone(raw)));
+        Ok((found, self.matched(pair, estimates, known.clone(), settings)?))
+    }
+
+    /// Estimates all anew, as of a first frame.
+    fn whole_anew(&self) -> Result<(Geometry, Shot)> {
+        let known = self.way.known;
+        let settings = &self.with_rows();
+        let whole = prepare_and_match(self.pair.clone(), known.clone(), settings, self.runtime)?;
+
+        let summary = whole.summary();
+        let Matched { map, prepared, rectified } = whole;
+        let raw = rectified.as_ref().map(|rectified| Arc::clone(&rectified.raw));
+        let map = rectified.map_or(map, |rectified| rectified.map);
+        let found = Geometry::new(&prepared.pair, &prepared.estimates, raw);
+        Ok((found, Shot { map, prepared, summary, innovation: None }))
+    }
+
+    /// Takes in the disparities of a match, in a range that is given or found.
+    fn learn_range(&mut self, geometry: &mut Geometry, map: &Disparity) {
+        let rig = &mut *self.rig;
+        if let Some(given) = self.way.known.candidates {
+            geometry.columns.watch(given, map);
+        } else if geometry.columns.update(map, geometry.size.1) {
+            let most = geometry.columns.searched.end - 1;
+            let sentence = format!("things came nearer: disparities up to {most} are searched");
+            rig.events.renew(Subject::Range, rig.frames, sentence);
+        }
+    }
+
+    /// Takes in what the frame shows.
+    fn learn(&mut self, mut geometry: Geometry, shot: &Shot, is_reused: bool) {
+        let rig = &mut *self.rig;
+        let estimates = &shot.prepared.estimates;
+        let is_trusted = shot.is_trusted(geometry.size);
+
+        if is_trusted {
+            if geometry.sways.state == 1 && geometry.take_rows(estimates) {
+                rig.events.push(Subject::Rows, rig.frames, "rows sway no more");
+            }
+            if let Some(found) = &shot.innovation {
+                geometry.field.update(found);
+            }
+            self.learn_range(&mut geometry, &shot.map);
+            if !is_reused {
+                self.rig.remember(estimates, self.way.settings);
+            }
+        }
+        let rig = &mut *self.rig;
+        rig.geometry = Some(geometry);
+        rig.settle(estimates.blur.as_ref().filter(|_| is_trusted), shot.summary.wrong);
+    }
+
+    /// The frame as it is returned.
+    fn finished(
+        &self,
+        shot: Shot,
+        is_reused: bool,
+        filter: Option<&mut TemporalFilter>,
+        is_anew: bool,
+    ) -> Result<Frame> {
+        let Shot { mut map, prepared, mut summary, .. } = shot;
+        let support = filter.map(|filter| {
+            if is_anew {
+                *filter = TemporalFilter::new();
+            }
+            steadied(filter, &mut map, &prepared, self.runtime)
+        });
+        let support = support.transpose()?;
+        if support.is_some() {
+            summary = Summary::new(&map, prepared.estimates.candidates);
+        }
+
+        let cameras = self.rig.geometry.as_ref().and_then(|geometry| geometry.cameras.clone());
+        let matched = match cameras {
+            Some(raw) => Matched::of_rectified(raw, map, prepared, self.runtime)?,
+            None => Matched { map, prepared, rectified: None },
+        };
+        Ok(Frame { matched, summary, is_reused, support })
+    }
+}
+
+/// Whether a match of which this is said is to be trusted.
+fn is_trusted(said: &[Finding]) -> bool {
+    !said.iter().any(|one| one.severity == Severity::Warning && one.topic.is_decisive())
+}
+
+/// What is still to be said of the pair: what decides whether a match is to be trusted is said of each match.
+fn still_said(estimates: &Estimates) -> Vec<Finding> {
+    estimates.findings.iter().filter(|one| !one.topic.is_decisive()).cloned().collect()
+}

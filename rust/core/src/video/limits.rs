@@ -1,0 +1,162 @@
+//! Go or no-go: the quantities of a rig against limits, as at the end of a production line or at a start of a robot.
+//!
+//! Usual limits are those from which on a match is warned of (`levels.rs`), where there are such. A quantity that cannot be told
+//! passes, unless its limit was given, or nothing can be said without it.
+
+use crate::findings::levels::{BLUR, BLUR_SHARE, CONTRAST, NOISE, ROWS, SURE, WRONG};
+use crate::video::rig::Rig;
+use crate::video::rig::field::FieldFilter;
+use phasestereo_match::base::error::{Error, Result};
+use phasestereo_match::base::math;
+
+/// Frames that tell of drift.
+const LEAST_FRAMES: u64 = 20;
+
+/// What is checked.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Quantity {
+    /// How far rows are from corresponding.
+    Rows,
+    /// How well that is known.
+    Error,
+    /// How fast it changes.
+    Drift,
+    /// How far the right camera is turned from its calibration.
+    Rotation,
+    /// Pixels that are probably wrong.
+    Wrong,
+    /// Disparities beyond the nearest thing.
+    Reserve,
+    /// Noise of the worse image.
+    Noise,
+    /// How many times brighter one image is.
+    Exposure,
+    /// Blur of one image beside the other.
+    Blur,
+}
+
+impl Quantity {
+    /// All of them.
+    pub const ALL: [Self; 9] = [
+        Self::Rows,
+        Self::Error,
+        Self::Drift,
+        Self::Rotation,
+        Self::Wrong,
+        Self::Reserve,
+        Self::Noise,
+        Self::Exposure,
+        Self::Blur,
+    ];
+
+    /// Its name, its unit, and what it is.
+    pub fn words(self) -> [&'static str; 3] {
+        match self {
+            Self::Rows => ["rows", "px", "rows that do not correspond, root mean square"],
+            Self::Error => ["error", "px", "standard error of the rows"],
+            Self::Drift => ["drift", "px in 100 frames", "rows that change from frame to frame"],
+            Self::Rotation => ["rotation", "degrees", "pitch and roll against the calibration"],
+            Self::Wrong => ["wrong", "of the pixels", "share that is probably wrong"],
+            Self::Reserve => ["reserve", "px", "disparities beyond the nearest thing"],
+            Self::Noise => ["noise", "of the range", "noise of the worse image"],
+            Self::Exposure => ["exposure", "times", "brightness of one image beside the other"],
+            Self::Blur => ["blur", "px", "blur of one image beside the other, root mean square"],
+        }
+    }
+
+    /// The usual limit: the most there may be, of the reserve the least.
+    pub fn usual(self) -> f64 {
+        match self {
+            Self::Rows => ROWS[1],
+            // A third of what a match begins to suffer from.
+            Self::Error => 0.1,
+            // As much as straightens or bends a pair within ten seconds.
+            Self::Drift => ROWS[0],
+            // At a focal length of 860 pixels, rows are then as far off as they may be.
+            Self::Rotation => 0.05,
+            Self::Wrong => WRONG,
+            // The two neighbors that a fraction of a pixel is found by.
+            Self::Reserve => 2.0,
+            Self::Noise => NOISE[1],
+            Self::Exposure => math::exp(CONTRAST[1]),
+            Self::Blur => BLUR[1],
+        }
+    }
+
+    /// Whether nothing can be said without it.
+    fn is_needed(self) -> bool {
+        matches!(self, Self::Rows | Self::Error | Self::Wrong)
+    }
+
+    /// What a rig shows; `None`: nothing. `focal` is the focal length in pixels, if the calibration says so.
+    fn of(self, rig: &Rig, focal: Option<f64>) -> Option<f64> {
+        let geometry = rig.geometry.as_ref();
+        let field = geometry.map(|geometry| &geometry.field);
+        let field = field.filter(|field| field.is_seen());
+        let sensors = rig.sensors.as_ref();
+
+        match self {
+            Self::Rows => field?.field().ok().map(|field| field.rms()),
+            Self::Error => field.map(FieldFilter::error),
+            Self::Drift if rig.frames < LEAST_FRAMES => None,
+            Self::Drift => field.map(|field| 100.0 * field.drift()),
+            Self::Rotation => field.zip(focal).map(|(field, focal)| field.rotation(focal)),
+            Self::Wrong => rig.health,
+            Self::Reserve => geometry?.columns.reserve().map(|left| left as f64),
+            Self::Noise => {
+                let sensors = sensors?;
+                sensors.noise.map(|[left, right]| left.max(right) / sensors.range)
+            }
+            Self::Exposure => sensors?.response.map(|[_, _, ratio]| ratio.max(ratio.recip())),
+            Self::Blur => {
+                let blur = sensors?.blur.as_ref();
+                blur.filter(|blur| blur.certainty >= SURE.into())
+                    .map(|blur| blur.largest(BLUR_SHARE))
+            }
+        }
+    }
+}
+
+/// A quantity against its limit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Check {
+    /// What.
+    pub quantity: Quantity,
+    /// What the rig shows; `None`: it cannot be told.
+    pub value: Option<f64>,
+    /// The limit.
+    pub limit: f64,
+    /// Whether it is kept; `None`: it cannot be told, and need not be.
+    pub passed: Option<bool>,
+}
+
+/// Compares all quantities of a rig with their limits: those that are given, by name, or the usual ones.
+pub fn check(rig: &Rig, given: &[(String, f64)], focal: Option<f64>) -> Result<Vec<Check>> {
+    let names = Quantity::ALL.map(|quantity| quantity.words()[0]);
+    for (given, limit) in given {
+        let Some(name) = names.into_iter().find(|name| name == given) else {
+            let accepts = format!("limits of {}", names.join(", "));
+            return Err(Error::value("limits", format!("'{given}'"), accepts));
+        };
+        if !(limit.is_finite() && *limit >= 0.0) {
+            return Err(Error::value(name, limit, "a finite number that is not negative"));
+        }
+    }
+    if let Some(focal) = focal.filter(|focal| !(focal.is_finite() && *focal > 0.0)) {
+        return Err(Error::value("focal", focal, "a positive number of pixels"));
+    }
+
+    let check = |quantity: Quantity| {
+        let given = given.iter().find(|(name, _)| name == quantity.words()[0]);
+        let limit = given.map_or(quantity.usual(), |(_, limit)| *limit);
+        let value = quantity.of(rig, focal);
+
+        let is_within = |value: f64| {
+            if quantity == Quantity::Reserve { value >= limit } else { value <= limit }
+        };
+        let is_needed = given.is_some() || quantity.is_needed();
+        let passed = value.map(is_within).or(is_needed.then_some(false));
+        Check { quantity, value, limit, passed }
+    };
+    Ok(Quantity::ALL.map(check).to_vec())
+}

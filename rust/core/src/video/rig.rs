@@ -1,0 +1,203 @@
+//! What two cameras are, learned while they run: the field of their rows, the range of their disparities, the cameras that
+//! rectify them, which image is the softer one, and what happened to all that.
+//!
+//! `crate::video::frames` matches frames by it, and takes in what each of them shows. It holds a few thousand numbers, and where
+//! raw images are rectified from, and does not grow. As text ([`text`]) it can be kept.
+
+pub mod columns;
+pub mod events;
+pub mod field;
+pub mod sensors;
+pub mod text;
+
+use std::sync::Arc;
+
+use self::columns::Columns;
+use self::events::{Events, Steady, Subject};
+use self::field::FieldFilter;
+use self::sensors::Sensors;
+use crate::estimation::Estimates;
+use crate::estimation::blur::{self, Side};
+use crate::rectification::Raw;
+use phasestereo_match::base::error::Result;
+use phasestereo_match::pair::Pair;
+use phasestereo_match::pair::alignment::Alignment;
+use phasestereo_match::settings::Settings;
+
+/// Rows are straightened from this field on, root mean square in pixels and in standard errors, and until this one.
+const STRAIGHTEN: (f64, f64) = (0.2, 4.0);
+const STRAIGHT: f64 = 0.08;
+/// Frames in a row that have to say so: of rows to straighten, of straight ones, of blur and of health.
+const PATIENCE: [u32; 4] = [3, 20, 3, 3];
+/// Frames in a row whose rows do not sway, until they are taken over again.
+const CALM: u32 = 20;
+/// Much is wrong from this share on, and until this one.
+const ILL: [f64; 2] = [0.25, 0.4];
+/// The frames over which the health is averaged.
+const FRAMES: f64 = 8.0;
+
+/// What is known of two cameras.
+#[derive(Debug, Clone, Default)]
+pub struct Rig {
+    /// Frames so far.
+    pub frames: u64,
+    /// How they look; `None`: no frame has shown it.
+    pub geometry: Option<Geometry>,
+    /// What was estimated of blur, noise and light, and of what frame.
+    pub look: Option<Arc<Look>>,
+    /// What the cameras add to their images; `None`: no frame has shown it.
+    pub sensors: Option<Sensors>,
+    /// What happened.
+    pub events: Events,
+    /// The share of the match that is probably wrong, over the last frames; NaN: unknown.
+    pub health: Option<f64>,
+    /// Which image is the softer one.
+    pub soft: Option<Steady>,
+    /// Whether much is wrong.
+    pub ill: Option<Steady>,
+    /// Frames to wait before all is estimated anew again, and from which frame on.
+    pub doubt: (u64, u64),
+}
+
+/// What is estimated of single frames, and holds until it changes.
+#[derive(Debug)]
+pub struct Look {
+    /// The estimates.
+    pub estimates: Estimates,
+    /// The settings that were asked for.
+    pub settings: Settings,
+    /// The frame.
+    pub frame: u64,
+}
+
+/// How two cameras look.
+#[derive(Debug, Clone)]
+pub struct Geometry {
+    /// Rows and columns of an image.
+    pub size: (usize, usize),
+    /// Whether a right image of another size is fitted by a whole factor.
+    pub is_whole: bool,
+    /// Where raw images are rectified from, if they are.
+    pub cameras: Option<Arc<Raw>>,
+    /// The field of rows, of the rectified images.
+    pub field: FieldFilter,
+    /// Whether the right image is straightened by it.
+    pub straightens: Steady,
+    /// Whether rows sway, so that they are estimated of every frame.
+    pub sways: Steady,
+    /// The disparities.
+    pub columns: Columns,
+    /// Whether the images match once one of them is inverted.
+    pub is_inverted: bool,
+}
+
+impl Geometry {
+    /// That of a pair with these estimates.
+    pub fn new(pair: &Pair, found: &Estimates, cameras: Option<Arc<Raw>>) -> Self {
+        let size = pair.size();
+        Self {
+            size,
+            is_whole: pair.fit().is_some_and(|fit| fit == fit.whole()),
+            cameras,
+            field: FieldFilter::new(size, found.offsets.as_ref()),
+            straightens: Steady::new(found.alignment.is_some().into()),
+            sways: Steady::new(found.sways().into()),
+            columns: Columns::new(found.candidates),
+            is_inverted: found.is_inverted,
+        }
+    }
+
+    /// The field by which the right image is straightened.
+    pub fn alignment(&self) -> Result<Option<Alignment>> {
+        let is_used = self.straightens.state == 1 && self.sways.state == 0;
+        is_used.then(|| self.field.field()).transpose()
+    }
+
+    /// Takes in the rows of a frame that were estimated. Returns whether they sway no more.
+    pub fn take_rows(&mut self, found: &Estimates) -> bool {
+        self.field = FieldFilter::new(self.size, found.offsets.as_ref());
+        self.straightens = Steady::new(found.alignment.is_some().into());
+        self.sways.update(found.sways().into(), CALM).is_some()
+    }
+
+    /// Straightens from now on, if rows that moved make it necessary.
+    pub fn straighten_at_once(&mut self) {
+        if self.field.field().is_ok_and(|field| field.rms() > STRAIGHTEN.0) {
+            self.straightens = Steady::new(1);
+        }
+    }
+
+    /// Whether the rows are to be straightened from now on.
+    fn decide(&mut self) -> Option<bool> {
+        if self.sways.state == 1 {
+            return None;
+        }
+        let rms = self.field.field().map_or(0.0, |field| field.rms());
+        let said = if rms > STRAIGHTEN.0.max(STRAIGHTEN.1 * self.field.error()) {
+            1
+        } else if rms < STRAIGHT {
+            0
+        } else {
+            self.straightens.state
+        };
+
+        let patience = PATIENCE[usize::from(said == 0)];
+        self.straightens.update(said, patience).map(|_| self.straightens.state == 1)
+    }
+}
+
+impl Rig {
+    /// Forgets how the cameras look if images have another size, and all estimates if the settings are others.
+    pub fn suit(&mut self, size: (usize, usize), settings: &Settings) {
+        if self.geometry.as_ref().is_some_and(|geometry| geometry.size != size) {
+            let (rows, cols) = size;
+            let sentence = format!("images are {cols} x {rows} from here on: all is learned anew");
+            self.events.push(Subject::Cameras, self.frames, sentence);
+            (self.geometry, self.look, self.health, self.sensors) = (None, None, None, None);
+        }
+        if self.look.as_ref().is_some_and(|look| look.settings != *settings) {
+            self.look = None;
+        }
+    }
+
+    /// Takes in the rows that are straightened, the blur and the health of a frame.
+    pub fn settle(&mut self, blur: Option<&blur::Estimate>, wrong: f64) {
+        let frame = self.frames;
+        if let Some(straightens) = self.geometry.as_mut().and_then(Geometry::decide) {
+            let what = if straightens { "are straightened" } else { "need no straightening" };
+            self.events.push(Subject::Rows, frame, format!("rows {what} from here on"));
+        }
+
+        if let Some(kind) = blur.and_then(|blur| blur.blurs.first()) {
+            let side = kind.side.map_or(0, |side| if side == Side::Left { 1 } else { 2 });
+            let soft = self.soft.get_or_insert(Steady::new(0));
+            if let Some(ago) = soft.update(side, PATIENCE[2]) {
+                let sentence = match side {
+                    1 => "the left image is the softer one",
+                    2 => "the right image is the softer one",
+                    _ => "both images are equally sharp again",
+                };
+                self.events.push(Subject::Blur, frame.saturating_sub(ago.into()), sentence);
+            }
+        }
+
+        if wrong.is_nan() {
+            return;
+        }
+        let health = self.health.map_or(wrong, |before| before + (wrong - before) / FRAMES);
+        self.health = Some(health);
+        let ill = self.ill.get_or_insert(Steady::new(0));
+        let said = if wrong > ILL[1] {
+            1
+        } else if wrong < ILL[0] {
+            0
+        } else {
+            ill.state
+        };
+        if let Some(ago) = ill.update(said, PATIENCE[3]) {
+            let what = if said == 1 { "is probably wrong" } else { "is well again" };
+            let sentence = format!("the match {what}: {:.0} % wrong", 100.0 * wrong);
+            self.events.push(Subject::Health, frame.saturating_sub(ago.into()), sentence);
+        }
+    }
+}

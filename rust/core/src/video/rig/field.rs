@@ -1,0 +1,341 @@
+//! The field of rows over the frames of a video: what it is, how well that is known, and how it changes.
+//!
+//! After the match of a frame, some blocks are found again in the right image by their disparities, as in
+//! [`crate::estimation::tracks`]. Each says by how many rows it is off the field. A Kalman filter of the eight
+//! coefficients takes them in, and the mean of its corrections is taken for the drift:
+//!
+//! ```text
+//! value += drift;   P += Q                                                # what a frame may change
+//! J, h = sum over blocks of t t' / s^2, t r / s^2                         # t: terms, r: residual, s^2: its variance
+//! K = P (1 + J P)^-1;   value += K h;   P = K;   drift = DAMPED (drift + FOLLOWED K h), unless the field is being found
+//! ```
+//!
+//! A plane is fitted to the residuals of a frame first. Where it is larger than its error and that of the field allow, the
+//! cameras have been moved: the field is opened again, and found anew. Where there is evidence of a spline of the row beside
+//! the plane, rows sway: no field holds for other frames.
+
+use std::array::from_fn;
+
+use crate::estimation::rows::robust::{Model, Point, RobustFit, median};
+use crate::estimation::rows::{LEAST_EVIDENCE, RowOffsets, SUSPICION};
+use crate::estimation::tracks::{Seed, Track};
+use phasestereo_match::base::error::Result;
+use phasestereo_match::base::math;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::pair::alignment::sway::INTERVALS;
+use phasestereo_match::pair::alignment::{Alignment, LINEAR, TERMS, places, terms};
+
+/// Cells of an image, columns and rows, in each of which a block is looked for; one row of so many in turns.
+const CELLS: (usize, usize) = (14, 9);
+const TURNS: usize = 3;
+/// Places of a cell along each axis, one after another in the frames.
+const PLACES: usize = 16;
+/// Fewest blocks that say something.
+const LEAST_BLOCKS: usize = 12;
+/// Pixels at the border without blocks.
+const BORDER: usize = 20;
+/// Standard deviations of the coefficients before anything is known of them: of a plane, and of what bends it.
+const UNKNOWN: [f64; 2] = [1.0, 0.05];
+/// What they may change from frame to frame, as shares of the width.
+const CHANGE: [f64; 2] = [6e-6, 4e-7];
+/// Neighboring blocks err alike: so much larger is the variance of their mean.
+const ALIKE: f64 = 2.0;
+/// The share of a correction that is taken for drift, and what remains of the drift from frame to frame.
+const FOLLOWED: f64 = 0.06;
+const DAMPED: f64 = 0.995;
+/// A frame that leaves less of the standard error finds the field: what it corrects is no drift.
+const FOUND: f64 = 0.8;
+/// The largest weight of a block, in usual ones.
+const MOST_WEIGHT: f64 = 2.0;
+/// Residuals beyond so many spreads are mistakes.
+const CUT: f64 = 3.0;
+/// What is fitted to the residuals of a frame.
+const PLANE: Model = Model { smooth: LINEAR, sways: false, excess: ALIKE };
+/// The cameras have been moved where rows changed by so many standard errors, and so many pixels.
+const MOVED: (f64, f64) = (6.0, 0.2);
+
+type Matrix = [[f64; TERMS]; TERMS];
+
+/// The field and its covariance.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FieldFilter {
+    size: (usize, usize),
+    value: [f64; TERMS],
+    drift: [f64; TERMS],
+    covariance: Matrix,
+    /// Blocks that the last frame agreed on it with, and their spread, pixels.
+    agreement: (usize, f64),
+}
+
+/// What the blocks of a frame say of the rows.
+pub struct Innovation {
+    points: Vec<Point>,
+    /// A plane through what they are off the field.
+    plane: RobustFit,
+    /// Root mean square of the plane over the image, pixels.
+    pub moved: f64,
+    /// Whether that is more than errors and drift explain.
+    pub is_moved: bool,
+    /// Whether the rows sway.
+    pub sways: bool,
+}
+
+impl FieldFilter {
+    /// The field of a pair of this size whose rows are as found, or unknown.
+    pub fn new(size: (usize, usize), found: Option<&RowOffsets>) -> Self {
+        let mut all = Self {
+            size,
+            value: [0.0; TERMS],
+            drift: [0.0; TERMS],
+            covariance: [[0.0; TERMS]; TERMS],
+            agreement: found.map_or((0, 0.0), |found| (found.blocks, found.spread)),
+        };
+
+        let mut deviations: [f64; TERMS] = from_fn(|term| UNKNOWN[usize::from(term >= LINEAR)]);
+        if let Some(found) = found {
+            all.value = *found.field.coefficients();
+            let has_bend = all.value[LINEAR..].iter().any(|value| *value != 0.0);
+            for deviation in &mut deviations[..if has_bend { TERMS } else { LINEAR }] {
+                *deviation = 2.0 * found.error;
+            }
+        }
+        for (term, deviation) in deviations.into_iter().enumerate() {
+            all.covariance[term][term] = deviation * deviation;
+        }
+        all
+    }
+
+    /// Forgets how well the field is known, since the cameras have been moved, and takes in what a frame says.
+    pub fn reopen(&mut self, innovation: &Innovation) {
+        *self = Self { value: self.value, ..Self::new(self.size, None) };
+        self.update(innovation);
+    }
+
+    /// A field as it was written down.
+    pub fn of_numbers(
+        size: (usize, usize),
+        value: [f64; TERMS],
+        drift: [f64; TERMS],
+        covariance: Matrix,
+        agreement: (usize, f64),
+    ) -> Result<Self> {
+        // These refuse what is not finite, too.
+        Alignment::new(value, size)?;
+        Alignment::new(drift, size)?;
+        Ok(Self { size, value, drift, covariance, agreement })
+    }
+
+    /// The coefficients, their drift, the covariance, and blocks and their spread.
+    pub fn numbers(&self) -> (&[f64; TERMS], &[f64; TERMS], &Matrix, (usize, f64)) {
+        (&self.value, &self.drift, &self.covariance, self.agreement)
+    }
+
+    /// The field as an estimate has it; `None`: no blocks have shown it.
+    pub fn offsets(&self) -> Result<Option<RowOffsets>> {
+        let (blocks, spread) = self.agreement;
+        let (field, error) = (self.field()?, self.error());
+        let errors = from_fn(|interval| {
+            let y = (2 * interval + 1) as f64 / INTERVALS as f64 - 1.0;
+            self.error_at(places().map(|(x, _)| (x, y)))
+        });
+        Ok((blocks > 0).then_some(RowOffsets { field, error, blocks, spread, errors }))
+    }
+
+    /// The field.
+    pub fn field(&self) -> Result<Alignment> {
+        Alignment::new(self.value, self.size)
+    }
+
+    /// Whether blocks have shown it.
+    pub fn is_seen(&self) -> bool {
+        self.agreement.0 > 0
+    }
+
+    /// What a frame changes, root mean square over the image, pixels.
+    pub fn drift(&self) -> f64 {
+        Alignment::new(self.drift, self.size).map_or(0.0, |drift| drift.rms())
+    }
+
+    /// By how many degrees the right camera looks up or down and is rolled beside the left one, if images are rectified at this
+    /// focal length in pixels. Turned about the vertical axis, it shows no other rows.
+    pub fn rotation(&self, focal: f64) -> f64 {
+        let [shift, slope, ..] = self.value;
+        let pitch = math::atan2(shift, focal);
+        let roll = math::atan2(slope, self.size.1 as f64 / 2.0);
+        math::hypot(pitch, roll).to_degrees()
+    }
+
+    /// Its standard error, root mean square over the image, pixels.
+    pub fn error(&self) -> f64 {
+        self.error_at(places())
+    }
+
+    /// The same over these places.
+    fn error_at(&self, places: impl Iterator<Item = (f64, f64)>) -> f64 {
+        let variance = |(x, y)| -> f64 {
+            let terms = terms(x, y);
+            let row = |row: usize| -> f64 {
+                (0..TERMS).map(|col| self.covariance[row][col] * terms[col]).sum()
+            };
+            (0..TERMS).map(|at| terms[at] * row(at)).sum()
+        };
+        let all: Vec<f64> = places.map(variance).collect();
+        (all.iter().sum::<f64>() / all.len() as f64).max(0.0).sqrt()
+    }
+
+    /// The next frame.
+    pub fn predict(&mut self) {
+        for term in 0..TERMS {
+            self.value[term] += self.drift[term];
+            let change = CHANGE[usize::from(term >= LINEAR)] * self.size.1 as f64;
+            self.covariance[term][term] += change * change;
+        }
+    }
+
+    /// What the blocks of a frame say; `None`: too little.
+    pub fn innovation(&self, tracks: &[Track]) -> Option<Innovation> {
+        let point = |track: &Track| {
+            let point = Point::of_track(track, self.size, 1);
+            Point { value: point.residual(&self.value), ..point }
+        };
+        let mut points: Vec<Point> = tracks.iter().map(point).collect();
+        if points.len() < LEAST_BLOCKS {
+            return None;
+        }
+
+        // Weights beside the usual one; no block counts much more than others.
+        let usual = median(points.iter().map(|point| point.weight).collect());
+        for point in &mut points {
+            point.weight = (point.weight / usual).min(MOST_WEIGHT);
+        }
+
+        let plane = PLANE.fitted(&points)?;
+        if plane.agreeing < LEAST_BLOCKS.max(points.len() / 2) {
+            return None;
+        }
+        let moved = Alignment::new(plane.coefficients, self.size).ok()?.rms();
+        let error = math::hypot(self.error(), plane.error);
+        let is_moved = moved > MOVED.1.max(MOVED.0 * error);
+        let sways = PLANE.evidence(&points, &plane) >= SUSPICION && sways(&points);
+        Some(Innovation { points, plane, moved, is_moved, sways })
+    }
+
+    /// Takes in what the blocks of a frame say.
+    pub fn update(&mut self, innovation: &Innovation) {
+        let Innovation { points, plane, .. } = innovation;
+        self.agreement = (plane.agreeing, plane.spread);
+        let variance = ALIKE * plane.spread * plane.spread;
+
+        let (mut information, mut sums) = ([[0.0; TERMS]; TERMS], [0.0; TERMS]);
+        for point in points {
+            if point.residual(&plane.coefficients).abs() > CUT * plane.spread {
+                continue;
+            }
+            let weight = point.weight / variance;
+            for (at, term) in point.terms.iter().enumerate() {
+                sums[at] += weight * term * point.value;
+                for (sum, other) in information[at].iter_mut().zip(&point.terms) {
+                    *sum += weight * term * other;
+                }
+            }
+        }
+
+        // K = P (1 + J P)^-1 = (1 + P J)^-1 P, which is the new covariance, too.
+        let mut system = product(&self.covariance, &information);
+        for (at, row) in system.iter_mut().enumerate() {
+            row[at] += 1.0;
+        }
+        let Some(gain) = solved(system, self.covariance) else { return };
+        let before = self.error();
+
+        let mut steps = [0.0; TERMS];
+        for (row, gain) in gain.iter().enumerate() {
+            let step: f64 = gain.iter().zip(sums).map(|(gain, sum)| gain * sum).sum();
+            self.value[row] += step;
+            steps[row] = step;
+        }
+        // Rounding leaves it hardly asymmetric.
+        self.covariance =
+            from_fn(|row| from_fn(|col| f64::midpoint(gain[row][col], gain[col][row])));
+
+        if self.error() > FOUND * before {
+            for (drift, step) in self.drift.iter_mut().zip(steps) {
+                *drift = DAMPED * (*drift + FOLLOWED * step);
+            }
+        }
+    }
+}
+
+/// Whether there is much evidence that rows sway.
+fn sways(points: &[Point]) -> bool {
+    let model = Model { sways: true, ..PLANE };
+    let fit = model.fitted(points);
+    fit.is_some_and(|fit| model.evidence(points, &fit) >= LEAST_EVIDENCE)
+}
+
+/// The product of two matrices.
+fn product(left: &Matrix, right: &Matrix) -> Matrix {
+    from_fn(|row| from_fn(|col| (0..TERMS).map(|at| left[row][at] * right[at][col]).sum()))
+}
+
+/// Solves linear equations for the columns of `right` by elimination; `None` where there is no single solution.
+fn solved(mut matrix: Matrix, mut right: Matrix) -> Option<Matrix> {
+    for at in 0..TERMS {
+        let rank = |row: &usize| matrix[*row][at].abs();
+        let pivot = (at..TERMS).max_by(|a, b| rank(a).total_cmp(&rank(b)))?;
+        matrix.swap(at, pivot);
+        right.swap(at, pivot);
+        if !(matrix[at][at].abs() > 0.0 && matrix[at][at].is_finite()) {
+            return None;
+        }
+
+        let (own, own_right) = (matrix[at], right[at]);
+        for row in (0..TERMS).filter(|row| *row != at) {
+            let share = matrix[row][at] / own[at];
+            for col in 0..TERMS {
+                matrix[row][col] -= share * own[col];
+                right[row][col] -= share * own_right[col];
+            }
+        }
+    }
+    Some(from_fn(|row| right[row].map(|value| value / matrix[row][row])))
+}
+
+/// Blocks of a matched map, row after row, at other places in every frame: where a disparity passed all checks. `field` is
+/// where rows are expected. Those of a third of the rows, in turns, or of all of them.
+pub fn seeds(
+    disparity: &Plane<f32>,
+    flags: &Plane<u16>,
+    field: &Alignment,
+    frame: u64,
+    has_all: bool,
+) -> Vec<Vec<Seed>> {
+    let (rows, cols) = (disparity.rows(), disparity.cols());
+    if rows.min(cols) <= 2 * BORDER + CELLS.0 {
+        return vec![];
+    }
+    // Seven and eleven have no divisor in common with the number of places.
+    let turn = frame / TURNS as u64;
+    let place = |step: u64| (turn.wrapping_mul(step) % PLACES as u64) as usize;
+    let (along, down) = (place(7), place(11));
+    let at = |cell: usize, place: usize, cells: usize, length: usize| {
+        BORDER + (cell * PLACES + place) * (length - 2 * BORDER) / (cells * PLACES)
+    };
+
+    let mut seeds = vec![];
+    let (first, step) = if has_all { (0, 1) } else { ((frame % TURNS as u64) as usize, TURNS) };
+    for row in (first..CELLS.1).step_by(step) {
+        let y = at(row, down, CELLS.1, rows);
+        let mut here = vec![];
+        for col in 0..CELLS.0 {
+            let x = at(col, along, CELLS.0, cols);
+            let value = f64::from(disparity.row(y)[x]);
+            if value.is_finite() && flags.row(y)[x] == 0 {
+                let (x, y) = (x as f64, y as f64);
+                here.push(Seed { x, y, dx: -value, dy: field.at(x - value, y) });
+            }
+        }
+        seeds.push(here);
+    }
+    seeds
+}

@@ -1,0 +1,334 @@
+//! The temporal filter: where neither image of a video has changed, a disparity is the mean of those of some frames.
+//!
+//! Fresh noise in every frame makes the disparities of a static scene flicker. Several frames say more than one, as long
+//! as both cameras still see the same thing at a pixel. So the filter has two parts: where a view has changed
+//! ([`change`]), and the recurrence of a pixel. With `d` the disparity of this frame, `D` that of the output before, and
+//! `n` the number of frames that support it:
+//!
+//! ```text
+//! seen(d) = the right view has not changed at (x - d, y), or (x - d, y) lies beside the image, or there is no d
+//! still   = of the places of the block of 32 x 32 pixels with both d and D, at most 2 / 3 have d - D from 1/4 to 2,
+//!           or from -2 to -1/4
+//! if n > 0 and still and the left view has not changed at (x, y) and seen(d) and seen(D):
+//!     if |d - D| <= 1, or there is neither d nor D:  n = min(n + 1, FRAMES)   D += (d - D) / n
+//!     else if n > 1:                                 n = n - 1                D stays
+//!     else:                                          n = 1                    D = d
+//! else:                                              n = 1                    D = d
+//! ```
+//!
+//! Things that come nearer by a pixel or less in a frame, and are so plain that hardly a gray value changes, move whole blocks of
+//! disparities one way, which noise does not.
+//!
+//! A disparity that is off by more than a pixel is outvoted by as many frames as support the other one: the majority
+//! vote of Boyer & Moore (1981). The rest is the recursive mean of the temporal filters of depth cameras, with a weight
+//! that begins at 1 and ends at 1 / [`FRAMES`]. Where the disparity before stays, its flags, its confidence and its error bar stay, too;
+//! elsewhere they are those of this frame.
+//!
+//! Frames that are the same to the bit give the same maps to the bit. A view that has changed everywhere, as at a cut,
+//! gives the map as it is.
+//!
+//! Why disparities are averaged, and not images: means of images that changed by less than their noise give better maps of
+//! a static scene, but worse ones of a moving camera, because matching sees texture below the noise and a test of a few
+//! pixels does not. `phasestereo bench video` measures both kinds of scenes.
+//!
+//! State: the output before (disparity, flags, confidence, error bar, `n`) and the means of each view: 15 bytes a pixel, 23 with
+//! confidences. A pixel depends on no other one, so rows are filtered in place and in parallel.
+
+pub mod change;
+
+use rayon::prelude::*;
+
+use self::change::{Changes, STEP, Scale};
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::error::Result;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::simd::{Level, Loop};
+use phasestereo_match::matcher::Disparity;
+use phasestereo_match::pair::Pair;
+use phasestereo_match::pair::candidates::Candidates;
+use phasestereo_match::settings::Settings;
+
+/// Most frames that a disparity is the mean of. Twice as many steady a static scene no more, and lag twice as long;
+/// half as many steady it less (`phasestereo bench video`).
+pub const FRAMES: u8 = 8;
+/// Side of the blocks whose disparities may move together.
+pub const BLOCK: usize = 32;
+/// One pixel of so many along each axis of a block is looked at.
+pub const SPARSE: usize = 4;
+/// Disparities that differ by more have moved, and a block of which more than two thirds have.
+pub const MOVED: f32 = 0.25;
+/// Disparities that differ by more are mistakes.
+pub const MOST_MOVED: f32 = 2.0;
+/// The fewest known disparities of a block that may have moved.
+pub const LEAST_MOVED: u32 = 16;
+/// Pixels by which disparities of one thing differ at most: the step of integer maps. With less, these flicker more;
+/// with more, different things are averaged.
+const SAME: f32 = 1.0;
+
+/// What is carried over from one frame of a video to the next.
+#[derive(Debug, Default)]
+pub struct TemporalFilter {
+    /// `None`: there was no frame, or an error ended its filtering.
+    before: Option<Before>,
+}
+
+/// The output before, and the views that it is of.
+#[derive(Debug)]
+struct Before {
+    key: Key,
+    views: [Changes; 2],
+    disparity: Plane<f32>,
+    flags: Plane<u16>,
+    /// Confidence and uncertainty, if there are any.
+    trust: [Option<Plane<f32>>; 2],
+    support: Plane<u8>,
+    /// Working memory: where something has changed, then where the disparity before stays.
+    marks: Plane<bool>,
+}
+
+/// Properties of a match that have to be the same for anything to be carried over.
+#[derive(Debug, PartialEq)]
+struct Key {
+    size: (usize, usize),
+    scales: [Scale; 2],
+    settings: Settings,
+    candidates: Candidates,
+}
+
+impl TemporalFilter {
+    /// A filter that has seen nothing.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Filters the map of the next frame in place, and returns how many frames support each disparity, 1 to 8.
+    ///
+    /// The pair is the one that was matched with these settings. Nothing is carried over to another size, type of pixels,
+    /// range of disparities or other settings, nor after an error.
+    pub fn apply(
+        &mut self,
+        pair: &Pair,
+        settings: &Settings,
+        map: &mut Disparity,
+        level: Level,
+        control: &Control,
+    ) -> Result<Plane<u8>> {
+        // Taken out, so that an error leaves nothing half updated.
+        let before = self.before.take().filter(|before| before.is_of(pair, settings));
+        let mut before = match before {
+            Some(before) => before,
+            None => Before::nothing(pair, settings, map, control)?,
+        };
+
+        for (view, changes) in pair.views().into_iter().zip(&mut before.views) {
+            changes.update(view, level, control)?;
+        }
+        before.follow(map, level, control)?;
+
+        let support = before.support.clone();
+        self.before = Some(before);
+        Ok(support)
+    }
+}
+
+impl Before {
+    /// The state of which no frame is supported yet.
+    fn nothing(
+        pair: &Pair,
+        settings: &Settings,
+        map: &Disparity,
+        control: &Control,
+    ) -> Result<Self> {
+        let size = pair.size();
+        let [left, right] = pair.views();
+        let like = |plane: &Option<Plane<f32>>| {
+            plane.is_some().then(|| Plane::new(size.0, size.1)).transpose()
+        };
+        let scales = [Scale::of_view(left, control)?, Scale::of_view(right, control)?];
+        let settings = compared(settings);
+        let key = Key { size, scales, settings, candidates: pair.candidates() };
+
+        Ok(Self {
+            key,
+            views: [Changes::new(size, scales[0])?, Changes::new(size, scales[1])?],
+            disparity: Plane::new(size.0, size.1)?,
+            flags: Plane::new(size.0, size.1)?,
+            trust: [like(&map.confidence)?, like(&map.uncertainty)?],
+            support: Plane::new(size.0, size.1)?,
+            marks: Plane::new(size.0, size.1)?,
+        })
+    }
+
+    /// Whether the pair may be the next frame.
+    fn is_of(&self, pair: &Pair, settings: &Settings) -> bool {
+        let [left, right] = pair.views();
+        let Key { size, scales, settings: before, candidates } = &self.key;
+
+        *size == pair.size()
+            && scales[0].suits(left)
+            && scales[1].suits(right)
+            && *before == compared(settings)
+            && *candidates == pair.candidates()
+    }
+
+    /// The blocks whose disparities have moved together.
+    fn moved(&self, now: &Plane<f32>) -> Plane<bool> {
+        let (rows, cols) = (now.rows(), now.cols());
+        let has_moved = |block_row: usize, block: usize| {
+            let (mut up, mut down, mut known) = (0u32, 0u32, 0u32);
+            for y in (block_row * BLOCK..((block_row + 1) * BLOCK).min(rows)).step_by(SPARSE) {
+                let (before, now) = (self.disparity.row(y), now.row(y));
+                let support = self.support.row(y);
+                for x in (block * BLOCK..((block + 1) * BLOCK).min(cols)).step_by(SPARSE) {
+                    let by = now[x] - before[x];
+                    known += u32::from(support[x] > 0 && !by.is_nan());
+                    let has_moved = by.abs() > MOVED && by.abs() <= MOST_MOVED && support[x] > 0;
+                    up += u32::from(has_moved && by > 0.0);
+                    down += u32::from(has_moved && by < 0.0);
+                }
+            }
+            known >= LEAST_MOVED && 3 * up.max(down) > 2 * known
+        };
+        Plane::from_fn(rows.div_ceil(BLOCK), cols.div_ceil(BLOCK), has_moved)
+    }
+
+    /// Applies the recurrence of the module to the map of the next frame, in place.
+    fn follow(&mut self, map: &mut Disparity, level: Level, control: &Control) -> Result<()> {
+        let cols = self.key.size.1;
+        let moved = self.moved(&map.disparity);
+        let [left, right] = &self.views;
+
+        let rows = self.disparity.as_mut_slice().par_chunks_mut(cols);
+        let rows = rows.zip(self.flags.as_mut_slice().par_chunks_mut(cols));
+        let rows = rows.zip(self.support.as_mut_slice().par_chunks_mut(cols));
+        let rows = rows.zip(self.marks.as_mut_slice().par_chunks_mut(cols));
+        let rows = rows.zip(map.disparity.as_mut_slice().par_chunks_mut(cols));
+        let rows = rows.zip(map.flags.as_mut_slice().par_chunks_mut(cols)).enumerate();
+        rows.try_for_each(|(y, (((((before, flags), support), marks), now), new_flags))| {
+            control.checkpoint()?;
+
+            let changed = [left.row(y), right.row(y)];
+            let moved = moved.row(y / BLOCK);
+            level.run(Follow { changed, moved, before, support, now, marks });
+            level.run(Keep { stays: marks, before: flags, now: new_flags });
+            Ok(())
+        })?;
+
+        for (before, now) in self.trust.iter_mut().zip([&mut map.confidence, &mut map.uncertainty])
+        {
+            let (Some(before), Some(now)) = (before, now) else { continue };
+
+            let rows = before.as_mut_slice().par_chunks_mut(cols);
+            let rows = rows.zip(now.as_mut_slice().par_chunks_mut(cols));
+            let rows = rows.zip(self.marks.as_slice().par_chunks(cols));
+            rows.for_each(|((before, now), stays)| level.run(Keep { stays, before, now }));
+        }
+
+        Ok(())
+    }
+}
+
+/// The settings that a map depends on. `align_rows` is left out: a stream asks for rows only where it estimates them anew.
+fn compared(settings: &Settings) -> Settings {
+    Settings { align_rows: false, ..settings.clone() }
+}
+
+/// The recurrence along a row: writes the result to both `before` and `now`, and marks where the disparity before stays.
+struct Follow<'a> {
+    changed: [&'a [bool]; 2],
+    moved: &'a [bool],
+    before: &'a mut [f32],
+    support: &'a mut [u8],
+    now: &'a mut [f32],
+    marks: &'a mut [bool],
+}
+
+impl Loop for Follow<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { changed: [left, right], moved, before, support, now, marks } = self;
+
+        mark_changed(left, right, before, now, marks);
+        for (marks, has_moved) in marks.chunks_mut(BLOCK).zip(moved) {
+            if *has_moved {
+                marks.fill(true);
+            }
+        }
+        follow(before, support, now, marks);
+    }
+}
+
+/// Marks pixels where the left view has changed, or the right view at the match of the disparity before or of this frame.
+#[inline(always)]
+fn mark_changed(left: &[bool], right: &[bool], before: &[f32], now: &[f32], marks: &mut [bool]) {
+    let (places, rest) = marks.as_chunks_mut::<STEP>();
+    for (place, has_changed) in places.iter_mut().zip(left) {
+        *place = [*has_changed; STEP];
+    }
+    rest.fill(left.last().is_some_and(|has_changed| *has_changed));
+
+    // Most rows of a static scene have not changed at all: no match has to be looked up there.
+    if !right.contains(&true) {
+        return;
+    }
+
+    let cols = marks.len();
+    for (x, mark) in marks.iter_mut().enumerate().filter(|(_, mark)| !**mark) {
+        let has_changed = |disparity: f32| {
+            let place = (x as f32 - disparity).round_ties_even();
+            // Both comparisons are false for NaN.
+            (place >= 0.0 && place < cols as f32) && right[place as usize / STEP]
+        };
+        *mark = has_changed(before[x]) || has_changed(now[x]);
+    }
+}
+
+/// The recurrence of the module. `marks` says where something has changed, then where the disparity before stays.
+#[inline(always)]
+fn follow(before: &mut [f32], support: &mut [u8], now: &mut [f32], marks: &mut [bool]) {
+    let count = now.len();
+    let (before, support, marks) =
+        (&mut before[..count], &mut support[..count], &mut marks[..count]);
+    for x in 0..count {
+        let (old, new, frames) = (before[x], now[x], support[x]);
+        let is_same = ((new - old).abs() <= SAME) | (new.is_nan() & old.is_nan());
+        let is_known = (frames > 0) & !marks[x];
+        let more = if frames < FRAMES { frames + 1 } else { FRAMES };
+        let mean = old + (new - old) / f32::from(more);
+
+        let stays = is_known & !is_same & (frames > 1);
+        let is_mean = is_known & is_same;
+
+        // A mean of NaN is not used: its bits differ between processors.
+        let result = if is_mean & !new.is_nan() { mean } else { new };
+        let result = if stays { old } else { result };
+        let fewer = if stays { frames.wrapping_sub(1) } else { 1 };
+
+        (before[x], now[x]) = (result, result);
+        support[x] = if is_mean { more } else { fewer };
+        marks[x] = stays;
+    }
+}
+
+/// Flags or confidences of a row: writes those before to `now` where the disparity stays, and all of `now` to `before`.
+struct Keep<'a, T> {
+    stays: &'a [bool],
+    before: &'a mut [T],
+    now: &'a mut [T],
+}
+
+impl<T: Copy> Loop for Keep<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let count = self.now.len();
+        let (stays, before) = (&self.stays[..count], &mut self.before[..count]);
+        for x in 0..count {
+            let kept = if stays[x] { before[x] } else { self.now[x] };
+            (before[x], self.now[x]) = (kept, kept);
+        }
+    }
+}

@@ -1,0 +1,456 @@
+//! Where a view of a video has changed by more than its noise.
+//!
+//! A view is compared with its mean over the frames since each place changed last, so changes add up that are too slow to be
+//! seen from one frame to the next. Places are the pixels of every [`STEP`]th row and column, and stand for the pixels up
+//! to the next ones. With `g` the gray value of this frame, `m` and `n` mean and count of those before, and `noise` the
+//! variance of the noise:
+//!
+//! ```text
+//! gain    = median of g / m over some places, or 1                   what the exposure changed by
+//! off     = g - gain m         0 where the brighter of both is at white and may have been brighter still
+//! excess  = min(off^2 / noise, LARGEST) - RATIO (1 + 1 / n)          0 outside the image, and where g or m is unknown
+//! changed = the sum of the excesses of 3 x 3 places is positive, or g or m is unknown
+//! if changed:  n = 1                    m = g
+//! else:        n = min(n + 1, FRAMES)   m = gain m + (g - gain m) / n
+//! ```
+//!
+//! Exposures change all gray values alike, so their quotients agree; where they do not, as where the camera moves, the gain is 1.
+//! A gain that is hardly more than noise is 1, too.
+//!
+//! `noise (1 + 1 / n)` is the expectation of `(g - m)^2` where nothing has changed. Masked pixels are unknown.
+//!
+//! The noise is estimated in each frame: the mean square of the second difference along both axes (Immerkaer 1996), which
+//! cancels all but noise and fine texture, in blocks of 8 x 8 pixels; the quietest twentieth of the blocks gives the
+//! estimate. The noise of the blur estimation is no substitute, for `fast` does without it. One variance is assumed for the
+//! whole view. Where noise grows with the light, the filter does nearly as well.
+//!
+//! Values are 32-bit floats, each computed by itself in the order above: no result depends on threads or on lanes.
+
+use std::mem;
+
+use rayon::prelude::*;
+
+use crate::video::temporal::FRAMES;
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::error::Result;
+use phasestereo_match::base::plane::{Plane, zeroed};
+use phasestereo_match::base::simd::{Level, Loop};
+use phasestereo_match::image::intensity::intensity_range;
+use phasestereo_match::image::view::{Image, View};
+
+/// Multiple of the expected square that still counts as no change. A larger one ignores more of the noise, and more of
+/// slow motion, too. A smaller one lets a static scene flicker (`phasestereo bench video --preset fast --noise 8`).
+pub const RATIO: f32 = 3.0;
+/// Largest square of one pixel, in units of the noise: no float overflows.
+pub const LARGEST: f32 = 16384.0;
+/// Least and largest standard deviation of the noise, on a scale of 255 gray levels from black to white: rounding to
+/// bytes has 0.29, and larger estimates are taken for texture.
+pub const LEAST_NOISE: f32 = 0.25;
+/// See [`LEAST_NOISE`].
+pub const MOST_NOISE: f32 = 10.0;
+/// Rows and columns from one place to the next. With 1 the filter follows moving edges better, for half as much time again
+/// and more than twice the memory.
+pub const STEP: usize = 2;
+/// Side of the blocks in which the noise is estimated.
+pub const BLOCK: usize = 8;
+/// Number of blocks that suffices: of larger images rows of blocks are skipped.
+pub const ENOUGH_BLOCKS: usize = 256;
+/// One block in so many counts as quiet, with little but noise.
+pub const QUIETEST: usize = 20;
+/// The ratio of the noise to the mean square of the quiet blocks: less than it would be for noise alone, since most blocks
+/// have some texture.
+pub const BLOCK_FACTOR: f32 = 1.25;
+
+/// Gray levels from here on are as good as white.
+pub const WHITE_FROM: f32 = 250.0;
+/// Quotients of gray levels below this say little.
+pub const DARK: f32 = 24.0;
+/// One place of so many along each axis says how the exposure changed.
+pub const SAMPLED: usize = 4;
+/// The fewest places that do.
+pub const LEAST_SAMPLED: usize = 64;
+/// Gains nearer to one are noise.
+pub const EVEN: f32 = 0.01;
+/// The largest difference of the quartiles of the quotients, beside the median.
+pub const AGREEING: f32 = 0.15;
+
+/// Gray levels from black to white.
+const WHITE: f64 = 255.0;
+/// Largest relative difference of equal units.
+const SAME_UNIT: f64 = 1e-6;
+
+/// The conversion of pixels to gray levels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scale {
+    /// The kind of pixels, and the number of channels.
+    kind: (mem::Discriminant<Image>, usize),
+    /// The unit of the pixels.
+    unit: f64,
+    /// Black, in thousandths of the pixels' unit.
+    black: f64,
+    /// Gray levels to a thousandth of the pixels' unit.
+    factor: f64,
+}
+
+impl Scale {
+    /// The scale of a view. The range of this frame holds for those that follow.
+    pub fn of_view(view: &View, control: &Control) -> Result<Self> {
+        let range = intensity_range(view, control)?;
+
+        let width = if range.width() > 0.0 { range.width() } else { 1.0 };
+        let (kind, unit) = (kind(view), view.unit);
+        Ok(Self { kind, unit, black: range.black, factor: WHITE / width })
+    }
+
+    /// Whether the view has pixels of this kind and unit.
+    pub fn suits(&self, view: &View) -> bool {
+        // Units that are found in the values of each frame may differ by a rounding.
+        let is_same_unit = (view.unit / self.unit - 1.0).abs() < SAME_UNIT;
+        self.kind == kind(view) && is_same_unit
+    }
+
+    /// Writes the gray levels of a row; NaN where they are masked.
+    fn write(&self, view: &View, y: usize, level: Level, row: &mut Row) {
+        let Row { integers, floats, gray } = row;
+
+        if let Image::U8(_) = view.image {
+            view.image.write_centered(y, 0, level, integers);
+            // Those of color images are in thousandths already.
+            let unit = if view.image.shape().2 == 3 { 1.0 } else { 1000.0 };
+            let factor = (unit * self.factor) as f32;
+            level.run(ToGrayLevels { values: integers, factor, gray });
+        } else {
+            view.image.write_luminance(y, floats);
+            for (gray, value) in gray.iter_mut().zip(floats) {
+                *gray = ((*value - self.black) * self.factor) as f32;
+            }
+        }
+
+        if let Some(mask) = &view.mask {
+            for (gray, is_valid) in gray.iter_mut().zip(mask.row(y)) {
+                *gray = if *is_valid { *gray } else { f32::NAN };
+            }
+        }
+    }
+}
+
+/// Buffers for the gray levels of a row: as integers, as doubles, and the result.
+struct Row {
+    integers: Vec<i32>,
+    floats: Vec<f64>,
+    gray: Vec<f32>,
+}
+
+impl Row {
+    fn new(cols: usize) -> Result<Self> {
+        Ok(Self { integers: zeroed(cols)?, floats: zeroed(cols)?, gray: zeroed(cols)? })
+    }
+}
+
+/// The type and the number of channels of a view.
+fn kind(view: &View) -> (mem::Discriminant<Image>, usize) {
+    (mem::discriminant(&view.image), view.image.shape().2)
+}
+
+/// The means of a view over the frames before, and where the last frame changed.
+#[derive(Debug)]
+pub struct Changes {
+    scale: Scale,
+    /// Mean gray levels of the places ...
+    mean: Plane<f32>,
+    /// ... and of how many frames; 0: unknown.
+    count: Plane<u8>,
+    changed: Plane<bool>,
+    /// The gray levels of the last frame ...
+    gray: Plane<f32>,
+    /// ... and their excesses, with one more place on each side, where nothing is in excess.
+    excess: Plane<f32>,
+}
+
+impl Changes {
+    /// The state before the first frame.
+    pub fn new((rows, cols): (usize, usize), scale: Scale) -> Result<Self> {
+        let rows = rows.div_ceil(STEP);
+        let cols = cols.div_ceil(STEP);
+
+        Ok(Self {
+            scale,
+            mean: Plane::new(rows, cols)?,
+            count: Plane::new(rows, cols)?,
+            changed: Plane::new(rows, cols)?,
+            gray: Plane::new(rows, cols)?,
+            excess: Plane::new(rows + 2, cols + 2)?,
+        })
+    }
+
+    /// Which places of image row `y` have changed in the last frame.
+    pub fn row(&self, y: usize) -> &[bool] {
+        self.changed.row(y / STEP)
+    }
+
+    /// Finds where the next frame has changed, and updates the means.
+    pub fn update(&mut self, view: &View, level: Level, control: &Control) -> Result<()> {
+        let noise = noise(view, &self.scale, level, control)?;
+        let gain = self.gain(view, level, control)?;
+        self.compare(view, noise, gain, level, control)?;
+
+        let Self { mean, count, changed, gray, excess, .. } = self;
+        let cols = changed.cols();
+        let rows = mean.as_mut_slice().par_chunks_mut(cols);
+        let rows = rows.zip(count.as_mut_slice().par_chunks_mut(cols));
+        let rows = rows.zip(changed.as_mut_slice().par_chunks_mut(cols)).enumerate();
+        rows.for_each(|(y, ((mean, count), changed))| {
+            let excess = [y, y + 1, y + 2].map(|y| excess.row(y));
+            level.run(Update { excess, gray: gray.row(y), gain, mean, count, changed });
+        });
+
+        Ok(())
+    }
+
+    /// By what the exposure of a frame differs from that of the means.
+    fn gain(&self, view: &View, level: Level, control: &Control) -> Result<f32> {
+        let Self { scale, mean, count, .. } = self;
+        let mut row = Row::new(view.image.shape().1)?;
+        let mut quotients = vec![];
+        for y in (0..mean.rows()).step_by(SAMPLED) {
+            control.checkpoint()?;
+            scale.write(view, STEP * y, level, &mut row);
+            for x in (0..mean.cols()).step_by(SAMPLED) {
+                let (gray, mean) = (row.gray[STEP * x], mean.row(y)[x]);
+                let range = DARK..WHITE_FROM;
+                if count.row(y)[x] > 0 && range.contains(&gray) && range.contains(&mean) {
+                    quotients.push(gray / mean);
+                }
+            }
+        }
+        if quotients.len() < LEAST_SAMPLED {
+            return Ok(1.0);
+        }
+
+        let mut quartile = |number: usize| {
+            let at = quotients.len() * number / 4;
+            *quotients.select_nth_unstable_by(at, f32::total_cmp).1
+        };
+        let [low, middle, high] = [1, 2, 3].map(&mut quartile);
+        let is_even = (middle - 1.0).abs() < EVEN || high - low > AGREEING * middle;
+        Ok(if is_even { 1.0 } else { middle })
+    }
+
+    /// Computes gray levels and excesses.
+    fn compare(
+        &mut self,
+        view: &View,
+        noise: f32,
+        gain: f32,
+        level: Level,
+        control: &Control,
+    ) -> Result<()> {
+        let Self { scale, mean, count, gray, excess, .. } = self;
+        let (cols, image_cols) = (gray.cols(), view.image.shape().1);
+        let inside = excess.as_mut_slice().par_chunks_mut(cols + 2).skip(1);
+        let rows = gray.as_mut_slice().par_chunks_mut(cols).zip(inside).enumerate();
+
+        let compare_row =
+            |row: &mut Result<Row>, (y, (gray, excess)): (usize, (&mut [f32], &mut [f32]))| {
+                control.checkpoint()?;
+
+                let row = row.as_mut().map_err(|error| error.clone())?;
+                scale.write(view, STEP * y, level, row);
+                for (gray, value) in gray.iter_mut().zip(row.gray.iter().step_by(STEP)) {
+                    *gray = *value;
+                }
+
+                let (mean, count) = (mean.row(y), count.row(y));
+                let out = &mut excess[1..=cols];
+                level.run(Excess { gray, mean, count, inverse: 1.0 / noise, gain, out });
+                Ok(())
+            };
+        rows.try_for_each_init(|| Row::new(image_cols), compare_row)
+    }
+}
+
+/// Scales a row of integers to gray levels.
+struct ToGrayLevels<'a> {
+    values: &'a [i32],
+    factor: f32,
+    gray: &'a mut [f32],
+}
+
+impl Loop for ToGrayLevels<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        for (gray, value) in self.gray.iter_mut().zip(self.values) {
+            *gray = *value as f32 * self.factor;
+        }
+    }
+}
+
+/// The excesses of a row of places.
+struct Excess<'a> {
+    gray: &'a [f32],
+    mean: &'a [f32],
+    count: &'a [u8],
+    inverse: f32,
+    gain: f32,
+    out: &'a mut [f32],
+}
+
+impl Loop for Excess<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { gray, mean, count, inverse, gain, out } = self;
+        write_excess([gray, mean], count, [inverse, gain], out);
+    }
+}
+
+/// The excess of the module. Outputs and inputs are separate arguments, so the vectorizer knows that they do not overlap.
+#[inline(always)]
+fn write_excess(
+    [gray, mean]: [&[f32]; 2],
+    count: &[u8],
+    [inverse, gain]: [f32; 2],
+    excess: &mut [f32],
+) {
+    let cols = excess.len();
+    let (gray, mean, count) = (&gray[..cols], &mean[..cols], &count[..cols]);
+
+    for x in 0..cols {
+        let difference = gray[x] - gain * mean[x];
+        // What is white may have been brighter still.
+        let is_white = if difference > 0.0 { mean[x] } else { gray[x] } >= WHITE_FROM;
+        let difference = if is_white { 0.0 } else { difference };
+        let square = (difference * difference) * inverse;
+        let square = if square < LARGEST { square } else { LARGEST };
+
+        let value = square - (RATIO + RATIO / f32::from(count[x]));
+        excess[x] = if (count[x] == 0) | gray[x].is_nan() { 0.0 } else { value };
+    }
+}
+
+/// Changes and means of a row of places; `excess` has the rows above and below, too.
+struct Update<'a> {
+    excess: [&'a [f32]; 3],
+    gray: &'a [f32],
+    gain: f32,
+    mean: &'a mut [f32],
+    count: &'a mut [u8],
+    changed: &'a mut [bool],
+}
+
+impl Loop for Update<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        update(self.excess, self.gray, self.gain, self.mean, self.count, self.changed);
+    }
+}
+
+/// The recurrence of the module; arguments as in [`write_excess`].
+#[inline(always)]
+fn update(
+    [above, own, below]: [&[f32]; 3],
+    gray: &[f32],
+    gain: f32,
+    mean: &mut [f32],
+    count: &mut [u8],
+    changed: &mut [bool],
+) {
+    let cols = gray.len();
+    let (above, own, below) = (&above[..cols + 2], &own[..cols + 2], &below[..cols + 2]);
+    let (mean, count, changed) = (&mut mean[..cols], &mut count[..cols], &mut changed[..cols]);
+
+    for x in 0..cols {
+        let column = |x: usize| (above[x] + own[x]) + below[x];
+        let sum = (column(x) + column(x + 1)) + column(x + 2);
+        let is_unknown = gray[x].is_nan();
+        let has_changed = (sum > 0.0) | is_unknown | (count[x] == 0);
+
+        let more = if count[x] < FRAMES { count[x] + 1 } else { FRAMES };
+        let before = gain * mean[x];
+        let value = before + (gray[x] - before) / f32::from(more);
+        let value = if has_changed { gray[x] } else { value };
+        let frames = if has_changed { 1 } else { more };
+
+        mean[x] = if is_unknown { 0.0 } else { value };
+        count[x] = if is_unknown { 0 } else { frames };
+        changed[x] = has_changed;
+    }
+}
+
+/// The variance of the noise of a view, squared gray levels.
+pub fn noise(view: &View, scale: &Scale, level: Level, control: &Control) -> Result<f32> {
+    let (rows, cols, _) = view.image.shape();
+
+    // Second differences need a neighbor on every side.
+    let block_rows = rows.saturating_sub(2) / BLOCK;
+    let block_cols = cols.saturating_sub(2) / BLOCK;
+    let step = (block_rows * block_cols).div_ceil(ENOUGH_BLOCKS).max(1);
+
+    let squares = (0..block_rows.div_ceil(step)).into_par_iter().map(|index| {
+        control.checkpoint()?;
+        block_squares(view, scale, index * step * BLOCK, level)
+    });
+    let squares: Vec<_> = squares.collect::<Result<_>>()?;
+
+    let mut squares: Vec<f32> =
+        squares.into_iter().flatten().filter(|square| !square.is_nan()).collect();
+    if squares.is_empty() {
+        return Ok(LEAST_NOISE * LEAST_NOISE);
+    }
+
+    let place = squares.len() / QUIETEST;
+    let (_, square, _) = squares.select_nth_unstable_by(place, f32::total_cmp);
+    Ok((*square * BLOCK_FACTOR).clamp(LEAST_NOISE * LEAST_NOISE, MOST_NOISE * MOST_NOISE))
+}
+
+/// The mean squares of the second differences in a row of blocks whose pixels above begin with row `first`; NaN where
+/// pixels are masked.
+fn block_squares(view: &View, scale: &Scale, first: usize, level: Level) -> Result<Vec<f32>> {
+    let cols = view.image.shape().1;
+    let mut rows = [Row::new(cols)?, Row::new(cols)?, Row::new(cols)?];
+    let mut sums = zeroed(cols - 2)?;
+
+    for y in 0..BLOCK + 2 {
+        scale.write(view, first + y, level, &mut rows[y % 3]);
+        if y >= 2 {
+            let rows = [y - 2, y - 1, y].map(|slot| &*rows[slot % 3].gray);
+            level.run(Squares { rows, sums: &mut sums });
+        }
+    }
+
+    let pixels = (BLOCK * BLOCK) as f32;
+    Ok(sums.chunks_exact(BLOCK).map(|block| block.iter().sum::<f32>() / pixels).collect())
+}
+
+/// Adds the squared second differences of a row to those of its block.
+struct Squares<'a> {
+    rows: [&'a [f32]; 3],
+    sums: &'a mut [f32],
+}
+
+impl Loop for Squares<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        add_squares(self.rows, self.sums);
+    }
+}
+
+/// Arguments as in [`write_excess`]. A sixth of the mask 1 -2 1 along both axes keeps the variance of white noise.
+#[inline(always)]
+fn add_squares([above, own, below]: [&[f32]; 3], sums: &mut [f32]) {
+    let cols = sums.len();
+    let (above, own, below) = (&above[..cols + 2], &own[..cols + 2], &below[..cols + 2]);
+
+    for (x, sum) in sums.iter_mut().enumerate() {
+        let column = |x: usize| (above[x] + below[x]) - 2.0 * own[x];
+        let second = ((column(x) + column(x + 2)) - 2.0 * column(x + 1)) / 6.0;
+        *sum += second * second;
+    }
+}

@@ -1,0 +1,10 @@
+//! What all stages stand on: errors, planes, memory, threads, arithmetic that is the same on every platform.
+
+pub mod control;
+pub mod error;
+pub mod math;
+pub mod memory;
+pub mod plane;
+pub mod platform;
+pub mod simd;
+pub mod value;

@@ -1,0 +1,18 @@
+//! Images: what callers hand over, and what is done to pixels before they are described.
+
+pub mod blocking;
+pub mod convolution;
+pub mod impulses;
+pub mod intensity;
+pub mod intensity_range;
+pub mod masking;
+pub mod normalization;
+pub mod packing;
+pub mod regions;
+pub mod smoothing;
+pub mod texture;
+pub mod view;
+pub mod window_sums;
+
+/// Largest side of a kernel that an image is convolved with.
+pub const LARGEST_KERNEL: usize = 129;

@@ -1,0 +1,550 @@
+//! The order of the stages, and bands of rows on threads. No arithmetic of its own.
+
+pub mod footprint;
+pub mod halo;
+pub mod map;
+pub mod runtime;
+pub mod section;
+pub mod summary;
+
+use std::any::Any;
+use std::ops::Range;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use std::{env, thread};
+
+use rayon::prelude::*;
+
+use crate::base::control::Control;
+use crate::base::error::{Error, Result};
+use crate::base::plane::Plane;
+use crate::base::platform::{Instant, ThreadPool};
+use crate::base::simd::Level;
+use crate::base::value::Value;
+use crate::cost::Costs;
+use crate::cost::aggregation::Window;
+use crate::image::texture::Texture;
+use crate::matcher::footprint::Demand;
+use crate::matcher::halo::Halo;
+use crate::matcher::map::{DraftMap, MapBand};
+use crate::matcher::section::Section;
+use crate::optimization::edges::Edges;
+use crate::optimization::evidence::{Evidence, NONE};
+use crate::optimization::{AggregatedCosts, CandidateSearch, Penalties, Weighing, Workspace};
+use crate::pair::Pair;
+use crate::pair::candidates::Candidates;
+use crate::refinement::calibration::{Calibration, Faults, Tally, Weights, traits};
+use crate::refinement::left_right_check::Checker;
+use crate::refinement::sample::{self, SampledMap};
+use crate::refinement::synthesis;
+use crate::refinement::{Draft, MapWriter, invalidate};
+use crate::settings::{Optimizer, Settings};
+
+/// Most threads that one match may ask for.
+pub const MOST_THREADS: usize = 1024;
+
+/// How the work is divided; the result does not depend on it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Execution {
+    /// Number of threads.
+    pub threads: usize,
+    /// Instructions to use.
+    pub level: Level,
+}
+
+/// A disparity map as seen from the left image, with flags and confidence.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Disparity {
+    /// Disparity, pixels; NaN where there is none.
+    pub disparity: Plane<f32>,
+    /// Bits of [`crate::refinement::flag`].
+    pub flags: Plane<u16>,
+    /// Confidence from 0 to 1; `None`: not computed.
+    pub confidence: Option<Plane<f32>>,
+    /// Half the width of the interval that holds the true disparity with a probability of 90 %, pixels; NaN where there
+    /// is no estimate. `None`: not computed.
+    pub uncertainty: Option<Plane<f32>>,
+    /// Without confidences, the estimated share of the disparities that are off by more than 1 px, by those of a few
+    /// rows; `None`: with confidences, or where nothing could be sampled.
+    pub wrong: Option<f64>,
+    /// Where smaller copies decided, the images hold no detail finer than this, pixels: how many times smaller these are, as a
+    /// geometric mean over the pixels. `None`: none decided.
+    pub detail: Option<f64>,
+    /// Wall-clock time of each stage.
+    pub timings: Timings,
+}
+
+/// Wall-clock time of each stage.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Timings {
+    /// From images to codes (or to what else the cost compares).
+    pub description: Duration,
+    /// From codes to unrefined disparities.
+    pub matching: Duration,
+    /// From unrefined to filled and smoothed disparities, with confidences.
+    pub refinement: Duration,
+    /// From there to a map that is decided over scales; the match of smaller copies is part of it.
+    pub scales: Duration,
+}
+
+/// Matches pairs, one after another or several at a time, and reuses threads and memory.
+#[derive(Debug)]
+pub struct Matcher {
+    pool: ThreadPool,
+    /// Workspaces that no band uses at the moment, the last used one last.
+    spare: Mutex<Vec<Spare>>,
+}
+
+/// A workspace of any type.
+#[derive(Debug)]
+struct Spare {
+    memory: Box<dyn Any + Send>,
+    /// The most bytes that it can take, by the memory model.
+    bytes: usize,
+}
+
+/// The unrefined disparities of some rows.
+struct Unrefined {
+    /// The map.
+    map: DraftMap,
+    /// The texture of the left image, if the settings need it.
+    texture: Option<Texture>,
+    /// Wall-clock time of each stage so far.
+    timings: Timings,
+}
+
+/// What the bands of a match have in common.
+struct Job<'a> {
+    costs: &'a Costs<'a>,
+    window: Window,
+    search: CandidateSearch<'a>,
+    settings: &'a Settings,
+    /// Bytes of the workspace of a band, by the memory model.
+    workspace: usize,
+}
+
+/// Runs `work` on threads that are started for it and ended after it.
+pub fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> Result<T> {
+    Ok(thread_pool(threads)?.install(work))
+}
+
+/// The number of threads in the environment variable `RAYON_NUM_THREADS`, or else as many as the process may use.
+pub fn usable_threads() -> usize {
+    let wanted = env::var("RAYON_NUM_THREADS").ok().and_then(|text| text.parse().ok());
+    let usable = || thread::available_parallelism().map_or(1, Into::into);
+
+    wanted.filter(|&count| count > 0).unwrap_or_else(usable).min(MOST_THREADS)
+}
+
+fn thread_pool(threads: usize) -> Result<ThreadPool> {
+    if !(1..=MOST_THREADS).contains(&threads) {
+        return Err(Error::value(
+            "threads",
+            threads,
+            format!("an integer from 1 to {MOST_THREADS}"),
+        ));
+    }
+
+    ThreadPool::new(threads)
+}
+
+impl Matcher {
+    /// A matcher with so many threads, from 1 to 1024.
+    pub fn new(threads: usize) -> Result<Self> {
+        Ok(Self { pool: thread_pool(threads)?, spare: Mutex::default() })
+    }
+
+    /// Starts work on the threads and does not wait for it. The work must not panic.
+    pub fn spawn(&self, work: impl FnOnce() + Send + 'static) {
+        self.pool.spawn(work);
+    }
+
+    /// Runs work on the threads and waits for it.
+    pub fn install<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
+        self.pool.install(work)
+    }
+
+    /// Matches a pair.
+    pub fn match_pair(
+        &self,
+        pair: &Pair,
+        settings: &Settings,
+        execution: Execution,
+        control: &Control,
+    ) -> Result<Disparity> {
+        self.match_rows(pair, &Section::whole(pair), settings, execution, control)
+    }
+
+    /// Matches some rows of a pair: to the bit as in the whole pair, if the pair has their halo.
+    pub fn match_rows(
+        &self,
+        pair: &Pair,
+        section: &Section,
+        settings: &Settings,
+        execution: Execution,
+        control: &Control,
+    ) -> Result<Disparity> {
+        Ok(self.match_calibrated(pair, section, settings, execution, control)?.returned(settings))
+    }
+
+    /// The same with every disparity that there is, whatever is held against it.
+    pub fn match_calibrated(
+        &self,
+        pair: &Pair,
+        section: &Section,
+        settings: &Settings,
+        execution: Execution,
+        control: &Control,
+    ) -> Result<Disparity> {
+        let raw = self.match_raw(pair, section, settings, execution, control)?;
+        self.pool.install(|| {
+            let tally = section.tally.or_else(|| raw.tally(pair.candidates()));
+            let faults = Faults::of_pair(pair, control)?;
+            raw.calibrated(tally, faults, settings.optimizer)
+        })
+    }
+
+    /// The same with raw confidences. The sums over these rows are those that calibration needs, if they are rows to sample.
+    pub fn match_raw(
+        &self,
+        pair: &Pair,
+        section: &Section,
+        settings: &Settings,
+        execution: Execution,
+        control: &Control,
+    ) -> Result<Disparity> {
+        settings.check()?;
+        section.check(pair)?;
+
+        // Refinement looks at unrefined rows around these, so more rows are chosen and then cut off.
+        let around = section.widened(Halo::new(settings, pair.blur_compensation(), None).map, pair);
+        let wanted = section.rows.start - around.start..section.rows.end - around.start;
+        let widened = Section { rows: around, ..section.clone() };
+
+        let found =
+            self.pool.install(|| self.refined(pair, &widened, settings, execution, control))?;
+        Ok(found.of_rows(wanted))
+    }
+
+    /// Matches some rows of a pair, whose map is refined as if the pair had no other rows. Confidences stay raw, as the
+    /// stages before the match of the pair itself need them.
+    pub fn match_alone(
+        &self,
+        pair: &Pair,
+        section: &Section,
+        settings: &Settings,
+        execution: Execution,
+        control: &Control,
+    ) -> Result<Disparity> {
+        settings.check()?;
+        section.check(pair)?;
+
+        let found =
+            self.pool.install(|| self.refined(pair, section, settings, execution, control))?;
+        Ok(found.returned(settings))
+    }
+
+    fn refined(
+        &self,
+        pair: &Pair,
+        section: &Section,
+        settings: &Settings,
+        execution: Execution,
+        control: &Control,
+    ) -> Result<Disparity> {
+        let unrefined = self.choose(pair, section, settings, execution, control)?;
+        unrefined.refined(pair, section.rows.clone(), settings, execution.level, control)
+    }
+
+    fn choose(
+        &self,
+        pair: &Pair,
+        section: &Section,
+        settings: &Settings,
+        execution: Execution,
+        control: &Control,
+    ) -> Result<Unrefined> {
+        let started = Instant::now();
+        let (candidates, level) = (pair.candidates(), execution.level);
+        let costs = Costs::new(
+            pair.views(),
+            candidates,
+            settings,
+            pair.blur_compensation(),
+            level,
+            control,
+        )?;
+        let description = started.elapsed();
+
+        let started = Instant::now();
+        let texture =
+            Texture::of_view(pair.views()[0], settings, section.roughness, level, control)?;
+        let edges = Edges::asked_for(texture.as_ref(), settings, pair.size().1, level, control)?;
+
+        let window = Window::new(pair.size(), candidates.count(), settings, costs.ceiling());
+        let search = CandidateSearch {
+            size: pair.size(),
+            first: section.first,
+            candidates: candidates.count(),
+            ranges: section.ranges.as_ref(),
+            optimizer: settings.optimizer,
+            penalties: Penalties::new(settings, window, costs.steps()),
+            edges: &edges,
+            weighs: if settings.needs_evidence() { Weighing::All } else { Weighing::Sampled },
+            level,
+            control,
+        };
+
+        let demand = Demand {
+            settings,
+            compensation: pair.blur_compensation(),
+            alignment: None,
+            cols: pair.size().1,
+            candidates: candidates.count(),
+            pixel: pair.views()[0].image.shape().2,
+            threads: execution.threads,
+        };
+        let workspace = demand.workspace();
+        let job = Job { costs: &costs, window, search, settings, workspace };
+
+        let mut map = DraftMap::new((section.rows.len(), pair.size().1), texture.is_some())?;
+        let bands = map.bands(job.search.bands(section.rows.clone()));
+        // The narrower the integers, the more candidates fit a register.
+        match Width::new(settings, window, job.search.penalties, costs.has_masks()) {
+            Width::Bytes => self.match_bands::<u8>(bands, &job),
+            Width::Words => self.match_bands::<u16>(bands, &job),
+            Width::Widest => self.match_bands::<u32>(bands, &job),
+        }?;
+        let matching = started.elapsed();
+
+        let timings = Timings { description, matching, ..Timings::default() };
+        Ok(Unrefined { map, texture, timings })
+    }
+
+    /// Matches bands, each by itself: cost -> aggregation -> optimization -> disparity and flags of each pixel.
+    fn match_bands<T: Value>(&self, bands: Vec<MapBand>, job: &Job) -> Result<()> {
+        // One band per task: longer tasks would leave threads idle at the end.
+        bands.into_par_iter().with_max_len(1).try_for_each(|mut band| {
+            let (mut workspace, bytes): (Box<Workspace<T>>, _) = self.memory();
+            let (costs, window, level) = (job.costs, job.window, job.search.level);
+            let source = AggregatedCosts { costs, window, level };
+
+            let evidence = job.search.choose(band.rows(), &source, &mut workspace)?;
+            job.write(&mut band, evidence)?;
+            job.search.control.finish_rows(band.rows().len());
+
+            let bytes = bytes.max(job.workspace);
+            self.spare().push(Spare { memory: workspace, bytes });
+            Ok(())
+        })
+    }
+
+    /// A workspace of this type and the bytes that it may have: a used one if there is any.
+    fn memory<M: Default + Send + 'static>(&self) -> (Box<M>, usize) {
+        let mut spare = self.spare();
+        let index = spare.iter().rposition(|spare| spare.memory.is::<M>());
+        let Spare { memory, bytes } = index.map_or_else(
+            || Spare { memory: Box::<M>::default(), bytes: 0 },
+            |index| spare.remove(index),
+        );
+
+        (memory.downcast().unwrap_or_default(), bytes)
+    }
+
+    /// Gives workspaces back that no band uses, those that were not used for longest first, until the others have at most so
+    /// many bytes.
+    pub fn keep_at_most(&self, bytes: usize) {
+        let mut spare = self.spare();
+        let mut kept = spare.iter().map(|spare| spare.bytes).sum::<usize>();
+        spare.retain(|one| {
+            let is_kept = kept <= bytes;
+            kept -= if is_kept { 0 } else { one.bytes };
+            is_kept
+        });
+    }
+
+    fn spare(&self) -> MutexGuard<'_, Vec<Spare>> {
+        self.spare.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Job<'_> {
+    /// Writes disparities and flags of a band into the map.
+    fn write(&self, band: &mut MapBand, evidence: &Evidence) -> Result<()> {
+        let writer = self.writer();
+        let mut checker = Checker::default();
+
+        for (row, y) in band.rows().enumerate() {
+            let (found, mut out) = (evidence.row(row), band.row(row));
+            let found = if self.search.weighs(y) { found } else { found.bare() };
+            // Without confidences, those of a sample say how much is wrong.
+            let is_voted =
+                self.settings.needs_confidence() || sample::is_weighed(self.search.first + y);
+            out.votes = out.votes.filter(|_| is_voted);
+
+            writer.write(y, found, &mut checker, out, self.search.level)?;
+        }
+
+        Ok(())
+    }
+
+    fn writer(&self) -> MapWriter<'_> {
+        MapWriter {
+            candidates: self.costs.candidates(),
+            cols: self.window.cols,
+            validity: self.costs.validity(),
+            subpixel: self.settings.subpixel,
+            consistency: self.settings.lr_check.map(|most| most as u16),
+            uniqueness: self.settings.uniqueness as u64,
+            unit: self.window.unit(self.costs.steps()) as f32,
+            unrelated: self
+                .costs
+                .unrelated()
+                .map_or(NONE, |cost| (cost * self.window.unit(1)) as u32),
+        }
+    }
+}
+
+impl Unrefined {
+    /// Flags what cannot be right, fills it and smooths. The map is of these rows of the pair.
+    fn refined(
+        self,
+        pair: &Pair,
+        rows: Range<usize>,
+        settings: &Settings,
+        level: Level,
+        control: &Control,
+    ) -> Result<Disparity> {
+        let started = Instant::now();
+        let (views, compensation) = (pair.views(), pair.blur_compensation());
+        let blurred_pair = synthesis::BlurredPair::new(
+            views,
+            compensation,
+            rows.clone(),
+            settings,
+            level,
+            control,
+        )?;
+        let is_whole = rows.len() == pair.size().0;
+        let texture = self.texture.map(|texture| texture.of_rows(rows));
+
+        let DraftMap { disparity, mut flags, votes } = self.map;
+        let draft = Draft {
+            disparity,
+            flags: &mut flags,
+            votes: votes.as_ref().filter(|_| settings.needs_confidence()),
+            texture: texture.as_ref(),
+            blurred_pair: blurred_pair.as_ref(),
+        };
+
+        let (disparity, confidence) = draft.refine(settings, level, control)?;
+        let wrong = match (&confidence, &votes, &texture) {
+            // Rows of a part are not those of the whole.
+            (None, Some(votes), Some(texture)) if is_whole => {
+                let map = SampledMap { disparity: &disparity, flags: &flags, votes, texture };
+                let faults = Faults::of_pair(pair, control)?;
+                map.wrong(pair.candidates(), faults, settings.optimizer, level, control)?
+            }
+            _ => None,
+        };
+        let timings = Timings { refinement: started.elapsed(), ..self.timings };
+        let (uncertainty, detail) = (None, None);
+        Ok(Disparity { disparity, flags, confidence, uncertainty, wrong, detail, timings })
+    }
+}
+
+impl Disparity {
+    /// The sums over the rows of a whole raw map that are to be sampled; `None`: without confidences.
+    fn tally(&self, candidates: Candidates) -> Option<Tally> {
+        let confidence = self.confidence.as_ref()?;
+        Some(Tally::of_sample(confidence, &self.disparity, &self.flags, candidates))
+    }
+
+    /// Calibrates raw confidences, if there are any, by the sums over the whole map.
+    fn calibrated(
+        mut self,
+        tally: Option<Tally>,
+        faults: Faults,
+        optimizer: Optimizer,
+    ) -> Result<Self> {
+        if let (Some(tally), Some(confidence)) = (tally, &mut self.confidence) {
+            let calibration = Calibration::new(&traits(tally, faults), Weights::of(optimizer));
+            let bars = calibration.apply(confidence, &self.disparity, &self.flags)?;
+            self.uncertainty = Some(bars);
+        }
+
+        Ok(self)
+    }
+
+    /// What the settings return of it: no estimates that they refuse, no confidences that they need for that alone.
+    pub fn returned(mut self, settings: &Settings) -> Self {
+        let confidence = self.confidence.as_ref().map(Plane::as_slice);
+        let uncertainty = self.uncertainty.as_mut().map(Plane::as_mut_slice);
+        let (disparity, flags) = (self.disparity.as_mut_slice(), self.flags.as_mut_slice());
+        invalidate(settings, disparity, flags, confidence, uncertainty);
+
+        Self {
+            confidence: self.confidence.filter(|_| settings.confidence),
+            uncertainty: self.uncertainty.filter(|_| settings.confidence),
+            ..self
+        }
+    }
+
+    /// Some rows of it.
+    fn of_rows(self, rows: Range<usize>) -> Self {
+        Self {
+            disparity: self.disparity.of_rows(rows.clone()),
+            flags: self.flags.of_rows(rows.clone()),
+            confidence: self.confidence.map(|confidence| confidence.of_rows(rows.clone())),
+            uncertainty: self.uncertainty.map(|uncertainty| uncertainty.of_rows(rows)),
+            wrong: self.wrong,
+            detail: self.detail,
+            timings: self.timings,
+        }
+    }
+}
+
+/// The integers that costs and totals are kept in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Width {
+    /// Of 8 bits.
+    Bytes,
+    /// Of 16 bits.
+    Words,
+    /// Of 32 bits.
+    Widest,
+}
+
+impl Width {
+    /// The narrowest integers that hold every sum, every total of a path and the number of every run of candidates.
+    pub fn new(settings: &Settings, window: Window, penalties: Penalties, has_masks: bool) -> Self {
+        let largest_cost = window.largest_value(has_masks);
+        // Only paths accumulate totals beyond the cost of a window.
+        let largest_total = match settings.optimizer {
+            Optimizer::ScanlineOptimization | Optimizer::SemiGlobal => {
+                penalties.largest_total(window.largest_sum())
+            }
+            Optimizer::DynamicProgramming | Optimizer::WinnerTakesAll => 0,
+        };
+
+        let largest = largest_cost.max(largest_total);
+
+        if largest <= u8::LARGEST_TOTAL {
+            Self::Bytes
+        } else if largest <= u16::LARGEST_TOTAL {
+            Self::Words
+        } else {
+            Self::Widest
+        }
+    }
+
+    /// Bytes of one integer.
+    pub fn bytes(self) -> usize {
+        match self {
+            Self::Bytes => 1,
+            Self::Words => 2,
+            Self::Widest => 4,
+        }
+    }
+}

@@ -1,0 +1,119 @@
+//! Where the gray values of the left image jump from one pixel to the next: disparities may jump there, too, so P2 is
+//! lower (adaptive P2; Hirschmüller, PAMI 2008, section 2.2).
+
+use crate::base::control::Control;
+use crate::base::error::Result;
+use crate::base::plane::Plane;
+use crate::base::simd::{Level, Loop};
+use crate::image::texture::Texture;
+use crate::settings::Settings;
+
+/// Rows that are classified together.
+const ROWS: usize = 32;
+
+/// Neighbors of a pixel that come before it row by row.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Neighbor {
+    /// Above.
+    Above,
+    /// To the left.
+    Left,
+}
+
+impl Neighbor {
+    /// How large the jump from this neighbor is: 0 none, 1 small, 2 large.
+    #[inline(always)]
+    pub fn jump(self, edges: u8) -> u8 {
+        edges >> (2 * self as u8) & 3
+    }
+}
+
+/// The jumps from both neighbors of every pixel, two bits each. Rows below the last one are as the last one.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Edges(Plane<u8>);
+
+impl Edges {
+    /// A jump is small where it is larger than the mean difference of horizontal neighbors times `threshold`, in whole
+    /// steps, and large where it is larger than thrice that. The mean makes it independent of the contrast and the unit.
+    pub fn new(texture: &Texture, threshold: f64, level: Level, control: &Control) -> Result<Self> {
+        let gray = &texture.gray;
+        let (rows, cols) = (gray.rows(), gray.cols());
+        // The cast saturates, at more than any difference of gray values.
+        let small = (threshold * texture.roughness.mean()) as u32;
+
+        let classes = Plane::by_bands((rows, cols), ROWS, |first, band| {
+            control.checkpoint()?;
+            for (y, edges) in (first..).zip(band.chunks_mut(cols)) {
+                // The first row is its own neighbor above: no jump.
+                let above = gray.row(y.saturating_sub(1));
+                level.run(Classify { here: gray.row(y), above, small, edges });
+            }
+
+            Ok(())
+        })?;
+
+        Ok(Self(classes))
+    }
+
+    /// The jumps in an image, if the settings lower P2 at them; else no jumps in any row of so many columns.
+    pub fn asked_for(
+        texture: Option<&Texture>,
+        settings: &Settings,
+        cols: usize,
+        level: Level,
+        control: &Control,
+    ) -> Result<Self> {
+        match texture {
+            Some(texture) if settings.adaptive_p2 > 0.0 => {
+                Self::new(texture, settings.adaptive_p2, level, control)
+            }
+            _ => Self::nowhere(cols),
+        }
+    }
+
+    /// No jumps in any row of so many columns.
+    pub fn nowhere(cols: usize) -> Result<Self> {
+        Ok(Self(Plane::new(1, cols)?))
+    }
+
+    /// The jumps of row `y`.
+    #[inline(always)]
+    pub fn row(&self, y: usize) -> &[u8] {
+        self.0.row(y.min(self.0.rows() - 1))
+    }
+}
+
+/// Classifies the jumps of a row.
+struct Classify<'a> {
+    here: &'a [i32],
+    above: &'a [i32],
+    small: u32,
+    edges: &'a mut [u8],
+}
+
+impl Loop for Classify<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { here, above, small, edges } = self;
+        let last = here.len() - 1;
+        edges.fill(0);
+
+        mark(edges, here, above, small, Neighbor::Above);
+        mark(&mut edges[1..], &here[1..], &here[..last], small, Neighbor::Left);
+    }
+}
+
+/// Writes the class of the difference from one neighbor into the bits of that neighbor.
+#[inline(always)]
+fn mark(edges: &mut [u8], here: &[i32], there: &[i32], small: u32, neighbor: Neighbor) {
+    let large = small.saturating_mul(3);
+
+    for ((edges, a), b) in edges.iter_mut().zip(here).zip(there) {
+        let difference = a.abs_diff(*b);
+        let jump = u8::from(difference > small) + u8::from(difference > large);
+
+        *edges |= jump << (2 * neighbor as u8);
+    }
+}

@@ -1,0 +1,91 @@
+//! The chosen candidates of a band of rows, and the evidence for and against each: its cost, the least cost elsewhere,
+//! and the sub-pixel offset.
+
+use crate::base::error::Result;
+use crate::base::memory::Memory;
+use crate::optimization::selection::PIXELS;
+
+/// The cost of no candidate.
+pub const NONE: u32 = u32::MAX;
+
+/// The evidence of the pixels of a band, row after row.
+#[derive(Debug, Default)]
+pub struct Evidence {
+    cols: usize,
+    chosen: Memory<u16>,
+    own: Memory<u32>,
+    elsewhere: Memory<u32>,
+    offset: Memory<f32>,
+}
+
+/// The evidence of neighboring pixels of a row.
+#[derive(Debug, Clone, Copy)]
+pub struct EvidenceRow<'a> {
+    /// Indices of the chosen candidates.
+    pub chosen: &'a [u16],
+    /// Their costs.
+    pub own: &'a [u32],
+    /// The least costs of candidates not next to the chosen ones, which see the same match. [`NONE`]: no such candidate.
+    pub elsewhere: &'a [u32],
+    /// Sub-pixel offsets of the matches from the chosen candidates, pixels.
+    pub offset: &'a [f32],
+}
+
+impl EvidenceRow<'_> {
+    /// The chosen candidates alone.
+    pub fn bare(self) -> Self {
+        Self { own: &[], elsewhere: &[], offset: &[], ..self }
+    }
+}
+
+impl Evidence {
+    /// Sizes the buffers for a band. Unless the band is weighed, only the chosen candidates are kept.
+    pub fn begin(&mut self, rows: usize, cols: usize, is_weighed: bool) -> Result<()> {
+        self.cols = cols;
+        self.chosen.resize(rows * cols)?;
+
+        let weighed = if is_weighed { rows * cols } else { 0 };
+        self.own.resize(weighed)?;
+        self.elsewhere.resize(weighed)?;
+        self.offset.resize(weighed)
+    }
+
+    /// Writes the candidates chosen for neighboring pixels of a row, from column `first` on.
+    #[inline(always)]
+    pub fn choose(&mut self, row: usize, first: usize, chosen: &[u16]) {
+        write(&mut self.chosen[row * self.cols + first..], chosen);
+    }
+
+    /// Writes the evidence of neighboring pixels of a row of a weighed band, from column `first` on.
+    #[inline(always)]
+    pub fn set(&mut self, row: usize, first: usize, found: EvidenceRow) {
+        let place = row * self.cols + first;
+
+        write(&mut self.chosen[place..], found.chosen);
+        write(&mut self.own[place..], found.own);
+        write(&mut self.elsewhere[place..], found.elsewhere);
+        write(&mut self.offset[place..], found.offset);
+    }
+
+    /// The evidence of a row; beside the chosen candidates empty unless the band is weighed.
+    pub fn row(&self, row: usize) -> EvidenceRow<'_> {
+        let places = row * self.cols..(row + 1) * self.cols;
+        let weighed = if self.own.is_empty() { 0..0 } else { places.clone() };
+
+        EvidenceRow {
+            chosen: &self.chosen[places],
+            own: &self.own[weighed.clone()],
+            elsewhere: &self.elsewhere[weighed.clone()],
+            offset: &self.offset[weighed],
+        }
+    }
+}
+
+/// Writes values, mostly as many as are selected together: these are copied in registers, without a call.
+#[inline(always)]
+fn write<V: Copy>(out: &mut [V], values: &[V]) {
+    match (<&[V; PIXELS]>::try_from(values), out.first_chunk_mut()) {
+        (Ok(values), Some(out)) => *out = *values,
+        _ => out[..values.len()].copy_from_slice(values),
+    }
+}

@@ -1,0 +1,45 @@
+//! The candidates that are searched in each panel of each band, where a match of a smaller copy has narrowed them.
+//!
+//! A panel is matched as if all other candidates cost more than any: in its look-ahead, too, so it depends on no other
+//! panel but by its paths from the left. At a panel's first pixel a path comes from a candidate that both panels have, by a
+//! step, or by a jump from the least total of all before.
+
+use std::ops::Range;
+
+use crate::pair::candidates::Searched;
+
+/// Rows of a band.
+pub const BAND: usize = 64;
+/// Columns of a panel.
+pub const PANEL: usize = 64;
+
+/// The candidates of all panels of a whole image.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PanelRanges {
+    /// Panels of a band.
+    panels: usize,
+    /// The candidates of each panel, band after band.
+    searched: Vec<Searched>,
+}
+
+impl PanelRanges {
+    /// Those that `searched` finds, for an image of this size, by the rows and columns of each panel.
+    pub fn new(
+        (rows, cols): (usize, usize),
+        searched: impl Fn([Range<usize>; 2]) -> Searched,
+    ) -> Self {
+        let bands = (0..rows).step_by(BAND).map(|y| y..(y + BAND).min(rows));
+        let panel = |x: usize| x..(x + PANEL).min(cols);
+        let of_band = |rows: Range<usize>| {
+            let panels = (0..cols).step_by(PANEL);
+            panels.map(|x| searched([rows.clone(), panel(x)])).collect::<Vec<_>>()
+        };
+
+        Self { panels: cols.div_ceil(PANEL), searched: bands.flat_map(of_band).collect() }
+    }
+
+    /// The candidates of the panel that has row `y` and column `x` of the whole image.
+    pub fn at(&self, y: usize, x: usize) -> Searched {
+        self.searched[y / BAND * self.panels + x / PANEL]
+    }
+}

@@ -1,0 +1,227 @@
+//! The costs of a pixel's candidates -> the best candidate, the best one elsewhere, and the sub-pixel offset.
+//!
+//! ```text
+//! chosen    = the least k with cost[k] = min over k' of cost[k']
+//! own       = cost[chosen]
+//! elsewhere = min of cost[k] over |k - chosen| > 1
+//! offset    = the tip of a V through chosen - 1, chosen, chosen + 1
+//! ```
+//!
+//! While costs go by, each lane keeps its least one; at the end the least lanes of sixteen pixels are found together. The
+//! costs are then read twice more, from the first-level cache: to find where the least one is, by a bit mask of the lanes
+//! that are equal to it, and for the least cost elsewhere, where the chosen candidate and its neighbors are masked.
+//!
+//! Pixels take one step after another together, each step a small loop of its own, since the compiler turns such loops into
+//! vector instructions. What is written pixel by pixel is read for all of them only some steps later: a processor has to
+//! wait if it reads in one piece what it has just written in many.
+
+use crate::base::error::Result;
+use crate::base::memory::Memory;
+use crate::base::simd::highest_bits;
+use crate::base::value::{LANES, Lanes, ROWS, Rows, Value};
+use crate::optimization::evidence::{Evidence, EvidenceRow, NONE};
+use crate::refinement::subpixel::{self, evidence};
+
+/// Pixels whose candidates are selected together.
+pub const PIXELS: usize = ROWS;
+
+/// The selection for up to [`PIXELS`] pixels. It lies behind a reference: of a local one the compiler would keep single lanes.
+#[derive(Debug)]
+pub struct Selection<T> {
+    /// The least cost of each pixel in each lane.
+    least: Rows<T>,
+    /// Costs of the chosen candidates.
+    own: [T; PIXELS],
+    /// Indices of the chosen candidates.
+    chosen: [u16; PIXELS],
+    /// The largest number at three places in the middle, and 0 elsewhere. The part that has them at a candidate and its
+    /// neighbors masks their costs: the maximum with it leaves all other costs.
+    mask: Memory<T>,
+    /// Least costs of candidates not next to the chosen ones.
+    elsewhere: [u32; PIXELS],
+    /// Sub-pixel offsets from the chosen candidates.
+    offset: [f32; PIXELS],
+}
+
+impl<T: Value> Default for Selection<T> {
+    fn default() -> Self {
+        Self {
+            least: Rows([[T::default(); LANES]; PIXELS]),
+            own: [T::default(); PIXELS],
+            chosen: [0; PIXELS],
+            mask: Memory::default(),
+            elsewhere: [NONE; PIXELS],
+            offset: [0.0; PIXELS],
+        }
+    }
+}
+
+impl<T: Value> Selection<T> {
+    /// Sizes the buffer for pixels with up to `most` runs of candidates, whose costs are weighed.
+    pub fn begin(&mut self, most: usize) -> Result<()> {
+        let middle = most * LANES;
+        self.mask.resize(2 * middle + 1)?;
+        self.mask.fill(T::default());
+        self.mask[middle - 1..middle + 2].fill(T::truncated(u64::MAX));
+
+        Ok(())
+    }
+
+    /// The least cost of each pixel in each lane, to be written.
+    #[inline(always)]
+    pub fn least(&mut self) -> &mut [Lanes<T>; PIXELS] {
+        &mut self.least.0
+    }
+
+    /// Finds the least cost of each pixel in each lane.
+    #[inline(always)]
+    pub fn find_least(&mut self, totals: &[Lanes<T>], runs: usize) {
+        for (least, totals) in self.least.0.iter_mut().zip(totals.chunks_exact(runs)) {
+            let mut lanes = totals[0];
+            for totals in &totals[1..] {
+                for j in 0..LANES {
+                    lanes[j] = lanes[j].min(totals[j]);
+                }
+            }
+
+            *least = lanes;
+        }
+    }
+
+    /// Finds the least cost of each pixel, from those of its lanes, and the first candidate that has it.
+    #[inline(always)]
+    pub fn settle(&mut self, totals: &[Lanes<T>], runs: usize) {
+        let Self { least, own, chosen, .. } = self;
+        *own = T::least_lanes(least);
+        // Pixels that are not used must not keep what was numbered before.
+        *chosen = [0; PIXELS];
+
+        for ((chosen, own), totals) in chosen.iter_mut().zip(own).zip(totals.chunks_exact(runs)) {
+            // Neighbors mostly choose from the same run, so that a processor foresees where this ends.
+            for (run, totals) in totals.iter().enumerate() {
+                let mut is_own = [0; LANES];
+                for j in 0..LANES {
+                    is_own[j] = if totals[j] == *own { u8::MAX } else { 0 };
+                }
+
+                let lanes = highest_bits(&is_own);
+                if lanes != 0 {
+                    *chosen = ((run * LANES) as u32 + lanes.trailing_zeros()) as u16;
+                    break;
+                }
+            }
+        }
+    }
+
+    /// The candidates chosen for the first pixels.
+    #[inline(always)]
+    pub fn chosen(&self, pixels: usize) -> &[u16] {
+        &self.chosen[..pixels]
+    }
+
+    /// Numbers the chosen candidates among all, where those that were searched begin with `start`.
+    #[inline(always)]
+    pub fn number_from(&mut self, start: usize) {
+        for chosen in &mut self.chosen {
+            *chosen += start as u16;
+        }
+    }
+
+    /// Sets the candidate chosen for a pixel and its cost, where something else has chosen.
+    #[inline(always)]
+    pub fn choose(&mut self, pixel: usize, chosen: u16, own: T) {
+        (self.chosen[pixel], self.own[pixel]) = (chosen, own);
+    }
+
+    /// Finds the least cost elsewhere and the sub-pixel offset of the chosen candidates, for pixels with so many candidates
+    /// in so many runs. `totals` decided; `costs` are the pixels' own costs, if totals are of paths.
+    #[inline(always)]
+    pub fn weigh(
+        &mut self,
+        totals: &[Lanes<T>],
+        costs: Option<&[Lanes<T>]>,
+        (candidates, runs): (usize, usize),
+    ) {
+        let Self { least, chosen, mask, elsewhere, offset, .. } = self;
+
+        // The chosen candidate and its neighbors; at either end of the range any three will do.
+        let mut valley = [[0; PIXELS]; 3];
+        for (pixel, totals) in totals.chunks_exact(runs).enumerate() {
+            let below = usize::from(chosen[pixel]).clamp(1, runs * LANES - 2) - 1;
+            let totals = &totals.as_flattened()[below..][..3];
+
+            let mut own = [T::default(); 3];
+            if let Some(costs) = costs {
+                let costs = &costs[pixel * runs..][..runs];
+                own.copy_from_slice(&costs.as_flattened()[below..][..3]);
+            }
+
+            for (i, valley) in valley.iter_mut().enumerate() {
+                valley[pixel] = evidence(capped(totals[i]), capped(own[i]));
+            }
+        }
+
+        // The least of the costs that are not masked is the one elsewhere.
+        let middle = mask.len() / 2;
+        let pixels = least.0.iter_mut().zip(&*chosen).zip(totals.chunks_exact(runs));
+        for ((least, chosen), totals) in pixels {
+            let mask = &mask[middle - usize::from(*chosen)..].as_chunks::<LANES>().0[..runs];
+
+            let mut lanes = [T::truncated(u64::MAX); LANES];
+            for run in 0..runs {
+                for j in 0..LANES {
+                    lanes[j] = lanes[j].min(totals[run][j].max(mask[run][j]));
+                }
+            }
+
+            *least = lanes;
+        }
+
+        let others = T::least_lanes(least);
+
+        // From here on for all pixels, whether used or not: a fixed length is vectorized.
+        let candidates = candidates as u32;
+        for pixel in 0..PIXELS {
+            let k = u32::from(chosen[pixel]);
+            let is_elsewhere = (k >= 2) | (k + 2 < candidates);
+            elsewhere[pixel] = if is_elsewhere { capped(others[pixel]) } else { NONE };
+        }
+
+        let [below, at, above] = &valley;
+        let mut tips = [0.0; PIXELS];
+        for pixel in 0..PIXELS {
+            tips[pixel] = subpixel::offset(below[pixel], at[pixel], above[pixel]);
+        }
+
+        // At either end of the range there is no V: the match is taken as it is.
+        for pixel in 0..PIXELS {
+            let k = u32::from(chosen[pixel]);
+            let is_inside = (k > 0) & (k + 1 < candidates);
+            offset[pixel] = if is_inside { tips[pixel] } else { 0.0 };
+        }
+    }
+
+    /// Writes the evidence of the first pixels.
+    #[inline(always)]
+    pub fn write(&self, pixels: usize, evidence: &mut Evidence, (row, first): (usize, usize)) {
+        let mut own = [0; PIXELS];
+        for (own, cost) in own.iter_mut().zip(&self.own) {
+            *own = capped(*cost);
+        }
+
+        let found = EvidenceRow {
+            chosen: &self.chosen[..pixels],
+            own: &own[..pixels],
+            elsewhere: &self.elsewhere[..pixels],
+            offset: &self.offset[..pixels],
+        };
+
+        evidence.set(row, first, found);
+    }
+}
+
+/// A cost in 32 bits, below [`NONE`].
+#[inline(always)]
+fn capped<T: Value>(cost: T) -> u32 {
+    cost.widened().min(u64::from(NONE - 1)) as u32
+}

@@ -1,0 +1,311 @@
+//! Chosen candidates -> the result: disparities, flags that say why, and confidences.
+
+pub mod calibration;
+pub mod confidence;
+pub mod filling;
+pub mod flag;
+pub mod jumps;
+pub mod left_right_check;
+pub mod median;
+pub mod outlines;
+pub mod sample;
+pub mod speckles;
+pub mod subpixel;
+pub mod synthesis;
+mod window_rows;
+
+use crate::base::control::Control;
+use crate::base::error::Result;
+use crate::base::plane::Plane;
+use crate::base::simd::{Level, Loop};
+use crate::cost::validity::Validity;
+use crate::image::texture::Texture;
+use crate::optimization::evidence::{EvidenceRow, NONE};
+use crate::pair::candidates::Candidates;
+use crate::refinement::confidence::{CostMargin, VotedMap};
+use crate::refinement::filling::fill;
+use crate::refinement::left_right_check::{Checker, Choices};
+use crate::refinement::outlines::Outlines;
+use crate::refinement::speckles::flag_speckles;
+use crate::settings::Settings;
+
+/// Writes disparities, flags and votes of a row from its evidence: what all rows have in common.
+#[derive(Debug, Clone, Copy)]
+pub struct MapWriter<'a> {
+    /// The disparities that were searched.
+    pub candidates: Candidates,
+    /// Columns of the image.
+    pub cols: usize,
+    /// Which (pixel, candidate) pairs are valid; `None`: all.
+    pub validity: Option<&'a Validity<'a>>,
+    /// Whether estimates lie between candidates.
+    pub subpixel: bool,
+    /// Most pixels by which the disparities of two left pixels with one match differ; `None`: no left-right check.
+    pub consistency: Option<u16>,
+    /// Percent of the least cost elsewhere by which the cost of the choice must be lower; 0: no check.
+    pub uniqueness: u64,
+    /// One unit of the mean cost, in steps of the aggregated costs.
+    pub unit: f32,
+    /// What a match of unrelated pixels costs, in these steps: what a choice is judged by where all candidates are next to
+    /// it. [`NONE`]: unknown.
+    pub unrelated: u32,
+}
+
+/// One row of the result, to be written.
+#[derive(Debug)]
+pub struct ResultRow<'a> {
+    /// Disparities, pixels; NaN where there is none.
+    pub disparity: &'a mut [f32],
+    /// Reasons, from [`flag`].
+    pub flags: &'a mut [u16],
+    /// Votes for the disparities, from 0 to 1, if confidences need them.
+    pub votes: Option<&'a mut [f32]>,
+}
+
+impl MapWriter<'_> {
+    /// Writes row `y`. The checks only flag; whether flagged pixels keep an estimate is decided when the map is refined.
+    pub fn write(
+        &self,
+        y: usize,
+        found: EvidenceRow,
+        checker: &mut Checker,
+        row: ResultRow,
+        level: Level,
+    ) -> Result<()> {
+        if self.consistency.is_some() {
+            checker.resize(self.cols)?;
+        }
+
+        level.run(WriteMapRow { writer: *self, y, found, checker, row });
+        Ok(())
+    }
+
+    /// The disparity of a chosen candidate, NaN where nothing can be estimated.
+    #[inline(always)]
+    fn disparity(&self, chosen: u16, flags: u16) -> f32 {
+        if flags & flag::MISSING == 0 {
+            self.candidates.disparity(chosen.into()) as f32
+        } else {
+            f32::NAN
+        }
+    }
+
+    /// Flags matches outside the right image.
+    #[inline(always)]
+    fn flag_outside(&self, chosen: &[u16], flags: &mut [u16]) {
+        let (candidates, cols) = (self.candidates, self.cols as u32);
+        for (x, (&chosen, flags)) in (0..).zip(chosen.iter().zip(flags)) {
+            let is_inside = candidates.column_or_beyond(x, chosen) < cols;
+            *flags = if is_inside { 0 } else { flag::OUTSIDE };
+        }
+    }
+
+    /// The flags of pixel `(y, x)` by its validity and that of its match, which may be flagged as outside.
+    fn flag_invalid(
+        &self,
+        validity: &Validity,
+        (y, x): (usize, usize),
+        chosen: usize,
+        outside: u16,
+    ) -> u16 {
+        // `NO_CANDIDATE` before `MATCH_MASKED`: the choice among no valid candidates means nothing.
+        if validity.is_masked(y, x) {
+            flag::MASKED
+        } else if !(0..self.candidates.count()).any(|k| validity.is_valid(y, x, k)) {
+            flag::NO_CANDIDATE
+        } else if validity.is_valid(y, x, chosen) {
+            outside
+        } else {
+            outside | flag::MATCH_MASKED
+        }
+    }
+}
+
+/// Writes one row: step by step for all its pixels, so that each step is a loop over arrays.
+struct WriteMapRow<'a> {
+    writer: MapWriter<'a>,
+    y: usize,
+    found: EvidenceRow<'a>,
+    checker: &'a mut Checker,
+    row: ResultRow<'a>,
+}
+
+impl Loop for WriteMapRow<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { writer, y, found, checker, row } = self;
+        let ResultRow { disparity, flags, votes } = row;
+
+        writer.flag_outside(found.chosen, flags);
+        if let Some(validity) = writer.validity {
+            let whole = validity.whole(y);
+            let pixels = found.chosen.iter().zip(&mut *flags).enumerate();
+            for (x, (&chosen, flags)) in pixels.filter(|(x, _)| !whole[*x]) {
+                *flags = writer.flag_invalid(validity, (y, x), chosen.into(), *flags);
+            }
+        }
+
+        if let Some(most) = writer.consistency {
+            let chosen = &found.chosen[..writer.cols];
+            let costs = &found.own[..writer.cols];
+            checker.check(Choices { chosen, costs, candidates: writer.candidates }, most, flags);
+        }
+
+        if writer.uniqueness > 0 {
+            let margins = found.own.iter().zip(found.elsewhere);
+            for (flags, (&own, &elsewhere)) in flags.iter_mut().zip(margins) {
+                let is_ambiguous = CostMargin::new(own, elsewhere).is_ambiguous(writer.uniqueness);
+                let is_estimated = *flags & flag::MISSING == 0;
+                *flags |= if is_estimated & is_ambiguous { flag::AMBIGUOUS } else { 0 };
+            }
+        }
+
+        for ((disparity, chosen), flags) in disparity.iter_mut().zip(found.chosen).zip(&*flags) {
+            *disparity = writer.disparity(*chosen, *flags);
+        }
+        if writer.subpixel {
+            for (disparity, offset) in disparity.iter_mut().zip(found.offset) {
+                *disparity += offset;
+            }
+        }
+
+        if let Some(votes) = votes {
+            for (vote, (&own, &elsewhere)) in
+                votes.iter_mut().zip(found.own.iter().zip(found.elsewhere))
+            {
+                let elsewhere = if elsewhere == NONE { writer.unrelated } else { elsewhere };
+                *vote = confidence::vote(CostMargin::new(own, elsewhere), writer.unit);
+            }
+        }
+    }
+}
+
+/// A map before the stages that look at all of it.
+#[derive(Debug)]
+pub struct Draft<'a> {
+    /// Disparities, pixels.
+    pub disparity: Plane<f32>,
+    /// Reasons, from [`flag`].
+    pub flags: &'a mut Plane<u16>,
+    /// Votes for the disparities, if confidences need them.
+    pub votes: Option<&'a Plane<f32>>,
+    /// The left image, if the settings need it.
+    pub texture: Option<&'a Texture>,
+    /// The pair, if one of its images is to be synthesized.
+    pub blurred_pair: Option<&'a synthesis::BlurredPair<'a>>,
+}
+
+impl Draft<'_> {
+    /// Flags speckles, fills, draws edges to those of the image, smooths. Returns disparities and, from votes, raw confidences.
+    pub fn refine(
+        self,
+        settings: &Settings,
+        level: Level,
+        control: &Control,
+    ) -> Result<(Plane<f32>, Option<Plane<f32>>)> {
+        let Self { mut disparity, flags, votes, texture, blurred_pair } = self;
+
+        if settings.speckle_size > 0 {
+            let region = (settings.speckle_size, settings.speckle_range as f32);
+            flag_speckles(&disparity, flags, region, level, control)?;
+        }
+
+        // Filling comes after all checks: it spreads only what has passed them.
+        if settings.has_checks() {
+            fill(&mut disparity, flags, level, control)?;
+        }
+
+        let mut spare = None;
+        if let (true, Some(texture)) = (settings.guided_median, texture) {
+            replace(&mut disparity, &mut spare, |from, to| {
+                Outlines::Crisp.draw(from, texture, to, level, control)
+            })?;
+        }
+
+        if settings.median > 0 {
+            replace(&mut disparity, &mut spare, |from, to| {
+                median::smooth(from, to, level, control)
+            })?;
+        }
+
+        if let (Some(pair), Some(texture)) = (blurred_pair, texture) {
+            replace(&mut disparity, &mut spare, |from, to| pair.redraw(from, to, level, control))?;
+            replace(&mut disparity, &mut spare, |from, to| {
+                Outlines::Wide.draw(from, texture, to, level, control)
+            })?;
+        }
+
+        if settings.subpixel {
+            let smooth = |from: &_, to: &mut _| subpixel::smooth(from, to, level, control);
+            replace(&mut disparity, &mut spare, smooth)?;
+        }
+
+        // Confidences come last: they are those of the final disparities.
+        let confidences = match (votes, texture) {
+            (Some(votes), Some(texture)) => {
+                let map = VotedMap { disparity: &disparity, votes, texture };
+                let mut confidences = taken(&mut spare, &disparity)?;
+
+                map.confidences(&mut confidences, level, control)?;
+
+                Some(confidences)
+            }
+            _ => None,
+        };
+
+        Ok((disparity, confidences))
+    }
+}
+
+/// Replaces a map by what a stage makes of it. Two planes alternate: a plane of its own for every stage would have to be
+/// cleared first, and all of them together would take more memory than the result.
+fn replace(
+    disparity: &mut Plane<f32>,
+    spare: &mut Option<Plane<f32>>,
+    draw: impl FnOnce(&Plane<f32>, &mut Plane<f32>) -> Result<()>,
+) -> Result<()> {
+    let mut drawn = taken(spare, disparity)?;
+    draw(disparity, &mut drawn)?;
+
+    *spare = Some(std::mem::replace(disparity, drawn));
+    Ok(())
+}
+
+/// The spare plane, if there is one, or a new plane of the size of another.
+fn taken(spare: &mut Option<Plane<f32>>, like: &Plane<f32>) -> Result<Plane<f32>> {
+    spare.take().map_or_else(|| Plane::new(like.rows(), like.cols()), Ok)
+}
+
+/// Invalidates estimates with too little confidence and, unless holes are filled, untrusted ones.
+pub fn invalidate(
+    settings: &Settings,
+    disparity: &mut [f32],
+    flags: &mut [u16],
+    confidences: Option<&[f32]>,
+    uncertainties: Option<&mut [f32]>,
+) {
+    if settings.fill && settings.min_confidence <= 0.0 {
+        return;
+    }
+
+    for (x, (disparity, flags)) in disparity.iter_mut().zip(flags).enumerate() {
+        let confidence = confidences.map_or(1.0, |confidences| confidences[x]);
+
+        // A filled disparity is no longer there once it is invalid, so the flag that says so goes as well.
+        if f64::from(confidence) < settings.min_confidence && !disparity.is_nan() {
+            *flags = (*flags | flag::LOW_CONFIDENCE) & !flag::FILLED;
+            *disparity = f32::NAN;
+        }
+
+        if !settings.fill && *flags & flag::UNTRUSTED != 0 {
+            *flags &= !flag::FILLED;
+            *disparity = f32::NAN;
+        }
+    }
+
+    for (uncertainty, disparity) in uncertainties.into_iter().flatten().zip(disparity) {
+        *uncertainty = if disparity.is_nan() { f32::NAN } else { *uncertainty };
+    }
+}

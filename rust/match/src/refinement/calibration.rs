@@ -1,0 +1,336 @@
+//! Raw confidences -> probabilities that a disparity is within 1 px of the true one, and error bars.
+//!
+//! A raw confidence of 0.8 is right in 95 % of the pixels of a sharp pair, and in half of those of a pair that has
+//! failed. What tells the two apart are traits of the pair, above all the mean of the raw confidences themselves. So the
+//! logarithms of the odds are mapped by straight lines whose slope and height depend on the traits, one line for
+//! disparities of their own and one for those filled in:
+//!
+//! ```text
+//! trait      = 1, odds of the mean raw confidence of pixels not filled, how far these are below LOW,
+//!              odds of the share that fails the checks, noise, smoothing, whether there is a blur,
+//!              share at the ends of the range that was searched
+//! z          = sum of trait (height + slope odds(raw) + if filled: height + slope odds(raw))
+//! confidence = 1 / (1 + exp(-z))
+//! bar        = exp(line through KNOTS points at z, own or filled + sum of trait bars)
+//! odds(p)    = ln(p / (1 - p))
+//! ```
+//!
+//! Both are functions of the raw confidence and of one flag, so they are tables that are made once for a pair. The
+//! weights are learned by `phasestereo bench confidence`, which writes `weights.rs`.
+//!
+//! The traits are those of the whole pair. Of tall images they are taken from some rows alone, always the same ones, so
+//! that parts of a pair can be matched by themselves once these rows are known.
+
+mod weights;
+
+use std::iter;
+use std::ops::Range;
+use std::sync::OnceLock;
+
+use rayon::prelude::*;
+
+use crate::base::control::Control;
+use crate::base::error::Result;
+use crate::base::math::{exp, ln};
+use crate::base::plane::Plane;
+use crate::base::simd::{Level, Loop, whole};
+use crate::image::intensity::intensity_range;
+use crate::pair::Pair;
+use crate::pair::blur_compensation::BlurCompensation;
+use crate::pair::candidates::Candidates;
+use crate::refinement::flag;
+use crate::settings::Optimizer;
+
+/// Traits of a pair.
+pub const TRAITS: usize = 8;
+/// Points of the logarithm of the bar.
+pub const KNOTS: usize = 10;
+/// Where the first of them is; the others follow in steps of 1.
+pub const FIRST_KNOT: f64 = -4.0;
+/// Steps of a raw confidence.
+pub const BINS: usize = 1024;
+/// Steps of a confidence that is summed: integers sum to the same in any order.
+pub const STEPS: f32 = (1 << 20) as f32;
+/// Pixels whose confidences, in steps, sum to less than 2^32.
+const PART: usize = 2048;
+/// Images of at most so many rows are summed whole.
+pub const FEW_ROWS: usize = 768;
+/// Of others, so many bands of so many rows.
+pub const SAMPLED: (usize, usize) = (3, 96);
+/// The odds of a mean raw confidence below which a pair is likely to have failed.
+pub const LOW: f64 = 1.5;
+/// The mean raw confidence is taken to be at least this: of 582 pairs of which the weights were learned the least is 0.49, and
+/// lines that are drawn on from there would cross.
+const LEAST_OWN: f64 = 0.4;
+/// Shares are taken to be at least so far from 0 and 1.
+const CERTAIN: f64 = 0.004;
+/// Standard deviations, gray levels of 8 bits, that are taken to be none.
+const NO_NOISE: f64 = 0.3;
+const NO_SMOOTHING: f64 = 0.1;
+/// Share of the pixels at the ends of the range that is taken to be none.
+const NONE_AT_ENDS: f64 = 0.003;
+/// Flags of pixels that fail the left-right check or are speckles.
+pub const FAILED: u16 = flag::OCCLUDED | flag::MISMATCHED | flag::SPECKLE;
+
+/// What was learned.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Weights {
+    /// Of each trait: height, slope, and what filled pixels add to both.
+    pub odds: [[f64; 4]; TRAITS],
+    /// The points of the logarithm of the bar, of disparities of their own and of filled ones.
+    pub knots: [[f64; KNOTS]; 2],
+    /// What each trait adds to it.
+    pub bars: [f64; TRAITS],
+}
+
+impl Weights {
+    /// The weights of what was learned of matches by this optimizer. The fewer paths, the less does a raw confidence mean.
+    pub fn of(optimizer: Optimizer) -> &'static Self {
+        let [four_paths, two_paths, none] = &weights::WEIGHTS;
+        match optimizer {
+            Optimizer::SemiGlobal => four_paths,
+            Optimizer::ScanlineOptimization => two_paths,
+            Optimizer::DynamicProgramming | Optimizer::WinnerTakesAll => none,
+        }
+    }
+}
+
+/// Sums over pixels of a raw map that say how well a pair was matched.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Tally {
+    /// Raw confidences of pixels not filled, in steps.
+    pub confidence: u64,
+    /// The number of these pixels.
+    pub own: u64,
+    /// Pixels that fail the left-right check or are speckles.
+    pub failed: u64,
+    /// Pixels not filled whose disparity is at an end of the range that was searched, unless that end is zero: nothing
+    /// lies behind infinity.
+    pub ends: u64,
+    /// All pixels.
+    pub pixels: u64,
+}
+
+impl Tally {
+    /// The sums over some pixels, whose disparities were searched among these candidates.
+    pub fn new(
+        confidence: &[f32],
+        disparity: &[f32],
+        flags: &[u16],
+        candidates: Candidates,
+    ) -> Self {
+        let [low, high] = [0, candidates.count() - 1].map(|k| candidates.disparity(k) as f32);
+        // Sub-pixel disparities lie up to half a pixel from their candidate.
+        let below = if low == 0.0 { f32::NEG_INFINITY } else { low + 0.5 };
+        let above = if high == 0.0 { f32::INFINITY } else { high - 0.5 };
+
+        let parts = confidence.chunks(PART).zip(disparity.chunks(PART)).zip(flags.chunks(PART));
+        let tally = |((confidence, disparity), flags)| {
+            let part = TallyPart { confidence, disparity, flags, ends: [below, above] };
+            Level::best().run(part)
+        };
+        parts.map(tally).fold(Self::default(), Self::and)
+    }
+
+    /// The sums over those rows of a whole raw map that are to be sampled.
+    pub fn of_sample(
+        confidence: &Plane<f32>,
+        disparity: &Plane<f32>,
+        flags: &Plane<u16>,
+        candidates: Candidates,
+    ) -> Self {
+        let rows: Vec<usize> = sampled(flags.rows()).into_iter().flatten().collect();
+        let sums = rows
+            .into_par_iter()
+            .map(|y| Self::new(confidence.row(y), disparity.row(y), flags.row(y), candidates));
+        sums.reduce(Self::default, Self::and)
+    }
+
+    /// The sums over the pixels of both.
+    pub fn and(self, other: Self) -> Self {
+        Self {
+            confidence: self.confidence + other.confidence,
+            own: self.own + other.own,
+            failed: self.failed + other.failed,
+            ends: self.ends + other.ends,
+            pixels: self.pixels + other.pixels,
+        }
+    }
+}
+
+/// Sums over at most [`PART`] pixels.
+struct TallyPart<'a> {
+    confidence: &'a [f32],
+    disparity: &'a [f32],
+    flags: &'a [u16],
+    /// Disparities below the first and above the second are at an end.
+    ends: [f32; 2],
+}
+
+impl Loop for TallyPart<'_> {
+    type Output = Tally;
+
+    #[inline(always)]
+    fn run(self) -> Tally {
+        let Self { confidence, disparity, flags, ends } = self;
+        let [mut confidences, mut own, mut failed, mut at_ends] = [0u32; 4];
+
+        for ((confidence, disparity), flags) in confidence.iter().zip(disparity).zip(flags) {
+            let is_own = (flags & flag::FILLED == 0) & !disparity.is_nan();
+            let steps = whole(confidence * STEPS) as u32;
+            confidences += if is_own { steps } else { 0 };
+            own += u32::from(is_own);
+            at_ends += u32::from(is_own & ((*disparity < ends[0]) | (*disparity > ends[1])));
+            failed += u32::from(flags & FAILED != 0);
+        }
+
+        Tally {
+            confidence: confidences.into(),
+            own: own.into(),
+            failed: failed.into(),
+            ends: at_ends.into(),
+            pixels: flags.len() as u64,
+        }
+    }
+}
+
+/// The rows of an image of this height that a tally is taken of.
+pub fn sampled(height: usize) -> Vec<Range<usize>> {
+    if height <= FEW_ROWS {
+        return iter::once(0..height).collect();
+    }
+
+    let (count, rows) = SAMPLED;
+    let first = |index: usize| (2 * index + 1) * height / (2 * count) - rows / 2;
+    (0..count).map(|index| first(index)..first(index) + rows).collect()
+}
+
+/// The logarithm of the odds of a share.
+fn odds(share: f64) -> f64 {
+    let share = share.clamp(CERTAIN, 1.0 - CERTAIN);
+    ln(share / (1.0 - share))
+}
+
+/// The same of the middle of every step of a raw confidence, which are computed once.
+fn odds_of_bins() -> &'static [f64] {
+    static ODDS: OnceLock<Vec<f64>> = OnceLock::new();
+    ODDS.get_or_init(|| (0..BINS).map(|bin| odds((bin as f64 + 0.5) / BINS as f64)).collect())
+}
+
+/// What was found to spoil a pair.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Faults {
+    /// Standard deviation of the noise of the noisier image, gray levels of 8 bits.
+    noise: f64,
+    /// That by which the image that is smoothed more is smoothed, likewise.
+    smoothing: f64,
+    /// Whether a blur is compensated.
+    is_blurred: bool,
+}
+
+impl Faults {
+    /// What is compensated, where a gray level is so many units of the pixels.
+    pub fn new(compensation: Option<&BlurCompensation>, gray_level: f64) -> Self {
+        let largest = |values: [f64; 2]| values[0].max(values[1]) / gray_level;
+
+        compensation.map_or(Self::default(), |found| Self {
+            noise: largest(found.noise()),
+            smoothing: largest(found.smoothing()),
+            is_blurred: found.has_kernels(),
+        })
+    }
+
+    /// What is compensated in a pair. The left image, which is never resampled, says what a gray level is.
+    pub fn of_pair(pair: &Pair, control: &Control) -> Result<Self> {
+        let [left, _] = pair.views();
+        // Ranges are in thousandths of the unit. A constant image has none.
+        let width = intensity_range(left, control)?.width() * left.unit / 255e3;
+
+        Ok(Self::new(pair.blur_compensation(), if width > 0.0 { width } else { 1.0 }))
+    }
+}
+
+/// The traits of a pair.
+pub fn traits(tally: Tally, faults: Faults) -> [f64; TRAITS] {
+    let share = |part: u64, whole: u64| part as f64 / whole.max(1) as f64;
+    let own = odds((share(tally.confidence, tally.own) / f64::from(STEPS)).max(LEAST_OWN));
+    let failed = odds(share(tally.failed, tally.pixels));
+    let ends = ln(share(tally.ends, tally.pixels) + NONE_AT_ENDS);
+
+    let blur = if faults.is_blurred { 1.0 } else { 0.0 };
+    let noise = ln(faults.noise + NO_NOISE);
+    let smoothing = ln(faults.smoothing + NO_SMOOTHING);
+    [1.0, own, (LOW - own).max(0.0), failed, noise, smoothing, blur, ends]
+}
+
+/// The confidence and the bar of every raw confidence, of one pair.
+#[derive(Debug)]
+pub struct Calibration {
+    /// Of disparities of their own, then of filled ones.
+    tables: Vec<[f32; 2]>,
+}
+
+impl Calibration {
+    /// The tables of a pair with these traits.
+    pub fn new(traits: &[f64; TRAITS], weights: &Weights) -> Self {
+        let sum = |which: usize| -> f64 {
+            traits.iter().zip(&weights.odds).map(|(value, weights)| value * weights[which]).sum()
+        };
+        let [height, slope, filled_height, filled_slope] = [0, 1, 2, 3].map(sum);
+        let wider: f64 =
+            traits.iter().zip(&weights.bars).map(|(value, weight)| value * weight).sum();
+
+        let entry = |bin: usize, [height, slope]: [f64; 2], knots: &[f64; KNOTS]| {
+            let z = height + slope * odds_of_bins()[bin];
+            let confidence = 1.0 / (1.0 + exp(-z));
+            [confidence as f32, exp(at(knots, z) + wider) as f32]
+        };
+
+        let lines = [[height, slope], [height + filled_height, slope + filled_slope]];
+        let table = |which: usize| {
+            (0..BINS).map(move |bin| entry(bin, lines[which], &weights.knots[which]))
+        };
+        Self { tables: table(0).chain(table(1)).collect() }
+    }
+
+    /// Replaces raw confidences, and returns the bars: 0 and NaN where there is no disparity.
+    pub fn apply(
+        &self,
+        confidence: &mut Plane<f32>,
+        disparity: &Plane<f32>,
+        flags: &Plane<u16>,
+    ) -> Result<Plane<f32>> {
+        let cols = disparity.cols();
+        let mut bars = Plane::new(disparity.rows(), cols)?;
+
+        let rows = confidence.as_mut_slice().par_chunks_mut(cols);
+        let rows = rows.zip(bars.as_mut_slice().par_chunks_mut(cols)).enumerate();
+        rows.for_each(|(y, (confidence, bars))| {
+            let map = disparity.row(y).iter().zip(flags.row(y));
+            for ((confidence, bar), (disparity, flags)) in confidence.iter_mut().zip(bars).zip(map)
+            {
+                let known = [*confidence, *disparity];
+                [*confidence, *bar] = self.of_pixel(known, flags & flag::FILLED != 0);
+            }
+        });
+
+        Ok(bars)
+    }
+
+    /// Confidence and bar of a pixel, from its raw confidence and its disparity.
+    #[inline(always)]
+    fn of_pixel(&self, [raw, disparity]: [f32; 2], is_filled: bool) -> [f32; 2] {
+        let bin = ((raw * BINS as f32) as i32).clamp(0, BINS as i32 - 1) as usize;
+        let known = self.tables[usize::from(is_filled) * BINS + bin];
+        if disparity.is_nan() { [0.0, f32::NAN] } else { known }
+    }
+}
+
+/// The height of the line through points one apart; beyond the ends that of the last point.
+fn at(knots: &[f64; KNOTS], z: f64) -> f64 {
+    let place = (z - FIRST_KNOT).clamp(0.0, (KNOTS - 1) as f64);
+    let left = (place as usize).min(KNOTS - 2);
+    let part = place - left as f64;
+
+    knots[left] * (1.0 - part) + knots[left + 1] * part
+}

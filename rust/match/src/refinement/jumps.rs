@@ -1,0 +1,58 @@
+//! Where the disparities jump. Pixels nearby may be drawn to the edges of the image, by
+//! [`outlines`](crate::refinement::outlines).
+
+use crate::base::plane::parts;
+use crate::base::simd::Loop;
+
+/// Neighboring disparities that differ by more are a jump, pixels.
+pub const JUMP: f32 = 1.0;
+
+/// Pixels that are marked at a time.
+const LANES: usize = 32;
+/// Largest reach, pixels.
+const MOST_REACH: usize = 8;
+/// Columns whose jumps matter for these pixels.
+const AROUND: usize = LANES + 2 * MOST_REACH;
+
+/// Marks the pixels of a row within reach of a jump in the same row, to the right or lower neighbor, by bytes that are not
+/// 0.
+pub struct Mark<'a, const REACH: usize> {
+    /// Disparities of the row.
+    pub here: &'a [f32],
+    /// Disparities of the row below it.
+    pub below: &'a [f32],
+    /// The marks, to be written.
+    pub jumps: &'a mut [u8],
+}
+
+impl<const REACH: usize> Loop for Mark<'_, REACH> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        const { assert!(REACH <= MOST_REACH, "the buffer is too small") };
+
+        let mut buffer = [[0.0; AROUND + 1]; 2];
+        for (index, out) in self.jumps.chunks_mut(LANES).enumerate() {
+            let first = (index * LANES) as isize - REACH as isize;
+            // Differences with NaN are no jumps: beyond the image there are none.
+            let [here, below] = parts([self.here, self.below], first, &mut buffer, |_, _| f32::NAN);
+            let (here, next, below) = (&here[..AROUND], &here[1..][..AROUND], &below[..AROUND]);
+
+            let mut jump = [0; AROUND];
+            for j in 0..AROUND {
+                let steps = [(here[j] - below[j]).abs(), (here[j] - next[j]).abs()];
+                jump[j] = u8::from((steps[0] > JUMP) | (steps[1] > JUMP));
+            }
+
+            let mut near = [0; LANES];
+            for away in 0..=2 * REACH {
+                for j in 0..LANES {
+                    near[j] |= jump[away + j];
+                }
+            }
+
+            out.copy_from_slice(&near[..out.len()]);
+        }
+    }
+}

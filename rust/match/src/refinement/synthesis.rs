@@ -1,0 +1,481 @@
+//! Analysis by synthesis: where one image is blurred, finds the disparities near jumps that explain it best.
+//!
+//! Under a blur the costs only say that a jump is somewhere within the kernel, and windows draw it to the wider side: near
+//! surfaces come out too large. But given a map, the soft (blurred) image can be synthesized from the sharp one and the
+//! estimated kernel. Where the jumps are wrong, the synthetic image differs from the soft one.
+//!
+//! ```text
+//! for map in the current one, the same eroded, the same dilated by RADIUS:
+//!     shown     = what each pixel of the soft view shows of the sharp image, by the map
+//!     synthetic = shown under the kernel of its area
+//!     distance  = Hamming distance of the codes of the synthetic and of the soft image
+//!     unlike    = sum of distance over the window of WINDOW pixels around
+//! each pixel takes the disparity of the map with the least unlike
+//! ```
+//!
+//! If the left image is soft, everything happens in its view. If the right image is, the map is first warped there, nearer
+//! disparities first. The sums are then read where a left pixel lies by the smallest and by the largest of its disparities,
+//! so that all maps are judged at the same places.
+//!
+//! Only codes are compared, so neither contrast nor offset matters. All arithmetic is in integers, by bands of rows.
+
+mod view;
+
+use std::array::from_fn;
+use std::ops::Range;
+
+use crate::base::control::Control;
+use crate::base::error::Result;
+use crate::base::plane::{Plane, parts, zeroed};
+use crate::base::simd::{Level, Loop};
+use crate::image::convolution::Kernel as Blur;
+use crate::image::intensity::Gray;
+use crate::image::view::View;
+use crate::pair::blur_compensation::{self, BlurCompensation};
+use crate::refinement::median::{NONE, disparity as disparity_of, key};
+use crate::refinement::outlines::Outlines;
+use crate::settings::{CostKind, Settings};
+
+/// Pixels by which near surfaces are eroded and dilated, in each direction of a square. Fewer mend
+/// less of a wide blur; several radii one after another mend a little more, and take as much longer.
+pub const RADIUS: usize = 4;
+/// Side of the window that maps are compared over: from 11 to 19 it makes no difference.
+pub const WINDOW: usize = 15;
+/// Largest difference of disparities that count as the same, pixels: slopes are left alone, which
+/// helps disparities between pixels more than it costs elsewhere.
+pub const SAME: f32 = 0.5;
+/// Columns on either side of a gap in the right view that its brightness is adapted to:
+/// this counts where the contrast of the images differs.
+pub const BESIDE: usize = 16;
+
+/// Rows of a band: its halo, as far as windows and kernels reach, is computed again.
+const BAND: usize = 128;
+/// Pixels that a window reaches in each direction.
+const REACH: usize = WINDOW / 2;
+/// Columns whose extremes are found at a time.
+const LANES: usize = 32;
+
+/// A pair with the blur of its areas, and the rows of it that a map is of.
+#[derive(Debug)]
+pub struct BlurredPair<'a> {
+    views: [&'a View; 2],
+    compensation: &'a BlurCompensation,
+    settings: &'a Settings,
+    /// The rows of the pair that the map is of.
+    rows: Range<usize>,
+    /// The scale of the gray values of both images.
+    scales: [Gray<'a>; 2],
+    /// Gray values of these rows of both images.
+    grays: [Plane<i32>; 2],
+}
+
+/// The side of the image that is soft, if only one is (0: left, 1: right), and its blur relative to the other.
+///
+/// `kernels` are what the two sides have to be blurred by to become alike, so the soft side is the one without.
+pub fn softness(kernels: &[Option<Blur>; 2]) -> Option<(usize, &Blur)> {
+    match kernels {
+        [None, Some(blur)] => Some((0, blur)),
+        [Some(blur), None] => Some((1, blur)),
+        _ => None,
+    }
+}
+
+/// Whether the settings ask for synthesis, and any area of the pair needs it.
+pub fn is_asked_for(settings: &Settings, compensation: Option<&BlurCompensation>) -> bool {
+    let is_soft = |compensation: &BlurCompensation| {
+        compensation.classes().any(|kernels| softness(kernels).is_some())
+    };
+
+    settings.synthesis && settings.cost == CostKind::Phase && compensation.is_some_and(is_soft)
+}
+
+/// Rows on either side of a pixel that its disparity depends on, here and in the drawing of outlines after it.
+pub fn reach(settings: &Settings, compensation: &BlurCompensation) -> usize {
+    RADIUS + around(settings, compensation)[0] + Outlines::Wide.reach()
+}
+
+/// Most bytes that a band of so many columns takes: its maps, and gray values, codes and sums of both views.
+pub fn memory(settings: &Settings, compensation: &BlurCompensation, cols: usize) -> usize {
+    let [above, beside] = around(settings, compensation);
+    (BAND + 2 * above) * (cols + 2 * beside) * 64
+}
+
+/// Rows and columns on either side of a pixel that its window reaches, with the codes there and the kernels under these.
+fn around(settings: &Settings, compensation: &BlurCompensation) -> [usize; 2] {
+    let radii = compensation.every_kernel().map(Blur::radii);
+    let largest = radii.fold((0, 0), |most, radii| (most.0.max(radii.0), most.1.max(radii.1)));
+
+    [largest.0, largest.1].map(|radius| REACH + settings.largest_neighborhood() / 2 + radius)
+}
+
+impl<'a> BlurredPair<'a> {
+    /// The pair for some rows of a map, if there is anything to synthesize.
+    pub fn new(
+        views: [&'a View; 2],
+        compensation: Option<&'a BlurCompensation>,
+        rows: Range<usize>,
+        settings: &'a Settings,
+        level: Level,
+        control: &Control,
+    ) -> Result<Option<Self>> {
+        let Some(compensation) =
+            compensation.filter(|compensation| is_asked_for(settings, Some(compensation)))
+        else {
+            return Ok(None);
+        };
+
+        let scale =
+            |side| blur_compensation::gray(views[side], Some(compensation), side, level, control);
+        let scales = [scale(0)?, scale(1)?];
+
+        let plane = |side: usize| -> Result<_> {
+            Ok(scales[side].plane(level, control)?.of_rows(rows.clone()))
+        };
+        let grays = [plane(0)?, plane(1)?];
+
+        Ok(Some(Self { views, compensation, settings, rows, scales, grays }))
+    }
+
+    /// The map with the disparities that explain the soft image best.
+    pub fn redraw(
+        &self,
+        disparity: &Plane<f32>,
+        redrawn: &mut Plane<f32>,
+        level: Level,
+        control: &Control,
+    ) -> Result<()> {
+        let cols = disparity.cols();
+        redrawn.write_bands(BAND, |first, out| {
+            control.checkpoint()?;
+            out.copy_from_slice(&disparity.as_slice()[first * cols..][..out.len()]);
+
+            let rows = first..first + out.len() / cols;
+            let band = RivalMaps::new(self, disparity, rows, level, control)?;
+            band.groups()?.into_iter().try_for_each(|group| band.writer(&group, out))
+        })
+    }
+
+    /// The validity of row `y` of the map, on one side; `None`: all valid.
+    fn valid(&self, side: usize, y: usize) -> Option<&[bool]> {
+        self.views[side].mask.as_ref().map(|mask| mask.row(self.rows.start + y))
+    }
+
+    /// The gray values of a rectangle, on one side.
+    fn part(&self, side: usize, rows: &Range<usize>, columns: &Range<usize>) -> Result<Plane<i32>> {
+        let mut part = Plane::new(rows.len(), columns.len())?;
+
+        for (row, y) in rows.clone().enumerate() {
+            part.row_mut(row).copy_from_slice(&self.grays[side].row(y)[columns.clone()]);
+        }
+        Ok(part)
+    }
+}
+
+/// The maps that are compared, for a band of rows.
+struct RivalMaps<'a> {
+    pair: &'a BlurredPair<'a>,
+    level: Level,
+    control: &'a Control,
+    /// The rows of the band.
+    rows: Range<usize>,
+    /// The rows that they depend on.
+    seen: Range<usize>,
+    /// The current map, eroded and dilated, of the rows that are seen.
+    maps: [Plane<f32>; MAPS],
+    /// The columns in which the maps of the band differ.
+    columns: Range<usize>,
+}
+
+/// The current map, the eroded and the dilated one.
+const MAPS: usize = 3;
+
+/// Classes of pixels that are judged in one view.
+struct ClassGroup<'a> {
+    /// The soft side.
+    side: usize,
+    /// Class and kernel of each.
+    blurs: Vec<(usize, &'a Blur)>,
+}
+
+impl<'a> RivalMaps<'a> {
+    fn new(
+        pair: &'a BlurredPair<'a>,
+        disparity: &Plane<f32>,
+        rows: Range<usize>,
+        level: Level,
+        control: &'a Control,
+    ) -> Result<Self> {
+        let by = around(pair.settings, pair.compensation)[0];
+        let seen = rows.start.saturating_sub(by)..(rows.end + by).min(disparity.rows());
+
+        let maps = rivals(disparity, &seen, level)?;
+        let columns = differing(&maps, rows.start - seen.start..rows.end - seen.start);
+        Ok(Self { pair, level, control, rows, seen, maps, columns })
+    }
+
+    /// The groups to judge: all classes with a soft left image together, since they lie in one view; else each by itself.
+    fn groups(&self) -> Result<Vec<ClassGroup<'a>>> {
+        if self.columns.is_empty() {
+            return Ok(vec![]);
+        }
+
+        let mut left = vec![];
+        let mut groups = vec![];
+        for class in self.classes()? {
+            match softness(self.pair.compensation.kernels(class)) {
+                Some((0, blur)) => left.push((class, blur)),
+                Some((side, blur)) => groups.push(ClassGroup { side, blurs: vec![(class, blur)] }),
+                None => {}
+            }
+        }
+
+        if !left.is_empty() {
+            groups.push(ClassGroup { side: 0, blurs: left });
+        }
+
+        Ok(groups)
+    }
+
+    /// The classes that occur in the windows of the band.
+    fn classes(&self) -> Result<Vec<usize>> {
+        let mut classes = vec![];
+        let mut labels = zeroed(self.columns.len())?;
+
+        for y in self.within(REACH) {
+            self.labels(y, self.columns.clone(), &mut labels);
+            for &class in &labels {
+                if !classes.contains(&usize::from(class)) {
+                    classes.push(class.into());
+                }
+            }
+        }
+
+        classes.sort_unstable();
+        Ok(classes)
+    }
+
+    /// The classes of some columns of a row.
+    fn labels(&self, y: usize, columns: Range<usize>, labels: &mut [u8]) {
+        self.pair.compensation.write_classes(self.pair.rows.start + y, columns.start, labels);
+    }
+
+    /// The rows of the band and `by` rows on either side, as far as they are seen.
+    fn within(&self, by: usize) -> Range<usize> {
+        self.rows.start.saturating_sub(by)..(self.rows.end + by).min(self.seen.end)
+    }
+
+    /// Replaces disparities of the pixels of a group by those of the map that explains them best.
+    fn writer(&self, group: &ClassGroup, out: &mut [f32]) -> Result<()> {
+        let cols = self.maps[0].cols();
+        let view = view::SoftView::new(self, group)?;
+        let mut best = view.unlike(0)?;
+        let mut labels = zeroed(self.columns.len())?;
+        let mut judged = zeroed(self.columns.len())?;
+
+        for map in 1..MAPS {
+            let sums = view.unlike(map)?;
+            for (row, y) in self.rows.clone().enumerate() {
+                self.labels(y, self.columns.clone(), &mut labels);
+                self.level.run(MarkClasses {
+                    labels: &labels,
+                    blurs: &group.blurs,
+                    out: &mut judged,
+                });
+
+                self.level.run(TakeBetter {
+                    sums: sums.row(row),
+                    judged: &judged,
+                    disparity: &self.maps[map].row(y - self.seen.start)[self.columns.clone()],
+                    best: best.row_mut(row),
+                    out: &mut out[row * cols..][self.columns.clone()],
+                });
+            }
+        }
+
+        Ok(())
+    }
+}
+
+/// Rows of a map, and of the same eroded and dilated, where disparities that count as the same stay exactly the same.
+fn rivals(disparity: &Plane<f32>, rows: &Range<usize>, level: Level) -> Result<[Plane<f32>; MAPS]> {
+    let cols = disparity.cols();
+    let new = || Plane::<f32>::new(rows.len(), cols);
+    let [mut own, mut eroded, mut dilated] = [new()?, new()?, new()?];
+
+    let mut columns = [zeroed(cols)?, zeroed(cols)?];
+
+    // Extremes over a square: down the columns first, then along the row.
+    for (row, y) in rows.clone().enumerate() {
+        own.row_mut(row).copy_from_slice(disparity.row(y));
+
+        let around = from_fn(|k| disparity.row_or_nothing((y + k) as isize - RADIUS as isize));
+        let [least, largest] = &mut columns;
+        level.run(ColumnExtremes { rows: around, least, largest });
+
+        let (eroded, dilated) = (eroded.row_mut(row), dilated.row_mut(row));
+        level.run(ErodeAndDilate { least, largest, own: disparity.row(y), eroded, dilated });
+    }
+
+    Ok([own, eroded, dilated])
+}
+
+/// Rows of the square around a pixel.
+const SIDE: usize = 2 * RADIUS + 1;
+
+/// Finds the extremes of each column of some rows, as keys; rows beyond the image are empty.
+struct ColumnExtremes<'a> {
+    rows: [&'a [f32]; SIDE],
+    least: &'a mut [i32],
+    largest: &'a mut [i32],
+}
+
+impl Loop for ColumnExtremes<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let n = self.least.len();
+        let least = &mut self.least[..n];
+        let largest = &mut self.largest[..n];
+        least.fill(i32::MAX);
+        largest.fill(NONE);
+
+        for row in self.rows.into_iter().filter(|row| !row.is_empty()) {
+            let row = &row[..n];
+            for x in 0..n {
+                let key = key(row[x]);
+
+                // The key of no disparity is the least one, so only the minimum has to leave it out.
+                least[x] = least[x].min(if key == NONE { i32::MAX } else { key });
+                largest[x] = largest[x].max(key);
+            }
+        }
+    }
+}
+
+/// Writes one row of the eroded and the dilated map, from the extremes of its columns.
+struct ErodeAndDilate<'a> {
+    least: &'a [i32],
+    largest: &'a [i32],
+    own: &'a [f32],
+    eroded: &'a mut [f32],
+    dilated: &'a mut [f32],
+}
+
+/// Columns that the squares of [`LANES`] pixels reach.
+const SPAN: usize = LANES + 2 * RADIUS;
+
+impl Loop for ErodeAndDilate<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let mut buffer = [[0; SPAN]; 2];
+
+        let outs = self.eroded.chunks_mut(LANES).zip(self.dilated.chunks_mut(LANES));
+        for (index, (eroded, dilated)) in outs.enumerate() {
+            let x = index * LANES;
+            let count = eroded.len();
+            let first = x as isize - RADIUS as isize;
+            let near = |row: &[i32], x: isize| row[x.clamp(0, row.len() as isize - 1) as usize];
+            let [low, high] = parts([self.least, self.largest], first, &mut buffer, near);
+            let (low, high) = (&low[..SPAN], &high[..SPAN]);
+
+            let mut least = [i32::MAX; LANES];
+            let mut largest = [NONE; LANES];
+            for away in 0..SIDE {
+                let (low, high) = (&low[away..][..LANES], &high[away..][..LANES]);
+                for j in 0..LANES {
+                    least[j] = least[j].min(low[j]);
+                    largest[j] = largest[j].max(high[j]);
+                }
+            }
+
+            let mut own = [f32::NAN; LANES];
+            own[..count].copy_from_slice(&self.own[x..][..count]);
+
+            let mut down = [0.0; LANES];
+            let mut up = [0.0; LANES];
+            for j in 0..LANES {
+                down[j] = unless_same(disparity_of(least[j]), own[j]);
+                up[j] = unless_same(disparity_of(largest[j]), own[j]);
+            }
+
+            eroded.copy_from_slice(&down[..count]);
+            dilated.copy_from_slice(&up[..count]);
+        }
+    }
+}
+
+/// A disparity, or the pixel's own if there is none or it counts as the same.
+#[inline(always)]
+fn unless_same(disparity: f32, own: f32) -> f32 {
+    if (disparity - own).abs() > SAME { disparity } else { own }
+}
+
+/// The columns, from the first to the last, in which the maps differ in any of these rows.
+fn differing([own, eroded, dilated]: &[Plane<f32>; MAPS], rows: Range<usize>) -> Range<usize> {
+    let mut first = usize::MAX;
+    let mut end = 0;
+
+    for y in rows {
+        let (own, eroded, dilated) = (own.row(y), eroded.row(y), dilated.row(y));
+        // NaN differs from nothing: all maps have it.
+        let differs = |x: &usize| eroded[*x] < own[*x] || dilated[*x] > own[*x];
+
+        // Only columns outside the range so far can widen it.
+        let before = first.min(own.len());
+        first = first.min((0..before).find(differs).unwrap_or(first));
+        end = end.max((end..own.len()).rev().find(differs).map_or(end, |x| x + 1));
+    }
+
+    first.min(end)..end
+}
+
+/// Marks the pixels of a row that are of the classes of a group, by bytes that are not 0.
+struct MarkClasses<'a> {
+    labels: &'a [u8],
+    blurs: &'a [(usize, &'a Blur)],
+    out: &'a mut [u8],
+}
+
+impl Loop for MarkClasses<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        self.out.fill(0);
+        for (class, _) in self.blurs {
+            for (out, label) in self.out.iter_mut().zip(self.labels) {
+                *out |= u8::from(usize::from(*label) == *class);
+            }
+        }
+    }
+}
+
+/// Takes the disparities of a map where their sums are less than the best ones so far.
+struct TakeBetter<'a> {
+    sums: &'a [u16],
+    judged: &'a [u8],
+    disparity: &'a [f32],
+    best: &'a mut [u16],
+    out: &'a mut [f32],
+}
+
+impl Loop for TakeBetter<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let n = self.out.len();
+        let (sums, judged, disparity) = (&self.sums[..n], &self.judged[..n], &self.disparity[..n]);
+        let best = &mut self.best[..n];
+        let out = &mut self.out[..n];
+
+        for x in 0..n {
+            let is_better = (sums[x] < best[x]) & (judged[x] != 0);
+            out[x] = if is_better { disparity[x] } else { out[x] };
+            best[x] = if is_better { sums[x] } else { best[x] };
+        }
+    }
+}

@@ -1,0 +1,438 @@
+//! The soft view of a band: what it should show by each of the maps, and how much the soft image differs from that.
+
+use std::mem::replace;
+use std::ops::Range;
+
+use super::{BESIDE, ClassGroup, REACH, RivalMaps, WINDOW, around};
+use crate::base::error::Result;
+use crate::base::plane::{Plane, parts, zeroed};
+use crate::base::simd::{Level, Loop};
+use crate::descriptor::{Code, Codes, describe};
+use crate::image::convolution::Kernel as Blur;
+use crate::image::intensity::Gray;
+
+/// The soft view of a band, for the classes of a group.
+pub(super) struct SoftView<'a> {
+    band: &'a RivalMaps<'a>,
+    group: &'a ClassGroup<'a>,
+    /// Columns of the view whose sums are needed.
+    columns: Range<usize>,
+    /// Those columns and their halo.
+    around: Range<usize>,
+    /// Codes of the soft image there.
+    soft: Codes,
+    /// In the right view: the columns where each pixel of the band is looked up, by its smallest and largest disparity.
+    places: Option<[Plane<u32>; 2]>,
+}
+
+impl<'a> SoftView<'a> {
+    /// Finds the columns that are needed, and describes the soft image there.
+    pub(super) fn new(band: &'a RivalMaps, group: &'a ClassGroup) -> Result<Self> {
+        let pair = band.pair;
+        let cols = band.maps[0].cols();
+        let by = around(pair.settings, pair.compensation)[1];
+
+        let places = (group.side == 1).then(|| band.places()).transpose()?;
+        let columns = match &places {
+            None => band.columns.clone(),
+            Some(places) => {
+                let all = || places.iter().flat_map(Plane::as_slice).map(|x| *x as usize);
+                all().min().unwrap_or(0)..all().max().unwrap_or(0) + 1
+            }
+        };
+
+        let around = columns.start.saturating_sub(by)..(columns.end + by).min(cols);
+        let gray = pair.part(group.side, &band.seen, &around)?;
+        let soft = band.codes(group.side, gray, None)?;
+
+        Ok(Self { band, group, columns, around, soft, places })
+    }
+
+    /// How much the soft image differs from the synthetic one by a map: a sum for each pixel of the band.
+    pub(super) fn unlike(&self, map: usize) -> Result<Plane<u16>> {
+        let band = self.band;
+        let distances = self.distances(self.shown(map)?)?;
+        let mut sums = Plane::new(band.rows.len(), self.columns.len())?;
+        let mut column_sums = zeroed(distances.cols())?;
+
+        // The first window but its last row; each further row completes one window and opens the next.
+        for y in 0..WINDOW - 1 {
+            band.level.run(SlideDown {
+                enters: distances.row(y),
+                leaves: None,
+                sums: &mut column_sums,
+            });
+        }
+
+        for y in 0..band.rows.len() {
+            let leaves = y.checked_sub(1).map(|y| distances.row(y));
+            let enters = distances.row(y + WINDOW - 1);
+            band.level.run(SlideDown { enters, leaves, sums: &mut column_sums });
+            band.level.run(WindowSums { columns: &column_sums, sums: sums.row_mut(y) });
+        }
+
+        self.read(sums)
+    }
+
+    /// Sums in the view -> sums for the pixels of the band.
+    fn read(&self, sums: Plane<u16>) -> Result<Plane<u16>> {
+        let Some([near, far]) = &self.places else { return Ok(sums) };
+        let mut read = Plane::new(near.rows(), near.cols())?;
+
+        for y in 0..near.rows() {
+            let sums = sums.row(y);
+            let places = near.row(y).iter().zip(far.row(y));
+
+            for (read, (near, far)) in read.row_mut(y).iter_mut().zip(places) {
+                let [near, far] = [near, far].map(|x| sums[*x as usize - self.columns.start]);
+                *read = near + far;
+            }
+        }
+
+        Ok(read)
+    }
+
+    /// What the view shows of the sharp image, by a map.
+    fn shown(&self, map: usize) -> Result<Plane<i32>> {
+        let band = self.band;
+        let side = self.group.side;
+        let disparity = &band.maps[map];
+
+        let [soft, sharp] = [side, 1 - side].map(|side| &band.pair.grays[side]);
+        let scale = band.pair.scales[1 - side].steps_to(&band.pair.scales[side]);
+        let reach: i64 = band.pair.scales[1 - side].reach().into();
+
+        let mut whole = zeroed(disparity.cols())?;
+        let mut seen = zeroed(disparity.cols())?;
+        let mut shown = Plane::new(band.seen.len(), self.around.len())?;
+
+        for (row, y) in band.seen.clone().enumerate() {
+            band.level.run(RoundRow { disparity: disparity.row(row), whole: &mut whole });
+
+            let out = shown.row_mut(row);
+            if side == 0 {
+                warp_left(sharp.row(y), &whole, self.around.clone(), out);
+            } else {
+                warp_disparities(&whole, &mut seen);
+                let (left, right, seen) = (sharp.row(y), soft.row(y), &seen[..]);
+                RightView { left, right, scale, reach, seen }.write(self.around.clone(), out);
+            }
+        }
+
+        Ok(shown)
+    }
+
+    /// Hamming distances of the codes of the synthetic and of the soft image, for the columns and rows that are needed and
+    /// their windows; 0 beside the image and where a pixel is masked or of no class of the group.
+    fn distances(&self, mut shown: Plane<i32>) -> Result<Plane<u8>> {
+        let Self { band, group, .. } = self;
+        let rows = band.within(REACH);
+        let wide = self.columns.len() + 2 * REACH;
+        let mut distances = Plane::new(band.rows.len() + 2 * REACH, wide)?;
+        let columns = self.columns.start.saturating_sub(REACH)
+            ..(self.columns.end + REACH).min(self.around.end);
+        let above = REACH - (band.rows.start - rows.start);
+        let left = REACH - (self.columns.start - columns.start);
+
+        // Several classes share the left view only; each synthesizes all of it and keeps its own pixels.
+        let is_partial = group.side == 0 && band.pair.compensation.is_mixed();
+        let mut labels = zeroed(columns.len())?;
+        let mut bits = zeroed(columns.len())?;
+
+        for (index, (class, blur)) in group.blurs.iter().enumerate() {
+            let is_last = index + 1 == group.blurs.len();
+            // The last class takes the plane itself, which spares a copy.
+            let gray = if is_last { replace(&mut shown, Plane::new(0, 0)?) } else { shown.clone() };
+            let codes = band.codes(1 - group.side, gray, Some(blur))?;
+
+            for (row, y) in rows.clone().enumerate() {
+                let place = (y - band.seen.start, columns.start - self.around.start);
+                let out = &mut distances.row_mut(above + row)[left..][..columns.len()];
+                write_distances([&self.soft, &codes], place, band.level, &mut bits);
+
+                if is_partial {
+                    band.labels(y, columns.clone(), &mut labels);
+                    for ((out, bits), label) in out.iter_mut().zip(&bits).zip(&labels) {
+                        *out = if usize::from(*label) == *class { *bits } else { *out };
+                    }
+                } else {
+                    out.copy_from_slice(&bits);
+                }
+
+                if let Some(valid) = band.pair.valid(group.side, y) {
+                    for (out, valid) in out.iter_mut().zip(&valid[columns.clone()]) {
+                        *out = if *valid { *out } else { 0 };
+                    }
+                }
+            }
+        }
+
+        Ok(distances)
+    }
+}
+
+impl RivalMaps<'_> {
+    /// The codes of gray values of one side, under a kernel if there is one.
+    fn codes(&self, side: usize, gray: Plane<i32>, blur: Option<&Blur>) -> Result<Codes> {
+        let Self { pair, level, control, .. } = *self;
+        let noise = Some(pair.compensation.noise()[side]);
+        let gray: Gray = pair.scales[side].like(gray);
+
+        match blur {
+            None => describe(&gray, pair.settings, noise, level, control),
+            Some(blur) => {
+                let gray = gray.convolved(blur, level, control)?;
+                describe(&gray, pair.settings, noise, level, control)
+            }
+        }
+    }
+
+    /// The columns of the right view where the pixels of the band lie by their smallest and by their largest disparity,
+    /// clamped into the image.
+    fn places(&self) -> Result<[Plane<u32>; 2]> {
+        let cols = self.maps[0].cols();
+        let count = self.columns.len();
+        let mut places = [Plane::new(self.rows.len(), count)?, Plane::new(self.rows.len(), count)?];
+        let mut whole = [zeroed(count)?, zeroed(count)?, zeroed(count)?];
+
+        for (row, y) in self.rows.clone().enumerate() {
+            for (map, whole) in self.maps.iter().zip(&mut whole) {
+                let disparity = &map.row(y - self.seen.start)[self.columns.clone()];
+                self.level.run(RoundRow { disparity, whole });
+            }
+
+            for (index, x) in self.columns.clone().enumerate() {
+                let [a, b, c] = [whole[0][index], whole[1][index], whole[2][index]];
+                let extremes = [a.min(b).min(c), a.max(b).max(c)];
+                for (place, disparity) in places.iter_mut().zip(extremes) {
+                    place.row_mut(row)[index] = column(x, -disparity, cols) as u32;
+                }
+            }
+        }
+
+        Ok(places)
+    }
+}
+
+/// The column `by` to the right, clamped into the image.
+fn column(x: usize, by: i32, cols: usize) -> usize {
+    (x as i32 + by).clamp(0, cols as i32 - 1) as usize
+}
+
+/// Writes a row of the right image as the left view shows it.
+fn warp_left(right: &[i32], whole: &[i32], columns: Range<usize>, out: &mut [i32]) {
+    for (out, x) in out.iter_mut().zip(columns) {
+        *out = right[column(x, -whole[x], right.len())];
+    }
+}
+
+/// No disparity: nothing in the left image is seen there.
+const UNSEEN: i32 = i32::MIN;
+
+/// Writes the disparity of each pixel of a row of the right view: the largest that leads to it. A pixel that none leads to
+/// takes the larger one of its neighbors, if both have one: slanted surfaces leave such holes.
+fn warp_disparities(whole: &[i32], seen: &mut [i32]) {
+    seen.fill(UNSEEN);
+
+    for (x, disparity) in whole.iter().enumerate() {
+        // A negative column is beyond the row as an unsigned number.
+        if let Some(seen) = seen.get_mut((x as isize - *disparity as isize) as usize) {
+            *seen = (*seen).max(*disparity);
+        }
+    }
+
+    let mut before = UNSEEN;
+    for x in 0..seen.len().saturating_sub(1) {
+        let (here, after) = (seen[x], seen[x + 1]);
+        if here == UNSEEN && before != UNSEEN && after != UNSEEN {
+            seen[x] = before.max(after);
+        }
+        before = here;
+    }
+}
+
+/// A row of the left image, as the right view shows it.
+struct RightView<'a> {
+    left: &'a [i32],
+    right: &'a [i32],
+    /// Steps of the left image to one of the right one.
+    scale: f64,
+    /// Largest magnitude of gray values of the left image.
+    reach: i64,
+    /// The disparities in the right view.
+    seen: &'a [i32],
+}
+
+impl RightView<'_> {
+    /// Writes some columns. Where nothing of the left image is seen the right image itself is shown, made as bright as the
+    /// left one beside it.
+    fn write(&self, columns: Range<usize>, out: &mut [i32]) {
+        let mut end = 0;
+        let mut brighter = 0;
+
+        for (out, x) in out.iter_mut().zip(columns) {
+            if self.seen[x] == UNSEEN && x >= end {
+                (end, brighter) = self.gap(x);
+            }
+
+            let own = || (self.own(x) + brighter).clamp(-self.reach, self.reach);
+            *out = self.shown(x).unwrap_or_else(own) as i32;
+        }
+    }
+
+    /// What is seen of the left image, if anything.
+    fn shown(&self, x: usize) -> Option<i64> {
+        let disparity = self.seen[x];
+        let from = || self.left[column(x, disparity, self.left.len())].into();
+        (disparity != UNSEEN).then(from)
+    }
+
+    /// The right image, in steps of the left one.
+    fn own(&self, x: usize) -> i64 {
+        // The cast saturates. Values of such size have no meaning, but their sums must not overflow.
+        i64::from((f64::from(self.right[x]) * self.scale).round() as i32)
+    }
+
+    /// The end of the gap around a column, and how much brighter the left image is beside it than the right one.
+    fn gap(&self, x: usize) -> (usize, i64) {
+        let is_seen = |x: &usize| self.seen[*x] != UNSEEN;
+        let start = (0..x).rev().find(is_seen).map_or(0, |x| x + 1);
+        let end = (x..self.seen.len()).find(is_seen).unwrap_or(self.seen.len());
+
+        let beside = start.saturating_sub(BESIDE)..start;
+        let beside = beside.chain(end..(end + BESIDE).min(self.seen.len()));
+
+        let differences = beside.filter_map(|x| Some(self.shown(x)? - self.own(x)));
+        let (count, sum) = differences.fold((0, 0), |(count, sum), by| (count + 1, sum + by));
+
+        (end, sum.div_euclid(count.max(1)))
+    }
+}
+
+/// Rounds disparities to whole pixels (ties: even); 0 where there is none.
+struct RoundRow<'a> {
+    disparity: &'a [f32],
+    whole: &'a mut [i32],
+}
+
+impl Loop for RoundRow<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        // The sum with 1.5 * 2^23 has no bits for fractions: it is rounded, and its low bits are the integer.
+        let rounder = 1.5 * (1 << 23) as f32;
+
+        for (whole, disparity) in self.whole.iter_mut().zip(self.disparity) {
+            let bits =
+                (disparity + rounder).to_bits().cast_signed() - rounder.to_bits().cast_signed();
+
+            *whole = if disparity.is_nan() { 0 } else { bits };
+        }
+    }
+}
+
+/// Writes the Hamming distances of the codes of two planes, of row `y` from column `x` on.
+fn write_distances(codes: [&Codes; 2], place: (usize, usize), level: Level, bits: &mut [u8]) {
+    match codes {
+        [Codes::U16(a), Codes::U16(b)] => write_distances_of(a, b, place, level, bits),
+        [Codes::U32(a), Codes::U32(b)] => write_distances_of(a, b, place, level, bits),
+        [Codes::U64(a), Codes::U64(b)] => write_distances_of(a, b, place, level, bits),
+        _ => unreachable!("codes of the same settings are equally wide"),
+    }
+}
+
+/// As [`write_distances`], of codes in words of one width.
+fn write_distances_of<C: Code>(
+    a: &Plane<C>,
+    b: &Plane<C>,
+    (y, x): (usize, usize),
+    level: Level,
+    bits: &mut [u8],
+) {
+    let codes = [a, b].map(|codes| &codes.row(y)[x..][..bits.len()]);
+    level.run(Distances { codes, bits });
+}
+
+/// Hamming distances of two rows of codes.
+struct Distances<'a, C> {
+    codes: [&'a [C]; 2],
+    bits: &'a mut [u8],
+}
+
+impl<C: Code> Loop for Distances<'_, C> {
+    type Output = ();
+    const COUNTS_BITS: bool = true;
+
+    #[inline(always)]
+    fn run(self) {
+        let [a, b] = self.codes.map(|codes| &codes[..self.bits.len()]);
+        for (x, bits) in self.bits.iter_mut().enumerate() {
+            *bits = a[x].distance(b[x]) as u8;
+        }
+    }
+}
+
+/// Sums over the columns of a window, which is moved down by a row.
+struct SlideDown<'a> {
+    enters: &'a [u8],
+    leaves: Option<&'a [u8]>,
+    sums: &'a mut [u16],
+}
+
+impl Loop for SlideDown<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let n = self.sums.len();
+        let sums = &mut *self.sums;
+        let enters = &self.enters[..n];
+
+        if let Some(leaves) = self.leaves {
+            let leaves = &leaves[..n];
+            for x in 0..n {
+                sums[x] = sums[x] + u16::from(enters[x]) - u16::from(leaves[x]);
+            }
+        } else {
+            for x in 0..n {
+                sums[x] += u16::from(enters[x]);
+            }
+        }
+    }
+}
+
+/// Sums over windows: each of the [`WINDOW`] sums of columns from its own on.
+struct WindowSums<'a> {
+    columns: &'a [u16],
+    sums: &'a mut [u16],
+}
+
+/// Sums that are computed at a time.
+const LANES: usize = 64;
+/// Columns that their windows reach.
+const SPAN: usize = LANES + WINDOW - 1;
+
+impl Loop for WindowSums<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let mut buffer = [[0; SPAN]];
+
+        for (index, out) in self.sums.chunks_mut(LANES).enumerate() {
+            let [columns] = parts([self.columns], (index * LANES) as isize, &mut buffer, |_, _| 0);
+            let columns = &columns[..SPAN];
+
+            let mut sums = [0; LANES];
+            for away in 0..WINDOW {
+                let columns = &columns[away..][..LANES];
+                for j in 0..LANES {
+                    sums[j] += columns[j];
+                }
+            }
+
+            out.copy_from_slice(&sums[..out.len()]);
+        }
+    }
+}
