@@ -23,7 +23,7 @@ import pytest
 from phasestereo import _core
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterator
 
 ROOT = Path(__file__).parents[2]
 
@@ -81,7 +81,6 @@ FLOORS = {
 
 BOUNDS = {
     "files in a circle of imports": 0,
-    "files in the largest circle of the core in Rust": 2,
     "imports of the same or a higher floor": 0,
     "imports of another distribution than those below": 0,
     "own modules imported by a string": 0,
@@ -253,60 +252,8 @@ def lines(folder: str, pattern: str) -> list[str]:
     return [line for line in every if line.strip()]
 
 
-def rust_files() -> dict[str, set[str]]:
-    """Return what each file of the core names of other files in its ``use``, tests left out."""
-    source = ROOT / "rust" / "core" / "src"
-    files = {
-        path.relative_to(source).with_suffix("").as_posix(): path for path in source.rglob("*.rs")
-    }
-    return {name: {*rust_uses(name, path, files)} - {name} for name, path in files.items()}
-
-
-def rust_uses(name: str, path: Path, files: Mapping[str, Path]) -> Iterator[str]:
-    code = path.read_text("utf-8").split("#[cfg(test)]\nmod tests")[0]
-    for tree in re.findall(r"^ *(?:pub(?:\([a-z]+\))? )?use ([^;]+);", code, re.MULTILINE):
-        for path_of in leaves(re.sub(r"\s+", " ", tree)):
-            start, *steps = path_of.split("::")
-            folders = {"crate": [], "self": [name], "super": name.split("/")[:-1]}.get(start)
-            if folders is None:
-                continue
-
-            # What is not a file is something in the nearest one above it.
-            parts = [*"/".join(folders).split("/"), *steps] if folders else steps
-            names = ("/".join(parts[:count]) for count in range(len(parts), 0, -1))
-            yield next((one for one in names if one in files), "lib")
-
-
-def leaves(tree: str) -> list[str]:
-    """Return the paths of a tree such as ``a::{b, c::{d, e}}``."""
-    while found := re.search(r"([\w:]*)\{([^{}]*)\}", tree):
-        inner = (found[1] + one.strip() for one in found[2].split(",") if one.strip())
-        tree = tree[: found.start()] + ", ".join(inner) + tree[found.end() :]
-    return [one.split(" as ")[0].strip() for one in tree.split(",")]
-
-
-def rust_circle() -> list[str]:
-    """Return the files of the largest circle in the core."""
-    uses = rust_files()
-    reached = {name: reach(name, uses) for name in uses}
-    circles = (
-        [other for other in there if name in reached[other]] for name, there in reached.items()
-    )
-    return max(circles, key=len)
-
-
-def reach(start: str, uses: Mapping[str, set[str]]) -> set[str]:
-    found, open_ = set[str](), [start]
-    while open_:
-        new = uses[open_.pop()] - found
-        found |= new
-        open_ += new
-    return found
-
-
 FIGURES: dict[str, Callable[[], list[str]]] = {
     "files in a circle of imports": in_a_circle,
-    "files in the largest circle of the core in Rust": rust_circle,
     "imports of the same or a higher floor": not_down,
     "imports of another distribution than those below": not_below,
     "own modules imported by a string": by_a_string,
