@@ -64,14 +64,14 @@ class Check(NamedTuple):
     value: float
     """NaN: it cannot be told."""
     limit: float
-    """The most there may be; of the reserve the least."""
+    """The most there may be; of "reserve" and "fill" the least."""
     passed: bool | None
     """None: it cannot be told, and need not be."""
 
     def __str__(self) -> str:
         word = {True: "ok", False: "FAILED", None: "unknown"}[self.passed]
-        value = "not known" if math.isnan(self.value) else f"{self.value:.3g} {self.unit}"
-        bound = "at least" if self.name == "reserve" else "at most"
+        value = "not known" if math.isnan(self.value) else f"{self.value:.3g} {self.unit}".rstrip()
+        bound = "at least" if self.name in ("reserve", "fill") else "at most"
         return f"{word}: {self.name} {value}, {bound} {self.limit:.3g} ({self.meaning})"
 
 

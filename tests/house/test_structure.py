@@ -56,6 +56,7 @@ FLOORS = {
         "calibration known",  # by boards; of a pair, an earlier result too
         "matching stages",
         "opencv rigs verification views",  # what is made of a result, and a stand-in for a matcher
+        "walls",
         "",  # the package itself, which names all of the interface
         "cli",
         "__main__",

@@ -4,25 +4,29 @@
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-from cyclopts import Parameter, Token
+from cyclopts import Group, Parameter, Token
 from numpy.typing import NDArray
 
 import phasestereo
 from phasestereo.cli.errors import UNTRUSTED, CommandError, refusals, refuse_taken
 from phasestereo.cli.terminal import print_json, print_lines
+from phasestereo.cli.walls import WallOptions
 from phasestereo.io import read_image
 from phasestereo.io.files import target_of
 from phasestereo.io.folders import pair_paths, paths_of_rig
 from phasestereo.rectification.record import Rectification
 from phasestereo.rectification.rectifying import rectify as rectify_pair
+from phasestereo.result import Result
 from phasestereo.rig.findings import MatchWarning
 from phasestereo.rigs import Check, Rig
 
 _OPTIONS = frozenset(["limits", "focal", "preset"])
+_WALL = Group.create_ordered("Wall")
+_NO_WALL = WallOptions()
 
 
 def _limit(_hint: Any, tokens: Sequence[Token]) -> tuple[tuple[str, float], ...]:
@@ -49,6 +53,7 @@ def rig_test(
     focal: float | None = None,
     preset: str = "robust",
     save: Path | None = None,
+    wall: Annotated[WallOptions, Parameter(name="*", group=_WALL)] = _NO_WALL,
     as_json: Annotated[bool, Parameter(name="--json", negative=(), show_default=False)] = False,
 ) -> None:
     """Test two cameras: what their frames show, against limits.
@@ -57,6 +62,7 @@ def rig_test(
 
     ```
     phasestereo rig test frames/ --rectify calibration.yaml --limit rows=0.2 --limit wrong=0.1
+    phasestereo rig test frames/ --rectify calibration.yaml --unit m --wall 1.0m
     ```
 
     Parameters
@@ -69,11 +75,12 @@ def rig_test(
     limit
         A limit in the place of the usual one, NAME=NUMBER: rows, error, drift (in 100 frames),
         blur, in pixels; rotation, in degrees; wrong, noise, as shares; exposure, as a ratio;
-        reserve, the least number of disparities beyond the nearest thing. May be given again.
+        reserve, the least number of disparities beyond the nearest thing; of a wall fill, a share,
+        accuracy, plane, temporal, percent of its distance, subpixel, pixels. May be given again.
     rectify
         The calibration of raw frames; the rotation against it is tested, too.
     focal
-        Focal length of rectified frames in pixels, for the rotation.
+        Focal length of rectified frames in pixels, for the rotation and a wall.
     preset
         How frames are matched: robust, fast or paper. Fast estimates neither noise nor blur.
     save
@@ -81,19 +88,24 @@ def rig_test(
     as_json
         Print one JSON object on standard output.
     """
+    has_frames = right is not None or frames.is_dir()
+    wall.check(focal=focal, rectify=rectify, has_frames=has_frames)
     if save is not None:
         refuse_taken("save", save, [frames, right, rectify])
     with refusals(options=_OPTIONS):
         if save is not None:
             target_of(save)
-        if right is None and not frames.is_dir():
-            rig = Rig.load(frames)
-        else:
-            rig = Rig(preset=preset)
-            found = _follow(rig, frames, right, rectify)
+        rig = Rig(preset=preset) if has_frames else Rig.load(frames)
+        test = None
+        for result, found in _follow(rig, frames, right, rectify) if has_frames else ():
             if focal is None and found is not None and found.Q is not None:
                 focal = float(found.Q[2, 3])
-        checks = rig.test(dict(limit), focal=focal)
+            test = test or wall.test(result.disparity.shape, focal, found)
+            if test is not None:
+                test.add(result)
+
+        of_rig, of_wall = wall.split(dict(limit))
+        checks = rig.test(of_rig, focal=focal) + (() if test is None else test.test(of_wall))
         if save is not None:
             rig.save(save)
 
@@ -108,8 +120,8 @@ def rig_test(
 
 def _follow(
     rig: Rig, left: Path, right: Path | None, calibration: Path | None
-) -> Rectification | None:
-    """Match all frames by a rig; return how they were rectified."""
+) -> Iterator[tuple[Result, Rectification | None]]:
+    """Match all frames by a rig; yield the matches, and how the frames were rectified."""
     found: Rectification | None = None
     for names in paths_of_rig(left) if right is None else pair_paths(left, right):
         pair: tuple[NDArray[Any], NDArray[Any]] = read_image(names[0]), read_image(names[1])
@@ -121,8 +133,8 @@ def _follow(
         with warnings.catch_warnings():
             # What is wrong with a match counts among the quantities.
             warnings.simplefilter("ignore", MatchWarning)
-            rig.match(*pair, **masks)
-    return found
+            result = rig.match(*pair, **masks)
+        yield result, found
 
 
 def _as_dict(rig: Rig, checks: Sequence[Check]) -> dict[str, Any]:

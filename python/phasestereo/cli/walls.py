@@ -1,0 +1,107 @@
+"""The options of ``phasestereo rig test`` for frames of a flat wall."""
+
+# No `from __future__ import annotations`: the command line is made of these annotations.
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter, Token
+
+from phasestereo.cli.errors import WRONG_USAGE, CommandError, option
+from phasestereo.cli.options import POSITIVE
+from phasestereo.io import Calibration, LengthUnit
+from phasestereo.rectification.record import Rectification
+from phasestereo.walls import LIMITS, Wall
+
+_MILLIMETERS = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
+
+
+def _distance(_hint: Any, tokens: Sequence[Token]) -> tuple[float, str | None]:
+    """Read ``1.0m`` as (1, "m")."""
+    word = tokens[0].value
+    found = re.fullmatch(r"(\d+\.?\d*|\.\d+)(mm|cm|m)?", word)
+    if not found or not float(found[1]):
+        raise ValueError(f"got {word}; accepts a distance, as 1.0m, 850mm, or 1.0 in --unit")
+    return float(found[1]), found[2]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WallOptions:
+    """The options of a wall.
+
+    Parameters
+    ----------
+    wall
+        Distance of a flat wall with texture that the frames show, as 1.0m: depths are tested, too.
+    baseline
+        Distance of the cameras of rectified frames; needs --focal.
+    unit
+        The unit of the baseline, that of --rectify, too.
+    """
+
+    wall: Annotated[tuple[float, str | None] | None, Parameter(converter=_distance, n_tokens=1)] = (
+        None
+    )
+    baseline: Annotated[float | None, Parameter(validator=POSITIVE)] = None
+    unit: LengthUnit | None = None
+
+    def check(self, *, focal: float | None, rectify: Path | None, has_frames: bool) -> None:
+        """Refuse options that are incomplete or have no effect.
+
+        Raises
+        ------
+        CommandError
+            If they are.
+        """
+        if self.wall is None:
+            for name in ("baseline", "unit"):
+                if getattr(self, name) is not None:
+                    raise _wrong(name, "has no effect without --wall")
+            return
+
+        if not has_frames:
+            raise _wrong("wall", "got a saved rig; accepts a folder of frames")
+        if rectify is None and (focal is None or self.baseline is None):
+            raise _wrong("wall", "needs --rectify, or --focal and --baseline")
+        if rectify is not None and self.baseline is not None:
+            raise _wrong("baseline", "has no effect beside --rectify")
+        if self.wall[1] and not self.unit:
+            given = f"{self.wall[0]:g}{self.wall[1]}"
+            raise _wrong("wall", f"got {given}; needs --unit, that of the baseline")
+
+    def test(
+        self, size: tuple[int, ...], focal: float | None, found: Rectification | None
+    ) -> Wall | None:
+        """Return the test of a wall by frames of a size, or None."""
+        if self.wall is None:
+            return None
+
+        height, width = size
+        if found is not None:
+            if found.Q is None:
+                raise _wrong("wall", "needs a calibration that has lengths")
+            calibration = Calibration.from_q(found.Q, width=width, height=height)
+        else:
+            assert focal is not None  # noqa: S101 -- of this and the next line: as checked
+            assert self.baseline is not None  # noqa: S101
+            calibration = Calibration.from_focal(focal, self.baseline, width=width, height=height)
+
+        distance, unit = self.wall
+        if unit is not None and self.unit is not None:
+            distance *= _MILLIMETERS[unit] / _MILLIMETERS[self.unit]
+        return Wall(distance, calibration, unit=self.unit or "")
+
+    def split(self, limits: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
+        """Return the limits of the rig, and those of the wall."""
+        own = LIMITS if self.wall is not None else {}
+        return (
+            {name: limit for name, limit in limits.items() if name not in own},
+            {name: limit for name, limit in limits.items() if name in own},
+        )
+
+
+def _wrong(name: str, message: str) -> CommandError:
+    return CommandError(f"{option(name)}: {message}", WRONG_USAGE)
