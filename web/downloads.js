@@ -1,8 +1,9 @@
 // What was matched, as files of the user's own.
 
-// The trusted points in the left camera's coordinates, with the colors of the left image.
+// The points that are shown, in the left camera's coordinates, with the colors of the left image.
 function cloudFile() {
-  const chosen = Array.from(maps.disparity.keys()).filter((at) => isTrusted(at) && isPoint(at) && depthOf(maps.disparity[at]) <= page.scene.limit);
+  const seen = pointsSeen();
+  const chosen = Array.from(maps.disparity.keys()).filter((at) => seen[at] && isKept(at, element("keep").value));
   const axes = ["x", "y", "z"].map((name) => `property float ${name}\n`).join("");
   const colors = ["red", "green", "blue"].map((name) => `property uchar ${name}\n`).join("");
   const head = `ply\nformat binary_little_endian 1.0\nelement vertex ${chosen.length}\n${axes}${colors}end_header\n`;

@@ -24,6 +24,11 @@ Layer: TypeAlias = Literal["flags", "confidence", "uncertainty"]
 
 LAYERS: tuple[Layer, ...] = get_args(Layer)
 
+Keep: TypeAlias = Literal["trusted", "checked", "all"]
+"""Which estimates become depths and points; see `Result.kept`."""
+
+KEEPS: tuple[Keep, ...] = get_args(Keep)
+
 
 @dataclass(frozen=True, slots=True)
 class MapKind:
@@ -266,6 +271,36 @@ class Result:
 
         trusted: NDArray[np.bool_] = np.isfinite(self.disparity) & sure
         return trusted
+
+    def kept(self, keep: Keep = "trusted") -> NDArray[np.bool_]:
+        """Return the pixels to use: the choice between accuracy and density.
+
+        Parameters
+        ----------
+        keep
+            ``"trusted"``: `trusted`. ``"checked"``: fewer and more accurate ones, trusted pixels
+            that no flag speaks against; none of them is filled in, inferred or of a coarser copy.
+            ``"all"``: every estimate.
+
+        Returns
+        -------
+        ndarray
+            bool (H, W). Estimates are finite in all three.
+
+        Raises
+        ------
+        ValueError
+            If the choice is unknown.
+
+        Examples
+        --------
+        >>> sure = result.disparity[result.kept("checked")]
+        """
+        if keep not in KEEPS:
+            raise ValueError(f"keep: got {keep!r}; accepts {', '.join(map(repr, KEEPS))}")
+        if keep == "all":
+            return np.isfinite(self.disparity)
+        return self.trusted if keep == "trusted" else self.trusted & (self.flags == 0)
 
     def __reduce__(self) -> tuple[type[Result], tuple[Any, ...]]:
         """Return how to make another one without the pair, which would be most of a pickle."""

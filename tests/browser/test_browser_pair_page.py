@@ -16,6 +16,7 @@ import phasestereo as ps
 from browser import Browser
 from conftest import counterpart
 from phasestereo.io import Calibration
+from phasestereo.result import KEEPS
 from phasestereo.views.depths import ranging
 from phasestereo.views.page import page as page_module
 from phasestereo.views.page import write_pair_page
@@ -544,14 +545,19 @@ def test_points_are_drawn_and_turn(opened: Browser) -> None:
     geometry = ranging(made_up().disparity, CALIBRATION, uncertainty=None, yaw=0.0, anchor=None)
     scene = scene_points(made_up().disparity, geometry, step=1)
     assert scene.shown > 1600
-    unflagged = scene.shown - 1
-    count = opened.driver.find_element("css selector", "#cloud-shown").text
-    assert count == f"{unflagged:,} points"
-
-    click(opened, "#trusted")
-    opened.wait(
-        f"document.getElementById('cloud-shown').textContent === '{unflagged + 1:,} points'"
-    )
+    counts = {}
+    for keep in KEEPS:
+        opened.run(
+            "const keep = document.getElementById('keep'); keep.value = arguments[0];"
+            "keep.dispatchEvent(new Event('change'))",
+            keep,
+        )
+        near = ps.point_cloud(made_up(), CALIBRATION, keep=keep, max_depth=scene.limit)
+        counts[keep] = f"{len(near):,} points"
+        shown = f"document.getElementById('cloud-shown').textContent === '{counts[keep]}'"
+        opened.wait(shown)
+    assert len({*counts.values()}) == 3
+    assert counts["all"] == f"{scene.shown:,} points"
 
 
 def settled(browser: Browser) -> NDArray[np.uint8]:

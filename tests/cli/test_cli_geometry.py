@@ -96,7 +96,7 @@ def test_depths_come_out_as_millimetres_and_as_floats(
 
 def test_maps_and_error_bars_come_out(match: Callable[[str], Run]) -> None:
     files = "-o all.npz --depth depth.npz --uncertainty-output bar.pfm --confidence-output c.tif"
-    code, out, err = match(f"{files} --flags-output f.png --calib calib.txt --yaw 0.5")
+    code, out, err = match(f"{files} --flags-output f.png --calib calib.txt --yaw 0.5 --keep all")
     assert (code, err) == (0, "")
     assert "a yaw of up to 0.5 degrees is allowed for, 0.87 px" in out
 
@@ -116,6 +116,42 @@ def test_maps_and_error_bars_come_out(match: Callable[[str], Run]) -> None:
     )
     for name, values in wanted._asdict().items():
         np.testing.assert_array_equal(depths[name], values)
+
+
+def test_what_is_kept_is_the_same_in_every_file(match: Callable[[str], Run]) -> None:
+    trimesh = counterpart("trimesh")
+    files = "-o all.npz --ply out.ply --depth depth.npz --calib calib.txt"
+    for keep in ("trusted", "checked", "all"):
+        code, out, err = match(f"{files} --keep {keep} --decimate 2")
+        assert (code, err) == (0, "")
+        assert f"of the pixels ({keep}" in out
+        depth = np.load("depth.npz")["depth"]
+        assert depth.shape == (20, 32)
+        assert len(trimesh.load("out.ply").vertices) == np.isfinite(depth).sum()
+    maps = np.load("all.npz")
+    wanted = ps.depth_interval(
+        maps["disparity"],
+        io.read_calibration("calib.txt"),
+        uncertainty=maps["uncertainty"],
+        decimate=2,
+    )
+    np.testing.assert_array_equal(depth, wanted.depth)
+    summary = json.loads(match(f"{files} --min-depth 900 --max-depth 1100 --json")[1])
+    assert summary["geometry"]["kept"]["keep"] == "trusted"
+    known = np.load("depth.npz")["depth"]
+    assert known.shape == (40, 65)
+    assert np.nanmin(known) >= 900
+    assert np.nanmax(known) <= 1100
+
+    code, _, err = match(f"{files} --min-depth 9 --max-depth 5")
+    assert (code, err) == (
+        WRONG,
+        "phasestereo: error: --min-depth: got 9; accepts at most max_depth, which is 5\n",
+    )
+    assert (
+        match(f"{files} --decimate 41")[2]
+        == "phasestereo: error: --decimate: got 41; accepts 1 to 40\n"
+    )
 
 
 def test_an_anchor_sets_its_depth_right_in_every_file(match: Callable[[str], Run]) -> None:
@@ -219,7 +255,7 @@ def test_a_range_is_found_beside_a_geometry(run: Callable[..., Run], geometry: s
 def test_surface_is_written(match: Callable[[str], Run]) -> None:
     trimesh = counterpart("trimesh")
 
-    code, out, err = match(f"--mesh out.glb -o out.npy {RIG}")
+    code, out, err = match(f"--mesh out.glb -o out.npy {RIG} --keep all")
     assert (code, err) == (0, "")
     assert "wrote out.glb" in out
 

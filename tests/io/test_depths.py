@@ -5,6 +5,7 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from scipy import ndimage
 
 import phasestereo as ps
 from phasestereo.io import Calibration
+from phasestereo.result import KEEPS
 from phasestereo_bench.datasets import Pair
 from phasestereo_bench.rendering import render_pair
 
@@ -48,11 +50,11 @@ def test_the_ends_are_those_of_the_disparities() -> None:
     depth, near, far = ps.depth_interval(DISPARITY, RIG, uncertainty=BAR, yaw=0)
     np.testing.assert_allclose(depth, [[5, 10, 1000, np.nan], [50, 100, np.nan, 1]])
     np.testing.assert_allclose(
-        near, [[500 / 101, 500 / 51, 500 / 1.5, np.nan], [500 / 11, 500 / 6, np.inf, 500 / 501]],
+        near, [[500 / 101, 500 / 51, 500 / 1.5, np.nan], [500 / 11, 500 / 6, np.nan, 500 / 501]],
         rtol=1e-6,
     )  # fmt: skip
     np.testing.assert_allclose(
-        far, [[500 / 99, 500 / 49, np.inf, np.nan], [500 / 9, 500 / 4, np.inf, 500 / 499]],
+        far, [[500 / 99, 500 / 49, np.inf, np.nan], [500 / 9, 500 / 4, np.nan, 500 / 499]],
         rtol=1e-6,
     )  # fmt: skip
     known = np.isfinite(depth) & np.isfinite(far)
@@ -144,7 +146,106 @@ def test_a_rendered_pair_of_a_turned_camera_is_within_its_bars(pair: Pair) -> No
     assert covered(blind, truth, seen) < 0.7
     assert covered(aware, truth, seen) > 0.9
     assert covered(fixed, truth, seen) > 0.9
-    assert np.median(fixed.far - fixed.near) < np.median(aware.far - aware.near)
+    assert np.nanmedian(fixed.far - fixed.near) < np.nanmedian(aware.far - aware.near)
+
+
+@pytest.fixture(scope="module")
+def found(pair: Pair) -> ps.Result:
+    return ps.match(pair.left, pair.right, num_disparities=48)
+
+
+def test_fewer_pixels_are_kept_and_more_of_them_are_right(pair: Pair, found: ps.Result) -> None:
+    wrong = np.abs(found.disparity - pair.truth) > 1
+    every, trusted, checked = (found.kept(keep) for keep in ("all", "trusted", "checked"))
+    assert not (checked & ~trusted).any()
+    assert not (trusted & ~every).any()
+    assert 0.5 < checked.mean() < trusted.mean() < every.mean()
+    assert wrong[checked].mean() < wrong[trusted].mean() < wrong[every].mean()
+    np.testing.assert_array_equal(trusted, found.trusted)
+    assert not found.flags[checked].any()
+
+
+def test_real_pairs_have_the_share_of_wrong_pixels_that_is_claimed(data: Path) -> None:
+    """What is claimed of the kept pixels, 1 less their mean confidence, is right within a half."""
+    shares = []
+    for scene in ("Motorcycle", "Piano", "Playroom"):
+        folder = data / "middlebury/MiddEval3/trainingQ" / scene
+        known = ps.io.read_calibration(folder / "calib.txt")
+        result = ps.match(folder / "im0.png", folder / "im1.png", num_disparities=known.ndisp)
+        truth = ps.io.read_disparity(folder / "disp0GT.pfm")
+        assert result.confidence is not None
+        for keep in KEEPS:
+            scored = result.kept(keep) & np.isfinite(truth)
+            wrong = np.abs(result.disparity - truth)[scored] > 1
+            shares.append([wrong.mean(), 1 - result.confidence[scored].mean()])
+    by_choice = np.reshape(shares, (3, 3, 2)).mean(axis=0)  # trusted, checked, all
+    wrong, claimed = by_choice[[1, 0, 2]].T
+    assert (np.diff(wrong) > 0).all()
+    assert (np.diff(claimed) > 0).all()
+    np.testing.assert_array_less(np.abs(wrong - claimed), wrong / 2)
+
+
+def test_depths_are_those_that_are_kept(pair: Pair, found: ps.Result) -> None:
+    rig = pair.calibration
+    every = ps.depth_interval(found, rig, keep="all")
+    limits = float(np.nanpercentile(every.depth, 20)), float(np.nanpercentile(every.depth, 80))
+    for keep in KEEPS:
+        kept = found.kept(keep)
+        if keep != "all":  # what may be infinitely far has no depth to rely on
+            kept &= np.isfinite(every.far)
+        assert 0.1 < kept.mean() <= 1
+        depths = ps.depth_interval(found, rig, keep=keep)
+        for values, wanted in zip(depths, every, strict=True):
+            np.testing.assert_array_equal(values, np.where(kept, wanted, np.nan))
+
+        cut = ps.depth_interval(found, rig, keep=keep, min_depth=limits[0], max_depth=limits[1])
+        inside = kept & (every.depth >= limits[0]) & (every.depth <= limits[1])
+        np.testing.assert_array_equal(cut.depth, np.where(inside, every.depth, np.nan))
+        cloud = ps.point_cloud(found, rig, keep=keep, min_depth=limits[0], max_depth=limits[1])
+        np.testing.assert_array_equal(cloud.points[:, 2], cut.depth[inside])
+
+
+@pytest.mark.parametrize("n", [2, 3, 7])
+def test_a_block_becomes_its_kept_pixel_of_median_disparity(
+    pair: Pair, found: ps.Result, n: int
+) -> None:
+    rig, small = pair.calibration, pair.calibration.decimated(n)
+    every, thin = (ps.depth_interval(found, rig, decimate=step) for step in (1, n))
+    rows, cols = small.height, small.width
+    assert (rows, cols) == (rig.height // n, rig.width // n) == thin.depth.shape
+    for y in range(rows):
+        for x in range(cols):
+            block = every.depth[y * n : y * n + n, x * n : x * n + n]
+            kept = np.sort(block[np.isfinite(block)])[::-1]  # by disparities, from the smallest
+            wanted = kept[(len(kept) - 1) // 2] if len(kept) else np.nan
+            np.testing.assert_equal(thin.depth[y, x], wanted)
+
+    # A point of the middle of a block, on a plane, is where the small camera sees it.
+    cloud = ps.point_cloud(found, rig, decimate=n)
+    known = np.isfinite(thin.depth)
+    assert len(cloud) == known.sum()
+    columns = np.nonzero(known)[1]
+    focal, _, center = small.cam0[0]
+    np.testing.assert_allclose(
+        cloud.points[:, 0], (columns - center) * thin.depth[known] / focal, rtol=1e-5, atol=1e-3
+    )
+    assert small.depth(10.0 / n) == pytest.approx(rig.depth(10.0))
+    assert small.cam0[1][2] == (rig.cam0[1][2] + 0.5) / n - 0.5
+
+
+def test_a_selection_that_is_none_is_refused() -> None:
+    bare: dict[str, Any] = {"disparity": DISPARITY, "calibration": RIG}
+    for options, message in (
+        ({"keep": "sure"}, "^keep: got 'sure'; accepts 'trusted', 'checked', 'all'"),
+        ({"min_depth": 0}, "^min_depth: got 0; accepts"),
+        ({"min_depth": 5, "max_depth": 4}, "^min_depth: got 5; accepts at most max_depth"),
+        ({"decimate": 0}, "^decimate: got 0; accepts 1 or more"),
+        ({"decimate": 3}, "^decimate: got 3; accepts 1 to 2"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            ps.point_cloud(**bare, **options)
+    with pytest.raises(ValueError, match="^keep: got 'sure'"):
+        ps.Result(DISPARITY, BAR, None, ps.Settings(), {}).kept("sure")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

@@ -54,9 +54,9 @@ def test_error_bars_are_properties_of_the_points(tmp_path: Path) -> None:
     flags = np.zeros(disparity.shape, np.uint16)
     result = ps.Result(disparity, flags, bar, ps.Settings(), {}, uncertainty=bar)
 
-    write_ply(tmp_path / "cloud.ply", ps.point_cloud(result, rig, yaw=0.02))
+    write_ply(tmp_path / "cloud.ply", ps.point_cloud(result, rig, yaw=0.02, keep="all"))
     found = plyfile.PlyData.read(tmp_path / "cloud.ply", mmap=False)["vertex"].data
-    wanted = ps.depth_interval(result, rig, yaw=0.02)
+    wanted = ps.depth_interval(result, rig, yaw=0.02, keep="all")
     kept = np.isfinite(wanted.depth)
     for name, values in zip(("z", "near", "far"), wanted, strict=True):
         np.testing.assert_array_equal(found[name], values[kept])

@@ -104,14 +104,14 @@ def test_a_result_is_taken_as_it_is() -> None:
     result = ps.match(pair.left, pair.right, num_disparities=24)
 
     sure = result.flags == 0
-    cloud = ps.point_cloud(result, pair.calibration, mask=sure)
+    cloud = ps.point_cloud(result, pair.calibration, mask=sure, keep="all")
     assert 0.5 * sure.size < len(cloud) == sure.sum() < sure.size
 
     alone = ps.point_cloud(result.disparity, pair.calibration, image=pair.left, mask=sure)
     np.testing.assert_array_equal(cloud.points, alone.points)
     np.testing.assert_array_equal(cloud.colors, alone.colors)
 
-    other = ps.point_cloud(result, pair.calibration, image=pair.right, mask=sure)
+    other = ps.point_cloud(result, pair.calibration, image=pair.right, mask=sure, keep="all")
     assert (other.colors != cloud.colors).any()
 
     forgotten = replace(result, pair=None)  # as one that was pickled

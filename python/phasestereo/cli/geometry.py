@@ -4,21 +4,28 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 from cyclopts import Parameter, Token, validators
 from numpy.typing import NDArray
 
 from phasestereo._images import Map
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refuse_picture
-from phasestereo.cli.options import POSITIVE
+from phasestereo.cli.options import AT_LEAST_ONE, POSITIVE
 from phasestereo.io import Calibration, LengthUnit, read_calibration, read_q
-from phasestereo.result import Result
+from phasestereo.result import Keep, Result
 from phasestereo.shapes import Mesh, PointCloud
-from phasestereo.views.depths import YAW, Anchor, Ranging, check_anchor, ranging
+from phasestereo.views.depths import (
+    YAW,
+    Anchor,
+    Ranging,
+    Selection,
+    check_anchor,
+    depths_of,
+    ranging,
+)
 from phasestereo.views.meshing import surface_mesh
 from phasestereo.views.triangulation import point_cloud
 
@@ -58,8 +65,16 @@ class GeometryOptions:
         Row of the principal point. Default: that of the image's center.
     unit
         The unit of the baseline. Needed for ``--depth FILE.png``, which holds mm.
+    keep
+        Which pixels become points and depths: trusted (the default), checked (fewer and more
+        accurate ones), or all.
+    min_depth
+        Leave out everything nearer, in the unit of the baseline.
     max_depth
         Leave out everything further away, in the unit of the baseline.
+    decimate
+        Write one point or depth for each block of so many by so many pixels: that with the median
+        disparity. Default 1.
     yaw
         Degrees that the angle between the cameras may be off by, which widens the error bars of
         depths: 0 if the calibration is exact. Default 0.01.
@@ -76,7 +91,10 @@ class GeometryOptions:
     cx: float | None = None
     cy: float | None = None
     unit: LengthUnit | None = None
+    keep: Keep | None = None
+    min_depth: Annotated[float | None, Parameter(validator=POSITIVE)] = None
     max_depth: Annotated[float | None, Parameter(validator=POSITIVE)] = None
+    decimate: Annotated[int | None, Parameter(validator=AT_LEAST_ONE)] = None
     yaw: Annotated[float | None, Parameter(validator=validators.Number(gte=0, lte=10))] = None
     anchor: Annotated[Anchor | None, Parameter(converter=_anchor, n_tokens=1)] = None
 
@@ -139,7 +157,7 @@ class GeometryOptions:
         if calibration is None and known is not None:
             calibration = Calibration.from_q(known, width=size[1], height=size[0])
         if calibration is None:
-            for name in _EXACTNESS:
+            for name in (*_EXACTNESS, "decimate"):
                 if getattr(self, name) is not None:
                     raise _wrong(name, "has no effect without a geometry, as --calib gives it")
             return None
@@ -157,7 +175,27 @@ class GeometryOptions:
                 raise CommandError(f"--{error}", WRONG_USAGE) from error
 
         yaw = YAW if self.yaw is None else self.yaw
-        return Rig(calibration, unit, self.max_depth, yaw, self.anchor)
+        return Rig(calibration, unit, self.selection(size), yaw, self.anchor)
+
+    def selection(self, size: tuple[int, ...] | None = None) -> Selection:
+        """Return which pixels are wanted of images of this size.
+
+        Raises
+        ------
+        CommandError
+            If the range of depths is empty, or an image is smaller than a block.
+        """
+        if size is not None and self.decimate is not None and self.decimate > min(size[:2]):
+            raise _wrong("decimate", f"got {self.decimate}; accepts 1 to {min(size[:2])}")
+        try:
+            return Selection(
+                keep=self.keep or "trusted",
+                min_depth=self.min_depth,
+                max_depth=self.max_depth,
+                decimate=self.decimate or 1,
+            )
+        except ValueError as error:
+            raise CommandError(f"--{str(error).replace('_', '-', 1)}", WRONG_USAGE) from error
 
     def _calibration(self, height: int, width: int) -> Calibration | None:
         if self.calib is not None:
@@ -192,15 +230,15 @@ class Rig:
         The geometry.
     unit
         The unit of its baseline; None: not known.
-    max_depth
-        The largest depth that is wanted; None: any.
+    selection
+        Which pixels become points and depths.
     yaw, anchor
         How exact the geometry is, as `phasestereo.depth_interval` takes them.
     """
 
     calibration: Calibration
     unit: LengthUnit | None
-    max_depth: float | None
+    selection: Selection
     yaw: float = YAW
     anchor: Anchor | None = None
 
@@ -223,17 +261,18 @@ class Rig:
             )
 
         nearest = self.calibration.depth(largest + 1).item()
-        if self.max_depth is not None and nearest > self.max_depth:
+        limit = self.selection.max_depth
+        if limit is not None and nearest > limit:
             raise _wrong(
                 "max_depth",
-                f"got {self.max_depth:g}; with disparities up to {largest} nothing is nearer than "
+                f"got {limit:g}; with disparities up to {largest} nothing is nearer than "
                 f"{nearest:g}: it is in the unit of the baseline",
             )
 
     def farthest(self) -> int:
         """Return the smallest disparity that has a depth which is wanted."""
-        rig = self.calibration
-        shift = 0.0 if self.max_depth is None else rig.baseline * rig.focal / self.max_depth
+        rig, limit = self.calibration, self.selection.max_depth
+        shift = 0.0 if limit is None else rig.baseline * rig.focal / limit
         return math.floor(shift - rig.doffs) + 1
 
     def points(self, result: Result, image: NDArray[Any]) -> PointCloud:
@@ -242,7 +281,7 @@ class Rig:
             result,
             self.calibration,
             image=image,
-            max_depth=self.max_depth,
+            **asdict(self.selection),
             yaw=self.yaw,
             anchor=self.anchor,
         )
@@ -250,7 +289,7 @@ class Rig:
     def surface(self, result: Result, image: NDArray[Any]) -> Mesh:
         """Return the surface of a result, with the image on it."""
         return surface_mesh(
-            result, self.calibration, image=image, max_depth=self.max_depth, anchor=self.anchor
+            result, self.calibration, image=image, **asdict(self.selection), anchor=self.anchor
         )
 
     def ranging(self, result: Result) -> Ranging:
@@ -264,26 +303,16 @@ class Rig:
         )
 
     def depths(self, result: Result) -> dict[str, Map]:
-        """Return the depths of a result and, if it has error bars, their ends ``near``, ``far``.
-
-        What is beyond float32 is too far to be wanted.
-        """
-        geometry = self.ranging(result)
-        if result.uncertainty is None:
-            found = {"depth": geometry.calibration.depth(result.disparity)}
-        else:
-            columns = np.arange(result.disparity.shape[1])
-            found = geometry.interval(result.disparity, result.uncertainty, columns)._asdict()
-
-        limit = np.inf if self.max_depth is None else self.max_depth
-        wanted = np.isfinite(found["depth"]) & (found["depth"] <= limit)
-        return {name: np.where(wanted, each, np.float32(np.nan)) for name, each in found.items()}
+        """Return the depths of a result and, if it has error bars, their ends ``near``, ``far``."""
+        found = depths_of(result, self.ranging(result), self.selection)
+        maps = {"depth": found.depth, "near": found.near, "far": found.far}
+        return {name: values for name, values in maps.items() if values is not None}
 
     def of_size(self, shape: tuple[int, int]) -> "Rig":
         """Return the same cameras with other, smaller images: a cut-out, not a resized one."""
         height, width = shape
         small = replace(self.calibration, width=width, height=height)
-        return replace(self, calibration=small, anchor=None)
+        return replace(self, calibration=small, selection=Selection(keep="all"), anchor=None)
 
 
 def _wrong(name: str, message: str) -> CommandError:

@@ -18,7 +18,7 @@ from phasestereo.cli.outcome import Outcome
 from phasestereo.io import write_depth, write_glb, write_image, write_maps, write_ply
 from phasestereo.io.results import write_map
 from phasestereo.result import LAYERS
-from phasestereo.views.depths import YAW
+from phasestereo.views.depths import YAW, Selection
 from phasestereo.views.page import write_pair_page
 from phasestereo.views.picture import disparity_picture
 
@@ -179,6 +179,7 @@ def _write_depth(path: Path, outcome: Outcome) -> None:
 def _write_report(path: Path, outcome: Outcome) -> None:
     low, count = outcome.disparities
     truth, rig = outcome.truth, outcome.rig
+    selection = Selection() if rig is None else rig.selection
 
     write_pair_page(
         path,
@@ -187,7 +188,9 @@ def _write_report(path: Path, outcome: Outcome) -> None:
         truth=None if truth is None else truth.disparity,
         mask=None if truth is None else truth.mask,
         calibration=None if rig is None else rig.calibration,
-        max_depth=None if rig is None else rig.max_depth,
+        keep=selection.keep,
+        min_depth=selection.min_depth,
+        max_depth=selection.max_depth,
         yaw=YAW if rig is None else rig.yaw,
         anchor=None if rig is None else rig.anchor,
         min_disparity=low,

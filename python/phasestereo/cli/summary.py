@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -63,6 +64,7 @@ class MatchSummary:
                 "yaw": geometry.yaw,
                 "yaw_share": geometry.share[0],
                 "moved": geometry.moved,
+                "kept": self.kept,
             }
         if self.outcome.rectified is not None:
             summary["rectification"] = self.outcome.rectified.as_dict()
@@ -86,6 +88,20 @@ class MatchSummary:
         """What made depths of the disparities; None: nothing did."""
         rig = self.outcome.rig
         return None if rig is None else rig.ranging(self.outcome.result)
+
+    @property
+    def kept(self) -> dict[str, Any] | None:
+        """Which pixels become depths, their share of all, and the estimated share of wrong ones.
+
+        None without a geometry. ``wrong`` is NaN where there are no confidences.
+        """
+        if self.outcome.rig is None:
+            return None
+        result, keep = self.outcome.result, self.outcome.rig.selection.keep
+        pixels = result.kept(keep)
+        sure = np.empty(0) if result.confidence is None else result.confidence[pixels]
+        wrong = 1 - float(sure.mean()) if sure.size else math.nan
+        return {"keep": keep, "share": float(pixels.mean()), "wrong": wrong}
 
     @property
     def flags(self) -> dict[str, int]:
@@ -124,8 +140,16 @@ def _lines(summary: MatchSummary) -> list[str]:
         *(() if (rectified := summary.outcome.rectified) is None else rectified.sentences),
         *([] if result.blur is None else [f"blur: {result.blur}"]),
         *([] if summary.geometry is None else [str(summary.geometry)]),
+        *([] if summary.kept is None else [_kept(**summary.kept)]),
         *(f"wrote {path}" for path in summary.files.values()),
     ]
+
+
+def _kept(keep: str, share: float, wrong: float) -> str:
+    """Say which pixels became depths and points, and how many of them are probably wrong."""
+    said = "" if math.isnan(wrong) else f"; about {wrong:.1%} of these are probably wrong"
+    others = "" if keep == "all" else ", --keep all for every estimate"
+    return f"depths and points: {share:.1%} of the pixels ({keep}{others}){said}"
 
 
 def _range(summary: MatchSummary) -> str:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Integral
 from typing import Any, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from phasestereo._numbers import as_number
+from phasestereo._numbers import as_integer, as_number
 from phasestereo.io.files import StrPath, decoding, read_bounded
 from phasestereo.io.limits import SMALL
 
@@ -175,6 +175,45 @@ class Calibration:
             baseline=1 / inverse,
             width=width,
             height=height,
+        )
+
+    def decimated(self, factor: int) -> Self:
+        """Return the calibration of the images at a whole fraction of their size.
+
+        Parameters
+        ----------
+        factor
+            Pixels in a row and in a column that become one, 1 to the smaller side. Rows and columns
+            that do not fill a block are left out.
+
+        Raises
+        ------
+        TypeError
+            If it is not an integer.
+        ValueError
+            If it is out of range.
+
+        Notes
+        -----
+        Depths stay, disparities are divided by the factor. The center of the first block is
+        (factor - 1) / 2 pixels from that of the first pixel, so ``cx`` becomes
+        ``(cx + 0.5) / factor - 0.5``.
+        """
+        n = as_integer("decimate", factor, least=1, most=min(self.width, self.height))
+        cam0, cam1 = (
+            ((fx / n, 0.0, (x + 0.5) / n - 0.5), (0.0, fy / n, (y + 0.5) / n - 0.5), last)
+            for (fx, _, x), (_, fy, y), last in (self.cam0, self.cam1)
+        )
+        return replace(
+            self,
+            cam0=cam0,
+            cam1=cam1,
+            doffs=self.doffs / n,
+            width=self.width // n,
+            height=self.height // n,
+            ndisp=None if self.ndisp is None else -(-self.ndisp // n),
+            vmin=None if self.vmin is None else self.vmin / n,
+            vmax=None if self.vmax is None else self.vmax / n,
         )
 
     @property

@@ -15,6 +15,7 @@ _POSITION = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
 _COLOR = [("red", "u1"), ("green", "u1"), ("blue", "u1")]
 _BAR = [("near", "<f4"), ("far", "<f4"), ("uncertainty", "<f4")]
 _NAMES = {"<f4": "float", "u1": "uchar"}
+_CHUNK = 2**18  # vertices that are written at a time
 
 
 def write_ply(path: StrPath, cloud: PointCloud) -> None:
@@ -47,40 +48,44 @@ def write_ply(path: StrPath, cloud: PointCloud) -> None:
     if not isinstance(cloud, PointCloud):
         raise TypeError(f"cloud must be a PointCloud, got {type(cloud).__name__}")
 
-    vertices = _vertices(cloud)
     with replacing(path) as file:
-        file.write(_header(vertices))
-        file.write(vertices.data)
+        file.write(_header(cloud))
+        for start in range(0, len(cloud), _CHUNK):
+            file.write(_vertices(cloud, slice(start, start + _CHUNK)).data)
 
 
-def _vertices(cloud: PointCloud) -> NDArray[Any]:
-    columns = _POSITION + ([] if cloud.colors is None else _COLOR)
-    columns = columns + ([] if cloud.near is None else _BAR)
-    vertices = np.empty(len(cloud), dtype=columns)
+def _vertices(cloud: PointCloud, part: slice) -> NDArray[Any]:
+    points = cloud.points[part]
+    vertices = np.empty(len(points), dtype=_columns(cloud))
 
     for axis, (name, _) in enumerate(_POSITION):
-        vertices[name] = cloud.points[:, axis]
+        vertices[name] = points[:, axis]
 
     if cloud.colors is not None:
         for channel, (name, _) in enumerate(_COLOR):
-            vertices[name] = cloud.colors[:, channel]
+            vertices[name] = cloud.colors[part, channel]
 
     if cloud.near is not None and cloud.far is not None:
-        half = (cloud.far - cloud.near) / 2
-        for (name, _), column in zip(_BAR, (cloud.near, cloud.far, half), strict=True):
+        near, far = cloud.near[part], cloud.far[part]
+        for (name, _), column in zip(_BAR, (near, far, (far - near) / 2), strict=True):
             vertices[name] = column
 
     return vertices
 
 
-def _header(vertices: NDArray[Any]) -> bytes:
-    columns = vertices.dtype.descr
+def _columns(cloud: PointCloud) -> list[tuple[str, str]]:
+    colored = _POSITION + ([] if cloud.colors is None else _COLOR)
+    return colored + ([] if cloud.near is None else _BAR)
+
+
+def _header(cloud: PointCloud) -> bytes:
+    columns = _columns(cloud)
     lines = [
         "ply",
         "format binary_little_endian 1.0",
         "comment left camera: x to the right, y down, z forward",
-        f"element vertex {len(vertices)}",
-        *(f"property {_NAMES[column[1].replace('|', '')]} {column[0]}" for column in columns),
+        f"element vertex {len(cloud)}",
+        *(f"property {_NAMES[kind]} {name}" for name, kind in columns),
         "end_header\n",
     ]
     return "\n".join(lines).encode("ascii")

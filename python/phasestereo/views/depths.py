@@ -9,15 +9,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from phasestereo._images import Map, as_array
+from phasestereo._images import Map, Mask, as_array, as_mask
 from phasestereo._numbers import as_integer, as_number
 from phasestereo.io.calibration import Calibration
-from phasestereo.result import Result
+from phasestereo.result import KEEPS, Keep, Result
 
 Anchor: TypeAlias = tuple[int, int, float]
 """Column and row of a pixel of the left image, and its depth, which may be infinite."""
@@ -31,6 +31,7 @@ by; a rig that was knocked or has warmed up may be off by ten times as much.
 
 _NINETY = 1.645  # standard deviations on either side hold 90 %
 _STEEPEST = 10.0  # degrees; what is off by more is another rig
+_BAND = 64  # rows whose depths are computed at a time: float64 copies of a map are large
 
 
 class DepthInterval(NamedTuple):
@@ -49,6 +50,85 @@ class DepthInterval(NamedTuple):
     depth: Map
     near: Map
     far: Map
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Selection:
+    """Which pixels become depths and points: the same options in every output.
+
+    Parameters
+    ----------
+    keep
+        As `phasestereo.Result.kept` has it. But for ``"all"`` the error bar of a depth must have a
+        far end, too: what may be infinitely far has no depth to rely on. A map that is not a
+        `Result` says nothing of its pixels, and all of its estimates are kept.
+    min_depth, max_depth
+        The nearest and the farthest depth, in the unit of the baseline; None: any.
+    decimate
+        Pixels in a row and in a column that become one: the kept pixel of each block that has the
+        median disparity. 1: all pixels.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a value is of the wrong type or out of range.
+    """
+
+    keep: Keep = "trusted"
+    min_depth: float | None = None
+    max_depth: float | None = None
+    decimate: int = 1
+
+    def __post_init__(self) -> None:
+        """Refuse what is out of range."""
+        if self.keep not in KEEPS:
+            raise ValueError(f"keep: got {self.keep!r}; accepts {', '.join(map(repr, KEEPS))}")
+        ends = "min_depth", "max_depth"
+        low, high = (
+            None if value is None else as_number(name, value, positive=True)
+            for name, value in zip(ends, (self.min_depth, self.max_depth), strict=True)
+        )
+        if low is not None and high is not None and low > high:
+            raise ValueError(
+                f"min_depth: got {low:g}; accepts at most max_depth, which is {high:g}"
+            )
+        as_integer("decimate", self.decimate, least=1)
+
+    def within(self, depth: Map) -> Mask:
+        """Return where depths are finite and in the range that is wanted."""
+        low = 0.0 if self.min_depth is None else self.min_depth
+        high = math.inf if self.max_depth is None else self.max_depth
+        return np.isfinite(depth) & (depth >= low) & (depth <= high)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Depths:
+    """The depths of the pixels that are kept.
+
+    Parameters
+    ----------
+    depth
+        float32 (H, W); NaN where there is none, or it is not kept.
+    near, far
+        The ends of the error bars, as `DepthInterval` has them; None: there are no error bars.
+    calibration
+        The geometry of a map of this size; an anchor has changed its ``doffs``.
+    pixels
+        Of each pixel the one of the left image that it is, as an index into the flat map; None: the
+        map has the size of the image.
+    """
+
+    depth: Map
+    near: Map | None
+    far: Map | None
+    calibration: Calibration
+    pixels: NDArray[np.intp] | None
+
+    def picked(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Return what a map or an image of the left image's size has at these pixels."""
+        if self.pixels is None:
+            return values
+        return values.reshape(-1, *values.shape[2:])[self.pixels]
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,8 +207,12 @@ def depth_interval(
     yaw: float = YAW,
     anchor: Anchor | None = None,
     offset: tuple[float, float] | None = None,
+    keep: Keep = "trusted",
+    min_depth: float | None = None,
+    max_depth: float | None = None,
+    decimate: int = 1,
 ) -> DepthInterval:
-    """Return the depth of every pixel, and the ends of its error bar.
+    """Return the depth of every pixel that is kept, and the ends of its error bar.
 
     Parameters
     ----------
@@ -150,11 +234,22 @@ def depth_interval(
         In place of an anchor, what to add to all disparities, and its standard deviation, pixels,
         as `phasestereo.Rig.offset` has them from its own anchor. A yaw adds to the error bars,
         then, what it does beside the middle of the image.
+    keep
+        Which estimates of a result to keep: ``"trusted"``, ``"checked"`` (fewer, more accurate) or
+        ``"all"``, as `phasestereo.Result.kept` has them; of the first two only those whose error
+        bar has a far end. Of a plain map, which says nothing of its pixels, all are kept.
+    min_depth, max_depth
+        The nearest and the farthest depth to keep, more than 0, in the unit of the baseline; None:
+        any.
+    decimate
+        Pixels in a row and in a column that become one, 1 or more: that of each block with the
+        median disparity of those kept. `phasestereo.io.Calibration.decimated` has the geometry.
 
     Returns
     -------
     DepthInterval
-        ``depth``, ``near`` and ``far``, each float32 (H, W).
+        ``depth``, ``near`` and ``far``, each float32 (H // decimate, W // decimate); NaN where
+        there is no estimate or it is not kept.
 
     Raises
     ------
@@ -163,6 +258,10 @@ def depth_interval(
     ValueError
         If shapes differ from each other or from the calibration's, there are no error bars, a
         number is out of range, or there is no estimate at the anchor.
+
+    Examples
+    --------
+    >>> depth, near, far = ps.depth_interval(result, calibration, max_depth=5000)
 
     Notes
     -----
@@ -184,10 +283,96 @@ def depth_interval(
         )
     if anchor is not None and offset is not None:
         raise ValueError("offset: got one beside an anchor; accepts one of them")
-    found = ranging(values, calibration, uncertainty=bars, yaw=yaw, anchor=anchor)
+    geometry = ranging(values, calibration, uncertainty=bars, yaw=yaw, anchor=anchor)
     if offset is not None:
-        found = _moved(found, offset)
-    return found.interval(values, bars, np.arange(values.shape[1]))
+        geometry = _moved(geometry, offset)
+    selection = Selection(keep=keep, min_depth=min_depth, max_depth=max_depth, decimate=decimate)
+    found = depths_of(disparity, geometry, selection, uncertainty=bars)
+    return DepthInterval(found.depth, cast("Map", found.near), cast("Map", found.far))
+
+
+def depths_of(
+    disparity: Result | ArrayLike,
+    geometry: Ranging,
+    selection: Selection,
+    *,
+    uncertainty: NDArray[Any] | None = None,
+    mask: ArrayLike | None = None,
+) -> Depths:
+    """Return the depths of the pixels that are kept, and the ends of their error bars.
+
+    Parameters
+    ----------
+    disparity
+        A `Result`, or disparities (H, W), pixels.
+    geometry
+        What makes depths of them.
+    selection
+        Which are kept.
+    uncertainty
+        Error bars (H, W), pixels; None: those of the result, if it has some.
+    mask
+        bool (H, W), True = wanted; None: all are.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the mask is not bool or of another size, or the map is smaller than a block.
+    """
+    values = as_disparities(disparity)
+    bars = as_uncertainty(disparity, uncertainty, values.shape)
+    maps = _depths(geometry, values, bars)
+    wanted = selection.within(maps[0])
+    if isinstance(disparity, Result):
+        wanted &= disparity.kept(selection.keep)
+        if bars is not None and selection.keep != "all":
+            wanted &= np.isfinite(maps[2])
+    valid = as_mask(mask, values.shape, "mask")
+    if valid is not None:
+        wanted &= valid
+
+    for found in maps:
+        found[~wanted] = np.nan
+    pixels, small = None, geometry.calibration
+    if selection.decimate > 1:
+        small = small.decimated(selection.decimate)
+        pixels = _medians(values, wanted, selection.decimate)
+        maps = [found.ravel()[pixels] for found in maps]
+    near, far = (None, None) if bars is None else maps[1:]
+    return Depths(maps[0], near, far, small, pixels)
+
+
+def _depths(geometry: Ranging, values: NDArray[Any], bars: NDArray[Any] | None) -> list[Map]:
+    """Return depths and, with error bars, their near and far ends."""
+    maps = [np.empty(values.shape, np.float32) for _ in range(1 if bars is None else 3)]
+    columns = np.arange(values.shape[1])
+    for top in range(0, len(values), _BAND):
+        rows = slice(top, top + _BAND)
+        if bars is None:
+            maps[0][rows] = geometry.calibration.depth(values[rows])
+            continue
+        for found, part in zip(
+            maps, geometry.interval(values[rows], bars[rows], columns), strict=True
+        ):
+            found[rows] = part
+    return maps
+
+
+def _medians(values: NDArray[Any], kept: Mask, n: int) -> NDArray[np.intp]:
+    """Return of each block of n x n pixels the one that has the median of the kept disparities.
+
+    Of an even number it is the lower one of both in the middle: a disparity that was measured, not
+    one between two surfaces.
+    """
+    rows, cols = values.shape[0] // n, values.shape[1] // n
+    whole = np.where(kept, values, np.inf)[: rows * n, : cols * n]
+    blocks = whole.reshape(rows, n, cols, n).swapaxes(1, 2).reshape(rows, cols, n * n)
+    middle = np.maximum(np.isfinite(blocks).sum(axis=2) - 1, 0) // 2
+    order = np.argsort(blocks, axis=2, kind="stable")
+    y, x = np.divmod(np.take_along_axis(order, middle[:, :, np.newaxis], 2)[:, :, 0], n)
+    top, left = np.ogrid[: rows * n : n, : cols * n : n]
+    found: NDArray[np.intp] = (top + y) * values.shape[1] + left + x
+    return found
 
 
 def ranging(

@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._numbers import as_number
 from phasestereo.io import Calibration
-from phasestereo.result import Result
+from phasestereo.result import Keep, Result
 from phasestereo.shapes import Mesh
-from phasestereo.views.depths import Anchor
+from phasestereo.views.depths import Anchor, Selection, as_disparities
 from phasestereo.views.triangulation import triangulate
 
 
@@ -21,7 +21,10 @@ def surface_mesh(
     *,
     image: ArrayLike | None = None,
     mask: ArrayLike | None = None,
+    keep: Keep = "trusted",
+    min_depth: float | None = None,
     max_depth: float | None = None,
+    decimate: int = 1,
     max_step: float = 1.0,
     anchor: Anchor | None = None,
 ) -> Mesh:
@@ -29,7 +32,7 @@ def surface_mesh(
 
     Parameters
     ----------
-    disparity, calibration, mask, max_depth
+    disparity, calibration, mask, keep, min_depth, max_depth, decimate
         As `phasestereo.point_cloud` takes them.
     image
         What is on the surface, as `point_cloud` takes it; None: the left image of the result's
@@ -49,20 +52,26 @@ def surface_mesh(
     ------
     TypeError, ValueError
         As `point_cloud`; also if max_step is not positive.
+
+    Examples
+    --------
+    >>> mesh = ps.surface_mesh(result, calibration, decimate=2)
     """
     found = triangulate(
         disparity,
         calibration,
+        Selection(keep=keep, min_depth=min_depth, max_depth=max_depth, decimate=decimate),
         image=image,
         mask=mask,
-        max_depth=max_depth,
         yaw=0.0,
         anchor=anchor,
     )
-    faces = _faces(found.disparity, found.kept, as_number("max_step", max_step, positive=True))
+    values = found.depths.picked(as_disparities(disparity)) / decimate
+    faces = _faces(values, found.kept, as_number("max_step", max_step, positive=True))
 
     rows, cols = np.nonzero(found.kept)
-    pixels = np.stack([cols, rows], axis=1).astype(np.float32)
+    places = np.stack([cols, rows], axis=1)
+    pixels = ((places + 0.5) * decimate - 0.5).astype(np.float32)
     return Mesh(found.points, faces, pixels, found.picture)
 
 

@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from phasestereo._images import as_mask, as_pixels, as_rgb8
-from phasestereo._numbers import as_number
+from phasestereo._images import as_pixels, as_rgb8
 from phasestereo.io import Calibration
-from phasestereo.result import Result
+from phasestereo.result import Keep, Result
 from phasestereo.shapes import PointCloud
-from phasestereo.views.depths import YAW, Anchor, as_disparities, as_uncertainty, ranging
+from phasestereo.views.depths import (
+    YAW,
+    Anchor,
+    Depths,
+    Selection,
+    as_disparities,
+    as_uncertainty,
+    depths_of,
+    ranging,
+)
+
+_BAND = 64  # rows whose points are computed at a time
 
 
 def point_cloud(
@@ -21,7 +31,10 @@ def point_cloud(
     *,
     image: ArrayLike | None = None,
     mask: ArrayLike | None = None,
+    keep: Keep = "trusted",
+    min_depth: float | None = None,
     max_depth: float | None = None,
+    decimate: int = 1,
     yaw: float = YAW,
     anchor: Anchor | None = None,
 ) -> PointCloud:
@@ -39,10 +52,10 @@ def point_cloud(
         floats are stretched to what they span, but for 0.1 % of the pixels at either end. None:
         the left image of the result's pair; there are no colors where that is not known.
     mask
-        bool (H, W), True = wanted; None: all are. ``result.flags == 0`` leaves out everything that
-        was filled in or is not to be trusted.
-    max_depth
-        Largest depth that is wanted, in the unit of the baseline; None: any.
+        bool (H, W), True = wanted; None: all are.
+    keep, min_depth, max_depth, decimate
+        Which pixels become points, as `depth_interval` takes them: the trusted ones of a result
+        unless something else is asked for.
     yaw, anchor
         How exact the geometry is, as `depth_interval` takes them.
 
@@ -58,46 +71,50 @@ def point_cloud(
     TypeError
         If an argument is of a wrong type or dtype.
     ValueError
-        If shapes differ from each other or from the calibration's, max_depth is not positive, or
-        as `depth_interval`.
+        If shapes differ from each other or from the calibration's, a number is out of range, or as
+        `depth_interval`.
 
     Notes
     -----
     The left pixel (x, y) becomes Z = baseline * fx / (d + doffs), X = (x - cx) * Z / fx and
     Y = (y - cy) * Z / fy: to the precision of float32 what ``cv2.reprojectImageTo3D`` makes of it
     with `Calibration.q`.
+
+    Examples
+    --------
+    >>> cloud = ps.point_cloud(result, calibration, keep="checked", max_depth=5000)
     """
     found = triangulate(
         disparity,
         calibration,
+        Selection(keep=keep, min_depth=min_depth, max_depth=max_depth, decimate=decimate),
         image=image,
         mask=mask,
-        max_depth=max_depth,
         yaw=yaw,
         anchor=anchor,
     )
-    colors = None if found.picture is None else found.picture[found.kept]
-    near, far = (None if end is None else end[found.kept] for end in found.ends)
+    made = found.depths
+    colors = None if found.picture is None else made.picked(found.picture)[found.kept]
+    near, far = (None if end is None else end[found.kept] for end in (made.near, made.far))
     return PointCloud(found.points, colors, near, far)
 
 
 class Triangulation(NamedTuple):
-    """The points of a map, (N, 3); the map, the pixels that became points, picture, ends."""
+    """The points of a map, (N, 3), the pixels that became points, the left image, the depths."""
 
     points: NDArray[np.float32]
-    disparity: NDArray[Any]
     kept: NDArray[np.bool_]
     picture: NDArray[np.uint8] | None
-    ends: tuple[NDArray[np.float32] | None, NDArray[np.float32] | None]
+    depths: Depths
 
 
 def triangulate(
     disparity: Result | ArrayLike,
     calibration: Calibration,
+    selection: Selection,
     *,
     image: ArrayLike | None,
     mask: ArrayLike | None,
-    max_depth: float | None,
     yaw: float,
     anchor: Anchor | None,
 ) -> Triangulation:
@@ -106,42 +123,34 @@ def triangulate(
     bars = as_uncertainty(disparity, None, values.shape)
     geometry = ranging(values, calibration, uncertainty=bars, yaw=yaw, anchor=anchor)
 
-    near = far = None
-    if bars is None:
-        depth = geometry.calibration.depth(values)
-    else:
-        depth, near, far = geometry.interval(values, bars, np.arange(values.shape[1]))
-    wanted = np.isfinite(depth)
-    if max_depth is not None:
-        wanted &= depth <= as_number("max_depth", max_depth, positive=True)  # false for NaN
-    valid = as_mask(mask, values.shape, "mask")
-    if valid is not None:
-        wanted &= valid
+    found = depths_of(disparity, geometry, selection, uncertainty=bars, mask=mask)
 
     if image is None and isinstance(disparity, Result) and disparity.pair is not None:
         image = disparity.pair[0]
     picture = None if image is None else _picture(image, values.shape)
-    points, kept = _points(depth, wanted, calibration)
-    return Triangulation(points, values, kept, picture, (near, far))
+    return Triangulation(*_points(found.depth, found.calibration), picture, found)
 
 
 def _points(
-    depth: NDArray[np.float32], wanted: NDArray[np.bool_], calibration: Calibration
+    depth: NDArray[np.float32], calibration: Calibration
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Return the points of the wanted pixels, and which of these have finite coordinates."""
+    """Return the points of the pixels with a depth, and which of these have finite coordinates."""
     (fx, _, cx), (_, fy, cy), _ = calibration.cam0
-    rows, cols = np.nonzero(wanted)
-    z = depth[wanted].astype(np.float64)
-    points = np.empty((len(z), 3), dtype=np.float32)
-    with np.errstate(over="ignore"):  # beyond float32 is infinitely far, and left out
-        points[:, 0] = (cols - cx) * z / fx
-        points[:, 1] = (rows - cy) * z / fy
-    points[:, 2] = z
+    kept = np.isfinite(depth)
+    points = np.empty((np.count_nonzero(kept), 3), dtype=np.float32)
+    end = 0
+    for top in range(0, len(depth), _BAND):
+        rows, cols = np.nonzero(kept[top : top + _BAND])
+        z = depth[top + rows, cols].astype(np.float64)
+        start, end = end, end + len(z)
+        with np.errstate(over="ignore"):  # beyond float32 is infinitely far, and left out
+            points[start:end, 0] = (cols - cx) * z / fx
+            points[start:end, 1] = (top + rows - cy) * z / fy
+        points[start:end, 2] = z
 
     finite = np.isfinite(points).all(axis=1)
-    kept = wanted.copy()
-    kept[wanted] = finite
-    return points[finite], kept
+    kept[kept] = finite
+    return (points if finite.all() else points[finite]), kept
 
 
 def _picture(image: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.uint8]:

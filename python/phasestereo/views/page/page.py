@@ -14,8 +14,8 @@ from phasestereo.io import Calibration
 from phasestereo.io.drafts import replacing
 from phasestereo.io.files import StrPath, suffix
 from phasestereo.metrics.scores import score as score_map
-from phasestereo.result import Result
-from phasestereo.views.depths import YAW, Anchor, ranging
+from phasestereo.result import Keep, Result
+from phasestereo.views.depths import YAW, Anchor, Selection, ranging
 from phasestereo.views.page import facts, layers
 from phasestereo.views.page.embedding import photograph_uri
 from phasestereo.views.page.scene import ScenePoints, scene_points
@@ -39,6 +39,8 @@ def write_pair_page(
     truth: ArrayLike | None = None,
     mask: ArrayLike | None = None,
     calibration: Calibration | None = None,
+    keep: Keep = "trusted",
+    min_depth: float | None = None,
     max_depth: float | None = None,
     yaw: float = YAW,
     anchor: Anchor | None = None,
@@ -71,6 +73,11 @@ def write_pair_page(
     calibration
         Geometry of the points; without one they are drawn as if the focal length were the images'
         width and the cameras one unit apart, and the page says so.
+    keep
+        Which points the page shows at first, as `phasestereo.point_cloud` takes it; all others can
+        be chosen there.
+    min_depth
+        Points nearer, in the unit of the baseline, are left out; None: none are.
     max_depth
         Points farther away, in the unit of the baseline, are left out; None: those more than half
         as far again as nine tenths of them.
@@ -101,7 +108,8 @@ def write_pair_page(
     size = pair[0].shape[:2]
     known, counted = _checked(size, result, truth, mask)
     shown = _Shown(pair, result, known, counted, _step(size))
-    _check_geometry(size, calibration, max_depth)
+    _check_geometry(size, calibration)
+    selection = Selection(keep=keep, min_depth=min_depth, max_depth=max_depth)
 
     geometry = None
     if calibration is not None:
@@ -112,9 +120,12 @@ def write_pair_page(
             yaw=yaw,
             anchor=anchor,
         )
-    scene = scene_points(result.disparity, geometry, step=shown.step, max_depth=max_depth)
+    scene = scene_points(
+        result.disparity, geometry, step=shown.step, min_depth=min_depth, max_depth=max_depth
+    )
     search = None if num_disparities is None else (min_disparity, num_disparities)
-    page = render_page("pair.html.j2", title=str(title), **_context(shown, scene, search))
+    context = _context(shown, scene, search) | {"keep": selection.keep}
+    page = render_page("pair.html.j2", title=str(title), **context)
     with replacing(path) as file:
         file.write(page.encode())
 
@@ -159,16 +170,12 @@ def _checked(
     return values.astype(np.float32), counted
 
 
-def _check_geometry(
-    size: tuple[int, ...], calibration: Calibration | None, max_depth: float | None
-) -> None:
+def _check_geometry(size: tuple[int, ...], calibration: Calibration | None) -> None:
     if calibration is not None:
         if not isinstance(calibration, Calibration):
             got = type(calibration).__name__
             raise TypeError(f"calibration: got {got}; accepts a Calibration or None")
         calibration.check_size(size)
-    if max_depth is not None and not max_depth > 0:
-        raise ValueError(f"max_depth: got {max_depth}; accepts positive numbers or None")
 
 
 def _step(size: tuple[int, ...]) -> int:

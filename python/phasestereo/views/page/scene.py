@@ -28,8 +28,8 @@ class ScenePoints:
         Number of pixels with a depth.
     far
         Share of these that are too far away to be shown.
-    limit
-        The largest depth that is shown.
+    nearest, limit
+        The smallest and the largest depth that are shown.
     ranging
         What makes points of pixels, and ends of depths of error bars.
     nominal
@@ -39,6 +39,7 @@ class ScenePoints:
     shown: int
     total: int
     far: float
+    nearest: float
     limit: float
     ranging: Ranging
     nominal: bool
@@ -53,6 +54,7 @@ class ScenePoints:
         unit = "baselines" if self.nominal else ""  # a calibration names none
         return {
             **described(self.ranging, unit),
+            "nearest": self.nearest,
             "limit": self.limit,
             "nominal": self.nominal,
         }
@@ -84,6 +86,7 @@ def scene_points(
     ranging: Ranging | None,
     *,
     step: int,
+    min_depth: float | None = None,
     max_depth: float | None = None,
 ) -> ScenePoints:
     """Return the points of a disparity map.
@@ -97,6 +100,8 @@ def scene_points(
         look the same way from one unit apart.
     step
         Only pixels count that the layers of the page hold: every step-th of every step-th row.
+    min_depth
+        Points nearer are left out; None: none are.
     max_depth
         Points farther away are left out; None: those far beyond nearly all of them.
     """
@@ -108,9 +113,10 @@ def scene_points(
     if limit is None:
         limit = _FAR * float(np.percentile(depth[index], 90)) if index.size else 0.0
 
-    near = int(np.count_nonzero(depth[index] <= limit))
-    far = 1 - near / index.size if index.size else 0.0
-    return ScenePoints(near, index.size, far, limit, known, ranging is None)
+    nearest = min_depth or 0.0
+    shown = int(np.count_nonzero((depth[index] >= nearest) & (depth[index] <= limit)))
+    far = float(np.mean(depth[index] > limit)) if index.size else 0.0
+    return ScenePoints(shown, index.size, far, nearest, limit, known, ranging is None)
 
 
 def _nominal(size: tuple[int, ...]) -> Ranging:

@@ -113,11 +113,11 @@ class Cloud {
   }
 
   // Color the points, and choose which are seen; return how many.
-  color(tint, trusted) {
+  color(tint, keep) {
     const bytes = new Uint8Array(4 * this.near.length);
     let count = 0;
     for (let at = 0; at < this.near.length; at++) {
-      if (!this.near[at] || (trusted && maps.flags[at])) continue;
+      if (!this.near[at] || !isKept(at, keep)) continue;
       bytes.set(tint.of(at), 4 * at);
       bytes[4 * at + 3] = 255;
       count++;
@@ -292,12 +292,21 @@ class Cloud {
   }
 }
 
-// Which pixels have a point: those with a depth that is not too large.
+// Which pixels have a point: those with a depth that is in the range.
 function pointsSeen() {
+  const nearest = page.scene.nearest ?? 0;
   return Uint8Array.from(maps.disparity, (found) => {
     const depth = depthOf(found);
-    return Number.isFinite(found) && depth > 0 && depth <= page.scene.limit ? 1 : 0;
+    return Number.isFinite(found) && depth > 0 && depth >= nearest && depth <= page.scene.limit ? 1 : 0;
   });
+}
+
+// Whether the estimate of a pixel is used, as phasestereo.point_cloud(keep=) has it: but for "all" the error bar of its depth has
+// a far end.
+function isKept(at, keep) {
+  if (keep === "all") return true;
+  if (!isTrusted(at) || (keep === "checked" && maps.flags[at])) return false;
+  return !maps.uncertainty || Number.isFinite(depthEnds((at % page.cols) * page.step, maps.disparity[at], maps.uncertainty[at])[1]);
 }
 
 let cloud = null; // once it has come near
@@ -313,10 +322,10 @@ function makeScene() {
       return;
     }
     if (!drawCloud()) {
-      element("trusted").checked = false;
+      element("keep").value = "all";
       drawCloud();
     }
-    for (const id of ["tint", "trusted"]) element(id).addEventListener("change", drawCloud);
+    for (const id of ["tint", "keep"]) element(id).addEventListener("change", drawCloud);
     element("dot").addEventListener("input", () => cloud.refresh());
     element("home").addEventListener("click", () => cloud.reset());
   });
@@ -332,7 +341,7 @@ function offerTints() {
 
 // Draw the points in the color that is chosen; return how many.
 function drawCloud() {
-  const count = cloud.color(TINTS[element("tint").value], element("trusted").checked);
+  const count = cloud.color(TINTS[element("tint").value], element("keep").value);
   element("cloud-shown").textContent = `${count.toLocaleString("en")} points`;
   return count;
 }
