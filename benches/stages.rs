@@ -711,7 +711,7 @@ mod subpixel {
     #[divan::bench(args = every())]
     fn smooth(bencher: Bencher, At(level): &At) {
         SampleMap::bench(bencher, |SampleMap { disparity, .. }, out| {
-            phasestereo_match::refinement::subpixel::smooth(
+            phasestereo_match::refinement::surfaces::smooth(
                 disparity,
                 out,
                 *level,

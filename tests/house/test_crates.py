@@ -24,13 +24,10 @@ FLOORS = {
 
 # What is still above its floor: each line is to be deleted.
 UPWARD = {
-    ("match", "optimization", "refinement"),
     ("core", "findings", "estimation"),
     ("core", "findings", "rectification"),
 }
 CIRCLES = {
-    ("optimization::evidence", "optimization::selection"),
-    ("settings::presets", "settings::table"),
     ("estimation::blur::spectrum", "estimation::blur::fit"),
 }
 

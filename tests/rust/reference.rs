@@ -691,7 +691,7 @@ fn evidence(sum: u64, cost: u32) -> u32 {
     (u64::from(capped(sum)) + 2 * u64::from(cost)).min((1 << 31) - 1) as u32
 }
 
-/// Reference implementation of [`phasestereo_match::refinement::subpixel::offset`]: the tip of a V, moved away from the candidate.
+/// Reference implementation of [`phasestereo_match::optimization::subpixel::offset`]: the tip of a V, moved away from the candidate.
 pub fn offset(below: u32, own: u32, above: u32) -> f32 {
     let [below, own, above] = [below, own, above].map(i64::from);
     let slope = (below - own).max(above - own).max(1);
@@ -700,7 +700,7 @@ pub fn offset(below: u32, own: u32, above: u32) -> f32 {
     0.5 * doubled * (1.0 + 0.3 * (1.0 - doubled.abs()))
 }
 
-/// Reference implementation of [`phasestereo_match::refinement::subpixel::smooth`]: every pair of neighbors by itself.
+/// Reference implementation of [`phasestereo_match::refinement::surfaces::smooth`]: every pair of neighbors by itself.
 pub fn smooth_surfaces(disparity: &Plane<f32>) -> Plane<f32> {
     let (rows, cols) = (disparity.rows(), disparity.cols());
     let reach = 3;

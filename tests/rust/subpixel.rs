@@ -8,7 +8,8 @@ use crate::reference;
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Error;
 use phasestereo_match::base::plane::Plane;
-use phasestereo_match::refinement::subpixel::{evidence, offset, smooth};
+use phasestereo_match::optimization::subpixel::{evidence, offset};
+use phasestereo_match::refinement::surfaces::smooth;
 use proptest::prelude::*;
 
 fn smoothed(disparity: &Plane<f32>) -> Plane<f32> {

@@ -291,7 +291,11 @@ impl Matcher {
             optimizer: settings.optimizer,
             penalties: Penalties::new(settings, window, costs.steps()),
             edges: &edges,
-            weighs: if settings.needs_evidence() { Weighing::All } else { Weighing::Sampled },
+            weighs: if settings.needs_evidence() {
+                Weighing::All
+            } else {
+                Weighing::Sampled(sample::is_weighed)
+            },
             level,
             control,
         };

@@ -29,6 +29,7 @@ pub mod panel_ranges;
 pub mod paths;
 mod penalties;
 pub mod selection;
+pub mod subpixel;
 
 use std::ops::Range;
 
@@ -45,7 +46,6 @@ use crate::cost::aggregation::{Aggregator, PixelBlock, Window};
 use crate::optimization::edges::Edges;
 use crate::optimization::evidence::Evidence;
 use crate::pair::candidates::Searched;
-use crate::refinement::sample;
 use crate::settings::Optimizer;
 
 use self::ordered::Ordered;
@@ -68,12 +68,12 @@ pub const LOOKAHEAD_COLUMNS: usize = STRIP;
 const STRIPS: usize = (PANEL + LOOKAHEAD_COLUMNS) / STRIP;
 
 /// The rows of which more is needed than the chosen candidates.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy)]
 pub enum Weighing {
     /// None.
     Nothing,
-    /// Those of [`sample`].
-    Sampled,
+    /// The rows of the whole image for which this returns true.
+    Sampled(fn(usize) -> bool),
     /// All.
     All,
 }
@@ -244,7 +244,7 @@ impl CandidateSearch<'_> {
     ) -> Result<&'w Evidence> {
         // The vertical pass selects and weighs in one go.
         let is_weighed =
-            self.weighs != Weighing::Nothing || self.optimizer == Optimizer::SemiGlobal;
+            !matches!(self.weighs, Weighing::Nothing) || self.optimizer == Optimizer::SemiGlobal;
         workspace.evidence.begin(rows.len(), self.size.1, is_weighed)?;
 
         match self.optimizer {
@@ -263,7 +263,7 @@ impl CandidateSearch<'_> {
     pub fn weighs(&self, y: usize) -> bool {
         match self.weighs {
             Weighing::Nothing => false,
-            Weighing::Sampled => sample::is_weighed(self.first + y),
+            Weighing::Sampled(is_weighed) => is_weighed(self.first + y),
             Weighing::All => true,
         }
     }

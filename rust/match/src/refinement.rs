@@ -10,7 +10,7 @@ pub mod median;
 pub mod outlines;
 pub mod sample;
 pub mod speckles;
-pub mod subpixel;
+pub mod surfaces;
 pub mod synthesis;
 mod window_rows;
 
@@ -238,7 +238,7 @@ impl Draft<'_> {
         }
 
         if settings.subpixel {
-            let smooth = |from: &_, to: &mut _| subpixel::smooth(from, to, level, control);
+            let smooth = |from: &_, to: &mut _| surfaces::smooth(from, to, level, control);
             replace(&mut disparity, &mut spare, smooth)?;
         }
 

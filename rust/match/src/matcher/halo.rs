@@ -12,7 +12,7 @@ use crate::refinement::confidence;
 use crate::refinement::filling;
 use crate::refinement::median;
 use crate::refinement::outlines::Outlines;
-use crate::refinement::subpixel;
+use crate::refinement::surfaces;
 use crate::refinement::synthesis;
 use crate::settings::{CostKind, Optimizer, Settings};
 
@@ -83,7 +83,7 @@ fn refinement(settings: &Settings, compensation: Option<&BlurCompensation>) -> u
         (synthesis > 0, synthesis),
         (settings.guided_median, Outlines::Crisp.reach()),
         (settings.median > 0, median::REACH),
-        (settings.subpixel, subpixel::REACH),
+        (settings.subpixel, surfaces::REACH),
         (settings.needs_confidence(), confidence::RADIUS),
     ];
 

@@ -3,7 +3,7 @@
 
 use crate::base::error::Result;
 use crate::base::memory::Memory;
-use crate::optimization::selection::PIXELS;
+use crate::base::value::ROWS;
 
 /// The cost of no candidate.
 pub const NONE: u32 = u32::MAX;
@@ -84,7 +84,7 @@ impl Evidence {
 /// Writes values, mostly as many as are selected together: these are copied in registers, without a call.
 #[inline(always)]
 fn write<V: Copy>(out: &mut [V], values: &[V]) {
-    match (<&[V; PIXELS]>::try_from(values), out.first_chunk_mut()) {
+    match (<&[V; ROWS]>::try_from(values), out.first_chunk_mut()) {
         (Ok(values), Some(out)) => *out = *values,
         _ => out[..values.len()].copy_from_slice(values),
     }

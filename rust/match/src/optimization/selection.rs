@@ -20,7 +20,7 @@ use crate::base::memory::Memory;
 use crate::base::simd::highest_bits;
 use crate::base::value::{LANES, Lanes, ROWS, Rows, Value};
 use crate::optimization::evidence::{Evidence, EvidenceRow, NONE};
-use crate::refinement::subpixel::{self, evidence};
+use crate::optimization::subpixel::{self, evidence};
 
 /// Pixels whose candidates are selected together.
 pub const PIXELS: usize = ROWS;

@@ -84,6 +84,12 @@ macro_rules! settings {
             }
         }
 
+        impl Default for Settings {
+            fn default() -> Self {
+                Preset::Robust.settings()
+            }
+        }
+
         impl Settings {
             /// Refuses a value outside the range of its field.
             pub(super) fn check_ranges(&self) -> Result<()> {

@@ -3,7 +3,6 @@
 //! `phasestereo bench tables --only choices` measures them with one setting changed at a time.
 
 use crate::base::error::{Error, Result};
-use crate::settings::table::Settings;
 
 /// A named set of settings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,12 +35,6 @@ impl Preset {
             Self::Paper => "paper",
             Self::Fast => "fast",
         }
-    }
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Preset::Robust.settings()
     }
 }
 
