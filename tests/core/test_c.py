@@ -72,7 +72,7 @@ class Program:
         ]
         command += [preset, str(disparities), output]
 
-        done = _run(*command, check=False)
+        done = run(*command, check=False)
         return done.returncode, done.stdout.splitlines(), output
 
     def same(self, pair: Pair, expected: ps.Result, **options: Any) -> dict[str, list[str]]:
@@ -98,7 +98,7 @@ def planes_of(output: Path, size: tuple[int, ...]) -> dict[str, Image]:
     return found | {"flags": np.frombuffer(data[split:], np.uint16).reshape(size)}
 
 
-def _run(
+def run(
     *command: str | Path, check: bool = True, **options: Any
 ) -> subprocess.CompletedProcess[str]:
     """Run a compiler, or a program that it made."""
@@ -110,7 +110,7 @@ def _run(
     return done
 
 
-def _needed(path: Path | str | None, message: str) -> str:
+def needed(path: Path | str | None, message: str) -> str:
     """Return a program or file."""
     if path is None or not Path(path).exists():
         pytest.skip(message)
@@ -119,7 +119,7 @@ def _needed(path: Path | str | None, message: str) -> str:
 
 @pytest.fixture(scope="module")
 def library() -> str:
-    return _needed(LIBRARY, f"no {LIBRARY.relative_to(ROOT)}: make test")
+    return needed(LIBRARY, f"no {LIBRARY.relative_to(ROOT)}: make test")
 
 
 @pytest.fixture(scope="module")
@@ -131,16 +131,16 @@ def program(library: str, tmp_path_factory: pytest.TempPathFactory) -> Program:
 
 def _compiled(name: str, headers: Path, folder: Path) -> Path:
     """Compile a program of the tests, with sanitizers where the compiler has them."""
-    compiler = _needed(shutil.which("cc"), "no C compiler: apt-get install gcc")
+    compiler = needed(shutil.which("cc"), "no C compiler: apt-get install gcc")
     options = "-std=c99", "-D_DEFAULT_SOURCE", *STRICT, f"-I{headers}"
     sources = ROOT / "tests" / f"{name}.c", LIBRARY, f"-Wl,-rpath,{LIBRARY.parent}"
 
     path = folder / name
-    made = _run(compiler, *options, *SANITIZED, *sources, "-o", path, check=False)
+    made = run(compiler, *options, *SANITIZED, *sources, "-o", path, check=False)
     if made.returncode != 0:
         if ON_CI:
             pytest.fail(made.stderr)
-        _run(compiler, *options, *sources, "-o", path)
+        run(compiler, *options, *sources, "-o", path)
     return path
 
 
@@ -151,12 +151,12 @@ def pair() -> Pair:
 
 
 def test_the_header_is_one_of_c_and_of_cpp(tmp_path: Path) -> None:
-    compiler = _needed(shutil.which("cc"), "no C compiler: apt-get install gcc")
+    compiler = needed(shutil.which("cc"), "no C compiler: apt-get install gcc")
     source = tmp_path / "header.c"
     source.write_text('#include "phasestereo.h"\n', encoding="utf-8")
     for language, standard in (("c", "c99"), ("c++", "c++11")):
         options = "-x", language, f"-std={standard}", *STRICT, f"-I{INTERFACE}", "-fsyntax-only"
-        _run(compiler, *options, source)
+        run(compiler, *options, source)
 
 
 @pytest.mark.parametrize("preset", ["robust", "fast", "paper"])
@@ -273,7 +273,7 @@ def test_a_program_made_with_an_older_smaller_header_works(library: str, tmp_pat
         assert count == 1
     (tmp_path / "phasestereo.h").write_text(header, "utf-8")
 
-    done = _run(_compiled("c_program_old", tmp_path, tmp_path), check=False)
+    done = run(_compiled("c_program_old", tmp_path, tmp_path), check=False)
     assert done.returncode == 0, f"{done.returncode}: {done.stdout[-1000:]} {done.stderr[-1000:]}"
     found, image, map_ = "1 found: got", "1 left: got", "1 map: got"
     near = "accepts at least {0}, or at most -{0}, and all of it in memory".format
@@ -306,7 +306,7 @@ class RigProgram:
         for name, pixels in images.items():
             (self.folder / name).write_bytes(np.ascontiguousarray(pixels).tobytes())
         rows, cols = next(iter(images.values())).shape[:2]
-        done = _run(self.path, work, self.folder, str(cols), str(rows), *map(str, options))
+        done = run(self.path, work, self.folder, str(cols), str(rows), *map(str, options))
         return done.stdout.splitlines()
 
     def written(self, name: str, dtype: Any, *shape: int) -> Image:
@@ -484,11 +484,11 @@ def prefix(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder in which cargo-c has installed the library, quickly compiled."""
     tools = ROOT / "target/tools/bin"
     path = os.pathsep.join([str(tools), os.environ["PATH"]])
-    _needed(shutil.which("cargo-cinstall", path=path), "no cargo-c: make c")
+    needed(shutil.which("cargo-cinstall", path=path), "no cargo-c: make c")
     folder = tmp_path_factory.mktemp("prefix")
     command = "cargo", "cinstall", "--locked", "--package", "phasestereo-c", "--debug"
     places = f"--prefix={folder}", f"--libdir={folder}/lib", "--target-dir", ROOT / "target/c"
-    done = _run(*command, *places, check=False, cwd=ROOT, env=os.environ | {"PATH": path})
+    done = run(*command, *places, check=False, cwd=ROOT, env=os.environ | {"PATH": path})
     assert done.returncode == 0, done.stderr[-1000:]
     return folder
 
@@ -496,23 +496,23 @@ def prefix(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_what_is_installed_is_found_by_pkg_config_and_linked_by_its_soname(
     prefix: Path, tmp_path: Path
 ) -> None:
-    tool = _needed(shutil.which("pkg-config"), "no pkg-config: apt-get install pkg-config")
-    compiler = _needed(shutil.which("cc"), "no C compiler: apt-get install gcc")
+    tool = needed(shutil.which("pkg-config"), "no pkg-config: apt-get install pkg-config")
+    compiler = needed(shutil.which("cc"), "no C compiler: apt-get install gcc")
     asked = tool, "--cflags", "--libs", "phasestereo"
     there = os.environ | {"PKG_CONFIG_PATH": f"{prefix}/lib/pkgconfig"}
-    flags = _run(*asked, env=there).stdout.split()
+    flags = run(*asked, env=there).stdout.split()
     source = tmp_path / "version.c"
     source.write_text(
         "#include <stdio.h>\n#include <phasestereo.h>\n"
         "int main(void) { return puts(phasestereo_version()) < 0; }\n"
     )
 
-    _run(compiler, source, *flags, "-o", tmp_path / "version")
+    run(compiler, source, *flags, "-o", tmp_path / "version")
     found = os.environ | {"LD_LIBRARY_PATH": f"{prefix}/lib"}
-    assert _run(tmp_path / "version", env=found).stdout == f"{ps.__version__}\n"
+    assert run(tmp_path / "version", env=found).stdout == f"{ps.__version__}\n"
     series = ".".join(ps.__version__.split(".")[:2])
     (prefix / "lib/libphasestereo.so").unlink()  # what only compilers read
-    assert _run(tmp_path / "version", env=found).stdout == f"{ps.__version__}\n"
+    assert run(tmp_path / "version", env=found).stdout == f"{ps.__version__}\n"
     assert (prefix / f"lib/libphasestereo.so.{series}").exists()
     (prefix / "lib/libphasestereo.so").symlink_to(f"libphasestereo.so.{series}")
 
@@ -520,21 +520,21 @@ def test_what_is_installed_is_found_by_pkg_config_and_linked_by_its_soname(
 def test_the_examples_build_from_find_package_and_run_under_sanitizers(
     prefix: Path, pair: Pair, tmp_path: Path
 ) -> None:
-    cmake = _needed(shutil.which("cmake"), "no cmake: apt-get install cmake")
+    cmake = needed(shutil.which("cmake"), "no cmake: apt-get install cmake")
     build, source = tmp_path / "build", INTERFACE / "example"
     flags = f"-DCMAKE_CXX_FLAGS={' '.join(SANITIZED)}", f"-DCMAKE_PREFIX_PATH={prefix}"
-    _run(cmake, "-S", source, "-B", build, *flags)
-    _run(cmake, "--build", build)
+    run(cmake, "-S", source, "-B", build, *flags)
+    run(cmake, "--build", build)
 
-    assert _run(build / "shift").stdout.splitlines()[-1] == "disparity 7"
+    assert run(build / "shift").stdout.splitlines()[-1] == "disparity 7"
 
-    _needed(build / "match", "no headers of OpenCV: apt-get install libopencv-dev")
+    needed(build / "match", "no headers of OpenCV: apt-get install libopencv-dev")
     for name, image in zip(("left", "right"), pair, strict=True):
         write_image(tmp_path / f"{name}.png", image)
     files = [tmp_path / name for name in ("left.png", "right.png", "map.tiff")]
     # What the libraries that OpenCV loads keep to their end is not ours.
     quiet = os.environ | {"ASAN_OPTIONS": "detect_leaks=0"}
-    assert _run(build / "match", *files, "48", env=quiet).stdout == "disparities 0 to 47\n"
+    assert run(build / "match", *files, "48", env=quiet).stdout == "disparities 0 to 47\n"
 
     written = pytest.importorskip("tifffile").imread(files[2])
     np.testing.assert_array_equal(written, ps.match(*pair, num_disparities=48).disparity)

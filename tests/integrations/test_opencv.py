@@ -587,6 +587,58 @@ def test_it_shows_how_it_was_made() -> None:
     assert isinstance(stereo, StereoPhase)
 
 
+def test_every_method_of_opencv_is_there_but_for_regions_of_interest() -> None:
+    for theirs in (cv2.StereoSGBM_create(), cv2.StereoBM_create()):
+        names = {name for name in dir(theirs) if not name.startswith("_")}
+        assert {name for name in names - {*dir(StereoPhase)} if "ROI" not in name} == set()
+
+
+def test_what_is_saved_is_read_by_the_storage_of_opencv(pair: Pair, tmp_path: Path) -> None:
+    left, right = bgr(pair.left), bgr(pair.right)
+    stereo = StereoPhase.create(
+        0, COUNT, 7, uniquenessRatio=5, preset="fast", fill=True, intensity_range=(0, 255), median=0
+    )
+    for name in ("stereo.yml", "stereo.xml", "stereo.json"):
+        stereo.save(str(tmp_path / name))
+        storage = cv2.FileStorage(str(tmp_path / name), cv2.FILE_STORAGE_READ)
+        node = storage.getNode(stereo.getDefaultName())
+        assert node.getNode("blockSize").real() == 7
+
+        loaded = StereoPhase.create(threads=1)
+        loaded.read(node)
+        assert repr(loaded) == repr(stereo)
+        np.testing.assert_array_equal(loaded.compute(left, right), stereo.compute(left, right))
+
+    with pytest.raises(OSError, match=r"nowhere.* cannot be written"):
+        stereo.save(str(tmp_path / "nowhere" / "stereo.yml"))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("name: StereoMatcher.SGBM", r"^fn: got an object 'StereoMatcher.SGBM'; accepts one of"),
+        ("name: StereoMatcher.Phase\nmode: 4", "^mode: got 4"),
+        ("name: StereoMatcher.Phase\nsettings: 'fill=Yes'", "^fill: got str"),
+    ],
+)
+def test_what_cannot_be_read_changes_nothing(text: str, message: str) -> None:
+    flags = cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY
+    storage = cv2.FileStorage(f"%YAML:1.0\n---\n{text}\n", flags)
+    stereo = StereoPhase.create(0, COUNT, 7, median=0)
+    before = repr(stereo)
+    with pytest.raises((TypeError, ValueError), match=message):
+        stereo.read(storage.root())
+    assert repr(stereo) == before
+
+
+def test_images_of_opencv_s_other_kind(pair: Pair) -> None:
+    left, right = bgr(pair.left), bgr(pair.right)
+    stereo = StereoPhase.create(0, COUNT, preset="fast")
+    found = stereo.compute(cv2.UMat(left), cv2.UMat(right))
+    assert isinstance(found, cv2.UMat)
+    np.testing.assert_array_equal(found.get(), stereo.compute(left, right))
+
+
 # --- refusals ---
 
 

@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._core import MOST_DISPARITIES
+from phasestereo._extras import require
 from phasestereo._images import Pixels, as_array, as_pair
 from phasestereo.matching import Matcher
 from phasestereo.opencv.parameters import DEFAULTS, LARGEST_DISPARITY, Parameters
+from phasestereo.opencv.storage import NAME, STORED, as_text, from_node
 from phasestereo.settings import PRESET, Settings, resolve
 
 Sixteenths: TypeAlias = NDArray[np.int16]
@@ -34,7 +36,7 @@ DECIDED = {
 
 
 class StereoPhase(Parameters):
-    """A matcher with the methods of ``cv2.StereoSGBM``; `StereoPhase_create` makes one.
+    """A matcher with the methods of ``cv2.StereoSGBM``; `create` makes one.
 
     It keeps its threads and its memory from one pair to the next. While parameters are set, no
     other thread may use it.
@@ -57,6 +59,90 @@ class StereoPhase(Parameters):
         self._check_range()
         self._matcher(self._settings())
 
+    @staticmethod
+    def create(  # noqa: PLR0917 -- OpenCV takes them by position
+        minDisparity: int = 0,
+        numDisparities: int = 16,
+        blockSize: int = 0,
+        P1: int = 0,
+        P2: int = 0,
+        disp12MaxDiff: int = 0,
+        preFilterCap: int = 0,
+        uniquenessRatio: int = 0,
+        speckleWindowSize: int = 0,
+        speckleRange: int = 0,
+        mode: int = 0,
+        *,
+        preset: str = PRESET,
+        threads: int | None = None,
+        **overrides: Any,
+    ) -> StereoPhase:
+        """Make a matcher that is used like OpenCV's; the parameters are ``StereoSGBM_create``'s.
+
+        Parameters
+        ----------
+        minDisparity
+            Smallest disparity, -2047 to 2047 pixels.
+        numDisparities
+            Number of disparities to search, 1 to the images' width; any, not only multiples of 16.
+            All are below 2048.
+        blockSize
+            Side of the window that costs are summed over, up to 63 pixels, even ones being enlarged
+            by one. 0: that of the preset, 5 for ``"robust"`` and 9 for ``"fast"``. 3 to 7 are good
+            for most pairs; blocks as large as StereoBM needs cost details here, too.
+        disp12MaxDiff
+            Left-right check: a pixel is left out when the right pixel that was chosen for it fits
+            another one better whose disparity differs by more than so many pixels. 0 or less: 1, as
+            StereoSGBM has it, whatever its documentation says; a large number, such as 1000000: no
+            check.
+        uniquenessRatio
+            Percent, up to 100: a pixel is left out when another candidate, not beside the best,
+            costs less than ``100 / (100 - uniquenessRatio)`` times what the best does. 0: no check;
+            less: 10, as StereoSGBM has it.
+        speckleWindowSize, speckleRange
+            Regions of up to speckleWindowSize pixels are left out that stand out from all around,
+            by more than speckleRange pixels. Without these (the size 0 or less, or the range less
+            than 0) none are.
+        P1, P2, preFilterCap, mode
+            Kept and returned, of no effect: they are in units of OpenCV's costs, which are not
+            those of phase codes. `Settings` ``p1``, ``p2`` and ``optimizer`` are their kin.
+        preset
+            Name of the settings to start from, one of `phasestereo.PRESETS`.
+        threads
+            Number of threads, as `phasestereo.match` takes it.
+        **overrides
+            Fields of `phasestereo.Settings` by name, but for those that the parameters above set.
+            ``fill=True`` gives every pixel a disparity: what is left out takes the background's.
+
+        Returns
+        -------
+        StereoPhase
+            With `compute`, `compute_right` and OpenCV's get and set methods.
+
+        Raises
+        ------
+        TypeError
+            For a parameter that is not an integer, or an unknown setting.
+        ValueError
+            For a value out of range, or disparities beyond what int16 holds.
+        """
+        return StereoPhase(
+            preset=preset,
+            threads=threads,
+            overrides=overrides,
+            minDisparity=minDisparity,
+            numDisparities=numDisparities,
+            blockSize=blockSize,
+            P1=P1,
+            P2=P2,
+            disp12MaxDiff=disp12MaxDiff,
+            preFilterCap=preFilterCap,
+            uniquenessRatio=uniquenessRatio,
+            speckleWindowSize=speckleWindowSize,
+            speckleRange=speckleRange,
+            mode=mode,
+        )
+
     def compute(
         self, left: ArrayLike, right: ArrayLike, disparity: Sixteenths | None = None
     ) -> Sixteenths:
@@ -66,16 +152,17 @@ class StereoPhase(Parameters):
         ----------
         left, right
             Images of equal size and dtype: (H, W) or (H, W, 1) gray, (H, W, 3) BGR or (H, W, 4)
-            BGRA (alpha is left out); uint8, uint16, float32 or float64.
+            BGRA (alpha is left out); uint8, uint16, float32 or float64; arrays, or ``cv2.UMat``.
         disparity
             Where to write the map to, int16 (H, W); None: to a new array.
 
         Returns
         -------
         numpy.ndarray
-            int16 (H, W), sixteenths of a pixel, rounded: left pixel (x, y) corresponds to right
-            pixel (x - disparity / 16, y). ``(minDisparity - 1) * 16`` where the match lies outside
-            the right image or a check failed, but with ``fill=True``.
+            int16 (H, W), or a ``cv2.UMat`` where `left` is one: sixteenths of a pixel, rounded.
+            Left pixel (x, y) corresponds to right pixel (x - disparity / 16, y).
+            ``(minDisparity - 1) * 16`` where the match lies outside the right image or a check
+            failed, but with ``fill=True``.
 
         Raises
         ------
@@ -88,7 +175,8 @@ class StereoPhase(Parameters):
         pair = _pair(left, right)
         target = _target(disparity, pair[0].shape[:2])
         found = self._match(*pair, self._settings())
-        return _sixteenths(found, self.getMinDisparity() - 1, target)
+        sixteenths = _sixteenths(found, self.getMinDisparity() - 1, target)
+        return type(left)(sixteenths) if _is_umat(left) else sixteenths  # type: ignore[call-arg, return-value] # as OpenCV
 
     def compute_right(self, left: ArrayLike, right: ArrayLike) -> Sixteenths:
         """Match the same pair from the right image, for ``cv2.ximgproc``'s WLS filter.
@@ -120,6 +208,76 @@ class StereoPhase(Parameters):
         found = -self._match(*mirrored, self._settings(is_checked=False))[:, ::-1]
         lowest = 1 - self.getMinDisparity() - self.getNumDisparities()
         return _sixteenths(found, lowest - 1, np.empty(found.shape, np.int16))
+
+    def save(self, filename: str) -> None:
+        """Write the parameters, the preset and the settings to a file of OpenCV's FileStorage.
+
+        Parameters
+        ----------
+        filename
+            The file: ``.yml``, ``.xml`` or ``.json``. `read`, and C++'s ``StereoPhase``, read it.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written.
+        ImportError
+            If OpenCV is not installed.
+        """
+        cv2 = require("cv2", extra="opencv")
+        storage = cv2.FileStorage()
+        if not storage.open(filename, cv2.FILE_STORAGE_WRITE):
+            raise OSError(f"{filename}: cannot be written")
+        self.write(storage, self.getDefaultName())
+        storage.release()
+
+    def write(self, fs: Any, name: str | None = None) -> None:
+        """Write the same to a ``cv2.FileStorage``, as an object of this name if there is one."""
+        if name is not None:
+            fs.startWriteStruct(name, require("cv2", extra="opencv").FILE_NODE_MAP)
+        fs.write("name", NAME)
+        for parameter in STORED:
+            fs.write(parameter, self._values[parameter])
+        fs.write("preset", self._name)
+        fs.write("settings", as_text(self._overrides))
+        if name is not None:
+            fs.endWriteStruct()
+
+    def read(self, fn: Any) -> None:
+        """Take over what `save` or `write`, or C++'s ``StereoPhase``, has written.
+
+        Parameters
+        ----------
+        fn
+            The ``cv2.FileNode`` of the object, as ``storage.getFirstTopLevelNode()``. What it lacks
+            stays as it is.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If it is of another object, or holds what `create` refuses; nothing has changed then.
+        """
+        values, preset, overrides = from_node(fn)
+        self.__dict__ = vars(
+            StereoPhase(
+                preset=self._name if preset is None else preset,
+                threads=self._threads,
+                overrides=self._overrides if overrides is None else overrides,
+                **(self._values | values),
+            )
+        )
+
+    def getDefaultName(self) -> str:
+        """Return what `save` calls the object in the file."""
+        return "StereoPhase"
+
+    def clear(self) -> None:
+        """Give back the threads and the memory that are kept for the next pair."""
+        self._matchers.clear()
+
+    def empty(self) -> bool:
+        """Return False: there is nothing to be learned or loaded before a match."""
+        return False
 
     def __repr__(self) -> str:
         """Show the call that makes such a matcher, but for what is OpenCV's default."""
@@ -211,8 +369,13 @@ def _rgb(image: ArrayLike, name: str) -> NDArray[Any]:
             f"{name}: got None, which is what cv2.imread returns for a file that it cannot read"
         )
 
-    pixels = as_array(image, name)
+    pixels = as_array(image.get() if _is_umat(image) else image, name)  # type: ignore[union-attr] # checked
     return pixels[:, :, 2::-1] if pixels.ndim == 3 and pixels.shape[2] in (3, 4) else pixels
+
+
+def _is_umat(image: object) -> bool:
+    """Return whether it is a ``cv2.UMat``, without importing OpenCV."""
+    return type(image).__name__ == "UMat"
 
 
 def _target(disparity: Sixteenths | None, size: tuple[int, ...]) -> Sixteenths:
@@ -237,85 +400,4 @@ def _sixteenths(disparity: NDArray[np.float32], invalid: int, target: Sixteenths
     return target
 
 
-def StereoPhase_create(  # noqa: PLR0917 -- OpenCV takes them by position
-    minDisparity: int = 0,
-    numDisparities: int = 16,
-    blockSize: int = 0,
-    P1: int = 0,
-    P2: int = 0,
-    disp12MaxDiff: int = 0,
-    preFilterCap: int = 0,
-    uniquenessRatio: int = 0,
-    speckleWindowSize: int = 0,
-    speckleRange: int = 0,
-    mode: int = 0,
-    *,
-    preset: str = PRESET,
-    threads: int | None = None,
-    **overrides: Any,
-) -> StereoPhase:
-    """Make a matcher that is used like OpenCV's; the parameters are ``StereoSGBM_create``'s.
-
-    Parameters
-    ----------
-    minDisparity
-        Smallest disparity, -2047 to 2047 pixels.
-    numDisparities
-        Number of disparities to search, 1 to the images' width; any, not only multiples of 16. All
-        are below 2048.
-    blockSize
-        Side of the window that costs are summed over, up to 63 pixels, even ones being enlarged by
-        one. 0: that of the preset, 5 for ``"robust"`` and 9 for ``"fast"``. 3 to 7 are good for
-        most pairs; blocks as large as StereoBM needs cost details here, too.
-    disp12MaxDiff
-        Left-right check: a pixel is left out when the right pixel that was chosen for it fits
-        another one better whose disparity differs by more than so many pixels. 0 or less: 1, as
-        StereoSGBM has it, whatever its documentation says; a large number, such as 1000000: no
-        check.
-    uniquenessRatio
-        Percent, up to 100: a pixel is left out when another candidate, not beside the best, costs
-        less than ``100 / (100 - uniquenessRatio)`` times what the best does. 0: no check; less: 10,
-        as StereoSGBM has it.
-    speckleWindowSize, speckleRange
-        Regions of up to speckleWindowSize pixels are left out that stand out from all around, by
-        more than speckleRange pixels. Without these (the size 0 or less, or the range less than 0)
-        none are.
-    P1, P2, preFilterCap, mode
-        Kept and returned, of no effect: they are in units of OpenCV's costs, which are not those of
-        phase codes. `Settings` ``p1``, ``p2`` and ``optimizer`` are their kin.
-    preset
-        Name of the settings to start from, one of `phasestereo.PRESETS`.
-    threads
-        Number of threads, as `phasestereo.match` takes it.
-    **overrides
-        Fields of `phasestereo.Settings` by name, but for those that the parameters above set.
-        ``fill=True`` gives every pixel a disparity: what is left out takes the background's.
-
-    Returns
-    -------
-    StereoPhase
-        With `compute`, `compute_right` and OpenCV's get and set methods.
-
-    Raises
-    ------
-    TypeError
-        For a parameter that is not an integer, or an unknown setting.
-    ValueError
-        For a value out of range, or disparities beyond what int16 holds.
-    """
-    return StereoPhase(
-        preset=preset,
-        threads=threads,
-        overrides=overrides,
-        minDisparity=minDisparity,
-        numDisparities=numDisparities,
-        blockSize=blockSize,
-        P1=P1,
-        P2=P2,
-        disp12MaxDiff=disp12MaxDiff,
-        preFilterCap=preFilterCap,
-        uniquenessRatio=uniquenessRatio,
-        speckleWindowSize=speckleWindowSize,
-        speckleRange=speckleRange,
-        mode=mode,
-    )
+StereoPhase_create = StereoPhase.create
