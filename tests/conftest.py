@@ -31,6 +31,8 @@ ON_CI = os.environ["PHASESTEREO_CI"] == "true"
 LACKING = {
     "this Python has a GIL": "a job of the workflow runs a Python that has none",
     "only root becomes another user": "who runs the tests is not always root",
+    "could not import 'open3d'": "it brings a web server, and plugins for pytest that fail here",
+    "could not import 'pyrealsense2'": "it has no wheels for other processors than x86-64",
     "could not import 'mc_cnn'": "its OpenCV would replace the one that others are tested with",
 }
 """What a machine of CI cannot have, by how its skip begins, and why: no other may skip there."""

@@ -217,7 +217,7 @@ REFUSALS = [
     (f"--ply a.ply {RIG} --doffs -99", FAILED, "no disparity up to 15 has a depth .* -99"),
     (f"--ply a.ply {RIG} --max-depth 1", WRONG, "--max-depth: got 1; .* nothing is nearer than"),
     (f"--ply a.ply {RIG} --unit inch", WRONG, "--unit"),
-    ("--depth a.png --q q.npy", WRONG, "--depth: a .png holds mm: give --unit"),
+    ("--depth a.png --q q.npy", WRONG, "--depth: a .png is in units of a meter: give --unit"),
     (f"--depth a.png {RIG} --unit m", WRONG, "--depth: .*is the unit right"),
     (f"--depth a.jpg {RIG}", WRONG, "--depth: path of a depth map must end in"),
     (f"--ply a.obj {RIG}", WRONG, "--ply: path of a point cloud must end in .ply"),

@@ -10,6 +10,7 @@ from hypothesis import given as drawn
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from conftest import counterpart
 from phasestereo.io import (
     LengthUnit,
     read_depth,
@@ -17,6 +18,7 @@ from phasestereo.io import (
     write_depth,
     write_image,
 )
+from phasestereo.io.colmap import read_colmap, write_colmap
 
 
 def depths() -> NDArray[np.float32]:
@@ -69,6 +71,50 @@ def test_png_is_in_millimetres_whatever_the_unit(
     np.testing.assert_allclose(read_depth(path, unit=unit), depth / scale, atol=0.5001 / scale)
 
 
+@pytest.mark.parametrize(("scale", "end"), [(1000, 65.5355), (256, 255.998), (5000, 13.1071)])
+def test_png_is_in_the_units_of_kitti_and_tum_too(tmp_path: Path, scale: float, end: float) -> None:
+    path = tmp_path / "depth.png"
+    depth = np.array([[1.0, 12.3456, end - 0.01, end + 0.01, np.nan]], np.float32)
+    write_depth(path, depth, unit="m", depth_scale=scale)
+    stored = read_image(path)
+    np.testing.assert_array_equal(
+        stored, [[scale, round(12.3456 * scale), round((end - 0.01) * scale), 0, 0]]
+    )
+    np.testing.assert_allclose(
+        read_depth(path, unit="m", depth_scale=scale)[0, :3], depth[0, :3], atol=0.5001 / scale
+    )
+
+
+def test_maps_of_colmap_are_those_of_its_own_reader(tmp_path: Path) -> None:
+    """COLMAP's own reader, and its layout: width&height&channels& and floats, a row at a time."""
+    pycolmap = counterpart("pycolmap")
+    depth = depths()
+    path = tmp_path / "left.png.geometric.bin"
+    write_depth(path, depth)
+    np.testing.assert_array_equal(read_depth(path), depth)
+    assert path.read_bytes()[:6] == b"7&5&1&"
+    theirs = pycolmap.DepthMap()
+    theirs.read(path)
+    np.testing.assert_array_equal(theirs.to_array(), np.nan_to_num(depth))
+
+    normals = np.random.default_rng(1).normal(size=(5, 7, 3)).astype(np.float32)
+    write_colmap(path, normals)
+    np.testing.assert_array_equal(read_colmap(path), normals)
+    assert path.read_bytes() == b"7&5&3&" + np.moveaxis(normals, 2, 0).tobytes()
+
+    for content, message in (
+        (b"7&5&", "is not a depth map of COLMAP"),
+        (b"7&5&2&", "has 2 channels"),
+        (b"7&5&1&1234", "has 4 bytes of values; 140 belong"),
+        (b"900000000&5&1&", "900000000 x 5 pixels"),
+    ):
+        path.write_bytes(content)
+        with pytest.raises(ValueError, match=message):
+            read_depth(path)
+    with pytest.raises(ValueError, match=r"must end in \.bin"):
+        write_colmap(tmp_path / "a.png", depth)
+
+
 @drawn(code=st.integers(1, 65535), unit=st.sampled_from(["mm", "cm", "m"]))
 def test_every_millimetre_survives(
     code: int, unit: LengthUnit, tmp_path_factory: pytest.TempPathFactory
@@ -101,8 +147,8 @@ ONE = np.ones((2, 3), np.float32)
         ("a.tif", (ONE * np.float32(np.inf), "mm"), ValueError, "depth must be finite .* no depth"),
         ("a.tif", (ONE - 1, "mm"), ValueError, "depth must be positive.* got 0"),
         ("a.png", (ONE - 3, "mm"), ValueError, "depth must be positive.* got -2"),
-        ("a.png", (ONE * 66, "m"), ValueError, "all of it is from 66000 to 66000 mm"),
-        ("a.png", (ONE / 10, "mm"), ValueError, "all of it is from 0.1 .*: is the unit right"),
+        ("a.png", (ONE * 66, "m"), ValueError, "all of it is from 66 to 66 m"),
+        ("a.png", (ONE / 10, "mm"), ValueError, "all of it is from 0.0001 .*: is the unit right"),
     ],
 )
 def test_refusals_leave_nothing(

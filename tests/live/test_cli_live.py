@@ -204,6 +204,7 @@ def test_frames_are_logged_to_rerun(run: Callable[..., Run]) -> None:
     good = {0, 2, 3}
     assert found == {
         "/stereo/left": good,
+        "/stereo/left/depth": good,
         "/stereo/right": good,
         "/stereo/disparity": good,
         "/stereo/points": good,

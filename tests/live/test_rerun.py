@@ -79,13 +79,22 @@ def test_points_are_those_of_the_library() -> None:
 
     (frame,) = frames(1)
     with saving("a.rrd") as recording:
-        log_frame(frame, entity="rig", calibration=calibration, recording=recording)
+        log_frame(frame, entity="rig", calibration=calibration, unit="mm", recording=recording)
 
     (row,) = rows("a.rrd", "rig/points")
     (points,) = [value for key, value in row.items() if key.endswith(":positions")]
     cloud = ps.point_cloud(frame.result, calibration, image=frame.left)
-    np.testing.assert_array_equal(np.array(points, np.float32), cloud.points)
-    assert np.median(np.array(points)[:, 2]) == pytest.approx(6000 / shift(0), rel=1e-3)
+    np.testing.assert_allclose(np.array(points, np.float32), cloud.points / 1000, rtol=1e-6)
+    assert np.median(np.array(points)[:, 2]) == pytest.approx(6 / shift(0), rel=1e-3)
+
+    # The camera is where the left image is, and its depths, in m, are below it.
+    (pinhole,) = [row for row in rows("a.rrd", "rig/left") if any("image_from" in k for k in row)]
+    np.testing.assert_array_equal(column(pinhole, ":image_from_camera"), np.ravel(camera, "F"))
+    assert column(pinhole, ":resolution") == [COLS, ROWS]
+    (below,) = rows("a.rrd", "rig/left/depth")
+    depth = np.array(column(below, ":buffer"), np.uint8).view(np.float32)
+    assert column(below, ":meter") == 1
+    np.testing.assert_allclose(depth[depth > 0], cloud.points[:, 2] / 1000, rtol=1e-6)
 
     (colors,) = [value for key, value in row.items() if key.endswith(":colors")]
     assert cloud.colors is not None

@@ -18,10 +18,12 @@ import phasestereo as ps
 import robots
 from conftest import counterpart
 from phasestereo.io import Calibration
+from phasestereo.views.depths import Selection
 from phasestereo_live import ros, stream
 from phasestereo_live.ros import reading
 from phasestereo_live.ros.images import decode_image, encode_image
 from phasestereo_live.ros.infos import info_topic
+from phasestereo_live.ros.messages import ranged_depth
 from phasestereo_live.ros.output import FrameWriter
 from rigs import SIZE, made_up, of_opencv
 from robots import INFOS, ROS1, ROS2, START, TOPICS, Bag
@@ -171,7 +173,9 @@ def test_topics_are_guessed_where_only_two_can_be_meant(
     code, _, err = run("live", tmp_path / "in.mcap", "-o", out, "--preset", "fast")
     assert code == 0, err
     # Points take the most room, and are written where they are asked for.
-    assert sorted(robots.read(out)) == ["/diagnostics", "/rig/depth", "/rig/disparity"]
+    assert sorted(robots.read(out)) == [
+        "/diagnostics", "/rig/camera_info", "/rig/depth", "/rig/disparity",
+    ]  # fmt: skip
 
 
 def test_arrays_go_through_messages() -> None:
@@ -258,11 +262,14 @@ def test_a_recording_goes_through(
     assert code == 0, err
 
     found = robots.read(out)
-    assert sorted(found) == ["/diagnostics", "/rig/depth", "/rig/disparity", "/rig/points2"]
+    assert sorted(found) == [
+        "/diagnostics", "/rig/camera_info", "/rig/depth", "/rig/disparity", "/rig/points2",
+    ]  # fmt: skip
     for index, (time, message) in enumerate(found["/rig/disparity"]):
         assert time == START + index * STEP
         check_disparity(message, index)
         check_depth(found["/rig/depth"][index][1], message)
+        check_info(found["/rig/camera_info"][index], found["/rig/depth"][index])
         check_points(found["/rig/points2"][index][1], found["/rig/depth"][index][1], index)
 
     assert index == 2
@@ -280,7 +287,7 @@ def test_error_bars_are_images_beside_the_disparities(
     assert code == 0, err
 
     found = robots.read(out)
-    assert sorted(found) == ["/rig/confidence", "/rig/uncertainty"]
+    assert sorted(found) == ["/rig/camera_info", "/rig/confidence", "/rig/uncertainty"]
     for index, (time, message) in enumerate(found["/rig/uncertainty"]):
         result = ps.match(*cut(index), num_disparities=COUNT, preset="fast", confidence=True)
         assert time == START + index * STEP
@@ -314,8 +321,97 @@ def check_disparity(message: Any, index: int) -> None:
 
 def check_depth(depth: Any, disparity: Any) -> None:
     values = disparity.image.data.view("<f4")
-    np.testing.assert_allclose(depth.data.view("<f4"), FOCAL * BASELINE / values, rtol=1e-6)
+    found = depth.data.view("<f4")
+    known = np.isfinite(found)
+    assert known.mean() > 0.8
+    np.testing.assert_allclose(found[known], FOCAL * BASELINE / values[known], rtol=1e-6)
     assert depth.encoding == "32FC1"
+
+
+def check_info(info: tuple[int, Any], depth: tuple[int, Any]) -> None:
+    """Hold a camera_info to the camera, and to the header of the images that it is beside."""
+    (time, message), (wanted, image) = info, depth
+    assert time == wanted
+    assert stamp_of(message) == stamp_of(image)
+    assert message.header.frame_id == image.header.frame_id == "left_optical"
+    assert (message.width, message.height) == (image.width, image.height)
+
+    k, d, r, p = (
+        np.asarray(getattr(message, name, getattr(message, name.lower(), None))) for name in "KDRP"
+    )
+    (left, _) = robots.straight((COLS, ROWS), FOCAL, BASELINE)
+    np.testing.assert_allclose(k.reshape(3, 3), left["K"])
+    np.testing.assert_allclose(p.reshape(3, 4), left["P"])
+    np.testing.assert_array_equal(r.reshape(3, 3), np.eye(3))
+    assert not d.any()
+
+
+def test_depths_out_of_range_are_infinite(run: Callable[..., Run], tmp_path: Path) -> None:
+    """REP 117 and 118: what is too far is +Inf, too near -Inf, and NaN is not known."""
+    rows, cols = 4, 6
+    disparity = np.full((rows, cols), 5, np.float32)
+    disparity[0] = [0, 0.05, 1, np.nan, 15, 10]  # 0 and 15 are the ends of the range
+    flags = np.zeros((rows, cols), np.uint16)
+    confidence = np.ones((rows, cols), np.float32)
+    confidence[1, 0] = 0.1  # not trusted
+    search = ps.SearchRange(0, 16, "given")
+    bars = np.full((rows, cols), 0.1, np.float32)  # so that 0.05 may be infinitely far
+    result = ps.Result(
+        disparity, flags, confidence, ps.Settings(), {}, uncertainty=bars, search=search
+    )
+    rig = Calibration.from_focal(100, 0.1, width=cols, height=rows)
+    selection = Selection(min_depth=1.5, max_depth=8.0)  # 10 px is 1 m, 1 px is 10 m, 5 px is 2 m
+
+    inf = np.inf
+    found = ranged_depth(result, rig)
+    np.testing.assert_allclose(found[0], [inf, inf, 10, np.nan, -inf, 1], rtol=1e-6)
+    assert np.isnan(found[1, 0])
+    assert ranged_depth(result, rig, Selection(keep="all"))[1, 0] == pytest.approx(2)
+    cut = ranged_depth(result, rig, selection)
+    np.testing.assert_array_equal(cut[0], [inf, inf, inf, np.nan, -inf, -inf])
+    assert cut[2, 2] == pytest.approx(2)
+
+    # In mm all of these are 0, and points are NaN.
+    recording(tmp_path / "in.mcap", 1)
+    out = tmp_path / "out.mcap"
+    options = "--messages", "depth", "points", "--min-depth", 1, "--max-depth", 2
+    for encoding in ("32FC1", "16UC1"):
+        code, _, err = live(
+            run, tmp_path / "in.mcap", "-o", out, *options, "--depth-encoding", encoding
+        )
+        assert code == 0, err
+        written = robots.read(out)
+        values = written["/rig/depth"][0][1].data.view("<f4" if encoding == "32FC1" else "<u2")
+        z = written["/rig/points2"][0][1].data.view("<f4").reshape(-1, 4)[:, 2]
+        assert not np.isfinite(z).any()  # 80 px x 0.12 m / 3 px is 3.2 m
+        wanted = [inf] if encoding == "32FC1" else [0]
+        assert np.unique(values[~np.isnan(values)]).tolist() == wanted
+
+
+def test_open3d_makes_our_points_of_depth_and_camera_info(
+    run: Callable[..., Run], tmp_path: Path
+) -> None:
+    open3d = counterpart("open3d")
+    out = tmp_path / "out.mcap"
+    options = "--messages", "depth", "points", "--confidence"
+    code, _, err = live(run, recording(tmp_path / "in.mcap", 1), "-o", out, *options)
+    assert code == 0, err
+    found = robots.read(out)
+    (_, info), (_, depth), (_, cloud) = (
+        found[f"/rig/{name}"][0] for name in ("camera_info", "depth", "points2")
+    )
+    camera = open3d.camera.PinholeCameraIntrinsic(
+        info.width, info.height, info.k[0], info.k[4], info.k[2], info.k[5]
+    )
+    meters = depth.data.view("<f4").reshape(ROWS, COLS)
+    image = open3d.geometry.Image(np.where(np.isfinite(meters), meters, 0).astype(np.float32))
+    made = open3d.geometry.PointCloud.create_from_depth_image(
+        image, camera, depth_scale=1.0, depth_trunc=1e6
+    )
+    points = cloud.data.view("<f4").reshape(-1, 4)[:, :3]
+    ours = points[np.isfinite(points[:, 2])]
+    assert len(ours) > COLS * ROWS / 2
+    np.testing.assert_allclose(np.asarray(made.points), ours, atol=1e-3)
 
 
 def check_points(cloud: Any, depth: Any, index: int) -> None:
@@ -337,9 +433,10 @@ def check_points(cloud: Any, depth: Any, index: int) -> None:
     result = ps.match(*cut(index), num_disparities=COUNT, preset="fast")
     geometry = Calibration.from_focal(FOCAL, BASELINE, width=COLS, height=ROWS, doffs=2.0)
     expected = ps.point_cloud(result, geometry)
-    np.testing.assert_allclose(points[:, :3], expected.points, rtol=1e-5, atol=1e-6)
+    known = np.isfinite(points[:, 2])
+    np.testing.assert_allclose(points[known, :3], expected.points, rtol=1e-5, atol=1e-6)
 
-    colors = cloud.data.reshape(-1, 16)[:, 12:15]
+    colors = cloud.data.reshape(-1, 16)[known, 12:15]
     assert expected.colors is not None
     np.testing.assert_array_equal(colors[:, ::-1], expected.colors)
 

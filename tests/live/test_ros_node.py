@@ -149,6 +149,14 @@ def test_a_pair_is_matched_and_published(node: Callable[..., Any]) -> None:
     depth = np.frombuffer(cloud.data, "<f4").reshape(-1, 4)[:, 2]
     known = ~np.isnan(result.disparity.ravel())
 
+    (image,) = made.published["depth"]
+    np.testing.assert_array_equal(np.frombuffer(image.data, "<f4"), depth)
+    (info,) = made.published["camera_info"]
+    assert list(info.k) == list(np.ravel(robots.straight((COLS, ROWS), 80.0, 0.12)[0]["K"]))
+    assert (len(info.d), list(info.r)) == (5, list(np.eye(3).ravel()))
+    assert list(info.p)[3::4] == [0, 0, 0]
+    assert info.header.frame_id == image.header.frame_id == "left_optical"
+
     np.testing.assert_allclose(depth[known], 9.6 / expected.ravel()[known], rtol=1e-6)
     assert np.isnan(depth[~known]).all()
 

@@ -7,12 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict, replace
 from typing import Any
 
+import numpy as np
+
 from phasestereo._extras import require
-from phasestereo.io import Calibration
+from phasestereo.io import Calibration, LengthUnit
+from phasestereo.io.depth import meters_in
 from phasestereo.io.drafts import draft_of
 from phasestereo.io.files import StrPath
+from phasestereo.views.depths import YAW, Selection, depths_of, ranging
 from phasestereo.views.triangulation import point_cloud
 from phasestereo_live.video.streaming import Failure, Frame
 
@@ -28,13 +33,16 @@ def log_frame(
     low: float | None = None,
     high: float | None = None,
     calibration: Calibration | None = None,
+    unit: LengthUnit = "m",
+    selection: Selection | None = None,
     recording: Any = None,
 ) -> None:
     """Log a matched frame.
 
     On the timelines ``frame`` (its number) and ``time`` (seconds, if it has a time) there will be
-    images at ``entity/left`` and ``entity/right``, the disparities in pixels at
-    ``entity/disparity``, and with a calibration colored points at ``entity/points``.
+    images at ``entity/left`` and ``entity/right``, and the disparities in pixels at
+    ``entity/disparity``. With a calibration there are colored points at ``entity/points``, the left
+    camera at ``entity/left`` (``Pinhole``) and its depths at ``entity/left/depth``, all in m.
 
     Parameters
     ----------
@@ -46,13 +54,18 @@ def log_frame(
         Disparities at the ends of the colors; None: those of each frame.
     calibration
         The geometry of the rig, for images of this size.
+    unit
+        The unit of its baseline: "mm", "cm" or "m".
+    selection
+        Which pixels have depths and points, in the unit of the baseline; None: the trusted ones.
     recording
         A ``rerun.RecordingStream``; None: the current one, as ``rerun.init`` makes it.
 
     Raises
     ------
     ValueError
-        If the calibration is for images of another size, or one of low and high is missing.
+        If the calibration is for images of another size, the unit is unknown, or one of low and
+        high is missing.
     ImportError
         If rerun is not installed.
     """
@@ -72,15 +85,37 @@ def log_frame(
     }
 
     if calibration is not None:
-        cloud = point_cloud(frame.result, calibration, image=frame.left)
-        logged["points"] = rerun.Points3D(cloud.points, colors=cloud.colors)
+        chosen = selection or Selection()
+        logged |= _in_space(frame, calibration, meters_in(unit), chosen)
         # Cameras look along Z, with Y down.
         axes = rerun.ViewCoordinates.RIGHT_HAND_Y_DOWN
         rerun.log(entity, axes, static=True, recording=recording)
+        camera = rerun.Pinhole(
+            image_from_camera=np.array(calibration.cam0),
+            resolution=[calibration.width, calibration.height],
+            camera_xyz=rerun.ViewCoordinates.RDF,
+        )
+        rerun.log(f"{entity}/left", camera, static=True, recording=recording)
 
     _set_time(frame, recording)
     for name, shown in logged.items():
         rerun.log(f"{entity}/{name}", shown, recording=recording)
+
+
+def _in_space(
+    frame: Frame, calibration: Calibration, meters: float, selection: Selection
+) -> dict[str, Any]:
+    """Return points and depths in m; those that are not kept are 0, which is not drawn."""
+    rerun = require("rerun", extra="rerun")
+    cloud = point_cloud(frame.result, calibration, image=frame.left, **asdict(selection))
+    bars = frame.result.uncertainty
+    geometry = ranging(frame.result.disparity, calibration, uncertainty=bars, yaw=YAW, anchor=None)
+    whole = replace(selection, decimate=1)  # a picture has the size that its camera has
+    depth = depths_of(frame.result, geometry, whole).depth * np.float32(meters)
+    return {
+        "points": rerun.Points3D(cloud.points * np.float32(meters), colors=cloud.colors),
+        "left/depth": rerun.DepthImage(np.nan_to_num(depth), meter=1.0, colormap=_COLORS),
+    }
 
 
 def log_failure(failure: Failure, *, entity: str = "stereo", recording: Any = None) -> None:

@@ -15,6 +15,7 @@ from phasestereo._images import Map
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refuse_picture
 from phasestereo.cli.options import AT_LEAST_ONE, POSITIVE
 from phasestereo.io import Calibration, LengthUnit, read_calibration, read_q
+from phasestereo.io.depth import MILLIMETERS
 from phasestereo.result import Keep, Result
 from phasestereo.shapes import Mesh, PointCloud
 from phasestereo.views.depths import (
@@ -64,7 +65,9 @@ class GeometryOptions:
     cy
         Row of the principal point. Default: that of the image's center.
     unit
-        The unit of the baseline. Needed for ``--depth FILE.png``, which holds mm.
+        The unit of the baseline. Needed for ``--depth FILE.png``.
+    depth_scale
+        Units of ``--depth FILE.png`` in a meter: 1000 (mm, the default), 256 (KITTI) or 5000 (TUM).
     keep
         Which pixels become points and depths: trusted (the default), checked (fewer and more
         accurate ones), or all.
@@ -91,6 +94,7 @@ class GeometryOptions:
     cx: float | None = None
     cy: float | None = None
     unit: LengthUnit | None = None
+    depth_scale: Annotated[float | None, Parameter(validator=POSITIVE)] = None
     keep: Keep | None = None
     min_depth: Annotated[float | None, Parameter(validator=POSITIVE)] = None
     max_depth: Annotated[float | None, Parameter(validator=POSITIVE)] = None
@@ -157,7 +161,7 @@ class GeometryOptions:
         if calibration is None and known is not None:
             calibration = Calibration.from_q(known, width=size[1], height=size[0])
         if calibration is None:
-            for name in (*_EXACTNESS, "decimate"):
+            for name in (*_EXACTNESS, "decimate", "depth_scale"):
                 if getattr(self, name) is not None:
                     raise _wrong(name, "has no effect without a geometry, as --calib gives it")
             return None
@@ -175,7 +179,8 @@ class GeometryOptions:
                 raise CommandError(f"--{error}", WRONG_USAGE) from error
 
         yaw = YAW if self.yaw is None else self.yaw
-        return Rig(calibration, unit, self.selection(size), yaw, self.anchor)
+        scale = self.depth_scale or MILLIMETERS
+        return Rig(calibration, unit, self.selection(size), yaw, self.anchor, scale)
 
     def selection(self, size: tuple[int, ...] | None = None) -> Selection:
         """Return which pixels are wanted of images of this size.
@@ -234,6 +239,8 @@ class Rig:
         Which pixels become points and depths.
     yaw, anchor
         How exact the geometry is, as `phasestereo.depth_interval` takes them.
+    depth_scale
+        Units of a ``.png`` of depths in a meter.
     """
 
     calibration: Calibration
@@ -241,6 +248,7 @@ class Rig:
     selection: Selection
     yaw: float = YAW
     anchor: Anchor | None = None
+    depth_scale: float = MILLIMETERS
 
     def check(self, disparities: tuple[int, int]) -> None:
         """Refuse disparities, the smallest and how many, of which none has a depth that is wanted.

@@ -53,9 +53,9 @@ class Outputs:
         File for the surface, with the left image on it: .glb. It stands upright in viewers (glTF
         2.0), and ends where disparities jump. Needs a geometry and the extra ``mesh``.
     depth
-        File for the depths: .png, .tif, .pfm, .npy, .npz. A .png has 16-bit mm, 0 being none; the
-        others are in the unit of the baseline. A .npz holds depth, near and far, the ends of the
-        error bars. Needs a geometry.
+        File for the depths: .png, .tif, .pfm, .npy, .npz, .bin. A .png has 16 bits, 0 being none,
+        in mm or by ``--depth-scale``; the others are in the unit of the baseline. A .npz holds
+        depth, near and far, the ends of the error bars; a .bin is COLMAP's. Needs a geometry.
     report
         HTML file that shows the pair, its map and points in space. All layers have their values;
         any browser shows it, without a network. Points are to scale with a geometry. Needs the
@@ -167,13 +167,15 @@ def _write_mesh(path: Path, outcome: Outcome) -> None:
 def _write_depth(path: Path, outcome: Outcome) -> None:
     rig = _rig(outcome)
     if rig.unit is None and path.suffix.lower() == ".png":
-        raise ValueError("a .png holds mm: give --unit mm, cm or m, that of the baseline")
+        raise ValueError(
+            "a .png is in units of a meter: give --unit mm, cm or m, that of the baseline"
+        )
 
     maps = rig.depths(outcome.result)
     if path.suffix.lower() == ".npz":
         write_maps(path, maps)
     else:
-        write_depth(path, maps["depth"], unit=rig.unit or "mm")
+        write_depth(path, maps["depth"], unit=rig.unit or "mm", depth_scale=rig.depth_scale)
 
 
 def _write_report(path: Path, outcome: Outcome) -> None:

@@ -1,4 +1,4 @@
-"""Depth maps: whole millimetres in a 16-bit PNG, as RGB-D data sets have them, or floats."""
+"""Depth maps: a 16-bit PNG, as RGB-D data sets have them, or floats."""
 
 from __future__ import annotations
 
@@ -7,29 +7,40 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from phasestereo.io.files import StrPath
+from phasestereo._numbers import as_number
+from phasestereo.io.colmap import COLMAP, read_colmap, write_colmap
+from phasestereo.io.files import StrPath, suffix
 from phasestereo.io.image import write_image
 from phasestereo.io.maps import check_map, known_suffix, read_stored, write_floats
 
 LengthUnit: TypeAlias = Literal["mm", "cm", "m"]
 """A unit of length."""
 
-_MILLIMETRES: dict[str, float] = {"mm": 1, "cm": 10, "m": 1000}
-_PNG_END = 65535.5  # mm; the first depth to round to 65536
+MILLIMETERS = 1000.0
+"""Units of a ``.png`` in a meter, unless something else is asked for."""
+
+_PER_METER: dict[str, float] = {"mm": 1000, "cm": 100, "m": 1}
+_PNG_END = 65535.5  # units of a .png; the first depth to round to 65536
 _PNG_START = 0.5
 
 
-def read_depth(path: StrPath, *, unit: LengthUnit = "mm") -> NDArray[np.float32]:
+def read_depth(
+    path: StrPath, *, unit: LengthUnit = "mm", depth_scale: float = MILLIMETERS
+) -> NDArray[np.float32]:
     """Read a depth map in the format that the suffix names.
 
     Parameters
     ----------
     path
-        A ``.png`` file of uint16 millimetres, 0 for "no depth"; or a ``.pfm``, ``.npy``, ``.tif``
-        or ``.tiff`` file of floats, in which anything not finite or not positive is "no depth".
+        A ``.png`` file of uint16, 0 for "no depth"; a ``.pfm``, ``.npy``, ``.tif`` or ``.tiff``
+        file of floats, in which anything not finite or not positive is "no depth"; or a ``.bin``
+        of COLMAP.
     unit
         The unit of the depths that are returned. It matters for ``.png`` alone: floats come as
         they are stored, in whatever unit that is.
+    depth_scale
+        Units of a ``.png`` in a meter, more than 0: 1000 of millimeters, 256 of KITTI's, 5000 of
+        TUM's.
 
     Returns
     -------
@@ -45,8 +56,8 @@ def read_depth(path: StrPath, *, unit: LengthUnit = "mm") -> NDArray[np.float32]
     ImportError
         If the format needs the extra ``io`` and that is not installed.
     """
-    scale = _scale(unit)
-    stored = read_stored(path, "depth")
+    scale = _scale(unit, depth_scale)
+    stored = read_colmap(path) if suffix(path) == COLMAP else read_stored(path, "depth")
 
     known = np.isfinite(stored) & (stored > 0)
     if stored.dtype == np.uint16:
@@ -56,7 +67,11 @@ def read_depth(path: StrPath, *, unit: LengthUnit = "mm") -> NDArray[np.float32]
 
 
 def write_depth(
-    path: StrPath, depth: NDArray[np.floating[Any]], *, unit: LengthUnit = "mm"
+    path: StrPath,
+    depth: NDArray[np.floating[Any]],
+    *,
+    unit: LengthUnit = "mm",
+    depth_scale: float = MILLIMETERS,
 ) -> None:
     """Write a depth map in the format that the suffix names; see `read_depth`.
 
@@ -67,10 +82,13 @@ def write_depth(
     depth
         float32 or float64 (rounded to float32), shape (H, W), positive; NaN where there is none.
     unit
-        The unit of the depths. It matters for ``.png`` alone, which holds whole millimetres from 1
-        to 65535: depths are rounded to them, and those below 0.5 mm and from 65.5355 m on become 0,
-        "no depth", as depth cameras do with what is out of their range. Floats are written as they
-        are.
+        The unit of the depths. It matters for ``.png`` alone; floats are written as they are.
+    depth_scale
+        Units of a ``.png`` in a meter, more than 0; 1000 are millimeters. It holds whole ones, 1 to
+        65535: depths are rounded to them, and those below half a unit and from 65535.5 units on
+        become 0, "no depth", as depth cameras do with what is out of their range. These are 65.5 m
+        at 1000 (millimeters), 256 m at 256 (KITTI) and 13.1 m at 5000 (TUM); the other formats hold
+        any depth.
 
     Raises
     ------
@@ -84,8 +102,8 @@ def write_depth(
     ImportError
         If the format needs the extra ``io`` and that is not installed.
     """
-    ending = known_suffix(path, "depth")
-    scale = _scale(unit)
+    ending = COLMAP if suffix(path) == COLMAP else known_suffix(path, "depth")
+    scale = _scale(unit, depth_scale)
     checked = check_map(depth, "depth")
 
     if (checked <= 0).any():  # false for NaN
@@ -94,27 +112,41 @@ def write_depth(
         )
 
     if ending == ".png":
-        write_image(path, _encode_millimetres(checked * np.float64(scale)))
+        write_image(path, _encode(checked * np.float64(scale), depth_scale))
+    elif ending == COLMAP:
+        write_colmap(path, np.nan_to_num(checked))
     else:
         write_floats(path, checked)
 
 
-def _encode_millimetres(depth: NDArray[np.float64]) -> NDArray[np.uint16]:
-    """Round to whole millimetres, halves up; 0 for NaN and for what is out of range."""
+def _encode(depth: NDArray[np.float64], per_meter: float) -> NDArray[np.uint16]:
+    """Round to whole units, halves up; 0 for NaN and for what is out of range."""
     held = (depth >= _PNG_START) & (depth < _PNG_END)
     known = depth[~np.isnan(depth)]
     if known.size and not held.any():
         raise ValueError(
-            f"depth must lie in [{_PNG_START:g}, {_PNG_END:g}) mm for a 16-bit .png, but all of it "
-            f"is from {known.min():g} to {known.max():g} mm: is the unit right? "
+            f"depth must lie in [{_PNG_START / per_meter:g}, {_PNG_END / per_meter:g}) m for a "
+            f"16-bit .png of {per_meter:g} units a meter, but all of it is from "
+            f"{known.min() / per_meter:g} to {known.max() / per_meter:g} m: is the unit right? "
             "A .tif holds any depth"
         )
 
     return np.floor(np.where(held, depth, 0) + 0.5).astype(np.uint16)
 
 
-def _scale(unit: str) -> float:
-    """Return the millimetres in a unit."""
-    if unit not in _MILLIMETRES:
+def meters_in(unit: str) -> float:
+    """Return the meters in a unit.
+
+    Raises
+    ------
+    ValueError
+        If it is unknown.
+    """
+    return _scale(unit, 1.0)
+
+
+def _scale(unit: str, depth_scale: float) -> float:
+    """Return the units of a ``.png`` in a unit of length."""
+    if unit not in _PER_METER:
         raise ValueError(f"unit must be one of {', '.join(get_args(LengthUnit))}, got {unit!r}")
-    return _MILLIMETRES[unit]
+    return as_number("depth_scale", depth_scale, positive=True) / _PER_METER[unit]

@@ -2,7 +2,6 @@
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
-from collections.abc import Callable
 from contextlib import ExitStack, closing, suppress
 from dataclasses import fields
 from functools import partial
@@ -24,17 +23,16 @@ from phasestereo.cli.options import (
 from phasestereo.cli.pairing import AUTO, as_calibration
 from phasestereo.cli.terminal import say
 from phasestereo.cli.trust import unwarned
-from phasestereo.io import Calibration, read_calibration
+from phasestereo.io import Calibration, LengthUnit, read_calibration
 from phasestereo.io.folders import folders_of
 from phasestereo.io.pair import Layout
 from phasestereo.known import Known
 from phasestereo.rigs import REESTIMATE
 from phasestereo.settings import PRESET, PRESETS, Settings, resolve
-from phasestereo_live.cli.outputs import FrameSink, LiveOutputs, Writers
+from phasestereo_live.cli.outputs import FrameSink, Geometry, LiveOutputs, Writers
 from phasestereo_live.cli.recordings import Messages, Topics
 from phasestereo_live.cli.show import ClosedError, Screen, ViewOptions, serve
 from phasestereo_live.cli.tally import Tally
-from phasestereo_live.ros.bags import RecordingWriter
 from phasestereo_live.ros.recordings import Recording
 from phasestereo_live.video.cameras import PATIENCE
 from phasestereo_live.video.decoding import is_address
@@ -184,10 +182,14 @@ def live(
                 paced = not (outputs.asked_for() or cameras)
                 screen = Screen(show, *_geometry(outputs, recording), paced=paced)
 
-        sink = None if recording is None else partial(messages.sink, recording, frames)
+        known_of = _knowing(outputs, recording, frames)
+        sink = None
+        if recording is not None:
+            sink = partial(messages.sink, recording, outputs.selection, known_of)
         try:
             with unwarned(), refusals(options=_OPTIONS):
-                _run(frames, outputs, tally, sink, screen)
+                writers = Writers(outputs, tally, rate=frames.rate, messages=sink, known=known_of)
+                _run(frames, writers, tally, screen)
         finally:
             tally.show(as_json=outputs.json)
 
@@ -208,15 +210,8 @@ def _opened(opened: ExitStack, topics: Topics, path: Path) -> Recording:
     return recording
 
 
-def _run(
-    frames: Stream,
-    outputs: LiveOutputs,
-    tally: Tally,
-    sink: Callable[[RecordingWriter], FrameSink] | None,
-    screen: Screen | None,
-) -> None:
+def _run(frames: Stream, writing: Writers, tally: Tally, screen: Screen | None) -> None:
     """Match, write and show all frames, or those until Ctrl-C or the end of the show."""
-    writing = Writers(outputs, tally, rate=frames.rate, messages=sink)
     if screen is not None:
         screen.follow(frames)
         tally.listeners.append(screen.fail)
@@ -240,8 +235,23 @@ def _run(
 def _geometry(outputs: LiveOutputs, recording: Recording | None) -> tuple[Calibration | None, str]:
     """Return the geometry that is known beforehand, and the unit of its baseline."""
     if outputs.calib is not None:
-        return read_calibration(outputs.calib), "mm"
-    return None, "" if recording is None else "m"
+        return read_calibration(outputs.calib), outputs.unit or "mm"
+    return None, outputs.unit or ("" if recording is None else "m")
+
+
+def _knowing(outputs: LiveOutputs, recording: Recording | None, frames: Stream) -> Geometry:
+    """Return what returns the geometry of a frame, and the unit of its baseline."""
+    given = None if outputs.calib is None else read_calibration(outputs.calib)
+
+    def known(frame: Frame) -> tuple[Calibration | None, LengthUnit]:
+        if given is not None:
+            return given, outputs.unit or "mm"
+        q = recording.q if frames.q is None and recording is not None else frames.q
+        rows, cols = frame.result.disparity.shape
+        found = None if q is None else Calibration.from_q(q, width=cols, height=rows)
+        return found, outputs.unit or "m"
+
+    return known
 
 
 def _write(frame: Frame, sinks: list[FrameSink], tally: Tally) -> None:

@@ -24,8 +24,11 @@ from phasestereo.cli.errors import (
     refuse_picture,
     refuse_taken,
 )
-from phasestereo.io import read_calibration, write_disparity
+from phasestereo.cli.options import AT_LEAST_ONE, POSITIVE
+from phasestereo.io import Calibration, LengthUnit, write_disparity
 from phasestereo.io.drafts import draft_of
+from phasestereo.result import Keep
+from phasestereo.views.depths import Selection
 from phasestereo_live.cli.tally import Tally
 from phasestereo_live.rerun import log_failure, log_frame, saving
 from phasestereo_live.ros.bags import RecordingWriter
@@ -34,6 +37,7 @@ from phasestereo_live.video import FramePicture, VideoWriter
 from phasestereo_live.video.streaming import Frame
 
 FrameSink = Callable[[Frame], object]
+Geometry = Callable[[Frame], tuple[Calibration | None, LengthUnit]]
 
 _RATE = 25.0  # of sources whose own is unknown
 
@@ -54,7 +58,18 @@ class LiveOutputs:
     rerun
         Recording for the viewer rerun, .rrd: images and disparities; needs the extra ``rerun``.
     calib
-        Middlebury's calib.txt, for colored points in --rerun and depths on the page.
+        Middlebury's calib.txt, for the camera, depths and points in --rerun and on the page.
+    unit
+        The unit of the baseline. Default: mm of --calib, m of recordings and --rectify.
+    keep
+        Which pixels have depths and points: trusted (the default), checked (fewer and more accurate
+        ones), or all.
+    min_depth
+        Leave out everything nearer, in the unit of the baseline.
+    max_depth
+        Leave out everything further away, in the unit of the baseline.
+    decimate
+        One point for each block of so many by so many pixels, in --rerun. Default 1.
     rate
         Frames a second of the video, where the source does not say when they were taken; without
         it, 25.
@@ -66,12 +81,33 @@ class LiveOutputs:
     frames: str | None = None
     rerun: Path | None = None
     calib: Path | None = None
+    unit: LengthUnit | None = None
+    keep: Keep = "trusted"
+    min_depth: Annotated[float | None, Parameter(validator=POSITIVE)] = None
+    max_depth: Annotated[float | None, Parameter(validator=POSITIVE)] = None
+    decimate: Annotated[int, Parameter(validator=AT_LEAST_ONE)] = 1
     rate: Annotated[float | None, Parameter(validator=validators.Number(gt=0, lte=1000))] = None
     json: Annotated[bool, Parameter(negative=(), show_default=False)] = False
 
     def asked_for(self) -> bool:
         """Return whether anything is to come out."""
         return bool(self.output or self.frames or self.rerun or self.json)
+
+    @property
+    def selection(self) -> Selection:
+        """Which pixels have depths and points.
+
+        Raises
+        ------
+        ValueError
+            If the range of depths is empty.
+        """
+        return Selection(
+            keep=self.keep,
+            min_depth=self.min_depth,
+            max_depth=self.max_depth,
+            decimate=self.decimate,
+        )
 
     @property
     def recording(self) -> Path | None:
@@ -101,6 +137,8 @@ class LiveOutputs:
                 refuse_taken(name, path, sources)
 
         # Whatever is to be written is tried before anything is matched.
+        with refusals(options={"min_depth"}):
+            _ = self.selection
         with refusals():
             if self.recording is not None:
                 _checked("output", partial(RecordingWriter, self.recording))
@@ -128,6 +166,8 @@ class Writers:
         Frames a second of the source, if that is known.
     messages
         Makes the sink of a recording; None where none is written.
+    known
+        Returns the geometry of a frame, if it is known, and the unit of its baseline.
     """
 
     def __init__(
@@ -137,10 +177,12 @@ class Writers:
         *,
         rate: float | None,
         messages: Callable[[RecordingWriter], FrameSink] | None,
+        known: Geometry,
     ) -> None:
         self._outputs = outputs
         self._tally = tally
         self._messages = messages
+        self._known = known
         self._rate = outputs.rate or rate or _RATE
         self._open = ExitStack()
         self.sinks: list[FrameSink] = []
@@ -196,13 +238,21 @@ class Writers:
         self.sinks.append(write)
 
     def _add_recording(self, opened: ExitStack, path: Path) -> None:
-        calib = self._outputs.calib
-        calibration = None if calib is None else read_calibration(calib)
+        selection = self._outputs.selection
         recording = self._enter(opened, "rerun", path, saving(path))
 
         def log(frame: Frame) -> None:
             low, high = self._tally.searched(frame)
-            log_frame(frame, low=low, high=high, calibration=calibration, recording=recording)
+            calibration, unit = self._known(frame)
+            log_frame(
+                frame,
+                low=low,
+                high=high,
+                calibration=calibration,
+                unit=unit,
+                selection=selection,
+                recording=recording,
+            )
 
         self.sinks.append(log)
         self._tally.listeners.append(partial(log_failure, recording=recording))

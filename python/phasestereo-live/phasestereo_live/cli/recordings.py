@@ -3,7 +3,7 @@
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,12 +11,14 @@ from cyclopts import Parameter
 
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, option
 from phasestereo.cli.options import NOT_NEGATIVE
-from phasestereo.io import Calibration
+from phasestereo.io import Calibration, LengthUnit
+from phasestereo.io.depth import meters_in
+from phasestereo.views.depths import Selection
 from phasestereo_live.ros.bags import RecordingWriter, is_recording
 from phasestereo_live.ros.messages import DEPTHS, Depths
 from phasestereo_live.ros.output import GEOMETRIC, KINDS, FrameWriter, MessageKind
 from phasestereo_live.ros.recordings import TOLERANCE, Recording, open_recording
-from phasestereo_live.video.streaming import Frame, Stream
+from phasestereo_live.video.streaming import Frame
 
 _SEVERAL = Parameter(consume_multiple=True, show_default=False)
 
@@ -116,20 +118,26 @@ class Messages:
                 raise CommandError(message, WRONG_USAGE)
 
     def sink(
-        self, recording: Recording, frames: Stream, messages: RecordingWriter
+        self,
+        recording: Recording,
+        selection: Selection,
+        known: Callable[[Frame], tuple[Calibration | None, LengthUnit]],
+        messages: RecordingWriter,
     ) -> Callable[[Frame], None]:
-        """Return what writes frames of a recording to another one."""
+        """Return what writes frames of a recording to another one, by a geometry in m."""
         writer = FrameWriter(
             messages,
             recording.topics,
             kinds=self.messages or [kind for kind in KINDS if kind != "points"],
             depth_encoding=self.depth_encoding or DEPTHS[0],
+            selection=selection,
         )
 
         def write(frame: Frame) -> None:
-            q = recording.q if frames.q is None else frames.q
-            rows, cols = frame.result.disparity.shape
-            known = None if q is None else Calibration.from_q(q, width=cols, height=rows)
-            writer.write(frame, recording.headers.pop(frame.index), known)
+            calibration, unit = known(frame)
+            if calibration is not None:
+                in_meters = calibration.baseline * meters_in(unit)
+                calibration = replace(calibration, baseline=in_meters)
+            writer.write(frame, recording.headers.pop(frame.index), calibration)
 
         return write

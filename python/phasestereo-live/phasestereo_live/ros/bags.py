@@ -152,6 +152,8 @@ class RecordingWriter(Closing):
             fields["seq"] = 0
         if self.is_ros1 and kind == "stereo_msgs/msg/DisparityImage":
             fields["T"] = fields.pop("t")
+        if self.is_ros1 and kind == "sensor_msgs/msg/CameraInfo":
+            fields |= {name.upper(): fields.pop(name) for name in "dkrp"}
 
         return self._types.types[kind](**fields)
 

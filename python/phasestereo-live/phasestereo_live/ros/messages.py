@@ -16,6 +16,7 @@ from phasestereo._images import Map, as_pixels, as_rgb8
 from phasestereo.io import Calibration
 from phasestereo.result import Result
 from phasestereo.rig.diagnosis import Diagnosis
+from phasestereo.views.depths import YAW, Selection, depths_of, ranging
 from phasestereo_live.ros.images import encode_image
 from phasestereo_live.ros.pairing import Header
 
@@ -23,7 +24,7 @@ Make = Callable[..., Any]
 
 Depths = Literal["32FC1", "16UC1"]
 DEPTHS: tuple[Depths, ...] = ("32FC1", "16UC1")
-"""Encodings of depths: m, NaN where there is none; mm, 0 where there is none (REP 118)."""
+"""Encodings of depths (REP 118): m, not finite where there is none; mm, 0 where there is none."""
 
 MAP_IMAGES = "confidence", "uncertainty"
 """Maps of a result that are sent as images of 32FC1 beside the disparities."""
@@ -106,6 +107,81 @@ def _range(result: Result) -> tuple[int, int]:
     return result.search.min_disparity, result.search.num_disparities
 
 
+def camera_info(make: Make, header: Header, calibration: Calibration) -> Any:
+    """Return the ``sensor_msgs/CameraInfo`` of rectified images: no distortion, no rotation.
+
+    Parameters
+    ----------
+    make, header
+        As `disparity_image` takes them.
+    calibration
+        The geometry of images of this size; the left camera counts.
+    """
+    camera = np.array(calibration.cam0)
+    matrices = {
+        "d": np.zeros(5),
+        "k": camera.ravel(),
+        "r": np.eye(3).ravel(),
+        "p": np.column_stack([camera, np.zeros(3)]).ravel(),
+    }
+    roi = make(
+        "sensor_msgs/msg/RegionOfInterest",
+        x_offset=0,
+        y_offset=0,
+        height=0,
+        width=0,
+        do_rectify=False,
+    )
+    return make(
+        "sensor_msgs/msg/CameraInfo",
+        header=header_of(make, header),
+        height=calibration.height,
+        width=calibration.width,
+        distortion_model="plumb_bob",
+        binning_x=0,
+        binning_y=0,
+        roi=roi,
+        **matrices,
+    )
+
+
+def ranged_depth(
+    result: Result, calibration: Calibration, selection: Selection | None = None
+) -> Map:
+    """Return depths as REP 117 and REP 118 have them, float32 (H, W).
+
+    +Inf is too far: what may be infinitely far, is beyond ``max_depth``, or has the smallest
+    disparity that was searched. -Inf is too near: nearer than ``min_depth``, or of the largest
+    disparity that was searched. NaN is not known: no estimate, or one that is not kept.
+
+    Parameters
+    ----------
+    result
+        The match.
+    calibration
+        The geometry of the rectified pair.
+    selection
+        Which estimates are kept; None: the trusted ones. All have the size of the image.
+    """
+    chosen = selection or Selection()
+    bars = result.uncertainty
+    geometry = ranging(result.disparity, calibration, uncertainty=bars, yaw=YAW, anchor=None)
+    depth = depths_of(result, geometry, Selection(keep=chosen.keep)).depth
+
+    kept = result.kept(chosen.keep)
+    far = kept & ~np.isfinite(depth)
+    if chosen.max_depth is not None:
+        far |= depth > chosen.max_depth
+    near = np.zeros_like(kept) if chosen.min_depth is None else depth < chosen.min_depth
+    if result.search is not None:
+        low, count = _range(result)
+        far |= kept & (result.disparity <= low)
+        near |= kept & (result.disparity >= low + count - 1)
+    depth[far] = np.inf
+    depth[near] = -np.inf
+    return depth
+
+
 def depth_image(make: Make, header: Header, depth: Map, encoding: str) -> Any:
     """Return depths as a ``sensor_msgs/Image``.
 
@@ -114,9 +190,9 @@ def depth_image(make: Make, header: Header, depth: Map, encoding: str) -> Any:
     make, header
         As `disparity_image` takes them.
     depth
-        float32 (H, W), m; NaN where there is none.
+        float32 (H, W), m, as `ranged_depth` has them.
     encoding
-        One of `DEPTHS`. What mm do not hold, 65.535 m and more, is 0.
+        One of `DEPTHS`. Of mm, what is not a depth and 65.535 m and more is 0.
     """
     if encoding == "32FC1":
         return image_of(make, header, depth)
@@ -139,7 +215,7 @@ def point_cloud2(
     make, header
         As `disparity_image` takes them.
     depth
-        float32 (H, W), m; NaN where there is none.
+        float32 (H, W), m; not finite where there is none.
     calibration
         The geometry of the pair.
     left
@@ -149,10 +225,10 @@ def point_cloud2(
     rows, cols = depth.shape
 
     points = np.empty((rows, cols), _POINT)
-    z = depth.astype(np.float64)
+    z = np.where(np.isfinite(depth), depth, np.nan).astype(np.float64)
     points["x"] = (np.arange(cols) - cx) * z / fx
     points["y"] = (np.arange(rows)[:, np.newaxis] - cy) * z / fy
-    points["z"] = depth
+    points["z"] = z
 
     # Colors are packed as 0x00RRGGBB.
     red, green, blue = np.moveaxis(as_rgb8(as_pixels(left, "left")).astype(np.uint32), 2, 0)

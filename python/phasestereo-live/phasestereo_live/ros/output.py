@@ -8,15 +8,18 @@ from typing import Literal, get_args
 
 from phasestereo.io import Calibration
 from phasestereo.rig.diagnosis import check
+from phasestereo.views.depths import Selection
 from phasestereo_live.ros.bags import RecordingWriter
 from phasestereo_live.ros.messages import (
     DEPTHS,
     MAP_IMAGES,
+    camera_info,
     depth_image,
     diagnostics,
     disparity_image,
     image_of,
     point_cloud2,
+    ranged_depth,
 )
 from phasestereo_live.ros.pairing import Header
 from phasestereo_live.video.streaming import Frame
@@ -33,9 +36,9 @@ class FrameWriter:
     """Writes the messages of frames to a recording.
 
     Topics are those of ``stereo_image_proc``, in the namespace that both image topics share:
-    ``disparity``, ``depth``, ``points2``; and ``/diagnostics``. No message of ROS has a place for
-    confidences or error bars, so they are images (32FC1) of the topics ``confidence`` and
-    ``uncertainty``, with the header of the disparities.
+    ``disparity``, ``depth``, ``points2``, with the ``camera_info`` of all; and ``/diagnostics``. No
+    message of ROS has a place for confidences or error bars, so they are images (32FC1) of the
+    topics ``confidence`` and ``uncertainty``, with the header of the disparities.
 
     Parameters
     ----------
@@ -47,6 +50,9 @@ class FrameWriter:
         Messages to write, of `KINDS`. A result without confidences has none, and no error bars.
     depth_encoding
         "32FC1", m, or "16UC1", mm.
+    selection
+        Which pixels have depths and points, in m; its ``decimate`` has no effect here. None: the
+        trusted ones.
 
     Raises
     ------
@@ -61,6 +67,7 @@ class FrameWriter:
         *,
         kinds: Collection[MessageKind] = KINDS,
         depth_encoding: str = DEPTHS[0],
+        selection: Selection | None = None,
     ) -> None:
         for kind in kinds:
             if kind not in KINDS:
@@ -72,6 +79,7 @@ class FrameWriter:
         self._writer = writer
         self._kinds = kinds
         self._encoding = depth_encoding
+        self._selection = selection
         self._space = os.path.commonpath([f"/{topic.lstrip('/')}" for topic in topics]).rstrip("/")
         self._diagnosed: int | None = None  # the stamp of the last diagnosis
 
@@ -96,6 +104,8 @@ class FrameWriter:
         make, result = self._writer.make, frame.result
         found = {}
 
+        if calibration is not None and {*self._kinds} - {"points", "diagnostics"}:
+            found["camera_info"] = camera_info(make, header, calibration)
         if "disparity" in self._kinds:
             found["disparity"] = disparity_image(make, header, result, calibration)
 
@@ -104,8 +114,8 @@ class FrameWriter:
             if name in self._kinds and values is not None:
                 found[name] = image_of(make, header, values)
 
-        if calibration is not None:
-            depth = calibration.depth(result.disparity)
+        if calibration is not None and {*self._kinds} & {*GEOMETRIC}:
+            depth = ranged_depth(result, calibration, self._selection)
             if "depth" in self._kinds:
                 found["depth"] = depth_image(make, header, depth, self._encoding)
             if "points" in self._kinds:

@@ -2,9 +2,9 @@
 
 It subscribes to ``left/image_rect``, ``left/camera_info``, ``right/image_rect`` and
 ``right/camera_info``, and publishes ``disparity`` (``stereo_msgs/DisparityImage``), ``points2``
-(``sensor_msgs/PointCloud2``), ``confidence`` and ``uncertainty`` (``sensor_msgs/Image``, 32FC1),
-and, once a second, ``/diagnostics``. All that is done with images is done by phasestereo, as for
-recordings.
+(``sensor_msgs/PointCloud2``), ``depth``, ``confidence`` and ``uncertainty`` (``sensor_msgs/Image``,
+32FC1), the ``camera_info`` of these, and, once a second, ``/diagnostics``. All that is done with
+images is done by phasestereo, as for recordings.
 """
 
 from __future__ import annotations
@@ -26,21 +26,28 @@ from stereo_msgs.msg import DisparityImage
 from phasestereo import Rig, check
 from phasestereo.io import Calibration
 from phasestereo.settings import resolve
+from phasestereo.views.depths import Selection
 from phasestereo_live.ros import Header
 from phasestereo_live.ros.images import decode_image
 from phasestereo_live.ros.infos import geometry_of
 from phasestereo_live.ros.messages import (
+    DEPTHS,
     MAP_IMAGES,
+    camera_info,
+    depth_image,
     diagnostics,
     disparity_image,
     image_of,
     point_cloud2,
+    ranged_depth,
 )
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from phasestereo import Settings
+    from numpy.typing import NDArray
+
+    from phasestereo import Result, Settings
 
 TOPICS = "left/image_rect", "right/image_rect"
 INFOS = "left/camera_info", "right/camera_info"
@@ -57,8 +64,12 @@ COUNTED: dict[str, Any] = {
     "uniqueness_ratio": 0.0,
     "speckle_size": 0,
     "speckle_range": 4,
+    "keep": "trusted",
+    "min_depth": 0.0,
+    "max_depth": 0.0,
 }
-"""Parameters that count, and their defaults; sizes of 0 are those of the preset."""
+"""Parameters that count, and their defaults; sizes of 0 are those of the preset, and depths of 0
+leave the range open."""
 IGNORED: dict[str, Any] = {
     "stereo_algorithm": 0,
     "sgbm_mode": 0,
@@ -81,6 +92,7 @@ class Search:
     low: int
     count: int
     settings: Settings
+    selection: Selection
 
 
 def search_of(values: Mapping[str, Any]) -> Search:
@@ -99,7 +111,12 @@ def search_of(values: Mapping[str, Any]) -> Search:
     if speckles > 0:
         chosen |= {"speckle_size": speckles, "speckle_range": values["speckle_range"]}
     settings = resolve(values["preset"], None, chosen)
-    return Search(values["min_disparity"], values["disparity_range"], settings)
+    selection = Selection(
+        keep=values["keep"],
+        min_depth=values["min_depth"] or None,
+        max_depth=values["max_depth"] or None,
+    )
+    return Search(values["min_disparity"], values["disparity_range"], settings, selection)
 
 
 def make(kind: str, **fields: Any) -> Any:
@@ -108,7 +125,8 @@ def make(kind: str, **fields: Any) -> Any:
     message = getattr(import_module(f"{package}.msg"), name)()
     for field, value in fields.items():
         if isinstance(value, np.ndarray):
-            setattr(message, field, array.array("B", value.tobytes()))
+            code = "B" if value.dtype == np.uint8 else "d"
+            setattr(message, field, array.array(code, value.tobytes()))
         elif kind == "diagnostic_msgs/msg/DiagnosticStatus" and field == "level":
             setattr(message, field, bytes([value]))
         else:
@@ -136,6 +154,8 @@ class PhasestereoNode(Node):  # type: ignore[misc]  # rclpy has no types
         self._diagnosed: int | None = None
         self._disparity = self.create_publisher(DisparityImage, "disparity", 1)
         self._maps = {name: self.create_publisher(Image, name, 1) for name in MAP_IMAGES}
+        self._info = self.create_publisher(CameraInfo, "camera_info", 1)
+        self._depth = self.create_publisher(Image, "depth", 1)
         self._points = self.create_publisher(PointCloud2, "points2", 1)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 1)
         self._subscribe(values)
@@ -178,12 +198,23 @@ class PhasestereoNode(Node):  # type: ignore[misc]  # rclpy has no types
             values = result.maps.get(name)
             if values is not None and publisher.get_subscription_count():
                 publisher.publish(image_of(make, header, values))
-        if known is not None and self._points.get_subscription_count():
-            depth = known.depth(result.disparity)
-            self._points.publish(point_cloud2(make, header, depth, known, images[0]))
+        if known is not None:
+            self._info.publish(camera_info(make, header, known))
+            self._publish_depths(header, result, known, images[0])
         if self._diagnosed is None or not 0 <= stamp - self._diagnosed < _SECOND:
             self._diagnosed = stamp
             self._diagnostics.publish(diagnostics(make, header, check(*images)))
+
+    def _publish_depths(
+        self, header: Header, result: Result, known: Calibration, left: NDArray[Any]
+    ) -> None:
+        """Publish what is subscribed to of depths and points."""
+        wanted = [one for one in (self._depth, self._points) if one.get_subscription_count()]
+        depth = ranged_depth(result, known, self._search.selection) if wanted else None
+        if depth is not None and self._depth in wanted:
+            self._depth.publish(depth_image(make, header, depth, DEPTHS[0]))
+        if depth is not None and self._points in wanted:
+            self._points.publish(point_cloud2(make, header, depth, known, left))
 
 
 def main() -> None:
