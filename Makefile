@@ -12,7 +12,7 @@ SHARDS := 285
 PART ?= 0
 SHARD = $(shell expr \( `date +%s` / 604800 \* 3 + $(PART) \) % $(SHARDS))
 # Distributions on top of the core: installed from here before anything asks for them, so that PyPI is not asked.
-OURS := python/phasestereo-live python/phasestereo-large python/pandora-plugin-phasestereo benches/harness
+OURS := python/phasestereo-live python/phasestereo-large benches/harness
 RUST := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name Cargo.toml)
 # What installs or builds waits for another make that does; without flock, as on macOS, there should be one make at a time.
 ALONE := $(if $(shell command -v flock),flock Makefile )sh -ec
@@ -21,7 +21,7 @@ BEGUN = touch $@.begun
 DONE = touch -r $@.begun $@ && rm $@.begun
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-wheel test-core test-arm64 fuzz soak nightly mutants lint format settings bench tables bench-core docs wheel c web hooks clean
+.PHONY: help demo test test-wheel test-core test-oldest test-arm64 fuzz soak nightly mutants lint format settings licenses bench tables bench-core docs wheel c web hooks clean
 
 help: ## List the commands
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 18
@@ -49,6 +49,9 @@ test-core: $(VENV)/harness $(VENV)/dev ## Test the matcher alone: its stages and
 	CARGO_PROFILE_TEST_OPT_LEVEL=0 cargo test --locked --lib
 	cargo test --locked --test rust
 	$(BIN)/python -m pytest --numprocesses auto --dist worksteal tests/core --ignore tests/core/test_c.py
+
+test-oldest: $(CORE) ## Test with the oldest versions that pyproject.toml names of what is installed with it
+	PYTHON=$(CURDIR)/$(BIN)/python tests/oldest.sh
 
 test-arm64: $(VENV)/dev ## Test the core and its wheel on an emulated aarch64 (ARGS=rust, wheel or python: one part)
 	PYTHON=$(CURDIR)/$(BIN)/python tests/arm64.sh $(ARGS)
@@ -85,6 +88,9 @@ format: $(VENV)/dev ## Format the code
 	$(BIN)/ruff check --fix
 
 settings: $(CORE) ## Write what Python and the glossary repeat of the table of settings
+
+licenses: $(TOOLS)/cargo-about ## Write the licenses of the crates in the extension module, which its wheels hold
+	cd rust/python && "$(CURDIR)/$(TOOLS)/cargo-about" generate --offline --locked --fail about.hbs --output-file LICENSES.txt
 
 bench: $(VENV)/harness ## Time a match against OpenCV, in a quarter of an hour (PHASESTEREO_DATA as above)
 	PHASESTEREO_DATA="$${PHASESTEREO_DATA:-../shared}" $(BIN)/phasestereo bench speed --output speed/speed.jsonl $(ARGS)
@@ -147,6 +153,9 @@ $(CORE): $(VENV)/ready pyproject.toml $(RUST)
 
 $(TOOLS)/cargo-mutants:
 	cargo install --debug --locked --root target/tools --version 27.1.0 cargo-mutants
+
+$(TOOLS)/cargo-about:
+	cargo install --debug --locked --root target/tools --version 0.9.3 --features cli cargo-about
 
 # Newer ones want a newer Rust. Compiled without optimization, in four minutes.
 $(TOOLS)/cargo-cinstall:

@@ -35,8 +35,8 @@ LIVE_PAGE = "live/pair.html"
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
     """Link to the repository, where ``pyproject.toml`` names one."""
     text = (Path(config.docs_dir).parent / "pyproject.toml").read_text(encoding="utf-8")
-    url = tomllib.loads(text)["project"].get("urls", {}).get("Repository")
-    if url is not None:
+    url = tomllib.loads(text)["project"]["urls"]["Source"]
+    if "/OWNER/" not in url:  # which a release fills in
         config.repo_url, config.repo_name = url, config.site_name
     return config
 

@@ -19,7 +19,6 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = (
     ROOT / "python",
     *(ROOT / "python" / name for name in ("phasestereo-live", "phasestereo-large")),
-    ROOT / "python/pandora-plugin-phasestereo",
     ROOT / "benches/harness",
 )
 """The folders that hold our packages."""

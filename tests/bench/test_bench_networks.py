@@ -150,7 +150,7 @@ def test_without_onnxruntime_a_sentence_says_so(
 
     message = "left out, hitnet: onnxruntime is not installed; it comes with: pip install"
     assert (code, err.count(message)) == (0, 1)
-    assert "phasestereo-bench[onnx]" in err
+    assert "./benches/harness[onnx]" in err
     assert "fast" in out
 
     with pytest.raises(ImportError, match="^onnxruntime is not installed"):

@@ -31,7 +31,6 @@ DISTRIBUTIONS = {
     "phasestereo": "python",
     "phasestereo_live": "python/phasestereo-live",
     "phasestereo_large": "python/phasestereo-large",
-    "pandora_plugin_phasestereo": "python/pandora-plugin-phasestereo",
     "phasestereo_bench": "benches/harness",
 }
 """The folder of each package."""
@@ -40,7 +39,6 @@ BELOW = {
     "phasestereo": (),
     "phasestereo_live": ("phasestereo",),
     "phasestereo_large": ("phasestereo",),
-    "pandora_plugin_phasestereo": ("phasestereo",),
     "phasestereo_bench": ("phasestereo", "phasestereo_live", "phasestereo_large"),
 }
 """What each may import of the others."""
@@ -55,7 +53,7 @@ FLOORS = {
         "rectification result",
         "calibration known",  # by boards; of a pair, an earlier result too
         "matching stages",
-        "opencv rigs verification views",  # what is made of a result, and a stand-in for a matcher
+        "opencv pandora rigs verification views",  # made of a result; stand-ins for matchers
         "walls",
         "",  # the package itself, which names all of the interface
         "cli",
@@ -76,7 +74,6 @@ FLOORS = {
         "cli",
         "",
     ),
-    "pandora_plugin_phasestereo": ("",),
 }
 """Rooms, modules or folders, from the ground up: each imports of lower floors alone."""
 

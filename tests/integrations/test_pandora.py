@@ -21,7 +21,7 @@ from phasestereo_bench.degradation import convolve, gaussian_psf
 from phasestereo_bench.rendering import render_pair
 
 pandora = counterpart("pandora")
-plugin = counterpart("pandora_plugin_phasestereo")
+plugin = counterpart("phasestereo.pandora")
 xarray = counterpart("xarray")
 rasterio = counterpart("rasterio")
 
@@ -387,9 +387,9 @@ def test_the_command_runs_from_files(rendered: Pair, tmp_path: Path) -> None:
 
 def test_pandora_finds_the_plugin_once_installed() -> None:
     try:
-        installed = metadata.distribution("pandora-plugin-phasestereo")
+        installed = metadata.distribution("phasestereo")
     except metadata.PackageNotFoundError:
-        pytest.skip("pandora-plugin-phasestereo is not installed: its entry points are not known")
+        pytest.skip("phasestereo is on the path, not installed: its entry points are not known")
     points = installed.entry_points.select(group="pandora.plugin")
     assert [point.load() for point in points] == [plugin.PhaseCost]
 

@@ -81,7 +81,7 @@ def test_webp_comes_as_it_is_stored(tmp_path: Path, channels: int) -> None:
         read_image(path)
 
     path.write_bytes(b"RIFF\x04\0\0\0WAVE")
-    with pytest.raises(ValueError, match=r"a\.webp: damaged, or not what it claims to be"):
+    with pytest.raises(ValueError, match=r"a\.webp: "):
         read_image(path)
 
 

@@ -185,7 +185,6 @@ def test_cameras(run: Callable[..., Run], monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_frames_are_logged_to_rerun(run: Callable[..., Run]) -> None:
-    rerun = counterpart("rerun")
     damage(film(Path("a.mkv"), side_by_side(4), **INTRA), Path("b.mkv"), {1})
     Path("calib.txt").write_text(
         "cam0=[100 0 48; 0 100 32; 0 0 1]\ncam1=[100 0 48; 0 100 32; 0 0 1]\n"
@@ -196,7 +195,7 @@ def test_frames_are_logged_to_rerun(run: Callable[..., Run]) -> None:
     assert run("live", "b.mkv", *SEARCH, *options)[0] == 0
 
     found: dict[str, set[int]] = {}
-    for chunk in rerun.chunk.RrdReader("a.rrd").stream():
+    for chunk in counterpart("rerun.chunk").RrdReader("a.rrd").stream():
         for row in chunk.to_record_batch().to_pylist():
             if "frame" in row:
                 found.setdefault(chunk.entity_path, set()).add(row["frame"])

@@ -37,7 +37,7 @@ def frames(count: int, failures: list[Failure] | None = None) -> live.Stream:
 def rows(path: str, entity: str) -> list[dict[str, Any]]:
     """Return what was logged at one place, a row for each time."""
     found = []
-    for chunk in rerun.chunk.RrdReader(path).stream():
+    for chunk in counterpart("rerun.chunk").RrdReader(path).stream():
         if chunk.entity_path == f"/{entity}":
             batch = chunk.to_record_batch()
             found += batch.to_pylist()

@@ -27,7 +27,7 @@ PENALTIES = (0.3, 2.0)
 
 SETTINGS: dict[str, Any] = {"weights": WEIGHTS, "P1": PENALTIES[0], "P2": PENALTIES[1]}
 
-_HOW = "which comes with: pip install 'phasestereo-bench[mccnn]'"
+_HOW = "which comes with: pip install './benches/harness[mccnn]'"
 
 _GRAY = np.array([0.299, 0.587, 0.114])
 _REACH = 5  # px: half of the 11 x 11 that a feature sees; maps are that much smaller
@@ -81,7 +81,7 @@ def needed() -> tuple[Any, Any, Any]:
             raise ImportError(f"mccnn needs {error.name}, {_HOW}") from error
         raise ImportError("mccnn is not installed; pip install --no-deps mccnn") from error
 
-    return network, weights, require("c_libsgm", extra="mccnn", of="phasestereo-bench")
+    return network, weights, require("c_libsgm", extra="mccnn", of="./benches/harness")
 
 
 def _gray(image: Image) -> Map:

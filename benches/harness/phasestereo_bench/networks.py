@@ -98,7 +98,7 @@ def runtime() -> Any:
     ImportError
         If it is not installed.
     """
-    return require("onnxruntime", extra="onnx", of="phasestereo-bench")
+    return require("onnxruntime", extra="onnx", of="./benches/harness")
 
 
 def require_hitnet(path: str) -> None:

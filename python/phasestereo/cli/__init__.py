@@ -60,9 +60,12 @@ OTHERS = {
         "Renders a pair with its true disparities, degrades the left image (defocus, contrast, "
         "noise), and matches the sharp and the degraded pair by phase codes, SAD and normalized "
         "SAD, and by OpenCV's StereoSGBM. Takes a few seconds.",
-        "phasestereo-bench",
+        "./benches/harness (in a clone)",
     ),
-    "bench": ("Score matchers, and repeat the paper's experiments.", "phasestereo-bench"),
+    "bench": (
+        "Score matchers, and repeat the paper's experiments.",
+        "./benches/harness (in a clone)",
+    ),
 }
 """The commands of our other distributions: their help, which imports none of them, and what pip
 installs them by."""

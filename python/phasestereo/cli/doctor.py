@@ -21,6 +21,10 @@ from phasestereo.matching import match
 from phasestereo.settings import PRESETS
 
 _OURS = "phasestereo", "phasestereo-live", "phasestereo-large", "phasestereo-bench"
+_REQUIREMENT = re.compile(
+    r"(?P<name>[\w.-]+)(?:\[(?P<extras>[\w,-]+)\])?[^;]*"
+    r"(?:;.*?extra == ['\"](?P<extra>[\w-]+)['\"])?"
+)
 _SIZE = 480, 640  # rows and columns of the pair that is matched for its time
 _ROUNDS = 5
 
@@ -90,16 +94,27 @@ def _times() -> dict[str, float]:
 
 def _missing() -> list[str]:
     """Return the extras of which something is not installed."""
-    of_extra = re.compile(r"(?P<name>[\w.-]+).*extra == ['\"](?P<extra>[\w-]+)['\"]")
-    needed = [of_extra.match(text) for text in distribution("phasestereo").requires or ()]
-    return sorted({one["extra"] for one in needed if one and not _is_installed(one["name"])})
+    extras = distribution("phasestereo").metadata.get_all("Provides-Extra") or ()
+    return sorted(
+        extra for extra in extras if extra != "all" and not _is_installed("phasestereo", extra)
+    )
 
 
-def _is_installed(name: str) -> bool:
+def _is_installed(name: str, extra: str = "") -> bool:
+    """Return whether a distribution is there, and of ours what it and an extra of it require."""
     try:
-        distribution(name)
+        requirements = distribution(name).requires or ()
     except PackageNotFoundError:
         return False
+    if name not in _OURS:
+        return True
+
+    for text in requirements:
+        required = _REQUIREMENT.match(text)
+        if required and (required["extra"] or extra) == extra:
+            extras = (required["extras"] or "").split(",")
+            if not all(_is_installed(required["name"], inner) for inner in extras):
+                return False
     return True
 
 

@@ -1,4 +1,4 @@
-"""The matching cost ``phase`` for CNES Pandora, which finds it by the entry point of this module.
+"""The matching cost ``phase`` for CNES Pandora, which finds it by an entry point.
 
 Pandora writes x_right = x_left + d, this library x_right = x_left - d: the sign is turned here and
 nowhere else. What surrounds the costs (borders, masks, shifted images) is as Pandora has it, so
