@@ -79,6 +79,7 @@ lint: $(VENV)/counterparts ## Check formats, lints, types, stubs and the documen
 	RUSTDOCFLAGS="--deny warnings" cargo doc --locked --no-deps --document-private-items --quiet
 	$(BIN)/ruff format --check
 	$(BIN)/ruff check
+	$(BIN)/lint-imports
 	$(BIN)/mypy
 	$(BIN)/python -m mypy.stubtest phasestereo._core
 
