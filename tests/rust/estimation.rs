@@ -6,10 +6,11 @@ use std::ops::Range;
 use crate::common::parts::Slow;
 use crate::common::{hash, levels};
 use ndarray::Array3;
+use phasestereo::Finding;
 use phasestereo::internals::estimation::blur::Side;
 use phasestereo::internals::estimation::blur::psf::{Family, Psf};
-use phasestereo::internals::estimation::{Estimates, Known, prepare, prepare_by_rows};
-use phasestereo::internals::findings::Finding;
+use phasestereo::internals::estimation::facts::{Fact, Facts};
+use phasestereo::internals::estimation::{Estimates, complete, complete_source};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::plane::{Plane, reflect};
 use phasestereo_match::base::simd::Level;
@@ -150,9 +151,10 @@ fn found(pair: &Pair, is_known: bool, threads: usize, level: Level) -> Estimates
     let control = Control::default();
     let runtime =
         Runtime { matcher: &matcher, execution: Execution { threads, level }, control: &control };
-    let known = Known { candidates: is_known.then(|| pair.candidates()), ..Known::default() };
+    let candidates = is_known.then(|| Fact::given(pair.candidates()));
+    let facts = Facts { candidates, ..Facts::default() };
 
-    prepare(pair.clone(), known, &settings(), runtime).expect("it runs").estimates
+    complete(pair.clone(), &facts, &settings(), runtime).expect("it runs").1
 }
 
 /// The same of a pair that is read by at most so many rows.
@@ -162,7 +164,8 @@ fn found_by_rows(pair: &Pair, is_known: bool, most: usize) -> Estimates {
 
     let execution = Execution { threads: 2, level: Level::best() };
     let runtime = Runtime { matcher: &matcher, execution, control: &control };
-    let known = Known { candidates: is_known.then(|| pair.candidates()), ..Known::default() };
+    let candidates = is_known.then(|| Fact::given(pair.candidates()));
+    let facts = Facts { candidates, ..Facts::default() };
 
     let whole = Slow::new(pair, most);
     let pair = match pair.views()[0].image {
@@ -173,7 +176,7 @@ fn found_by_rows(pair: &Pair, is_known: bool, most: usize) -> Estimates {
         _ => pair.clone(),
     };
 
-    prepare_by_rows(&Slow::new(&pair, most), known, &settings(), runtime).expect("it runs")
+    complete_source(&Slow::new(&pair, most), &facts, &settings(), runtime).expect("it runs")
 }
 
 /// Compares all but the times.
@@ -181,7 +184,7 @@ fn assert_same(found: &Estimates, expected: &Estimates, what: &str) {
     let parts = |found: &Estimates| {
         let Estimates { candidates, range, left_out, offsets, .. } = found;
         let Estimates { alignment, blur, compensation, .. } = found;
-        let range = (*candidates, *range, left_out.clone());
+        let range = (candidates.clone(), *range, left_out.clone());
         (range, offsets.clone(), alignment.clone(), blur.clone(), compensation.clone())
     };
 
@@ -252,15 +255,15 @@ fn an_estimated_range_contains_the_disparities() {
         let range = found.range.expect("there is texture");
 
         assert!(!range.swapped && !range.mixed);
-        assert_eq!(found.candidates.min(), 0);
-        assert!((24..=36).contains(&found.candidates.count()), "{range:?}");
+        assert_eq!(found.candidates.value.min(), 0);
+        assert!((24..=36).contains(&found.candidates.value.count()), "{range:?}");
 
         let [left, right] = pair.views();
         let swapped = Pair::new(right.clone(), left.clone(), 0, 48).expect("legal");
 
         let found = self::found(&swapped, false, 1, Level::best());
         assert!(found.range.expect("there is texture").swapped);
-        assert!(found.candidates.min() <= -21);
+        assert!(found.candidates.value.min() <= -21);
     }
 }
 
@@ -366,14 +369,14 @@ fn a_negative_is_found_by_rows_as_in_memory_and_may_be_known() {
     let (matcher, control) = (Matcher::new(2).expect("threads"), Control::default());
     let execution = Execution { threads: 2, level: Level::best() };
     let runtime = Runtime { matcher: &matcher, execution, control: &control };
-    let known = || Known { is_inverted: true, ..Known::default() };
+    let facts = &Facts { is_inverted: true, ..Facts::default() };
 
-    let prepared = prepare(pair.clone(), known(), &settings(), runtime).expect("it runs");
-    assert_same(&prepared.estimates, &expected, "known");
-    assert_eq!(prepared.pair.views()[1].image, pair.inverted().views()[1].image);
+    let (inverted, found) = complete(pair.clone(), facts, &settings(), runtime).expect("it runs");
+    assert_same(&found, &expected, "known");
+    assert_eq!(inverted.views()[1].image, pair.inverted().views()[1].image);
 
     let slow = Slow::new(&pair, 50);
-    let by_rows = prepare_by_rows(&slow, known(), &settings(), runtime).expect("it runs");
+    let by_rows = complete_source(&slow, facts, &settings(), runtime).expect("it runs");
     assert_same(&by_rows, &expected, "known, by rows");
 }
 

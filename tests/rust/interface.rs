@@ -1,7 +1,7 @@
 //! The interface of the crate gives what the stages give, and refuses by name.
 
-use phasestereo::internals::estimation::Known;
-use phasestereo::internals::match_pair::prepare_and_match;
+use phasestereo::internals::estimation::facts::{Fact, Facts};
+use phasestereo::internals::match_pair::match_pair;
 use phasestereo::{Error, Image, Matcher, Preset, verdict};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::simd::Level;
@@ -36,11 +36,12 @@ fn a_match_of_slices_is_that_of_the_stages() {
         View::from(view::Image::U8(pixels.expect("so many pixels")))
     };
     let pair = Pair::new(view(0), view(5), 0, 16).expect("a pair");
-    let known = Known { candidates: Some(pair.candidates()), ..Known::default() };
+    let candidates = Some(Fact::given(pair.candidates()));
+    let facts = &Facts { candidates, ..Facts::default() };
     let core = matcher::Matcher::new(1).expect("a matcher");
     let execution = Execution { threads: 1, level: Level::best() };
     let runtime = Runtime { matcher: &core, execution, control: &Control::default() };
-    let whole = prepare_and_match(pair, known, &settings, runtime).expect("a match");
+    let whole = match_pair(pair, facts, &settings, runtime).expect("a match");
     let (map, estimates) = (whole.map, whole.prepared.estimates);
     assert!(found.rectified.is_none() && whole.rectified.is_none(), "its rows correspond");
 

@@ -1,12 +1,11 @@
 //! Reduced copies of a pair, the range of disparities that they show, and the blocks that are found again in them.
 
-use std::borrow::Cow;
 use std::ops::Range;
 
 use crate::common::hash;
 use ndarray::Array3;
 use phasestereo::internals::estimation::areas::Area;
-use phasestereo::internals::estimation::blur::parts::{PairRows, Part};
+use phasestereo::internals::estimation::blur::parts::PairRows;
 use phasestereo::internals::estimation::overview::{Guess, Overview, RoughMap};
 use phasestereo::internals::estimation::range::{
     LeftOut, SearchRange, bands_at_ends, belongs, beyond, ends, extent, is_identical, range, reach,
@@ -91,10 +90,7 @@ fn pixels_of_copies_are_valid_if_half_of_theirs_are() {
     let [left, right] = views;
     let pair = Pair::new(left, right, 0, 9).expect("legal");
 
-    let copies = with_runtime(|runtime| {
-        let part = Part::new(0, Cow::Owned(pair), runtime)?;
-        Overview::new(PairRows::Kept(&part), runtime)
-    });
+    let copies = with_runtime(|runtime| Overview::new(&PairRows::new(&pair, runtime)?, runtime));
     let copies = copies.expect("it runs").expect("large enough");
     let expected = Plane::from_fn(24, 130, |y, x| {
         (0..16).filter(|at| is_valid(4 * y + at / 4, 4 * x + at % 4)).count() >= 8
@@ -158,8 +154,7 @@ fn blocks_are_found_where_nine_tenths_of_both_are_valid() {
         let seed = |(y, x): (usize, usize)| Seed { x: x as f64, y: y as f64, dx: -6.0, dy: 0.0 };
         let seeds: Vec<Seed> = places.clone().map(seed).collect();
         let found = with_runtime(|runtime| {
-            let part = Part::new(0, Cow::Borrowed(&pair), runtime)?;
-            follow(PairRows::Kept(&part), &overview, &seeds, factor, runtime)
+            follow(&PairRows::new(&pair, runtime)?, &overview, &seeds, factor, runtime)
         });
         let found = found.expect("it runs");
 

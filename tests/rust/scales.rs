@@ -2,8 +2,9 @@
 
 use crate::common::{hash, levels};
 use ndarray::Array3;
-use phasestereo::internals::estimation::{Known, prepare};
-use phasestereo::internals::match_pair::prepare_and_match;
+use phasestereo::internals::estimation::facts::{Fact, Facts};
+use phasestereo::internals::estimation::{complete, prepare};
+use phasestereo::internals::match_pair::match_pair;
 use phasestereo::internals::scales::choice::{Doubt, choose, conclude};
 use phasestereo::internals::scales::ranges::panel_ranges;
 use phasestereo::internals::scales::reduction::halved;
@@ -264,12 +265,13 @@ fn blocks() -> Pair {
 #[test]
 fn copies_decide_where_the_pair_has_no_evidence_with_the_same_bits_everywhere() {
     let (settings, control) = (Settings::default(), Control::default());
-    let known = || Known { candidates: Some(blocks().candidates()), ..Known::default() };
+    let candidates = Some(Fact::given(blocks().candidates()));
+    let facts = &Facts { candidates, ..Facts::default() };
 
     let result = |threads, level| {
         let matcher = Matcher::new(threads).expect("threads");
         let runtime = runtime(&matcher, threads, level, &control);
-        prepare_and_match(blocks(), known(), &settings, runtime).expect("a legal pair").map
+        match_pair(blocks(), facts, &settings, runtime).expect("a legal pair").map
     };
 
     let found = result(1, Level::best());
@@ -292,7 +294,8 @@ fn copies_decide_where_the_pair_has_no_evidence_with_the_same_bits_everywhere() 
     // They make it better.
     let matcher = Matcher::new(1).expect("a thread");
     let runtime = runtime(&matcher, 1, Level::best(), &control);
-    let prepared = prepare(blocks(), known(), &settings, runtime).expect("a legal pair");
+    let (pair, estimates) = complete(blocks(), facts, &settings, runtime).expect("a legal pair");
+    let prepared = prepare(pair, estimates, facts, &settings, runtime).expect("a legal pair");
     let alone = matcher
         .match_pair(&prepared.pair, &prepared.settings, runtime.execution, &control)
         .expect("a legal pair");

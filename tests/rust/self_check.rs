@@ -1,8 +1,8 @@
 //! Digests of matches are those of every platform at every level, for any threads; and the pairs show what they should.
 
 use crate::common::levels;
-use phasestereo::internals::estimation::Known;
-use phasestereo::internals::match_pair::prepare_and_match;
+use phasestereo::internals::estimation::facts::Facts;
+use phasestereo::internals::match_pair::match_pair;
 use phasestereo::internals::self_check::scenes::{FAR, Fault, NEAR, pair};
 use phasestereo::internals::self_check::{CASES, Case};
 use phasestereo_match::base::control::Control;
@@ -48,7 +48,7 @@ fn pairs_show_a_box_in_front_of_a_wall() {
         let (matcher, control) = (Matcher::new(2).expect("threads"), Control::default());
         let execution = Execution { threads: 2, level: Level::best() };
         let runtime = Runtime { matcher: &matcher, execution, control: &control };
-        let found = prepare_and_match(pair, Known::default(), &Preset::Robust.settings(), runtime);
+        let found = match_pair(pair, &Facts::default(), &Preset::Robust.settings(), runtime);
 
         let map = found.expect("a match").map.disparity;
         let medians = [median(&map, (110, 130), (150, 210)), median(&map, (20, 60), (40, 300))];

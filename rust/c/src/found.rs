@@ -155,8 +155,8 @@ impl Found {
             num_blurs: blurs.len() as u32,
             rows_blocks: offsets.as_ref().map_or(0, |rows| rows.blocks as u32),
             rows_applied: estimates.alignment.is_some().into(),
-            min_disparity: estimates.candidates.min() as i32,
-            num_disparities: estimates.candidates.count() as i32,
+            min_disparity: estimates.candidates.value.min() as i32,
+            num_disparities: estimates.candidates.value.count() as i32,
             origin: match range {
                 _ if is_given => PHASESTEREO_GIVEN,
                 Some(_) => PHASESTEREO_FOUND,

@@ -12,7 +12,8 @@
 //!    (`crate::findings`).
 //!
 //! Where nothing matches, the reduced images are tried once more with the negative of one. If that matches, all of the
-//! above is repeated with the negative of the right image, which is then matched, too.
+//! above is repeated with the negative of the right image, which is then matched, too. Where an image is interlaced, its odd rows
+//! become the means of the even ones beside them, and all is repeated.
 //!
 //! Everything is computed in a fixed order, and a pair that is read a few rows at a time gives the same to the bit.
 
@@ -20,6 +21,7 @@ pub mod areas;
 pub mod blur;
 pub mod compensation_plan;
 pub mod estimates;
+pub mod facts;
 pub mod overview;
 pub mod photometry;
 pub mod range;
@@ -30,19 +32,21 @@ use std::borrow::Cow;
 use std::ops::Range;
 use std::time::Duration;
 
+pub use self::blur::defects::gray_levels;
+use self::blur::defects::{Defects, Repaired};
+use self::blur::parts::PairRows;
+use self::blur::rough::{self, RoughMatch};
 use self::compensation_plan::CompensationPlan;
 pub use self::estimates::Estimates;
+use self::facts::{Fact, Facts, Rows};
 use self::overview::{Overview, RoughMap};
+use self::photometry::{Contrast, Photometry, Scales};
 use self::range::{LeftOut, SearchRange};
 use self::rows::RowOffsets;
-use crate::estimation::blur::defects::{self, Defects, Repaired};
-use crate::estimation::blur::parts::{PairRows, Part};
-use crate::estimation::blur::rough::{self, RoughMatch};
-use crate::estimation::photometry::{Contrast, Photometry, Scales};
-use crate::findings;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::platform::Instant;
 use phasestereo_match::image::packing::Packing;
+use phasestereo_match::image::view::View;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::alignment::Alignment;
@@ -51,43 +55,13 @@ use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::pair::source::Source;
 use phasestereo_match::settings::Settings;
 
-/// Where the range is unknown, one in so many columns is the number of disparities to search.
+/// Where the range is unknown, one in this many columns is the number of disparities to search.
 const DEFAULT_SHARE: usize = 3;
-
-/// What is to be estimated, and what is known that the estimates depend on.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Request<'a> {
-    /// How blur is compensated, if that is known.
-    compensation: Option<&'a BlurCompensation>,
-    /// The disparities to search, if they are known.
-    candidates: Option<Candidates>,
-    /// Standard deviations of the noise, if they are known.
-    noise: Option<[f64; 2]>,
-    /// Whether to estimate how rows correspond.
-    rows: bool,
-    /// Whether to estimate noise and blur.
-    blur: bool,
-}
-
-/// What the caller knows of a pair. The rest is estimated, as far as the settings ask for it.
-#[derive(Debug, Clone, Default)]
-pub struct Known {
-    /// The disparities to search; `None`: the range is estimated.
-    pub candidates: Option<Candidates>,
-    /// Standard deviations of the noise, left and right.
-    pub noise: Option<[f64; 2]>,
-    /// How blur is compensated before pixels are compared; if given, neither blur nor noise is estimated.
-    pub compensation: Option<BlurCompensation>,
-    /// The field of vertical offsets; if given, none is estimated.
-    pub alignment: Option<Alignment>,
-    /// Whether the images match once one of them is inverted.
-    pub is_inverted: bool,
-}
 
 /// A pair with all that a match needs.
 #[derive(Debug)]
 pub struct Prepared {
-    /// The pair, straightened and with its blur compensation.
+    /// The pair, with aligned rows and its blur compensation.
     pub pair: Pair,
     /// The settings that suit it.
     pub settings: Settings,
@@ -95,136 +69,119 @@ pub struct Prepared {
     pub estimates: Estimates,
 }
 
-/// Estimates what the settings ask for and the caller does not know, and prepares the pair for its match.
-pub fn prepare(
-    pair: Pair,
-    known: Known,
-    settings: &Settings,
-    runtime: Runtime,
-) -> Result<Prepared> {
-    let (pair, estimates) = estimated(pair, &known, settings, runtime)?;
-    prepared(pair, estimates, known, settings, runtime)
+/// What is estimated: what the settings ask for and is not known.
+struct Request<'a> {
+    facts: &'a Facts,
+    /// Whether to estimate how rows correspond.
+    rows: bool,
+    /// Whether to estimate noise and blur.
+    blur: bool,
 }
 
-/// The estimates of a pair, and the pair that they are of, in the narrowest type that holds it.
-pub fn estimated(
+/// Completes what is known of a pair: estimates what the settings ask for and is not known. Returns the pair that the estimates
+/// are of: packed, and inverted or of even rows alone where that is what the images are.
+pub fn complete(
     pair: Pair,
-    known: &Known,
+    facts: &Facts,
     settings: &Settings,
     runtime: Runtime,
 ) -> Result<(Pair, Estimates)> {
-    settings.check()?;
-
-    let Some(fit) = pair.fit() else { return packed_and_estimated(pair, known, settings, runtime) };
-
-    let (mut fitted, mut estimates) = packed_and_estimated(pair.clone(), known, settings, runtime)?;
-    if let Some(exact) =
-        estimates.offsets.as_ref().and_then(|rows| fit.exact(&rows.field, rows.error))
-    {
-        let pair = pair.fitted_again(exact)?;
-        (fitted, estimates) = packed_and_estimated(pair, known, settings, runtime)?;
+    let (pair, before) = completed(pair, facts, settings, runtime)?;
+    if !is_interlaced(&before, facts, settings) {
+        return Ok((pair, before));
     }
-    estimates.findings.push(findings::fitted(&fit));
-    Ok((fitted, estimates))
+
+    // Fields are of the pair as it came: its even rows have none.
+    let fields = before.photometry.map_or([0; 2], |found| found.fields);
+    let (pair, after) = completed(even_rows(&pair, fields), facts, settings, runtime)?;
+    let photometry = after.photometry.map(|found| Photometry { fields, ..found });
+    Ok((pair, Estimates { photometry, time: before.time + after.time, ..after }))
 }
 
-/// The estimates of a pair, and the pair in the narrowest type that holds it.
-fn packed_and_estimated(
+/// Completes what is known of a pair in which no image is interlaced.
+fn completed(
     pair: Pair,
-    known: &Known,
+    facts: &Facts,
     settings: &Settings,
     runtime: Runtime,
 ) -> Result<(Pair, Estimates)> {
     let packing = Packing::of_views(pair.views(), runtime.control)?;
-    estimate(pair.packed(&packing), known, settings, runtime)
-}
-
-/// A pair prepared by its estimates.
-pub fn prepared(
-    pair: Pair,
-    estimates: Estimates,
-    known: Known,
-    settings: &Settings,
-    runtime: Runtime,
-) -> Result<Prepared> {
-    // What the caller knows comes before what was estimated.
-    let compensation = match (&estimates.compensation, known.compensation) {
-        (_, Some(compensation)) => Some(compensation),
-        (Some(plan), None) => Some(plan.blur_compensation()?),
-        (None, None) => known.noise.map(BlurCompensation::of_noise).transpose()?,
-    };
-    let mut pair = pair.searched(estimates.candidates).with_blur_compensation(compensation);
-
-    if let Some(field) = &estimates.alignment {
-        let Runtime { matcher, execution, control } = runtime;
-        pair = matcher.install(|| pair.straightened(field, execution.level, control))?;
-    }
-
-    let suited = estimates.compensation.as_ref().map(|plan| plan.settings.clone());
-    Ok(Prepared { pair, settings: suited.unwrap_or_else(|| settings.clone()), estimates })
-}
-
-/// The estimates of a pair, and the pair that they are of: with its ranges, and inverted if it matches so.
-fn estimate(
-    mut pair: Pair,
-    known: &Known,
-    settings: &Settings,
-    runtime: Runtime,
-) -> Result<(Pair, Estimates)> {
-    let started = Instant::now();
-    let request = known.request(settings);
+    let mut pair = pair.packed(&packing);
 
     // Parts of the pair, and its negative, have to be scaled like the whole.
-    if !request.is_empty() || known.is_inverted {
+    if facts.is_inverted || !Request::new(facts, settings).is_empty() {
         pair = pair.with_own_ranges(runtime.control)?;
     }
-    if known.is_inverted {
+    let estimates = complete_source(&pair, facts, settings, runtime)?;
+    if facts.is_inverted || settings.compensate_blur && estimates.is_inverted {
         pair = pair.inverted();
     }
-    if request.is_empty() {
-        let estimates = Estimates::none(pair.candidates(), known);
-        return Ok((pair, estimates));
-    }
-
-    let mut found =
-        runtime.matcher.install(|| Estimates::of_pair(&pair, &request, settings, runtime))?;
-    if settings.compensate_blur && found.is_inverted && !known.is_inverted {
-        pair = pair.inverted();
-        let negative =
-            runtime.matcher.install(|| Estimates::of_pair(&pair, &request, settings, runtime))?;
-        found = found.with_negative(negative);
-    }
-
-    let size = pair.size();
-    Ok((pair, found.with_known(known, size, settings, started)))
+    Ok((pair, estimates))
 }
 
-/// The estimates of [`prepare`], to the bit, for a pair that is read a part at a time.
-pub fn prepare_by_rows(
+/// The estimates of [`complete`], to the bit, for a pair that is read a part at a time. That its fields differ is reported alone.
+pub fn complete_source(
     source: &dyn Source,
-    known: Known,
+    facts: &Facts,
     settings: &Settings,
     runtime: Runtime,
 ) -> Result<Estimates> {
     settings.check()?;
 
     let started = Instant::now();
-    let request = known.request(settings);
+    let request = Request::new(facts, settings);
     if request.is_empty() {
-        return Ok(Estimates::none(source.candidates(), &known));
+        return Ok(Estimates::of_facts(source.candidates(), facts));
     }
 
     let inverted = Inverted(source);
-    let source = if known.is_inverted { &inverted } else { source };
-    let mut found =
-        runtime.matcher.install(|| Estimates::of_source(source, &request, settings, runtime))?;
-
-    if settings.compensate_blur && found.is_inverted && !known.is_inverted {
-        let estimate = || Estimates::of_source(&inverted, &request, settings, runtime);
-        found = found.with_negative(runtime.matcher.install(estimate)?);
+    let source = if facts.is_inverted { &inverted } else { source };
+    let mut found = Estimates::of_source(source, &request, settings, runtime)?;
+    if settings.compensate_blur && found.is_inverted && !facts.is_inverted {
+        let negative = Estimates::of_source(&inverted, &request, settings, runtime)?;
+        found = found.with_negative(negative);
     }
 
-    Ok(found.with_known(&known, source.size(), settings, started))
+    found.is_inverted |= facts.is_inverted;
+    Ok(Estimates { time: started.elapsed(), ..found })
+}
+
+/// Whether the pair was taken line by line at two times, and that is to be compensated for.
+fn is_interlaced(estimates: &Estimates, facts: &Facts, settings: &Settings) -> bool {
+    let has_fields = estimates.photometry.is_some_and(|found| found.fields != [0; 2]);
+    let may_resample = settings.align_rows && !facts.is_of_these_pixels();
+    has_fields && may_resample && !estimates.is_inverted
+}
+
+/// The pair with images whose odd rows are the means of the even ones beside them, where the fields of an image differ.
+fn even_rows(pair: &Pair, fields: [i32; 2]) -> Pair {
+    let [left, right] = pair.views();
+    let of_rows = |view: &View, shift| if shift == 0 { view.clone() } else { view.of_even_rows() };
+    pair.with_views([of_rows(left, fields[0]), of_rows(right, fields[1])])
+}
+
+/// A pair that is made ready for its match by what is known and what was estimated of it.
+pub fn prepare(
+    pair: Pair,
+    estimates: Estimates,
+    facts: &Facts,
+    settings: &Settings,
+    runtime: Runtime,
+) -> Result<Prepared> {
+    // What is known comes before what was estimated.
+    let compensation = match (&facts.compensation, &estimates.compensation) {
+        (Some(known), _) => Some(known.clone()),
+        (None, Some(plan)) => Some(plan.blur_compensation()?),
+        (None, None) => facts.noise.map(BlurCompensation::of_noise).transpose()?,
+    };
+    let mut pair = pair.searched(estimates.candidates.value).with_blur_compensation(compensation);
+
+    if let Some(field) = &estimates.alignment {
+        pair = pair.straightened(field, runtime.execution.level, runtime.control)?;
+    }
+
+    let suited = estimates.compensation.as_ref().map(|plan| plan.settings.clone());
+    Ok(Prepared { pair, settings: suited.unwrap_or_else(|| settings.clone()), estimates })
 }
 
 /// A source with the negative of the right image.
@@ -243,115 +200,84 @@ impl Source for Inverted<'_> {
         self.0.most_rows()
     }
 
-    fn rows(&self, rows: Range<usize>) -> Result<Pair> {
-        Ok(self.0.rows(rows)?.inverted())
+    fn rows(&self, rows: Range<usize>) -> Result<Cow<'_, Pair>> {
+        Ok(Cow::Owned(self.0.rows(rows)?.inverted()))
     }
 }
 
-impl Known {
-    /// What the settings ask for and is not known.
-    fn request(&self, settings: &Settings) -> Request<'_> {
-        let needs_noise = settings.has_weak() && self.noise.is_none();
+impl<'a> Request<'a> {
+    fn new(facts: &'a Facts, settings: &Settings) -> Self {
+        let needs_noise = settings.has_weak() && facts.noise.is_none();
         let needs_blur =
             settings.compensate_blur || settings.despike || settings.denoise || needs_noise;
+        let rows = match facts.rows {
+            Rows::Unknown => settings.align_rows,
+            Rows::Wanted => true,
+            Rows::Known(_) => false,
+        };
 
-        Request {
-            compensation: self.compensation.as_ref(),
-            candidates: self.candidates,
-            noise: self.noise,
-            rows: settings.align_rows && self.alignment.is_none(),
-            blur: self.compensation.is_none() && needs_blur,
-        }
+        Self { facts, rows, blur: facts.compensation.is_none() && needs_blur }
     }
-}
 
-impl Request<'_> {
     fn is_empty(&self) -> bool {
-        self.candidates.is_some() && !self.rows && !self.blur
+        self.facts.candidates.is_some() && !self.rows && !self.blur
     }
 }
 
 impl Estimates {
-    /// The estimates of a pair in memory.
-    fn of_pair(
-        pair: &Pair,
-        request: &Request,
-        settings: &Settings,
-        runtime: Runtime,
-    ) -> Result<Self> {
-        let levels = defects::levels_of_pair(pair, runtime)?;
-        let needs_defects = request.blur && blur::is_enough(pair.size());
-        let defects = needs_defects.then(|| Defects::of_pair(pair, levels, runtime)).transpose()?;
-        let defects = defects.unwrap_or_default();
-
-        let repaired = defects.repaired(pair);
-        let part = Part::new(0, Cow::Borrowed(&*repaired), runtime)?;
-        let sample = Sample { pair: &repaired, scales: Scales::new(&repaired, levels, runtime)? };
-        Self::new(PairRows::Kept(&part), &sample, request, defects, settings, runtime)
-    }
-
-    /// The estimates of a pair that is read a part at a time.
+    /// What is requested of a pair.
     fn of_source(
         source: &dyn Source,
         request: &Request,
         settings: &Settings,
         runtime: Runtime,
     ) -> Result<Self> {
-        let levels = defects::levels_of_source(source, runtime)?;
+        let levels = gray_levels(source, runtime)?;
         let needs_defects = request.blur && blur::is_enough(source.size());
-        let defects =
-            needs_defects.then(|| Defects::of_source(source, levels, runtime)).transpose()?;
+        let defects = needs_defects.then(|| Defects::new(source, levels, runtime)).transpose()?;
         let defects = defects.unwrap_or_default();
 
-        let first = source.rows(0..1)?;
-        let sample = Sample { pair: &first, scales: Scales::new(&first, levels, runtime)? };
-        let repaired = Repaired { source, impulses: defects.impulses };
-        Self::new(PairRows::Read(&repaired), &sample, request, defects, settings, runtime)
-    }
+        let source = &Repaired { source, impulses: defects.impulses };
+        let rows = &PairRows::new(source, runtime)?;
+        let sample = &*rows.sample()?;
+        let scales = &Scales::new(sample, levels, runtime)?;
 
-    /// The estimates that are requested.
-    fn new(
-        rows: PairRows,
-        sample: &Sample,
-        request: &Request,
-        defects: Defects,
-        settings: &Settings,
-        runtime: Runtime,
-    ) -> Result<Self> {
+        let facts = request.facts;
         let geometry = Geometry::new(rows, request, runtime)?;
         let geometry = geometry.as_ref();
         let range = geometry.and_then(Geometry::range);
         let alignment = geometry.and_then(|geometry| geometry.alignment.clone());
 
         let width = rows.size().1;
-        let candidates = match (request.candidates, &range) {
-            (Some(candidates), _) => candidates,
-            (None, Some(range)) => range.candidates(width)?,
-            (None, None) => Candidates::new(0, width.div_ceil(DEFAULT_SHARE) as i64, width)?,
+        let candidates = match (&facts.candidates, &range) {
+            (Some(known), _) => known.clone(),
+            (None, Some(range)) => Fact::estimated(range.candidates(width)?),
+            (None, None) => {
+                Fact::estimated(Candidates::new(0, width.div_ceil(DEFAULT_SHARE) as i64, width)?)
+            }
         };
 
         // Blur is compared where both images show the same, so it comes after the geometry. What most of the images show may not
         // be among the known disparities.
         let seen = geometry.and_then(Geometry::seen).map(|range| range.candidates(width));
-        let seen = seen.transpose()?.unwrap_or(candidates);
+        let seen = seen.transpose()?.unwrap_or(candidates.value);
         let blur = || {
             let known = rough::Correspondence { candidates: seen, alignment: alignment.clone() };
-            let rough = geometry.map(Geometry::rough_match);
-            blur::estimate(rows, sample.pair, known, rough, runtime)
+            blur::estimate(rows, sample, known, geometry.map(Geometry::rough_match), runtime)
         };
         let blur = || request.blur.then(blur).transpose();
-        let remarks = || geometry.map(|found| found.remarks(sample, request, runtime)).transpose();
+        let remarks = || geometry.map(|found| found.remarks(scales, facts, runtime)).transpose();
 
         let (blur, remarks) = rayon::join(blur, remarks);
         let blur = blur?.map(|blur| blur.with(defects));
         let Remarks { left_out, is_inverted, contrast } = remarks?.unwrap_or_default();
 
-        let noise = blur.as_ref().map(|blur| blur.noise).or(request.noise).unwrap_or_default();
-        let photometry =
-            Photometry::new(rows, &sample.scales, noise, candidates.count(), contrast, runtime)?;
+        let noise = blur.as_ref().map(|blur| blur.noise).or(facts.noise).unwrap_or_default();
+        let count = candidates.value.count();
+        let photometry = Photometry::new(rows, scales, noise, count, contrast, runtime)?;
 
-        let compensation = match (&blur, request.noise) {
-            _ if request.compensation.is_some() => None,
+        let compensation = match (&blur, facts.noise) {
+            _ if facts.compensation.is_some() => None,
             (Some(blur), noise) => {
                 Some(CompensationPlan::new(blur, noise, photometry.range, settings)?)
             }
@@ -366,7 +292,7 @@ impl Estimates {
             range,
             left_out,
             offsets: geometry.and_then(|geometry| geometry.offsets.clone()),
-            alignment,
+            alignment: alignment.or_else(|| facts.aligned().cloned().flatten()),
             blur,
             photometry: Some(photometry),
             compensation,
@@ -384,37 +310,22 @@ impl Estimates {
         Self { is_inverted: true, photometry, ..negative }
     }
 
-    /// The same with what the caller knows, what there is to say of it, and the time since the start.
-    fn with_known(
-        mut self,
-        known: &Known,
-        size: (usize, usize),
-        settings: &Settings,
-        started: Instant,
-    ) -> Self {
-        self.alignment = self.alignment.or_else(|| known.alignment.clone());
-        self.is_inverted |= known.is_inverted;
-        self.findings = findings::of_pair(&self, size, known.candidates.is_some(), settings);
-
-        Self { time: started.elapsed(), ..self }
-    }
-
     /// No estimates of a pair whose disparities are known.
     #[cfg(test)]
     pub fn of_candidates(candidates: Candidates) -> Self {
-        Self::none(candidates, &Known::default())
+        Self::of_facts(candidates, &Facts::default())
     }
 
-    /// The estimates where nothing is requested: what the caller knows.
-    fn none(candidates: Candidates, known: &Known) -> Self {
+    /// What is known, where nothing is requested.
+    fn of_facts(candidates: Candidates, facts: &Facts) -> Self {
         Self {
-            candidates: known.candidates.unwrap_or(candidates),
+            candidates: facts.candidates.clone().unwrap_or(Fact::given(candidates)),
             confidence: None,
-            is_inverted: known.is_inverted,
+            is_inverted: facts.is_inverted,
             range: None,
             left_out: vec![],
             offsets: None,
-            alignment: known.alignment.clone(),
+            alignment: facts.aligned().cloned().flatten(),
             blur: None,
             photometry: None,
             compensation: None,
@@ -447,18 +358,13 @@ struct Remarks {
     contrast: Option<Contrast>,
 }
 
-/// Some rows of a pair, and its scales.
-struct Sample<'a> {
-    pair: &'a Pair,
-    scales: Scales,
-}
-
 impl Geometry {
     /// Matches the reduced images; `None`: they are not needed or too small.
-    fn new(rows: PairRows, request: &Request, runtime: Runtime) -> Result<Option<Self>> {
-        let is_needed = request.candidates.is_none() || request.rows;
+    fn new(rows: &PairRows, request: &Request, runtime: Runtime) -> Result<Option<Self>> {
+        let facts = request.facts;
+        let is_needed = facts.candidates.is_none() || request.rows;
         // The ends of an unknown range are found on finer copies.
-        let copies = |runtime| match request.candidates {
+        let copies = |runtime| match facts.candidates {
             Some(_) => Overview::new(rows, runtime),
             None => Overview::fine(rows, runtime),
         };
@@ -468,10 +374,10 @@ impl Geometry {
         let usual = copies.usual(runtime)?;
         let overview = usual.as_ref().unwrap_or(&copies);
 
-        let mut rough = overview.rough(request.candidates, None, runtime)?;
+        let mut rough = overview.rough(facts.searched(), None, runtime)?;
         let (mut offsets, mut alignment) = (None, None);
         if request.rows {
-            let found = rows::offsets(rows, overview, &rough, request.candidates, runtime)?;
+            let found = rows::offsets(rows, overview, &rough, facts.searched(), runtime)?;
             offsets = found.offsets;
             let significant = offsets.as_ref().filter(|offsets| offsets.is_significant());
             alignment = significant.map(|offsets| offsets.field.clone());
@@ -479,18 +385,18 @@ impl Geometry {
             if let Some(field) = &alignment {
                 rough = found.map.unwrap_or(rough);
                 if !rows::is_straight(overview, &rough, field) {
-                    rough = overview.rough(request.candidates, Some(field), runtime)?;
+                    rough = overview.rough(facts.searched(), Some(field), runtime)?;
                 }
             }
         }
 
         // Where known disparities match badly, a finding names those that would match better.
-        let is_poor = request.candidates.is_some() && rough.confidence < overview::GOOD_CONFIDENCE;
+        let is_poor = facts.candidates.is_some() && rough.confidence < overview::GOOD_CONFIDENCE;
         let wide =
             is_poor.then(|| overview.rough(None, alignment.as_ref(), runtime)).transpose()?;
 
         let last = wide.as_ref().unwrap_or(&rough);
-        let is_asked = request.candidates.is_none() || is_poor;
+        let is_asked = facts.candidates.is_none() || is_poor;
         let found = is_asked.then(|| range::range(&copies, overview, last, runtime)).transpose()?;
         let found = found.flatten();
 
@@ -521,11 +427,11 @@ impl Geometry {
         RoughMatch::of_whole(disparity, factor, self.alignment.clone())
     }
 
-    fn remarks(&self, sample: &Sample, request: &Request, runtime: Runtime) -> Result<Remarks> {
+    fn remarks(&self, scales: &Scales, facts: &Facts, runtime: Runtime) -> Result<Remarks> {
         let (overview, rough) = (self.overview(), &self.rough);
         let last = self.wide.as_ref().unwrap_or(rough);
 
-        let left_out = match (request.candidates, &self.found) {
+        let left_out = match (facts.searched(), &self.found) {
             (Some(given), _) => range::left_out(overview, rough, given, runtime)?,
             (None, Some(found)) => found.left_out.clone(),
             (None, None) => vec![],
@@ -536,13 +442,13 @@ impl Geometry {
         };
         let is_inverted = if self.found.is_none() && last.confidence < range::LEAST_CONFIDENCE {
             negative(None)? >= overview::GOOD_CONFIDENCE
-        } else if request.candidates.is_some() && overview.is_opposite(rough) {
+        } else if facts.candidates.is_some() && overview.is_opposite(rough) {
             // Of few candidates some always match: then it is the gray levels that tell.
-            negative(request.candidates)? >= rough.confidence.max(overview::GOOD_CONFIDENCE)
+            negative(facts.searched())? >= rough.confidence.max(overview::GOOD_CONFIDENCE)
         } else {
             false
         };
 
-        Ok(Remarks { left_out, is_inverted, contrast: sample.scales.contrast(overview, last) })
+        Ok(Remarks { left_out, is_inverted, contrast: scales.contrast(overview, last) })
     }
 }

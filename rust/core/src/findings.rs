@@ -7,17 +7,18 @@
 //!
 //! From where on something is said stands in [`levels`].
 
-pub mod finding;
 mod geometry;
 pub mod levels;
 mod lightness;
 mod outcome;
 
-pub use self::finding::{Finding, Severity, Topic};
-pub use self::geometry::{fitted, not_rectified, rectification, rectified};
+pub use self::geometry::{not_rectified, rectification, rectified};
 pub use self::outcome::of_match;
 use crate::estimation::estimates::Estimates;
+use crate::estimation::facts::Origin;
 use crate::estimation::overview::LEAST_SIZE;
+use crate::finding::{Finding, Topic};
+use phasestereo_match::pair::fitting::Fit;
 use phasestereo_match::settings::Settings;
 
 /// A pair of which something was estimated.
@@ -25,24 +26,23 @@ use phasestereo_match::settings::Settings;
 struct Known<'a> {
     estimates: &'a Estimates,
     size: (usize, usize),
-    /// Whether the disparities were given.
-    is_given: bool,
     settings: &'a Settings,
 }
 
-/// What there is to say about a pair of so many rows and columns, also that all is well.
+/// What is worth knowing about a pair of this size, also that all is well. `fit`: how its right image was brought to this size.
 pub fn of_pair(
     estimates: &Estimates,
     size: (usize, usize),
-    is_given: bool,
+    fit: Option<Fit>,
     settings: &Settings,
 ) -> Vec<Finding> {
-    let known = Known { estimates, size, is_given, settings };
+    let known = Known { estimates, size, settings };
 
     let mut findings = known.search();
     findings.extend(known.rows());
     findings.extend(known.blur());
     findings.extend(known.light());
+    findings.extend(fit.map(|fit| geometry::fitted(&fit)));
     findings
 }
 
@@ -66,6 +66,11 @@ impl Known<'_> {
         })
     }
 
+    /// Whether the caller states the disparities.
+    fn is_given(&self) -> bool {
+        self.estimates.candidates.origin == Origin::Given
+    }
+
     /// Whether small copies match with this mean confidence.
     fn matches_from(&self, least: f64) -> bool {
         self.estimates.confidence.is_some_and(|found| found >= least)
@@ -86,6 +91,7 @@ fn percent(share: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::finding::Severity;
     use phasestereo_match::base::math::{cos, sin};
 
     use crate::estimation::blur;
@@ -147,7 +153,7 @@ mod tests {
 
     /// The severity and the sentence of the finding on a topic that is not well.
     fn said(estimates: &Estimates, topic: Topic) -> (Severity, String) {
-        let found = of_pair(estimates, SIZE, false, &Preset::Robust.settings());
+        let found = of_pair(estimates, SIZE, None, &Preset::Robust.settings());
         let one = found.into_iter().filter(|one| one.topic == topic).max_by_key(|one| one.severity);
         one.map_or((Severity::Ok, String::new()), |one| (one.severity, one.sentence))
     }
@@ -158,7 +164,7 @@ mod tests {
 
     #[test]
     fn a_sound_pair_is_not_accused() {
-        let found = of_pair(&sound(), SIZE, false, &Preset::Robust.settings());
+        let found = of_pair(&sound(), SIZE, None, &Preset::Robust.settings());
         assert!(found.iter().all(|one| one.severity == Severity::Ok), "{found:?}");
         assert!(
             found.iter().any(|one| one.sentence.contains("min_disparity 0 and num_disparities 20"))
@@ -209,7 +215,6 @@ mod tests {
         let known = Known {
             estimates: &Estimates { range: Some(SearchRange { high: 30.0, ..RANGE }), ..sound() },
             size: SIZE,
-            is_given: true,
             settings: &Preset::Robust.settings(),
         };
         assert!(
@@ -261,7 +266,7 @@ mod tests {
         let field = even.field.clone().with_sway([0.8; KNOTS]).expect("legal");
         let swaying = RowOffsets { field: field.clone(), ..even };
         let swaying = Estimates { offsets: Some(swaying), alignment: Some(field), ..sound() };
-        let said = of_pair(&swaying, SIZE, false, &Preset::Robust.settings());
+        let said = of_pair(&swaying, SIZE, None, &Preset::Robust.settings());
         assert!(said.iter().any(|one| one.sentence.starts_with("rows sway by up to 0.8 px")));
     }
 

@@ -7,9 +7,11 @@ use std::ops::Range;
 
 use self::image::Image;
 use self::rig::Rig;
-use crate::estimation::{Estimates, Known, Prepared, prepare};
-use crate::findings::{self, Finding, Severity, Topic};
-use crate::match_pair::{Matched, Rectified, prepare_and_match};
+use crate::estimation::facts::{Fact, Facts};
+use crate::estimation::{Estimates, Prepared, complete};
+use crate::finding::{Finding, Severity, Topic};
+use crate::findings;
+use crate::match_pair::{Matched, Rectified, match_pair};
 use crate::rectification::calibration::Calibration;
 use crate::rectification::warp::Interpolation;
 use crate::rectification::{rectify_views, warp};
@@ -118,11 +120,10 @@ impl Matcher {
         disparities: impl Into<Option<Range<i64>>>,
         control: &Control,
     ) -> Result<Match> {
-        let (pair, known) = pair(left, right, disparities.into())?;
+        let (pair, facts) = pair(left, right, disparities.into())?;
 
-        let matched = self.on_threads(control, |runtime| {
-            prepare_and_match(pair, known, &self.settings, runtime)
-        })?;
+        let matched =
+            self.on_threads(control, |runtime| match_pair(pair, &facts, &self.settings, runtime))?;
         Ok(Match::new(matched))
     }
 
@@ -134,10 +135,10 @@ impl Matcher {
         right: Image,
         disparities: impl Into<Option<Range<i64>>>,
     ) -> Result<Match> {
-        let (pair, known) = pair(left, right, disparities.into())?;
+        let (pair, facts) = pair(left, right, disparities.into())?;
         let Rig { state, filter, reestimate } = rig;
 
-        let way = Way { known: &known, settings: &self.settings, reestimate: *reestimate };
+        let way = Way { facts: &facts, settings: &self.settings, reestimate: *reestimate };
         let frame = self.on_threads(&Control::default(), |runtime| {
             frames::match_frame(state, pair, way, filter.as_mut(), runtime)
         })?;
@@ -152,21 +153,24 @@ impl Matcher {
         right: Image,
         disparities: impl Into<Option<Range<i64>>>,
     ) -> Result<Estimates> {
-        let (pair, known) = pair(left, right, disparities.into())?;
+        let (pair, facts) = pair(left, right, disparities.into())?;
 
         let control = Control::default();
-        let prepared =
-            self.on_threads(&control, |runtime| prepare(pair, known, &self.settings, runtime))?;
-        Ok(prepared.estimates)
+        self.on_threads(&control, |runtime| {
+            let (pair, mut estimates) = complete(pair, &facts, &self.settings, runtime)?;
+            estimates.findings =
+                findings::of_pair(&estimates, pair.size(), pair.fit(), &self.settings);
+            Ok(estimates)
+        })
     }
 
     /// Judges a disparity map of the left image, in pixels; what is not finite claims nothing. The pair is matched anew.
     pub fn verify(&self, left: Image, right: Image, map: &Plane<f32>) -> Result<Verification> {
-        let (pair, known) = pair(left, right, None)?;
+        let (pair, facts) = pair(left, right, None)?;
 
         let control = Control::default();
         let judged = self.on_threads(&control, |runtime| {
-            verification::verify(pair, map, known, &self.settings, runtime)
+            verification::verify(pair, map, &facts, &self.settings, runtime)
         })?;
 
         let verification::Verification { verdicts, better, findings, own, prepared, .. } = judged;
@@ -288,12 +292,12 @@ fn raw(left: Image, right: Image) -> Result<[View; 2]> {
 }
 
 /// Both images, and the disparities if they are given.
-fn pair(left: Image, right: Image, disparities: Option<Range<i64>>) -> Result<(Pair, Known)> {
+fn pair(left: Image, right: Image, disparities: Option<Range<i64>>) -> Result<(Pair, Facts)> {
     // The pair needs some range until its own is estimated.
     let Range { start, end } = disparities.clone().unwrap_or(0..1);
     let count = end.saturating_sub(start);
     let pair = Pair::of_any(left.into_view(), right.into_view(), start, count)?;
-    let candidates = disparities.map(|_| pair.candidates());
+    let candidates = disparities.map(|_| Fact::given(pair.candidates()));
 
-    Ok((pair, Known { candidates, ..Known::default() }))
+    Ok((pair, Facts { candidates, ..Facts::default() }))
 }

@@ -19,6 +19,7 @@
 //! `self_check` holds this build to the digests of matches that every platform has.
 
 mod estimation;
+mod finding;
 mod findings;
 mod interface;
 mod match_pair;
@@ -29,7 +30,7 @@ mod verification;
 mod video;
 
 pub use estimation::Estimates;
-pub use findings::{Finding, Severity, Topic};
+pub use finding::{Finding, Severity, Topic};
 pub use interface::image::{Image, Pixel};
 pub use interface::rig::Rig;
 pub use interface::{Match, Matcher, Verification};
@@ -63,5 +64,5 @@ macro_rules! open {
 }
 
 open! {
-    estimation findings match_pair rectification scales self_check verification video
+    estimation finding findings match_pair rectification scales self_check verification video
 }

@@ -20,6 +20,7 @@ pub mod filters;
 pub mod fit;
 pub mod linear;
 pub mod matches;
+pub mod raw_pair;
 #[cfg(test)]
 pub mod scene;
 pub mod warp;

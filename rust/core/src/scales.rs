@@ -27,7 +27,8 @@ pub mod planes;
 pub mod ranges;
 pub mod reduction;
 
-use crate::estimation::{Known, Prepared, prepare};
+use crate::estimation::facts::{Fact, Facts, Rows};
+use crate::estimation::{Prepared, complete, prepare};
 use crate::scales::choice::Doubt;
 use crate::scales::ranges::panel_ranges;
 use crate::scales::reduction::halved;
@@ -57,18 +58,16 @@ pub fn match_over_scales(
         return matcher.match_pair(pair, suited, execution, control);
     }
 
-    let mut map = matcher.install(|| matched(pair, suited, runtime))?;
+    let mut map = matched(pair, suited, runtime)?;
 
     let started = Instant::now();
-    matcher.install(|| match Doubt::of_map(&map, execution.level)? {
-        Some(doubt) if doubt.share() > SOME => {
-            decide(&mut map, &doubt, pair, settings, runtime)?;
-            planes::draw(&mut map, pair, execution.level, control)?;
-            choice::conclude(&mut map);
-            Ok(())
-        }
-        _ => Ok(()),
-    })?;
+    if let Some(doubt) = Doubt::of_map(&map, execution.level)?
+        && doubt.share() > SOME
+    {
+        decide(&mut map, &doubt, pair, settings, runtime)?;
+        planes::draw(&mut map, pair, execution.level, control)?;
+        choice::conclude(&mut map);
+    }
     map.timings.scales += started.elapsed();
 
     Ok(map.returned(suited))
@@ -102,13 +101,18 @@ fn decide(
     // Its rows correspond by now, and its progress is not that of the map. Noise and blur are others: those of means.
     let control = runtime.control.aside();
     let runtime = Runtime { control: &control, ..runtime };
-    let settings = Settings { align_rows: false, ..settings.clone() };
-    let known = Known { candidates: Some(copy.candidates()), ..Known::default() };
+    let facts = Facts {
+        candidates: Some(Fact::scaled(copy.candidates())),
+        rows: Rows::Known(Fact::scaled(None)),
+        ..Facts::default()
+    };
 
-    let Prepared { pair: copy, settings: suited, .. } = prepare(copy, known, &settings, runtime)?;
+    let (copy, estimates) = complete(copy, &facts, settings, runtime)?;
+    let Prepared { pair: copy, settings: suited, .. } =
+        prepare(copy, estimates, &facts, settings, runtime)?;
     let mut coarse = matched(&copy, &suited, runtime)?;
     if let Some(doubt) = Doubt::of_map(&coarse, runtime.execution.level)? {
-        decide(&mut coarse, &doubt, &copy, &settings, runtime)?;
+        decide(&mut coarse, &doubt, &copy, settings, runtime)?;
     }
 
     choice::choose(map, doubt, &coarse, runtime.execution.level)

@@ -21,8 +21,9 @@ pub mod evidence;
 mod findings;
 pub mod judgment;
 
-use crate::estimation::{Known, Prepared, prepare};
-use crate::findings::Finding;
+use crate::estimation::facts::Facts;
+use crate::estimation::{Prepared, complete, prepare};
+use crate::finding::Finding;
 use crate::verification::claims::Misreading;
 use crate::verification::evidence::Evidence;
 use crate::verification::judgment::Jury;
@@ -89,7 +90,7 @@ impl Counts {
 pub fn verify(
     pair: Pair,
     map: &Plane<f32>,
-    known: Known,
+    facts: &Facts,
     settings: &Settings,
     runtime: Runtime,
 ) -> Result<Verification> {
@@ -109,41 +110,34 @@ pub fn verify(
 
     // What is judged are the confidences of the own match, so it has some whatever the settings say.
     let settings = Settings { confidence: true, ..settings.clone() };
-    let mut prepared = prepare(pair, known, &settings, runtime)?;
+    let (pair, mut estimates) = complete(pair, facts, &settings, runtime)?;
+    estimates.findings = crate::findings::of_pair(&estimates, pair.size(), pair.fit(), &settings);
+    let mut prepared = prepare(pair, estimates, facts, &settings, runtime)?;
     let Runtime { matcher, execution, control } = runtime;
+    let pair = &prepared.pair;
+    // Any pair of columns can be compared where disparity 0 is a candidate.
+    let any = Candidates::new(0, 1, cols)?;
+    let compensation = pair.blur_compensation();
+    let costs =
+        Costs::new(pair.views(), any, &prepared.settings, compensation, execution.level, control)?;
 
-    matcher.install(|| {
-        let pair = &prepared.pair;
-        // Any pair of columns can be compared where disparity 0 is a candidate.
-        let any = Candidates::new(0, 1, cols)?;
-        let compensation = pair.blur_compensation();
-        let costs = Costs::new(
-            pair.views(),
-            any,
-            &prepared.settings,
-            compensation,
-            execution.level,
-            control,
-        )?;
+    let misreading = Misreading::of(map, &costs);
+    let found = prepared.estimates.candidates.value;
+    let searched = match misreading {
+        None => claims::widened(found, map),
+        Some(_) => found,
+    };
 
-        let misreading = Misreading::of(map, &costs);
-        let found = prepared.estimates.candidates;
-        let searched = match misreading {
-            None => claims::widened(found, map),
-            Some(_) => found,
-        };
+    let pair = pair.clone().searched(searched);
+    let own = matcher.match_pair(&pair, &prepared.settings, execution, control)?;
 
-        let pair = pair.clone().searched(searched);
-        let own = matcher.match_pair(&pair, &prepared.settings, execution, control)?;
+    let evidence = Evidence::new(map, &own, &costs, execution.level, control)?;
+    let jury = Jury { map, own: &own, evidence: &evidence };
+    let (verdicts, better, counts) = jury.judge(execution.level, control)?;
+    drop(costs);
 
-        let evidence = Evidence::new(map, &own, &costs, execution.level, control)?;
-        let jury = Jury { map, own: &own, evidence: &evidence };
-        let (verdicts, better, counts) = jury.judge(execution.level, control)?;
-        drop(costs);
-
-        prepared.pair = pair;
-        prepared.estimates.candidates = searched;
-        let findings = findings::findings(counts, misreading);
-        Ok(Verification { verdicts, better, counts, findings, own, prepared })
-    })
+    prepared.pair = pair;
+    prepared.estimates.candidates.value = searched;
+    let findings = findings::findings(counts, misreading);
+    Ok(Verification { verdicts, better, counts, findings, own, prepared })
 }

@@ -67,15 +67,6 @@ impl Pair {
         Ok(Self { fit, ..Self::new(left, right, min_disparity, num_disparities)? })
     }
 
-    /// The pair with its right image as another fit has it.
-    pub fn fitted_again(&self, fit: Fit) -> Result<Self> {
-        let right = match &self.fit {
-            Some(before) => fit.again(before, &self.right)?,
-            None => self.right.clone(),
-        };
-        Ok(Self { right, fit: Some(fit), ..self.clone() })
-    }
-
     /// How the right image was brought to the size of the left one; `None`: it came so.
     pub fn fit(&self) -> Option<Fit> {
         self.fit

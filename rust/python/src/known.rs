@@ -4,7 +4,7 @@ use pyo3::prelude::*;
 
 use crate::arguments::{Disparities, number, read_blur_compensation};
 use crate::failure::Result;
-use phasestereo::internals::estimation::Known;
+use phasestereo::internals::estimation::facts::{Fact, Facts};
 use phasestereo_match::pair::blur_compensation::check_noise;
 use phasestereo_match::pair::candidates::Candidates;
 
@@ -24,17 +24,18 @@ pub fn read_known(
     known: &Bound<'_, PyAny>,
     size: (usize, usize),
     search: Disparities,
-) -> Result<Known> {
+) -> Result<Facts> {
     let candidates = search.map(|(min, count)| Candidates::new(min, count, size.1)).transpose()?;
+    let candidates = candidates.map(Fact::given);
     if known.is_none() {
-        return Ok(Known { candidates, ..Known::default() });
+        return Ok(Facts { candidates, ..Facts::default() });
     }
 
     let noise = known.getattr("noise")?;
-    Ok(Known {
+    Ok(Facts {
         candidates,
         noise: if noise.is_none() { None } else { Some(read_noise_of_pair(&noise)?) },
         compensation: read_blur_compensation(&known.getattr("blur_compensation")?)?,
-        ..Known::default()
+        ..Facts::default()
     })
 }

@@ -38,12 +38,13 @@ use self::temporal::{TemporalFilter, held};
 use self::verification::verify_map;
 use self::workers::{Pool, Workers, release_memory};
 use phasestereo::Error;
+use phasestereo::Topic;
 use phasestereo::internals;
 use phasestereo::internals::estimation::blur;
 use phasestereo::internals::estimation::compensation_plan::{LARGER, MUCH_LARGER};
 use phasestereo::internals::estimation::overview::LEAST_SIZE;
-use phasestereo::internals::estimation::{Prepared, prepare, prepare_by_rows};
-use phasestereo::internals::findings::{self, Topic};
+use phasestereo::internals::estimation::{Prepared, complete, complete_source};
+use phasestereo::internals::findings;
 use phasestereo::internals::rectification::rectify_views;
 use phasestereo::internals::self_check::{CASES, differing};
 use phasestereo::internals::verification::verdict;
@@ -205,7 +206,7 @@ fn match_pair<'py>(
     let (matched, is_reused) = supervised(py, &pool, size.0, progress, move |runtime| {
         let mut filter = filter.as_deref().map(|one| held(one, "temporal_filter")).transpose()?;
         let mut rig = held(&rig, "rig")?;
-        let way = Way { known: &told, settings: &asked, reestimate };
+        let way = Way { facts: &told, settings: &asked, reestimate };
         let frame = match_frame(&mut rig, pair, way, filter.as_deref_mut(), runtime)?;
 
         let Frame { matched: whole, summary, is_reused, support } = frame;
@@ -233,8 +234,7 @@ fn rectify_pairs<'py>(
 
     let pool = Pool::for_argument(&unmasked)?;
     let found = supervised(py, &pool, views.len(), None, move |runtime| {
-        let Runtime { matcher, execution, control } = runtime;
-        matcher.install(|| rectify_views(&views, execution.level, control))
+        rectify_views(&views, runtime.execution.level, runtime.control)
     })?;
 
     let matrices = objects::calibration(py, &found.cameras)?;
@@ -275,7 +275,9 @@ fn estimate_pair<'py>(
 
     let (pool, rows) = (Pool::for_argument(threads)?, pair.size().0);
     let estimates = supervised(py, &pool, rows, None, move |runtime| {
-        Ok(prepare(pair, told, &asked, runtime)?.estimates)
+        let (pair, mut estimates) = complete(pair, &told, &asked, runtime)?;
+        estimates.findings = findings::of_pair(&estimates, pair.size(), pair.fit(), &asked);
+        Ok(estimates)
     })?;
 
     let is_searched = search.is_some();
@@ -303,7 +305,9 @@ fn estimate_pair_by_rows<'py>(
     let pool = Pool::for_argument(threads)?;
     let source = Arc::clone(&reader);
     let estimates = supervised(py, &pool, size.0, None, move |runtime| {
-        prepare_by_rows(&*source, told, &asked, runtime)
+        let mut estimates = complete_source(&*source, &told, &asked, runtime)?;
+        estimates.findings = findings::of_pair(&estimates, size, None, &asked);
+        Ok(estimates)
     });
 
     let estimates = estimates.map_err(|failure| reader.reason(failure))?;

@@ -9,13 +9,13 @@ use pyo3::types::{PyDict, PyMapping, PyTuple};
 
 use super::wrap;
 use crate::failure::Result;
+use phasestereo::Finding;
 use phasestereo::internals::estimation::Estimates;
 use phasestereo::internals::estimation::blur::psf::{Family, Psf, Taps};
 use phasestereo::internals::estimation::blur::{self, Blur, Side};
 use phasestereo::internals::estimation::compensation_plan::CompensationPlan;
 use phasestereo::internals::estimation::photometry::{Contrast, Photometry};
 use phasestereo::internals::estimation::rows::RowOffsets;
-use phasestereo::internals::findings::Finding;
 use phasestereo::internals::match_pair::Rectified;
 use phasestereo::internals::rectification::calibration::Calibration;
 use phasestereo::internals::rectification::cameras::Cameras;
@@ -218,8 +218,8 @@ fn search_of<'py>(py: Python<'py>, found: &Estimates, is_given: bool) -> Result<
         Some(range) => fields!(py, [range: low, high, swapped, mixed, identical]),
         None => PyDict::new(py),
     };
-    fields.set_item("min_disparity", candidates.min())?;
-    fields.set_item("num_disparities", candidates.count())?;
+    fields.set_item("min_disparity", candidates.value.min())?;
+    fields.set_item("num_disparities", candidates.value.count())?;
     let found = if range.is_some() { "found" } else { "default" };
     fields.set_item("origin", if is_given { "given" } else { found })?;
     fields.set_item("confidence", confidence.unwrap_or(f64::NAN))?;

@@ -1,5 +1,6 @@
 //! Reading of a pair through a Python callable, a few rows at a time, for the duration of one call.
 
+use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -89,7 +90,7 @@ impl Source for Reader {
         self.candidates
     }
 
-    fn rows(&self, rows: Range<usize>) -> phasestereo::Result<Pair> {
+    fn rows(&self, rows: Range<usize>) -> phasestereo::Result<Cow<'_, Pair>> {
         // The core knows no Python exceptions: the reader keeps it, and the call fails as if cancelled.
         let pair = Python::attach(|py| self.call(py, &rows)).map_err(|raised| {
             *self.raised.lock().unwrap_or_else(PoisonError::into_inner) = Some(raised);
@@ -97,7 +98,7 @@ impl Source for Reader {
         })?;
 
         if pair.size() == (rows.len(), self.size.1) {
-            return Ok(pair);
+            return Ok(Cow::Owned(pair));
         }
 
         let accepts = format!("{} x {} for rows {rows:?}", rows.len(), self.size.1);

@@ -39,8 +39,8 @@ pub fn verify_map<'py>(
 
     let pool = Pool::for_argument(threads)?;
     let (judged, summary) = supervised(py, &pool, rows, progress, move |means| {
-        let judged = verify(pair, &map, told, &asked, means)?;
-        let summary = Summary::new(&judged.own, judged.prepared.estimates.candidates);
+        let judged = verify(pair, &map, &told, &asked, means)?;
+        let summary = Summary::new(&judged.own, judged.prepared.estimates.candidates.value);
         Ok((judged, summary))
     })?;
 

@@ -1,7 +1,8 @@
 //! The estimate of a pair before it is matched.
 
 use phasestereo::internals::estimation::blur::Estimate;
-use phasestereo::internals::estimation::{Known, prepare, prepare_by_rows};
+use phasestereo::internals::estimation::facts::{Fact, Facts};
+use phasestereo::internals::estimation::{complete, complete_source};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::matcher::runtime::Runtime;
@@ -23,10 +24,11 @@ pub fn estimate(
     execution: Execution,
     control: &Control,
 ) -> Result<Estimate> {
-    let known = Known { candidates: Some(pair.candidates()), ..Known::default() };
+    let candidates = Some(Fact::given(pair.candidates()));
+    let facts = &Facts { candidates, ..Facts::default() };
     let runtime = Runtime { matcher, execution, control };
 
-    let found = prepare(pair.clone(), known, &of_blur(), runtime)?.estimates;
+    let (_, found) = complete(pair.clone(), facts, &of_blur(), runtime)?;
     Ok(found.blur.expect("it was asked for"))
 }
 
@@ -37,9 +39,10 @@ pub fn estimate_by_rows(
     execution: Execution,
     control: &Control,
 ) -> Result<Estimate> {
-    let known = Known { candidates: Some(source.candidates()), ..Known::default() };
+    let candidates = Some(Fact::given(source.candidates()));
+    let facts = &Facts { candidates, ..Facts::default() };
     let runtime = Runtime { matcher, execution, control };
 
-    let found = prepare_by_rows(source, known, &of_blur(), runtime)?;
+    let found = complete_source(source, facts, &of_blur(), runtime)?;
     Ok(found.blur.expect("it was asked for"))
 }

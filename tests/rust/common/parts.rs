@@ -1,5 +1,6 @@
 //! Pairs that are read and matched a few rows at a time.
 
+use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
@@ -45,14 +46,14 @@ impl Source for Slow {
         self.most_rows
     }
 
-    fn rows(&self, rows: Range<usize>) -> Result<Pair> {
+    fn rows(&self, rows: Range<usize>) -> Result<Cow<'_, Pair>> {
         let mut reads = self.reads.lock().unwrap_or_else(PoisonError::into_inner);
         reads.push(rows.clone());
 
         if Some(reads.len() - 1) == self.broken {
             return Err(Error::value("read", "a torn tape", "a whole one"));
         }
-        Ok(part(&self.pair, &rows))
+        Ok(Cow::Owned(part(&self.pair, &rows)))
     }
 }
 

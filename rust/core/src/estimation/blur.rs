@@ -183,7 +183,7 @@ struct AllBlocks {
 
 /// The pair, and what the steps of its estimation have in common.
 struct BlurEstimation<'a> {
-    rows: PairRows<'a>,
+    rows: &'a PairRows<'a>,
     /// Rough disparities of the whole pair; `None`: they are found part by part.
     rough: Option<RoughMatch>,
     known: Correspondence,
@@ -210,7 +210,7 @@ pub fn prepare() {
 /// Estimates the relative blur of a pair on the current threads. `sample` is any part of the pair; `whole` are rough
 /// disparities of all of it, if there are any yet.
 pub(crate) fn estimate(
-    rows: PairRows,
+    rows: &PairRows,
     sample: &Pair,
     known: Correspondence,
     whole: Option<RoughMatch>,
@@ -247,7 +247,7 @@ pub(crate) fn is_enough((rows, cols): (usize, usize)) -> bool {
 impl<'a> BlurEstimation<'a> {
     /// `sample` is any part of the pair.
     fn new(
-        rows: PairRows<'a>,
+        rows: &'a PairRows<'a>,
         sample: &Pair,
         known: Correspondence,
         whole: Option<RoughMatch>,
@@ -258,10 +258,10 @@ impl<'a> BlurEstimation<'a> {
         let units = [unit(left)?, unit(right)?];
 
         // Those at hand save a match.
-        let rough = match (whole.filter(|whole| whole.factor() == ROUGHEST.factor), rows) {
+        let rough = match (whole.filter(|whole| whole.factor() == ROUGHEST.factor), rows.whole()) {
             (Some(whole), _) => Some(whole),
-            (None, PairRows::Kept(part)) => Some(part.rough(&known, ROUGHEST, runtime)?),
-            (None, PairRows::Read(_)) => None,
+            (None, Some(part)) => Some(part.rough(&known, ROUGHEST, runtime)?),
+            (None, None) => None,
         };
 
         Ok(Self { rows, rough, known, size: rows.size(), units, runtime })

@@ -4,11 +4,12 @@ use std::ops::Range;
 use std::time::Duration;
 
 use super::compensation_plan::CompensationPlan;
+use super::facts::Fact;
 use super::range::{LeftOut, SearchRange};
 use super::rows::RowOffsets;
 use crate::estimation::blur;
 use crate::estimation::photometry::Photometry;
-use crate::findings::finding::Finding;
+use crate::finding::Finding;
 use phasestereo_match::pair::alignment::Alignment;
 use phasestereo_match::pair::candidates::Candidates;
 
@@ -18,7 +19,7 @@ use phasestereo_match::pair::candidates::Candidates;
 pub struct Estimates {
     /// The disparities to search.
     #[doc(hidden)]
-    pub candidates: Candidates,
+    pub candidates: Fact<Candidates>,
     /// Mean confidence of the rough match of the reduced images, if there was one: over the known disparities, unless these match
     /// badly and others well.
     pub confidence: Option<f64>,
@@ -55,7 +56,8 @@ pub struct Estimates {
 impl Estimates {
     /// The disparities to search, half-open: those that were given, or else those that were found.
     pub fn disparities(&self) -> Range<i64> {
-        let (min, count) = (self.candidates.min() as i64, self.candidates.count() as i64);
+        let (min, count) =
+            (self.candidates.value.min() as i64, self.candidates.value.count() as i64);
         min..min + count
     }
 

@@ -129,18 +129,18 @@ pub fn reduction((rows, cols): (usize, usize), width: usize) -> usize {
 
 impl Overview {
     /// Reduces a pair; `None` where it is too small for estimates.
-    pub fn new(rows: PairRows, runtime: Runtime) -> Result<Option<Self>> {
+    pub fn new(rows: &PairRows, runtime: Runtime) -> Result<Option<Self>> {
         Self::by(reduction(rows.size(), WIDTH), rows, runtime)
     }
 
     /// Reduces a pair less, for finer copies; `None` where it is too small for estimates.
-    pub fn fine(rows: PairRows, runtime: Runtime) -> Result<Option<Self>> {
+    pub fn fine(rows: &PairRows, runtime: Runtime) -> Result<Option<Self>> {
         let size = rows.size();
         let factor = reduction(size, FINE_WIDTH).max(2).min(reduction(size, WIDTH));
         Self::by(factor, rows, runtime)
     }
 
-    fn by(factor: usize, rows: PairRows, runtime: Runtime) -> Result<Option<Self>> {
+    fn by(factor: usize, rows: &PairRows, runtime: Runtime) -> Result<Option<Self>> {
         let size = rows.size();
         if size.0.min(size.1) < LEAST_SIZE {
             return Ok(None);

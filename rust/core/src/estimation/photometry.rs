@@ -116,7 +116,7 @@ impl Photometry {
     /// Looks at sampled rows of a pair of which so many disparities are searched. `noise` are the standard deviations in units
     /// of the pixels, 0 where unknown.
     pub fn new(
-        rows: PairRows,
+        rows: &PairRows,
         scales: &Scales,
         noise: [f64; 2],
         disparities: usize,

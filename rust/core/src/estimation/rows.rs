@@ -97,7 +97,7 @@ pub struct FoundRows {
 
 /// Estimates the field of a pair from a rough match of the unaligned pair.
 pub fn offsets(
-    rows: PairRows,
+    rows: &PairRows,
     overview: &Overview,
     rough: &RoughMap,
     candidates: Option<Candidates>,
@@ -145,7 +145,7 @@ fn best(fits: Vec<RowOffsets>) -> Option<RowOffsets> {
 /// The field with a spline of the row once more, from four times as many blocks, up to the borders: a spline has many factors.
 /// Where a field is known, blocks are found in the whole images at once.
 fn denser(
-    rows: PairRows,
+    rows: &PairRows,
     overview: &Overview,
     field: &Alignment,
     candidates: Option<Candidates>,
@@ -190,7 +190,7 @@ impl Spaced {
     /// The field from the same blocks in copies four times as large.
     fn finer(
         &mut self,
-        rows: PairRows,
+        rows: &PairRows,
         overview: &Overview,
         tracks: &mut Vec<Track>,
         field: &Alignment,
@@ -216,7 +216,7 @@ pub fn is_straight(overview: &Overview, map: &RoughMap, field: &Alignment) -> bo
 
 /// The field in the reduced copies, and the blocks that it was fitted to. Further rough matches go into `map`.
 fn first(
-    rows: PairRows,
+    rows: &PairRows,
     overview: &Overview,
     rough: &RoughMap,
     map: &mut Option<RoughMap>,

@@ -69,7 +69,7 @@ struct Patch<const SIDE: usize> {
 /// Searches every block about its expected place, in copies of the images that are reduced by a factor, and leaves out
 /// those that are not found. The seeds are in the order of their rows.
 pub fn follow(
-    rows: PairRows,
+    rows: &PairRows,
     overview: &Overview,
     seeds: &[Seed],
     factor: usize,

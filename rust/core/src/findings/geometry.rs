@@ -4,12 +4,13 @@ use super::levels::{
     BEYOND, BLUR, BLUR_CONFIDENCE, BLUR_SHARE, ERRORS, LEAST_ROUGH, PART, PART_ERRORS, REPEATED,
     ROWS, SURE, SWAY,
 };
-use super::{Finding, Known, Severity, Topic, percent};
+use super::{Known, percent};
 use crate::estimation::blur::psf::{Family, Psf, Taps};
 use crate::estimation::blur::{self, Side};
 use crate::estimation::estimates::Estimates;
 use crate::estimation::range::{LeftOut, SearchRange};
 use crate::estimation::rows::{DISTORTED, RowOffsets};
+use crate::finding::{Finding, Severity, Topic};
 use crate::rectification::{LONGEST, Rectification, Refusal};
 use phasestereo_match::base::math;
 use phasestereo_match::pair::alignment::{Alignment, LINEAR, TERMS};
@@ -40,7 +41,7 @@ impl Known<'_> {
 
         match &estimates.range {
             Some(range) => findings.extend(self.range(range)),
-            None if self.is_given => {
+            None if self.is_given() => {
                 let is_unlike = estimates.confidence.is_some_and(|found| found < LEAST_ROUGH);
                 findings.extend(is_unlike.then(|| self.nothing()));
             }
@@ -87,12 +88,12 @@ impl Known<'_> {
             findings.push(Finding::ok(Topic::Swap, "left and right are in their places"));
         }
 
-        let candidates = self.estimates.candidates;
+        let candidates = self.estimates.candidates.value;
         let (first, count) = (candidates.min(), candidates.count());
         let last = candidates.disparity(count - 1);
         let beyond = (first as f64 - range.low).max(range.high - last as f64);
 
-        if !self.is_given {
+        if !self.is_given() {
             let found = format!(
                 "disparities are {ends}: match with min_disparity {} and num_disparities {}",
                 range.min, range.count

@@ -1,8 +1,9 @@
 //! Findings on gray levels: how they compare, and how much of them carries information.
 
 use super::levels::{CODING, CONTRAST, CURVE, NOISE, REPEATED, SATURATED, TEXTURED, TEXTURELESS};
-use super::{Finding, Known, Severity, Topic, percent};
+use super::{Known, percent};
 use crate::estimation::photometry::{Contrast, Photometry};
+use crate::finding::{Finding, Severity, Topic};
 use phasestereo_match::base::math;
 
 /// Least factor that a logarithm is taken of.
@@ -33,7 +34,7 @@ impl Known<'_> {
     fn contrast(&self, found: &Photometry) -> Finding {
         let topic = Topic::Contrast;
         // Without a match there is nothing to compare.
-        let is_matched = self.estimates.range.is_some() || self.is_given;
+        let is_matched = self.estimates.range.is_some() || self.is_given();
         let Some(contrast) = found.contrast.filter(|_| is_matched) else {
             return self.not_told(topic, "gain and gamma");
         };

@@ -2,12 +2,12 @@
 
 use std::cmp::Reverse;
 
-use super::finding::{Finding, Severity, Topic};
 use super::levels::{
     AT_END, AT_ZERO, FLAGGED, LEAST_ROUGH, MENTIONED, PLAIN, ROWS, SATURATED, SMEARED, WRONG,
 };
 use crate::estimation::estimates::Estimates;
 use crate::estimation::overview::LEAST_SIZE;
+use crate::finding::{Finding, Severity, Topic};
 use phasestereo_match::matcher::summary::Summary;
 
 /// What to look at where no cause is known.
@@ -83,7 +83,7 @@ impl Outcome<'_> {
             return None;
         }
 
-        let candidates = self.estimates.candidates;
+        let candidates = self.estimates.candidates.value;
         let (first, last) = (candidates.min(), candidates.disparity(candidates.count() - 1));
         let Summary { at_low, at_high, .. } = *self.summary;
         // What is infinitely far away lies at 0.
@@ -135,9 +135,9 @@ impl Outcome<'_> {
 
     /// Whether the disparities are those that were found.
     fn is_found(&self) -> bool {
-        let Estimates { range, candidates, .. } = self.estimates;
-        range.as_ref().is_some_and(|range| {
-            (range.min, range.count) == (candidates.min() as i64, candidates.count() as i64)
+        let range = self.estimates.range.as_ref();
+        range.is_some_and(|range| {
+            self.estimates.disparities() == (range.min..range.min + range.count)
         })
     }
 

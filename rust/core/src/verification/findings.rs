@@ -2,7 +2,7 @@
 
 use std::cmp::Reverse;
 
-use crate::findings::{Finding, Severity, Topic};
+use crate::finding::{Finding, Severity, Topic};
 use crate::verification::claims::Misreading;
 use crate::verification::{Counts, verdict};
 

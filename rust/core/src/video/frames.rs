@@ -21,14 +21,17 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crate::estimation::blur;
-use crate::estimation::blur::defects::Defects;
+use crate::estimation::blur::defects::Repaired;
 use crate::estimation::blur::parts::Part;
+use crate::estimation::facts::{Fact, Facts, Rows};
 use crate::estimation::rows::RowOffsets;
 use crate::estimation::tracks::{AROUND, follow_here};
-use crate::estimation::{Estimates, Known, Prepared, estimated, prepared};
-use crate::findings::{self, Finding, Severity};
-use crate::match_pair::{Matched, prepare_and_match, resampled};
+use crate::estimation::{Estimates, Prepared, complete, prepare};
+use crate::finding::{Finding, Severity};
+use crate::findings;
+use crate::match_pair::{Matched, match_pair};
 use crate::rectification::Raw;
+use crate::rectification::raw_pair::resampled;
 use crate::scales::match_over_scales;
 use crate::video::rig::events::{Steady, Subject};
 use crate::video::rig::field::{Innovation, seeds};
@@ -44,6 +47,7 @@ use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::matcher::summary::Summary;
 use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::alignment::Alignment;
+use phasestereo_match::pair::source::Source;
 use phasestereo_match::settings::Settings;
 
 /// A map of which so much more is wrong than of those before may be of cameras that were moved.
@@ -59,7 +63,7 @@ const AT_END: f64 = 0.005;
 #[derive(Debug, Clone, Copy)]
 pub struct Way<'a> {
     /// What the caller knows of every frame.
-    pub known: &'a Known,
+    pub facts: &'a Facts,
     /// How they are matched.
     pub settings: &'a Settings,
     /// Frames after which blur is estimated anew; 1: every frame is matched by itself.
@@ -116,7 +120,7 @@ impl Rig {
         runtime: Runtime,
     ) -> Result<Frame> {
         let size = pair.size();
-        let mut matched = prepare_and_match(pair, way.known.clone(), way.settings, runtime)?;
+        let mut matched = match_pair(pair, way.facts, way.settings, runtime)?;
         let summary = matched.summary();
 
         let estimates = &matched.prepared.estimates;
@@ -163,9 +167,9 @@ fn steadied(
     runtime: Runtime,
 ) -> Result<(Plane<u8>, Duration)> {
     let started = Instant::now();
-    let Runtime { matcher, execution, control } = runtime;
+    let Runtime { execution, control, .. } = runtime;
     let Prepared { pair, settings, .. } = prepared;
-    let frames = matcher.install(|| filter.apply(pair, settings, map, execution.level, control))?;
+    let frames = filter.apply(pair, settings, map, execution.level, control)?;
     Ok((frames, started.elapsed()))
 }
 
@@ -257,59 +261,53 @@ impl<'a> Followed<'a, '_> {
 
     /// The pair as the cameras see it, and whether it looks as before.
     fn seen(&self, geometry: &Geometry) -> Result<Seen<'a>> {
-        let Runtime { matcher, control, .. } = self.runtime;
-        matcher.install(|| {
-            let mut pair = match &geometry.cameras {
-                Some(raw) => Cow::Owned(resampled(self.pair, &raw.places, control)?),
-                None => Cow::Borrowed(self.pair),
-            };
-            if let Some(fit) = pair.fit().filter(|_| geometry.is_whole) {
-                pair = Cow::Owned(pair.fitted_again(fit.whole())?);
-            }
-            if geometry.is_inverted && self.way.settings.compensate_blur {
-                pair = Cow::Owned(pair.into_owned().with_own_ranges(control)?.inverted());
-            }
+        let control = self.runtime.control;
+        let mut pair = match &geometry.cameras {
+            Some(raw) => Cow::Owned(resampled(self.pair, &raw.places, control)?),
+            None => Cow::Borrowed(self.pair),
+        };
+        if geometry.is_inverted && self.way.settings.compensate_blur {
+            pair = Cow::Owned(pair.into_owned().with_own_ranges(control)?.inverted());
+        }
 
-            let look = self.rig.look.as_deref();
-            let look = look.filter(|look| self.rig.frames - look.frame < self.way.reestimate);
-            let blur = look.and_then(|look| look.estimates.blur.as_ref());
+        let look = self.rig.look.as_deref();
+        let look = look.filter(|look| self.rig.frames - look.frame < self.way.reestimate);
+        let blur = look.and_then(|look| look.estimates.blur.as_ref());
 
-            let is_as_before = match (look, blur) {
-                (None, _) => false,
-                (Some(_), None) => true,
-                (Some(_), Some(blur)) => {
-                    let defects = Defects { impulses: blur.impulses, ..Defects::default() };
-                    let repaired = defects.repaired(&pair);
-                    blur::is_as_before(&repaired, &blur.signature, self.runtime)?
-                }
-            };
-            Ok(Seen { pair, is_as_before })
-        })
+        let is_as_before = match (look, blur) {
+            (None, _) => false,
+            (Some(_), None) => true,
+            (Some(_), Some(blur)) => {
+                let repaired = Repaired { source: &*pair, impulses: blur.impulses };
+                let repaired = repaired.rows(0..pair.size().0)?;
+                blur::is_as_before(&repaired, &blur.signature, self.runtime)?
+            }
+        };
+        Ok(Seen { pair, is_as_before })
     }
 
     /// Matches the frame by what is known of it; once more, blocks of all rows are found again.
     fn shot(&self, geometry: &Geometry, seen: &Seen, is_again: bool) -> Result<Shot> {
-        let Way { known, settings, .. } = self.way;
+        let Way { facts, settings, .. } = self.way;
         let pair = Pair::clone(&seen.pair);
-        let candidates = match known.candidates {
-            Some(given) => given,
-            None => geometry.columns.candidates(pair.size().1)?,
-        };
-        let told = Known {
-            candidates: Some(candidates),
-            alignment: geometry.alignment()?,
-            ..known.clone()
+        let candidates = match &facts.candidates {
+            Some(given) => given.clone(),
+            None => Fact::remembered(geometry.columns.candidates(pair.size().1)?),
         };
         // Rows are followed whatever the settings say, and estimated where they sway.
         let sways = geometry.sways.state == 1;
-        let settings = Settings { align_rows: sways, ..settings.clone() };
+        let rows = match sways {
+            true => Rows::Wanted,
+            false => Rows::Known(Fact::remembered(geometry.alignment()?)),
+        };
+        let facts = Facts { candidates: Some(candidates.clone()), rows, ..facts.clone() };
 
         let estimates = match &self.rig.look {
             Some(look) if seen.is_as_before => {
-                let rows = sways.then(|| self.rows(&pair, &look.estimates, &told, &settings));
+                let rows = sways.then(|| self.rows(&pair, &look.estimates, &facts, settings));
                 let (alignment, offsets) = match rows {
                     Some(found) => found?,
-                    None => (told.alignment.clone(), geometry.field.offsets()?),
+                    None => (geometry.alignment()?, geometry.field.offsets()?),
                 };
                 Estimates {
                     candidates,
@@ -320,10 +318,10 @@ impl<'a> Followed<'a, '_> {
                     ..look.estimates.clone()
                 }
             }
-            _ => self.estimates(&pair, geometry, &told, &settings)?,
+            _ => self.estimates(&pair, geometry, &facts)?,
         };
 
-        let mut shot = self.matched(pair, estimates, told, &settings)?;
+        let mut shot = self.matched(pair, estimates, &facts)?;
         if !sways {
             shot.innovation = self.innovation(&shot.map, &seen.pair, geometry, is_again)?;
         }
@@ -335,16 +333,14 @@ impl<'a> Followed<'a, '_> {
         &self,
         pair: &Pair,
         look: &Estimates,
-        told: &Known,
+        facts: &Facts,
         settings: &Settings,
     ) -> Result<(Option<Alignment>, Option<RowOffsets>)> {
-        let mut told = told.clone();
-        let mut settings = settings.clone();
+        let mut facts = facts.clone();
         if let Some(plan) = &look.compensation {
-            told.compensation = Some(plan.blur_compensation()?);
-            settings = Settings { align_rows: true, ..plan.settings.clone() };
+            facts.compensation = Some(plan.blur_compensation()?);
         }
-        let (_, found) = estimated(pair.clone(), &told, &settings, self.runtime)?;
+        let (_, found) = complete(pair.clone(), &facts, settings, self.runtime)?;
         Ok((found.alignment, found.offsets))
     }
 
@@ -356,34 +352,26 @@ impl<'a> Followed<'a, '_> {
         geometry: &Geometry,
         has_all: bool,
     ) -> Result<Option<Innovation>> {
-        let Runtime { matcher, execution, .. } = self.runtime;
+        let level = self.runtime.execution.level;
         let field = geometry.field.field()?;
         let around = AROUND + field.bound().ceil() as usize;
         let rows = pair.size().0;
 
-        let tracks = matcher.install(|| {
-            let mut tracks = vec![];
-            for seeds in seeds(&map.disparity, &map.flags, &field, self.rig.frames, has_all) {
-                let Some(first) = seeds.first() else { continue };
-                let y = first.y as usize;
-                let (top, end) = (y.saturating_sub(around), (y + around + 1).min(rows));
-                let part = Part::new(top, Cow::Owned(pair.of_rows(top..end)), self.runtime)?;
-                tracks.extend(follow_here(&part, &seeds, execution.level));
-            }
-            Ok(tracks)
-        })?;
+        let mut tracks = vec![];
+        for seeds in seeds(&map.disparity, &map.flags, &field, self.rig.frames, has_all) {
+            let Some(first) = seeds.first() else { continue };
+            let y = first.y as usize;
+            let (top, end) = (y.saturating_sub(around), (y + around + 1).min(rows));
+            let part = Part::new(top, Cow::Owned(pair.of_rows(top..end)), self.runtime)?;
+            tracks.extend(follow_here(&part, &seeds, level));
+        }
         Ok(geometry.field.innovation(&tracks))
     }
 
     /// Estimates blur, noise and light of a pair whose geometry is known.
-    fn estimates(
-        &self,
-        pair: &Pair,
-        geometry: &Geometry,
-        told: &Known,
-        settings: &Settings,
-    ) -> Result<Estimates> {
-        let (_, mut found) = estimated(pair.clone(), told, settings, self.runtime)?;
+    fn estimates(&self, pair: &Pair, geometry: &Geometry, facts: &Facts) -> Result<Estimates> {
+        let settings = self.way.settings;
+        let (_, mut found) = complete(pair.clone(), facts, settings, self.runtime)?;
         if let Some(look) = &self.rig.look {
             let before = &look.estimates;
             found.confidence = before.confidence;
@@ -392,31 +380,22 @@ impl<'a> Followed<'a, '_> {
         }
 
         found.is_inverted = geometry.is_inverted;
-        if !settings.align_rows {
+        if facts.aligned().is_some() {
             found.offsets = geometry.field.offsets()?;
         }
-        let is_given = self.way.known.candidates.is_some();
-        found.findings = findings::of_pair(&found, geometry.size, is_given, self.way.settings);
+        found.findings = findings::of_pair(&found, geometry.size, pair.fit(), settings);
         if let Some(raw) = &geometry.cameras {
             found.findings.push(findings::rectified(&raw.rectification));
-        }
-        if let Some(fit) = pair.fit() {
-            found.findings.push(findings::fitted(&fit));
         }
         Ok(found)
     }
 
     /// Matches a pair with these estimates.
-    fn matched(
-        &self,
-        pair: Pair,
-        estimates: Estimates,
-        known: Known,
-        settings: &Settings,
-    ) -> Result<Shot> {
-        let prepared = prepared(pair, estimates, known, settings, self.runtime)?;
+    fn matched(&self, pair: Pair, estimates: Estimates, facts: &Facts) -> Result<Shot> {
+        let settings = self.way.settings;
+        let prepared = prepare(pair, estimates, facts, settings, self.runtime)?;
         let map = match_over_scales(&prepared, settings, self.runtime)?;
-        let summary = Summary::new(&map, prepared.estimates.candidates);
+        let summary = Summary::new(&map, prepared.estimates.candidates.value);
         Ok(Shot { map, prepared, summary, innovation: None })
     }
 
@@ -432,7 +411,7 @@ impl<'a> Followed<'a, '_> {
         if is_worse && self.rig.frames >= self.rig.doubt.1 {
             return Verdict::Lost;
         }
-        if self.way.known.candidates.is_none() && shot.summary.at_high > AT_END {
+        if self.way.facts.candidates.is_none() && shot.summary.at_high > AT_END {
             let width = geometry.size.1;
             let mut wider = geometry.columns.clone();
             if wider.update(&shot.map, width) {
@@ -496,28 +475,27 @@ impl<'a> Followed<'a, '_> {
         Ok(found)
     }
 
-    /// The settings of a match whose rows are estimated: all may have moved.
-    fn with_rows(&self) -> Settings {
-        Settings { align_rows: true, ..self.way.settings.clone() }
+    /// What is known of every frame, with rows that are to be estimated: all may have moved.
+    fn facts_anew(&self) -> Facts {
+        Facts { rows: Rows::Wanted, ..self.way.facts.clone() }
     }
 
     /// Estimates all anew but the cameras by which the pair is rectified.
     fn rectified_anew(&self, raw: &Arc<Raw>) -> Result<(Geometry, Shot)> {
-        let known = self.way.known;
-        let settings = &self.with_rows();
-        let Runtime { matcher, control, .. } = self.runtime;
-        let pair = matcher.install(|| resampled(self.pair, &raw.places, control))?;
+        let facts = &self.facts_anew();
+        let pair = resampled(self.pair, &raw.places, self.runtime.control)?;
 
-        let (pair, estimates) = estimated(pair, known, settings, self.runtime)?;
+        let settings = self.way.settings;
+        let (pair, mut estimates) = complete(pair, facts, settings, self.runtime)?;
+        estimates.findings = findings::of_pair(&estimates, pair.size(), pair.fit(), settings);
         let found = Geometry::new(&pair, &estimates, Some(Arc::clone(raw)));
-        Ok((found, self.matched(pair, estimates, known.clone(), settings)?))
+        Ok((found, self.matched(pair, estimates, facts)?))
     }
 
     /// Estimates all anew, as of a first frame.
     fn whole_anew(&self) -> Result<(Geometry, Shot)> {
-        let known = self.way.known;
-        let settings = &self.with_rows();
-        let whole = prepare_and_match(self.pair.clone(), known.clone(), settings, self.runtime)?;
+        let pair = self.pair.clone();
+        let whole = match_pair(pair, &self.facts_anew(), self.way.settings, self.runtime)?;
 
         let summary = whole.summary();
         let Matched { map, prepared, rectified } = whole;
@@ -530,8 +508,8 @@ impl<'a> Followed<'a, '_> {
     /// Takes in the disparities of a match, in a range that is given or found.
     fn learn_range(&mut self, geometry: &mut Geometry, map: &Disparity) {
         let rig = &mut *self.rig;
-        if let Some(given) = self.way.known.candidates {
-            geometry.columns.watch(given, map);
+        if let Some(given) = &self.way.facts.candidates {
+            geometry.columns.watch(given.value, map);
         } else if geometry.columns.update(map, geometry.size.1) {
             let most = geometry.columns.searched.end - 1;
             let sentence = format!("things came nearer: disparities up to {most} are searched");
@@ -579,14 +557,11 @@ impl<'a> Followed<'a, '_> {
         });
         let support = support.transpose()?;
         if support.is_some() {
-            summary = Summary::new(&map, prepared.estimates.candidates);
+            summary = Summary::new(&map, prepared.estimates.candidates.value);
         }
 
         let cameras = self.rig.geometry.as_ref().and_then(|geometry| geometry.cameras.clone());
-        let matched = match cameras {
-            Some(raw) => Matched::of_rectified(raw, map, prepared, self.runtime)?,
-            None => Matched { map, prepared, rectified: None },
-        };
+        let matched = Matched::new(cameras, map, prepared, self.runtime.control)?;
         Ok(Frame { matched, summary, is_reused, support })
     }
 }

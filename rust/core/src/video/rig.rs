@@ -75,8 +75,6 @@ pub struct Look {
 pub struct Geometry {
     /// Rows and columns of an image.
     pub size: (usize, usize),
-    /// Whether a right image of another size is fitted by a whole factor.
-    pub is_whole: bool,
     /// Where raw images are rectified from, if they are.
     pub cameras: Option<Arc<Raw>>,
     /// The field of rows, of the rectified images.
@@ -97,12 +95,11 @@ impl Geometry {
         let size = pair.size();
         Self {
             size,
-            is_whole: pair.fit().is_some_and(|fit| fit == fit.whole()),
             cameras,
             field: FieldFilter::new(size, found.offsets.as_ref()),
             straightens: Steady::new(found.alignment.is_some().into()),
             sways: Steady::new(found.sways().into()),
-            columns: Columns::new(found.candidates),
+            columns: Columns::new(found.candidates.value),
             is_inverted: found.is_inverted,
         }
     }

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! scale = left size / right size, along x and along y    # of images of one shape: only their resolution differs;
-//!         a whole factor, from the first pixel on, where the size was rounded up, or rows lie so
+//!         a whole factor, from the first pixel on, where the size was rounded up
 //!       = 1, or the ratio of the widths, along both      # of others: the right one lies over the middle of the left one
 //! place(x) = (x + 0.5 - offset) / scale - 0.5;   offset = (left size - scale * right size) / 2
 //! out(x) = sum over i of weight(i - place(x)) in(i) / sum of weights    # along columns, then along rows
@@ -30,7 +30,6 @@ use crate::base::error::{Error, Result};
 use crate::base::math;
 use crate::base::plane::{Plane, zeroed};
 use crate::image::view::{Image, View};
-use crate::pair::alignment::Alignment;
 use crate::pair::alignment::straighten::{WEIGHT_BITS, without_masked};
 
 /// Most that one image may have more rows or columns than the other.
@@ -39,11 +38,6 @@ const LARGEST_RATIO: f64 = 8.0;
 const CUT: f64 = 1.25;
 /// The white of 8, 10, 12, 14 and 16 bits.
 const WHITES: [f64; 5] = [255.0, 1023.0, 4095.0, 16383.0, 65535.0];
-/// Rows by which an image must grow for its rows to tell how it was reduced, and standard errors.
-const LEAST_GROWTH: f64 = 0.3;
-const SURE: f64 = 4.0;
-/// The term of the field of rows that grows from the top to the bottom.
-const SLOPE: usize = 2;
 /// Half the width of the kernel in pixels of the coarser image.
 const REACH: f64 = 4.0;
 
@@ -121,35 +115,6 @@ impl Fit {
     /// The fit of an image that was reduced or enlarged by an exact factor, from its first row and column on.
     fn scaled_by(&self, factor: f64) -> Self {
         Self { scale: [factor; 2], offset: [0.0; 2], ..*self }
-    }
-
-    /// The fit of an image that was reduced or enlarged by an exact whole factor, what is left of its last row and column being
-    /// cut off or made up, where the rows of the pair that was fitted without say so, up to their standard error in pixels; columns cannot tell.
-    ///
-    /// ```text
-    /// place + 0.5 = (row + 0.5) exact / scale,   so that rows are off by   grows = height (scale / exact - 1)   at the bottom
-    /// ```
-    pub fn exact(&self, rows: &Alignment, error: f64) -> Option<Self> {
-        let [down, along] = self.scale;
-        let factor = whole(along);
-        let grows = self.to.0 as f64 * (down / factor - 1.0);
-        // The field is half of that in the middle, and grows by as much to the border.
-        let share = rows.coefficients()[SLOPE] / (grows / 2.0);
-
-        let is_told = grows.abs() > LEAST_GROWTH.max(SURE * error);
-        let is_exact = self.is_alike && is_told && (0.5..1.5).contains(&share);
-        is_exact.then(|| self.whole())
-    }
-
-    /// The fit of an image that was reduced or enlarged by an exact whole factor.
-    pub fn whole(&self) -> Self {
-        self.scaled_by(whole(self.scale[1]))
-    }
-
-    /// The right view of a pair that was fitted before, as this fit has it.
-    pub fn again(&self, before: &Self, view: &View) -> Result<View> {
-        let ratio = [0, 1].map(|axis| self.scale[axis] / before.scale[axis]);
-        Self { from: self.to, scale: ratio, ..*self }.apply(view)
     }
 
     /// The taps of all pixels along rows (0) or columns (1).
@@ -341,24 +306,12 @@ mod tests {
 
     #[test]
     #[expect(clippy::float_cmp, reason = "the same values are meant, to the bit")]
-    fn sizes_tell_how_they_were_rounded_or_else_rows_do() {
+    fn sizes_say_how_they_were_rounded() {
         let of = |from, to| Fit::new(from, to).expect("legal").scale;
         assert_eq!(of((50, 62), (100, 123)), [2.0; 2]);
         assert_eq!(of((50, 61), (100, 123)), [2.0, 123.0 / 61.0]);
         assert_eq!(of((100, 122), (100, 123)), [1.0; 2]);
         assert_eq!(of((199, 247), (100, 124)), [0.5; 2]);
-
-        let fit = Fit::new((248, 370), (497, 741)).expect("legal");
-        let rows = |slope: f64| {
-            let mut terms = [0.0; crate::pair::alignment::TERMS];
-            terms[SLOPE] = slope;
-            Alignment::new(terms, (497, 741)).expect("legal")
-        };
-        assert_eq!(fit.exact(&rows(0.5), 0.05).map(|fit| fit.scale), Some([2.0; 2]));
-        for slope in [0.0, -0.5, 3.0] {
-            assert_eq!(fit.exact(&rows(slope), 0.05), None);
-        }
-        assert_eq!(fit.exact(&rows(0.5), 0.4), None);
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Pairs that are read a few rows at a time since they do not fit into memory: statistics of the whole pair that the
 //! match of each part needs are gathered in a pass from top to bottom.
 
+use std::borrow::Cow;
 use std::ops::Range;
 
 use crate::base::control::Control;
@@ -35,7 +36,27 @@ pub trait Source: Sync {
 
     /// Reads rows of both images. Once they are known, pixels are packed as those of the whole pair, and views carry the
     /// range of the whole image.
-    fn rows(&self, rows: Range<usize>) -> Result<Pair>;
+    fn rows(&self, rows: Range<usize>) -> Result<Cow<'_, Pair>>;
+}
+
+/// A pair in memory is read at once.
+impl Source for Pair {
+    fn size(&self) -> (usize, usize) {
+        self.size()
+    }
+
+    fn candidates(&self) -> Candidates {
+        self.candidates()
+    }
+
+    fn most_rows(&self) -> usize {
+        self.size().0
+    }
+
+    fn rows(&self, rows: Range<usize>) -> Result<Cow<'_, Pair>> {
+        let is_whole = rows == (0..self.size().0);
+        Ok(if is_whole { Cow::Borrowed(self) } else { Cow::Owned(self.of_rows(rows)) })
+    }
 }
 
 /// Ranges of rows to read, one after another, that cover the image.
@@ -120,12 +141,12 @@ pub fn roughness(
         // Whether a pixel is an impulse depends on its neighbors.
         let beside = if impulses > 0.0 { impulses::REACH } else { 0 };
         let mut read = widened(&rows, beside, height);
-        let mut pair = source.rows(read.clone())?.with_impulses([impulses, 0.0]);
+        let mut pair = source.rows(read.clone())?.into_owned().with_impulses([impulses, 0.0]);
 
         if pair.views()[0].mask.as_ref().is_some_and(has_empty_row) {
             // Rows without a valid pixel copy the nearest ones that have some, which may not have been read.
             read = widened(&read, masking::REACH, height);
-            pair = source.rows(read.clone())?.with_impulses([impulses, 0.0]);
+            pair = source.rows(read.clone())?.into_owned().with_impulses([impulses, 0.0]);
         }
 
         let gray = Gray::new(pair.views()[0], level, control)?.plane(level, control)?;

@@ -58,8 +58,12 @@ impl Source for Repaired<'_> {
         self.source.most_rows()
     }
 
-    fn rows(&self, rows: Range<usize>) -> Result<Pair> {
-        Ok(self.source.rows(rows)?.with_impulses(self.impulses))
+    fn rows(&self, rows: Range<usize>) -> Result<Cow<'_, Pair>> {
+        let pair = self.source.rows(rows)?;
+        if self.impulses == [0.0; 2] {
+            return Ok(pair);
+        }
+        Ok(Cow::Owned(pair.into_owned().with_impulses(self.impulses)))
     }
 }
 
@@ -75,16 +79,8 @@ struct DefectCounts {
 }
 
 impl Defects {
-    /// The defects of a pair in memory, whose gray levels are given.
-    pub fn of_pair(pair: &Pair, levels: [f64; 2], runtime: Runtime) -> Result<Self> {
-        let height = pair.size().0;
-        let found = both(|side| counts(pair, side, 0..height, (0, height), levels[side], runtime))?;
-
-        Ok(Self::from_counts(&found, levels, pair.size()))
-    }
-
-    /// The defects of a pair that is read by rows, whose gray levels are given.
-    pub fn of_source(source: &dyn Source, levels: [f64; 2], runtime: Runtime) -> Result<Self> {
+    /// The defects of a pair whose gray levels are given.
+    pub fn new(source: &dyn Source, levels: [f64; 2], runtime: Runtime) -> Result<Self> {
         let (height, cols) = source.size();
         let mut found = [DefectCounts::default(); 2];
         for rows in bands(source) {
@@ -98,23 +94,13 @@ impl Defects {
             }
 
             let here = rows.start - read.start..rows.end - read.start;
-            for (side, found) in found.iter_mut().enumerate() {
-                let place = (read.start, height);
-                *found =
-                    found.and(counts(&pair, side, here.clone(), place, levels[side], runtime)?);
-            }
+            let place = (read.start, height);
+            let counted =
+                both(|side| counts(&pair, side, here.clone(), place, levels[side], runtime))?;
+            found = [0, 1].map(|side| found[side].and(counted[side]));
         }
 
         Ok(Self::from_counts(&found, levels, (height, cols)))
-    }
-
-    /// The pair with the heights of its impulses.
-    pub fn repaired<'a>(&self, pair: &'a Pair) -> Cow<'a, Pair> {
-        if self.impulses.iter().all(|height| *height <= 0.0) {
-            return Cow::Borrowed(pair);
-        }
-
-        Cow::Owned(pair.clone().with_impulses(self.impulses))
     }
 
     fn from_counts(
@@ -184,24 +170,19 @@ fn counts(
     found.try_reduce(DefectCounts::default, |a, b| Ok(a.and(b)))
 }
 
-/// The gray levels of a pair in memory, in units of its pixels.
-pub fn levels_of_pair(pair: &Pair, runtime: Runtime) -> Result<[f64; 2]> {
-    gray_levels(pair, largest(pair), runtime)
-}
-
-/// The gray levels of a pair that is read by rows.
-pub fn levels_of_source(source: &dyn Source, runtime: Runtime) -> Result<[f64; 2]> {
+/// The gray levels of a pair.
+pub fn gray_levels(source: &dyn Source, runtime: Runtime) -> Result<[f64; 2]> {
     let sample = source.rows(0..1)?;
 
     let mut brightest = 0;
     // Gray levels of 16 bits depend on the brightest pixel of the whole pair.
     if matches!(sample.views()[0].image, Image::U16(_)) {
         for rows in bands(source) {
-            brightest = largest(&source.rows(rows)?).max(brightest);
+            brightest = largest(&*source.rows(rows)?).max(brightest);
         }
     }
 
-    gray_levels(&sample, brightest, runtime)
+    levels_of_sample(&sample, brightest, runtime)
 }
 
 /// The largest valid pixel of both images if they have 16 bits, else 0.
@@ -221,7 +202,7 @@ fn largest(pair: &Pair) -> u16 {
 
 /// The gray level of either image, in units of the caller's pixels: one of 256 steps from black to white. Few cameras use all 16
 /// bits, so of those as many count as the brightest pixel has.
-fn gray_levels(pair: &Pair, largest: u16, runtime: Runtime) -> Result<[f64; 2]> {
+fn levels_of_sample(pair: &Pair, largest: u16, runtime: Runtime) -> Result<[f64; 2]> {
     let bits = (u16::BITS - largest.leading_zeros()).max(u8::BITS);
 
     let level = |view: &View| -> Result<f64> {

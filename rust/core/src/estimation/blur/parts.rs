@@ -29,12 +29,10 @@ pub struct Part<'a> {
 }
 
 /// All rows of a pair.
-#[derive(Clone, Copy)]
-pub enum PairRows<'a> {
-    /// In memory.
-    Kept(&'a Part<'a>),
-    /// Read when they are visited.
-    Read(&'a dyn Source),
+pub struct PairRows<'a> {
+    source: &'a dyn Source,
+    /// The pair as one part, if it is read at once; else parts are read when they are visited.
+    whole: Option<Part<'a>>,
 }
 
 /// Strips of rows to visit.
@@ -50,20 +48,30 @@ pub struct Strips<'a> {
     pub unit: usize,
 }
 
-impl PairRows<'_> {
-    /// Rows and columns.
-    pub fn size(&self) -> (usize, usize) {
-        match self {
-            Self::Kept(part) => part.pair.size(),
-            Self::Read(source) => source.size(),
-        }
+impl<'a> PairRows<'a> {
+    /// The rows of a pair.
+    pub fn new(source: &'a dyn Source, runtime: Runtime) -> Result<Self> {
+        let height = source.size().0;
+        let is_whole = source.most_rows() >= height;
+        let whole = is_whole.then(|| Part::read(source, 0..height, runtime)).transpose()?;
+        Ok(Self { source, whole })
     }
 
-    /// Some rows as a pair of their own.
-    pub fn pair(&self, rows: Range<usize>) -> Result<Pair> {
-        match self {
-            Self::Kept(part) => Ok(part.pair.of_rows(rows)),
-            Self::Read(source) => source.rows(rows),
+    /// Rows and columns.
+    pub fn size(&self) -> (usize, usize) {
+        self.source.size()
+    }
+
+    /// The pair as one part, if it is read at once.
+    pub fn whole(&self) -> Option<&Part<'a>> {
+        self.whole.as_ref()
+    }
+
+    /// Some row of the pair, which has the type and the range of all.
+    pub fn sample(&self) -> Result<Cow<'_, Pair>> {
+        match &self.whole {
+            Some(part) => Ok(Cow::Borrowed(&*part.pair)),
+            None => self.source.rows(0..1),
         }
     }
 
@@ -75,12 +83,11 @@ impl PairRows<'_> {
         runtime: Runtime,
         mut visit: impl FnMut(&Part, Range<usize>) -> Result<()>,
     ) -> Result<()> {
-        let source = match self {
-            Self::Kept(part) => return visit(part, 0..strips.tops.len()),
-            Self::Read(source) => *source,
-        };
+        if let Some(part) = &self.whole {
+            return visit(part, 0..strips.tops.len());
+        }
 
-        let (height, most) = (source.size().0, source.most_rows());
+        let (source, height, most) = (self.source, self.source.size().0, self.source.most_rows());
         let mut first = 0;
         while let Some(rest) = strips.tops.get(first..).filter(|rest| !rest.is_empty()) {
             // As many strips as fit into a part, and at least one.
@@ -110,8 +117,8 @@ impl<'a> Part<'a> {
         Ok(Self { first, pair, grays })
     }
 
-    fn read(source: &dyn Source, rows: Range<usize>, runtime: Runtime) -> Result<Self> {
-        Part::new(rows.start, Cow::Owned(source.rows(rows)?), runtime)
+    fn read(source: &'a dyn Source, rows: Range<usize>, runtime: Runtime) -> Result<Self> {
+        Part::new(rows.start, source.rows(rows)?, runtime)
     }
 
     /// Rough disparities of the part.

@@ -40,7 +40,6 @@ pub fn written(rig: &Rig) -> String {
     if let Some(geometry) = &rig.geometry {
         out.line("size", [geometry.size.0, geometry.size.1]);
         out.line("inverted", [u8::from(geometry.is_inverted)]);
-        out.line("whole", [u8::from(geometry.is_whole)]);
         out.steady("straightens", Some(geometry.straightens));
         out.steady("sways", Some(geometry.sways));
 
@@ -145,7 +144,6 @@ fn geometry(entries: &Entries, control: &Control) -> Result<Geometry> {
     let cameras = entries.0.contains_key("numbers").then(|| raw(entries, size, control));
     Ok(Geometry {
         size,
-        is_whole: entries.some::<u8, 1>("whole")? == [1],
         cameras: cameras.transpose()?.map(Arc::new),
         field: field.map_err(|error| error.about("rig"))?,
         straightens: entries.steady("straightens")?.ok_or_else(|| wrong("straightens"))?,
