@@ -185,6 +185,9 @@ def in_space(result: ps.Result, folder: Path) -> Map:
     ps.io.write_glb(folder / "surface.glb", surface)
     ps.io.write_depth(folder / "depth.png", rig.depth(result.disparity), unit="m")
     bars: ps.DepthInterval = ps.depth_interval(result, rig, anchor=(320, 240, 4.0))
+    third = ps.ThirdCamera.of_pair("left_color.yaml", size=(1920, 1080))
+    color: ps.Registered = ps.register(result, rig, third, keep="checked")
+    use(color.depth, color.holes | color.occluded, color.picked(result.flags, missing=0))
     use(len(cloud), cloud.points.shape, cloud.colors, rig.q, bars.near, bars.far)
 
     return ps.io.read_depth(folder / "depth.png", unit="m")

@@ -43,6 +43,7 @@ __all__ = [
     "PointCloud",
     "Rectification",
     "Rectified",
+    "Registered",
     "Result",
     "Rig",
     "SearchRange",
@@ -50,6 +51,7 @@ __all__ = [
     "StereoCalibration",
     "Summary",
     "TemporalFilter",
+    "ThirdCamera",
     "Verdict",
     "Verification",
     "aggregate",
@@ -63,6 +65,7 @@ __all__ = [
     "optimize",
     "point_cloud",
     "rectify",
+    "register",
     "release_memory",
     "surface_mesh",
     "verify",
@@ -86,6 +89,7 @@ if TYPE_CHECKING:
     from phasestereo.verification import Verdict, Verification, verify
     from phasestereo.views.depths import DepthInterval, depth_interval
     from phasestereo.views.meshing import surface_mesh
+    from phasestereo.views.registering import Registered, ThirdCamera, register
     from phasestereo.views.triangulation import point_cloud
 else:
     _ROOMS = "calibration", "io", "metrics", "opencv", "rectification", "views"
@@ -119,6 +123,8 @@ else:
                 from phasestereo import verification as home
             case "DepthInterval" | "depth_interval":
                 from phasestereo.views import depths as home
+            case "Registered" | "ThirdCamera" | "register":
+                from phasestereo.views import registering as home
             case "surface_mesh":
                 from phasestereo.views import meshing as home
             case "point_cloud":

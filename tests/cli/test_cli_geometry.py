@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -152,6 +153,43 @@ def test_what_is_kept_is_the_same_in_every_file(match: Callable[[str], Run]) -> 
         match(f"{files} --decimate 41")[2]
         == "phasestereo: error: --decimate: got 41; accepts 1 to 40\n"
     )
+
+
+def test_depths_are_written_for_a_third_camera(match: Callable[[str], Run]) -> None:
+    third: dict[str, Any] = {
+        "K1": np.array([[100.0, 0, 32], [0, 100, 20], [0, 0, 1]]), "D1": np.zeros(5),
+        "K2": np.array([[150.0, 0, 50], [0, 150, 30], [0, 0, 1]]), "D2": np.zeros(5),
+        "R": np.eye(3), "T": np.array([15.0, 2, 0]),
+    }  # fmt: skip
+    np.savez("third.npz", **third)
+    options = "--calib calib.txt --register third.npz --register-size 100,60"
+    code, out, err = match(f"-o all.npz --depth depth.npz {options}")
+    assert (code, err) == (0, "")
+    assert "wrote depth.npz" in out
+    maps, depths = np.load("all.npz"), np.load("depth.npz")
+    result = ps.Result(
+        maps["disparity"], maps["flags"], maps["confidence"], ps.Settings(), {},
+        uncertainty=maps["uncertainty"],
+    )  # fmt: skip
+    camera = ps.ThirdCamera.of_pair(third, size=(100, 60))
+    wanted = ps.register(result, io.read_calibration("calib.txt"), camera).maps
+    assert {*depths} == {*wanted}
+    for name, values in wanted.items():
+        np.testing.assert_array_equal(depths[name], values)
+    assert depths["depth"].shape == (60, 100)
+    assert np.nanmedian(depths["depth"]) == pytest.approx(1000, rel=0.01)
+
+    assert match(f"--depth depth.png {options}")[0] == 0
+    assert io.read_image("depth.png").shape == (60, 100)
+    for wrong, message in (
+        ("--register-size 100,60", "--register-size: has no effect without --register"),
+        ("--register third.npz", "size: got None, and a calibration without one"),
+        ("--register left.png", "--register: "),
+    ):
+        code, _, err = match(f"--depth depth.png --calib calib.txt {wrong}")
+        assert code
+        assert message in err
+    assert "has no effect without a geometry" in match("--report a.html --register third.npz")[2]
 
 
 def test_an_anchor_sets_its_depth_right_in_every_file(match: Callable[[str], Run]) -> None:

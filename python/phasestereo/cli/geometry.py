@@ -11,11 +11,11 @@ from typing import Annotated, Any
 from cyclopts import Parameter, Token, validators
 from numpy.typing import NDArray
 
-from phasestereo._images import Map
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refuse_picture
 from phasestereo.cli.options import AT_LEAST_ONE, POSITIVE
 from phasestereo.io import Calibration, LengthUnit, read_calibration, read_q
 from phasestereo.io.depth import MILLIMETERS
+from phasestereo.rectification import Rectification
 from phasestereo.result import Keep, Result
 from phasestereo.shapes import Mesh, PointCloud
 from phasestereo.views.depths import (
@@ -28,6 +28,7 @@ from phasestereo.views.depths import (
     ranging,
 )
 from phasestereo.views.meshing import surface_mesh
+from phasestereo.views.registering import ThirdCamera, register
 from phasestereo.views.triangulation import point_cloud
 
 _WITH_FOCAL = ("baseline", "doffs", "cx", "cy")
@@ -42,6 +43,18 @@ def _anchor(_hint: Any, tokens: Sequence[Token]) -> Anchor:
         return int(x), int(y), float(depth)
     except ValueError:
         raise ValueError(f"got {word}; accepts X,Y,DEPTH as one word: 320,240,5.2") from None
+
+
+def _size(_hint: Any, tokens: Sequence[Token]) -> tuple[int, int]:
+    """Read ``1920,1080`` as columns and rows."""
+    word = tokens[0].value
+    try:
+        cols, rows = map(int, word.split(","))
+    except ValueError:
+        cols = rows = 0
+    if min(cols, rows) < 1:
+        raise ValueError(f"got {word}; accepts COLUMNS,ROWS as one word: 1920,1080")
+    return cols, rows
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,6 +91,12 @@ class GeometryOptions:
     decimate
         Write one point or depth for each block of so many by so many pixels: that with the median
         disparity. Default 1.
+    register
+        Write the depths of ``--depth`` in the frame of a third camera, as of a color camera: a
+        calibration of the left and the third camera, in a form that ``--rectify`` takes, in the
+        unit of the baseline. A .npz has confidence, holes and occluded, too.
+    register_size
+        COLUMNS,ROWS of the third camera's images. Default: those of its calibration.
     yaw
         Degrees that the angle between the cameras may be off by, which widens the error bars of
         depths: 0 if the calibration is exact. Default 0.01.
@@ -99,6 +118,8 @@ class GeometryOptions:
     min_depth: Annotated[float | None, Parameter(validator=POSITIVE)] = None
     max_depth: Annotated[float | None, Parameter(validator=POSITIVE)] = None
     decimate: Annotated[int | None, Parameter(validator=AT_LEAST_ONE)] = None
+    register: Annotated[tuple[str, ...], Parameter(show_default=False)] = ()
+    register_size: Annotated[tuple[int, int] | None, Parameter(converter=_size, n_tokens=1)] = None
     yaw: Annotated[float | None, Parameter(validator=validators.Number(gte=0, lte=10))] = None
     anchor: Annotated[Anchor | None, Parameter(converter=_anchor, n_tokens=1)] = None
 
@@ -110,7 +131,9 @@ class GeometryOptions:
         wanted
             Whether anything that comes out depends on the geometry.
         """
-        given = [field.name for field in fields(self) if getattr(self, field.name) is not None]
+        given = [
+            field.name for field in fields(self) if getattr(self, field.name) not in (None, ())
+        ]
         sources = [name for name in ("calib", "q", "focal") if name in given]
 
         if given and not wanted:
@@ -124,6 +147,10 @@ class GeometryOptions:
         if "focal" in sources and self.baseline is None:
             raise _wrong("focal", "needs --baseline, the distance of the cameras")
 
+        if self.register_size and not self.register:
+            raise _wrong("register_size", "has no effect without --register")
+        for name in self.register:
+            refuse_picture("register", name)
         for name, path in (("calib", self.calib), ("q", self.q)):
             if path is not None:
                 refuse_picture(name, path)
@@ -140,17 +167,17 @@ class GeometryOptions:
 
     def sources(self) -> list[Path | None]:
         """Return the files that are read."""
-        return [self.calib, self.q]
+        return [self.calib, self.q, *map(Path, self.register)]
 
-    def read(self, size: tuple[int, ...], known: NDArray[Any] | None = None) -> "Rig | None":
+    def read(self, size: tuple[int, ...], rectified: Rectification | None = None) -> "Rig | None":
         """Read the geometry of images of this size, if there is one.
 
         Parameters
         ----------
         size
             Rows and columns.
-        known
-            The matrix Q to take where none is given.
+        rectified
+            How the pair was rectified, whose Q is taken where no geometry is given.
 
         Raises
         ------
@@ -158,11 +185,11 @@ class GeometryOptions:
             If a file is not what it should be, or is of images of another size.
         """
         calibration = self._calibration(*size)
-        if calibration is None and known is not None:
-            calibration = Calibration.from_q(known, width=size[1], height=size[0])
+        if calibration is None and rectified is not None and rectified.Q is not None:
+            calibration = Calibration.from_q(rectified.Q, width=size[1], height=size[0])
         if calibration is None:
-            for name in (*_EXACTNESS, "decimate", "depth_scale"):
-                if getattr(self, name) is not None:
+            for name in (*_EXACTNESS, "decimate", "depth_scale", "register"):
+                if getattr(self, name) not in (None, ()):
                     raise _wrong(name, "has no effect without a geometry, as --calib gives it")
             return None
 
@@ -180,7 +207,12 @@ class GeometryOptions:
 
         yaw = YAW if self.yaw is None else self.yaw
         scale = self.depth_scale or MILLIMETERS
-        return Rig(calibration, unit, self.selection(size), yaw, self.anchor, scale)
+        camera = None
+        if self.register:
+            camera = ThirdCamera.of_pair(
+                self.register, rectification=rectified, size=self.register_size
+            )
+        return Rig(calibration, unit, self.selection(size), yaw, self.anchor, scale, camera)
 
     def selection(self, size: tuple[int, ...] | None = None) -> Selection:
         """Return which pixels are wanted of images of this size.
@@ -241,6 +273,8 @@ class Rig:
         How exact the geometry is, as `phasestereo.depth_interval` takes them.
     depth_scale
         Units of a ``.png`` of depths in a meter.
+    camera
+        The camera in whose frame depths are wanted; None: that of the left one.
     """
 
     calibration: Calibration
@@ -249,6 +283,7 @@ class Rig:
     yaw: float = YAW
     anchor: Anchor | None = None
     depth_scale: float = MILLIMETERS
+    camera: ThirdCamera | None = None
 
     def check(self, disparities: tuple[int, int]) -> None:
         """Refuse disparities, the smallest and how many, of which none has a depth that is wanted.
@@ -310,8 +345,22 @@ class Rig:
             anchor=self.anchor,
         )
 
-    def depths(self, result: Result) -> dict[str, Map]:
-        """Return the depths of a result and, if it has error bars, their ends ``near``, ``far``."""
+    def depths(self, result: Result) -> dict[str, NDArray[Any]]:
+        """Return the depths of a result and, if it has error bars, their ends ``near``, ``far``.
+
+        In the frame of a third camera there are those of `phasestereo.Registered.maps`.
+        """
+        if self.camera is not None:
+            options = asdict(replace(self.selection, decimate=1))
+            del options["decimate"]
+            return register(
+                result,
+                self.calibration,
+                self.camera,
+                **options,
+                yaw=self.yaw,
+                anchor=self.anchor,
+            ).maps
         found = depths_of(result, self.ranging(result), self.selection)
         maps = {"depth": found.depth, "near": found.near, "far": found.far}
         return {name: values for name, values in maps.items() if values is not None}
@@ -320,7 +369,9 @@ class Rig:
         """Return the same cameras with other, smaller images: a cut-out, not a resized one."""
         height, width = shape
         small = replace(self.calibration, width=width, height=height)
-        return replace(self, calibration=small, selection=Selection(keep="all"), anchor=None)
+        return replace(
+            self, calibration=small, selection=Selection(keep="all"), anchor=None, camera=None
+        )
 
 
 def _wrong(name: str, message: str) -> CommandError:

@@ -127,8 +127,7 @@ def match(
                 "--report: got cameras one above the other; accepts cameras side by side",
                 WRONG_USAGE,
             )
-        known = None if rectified is None else rectified.Q
-        rig = geometry.read(images[0].shape[:2], known)
+        rig = geometry.read(images[0].shape[:2], rectified)
 
         num_disparities = num_disparities or geometry.bound()
         if num_disparities is None:

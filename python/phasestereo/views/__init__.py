@@ -5,7 +5,7 @@ Each module says which extra it needs, and is imported when it is first asked fo
 
 from typing import TYPE_CHECKING
 
-__all__ = ["depths", "meshing", "page", "picture", "plot", "triangulation"]
+__all__ = ["depths", "meshing", "page", "picture", "plot", "registering", "triangulation"]
 
 if TYPE_CHECKING:
     from phasestereo.views import depths as depths
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from phasestereo.views import page as page
     from phasestereo.views import picture as picture
     from phasestereo.views import plot as plot
+    from phasestereo.views import registering as registering
     from phasestereo.views import triangulation as triangulation
 else:
 
@@ -29,6 +30,8 @@ else:
                 import phasestereo.views.picture as found
             case "plot":
                 import phasestereo.views.plot as found
+            case "registering":
+                import phasestereo.views.registering as found
             case "triangulation":
                 import phasestereo.views.triangulation as found
             case _:
