@@ -154,6 +154,16 @@ def as_mask(mask: ArrayLike | None, size: tuple[int, ...], name: str) -> NDArray
     return np.ascontiguousarray(valid)
 
 
+def as_valid(mask: ArrayLike | None, pixels: Pixels, name: str) -> NDArray[np.bool_] | None:
+    """Return which pixels of an image, as `as_pixels` does, are valid; None: all are.
+
+    NaN is not, whatever the mask says of it: floats have it where there is no data.
+    """
+    valid = as_mask(mask, pixels.shape, name)
+    known = None if pixels.dtype.kind != "f" else ~np.isnan(pixels).any(axis=2)
+    return valid if known is None or known.all() else join_masks(valid, known)
+
+
 def join_masks(
     mask: NDArray[np.bool_] | None, other: NDArray[np.bool_] | None
 ) -> NDArray[np.bool_] | None:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from phasestereo import _core
-from phasestereo._images import ImageOrPath, as_array, as_mask, as_views
+from phasestereo._images import ImageOrPath, as_array, as_valid, as_views
 from phasestereo._opening import opened
 from phasestereo.known import Known, as_known
 from phasestereo.result import Result
@@ -68,7 +68,8 @@ def match(
         run at the same time. The result does not depend on it.
     left_mask, right_mask
         bool (H, W) of the image's own size, True = valid. A masked pixel neither supports others
-        nor is estimated, and what it holds (it may be NaN) has no effect. None: all are valid.
+        nor is estimated, and what it holds has no effect. None: all are valid. NaN in an image of
+        floats is "no data", and masked in any case.
     progress
         Called as ``progress(rows_done, rows)`` every now and then from the calling thread; what it
         raises ends the match.
@@ -94,7 +95,7 @@ def match(
     TypeError
         For a wrong type or dtype, an unknown setting, or `preset` beside `settings`.
     ValueError
-        For a wrong value or shape, NaN or infinite pixels that no mask covers, an unknown preset.
+        For a wrong value or shape, infinite pixels that no mask covers, an unknown preset.
     OSError, ImportError
         If a file cannot be read.
     MemoryError
@@ -273,8 +274,8 @@ def match_silently(
     arrays = as_array(opened(images[0]), "left"), as_array(opened(images[1]), "right")
     pair = as_views(*arrays)
     valid = (
-        as_mask(masks[0], pair[0].shape, "left_mask"),
-        as_mask(masks[1], pair[1].shape, "right_mask"),
+        as_valid(masks[0], pair[0], "left_mask"),
+        as_valid(masks[1], pair[1], "right_mask"),
     )
 
     # Turned so that rows come to be columns, in which the core looks for what corresponds.

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from phasestereo import _core
-from phasestereo._images import ImageOrPath, as_array, as_mask, as_pixels, as_rgb8, as_views
+from phasestereo._images import ImageOrPath, as_array, as_pixels, as_rgb8, as_valid, as_views
 from phasestereo._opening import opened
 from phasestereo.known import Known, as_known
 from phasestereo.matching import Progress
@@ -177,8 +177,8 @@ def verify(
     pair = as_views(*arrays)
     size = pair[0].shape[:2]
     valid = (
-        as_mask(left_mask, size, "left_mask"),
-        as_mask(right_mask, pair[1].shape, "right_mask"),
+        as_valid(left_mask, pair[0], "left_mask"),
+        as_valid(right_mask, pair[1], "right_mask"),
     )
     claims = _as_claims(disparity, size)
 

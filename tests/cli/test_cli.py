@@ -302,8 +302,8 @@ REFUSALS: list[tuple[str, int, str]] = [
     ("left.png broken.png --num-disparities 9 --json", FAILED, "broken.png: "),
     ("left.png small.png --num-disparities 9 --json", FAILED, "right: got 4 x 64 .*up to 8 times"),
     ("left.png text.png --num-disparities 9 --json", FAILED, "text.png: not an image"),
-    ("left.png nan.pfm --num-disparities 9 --json", FAILED, "right: got NaN"),
-    ("nan.pfm nan.pfm --num-disparities 9 --json", FAILED, "left: "),
+    ("left.png inf.npy --num-disparities 9 --json", FAILED, "right: got inf"),
+    ("inf.npy inf.npy --num-disparities 9 --json", FAILED, "left: "),
     ("left.png right.png --num-disparities 9 -o none/out.pfm", FAILED, "none: no such folder"),
     ("left.png right.png --num-disparities 9 -o sub", FAILED, "sub is a folder"),
     ("left.png right.png --num-disparities 9 --json --truth lie.pfm", FAILED, "lie.pfm: "),
@@ -332,6 +332,7 @@ def test_refusals_are_one_line_and_leave_nothing(
     Path("sub").mkdir()
     io.write_image("small.png", np.zeros((4, 64), np.uint8))
     io.write_image("nan.pfm", np.full((40, 65), np.nan, np.float32))
+    io.write_image("inf.npy", np.full((40, 65), np.inf, np.float32))
 
     before = {name: (folder / name).stat().st_mtime_ns for name in listing(folder)}
 

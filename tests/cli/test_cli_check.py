@@ -102,7 +102,7 @@ def test_blur_map_is_red_and_blue(run: Callable[..., Run]) -> None:
         ("none.png right.png", FAILED, "none.png: No such file"),
         ("left.png small.png", FAILED, "right: got 4 x 64 .*up to 8 times"),
         ("left.png text.png", FAILED, "text.png: not an image"),
-        ("nan.pfm nan.pfm", FAILED, "left: got NaN"),
+        ("inf.npy inf.npy", FAILED, "left: got inf"),
     ],
 )
 def test_refusals_are_one_line_and_leave_nothing(
@@ -111,7 +111,7 @@ def test_refusals_are_one_line_and_leave_nothing(
     Path("sub.png").mkdir()
     Path("text.png").write_text("not an image at all")
     io.write_image("small.png", np.zeros((4, 64), np.uint8))
-    io.write_image("nan.pfm", np.full((60, 65), np.nan, np.float32))
+    io.write_image("inf.npy", np.full((60, 65), np.inf, np.float32))
 
     before = {path.name: path.stat().st_mtime_ns for path in folder.iterdir()}
 

@@ -285,6 +285,28 @@ def test_masked_pixels_neither_vote_nor_are_estimated(preset: str) -> None:
     assert (np.rint(result.disparity[:, 8:][~masked[:, 8:]]) == 4).mean() > 0.99
 
 
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_nan_is_a_mask(dtype: type, channels: int) -> None:
+    left, right = (
+        np.repeat(view[:, :, np.newaxis], channels, axis=2).astype(dtype)
+        for view in noise_pair(60, 90, 4)
+    )
+    holes = np.zeros((2, *left.shape[:2]), bool)
+    holes[0, 20:30, 40:60] = holes[1, 5:9, 20:30] = True
+    given = {"num_disparities": 16, "left_mask": ~holes[0], "right_mask": ~holes[1]}
+    wanted = ps.match(left, right, **given)
+    left[..., -1][holes[0]] = right[..., 0][holes[1]] = np.nan  # in one channel
+    for result in (
+        ps.match(left, right, num_disparities=16),
+        ps.match(left, right, num_disparities=16, left_mask=~holes[0]),
+    ):
+        for name, values in result.maps.items():
+            np.testing.assert_array_equal(values, wanted.maps[name])
+    assert (result.flags[holes[0]] == ps.Flag.MASKED).all()
+    assert ps.check(left, right).search is not None
+
+
 def test_matches_on_masked_pixels_are_flagged() -> None:
     left, right = noise_pair(20, 30, 3)
     right_mask = np.ones((20, 30), bool)

@@ -18,7 +18,7 @@ from typing import Any, TypeAlias
 from numpy.typing import ArrayLike
 
 from phasestereo import _core
-from phasestereo._images import Mask, Pixels, as_mask, as_pair
+from phasestereo._images import Mask, Pixels, as_pair, as_valid
 from phasestereo._numbers import as_integer
 from phasestereo.known import Known, as_known
 from phasestereo.result import Result
@@ -306,5 +306,8 @@ class Checked:
             )
         self._dtype = name
 
-        masks = as_mask(left_mask, size, "left_mask"), as_mask(right_mask, size, "right_mask")
+        masks = (
+            as_valid(left_mask, pair[0], "left_mask"),
+            as_valid(right_mask, pair[1], "right_mask"),
+        )
         return pair, masks

@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, cast
 
 from phasestereo._core import LEAST_SIZE
-from phasestereo._images import ImageOrPath
+from phasestereo._images import ImageOrPath, as_valid
 from phasestereo._numbers import as_json
 from phasestereo._opening import opened_views
 from phasestereo._tables import as_html
@@ -112,6 +112,7 @@ def check(left: ImageOrPath, right: ImageOrPath) -> Diagnosis:
     ----------
     left, right
         The images, as `phasestereo.match` takes them. They should be rectified, but need not be.
+        NaN is masked.
 
     Returns
     -------
@@ -126,13 +127,14 @@ def check(left: ImageOrPath, right: ImageOrPath) -> Diagnosis:
     TypeError
         For a wrong type or dtype.
     ValueError
-        For a wrong shape, NaN or infinite pixels.
+        For a wrong shape, or infinite pixels.
     OSError, ImportError
         If a file cannot be read.
     """
     pair = opened_views(left, right)
     size = pair[0].shape[0], pair[0].shape[1]
-    found = estimate_pair(pair, (None, None), (0, None), None)
+    masks = as_valid(None, pair[0], "left_mask"), as_valid(None, pair[1], "right_mask")
+    found = estimate_pair(pair, masks, (0, None), None)
     light = cast("Photometry", found.photometry)  # the preset asks for estimates
 
     is_uniform = any(side.dark == 1 for side in light.saturation)

@@ -7,7 +7,7 @@ from typing import cast
 from numpy.typing import ArrayLike
 
 from phasestereo import _core
-from phasestereo._images import ImageOrPath, Mask, Pixels, as_mask
+from phasestereo._images import ImageOrPath, Mask, Pixels, as_valid
 from phasestereo._opening import opened_views
 from phasestereo.rig.blur import BlurEstimate
 from phasestereo.rig.estimates import Estimates
@@ -59,8 +59,8 @@ def estimate_blur(
     """
     pair = opened_views(left, right)
     masks = (
-        as_mask(left_mask, pair[0].shape, "left_mask"),
-        as_mask(right_mask, pair[1].shape, "right_mask"),
+        as_valid(left_mask, pair[0], "left_mask"),
+        as_valid(right_mask, pair[1], "right_mask"),
     )
 
     found = estimate_pair(pair, masks, (min_disparity, num_disparities), threads)
