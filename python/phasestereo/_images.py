@@ -160,8 +160,10 @@ def as_valid(mask: ArrayLike | None, pixels: Pixels, name: str) -> NDArray[np.bo
     NaN is not, whatever the mask says of it: floats have it where there is no data.
     """
     valid = as_mask(mask, pixels.shape, name)
-    known = None if pixels.dtype.kind != "f" else ~np.isnan(pixels).any(axis=2)
-    return valid if known is None or known.all() else join_masks(valid, known)
+    if pixels.dtype.kind != "f":
+        return valid
+    known: NDArray[np.bool_] = ~np.isnan(pixels).any(axis=2)
+    return valid if known.all() else join_masks(valid, known)
 
 
 def join_masks(

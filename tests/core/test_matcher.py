@@ -288,14 +288,11 @@ def test_masked_pixels_neither_vote_nor_are_estimated(preset: str) -> None:
 @pytest.mark.parametrize("channels", [1, 3])
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_nan_is_a_mask(dtype: type, channels: int) -> None:
-    left, right = (
-        np.repeat(view[:, :, np.newaxis], channels, axis=2).astype(dtype)
-        for view in noise_pair(60, 90, 4)
-    )
+    left, right = noise_pair(60, 90, 4)
+    left, right = (np.repeat(v[..., None], channels, axis=2).astype(dtype) for v in (left, right))
     holes = np.zeros((2, *left.shape[:2]), bool)
     holes[0, 20:30, 40:60] = holes[1, 5:9, 20:30] = True
-    given = {"num_disparities": 16, "left_mask": ~holes[0], "right_mask": ~holes[1]}
-    wanted = ps.match(left, right, **given)
+    wanted = ps.match(left, right, num_disparities=16, left_mask=~holes[0], right_mask=~holes[1])
     left[..., -1][holes[0]] = right[..., 0][holes[1]] = np.nan  # in one channel
     for result in (
         ps.match(left, right, num_disparities=16),
