@@ -48,6 +48,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     io.write_image("right.png", scene[:, SHIFT:])
 
     Path("calib.txt").write_text(CALIB, encoding="utf-8")
+    Path("K.txt").write_text("100 0 32 0 100 20 0 0 1\n0.07\n", encoding="utf-8")
     Path("metres.txt").write_text(CALIB.replace("=70", "=0.07"), encoding="utf-8")
 
     rig = io.read_calibration("calib.txt")
@@ -227,6 +228,21 @@ def test_what_has_no_depth_or_is_too_far_is_left_out(match: Callable[[str], Run]
     assert len(trimesh.load("out.ply").vertices) == np.isfinite(expected).sum()
 
 
+def test_a_calibration_says_its_unit_and_what_was_assumed(match: Callable[[str], Run]) -> None:
+    code, out, err = match("--depth z.png --calib K.txt")
+    assert (code, err) == (0, "")
+    assert "baseline 0.07, and depths, in m; focal length 100 px" in out
+    expected = 1000 * 0.07 * 100 / SHIFT
+    assert np.nanmedian(io.read_depth("z.png")) == pytest.approx(expected, rel=0.01)
+
+    Path("double.txt").write_text(CALIB.replace("=65", "=130").replace("=40", "=80"), "utf-8")
+    code, out, err = match("--depth z.npy --calib double.txt --json")
+    assert code == 0
+    assert "note: the calibration of 130 x 80 pixels is scaled to 65 x 40" in err
+    geometry = json.loads(out)["geometry"]
+    assert (geometry["focal"], geometry["baseline"], geometry["unit"]) == (50, 70, "mm")
+
+
 REFUSALS = [
     ("--ply a.ply", WRONG, "--ply: needs a geometry: give --calib, --q, or --focal and --baseline"),
     ("--depth a.tif", WRONG, "--depth: needs a geometry"),
@@ -255,6 +271,8 @@ REFUSALS = [
     (f"--ply a.ply {RIG} --doffs -99", FAILED, "no disparity up to 15 has a depth .* -99"),
     (f"--ply a.ply {RIG} --max-depth 1", WRONG, "--max-depth: got 1; .* nothing is nearer than"),
     (f"--ply a.ply {RIG} --unit inch", WRONG, "--unit"),
+    ("--depth a.png --calib K.txt --unit mm", WRONG, "--unit: got mm; accepts m, which the"),
+    ("--depth a.png --calib K.txt --calib K.txt --calib K.txt", WRONG, "--calib: got 3 files"),
     ("--depth a.png --q q.npy", WRONG, "--depth: a .png is in units of a meter: give --unit"),
     (f"--depth a.png {RIG} --unit m", WRONG, "--depth: .*is the unit right"),
     (f"--depth a.jpg {RIG}", WRONG, "--depth: path of a depth map must end in"),
@@ -264,7 +282,11 @@ REFUSALS = [
     (f"--ply sub.ply {RIG}", FAILED, "--ply: sub.ply is a folder"),
     (f"--ply none/a.ply {RIG}", FAILED, "none: no such folder"),
     ("--ply a.ply --calib none.txt", FAILED, "none.txt: No such file"),
-    ("--ply a.ply --calib other.txt", FAILED, "other.txt: .*that of 66 x 40 pixels.* 65 x 40"),
+    (
+        "--ply a.ply --calib other.txt",
+        FAILED,
+        "other.txt: .*that of 80 x 40 pixels.*proportions of 65 x 40",
+    ),
     ("--ply a.ply --calib left.png", WRONG, "--calib: got left.png, which is a picture"),
     ("--ply a.ply --q three.npy", FAILED, "three.npy: Q is 4 x 4"),
     ("--ply a.ply --q turned.npy", FAILED, "turned.npy: .*Y down"),
@@ -317,7 +339,7 @@ def test_refusals_come_before_the_match_and_leave_nothing(
 ) -> None:
     Path("sub.ply").mkdir()
     Path("calib.tif").write_text(CALIB, encoding="utf-8")
-    Path("other.txt").write_text(CALIB.replace("=65", "=66"), encoding="utf-8")
+    Path("other.txt").write_text(CALIB.replace("=65", "=80"), encoding="utf-8")
     np.save("three.npy", np.eye(3))
     np.save("turned.npy", np.load("q.npy") * [[1], [-1], [-1], [1]])
 

@@ -131,7 +131,7 @@ def test_a_raw_pair_is_matched(run: Callable[..., Run], sources: list[str]) -> N
 
 def test_q_of_a_calibration_is_the_geometry(run: Callable[..., Run]) -> None:
     arguments = "match", "left.png", "right.png", "--num-disparities", 48, "--rectify", "rig.npz"
-    code, out, err = run(*arguments, "--depth", "z.npy", "-o", "d.npy", "--json")
+    code, out, err = run(*arguments, "--depth", "z.npy", "-o", "d.npy", "--json", "--keep", "all")
     assert code == 0, err
     assert json.loads(out)["rectification"]["method"] == "calibration"
 

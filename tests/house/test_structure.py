@@ -24,10 +24,10 @@ BOUNDS = {
     "imports of what the package alone offers": 0,
     "aliases at the boundary": 6,
     "public names": 129,
-    "statements of phasestereo": 7_330,
+    "statements of phasestereo": 7_950,
     "statements of phasestereo-live": 2_400,
     "statements of phasestereo-large": 2_600,
-    "words of documentation": 22_200,
+    "words of documentation": 22_600,
 }
 EXTENSION = 8.4
 """Megabytes."""

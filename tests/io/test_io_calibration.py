@@ -1,5 +1,6 @@
 """Calibrations: parsed, checked, and turned into depth."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import phasestereo as ps
 from conftest import counterpart
 from phasestereo.io import Calibration, read_calibration, read_q
 
@@ -46,6 +48,7 @@ def test_calibration_is_parsed(tmp_path: Path) -> None:
         ndisp=70,
         vmin=7,
         vmax=65.5,
+        unit="mm",
     )
 
     assert loaded.focal == 1000.5
@@ -108,6 +111,40 @@ def test_depth_is_the_formula_and_nan_where_there_is_none(tmp_path: Path) -> Non
         loaded.depth(np.array(["7"]))
 
 
+@pytest.mark.parametrize("use", [
+    lambda disparity, rig: rig.depth(disparity), ps.point_cloud, ps.surface_mesh,
+    lambda disparity, rig: ps.depth_interval(disparity, rig, uncertainty=np.ones((2, 2))),
+])  # fmt: skip
+def test_sixteenths_of_opencv_are_not_pixels(use: Callable[..., Any]) -> None:
+    rig = Calibration.from_focal(300, 0.1, width=2, height=2, unit="m")
+    with pytest.raises(TypeError, match=r"got int16.*divide by 16\.0"):
+        use(np.full((2, 2), 320, np.int16), rig)
+    use(np.full((2, 2), 20, np.int32), rig)
+
+
+def test_a_calibration_of_resized_images() -> None:
+    rig = Calibration.from_focal(300, 0.1, width=360, height=240, doffs=4, cx=170, cy=110, unit="m")
+    half = rig.scaled(180, 120)
+    # A pixel of the half covers two of the whole: so do its centers and disparities.
+    assert half == Calibration.from_focal(
+        150, 0.1, width=180, height=120, doffs=2, cx=84.75, cy=54.75, unit="m"
+    )
+    np.testing.assert_array_equal(half.depth([8.0]), rig.depth([16.0]))
+    assert rig.scaled(361, 241).width == 361
+    with pytest.raises(
+        ValueError, match="accepts that of images with the proportions of 360 x 200"
+    ):
+        rig.scaled(360, 200)
+
+
+def test_units_are_known_or_left_open() -> None:
+    rig = Calibration.from_focal(300, 100, width=4, height=4, unit="mm")
+    assert (rig.in_meters().baseline, rig.in_meters().unit) == (0.1, "m")
+    assert replace(rig, unit=None).in_meters().baseline == 100
+    with pytest.raises(ValueError, match="unit must be one of mm, cm, m, got 'inch'"):
+        replace(rig, unit="inch")  # type: ignore[arg-type]  # what is tested
+
+
 # OpenCV's Q
 
 
@@ -119,7 +156,7 @@ Q = np.array(
         [0, 0, 1 / 128, 4 / 128],  # baseline 128, doffs 4
     ]
 )
-SIZE = {"width": 640, "height": 480}
+SIZE: Any = {"width": 640, "height": 480}
 
 
 def test_q_and_calibration_say_the_same() -> None:

@@ -48,7 +48,7 @@ def test_floats_come_back_exactly(
 def test_png_holds_whole_millimetres(tmp_path: Path) -> None:
     path = tmp_path / "depth.png"
     depth = np.array([[np.nan, 0.4999, 0.5, 1.49, 1.5, 65535.4, 65535.5, 1e9]], np.float32)
-    write_depth(path, depth)
+    write_depth(path, depth, unit="mm")
     np.testing.assert_array_equal(read_image(path), [[0, 0, 1, 1, 2, 65535, 0, 0]])
     nan = np.nan
     np.testing.assert_array_equal(read_depth(path), [[nan, nan, 1, 1, 2, 65535, nan, nan]])
@@ -148,6 +148,7 @@ ONE = np.ones((2, 3), np.float32)
         ("a.tif", (ONE - 1, "mm"), ValueError, "depth must be positive.* got 0"),
         ("a.png", (ONE - 3, "mm"), ValueError, "depth must be positive.* got -2"),
         ("a.png", (ONE * 66, "m"), ValueError, "all of it is from 66 to 66 m"),
+        ("a.png", (ONE, None), ValueError, "^unit: got None for a .png, which holds lengths"),
         ("a.png", (ONE / 10, "mm"), ValueError, "all of it is from 0.0001 .*: is the unit right"),
     ],
 )

@@ -62,11 +62,22 @@ def compressed(types: Any, stamp: int, samples: NDArray[Any], kind: str, text: s
 
 
 def info(
-    types: Any, size: tuple[int, int], matrices: dict[str, Any], model: str = "plumb_bob"
+    types: Any,
+    size: tuple[int, int],
+    matrices: dict[str, Any],
+    model: str = "plumb_bob",
+    *,
+    binning: int = 0,
+    window: tuple[int, int, int, int] = (0, 0, 0, 0),
+    frame: str = "left_optical",
 ) -> Any:
-    """Return a camera_info message of K, D, R and P, for images of so many columns and rows."""
+    """Return a camera_info message of K, D, R and P, for images of so many columns and rows.
+
+    A window is x and y of its first pixel, columns and rows.
+    """
+    x, y, columns, rows = window
     roi = types.types["sensor_msgs/msg/RegionOfInterest"](
-        x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
+        x_offset=x, y_offset=y, height=rows, width=columns, do_rectify=False
     )
 
     given = {
@@ -75,12 +86,12 @@ def info(
     }
 
     return types.types["sensor_msgs/msg/CameraInfo"](
-        header=header(types, START),
+        header=header(types, START, frame),
         width=size[0],
         height=size[1],
         distortion_model=model,
-        binning_x=0,
-        binning_y=0,
+        binning_x=binning,
+        binning_y=binning,
         roi=roi,
         **given,
     )

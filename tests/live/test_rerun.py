@@ -74,12 +74,12 @@ def test_frames_are_on_the_timeline_as_they_were_matched() -> None:
 def test_points_are_those_of_the_library() -> None:
     camera = ((100.0, 0.0, 48.0), (0.0, 100.0, 32.0), (0.0, 0.0, 1.0))
     calibration = ps.io.Calibration(
-        cam0=camera, cam1=camera, doffs=0.0, baseline=60.0, width=COLS, height=ROWS
+        cam0=camera, cam1=camera, doffs=0.0, baseline=60.0, width=COLS, height=ROWS, unit="mm"
     )
 
     (frame,) = frames(1)
     with saving("a.rrd") as recording:
-        log_frame(frame, entity="rig", calibration=calibration, unit="mm", recording=recording)
+        log_frame(frame, entity="rig", calibration=calibration, recording=recording)
 
     (row,) = rows("a.rrd", "rig/points")
     (points,) = [value for key, value in row.items() if key.endswith(":positions")]

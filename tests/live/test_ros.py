@@ -22,7 +22,6 @@ from phasestereo.views.depths import Selection
 from phasestereo_live import ros, stream
 from phasestereo_live.ros import reading
 from phasestereo_live.ros.images import decode_image, encode_image
-from phasestereo_live.ros.infos import info_topic
 from phasestereo_live.ros.messages import ranged_depth
 from phasestereo_live.ros.output import FrameWriter
 from rigs import SIZE, made_up, of_opencv
@@ -533,7 +532,6 @@ def test_the_name_says_that_images_are_rectified(tmp_path: Path) -> None:
     assert source.cameras is None
     assert source.q is not None
     source.close()
-    assert info_topic("/a/left/image_rect/compressed") == "/a/left/camera_info"
 
 
 def test_without_camera_info_there_are_disparities(run: Callable[..., Run], tmp_path: Path) -> None:

@@ -481,12 +481,12 @@ def test_a_wrong_calibration_is_reported_once_and_at_once(
     rig: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     camera = "[100 0 45; 0 100 30; 0 0 1]"
-    lines = [f"cam0={camera}", f"cam1={camera}", "doffs=0", "baseline=120", f"width={COLS + 1}"]
+    lines = [f"cam0={camera}", f"cam1={camera}", "doffs=0", "baseline=120", f"width={2 * COLS}"]
     (rig / "calib.txt").write_text("\n".join([*lines, f"height={ROWS}"]))
     more = "--calib", "calib.txt", *SEARCH
 
     _, err, looked = live(monkeypatch, capsys, "left", "right", "--show", *more)
-    assert err.count("calibration: got that of 91 x 60 pixels") == 1
+    assert err.count("calibration: got that of 180 x 60 pixels") == 1
     assert looked[-2]["notes"][0].endswith("there are no depths")
     assert looked[-1] is None
 

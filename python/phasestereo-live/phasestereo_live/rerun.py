@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from phasestereo._extras import require
-from phasestereo.io import Calibration, LengthUnit
+from phasestereo.io import Calibration
 from phasestereo.io.depth import meters_in
 from phasestereo.io.drafts import draft_of
 from phasestereo.io.files import StrPath
@@ -33,7 +33,6 @@ def log_frame(
     low: float | None = None,
     high: float | None = None,
     calibration: Calibration | None = None,
-    unit: LengthUnit = "m",
     selection: Selection | None = None,
     recording: Any = None,
 ) -> None:
@@ -53,9 +52,7 @@ def log_frame(
     low, high
         Disparities at the ends of the colors; None: those of each frame.
     calibration
-        The geometry of the rig, for images of this size.
-    unit
-        The unit of its baseline: "mm", "cm" or "m".
+        The geometry of the rig, for images of this size; its unit is m where it has none.
     selection
         Which pixels have depths and points, in the unit of the baseline; None: the trusted ones.
     recording
@@ -64,8 +61,7 @@ def log_frame(
     Raises
     ------
     ValueError
-        If the calibration is for images of another size, the unit is unknown, or one of low and
-        high is missing.
+        If the calibration is for images of another size, or one of low and high is missing.
     ImportError
         If rerun is not installed.
     """
@@ -86,7 +82,7 @@ def log_frame(
 
     if calibration is not None:
         chosen = selection or Selection()
-        logged |= _in_space(frame, calibration, meters_in(unit), chosen)
+        logged |= _in_space(frame, calibration, meters_in(calibration.unit or "m"), chosen)
         # Cameras look along Z, with Y down.
         axes = rerun.ViewCoordinates.RIGHT_HAND_Y_DOWN
         rerun.log(entity, axes, static=True, recording=recording)

@@ -25,7 +25,7 @@ from phasestereo.calibration.solving import Fit, Sight, disagreement, fit, rms, 
 from phasestereo.calibration.sources import BoardPaths, Gray, Shot, shots
 from phasestereo.io.files import StrPath
 from phasestereo.io.pair import Layout
-from phasestereo.rectification.cameras import Matrix
+from phasestereo.io.rigs.cameras import Matrix
 
 LEAST_VIEWS = 6
 _HALVES = 12  # views, from which on each half is held against the other

@@ -14,7 +14,7 @@ from phasestereo._numbers import as_number
 from phasestereo.calibration.solving import from_vector, vector
 from phasestereo.io.drafts import replacing
 from phasestereo.io.files import StrPath, suffix
-from phasestereo.rectification.cameras import Matrix
+from phasestereo.io.rigs.cameras import Matrix
 
 CELLS = 6, 8
 """Rows and columns of the grid by which coverage is counted."""

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phasestereo._extras import require
-from phasestereo.rectification.cameras import Matrix
+from phasestereo.io.rigs.cameras import Matrix
 
 _BETTER = 0.95  # of the error that a lens of fewer coefficients leaves, to take one of more
 

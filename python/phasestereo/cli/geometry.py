@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refuse_picture
 from phasestereo.cli.options import AT_LEAST_ONE, POSITIVE
-from phasestereo.io import Calibration, LengthUnit, read_calibration, read_q
+from phasestereo.cli.terminal import say
+from phasestereo.io import Calibration, LengthUnit, read_q
 from phasestereo.io.depth import MILLIMETERS
+from phasestereo.io.rigs.reading import read_geometry
 from phasestereo.rectification import Rectification
 from phasestereo.result import Keep, Result
 from phasestereo.shapes import Mesh, PointCloud
@@ -64,13 +66,14 @@ class GeometryOptions:
     Parameters
     ----------
     calib
-        Middlebury's calib.txt. Its baseline is in mm unless --unit says otherwise.
+        Calibration of the rectified pair, of any kind that --rectify takes: calib.txt of Middlebury
+        or KITTI, camera_info of both cameras (--calib left.yaml --calib right.yaml) ...
     q
         The matrix Q of OpenCV's stereoRectify: .npy, .npz, .txt, or .yml and .xml of FileStorage.
     focal
         Focal length in pixels, of two equal cameras; needs ``--baseline``.
     baseline
-        Distance of the cameras, in the unit that all depths are to have.
+        Distance of the cameras, in the unit that all depths are to have; see --unit.
     doffs
         Difference of the principal points, right - left, in pixels. Default 0.
     cx
@@ -78,7 +81,8 @@ class GeometryOptions:
     cy
         Row of the principal point. Default: that of the image's center.
     unit
-        The unit of the baseline. Needed for ``--depth FILE.png``.
+        The unit of the baseline, and so of all depths. Default: m, or mm of Middlebury's calib.txt;
+        that of --baseline, --q and OpenCV's files is not known, and ``--depth FILE.png`` needs it.
     depth_scale
         Units of ``--depth FILE.png`` in a meter: 1000 (mm, the default), 256 (KITTI) or 5000 (TUM).
     keep
@@ -105,7 +109,7 @@ class GeometryOptions:
         depths are corrected such that this one is right.
     """
 
-    calib: Path | None = None
+    calib: Annotated[tuple[Path, ...], Parameter(show_default=False)] = ()
     q: Path | None = None
     focal: Annotated[float | None, Parameter(validator=POSITIVE)] = None
     baseline: Annotated[float | None, Parameter(validator=POSITIVE)] = None
@@ -149,25 +153,17 @@ class GeometryOptions:
 
         if self.register_size and not self.register:
             raise _wrong("register_size", "has no effect without --register")
-        for name in self.register:
-            refuse_picture("register", name)
-        for name, path in (("calib", self.calib), ("q", self.q)):
-            if path is not None:
+        if len(self.calib) > 2:
+            raise _wrong("calib", f"got {len(self.calib)} files; accepts one, or left and right")
+        files: dict[str, Sequence[str | Path]] = {"register": self.register, "calib": self.calib}
+        files["q"] = [self.q] if self.q else []
+        for name, paths in files.items():
+            for path in paths:
                 refuse_picture(name, path)
-
-    def bound(self) -> int | None:
-        """Return the number of disparities that calib.txt gives, if there is one that does.
-
-        Raises
-        ------
-        OSError, ValueError
-            If the file is not what it should be.
-        """
-        return None if self.calib is None else read_calibration(self.calib).ndisp
 
     def sources(self) -> list[Path | None]:
         """Return the files that are read."""
-        return [self.calib, self.q, *map(Path, self.register)]
+        return [*self.calib, self.q, *map(Path, self.register)]
 
     def read(self, size: tuple[int, ...], rectified: Rectification | None = None) -> "Rig | None":
         """Read the geometry of images of this size, if there is one.
@@ -177,28 +173,24 @@ class GeometryOptions:
         size
             Rows and columns.
         rectified
-            How the pair was rectified, whose Q is taken where no geometry is given.
+            How the pair was rectified, whose geometry is taken where none is given.
 
         Raises
         ------
         OSError, ValueError
             If a file is not what it should be, or is of images of another size.
         """
-        calibration = self._calibration(*size)
-        if calibration is None and rectified is not None and rectified.Q is not None:
-            calibration = Calibration.from_q(rectified.Q, width=size[1], height=size[0])
+        known = None if rectified is None else rectified.calibration
+        calibration = self._calibration(*size) or known
         if calibration is None:
             for name in (*_EXACTNESS, "decimate", "depth_scale", "register"):
                 if getattr(self, name) not in (None, ()):
                     raise _wrong(name, "has no effect without a geometry, as --calib gives it")
             return None
 
-        try:
-            calibration.check_size(size)
-        except ValueError as error:
-            raise ValueError(f"{self.calib}: {error}") from error
-
-        unit = self.unit or (None if self.calib is None else "mm")
+        if calibration.unit == "m" and self.unit not in (None, "m"):
+            raise _wrong("unit", f"got {self.unit}; accepts m, which the calibration is read in")
+        calibration = replace(calibration, unit=self.unit or calibration.unit)
         if self.anchor is not None:
             try:
                 check_anchor(self.anchor, size)
@@ -212,7 +204,7 @@ class GeometryOptions:
             camera = ThirdCamera.of_pair(
                 self.register, rectification=rectified, size=self.register_size
             )
-        return Rig(calibration, unit, self.selection(size), yaw, self.anchor, scale, camera)
+        return Rig(calibration, self.selection(size), yaw, self.anchor, scale, camera)
 
     def selection(self, size: tuple[int, ...] | None = None) -> Selection:
         """Return which pixels are wanted of images of this size.
@@ -235,8 +227,11 @@ class GeometryOptions:
             raise CommandError(f"--{str(error).replace('_', '-', 1)}", WRONG_USAGE) from error
 
     def _calibration(self, height: int, width: int) -> Calibration | None:
-        if self.calib is not None:
-            return read_calibration(self.calib)
+        if self.calib:
+            found, notes = read_geometry(self.calib, (width, height))
+            for note in notes:
+                say(f"note: {note}")
+            return found
         if self.q is not None:
             matrix = read_q(self.q)
             try:
@@ -265,8 +260,6 @@ class Rig:
     ----------
     calibration
         The geometry.
-    unit
-        The unit of its baseline; None: not known.
     selection
         Which pixels become points and depths.
     yaw, anchor
@@ -278,7 +271,6 @@ class Rig:
     """
 
     calibration: Calibration
-    unit: LengthUnit | None
     selection: Selection
     yaw: float = YAW
     anchor: Anchor | None = None

@@ -129,7 +129,7 @@ def match(
             )
         rig = geometry.read(images[0].shape[:2], rectified)
 
-        num_disparities = num_disparities or geometry.bound()
+        num_disparities = num_disparities or (None if rig is None else rig.calibration.ndisp)
         if num_disparities is None:
             # As long as they are to be found, files are tried with one that has a depth.
             usual = min(images[0].shape[1] // _USUAL, _MOST_USUAL)

@@ -166,7 +166,8 @@ def _write_mesh(path: Path, outcome: Outcome) -> None:
 
 def _write_depth(path: Path, outcome: Outcome) -> None:
     rig = _rig(outcome)
-    if rig.unit is None and path.suffix.lower() == ".png":
+    unit = rig.calibration.unit
+    if unit is None and path.suffix.lower() == ".png":
         raise ValueError(
             "a .png is in units of a meter: give --unit mm, cm or m, that of the baseline"
         )
@@ -175,7 +176,7 @@ def _write_depth(path: Path, outcome: Outcome) -> None:
     if path.suffix.lower() == ".npz":
         write_maps(path, maps)
     else:
-        write_depth(path, maps["depth"], unit=rig.unit or "mm", depth_scale=rig.depth_scale)
+        write_depth(path, maps["depth"], unit=unit, depth_scale=rig.depth_scale)
 
 
 def _write_report(path: Path, outcome: Outcome) -> None:

@@ -65,6 +65,9 @@ class MatchSummary:
                 "yaw_share": geometry.share[0],
                 "moved": geometry.moved,
                 "kept": self.kept,
+                "focal": geometry.calibration.focal,
+                "baseline": geometry.calibration.baseline,
+                "unit": geometry.calibration.unit,
             }
         if self.outcome.rectified is not None:
             summary["rectification"] = self.outcome.rectified.as_dict()
@@ -139,10 +142,20 @@ def _lines(summary: MatchSummary) -> list[str]:
         f"trusted {summary.trusted:.1%}, flagged: {describe_flags(result.flags)}",
         *(() if (rectified := summary.outcome.rectified) is None else rectified.sentences),
         *([] if result.blur is None else [f"blur: {result.blur}"]),
-        *([] if summary.geometry is None else [str(summary.geometry)]),
+        *([] if summary.geometry is None else _geometry(summary.geometry)),
         *([] if summary.kept is None else [_kept(**summary.kept)]),
         *(f"wrote {path}" for path in summary.files.values()),
     ]
+
+
+def _geometry(found: Ranging) -> list[str]:
+    """Say what depths follow from, and how exact they are."""
+    known = found.calibration
+    unit = known.unit or "a unit that is not known (--unit)"
+    said = (
+        f"baseline {known.baseline:.6g}, and depths, in {unit}; focal length {known.focal:.6g} px"
+    )
+    return [said, str(found)]
 
 
 def _kept(keep: str, share: float, wrong: float) -> str:

@@ -13,10 +13,9 @@ from cyclopts import Parameter, Token
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, option
 from phasestereo.cli.options import POSITIVE
 from phasestereo.io import Calibration, LengthUnit
+from phasestereo.io.depth import meters_in
 from phasestereo.rectification.record import Rectification
 from phasestereo.walls import LIMITS, Wall
-
-_MILLIMETERS = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 
 
 def _distance(_hint: Any, tokens: Sequence[Token]) -> tuple[float, str | None]:
@@ -68,9 +67,6 @@ class WallOptions:
             raise _wrong("wall", "needs --rectify, or --focal and --baseline")
         if rectify is not None and self.baseline is not None:
             raise _wrong("baseline", "has no effect beside --rectify")
-        if self.wall[1] and not self.unit:
-            given = f"{self.wall[0]:g}{self.wall[1]}"
-            raise _wrong("wall", f"got {given}; needs --unit, that of the baseline")
 
     def test(
         self, size: tuple[int, ...], focal: float | None, found: Rectification | None
@@ -81,18 +77,21 @@ class WallOptions:
 
         height, width = size
         if found is not None:
-            if found.Q is None:
+            if found.calibration is None:
                 raise _wrong("wall", "needs a calibration that has lengths")
-            calibration = Calibration.from_q(found.Q, width=width, height=height)
+            calibration = found.calibration
         else:
             assert focal is not None  # noqa: S101 -- of this and the next line: as checked
             assert self.baseline is not None  # noqa: S101
             calibration = Calibration.from_focal(focal, self.baseline, width=width, height=height)
 
         distance, unit = self.wall
-        if unit is not None and self.unit is not None:
-            distance *= _MILLIMETERS[unit] / _MILLIMETERS[self.unit]
-        return Wall(distance, calibration, unit=self.unit or "")
+        own = self.unit or calibration.unit
+        if unit is not None:
+            if own is None:
+                raise _wrong("wall", f"got {distance:g}{unit}; needs --unit, that of the baseline")
+            distance *= meters_in(unit) / meters_in(own)
+        return Wall(distance, calibration, unit=own or "")
 
     def split(self, limits: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
         """Return the limits of the rig, and those of the wall."""

@@ -12,7 +12,7 @@ that would unpack to more than a picture needs, and what is no regular file.
 
 from __future__ import annotations
 
-from phasestereo.io.calibration import Calibration, read_calibration
+from phasestereo.io.calibration import Calibration
 from phasestereo.io.depth import LengthUnit, read_depth, write_depth
 from phasestereo.io.disparity import read_disparity, read_truth, write_disparity
 from phasestereo.io.glb import write_glb
@@ -23,6 +23,7 @@ from phasestereo.io.pfm import read_pfm, write_pfm
 from phasestereo.io.ply import write_ply
 from phasestereo.io.qmatrix import read_q
 from phasestereo.io.results import write_maps
+from phasestereo.io.rigs.reading import read_calibration
 
 __all__ = [
     "Calibration",

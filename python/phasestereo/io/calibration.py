@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._numbers import as_integer, as_number
-from phasestereo.io.files import StrPath, decoding, read_bounded
-from phasestereo.io.limits import SMALL
+from phasestereo.io.depth import LengthUnit, meters_in
 
 Camera: TypeAlias = tuple[tuple[float, ...], ...]
 """A 3 x 3 matrix of intrinsics by rows, in pixels: [f 0 cx; 0 f cy; 0 0 1]."""
@@ -32,11 +31,11 @@ class Calibration:
         If width, height or ndisp is not an integer.
     ValueError
         If a camera is not [fx 0 cx; 0 fy cy; 0 0 1] with positive focal lengths, or baseline,
-        width, height or ndisp is not positive, or a number is not finite.
+        width, height or ndisp is not positive, or a number is not finite, or the unit is unknown.
 
     See Also
     --------
-    read_calibration : From Middlebury's ``calib.txt``.
+    read_calibration : From a file.
 
     References
     ----------
@@ -62,6 +61,8 @@ class Calibration:
     """A tight bound on the smallest disparity, pixels."""
     vmax: float | None = None
     """A tight bound on the largest disparity, pixels."""
+    unit: LengthUnit | None = None
+    """The unit of `baseline` and of all depths; None: not known."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot be a camera pair."""
@@ -83,6 +84,8 @@ class Calibration:
             value = getattr(self, name)
             if value is not None and not isinstance(value, Integral):
                 raise TypeError(f"{name} must be an integer, got {value!r}")
+        if self.unit is not None:
+            meters_in(self.unit)
 
     @classmethod
     def from_focal(
@@ -95,6 +98,7 @@ class Calibration:
         doffs: float = 0.0,
         cx: float | None = None,
         cy: float | None = None,
+        unit: LengthUnit | None = None,
     ) -> Self:
         """Make the calibration of two equal cameras.
 
@@ -111,6 +115,8 @@ class Calibration:
         cx, cy
             Principal point of the left camera, pixels, the center of the first pixel being (0, 0).
             None: the center of the image.
+        unit
+            That of the baseline; None: not known.
 
         Raises
         ------
@@ -134,10 +140,13 @@ class Calibration:
             baseline=as_number("baseline", baseline),
             width=width,
             height=height,
+            unit=unit,
         )
 
     @classmethod
-    def from_q(cls, q: ArrayLike, *, width: int, height: int) -> Self:
+    def from_q(
+        cls, q: ArrayLike, *, width: int, height: int, unit: LengthUnit | None = None
+    ) -> Self:
         """Make a calibration of the matrix Q of OpenCV's ``stereoRectify`` [2]_.
 
         Parameters
@@ -147,6 +156,8 @@ class Calibration:
             of it; Tx = -baseline. Its second row may have a factor, which is fx / fy.
         width, height
             Size of the rectified images, pixels.
+        unit
+            That of the baseline; None: not known.
 
         Raises
         ------
@@ -175,6 +186,7 @@ class Calibration:
             baseline=1 / inverse,
             width=width,
             height=height,
+            unit=unit,
         )
 
     def decimated(self, factor: int) -> Self:
@@ -200,21 +212,7 @@ class Calibration:
         ``(cx + 0.5) / factor - 0.5``.
         """
         n = as_integer("decimate", factor, least=1, most=min(self.width, self.height))
-        cam0, cam1 = (
-            ((fx / n, 0.0, (x + 0.5) / n - 0.5), (0.0, fy / n, (y + 0.5) / n - 0.5), last)
-            for (fx, _, x), (_, fy, y), last in (self.cam0, self.cam1)
-        )
-        return replace(
-            self,
-            cam0=cam0,
-            cam1=cam1,
-            doffs=self.doffs / n,
-            width=self.width // n,
-            height=self.height // n,
-            ndisp=None if self.ndisp is None else -(-self.ndisp // n),
-            vmin=None if self.vmin is None else self.vmin / n,
-            vmax=None if self.vmax is None else self.vmax / n,
-        )
+        return self._resized(1 / n, 1 / n, (self.width // n, self.height // n))
 
     @property
     def q(self) -> NDArray[np.float64]:
@@ -237,6 +235,50 @@ class Calibration:
         """Focal length of the left camera, pixels."""
         return self.cam0[0][0]
 
+    def in_meters(self) -> Self:
+        """Return the same with the baseline in m; one whose unit is not known counts as in m."""
+        return replace(self, baseline=self.baseline * meters_in(self.unit or "m"), unit="m")
+
+    def scaled(self, width: int, height: int) -> Self:
+        """Return the calibration of the same images at another size.
+
+        Parameters
+        ----------
+        width, height
+            Size of the images, pixels.
+
+        Raises
+        ------
+        ValueError
+            If the images have other proportions, by more than a pixel: they are cut, not scaled.
+        """
+        if not fits((self.width, self.height), (width, height)):
+            raise ValueError(
+                f"calibration: got that of {self.width} x {self.height} pixels; accepts that of "
+                f"images with the proportions of {width} x {height}"
+            )
+        return self._resized(width / self.width, height / self.height, (width, height))
+
+    def _resized(self, x: float, y: float, size: tuple[int, int]) -> Self:
+        """Return the calibration of images whose sides were multiplied by these factors."""
+
+        def camera(matrix: Camera) -> Camera:
+            # The center of the first pixel is (0, 0), its corner (-0.5, -0.5).
+            (fx, _, cx), (_, fy, cy), bottom = matrix
+            return (fx * x, 0.0, (cx + 0.5) * x - 0.5), (0.0, fy * y, (cy + 0.5) * y - 0.5), bottom
+
+        return replace(
+            self,
+            cam0=camera(self.cam0),
+            cam1=camera(self.cam1),
+            doffs=self.doffs * x,
+            width=size[0],
+            height=size[1],
+            ndisp=None if self.ndisp is None else math.ceil(self.ndisp * x),
+            vmin=None if self.vmin is None else self.vmin * x,
+            vmax=None if self.vmax is None else self.vmax * x,
+        )
+
     def check_size(self, shape: tuple[int, ...]) -> None:
         """Refuse a map or an image, of shape (H, W, ...), that is not of the calibrated size.
 
@@ -249,7 +291,7 @@ class Calibration:
             given = " x ".join(map(str, reversed(shape[:2])))
             raise ValueError(
                 f"calibration: got that of {self.width} x {self.height} pixels; accepts that of "
-                f"the images' {given} (focal length, principal point and doffs depend on the size)"
+                f"the images' {given} (`Calibration.scaled` makes one of resized images)"
             )
 
     def depth(self, disparity: ArrayLike) -> NDArray[np.float32]:
@@ -269,11 +311,10 @@ class Calibration:
         Raises
         ------
         TypeError
-            If the disparities are not real numbers.
+            If the disparities are not real numbers, or an array of int16, OpenCV's sixteenths.
         """
         given = np.asarray(disparity)
-        if given.dtype.kind not in "iuf":
-            raise TypeError(f"disparity must hold real numbers, got dtype {given.dtype}")
+        check_pixels(given)
 
         shift = given.astype(np.float64) + self.doffs
         in_front = np.isfinite(shift) & (shift > 0)
@@ -329,42 +370,51 @@ def _checked_q(q: ArrayLike) -> list[list[float]]:
     return rows
 
 
-def read_calibration(path: StrPath) -> Calibration:
-    """Read a calibration file of Middlebury's: lines of ``name=value``, matrices in brackets.
-
-    Names that `Calibration` does not have are skipped (``isint``, ``dyavg``, ``dymax`` ...).
-
-    Parameters
-    ----------
-    path
-        The file.
-
-    Returns
-    -------
-    Calibration
+def check_pixels(disparity: NDArray[Any]) -> None:
+    """Refuse disparities that are not real numbers of pixels.
 
     Raises
     ------
-    OSError
-        If the file cannot be read.
+    TypeError
+        If they are something else, or int16, in which OpenCV's matchers count sixteenths.
+    """
+    if disparity.dtype.kind not in "iuf":
+        raise TypeError(f"disparity must hold real numbers, got dtype {disparity.dtype}")
+    if disparity.dtype == np.int16 and disparity.ndim:
+        raise TypeError(
+            "disparity must be in pixels, got int16, in which OpenCV's matchers return sixteenths: "
+            "divide by 16.0, or give whole pixels as another type"
+        )
+
+
+def fits(known: tuple[int, int], size: tuple[int, int]) -> bool:
+    """Return whether images of two sizes (columns, rows) have the same proportions, to a pixel."""
+    (a, b), (w, h) = known, size
+    return abs(a * h - b * w) <= max(a, b)
+
+
+def of_middlebury(text: str) -> Calibration:
+    """Return the calibration that lines of ``name=value`` hold, matrices in brackets; mm.
+
+    Names that `Calibration` does not have are skipped (``isint``, ``dyavg``, ``dymax`` ...).
+
+    Raises
+    ------
     ValueError
         If a line is malformed (the message gives its number), a name is missing or given twice, or
         the values are not those of a camera pair.
     """
-    with decoding(path) as file:
-        values: dict[str, Any] = {}
-        for number, line in enumerate(
-            read_bounded(file, SMALL).decode("utf-8-sig").splitlines(), start=1
-        ):
-            try:
-                _parse_line(line, values)
-            except ValueError as error:
-                raise ValueError(f"line {number}, {line.strip()!r}: {error}") from error
+    values: dict[str, Any] = {}
+    for number, line in enumerate(text.splitlines(), start=1):
+        try:
+            _parse_line(line, values)
+        except ValueError as error:
+            raise ValueError(f"line {number}, {line.strip()!r}: {error}") from error
 
-        missing = [name for name in _REQUIRED if name not in values]
-        if missing:
-            raise ValueError(f"no line gives {', '.join(missing)}")
-        return Calibration(**values)
+    missing = [name for name in _REQUIRED if name not in values]
+    if missing:
+        raise ValueError(f"no line gives {', '.join(missing)}")
+    return Calibration(**values, unit="mm")
 
 
 def _parse_line(line: str, values: dict[str, Any]) -> None:

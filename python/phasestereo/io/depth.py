@@ -70,7 +70,7 @@ def write_depth(
     path: StrPath,
     depth: NDArray[np.floating[Any]],
     *,
-    unit: LengthUnit = "mm",
+    unit: LengthUnit | None = None,
     depth_scale: float = MILLIMETERS,
 ) -> None:
     """Write a depth map in the format that the suffix names; see `read_depth`.
@@ -82,7 +82,8 @@ def write_depth(
     depth
         float32 or float64 (rounded to float32), shape (H, W), positive; NaN where there is none.
     unit
-        The unit of the depths. It matters for ``.png`` alone; floats are written as they are.
+        The unit of the depths, as `Calibration.unit` has it. A ``.png`` needs it; floats are
+        written as they are.
     depth_scale
         Units of a ``.png`` in a meter, more than 0; 1000 are millimeters. It holds whole ones, 1 to
         65535: depths are rounded to them, and those below half a unit and from 65535.5 units on
@@ -96,14 +97,19 @@ def write_depth(
         If the map is not an array of float32 or float64.
     ValueError
         If its shape is not (H, W), it holds infinities or depths <= 0, the suffix or the unit is
-        unknown, or not a single one of the depths is in the range of a ``.png``.
+        unknown, a ``.png`` is given none, or not a single one of the depths is in its range.
     OSError
         If the file cannot be written.
     ImportError
         If the format needs the extra ``io`` and that is not installed.
     """
     ending = COLMAP if suffix(path) == COLMAP else known_suffix(path, "depth")
-    scale = _scale(unit, depth_scale)
+    if unit is None and ending == ".png":
+        raise ValueError(
+            "unit: got None for a .png, which holds lengths; accepts mm, cm or m, the unit of the "
+            "depths"
+        )
+    scale = _scale(unit or "m", depth_scale)
     checked = check_map(depth, "depth")
 
     if (checked <= 0).any():  # false for NaN

@@ -9,7 +9,7 @@ import numpy as np
 
 from phasestereo._core import rectify_pairs
 from phasestereo._images import Pixels
-from phasestereo.rectification.cameras import Cameras, Maps
+from phasestereo.io.rigs.cameras import Cameras, Maps
 
 
 class EstimatedMaps(NamedTuple):

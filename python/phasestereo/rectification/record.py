@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,9 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 from phasestereo._extras import require
 from phasestereo._images import ImageOrPath, Map, Mask, as_mask, as_pair
 from phasestereo._opening import opened_pair
+from phasestereo.io.calibration import Calibration
+from phasestereo.io.depth import LengthUnit
 from phasestereo.io.drafts import replacing
-from phasestereo.rectification.cameras import MAPS, Maps, Matrix
-from phasestereo.rectification.documents import Document, read_document
+from phasestereo.io.rigs.cameras import MAPS, Maps, Matrix
+from phasestereo.io.rigs.documents import Document, read_document
 
 Method = Literal["calibration", "images"]
 Interpolation = Literal["linear", "cubic", "lanczos"]
@@ -57,6 +59,8 @@ class Rectification:
     vertical
         Whether the right camera is below the left one: columns correspond then, and `match` takes
         the pair with ``vertical=True``.
+    unit
+        That of the baseline in `Q`; None: not known.
     """
 
     left: NDArray[Any]
@@ -70,6 +74,15 @@ class Rectification:
     error: float | None
     sentences: tuple[str, ...]
     vertical: bool = False
+    unit: LengthUnit | None = None
+
+    @property
+    def calibration(self) -> Calibration | None:
+        """The geometry of the rectified pair, for depths and points; None: not known."""
+        if self.Q is None:
+            return None
+        rows, cols = self.left.shape[:2]
+        return Calibration.from_q(self.Q, width=cols, height=rows, unit=self.unit)
 
     def apply(self, left: ImageOrPath, right: ImageOrPath) -> tuple[NDArray[Any], NDArray[Any]]:
         """Rectify another pair of the same cameras.
@@ -105,7 +118,11 @@ class Rectification:
         OSError
             If the file cannot be written.
         """
-        plain = self.as_dict() | {"interpolation": self.interpolation, "vertical": self.vertical}
+        plain = self.as_dict() | {
+            "interpolation": self.interpolation,
+            "vertical": self.vertical,
+            "unit": self.unit,
+        }
         arrays = {name: getattr(self, name) for name in _IMAGES}
         arrays |= dict(zip(MAPS, (*self.maps[0], *self.maps[1]), strict=True))
         if self.Q is not None:
@@ -180,6 +197,7 @@ def from_document(document: Document) -> Rectification:
         error=None if error is None else float(error),
         sentences=tuple(str(sentence) for sentence in plain["sentences"]),
         vertical=plain["vertical"] is True,
+        unit=next((unit for unit in get_args(LengthUnit) if unit == plain.get("unit")), None),
     )
 
 

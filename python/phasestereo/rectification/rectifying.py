@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike
 
 from phasestereo._images import ImageOrPath, Pixels
 from phasestereo._opening import opened_pair
-from phasestereo.rectification.cameras import Cameras, Warp
+from phasestereo.io.rigs.cameras import Cameras, Warp
+from phasestereo.io.rigs.reading import CalibrationSource
 from phasestereo.rectification.estimating import estimated
-from phasestereo.rectification.reading import CalibrationSource, read_calibration
+from phasestereo.rectification.reading import read_calibration
 from phasestereo.rectification.record import (
     INTERPOLATIONS,
     Interpolation,
@@ -110,7 +111,9 @@ def rectify(
     if isinstance(known, Rectification):
         return _rectified_again(pair, masks, known, interpolation)
     warp = known.warp(size, alpha)
-    return _measured(_rectified(pair, masks, warp, "calibration", interpolation or "linear"))
+    made = _rectified(pair, masks, warp, "calibration", interpolation or "linear")
+    made = _measured(replace(made, unit=known.unit))
+    return replace(made, sentences=(*made.sentences, *warp.notes))
 
 
 def _check_options(alpha: float | None, interpolation: str | None) -> None:
@@ -165,7 +168,7 @@ def _rectified_again(
 
     way = interpolation or known.interpolation
     made = _rectified(pair, masks, Warp(known.maps, known.Q, known.vertical), known.method, way)
-    return replace(made, error=known.error, sentences=known.sentences)
+    return replace(made, error=known.error, sentences=known.sentences, unit=known.unit)
 
 
 def _measured(made: Rectification) -> Rectification:

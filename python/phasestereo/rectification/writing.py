@@ -10,7 +10,7 @@ import numpy as np
 
 from phasestereo.io.drafts import replacing
 from phasestereo.io.files import StrPath
-from phasestereo.rectification.cameras import Matrix
+from phasestereo.io.rigs.cameras import Matrix
 
 Form: TypeAlias = Literal["opencv", "camera_info", "kalibr"]
 FORMS: tuple[Form, ...] = get_args(Form)

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._images import Map, Mask, as_array, as_mask
 from phasestereo._numbers import as_integer, as_number
-from phasestereo.io.calibration import Calibration
+from phasestereo.io.calibration import Calibration, check_pixels
 from phasestereo.result import KEEPS, Keep, Result
 
 Anchor: TypeAlias = tuple[int, int, float]
@@ -417,7 +417,9 @@ def _moved(found: Ranging, offset: tuple[float, float]) -> Ranging:
 def as_disparities(disparity: Result | ArrayLike) -> NDArray[Any]:
     """Return the disparities of a result, or of what is a map itself."""
     given = disparity.disparity if isinstance(disparity, Result) else disparity
-    return _as_map(given, "disparity")
+    values = _as_map(given, "disparity")
+    check_pixels(values)
+    return values
 
 
 def as_uncertainty(

@@ -12,9 +12,10 @@ from phasestereo._extras import require
 from phasestereo._images import Map, Mask
 from phasestereo._numbers import as_integer
 from phasestereo.io.calibration import Calibration
-from phasestereo.rectification.cameras import INTRINSICS, POSE, Cameras, Matrix
-from phasestereo.rectification.names import check_rotation
-from phasestereo.rectification.reading import CalibrationSource, read_calibration
+from phasestereo.io.rigs.cameras import INTRINSICS, POSE, Cameras, Matrix
+from phasestereo.io.rigs.names import check_rotation
+from phasestereo.io.rigs.reading import CalibrationSource
+from phasestereo.rectification.reading import read_calibration
 from phasestereo.rectification.record import Rectification
 from phasestereo.result import Keep, Result
 from phasestereo.views.depths import YAW, Anchor, Selection, depths_of, ranging

@@ -11,7 +11,7 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import TextIO
 
-from phasestereo.io.calibration import read_calibration
+from phasestereo.io import read_calibration
 from phasestereo.io.files import StrPath, open_regular
 from phasestereo.io.folders import paths_of_rig
 from phasestereo.io.limits import LIST

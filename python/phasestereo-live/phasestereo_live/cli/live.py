@@ -3,7 +3,7 @@
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
 from contextlib import ExitStack, closing, suppress
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -23,9 +23,10 @@ from phasestereo.cli.options import (
 from phasestereo.cli.pairing import AUTO, as_calibration
 from phasestereo.cli.terminal import say
 from phasestereo.cli.trust import unwarned
-from phasestereo.io import Calibration, LengthUnit, read_calibration
+from phasestereo.io import Calibration, LengthUnit
 from phasestereo.io.folders import folders_of
 from phasestereo.io.pair import Layout
+from phasestereo.io.rigs.reading import read_cameras
 from phasestereo.known import Known
 from phasestereo.rigs import REESTIMATE
 from phasestereo.settings import PRESET, PRESETS, Settings, resolve
@@ -176,13 +177,13 @@ def live(
 
         with refusals(options=_OPTIONS):
             frames = opened.enter_context(closing(stream(*places, rectify=by, **given)))
+            known_of = _knowing(outputs, recording, frames)
             screen = None
             if shown:
                 show = serve(opened, settings, num_disparities, showing.save_to or Path())
                 paced = not (outputs.asked_for() or cameras)
-                screen = Screen(show, *_geometry(outputs, recording), paced=paced)
+                screen = Screen(show, known_of, paced=paced)
 
-        known_of = _knowing(outputs, recording, frames)
         sink = None
         if recording is not None:
             sink = partial(messages.sink, recording, outputs.selection, known_of)
@@ -232,24 +233,38 @@ def _run(frames: Stream, writing: Writers, tally: Tally, screen: Screen | None) 
         tally.interrupted = screen is None  # that is how a show ends
 
 
-def _geometry(outputs: LiveOutputs, recording: Recording | None) -> tuple[Calibration | None, str]:
-    """Return the geometry that is known beforehand, and the unit of its baseline."""
-    if outputs.calib is not None:
-        return read_calibration(outputs.calib), outputs.unit or "mm"
-    return None, outputs.unit or ("" if recording is None else "m")
-
-
 def _knowing(outputs: LiveOutputs, recording: Recording | None, frames: Stream) -> Geometry:
-    """Return what returns the geometry of a frame, and the unit of its baseline."""
-    given = None if outputs.calib is None else read_calibration(outputs.calib)
+    """Return what returns the geometry of a frame, whose unit is m unless something else is known.
 
-    def known(frame: Frame) -> tuple[Calibration | None, LengthUnit]:
-        if given is not None:
-            return given, outputs.unit or "mm"
-        q = recording.q if frames.q is None and recording is not None else frames.q
+    Raises
+    ------
+    OSError, ValueError, ImportError
+        If the calibration cannot be read.
+    """
+    cameras = None if outputs.calib is None else read_cameras(outputs.calib)
+    found: list[Calibration] = []
+
+    def known(frame: Frame) -> Calibration | None:
+        if not found:
+            calibration = of_frame(frame)
+            if calibration is None:
+                return None
+            unit: LengthUnit | None = outputs.unit or calibration.unit
+            found.append(replace(calibration, unit=unit))
+        return found[0]
+
+    def of_frame(frame: Frame) -> Calibration | None:
         rows, cols = frame.result.disparity.shape
-        found = None if q is None else Calibration.from_q(q, width=cols, height=rows)
-        return found, outputs.unit or "m"
+        if cameras is not None:
+            calibration, notes = cameras.geometry((cols, rows))
+            for note in notes:
+                say(f"note: {note}")
+            return calibration
+        if frames.rectification is not None:
+            return frames.rectification.calibration
+        if recording is None or recording.q is None:
+            return None
+        return Calibration.from_q(recording.q, width=cols, height=rows, unit="m")
 
     return known
 

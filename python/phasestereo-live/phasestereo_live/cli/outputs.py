@@ -37,7 +37,7 @@ from phasestereo_live.video import FramePicture, VideoWriter
 from phasestereo_live.video.streaming import Frame
 
 FrameSink = Callable[[Frame], object]
-Geometry = Callable[[Frame], tuple[Calibration | None, LengthUnit]]
+Geometry = Callable[[Frame], Calibration | None]
 
 _RATE = 25.0  # of sources whose own is unknown
 
@@ -58,9 +58,10 @@ class LiveOutputs:
     rerun
         Recording for the viewer rerun, .rrd: images and disparities; needs the extra ``rerun``.
     calib
-        Middlebury's calib.txt, for the camera, depths and points in --rerun and on the page.
+        Calibration of the rectified views, as ``phasestereo match`` takes it, for the camera,
+        depths and points in --rerun and on the page.
     unit
-        The unit of the baseline. Default: mm of --calib, m of recordings and --rectify.
+        The unit of the baseline. Default: m, or mm of Middlebury's calib.txt.
     keep
         Which pixels have depths and points: trusted (the default), checked (fewer and more accurate
         ones), or all.
@@ -167,7 +168,7 @@ class Writers:
     messages
         Makes the sink of a recording; None where none is written.
     known
-        Returns the geometry of a frame, if it is known, and the unit of its baseline.
+        Returns the geometry of a frame, if it is known.
     """
 
     def __init__(
@@ -243,13 +244,11 @@ class Writers:
 
         def log(frame: Frame) -> None:
             low, high = self._tally.searched(frame)
-            calibration, unit = self._known(frame)
             log_frame(
                 frame,
                 low=low,
                 high=high,
-                calibration=calibration,
-                unit=unit,
+                calibration=self._known(frame),
                 selection=selection,
                 recording=recording,
             )

@@ -3,7 +3,7 @@
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,8 +11,7 @@ from cyclopts import Parameter
 
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, option
 from phasestereo.cli.options import NOT_NEGATIVE
-from phasestereo.io import Calibration, LengthUnit
-from phasestereo.io.depth import meters_in
+from phasestereo.io import Calibration
 from phasestereo.views.depths import Selection
 from phasestereo_live.ros.bags import RecordingWriter, is_recording
 from phasestereo_live.ros.messages import DEPTHS, Depths
@@ -121,7 +120,7 @@ class Messages:
         self,
         recording: Recording,
         selection: Selection,
-        known: Callable[[Frame], tuple[Calibration | None, LengthUnit]],
+        known: Callable[[Frame], Calibration | None],
         messages: RecordingWriter,
     ) -> Callable[[Frame], None]:
         """Return what writes frames of a recording to another one, by a geometry in m."""
@@ -134,10 +133,8 @@ class Messages:
         )
 
         def write(frame: Frame) -> None:
-            calibration, unit = known(frame)
-            if calibration is not None:
-                in_meters = calibration.baseline * meters_in(unit)
-                calibration = replace(calibration, baseline=in_meters)
-            writer.write(frame, recording.headers.pop(frame.index), calibration)
+            calibration = known(frame)
+            meters = None if calibration is None else calibration.in_meters()
+            writer.write(frame, recording.headers.pop(frame.index), meters)
 
         return write

@@ -4,6 +4,7 @@
 
 import sys
 import webbrowser
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -68,20 +69,17 @@ class Screen:
     ----------
     show
         What the page shows.
-    calibration
-        The geometry of the pair; None: that of the rectification, if there is one.
-    unit
-        That of its baseline; "" if it is not known.
+    known
+        Returns the geometry of a frame, if it is known.
     paced
         Whether frames of files wait until it is their time.
     """
 
     def __init__(
-        self, show: Display, calibration: Calibration | None, unit: str, *, paced: bool
+        self, show: Display, known: Callable[[Frame], Calibration | None], *, paced: bool
     ) -> None:
         self._show = show
-        self._calibration = calibration
-        self._unit = unit
+        self._known = known
         self._paced = paced
         self._start: float | None = None  # when the first frame was due
         self._is_first = True
@@ -133,19 +131,13 @@ class Screen:
         if found is not None and (found.error is None or found.error > _ROWS_OFF):
             self._note("; ".join(found.sentences))
 
-        shape = frame.result.disparity.shape
-        known, unit = self._calibration, self._unit
-        if known is None and frames.q is not None:
-            known = Calibration.from_q(frames.q, width=shape[1], height=shape[0])
-
-        if known is None:
-            return
         try:
-            known.check_size(shape)
+            known = self._known(frame)
         except ValueError as error:
             self._note(f"{error}: there are no depths")
-        else:
-            self._show.know(known, unit)
+            return
+        if known is not None:
+            self._show.know(known, known.unit or "")
 
     def _wait(self, time: float) -> None:
         now = monotonic()

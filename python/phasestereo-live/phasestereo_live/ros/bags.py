@@ -14,6 +14,8 @@ from phasestereo.io.files import StrPath, named, suffix, target_of
 from phasestereo_live._closing import Closing
 from phasestereo_live.ros.reading import SUFFIXES, reader_of
 
+_SURPLUS = bytes(4)
+
 
 class Item(NamedTuple):
     """A message as it was recorded: its topic, when it was (ns since 1970), and how to read it."""
@@ -76,6 +78,8 @@ class Bag:
             If the file is damaged.
         """
         wanted = [one for one in self._reader.connections if one.topic in topics]
+        if not wanted:
+            return  # the library would yield all
         with named(os.fspath(self._path)):
             for connection, time, data in self._reader.messages(connections=wanted):
                 yield Item(connection.topic, time, self._later(data, connection.msgtype))
@@ -83,7 +87,13 @@ class Bag:
     def _later(self, data: bytes, kind: str) -> Callable[[], Any]:
         def read() -> Any:
             with named("message"):
-                return self._decode(data, kind)
+                try:
+                    return self._decode(data, kind)
+                except Exception:
+                    # librealsense before 2.56 leaves four bytes behind the images of its .bag.
+                    if bytes(data[-4:]) != _SURPLUS:
+                        raise
+                    return self._decode(data[:-4], kind)
 
         return read
 

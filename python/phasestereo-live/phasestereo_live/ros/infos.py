@@ -3,79 +3,120 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from phasestereo.rectification.cameras import Cameras, Matrix, is_vertical, q_of
-from phasestereo.rectification.rigs import cameras_of_pair
+from phasestereo.io.rigs.cameras import Cameras, Matrix, is_vertical, q_of
+from phasestereo.io.rigs.singles import cameras_of_pair
 
 _RECTIFIED = re.compile(r"(?<![a-z])rect(ified)?(?![a-z])")
 _SAME = 1e-6  # relative: matrices that have been through text
+_ROWS_OFF = 0.5  # px: images whose rows differ by more are not rectified
 
 
 class RigGeometry(NamedTuple):
-    """The cameras that rectify frames (None: they are rectified), and Q of rectified ones."""
+    """The cameras that rectify frames (None: they are rectified), Q of rectified ones, notes."""
 
     cameras: Cameras | None
     q: Matrix | None
+    notes: tuple[str, ...] = ()
 
 
-def info_topic(topic: str) -> str:
-    """Return where the ``camera_info`` of an image topic is, by ROS's convention: beside it."""
+def info_topics(topic: str) -> tuple[str, ...]:
+    """Return where the ``camera_info`` of an image topic may be: ROS's place, and RealSense's."""
     parent = topic.removesuffix("/compressed").rpartition("/")[0]
-    return f"{parent}/camera_info"
+    return f"{parent}/camera_info", f"{parent.rpartition('/')[0]}/info/camera_info"
 
 
-def geometry_of(left: Any, right: Any, topics: tuple[str, str]) -> RigGeometry:
+def geometry_of(
+    left: Any,
+    right: Any,
+    topics: tuple[str, str],
+    size: tuple[int, int] | None = None,
+    baseline: float | None = None,
+) -> RigGeometry:
     """Return what both messages say of images of these topics.
 
     Images are rectified already where the names of both topics say so (``image_rect``), or where
-    rectifying would change nothing.
+    rectifying would change nothing. Binning and regions of interest change the matrices as ROS's
+    image_geometry does it.
+
+    Parameters
+    ----------
+    left, right
+        The messages.
+    topics
+        Those of the images.
+    size
+        Columns and rows of the images; None: as the messages say.
+    baseline
+        Distance of the cameras, m, where the messages have none.
 
     Raises
     ------
     ValueError
-        If the cameras are not calibrated, differ in size or model, or are no pair.
+        If the cameras are not calibrated, differ in size or model, are not a pair, are calibrated
+        for images of other proportions, or rectified images show other rows.
     """
     documents = [_document(message) for message in (left, right)]
     cameras = cameras_of_pair(*documents)
+    cameras, notes = (cameras, ()) if size is None else cameras.at(size)
+    notes = tuple(f"camera_info: {note}" for note in notes)
 
-    p1, p2 = (np.asarray(document["P"]).reshape(3, 4) for document in documents)
-    if not (p1[0, 0] > 0 and p2[0, 0] > 0):
-        raise ValueError("camera_info: P is 0, as of cameras that were not calibrated as a pair")
+    p1, p2 = cameras.matrices["P1"], cameras.matrices["P2"]
+    if baseline is not None and p1[0, 3] == p2[0, 3]:
+        p2 = p2.copy()
+        p2[0, 3] -= p2[0, 0] * baseline
+        cameras = replace(cameras, matrices={**cameras.matrices, "P2": p2})
 
     if is_vertical(p1, p2):
         raise ValueError(
             "camera_info: got cameras one above the other; accepts cameras side by side"
         )
-    q = q_of(p1, p2)
+    off = abs(p1[1, 2] - p2[1, 2])
+    if off > _ROWS_OFF:
+        raise ValueError(
+            f"camera_info: rows of rectified images are {off:g} px apart by P and the regions of "
+            "interest; accepts images of the same rows"
+        )
     named = all(_RECTIFIED.search(topic) for topic in topics)
-    return RigGeometry(None if named or all(map(_is_straight, documents)) else cameras, q)
+    is_straight = all(_is_straight(cameras.matrices, side) for side in "12")
+    return RigGeometry(None if named or is_straight else cameras, q_of(p1, p2), notes)
 
 
 def _document(message: Any) -> dict[str, Any]:
     """Return a message as the reader of calibrations takes it; ROS 1 has capital letters."""
     fields: dict[str, Any] = {
-        name: np.asarray(getattr(message, name, getattr(message, name.lower(), ())), np.float64)
+        name: np.array(getattr(message, name, getattr(message, name.lower(), ())), np.float64)
         for name in "KDRP"
     }
+    fields["K"], fields["P"] = fields["K"].reshape(3, 3), fields["P"].reshape(3, 4)
+    width, height = message.width, message.height
 
-    # A camera without distortion may leave D out.
-    if not fields["D"].size:
-        fields["D"] = np.zeros(5)
+    # Matrices are of the whole sensor; images are its region of interest, binned.
+    roi = getattr(message, "roi", None)
+    if roi is not None and roi.width and roi.height:
+        for name in "KP":
+            fields[name][:2, 2] -= (roi.x_offset, roi.y_offset) * (fields[name][:2, 2] != 0)
+        width, height = roi.width, roi.height
+    binning = [max(1, getattr(message, f"binning_{axis}", 1)) for axis in "xy"]
+    for name in "KP":
+        fields[name][:2] /= np.array(binning)[:, np.newaxis]
 
     return fields | {
-        "width": message.width,
-        "height": message.height,
+        "width": width // binning[0],
+        "height": height // binning[1],
         "distortion_model": message.distortion_model,
     }
 
 
-def _is_straight(document: dict[str, Any]) -> bool:
+def _is_straight(matrices: Any, side: str) -> bool:
     """Return whether rectifying images of a camera leaves them as they are."""
-    camera, rotation = document["K"].reshape(3, 3), document["R"].reshape(3, 3)
-    projection = document["P"].reshape(3, 4)[:, :3]
+    camera, rotation = matrices[f"K{side}"], matrices[f"R{side}"]
+    projection = matrices[f"P{side}"][:, :3]
 
     close = np.allclose(camera, projection, rtol=_SAME, atol=_SAME)
-    return bool(close and np.allclose(rotation, np.eye(3), atol=_SAME) and not document["D"].any())
+    is_turned = not np.allclose(rotation, np.eye(3), atol=_SAME)
+    return bool(close and not is_turned and not matrices[f"D{side}"].any())

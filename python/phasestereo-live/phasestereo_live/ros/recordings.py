@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 from phasestereo.io.files import StrPath
-from phasestereo.rectification.cameras import Cameras, Matrix
+from phasestereo.io.rigs.cameras import Cameras, Matrix
 from phasestereo_live.ros.bags import Bag, Item
 from phasestereo_live.ros.images import decode_image
-from phasestereo_live.ros.infos import RigGeometry, geometry_of, info_topic
+from phasestereo_live.ros.infos import RigGeometry, geometry_of, info_topics
 from phasestereo_live.ros.pairing import SIDES, Arrival, Header, paired
+from phasestereo_live.ros.transforms import baseline_of
 from phasestereo_live.video.capture import Capture, CaptureSource, Pair, lost
 
 TOLERANCE = 0.01
@@ -22,6 +24,12 @@ TOLERANCE = 0.01
 
 _IMAGES = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 _INFO = "sensor_msgs/msg/CameraInfo"
+_TRANSFORMS, _TRANSFORM = "tf2_msgs/msg/TFMessage", "geometry_msgs/msg/Transform"
+_NAMES = (
+    ("left", "right"), ("infra1", "infra2"), ("Infrared_1", "Infrared_2"), ("cam0", "cam1"),
+    ("cam_l", "cam_r"),
+)  # fmt: skip
+"""What tells the topics of both cameras apart."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -68,10 +76,12 @@ def open_recording(
         An ``.mcap`` or ``.db3`` file, a folder of rosbag2, or a ``.bag`` of ROS 1.
     left, right
         Topics of the images: ``sensor_msgs/Image`` or ``CompressedImage``. Without both, the only
-        two that "left" and "right" tell apart.
+        two that their names tell apart: left and right, infra1 and infra2, Infrared_1 and
+        Infrared_2, cam0 and cam1, cam_l and cam_r.
     camera_info
         Topics of both cameras' ``sensor_msgs/CameraInfo``; None: ``camera_info`` beside the images,
-        if it is there. Images on ``image_rect`` count as rectified; others are raw.
+        if it is there. Images on ``image_rect`` count as rectified; others are raw. A baseline that
+        it omits is taken from ``/tf_static``, or the transforms of RealSense's recordings.
     tolerance
         By how many seconds the stamps of a pair may differ, 0 or more. A frame without a partner is
         one that failed.
@@ -131,7 +141,7 @@ def open_recording(
 
 
 def _guessed(bag: Bag, path: StrPath) -> tuple[str, str]:
-    """Return the two topics of images that "left" and "right" alone tell apart.
+    """Return the two topics of images that `_NAMES` alone tell apart.
 
     Raises
     ------
@@ -141,9 +151,13 @@ def _guessed(bag: Bag, path: StrPath) -> tuple[str, str]:
     images = [topic for topic, (kind, _) in bag.topics.items() if kind in _IMAGES]
     pairs = [
         (left, right)
+        for one, other in _NAMES
         for left in images
-        if "left" in left and (right := left.replace("left", "right")) in images
+        if one in left and (right := left.replace(one, other)) in images
     ]
+    whole = {left for left, _ in pairs}
+    # Of images that are there twice those that are not compressed count.
+    pairs = [(a, b) for a, b in pairs if a.removesuffix("/compressed") not in whole - {a}]
     if len(pairs) == 1:
         return pairs[0]
 
@@ -170,7 +184,7 @@ def _geometry(
     bag: Bag, topics: tuple[str, str], given: Sequence[str] | None
 ) -> tuple[RigGeometry, str]:
     """Return what is known of the cameras, and what there is to say about it."""
-    names = tuple(given) if given is not None else tuple(map(info_topic, topics))
+    names = tuple(given) if given is not None else _beside(bag, topics)
     missing = [name for name in names if bag.topics.get(name, ("", 0))[0] != _INFO]
     if missing and given is not None:
         raise ValueError(f"camera_info: got {missing[0]!r}, not a topic of camera_info")
@@ -179,18 +193,69 @@ def _geometry(
         return RigGeometry(None, None), said
 
     # Cameras do not change within a recording: the first message of each counts.
-    found: dict[str, Any] = {}
-    for item in bag.items(names):
-        found.setdefault(item.topic, item.read())
-        if len(found) == len(set(names)):
-            break
-
+    found = _firsts(bag, names, lambda message: message)
     if len(found) < len(set(names)):
         raise ValueError(f"camera_info: {' and '.join(names)} have no message")
+    left, right = (found[name] for name in names)
 
-    geometry = geometry_of(found[names[0]], found[names[1]], topics)
+    images = _firsts(bag, topics, lambda message: decode_image(message).shape)
+    sizes = {(cols, rows) for rows, cols, *_ in images.values()}
+    size = sizes.pop() if len(sizes) == 1 else None
+    geometry = geometry_of(left, right, topics, size)
+    if geometry.q is None:
+        baseline = _baseline(bag, topics, (left.header.frame_id, right.header.frame_id))
+        geometry = geometry_of(left, right, topics, size, baseline)
+
     way = "frames are rectified by" if geometry.cameras else "frames are rectified; geometry of"
-    return geometry, f"{way} {names[0]} and {names[1]}"
+    notes = [f"{way} {names[0]} and {names[1]}", *geometry.notes]
+    if geometry.q is None:
+        notes.append("no baseline in camera_info or /tf_static: there are no depths")
+    return geometry, "; ".join(notes)
+
+
+def _beside(bag: Bag, topics: tuple[str, str]) -> tuple[str, ...]:
+    """Return the topics of ``camera_info`` of both images: where they are, or should be."""
+    places = [info_topics(topic) for topic in topics]
+    return next(
+        (both for both in zip(*places, strict=True) if all(one in bag.topics for one in both)),
+        tuple(place[0] for place in places),
+    )
+
+
+def _firsts(bag: Bag, topics: Sequence[str], of: Callable[[Any], Any]) -> dict[str, Any]:
+    """Return something of the first message of each topic that can be read."""
+    found: dict[str, Any] = {}
+    for item in bag.items(topics):
+        if item.topic not in found:
+            with suppress(ValueError):
+                found[item.topic] = of(item.read())
+        if len(found) == len(set(topics)):
+            break
+    return found
+
+
+def _baseline(bag: Bag, topics: tuple[str, str], frames: tuple[str, str]) -> float | None:
+    """Return the distance of both cameras by transforms, m; None: there are none."""
+    static = [name for name, (kind, _) in bag.topics.items() if kind == _TRANSFORMS]
+    transforms = [
+        (one.header.frame_id, one.child_frame_id, one.transform)
+        for item in bag.items([name for name in static if name.endswith("tf_static")])
+        for one in item.read().transforms
+    ]
+    found = baseline_of(transforms, *frames)
+    if found is not None:
+        return found
+
+    # RealSense's .bag has a transform beside each stream, from a stream of reference to it.
+    beside = [topic.rpartition("/image/")[0] + "/tf/" for topic in topics]
+    names = {
+        name: side
+        for name, (kind, _) in bag.topics.items()
+        for side, place in zip(SIDES, beside, strict=True)
+        if kind == _TRANSFORM and name.startswith(place)
+    }
+    single = [(names[item.topic], "reference", item.read()) for item in bag.items(list(names))]
+    return baseline_of(single, *SIDES)
 
 
 def _captures(

@@ -7,8 +7,9 @@ from typing import Any
 from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._images import ImageOrPath
-from phasestereo.rectification.cameras import Cameras, Matrix
-from phasestereo.rectification.reading import CalibrationSource, read_calibration
+from phasestereo.io.rigs.cameras import Cameras, Matrix
+from phasestereo.io.rigs.reading import CalibrationSource
+from phasestereo.rectification.reading import read_calibration
 from phasestereo.rectification.record import Rectification
 from phasestereo.rectification.rectifying import rectify
 

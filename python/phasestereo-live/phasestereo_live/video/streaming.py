@@ -22,11 +22,11 @@ from phasestereo._images import ImageOrPath, as_mask
 from phasestereo._numbers import as_integer
 from phasestereo._opening import opened_pair
 from phasestereo.io.pair import Layout, LayoutError
+from phasestereo.io.rigs.cameras import Cameras
+from phasestereo.io.rigs.reading import CalibrationSource
 from phasestereo.known import Known, as_known
 from phasestereo.matching import match
 from phasestereo.rectification import Rectification
-from phasestereo.rectification.cameras import Cameras
-from phasestereo.rectification.reading import CalibrationSource
 from phasestereo.result import Result
 from phasestereo.rigs import REESTIMATE, Rig
 from phasestereo.settings import Settings

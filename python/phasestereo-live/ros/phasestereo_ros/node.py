@@ -189,9 +189,9 @@ class PhasestereoNode(Node):  # type: ignore[misc]  # rclpy has no types
         stamp = _SECOND * left.header.stamp.sec + left.header.stamp.nanosec
         header = Header(stamp, left.header.frame_id)
         images = decode_image(left), decode_image(right)
-        q = geometry_of(left_info, right_info, TOPICS).q
         rows, cols = images[0].shape[:2]
-        known = None if q is None else Calibration.from_q(q, width=cols, height=rows)
+        q = geometry_of(left_info, right_info, TOPICS, (cols, rows)).q
+        known = None if q is None else Calibration.from_q(q, width=cols, height=rows, unit="m")
         result = self._rig.match(*images)
         self._disparity.publish(disparity_image(make, header, result, known))
         for name, publisher in self._maps.items():

@@ -51,7 +51,7 @@ class ScenePoints:
 
     def described(self) -> dict[str, Any]:
         """Return it as the page has it."""
-        unit = "baselines" if self.nominal else ""  # a calibration names none
+        unit = "baselines" if self.nominal else self.geometry.unit or ""
         return {
             **described(self.ranging, unit),
             "nearest": self.nearest,
@@ -62,7 +62,9 @@ class ScenePoints:
     @property
     def unit(self) -> str:
         """The unit of distances, in words."""
-        return "in baselines" if self.nominal else "in the unit of the baseline"
+        if self.nominal:
+            return "in baselines"
+        return f"in {self.geometry.unit or 'the unit of the baseline'}"
 
 
 def described(ranging: Ranging, unit: str) -> dict[str, Any]:

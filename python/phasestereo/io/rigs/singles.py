@@ -6,12 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from phasestereo.rectification.cameras import Cameras, Matrix
-from phasestereo.rectification.documents import Document, numbers
-from phasestereo.rectification.names import as_cameras, check_rotation
+from phasestereo.io.depth import LengthUnit
+from phasestereo.io.rigs.cameras import Cameras, Matrix
+from phasestereo.io.rigs.documents import Document, numbers
+from phasestereo.io.rigs.names import as_cameras, check_rotation
 
-_PINHOLE = "radtan", "radial-tangential", "plumb_bob", "rational_polynomial", "none", ""
+_PINHOLE = (
+    "radtan", "radial-tangential", "plumb_bob", "rational_polynomial", "brown conrady", "none", "",
+)  # fmt: skip
 _FISHEYE = "equi", "equidistant", "fisheye"
+_LEAST_BASELINE = 0.001  # m: those of stereo endoscopes are 4 mm
 
 
 def is_camera(document: Document) -> bool:
@@ -35,12 +39,32 @@ def cameras_of_pair(left: Document, right: Document) -> Cameras:
     if _is_euroc(left) != _is_euroc(right):
         raise ValueError("one file is EuRoC's and one is ROS's; accepts two of a kind")
     if not _is_euroc(left):
-        return _joined([_of_ros(left), _of_ros(right)], {})
+        pair = joined([_of_ros(left), _of_ros(right)], {})
+        _check_baseline(pair.matrices["P1"], pair.matrices["P2"])
+        return pair
 
-    left_pose, right_pose = (_pose(document["T_BS"], "T_BS") for document in (left, right))
-    return _joined(
-        [_of_intrinsics(left), _of_intrinsics(right)], _moved(np.linalg.inv(right_pose) @ left_pose)
+    left_pose, right_pose = (pose_of(document["T_BS"], "T_BS") for document in (left, right))
+    return joined(
+        [_of_intrinsics(left), _of_intrinsics(right)], moved(np.linalg.inv(right_pose) @ left_pose)
     )
+
+
+def _check_baseline(left: Matrix, right: Matrix) -> None:
+    """Refuse projections whose baseline is not times the focal length, as ROS has it.
+
+    Raises
+    ------
+    ValueError
+        If so: the baseline would be less than that of any stereo camera.
+    """
+    shift = np.abs(right[:2, 3] - left[:2, 3]).max()
+    if 0 < shift / right[0, 0] < _LEAST_BASELINE:
+        focal = right[0, 0]
+        raise ValueError(
+            f"P[3] is {right[0, 3]:g}, a baseline of {1000 * shift / focal:.2g} mm at a focal "
+            f"length of {focal:g} px; accepts -f times the baseline in m, for {shift:g} m "
+            f"{-shift * focal:g}"
+        )
 
 
 def cameras_of_chain(document: Document) -> Cameras:
@@ -54,14 +78,14 @@ def cameras_of_chain(document: Document) -> Cameras:
     left, right = document["cam0"], document["cam1"]
 
     if "T_cn_cnm1" in right:
-        pose = _pose(right["T_cn_cnm1"], "T_cn_cnm1")
+        pose = pose_of(right["T_cn_cnm1"], "T_cn_cnm1")
     elif "T_cam_imu" in left and "T_cam_imu" in right:
-        body = [_pose(camera["T_cam_imu"], "T_cam_imu") for camera in (left, right)]
+        body = [pose_of(camera["T_cam_imu"], "T_cam_imu") for camera in (left, right)]
         pose = body[1] @ np.linalg.inv(body[0])
     else:
         raise ValueError("cam1 has neither T_cn_cnm1 nor T_cam_imu: where is it?")
 
-    return _joined([_of_intrinsics(left), _of_intrinsics(right)], _moved(pose))
+    return joined([_of_intrinsics(left), _of_intrinsics(right)], moved(pose))
 
 
 def _is_euroc(document: Document) -> bool:
@@ -91,6 +115,13 @@ def _of_ros(document: Document) -> Document:
 
     if not np.any(camera["K"]):
         raise ValueError("camera_matrix is 0, as of a camera that was never calibrated")
+    # Drivers that send rectified images of cameras whose distance they do not say leave P at 0.
+    if not np.any(camera["P"]) and not camera["D"].any():
+        camera["P"] = np.column_stack([camera["K"], np.zeros(3)])
+    # Drivers that send rectified images alone leave R at 0.
+    is_rectified = np.array_equal(camera["K"], camera["P"][:, :3]) and not camera["D"].any()
+    if is_rectified and not np.any(camera["R"]):
+        camera["R"] = np.eye(3)
 
     size = [document.get(f"image_{side}", document.get(side)) for side in ("width", "height")]
     model = document.get("distortion_model", "plumb_bob")
@@ -118,7 +149,14 @@ def _of_intrinsics(document: Document) -> Document:
     }
 
 
-def _pose(value: Any, name: str) -> Matrix:
+def pose_of(value: Any, name: str) -> Matrix:
+    """Return a pose, a rotation and a translation of 4 x 4 numbers.
+
+    Raises
+    ------
+    ValueError
+        If it is something else.
+    """
     pose: Matrix = numbers(value, name)
     if pose.shape != (4, 4) or not np.isfinite(pose).all() or pose[3].tolist() != [0, 0, 0, 1]:
         raise ValueError(f"{name}: accepts 4 x 4 numbers, a rotation and a translation")
@@ -126,12 +164,29 @@ def _pose(value: Any, name: str) -> Matrix:
     return pose
 
 
-def _moved(pose: Matrix) -> Document:
+def moved(pose: Matrix) -> Document:
+    """Return R and T of a pose of 4 x 4."""
     return {"R": pose[:3, :3], "T": pose[:3, 3]}
 
 
-def _joined(cameras: list[Document], pair: Document) -> Cameras:
-    """Return the pair of two cameras of the same model and size."""
+def joined(cameras: list[Document], pair: Document, unit: LengthUnit | None = "m") -> Cameras:
+    """Return the pair of two cameras of the same model and size.
+
+    Parameters
+    ----------
+    cameras
+        Of each its matrices, by OpenCV's names without the side, its ``size`` and its ``model`` of
+        distortion: "radtan" or "equidistant".
+    pair
+        ``R`` and ``T``, if they are known.
+    unit
+        That of ``T``.
+
+    Raises
+    ------
+    ValueError
+        If the cameras differ in size or model, or the model is another.
+    """
     sizes = [as_size(camera.pop("size")) for camera in cameras]
     models = [str(camera.pop("model")).lower() for camera in cameras]
 
@@ -148,7 +203,7 @@ def _joined(cameras: list[Document], pair: Document) -> Cameras:
         for side, camera in enumerate(cameras, start=1)
         for name, value in camera.items()
     }
-    return as_cameras(both | pair, size=sizes[0], fisheye=models[0] in _FISHEYE)
+    return as_cameras(both | pair, size=sizes[0], fisheye=models[0] in _FISHEYE, unit=unit)
 
 
 def as_size(value: Any) -> tuple[int, int] | None:

@@ -10,12 +10,15 @@ from typing import Any
 import numpy as np
 
 from phasestereo._extras import require
-from phasestereo.rectification.cameras import MAPS, Cameras, Matrix
+from phasestereo.io.depth import LengthUnit
+from phasestereo.io.rigs.cameras import MAPS, Cameras, Matrix
+from phasestereo.io.rigs.documents import ACCEPTED
 
 _OF_PAIR = {
-    "R": "r rot rotation rotmat rotmatrix rotationmatrix stereor",
-    "T": "t trans transvec translation translationvector translationvec stereot",
-    "Q": "q qmatrix disptodepthmat disparitytodepth",
+    "R": "r rot rotation rotmat rotmatrix rotationmatrix rotationofcamera2 stereor",
+    "T": "t trans transvec translation translationvector translationvec translationofcamera2 "
+    "stereot",
+    "Q": "q qmatrix disptodepthmat disparitytodepth disparitytodepthmap dispartitytodepthmap",
 }
 _OF_CAMERA = {
     "K": "k m mtx cammat cammats cammtx cameramat cameramatrix intrinsic intrinsics "
@@ -32,6 +35,7 @@ _SHAPES = {"K": (3, 3), "R": (3, 3), "P": (3, 4), "Q": (4, 4)}
 _LARGEST = 1e9  # in pixels, and in any unit of lengths that rigs are measured in
 _FOCAL = 0.1, 1e7  # pixels
 _ROTATION = 0.01  # by how much a number of R R^T may differ from 1 or 0: files round theirs
+_SHOWN = 6  # names of a file that is not a calibration
 _COEFFICIENTS = (4, 5, 8, 12, 14)  # of distortion, that OpenCV knows
 
 
@@ -58,7 +62,11 @@ _FROM_0 = dict(_spellings(_SIDES_FROM_0)) | _PAIR
 
 
 def as_cameras(
-    arrays: Mapping[str, Any], *, size: tuple[int, int] | None = None, fisheye: bool = False
+    arrays: Mapping[str, Any],
+    *,
+    size: tuple[int, int] | None = None,
+    fisheye: bool = False,
+    unit: LengthUnit | None = None,
 ) -> Cameras:
     """Return the camera pair that named matrices hold; names that say nothing are skipped.
 
@@ -66,7 +74,7 @@ def as_cameras(
     ----------
     arrays
         Matrices by any usual name: ``K1``, ``M1``, ``cameraMatrix1``, ``cam_mats_left`` ...
-    size, fisheye
+    size, fisheye, unit
         As those of `Cameras`.
 
     Raises
@@ -85,13 +93,33 @@ def as_cameras(
             raise ValueError(f"gives {known} twice, the second time as {name}")
         if known is not None:
             found[known] = _checked(known, value, fisheye=fisheye)
-    return Cameras(matrices=found, size=size, fisheye=fisheye)
+    if not found.keys() & {"K1", "K2", "map1x", "P1"}:
+        some = ", ".join(map(str, list(arrays)[:_SHOWN])) or "nothing"
+        raise ValueError(
+            f"is not a calibration of two cameras: it holds {some}; accepts {ACCEPTED}"
+        )
+    return Cameras(matrices=_as_floats(found), size=size, fisheye=fisheye, unit=unit)
+
+
+def _as_floats(found: dict[str, Matrix]) -> dict[str, Matrix]:
+    """Return matrices with maps of fixed point (CV_16SC2) as maps of floats."""
+    for side in "12":
+        x, y = f"map{side}x", f"map{side}y"
+        if x in found and found[x].ndim == 3:
+            if y not in found or found[y].shape != found[x].shape[:2]:
+                raise ValueError(f"{y}: {x} is of fixed point, and this is not its other part")
+            cv2 = require("cv2", extra="rectify")
+            parts = found[x].astype(np.int16), found[y].astype(np.uint16)
+            found[x], found[y] = cv2.convertMaps(*parts, cv2.CV_32FC1)
+    return found
 
 
 def _checked(name: str, value: Any, *, fisheye: bool) -> Matrix:
     """Return a matrix in the shape that OpenCV takes, or refuse it."""
     matrix = _as_numbers(name, value)
     if name in MAPS:
+        if matrix.ndim == 3 and matrix.shape[2] == 2 and name.endswith("x") and matrix.size:
+            return matrix  # OpenCV's fixed point, see `_as_floats`
         if matrix.ndim != 2 or 0 in matrix.shape:
             raise ValueError(f"{name}: got shape {matrix.shape}; accepts (H, W)")
         return matrix
@@ -132,8 +160,12 @@ def _as_numbers(name: str, value: Any) -> Matrix:
 
 
 def _as_coefficients(name: str, matrix: Matrix, *, fisheye: bool) -> Matrix:
-    """Return coefficients of distortion as a column."""
+    """Return coefficients of distortion as a column; none at all are zeros."""
     allowed = (4,) if fisheye else _COEFFICIENTS
+    if not matrix.size:
+        return np.zeros((allowed[0], 1))
+    if fisheye and not matrix.ravel()[4:].any():
+        matrix = matrix.ravel()[:4]
     if matrix.size not in allowed or matrix.size != max(matrix.shape, default=0):
         raise ValueError(
             f"{name}: got shape {matrix.shape}; accepts {', '.join(map(str, allowed))} numbers"

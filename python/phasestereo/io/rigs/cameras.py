@@ -1,0 +1,334 @@
+"""A calibrated camera pair, and what OpenCV makes of it: maps that rectify its images, and Q."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phasestereo._extras import require
+from phasestereo._images import Map
+from phasestereo.io.calibration import Calibration, fits
+from phasestereo.io.depth import LengthUnit
+
+Matrix: TypeAlias = NDArray[np.float64]
+Maps: TypeAlias = tuple[tuple[Map, Map], tuple[Map, Map]]
+"""Of the left and of the right image: column and row at which to read each rectified pixel."""
+
+INTRINSICS = "K1", "D1", "K2", "D2"
+POSE = "R", "T"
+RECTIFIED = "R1", "R2", "P1", "P2"
+MAPS = "map1x", "map1y", "map2x", "map2y"
+_LONGEST_SIDE = 32766  # pixels: `cv2.remap` counts in 16 bits
+_MIDDLE = 0.25, 0.75  # of the sides: where principal points of whole images lie
+
+
+class Warp(NamedTuple):
+    """The maps that rectify images of one size, and OpenCV's matrix Q (None: not known)."""
+
+    maps: Maps
+    q: Matrix | None
+    vertical: bool = False
+    """Whether the right camera is below the left one."""
+    notes: tuple[str, ...] = ()
+    """What was assumed: sentences."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Cameras:
+    """A calibrated camera pair, by OpenCV's names.
+
+    Parameters
+    ----------
+    matrices
+        ``K1``, ``K2`` (3, 3) and ``D1``, ``D2`` (4, 5, 8, 12 or 14), the intrinsics; beside them
+        ``R`` (3, 3) and ``T`` (3, 1), which lead from the left camera to the right one, or a
+        rectification: ``R1``, ``R2`` (3, 3), ``P1``, ``P2`` (3, 4). Or the maps themselves:
+        ``map1x``, ``map1y``, ``map2x``, ``map2y`` (H, W). ``Q`` (4, 4) may be there, too.
+    size
+        Columns and rows of the images, if the calibration has them.
+    fisheye
+        Whether the distortion is that of ``cv2.fisheye``.
+    unit
+        The unit of `T`, of the baseline in ``P2`` and of `Q`; None: not known.
+    note
+        What there is to say of it; "" if nothing is.
+    also
+        The same cameras for images of other sizes.
+
+    Raises
+    ------
+    ValueError
+        If something is missing.
+    """
+
+    matrices: Mapping[str, Matrix]
+    size: tuple[int, int] | None = None
+    fisheye: bool = False
+    unit: LengthUnit | None = None
+    note: str = ""
+    also: tuple[Cameras, ...] = ()
+
+    @classmethod
+    def rectified(
+        cls,
+        left: Matrix,
+        right: Matrix,
+        baseline: float,
+        *,
+        size: tuple[int, int] | None = None,
+        unit: LengthUnit | None = None,
+        note: str = "",
+    ) -> Cameras:
+        """Return the cameras of images that are rectified already, by their intrinsics, (3, 3)."""
+        found: dict[str, Matrix] = {}
+        for side, camera, x in (("1", left, 0.0), ("2", right, -baseline * right[0, 0])):
+            found[f"K{side}"], found[f"D{side}"] = camera, np.zeros((5, 1))
+            found[f"R{side}"], found[f"P{side}"] = np.eye(3), np.column_stack([camera, [x, 0, 0]])
+        return cls(matrices=found, size=size, unit=unit, note=note)
+
+    def __post_init__(self) -> None:
+        """Refuse what is incomplete."""
+        if self._has(*MAPS):
+            return
+
+        wanted = INTRINSICS if self._has(*RECTIFIED) else (*INTRINSICS, *POSE)
+        missing = [name for name in wanted if name not in self.matrices]
+        if missing:
+            raise ValueError(
+                f"has no {', '.join(missing)}, only {', '.join(sorted(self.matrices)) or 'nothing'}"
+                "; a rectification takes K1, D1, K2, D2 with R, T or with R1, R2, P1, P2, or the "
+                "maps map1x, map1y, map2x, map2y"
+            )
+
+    def warp(self, size: tuple[int, int], alpha: float | None) -> Warp:
+        """Return what rectifies images of this size (columns, rows).
+
+        Parameters
+        ----------
+        size
+            Columns and rows of the images.
+        alpha
+            As ``cv2.stereoRectify`` has it. None: the rectification that the calibration has, or
+            else OpenCV's -1.
+
+        Raises
+        ------
+        ValueError
+            If the calibration is of images of another size, or the left camera is on the right of
+            the other one, or below it.
+        """
+        if max(size) > _LONGEST_SIDE:
+            raise ValueError(
+                f"left: got {size[0]} x {size[1]} pixels; accepts {_LONGEST_SIDE} either way, "
+                "which is as far as OpenCV counts"
+            )
+
+        cameras, notes = self.at(size)
+        if cameras._has(*MAPS):
+            (x1, y1, x2, y2) = (cameras.matrices[name].astype(np.float32) for name in MAPS)
+            return Warp(((x1, y1), (x2, y2)), self.matrices.get("Q"), notes=notes)
+
+        try:
+            poses = cameras._poses(size, alpha)
+            maps = cameras._maps(size, poses)
+        except require("cv2", extra="rectify").error as error:
+            raise ValueError("calibration: got cameras that OpenCV cannot rectify") from error
+        is_below = is_vertical(poses["P1"], poses["P2"])
+        return Warp(maps, q_of(poses["P1"], poses["P2"]), is_below, notes)
+
+    def geometry(self, size: tuple[int, int] | None) -> tuple[Calibration, tuple[str, ...]]:
+        """Return the geometry of the rectified pair, and what was assumed for it, in sentences.
+
+        Parameters
+        ----------
+        size
+            Columns and rows of the images; None: as the calibration has them.
+
+        Raises
+        ------
+        ValueError
+            As `warp`; if the size is not known, or there is no baseline.
+        """
+        wanted = size or self._known
+        if wanted is None:
+            raise ValueError("size: got None, and the file has none; accepts (columns, rows)")
+
+        cameras, notes = self.at(wanted)
+        q = cameras.matrices.get("Q")
+        if not cameras._has(*MAPS):
+            poses = cameras._poses(wanted, None)
+            q = q_of(poses["P1"], poses["P2"])
+        if q is None:
+            raise ValueError("has no baseline: depths need one")
+        if not cameras._has(*RECTIFIED) and not cameras._has(*MAPS):
+            notes += ("the geometry is that of pairs which `rectify` makes by this calibration",)
+        return Calibration.from_q(q, width=wanted[0], height=wanted[1], unit=self.unit), notes
+
+    def at(self, size: tuple[int, int]) -> tuple[Cameras, tuple[str, ...]]:
+        """Return the cameras for images of this size (columns, rows), and what was assumed.
+
+        Raises
+        ------
+        ValueError
+            If the calibration is of images that have other proportions.
+        """
+        notes = (self.note,) if self.note else ()
+        if self._known is None:
+            return self, notes + self._placed(size)
+        every = {one._known: one for one in (self, *self.also) if one._known is not None}
+        if size in every:
+            return every[size], notes
+
+        fitting = [known for known in every if fits(known, size) and not every[known]._has(*MAPS)]
+        if not fitting:
+            sizes = " or ".join(f"{width} x {height}" for width, height in every)
+            raise ValueError(
+                f"calibration: got that of {sizes} pixels; accepts that of the images' {size[0]} x "
+                f"{size[1]}, or of images of the same proportions"
+            )
+        width, height = known = fitting[0]
+        said = f"the calibration of {width} x {height} pixels is scaled to {size[0]} x {size[1]}"
+        return every[known]._scaled(known, size), (*notes, said)
+
+    @property
+    def _known(self) -> tuple[int, int] | None:
+        """Columns and rows of the images, if they are known."""
+        if self._has(*MAPS):
+            rows, cols = self.matrices[MAPS[0]].shape
+            return cols, rows
+        return self.size
+
+    def _placed(self, size: tuple[int, int]) -> tuple[str, ...]:
+        """Compare principal points with a size that the calibration does not give.
+
+        Raises
+        ------
+        ValueError
+            If one lies outside of the images: they are of another size.
+        """
+        notes: tuple[str, ...] = ()
+        for side in "12":
+            x, y = self.matrices[f"K{side}"][:2, 2]
+            at = f"K{side}: the principal point ({x:.5g}, {y:.5g})"
+            if not (0 <= x <= size[0] and 0 <= y <= size[1]):
+                raise ValueError(
+                    f"calibration: {at} lies outside of images of {size[0]} x {size[1]} pixels; "
+                    "accepts a calibration of images of this size"
+                )
+            low, high = _MIDDLE
+            if not (low <= x / size[0] <= high and low <= y / size[1] <= high):
+                notes += (
+                    f"{at} is far from the middle of {size[0]} x {size[1]} pixels: is the "
+                    "calibration of images of this size?",
+                )
+        return notes
+
+    def _scaled(self, known: tuple[int, int], size: tuple[int, int]) -> Cameras:
+        """Return the cameras for the same images at another size than the one that is known."""
+        x, y = (new / old for new, old in zip(size, known, strict=True))
+        # The center of the first pixel is (0, 0), its corner (-0.5, -0.5).
+        change = np.array([[x, 0, (x - 1) / 2], [0, y, (y - 1) / 2], [0, 0, 1]])
+        found = {
+            name: change @ matrix if name[0] in "KP" else matrix
+            for name, matrix in self.matrices.items()
+            if name != "Q"
+        }
+        return replace(self, matrices=found, size=size)
+
+    def _has(self, *names: str) -> bool:
+        return all(name in self.matrices for name in names)
+
+    def _is_straight(self) -> bool:
+        """Return whether the rectification leaves images as they are, to the bit."""
+        return all(
+            np.array_equal(self.matrices[f"K{side}"], self.matrices[f"P{side}"][:, :3])
+            and np.array_equal(self.matrices[f"R{side}"], np.eye(3))
+            and not self.matrices[f"D{side}"].any()
+            for side in "12"
+        )
+
+    def _poses(self, size: tuple[int, int], alpha: float | None) -> Mapping[str, Matrix]:
+        """Return the rectification: that which the calibration has, or a new one."""
+        # An alpha asks for another rectification than the calibrated one, if there is a pose.
+        if self._has(*RECTIFIED) and (alpha is None or not self._has(*POSE)):
+            return self.matrices
+
+        cv2 = require("cv2", extra="rectify")
+        k1, d1, k2, d2, r, t = (self.matrices[name] for name in (*INTRINSICS, *POSE))
+        if self.fisheye:
+            balance = 0.0 if alpha is None else max(alpha, 0.0)
+            found = cv2.fisheye.stereoRectify(
+                k1, d1, k2, d2, size, r, t, flags=cv2.CALIB_ZERO_DISPARITY, balance=balance
+            )
+        else:
+            share = -1.0 if alpha is None else alpha
+            found = cv2.stereoRectify(
+                k1, d1, k2, d2, size, r, t, flags=cv2.CALIB_ZERO_DISPARITY, alpha=share
+            )
+
+        return dict(zip(RECTIFIED, found[:4], strict=True))
+
+    def _maps(self, size: tuple[int, int], poses: Mapping[str, Matrix]) -> Maps:
+        if poses is self.matrices and self._is_straight():
+            y, x = np.mgrid[: size[1], : size[0]].astype(np.float32)
+            return (x, y), (x, y)
+
+        cv2 = require("cv2", extra="rectify")
+        model = cv2.fisheye if self.fisheye else cv2
+
+        left, right = (
+            model.initUndistortRectifyMap(
+                self.matrices[f"K{side}"],
+                self.matrices[f"D{side}"],
+                poses[f"R{side}"],
+                poses[f"P{side}"],
+                size,
+                cv2.CV_32FC1,
+            )
+            for side in (1, 2)
+        )
+        return left, right
+
+
+def q_of(left: Matrix, right: Matrix) -> Matrix | None:
+    """Return OpenCV's matrix Q of two rectified cameras; None where they have no baseline.
+
+    Raises
+    ------
+    ValueError
+        If the left one is on the right, or below the other one.
+    """
+    if left.shape != (3, 4) or right.shape != (3, 4):
+        return None
+
+    axis = int(is_vertical(left, right))
+    baseline = right[axis, 3] - left[axis, 3]
+    if baseline > 0:
+        side = ("on the right of", "below")[axis]
+        raise ValueError(
+            f"calibration: got a left camera that is {side} the other one; exchange the "
+            "cameras, and the images if these are exchanged, too"
+        )
+    if baseline == 0:
+        return None
+
+    focal, row = left[0, 0], left[0, 0] / left[1, 1]
+    q = np.diag([1.0, row, 0.0, 0.0])
+    q[:3, 3] = -left[0, 2], -left[1, 2] * row, focal
+    # By the focal length along the baseline, which is fy where that is vertical.
+    q[3, 2:] = -focal / baseline, (left[axis, 2] - right[axis, 2]) * focal / baseline
+    return q
+
+
+def is_vertical(left: Matrix, right: Matrix) -> bool:
+    """Return whether the projections of two rectified cameras have one above the other."""
+    if left.shape != (3, 4) or right.shape != (3, 4):
+        return False
+
+    # The last column of P is minus the baseline times the focal length.
+    along, down = np.abs(right[:2, 3] - left[:2, 3])
+    return bool(down > along)

@@ -1,0 +1,226 @@
+"""Calibrations as people have them: which kind of file each is, and the cameras in it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeAlias, get_args
+
+import numpy as np
+
+from phasestereo.io.calibration import Calibration, of_middlebury
+from phasestereo.io.depth import LengthUnit
+from phasestereo.io.files import StrPath
+from phasestereo.io.rigs.cameras import Cameras
+from phasestereo.io.rigs.documents import MIDDLEBURY, Document, read_document
+from phasestereo.io.rigs.makers import cameras_of_maker
+from phasestereo.io.rigs.names import as_cameras
+from phasestereo.io.rigs.singles import (
+    as_size,
+    cameras_of_chain,
+    cameras_of_pair,
+    is_camera,
+    is_chain,
+)
+
+CalibrationSource: TypeAlias = (
+    "str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | Mapping[str, Any]"
+)
+
+_PAIRS = (
+    ("cam0/sensor.yaml", "cam1/sensor.yaml"),
+    ("left.yaml", "right.yaml"),
+    ("left.yml", "right.yml"),
+    ("intrinsics.yml", "extrinsics.yml"),
+)
+"""Files that a folder may hold."""
+
+_SIZES = "imageSize", "image_size", "img_size", "resolution", "res1"
+_SIDES = "image_width", "image_height"
+
+
+def read_calibration(
+    path: StrPath | Sequence[StrPath], size: tuple[int, int] | None = None
+) -> Calibration:
+    """Read the geometry of a rectified pair from a calibration of any kind.
+
+    Parameters
+    ----------
+    path
+        A file, a folder, or the files of both cameras, as `phasestereo.rectify` takes them:
+        Middlebury's and KITTI's ``calib.txt``, FoundationStereo's ``K.txt``, OpenCV's, ROS's,
+        Kalibr's, EuRoC's, ORB-SLAM's, OKVIS's, mrcal's, OAK's, ZED's, MATLAB's, COLMAP's,
+        Metashape's. Of a file with raw cameras it is the geometry of pairs that
+        `phasestereo.rectify` makes by it.
+    size
+        Columns and rows of the images; None: as the file has them. A calibration of images of
+        another size, but the same proportions, is scaled.
+
+    Returns
+    -------
+    Calibration
+        Its `unit` is m where the format has one, mm of Middlebury's, and None where a format
+        leaves it open.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be read.
+    ValueError
+        If it holds no camera pair or no baseline, is of images of other proportions, or has no
+        size and none is given.
+    ImportError
+        If the extra ``rectify`` is not installed, and the format needs it.
+
+    Examples
+    --------
+    >>> calibration = ps.io.read_calibration("SN1267.conf", size=(1280, 720))
+    >>> calibration.depth(result.disparity)  # m
+    """
+    return read_geometry(path, size)[0]
+
+
+def read_geometry(
+    path: StrPath | Sequence[StrPath], size: tuple[int, int] | None
+) -> tuple[Calibration, tuple[str, ...]]:
+    """Return what `read_calibration` does, and what was assumed for it, in sentences."""
+    paths, documents = read_documents(path)
+    name = named_all(paths)
+    try:
+        if len(documents) == 1 and MIDDLEBURY in documents[0]:
+            return _of_middlebury(documents[0], size)
+        return cameras_of(documents).geometry(size)
+    except (KeyError, IndexError, OverflowError, TypeError, ValueError) as error:
+        raise ValueError(f"{name}: {_in_words(error)}") from error
+
+
+def _of_middlebury(
+    document: Document, size: tuple[int, int] | None
+) -> tuple[Calibration, tuple[str, ...]]:
+    found = of_middlebury(document[MIDDLEBURY])
+    known = found.width, found.height
+    if size in (None, known):
+        return found, ()
+    said = f"the calibration of {known[0]} x {known[1]} pixels is scaled to {size[0]} x {size[1]}"
+    return found.scaled(*size), (said,)
+
+
+def read_cameras(source: CalibrationSource) -> Cameras:
+    """Return the camera pair of a calibration.
+
+    Parameters
+    ----------
+    source
+        A file or a folder; a pair of files, (left, right) or of things that complete each other;
+        or matrices by name.
+
+    Raises
+    ------
+    TypeError
+        If it is nothing of that.
+    OSError
+        If a file cannot be read.
+    ValueError
+        If it holds no camera pair.
+    ImportError
+        If the extra ``rectify`` is not installed.
+    """
+    if isinstance(source, Mapping):
+        try:
+            return _of_matrices(dict(source))
+        except ValueError as error:
+            raise ValueError(f"calibration: {error}") from error
+    paths, documents = read_documents(source)
+    return cameras_of_files(documents, named_all(paths))
+
+
+def cameras_of_files(documents: list[Document], name: str) -> Cameras:
+    """Return the camera pair of what files hold; errors begin with their name.
+
+    Raises
+    ------
+    ValueError
+        If they hold no camera pair.
+    """
+    try:
+        return cameras_of(documents)
+    except (KeyError, IndexError, OverflowError, TypeError, ValueError) as error:
+        raise ValueError(f"{name}: {_in_words(error)}") from error
+
+
+def _in_words(error: Exception) -> str:
+    return f"has no {error.args[0]}" if isinstance(error, KeyError) else str(error)
+
+
+def read_documents(source: Any) -> tuple[list[str | os.PathLike[str]], list[Document]]:
+    """Return the one or two files that are meant, and what they hold by name.
+
+    Raises
+    ------
+    TypeError, OSError, ValueError, ImportError
+        As `read_cameras`.
+    """
+    paths = _paths(source)
+    return paths, [read_document(path) for path in paths]
+
+
+def named_all(paths: Sequence[StrPath]) -> str:
+    """Return files as errors name them."""
+    return " and ".join(os.fspath(path) for path in paths)
+
+
+def _paths(source: Any) -> list[str | os.PathLike[str]]:
+    """Return the one or two files that are meant."""
+    if isinstance(source, Sequence) and len(source) == 1:
+        source = source[0]
+    if isinstance(source, str | os.PathLike):
+        folder = Path(source)
+        for names in _PAIRS if folder.is_dir() else ():
+            pair = [folder / name for name in names]
+            if all(path.is_file() for path in pair):
+                return list(pair)
+        return [source]
+
+    paths = list(source) if isinstance(source, Sequence) else []
+    if not 1 <= len(paths) <= 2 or not all(isinstance(path, str | os.PathLike) for path in paths):
+        raise TypeError(
+            f"calibration: got {type(source).__name__}; accepts a path, a pair of paths (left, "
+            "right), matrices by name, a Rectification, or None"
+        )
+    return paths
+
+
+def cameras_of(documents: list[Document]) -> Cameras:
+    """Return the camera pair of what one or two files hold.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError
+        If they hold none.
+    """
+    single = [is_camera(document) or "lensmodel" in document for document in documents]
+    if single == [True]:
+        raise ValueError("holds one camera; give the files of both, left and right")
+    if any(single) and not all(single):
+        raise ValueError("one file holds a camera, and the other one does not")
+
+    found = cameras_of_maker(documents)
+    if found is not None:
+        return found
+    if all(single):
+        return cameras_of_pair(*documents)
+    if is_chain(documents[0]) and len(documents) == 1:
+        return cameras_of_chain(documents[0])
+    return _of_matrices(documents[0] | documents[-1])
+
+
+def _of_matrices(document: Document) -> Cameras:
+    size = next((document[name] for name in _SIZES if name in document), None)
+    if size is not None and "rotationOfCamera2" in document:
+        size = np.ravel(size)[::-1]  # as MATLAB's stereoParametersToOpenCV has it
+    if size is None and all(name in document for name in _SIDES):
+        size = [document[name] for name in _SIDES]
+    unit = document.get("unit")
+    known = next((one for one in get_args(LengthUnit) if one == unit), None)
+    return as_cameras(document, size=as_size(size), unit=known)

@@ -1,0 +1,214 @@
+"""What recordings say of their cameras: windows, binning, sizes, and baselines in transforms."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import robots
+from conftest import counterpart
+from phasestereo_live import ros
+from phasestereo_live.ros.transforms import baseline_of
+from robots import INFOS, ROS1, ROS2, START, TOPICS, Bag, rosbag1
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from conftest import Run
+
+SIZE = COLS, ROWS = 180, 120
+FOCAL, BASELINE, SHIFT = 300.0, 0.1, 20  # 1.5 m
+RNG = np.random.default_rng(0)
+SCENE = RNG.integers(0, 256, (ROWS, COLS + SHIFT), np.uint8)
+VIEWS = SCENE[:, :COLS].copy(), SCENE[:, SHIFT:].copy()
+
+
+def depths(run: Callable[..., Run], path: Path, out: Path, *more: object) -> tuple[float, str]:
+    """Return the median depth of a recording, and what was said of it."""
+    code, _, err = run("live", path, "-o", out, "--num-disparities", 48, *more)
+    assert code == 0, err
+    found = robots.read(out)
+    topic = next((one for one in found if one.endswith("depth")), None)
+    if topic is None:
+        return np.nan, err
+    return float(np.nanmedian(found[topic][0][1].data.view("<f4"))), err
+
+
+def matrices(factor: float, baseline: float = BASELINE) -> list[dict[str, Any]]:
+    """Return K, D, R, P of cameras whose images are so many times as large."""
+    size = round(factor * COLS), round(factor * ROWS)
+    return robots.straight(size, factor * FOCAL, baseline)
+
+
+WINDOWS = [
+    (SIZE, 1, {}, {}, 1.5),
+    ((360, 240), 2, {"binning": 2}, {"binning": 2}, 1.5),
+    ((360, 240), 2, {}, {}, 1.5),  # the driver forgot to say that it halves
+    ((640, 480), 1, {"window": (140, 120, 180, 120)}, {"window": (140, 120, 180, 120)}, 1.5),
+    ((640, 480), 1, {"window": (140, 120, 180, 120)}, {"window": (130, 120, 180, 120)}, 1.0),
+    ((800, 600), 2, {"window": (9, 8, 360, 240), "binning": 2},
+     {"window": (9, 8, 360, 240), "binning": 2}, 1.5),
+]  # fmt: skip
+"""Size of the sensor, times the usual focal length, left and right camera_info, depth."""
+
+
+@pytest.mark.parametrize("case", WINDOWS)
+def test_binning_windows_and_sizes_change_the_geometry(
+    run: Callable[..., Run], tmp_path: Path, case: Any
+) -> None:
+    size, factor, *more, depth = case
+    bag = Bag()
+    for info, one, how in zip(INFOS, matrices(factor), more, strict=True):
+        bag.add(info, START, robots.info(ROS2, size, one, **how))
+    for topic, view in zip(TOPICS, VIEWS, strict=True):
+        bag.add(topic, START, robots.image(ROS2, START, view, "mono8"))
+    found, err = depths(run, bag.write(tmp_path / "in.mcap"), tmp_path / "out.mcap")
+    # Cropped 10 columns apart disparities are 10 px less than those of whole images.
+    assert found == pytest.approx(depth, rel=1e-3)
+    assert ("is scaled to 180 x 120" in err) == (size == (360, 240) and not more[0])
+
+
+@pytest.mark.parametrize(("size", "more", "message"), [
+    ((640, 480), ({}, {}), "calibration: got that of 640 x 480 pixels; accepts"),
+    ((640, 480), ({"window": (9, 8, 180, 120)}, {"window": (9, 18, 180, 120)}),
+     "rows of rectified images are 10 px apart"),
+])  # fmt: skip
+def test_windows_that_do_not_fit_are_refused(
+    tmp_path: Path, size: Any, more: Any, message: str
+) -> None:
+    bag = Bag()
+    for info, one, how in zip(INFOS, matrices(1), more, strict=True):
+        bag.add(info, START, robots.info(ROS2, size, one, **how))
+    for topic, view in zip(TOPICS, VIEWS, strict=True):
+        bag.add(topic, START, robots.image(ROS2, START, view, "mono8"))
+    with pytest.raises(ValueError, match=message):
+        ros.open_recording(bag.write(tmp_path / "in.mcap"))
+
+
+# Recordings of RealSense
+
+RECORD = """
+import sys, time
+import numpy as np, pyrealsense2 as rs
+scene = np.load(sys.argv[1])
+rows, cols = scene.shape[0], scene.shape[1] - 20
+device = rs.software_device()
+sensor = device.add_sensor("Stereo Module")
+profiles = []
+for number in (1, 2):
+    stream = rs.video_stream()
+    stream.type, stream.index, stream.uid = rs.stream.infrared, number, number
+    stream.width, stream.height, stream.fps, stream.bpp = cols, rows, 30, 1
+    stream.fmt = rs.format.y8
+    k = rs.intrinsics()
+    k.width, k.height, k.fx, k.fy = cols, rows, 400, 400
+    k.ppx, k.ppy = (cols - 1) / 2, (rows - 1) / 2
+    k.model, k.coeffs = rs.distortion.brown_conrady, [0, 0, 0, 0, 0]
+    stream.intrinsics = k
+    profiles.append(sensor.add_video_stream(stream))
+pose = rs.extrinsics()  # leads points of the first camera to the second one
+pose.rotation, pose.translation = [1, 0, 0, 0, 1, 0, 0, 0, 1], [-0.05, 0, 0]
+profiles[0].register_extrinsics_to(profiles[1], pose)
+recorder = rs.recorder(sys.argv[2], device)
+recorded = recorder.query_sensors()[0]
+recorded.open(recorded.get_stream_profiles())
+recorded.start(rs.frame_queue(100))
+for index in range(4):
+    for number, profile in enumerate(profiles):
+        frame = rs.software_video_frame()
+        frame.pixels = np.ascontiguousarray(scene[:, 20 * number : 20 * number + cols])
+        frame.stride, frame.bpp = cols, 1
+        frame.timestamp, frame.frame_number = 1000 + 33.3 * index, index + 1
+        frame.domain = rs.timestamp_domain.system_time
+        frame.profile = profile.as_video_stream_profile()
+        sensor.on_video_frame(frame)
+    time.sleep(0.05)
+recorded.stop()
+recorded.close()
+del recorded, recorder
+"""
+
+
+def test_a_recording_of_librealsense_gives_meters(run: Callable[..., Run], tmp_path: Path) -> None:
+    """400 px x 50 mm / 20 px = 1 m, by /tf_static alone: P has no baseline."""
+    counterpart("pyrealsense2")
+    np.save(tmp_path / "scene.npy", SCENE)
+    paths = str(tmp_path / "scene.npy"), str(tmp_path / "new.db3")
+    words = [sys.executable, "-c", RECORD, *paths]
+    subprocess.run(words, check=True, timeout=120)  # noqa: S603  # our own interpreter and code
+    found, err = depths(run, tmp_path / "new.db3", tmp_path / "out.mcap")
+    assert found == pytest.approx(1.0, abs=1e-3)
+    assert "/device_0/sensor_0/Infrared_1/image/camera_info" in err
+
+
+def transform(types: Any, x: float, y: float = 0.0) -> Any:
+    made = types.types
+    return made["geometry_msgs/msg/Transform"](
+        translation=made["geometry_msgs/msg/Vector3"](x=x, y=y, z=0.0),
+        rotation=made["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=-1.0),
+    )
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_an_old_recording_of_librealsense(
+    run: Callable[..., Run],
+    tmp_path: Path,
+    known: bool,  # noqa: FBT001 -- a parameter of the test
+) -> None:
+    """As SDK 2.55 writes it: R = P = 0, four bytes behind each image, transforms by stream."""
+    blank = {"D": np.zeros(5), "R": np.zeros(9), "P": np.zeros(12)}
+    with rosbag1.Writer(tmp_path / "old.bag") as writer:
+        for side, one, view in zip((1, 2), matrices(1), VIEWS, strict=True):
+            stream = f"/device_0/sensor_0/Infrared_{side}"
+            info = robots.info(ROS1, SIZE, {"K": one["K"]} | blank, "Brown Conrady", frame="")
+            messages: list[tuple[str, Any, bytes]] = [
+                (f"{stream}/info/camera_info", info, b""),
+                (f"{stream}/image/data", robots.image(ROS1, START, view, "8UC1"), bytes(4)),
+            ]
+            if known:
+                shift = transform(ROS1, -BASELINE * (side - 1))
+                messages.append((f"{stream}/tf/1", shift, b""))
+            for topic, message, surplus in messages:
+                kind = message.__msgtype__
+                connection = writer.add_connection(topic, kind, typestore=ROS1)
+                data = bytes(ROS1.serialize_ros1(message, kind)) + surplus
+                writer.write(connection, START, data)
+
+    found, err = depths(run, tmp_path / "old.bag", tmp_path / "out.mcap")
+    assert found == pytest.approx(1.5, rel=1e-3) if known else np.isnan(found)
+    assert ("no baseline in camera_info or /tf_static: there are no depths" in err) != known
+
+
+def test_a_baseline_leads_through_a_chain_of_transforms() -> None:
+    base, left, right = "base", "left", "right"
+    chain = [(base, left, transform(ROS2, 3.0, 1.0)), (base, right, transform(ROS2, 3.12, 1.0))]
+    assert baseline_of(chain, left, right) == pytest.approx(0.12)
+    assert baseline_of(chain, right, left) is None  # exchanged
+    assert baseline_of(chain, left, "elsewhere") is None
+    assert baseline_of(chain, left, left) is None
+    below = [(base, left, transform(ROS2, 0.0)), (base, right, transform(ROS2, 0.1, 0.1))]
+    assert baseline_of(below, left, right) is None
+
+
+@pytest.mark.parametrize(("one", "other"), [
+    ("left", "right"), ("infra1", "infra2"), ("Infrared_1", "Infrared_2"), ("cam0", "cam1"),
+    ("cam_l", "cam_r"),
+])  # fmt: skip
+def test_topics_are_guessed_by_the_names_that_cameras_give(
+    tmp_path: Path, one: str, other: str
+) -> None:
+    bag = Bag()
+    topics = f"/rig/{one}/image_raw", f"/rig/{other}/image_raw"
+    for topic, view in zip(topics, VIEWS, strict=True):
+        bag.add(topic, START, robots.image(ROS2, START, view, "mono8"))
+        packed = robots.compressed(ROS2, START, view, "PNG", "png")
+        bag.add(f"{topic}/compressed", START, packed)
+    bag.add("/rig/color/image_raw", START, robots.image(ROS2, START, VIEWS[0], "mono8"))
+    source = ros.open_recording(bag.write(tmp_path / "in.mcap"))
+    source.close()
+    assert source.topics == topics
