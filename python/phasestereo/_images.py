@@ -162,7 +162,7 @@ def as_valid(mask: ArrayLike | None, pixels: Pixels, name: str) -> NDArray[np.bo
     valid = as_mask(mask, pixels.shape, name)
     if pixels.dtype.kind != "f":
         return valid
-    known: NDArray[np.bool_] = ~np.isnan(pixels).any(axis=2)
+    known = np.logical_not(np.isnan(pixels).max(axis=2))
     return valid if known.all() else join_masks(valid, known)
 
 

@@ -25,9 +25,9 @@ BOUNDS = {
     "aliases at the boundary": 6,
     "public names": 129,
     "statements of phasestereo": 7_950,
-    "statements of phasestereo-live": 2_400,
+    "statements of phasestereo-live": 2_630,
     "statements of phasestereo-large": 2_600,
-    "words of documentation": 22_600,
+    "words of documentation": 23_600,
 }
 EXTENSION = 8.4
 """Megabytes."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -137,6 +138,10 @@ def test_bars_and_confidences_go_along_and_holes_are_no_occlusions() -> None:
     near = ps.register(result, RIG, third, max_depth=1.2)
     assert np.nanmax(near.depth) < 1.3
     assert near.holes.sum() > 10 * found.holes.sum()
+
+    meters = replace(third, unit="m")
+    in_mm = ps.register(DISPARITY, replace(RIG, baseline=50.0, unit="mm"), meters)
+    np.testing.assert_allclose(in_mm.depth, 1000 * whole.depth, rtol=1e-5)
 
     nothing = ps.register(np.full_like(DISPARITY, np.nan), RIG, third)
     assert not (np.isfinite(nothing.depth) | nothing.holes | nothing.occluded).any()

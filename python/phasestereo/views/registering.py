@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self, TypeAlias
 
 import numpy as np
@@ -12,6 +12,7 @@ from phasestereo._extras import require
 from phasestereo._images import Map, Mask
 from phasestereo._numbers import as_integer
 from phasestereo.io.calibration import Calibration
+from phasestereo.io.depth import LengthUnit, meters_in
 from phasestereo.io.rigs.cameras import INTRINSICS, POSE, Cameras, Matrix
 from phasestereo.io.rigs.names import check_rotation
 from phasestereo.io.rigs.reading import CalibrationSource
@@ -42,13 +43,15 @@ class ThirdCamera:
         Intrinsics (3, 3), pixels.
     rotation, translation
         (3, 3) and (3,): ``rotation @ X + translation`` leads from the rectified left camera to this
-        one. The translation is in the unit of the pair's baseline.
+        one.
     width, height
         Size of its images, pixels.
     distortion
         4, 5, 8, 12 or 14 numbers, as ``cv2.projectPoints`` takes them; of a fisheye camera 4.
     fisheye
         Whether the distortion is that of ``cv2.fisheye``.
+    unit
+        The unit of the translation; None: that of the pair's baseline.
 
     Raises
     ------
@@ -65,6 +68,7 @@ class ThirdCamera:
     height: int
     distortion: Matrix | None = None
     fisheye: bool = False
+    unit: LengthUnit | None = None
 
     def __post_init__(self) -> None:
         """Refuse what is no camera, and take what is array-like."""
@@ -93,7 +97,7 @@ class ThirdCamera:
         ----------
         calibration
             As `phasestereo.rectify` takes it: a file of ``K1, D1, K2, D2, R, T``, a camchain of
-            Kalibr's, matrices by name ..., in the unit of the pair's baseline.
+            Kalibr's, matrices by name ...
         rectification
             How the left image was rectified, which turned its camera. None: it was not.
         size
@@ -132,6 +136,7 @@ class ThirdCamera:
             width=cols,
             height=rows,
             fisheye=cameras.fisheye,
+            unit=cameras.unit,
         )
 
     def project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -255,6 +260,9 @@ def register(
     >>> color = ps.ThirdCamera.of_pair("left_color.yaml", rectification=rectified)
     >>> depth = ps.register(result, calibration, color).depth
     """
+    if camera.unit and calibration.unit:
+        scale = meters_in(camera.unit) / meters_in(calibration.unit)
+        camera = replace(camera, translation=camera.translation * scale, unit=calibration.unit)
     values = np.asarray(result.disparity if isinstance(result, Result) else result)
     bars = result.uncertainty if isinstance(result, Result) else None
     geometry = ranging(values, calibration, uncertainty=bars, yaw=yaw, anchor=anchor)

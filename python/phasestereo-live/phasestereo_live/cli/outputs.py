@@ -31,6 +31,7 @@ from phasestereo.result import Keep
 from phasestereo.views.depths import Selection
 from phasestereo_live.cli.tally import Tally
 from phasestereo_live.rerun import log_failure, log_frame, saving
+from phasestereo_live.rgbd import LAYOUTS, RgbdLayout, RgbdWriter
 from phasestereo_live.ros.bags import RecordingWriter
 from phasestereo_live.ros.reading import SUFFIXES as RECORDINGS
 from phasestereo_live.video import FramePicture, VideoWriter
@@ -57,6 +58,11 @@ class LiveOutputs:
         the place of %06d. .pfm, .npy, .tif, or .png as KITTI has it (16 bits, 256 d).
     rerun
         Recording for the viewer rerun, .rrd: images and disparities; needs the extra ``rerun``.
+    rgbd
+        Folder of images and depths, which must be empty: of --calib, a recording with camera_info,
+        or --rectify by a calibration.
+    rgbd_layout
+        How the folder is laid out: tum (the default), nerfstudio, or colmap, with normals.
     calib
         Calibration of the rectified views, as ``phasestereo match`` takes it, for the camera,
         depths and points in --rerun and on the page.
@@ -81,6 +87,8 @@ class LiveOutputs:
     output: Annotated[Path | None, Parameter(alias="-o")] = None
     frames: str | None = None
     rerun: Path | None = None
+    rgbd: Path | None = None
+    rgbd_layout: RgbdLayout | None = None
     calib: Path | None = None
     unit: LengthUnit | None = None
     keep: Keep = "trusted"
@@ -92,7 +100,7 @@ class LiveOutputs:
 
     def asked_for(self) -> bool:
         """Return whether anything is to come out."""
-        return bool(self.output or self.frames or self.rerun or self.json)
+        return bool(self.output or self.frames or self.rerun or self.rgbd or self.json)
 
     @property
     def selection(self) -> Selection:
@@ -125,10 +133,15 @@ class LiveOutputs:
             If an option has no effect, a file is a source, a folder, or cannot be written, or a
             format does not hold all of the disparities.
         """
-        if self.calib is not None and self.rerun is None and not shown:
-            raise CommandError("--calib: has no effect without --rerun or --show", WRONG_USAGE)
-        if self.rate is not None and self.output is None:
-            raise CommandError("--rate: has no effect without --output", WRONG_USAGE)
+        needs = (
+            ("calib", self.rerun or self.rgbd or shown, "--rerun, --rgbd or --show"),
+            ("rgbd_layout", self.rgbd, "--rgbd"),
+            ("rate", self.output, "--output"),
+        )
+        for name, used, by in needs:
+            if getattr(self, name) is not None and not used:
+                message = f"{option(name)}: has no effect without {by}"
+                raise CommandError(message, WRONG_USAGE)
         if self.calib is not None:
             refuse_picture("calib", self.calib)
 
@@ -137,7 +150,10 @@ class LiveOutputs:
             if path is not None:
                 refuse_taken(name, path, sources)
 
-        # Whatever is to be written is tried before anything is matched.
+        self._try(sources, disparities)
+
+    def _try(self, sources: list[Path], disparities: tuple[int, int]) -> None:
+        """Try whatever is to be written before anything is matched."""
         with refusals(options={"min_depth"}):
             _ = self.selection
         with refusals():
@@ -149,6 +165,8 @@ class LiveOutputs:
             if self.rerun is not None:
                 require("rerun", extra="rerun")
                 _checked("rerun", partial(draft_of, self.rerun, (".rrd",), "recording"))
+            if self.rgbd is not None:
+                _checked("rgbd", partial(RgbdWriter, self.rgbd))
             if self.frames is not None:
                 _check_frames(self.frames, sources, disparities)
 
@@ -204,6 +222,8 @@ class Writers:
 
             if self._outputs.rerun is not None:
                 self._add_recording(opened, self._outputs.rerun)
+            if self._outputs.rgbd is not None:
+                self._add_folder(opened, self._outputs.rgbd)
 
             self._open = opened.pop_all()
         return self
@@ -255,6 +275,20 @@ class Writers:
 
         self.sinks.append(log)
         self._tally.listeners.append(partial(log_failure, recording=recording))
+
+    def _add_folder(self, opened: ExitStack, path: Path) -> None:
+        layout = self._outputs.rgbd_layout or LAYOUTS[0]
+        folder = self._enter(opened, "rgbd", path, RgbdWriter(path, layout))
+        selection = self._outputs.selection
+
+        @_naming(path)
+        def write(frame: Frame) -> None:
+            calibration = self._known(frame)
+            if calibration is None:
+                raise ValueError("--rgbd: needs a geometry, as --calib, camera_info or --rectify")
+            folder.write(frame, calibration, selection=selection)
+
+        self.sinks.append(write)
 
 
 @contextmanager
