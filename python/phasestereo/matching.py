@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from phasestereo import _core
-from phasestereo._images import ImageOrPath, as_array, as_valid, as_views
-from phasestereo._opening import opened
+from phasestereo._images import ImageOrPath
+from phasestereo._opening import opened_valid
 from phasestereo.known import Known, as_known
 from phasestereo.result import Result
 from phasestereo.rig.findings import warn
@@ -271,12 +271,7 @@ def match_silently(
     if progress is not None and not callable(progress):
         raise TypeError(f"progress: got {type(progress).__name__}; accepts a callable or None")
 
-    arrays = as_array(opened(images[0]), "left"), as_array(opened(images[1]), "right")
-    pair = as_views(*arrays)
-    valid = (
-        as_valid(masks[0], pair[0], "left_mask"),
-        as_valid(masks[1], pair[1], "right_mask"),
-    )
+    arrays, pair, valid = opened_valid(images, masks)
 
     # Turned so that rows come to be columns, in which the core looks for what corresponds.
     turns = int(vertical)

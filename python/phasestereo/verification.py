@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from phasestereo import _core
-from phasestereo._images import ImageOrPath, as_array, as_pixels, as_rgb8, as_valid, as_views
-from phasestereo._opening import opened
+from phasestereo._images import ImageOrPath, as_array, as_pixels, as_rgb8
+from phasestereo._opening import opened_valid
 from phasestereo.known import Known, as_known
 from phasestereo.matching import Progress
 from phasestereo.result import Result
@@ -173,13 +173,8 @@ def verify(
     if progress is not None and not callable(progress):
         raise TypeError(f"progress: got {type(progress).__name__}; accepts a callable or None")
 
-    arrays = as_array(opened(left), "left"), as_array(opened(right), "right")
-    pair = as_views(*arrays)
+    arrays, pair, valid = opened_valid((left, right), (left_mask, right_mask))
     size = pair[0].shape[:2]
-    valid = (
-        as_valid(left_mask, pair[0], "left_mask"),
-        as_valid(right_mask, pair[1], "right_mask"),
-    )
     claims = _as_claims(disparity, size)
 
     judged = _core.verify_map(

@@ -15,7 +15,7 @@ import hostile
 from conftest import counterpart
 from footage import INTRA, LOSSLESS, damage, film, pair, side_by_side
 from phasestereo import io
-from phasestereo.io.pair import LayoutError, halves
+from phasestereo.io.pair import LayoutError, views_of
 from phasestereo.result import Result
 from phasestereo.settings import Settings
 from phasestereo.views.picture import NEUTRAL, colorize
@@ -193,16 +193,16 @@ def test_frames_of_more_pixels_than_a_picture_may_have_are_not_decoded(
 
 def test_halves() -> None:
     picture = np.arange(24).reshape(4, 6)
-    left, right = halves(picture, "side-by-side")
+    left, right = views_of(picture, "side-by-side")
     assert (left.shape, right[0, 0]) == ((4, 3), 3)
 
-    left, right = halves(picture, "top-bottom")
+    left, right = views_of(picture, "top-bottom")
     assert (left.shape, right[0, 0]) == ((2, 6), 12)
 
-    with pytest.raises(LayoutError, match="even number of columns, got 5 x 4"):
-        halves(picture[:, :5], "side-by-side")
-    with pytest.raises(LayoutError, match="even number of rows, got 6 x 3"):
-        halves(picture[:3], "top-bottom")
+    with pytest.raises(LayoutError, match="needs two columns or more, got 1 x 4"):
+        views_of(picture[:, :1], "side-by-side")
+    with pytest.raises(LayoutError, match="needs two rows or more, got 6 x 1"):
+        views_of(picture[:1], "top-bottom")
 
 
 def test_two_videos_end_with_the_shorter_one() -> None:

@@ -16,7 +16,7 @@ from phasestereo._opening import opened
 from phasestereo.io.files import StrPath, describe_error, open_regular
 from phasestereo.io.folders import images_of, pair_paths, paths_of_rig
 from phasestereo.io.limits import check_size
-from phasestereo.io.pair import Layout, halves, read_pair
+from phasestereo.io.pair import Layout, read_pair, views_of
 
 Gray: TypeAlias = NDArray[np.uint8]
 BoardPaths: TypeAlias = "StrPath | Sequence[tuple[ImageOrPath, ImageOrPath]]"
@@ -186,7 +186,7 @@ def _frames(videos: list[Any], layout: Layout) -> tuple[Gray, Gray] | None:
     read = [video.read() for video in videos]
     if not all(there for there, _ in read):
         return None
-    views = halves(read[0][1], layout) if len(read) == 1 else (read[0][1], read[1][1])
+    views = views_of(read[0][1], layout) if len(read) == 1 else (read[0][1], read[1][1])
     left, right = (_gray(view[..., ::-1]) for view in views)  # OpenCV's are BGR
     return left, right
 

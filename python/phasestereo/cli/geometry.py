@@ -71,7 +71,8 @@ class GeometryOptions:
     q
         The matrix Q of OpenCV's stereoRectify: .npy, .npz, .txt, or .yml and .xml of FileStorage.
     focal
-        Focal length in pixels, of two equal cameras; needs ``--baseline``.
+        Focal length in pixels, of two equal cameras; needs ``--baseline``. Default: that of a
+        spatial photograph (HEIC).
     baseline
         Distance of the cameras, in the unit that all depths are to have; see --unit.
     doffs
@@ -146,7 +147,7 @@ class GeometryOptions:
             raise _wrong(sources[1], f"got {option(sources[0])}, too; accepts one geometry")
 
         for name in given:
-            if name in _WITH_FOCAL and "focal" not in sources:
+            if name in _WITH_FOCAL and (self.baseline is None or sources not in ([], ["focal"])):
                 raise _wrong(name, "has no effect without --focal")
         if "focal" in sources and self.baseline is None:
             raise _wrong("focal", "needs --baseline, the distance of the cameras")
@@ -165,7 +166,12 @@ class GeometryOptions:
         """Return the files that are read."""
         return [*self.calib, self.q, *map(Path, self.register)]
 
-    def read(self, size: tuple[int, ...], rectified: Rectification | None = None) -> "Rig | None":
+    def read(
+        self,
+        size: tuple[int, ...],
+        rectified: Rectification | None = None,
+        focal: float | None = None,
+    ) -> "Rig | None":
         """Read the geometry of images of this size, if there is one.
 
         Parameters
@@ -174,6 +180,8 @@ class GeometryOptions:
             Rows and columns.
         rectified
             How the pair was rectified, whose geometry is taken where none is given.
+        focal
+            Focal length in pixels that the images' file has.
 
         Raises
         ------
@@ -181,7 +189,7 @@ class GeometryOptions:
             If a file is not what it should be, or is of images of another size.
         """
         known = None if rectified is None else rectified.calibration
-        calibration = self._calibration(*size) or known
+        calibration = self._calibration(size[0], size[1], self.focal or focal) or known
         if calibration is None:
             for name in (*_EXACTNESS, "decimate", "depth_scale", "register"):
                 if getattr(self, name) not in (None, ()):
@@ -226,7 +234,7 @@ class GeometryOptions:
         except ValueError as error:
             raise CommandError(f"--{str(error).replace('_', '-', 1)}", WRONG_USAGE) from error
 
-    def _calibration(self, height: int, width: int) -> Calibration | None:
+    def _calibration(self, height: int, width: int, focal: float | None) -> Calibration | None:
         if self.calib:
             found, notes = read_geometry(self.calib, (width, height))
             for note in notes:
@@ -239,10 +247,12 @@ class GeometryOptions:
             except ValueError as error:
                 raise ValueError(f"{self.q}: {error}") from error
 
-        if self.focal is None or self.baseline is None:
+        if self.baseline is None:
             return None
+        if focal is None:
+            raise _wrong("baseline", "has no effect without --focal")
         return Calibration.from_focal(
-            self.focal,
+            focal,
             self.baseline,
             width=width,
             height=height,

@@ -127,7 +127,7 @@ def match(
                 "--report: got cameras one above the other; accepts cameras side by side",
                 WRONG_USAGE,
             )
-        rig = geometry.read(images[0].shape[:2], rectified)
+        rig = geometry.read(images[0].shape[:2], rectified, views[0].focal)
 
         num_disparities = num_disparities or (None if rig is None else rig.calibration.ndisp)
         if num_disparities is None:

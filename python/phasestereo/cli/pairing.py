@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from phasestereo._images import join_masks
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, refuse_picture
-from phasestereo.io import read_pair
-from phasestereo.io.pair import Layout
+from phasestereo.io.pair import Layout, read_photograph
 from phasestereo.io.views import View, read_views
 from phasestereo.rectification import Rectification, rectify
 
@@ -32,8 +31,9 @@ class Pairing:
     Parameters
     ----------
     layout
-        Where one file, LEFT alone, has both views. With top-bottom the left view is above. An MPO
-        file has two pictures and needs none.
+        Where one file, LEFT alone, has both views. With top-bottom the left view is above; with
+        half- each view was squeezed to half its size there; an anaglyph has the left view in red.
+        MPO files and spatial photographs (HEIC) have two pictures and need none.
     rectify
         Rectify the pair first, by a calibration, or auto, by its images. A saved rectification is a
         calibration, too; files of both cameras are given as --rectify left.yaml --rectify
@@ -64,8 +64,8 @@ class Pairing:
         if not self.rectify:
             left, right = views
             return (
-                View(left.image, left_mask, left.place),
-                View(right.image, right_mask, right.place),
+                View(left.image, left_mask, left.place, left.focal),
+                View(right.image, right_mask, right.place, right.focal),
             ), None
 
         found = rectify(
@@ -121,8 +121,8 @@ def read_both(
     if bands is not None:
         raise CommandError("--bands: has no effect without RIGHT", WRONG_USAGE)
 
-    images = read_pair(left, layout)
-    return View(images[0]), View(images[1])
+    found = read_photograph(left, layout)
+    return View(found.left, focal=found.focal), View(found.right, focal=found.focal)
 
 
 def names_of(left: Path, right: Path | None) -> tuple[str, str]:

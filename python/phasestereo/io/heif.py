@@ -28,14 +28,58 @@ def decode_heif(file: BinaryIO) -> NDArray[Any]:
     ImportError
         If pillow-heif is not installed.
     """
+    pictures = _opened(file)
+    if len(pictures) > 1:
+        raise ValueError(
+            f"the file holds {len(pictures)} images, and only one can be meant; "
+            "phasestereo.io.read_pair reads stereo photographs"
+        )
+
+    check_size(*pictures.size)
+    return np.array(pictures)
+
+
+def decode_spatial(file: BinaryIO) -> tuple[list[NDArray[Any]], float | None]:
+    """Decode a spatial photograph: both views, as `decode_heif` does, and their focal length.
+
+    The group ``ster`` of ISO/IEC 23008-12 names the images, the left one first, in whatever order
+    they are in the file.
+
+    Returns
+    -------
+    tuple
+        The views, none where there is no such group; the focal length in pixels, None where the
+        file has none, or the two differ.
+
+    Raises
+    ------
+    ValueError
+        If it is another kind of file that begins alike, or the group does not name two images,
+        which libheif checks.
+    ImportError
+        If pillow-heif is not installed.
+    """
+    pictures = _opened(file)
+    groups = pictures.info.get("entity_groups", [])
+    found = [group["images"] for group in groups if group["type"] == "ster"]
+    if not found:
+        return [], None
+    if None in found[0]:
+        raise ValueError("its stereo group names what is not an image; accepts two images")
+
+    views, focals = [], []
+    for index in found[0]:
+        check_size(*pictures[index].size)
+        views.append(np.array(pictures[index]))
+        camera = pictures[index].info.get("heif", {}).get("camera_intrinsic_matrix") or {}
+        focals.append(float(camera.get("focal_length_x", 0)))
+    return views, focals[0] if focals[0] == focals[1] > 0 else None
+
+
+def _opened(file: BinaryIO) -> Any:
+    """Return the images of a file by pillow-heif."""
     brand = file.read(12)[8:]
     file.seek(0)
     if brand not in _BRANDS:
         raise ValueError(f"not a HEIF picture, but a file of the brand {brand!r}")
-
-    pictures = require("pillow_heif", extra="heif").open_heif(file, convert_hdr_to_8bit=False)
-    if len(pictures) > 1:
-        raise ValueError(f"the file holds {len(pictures)} images, and only one can be meant")
-
-    check_size(*pictures.size)
-    return np.array(pictures)
+    return require("pillow_heif", extra="heif").open_heif(file, convert_hdr_to_8bit=False)

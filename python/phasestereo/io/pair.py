@@ -3,36 +3,52 @@
 from __future__ import annotations
 
 import os
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
+import numpy as np
 from numpy.typing import NDArray
 
 from phasestereo.io.files import StrPath, decoding
+from phasestereo.io.heif import HEIF_MAGICS, decode_spatial
 from phasestereo.io.image import as_image, read_image
 from phasestereo.io.pixels import Pixels
 from phasestereo.io.raster import decode_frames
 
-Layout: TypeAlias = Literal["side-by-side", "top-bottom"]
+Layout: TypeAlias = Literal[
+    "side-by-side", "top-bottom", "half-side-by-side", "half-top-bottom", "anaglyph"
+]
 
-AXES = {"side-by-side": 1, "top-bottom": 0}
-"""Along which axis of a picture its left and its right view follow each other, by layout."""
+LAYOUTS: tuple[Layout, ...] = get_args(Layout)
 
 
 class LayoutError(ValueError):
-    """A picture cannot be cut in two equal halves."""
+    """A picture cannot hold two views in this way."""
+
+
+class Photograph(NamedTuple):
+    """Both views of a stereo photograph, and their focal length in pixels (None: not known)."""
+
+    left: Pixels
+    right: Pixels
+    focal: float | None = None
 
 
 def read_pair(path: StrPath, layout: Layout | None = None) -> tuple[Pixels, Pixels]:
-    """Read a stereo photograph: a picture that holds both views, or a file of two pictures (MPO).
+    """Read a stereo photograph: a picture that holds both views, or a file of two pictures.
 
     Parameters
     ----------
     path
-        The file, as `read_image` reads it; or an MPO file, as cameras with two lenses write, of
-        which the first two pictures are read: the left view and the right one.
+        The file, as `read_image` reads it. Files of two pictures are spatial photographs (HEIC, as
+        telephones and headsets take them), of which the group ``ster`` says which is the left one,
+        and MPO, as cameras with two lenses write, of which the first two pictures are read.
     layout
         Where one picture has both views: ``"side-by-side"``, left and right halves, or
-        ``"top-bottom"``, the left view above. None: the file has two pictures.
+        ``"top-bottom"``, the left view above; of an odd number of columns, or rows, that in the
+        middle is left out. With ``"half-side-by-side"`` and ``"half-top-bottom"``, as of films,
+        each view was squeezed to half its width or height, and is widened again. With
+        ``"anaglyph"`` red is the left view and green the right one, as for glasses of red and cyan.
+        None: the file has two pictures.
 
     Returns
     -------
@@ -45,25 +61,33 @@ def read_pair(path: StrPath, layout: Layout | None = None) -> tuple[Pixels, Pixe
     OSError, ImportError
         As `read_image`.
     ValueError
-        As `read_image`; also if the layout is unknown or missing, the picture has an odd number of
-        columns or rows there, or the pictures of a file differ in size.
+        As `read_image`; also if the layout is unknown or missing, the picture is too small or
+        gray, or the pictures of a file differ in size.
     """
-    if layout is not None and layout not in AXES:
-        names = ", ".join(map(repr, AXES))
-        raise ValueError(f"layout: got {layout!r}; accepts {names}, or None for a file of two")
+    return read_photograph(path, layout)[:2]
 
+
+def read_photograph(path: StrPath, layout: Layout | None = None) -> Photograph:
+    """Read a stereo photograph as `read_pair` does, with the focal length that its file has."""
     if layout is not None:
-        return halves(read_image(path), layout)
+        check_layout(layout)
+        return Photograph(*views_of(read_image(path), layout))
 
     with decoding(path) as file:
-        # An MPO file is a JPEG with further pictures behind the first.
-        jpeg = file.read(3) == b"\xff\xd8\xff"
-        pictures = [as_image(picture) for picture in decode_frames(file)] if jpeg else []
+        head = file.read(8)
+        file.seek(0)
+        pictures: list[Pixels] = []
+        focal = None
+        if head.startswith(b"\xff\xd8\xff"):  # an MPO file is a JPEG with more behind the first
+            pictures = [as_image(picture) for picture in decode_frames(file)]
+        elif head.startswith(HEIF_MAGICS):
+            found, focal = decode_spatial(file)
+            pictures = [as_image(picture) for picture in found]
 
     if not pictures:
         raise ValueError(
-            f"layout: got None for {os.fspath(path)}, which holds one picture; accepts "
-            "side-by-side or top-bottom, or else the right view comes in a file of its own"
+            f"layout: got None for {os.fspath(path)}, which holds one view; accepts "
+            f"{', '.join(LAYOUTS)}, or else the right view comes in a file of its own"
         )
 
     left, right = pictures
@@ -72,22 +96,56 @@ def read_pair(path: StrPath, layout: Layout | None = None) -> tuple[Pixels, Pixe
             f"{os.fspath(path)}: pictures of {left.shape[:2]} and {right.shape[:2]} pixels; "
             "accepts two of one size"
         )
-    return left, right
+    return Photograph(left, right, focal)
 
 
-def halves(picture: NDArray[Any], layout: Layout) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Cut a picture that holds both views in two.
+def check_layout(layout: str) -> None:
+    """Refuse what is not a layout.
+
+    Raises
+    ------
+    ValueError
+        If so.
+    """
+    if layout not in LAYOUTS:
+        names = ", ".join(map(repr, LAYOUTS))
+        raise ValueError(f"layout: got {layout!r}; accepts {names}, or None for a file of two")
+
+
+def views_of(picture: NDArray[Any], layout: Layout) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return both views that a picture holds.
 
     Raises
     ------
     LayoutError
-        If it has an odd number of columns or rows there.
+        If it has less than two columns or rows there, or no colors for an anaglyph.
     """
-    axis = AXES[layout]
-    half, rest = divmod(picture.shape[axis], 2)
+    size = f"{picture.shape[1]} x {picture.shape[0]}"
+    if layout == "anaglyph":
+        if picture.ndim != 3:
+            raise LayoutError(f"layout: 'anaglyph' needs colors, got {size} pixels of gray")
+        return picture[..., 0], picture[..., 1]
 
-    if rest or not half:
-        size, sides = f"{picture.shape[1]} x {picture.shape[0]}", ("rows", "columns")[axis]
-        raise LayoutError(f"layout: {layout!r} needs an even number of {sides}, got {size} pixels")
+    axis = 0 if layout.endswith("top-bottom") else 1
+    half = picture.shape[axis] // 2
+    if not half:
+        sides = ("rows", "columns")[axis]
+        raise LayoutError(f"layout: {layout!r} needs two {sides} or more, got {size} pixels")
 
-    return (picture[:half], picture[half:]) if axis == 0 else (picture[:, :half], picture[:, half:])
+    both = (
+        (picture[:half], picture[-half:]) if axis == 0 else (picture[:, :half], picture[:, -half:])
+    )
+    if layout.startswith("half-"):
+        return _doubled(both[0], axis), _doubled(both[1], axis)
+    return both
+
+
+def _doubled(view: NDArray[Any], axis: int) -> NDArray[Any]:
+    """Return an image twice as long along an axis, linear between the centers of its pixels."""
+    lines = np.moveaxis(view, axis, 0).astype(np.float32)
+    before, after = np.concatenate([lines[:1], lines[:-1]]), np.concatenate([lines[1:], lines[-1:]])
+    parts = np.stack([0.75 * lines + 0.25 * before, 0.75 * lines + 0.25 * after], axis=1)
+    made = parts.reshape(-1, *lines.shape[1:])
+    if view.dtype.kind == "u":
+        np.rint(made, out=made)
+    return np.ascontiguousarray(np.moveaxis(made.astype(view.dtype), 0, axis))

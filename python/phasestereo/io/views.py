@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from phasestereo._images import Mask
 from phasestereo.io import read_image
+from phasestereo.io.files import StrPath
 from phasestereo.io.formats import geotiff
 from phasestereo.io.tiff import is_geotiff
 
@@ -28,11 +29,14 @@ class View:
     place
         Where on Earth it lies, a `phasestereo_large.geotiff.Georeference`; None: the file does not
         say.
+    focal
+        Focal length in pixels that the file has; None: not known.
     """
 
     image: NDArray[Any]
     mask: Mask | None = None
     place: Any = None
+    focal: float | None = None
 
 
 def read_views(left: Path, right: Path, bands: tuple[int, ...] | None = None) -> tuple[View, View]:
@@ -52,7 +56,7 @@ def read_views(left: Path, right: Path, bands: tuple[int, ...] | None = None) ->
     """
     paths = left, right
     if bands is None and not all(is_geotiff(path) for path in paths):
-        found = [_read_alone(path) for path in paths]
+        found = [read_view(path) for path in paths]
         return found[0], found[1]
 
     pair = [_read_geotiff(path, bands) for path in paths]
@@ -60,11 +64,18 @@ def read_views(left: Path, right: Path, bands: tuple[int, ...] | None = None) ->
     return _as_view(pair[0]), _as_view(pair[1])
 
 
-def _read_alone(path: Path) -> View:
+def read_view(path: StrPath) -> View:
+    """Read an image; one in a GeoTIFF file with its mask and place.
+
+    Raises
+    ------
+    OSError, TypeError, ValueError, ImportError
+        As `phasestereo.io.read_image`, and `phasestereo_large.geotiff.read_geotiff`.
+    """
     return _as_view(_read_geotiff(path)) if is_geotiff(path) else View(read_image(path))
 
 
-def _read_geotiff(path: Path, bands: tuple[int, ...] | None = None) -> Any:
+def _read_geotiff(path: StrPath, bands: tuple[int, ...] | None = None) -> Any:
     """Read a GeoTIFF file; without what that takes, say why other readers will not do."""
     try:
         return geotiff().read_geotiff(path, bands=bands)

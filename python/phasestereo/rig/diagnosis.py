@@ -11,9 +11,9 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, cast
 
 from phasestereo._core import LEAST_SIZE
-from phasestereo._images import ImageOrPath, as_valid
+from phasestereo._images import ImageOrPath
 from phasestereo._numbers import as_json
-from phasestereo._opening import opened_views
+from phasestereo._opening import opened_valid
 from phasestereo._tables import as_html
 from phasestereo.rig.alignment import Alignment
 from phasestereo.rig.blur import BlurEstimate
@@ -131,9 +131,8 @@ def check(left: ImageOrPath, right: ImageOrPath) -> Diagnosis:
     OSError, ImportError
         If a file cannot be read.
     """
-    pair = opened_views(left, right)
+    _, pair, masks = opened_valid((left, right))
     size = pair[0].shape[0], pair[0].shape[1]
-    masks = as_valid(None, pair[0], "left_mask"), as_valid(None, pair[1], "right_mask")
     found = estimate_pair(pair, masks, (0, None), None)
     light = cast("Photometry", found.photometry)  # the preset asks for estimates
 

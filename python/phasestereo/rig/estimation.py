@@ -7,8 +7,8 @@ from typing import cast
 from numpy.typing import ArrayLike
 
 from phasestereo import _core
-from phasestereo._images import ImageOrPath, Mask, Pixels, as_valid
-from phasestereo._opening import opened_views
+from phasestereo._images import ImageOrPath, Mask, Pixels
+from phasestereo._opening import opened_valid
 from phasestereo.rig.blur import BlurEstimate
 from phasestereo.rig.estimates import Estimates
 from phasestereo.settings import PRESETS
@@ -57,11 +57,7 @@ def estimate_blur(
     their size.
     Only what the blur of the two images differs by is seen: if both are equally soft, it is none.
     """
-    pair = opened_views(left, right)
-    masks = (
-        as_valid(left_mask, pair[0], "left_mask"),
-        as_valid(right_mask, pair[1], "right_mask"),
-    )
+    _, pair, masks = opened_valid((left, right), (left_mask, right_mask))
 
     found = estimate_pair(pair, masks, (min_disparity, num_disparities), threads)
     # The preset asks for a blur, so there is one.

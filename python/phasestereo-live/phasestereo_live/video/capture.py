@@ -9,7 +9,7 @@ from typing import Any, Generic, TypeAlias, TypeVar
 
 from numpy.typing import NDArray
 
-from phasestereo.io.pair import Layout, halves
+from phasestereo.io.pair import Layout, views_of
 
 T = TypeVar("T")
 Image: TypeAlias = NDArray[Any]
@@ -68,7 +68,7 @@ def split(source: CaptureSource[Image], layout: Layout) -> CaptureSource[Pair]:
     """Return a source of pairs from one whose pictures hold both views."""
 
     def cut(capture: Capture[Image]) -> Capture[Pair]:
-        return Capture(capture.index, capture.time, lambda: halves(capture.take(), layout))
+        return Capture(capture.index, capture.time, lambda: views_of(capture.take(), layout))
 
     return CaptureSource(
         captures=map(cut, source.captures),

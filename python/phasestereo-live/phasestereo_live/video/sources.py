@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from phasestereo.io.pair import AXES, Layout
+from phasestereo.io.pair import Layout, check_layout
 from phasestereo_live.video.cameras import PATIENCE, open_camera, open_cameras
 from phasestereo_live.video.capture import Capture, CaptureSource, Image, Pair, join, split
 from phasestereo_live.video.decoding import is_address, open_video
@@ -43,8 +43,8 @@ def open_source(
     ImportError
         If an extra is missing.
     """
-    if layout is not None and layout not in AXES:
-        raise ValueError(f"layout: got {layout!r}; accepts {', '.join(map(repr, AXES))}")
+    if layout is not None:
+        check_layout(layout)
 
     if right is not None:
         if layout is not None:
