@@ -30,6 +30,7 @@ import boards
 import phasestereo as ps
 import phasestereo_large.batch
 import phasestereo_large.outofcore
+import phasestereo_live.rgbd
 import phasestereo_live.ros
 import phasestereo_live.video
 import phasestereo_live.viewer
@@ -179,7 +180,8 @@ class Samples:
             ps.io.write_image(self / f"{name}.tif", image)
         ps.io.write_image(self / "mask.npy", np.full((48, 64), 255, np.uint8))
         zarr.create_array(self / "left.zarr", data=self.left, chunks=self.left.shape)
-        ps.io.write_depth(self / "depth.npy", np.ones((48, 64), np.float32))
+        for name in ("depth.npy", "depth.bin"):
+            ps.io.write_depth(self / name, np.ones((48, 64), np.float32))
 
     def _write_geometry(self) -> None:
         camera = "[60 0 32; 0 60 24; 0 0 1]"
@@ -272,12 +274,14 @@ def doors(of: Samples) -> dict[str, list[tuple[str, Callable[[Path], Any]]]]:  #
         lambda p: ps.rectify(left, right, others=[(p, right)]))  # fmt: skip
     add("phasestereo.calibrate(left)", "video.mkv", ps.calibrate)
     add("phasestereo.calibrate(right)", "video.mkv", partial(ps.calibrate, of / "video.mkv"))
+    add("phasestereo.ThirdCamera.of_pair(calibration)", "rig.npz rig.yml",
+        partial(ps.ThirdCamera.of_pair, size=(64, 48)))  # fmt: skip
     add("phasestereo.Rectification.load(path)", "rectification.npz", ps.Rectification.load)
     add("phasestereo.Rig.load(path)", "learned.txt", ps.Rig.load)
     add("phasestereo.Rig.save(path)", ">a.txt", ps.Rig.load(of / "learned.txt").save)
     add("phasestereo.Rig.export(path)", ">a.yaml", ps.Rig.load(of / "learned.txt").export)
 
-    readers = {"calibration": "calib.txt", "depth": "depth.npy", "disparity": "map.pfm"}
+    readers = {"calibration": "calib.txt", "depth": "depth.npy depth.bin", "disparity": "map.pfm"}
     readers |= {"image": "left.png map.pfm depth.npy", "pfm": "map.pfm", "q": "q.txt"}
     for name, sample in readers.items():
         add(f"phasestereo.io.read_{name}(path)", sample, getattr(ps.io, f"read_{name}"))
@@ -318,6 +322,7 @@ def doors(of: Samples) -> dict[str, list[tuple[str, Callable[[Path], Any]]]]:  #
         partial(into_folder, opened, "metadata.yaml", of / "bag.db3"))  # fmt: skip
     add("phasestereo_live.ros.open_recording(path)", "bag.db3/bag.db3",
         partial(into_folder, opened, "bag.db3", of / "bag.db3"))  # fmt: skip
+    add("phasestereo_live.rgbd.RgbdWriter(folder)", ">a", live.rgbd.RgbdWriter)
     add("phasestereo_live.ros.RecordingWriter(path)", ">a.mcap", live.ros.RecordingWriter)
     add("phasestereo_live.video.VideoWriter(path)", ">a.mkv", live.video.VideoWriter)
     saving = importlib.import_module("phasestereo_live.rerun").saving
@@ -403,6 +408,10 @@ def _add_commands(add: Callable[..., None], of: Samples) -> None:
         "match --report": (">a.html", ("match", *pair, "--report", ...)),
         "match --calib": ("calib.txt", ("match", *pair, "--depth", of / "d.npy", "--calib", ...)),
         "match --q": ("q.txt", ("match", *pair, "--depth", of / "d.npy", "--q", ...)),
+        "match --register": ("rig.npz", (
+            "match", *pair, "--depth", of / "d.npy", "--calib", calib, "--register-size", "64,48",
+            "--register", ...,
+        )),
         "match --truth": ("map.pfm", ("match", *pair, "--truth", ...)),
         "match --truth-mask": (
             "mask.png", ("match", *pair, "--truth", of / "map.pfm", "--truth-mask", ...)
@@ -447,6 +456,9 @@ def _add_commands(add: Callable[..., None], of: Samples) -> None:
         ),
         "live --output": (">a.mkv", ("live", of / "video.mkv", "-o", ..., *SEARCH)),
         "live --rerun": (">a.rrd", ("live", of / "video.mkv", "--rerun", ..., *SEARCH)),
+        "live --rgbd": (
+            ">a", ("live", of / "video.mkv", "--calib", calib, "--rgbd", ..., *SEARCH)
+        ),
         "live --calib": (
             "calib.txt",
             ("live", of / "video.mkv", "--rerun", of / "o.rrd", "--calib", ..., *SEARCH),

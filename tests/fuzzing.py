@@ -39,6 +39,7 @@ from phasestereo.io import (
     read_pair,
     read_pfm,
     read_q,
+    write_depth,
     write_image,
 )
 from phasestereo.io.tiff import is_geotiff
@@ -163,7 +164,7 @@ READERS: dict[str, tuple[Callable[[Path], Any], tuple[str, ...]]] = {
         (".png", ".jpg", ".bmp", ".pgm", ".ppm", ".pbm", ".tif", ".npy", ".pfm"),
     ),
     "read_disparity": (read_disparity, (".png", ".tif", ".npy", ".pfm")),
-    "read_depth": (read_depth, (".png", ".tif", ".npy", ".pfm")),
+    "read_depth": (read_depth, (".png", ".tif", ".npy", ".pfm", ".bin")),
     "read_geotiff": (read_geotiff, (".tif",)),
     "is_geotiff": (is_geotiff, (".tif",)),
     "open_raster": (read_windows, (".tif", ".npy")),
@@ -197,6 +198,7 @@ def make_corpus(folder: Path) -> list[Path]:
         write_image(folder / f"wide.{ending}", wide)
     for ending in ("tif", "npy", "pfm"):
         write_image(folder / f"real.{ending}", real)
+    write_depth(folder / "colmap.bin", real + 1)
     write_image(folder / "alpha.png", np.dstack([color, gray]))
     _by_pillow(folder, gray, color)
     _by_tifffile(folder, gray, color, real)

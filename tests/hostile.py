@@ -215,6 +215,8 @@ RIGS = ("read_rig",)
 # Name -> content, and the readers that are to refuse it. Their names end as the readers want.
 CONTENTS: dict[str, tuple[Callable[[], bytes], tuple[str, ...]]] = {
     "loop.tif": (looping, IMAGES),
+    "wide.bin": (lambda: b"100000&100000&1&" + bytes(400), ("read_depth",)),
+    "cut.bin": (lambda: b"10000&10000&3&" + bytes(400), ("read_depth",)),
     "chain.tif": (long_chain, IMAGES),
     "bomb.tif": (tiff_bomb, ("read_image",)),
     "tile.tif": (large_tile, ("read_image", "read_geotiff", "open_raster")),
@@ -311,6 +313,7 @@ def readers() -> dict[str, Callable[[Path], Any]]:
         "open_recording": open_recording,
         "is_geotiff": is_geotiff,
         "read_q": ps.io.read_q,
+        "read_depth": ps.io.read_depth,
         "read_rig": read_calibration,
         "load_statistics": load,
         "read_pairs": lambda path: batch.read_pairs(path, num_disparities=8),
