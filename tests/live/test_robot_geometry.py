@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+import phasestereo as ps
 import robots
 from conftest import counterpart
+from phasestereo.io import Calibration
 from phasestereo_live import ros
-from phasestereo_live.ros.transforms import baseline_of
+from phasestereo_live.ros.transforms import baseline_of, pose_between
 from robots import INFOS, ROS1, ROS2, START, TOPICS, Bag, rosbag1
 
 if TYPE_CHECKING:
@@ -184,15 +186,79 @@ def test_an_old_recording_of_librealsense(
     assert ("no baseline in camera_info or /tf_static: there are no depths" in err) != known
 
 
+COLOR, PLACE = "/rig/color/camera_info", (0.03, 0.01)
+
+
+def with_color(path: Path, *, joined: bool = True) -> Path:
+    """Write a recording of a pair and of where a color camera is, which has a distortion."""
+    bag = Bag()
+    for info, one in zip(INFOS, matrices(1), strict=True):
+        bag.add(info, START, robots.info(ROS2, SIZE, one))
+    color = robots.straight((240, 160), 350.0, 0.0)[0] | {"D": np.array([-0.1, 0.02, 0, 0, 0])}
+    bag.add(COLOR, START, robots.info(ROS2, (240, 160), color, frame="color_optical"))
+    made = ROS2.types
+    stamped = made["geometry_msgs/msg/TransformStamped"](
+        header=robots.header(ROS2, START, "left_optical" if joined else "elsewhere"),
+        child_frame_id="color_optical",
+        transform=transform(ROS2, *PLACE),
+    )
+    bag.add("/tf_static", START, made["tf2_msgs/msg/TFMessage"](transforms=[stamped]))
+    for topic, view in zip(TOPICS, VIEWS, strict=True):
+        bag.add(topic, START, robots.image(ROS2, START, view, "mono8"))
+    return bag.write(path)
+
+
+def test_depths_of_a_recording_are_registered_to_its_color_camera(
+    run: Callable[..., Run], tmp_path: Path
+) -> None:
+    path = with_color(tmp_path / "in.mcap")
+    _, err = depths(run, path, tmp_path / "out.mcap", "--register", COLOR, "--no-temporal-filter")
+    found = robots.read(tmp_path / "out.mcap")
+    maps = {
+        name.removeprefix("/rig/registered/"): messages[0][1]
+        for name, messages in found.items()
+        if "registered" in name
+    }
+    assert {*maps} == {"camera_info", "depth", "near", "far", "confidence"}, err
+    info = maps.pop("camera_info")
+    assert (info.k[0], info.d[0], info.distortion_model) == (350, -0.1, "plumb_bob")
+
+    camera = ps.ThirdCamera(
+        matrix=info.k, distortion=info.d, rotation=np.eye(3), translation=np.array([-0.03, -0.01, 0]),
+        width=240, height=160,
+    )  # fmt: skip
+    rig = Calibration.from_focal(FOCAL, BASELINE, width=COLS, height=ROWS, unit="m")
+    result = ps.match(*VIEWS, num_disparities=48)
+    wanted = ps.register(result, rig, camera).maps
+    for name, message in maps.items():
+        assert (message.width, message.height, message.encoding) == (240, 160, "32FC1")
+        assert message.header.frame_id == info.header.frame_id == "color_optical"
+        values = message.data.view("<f4").reshape(160, 240)
+        np.testing.assert_allclose(values, wanted[name], rtol=1e-5)
+    depth = maps["depth"].data.view("<f4")
+    assert np.nanmedian(depth) == pytest.approx(1.5, rel=1e-3)
+    assert np.isfinite(depth).mean() > 0.3
+
+
+def test_a_third_camera_that_is_not_known_is_refused(tmp_path: Path) -> None:
+    path = with_color(tmp_path / "in.mcap", joined=False)
+    for topic, message in (
+        (COLOR, "register: no transforms join 'left_optical' and 'color_optical'"),
+        (TOPICS[0], "register: got '/rig/left/image_raw', not a topic of camera_info"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            ros.open_recording(path, register=topic)
+
+
 def test_a_baseline_leads_through_a_chain_of_transforms() -> None:
     base, left, right = "base", "left", "right"
     chain = [(base, left, transform(ROS2, 3.0, 1.0)), (base, right, transform(ROS2, 3.12, 1.0))]
-    assert baseline_of(chain, left, right) == pytest.approx(0.12)
-    assert baseline_of(chain, right, left) is None  # exchanged
-    assert baseline_of(chain, left, "elsewhere") is None
-    assert baseline_of(chain, left, left) is None
+    assert baseline_of(pose_between(chain, left, right)) == pytest.approx(0.12)
+    assert baseline_of(pose_between(chain, right, left)) is None  # exchanged
+    assert baseline_of(pose_between(chain, left, "elsewhere")) is None
+    assert baseline_of(pose_between(chain, left, left)) is None
     below = [(base, left, transform(ROS2, 0.0)), (base, right, transform(ROS2, 0.1, 0.1))]
-    assert baseline_of(below, left, right) is None
+    assert baseline_of(pose_between(below, left, right)) is None
 
 
 @pytest.mark.parametrize(("one", "other"), [

@@ -37,6 +37,9 @@ class Topics:
     camera_info
         Topics of both cameras' camera_info. Default: those beside the images, if there are any;
         images on image_rect count as rectified, others are rectified by it.
+    register
+        Topic of the camera_info of a third camera, as of a color camera: -o gets depths in its
+        frame, too, below registered. Where it is follows from /tf_static.
     tolerance
         By how many seconds the stamps of a left and a right image may differ. Default 0.01.
     """
@@ -44,6 +47,7 @@ class Topics:
     left: str | None = None
     right: str | None = None
     camera_info: tuple[str, str] | None = None
+    register: str | None = None
     tolerance: Annotated[float | None, Parameter(validator=NOT_NEGATIVE)] = None
 
     def check(self, places: tuple[Any, ...]) -> Path | None:
@@ -58,7 +62,7 @@ class Topics:
         if len(places) == 1 and isinstance(places[0], str) and is_recording(places[0]):
             path = Path(places[0])
 
-        for name in ("left", "right", "camera_info", "tolerance"):
+        for name in ("left", "right", "camera_info", "register", "tolerance"):
             if path is None and getattr(self, name) is not None:
                 message = f"{option(name)}: has no effect without a recording (.mcap, .db3, .bag)"
                 raise CommandError(message, WRONG_USAGE)
@@ -77,6 +81,7 @@ class Topics:
             self.left or "",
             self.right or "",
             camera_info=self.camera_info,
+            register=self.register or "",
             tolerance=TOLERANCE if self.tolerance is None else self.tolerance,
         )
 
@@ -130,6 +135,7 @@ class Messages:
             kinds=self.messages or [kind for kind in KINDS if kind != "points"],
             depth_encoding=self.depth_encoding or DEPTHS[0],
             selection=selection,
+            third=recording.third,
         )
 
         def write(frame: Frame) -> None:

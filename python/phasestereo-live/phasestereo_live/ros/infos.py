@@ -10,6 +10,7 @@ import numpy as np
 
 from phasestereo.io.rigs.cameras import Cameras, Matrix, is_vertical, q_of
 from phasestereo.io.rigs.singles import cameras_of_pair
+from phasestereo.views.registering import ThirdCamera
 
 _RECTIFIED = re.compile(r"(?<![a-z])rect(ified)?(?![a-z])")
 _SAME = 1e-6  # relative: matrices that have been through text
@@ -84,6 +85,40 @@ def geometry_of(
     named = all(_RECTIFIED.search(topic) for topic in topics)
     is_straight = all(_is_straight(cameras.matrices, side) for side in "12")
     return RigGeometry(None if named or is_straight else cameras, q_of(p1, p2), notes)
+
+
+def third_camera(message: Any, left: Any, pose: Matrix) -> ThirdCamera:
+    """Return the camera of a ``camera_info``, whose images are as they came from it.
+
+    Parameters
+    ----------
+    message
+        Its message.
+    left
+        That of the left camera, which R rectifies.
+    pose
+        (4, 4), of its frame in that of the left camera, m.
+
+    Raises
+    ------
+    ValueError
+        If it is not calibrated, or of an unknown model.
+    """
+    document = _document(message)
+    both = cameras_of_pair(document, document)
+    rotation = pose[:3, :3].T
+    turned = _document(left)["R"].reshape(3, 3)
+    rectified = turned if turned.any() else np.eye(3)  # RealSense's recordings have zeros
+    return ThirdCamera(
+        matrix=both.matrices["K1"],
+        distortion=both.matrices["D1"],
+        rotation=rotation @ rectified.T,
+        translation=-rotation @ pose[:3, 3],
+        width=document["width"],
+        height=document["height"],
+        fisheye=both.fisheye,
+        unit="m",
+    )
 
 
 def _document(message: Any) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from phasestereo.io import Calibration
 from phasestereo.result import Result
 from phasestereo.rig.diagnosis import Diagnosis
 from phasestereo.views.depths import YAW, Selection, depths_of, ranging
+from phasestereo.views.registering import ThirdCamera
 from phasestereo_live.ros.images import encode_image
 from phasestereo_live.ros.pairing import Header
 
@@ -36,6 +37,7 @@ _LEVELS = {"ok": 0, "note": 0, "warning": 1}  # diagnostic_msgs/DiagnosticStatus
 _NUMBERS = {"range": "search", "swap": "search", "texture": "low_texture"}
 """Names of the numbers of a diagnosis, where they are not those of the topic."""
 
+_PLUMB_BOB = 5  # numbers of its distortion at most
 _WHOLE, _PARTS = 1.0, 1 / 16  # pixels: the step between disparities; of parts, as is usual
 
 
@@ -107,22 +109,29 @@ def _range(result: Result) -> tuple[int, int]:
     return result.search.min_disparity, result.search.num_disparities
 
 
-def camera_info(make: Make, header: Header, calibration: Calibration) -> Any:
-    """Return the ``sensor_msgs/CameraInfo`` of rectified images: no distortion, no rotation.
+def camera_info(make: Make, header: Header, camera: Calibration | ThirdCamera) -> Any:
+    """Return a ``sensor_msgs/CameraInfo``.
 
     Parameters
     ----------
     make, header
         As `disparity_image` takes them.
-    calibration
-        The geometry of images of this size; the left camera counts.
+    camera
+        The geometry of rectified images of this size, whose left camera counts and has no
+        distortion; or a third camera.
     """
-    camera = np.array(calibration.cam0)
+    if isinstance(camera, Calibration):
+        matrix, lens, model = np.array(camera.cam0), np.zeros(5), "plumb_bob"
+    else:
+        matrix = camera.matrix
+        lens = np.zeros(5) if camera.distortion is None else camera.distortion
+        usual = "plumb_bob" if len(lens) <= _PLUMB_BOB else "rational_polynomial"
+        model = "equidistant" if camera.fisheye else usual
     matrices = {
-        "d": np.zeros(5),
-        "k": camera.ravel(),
+        "d": lens,
+        "k": matrix.ravel(),
         "r": np.eye(3).ravel(),
-        "p": np.column_stack([camera, np.zeros(3)]).ravel(),
+        "p": np.column_stack([matrix, np.zeros(3)]).ravel(),
     }
     roi = make(
         "sensor_msgs/msg/RegionOfInterest",
@@ -135,9 +144,9 @@ def camera_info(make: Make, header: Header, calibration: Calibration) -> Any:
     return make(
         "sensor_msgs/msg/CameraInfo",
         header=header_of(make, header),
-        height=calibration.height,
-        width=calibration.width,
-        distortion_model="plumb_bob",
+        height=camera.height,
+        width=camera.width,
+        distortion_model=model,
         binning_x=0,
         binning_y=0,
         roi=roi,

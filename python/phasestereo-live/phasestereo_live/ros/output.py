@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 from phasestereo.io import Calibration
+from phasestereo.result import Result
 from phasestereo.rig.diagnosis import check
 from phasestereo.views.depths import Selection
+from phasestereo.views.registering import ThirdCamera, register
 from phasestereo_live.ros.bags import RecordingWriter
 from phasestereo_live.ros.messages import (
     DEPTHS,
@@ -53,6 +55,10 @@ class FrameWriter:
     selection
         Which pixels have depths and points, in m; its ``decimate`` has no effect here. None: the
         trusted ones.
+    third
+        A third camera and the frame of its images: with the kind ``"depth"`` there are ``depth``,
+        ``near`` and ``far`` (the ends of the error bars), ``confidence`` and ``camera_info`` of it
+        below ``registered``, NaN where there is no depth. None: there is none.
 
     Raises
     ------
@@ -68,6 +74,7 @@ class FrameWriter:
         kinds: Collection[MessageKind] = KINDS,
         depth_encoding: str = DEPTHS[0],
         selection: Selection | None = None,
+        third: tuple[ThirdCamera, str] | None = None,
     ) -> None:
         for kind in kinds:
             if kind not in KINDS:
@@ -80,6 +87,7 @@ class FrameWriter:
         self._kinds = kinds
         self._encoding = depth_encoding
         self._selection = selection
+        self._third = third
         self._space = os.path.commonpath([f"/{topic.lstrip('/')}" for topic in topics]).rstrip("/")
         self._diagnosed: int | None = None  # the stamp of the last diagnosis
 
@@ -115,11 +123,7 @@ class FrameWriter:
                 found[name] = image_of(make, header, values)
 
         if calibration is not None and {*self._kinds} & {*GEOMETRIC}:
-            depth = ranged_depth(result, calibration, self._selection)
-            if "depth" in self._kinds:
-                found["depth"] = depth_image(make, header, depth, self._encoding)
-            if "points" in self._kinds:
-                found["points2"] = point_cloud2(make, header, depth, calibration, frame.left)
+            found |= self._in_space(frame, header, calibration)
 
         for name, message in found.items():
             self._writer.write(f"{self._space}/{name}", header.stamp, message)
@@ -127,6 +131,39 @@ class FrameWriter:
         if "diagnostics" in self._kinds and self._is_due(header.stamp):
             status = diagnostics(make, header, check(frame.left, frame.right))
             self._writer.write("/diagnostics", header.stamp, status)
+
+    def _in_space(self, frame: Frame, header: Header, calibration: Calibration) -> dict[str, Any]:
+        """Return depths and points."""
+        make, found = self._writer.make, {}
+        depth = ranged_depth(frame.result, calibration, self._selection)
+        if "points" in self._kinds:
+            found["points2"] = point_cloud2(make, header, depth, calibration, frame.left)
+        if "depth" in self._kinds:
+            found["depth"] = depth_image(make, header, depth, self._encoding)
+            if self._third is not None:
+                found |= self._registered(frame.result, calibration, header.stamp, self._third)
+        return found
+
+    def _registered(
+        self, result: Result, calibration: Calibration, stamp: int, third: tuple[ThirdCamera, str]
+    ) -> dict[str, Any]:
+        """Return what a third camera sees, at the time of the left image."""
+        make, (camera, frame_id) = self._writer.make, third
+        chosen, header = self._selection or Selection(), Header(stamp, frame_id)
+        maps = register(
+            result,
+            calibration,
+            camera,
+            keep=chosen.keep,
+            min_depth=chosen.min_depth,
+            max_depth=chosen.max_depth,
+        ).maps
+        found = {"camera_info": camera_info(make, header, camera)}
+        found["depth"] = depth_image(make, header, maps["depth"], self._encoding)
+        for name in ("near", "far", "confidence"):
+            if name in maps:
+                found[name] = image_of(make, header, maps[name])
+        return {f"registered/{name}": message for name, message in found.items()}
 
     def _is_due(self, stamp: int) -> bool:
         """Return whether a second has passed, or time has gone back."""

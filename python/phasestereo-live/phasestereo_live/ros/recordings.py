@@ -12,11 +12,12 @@ from typing import Any
 
 from phasestereo.io.files import StrPath
 from phasestereo.io.rigs.cameras import Cameras, Matrix
+from phasestereo.views.registering import ThirdCamera
 from phasestereo_live.ros.bags import Bag, Item
 from phasestereo_live.ros.images import decode_image
-from phasestereo_live.ros.infos import RigGeometry, geometry_of, info_topics
+from phasestereo_live.ros.infos import RigGeometry, geometry_of, info_topics, third_camera
 from phasestereo_live.ros.pairing import SIDES, Arrival, Header, paired
-from phasestereo_live.ros.transforms import baseline_of
+from phasestereo_live.ros.transforms import baseline_of, pose_between
 from phasestereo_live.video.capture import Capture, CaptureSource, Pair, lost
 
 TOLERANCE = 0.01
@@ -51,6 +52,8 @@ class Recording(CaptureSource[Pair]):
         OpenCV's matrix Q of the rectified pairs, in m; None: not known.
     note
         What there is to say about the calibration; "" if nothing is.
+    third
+        The third camera and the frame of its images; None: none was asked for.
     """
 
     topics: tuple[str, str]
@@ -58,6 +61,7 @@ class Recording(CaptureSource[Pair]):
     cameras: Cameras | None
     q: Matrix | None
     note: str
+    third: tuple[ThirdCamera, str] | None = None
 
 
 def open_recording(
@@ -66,6 +70,7 @@ def open_recording(
     right: str = "",
     *,
     camera_info: Sequence[str] | None = None,
+    register: str = "",
     tolerance: float = TOLERANCE,
 ) -> Recording:
     """Open a recording of a robot; ROS is not needed.
@@ -82,6 +87,10 @@ def open_recording(
         Topics of both cameras' ``sensor_msgs/CameraInfo``; None: ``camera_info`` beside the images,
         if it is there. Images on ``image_rect`` count as rectified; others are raw. A baseline that
         it omits is taken from ``/tf_static``, or the transforms of RealSense's recordings.
+    register
+        Topic of the ``camera_info`` of a third camera, as of a color camera, in whose frame depths
+        are wanted: where it is follows from ``/tf_static`` or the transforms of RealSense's
+        recordings. "": none.
     tolerance
         By how many seconds the stamps of a pair may differ, 0 or more. A frame without a partner is
         one that failed.
@@ -115,6 +124,7 @@ def open_recording(
             _count(bag, path, name, topic) for name, topic in zip(SIDES, (left, right), strict=True)
         )
         geometry, note = _geometry(bag, (left, right), camera_info)
+        third = _third(bag, left, camera_info, register) if register else None
     except BaseException:
         bag.close()
         raise
@@ -137,6 +147,7 @@ def open_recording(
         cameras=geometry.cameras,
         q=geometry.q,
         note=note,
+        third=third,
     )
 
 
@@ -203,7 +214,8 @@ def _geometry(
     size = sizes.pop() if len(sizes) == 1 else None
     geometry = geometry_of(left, right, topics, size)
     if geometry.q is None:
-        baseline = _baseline(bag, topics, (left.header.frame_id, right.header.frame_id))
+        frames = left.header.frame_id, right.header.frame_id
+        baseline = baseline_of(_pose(bag, topics, frames))
         geometry = geometry_of(left, right, topics, size, baseline)
 
     way = "frames are rectified by" if geometry.cameras else "frames are rectified; geometry of"
@@ -234,15 +246,38 @@ def _firsts(bag: Bag, topics: Sequence[str], of: Callable[[Any], Any]) -> dict[s
     return found
 
 
-def _baseline(bag: Bag, topics: tuple[str, str], frames: tuple[str, str]) -> float | None:
-    """Return the distance of both cameras by transforms, m; None: there are none."""
+def _third(
+    bag: Bag, left: str, given: Sequence[str] | None, register: str
+) -> tuple[ThirdCamera, str]:
+    """Return a third camera, by its ``camera_info`` and transforms, and the frame of its images."""
+    if bag.topics.get(register, ("", 0))[0] != _INFO:
+        raise ValueError(f"register: got {register!r}, not a topic of camera_info")
+    first = (
+        given[0]
+        if given
+        else next((one for one in info_topics(left) if one in bag.topics), register)
+    )
+    found = _firsts(bag, (first, register), lambda message: message)
+    if first == register or len(found) < 2:
+        raise ValueError(f"register: no camera_info beside {left}, or none in {register}")
+    messages = found[first], found[register]
+    frames = messages[0].header.frame_id, messages[1].header.frame_id
+    image = f"{register.rpartition('/info/')[0]}/image/data"
+    pose = _pose(bag, (left, image), frames)
+    if pose is None:
+        raise ValueError(f"register: no transforms join {frames[0]!r} and {frames[1]!r}")
+    return third_camera(messages[1], messages[0], pose), frames[1]
+
+
+def _pose(bag: Bag, topics: tuple[str, str], frames: tuple[str, str]) -> Matrix | None:
+    """Return the pose of the second camera in the first one by transforms; None: unknown."""
     static = [name for name, (kind, _) in bag.topics.items() if kind == _TRANSFORMS]
     transforms = [
         (one.header.frame_id, one.child_frame_id, one.transform)
         for item in bag.items([name for name in static if name.endswith("tf_static")])
         for one in item.read().transforms
     ]
-    found = baseline_of(transforms, *frames)
+    found = pose_between(transforms, *frames)
     if found is not None:
         return found
 
@@ -255,7 +290,7 @@ def _baseline(bag: Bag, topics: tuple[str, str], frames: tuple[str, str]) -> flo
         if kind == _TRANSFORM and name.startswith(place)
     }
     single = [(names[item.topic], "reference", item.read()) for item in bag.items(list(names))]
-    return baseline_of(single, *SIDES)
+    return pose_between(single, *SIDES)
 
 
 def _captures(

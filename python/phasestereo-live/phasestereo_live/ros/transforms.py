@@ -1,4 +1,4 @@
-"""How far two cameras are apart by the transforms of a recording."""
+"""How two cameras stand to each other by the transforms of a recording."""
 
 from __future__ import annotations
 
@@ -12,21 +12,23 @@ from phasestereo.io.rigs.cameras import Matrix
 _ACROSS = 0.05  # of the baseline: what rectified cameras may be off it, and radians of their turn
 
 
-def baseline_of(transforms: Iterable[tuple[str, str, Any]], left: str, right: str) -> float | None:
-    """Return the distance of two rectified cameras, m.
+def pose_between(
+    transforms: Iterable[tuple[str, str, Any]], first: str, second: str
+) -> Matrix | None:
+    """Return the pose of the second frame in the first one, (4, 4), m.
 
     Parameters
     ----------
     transforms
         Of each its frame, the frame of its child, and a ``geometry_msgs/Transform``, the pose of
         the child in the frame.
-    left, right
-        Frames of the cameras: X to the right, Z forward.
+    first, second
+        Frames of cameras: X to the right, Z forward.
 
     Returns
     -------
-    float or None
-        None: no chain of transforms joins the cameras, or they do not stand side by side.
+    ndarray or None
+        None: no chain of transforms joins them.
     """
     poses: dict[str, dict[str, Matrix]] = {}
     for parent, child, transform in transforms:
@@ -34,18 +36,24 @@ def baseline_of(transforms: Iterable[tuple[str, str, Any]], left: str, right: st
         poses.setdefault(parent, {})[child] = pose
         poses.setdefault(child, {})[parent] = np.asarray(np.linalg.inv(pose), np.float64)
 
-    reached: dict[str, Matrix] = {left: np.eye(4)}
-    open_ = [left]
+    reached: dict[str, Matrix] = {first: np.eye(4)}
+    open_ = [first]
     while open_:
         frame = open_.pop()
         for other, step in poses.get(frame, {}).items():
             if other not in reached:
                 reached[other] = reached[frame] @ step
                 open_.append(other)
+    return None if first == second else reached.get(second)
 
-    if right not in reached or left == right:
+
+def baseline_of(pose: Matrix | None) -> float | None:
+    """Return the distance of two rectified cameras, m, by the pose of the right in the left one.
+
+    None: there is no pose, or they do not stand side by side.
+    """
+    if pose is None:
         return None
-    pose = reached[right]
     along, *across = pose[:3, 3]
     turned = np.abs(pose[:3, :3] - np.eye(3)).max()
     if not along > 0 or np.abs(across).max() > _ACROSS * along or turned > _ACROSS:
