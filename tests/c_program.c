@@ -1,6 +1,6 @@
 /* Matches raw images in all the ways of the C interface; test_c.py looks at what comes out.
  *
- *     c_program LEFT RIGHT WIDTH HEIGHT CHANNELS BITS STRIDE PRESET DISPARITIES OUTPUT
+ *     c_program LEFT RIGHT WIDTH HEIGHT CHANNELS BITS STRIDE PRESET DISPARITIES OUTPUT [right]
  */
 
 #include <math.h>
@@ -43,7 +43,7 @@ static void tell_findings(const char *call) {
 }
 
 int main(int count, char **arguments) {
-    if (count != 11) return 3;
+    if (count != 11 && count != 12) return 3;
     const uint32_t width = (uint32_t)atoi(arguments[3]), height = (uint32_t)atoi(arguments[4]);
     const uint32_t channels = (uint32_t)atoi(arguments[5]), bits = (uint32_t)atoi(arguments[6]);
     const ptrdiff_t stride = atoi(arguments[7]);
@@ -75,7 +75,10 @@ int main(int count, char **arguments) {
     const phasestereo_map map = {sizeof map, planes, row, flags, row / 2, planes + pixels, row, planes + 2 * pixels, row, NULL, 0};
     phasestereo_found found, checked;
     found.struct_size = checked.struct_size = sizeof found;
-    phasestereo_status status = phasestereo_match(matcher, &left, &right, 0, disparities, &map, &found);
+    phasestereo_status (*const match)(const phasestereo_matcher *, const phasestereo_image *, const phasestereo_image *,
+                                      int32_t, int32_t, const phasestereo_map *, phasestereo_found *) =
+        count == 12 ? phasestereo_match_right : phasestereo_match;
+    phasestereo_status status = match(matcher, &left, &right, 0, disparities, &map, &found);
     if (status != PHASESTEREO_STATUS_OK) {
         printf("%d %s\n", status, phasestereo_error());
         phasestereo_free(matcher);

@@ -56,6 +56,17 @@ class Known:
                 "accepts None"
             )
 
+    def exchanged(self) -> Known:
+        """Return what is known of the pair with left and right exchanged, and mirrored.
+
+        Raises
+        ------
+        ValueError
+            If the blur compensation is known, whose kernels are of this pair.
+        """
+        as_known(self, unused=("blur_compensation",))
+        return Known(noise=self.noise[::-1] if isinstance(self.noise, tuple) else self.noise)
+
     @property
     def compensation(self) -> BlurCompensation | None:
         """The blur compensation, or one of the noise alone; None where neither is known."""

@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from phasestereo import _core
 from phasestereo._images import ImageOrPath
@@ -38,6 +38,7 @@ def match(
     progress: Progress | None = None,
     known: Known | None = None,
     vertical: bool = False,
+    right_map: bool = False,
     **overrides: Any,
 ) -> Result:
     """Match a rectified stereo pair.
@@ -81,6 +82,9 @@ def match(
         then corresponds to (x, y - d) of `right`. Both are turned by 90 degrees for the match and
         the maps turned back; all else that the result has, as `Result.alignment`, is of the turned
         images.
+    right_map
+        Whether the right image is matched, too: ``result.right`` is its map, as seen from it. It
+        is that of the exchanged, mirrored pair, mirrored back, and takes the time of a match.
     **overrides
         Fields of `Settings` by name, which take precedence over ``preset`` and ``settings``.
 
@@ -133,6 +137,7 @@ def match(
         progress=progress,
         known=known,
         vertical=vertical,
+        right_map=right_map,
     )
 
     warn(result.findings)
@@ -266,6 +271,7 @@ def match_silently(
     rig: _core.Rig | None = None,
     reestimate: int = 1,
     vertical: bool = False,
+    right_map: bool = False,
 ) -> Result:
     """Match as `match` and `Matcher.match` do, without a warning; with a rig, its next frame."""
     if progress is not None and not callable(progress):
@@ -275,28 +281,47 @@ def match_silently(
 
     # Turned so that rows come to be columns, in which the core looks for what corresponds.
     turns = int(vertical)
+    turned = np.rot90(pair[0], turns), np.rot90(pair[1], turns)
     masks_turned = [None if mask is None else np.rot90(mask, turns) for mask in valid]
-    result = _core.match_pair(
-        (np.rot90(pair[0], turns), np.rot90(pair[1], turns)),
-        (masks_turned[0], masks_turned[1]),
-        search,
-        settings,
-        threads,
-        progress,
-        as_known(known),
-        as_core_filter(temporal_filter),
-        rig,
-        reestimate,
-    )
-    found = replace(result, pair=arrays)
-    return _turned_back(found) if vertical else found
+
+    def matched(*, backward: bool) -> Result:
+        step = -1 if backward else 1
+        views = [view[:, ::step] for view in turned[::step]]
+        valid = [None if mask is None else mask[:, ::step] for mask in masks_turned[::step]]
+        found = _core.match_pair(
+            (views[0], views[1]),
+            (valid[0], valid[1]),
+            search,
+            settings,
+            threads,
+            _part_of(progress, is_second=backward) if right_map else progress,
+            as_known(known).exchanged() if backward else as_known(known),
+            as_core_filter(temporal_filter),
+            rig,
+            reestimate,
+        )
+        if backward:
+            found = _with_maps(found, lambda values: values[:, ::-1])
+        if vertical:
+            found = _with_maps(found, lambda values: np.rot90(values, -1))
+        return replace(found, pair=(arrays[1], arrays[0]) if backward else arrays)
+
+    result = matched(backward=False)
+    return replace(result, right=matched(backward=True)) if right_map else result
 
 
-def _turned_back(result: Result) -> Result:
-    """Return a result of turned images with maps of the images as they came."""
+def _part_of(progress: Progress | None, *, is_second: bool) -> Progress | None:
+    """Return what reports the rows of one of two matches as those of both."""
+    if progress is None:
+        return None
+    return lambda done, rows: progress(done + is_second * rows, 2 * rows)
+
+
+def _with_maps(result: Result, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Result:
+    """Return a result whose maps are changed in the same way."""
     support = {"temporal_support": result.temporal_support}
     maps: dict[str, Any] = {
-        name: None if values is None else np.ascontiguousarray(np.rot90(values, -1))
+        name: None if values is None else np.ascontiguousarray(change(values))
         for name, values in (result.maps | support).items()
     }
     return replace(result, **maps)

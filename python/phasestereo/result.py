@@ -235,6 +235,10 @@ class Result:
         The rectified pair that was matched, with ``self_rectify=True`` where the images are far
         from rectified: then `disparity` is x - x' of pixels that may lie on other rows. None: the
         images were matched as they are.
+    right
+        The map of the right image, with ``right_map=True``: its pixel (x, y) corresponds to left
+        pixel (x + disparity, y). What it has beside maps is of the exchanged, mirrored pair, of
+        which it is the match. None: the right image was not matched.
     """
 
     disparity: NDArray[np.float32]
@@ -252,6 +256,7 @@ class Result:
     findings: tuple[Finding, ...] = ()
     temporal_support: NDArray[np.uint8] | None = None
     rectified: Rectified | None = None
+    right: Result | None = None
 
     _repr_html_: ClassVar[Callable[[Result], str]]
     """Jupyter and marimo show a result by it; the package, which knows the views, has set it."""

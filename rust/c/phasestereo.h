@@ -614,6 +614,22 @@ enum phasestereo_status phasestereo_match(const struct phasestereo_matcher *matc
                                           struct phasestereo_found *found);
 
 /**
+ * Matches the same pair from the right image: right pixel (x, y) corresponds to left pixel (x + d, y), with disparities of
+ * the same range. It is the map of the exchanged, mirrored pair, mirrored back; what is written to `found` is of that pair, and
+ * it takes as long as another match. The planes of `map` have the size of the right image.
+ *
+ * Pointers are to what their types say; the planes of `map` have rows of as many values as the right image has columns, and
+ * as many rows.
+ */
+enum phasestereo_status phasestereo_match_right(const struct phasestereo_matcher *matcher,
+                                                const struct phasestereo_image *left,
+                                                const struct phasestereo_image *right,
+                                                int32_t min_disparity,
+                                                int32_t num_disparities,
+                                                const struct phasestereo_map *map,
+                                                struct phasestereo_found *found);
+
+/**
  * Estimates from a pair what a match with these settings would estimate: the disparities, if they are not given, how
  * rows correspond, blur, noise. The arguments are those of `phasestereo_match`.
  *

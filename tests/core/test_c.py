@@ -52,6 +52,7 @@ class Program:
         channels: int = RGB,
         size: tuple[int, int] | None = None,
         stride: int | None = None,
+        backward: bool = False,
     ) -> tuple[int, list[str], Path]:
         """Match images of memory: exit code, lines printed, file with the planes."""
         for name, image in zip(("left", "right"), pair, strict=True):
@@ -70,7 +71,7 @@ class Program:
             self.folder / "right",
             *numbers,
         ]
-        command += [preset, str(disparities), output]
+        command += [preset, str(disparities), output, *(["right"] if backward else [])]
 
         done = run(*command, check=False)
         return done.returncode, done.stdout.splitlines(), output
@@ -198,6 +199,17 @@ def test_findings_are_those_of_python_word_for_word(program: Program, pair: Pair
 def test_settings_are_read_from_text(program: Program, pair: Pair) -> None:
     expected = ps.match(*pair, num_disparities=48, median=0, min_confidence=0.25, lr_check=None)
     program.same(pair, expected, preset="settings")
+
+
+@pytest.mark.parametrize("preset", ["robust", "fast"])
+def test_the_map_of_the_right_image_is_that_of_python(
+    program: Program, pair: Pair, preset: str
+) -> None:
+    expected = ps.match(*pair, preset=preset, right_map=True)
+    assert expected.right is not None
+    said = program.same(pair, expected.right, preset=preset, disparities=0, backward=True)
+    search = expected.right.search
+    assert said["range"][:2] == [str(search.min_disparity), str(search.num_disparities)]
 
 
 def _changed(pair: Pair, change: Change) -> Pair:

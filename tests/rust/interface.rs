@@ -56,6 +56,52 @@ fn a_match_of_slices_is_that_of_the_stages() {
 }
 
 #[test]
+fn the_map_of_the_right_image_is_that_of_the_exchanged_mirrored_pair() {
+    let (rows, cols) = SIZE;
+    let back = |i: usize| i / cols * cols + cols - 1 - i % cols;
+    let colors: [Vec<u16>; 2] = [0, 5].map(|shift| {
+        let gray = texture(shift).into_iter().map(u16::from);
+        gray.flat_map(|value| [value, 2 * value, 300 - value]).collect()
+    });
+    let valid: Vec<bool> = (0..rows * cols).map(|i| i % cols < 100).collect();
+    let [left, right] = colors.each_ref().map(|pixels| {
+        let image = Image::from_slice(pixels, SIZE).expect("an image");
+        image.with_mask(&valid).expect("a mask")
+    });
+    let mirrored = colors.each_ref().map(|pixels| {
+        let pixel = |i: usize| &pixels[3 * back(i)..][..3];
+        let pixels: Vec<u16> = (0..rows * cols).flat_map(pixel).copied().collect();
+        let valid: Vec<bool> = (0..rows * cols).map(|i| valid[back(i)]).collect();
+        Image::from_slice(&pixels, SIZE).expect("an image").with_mask(&valid).expect("a mask")
+    });
+
+    for preset in [Preset::Robust, Preset::Fast] {
+        let matcher = Matcher::new(preset.settings(), 2).expect("a matcher");
+        let found = matcher.match_right(left.clone(), right.clone(), 0..16).expect("a match");
+        let [first, second] = mirrored.clone();
+        let expected = matcher.match_pair(second, first, 0..16).expect("a match");
+        let same = |map: &phasestereo::Plane<f32>, other: &phasestereo::Plane<f32>| {
+            (0..rows * cols)
+                .all(|i| map.as_slice()[i].to_bits() == other.as_slice()[back(i)].to_bits())
+        };
+        assert!(same(&found.disparity, &expected.disparity));
+        let both = [
+            (&found.confidence, &expected.confidence),
+            (&found.uncertainty, &expected.uncertainty),
+        ];
+        assert!(both.iter().all(|(own, other)| match (own, other) {
+            (Some(own), Some(other)) => same(own, other),
+            (own, other) => own.is_none() && other.is_none(),
+        }));
+        assert!(
+            (0..rows * cols)
+                .all(|i| found.flags.as_slice()[i] == expected.flags.as_slice()[back(i)])
+        );
+        assert!((found.disparity.row(40)[60] - 5.0).abs() < 0.25, "right less left columns");
+    }
+}
+
+#[test]
 fn masked_pixels_have_no_disparity() {
     let [left, right] = images();
     let valid: Vec<bool> = (0..SIZE.0 * SIZE.1).map(|i| i % SIZE.1 < 100).collect();

@@ -211,9 +211,46 @@ pub unsafe extern "C" fn phasestereo_match(
     // SAFETY: as the caller promises.
     status(|| unsafe {
         let disparities = (min_disparity, num_disparities);
-        matched(matcher, [left, right], disparities, map, found, |matcher, [left, right], range| {
-            matcher.match_pair(left, right, range)
-        })
+        matched(
+            matcher,
+            [left, right],
+            disparities,
+            (0, map),
+            found,
+            |matcher, [left, right], range| matcher.match_pair(left, right, range),
+        )
+    })
+}
+
+/// Matches the same pair from the right image: right pixel (x, y) corresponds to left pixel (x + d, y), with disparities of
+/// the same range. It is the map of the exchanged, mirrored pair, mirrored back; what is written to `found` is of that pair, and
+/// it takes as long as another match. The planes of `map` have the size of the right image.
+///
+/// # Safety
+///
+/// Pointers are to what their types say; the planes of `map` have rows of as many values as the right image has columns, and
+/// as many rows.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn phasestereo_match_right(
+    matcher: *const Matcher,
+    left: *const Image,
+    right: *const Image,
+    min_disparity: i32,
+    num_disparities: i32,
+    map: *const Map,
+    found: *mut Found,
+) -> Status {
+    // SAFETY: as the caller promises.
+    status(|| unsafe {
+        let disparities = (min_disparity, num_disparities);
+        matched(
+            matcher,
+            [left, right],
+            disparities,
+            (1, map),
+            found,
+            |matcher, [left, right], range| matcher.match_right(left, right, range),
+        )
     })
 }
 
@@ -250,7 +287,7 @@ pub unsafe extern "C" fn phasestereo_check(
     })
 }
 
-/// Matches a pair in some way, and writes what comes of it.
+/// Matches a pair in some way, and writes what comes of it; the map is of the image with the number before it.
 ///
 /// # Safety
 ///
@@ -259,7 +296,7 @@ unsafe fn matched(
     matcher: *const Matcher,
     images: [*const Image; 2],
     (min_disparity, num_disparities): (i32, i32),
-    map: *const Map,
+    (side, map): (usize, *const Map),
     found: *mut Found,
     by: impl FnOnce(&phasestereo::Matcher, Images, Option<Range<i64>>) -> Result<phasestereo::Match>,
 ) -> Result<()> {
@@ -269,8 +306,8 @@ unsafe fn matched(
     let (map, found) = unsafe { (sized::read(map, "map")?, place(found)?) };
     let disparities = read_disparities(min_disparity, num_disparities)?;
     // SAFETY: as above.
-    let (images, [given, _]) = unsafe { read_images(images)? };
-    map.check(given.size())?;
+    let (images, given) = unsafe { read_images(images)? };
+    map.check(given[side].size())?;
 
     let result = by(matcher, images, disparities.clone())?;
 

@@ -83,7 +83,7 @@ pub unsafe extern "C" fn phasestereo_rig_match(
                 matcher,
                 [left, right],
                 disparities,
-                map,
+                (0, map),
                 found,
                 |matcher, [left, right], range| matcher.match_frame(&mut rig, left, right, range),
             )

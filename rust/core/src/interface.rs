@@ -112,7 +112,20 @@ impl Matcher {
         self.match_controlled(left, right, disparities, &Control::default())
     }
 
-    /// The same, of which another thread may see the progress, and which it may cancel.
+    /// The map of the right image: right pixel (x, y) corresponds to left pixel (x + d, y). It is the map of the exchanged,
+    /// mirrored pair, mirrored back, and all that was estimated is of that pair. The arguments are those of
+    /// [`Self::match_pair`], of which it takes the time once more.
+    pub fn match_right(
+        &self,
+        left: Image,
+        right: Image,
+        disparities: impl Into<Option<Range<i64>>>,
+    ) -> Result<Match> {
+        let found = self.match_pair(right.mirrored(), left.mirrored(), disparities)?;
+        Ok(found.mirrored())
+    }
+
+    /// The same as [`Self::match_pair`], of which another thread may see the progress, and which it may cancel.
     pub fn match_controlled(
         &self,
         left: Image,
@@ -273,6 +286,22 @@ impl Match {
             rectified,
             timings,
         }
+    }
+
+    /// The same with the columns of all maps in the other order.
+    fn mirrored(mut self) -> Self {
+        mirror(&mut self.disparity);
+        mirror(&mut self.flags);
+        self.confidence.iter_mut().for_each(mirror);
+        self.uncertainty.iter_mut().for_each(mirror);
+        self.support.iter_mut().for_each(mirror);
+        self
+    }
+}
+
+fn mirror<T>(plane: &mut Plane<T>) {
+    for y in 0..plane.rows() {
+        plane.row_mut(y).reverse();
     }
 }
 

@@ -87,6 +87,22 @@ impl Image {
         Plane::from_fn(rows, cols, |y, x| self.0.is_valid(y, x))
     }
 
+    /// The image with its columns in the other order.
+    pub(crate) fn mirrored(mut self) -> Self {
+        match &mut self.0.image {
+            view::Image::U8(pixels) => mirror(pixels),
+            view::Image::U16(pixels) => mirror(pixels),
+            view::Image::F32(pixels) => mirror(pixels),
+            view::Image::F64(pixels) => mirror(pixels),
+        }
+        if let Some(mask) = &mut self.0.mask {
+            for y in 0..mask.rows() {
+                mask.row_mut(y).reverse();
+            }
+        }
+        self
+    }
+
     /// The image as the stages have it.
     pub(crate) fn into_view(self) -> View {
         self.0
@@ -95,6 +111,17 @@ impl Image {
     /// The image that the stages have.
     pub(crate) fn of_view(view: View) -> Self {
         Self(view)
+    }
+}
+
+fn mirror<T: Clone>(pixels: &mut Array3<T>) {
+    let (_, cols, channels) = pixels.dim();
+    if !pixels.is_standard_layout() {
+        *pixels = pixels.as_standard_layout().into_owned();
+    }
+    for row in pixels.as_slice_mut().unwrap_or_default().chunks_exact_mut(cols * channels) {
+        row.reverse();
+        row.chunks_exact_mut(channels).for_each(<[T]>::reverse);
     }
 }
 
