@@ -58,6 +58,48 @@ def sights(
     return found
 
 
+FISHEYES: dict[str, NDArray[np.float64]] = {
+    "K1": np.array([[200, 0, 321], [0, 201, 238], [0, 0, 1.0]]),
+    "D1": np.array([[-0.01, 0.004, -0.002, 0.0005]]),
+    "K2": np.array([[203, 0, 317], [0, 204, 243], [0, 0, 1.0]]),
+    "D2": np.array([[-0.012, 0.005, -0.0022, 0.0004]]),
+    "R": RIG["R"],
+    "T": RIG["T"],
+}
+"""Lenses that see 180 degrees in the width of the image."""
+
+
+def wide_sights(count: int, rng: np.random.Generator, *, noise: float) -> list[Sight]:
+    """Return corners as fisheyes see them, up to 70 degrees off the axis."""
+    x, y = np.meshgrid(np.arange(9), np.arange(6))
+    points: Any = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1) * SQUARE
+    found: list[Sight] = []
+    while len(found) < count:
+        angle, around = np.radians(rng.uniform(0, 70)), rng.uniform(0, 2 * np.pi)
+        ahead = np.array([
+            np.sin(angle) * np.cos(around), np.sin(angle) * np.sin(around), np.cos(angle)
+        ])  # fmt: skip
+        across = np.cross([0, 1, 0], ahead) / np.hypot(ahead[0], ahead[2])
+        facing = np.column_stack([across, np.cross(ahead, across), ahead])
+        tilts = np.radians([*rng.uniform(15, 35, 2) * rng.choice([-1, 1], 2), rng.uniform(-10, 10)])
+        rotation = facing @ cv2.Rodrigues(tilts)[0]
+        move = (ahead * rng.uniform(0.2, 0.45) - rotation @ points.mean(axis=0)).reshape(3, 1)
+        turn = cv2.Rodrigues(rotation)[0]
+        second = cv2.composeRT(turn, move, cv2.Rodrigues(FISHEYES["R"])[0], FISHEYES["T"])[:2]
+
+        views = []
+        for side, pose in (("1", (turn, move)), ("2", second)):
+            k, d = FISHEYES[f"K{side}"], FISHEYES[f"D{side}"]
+            seen = cv2.fisheye.projectPoints(points[np.newaxis], *pose, k, d)[0][0]
+            depth = points @ cv2.Rodrigues(pose[0])[0][2] + pose[1][2]
+            if ((seen < 0) | (seen > SIZE)).any() or depth.min() < 0.02:
+                break
+            views.append(seen + rng.normal(0, noise, seen.shape))
+        if len(views) == 2:
+            found.append(Sight(points, *views))
+    return found
+
+
 def chessboard(columns: int, rows: int) -> NDArray[np.uint8]:
     """Return the picture of a chessboard with so many inner corners, a white square around it."""
     y, x = np.mgrid[: rows + 3, : columns + 3]

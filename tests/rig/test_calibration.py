@@ -17,7 +17,8 @@ import phasestereo as ps
 from boards import RIG, SIZE, SQUARE, cv2
 from conftest import Run, counterpart
 from html_page import Page
-from phasestereo.calibration.solving import fit, row_errors, vector
+from phasestereo.calibration.solving import Fit, fit, rms, row_errors, vector
+from phasestereo.io.rigs.reading import read_cameras
 from phasestereo.views.calibration_page import write_calibration_page
 
 for _module in ("yaml", "PIL", "cyclopts", "jinja2"):
@@ -126,7 +127,7 @@ def depths_of(found: ps.StereoCalibration, depths: Sequence[float]) -> list[floa
     [((-0.1, 0.05), None, 4), ((-0.45, 0.35), None, 5), ((-0.1, 0.05), 8, 8)],
 )
 def test_lenses_have_as_many_coefficients_as_they_need(
-    monkeypatch: pytest.MonkeyPatch, bent: tuple[float, ...], asked: int | None, count: int
+    monkeypatch: pytest.MonkeyPatch, bent: tuple[float, ...], asked: Any, count: int
 ) -> None:
     lens = np.zeros((1, 8))
     lens[0, :2] = bent
@@ -134,10 +135,62 @@ def test_lenses_have_as_many_coefficients_as_they_need(
     for name in ("D1", "D2"):
         monkeypatch.setitem(RIG, name, lens)
     found = fit(boards.sights(16, np.random.default_rng(0), noise=0.02), SIZE, asked)
-    assert found.coefficients == count
+    assert found.lens == count
     assert found.matrices["D1"].shape == (1, max(count, 5))
     assert found.errors.max() < 0.04
     assert np.isfinite(found.covariance).all()
+
+
+def test_fisheyes_are_fitted_where_other_lenses_leave_rows() -> None:
+    sights = boards.wide_sights(24, np.random.default_rng(3), noise=0.1)
+    bent = fit(sights, SIZE, 8)
+    assert rms(bent.rows) > 3 * rms(bent.errors)
+
+    found = fit(sights, SIZE)
+    assert found.lens == "fisheye"
+    assert rms(found.errors) < 0.15
+    assert rms(found.rows) < 0.15
+    spread = np.sqrt(np.diag(found.covariance))
+    off = (vector(found.matrices) - vector(boards.FISHEYES)) / spread
+    assert np.abs(off).max() < 4
+    assert spread[0] < 0.2
+
+
+def test_a_calibration_of_fisheyes_is_one_that_rectify_reads(
+    tmp_path: Path, found: ps.StereoCalibration
+) -> None:
+    sights = boards.wide_sights(24, np.random.default_rng(3), noise=0.1)
+    wide = fit(sights, SIZE, "fisheye")
+    made = replace(found, **cast("Any", wide.matrices), covariance=wide.covariance, fisheye=True)
+    errors = made.depth_error([0.5, 1.0])
+    assert (errors.calibration > 0).all()
+    assert (errors.calibration < 0.02 * errors.distance).all()
+
+    made.save(tmp_path / "wide.yaml")
+    given = [made.matrices[name] for name in ("K1", "D1", "K2", "D2")]
+    r1, r2, p1, p2, *_ = cv2.fisheye.stereoRectify(
+        *given, SIZE, made.R, made.T, flags=cv2.CALIB_ZERO_DISPARITY
+    )
+    for source in (tmp_path / "wide.yaml", made.matrices):
+        read = read_cameras(source)
+        assert read.fisheye
+        for maps, k, d, r, p in zip(
+            read.warp(SIZE, None).maps, given[::2], given[1::2], (r1, r2), (p1, p2), strict=True
+        ):
+            wanted = cv2.fisheye.initUndistortRectifyMap(k, d, r, p, SIZE, cv2.CV_32FC1)
+            np.testing.assert_array_equal(np.array(maps), np.array(wanted))
+
+
+def test_rigs_whose_rows_are_far_worse_than_their_corners_are_refused(
+    pairs: Pairs, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def bad(*given: Any) -> Fit:
+        made = fit(*given)
+        return replace(made, rows=made.rows + 2.06)
+
+    monkeypatch.setattr("phasestereo.calibration.calibrating.fit", bad)
+    with pytest.raises(ValueError, match=r"rows of the rectified pair would be off by 2\.\d+ px"):
+        ps.calibrate(pairs, square=SQUARE)
 
 
 def test_errors_of_depths_have_their_parts(found: ps.StereoCalibration) -> None:
@@ -268,13 +321,14 @@ def test_a_calibration_on_the_command_line_is_one_that_everything_reads(
     matrices = {name: storage.getNode(name).mat() for name in ("K1", "D1", "K2", "D2", "R", "T")}
     np.testing.assert_array_equal(matrices["K1"], said["K1"])
     exact = boards.sights(12, np.random.default_rng(0), noise=0)
-    assert row_errors(matrices, exact, SIZE).max() < 0.1
+    assert row_errors(matrices, exact, SIZE, 8).max() < 0.1
 
     rectified = ps.rectify(folder / "0_L.png", folder / "0_R.png", target)
     assert rectified.Q is not None
     assert 1 / rectified.Q[3, 2] == pytest.approx(said["baseline"])
+    assert rectified.unit == "m"
     with pytest.raises(ValueError, match="got that of 640 x 480 pixels; accepts"):
-        ps.rectify(np.zeros((48, 64), np.uint8), np.zeros((48, 64), np.uint8), target)
+        ps.rectify(np.zeros((64, 64), np.uint8), np.zeros((64, 64), np.uint8), target)
 
     code, out, err = run("calibrate", folder, "--square", "30mm")
     assert (code, err) == (0, "")

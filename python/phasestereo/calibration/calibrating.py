@@ -21,7 +21,17 @@ from phasestereo.calibration.boards import (
     matched,
 )
 from phasestereo.calibration.record import BoardView, StereoCalibration
-from phasestereo.calibration.solving import Fit, Sight, disagreement, fit, rms, row_errors
+from phasestereo.calibration.solving import (
+    FITS,
+    ROWS_OVER,
+    Fit,
+    Lens,
+    Sight,
+    disagreement,
+    fit,
+    rms,
+    row_errors,
+)
 from phasestereo.calibration.sources import BoardPaths, Gray, Shot, shots
 from phasestereo.io.files import StrPath
 from phasestereo.io.pair import Layout
@@ -30,7 +40,6 @@ from phasestereo.io.rigs.cameras import Matrix
 LEAST_VIEWS = 6
 _HALVES = 12  # views, from which on each half is held against the other
 _OUTLIER = 3.0  # of the median error of views
-_FITS = 0.5  # pixels; views with less are never left out
 _UNFIT = 2.0  # pixels that corners of a rig are never off by
 _SAME = 0.5  # pixels by which one picture's corners differ from its own, compressed again
 _AGREEING, _EARLY = 4, 16  # pictures that show one size of board; pairs that are looked at for it
@@ -86,7 +95,8 @@ def calibrate(
     ValueError
         If fewer than 6 pairs show the board in both views (the message names some of the others),
         pictures differ in size, both views are the same camera's, left and right are exchanged, one
-        is mirrored, or no two cameras see what the pictures show.
+        is mirrored, no two cameras see what the pictures show, or rows of the rectified pair would
+        be three times as far off as corners are.
     OSError
         If a folder or a video cannot be read.
     ImportError
@@ -95,7 +105,8 @@ def calibrate(
     Notes
     -----
     The board is found by OpenCV's ``findChessboardCornersSB`` [1]_, or its ChArUco detector, and
-    the cameras by its ``stereoCalibrate``, all numbers together, after Zhang [2]_. Views whose
+    the cameras by its ``stereoCalibrate``, all numbers together, after Zhang [2]_; lenses of which
+    that leaves rows are fitted as those of ``cv2.fisheye``. Views whose
     error is more than three times the median are left out, one at a time.
 
     References
@@ -237,24 +248,24 @@ def _fit_without_outliers(
 ) -> tuple[list[BoardView], Fit]:
     """Fit the cameras; leave out the worst view as long as it is far worse than the others."""
     kept = list(views)
-    fitted, coefficients = None, None
+    fitted, lens = None, None
     while True:
         used = [at for at, view in enumerate(kept) if view.used]
         sights = _sights(board, [kept[at] for at in used])
-        fitted = fit(sights, size, coefficients)
+        fitted = fit(sights, size, lens)
 
         # Pairs that are none bend all cameras to them; the pose that most views tell does not bend.
         # What is a little off bends them, too: of these the worst alone is left out at a time.
         fits = rms(fitted.errors) < _UNFIT
         errors = fitted.errors if fits else disagreement(sights, size)
         usual = float(np.median(errors))
-        far = errors > max(_OUTLIER * usual, _FITS)
+        far = errors > max(_OUTLIER * usual, FITS)
         if fits:
             far &= errors == errors.max()
         if not far.any() or len(used) - far.sum() < LEAST_VIEWS:
             return kept, fitted
 
-        coefficients = fitted.coefficients if fits else None
+        lens = fitted.lens if fits else None
         for at, error in zip(np.array(used)[far].tolist(), errors[far].tolist(), strict=True):
             said = f"{' and '.join(kept[at].names)} are off by {error:.2f} px, others by "
             said += f"{usual:.2f} px"
@@ -273,8 +284,14 @@ def _check_rig(
             raise ValueError(f"{files}: one camera's pictures are {flip}; turn that off")
         raise ValueError(
             f"{files}: no two cameras see this, corners are off by {error:.1f} px: pairs are not "
-            "of the same moment, files are not in the same order, the cameras moved, or lenses see "
-            "more than 120 degrees"
+            "of the same moment, files are not in the same order, or the cameras moved"
+        )
+    rows = rms(fitted.rows)
+    if rows > max(ROWS_OVER * error, FITS):
+        raise ValueError(
+            f"{files}: rows of the rectified pair would be off by {rows:.2f} px, where corners are "
+            f"off by {error:.2f} px: no lens that OpenCV knows fits; show the board up to the "
+            "edges of both images"
         )
 
     x, y, z = (float(part) for part in fitted.matrices["T"].ravel())
@@ -358,7 +375,8 @@ def _record(
         views=done,
         error=rms(fitted.errors),
         rows=rms(fitted.rows),
-        held_out=_held_out(sights, size, fitted.coefficients),
+        fisheye=fitted.lens == "fisheye",
+        held_out=_held_out(sights, size, fitted.lens),
         covariance=fitted.covariance,
         coverage=covered,
         advice=said,
@@ -374,13 +392,13 @@ def _posed(view: BoardView, board: Board, pose: tuple[Matrix, Matrix]) -> BoardV
     return replace(view, distance=float(np.linalg.norm(middle)), tilt=(across, down))
 
 
-def _held_out(sights: Sequence[Sight], size: tuple[int, int], coefficients: int) -> float | None:
+def _held_out(sights: Sequence[Sight], size: tuple[int, int], lens: Lens) -> float | None:
     """Return by how much rows differ in views by cameras that were fitted to others."""
     if len(sights) < _HALVES:
         return None
     halves = sights[::2], sights[1::2]
     rows = [
-        row_errors(fit(halves[at], size, coefficients).matrices, halves[1 - at], size)
+        row_errors(fit(halves[at], size, lens).matrices, halves[1 - at], size, lens)
         for at in (0, 1)
     ]
     return rms(np.concatenate(rows))

@@ -11,7 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._extras import require
 from phasestereo._numbers import as_number
-from phasestereo.calibration.solving import from_vector, vector
+from phasestereo.calibration.solving import (
+    Lens,
+    from_vector,
+    projected_by,
+    undistorted_by,
+    vector,
+)
 from phasestereo.io.drafts import replacing
 from phasestereo.io.files import StrPath, suffix
 from phasestereo.io.rigs.cameras import Matrix
@@ -101,7 +107,8 @@ class StereoCalibration:
     K1, K2
         Camera matrices (3, 3), pixels.
     D1, D2
-        Distortion, (1, 5) or (1, 8): k1, k2, p1, p2, k3 ... as ``cv2.projectPoints`` has them.
+        Distortion, (1, 5) or (1, 8): k1, k2, p1, p2, k3 ... as ``cv2.projectPoints`` has them; of
+        fisheyes (1, 4), as ``cv2.fisheye`` has them.
     R, T
         Rotation (3, 3) and translation (3, 1) from the left camera to the right one.
     size
@@ -126,6 +133,8 @@ class StereoCalibration:
         Corners in each cell of 6 x 8 of the left and of the right image, int (6, 8).
     advice
         What to take next, a sentence each; empty if nothing is missing.
+    fisheye
+        Whether the lenses are those of ``cv2.fisheye``.
     """
 
     K1: Matrix
@@ -144,12 +153,19 @@ class StereoCalibration:
     covariance: Matrix
     coverage: tuple[NDArray[np.int64], NDArray[np.int64]]
     advice: tuple[str, ...]
+    fisheye: bool = False
+
+    @property
+    def lens(self) -> Lens:
+        """The kind of the lenses."""
+        return "fisheye" if self.fisheye else 8
 
     @property
     def matrices(self) -> dict[str, Any]:
         """The matrices by OpenCV's names, and the size."""
         found = {name: getattr(self, name) for name in ("K1", "D1", "K2", "D2", "R", "T")}
-        return found | {"image_width": self.size[0], "image_height": self.size[1]}
+        model = {"distortion_model": "equidistant"} if self.fisheye else {}
+        return found | {"image_width": self.size[0], "image_height": self.size[1]} | model
 
     @property
     def baseline(self) -> float:
@@ -233,20 +249,19 @@ class StereoCalibration:
         steps = _STEP * np.sqrt(np.diag(self.covariance))
         x, y = np.meshgrid(*(np.array([0.25, 0.5, 0.75]) * side for side in self.size))
         pixels = np.stack([x.ravel(), y.ravel()], axis=1)
-        rays = cv2.undistortPoints(pixels.reshape(-1, 1, 2), self.K1, self.D1)[:, 0]
-        rays = np.column_stack([rays, np.ones(len(rays))])
+        rays = undistorted_by(self.lens, pixels, self.K1, self.D1)
         points = (depths[:, None, None] * rays).reshape(-1, 3)
 
         turn = cv2.Rodrigues(self.R)[0]
         left = np.tile(pixels, (len(depths), 1))
-        right = cv2.projectPoints(points, turn, self.T, self.K2, self.D2)[0].reshape(-1, 2)
+        right = projected_by(self.lens, points, (turn, self.T), self.K2, self.D2)[0]
         found = np.zeros((len(points), len(numbers)))
         for at in np.flatnonzero(steps):
             ends = []
             for sign in (1, -1):
                 changed = numbers.copy()
                 changed[at] += sign * steps[at]
-                ends.append(_triangulated(from_vector(changed), left, right))
+                ends.append(_triangulated(from_vector(changed), left, right, self.lens))
             found[:, at] = (ends[0] - ends[1]) / (2 * steps[at])
         return found.reshape(len(depths), len(rays), -1)
 
@@ -288,14 +303,12 @@ class StereoCalibration:
         )
 
 
-def _triangulated(matrices: dict[str, Matrix], left: Matrix, right: Matrix) -> Matrix:
+def _triangulated(matrices: dict[str, Matrix], left: Matrix, right: Matrix, lens: Lens) -> Matrix:
     """Return depths at which rays of the left camera pass those of the right one closest."""
-    cv2 = require("cv2", extra="rectify")
-    rays = []
-    for side, places in (("1", left), ("2", right)):
-        k, d = matrices[f"K{side}"], matrices[f"D{side}"]
-        ray = cv2.undistortPoints(places.reshape(-1, 1, 2), k, d)[:, 0]
-        rays.append(np.column_stack([ray, np.ones(len(ray))]))
+    rays = [
+        undistorted_by(lens, places, matrices[f"K{side}"], matrices[f"D{side}"])
+        for side, places in (("1", left), ("2", right))
+    ]
 
     # Z (R a) + T lies along b: both cross products with b are opposite.
     across = np.cross(rays[0] @ matrices["R"].T, rays[1])

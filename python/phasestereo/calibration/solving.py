@@ -4,13 +4,18 @@ OpenCV gives standard deviations of one camera's numbers, not those of both came
 stand to each other; so the covariance of them all is worked out here, from the derivatives that
 OpenCV has: of the normal equations of all corners the poses of the board are eliminated (Schur's
 complement), and the rest is inverted, times the variance of the corners' errors.
+
+Lenses of 120 degrees and more are those of `cv2.fisheye`. Its own `calibrate` does not begin where
+boards are far from the axis (an assertion of OpenCV 5.0 fails in 55 views of up to 70 degrees), so
+that the same normal equations, damped, fit them here (Levenberg and Marquardt), from rays of an
+equidistant lens.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +23,17 @@ from numpy.typing import NDArray
 from phasestereo._extras import require
 from phasestereo.io.rigs.cameras import Matrix
 
+Lens: TypeAlias = Literal[4, 5, 8, "fisheye"]
+"""Coefficients of distortion (k1, k2, p1, p2; k3; a ratio of polynomials), or `cv2.fisheye`."""
+
+ROWS_OVER = 3.0
+"""Times the error of corners that rows may have: those of cameras that fit have about as much."""
+
+FITS = 0.5
+"""Pixels: views whose corners are off by less are never left out."""
+
+_STARTS = 0.5, 0.7, 1.0, 1.4  # focal lengths of fisheyes, times that of 180 degrees in the width
+_STEPS, _STILL = 100, 1e-9  # of a fit: steps at most, and the relative change that ends it
 _BETTER = 0.95  # of the error that a lens of fewer coefficients leaves, to take one of more
 
 
@@ -45,8 +61,8 @@ class Fit:
         Root mean square difference of rows of the rectified corners, each view, pixels.
     covariance
         Of the numbers of `vector`.
-    coefficients
-        Of the distortion, that were fitted.
+    lens
+        What was fitted.
     """
 
     matrices: dict[str, Matrix]
@@ -54,7 +70,7 @@ class Fit:
     errors: Matrix
     rows: Matrix
     covariance: Matrix
-    coefficients: int
+    lens: Lens
 
 
 def vector(matrices: dict[str, Matrix]) -> Matrix:
@@ -83,7 +99,7 @@ def from_vector(numbers: Matrix) -> dict[str, Matrix]:
     return found | {"R": rotation, "T": numbers[-3:].reshape(3, 1)}
 
 
-def fit(sights: Sequence[Sight], size: tuple[int, int], coefficients: int | None = None) -> Fit:
+def fit(sights: Sequence[Sight], size: tuple[int, int], lens: Lens | None = None) -> Fit:
     """Fit both cameras to what they saw.
 
     Parameters
@@ -92,9 +108,10 @@ def fit(sights: Sequence[Sight], size: tuple[int, int], coefficients: int | None
         Corners of each view.
     size
         Columns and rows of the images.
-    coefficients
-        Of the lenses' distortion: 4 (k1, k2, p1, p2), 5 (k3, too) or 8 (a ratio of polynomials).
-        None: as few as leave no error that more would take away by a twentieth.
+    lens
+        Coefficients of the lenses' distortion, or "fisheye". None: as few as leave no error that
+        more would take away by a twentieth; those of a fisheye where these leave corners, or rows
+        of rectified corners, that are far off, and it explains them better.
 
     Raises
     ------
@@ -102,21 +119,33 @@ def fit(sights: Sequence[Sight], size: tuple[int, int], coefficients: int | None
         If OpenCV finds no cameras that saw this.
     """
     cv2 = require("cv2", extra="rectify")
-    first, *others = (4, 5, 8) if coefficients is None else (coefficients,)
+    lenses: tuple[Lens, ...] = (4, 5, 8) if lens is None else (lens,)
     try:
-        found = _fitted(sights, size, first)
+        found = _fitted(sights, size, lenses[0])
     except (cv2.error, np.linalg.LinAlgError) as error:
         raise ValueError("left: got views of which OpenCV makes no cameras") from error
 
-    for count in others:
+    for other in lenses[1:]:
         try:
-            more = _fitted(sights, size, count)
+            more = _fitted(sights, size, other)
         except (cv2.error, np.linalg.LinAlgError):
             break
         if not rms(more.errors) < _BETTER * rms(found.errors):
             break
         found = more
-    return found
+    if lens is not None or not is_far_off(found):
+        return found
+    try:
+        wide = _fitted(sights, size, "fisheye")
+    except (cv2.error, np.linalg.LinAlgError):
+        return found
+    return min(found, wide, key=lambda one: max(rms(one.errors), rms(one.rows) / ROWS_OVER))
+
+
+def is_far_off(found: Fit) -> bool:
+    """Return whether cameras leave corners or rows that a lens of their kind does not leave."""
+    error, rows = rms(found.errors), rms(found.rows)
+    return error > FITS or rows > max(ROWS_OVER * error, FITS)
 
 
 def disagreement(sights: Sequence[Sight], size: tuple[int, int]) -> Matrix:
@@ -153,7 +182,23 @@ def rms(values: Matrix) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _fitted(sights: Sequence[Sight], size: tuple[int, int], count: int) -> Fit:
+def _fitted(sights: Sequence[Sight], size: tuple[int, int], lens: Lens) -> Fit:
+    found, poses = _fisheyes(sights, size) if lens == "fisheye" else _cameras(sights, size, lens)
+    residuals, covariance = _residuals_and_covariance(sights, found, poses, lens)
+    return Fit(
+        matrices=found,
+        poses=poses,
+        errors=np.array([np.sqrt(2 * np.mean(each**2)) for each in residuals]),
+        rows=row_errors(found, sights, size, lens),
+        covariance=covariance,
+        lens=lens,
+    )
+
+
+def _cameras(
+    sights: Sequence[Sight], size: tuple[int, int], count: int
+) -> tuple[dict[str, Matrix], list[tuple[Matrix, Matrix]]]:
+    """Return the cameras that OpenCV fits, with so many coefficients, and the board's poses."""
     cv2 = require("cv2", extra="rectify")
     flags = {4: cv2.CALIB_FIX_K3, 5: 0, 8: cv2.CALIB_RATIONAL_MODEL}[count]
     points, left, right = _as_lists(sights)
@@ -171,33 +216,120 @@ def _fitted(sights: Sequence[Sight], size: tuple[int, int], count: int) -> Fit:
     # Behind eight coefficients OpenCV has others, which are 0.
     d1, d2 = (np.asarray(d, dtype=np.float64).reshape(1, -1)[:, : max(count, 5)] for d in (d1, d2))
     found = {"K1": k1, "D1": d1, "K2": k2, "D2": d2, "R": r, "T": t}
-    poses = list(zip(rotations, moves, strict=True))
-    residuals, covariance = _residuals_and_covariance(sights, found, poses, count)
-    return Fit(
-        matrices=found,
-        poses=poses,
-        errors=np.array([np.sqrt(2 * np.mean(each**2)) for each in residuals]),
-        rows=row_errors(found, sights, size),
-        covariance=covariance,
-        coefficients=count,
-    )
+    return found, list(zip(rotations, moves, strict=True))
+
+
+def _fisheyes(
+    sights: Sequence[Sight], size: tuple[int, int]
+) -> tuple[dict[str, Matrix], list[tuple[Matrix, Matrix]]]:
+    """Return the fisheyes that leave the least squares, and the board's poses."""
+    starts = [_start(sights, size, share * size[0] / np.pi) for share in _STARTS]
+    numbers, poses = min(starts, key=lambda one: _squares(sights, *one))
+    least, damping = _squares(sights, numbers, poses), 1e-3
+
+    for _ in range(_STEPS):
+        matrices = from_vector(numbers)
+        parts = [_derivatives(*one, matrices, "fisheye") for one in zip(sights, poses, strict=True)]
+        while True:
+            trial = _stepped(numbers, poses, parts, damping)
+            squares = _squares(sights, *trial)
+            if squares < least or damping > 1e8:
+                break
+            damping *= 10
+        if not squares < least:
+            break
+        is_still = least - squares < _STILL * least
+        (numbers, poses), least, damping = trial, squares, damping / 10
+        if is_still:
+            break
+    return from_vector(numbers), poses
+
+
+def _start(
+    sights: Sequence[Sight], size: tuple[int, int], focal: float
+) -> tuple[Matrix, list[tuple[Matrix, Matrix]]]:
+    """Return numbers and poses of equidistant lenses, by the rays that corners have there."""
+    cv2 = require("cv2", extra="rectify")
+    middle = (np.array(size) - 1) / 2
+    relative, poses = [], []
+    for sight in sights:
+        (turn, move), (second, shift) = (
+            _facing(sight.points, places, middle, focal) for places in (sight.left, sight.right)
+        )
+        between = second @ turn.T
+        relative.append([*cv2.Rodrigues(between)[0].ravel(), *(shift - between @ move)])
+        poses.append((cv2.Rodrigues(turn)[0], move.reshape(3, 1)))
+    camera = [focal, focal, *middle, 0, 0, 0, 0]
+    return np.array([*camera, *camera, *np.median(relative, axis=0)]), poses
+
+
+def _facing(points: Matrix, places: Matrix, middle: Matrix, focal: float) -> tuple[Matrix, Matrix]:
+    """Return the rotation and the place of a plane by rays through its points (DLT)."""
+    flat = (places - middle) / focal
+    angle = np.linalg.norm(flat, axis=1, keepdims=True)
+    rays = np.column_stack([flat * np.sinc(angle / np.pi), np.cos(angle)])
+    # Each ray is parallel to H (x, y, 1), with H of two columns of the rotation and the place.
+    plane = np.column_stack([points[:, :2], np.ones(len(points))])
+    skew = np.cross(rays[:, np.newaxis], np.eye(3))  # of a ray r: rows (r x e), so that r x v = 0
+    equations = np.einsum("nij,nk->nijk", skew, plane).reshape(-1, 9)
+    h = np.linalg.svd(equations, full_matrices=False)[2][-1].reshape(3, 3)
+    h *= np.sign(np.einsum("ni,ij,nj->", rays, h, plane)) or 1
+    first, second, place = (h / np.linalg.norm(h[:, :2], axis=0).mean()).T
+    u, _, v = np.linalg.svd(np.column_stack([first, second, np.cross(first, second)]))
+    return u @ np.diag([1, 1, np.linalg.det(u @ v)]) @ v, place
+
+
+def _squares(
+    sights: Sequence[Sight], numbers: Matrix, poses: Sequence[tuple[Matrix, Matrix]]
+) -> float:
+    """Return the sum of squares that fisheyes leave; infinite where they see nothing."""
+    matrices = from_vector(numbers)
+    parts = [_derivatives(*one, matrices, "fisheye")[0] for one in zip(sights, poses, strict=True)]
+    total = float(sum(np.sum(part**2) for part in parts))
+    return total if np.isfinite(total) else np.inf
+
+
+def _stepped(
+    numbers: Matrix,
+    poses: Sequence[tuple[Matrix, Matrix]],
+    parts: Sequence[tuple[Matrix, Matrix, Matrix]],
+    damping: float,
+) -> tuple[Matrix, list[tuple[Matrix, Matrix]]]:
+    """Return numbers and poses after a damped step of least squares, poses eliminated."""
+    normal, slope = np.zeros((numbers.size, numbers.size)), np.zeros(numbers.size)
+    own = []
+    for residual, shared, pose in parts:
+        block = pose.T @ pose
+        block += damping * np.diag(np.diag(block))
+        cross = np.linalg.solve(block, np.column_stack([pose.T @ shared, pose.T @ residual]))
+        normal += shared.T @ shared - shared.T @ pose @ cross[:, :-1]
+        slope += shared.T @ residual - shared.T @ pose @ cross[:, -1]
+        own.append(cross)
+    normal += damping * np.diag(np.diag(normal))
+    change = -np.linalg.solve(normal, slope)
+    moved = []
+    for (turn, move), cross in zip(poses, own, strict=True):
+        step = (-cross[:, -1] - cross[:, :-1] @ change).reshape(6, 1)
+        moved.append((turn + step[:3], move + step[3:]))
+    return numbers + change, moved
 
 
 def _residuals_and_covariance(
     sights: Sequence[Sight],
     matrices: dict[str, Matrix],
     poses: Sequence[tuple[Matrix, Matrix]],
-    count: int,
+    lens: Lens,
 ) -> tuple[list[Matrix], Matrix]:
     """Return what is left of each view's corners, and the covariance of the cameras' numbers."""
     total = vector(matrices).size
     # OpenCV keeps five coefficients where four are fitted: k3 is 0, and known.
     one = (total - 6) // 2
+    count = 4 if lens == "fisheye" else lens
     free = np.array([i for i in range(total) if i >= 2 * one or i % one < 4 + count])
     normal, residuals, coordinates = np.zeros((total, total)), [], 0
 
     for sight, pose in zip(sights, poses, strict=True):
-        residual, shared, own = _derivatives(sight, matrices, pose)
+        residual, shared, own = _derivatives(sight, pose, matrices, lens)
         cross = shared.T @ own
         normal += shared.T @ shared - cross @ np.linalg.solve(own.T @ own, cross.T)
         residuals.append(residual)
@@ -215,7 +347,7 @@ def _residuals_and_covariance(
 
 
 def _derivatives(
-    sight: Sight, matrices: dict[str, Matrix], pose: tuple[Matrix, Matrix]
+    sight: Sight, pose: tuple[Matrix, Matrix], matrices: dict[str, Matrix], lens: Lens
 ) -> tuple[Matrix, Matrix, Matrix]:
     """Return a view's errors (4 N), and their derivatives by the cameras' numbers and the pose."""
     cv2 = require("cv2", extra="rectify")
@@ -235,7 +367,7 @@ def _derivatives(
     seen = (sight.left, turn, move), (sight.right, composed[0], composed[1])
     for side, (places, rotation, translation) in enumerate(seen):
         k, d = matrices[f"K{side + 1}"], matrices[f"D{side + 1}"]
-        projected, jacobian = cv2.projectPoints(sight.points, rotation, translation, k, d)
+        projected, jacobian = projected_by(lens, sight.points, (rotation, translation), k, d)
         part = slice(side * rows, (side + 1) * rows)
         residual[part] = projected.ravel() - places.ravel()
         shared[part, side * one : (side + 1) * one] = jacobian[:, 6 : 6 + one]
@@ -245,10 +377,41 @@ def _derivatives(
     return residual, shared, own
 
 
+def projected_by(
+    lens: Lens, points: Matrix, pose: tuple[Matrix, Matrix], k: Matrix, d: Matrix
+) -> tuple[Matrix, Matrix]:
+    """Return where a lens sees points, (N, 2), and derivatives in the order of `cv2.projectPoints`.
+
+    That is by the rotation's vector, the translation, fx, fy, cx, cy and the distortion.
+    """
+    cv2 = require("cv2", extra="rectify")
+    if lens != "fisheye":
+        seen, jacobian = cv2.projectPoints(points, *pose, k, d)
+        return seen.reshape(-1, 2), jacobian
+    shaped = np.reshape(points, (1, -1, 3)).astype(np.float64)
+    turn, move = (np.ascontiguousarray(part) for part in pose)
+    seen, jacobian = cv2.fisheye.projectPoints(shaped, turn, move, k, d)
+    return seen.reshape(-1, 2), jacobian[:, [*range(8, 14), *range(8)]]
+
+
+def undistorted_by(lens: Lens, places: Matrix, k: Matrix, d: Matrix) -> Matrix:
+    """Return the rays that a lens has at pixels, (N, 3), their last number 1."""
+    cv2 = require("cv2", extra="rectify")
+    model = cv2.fisheye if lens == "fisheye" else cv2
+    flat = model.undistortPoints(np.reshape(places, (-1, 1, 2)), k, d).reshape(-1, 2)
+    return np.column_stack([flat, np.ones(len(flat))])
+
+
 def row_errors(
-    matrices: dict[str, Any], sights: Sequence[Sight], size: tuple[int, int]
+    matrices: dict[str, Any], sights: Sequence[Sight], size: tuple[int, int], lens: Lens
 ) -> NDArray[np.float64]:
-    """Return by how much rows of rectified corners differ, root mean square, of each view."""
+    """Return by how much rows of rectified corners differ, root mean square, of each view.
+
+    Of fisheyes, whose rectified images do not end, it is the angle between the right camera's ray
+    and the plane of the left one's ray and the baseline, times the focal length.
+    """
+    if lens == "fisheye":
+        return np.array([_off_plane(matrices, sight) for sight in sights])
     cv2 = require("cv2", extra="rectify")
     k1, d1, k2, d2, r, t = (matrices[name] for name in ("K1", "D1", "K2", "D2", "R", "T"))
     r1, r2, p1, p2, *_ = cv2.stereoRectify(
@@ -260,3 +423,16 @@ def row_errors(
         right = cv2.undistortPoints(sight.right.reshape(-1, 1, 2), k2, d2, R=r2, P=p2)
         found.append(rms((left - right)[:, 0, 1]))
     return np.array(found)
+
+
+def _off_plane(matrices: dict[str, Any], sight: Sight) -> float:
+    """Return how far rays of fisheyes are off each other's epipolar planes, pixels rms."""
+    left, right = (
+        undistorted_by("fisheye", places, matrices[f"K{side}"], matrices[f"D{side}"])
+        for side, places in (("1", sight.left), ("2", sight.right))
+    )
+    left, right = left @ matrices["R"].T, right / np.linalg.norm(right, axis=1, keepdims=True)
+    across = np.cross(matrices["T"].ravel(), left)
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    focal = matrices["K1"][1, 1]
+    return rms(focal * np.arcsin(np.clip(np.sum(across * right, axis=1), -1, 1)))

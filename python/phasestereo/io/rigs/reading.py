@@ -17,6 +17,7 @@ from phasestereo.io.rigs.documents import MIDDLEBURY, Document, read_document
 from phasestereo.io.rigs.makers import cameras_of_maker
 from phasestereo.io.rigs.names import as_cameras
 from phasestereo.io.rigs.singles import (
+    FISHEYE,
     as_size,
     cameras_of_chain,
     cameras_of_pair,
@@ -223,4 +224,5 @@ def _of_matrices(document: Document) -> Cameras:
         size = [document[name] for name in _SIDES]
     unit = document.get("unit")
     known = next((one for one in get_args(LengthUnit) if one == unit), None)
-    return as_cameras(document, size=as_size(size), unit=known)
+    is_fisheye = str(document.get("distortion_model", "")).lower() in FISHEYE
+    return as_cameras(document, size=as_size(size), fisheye=is_fisheye, unit=known)

@@ -14,7 +14,7 @@ from phasestereo.io.rigs.names import as_cameras, check_rotation
 _PINHOLE = (
     "radtan", "radial-tangential", "plumb_bob", "rational_polynomial", "brown conrady", "none", "",
 )  # fmt: skip
-_FISHEYE = "equi", "equidistant", "fisheye"
+FISHEYE = "equi", "equidistant", "fisheye"
 _LEAST_BASELINE = 0.001  # m: those of stereo endoscopes are 4 mm
 
 
@@ -191,11 +191,11 @@ def joined(cameras: list[Document], pair: Document, unit: LengthUnit | None = "m
     models = [str(camera.pop("model")).lower() for camera in cameras]
 
     for model in models:
-        if model not in _PINHOLE + _FISHEYE:
+        if model not in _PINHOLE + FISHEYE:
             known = "radtan, plumb_bob, rational_polynomial, equidistant"
             raise ValueError(f"distortion_model: got {model}; accepts {known}")
 
-    if sizes[0] != sizes[1] or (models[0] in _FISHEYE) != (models[1] in _FISHEYE):
+    if sizes[0] != sizes[1] or (models[0] in FISHEYE) != (models[1] in FISHEYE):
         raise ValueError("the cameras differ in size or model; accepts two of a kind")
 
     both = {
@@ -203,7 +203,7 @@ def joined(cameras: list[Document], pair: Document, unit: LengthUnit | None = "m
         for side, camera in enumerate(cameras, start=1)
         for name, value in camera.items()
     }
-    return as_cameras(both | pair, size=sizes[0], fisheye=models[0] in _FISHEYE, unit=unit)
+    return as_cameras(both | pair, size=sizes[0], fisheye=models[0] in FISHEYE, unit=unit)
 
 
 def as_size(value: Any) -> tuple[int, int] | None:
