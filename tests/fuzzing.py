@@ -28,6 +28,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.io import savemat
 
 import phasestereo as ps
 import phasestereo_large as large
@@ -172,7 +173,7 @@ READERS: dict[str, tuple[Callable[[Path], Any], tuple[str, ...]]] = {
     "read_pair": (read_pair, (".mpo",)),
     "read_pfm": (read_pfm, (".pfm",)),
     "read_calibration": (read_calibration, (".calib",)),
-    "read_rig": (read_rig, (".yaml", ".rig", ".saved")),
+    "read_rig": (read_rig, (".yaml", ".rig", ".saved", ".conf", ".oak", ".cameras", ".mat")),
     "load_rectification": (Rectification.load, (".saved",)),
     "read_q": (read_q, (".npz", ".txt", ".yml", ".xml", ".npy")),
     "load_statistics": (load, (".statistics",)),
@@ -297,6 +298,34 @@ def _words(folder: Path, gray: Any) -> None:
     statistics.save(folder / "a.statistics")
 
 
+def _makers(folder: Path, matrices: dict[str, Any]) -> None:
+    """Write calibrations as a ZED, an OAK, Metashape and MATLAB have them."""
+    lens = "fx=100\nfy=100\ncx=10\ncy=9\nk1=0.1\nk2=0\n"
+    sections = f"[LEFT_CAM_VGA]\n{lens}[RIGHT_CAM_VGA]\n{lens}[STEREO]\nBaseline=63\nCV_VGA=0.02\n"
+    (folder / "zed.conf").write_text(sections, "ascii")
+
+    pose = {"rotationMatrix": np.eye(3).tolist(), "translation": {"x": -7.5, "y": 0, "z": 0}}
+    camera = {"cameraType": 0, "distortionCoeff": [0] * 14, "width": 21, "height": 19,
+              "intrinsicMatrix": matrices["K1"].tolist()}  # fmt: skip
+    chain = [
+        [n, camera | {"extrinsics": pose | {"toCameraSocket": to}}] for n, to in ((1, 2), (2, -1))
+    ]
+    sockets = {"leftCameraSocket": 1, "rightCameraSocket": 2}
+    oak = {"cameraData": chain, "stereoRectificationData": sockets}
+    (folder / "eeprom.oak").write_text(json.dumps(oak), "ascii")
+
+    frame = "<resolution width='21' height='19'/><f>100</f><cx>1</cx><k1>0.1</k1>"
+    sensor = f"<sensor id='0' type='frame'><calibration>{frame}</calibration></sensor>"
+    views = "".join(
+        f"<camera id='{n}' sensor_id='0'><transform>1 0 0 {n} 0 1 0 0 0 0 1 0 0 0 0 1</transform>"
+        "</camera>"
+        for n in (0, 1)
+    )
+    chunk = f"<chunk><sensors>{sensor}</sensors><cameras>{views}</cameras></chunk>"
+    (folder / "metashape.cameras").write_text(f"<document>{chunk}</document>", "ascii")
+    savemat(folder / "rig.mat", matrices, do_compression=True)
+
+
 def _rigs(folder: Path, gray: Any) -> None:
     """Write calibrations of both cameras, and a pair that was rectified by one."""
     intrinsics = "  intrinsics: [100.0, 100.0, 10.0, 9.0]\n  resolution: [21, 19]\n"
@@ -316,6 +345,8 @@ def _rigs(folder: Path, gray: Any) -> None:
 
     with (folder / "matrices.rig").open("wb") as file:
         np.savez_compressed(file, **matrices, T=baseline, imageSize=np.array([21, 19]))
+
+    _makers(folder, matrices | {"T": baseline})
 
     mask, flat = np.ones(gray.shape, bool), np.zeros(gray.shape, np.float32)
     Rectification(

@@ -11,7 +11,7 @@ import pytest
 
 from conftest import counterpart
 
-for _module in ("PIL", "tifffile", "rasterio", "zarr", "cv2", "yaml"):
+for _module in ("PIL", "tifffile", "rasterio", "zarr", "cv2", "yaml", "scipy"):
     counterpart(_module)
 fuzzing = import_module("fuzzing")
 

@@ -224,8 +224,8 @@ def test_depths_of_a_recording_are_registered_to_its_color_camera(
     assert (info.k[0], info.d[0], info.distortion_model) == (350, -0.1, "plumb_bob")
 
     camera = ps.ThirdCamera(
-        matrix=info.k, distortion=info.d, rotation=np.eye(3), translation=np.array([-0.03, -0.01, 0]),
-        width=240, height=160,
+        matrix=info.k, distortion=info.d, rotation=np.eye(3),
+        translation=np.array([-0.03, -0.01, 0]), width=240, height=160,
     )  # fmt: skip
     rig = Calibration.from_focal(FOCAL, BASELINE, width=COLS, height=ROWS, unit="m")
     result = ps.match(*VIEWS, num_disparities=48)

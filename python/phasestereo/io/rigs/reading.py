@@ -39,6 +39,8 @@ _PAIRS = (
 
 _SIZES = "imageSize", "image_size", "img_size", "resolution", "res1"
 _SIDES = "image_width", "image_height"
+_FAULTS = AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError
+"""What a file of a known kind raises that lacks something, or holds something else."""
 
 
 def read_calibration(
@@ -92,7 +94,7 @@ def read_geometry(
         if len(documents) == 1 and MIDDLEBURY in documents[0]:
             return _of_middlebury(documents[0], size)
         return cameras_of(documents).geometry(size)
-    except (KeyError, IndexError, OverflowError, TypeError, ValueError) as error:
+    except _FAULTS as error:
         raise ValueError(f"{name}: {_in_words(error)}") from error
 
 
@@ -146,12 +148,14 @@ def cameras_of_files(documents: list[Document], name: str) -> Cameras:
     """
     try:
         return cameras_of(documents)
-    except (KeyError, IndexError, OverflowError, TypeError, ValueError) as error:
+    except _FAULTS as error:
         raise ValueError(f"{name}: {_in_words(error)}") from error
 
 
 def _in_words(error: Exception) -> str:
-    return f"has no {error.args[0]}" if isinstance(error, KeyError) else str(error)
+    if isinstance(error, KeyError):
+        return f"has no {error.args[0]}"
+    return str(error) if isinstance(error, ValueError) else f"is damaged ({error})"
 
 
 def read_documents(source: Any) -> tuple[list[str | os.PathLike[str]], list[Document]]:
