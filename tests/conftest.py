@@ -32,6 +32,7 @@ LACKING = {
     "only root becomes another user": "who runs the tests is not always root",
     "could not import 'open3d'": "it brings a web server, and plugins for pytest that fail here",
     "could not import 'pyrealsense2'": "it has no wheels for other processors than x86-64",
+    "no headers of ROS 1": "Debian 12 is the last that has them, and CI runs elsewhere",
     "could not import 'mc_cnn'": "its OpenCV would replace the one that others are tested with",
 }
 """What a machine of CI cannot have, by how its skip begins, and why: no other may skip there."""
