@@ -25,7 +25,7 @@ BOUNDS = {
     "aliases at the boundary": 6,
     "public names": 129,
     "statements of phasestereo": 8_350,
-    "statements of phasestereo-live": 2_630,
+    "statements of phasestereo-live": 2_780,
     "statements of phasestereo-large": 2_600,
     "words of documentation": 23_600,
 }
