@@ -67,7 +67,10 @@ def as_number(
     """
     if not isinstance(value, Real) or isinstance(value, bool):
         raise TypeError(f"{name}: got {type(value).__name__}; accepts a number")
-    number = float(value)
+    try:
+        number = float(value)
+    except OverflowError:  # of an integer that Python may refuse to print, too
+        number, value = math.inf, "a huge number"
 
     is_low = (positive and number <= 0) or (least is not None and number < least)
     if is_low or not math.isfinite(number):

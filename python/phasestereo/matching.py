@@ -279,6 +279,9 @@ def match_silently(
 
     arrays, pair, valid = opened_valid(images, masks)
 
+    if not isinstance(vertical, bool):
+        raise TypeError(f"vertical: got {vertical!r:.80}; accepts True or False")
+
     # Turned so that rows come to be columns, in which the core looks for what corresponds.
     turns = int(vertical)
     turned = np.rot90(pair[0], turns), np.rot90(pair[1], turns)

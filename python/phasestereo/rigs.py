@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from phasestereo import _core
 from phasestereo._images import ImageOrPath
-from phasestereo._numbers import as_integer
+from phasestereo._numbers import as_integer, as_number
 from phasestereo.io.drafts import replacing
 from phasestereo.io.files import StrPath, named, open_regular, read_bounded
 from phasestereo.known import Known
@@ -203,7 +203,8 @@ class Rig:
         Raises
         ------
         TypeError, ValueError, OSError, MemoryError, KeyboardInterrupt
-            As `match`; ValueError also while another thread matches a pair by this rig.
+            As `match`; ValueError also while another thread matches a pair by this rig. What is
+            known after the last match can be read meanwhile.
 
         Warns
         -----
@@ -235,7 +236,16 @@ class Rig:
             How.
         num_disparities
             Number of disparities to search; None: as many as are found.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If these are not settings, or not a number of disparities.
         """
+        if not isinstance(settings, Settings):
+            raise TypeError(f"settings: got {type(settings).__name__}; accepts Settings")
+        if num_disparities is not None:
+            num_disparities = as_integer("num_disparities", num_disparities, least=1)
         self._settings, self._search = settings, (self._search[0], num_disparities)
 
     def test(
@@ -263,7 +273,9 @@ class Rig:
             For another name, a limit that is negative or not finite, or a focal length that is not
             positive.
         """
-        return tuple(Check(*row) for row in self._core.check(list((limits or {}).items()), focal))
+        given = [(name, as_number(name, limit, least=0)) for name, limit in (limits or {}).items()]
+        length = None if focal is None else as_number("focal", focal, positive=True)
+        return tuple(Check(*row) for row in self._core.check(given, length))
 
     def save(self, path: StrPath) -> None:
         """Write what is known to a text file, which `load` reads to the bit.
@@ -343,6 +355,8 @@ def _offset(anchor: Anchor) -> tuple[float, float]:
     try:
         found, true = (np.asarray(one, np.float64) for one in anchor)
         off = np.ravel(true - found)
+    except OverflowError as error:
+        raise ValueError(f"anchor: got a huge number; accepts {accepts}") from error
     except (TypeError, ValueError) as error:
         raise type(error)(f"anchor: got {anchor!r:.80}; accepts {accepts}") from error
 

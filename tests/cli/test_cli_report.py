@@ -1,5 +1,6 @@
 """``phasestereo match --report``: a whole page, or a refusal before any work."""
 
+import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -35,6 +36,13 @@ def match(run: Callable[..., Run]) -> Callable[[str], Run]:
     """Return what matches the pair in this process: exit code, standard output, error."""
     arguments = "match", "left.png", "right.png", "--num-disparities", 8
     return lambda options: run(*arguments, *options.split())
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names of other systems are Unicode")
+def test_names_that_are_not_utf_8_are_shown_escaped(run: Callable[..., Run]) -> None:
+    left = Path("left.png").rename(os.fsdecode(b"left\xff.png"))
+    assert run("match", left, "right.png", "--num-disparities", 8, "--report", "p.html")[0] == 0
+    assert r"left\udcff.png" in Path("p.html").read_text("utf-8")
 
 
 def test_page_has_what_was_asked_for(browser: Browser, match: Callable[[str], Run]) -> None:

@@ -112,3 +112,9 @@ def test_cameras_one_above_the_other_are_matched_along_columns() -> None:
         np.testing.assert_array_equal(above.maps[name], np.rot90(values, -1))
     assert above.pair is not None
     assert above.pair[0].shape == (COLS, ROWS)
+
+
+@pytest.mark.parametrize("vertical", ["0", 1, 2, -1, None, np.True_])
+def test_vertical_is_true_or_false(vertical: Any) -> None:
+    with pytest.raises(TypeError, match="^vertical: got .*; accepts True or False$"):
+        ps.match(*pair(), vertical=vertical)

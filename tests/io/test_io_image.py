@@ -131,6 +131,14 @@ def test_heif_comes_nearly_as_it_is_stored(tmp_path: Path, mode: str, dtype: str
     assert np.abs(loaded.astype(int) - image).max() <= np.iinfo(dtype).max / 64
 
 
+def test_heif_that_unpacks_to_more_than_its_length_can_hold_is_refused(tmp_path: Path) -> None:
+    heif = counterpart("pillow_heif")
+    size = 4000, 4000
+    heif.from_bytes("L", size, bytes(size[0] * size[1])).save(tmp_path / "a.heic", quality=1)
+    with pytest.raises(ValueError, match=r"a\.heic: the header asks for 16000000 bytes of samples"):
+        read_image(tmp_path / "a.heic")
+
+
 def test_heif_needs_its_extra_and_is_not_taken_for_a_film(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -185,6 +185,15 @@ def test_the_first_two_pictures_of_a_file(tmp_path: Path, count: int) -> None:
         assert np.abs(found.astype(int) - given).mean() < 3
 
 
+def test_a_second_picture_that_claims_more_than_the_file_holds_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "photo.mpo"
+    write_mpo(path, LEFT, LEFT)
+    head, size, tail = path.read_bytes().rpartition(LEFT.shape[0].to_bytes(2, "big") + b"\0\x3c")
+    path.write_bytes(head + (9000).to_bytes(2, "big") * (len(size) // 2) + tail)
+    with pytest.raises(ValueError, match=r"photo\.mpo: the header asks for 243000000 bytes of"):
+        read_pair(path)
+
+
 def test_what_is_no_stereo_photograph(tmp_path: Path) -> None:
     write_image(tmp_path / "one.png", LEFT)
     write_image(tmp_path / "one.jpg", LEFT)

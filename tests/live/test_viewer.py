@@ -309,6 +309,17 @@ def test_settings_that_cannot_be_are_refused(
     assert show.settings == FAST
 
 
+@pytest.mark.parametrize("body", ['{"p1": 1' + "0" * 400 + "}", "[" * 4000, '{"p1": 1e999}'])
+def test_numbers_and_nesting_beyond_all_use_get_an_answer(
+    server: Server, show: Display, body: str
+) -> None:
+    with stream(iter([(LEFT, RIGHT)] * 2), num_disparities=COUNT, settings=FAST) as frames:
+        show.follow(frames.change)
+        room, cookie = let_in(server)
+        headers = {"Cookie": cookie, "Content_Type": "application/json"}
+        assert request(server, room + "settings", "POST", body, **headers).status == 400
+
+
 def test_a_pair_is_saved_with_its_report(server: Server, show: Display, tmp_path: Path) -> None:
     assert ask(server, "save", "POST").json() == {"error": "there is no pair to save yet"}
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 from dataclasses import replace
 from functools import cache
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
+from phasestereo.matching import match_silently
 from phasestereo_bench.degradation import Degradation, disk_psf
 from phasestereo_bench.rendering import render_pair
 from phasestereo_bench.rigs.geometry import Misaligned
@@ -230,6 +232,48 @@ def test_an_anchor_says_what_no_pair_shows() -> None:
     for anchor in ((np.nan, 1.0), 3.0, ("a", 1.0)):
         with pytest.raises((TypeError, ValueError), match="^anchor: got"):
             ps.Rig(anchor=anchor)  # type: ignore[arg-type]  # the point
+
+
+def test_numbers_without_end_and_settings_that_are_none_are_refused() -> None:
+    rig, huge = ps.Rig(preset="fast"), 10**400
+    with pytest.raises(ValueError, match="^anchor: got a huge number"):
+        ps.Rig(anchor=(1, huge))
+    with pytest.raises(ValueError, match="^rows: got a huge number"):
+        rig.test({"rows": huge})
+    with pytest.raises(TypeError, match="^settings: got NoneType; accepts Settings$"):
+        rig.change(None, 16)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="^num_disparities: got 0; accepts 1 or more$"):
+        rig.change(rig.settings, 0)
+    assert rig.match(*frame(0)).disparity.shape == SIZE
+
+
+def test_a_rig_is_read_while_it_matches_and_matches_in_a_child() -> None:
+    """Readers get what was known after the last frame, and keep no match out."""
+    rig = ps.Rig(preset="fast", threads=1)
+    rig.match(*frame(0))
+    known, seen = _read(rig), []
+
+    def look(_done: int, _total: int) -> None:
+        with pytest.raises(ValueError, match="^rig: got one that is in use"):
+            rig.match(*frame(1))
+        seen.append(_read(rig) == known)
+        if len(seen) == 1 and hasattr(os, "fork"):
+            child = os.fork()
+            if not child:
+                os._exit(
+                    0 if _read(rig) == known and rig.match(*frame(1)) and rig.frames == 2 else 1
+                )
+            seen.append(os.waitpid(child, 0)[1] == 0)
+
+    options = {"settings": rig.settings, "threads": 1, "rig": rig._core, "reestimate": 30}
+    match_silently(frame(1), (None, None), (0, None), progress=look, **options)
+    assert len(seen) >= 1 + hasattr(os, "fork")
+    assert all(seen)
+    assert rig.frames == 2
+
+
+def _read(rig: ps.Rig) -> str:
+    return repr((rig.frames, rig.health, rig.events, rig, rig.test(), pickle.dumps(rig)))
 
 
 def checks(

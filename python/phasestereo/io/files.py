@@ -91,14 +91,15 @@ def decoding(path: StrPath) -> Iterator[BinaryIO]:
 
 @contextmanager
 def named(name: str) -> Iterator[None]:
-    """Decode something in this block; what is raised on bad content becomes a ValueError.
+    """Decode something in this block; what a decoder raises on bad content becomes a ValueError.
 
     Raises
     ------
     OSError
         If the system cannot read.
     ValueError
-        If the block raised anything else; the message begins with the name.
+        If a decoder raised anything else, or our code a ValueError; the message begins with the
+        name. Other errors of our code are bugs, and are raised as they are.
     """
     try:
         yield
@@ -107,11 +108,24 @@ def named(name: str) -> Iterator[None]:
     except MemoryError as error:
         raise ValueError(f"{name}: asks for more memory than there is") from error
     except Exception as error:  # decoders of damaged files raise anything, SyntaxError included
-        if is_of_the_system(error):
+        if is_of_the_system(error) or _is_a_bug(error):
             raise
         is_worded = isinstance(error, ValueError | OSError)  # in terms of the file's content
         reason = error if is_worded else f"damaged, or not what it claims to be ({error!r})"
         raise ValueError(f"{name}: {reason}") from error
+
+
+def _is_a_bug(error: Exception) -> bool:
+    """Return whether our own code raised what it does not raise on purpose.
+
+    Functions in C that it calls, such as `struct.unpack`, raise errors of their own kind there.
+    """
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    module = "" if trace is None else trace.tb_frame.f_globals.get("__name__", "")
+    bugs = LookupError | TypeError | AttributeError | ZeroDivisionError | AssertionError | NameError
+    return module.startswith("phasestereo") and isinstance(error, bugs)
 
 
 def is_of_the_system(error: Exception) -> bool:

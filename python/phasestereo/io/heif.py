@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phasestereo._extras import require
-from phasestereo.io.limits import check_size
+from phasestereo.io.limits import check_size, check_unpacked
 
 # The first box of a file: its length, then its kind. MP4 begins so, too; the brand decides.
 HEIF_MAGICS = tuple(bytes([0, 0, 0, length]) + b"ftyp" for length in range(16, 68, 4))
@@ -35,7 +36,7 @@ def decode_heif(file: BinaryIO) -> NDArray[Any]:
             "phasestereo.io.read_pair reads stereo photographs"
         )
 
-    check_size(*pictures.size)
+    _check(pictures, file)
     return np.array(pictures)
 
 
@@ -69,11 +70,18 @@ def decode_spatial(file: BinaryIO) -> tuple[list[NDArray[Any]], float | None]:
 
     views, focals = [], []
     for index in found[0]:
-        check_size(*pictures[index].size)
+        _check(pictures[index], file)
         views.append(np.array(pictures[index]))
         camera = pictures[index].info.get("heif", {}).get("camera_intrinsic_matrix") or {}
         focals.append(float(camera.get("focal_length_x", 0)))
     return views, focals[0] if focals[0] == focals[1] > 0 else None
+
+
+def _check(picture: Any, file: BinaryIO) -> None:
+    """Refuse a picture that is too large, or larger than the bytes of its file can hold."""
+    width, height = picture.size
+    check_size(width, height)
+    check_unpacked(width * height, file.seek(0, os.SEEK_END))  # gray ones have one sample
 
 
 def _opened(file: BinaryIO) -> Any:

@@ -102,10 +102,11 @@ def decode_frames(file: BinaryIO) -> list[NDArray[Any]]:
     if getattr(image, "n_frames", 1) < 2:
         return []
 
+    length = os.fstat(file.fileno()).st_size
     pictures, orientation = [], _orientation(image)
     for number in range(2):
         image.seek(number)
-        check_size(*image.size)
+        _check(image, length)
         # The second picture may leave to the first one how both were held.
         pictures.append(_turned(_expand(image), _orientation(image) or orientation))
     return pictures
@@ -134,11 +135,7 @@ def _open(file: BinaryIO, frames: int = 1) -> Any:
 
     module, opener = next(_OPENERS[magic] for magic in RASTER_MAGICS if head.startswith(magic))
     image = getattr(require(module, extra="io"), opener)(file)
-    check_size(*image.size)
-
-    bands = len(image.getbands())
-    samples = bands if bands > 1 else 1 / 8  # gray levels and palettes may have one bit
-    check_unpacked(int(image.width * image.height * samples), length)
+    _check(image, length)
 
     if frames == 1 and _has_more(image):
         raise ValueError(
@@ -147,6 +144,14 @@ def _open(file: BinaryIO, frames: int = 1) -> Any:
         )
 
     return image
+
+
+def _check(image: Any, length: int) -> None:
+    """Refuse a picture that is too large, or larger than the bytes of its file can hold."""
+    check_size(*image.size)
+    bands = len(image.getbands())
+    samples = bands if bands > 1 else 1 / 8  # gray levels and palettes may have one bit
+    check_unpacked(int(image.width * image.height * samples), length)
 
 
 def _has_more(image: Any) -> bool:

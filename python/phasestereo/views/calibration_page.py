@@ -86,7 +86,8 @@ def write_calibration_page(
         plot=_plot(calibration),
     )
     with replacing(path) as file:
-        file.write(page.encode())
+        # Names of files that are not UTF-8 are shown as the terminal shows them.
+        file.write(page.encode("utf-8", "backslashreplace"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

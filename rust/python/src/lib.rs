@@ -202,19 +202,23 @@ fn match_pair<'py>(
 
     let pool = Pool::for_argument(threads)?;
     let filter = temporal.map(|filter| filter.shared());
-    let rig = rig.map(|rig| rig.shared()).unwrap_or_default();
-    let (matched, is_reused) = supervised(py, &pool, size.0, progress, move |runtime| {
+    let rig = rig.as_deref();
+    let _turn = rig.map(Rig::turn).transpose()?;
+    let mut state = rig.map(|rig| rig.last().clone()).unwrap_or_default();
+    let (matched, is_reused, state) = supervised(py, &pool, size.0, progress, move |runtime| {
         let mut filter = filter.as_deref().map(|one| held(one, "temporal_filter")).transpose()?;
-        let mut rig = held(&rig, "rig")?;
         let way = Way { facts: &told, settings: &asked, reestimate };
-        let frame = match_frame(&mut rig, pair, way, filter.as_deref_mut(), runtime)?;
+        let frame = match_frame(&mut state, pair, way, filter.as_deref_mut(), runtime)?;
 
         let Frame { matched: whole, summary, is_reused, support } = frame;
         let internals::match_pair::Matched { map, prepared: Prepared { estimates, .. }, rectified } =
             whole;
         let findings = findings::of_match(&estimates, &summary, size);
-        Ok((Matched { map, summary, estimates, support, findings, rectified }, is_reused))
+        Ok((Matched { map, summary, estimates, support, findings, rectified }, is_reused, state))
     })?;
+    if let Some(rig) = rig {
+        *rig.last() = state;
+    }
 
     let asked = Asked { settings, known, is_searched: search.is_some(), is_reused };
     objects::result(py, matched, &asked)

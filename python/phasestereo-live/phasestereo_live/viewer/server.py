@@ -270,7 +270,7 @@ class _Handler(BaseHTTPRequestHandler):
 
         try:
             self._say_json(HTTPStatus.OK, deed(json.loads(body or b"null")) or {})
-        except (OSError, ValueError, TypeError) as error:
+        except (OSError, ValueError, TypeError, OverflowError, RecursionError) as error:
             self._say_json(HTTPStatus.BAD_REQUEST, {"error": " ".join(str(error).split())})
 
     def _place(self) -> tuple[str, dict[str, str]] | None:

@@ -127,7 +127,8 @@ def write_pair_page(
     context = _context(shown, scene, search) | {"keep": selection.keep}
     page = render_page("pair.html.j2", title=str(title), **context)
     with replacing(path) as file:
-        file.write(page.encode())
+        # Names of files that are not UTF-8 are shown as the terminal shows them.
+        file.write(page.encode("utf-8", "backslashreplace"))
 
 
 def require_page() -> None:
