@@ -611,22 +611,22 @@ mod filling {
 
 mod outlines {
     use super::{At, Bencher, Control, SampleMap, every};
-    use phasestereo_match::refinement::outlines::Outlines;
+    use phasestereo_match::refinement::guided_median::GuidedMedian;
 
-    fn draw(bencher: Bencher, At(level): &At, outlines: Outlines) {
+    fn draw(bencher: Bencher, At(level): &At, filter: GuidedMedian) {
         SampleMap::bench(bencher, |SampleMap { disparity, texture, .. }, out| {
-            outlines.draw(disparity, texture, out, *level, &Control::default())
+            filter.filter(disparity, texture, out, *level, &Control::default())
         });
     }
 
     #[divan::bench(args = every())]
     fn crisp(bencher: Bencher, at: &At) {
-        draw(bencher, at, Outlines::Crisp);
+        draw(bencher, at, GuidedMedian::Narrow);
     }
 
     #[divan::bench(args = every())]
     fn wide(bencher: Bencher, at: &At) {
-        draw(bencher, at, Outlines::Wide);
+        draw(bencher, at, GuidedMedian::Wide);
     }
 }
 

@@ -24,17 +24,19 @@ class Settings:
     Parameters
     ----------
     cost
-        What two pixels are compared by. Default ``"phase"``.
+        Matching cost of two pixels. Default ``"phase"``.
 
         - ``"phase"``: The Hamming distance of their phase codes (unit: bits; eq. 7).
         - ``"sad"``: The sum over the channels of absolute differences (unit: gray levels, of which
           the intensity range has 255; gray where either image is).
         - ``"nsad"``: The same after every channel has been normalized by the mean and the standard
           deviation in the window around the pixel (unit: standard deviations).
+        - ``"zncc"``: The sum over the channels of 1 less the zero-mean normalized cross-correlation
+          of their neighborhoods (unit: 1; from 0 for alike neighborhoods to 2 for inverted ones).
     neighborhood
-        Side L of the square neighborhood which a phase code describes, pixels. Larger ones resist
-        blur better and fatten the foreground more. An odd integer from 3 to 63. Default ``3``
-        (paper ``7``, fast ``9``).
+        Side L of the square neighborhood that a phase code describes, or that ``"zncc"``
+        correlates, pixels. Larger ones resist blur better and fatten the foreground more. An odd
+        integer from 3 to 63. Default ``3`` (paper ``7``, fast ``9``).
     taper
         The window under the local Fourier transform. Default ``"uniform"``.
 
@@ -54,12 +56,12 @@ class Settings:
         1) + s) 2^(b - 1) bits, at most 64. An integer from 1 to 4. Default ``2``.
     noise_threshold
         Noise threshold: a part of the spectrum must exceed it to count as clear. Real and imaginary
-        parts whose magnitude is up to so many standard deviations of what the noise of the image
-        makes of them count as weak: where there is little texture their signs are noise. A weak
-        part differs by one from a clear one, and clear ones of opposite signs by two; so a pixel's
-        code takes twice the bits. It needs 2 ``bits`` and phase codes, and the noise, which a match
-        estimates unless it is given. 0: there is no such level. A number from 0 to 100. Default
-        ``0.5`` (paper ``0.0``, fast ``0.0``).
+        parts of up to this number of standard deviations of the image noise in them count as weak:
+        where there is little texture their signs are noise. A weak part differs by one from a clear
+        one, and clear ones of opposite signs by two; so a pixel's code takes twice the bits. It
+        needs 2 ``bits`` and phase codes, and the noise, which a match estimates unless it is given.
+        0: there is no such level. A number from 0 to 100. Default ``0.5`` (paper ``0.0``, fast
+        ``0.0``).
     sizes
         Number of sizes of neighborhoods that a code describes. With 2 the bits of ``neighborhood``
         are joined by those of one that is two pixels larger, of which only the components (0, 1)
@@ -75,16 +77,17 @@ class Settings:
         at the center, top, bottom, left and right (section 2.3). Default ``False`` (paper
         ``True``).
     precision
-        How exactly aggregated costs are computed. Default ``"byte"`` (paper ``"full"``).
+        Precision of aggregated costs. Default ``"byte"`` (paper ``"full"``).
 
         - ``"full"``: Exactly.
-        - ``"byte"``: To so many bits that each fits a byte, which is nearly twice as fast: from the
-          sum of each column of the window the lowest n bits are dropped, the least n for which
+        - ``"byte"``: To few enough bits that each fits a byte, which is nearly twice as fast: from
+          the sum of each column of the window the lowest n bits are dropped, the least n for which
           window * (window * ceiling >> n) <= 170, the ceiling being the largest cost of one pixel;
           one more where only so the largest sum and P2 together fit a byte, if that leaves a
           largest sum of at least 80. So totals fit one, too, unless penalties are large.
     optimizer
-        How costs become disparities. Default ``"sgm"`` (paper ``"dp"``, fast ``"so"``).
+        Optimizer: the way from costs to disparities. Default ``"sgm"`` (paper ``"dp"``, fast
+        ``"so"``).
 
         - ``"dp"``: One-pass dynamic programming along the row under the ordering constraint
           (section 2.3): from a pixel to the next the disparity stays, rises by one or drops to any
@@ -105,30 +108,31 @@ class Settings:
         ``3.0``).
     p2
         P2, what any other change of disparity costs, at least P1. The unit is that of ``p1``
-        (OpenCV's ``P2``). With ``"dp"``: what a drop costs, however deep. ``"wta"`` ignores it. A
-        number from 0 to 65535. Default ``24.0`` (paper ``2.0``, fast ``16.0``).
+        (OpenCV's ``P2``). With ``precision="byte"`` it also decides how coarsely costs are rounded.
+        With ``"dp"``: what a drop costs, however deep. ``"wta"`` ignores it. A number from 0 to
+        65535. Default ``24.0`` (paper ``2.0``, fast ``16.0``).
     adaptive_p2
         Adaptive P2: how large a jump of the gray value lowers P2. With ``"so"`` and ``"sgm"``:
         where the gray value of the left image jumps from one pixel of a path to the next by more
-        than so many times the mean difference of neighbors, P2 is halved, by more than thrice that,
-        a third of it, but at least P1. 0: nowhere. A number from 0 to 1000. Default ``1.0`` (paper
-        ``0.0``, fast ``2.0``).
+        than this multiple of the mean difference of neighbors, P2 is halved, by more than three
+        times that, a third of it, but at least P1. 0: nowhere. A number from 0 to 1000. Default
+        ``1.0`` (paper ``0.0``, fast ``2.0``).
     compensate_blur
-        Whether the relative blur of the images is estimated, and the sharper one blurred alike.
-        That is done area by area, before they are compared; it needs phase codes. Slight blur is
-        left, but in noise. What is left of more blur is described by larger neighborhoods: in
+        Whether the relative blur of the images is estimated, and the sharper one blurred alike. The
+        images are blurred area by area, before they are compared; it needs phase codes. Slight blur
+        is left, but in noise. What is left of more blur is described by larger neighborhoods: in
         noise, or where it is wide in all directions (a disk of 3.2 pixels), ``neighborhood`` and
         ``window`` are two pixels larger than said (``neighborhood`` four, where all of it is
         Gaussian, of 2.25 pixels or more), 61 and 63 at most; with 2 ``sizes`` both neighborhoods
         grow. Default ``True`` (paper ``False``, fast ``False``).
     align_rows
-        Whether it is estimated how the rows of the images correspond, and the right image
-        straightened. What is estimated is a smooth field of vertical offsets (shift, turn, focal
-        length, keystone, distortion), and a spline of the row where rows sway. Where these are
-        significant, the right image is straightened by them, that is resampled along its columns;
-        where they are slight, only if some bands are matched better so. Of an interlaced image
-        whose fields are shifted the even rows alone are matched, but for parts of a pair. Default
-        ``True`` (paper ``False``, fast ``False``).
+        Whether vertical offsets between the rows of the images are estimated, and the right image
+        straightened. The estimate is a smooth field of vertical offsets (shift, turn, focal length,
+        keystone, distortion), and a spline of the row where rows sway. Where these are significant,
+        the right image is straightened by them, that is resampled along its columns; where they are
+        slight, only if some bands are matched better so. Of an interlaced image whose fields are
+        shifted the even rows alone are matched, but for parts of a pair. Default ``True`` (paper
+        ``False``, fast ``False``).
     self_rectify
         Whether a pair that is too far from rectified for that is rectified by what its images show,
         and matched then. It is tried where small copies hardly match: turned, tilted, zoomed and
@@ -141,7 +145,7 @@ class Settings:
         image has some if more than 4e-5 of its pixels lie beyond the range of their neighbors
         (without the largest and the smallest) by more than three times that range and 40 gray
         levels of 256; then those are repaired that do by more than it and 20. Black to white is 8
-        bits, as many of 16 as the values take, or the range of floats. Default ``True`` (paper
+        bits, the bits that values of 16 bits use, or the range of floats. Default ``True`` (paper
         ``False``, fast ``False``).
     denoise
         Whether noise and the artifacts of compression are smoothed away before the images are
@@ -149,11 +153,11 @@ class Settings:
         are estimated; edges are kept. It needs phase codes. The weak level stays that of the noise
         as it was. Default ``True`` (paper ``False``, fast ``False``).
     intensity_range
-        Intensities (black, white) of the images, which set the unit of ``"sad"`` and ``"nsad"``.
-        Values beyond one range below black or above white are clamped. None: 0 to 255 for values of
-        8 bits, of whatever type; else the range in which the pixels of both images lie, but for 0.1
-        % at either end. Phase codes do not depend on it. Two numbers of magnitude up to 1e300, the
-        first smaller, or None. Default ``None``.
+        Intensities (black, white) of the images, which set the unit of gray levels of all costs but
+        ``"phase"``. Values beyond one range below black or above white are clamped. None: 0 to 255
+        for values of 8 bits, of whatever type; else the range in which the pixels of both images
+        lie, but for 0.1 % at either end. Phase codes do not depend on it. Two numbers of magnitude
+        up to 1e300, the first smaller, or None. Default ``None``.
     subpixel
         Whether disparities lie between whole pixels. They are then at the tip of a V through the
         costs about the chosen one, corrected for what a V gets wrong, and smoothed over 7 x 7
@@ -164,13 +168,13 @@ class Settings:
         pixel better whose disparity differs by more (OpenCV's ``disp12MaxDiff``). None: no check.
         An integer from 0 to 16384, or None. Default ``1`` (paper ``None``, fast ``None``).
     uniqueness
-        Percent by which the best cost elsewhere must exceed that of the chosen disparity. A pixel
-        is flagged whose disparity costs not at least so many percent less than the best one
-        elsewhere, that is more than one away (OpenCV's ``uniquenessRatio``). 0: no check. An
-        integer from 0 to 100. Default ``0``.
+        Percent by which the second-best cost must exceed that of the chosen disparity. A pixel is
+        flagged unless its disparity costs less by at least this percentage than the best of those
+        more than one pixel away (OpenCV's ``uniquenessRatio``). 0: no check. An integer from 0 to
+        100. Default ``0``.
     speckle_size
-        Most pixels of a region that is taken for a speckle. Regions of up to so many pixels that
-        stand out from all around are flagged (OpenCV's ``speckleWindowSize``). 0: no check. Default
+        Most pixels of a region that is taken for a speckle. Regions of up to this size that differ
+        from all around them are flagged (OpenCV's ``speckleWindowSize``). 0: no check. Default
         ``100`` (paper ``0``, fast ``0``).
     speckle_range
         Pixels by which the disparities of neighbors in one region differ at most (OpenCV's
@@ -218,7 +222,7 @@ class Settings:
 
     # These fields, and the parameters above, are written from the table in Rust
     # (rust/match/src/settings/table.rs) by ``make settings``.
-    cost: Literal["phase", "sad", "nsad"] = "phase"
+    cost: Literal["phase", "sad", "nsad", "zncc"] = "phase"
     neighborhood: int = 3
     taper: Literal["uniform", "gaussian", "hann"] = "uniform"
     frequencies: tuple[int, int] = (1, 1)

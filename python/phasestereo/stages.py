@@ -118,7 +118,7 @@ def cost_volume(
         uint16 (H, W, num_disparities): the cost of left pixel (x, y) at disparity
         ``min_disparity + k``; candidates outside the right image are taken at its border column.
         Unit: bits for ``cost="phase"``, 1/16 gray level for ``"sad"`` (255 levels to the intensity
-        range), 1/256 standard deviation for ``"nsad"``.
+        range), 1/256 standard deviation for ``"nsad"``, 1/256 of a correlation for ``"zncc"``.
 
     Raises
     ------

@@ -1,8 +1,8 @@
-"""Cost volumes, held to the oracle: eq. 6 by its definition, SAD and normalized SAD by theirs."""
+"""Cost volumes, held to the oracle: eq. 6 by its definition, SAD, NSAD and ZNCC by theirs."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -12,6 +12,9 @@ from hypothesis import strategies as st
 import oracle
 import phasestereo as ps
 from test_descriptor import decoded, decoded_parts
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 
 @pytest.mark.parametrize("bits", [1, 2, 3, 4])
@@ -77,6 +80,36 @@ def test_normalized_sad_is_in_256ths_of_deviations(window: int) -> None:
     expected = 256 * oracle.nsad_costs(left, right, window, 0, 5)
     # Three channels, rounded on either side.
     np.testing.assert_allclose(volume, expected, rtol=0, atol=3)
+
+
+@pytest.mark.parametrize("side", [5, 7])
+def test_zncc_is_in_256ths_of_a_correlation(side: int) -> None:
+    rng = np.random.default_rng(1)
+    left, right = rng.integers(0, 256, (2, 12, 15), np.uint8)
+    volume = ps.cost_volume(left, right, num_disparities=5, cost="zncc", neighborhood=side)
+
+    def patches(image: NDArray[np.uint8]) -> NDArray[np.float64]:
+        around = np.lib.stride_tricks.sliding_window_view(image.astype(float), (side, side))
+        return around.reshape(*around.shape[:2], -1)
+
+    # Disparity d away from the edges, by the correlation coefficient of NumPy.
+    sides = patches(left), patches(right)
+    for d in range(5):
+        columns = sides[0].shape[1] - d
+        ends = sides[0][:, d:], sides[1][:, :columns]
+        pairs = zip(*(end.reshape(-1, side**2) for end in ends), strict=True)
+        expected = [256 * (1 - np.corrcoef(a, b)[0, 1]) for a, b in pairs]
+        inside = volume[side // 2 : 12 - side // 2, side // 2 + d : 15 - side // 2, d]
+        # One gray level of deviation is added, so that flat areas do not correlate.
+        np.testing.assert_allclose(inside.ravel(), expected, rtol=0, atol=1)
+
+
+def test_zncc_ignores_gain_and_offset_and_sees_inversion() -> None:
+    image = np.random.default_rng(2).integers(0, 200, (20, 30), np.uint8)
+    brighter = image // 2 + 50
+    options: dict[str, Any] = {"num_disparities": 1, "cost": "zncc", "neighborhood": 5}
+    assert ps.cost_volume(image, brighter, **options).max() <= 2
+    assert ps.cost_volume(image, 255 - image, **options).min() >= 510
 
 
 def test_the_intensity_range_sets_the_unit_of_sad() -> None:

@@ -17,7 +17,7 @@ BELOW = {
     "core": {"libm", "ndarray", "rayon", "thiserror", "phasestereo-match"},
 }
 FLOORS = {
-    "match": "base settings image pair descriptor cost optimization refinement matcher",
+    "match": "base choices settings image pair descriptor cost optimization refinement matcher",
     "core": "finding estimation rectification findings scales "
     "match_pair verification video interface",
 }
@@ -90,6 +90,16 @@ def test_no_files_import_each_other(crate: str) -> None:
     for one, other in CIRCLES:
         graph.get(one, set()).discard(other)
     TopologicalSorter(graph).prepare()  # raises CycleError
+
+
+def test_costs_are_named_in_their_table_alone() -> None:
+    sites = {
+        (crate, name)
+        for crate in BELOW
+        for name, f in files(crate).items()
+        if "CostKind::" in code(f)
+    }
+    assert {name for _, name in sites} == {"cost", "settings", "settings::table"}
 
 
 @pytest.mark.parametrize("crate", BELOW)

@@ -85,7 +85,7 @@ proptest! {
         let unit = match settings.cost {
             CostKind::Phase => 1.0,
             CostKind::Sad => 16.0,
-            CostKind::NormalizedSad => 256.0,
+            CostKind::NormalizedSad | CostKind::Zncc => 256.0,
         };
 
         // Two thirds of a byte; one bit more is dropped if P2 fits then alone, and 80 steps are left.

@@ -23,6 +23,7 @@ use phasestereo_match::matcher::{Disparity, Execution, Matcher, Timings};
 use phasestereo_match::optimization::BAND;
 use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::blur_compensation::BlurCompensation;
+use phasestereo_match::pair::plan::Plan;
 use phasestereo_match::pair::source::{ranges, roughness, widened};
 use phasestereo_match::refinement::calibration::{Tally, sampled};
 use phasestereo_match::refinement::{Draft, flag};
@@ -33,6 +34,11 @@ use proptest::sample::{Index, select};
 
 /// Limit on the work of a match: pixels x candidates x sides of window and neighborhood.
 const AFFORDABLE: usize = 1 << 22;
+
+/// The halo of a pair that needs no straightening.
+fn halo(settings: &Settings, compensation: Option<&BlurCompensation>) -> Halo {
+    Halo::new(Plan { settings, compensation, alignment: None })
+}
 
 /// A pair to be matched in parts, and what a part has to know of the whole.
 #[derive(Debug)]
@@ -80,7 +86,7 @@ impl PartsJob {
 
     /// The rows around a part that it depends on.
     fn halo(&self) -> Halo {
-        Halo::new(&self.settings, self.pair.blur_compensation(), None)
+        halo(&self.settings, self.pair.blur_compensation())
     }
 
     /// The result of a match of the whole.
@@ -415,6 +421,7 @@ fn settings_of_many_halos() -> Vec<(Settings, Option<BlurCompensation>)> {
         (Settings { window: 1, ..phase }, Some(two_versions())),
         (Settings { cost: CostKind::Sad, window: 5, ..phase }, None),
         (Settings { cost: CostKind::NormalizedSad, window: 5, ..phase }, None),
+        (Settings { cost: CostKind::Zncc, neighborhood: 5, window: 3, ..phase }, None),
         (Settings { shiftable: false, ..several }, None),
         (Settings { window: 1, adaptive_p2: 1.0, ..several }, Some(two_versions())),
         (Settings { cost: CostKind::Sad, window: 1, ..several }, None),
@@ -555,8 +562,6 @@ impl DraftMap {
 
 #[test]
 fn each_stage_adds_its_reach() {
-    let halo = |settings: Settings| Halo::new(&settings, None, None);
-
     for (settings, rows) in [
         (nothing(), 0),
         (Settings { speckle_size: 12, fill: false, ..nothing() }, 12 + 32),
@@ -566,14 +571,14 @@ fn each_stage_adds_its_reach() {
         (Settings { subpixel: true, ..nothing() }, 3),
         (Settings { confidence: true, ..nothing() }, 4),
     ] {
-        assert_eq!(halo(settings.clone()).map, rows, "{settings:?}");
+        assert_eq!(halo(&settings, None).map, rows, "{settings:?}");
     }
 
     // Of the image: half a neighborhood, half a window twice if it may shift, and for vertical paths a band with what it sees.
     for (optimizer, rows) in [(Optimizer::WinnerTakesAll, 0), (Optimizer::SemiGlobal, 63 + 16)] {
         let settings = Settings { neighborhood: 9, window: 7, optimizer, ..nothing() };
-        let [fixed, shiftable] =
-            [false, true].map(|shiftable| halo(Settings { shiftable, ..settings.clone() }).images);
+        let [fixed, shiftable] = [false, true]
+            .map(|shiftable| halo(&Settings { shiftable, ..settings.clone() }, None).images);
         assert_eq!([fixed, shiftable], [4 + 3 + rows, 4 + 6 + rows], "{optimizer:?}");
     }
 }
@@ -583,7 +588,7 @@ fn refinement_needs_its_halo_and_no_more() {
     for settings in settings_of_refinement() {
         // The halo of several stages together is not always needed in full; those of speckles and of edges are tested below.
         let is_one = settings.speckle_size == 0 && !settings.guided_median;
-        let halo = Halo::new(&settings, None, None).map;
+        let halo = halo(&settings, None).map;
         let mut is_tight = halo == 0;
 
         for seed in 0..400 {
@@ -612,7 +617,7 @@ fn refinement_needs_its_halo_and_no_more() {
 fn edges_need_their_halo_and_no_more() {
     let settings = Settings { guided_median: true, ..nothing() };
     let halo = 5;
-    assert_eq!(Halo::new(&settings, None, None).map, halo);
+    assert_eq!(self::halo(&settings, None).map, halo);
 
     for cut in [60, 61, 75] {
         let calm = |y: usize, x: usize| (hash(6, y, x) % 4) as f32 / 4.0;
@@ -635,7 +640,7 @@ fn speckles_need_their_halo_and_no_more() {
     let settings = Settings { speckle_size: 20, fill: false, ..nothing() };
     // Rows without a trusted pixel copy others at most 32 rows away.
     let halo = 20 + 32;
-    assert_eq!(Halo::new(&settings, None, None).map, halo);
+    assert_eq!(self::halo(&settings, None).map, halo);
 
     let column = |length: usize| DraftMap {
         disparity: Plane::from_fn(150, 24, |y, x| {

@@ -109,7 +109,7 @@ proptest! {
         unit in 1u16..,
     ) {
         let unit = f32::from(unit);
-        let margin = |ahead| CostMargin { own, elsewhere: Some(own + ahead) };
+        let margin = |ahead| CostMargin { best: own, second_best: Some(own + ahead) };
 
         let [less, more] = [ahead, 2 * ahead + 1].map(|ahead| vote(margin(ahead), unit));
 
@@ -119,7 +119,7 @@ proptest! {
 
 #[test]
 fn half_a_vote_is_four_units_ahead() {
-    let margin = |own, elsewhere| CostMargin { own, elsewhere };
+    let margin = |best, second_best| CostMargin { best, second_best };
     assert_eq!(vote(margin(100, Some(900)), 200.0), 0.5);
     assert_eq!(vote(margin(0, Some(0)), 200.0), 0.0);
     assert_eq!(vote(margin(100, None), 200.0), 0.0, "there is no other candidate");

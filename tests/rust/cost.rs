@@ -90,6 +90,7 @@ fn ceilings_and_steps_are_those_of_the_unit() {
     assert_eq!(scale(CostKind::Phase, 3), Ok((28, 1)), "bits");
     assert_eq!(scale(CostKind::Sad, 2), Ok((3 * 3 * 255 * 16, 16)), "sixteenths of gray levels");
     assert_eq!(scale(CostKind::NormalizedSad, 2), Ok((3 * 32 * 256, 256)), "256ths of deviations");
+    assert_eq!(scale(CostKind::Zncc, 2), Ok((3 * 2 * 256, 256)), "256ths of a correlation");
 }
 
 #[test]
@@ -117,9 +118,9 @@ fn codes_of_one_to_eight_bytes_fill_any_lanes() {
 
 #[test]
 fn any_number_of_candidates_at_any_offset_equals_the_reference() {
-    for (cost, rows, count) in [CostKind::Phase, CostKind::Sad, CostKind::NormalizedSad]
-        .into_iter()
-        .flat_map(|cost| COUNTS.into_iter().map(move |count| (cost, 1 + count % 3, count)))
+    for (cost, rows, count) in CostKind::ALL
+        .iter()
+        .flat_map(|cost| COUNTS.into_iter().map(move |count| (*cost, 1 + count % 3, count)))
     {
         let settings = Settings { cost, neighborhood: 5, window: 3, ..Preset::Paper.settings() };
         for (cols, is_masked) in [(count, true), (count + 65, false)] {
@@ -185,11 +186,11 @@ proptest! {
     }
 
     #[test]
-    fn absolute_differences_are_summed_over_channels(
+    fn costs_of_levels_are_summed_over_channels(
         left in views(3, 7, 0),
         right in views(3, 7, 0),
         min in -6i64..6,
-        cost in prop::sample::select(vec![CostKind::Sad, CostKind::NormalizedSad]),
+        cost in prop::sample::select(&CostKind::ALL[1..]),
     ) {
         let candidates = Candidates::new(min, 4, 7).expect("in reach");
         let settings = Settings { cost, window: 5, ..Preset::Paper.settings() };

@@ -13,12 +13,13 @@ use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
 use phasestereo_match::image::convolution::Kernel;
 use phasestereo_match::image::view::{Image, View};
-use phasestereo_match::matcher::footprint::Demand;
+use phasestereo_match::matcher::footprint::bytes;
 use phasestereo_match::matcher::halo::Halo;
 use phasestereo_match::matcher::section::Section;
 use phasestereo_match::matcher::{Execution, Matcher};
 use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::blur_compensation::BlurCompensation;
+use phasestereo_match::pair::plan::{Demand, Plan};
 use phasestereo_match::settings::presets::Preset;
 use phasestereo_match::settings::{CostKind, Optimizer, Settings};
 
@@ -68,6 +69,7 @@ fn cases() -> Vec<Case> {
         Case { kernels: 6, ..case("kernels", 0.71, &plain, large, 32) },
         Case { kernels: 1, ..case("synthesis", 0.39, &robust(), (800, 1200), 32) },
         Case { channels: 3, ..case("sad", 0.95, &compared(CostKind::Sad), large, 32) },
+        Case { channels: 3, ..case("zncc", 0.93, &compared(CostKind::Zncc), large, 32) },
         Case { channels: 3, ..case("nsad", 0.72, &compared(CostKind::NormalizedSad), large, 32) },
         case("wta", 0.91, &searched(wta), flat, 600),
         case("so", 0.94, &searched(so), flat, 600),
@@ -91,7 +93,9 @@ impl Case {
         let pair = Pair::new(left, right, 0, self.candidates as i64).expect("a legal pair");
         let pair = pair.with_blur_compensation(Some(compensation.clone()));
 
-        let halo = Halo::new(&self.settings, Some(&compensation), None);
+        let plan =
+            Plan { settings: &self.settings, compensation: Some(&compensation), alignment: None };
+        let halo = Halo::new(plan);
         let around = halo.rows() + halo.masked;
         let section = Section { rows: around..self.size.0 - around, ..Section::whole(&pair) };
         let rows = section.rows.len();
@@ -100,15 +104,13 @@ impl Case {
         black_box((given, found.expect("a legal match")));
 
         let demand = Demand {
-            settings: &self.settings,
-            compensation: Some(&compensation),
-            alignment: None,
+            plan,
             cols: self.size.1,
             candidates: self.candidates,
             pixel: self.channels,
             threads: self.threads,
         };
-        (resident("VmHWM:") - before) as f64 / demand.bytes(rows) as f64
+        (resident("VmHWM:") - before) as f64 / bytes(&demand, rows) as f64
     }
 
     fn view(&self, shift: usize) -> View {
@@ -168,14 +170,12 @@ fn matches_take_their_share_of_the_model() {
 fn what_no_machine_holds_is_not_taken_for_little() {
     let side = u32::MAX as usize;
     let demand = Demand {
-        settings: &robust(),
-        compensation: None,
-        alignment: None,
+        plan: Plan { settings: &robust(), compensation: None, alignment: None },
         cols: side,
         candidates: 256,
         pixel: 24,
         threads: 1,
     };
-    assert_eq!(demand.bytes(side), u64::MAX);
-    assert!(demand.bytes(1) < u64::MAX);
+    assert_eq!(bytes(&demand, side), u64::MAX);
+    assert!(bytes(&demand, 1) < u64::MAX);
 }

@@ -4,7 +4,7 @@ use crate::common::{noise, random, volumes};
 use crate::reference;
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::simd::Level;
-use phasestereo_match::image::normalization::normalize;
+use phasestereo_match::cost::normalized_sad::normalize;
 use proptest::prelude::*;
 
 proptest! {

@@ -154,7 +154,7 @@ impl Volume {
         };
 
         let nothing =
-            PixelEvidence { chosen: u16::MAX, own: NONE, elsewhere: NONE, offset: f32::NAN };
+            PixelEvidence { chosen: u16::MAX, best: NONE, second_best: NONE, offset: f32::NAN };
         let mut found = Plane::from_fn(rows, cols, |_, _| nothing);
 
         let bands: Vec<_> = search.bands(0..rows).collect();
@@ -168,9 +168,9 @@ impl Volume {
                     // A band that is not weighed has nothing but the choices.
                     let cost = |costs: &[u32]| costs.get(x).copied().unwrap_or(NONE);
                     let offset = seen.offset.get(x).copied().unwrap_or(f32::NAN);
-                    let (own, elsewhere) = (cost(seen.own), cost(seen.elsewhere));
+                    let (best, second_best) = (cost(seen.best), cost(seen.second_best));
 
-                    *found = PixelEvidence { chosen: seen.chosen[x], own, elsewhere, offset };
+                    *found = PixelEvidence { chosen: seen.chosen[x], best, second_best, offset };
                 }
             }
         }
@@ -449,7 +449,7 @@ fn a_pixel_is_drawn_to_its_neighbor() {
 
     let volume = Volume { costs, candidates: 3, optimizer, penalties, gray: None, ranges: None };
     let found = volume.expected().row(0)[1];
-    assert_eq!((found.chosen, found.own, found.elsewhere), (0, 4, 5));
+    assert_eq!((found.chosen, found.best, found.second_best), (0, 4, 5));
     volume.check(&mut Workspaces::default());
 }
 

@@ -31,7 +31,7 @@ const BAND: usize = 64;
 const PANEL: usize = 64;
 const ROWS_AHEAD: usize = 16;
 const COLUMNS_AHEAD: usize = 16;
-/// The cost where there is no candidate elsewhere.
+/// The second-best cost where all candidates are next to the chosen one.
 pub const NO_CANDIDATE: u32 = u32::MAX;
 
 /// Continues `0..length` by reflection, the edge repeated.
@@ -76,7 +76,7 @@ pub fn fill_masked(plane: &Plane<i32>, mask: &Mask) -> Plane<i32> {
     })
 }
 
-/// Reference implementation of [`phasestereo_match::image::normalization::normalize`]: mean and variance of each window by themselves.
+/// Reference implementation of [`phasestereo_match::cost::normalized_sad::normalize`]: mean and variance of each window by themselves.
 pub fn normalize(plane: &Plane<u16>, window: usize) -> Plane<u16> {
     let radius = (window / 2) as isize;
     let count = (window * window) as i64;
@@ -374,6 +374,43 @@ pub fn absolute_differences(
     })
 }
 
+/// Reference implementation of [`phasestereo_match::cost::zncc`]: the correlation of every two neighborhoods by itself.
+pub fn zncc(
+    left: &[Plane<u16>],
+    right: &[Plane<u16>],
+    candidates: Candidates,
+    side: usize,
+) -> Plane<u16> {
+    let (rows, cols, count) = (left[0].rows(), left[0].cols(), candidates.count());
+    let reach = (side / 2) as isize;
+    let around = move || (-reach..=reach).flat_map(move |v| (-reach..=reach).map(move |u| (v, u)));
+    let pixels = (side * side) as i64;
+
+    let cost = |[left, right]: [&Plane<u16>; 2], y: usize, columns: [isize; 2]| {
+        let value = |plane: &Plane<u16>, column: isize, (v, u): (isize, isize)| {
+            let row = (y as isize + v).clamp(0, rows as isize - 1) as usize;
+            i64::from(plane.row(row)[(column + u).clamp(0, cols as isize - 1) as usize])
+        };
+        let pairs =
+            || around().map(|at| (value(left, columns[0], at), value(right, columns[1], at)));
+        let sum = |of: fn((i64, i64)) -> i64| pairs().map(of).sum::<i64>();
+
+        let (l, r) = (sum(|(l, _)| l), sum(|(_, r)| r));
+        let spread = |squares: i64, sum: i64| {
+            ((pixels * squares - sum * sum + (16 * pixels).pow(2)) as f64).sqrt()
+        };
+        let spreads = spread(sum(|(l, _)| l * l), l) * spread(sum(|(_, r)| r * r), r);
+        let correlation = (pixels * sum(|(l, r)| l * r) - l * r) as f64 / spreads;
+        ((1.0 - correlation.clamp(-1.0, 1.0)) * 256.0).round_ties_even() as u16
+    };
+
+    Plane::from_fn(rows, cols * count, |y, place| {
+        let (x, k) = ((place / count) as isize, place % count);
+        let column = x - candidates.disparity(k);
+        left.iter().zip(right).map(|(l, r)| cost([l, r], y, [x, column])).sum()
+    })
+}
+
 /// The sum over a whole window, from that over its `support` valid pixels; without any the largest there is. Bits are
 /// dropped from the sum of each column, so the mean of a few may exceed the largest sum.
 fn scaled(sum: u64, support: u64, window: Window) -> u64 {
@@ -646,9 +683,9 @@ pub struct PixelEvidence {
     /// Its index.
     pub chosen: u16,
     /// Its cost.
-    pub own: u32,
+    pub best: u32,
     /// The least cost of a candidate not next to it. [`NO_CANDIDATE`]: there is no such candidate.
-    pub elsewhere: u32,
+    pub second_best: u32,
     /// Sub-pixel offset of the match from the chosen candidate, pixels.
     pub offset: f32,
 }
@@ -669,14 +706,14 @@ pub fn margin(chosen: u16, costs: &[u32]) -> PixelEvidence {
 /// The evidence of a chosen candidate: its costs decide, `valley` gives the offset.
 fn found(chosen: usize, costs: &[u64], valley: &[u32]) -> PixelEvidence {
     // The neighbors of the chosen candidate see the same match.
-    let elsewhere = costs.iter().enumerate().filter(|(k, _)| k.abs_diff(chosen) > 1);
+    let others = costs.iter().enumerate().filter(|(k, _)| k.abs_diff(chosen) > 1);
     let beside =
         chosen.checked_sub(1).and_then(|below| valley.get(below)).zip(valley.get(chosen + 1));
 
     PixelEvidence {
         chosen: chosen as u16,
-        own: capped(costs[chosen]),
-        elsewhere: elsewhere.map(|(_, &cost)| capped(cost)).min().unwrap_or(NO_CANDIDATE),
+        best: capped(costs[chosen]),
+        second_best: others.map(|(_, &cost)| capped(cost)).min().unwrap_or(NO_CANDIDATE),
         offset: beside.map_or(0.0, |(&below, &above)| offset(below, valley[chosen], above)),
     }
 }
@@ -780,9 +817,9 @@ fn mean_difference(roughness: Roughness) -> f64 {
     if roughness.pairs == 0 { 0.0 } else { roughness.sum as f64 / roughness.pairs as f64 }
 }
 
-/// The vote of a pixel for its disparity, by its cost and the least one elsewhere; half a vote is ahead by 4 units.
-pub fn vote(own: u32, elsewhere: Option<u32>, unit: f32) -> f32 {
-    let ahead = elsewhere.map_or(0, |elsewhere| elsewhere.saturating_sub(own)) as f32;
+/// The vote of a pixel for its disparity, by its cost and the second-best one; half a vote is ahead by 4 units.
+pub fn vote(best: u32, second_best: Option<u32>, unit: f32) -> f32 {
+    let ahead = second_best.map_or(0, |cost| cost.saturating_sub(best)) as f32;
     ahead / (ahead + 4.0 * unit)
 }
 
@@ -1207,9 +1244,9 @@ fn windows(values: &Plane<u32>) -> Plane<u32> {
     })
 }
 
-/// Reference implementation of [`phasestereo_match::refinement::outlines::Outlines::draw`]: the weighted values
-/// sorted. Crisp outlines look at 5 x 5 pixels two apart, wide ones at 7 x 7 three apart.
-pub fn outline(disparity: &Plane<f32>, gray: &Plane<i32>, is_wide: bool) -> Plane<f32> {
+/// Reference implementation of [`phasestereo_match::refinement::guided_median::GuidedMedian::filter`]: the weighted values
+/// sorted. The narrow median looks at 5 x 5 pixels two apart, wide ones at 7 x 7 three apart.
+pub fn guided_median(disparity: &Plane<f32>, gray: &Plane<i32>, is_wide: bool) -> Plane<f32> {
     let (rows, cols) = (disparity.rows(), disparity.cols());
     let differences = (0..rows).flat_map(|y| gray.row(y).windows(2));
     let sum: i64 = differences.map(|pair| (i64::from(pair[0]) - i64::from(pair[1])).abs()).sum();

@@ -113,7 +113,7 @@ fn cost(costs: &Costs, y: usize, x: usize, disparity: f32) -> Option<i64> {
 
 #[test]
 fn any_two_columns_cost_what_the_volume_has() {
-    for cost in [CostKind::Phase, CostKind::Sad, CostKind::NormalizedSad] {
+    for &cost in CostKind::ALL {
         for is_masked in [false, true] {
             let settings = Settings { cost, ..Preset::Paper.settings() };
             let [left, right] = &views(is_masked);

@@ -22,12 +22,13 @@ use phasestereo_match::base::error::{Error, Result};
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
 use phasestereo_match::image::view::View;
-use phasestereo_match::matcher::footprint::Demand;
+use phasestereo_match::matcher::footprint;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::matcher::summary::Summary;
 use phasestereo_match::matcher::{self, Disparity, Execution, Timings, usable_threads};
 use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::candidates::Candidates;
+use phasestereo_match::pair::plan::{Demand, Plan};
 use phasestereo_match::settings::Settings;
 
 /// Settings, threads and working memory, which are kept from one pair to the next. Any number of threads may use one at the
@@ -243,15 +244,13 @@ impl Matcher {
         }
 
         let demand = Demand {
-            settings: &self.settings,
-            compensation: None,
-            alignment: None,
+            plan: Plan { settings: &self.settings, compensation: None, alignment: None },
             cols,
             candidates: candidates.count(),
             pixel: pixel_bytes,
             threads: self.threads,
         };
-        Ok(demand.bytes(rows))
+        Ok(footprint::bytes(&demand, rows))
     }
 
     /// Runs all work on the matcher's threads: on the calling thread, rayon would start another pool.

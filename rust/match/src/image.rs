@@ -6,7 +6,6 @@ pub mod impulses;
 pub mod intensity;
 pub mod intensity_range;
 pub mod masking;
-pub mod normalization;
 pub mod packing;
 pub mod regions;
 pub mod smoothing;

@@ -32,6 +32,7 @@
 //! M. Pedone, J. Heikkilä: *Blur and Contrast Invariant Fast Stereo Matching*, ACIVS 2008.
 
 pub mod base;
+pub mod choices;
 pub mod settings;
 
 pub mod image;

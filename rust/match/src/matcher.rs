@@ -24,15 +24,16 @@ use crate::base::value::Value;
 use crate::cost::Costs;
 use crate::cost::aggregation::Window;
 use crate::image::texture::Texture;
-use crate::matcher::footprint::Demand;
 use crate::matcher::halo::Halo;
 use crate::matcher::map::{DraftMap, MapBand};
 use crate::matcher::section::Section;
 use crate::optimization::edges::Edges;
 use crate::optimization::evidence::{Evidence, NONE};
+use crate::optimization::memory::{self, Width};
 use crate::optimization::{AggregatedCosts, CandidateSearch, Penalties, Weighing, Workspace};
 use crate::pair::Pair;
 use crate::pair::candidates::Candidates;
+use crate::pair::plan::{Demand, Plan};
 use crate::refinement::calibration::{Calibration, Faults, Tally, Weights, traits};
 use crate::refinement::left_right_check::Checker;
 use crate::refinement::sample::{self, SampledMap};
@@ -43,7 +44,7 @@ use crate::settings::{Optimizer, Settings};
 /// Most threads that one match may ask for.
 pub const MOST_THREADS: usize = 1024;
 
-/// How the work is divided; the result does not depend on it.
+/// Threads and instructions; the result does not depend on them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Execution {
     /// Number of threads.
@@ -61,14 +62,14 @@ pub struct Disparity {
     pub flags: Plane<u16>,
     /// Confidence from 0 to 1; `None`: not computed.
     pub confidence: Option<Plane<f32>>,
-    /// Half the width of the interval that holds the true disparity with a probability of 90 %, pixels; NaN where there
-    /// is no estimate. `None`: not computed.
+    /// Half the width of the interval that holds the true disparity with a probability of 90 %, pixels; NaN
+    /// where there is no estimate. `None`: not computed.
     pub uncertainty: Option<Plane<f32>>,
-    /// Without confidences, the estimated share of the disparities that are off by more than 1 px, by those of a few
-    /// rows; `None`: with confidences, or where nothing could be sampled.
+    /// Without confidences, the estimated share of the disparities that are off by more than 1 px, by those
+    /// of a few rows; `None`: with confidences, or where nothing could be sampled.
     pub wrong: Option<f64>,
-    /// Where smaller copies decided, the images hold no detail finer than this, pixels: how many times smaller these are, as a
-    /// geometric mean over the pixels. `None`: none decided.
+    /// Where smaller copies decided, the images hold no detail finer than this, pixels: how many times
+    /// smaller these are, as a geometric mean over the pixels. `None`: none decided.
     pub detail: Option<f64>,
     /// Wall-clock time of each stage.
     pub timings: Timings,
@@ -114,7 +115,7 @@ struct Unrefined {
     timings: Timings,
 }
 
-/// What the bands of a match have in common.
+/// The common data of the bands of a match.
 struct Job<'a> {
     costs: &'a Costs<'a>,
     window: Window,
@@ -129,12 +130,18 @@ pub fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> R
     Ok(thread_pool(threads)?.install(work))
 }
 
-/// The number of threads in the environment variable `RAYON_NUM_THREADS`, or else as many as the process may use.
+/// The number of threads in the environment variable `RAYON_NUM_THREADS`, or else the number of cores that
+/// the process may use.
 pub fn usable_threads() -> usize {
     let wanted = env::var("RAYON_NUM_THREADS").ok().and_then(|text| text.parse().ok());
     let usable = || thread::available_parallelism().map_or(1, Into::into);
 
     wanted.filter(|&count| count > 0).unwrap_or_else(usable).min(MOST_THREADS)
+}
+
+/// The plan for a pair that needs no straightening.
+fn plan<'a>(pair: &'a Pair, settings: &'a Settings) -> Plan<'a> {
+    Plan { settings, compensation: pair.blur_compensation(), alignment: None }
 }
 
 fn thread_pool(threads: usize) -> Result<ThreadPool> {
@@ -150,7 +157,7 @@ fn thread_pool(threads: usize) -> Result<ThreadPool> {
 }
 
 impl Matcher {
-    /// A matcher with so many threads, from 1 to 1024.
+    /// A matcher with 1 to 1024 threads.
     pub fn new(threads: usize) -> Result<Self> {
         Ok(Self { pool: thread_pool(threads)?, spare: Mutex::default() })
     }
@@ -188,7 +195,7 @@ impl Matcher {
         Ok(self.match_calibrated(pair, section, settings, execution, control)?.returned(settings))
     }
 
-    /// The same with every disparity that there is, whatever is held against it.
+    /// The same with all estimated disparities, including those that the settings reject.
     pub fn match_calibrated(
         &self,
         pair: &Pair,
@@ -205,7 +212,8 @@ impl Matcher {
         })
     }
 
-    /// The same with raw confidences. The sums over these rows are those that calibration needs, if they are rows to sample.
+    /// The same with raw confidences. The sums over these rows are those that calibration needs, if they are
+    /// rows to sample.
     pub fn match_raw(
         &self,
         pair: &Pair,
@@ -218,7 +226,7 @@ impl Matcher {
         section.check(pair)?;
 
         // Refinement looks at unrefined rows around these, so more rows are chosen and then cut off.
-        let around = section.widened(Halo::new(settings, pair.blur_compensation(), None).map, pair);
+        let around = section.widened(Halo::new(plan(pair, settings)).map, pair);
         let wanted = section.rows.start - around.start..section.rows.end - around.start;
         let widened = Section { rows: around, ..section.clone() };
 
@@ -227,8 +235,8 @@ impl Matcher {
         Ok(found.of_rows(wanted))
     }
 
-    /// Matches some rows of a pair, whose map is refined as if the pair had no other rows. Confidences stay raw, as the
-    /// stages before the match of the pair itself need them.
+    /// Matches some rows of a pair, whose map is refined as if the pair had no other rows. Confidences stay
+    /// raw, as the stages before the match of the pair itself need them.
     pub fn match_alone(
         &self,
         pair: &Pair,
@@ -301,15 +309,13 @@ impl Matcher {
         };
 
         let demand = Demand {
-            settings,
-            compensation: pair.blur_compensation(),
-            alignment: None,
+            plan: plan(pair, settings),
             cols: pair.size().1,
             candidates: candidates.count(),
             pixel: pair.views()[0].image.shape().2,
             threads: execution.threads,
         };
-        let workspace = demand.workspace();
+        let workspace = memory::workspace(&demand);
         let job = Job { costs: &costs, window, search, settings, workspace };
 
         let mut map = DraftMap::new((section.rows.len(), pair.size().1), texture.is_some())?;
@@ -326,7 +332,8 @@ impl Matcher {
         Ok(Unrefined { map, texture, timings })
     }
 
-    /// Matches bands, each by itself: cost -> aggregation -> optimization -> disparity and flags of each pixel.
+    /// Matches bands, each by itself: cost -> aggregation -> optimization -> disparity and flags of each
+    /// pixel.
     fn match_bands<T: Value>(&self, bands: Vec<MapBand>, job: &Job) -> Result<()> {
         // One band per task: longer tasks would leave threads idle at the end.
         bands.into_par_iter().with_max_len(1).try_for_each(|mut band| {
@@ -356,8 +363,8 @@ impl Matcher {
         (memory.downcast().unwrap_or_default(), bytes)
     }
 
-    /// Gives workspaces back that no band uses, those that were not used for longest first, until the others have at most so
-    /// many bytes.
+    /// Gives workspaces back that no band uses, those that were not used for longest first, until the others
+    /// have at most `bytes`.
     pub fn keep_at_most(&self, bytes: usize) {
         let mut spare = self.spare();
         let mut kept = spare.iter().map(|spare| spare.bytes).sum::<usize>();
@@ -481,7 +488,8 @@ impl Disparity {
         Ok(self)
     }
 
-    /// What the settings return of it: no estimates that they refuse, no confidences that they need for that alone.
+    /// The part that the settings return: without estimates that they reject, and without confidences that
+    /// only served that.
     pub fn returned(mut self, settings: &Settings) -> Self {
         let confidence = self.confidence.as_ref().map(Plane::as_slice);
         let uncertainty = self.uncertainty.as_mut().map(Plane::as_mut_slice);
@@ -505,50 +513,6 @@ impl Disparity {
             wrong: self.wrong,
             detail: self.detail,
             timings: self.timings,
-        }
-    }
-}
-
-/// The integers that costs and totals are kept in.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Width {
-    /// Of 8 bits.
-    Bytes,
-    /// Of 16 bits.
-    Words,
-    /// Of 32 bits.
-    Widest,
-}
-
-impl Width {
-    /// The narrowest integers that hold every sum, every total of a path and the number of every run of candidates.
-    pub fn new(settings: &Settings, window: Window, penalties: Penalties, has_masks: bool) -> Self {
-        let largest_cost = window.largest_value(has_masks);
-        // Only paths accumulate totals beyond the cost of a window.
-        let largest_total = match settings.optimizer {
-            Optimizer::ScanlineOptimization | Optimizer::SemiGlobal => {
-                penalties.largest_total(window.largest_sum())
-            }
-            Optimizer::DynamicProgramming | Optimizer::WinnerTakesAll => 0,
-        };
-
-        let largest = largest_cost.max(largest_total);
-
-        if largest <= u8::LARGEST_TOTAL {
-            Self::Bytes
-        } else if largest <= u16::LARGEST_TOTAL {
-            Self::Words
-        } else {
-            Self::Widest
-        }
-    }
-
-    /// Bytes of one integer.
-    pub fn bytes(self) -> usize {
-        match self {
-            Self::Bytes => 1,
-            Self::Words => 2,
-            Self::Widest => 4,
         }
     }
 }

@@ -1,13 +1,14 @@
-//! Aggregated costs -> the best candidate of every pixel: by the sum of four paths (Hirschmüller, *Stereo Processing by
-//! Semiglobal Matching and Mutual Information*, PAMI 2008), by two along the row, by dynamic programming under the
-//! ordering constraint, or each pixel by itself.
+//! Aggregated costs -> the best candidate of every pixel: by the sum of four paths (Hirschmüller, *Stereo
+//! Processing by Semiglobal Matching and Mutual Information*, PAMI 2008), by two along the row, by dynamic
+//! programming under the ordering constraint, or each pixel by itself.
 //!
-//! The cost volume never exists as a whole. An image is cut into bands of [`BAND`] rows, or half of them ([`band_height`]),
-//! a band into panels of [`PANEL`] columns. The costs of a panel lie in strips of [`STRIP`] columns; those of up to about 128
-//! disparities fit in a second-level cache. Paths from the left run through whole rows. Paths from the right start [`LOOKAHEAD_COLUMNS`] columns right of each panel, paths from above
-//! and below [`LOOKAHEAD_ROWS`] rows outside each band. So no band depends on another, and any thread may work on any band
-//! at any time. Bands and panels begin at multiples of their sizes in the whole image, so the result does not depend on
-//! which rows are matched together:
+//! The cost volume never exists as a whole. An image is cut into bands of [`BAND`] rows, or half of them
+//! ([`band_height`]), a band into panels of [`PANEL`] columns. The costs of a panel lie in strips of
+//! [`STRIP`] columns; those of up to about 128 disparities fit in a second-level cache. Paths from the left
+//! run through whole rows. Paths from the right start [`LOOKAHEAD_COLUMNS`] columns right of each panel,
+//! paths from above and below [`LOOKAHEAD_ROWS`] rows outside each band. So no band depends on another, and
+//! any thread may work on any band at any time. Bands and panels begin at multiples of their sizes in the
+//! whole image, so the result does not depend on which rows are matched together:
 //!
 //! ```text
 //! for band in bands:                                       # any thread, any order
@@ -19,11 +20,12 @@
 //!         the least mean of all four paths wins            # selection
 //! ```
 //!
-//! Four paths are as good as eight, and look-aheads lose hardly anything of whole paths. Paths from above and along the
-//! row alone are worse.
+//! Four paths are as good as eight, and look-aheads lose hardly anything of whole paths. Paths from above and
+//! along the row alone are worse.
 
 pub mod edges;
 pub mod evidence;
+pub mod memory;
 pub mod ordered;
 pub mod panel_ranges;
 pub mod paths;
@@ -41,6 +43,7 @@ use crate::base::memory::RunMemory;
 use crate::base::plane::Plane;
 use crate::base::simd::{Level, Loop};
 use crate::base::value::{LANES, Lanes, Value};
+pub use crate::choices::{BAND, LOOKAHEAD_ROWS, PANEL};
 use crate::cost::Costs;
 use crate::cost::aggregation::{Aggregator, PixelBlock, Window};
 use crate::optimization::edges::Edges;
@@ -51,7 +54,6 @@ use crate::settings::Optimizer;
 use self::ordered::Ordered;
 pub use self::ordered::ROWS as ORDERED_ROWS;
 use self::panel_ranges::PanelRanges;
-pub use self::panel_ranges::{BAND, PANEL};
 use self::paths::{
     AdaptivePenalties, Horizontal, HorizontalPass, Panel, Smoothness, Vertical, VerticalPass,
 };
@@ -59,10 +61,8 @@ pub use self::paths::{STRIDE, STRIP};
 pub use self::penalties::{LARGEST_SUMMED_PENALTY, Penalties};
 use self::selection::{PIXELS, Selection};
 
-/// Rows above and below a band where its vertical paths start.
-pub const LOOKAHEAD_ROWS: usize = 16;
-/// Columns right of a panel where its paths from the right start: one strip, which the next panel takes over. Results
-/// depend on it, as the means above say.
+/// Columns right of a panel where its paths from the right start: one strip, which the next panel takes over.
+/// Results depend on it, as the means above say.
 pub const LOOKAHEAD_COLUMNS: usize = STRIP;
 /// Strips of a panel and its look-ahead columns.
 const STRIPS: usize = (PANEL + LOOKAHEAD_COLUMNS) / STRIP;
@@ -78,22 +78,22 @@ pub enum Weighing {
     All,
 }
 
-/// How the best candidates of an image are chosen.
+/// The search for the best candidates of an image.
 #[derive(Debug, Clone, Copy)]
 pub struct CandidateSearch<'a> {
     /// Rows and columns of the image.
     pub size: (usize, usize),
-    /// Where the image begins in the whole image, rows: bands are those of the whole.
+    /// The row of the whole image where the image begins: bands are those of the whole.
     pub first: usize,
     /// Candidates of each pixel.
     pub candidates: usize,
-    /// Those that are searched along paths in each panel; `None`: all of them everywhere.
+    /// The candidates that are searched along paths in each panel; `None`: all.
     pub ranges: Option<&'a PanelRanges>,
-    /// How costs become disparities.
+    /// The optimizer.
     pub optimizer: Optimizer,
     /// P1 and P2.
     pub penalties: Penalties,
-    /// Where P2 is lower.
+    /// The jumps of the gray value that lower P2.
     pub edges: &'a Edges,
     /// Whether the cost margin and the sub-pixel offset are needed beside the chosen candidates.
     pub weighs: Weighing,
@@ -103,7 +103,7 @@ pub struct CandidateSearch<'a> {
     pub control: &'a Control,
 }
 
-/// Where aggregated costs come from.
+/// A source of aggregated costs.
 pub trait CostSource<T>: Sync {
     /// Writes the costs of a block into its places, the searched candidates of a pixel in neighboring lanes.
     fn write(
@@ -200,8 +200,9 @@ impl<T: Value> Default for Workspace<T> {
     }
 }
 
-/// Rows of a band of an image with so many rows. Without paths along columns, a band of half of [`BAND`] gives the same: of
-/// many candidates a panel of all rows does not fit in the second-level cache, and few bands leave threads idle.
+/// Rows of a band of an image with `rows`. Without paths along columns, a band of half of [`BAND`] gives the
+/// same: of many candidates a panel of all rows does not fit in the second-level cache, and few bands leave
+/// threads idle.
 pub fn band_height(optimizer: Optimizer, candidates: usize, rows: usize) -> usize {
     let is_along_rows = optimizer == Optimizer::ScanlineOptimization;
     if is_along_rows && (candidates > 128 || rows < 8 * BAND) { BAND / 2 } else { BAND }
@@ -274,7 +275,8 @@ impl CandidateSearch<'_> {
         (0..cols).step_by(PANEL).map(move |start| start..(start + PANEL).min(cols))
     }
 
-    /// The rows whose costs the vertical paths of a band pass: those of the band and the look-ahead rows on either side.
+    /// The rows whose costs the vertical paths of a band pass: those of the band and the look-ahead rows on
+    /// either side.
     fn seen(&self, rows: &Range<usize>) -> Range<usize> {
         let band = (rows.start + self.first) / BAND * BAND;
         let start = band.saturating_sub(LOOKAHEAD_ROWS + self.first);
@@ -309,7 +311,8 @@ impl CandidateSearch<'_> {
 
         let smoothness =
             Smoothness { penalties: AdaptivePenalties::new(self.penalties), edges: self.edges };
-        // The look-ahead columns of a panel are the first strip of the next one, and keep their costs in the ring.
+        // The look-ahead columns of a panel are the first strip of the next one, and keep their costs in the
+        // ring.
         let (mut before, mut first) = (None, 0);
 
         for columns in self.panels() {
@@ -483,8 +486,8 @@ impl<T: Value> Loop for SelectPixels<'_, T> {
     }
 }
 
-/// Cost margin and sub-pixel offset of the candidates chosen for a block of rows, of which the evidence begins with row
-/// `row`.
+/// Cost margin and sub-pixel offset of the candidates chosen for a block of rows, of which the evidence
+/// begins with row `row`.
 struct WeighRows<'a, T> {
     search: &'a CandidateSearch<'a>,
     block: &'a PixelBlock,
@@ -524,7 +527,8 @@ impl<T: Value> Loop for WeighRows<'_, T> {
     }
 }
 
-/// The indices of the chosen candidates for a whole volume of aggregated costs, rows of `columns x candidates`.
+/// The indices of the chosen candidates for a whole volume of aggregated costs, rows of `columns x
+/// candidates`.
 pub fn optimize(
     volume: &Plane<u32>,
     candidates: usize,

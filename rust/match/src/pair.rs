@@ -5,6 +5,7 @@ pub mod alignment;
 pub mod blur_compensation;
 pub mod candidates;
 pub mod fitting;
+pub mod plan;
 pub mod source;
 
 use std::ops::Range;
@@ -12,15 +13,16 @@ use std::ops::Range;
 use crate::base::control::Control;
 use crate::base::error::{Error, Result};
 use crate::base::simd::Level;
-use crate::image::intensity;
 use crate::image::intensity_range::IntensityRange;
 use crate::image::packing::Packing;
 use crate::image::view::View;
+use crate::image::{impulses, intensity};
 use crate::pair::alignment::Alignment;
 use crate::pair::alignment::straighten::straightened;
 use crate::pair::blur_compensation::BlurCompensation;
 use crate::pair::candidates::Candidates;
 use crate::pair::fitting::{Fit, fitted};
+use crate::pair::plan::{Bytes, Demand, Plan, Stage};
 
 /// Two images and the disparities to search.
 #[derive(Debug, Clone, PartialEq)]
@@ -30,6 +32,23 @@ pub struct Pair {
     candidates: Candidates,
     compensation: Option<BlurCompensation>,
     fit: Option<Fit>,
+}
+
+/// The images of a pair, straightened and repaired.
+pub struct Images;
+
+impl Stage for Images {
+    fn reach(&self, Plan { compensation, alignment, .. }: Plan) -> usize {
+        let repairs = compensation.is_some_and(BlurCompensation::repairs);
+        let repaired = if repairs { impulses::REACH } else { 0 };
+        repaired + alignment.map_or(0, Alignment::halo)
+    }
+
+    fn bytes(&self, demand: &Demand) -> Bytes {
+        // Both images and their masks, twice; the right one once more, or twice, if it is straightened.
+        let copies = if demand.plan.alignment.is_some() { 6 } else { 4 };
+        Bytes { read: demand.cols * copies * (demand.pixel + 1), ..Bytes::default() }
+    }
 }
 
 impl Pair {

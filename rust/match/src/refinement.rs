@@ -4,10 +4,10 @@ pub mod calibration;
 pub mod confidence;
 pub mod filling;
 pub mod flag;
+pub mod guided_median;
 pub mod jumps;
 pub mod left_right_check;
 pub mod median;
-pub mod outlines;
 pub mod sample;
 pub mod speckles;
 pub mod surfaces;
@@ -22,10 +22,11 @@ use crate::cost::validity::Validity;
 use crate::image::texture::Texture;
 use crate::optimization::evidence::{EvidenceRow, NONE};
 use crate::pair::candidates::Candidates;
+use crate::pair::plan::{Bytes, Demand, Plan, Stage};
 use crate::refinement::confidence::{CostMargin, VotedMap};
 use crate::refinement::filling::fill;
+use crate::refinement::guided_median::GuidedMedian;
 use crate::refinement::left_right_check::{Checker, Choices};
-use crate::refinement::outlines::Outlines;
 use crate::refinement::speckles::flag_speckles;
 use crate::settings::Settings;
 
@@ -40,14 +41,15 @@ pub struct MapWriter<'a> {
     pub validity: Option<&'a Validity<'a>>,
     /// Whether estimates lie between candidates.
     pub subpixel: bool,
-    /// Most pixels by which the disparities of two left pixels with one match differ; `None`: no left-right check.
+    /// Most pixels by which the disparities of two left pixels with one match differ; `None`: no left-right
+    /// check.
     pub consistency: Option<u16>,
-    /// Percent of the least cost elsewhere by which the cost of the choice must be lower; 0: no check.
+    /// Percent of the second-best cost by which the cost of the choice must be lower; 0: no check.
     pub uniqueness: u64,
     /// One unit of the mean cost, in steps of the aggregated costs.
     pub unit: f32,
-    /// What a match of unrelated pixels costs, in these steps: what a choice is judged by where all candidates are next to
-    /// it. [`NONE`]: unknown.
+    /// The cost of a match of unrelated pixels, in these steps. It stands for the second-best cost where all
+    /// candidates are next to it. [`NONE`]: unknown.
     pub unrelated: u32,
 }
 
@@ -63,7 +65,8 @@ pub struct ResultRow<'a> {
 }
 
 impl MapWriter<'_> {
-    /// Writes row `y`. The checks only flag; whether flagged pixels keep an estimate is decided when the map is refined.
+    /// Writes row `y`. The checks only flag; whether flagged pixels keep an estimate is decided when the map
+    /// is refined.
     pub fn write(
         &self,
         y: usize,
@@ -149,14 +152,15 @@ impl Loop for WriteMapRow<'_> {
 
         if let Some(most) = writer.consistency {
             let chosen = &found.chosen[..writer.cols];
-            let costs = &found.own[..writer.cols];
+            let costs = &found.best[..writer.cols];
             checker.check(Choices { chosen, costs, candidates: writer.candidates }, most, flags);
         }
 
         if writer.uniqueness > 0 {
-            let margins = found.own.iter().zip(found.elsewhere);
-            for (flags, (&own, &elsewhere)) in flags.iter_mut().zip(margins) {
-                let is_ambiguous = CostMargin::new(own, elsewhere).is_ambiguous(writer.uniqueness);
+            let margins = found.best.iter().zip(found.second_best);
+            for (flags, (&best, &second_best)) in flags.iter_mut().zip(margins) {
+                let is_ambiguous =
+                    CostMargin::new(best, second_best).is_ambiguous(writer.uniqueness);
                 let is_estimated = *flags & flag::MISSING == 0;
                 *flags |= if is_estimated & is_ambiguous { flag::AMBIGUOUS } else { 0 };
             }
@@ -172,13 +176,45 @@ impl Loop for WriteMapRow<'_> {
         }
 
         if let Some(votes) = votes {
-            for (vote, (&own, &elsewhere)) in
-                votes.iter_mut().zip(found.own.iter().zip(found.elsewhere))
+            for (vote, (&best, &second_best)) in
+                votes.iter_mut().zip(found.best.iter().zip(found.second_best))
             {
-                let elsewhere = if elsewhere == NONE { writer.unrelated } else { elsewhere };
-                *vote = confidence::vote(CostMargin::new(own, elsewhere), writer.unit);
+                let second_best = if second_best == NONE { writer.unrelated } else { second_best };
+                *vote = confidence::vote(CostMargin::new(best, second_best), writer.unit);
             }
         }
+    }
+}
+
+/// The stages of [`Draft::refine`], in their order.
+pub const STAGES: [&dyn Stage; 8] = [
+    &speckles::Speckles,
+    &filling::Filling,
+    &GuidedMedian::Narrow,
+    &median::Median,
+    &synthesis::Synthesis,
+    &GuidedMedian::Wide,
+    &surfaces::Surfaces,
+    &confidence::Confidences,
+];
+
+/// Bytes of a pixel of the map, and of the second map with which it alternates while it is refined.
+const MAP_BYTES: usize = 24;
+/// Bytes of a pixel of gray values, and of what the stages make of them.
+const TEXTURE_BYTES: usize = 20;
+
+/// All of [`STAGES`]: each reads what the one before has written.
+pub struct Refinement;
+
+impl Stage for Refinement {
+    fn reach(&self, plan: Plan) -> usize {
+        STAGES.iter().map(|stage| stage.reach(plan)).sum()
+    }
+
+    fn bytes(&self, demand: &Demand) -> Bytes {
+        let texture = if Texture::is_needed(demand.plan.settings) { TEXTURE_BYTES } else { 0 };
+        let maps = Bytes { mapped: (MAP_BYTES + texture) * demand.cols, ..Bytes::default() };
+        STAGES.iter().map(|stage| stage.bytes(demand)).fold(maps, Bytes::and)
     }
 }
 
@@ -198,7 +234,7 @@ pub struct Draft<'a> {
 }
 
 impl Draft<'_> {
-    /// Flags speckles, fills, draws edges to those of the image, smooths. Returns disparities and, from votes, raw confidences.
+    /// Runs the [`STAGES`]. Returns disparities and, from votes, raw confidences.
     pub fn refine(
         self,
         settings: &Settings,
@@ -220,7 +256,7 @@ impl Draft<'_> {
         let mut spare = None;
         if let (true, Some(texture)) = (settings.guided_median, texture) {
             replace(&mut disparity, &mut spare, |from, to| {
-                Outlines::Crisp.draw(from, texture, to, level, control)
+                GuidedMedian::Narrow.filter(from, texture, to, level, control)
             })?;
         }
 
@@ -233,7 +269,7 @@ impl Draft<'_> {
         if let (Some(pair), Some(texture)) = (blurred_pair, texture) {
             replace(&mut disparity, &mut spare, |from, to| pair.redraw(from, to, level, control))?;
             replace(&mut disparity, &mut spare, |from, to| {
-                Outlines::Wide.draw(from, texture, to, level, control)
+                GuidedMedian::Wide.filter(from, texture, to, level, control)
             })?;
         }
 
@@ -259,7 +295,7 @@ impl Draft<'_> {
     }
 }
 
-/// Replaces a map by what a stage makes of it. Two planes alternate: a plane of its own for every stage would have to be
+/// Replaces a map by what a stage makes of it. Two planes alternate: a plane for every stage would have to be
 /// cleared first, and all of them together would take more memory than the result.
 fn replace(
     disparity: &mut Plane<f32>,

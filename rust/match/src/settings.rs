@@ -3,6 +3,7 @@
 #[macro_use]
 mod macros;
 
+pub mod costs;
 pub mod kind;
 pub mod presets;
 mod ranges;
@@ -40,7 +41,7 @@ impl Settings {
             ("scales", self.scales),
         ];
         if let Some((name, _)) =
-            of_codes.into_iter().find(|(_, is_on)| *is_on && self.cost != CostKind::Phase)
+            of_codes.into_iter().find(|(_, is_on)| *is_on && !self.compares_codes())
         {
             return Err(Error::value(name, "True", "False unless cost = 'phase'"));
         }
@@ -48,8 +49,8 @@ impl Settings {
         Ok(())
     }
 
-    /// Sets the field of this name to a value that is written as in Python, or with "none", "true" and "false" in small
-    /// letters and pairs as "0, 4095"; [`Self::check`] has to be called afterwards.
+    /// Sets the field of this name to a value that is written as in Python, or with "none", "true" and
+    /// "false" in small letters and pairs as "0, 4095"; [`Self::check`] has to be called afterwards.
     pub fn set(&mut self, name: &str, text: &str) -> Result<()> {
         let Some(setting) = DESCRIPTIONS.iter().find(|setting| setting.name == name) else {
             let names: Vec<_> = DESCRIPTIONS.iter().map(|setting| setting.name).collect();
@@ -64,6 +65,11 @@ impl Settings {
             return Ok(());
         }
         Err(Error::value(setting.name, value, setting.kind))
+    }
+
+    /// Whether pixels are compared by their phase codes.
+    pub fn compares_codes(&self) -> bool {
+        self.cost == CostKind::Phase
     }
 
     /// Number of spectral components, `D = r (2 s + 1) + s` (paper, section 2.1).
@@ -136,7 +142,7 @@ impl Settings {
     }
 
     fn check_weak(&self) -> Result<()> {
-        if self.has_weak() && (self.bits, self.cost) != (2, CostKind::Phase) {
+        if self.has_weak() && (self.bits, self.compares_codes()) != (2, true) {
             let got = format!(
                 "{} with bits = {} and the cost {:?}",
                 self.noise_threshold, self.bits, self.cost
@@ -250,7 +256,7 @@ mod tests {
         let message =
             |name, text| Settings::default().set(name, text).expect_err("refused").to_string();
         for (name, text, expected) in [
-            ("cost", "ssd", "cost: got 'ssd'; accepts 'phase', 'sad', 'nsad'"),
+            ("cost", "ssd", "cost: got 'ssd'; accepts 'phase', 'sad', 'nsad', 'zncc'"),
             ("fill", "yes", "fill: got 'yes'; accepts True or False"),
             ("frequencies", "2", "frequencies: got '2'; accepts a pair of integers"),
             (

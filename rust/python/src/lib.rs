@@ -52,14 +52,14 @@ use phasestereo::internals::video::frames::{Frame, Way, match_frame};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
-use phasestereo_match::cost::Costs;
 use phasestereo_match::cost::aggregation::{Window, aggregate};
+use phasestereo_match::cost::{self, Costs};
 use phasestereo_match::descriptor::{Codes, describe};
 use phasestereo_match::image::intensity::Gray;
 use phasestereo_match::image::packing::Packing;
 use phasestereo_match::image::texture::Roughness;
 use phasestereo_match::image::view::Image;
-use phasestereo_match::matcher::footprint::Demand;
+use phasestereo_match::matcher::footprint;
 use phasestereo_match::matcher::halo::Halo;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::matcher::section::Section;
@@ -69,6 +69,7 @@ use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::alignment::Alignment;
 use phasestereo_match::pair::blur_compensation::MOST_CLASSES;
 use phasestereo_match::pair::fitting::fitted;
+use phasestereo_match::pair::plan::{Demand, Plan};
 use phasestereo_match::pair::source;
 use phasestereo_match::refinement::calibration::{Tally, sampled};
 use phasestereo_match::refinement::flag;
@@ -343,7 +344,7 @@ fn find_scale(
     let packing = found.map_err(|failure| reader.reason(failure))?;
 
     let packed = Scale { packing: packing_to_py(packing), ranges: None };
-    if !source::needs_ranges(&first.packed(&packing), &settings) {
+    if !cost::needs_ranges(&first.packed(&packing), &settings) {
         return Ok(packed);
     }
 
@@ -389,7 +390,8 @@ fn halo(
     let compensation = read_blur_compensation(compensation)?;
     let field = read_alignment(alignment)?;
 
-    let halo = Halo::new(&settings, compensation.as_ref(), field.as_ref());
+    let (compensation, alignment) = (compensation.as_ref(), field.as_ref());
+    let halo = Halo::new(Plan { settings: &settings, compensation, alignment });
     Ok((halo.rows(), halo.masked))
 }
 
@@ -405,17 +407,13 @@ fn working_memory(
     let (_, cols): (usize, usize) = statistics.getattr("size")?.extract()?;
     let candidates: usize = whole.disparities.1.extract()?;
 
-    let demand = Demand {
+    let plan = Plan {
         settings: &whole.settings,
         compensation: whole.compensation.as_ref(),
         alignment: whole.alignment.as_ref(),
-        cols,
-        candidates,
-        pixel: itemsize,
-        threads,
     };
 
-    Ok(demand.bytes(rows))
+    Ok(footprint::bytes(&Demand { plan, cols, candidates, pixel: itemsize, threads }, rows))
 }
 
 #[pyfunction]
@@ -531,7 +529,8 @@ impl PartOfPair {
 
         let pool = Pool::for_argument(threads)?;
         // Progress counts the rows that are chosen, which are more than those wanted.
-        let halo = Halo::new(&settings, pair.blur_compensation(), None).map;
+        let compensation = pair.blur_compensation();
+        let halo = Halo::new(Plan { settings: &settings, compensation, alignment: None }).map;
         let chosen = section.widened(halo, &pair).len();
         supervised(py, &pool, chosen, progress, move |runtime| {
             let Runtime { matcher, execution, control } = runtime;

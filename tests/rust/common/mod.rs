@@ -178,11 +178,7 @@ pub fn penalties() -> impl Strategy<Value = (f64, f64)> {
 
 /// Legal settings of the whole matcher.
 pub fn settings() -> impl Strategy<Value = Settings> {
-    let cost = prop_oneof![
-        3 => Just(CostKind::Phase),
-        1 => Just(CostKind::Sad),
-        1 => Just(CostKind::NormalizedSad)
-    ];
+    let cost = prop_oneof![1 => Just(CostKind::Phase), 1 => select(CostKind::ALL)];
 
     let radius = prop_oneof![6 => 0usize..=5, 1 => 6usize..=31];
     let precision = select(vec![Precision::Full, Precision::Byte]);

@@ -96,14 +96,19 @@ pub fn costs(
         let none = BlurCompensation::of_noise([0.0; 2]).expect("legal noise");
         phase_costs(views, candidates, settings, compensation.unwrap_or(&none))
     } else {
-        let [left, right] = level_pair(views, settings.intensity_range).map(|channels| {
-            let normalized = |plane: &Plane<u16>| match settings.cost {
-                CostKind::NormalizedSad => reference::normalize(plane, settings.window),
-                _ => plane.clone(),
-            };
-            channels.iter().map(normalized).collect::<Vec<_>>()
-        });
-        reference::absolute_differences(&left, &right, candidates)
+        let levels @ [left, right] = &level_pair(views, settings.intensity_range);
+        match settings.cost {
+            CostKind::Phase => unreachable!("compared above"),
+            CostKind::Sad => reference::absolute_differences(left, right, candidates),
+            CostKind::NormalizedSad => {
+                let [left, right] = levels.each_ref().map(|channels| {
+                    let planes = channels.iter();
+                    planes.map(|p| reference::normalize(p, settings.window)).collect::<Vec<_>>()
+                });
+                reference::absolute_differences(&left, &right, candidates)
+            }
+            CostKind::Zncc => reference::zncc(left, right, candidates, settings.neighborhood),
+        }
     };
 
     Plane::from_fn(costs.rows(), costs.cols(), |y, place| {
@@ -237,12 +242,12 @@ pub fn matched(pair: &Pair, settings: &Settings) -> ResultBits {
     let unrelated = unrelated(pair, settings);
 
     let votes = found.map(|found| {
-        let elsewhere = if found.elsewhere == reference::NO_CANDIDATE {
+        let second_best = if found.second_best == reference::NO_CANDIDATE {
             unrelated
         } else {
-            Some(found.elsewhere)
+            Some(found.second_best)
         };
-        reference::vote(found.own, elsewhere, unit)
+        reference::vote(found.best, second_best, unit)
     });
 
     let (disparity, mut flags) = refined(pair, draft, &texture, settings);
@@ -384,7 +389,7 @@ fn drafted(
             .collect();
 
         let chosen: Vec<_> = row.iter().map(|found| found.chosen).collect();
-        let costs: Vec<_> = row.iter().map(|found| found.own).collect();
+        let costs: Vec<_> = row.iter().map(|found| found.best).collect();
         let choices = Choices { chosen: &chosen, costs: &costs, candidates };
 
         let flags = match settings.lr_check {
@@ -411,12 +416,12 @@ fn drafted(
     (disparity, flags)
 }
 
-/// The flag of a candidate whose cost is not lower than the least one elsewhere by so many percent.
+/// The flag of a candidate whose cost is not lower than the second-best one by `percent`.
 fn ambiguous(found: &PixelEvidence, percent: f64) -> u16 {
-    let least = f64::from(found.elsewhere) * (100.0 - percent);
-    let is_unique = percent == 0.0 || found.elsewhere == reference::NO_CANDIDATE;
+    let least = f64::from(found.second_best) * (100.0 - percent);
+    let is_unique = percent == 0.0 || found.second_best == reference::NO_CANDIDATE;
 
-    if !is_unique && f64::from(found.own) * 100.0 > least { flag::AMBIGUOUS } else { 0 }
+    if !is_unique && f64::from(found.best) * 100.0 > least { flag::AMBIGUOUS } else { 0 }
 }
 
 /// Disparities and flags, of the map as a whole.
@@ -437,7 +442,7 @@ fn refined(
     }
 
     if settings.guided_median {
-        disparity = reference::outline(&disparity, &texture.gray, false);
+        disparity = reference::guided_median(&disparity, &texture.gray, false);
     }
 
     if settings.median > 0 {
@@ -451,7 +456,7 @@ fn refined(
 
     if is_explained {
         disparity = synthesized(&disparity, pair, settings);
-        disparity = reference::outline(&disparity, &texture.gray, true);
+        disparity = reference::guided_median(&disparity, &texture.gray, true);
     }
 
     if settings.subpixel {

@@ -1,7 +1,8 @@
 //! Costs -> sums over a window; of shiftable windows the least of five sums (paper, section 2.3).
 //!
-//! A block of columns is worked through from the top down, all candidates of a pixel in neighboring lanes. The sums of
-//! each column over the rows of the window are updated from row to row, those over its columns from pixel to pixel:
+//! A block of columns is worked through from the top down, all candidates of a pixel in neighboring lanes.
+//! The sums of each column over the rows of the window are updated from row to row, those over its columns
+//! from pixel to pixel:
 //!
 //! ```text
 //! for line in lines of candidates:
@@ -12,19 +13,21 @@
 //!             aggregated[y][x][k] = sum[k]
 //! ```
 //!
-//! A line of candidates fills a line of the cache: 64 bytes, or 32 wider integers. Line by line the ring stays in the
-//! first-level cache, however many candidates there are, and every loop goes through arrays of one length.
+//! A line of candidates fills a line of the cache: 64 bytes, or 32 wider integers. Line by line the ring
+//! stays in the first-level cache, however many candidates there are, and every loop goes through arrays of
+//! one length.
 //!
-//! Beyond the image its edge rows and columns are repeated. A shiftable window takes the least of the sums at five
-//! places, so a ring of rows of sums is kept as well. Under masks the valid pixels of each window are counted by the same
-//! sums, and the mean of their costs stands for the whole window:
+//! Beyond the image its edge rows and columns are repeated. A shiftable window takes the least of the sums at
+//! five places, so a ring of rows of sums is kept as well. Under masks the valid pixels of each window are
+//! counted by the same sums, and the mean of their costs stands for the whole window:
 //!
 //! ```text
 //! aggregated[y][x][k] = sum[k] area / count[k], rounded, halves up
 //! ```
 //!
-//! Most masks leave most pixels and all of their candidates valid. Only near the columns of a block where they do not,
-//! counts are taken; elsewhere they would be the area of the window, and the mean times the area the sum itself.
+//! Most masks leave most pixels and all of their candidates valid. Only near the columns of a block where
+//! they do not, counts are taken; elsewhere they would be the area of the window, and the mean times the area
+//! the sum itself.
 
 use std::ops::Range;
 
@@ -36,8 +39,10 @@ use crate::base::memory::{Memory, RunMemory};
 use crate::base::plane::Plane;
 use crate::base::simd::{Level, Loop};
 use crate::base::value::{LANES, Lanes, Value, nearest};
+use crate::choices::{LARGEST_BYTE_SUM, LEAST_BYTE_SUM};
 use crate::cost::{Costs, Lines, line, steps_of};
 use crate::pair::candidates::{Candidates, Searched};
+use crate::pair::plan::{Plan, Stage};
 use crate::settings::{Precision, Settings};
 
 /// The window that costs are summed over, and the precision of the sums.
@@ -59,12 +64,14 @@ pub struct Window {
     pub dropped: u32,
 }
 
-/// Largest sum over a window at byte precision: two thirds of a byte, so that P2 fits as well. Where P2 does not fit but
-/// would with one bit less, that bit is dropped, too.
-const LARGEST_BYTE_SUM: u64 = 170;
+/// The sums of costs over windows.
+pub struct Aggregation;
 
-/// Least sum for which one further bit is dropped: below it costs would be too coarse.
-const LEAST_BYTE_SUM: u64 = 80;
+impl Stage for Aggregation {
+    fn reach(&self, plan: Plan) -> usize {
+        Window::new((1, 1), 1, plan.settings, 0).halo()
+    }
+}
 
 impl Window {
     /// The window of checked settings over the costs of a pair.
@@ -76,24 +83,30 @@ impl Window {
     ) -> Self {
         let Settings { window: side, shiftable, .. } = *settings;
         let exact = Self { rows, cols, candidates, side, shiftable, ceiling, dropped: 0 };
-        let coarser = |dropped| Self { dropped, ..exact };
 
         match settings.precision {
             Precision::Full => exact,
-            Precision::Byte => {
-                let is_small = |bits: &u32| coarser(*bits).largest_sum() <= LARGEST_BYTE_SUM;
-                let least = (0..u32::BITS).find(is_small).unwrap_or(0);
-
-                let fits = |bits: &u32| {
-                    let window = coarser(*bits);
-                    let p2 = settings.p2 * window.unit(steps_of(settings.cost));
-                    window.largest_sum() >= LEAST_BYTE_SUM
-                        && window.largest_sum() as f64 + p2.round() <= f64::from(u8::MAX)
-                };
-
-                coarser([least, least + 1].into_iter().find(fits).unwrap_or(least))
-            }
+            Precision::Byte => exact.rounded_to_bytes(settings.p2, steps_of(settings)),
         }
+    }
+
+    /// The window with sums that a byte holds: the fewest bits are dropped with which the largest sum is at
+    /// most [`LARGEST_BYTE_SUM`]. P2 is in units of the cost, which has `steps` steps to the unit. Where the
+    /// largest sum and P2 together do not fit a byte but would with one bit less, that bit is dropped, too,
+    /// unless the largest sum would fall below [`LEAST_BYTE_SUM`]. So the rounding of costs depends on P2.
+    pub fn rounded_to_bytes(self, p2: f64, steps: u16) -> Self {
+        let coarser = |dropped| Self { dropped, ..self };
+        let is_small = |bits: &u32| coarser(*bits).largest_sum() <= LARGEST_BYTE_SUM;
+        let least = (0..u32::BITS).find(is_small).unwrap_or(0);
+
+        let fits = |bits: &u32| {
+            let window = coarser(*bits);
+            let p2 = p2 * window.unit(steps);
+            window.largest_sum() >= LEAST_BYTE_SUM
+                && window.largest_sum() as f64 + p2.round() <= f64::from(u8::MAX)
+        };
+
+        coarser([least, least + 1].into_iter().find(fits).unwrap_or(least))
     }
 
     /// Pixels from the window's center to its side.
@@ -137,18 +150,19 @@ impl Window {
         self.largest_column().max(self.largest_sum()).max(support)
     }
 
-    /// Replaces sums by those over the whole window, from the numbers of valid pixels in it; without any, by the largest
-    /// there is.
+    /// Replaces sums by those over the whole window, from the numbers of valid pixels in it; without any, by
+    /// the largest there is.
     #[inline(always)]
     fn scale<V: Value, const L: usize>(&self, counts: &[V; L], sums: &mut [V; L]) {
         let area = f64::from(self.area());
         let largest = self.largest_sum() as f64;
-        // The mean rounded, halves up: fractions are multiples of 1 / count, so the next ones below a half stay below it.
+        // The mean rounded, halves up: fractions are multiples of 1 / count, so the next ones below a half
+        // stay below it.
         let tie = 0.25 / area;
 
-        // The loops have no closures, which might not be inlined, and so not be compiled for the level. Bits are dropped from
-        // the sum of each column, so the mean of a few may exceed the largest sum; without valid pixels it is NaN, which is
-        // not less than that.
+        // The loops have no closures, which might not be inlined, and so not be compiled for the level. Bits
+        // are dropped from the sum of each column, so the mean of a few may exceed the largest sum; without
+        // valid pixels it is NaN, which is not less than that.
         if largest * area < f64::from(1 << 20) {
             // Registers have more lanes of single precision, whose roundings are less than `tie` here.
             let (area, largest, tie) = (area as f32, largest as f32, tie as f32);
@@ -174,13 +188,14 @@ fn nearest_below_2_22(value: f32) -> u32 {
     (value + 1.5 * (1u32 << 23) as f32).to_bits() & ((1 << 22) - 1)
 }
 
-/// Places left free after each row of a strip: rows of a power of two of bytes share few sets of the first-level cache.
+/// Places left free after each row of a strip: rows of a power of two of bytes share few sets of the
+/// first-level cache.
 pub const GAP: usize = 1;
 
 /// Pixels whose costs are aggregated together.
 ///
-/// Their values lie in strips of columns, and in each strip row by row: see [`Self::place`]. Strips lie one after another,
-/// or in a ring, in which the last ones of one block may be the first ones of the next.
+/// Their values lie in strips of columns, and in each strip row by row: see [`Self::place`]. Strips lie one
+/// after another, or in a ring, in which the last ones of one block may be the first ones of the next.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct PixelBlock {
     /// Rows of the images.
@@ -202,7 +217,7 @@ impl PixelBlock {
         Self { rows, columns, strip, ring, first: 0 }
     }
 
-    /// The same block with its strips in a ring of so many, from place `first` on.
+    /// The same block with its strips in a ring of `ring` places, from place `first` on.
     pub fn in_ring(self, ring: usize, first: usize) -> Self {
         Self { ring, first: first % ring, ..self }
     }
@@ -250,7 +265,7 @@ impl PixelBlock {
 #[derive(Debug, Default)]
 pub struct Aggregator<V> {
     windows: Windows<V>,
-    /// A ring of rows of sums, for shiftable windows: as many rows as a window has.
+    /// A ring of rows of sums, for shiftable windows: the rows of a window.
     boxes: Memory<V>,
 }
 
@@ -268,8 +283,8 @@ struct Windows<V> {
 }
 
 impl<V: Value> Aggregator<V> {
-    /// Writes the aggregated costs of a block into its places, the searched candidates of a pixel in neighboring lanes, and
-    /// [`Value::FAR`] beyond the last one.
+    /// Writes the aggregated costs of a block into its places, the searched candidates of a pixel in
+    /// neighboring lanes, and [`Value::FAR`] beyond the last one.
     pub fn aggregate(
         &mut self,
         costs: &Costs,
@@ -309,7 +324,7 @@ impl<V: Value> Aggregator<V> {
 }
 
 impl<V: Value> Windows<V> {
-    /// Sizes all buffers for some columns and candidates, in so many lanes.
+    /// Sizes all buffers for some columns, candidates and lanes.
     fn begin(
         &mut self,
         window: Window,
@@ -329,7 +344,8 @@ impl<V: Value> Windows<V> {
         self.counts.resize(longest * line.1)
     }
 
-    /// Finds the columns around a block whose windows have an invalid pixel, or one of an invalid candidate, in some row.
+    /// Finds the columns around a block whose windows have an invalid pixel, or one of an invalid candidate,
+    /// in some row.
     fn find_stretches(&mut self, costs: &Costs, window: Window, block: &PixelBlock) {
         self.stretches.clear();
         let Some(validity) = costs.validity() else { return };
@@ -367,7 +383,8 @@ impl<V: Value> Windows<V> {
         }
     }
 
-    /// Writes the sums over the windows of some columns of the row, scaled to the valid pixels where there are others.
+    /// Writes the sums over the windows of some columns of the row, scaled to the valid pixels where there
+    /// are others.
     #[inline(always)]
     fn write_row<const L: usize>(&mut self, columns: Range<usize>, out: &mut Lines<V, L>) {
         let Self { costs, validity, stretches, counts } = self;
@@ -415,8 +432,8 @@ impl<V: Value, const L: usize> Aggregate<'_, V, L> {
         }
     }
 
-    /// Writes the least sum of the five windows of each pixel. Each row's sums stay in the ring as long as a window is
-    /// shifted to them.
+    /// Writes the least sum of the five windows of each pixel. Each row's sums stay in the ring as long as a
+    /// window is shifted to them.
     #[inline(always)]
     fn shifted(self) {
         let Self { aggregator: Aggregator { windows, boxes }, costs, window, block, mut out } =
@@ -450,8 +467,8 @@ impl<V: Value, const L: usize> Aggregate<'_, V, L> {
     }
 }
 
-/// Writes the least of the sums at five places for some columns: here, above, below, left and right. The rows of sums begin
-/// with column `first`.
+/// Writes the least of the sums at five places for some columns: here, above, below, left and right. The rows
+/// of sums begin with column `first`.
 #[inline(always)]
 fn write_least<V: Value, const L: usize>(
     [here, above, below]: [&[[V; L]]; 3],
@@ -490,7 +507,7 @@ fn pad<V: Value, const L: usize>(out: &mut Lines<V, L>, searched: Searched) {
     }
 }
 
-/// What is summed over windows: costs, or 1 where they are valid.
+/// The summands of windows: costs, or 1 where they are valid.
 #[derive(Debug, Clone, Copy)]
 enum Summed {
     Costs,
@@ -520,19 +537,19 @@ struct BoxSums<V> {
     searched: Searched,
     /// The columns of the block and its halo, within the image.
     around: Range<usize>,
-    /// How many columns of the halo lie beyond the image, on the left.
+    /// Columns of the halo that lie beyond the image, on the left.
     beyond: usize,
     /// The row on which the window is centered.
     center: Option<usize>,
     /// Costs of the rows of the window and of the one that has just left it: a ring.
     rows: Memory<V>,
-    /// Their sums over the rows of the window, for each column. Beyond the image its edge columns are repeated, so the halo
-    /// is complete.
+    /// Their sums over the rows of the window, for each column. Beyond the image its edge columns are
+    /// repeated, so the halo is complete.
     columns: Memory<V>,
 }
 
 impl<V: Value> BoxSums<V> {
-    /// Sizes the buffers for some columns and candidates, in so many lanes, before the first row.
+    /// Sizes the buffers for some columns, candidates and lanes, before the first row.
     fn begin(
         &mut self,
         window: Window,
@@ -607,7 +624,7 @@ impl<V: Value> BoxSums<V> {
     }
 }
 
-/// Writes the sums over neighboring windows of so many columns, each column without its lowest bits.
+/// Writes the sums over neighboring windows of `side` columns, each column without its lowest bits.
 #[inline(always)]
 fn sum_windows<V: Value, const L: usize>(
     columns: &[[V; L]],

@@ -11,7 +11,7 @@ pub struct Validity<'a> {
     masks: [Option<&'a Mask>; 2],
     width: usize,
     candidates: Candidates,
-    /// Where the left pixel and all of its candidates are valid: nearly everywhere, under usual masks.
+    /// Whether the left pixel and all of its candidates are valid: nearly everywhere, under usual masks.
     whole: Plane<bool>,
 }
 
@@ -43,7 +43,7 @@ impl<'a> Validity<'a> {
         !self.is_masked(y, x) && self.masks[1].is_none_or(|mask| mask.row(y)[column])
     }
 
-    /// Where the pixels of row `y` and all of their candidates are valid.
+    /// Whether each pixel of row `y` and all of its candidates are valid.
     pub fn whole(&self, y: usize) -> &[bool] {
         self.whole.row(y)
     }

@@ -30,7 +30,7 @@ pub struct MapBand<'a> {
 }
 
 impl DraftMap {
-    /// A map of zeros, of so many rows and columns.
+    /// A map of zeros of this size.
     pub fn new((rows, cols): (usize, usize), with_votes: bool) -> Result<Self> {
         Ok(Self {
             disparity: Plane::new(rows, cols)?,

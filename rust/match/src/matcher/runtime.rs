@@ -1,4 +1,4 @@
-//! What an estimation and a whole match are carried out with.
+//! The matcher, threads and control of an estimation and a whole match.
 
 use crate::base::control::Control;
 use crate::matcher::{Execution, Matcher};

@@ -1,7 +1,8 @@
 //! Rows of a pair that are matched by themselves.
 //!
-//! Nothing that a match computes depends on which other rows are wanted. So rows equal those of the whole pair if the
-//! part at hand holds their halo: [`crate::matcher::halo::Halo::rows`] on either side, as far as the image has them.
+//! Nothing that a match computes depends on which other rows are wanted. So rows equal those of the whole
+//! pair if the part at hand holds their halo: [`crate::matcher::halo::Halo::rows`] on either side, as far as
+//! the image has them.
 
 use std::ops::Range;
 
@@ -11,7 +12,8 @@ use crate::optimization::panel_ranges::PanelRanges;
 use crate::pair::Pair;
 use crate::refinement::calibration::Tally;
 
-/// Rows of a pair that are matched by themselves, and what refers to the whole pair that this one is a part of.
+/// Rows of a pair that are matched by themselves, and what refers to the whole pair that this one is a part
+/// of.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Section {
     /// The rows.

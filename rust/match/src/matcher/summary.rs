@@ -1,4 +1,4 @@
-//! Statistics of a whole disparity map, which say whether to trust the match.
+//! Statistics of a whole disparity map, which indicate whether to trust the match.
 
 use crate::base::plane::Plane;
 use crate::base::simd::{Level, Loop, whole};
@@ -21,8 +21,8 @@ pub struct Summary {
     pub at_high: f64,
     /// Mean confidence; NaN if no confidence was computed.
     pub confidence: f64,
-    /// Estimated share of the pixels with an estimate whose disparity is off by more than 1 px: what their mean confidence
-    /// lacks to 1, or without confidences that of some rows. NaN where nothing is known.
+    /// Estimated share of the pixels with an estimate whose disparity is off by more than 1 px: what their
+    /// mean confidence lacks to 1, or without confidences that of some rows. NaN where nothing is known.
     pub wrong: f64,
     /// Share whose disparity is that of a smaller copy.
     pub coarse: f64,

@@ -1,11 +1,13 @@
-//! Where the gray values of the left image jump from one pixel to the next: disparities may jump there, too, so P2 is
-//! lower (adaptive P2; Hirschmüller, PAMI 2008, section 2.2).
+//! Where the gray values of the left image jump from one pixel to the next: disparities may jump there, too,
+//! so P2 is lower (adaptive P2; Hirschmüller, PAMI 2008, section 2.2).
 
 use crate::base::control::Control;
 use crate::base::error::Result;
 use crate::base::plane::Plane;
 use crate::base::simd::{Level, Loop};
+use crate::choices::LARGE_JUMP;
 use crate::image::texture::Texture;
+use crate::pair::plan::{Bytes, Demand, Plan, Stage};
 use crate::settings::Settings;
 
 /// Rows that are classified together.
@@ -21,7 +23,7 @@ pub enum Neighbor {
 }
 
 impl Neighbor {
-    /// How large the jump from this neighbor is: 0 none, 1 small, 2 large.
+    /// The size of the jump from this neighbor: 0 none, 1 small, 2 large.
     #[inline(always)]
     pub fn jump(self, edges: u8) -> u8 {
         edges >> (2 * self as u8) & 3
@@ -32,9 +34,25 @@ impl Neighbor {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Edges(Plane<u8>);
 
+/// The gray values of the left image, and their jumps.
+pub struct TextureAndEdges;
+
+impl Stage for TextureAndEdges {
+    fn reach(&self, _: Plan) -> usize {
+        // Gray values are compared with those of the row above.
+        1
+    }
+
+    fn bytes(&self, demand: &Demand) -> Bytes {
+        let pixel = size_of::<i32>() + size_of::<u8>();
+        Bytes { read: pixel * demand.cols, ..Bytes::default() }
+    }
+}
+
 impl Edges {
-    /// A jump is small where it is larger than the mean difference of horizontal neighbors times `threshold`, in whole
-    /// steps, and large where it is larger than thrice that. The mean makes it independent of the contrast and the unit.
+    /// A jump is small where it is larger than the mean difference of horizontal neighbors times `threshold`,
+    /// in whole steps, and large where it is larger than [`LARGE_JUMP`] times that. The mean makes it
+    /// independent of the contrast and the unit.
     pub fn new(texture: &Texture, threshold: f64, level: Level, control: &Control) -> Result<Self> {
         let gray = &texture.gray;
         let (rows, cols) = (gray.rows(), gray.cols());
@@ -55,7 +73,7 @@ impl Edges {
         Ok(Self(classes))
     }
 
-    /// The jumps in an image, if the settings lower P2 at them; else no jumps in any row of so many columns.
+    /// The jumps in an image, if the settings lower P2 at them; else rows of `cols` columns without jumps.
     pub fn asked_for(
         texture: Option<&Texture>,
         settings: &Settings,
@@ -71,7 +89,7 @@ impl Edges {
         }
     }
 
-    /// No jumps in any row of so many columns.
+    /// Rows of `cols` columns without jumps.
     pub fn nowhere(cols: usize) -> Result<Self> {
         Ok(Self(Plane::new(1, cols)?))
     }
@@ -108,7 +126,7 @@ impl Loop for Classify<'_> {
 /// Writes the class of the difference from one neighbor into the bits of that neighbor.
 #[inline(always)]
 fn mark(edges: &mut [u8], here: &[i32], there: &[i32], small: u32, neighbor: Neighbor) {
-    let large = small.saturating_mul(3);
+    let large = small.saturating_mul(LARGE_JUMP);
 
     for ((edges, a), b) in edges.iter_mut().zip(here).zip(there) {
         let difference = a.abs_diff(*b);

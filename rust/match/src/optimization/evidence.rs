@@ -1,5 +1,5 @@
-//! The chosen candidates of a band of rows, and the evidence for and against each: its cost, the least cost elsewhere,
-//! and the sub-pixel offset.
+//! The chosen candidates of a band of rows, and the evidence for and against each: its cost, the second-best
+//! cost, and the sub-pixel offset.
 
 use crate::base::error::Result;
 use crate::base::memory::Memory;
@@ -13,8 +13,8 @@ pub const NONE: u32 = u32::MAX;
 pub struct Evidence {
     cols: usize,
     chosen: Memory<u16>,
-    own: Memory<u32>,
-    elsewhere: Memory<u32>,
+    best: Memory<u32>,
+    second_best: Memory<u32>,
     offset: Memory<f32>,
 }
 
@@ -24,9 +24,10 @@ pub struct EvidenceRow<'a> {
     /// Indices of the chosen candidates.
     pub chosen: &'a [u16],
     /// Their costs.
-    pub own: &'a [u32],
-    /// The least costs of candidates not next to the chosen ones, which see the same match. [`NONE`]: no such candidate.
-    pub elsewhere: &'a [u32],
+    pub best: &'a [u32],
+    /// The second-best costs: the least ones of candidates not next to the chosen ones, which see the same
+    /// match. [`NONE`]: no such candidate.
+    pub second_best: &'a [u32],
     /// Sub-pixel offsets of the matches from the chosen candidates, pixels.
     pub offset: &'a [f32],
 }
@@ -34,7 +35,7 @@ pub struct EvidenceRow<'a> {
 impl EvidenceRow<'_> {
     /// The chosen candidates alone.
     pub fn bare(self) -> Self {
-        Self { own: &[], elsewhere: &[], offset: &[], ..self }
+        Self { best: &[], second_best: &[], offset: &[], ..self }
     }
 }
 
@@ -45,8 +46,8 @@ impl Evidence {
         self.chosen.resize(rows * cols)?;
 
         let weighed = if is_weighed { rows * cols } else { 0 };
-        self.own.resize(weighed)?;
-        self.elsewhere.resize(weighed)?;
+        self.best.resize(weighed)?;
+        self.second_best.resize(weighed)?;
         self.offset.resize(weighed)
     }
 
@@ -62,26 +63,26 @@ impl Evidence {
         let place = row * self.cols + first;
 
         write(&mut self.chosen[place..], found.chosen);
-        write(&mut self.own[place..], found.own);
-        write(&mut self.elsewhere[place..], found.elsewhere);
+        write(&mut self.best[place..], found.best);
+        write(&mut self.second_best[place..], found.second_best);
         write(&mut self.offset[place..], found.offset);
     }
 
     /// The evidence of a row; beside the chosen candidates empty unless the band is weighed.
     pub fn row(&self, row: usize) -> EvidenceRow<'_> {
         let places = row * self.cols..(row + 1) * self.cols;
-        let weighed = if self.own.is_empty() { 0..0 } else { places.clone() };
+        let weighed = if self.best.is_empty() { 0..0 } else { places.clone() };
 
         EvidenceRow {
             chosen: &self.chosen[places],
-            own: &self.own[weighed.clone()],
-            elsewhere: &self.elsewhere[weighed.clone()],
+            best: &self.best[weighed.clone()],
+            second_best: &self.second_best[weighed.clone()],
             offset: &self.offset[weighed],
         }
     }
 }
 
-/// Writes values, mostly as many as are selected together: these are copied in registers, without a call.
+/// Writes values. Most calls have `ROWS` of them, which are copied in registers, without a call.
 #[inline(always)]
 fn write<V: Copy>(out: &mut [V], values: &[V]) {
     match (<&[V; ROWS]>::try_from(values), out.first_chunk_mut()) {

@@ -1,7 +1,7 @@
 //! Dynamic programming along rows under the ordering constraint (paper, section 2.3).
 //!
-//! From a pixel to the next the disparity stays, rises by one at a penalty of P1, or drops to any smaller one at a penalty
-//! of P2: the right coordinate `x - d` must not run backwards.
+//! From a pixel to the next the disparity stays, rises by one at a penalty of P1, or drops to any smaller one
+//! at a penalty of P2: the right coordinate `x - d` must not run backwards.
 //!
 //! ```text
 //! D(x, k) = C(x, k) + min(D(x-1, k),                      # it stayed
@@ -9,14 +9,16 @@
 //!                         min over i > k of D(x-1, i) + P2)    # it dropped
 //! ```
 //!
-//! The path is traced back from the least total at the last pixel. Among equal totals staying wins, then the smaller origin.
+//! The path is traced back from the least total at the last pixel. Among equal totals staying wins, then the
+//! smaller origin.
 //!
-//! The minimum over `i > k` runs from the largest candidate down, so there is nothing to do at once within a row. But rows
-//! do not depend on one another: [`ROWS`] of them are neighboring lanes. Costs have neighboring candidates, so they are
-//! transposed, a run of candidates of all rows at a time.
+//! The minimum over `i > k` runs from the largest candidate down, so there is nothing to do at once within a
+//! row. But rows do not depend on one another: [`ROWS`] of them are neighboring lanes. Costs have neighboring
+//! candidates, so they are transposed, a run of candidates of all rows at a time.
 //!
-//! Of each total a byte is kept: whether it stayed, rose or dropped, and whether its predecessor `D(x-1, k)` is no larger
-//! than those of all larger candidates. What dropped to `k` came from the first such candidate above `k`.
+//! Of each total a byte is kept: whether it stayed, rose or dropped, and whether its predecessor `D(x-1, k)`
+//! is no larger than those of all larger candidates. What dropped to `k` came from the first such candidate
+//! above `k`.
 
 use crate::base::control::Control;
 use crate::base::error::Result;
@@ -29,7 +31,7 @@ use crate::optimization::penalties::{LARGEST_SUMMED_PENALTY, Penalties};
 /// Rows whose paths are found together: a power of two.
 pub const ROWS: usize = 16;
 
-/// How a total came about: by a rise, by a drop, or else it stayed.
+/// Origins of a total: a rise, a drop, or else the same candidate.
 const ROSE: u8 = 1;
 const DROPPED: u8 = 2;
 /// Set beside it where the total before is no larger than those of all larger candidates.
@@ -38,17 +40,19 @@ const LEAST: u8 = 4;
 /// Chooses candidates for a few rows at a time; its buffers are reused.
 #[derive(Debug, Default)]
 pub struct Ordered {
-    /// The totals of each candidate, of all rows, after a place that nothing rises from; in the integers that hold them.
+    /// The totals of each candidate, of all rows, after a place that nothing rises from; in the integers that
+    /// hold them.
     narrow: Memory<u32>,
     wide: Memory<u64>,
-    /// How each total came about: candidate by candidate of one pixel after another, of all rows.
+    /// The origin of each total: candidate by candidate of one pixel after another, of all rows.
     origins: Memory<u8>,
     /// The candidate chosen for each pixel, row by row.
     chosen: Memory<u16>,
 }
 
 impl Ordered {
-    /// Chooses candidates for the pixels of up to [`ROWS`] whole rows, from their aggregated costs; row after row.
+    /// Chooses candidates for the pixels of up to [`ROWS`] whole rows, from their aggregated costs; row after
+    /// row.
     pub fn choose<V: Value>(
         &mut self,
         (block, costs): (&PixelBlock, &[Lanes<V>]),
@@ -62,7 +66,8 @@ impl Ordered {
 
         let Self { narrow, wide, origins, chosen } = self;
         let pass = Pass { block, costs, candidates, penalties };
-        // A path that stays costs no more than all of its pixels, so no least total does, and none but by a penalty.
+        // A path that stays costs no more than all of its pixels, so no least total does, and none but by a
+        // penalty.
         let largest = (V::LARGEST_TOTAL.saturating_mul(cols as u64 + 1))
             .saturating_add(2 * LARGEST_SUMMED_PENALTY);
         let last = if largest <= u32::MAX.into() {
@@ -112,7 +117,7 @@ macro_rules! impl_total {
 impl_total!(u32);
 impl_total!(u64);
 
-/// What paths are found in.
+/// The costs of a block, in which paths are found.
 #[derive(Clone, Copy)]
 struct Pass<'a, V> {
     block: &'a PixelBlock,
@@ -122,7 +127,8 @@ struct Pass<'a, V> {
 }
 
 impl<V: Value> Pass<'_, V> {
-    /// Finds the totals at the last pixel of all rows, and how each total came about; returns the first least candidates.
+    /// Finds the totals at the last pixel of all rows, and how each total came about; returns the first least
+    /// candidates.
     fn forward<W: Total>(
         self,
         totals: &mut Memory<W>,
@@ -185,7 +191,7 @@ struct Extend<'a, V, W> {
     /// P1 and P2.
     penalties: [W; 2],
     totals: &'a mut [[W; ROWS]],
-    /// How the totals of the strip come about.
+    /// The origins of the totals of the strip, to be written.
     origins: &'a mut [[u8; ROWS]],
 }
 
@@ -268,8 +274,9 @@ fn lesser<W: Total>(mut values: [W; ROWS], others: [W; ROWS]) -> [W; ROWS] {
 
 /// Runs of candidates of all rows -> all rows of each candidate, in the same place.
 ///
-/// A place has a number of 9 bits, those of the row before those of the candidate. Interleaving both halves of all places
-/// moves the highest bit behind the others, so as often as a row has bits, they are behind those of the candidate.
+/// A place has a number of 9 bits, those of the row before those of the candidate. Interleaving both halves
+/// of all places moves the highest bit behind the others, so as often as a row has bits, they are behind
+/// those of the candidate.
 #[inline(always)]
 fn transpose<V: Value>(rows: &mut [Lanes<V>; ROWS], spare: &mut [Lanes<V>; ROWS]) {
     for _ in 0..ROWS.ilog2() / 2 {

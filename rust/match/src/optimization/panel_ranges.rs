@@ -1,17 +1,14 @@
-//! The candidates that are searched in each panel of each band, where a match of a smaller copy has narrowed them.
+//! The candidates that are searched in each panel of each band, where a match of a smaller copy has narrowed
+//! them.
 //!
-//! A panel is matched as if all other candidates cost more than any: in its look-ahead, too, so it depends on no other
-//! panel but by its paths from the left. At a panel's first pixel a path comes from a candidate that both panels have, by a
-//! step, or by a jump from the least total of all before.
+//! A panel is matched as if all other candidates cost more than any: in its look-ahead, too, so it depends on
+//! no other panel but by its paths from the left. At a panel's first pixel a path comes from a candidate that
+//! both panels have, by a step, or by a jump from the least total of all before.
 
 use std::ops::Range;
 
+use crate::choices::{BAND, PANEL};
 use crate::pair::candidates::Searched;
-
-/// Rows of a band.
-pub const BAND: usize = 64;
-/// Columns of a panel.
-pub const PANEL: usize = 64;
 
 /// The candidates of all panels of a whole image.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -23,7 +20,8 @@ pub struct PanelRanges {
 }
 
 impl PanelRanges {
-    /// Those that `searched` finds, for an image of this size, by the rows and columns of each panel.
+    /// The candidates that `searched` returns for the rows and columns of each panel of an image of this
+    /// size.
     pub fn new(
         (rows, cols): (usize, usize),
         searched: impl Fn([Range<usize>; 2]) -> Searched,

@@ -1,5 +1,5 @@
-//! Path aggregation of semi-global matching: one step of a path, and the horizontal and vertical passes through a panel
-//! (Hirschmüller, PAMI 2008, equation 13).
+//! Path aggregation of semi-global matching: one step of a path, and the horizontal and vertical passes
+//! through a panel (Hirschmüller, PAMI 2008, equation 13).
 //!
 //! A path goes from pixel to pixel `p-1`, `p`, ...; the total of candidate `k` at pixel `p` is
 //!
@@ -11,18 +11,19 @@
 //!
 //! The last term keeps totals below the largest cost plus P2, so most fit a byte.
 //!
-//! All candidates of a pixel are neighboring lanes. The totals of a path lie between two runs of [`Value::FAR`], so
-//! those of `k-1` and `k+1` are unaligned loads that need no check at either end:
+//! All candidates of a pixel are neighboring lanes. The totals of a path lie between two runs of
+//! [`Value::FAR`], so those of `k-1` and `k+1` are unaligned loads that need no check at either end:
 //!
 //! ```text
 //! FAR ... FAR | L(p-1, 0) L(p-1, 1) ... | FAR ... FAR
 //! ```
 //!
-//! The pixels of a panel lie in strips of [`STRIP`] columns, and in each row by row ([`PixelBlock::place`]). So sixteen
-//! pixels of a row are neighbors, and the next row of the strip follows them: paths along columns stay on few pages, too.
+//! The pixels of a panel lie in strips of [`STRIP`] columns, and in each row by row ([`PixelBlock::place`]).
+//! So sixteen pixels of a row are neighbors, and the next row of the strip follows them: paths along columns
+//! stay on few pages, too.
 //!
-//! A step has to wait for the minimum of the one before. To keep the processor busy meanwhile, sixteen paths are extended
-//! in turn, along neighboring rows or columns.
+//! A step has to wait for the minimum of the one before. To keep the processor busy meanwhile, sixteen paths
+//! are extended in turn, along neighboring rows or columns.
 
 use std::ops::Range;
 
@@ -30,16 +31,17 @@ use crate::base::error::Result;
 use crate::base::memory::{LINE, Memory, RunMemory};
 use crate::base::simd::{Loop, fetch};
 use crate::base::value::{LANES, Lanes, Rows, Value};
+use crate::choices::PANEL;
 use crate::cost::aggregation::{GAP, PixelBlock};
 use crate::optimization::edges::{Edges, Neighbor};
 use crate::optimization::evidence::Evidence;
-use crate::optimization::panel_ranges::PANEL;
 use crate::optimization::penalties::Penalties;
 use crate::optimization::selection::{PIXELS, Selection};
 use crate::pair::candidates::Searched;
 
-/// Columns of a strip: the values of a panel lie in memory strip after strip, and in each strip row by row. So paths along
-/// columns go through neighboring memory, too, not from page to page, and take 2 to 4 % less time.
+/// Columns of a strip: the values of a panel lie in memory strip after strip, and in each strip row by row.
+/// So paths along columns go through neighboring memory, too, not from page to page, and take 2 to 4 % less
+/// time.
 pub const STRIP: usize = PIXELS;
 /// Places from one row of a strip to the next: [`PixelBlock::stride`].
 pub const STRIDE: usize = STRIP + GAP;
@@ -54,8 +56,9 @@ pub struct AdaptivePenalties<T> {
 impl<T: Value> AdaptivePenalties<T> {
     /// The penalties in the integers of the totals.
     pub fn new(penalties: Penalties) -> Self {
+        let [whole, half, third] = penalties.adaptive_p2().map(T::truncated);
         // Jumps are 0 to 2; a fourth entry spares the check of an index of two bits.
-        let p2 = [1, 2, 3, 3].map(|part| T::truncated((penalties.p2 / part).max(penalties.p1)));
+        let p2 = [whole, half, third, third];
 
         Self { p1: T::truncated(penalties.p1), p2 }
     }
@@ -137,7 +140,7 @@ const fn span(runs: usize) -> usize {
 }
 
 impl<T: Value> Paths<T> {
-    /// Sizes the buffers for so many runs of candidates and restarts all paths.
+    /// Sizes the buffers for `runs` of candidates and restarts all paths.
     fn begin(&mut self, runs: usize) -> Result<()> {
         self.totals.resize(2 * STRIP * span(runs))?;
         self.totals.fill(T::FAR);
@@ -156,8 +159,8 @@ impl<T: Value> Paths<T> {
         }
     }
 
-    /// Takes up as many paths where they were left: `totals`, with places for so many runs each, and their `least`, of rows
-    /// from `first` on.
+    /// Continues `paths` of rows from `first` on where they were left: `totals`, with places for `most` runs
+    /// each, and their `least`.
     #[inline(always)]
     fn restore(
         &mut self,
@@ -179,7 +182,7 @@ impl<T: Value> Paths<T> {
         }
     }
 
-    /// Keeps the state of as many paths, for [`Self::restore`].
+    /// Keeps the state of `paths`, for [`Self::restore`].
     #[inline(always)]
     fn save(
         &mut self,
@@ -201,8 +204,8 @@ impl<T: Value> Paths<T> {
         }
     }
 
-    /// Extends as many paths as have costs to their next pixels, which have these values of P2, these costs, and sinks for
-    /// the totals.
+    /// Extends the paths that have costs to their next pixels, which have these values of P2, these costs,
+    /// and sinks for the totals.
     #[inline(always)]
     fn extend<'c>(
         &mut self,
@@ -225,8 +228,9 @@ impl<T: Value> Paths<T> {
             let here = &mut here.as_chunks_mut::<LANES>().0[1..][..runs];
             let costs = &costs[..runs];
 
-            // The recurrence of the module, a run of candidates at a time; `k-1` and `k+1` share the addition of P1. P2 meets
-            // what exceeds the least total, so that nothing waits for the least totals of all paths.
+            // The recurrence of the module, a run of candidates at a time; `k-1` and `k+1` share the addition
+            // of P1. P2 meets what exceeds the least total, so that nothing waits for the least totals of all
+            // paths.
             let mut lanes = [T::FAR; LANES];
             for run in 0..runs {
                 let mut totals = [T::default(); LANES];
@@ -251,7 +255,7 @@ impl<T: Value> Paths<T> {
     }
 }
 
-/// Where the totals of a pixel go, one run of candidates after another.
+/// Takes the totals of a pixel, one run of candidates after another.
 trait Sink<T> {
     fn take(&mut self, run: usize, totals: Lanes<T>);
 
@@ -272,13 +276,13 @@ impl<T> Sink<T> for Discard {
     fn take(&mut self, _: usize, _: Lanes<T>) {}
 }
 
-/// As many as there are paths.
+/// One for each path.
 #[inline(always)]
 fn discards() -> impl Iterator<Item = Discard> {
     [(); STRIP].iter().map(|()| Discard)
 }
 
-/// Writes the totals of a pixel; the path's next one lies so many pixels further.
+/// Writes the totals of a pixel; the path's next one lies this number of pixels further.
 struct StoreTotals<'a, T>(&'a mut [Lanes<T>], isize);
 
 impl<T: Value> Sink<T> for StoreTotals<'_, T> {
@@ -289,7 +293,8 @@ impl<T: Value> Sink<T> for StoreTotals<'_, T> {
     }
 }
 
-/// Replaces the totals that are there by their mean with the new ones, rounded up; the path's next pixel follows.
+/// Replaces the totals that are there by their mean with the new ones, rounded up; the path's next pixel
+/// follows.
 struct AverageTotals<'a, T>(&'a mut [Lanes<T>]);
 
 impl<T: Value> Sink<T> for AverageTotals<'_, T> {
@@ -302,8 +307,8 @@ impl<T: Value> Sink<T> for AverageTotals<'_, T> {
     }
 }
 
-/// Asks for the same run of the pixel so many pixels further, once for each line of the cache. Without that, paths wait for
-/// the places where their totals go; costs a processor fetches ahead by itself.
+/// Asks for the same run of the pixel `pixels` further, once for each line of the cache. Without that, paths
+/// wait for the places where their totals go; costs a processor fetches ahead by itself.
 #[inline(always)]
 fn fetch_next<T>(lanes: &[Lanes<T>], run: usize, pixels: isize) {
     if (run * size_of::<Lanes<T>>()).is_multiple_of(LINE) {
@@ -316,7 +321,8 @@ fn fetch_next<T>(lanes: &[Lanes<T>], run: usize, pixels: isize) {
 #[derive(Debug, Default)]
 pub struct Horizontal<T: Value> {
     paths: Paths<T>,
-    /// Totals of the paths from the left at the last column of the previous panel, row by row: places for `most` runs.
+    /// Totals of the paths from the left at the last column of the previous panel, row by row: places for
+    /// `most` runs.
     left: Memory<T>,
     most: usize,
     /// The least total of each of these rows.
@@ -328,7 +334,7 @@ pub struct Horizontal<T: Value> {
 }
 
 impl<T: Value> Horizontal<T> {
-    /// Starts a band of so many rows: every path from the left restarts, and no panel has more than `most` runs.
+    /// Starts a band of `rows`: every path from the left restarts, and no panel has more than `most` runs.
     pub fn begin(&mut self, rows: usize, most: usize) -> Result<()> {
         self.most = most;
         self.left.resize(rows * most * LANES)?;
@@ -341,8 +347,8 @@ impl<T: Value> Horizontal<T> {
         self.p2.resize((PANEL + 2 * STRIP) * STRIP)
     }
 
-    /// Goes on with other candidates than those `before`. Paths from the left reach those that were not searched only by a
-    /// jump, and keep nothing but the least total of those that are not searched any more.
+    /// Goes on with other candidates than those `before`. Paths from the left reach those that were not
+    /// searched only by a jump, and keep nothing but the least total of those that are not searched any more.
     pub fn search(&mut self, before: Option<Searched>, searched: Searched) -> Result<()> {
         if let Some(before) = before {
             let (ends, width) = (before.runs() * LANES, searched.runs() * LANES);
@@ -421,8 +427,8 @@ fn row_of_mut<V>(values: &mut [V], row: usize, width: usize) -> &mut [V] {
     &mut values[row * width..(row + 1) * width]
 }
 
-/// The horizontal paths through a panel: those from the right start in the look-ahead, those from the left go on from the
-/// previous panel.
+/// The horizontal paths through a panel: those from the right start in the look-ahead, those from the left go
+/// on from the previous panel.
 #[derive(Debug)]
 pub struct HorizontalPass<'a, T: Value> {
     /// State of the paths.
@@ -486,8 +492,8 @@ impl<T: Value> HorizontalPass<'_, T> {
 
         paths.restart(runs);
         for (strip, columns) in seen.strips().enumerate().rev() {
-            // Pixel `x + 1` holds the jump between `x` and `x + 1`. At its first pixel a path has no jump to its right: all
-            // totals before it are 0, so any penalty does.
+            // Pixel `x + 1` holds the jump between `x` and `x + 1`. At its first pixel a path has no jump to
+            // its right: all totals before it are 0, so any penalty does.
             let p2 = &p2.as_chunks::<STRIP>().0[strip * STRIP + 1..];
             let costs = strip_rows(panel.costs, seen, (strip, &rows), runs);
 
@@ -508,7 +514,8 @@ impl<T: Value> HorizontalPass<'_, T> {
         }
     }
 
-    /// Paths from the left, which go right, along a few rows: on from where they were at the end of the previous panel.
+    /// Paths from the left, which go right, along a few rows: on from where they were at the end of the
+    /// previous panel.
     #[inline(always)]
     fn rightward(&mut self, rows: Range<usize>, runs: usize) {
         let Self { horizontal, panel, smoothness } = self;
@@ -559,7 +566,7 @@ pub struct Vertical<T: Value> {
 }
 
 impl<T: Value> Vertical<T> {
-    /// Sizes the buffers for a band of so many rows, of which no panel has more than `most` runs.
+    /// Sizes the buffers for a band of `rows`, of which no panel has more than `most` runs.
     pub fn begin(&mut self, rows: usize, most: usize) -> Result<()> {
         self.below.resize(rows * STRIP * most)?;
         self.sums.resize(STRIP * most)
@@ -584,7 +591,7 @@ pub struct VerticalPass<'a, T: Value> {
     pub smoothness: Smoothness<'a, T>,
     /// Selects the candidates by all four paths.
     pub selection: &'a mut Selection<T>,
-    /// What was found about the rows of the band.
+    /// The evidence of the rows of the band.
     pub evidence: &'a mut Evidence,
 }
 
@@ -626,8 +633,8 @@ impl<T: Value> VerticalPass<'_, T> {
 
         paths.restart(runs);
         for y in (rows.start..=last).rev() {
-            // A row holds the jumps from the row above it, so these paths read the row below. At the first pixel any
-            // penalty does: all totals before it are 0.
+            // A row holds the jumps from the row above it, so these paths read the row below. At the first
+            // pixel any penalty does: all totals before it are 0.
             let edges = &smoothness.edges.row((y + 1).min(last))[columns.clone()];
             let penalties = smoothness.after_jumps_from_above(edges);
             let costs = strip_rows(panel.costs, &panel.seen, (*strip, &(y..y + 1)), runs);
@@ -704,7 +711,8 @@ impl<T: Value> VerticalPass<'_, T> {
     }
 }
 
-/// Writes the mean of the totals of all paths: the mean of the horizontal mean and the vertical one. Tracks the least.
+/// Writes the mean of the totals of all paths: the mean of the horizontal mean and the vertical one. Tracks
+/// the least.
 struct AverageAll<'a, T> {
     means: &'a [Lanes<T>],
     below: &'a [Lanes<T>],

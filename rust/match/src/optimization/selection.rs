@@ -1,19 +1,20 @@
-//! The costs of a pixel's candidates -> the best candidate, the best one elsewhere, and the sub-pixel offset.
+//! The costs of a pixel's candidates -> the best candidate, the second-best cost, and the sub-pixel offset.
 //!
 //! ```text
-//! chosen    = the least k with cost[k] = min over k' of cost[k']
-//! own       = cost[chosen]
-//! elsewhere = min of cost[k] over |k - chosen| > 1
-//! offset    = the tip of a V through chosen - 1, chosen, chosen + 1
+//! chosen      = the least k with cost[k] = min over k' of cost[k']
+//! best        = cost[chosen]
+//! second_best = min of cost[k] over |k - chosen| > 1
+//! offset      = the tip of a V through chosen - 1, chosen, chosen + 1
 //! ```
 //!
-//! While costs go by, each lane keeps its least one; at the end the least lanes of sixteen pixels are found together. The
-//! costs are then read twice more, from the first-level cache: to find where the least one is, by a bit mask of the lanes
-//! that are equal to it, and for the least cost elsewhere, where the chosen candidate and its neighbors are masked.
+//! While costs go by, each lane keeps its least one; at the end the least lanes of sixteen pixels are found
+//! together. The costs are then read twice more, from the first-level cache: to find where the least one is,
+//! by a bit mask of the lanes that are equal to it, and for the second-best cost, where the chosen candidate
+//! and its neighbors are masked.
 //!
-//! Pixels take one step after another together, each step a small loop of its own, since the compiler turns such loops into
-//! vector instructions. What is written pixel by pixel is read for all of them only some steps later: a processor has to
-//! wait if it reads in one piece what it has just written in many.
+//! Pixels take one step after another together, each step a small loop of its best, since the compiler turns
+//! such loops into vector instructions. What is written pixel by pixel is read for all of them only some
+//! steps later: a processor has to wait if it reads in one piece what it has just written in many.
 
 use crate::base::error::Result;
 use crate::base::memory::Memory;
@@ -25,20 +26,21 @@ use crate::optimization::subpixel::{self, evidence};
 /// Pixels whose candidates are selected together.
 pub const PIXELS: usize = ROWS;
 
-/// The selection for up to [`PIXELS`] pixels. It lies behind a reference: of a local one the compiler would keep single lanes.
+/// The selection for up to [`PIXELS`] pixels. It lies behind a reference: of a local one the compiler would
+/// keep single lanes.
 #[derive(Debug)]
 pub struct Selection<T> {
     /// The least cost of each pixel in each lane.
     least: Rows<T>,
     /// Costs of the chosen candidates.
-    own: [T; PIXELS],
+    best: [T; PIXELS],
     /// Indices of the chosen candidates.
     chosen: [u16; PIXELS],
-    /// The largest number at three places in the middle, and 0 elsewhere. The part that has them at a candidate and its
-    /// neighbors masks their costs: the maximum with it leaves all other costs.
+    /// The largest number at three places in the middle, and 0 at all others. The part that has them at a
+    /// candidate and its neighbors masks their costs: the maximum with it leaves all other costs.
     mask: Memory<T>,
     /// Least costs of candidates not next to the chosen ones.
-    elsewhere: [u32; PIXELS],
+    second_best: [u32; PIXELS],
     /// Sub-pixel offsets from the chosen candidates.
     offset: [f32; PIXELS],
 }
@@ -47,10 +49,10 @@ impl<T: Value> Default for Selection<T> {
     fn default() -> Self {
         Self {
             least: Rows([[T::default(); LANES]; PIXELS]),
-            own: [T::default(); PIXELS],
+            best: [T::default(); PIXELS],
             chosen: [0; PIXELS],
             mask: Memory::default(),
-            elsewhere: [NONE; PIXELS],
+            second_best: [NONE; PIXELS],
             offset: [0.0; PIXELS],
         }
     }
@@ -91,20 +93,20 @@ impl<T: Value> Selection<T> {
     /// Finds the least cost of each pixel, from those of its lanes, and the first candidate that has it.
     #[inline(always)]
     pub fn settle(&mut self, totals: &[Lanes<T>], runs: usize) {
-        let Self { least, own, chosen, .. } = self;
-        *own = T::least_lanes(least);
+        let Self { least, best, chosen, .. } = self;
+        *best = T::least_lanes(least);
         // Pixels that are not used must not keep what was numbered before.
         *chosen = [0; PIXELS];
 
-        for ((chosen, own), totals) in chosen.iter_mut().zip(own).zip(totals.chunks_exact(runs)) {
+        for ((chosen, best), totals) in chosen.iter_mut().zip(best).zip(totals.chunks_exact(runs)) {
             // Neighbors mostly choose from the same run, so that a processor foresees where this ends.
             for (run, totals) in totals.iter().enumerate() {
-                let mut is_own = [0; LANES];
+                let mut is_best = [0; LANES];
                 for j in 0..LANES {
-                    is_own[j] = if totals[j] == *own { u8::MAX } else { 0 };
+                    is_best[j] = if totals[j] == *best { u8::MAX } else { 0 };
                 }
 
-                let lanes = highest_bits(&is_own);
+                let lanes = highest_bits(&is_best);
                 if lanes != 0 {
                     *chosen = ((run * LANES) as u32 + lanes.trailing_zeros()) as u16;
                     break;
@@ -129,12 +131,13 @@ impl<T: Value> Selection<T> {
 
     /// Sets the candidate chosen for a pixel and its cost, where something else has chosen.
     #[inline(always)]
-    pub fn choose(&mut self, pixel: usize, chosen: u16, own: T) {
-        (self.chosen[pixel], self.own[pixel]) = (chosen, own);
+    pub fn choose(&mut self, pixel: usize, chosen: u16, best: T) {
+        (self.chosen[pixel], self.best[pixel]) = (chosen, best);
     }
 
-    /// Finds the least cost elsewhere and the sub-pixel offset of the chosen candidates, for pixels with so many candidates
-    /// in so many runs. `totals` decided; `costs` are the pixels' own costs, if totals are of paths.
+    /// Finds the second-best cost and the sub-pixel offset of the chosen candidates, for pixels with
+    /// `candidates` in `runs`. `totals` decided; `costs` are the costs of the pixels alone, if totals are of
+    /// paths.
     #[inline(always)]
     pub fn weigh(
         &mut self,
@@ -142,7 +145,7 @@ impl<T: Value> Selection<T> {
         costs: Option<&[Lanes<T>]>,
         (candidates, runs): (usize, usize),
     ) {
-        let Self { least, chosen, mask, elsewhere, offset, .. } = self;
+        let Self { least, chosen, mask, second_best, offset, .. } = self;
 
         // The chosen candidate and its neighbors; at either end of the range any three will do.
         let mut valley = [[0; PIXELS]; 3];
@@ -161,7 +164,7 @@ impl<T: Value> Selection<T> {
             }
         }
 
-        // The least of the costs that are not masked is the one elsewhere.
+        // The least of the costs that are not masked is the second-best one.
         let middle = mask.len() / 2;
         let pixels = least.0.iter_mut().zip(&*chosen).zip(totals.chunks_exact(runs));
         for ((least, chosen), totals) in pixels {
@@ -183,8 +186,8 @@ impl<T: Value> Selection<T> {
         let candidates = candidates as u32;
         for pixel in 0..PIXELS {
             let k = u32::from(chosen[pixel]);
-            let is_elsewhere = (k >= 2) | (k + 2 < candidates);
-            elsewhere[pixel] = if is_elsewhere { capped(others[pixel]) } else { NONE };
+            let has_second = (k >= 2) | (k + 2 < candidates);
+            second_best[pixel] = if has_second { capped(others[pixel]) } else { NONE };
         }
 
         let [below, at, above] = &valley;
@@ -204,15 +207,15 @@ impl<T: Value> Selection<T> {
     /// Writes the evidence of the first pixels.
     #[inline(always)]
     pub fn write(&self, pixels: usize, evidence: &mut Evidence, (row, first): (usize, usize)) {
-        let mut own = [0; PIXELS];
-        for (own, cost) in own.iter_mut().zip(&self.own) {
-            *own = capped(*cost);
+        let mut best = [0; PIXELS];
+        for (best, cost) in best.iter_mut().zip(&self.best) {
+            *best = capped(*cost);
         }
 
         let found = EvidenceRow {
             chosen: &self.chosen[..pixels],
-            own: &own[..pixels],
-            elsewhere: &self.elsewhere[..pixels],
+            best: &best[..pixels],
+            second_best: &self.second_best[..pixels],
             offset: &self.offset[..pixels],
         };
 

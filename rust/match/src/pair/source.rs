@@ -13,10 +13,9 @@ use crate::image::intensity_range::{IntensityRange, NOWHERE};
 use crate::image::masking;
 use crate::image::packing::{Packing, Scan};
 use crate::image::texture::Roughness;
-use crate::image::view::{Image, Mask};
+use crate::image::view::Mask;
 use crate::pair::Pair;
 use crate::pair::candidates::Candidates;
-use crate::settings::{CostKind, Settings};
 
 /// Pixels of one image that are read at a time, unless one row has more.
 const MOST_PIXELS: usize = 1 << 22;
@@ -114,17 +113,6 @@ pub fn ranges(source: &dyn Source, control: &Control) -> Result<[IntensityRange;
 
     let [all_left, all_right] = all.map(|range| range.unwrap_or(NOWHERE));
     Ok([left.unwrap_or(all_left), right.unwrap_or(all_right)])
-}
-
-/// Whether a match with these settings depends on the ranges of a pair; `first` are some of its rows, packed.
-pub fn needs_ranges(first: &Pair, settings: &Settings) -> bool {
-    match (&first.views()[0].image, settings.cost) {
-        (Image::U8(_), _) => false,
-        // Confidences depend on the noise in gray levels.
-        (Image::U16(_), CostKind::Phase) => settings.needs_confidence(),
-        (_, CostKind::Phase) => true,
-        (_, CostKind::Sad | CostKind::NormalizedSad) => settings.intensity_range.is_none(),
-    }
 }
 
 /// The roughness of the left image, whose impulses stand out by at least `impulses`; 0: it has none.

@@ -1,12 +1,12 @@
 //! Raw confidences -> probabilities that a disparity is within 1 px of the true one, and error bars.
 //!
-//! A raw confidence of 0.8 is right in 95 % of the pixels of a sharp pair, and in half of those of a pair that has
-//! failed. What tells the two apart are traits of the pair, above all the mean of the raw confidences themselves. So the
-//! logarithms of the odds are mapped by straight lines whose slope and height depend on the traits, one line for
-//! disparities of their own and one for those filled in:
+//! A raw confidence of 0.8 is right in 95 % of the pixels of a sharp pair, and in half of those of a pair
+//! that has failed. Traits of the pair distinguish the two, above all the mean of the raw confidences
+//! themselves. So the logarithms of the odds are mapped by straight lines whose slope and height depend on
+//! the traits, one line for disparities of their own and one for those filled in:
 //!
 //! ```text
-//! trait      = 1, odds of the mean raw confidence of pixels not filled, how far these are below LOW,
+//! trait      = 1, odds of the mean raw confidence of pixels not filled, how far these are below LOW_ODDS,
 //!              odds of the share that fails the checks, noise, smoothing, whether there is a blur,
 //!              share at the ends of the range that was searched
 //! z          = sum of trait (height + slope odds(raw) + if filled: height + slope odds(raw))
@@ -15,11 +15,11 @@
 //! odds(p)    = ln(p / (1 - p))
 //! ```
 //!
-//! Both are functions of the raw confidence and of one flag, so they are tables that are made once for a pair. The
-//! weights are learned by `phasestereo bench confidence`, which writes `weights.rs`.
+//! Both are functions of the raw confidence and of one flag, so they are tables that are made once for a
+//! pair. The weights are learned by `phasestereo bench confidence`, which writes `weights.rs`.
 //!
-//! The traits are those of the whole pair. Of tall images they are taken from some rows alone, always the same ones, so
-//! that parts of a pair can be matched by themselves once these rows are known.
+//! The traits are those of the whole pair. Of tall images they are taken from some rows alone, always the
+//! same ones, so that parts of a pair can be matched by themselves once these rows are known.
 
 mod weights;
 
@@ -34,6 +34,10 @@ use crate::base::error::Result;
 use crate::base::math::{exp, ln};
 use crate::base::plane::Plane;
 use crate::base::simd::{Level, Loop, whole};
+use crate::choices::{
+    FEW_ROWS, LEAST_MEAN_CONFIDENCE, LEAST_SHARE, LOW_ODDS, NO_NOISE, NO_SMOOTHING, NONE_AT_ENDS,
+    SAMPLED_BAND_ROWS, SAMPLED_BANDS,
+};
 use crate::image::intensity::intensity_range;
 use crate::pair::Pair;
 use crate::pair::blur_compensation::BlurCompensation;
@@ -45,7 +49,7 @@ use crate::settings::Optimizer;
 pub const TRAITS: usize = 8;
 /// Points of the logarithm of the bar.
 pub const KNOTS: usize = 10;
-/// Where the first of them is; the others follow in steps of 1.
+/// The place of the first of them; the others follow in steps of 1.
 pub const FIRST_KNOT: f64 = -4.0;
 /// Steps of a raw confidence.
 pub const BINS: usize = 1024;
@@ -53,38 +57,23 @@ pub const BINS: usize = 1024;
 pub const STEPS: f32 = (1 << 20) as f32;
 /// Pixels whose confidences, in steps, sum to less than 2^32.
 const PART: usize = 2048;
-/// Images of at most so many rows are summed whole.
-pub const FEW_ROWS: usize = 768;
-/// Of others, so many bands of so many rows.
-pub const SAMPLED: (usize, usize) = (3, 96);
-/// The odds of a mean raw confidence below which a pair is likely to have failed.
-pub const LOW: f64 = 1.5;
-/// The mean raw confidence is taken to be at least this: of 582 pairs of which the weights were learned the least is 0.49, and
-/// lines that are drawn on from there would cross.
-const LEAST_OWN: f64 = 0.4;
-/// Shares are taken to be at least so far from 0 and 1.
-const CERTAIN: f64 = 0.004;
-/// Standard deviations, gray levels of 8 bits, that are taken to be none.
-const NO_NOISE: f64 = 0.3;
-const NO_SMOOTHING: f64 = 0.1;
-/// Share of the pixels at the ends of the range that is taken to be none.
-const NONE_AT_ENDS: f64 = 0.003;
 /// Flags of pixels that fail the left-right check or are speckles.
 pub const FAILED: u16 = flag::OCCLUDED | flag::MISMATCHED | flag::SPECKLE;
 
-/// What was learned.
+/// Learned weights.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Weights {
     /// Of each trait: height, slope, and what filled pixels add to both.
     pub odds: [[f64; 4]; TRAITS],
     /// The points of the logarithm of the bar, of disparities of their own and of filled ones.
     pub knots: [[f64; KNOTS]; 2],
-    /// What each trait adds to it.
+    /// The part of the bar that each trait adds.
     pub bars: [f64; TRAITS],
 }
 
 impl Weights {
-    /// The weights of what was learned of matches by this optimizer. The fewer paths, the less does a raw confidence mean.
+    /// The weights of what was learned of matches by this optimizer. The fewer paths, the less does a raw
+    /// confidence mean.
     pub fn of(optimizer: Optimizer) -> &'static Self {
         let [four_paths, two_paths, none] = &weights::WEIGHTS;
         match optimizer {
@@ -104,8 +93,8 @@ pub struct Tally {
     pub own: u64,
     /// Pixels that fail the left-right check or are speckles.
     pub failed: u64,
-    /// Pixels not filled whose disparity is at an end of the range that was searched, unless that end is zero: nothing
-    /// lies behind infinity.
+    /// Pixels not filled whose disparity is at an end of the range that was searched, unless that end is
+    /// zero: nothing lies behind infinity.
     pub ends: u64,
     /// All pixels.
     pub pixels: u64,
@@ -200,14 +189,14 @@ pub fn sampled(height: usize) -> Vec<Range<usize>> {
         return iter::once(0..height).collect();
     }
 
-    let (count, rows) = SAMPLED;
+    let (count, rows) = (SAMPLED_BANDS, SAMPLED_BAND_ROWS);
     let first = |index: usize| (2 * index + 1) * height / (2 * count) - rows / 2;
     (0..count).map(|index| first(index)..first(index) + rows).collect()
 }
 
 /// The logarithm of the odds of a share.
 fn odds(share: f64) -> f64 {
-    let share = share.clamp(CERTAIN, 1.0 - CERTAIN);
+    let share = share.clamp(LEAST_SHARE, 1.0 - LEAST_SHARE);
     ln(share / (1.0 - share))
 }
 
@@ -217,19 +206,19 @@ fn odds_of_bins() -> &'static [f64] {
     ODDS.get_or_init(|| (0..BINS).map(|bin| odds((bin as f64 + 0.5) / BINS as f64)).collect())
 }
 
-/// What was found to spoil a pair.
+/// Faults of a pair that lower its confidences.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Faults {
     /// Standard deviation of the noise of the noisier image, gray levels of 8 bits.
     noise: f64,
-    /// That by which the image that is smoothed more is smoothed, likewise.
+    /// Standard deviation, gray levels of 8 bits, of the smoothing of the image that is smoothed more.
     smoothing: f64,
     /// Whether a blur is compensated.
     is_blurred: bool,
 }
 
 impl Faults {
-    /// What is compensated, where a gray level is so many units of the pixels.
+    /// The faults that are compensated; a gray level is `gray_level` units of the pixels.
     pub fn new(compensation: Option<&BlurCompensation>, gray_level: f64) -> Self {
         let largest = |values: [f64; 2]| values[0].max(values[1]) / gray_level;
 
@@ -240,7 +229,8 @@ impl Faults {
         })
     }
 
-    /// What is compensated in a pair. The left image, which is never resampled, says what a gray level is.
+    /// The faults that are compensated in a pair. The left image, which is never resampled, defines the gray
+    /// level.
     pub fn of_pair(pair: &Pair, control: &Control) -> Result<Self> {
         let [left, _] = pair.views();
         // Ranges are in thousandths of the unit. A constant image has none.
@@ -253,14 +243,15 @@ impl Faults {
 /// The traits of a pair.
 pub fn traits(tally: Tally, faults: Faults) -> [f64; TRAITS] {
     let share = |part: u64, whole: u64| part as f64 / whole.max(1) as f64;
-    let own = odds((share(tally.confidence, tally.own) / f64::from(STEPS)).max(LEAST_OWN));
+    let own =
+        odds((share(tally.confidence, tally.own) / f64::from(STEPS)).max(LEAST_MEAN_CONFIDENCE));
     let failed = odds(share(tally.failed, tally.pixels));
     let ends = ln(share(tally.ends, tally.pixels) + NONE_AT_ENDS);
 
     let blur = if faults.is_blurred { 1.0 } else { 0.0 };
     let noise = ln(faults.noise + NO_NOISE);
     let smoothing = ln(faults.smoothing + NO_SMOOTHING);
-    [1.0, own, (LOW - own).max(0.0), failed, noise, smoothing, blur, ends]
+    [1.0, own, (LOW_ODDS - own).max(0.0), failed, noise, smoothing, blur, ends]
 }
 
 /// The confidence and the bar of every raw confidence, of one pair.

@@ -1,25 +1,26 @@
 //! The costs of a disparity and the disparities around it -> confidence: how likely it is right.
 //!
-//! Every pixel votes for its own disparity, the more strongly the further its best candidate is ahead of all others. The
-//! support of a disparity is the share of the votes around it that agree, weighted by how similar the gray values are,
-//! since similar pixels tend to show the same surface:
+//! Every pixel votes for its own disparity, the more strongly the further its best candidate is ahead of all
+//! others. The support of a disparity is the share of the votes around it that agree, weighted by how similar
+//! the gray values are, since similar pixels tend to show the same surface:
 //!
 //! ```text
-//! vote(q)    = ahead(q) / (ahead(q) + HALF_VOTE)          # ahead: least cost elsewhere - own cost
-//! weight(q)  = s^2 / (s^2 + (gray(p) - gray(q))^2)        # s: SIMILAR mean differences of neighbors
+//! vote(q)    = ahead(q) / (ahead(q) + HALF_VOTE)          # ahead: second-best cost - best cost
+//! weight(q)  = s^2 / (s^2 + (gray(p) - gray(q))^2)        # s: SIMILAR_GRAY mean differences of neighbors
 //! support(p) = sum of weight(q) vote(q) over q that agree / sum of weight(q) over all q around p that have one
 //! confidence = support^3 / (support^3 + HALF_SUPPORT)
 //! ```
 //!
 //! So a weak pixel among firm ones that agree is trusted, and a firm pixel that stands alone is not.
 //!
-//! Neighbors are taken in pairs opposite one another. Gray values are in units of `s`, and the two weights of a pair,
-//! `1 / a` and `1 / b`, are `b / (a b)` and `a / (a b)`: one division instead of two, of all operations the slowest.
+//! Neighbors are taken in pairs opposite one another. Gray values are in units of `s`, and the two weights of
+//! a pair, `1 / a` and `1 / b`, are `b / (a b)` and `a / (a b)`: one division instead of two, of all
+//! operations the slowest.
 //!
-//! It tells right from wrong pixels better than the ratio of the least cost elsewhere to the least one (PKR) or their
-//! relative margin, on sharp and on degraded pairs. Nothing else that was tried beside it made it better: the left-right
-//! check, the share of the paths that agree, the cost itself, what of it are penalties, whether a pixel was filled.
-//! `phasestereo bench confidence` measures what becomes of it.
+//! It tells right from wrong pixels better than the ratio of the second-best cost to the best one (PKR) or
+//! their relative margin, on sharp and on degraded pairs. Nothing else that was tried beside it made it
+//! better: the left-right check, the share of the paths that agree, the cost itself, what of it are
+//! penalties, whether a pixel was filled. `phasestereo bench confidence` measures what becomes of it.
 //!
 //! X. Hu, P. Mordohai: *A Quantitative Evaluation of Confidence Measures for Stereo Vision*, PAMI 2012.
 
@@ -27,67 +28,66 @@ use crate::base::control::Control;
 use crate::base::error::Result;
 use crate::base::plane::{Plane, zeroed};
 use crate::base::simd::{Level, Loop};
+use crate::choices::{
+    AGREEMENT, CONFIDENCE_RADIUS, CONFIDENCE_STEP, HALF_SUPPORT, HALF_VOTE, SIMILAR_GRAY,
+};
 use crate::image::texture::{Roughness, Texture};
 use crate::optimization::evidence::NONE;
+use crate::pair::plan::{Plan, Stage};
 use crate::refinement::window_rows::{BAND, WindowRows, missing_rows};
 
-/// How far ahead of all others the best candidate of a pixel with half a vote is, in units of the mean cost (bits, for
-/// phase codes of 16 bits). From half to twice as far it makes no difference.
-pub const HALF_VOTE: f32 = 4.0;
-/// How far up, down, left and right votes count. Further ones blur sharp maps, nearer ones are too few for noise.
-pub const RADIUS: usize = 4;
-/// Every so many-th row and column up to there counts: all of them take three times as long and say no more.
-pub const STEP: usize = 2;
-const _: () = assert!(RADIUS.is_multiple_of(STEP), "a pixel has a vote for itself");
-/// Disparities agree that differ by no more, pixels: fewer make steps of slopes disagree.
-pub const TOLERANCE: f32 = 1.0;
-/// A vote counts half where the gray value differs by so many times the mean difference of horizontal neighbors: so
-/// neither contrast nor the unit of gray values matters. Gray values tell surfaces apart; how much so hardly matters.
-pub const SIMILAR: f64 = 2.0;
-/// The cube of the support that half of all disparities with it are right at: by logistic regression of right
-/// and wrong on the logarithm of the support, half of the weight on sharp and half on degraded pairs.
-/// [`calibration`](crate::refinement::calibration) then adapts confidences to the pair.
-pub const HALF_SUPPORT: f32 = 0.01;
+const _: () =
+    assert!(CONFIDENCE_RADIUS.is_multiple_of(CONFIDENCE_STEP), "a pixel has a vote for itself");
 
 /// Rows within reach of one row, its own in the middle.
-const ROWS: usize = 2 * RADIUS + 1;
+const ROWS: usize = 2 * CONFIDENCE_RADIUS + 1;
 /// Rows of them, and columns, that count.
-const SIDE: usize = 2 * RADIUS / STEP + 1;
-/// The gray value of pixels without a disparity, in units of the difference at which votes count half: their weight is
-/// lost beside a pixel's own, 1, and the product of the inverses of two weights is still finite.
+const SIDE: usize = 2 * CONFIDENCE_RADIUS / CONFIDENCE_STEP + 1;
+/// The gray value of pixels without a disparity, in units of the difference at which votes count half: their
+/// weight is lost beside a pixel's own, 1, and the product of the inverses of two weights is still finite.
 pub const UNLIKE: f32 = (1u32 << 30) as f32;
 
-/// The cost margin of a choice: its aggregated cost, and the least one of candidates not next to it, which see the same
-/// match.
+/// The computation of confidences.
+pub struct Confidences;
+
+impl Stage for Confidences {
+    fn reach(&self, plan: Plan) -> usize {
+        if plan.settings.needs_confidence() { CONFIDENCE_RADIUS } else { 0 }
+    }
+}
+
+/// The cost margin of a choice: its aggregated cost, and the least one of candidates not next to it, which
+/// see the same match.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CostMargin {
     /// Cost of the chosen candidate.
-    pub own: u32,
-    /// Least cost elsewhere; `None`: all candidates are next to it.
-    pub elsewhere: Option<u32>,
+    pub best: u32,
+    /// Second-best cost; `None`: all candidates are next to the chosen one.
+    pub second_best: Option<u32>,
 }
 
 impl CostMargin {
-    /// The margin of a choice with this cost, and of candidates elsewhere with at least that cost, or [`NONE`].
+    /// The margin of a choice with this cost and this second-best one, or [`NONE`].
     #[inline(always)]
-    pub fn new(own: u32, elsewhere: u32) -> Self {
-        Self { own, elsewhere: (elsewhere != NONE).then_some(elsewhere) }
+    pub fn new(best: u32, second_best: u32) -> Self {
+        Self { best, second_best: (second_best != NONE).then_some(second_best) }
     }
 
-    /// Whether the cost of the choice is not lower than the least one elsewhere by `percent` of it, at most 100.
+    /// Whether the cost of the choice is not lower than the second-best one by `percent` of it, at most 100.
     #[inline(always)]
     pub fn is_ambiguous(self, percent: u64) -> bool {
-        let own = u64::from(self.own);
-        self.elsewhere.is_some_and(|elsewhere| u64::from(elsewhere) * (100 - percent) < own * 100)
+        let best = u64::from(self.best);
+        self.second_best
+            .is_some_and(|second_best| u64::from(second_best) * (100 - percent) < best * 100)
     }
 }
 
 /// The vote of a pixel, from 0 to 1, by its cost margin, of which `unit` steps are one unit of the mean cost.
 #[inline(always)]
 pub fn vote(margin: CostMargin, unit: f32) -> f32 {
-    let Some(elsewhere) = margin.elsewhere else { return 0.0 };
+    let Some(second_best) = margin.second_best else { return 0.0 };
 
-    let ahead = elsewhere.saturating_sub(margin.own) as f32;
+    let ahead = second_best.saturating_sub(margin.best) as f32;
     ahead / (ahead + HALF_VOTE * unit)
 }
 
@@ -132,11 +132,11 @@ impl VotedMap<'_> {
 
 /// The square of the difference of gray values at which votes count half: at least that of one step.
 pub fn similar(roughness: Roughness) -> f32 {
-    let difference = (SIMILAR * roughness.mean()).max(1.0) as f32;
+    let difference = (SIMILAR_GRAY * roughness.mean()).max(1.0) as f32;
     difference * difference
 }
 
-/// The rows within reach of one row; row `y` of the map is number `y + RADIUS`.
+/// The rows within reach of one row; row `y` of the map is number `y + CONFIDENCE_RADIUS`.
 struct VotedRows {
     disparity: WindowRows<f32, ROWS>,
     votes: WindowRows<f32, ROWS>,
@@ -151,7 +151,8 @@ impl VotedRows {
         let [disparity, votes, gray] =
             [&mut self.disparity, &mut self.votes, &mut self.gray].map(|rows| rows.row_mut(number));
 
-        let Some(y) = number.checked_sub(RADIUS).filter(|y| *y < map.disparity.rows()) else {
+        let Some(y) = number.checked_sub(CONFIDENCE_RADIUS).filter(|y| *y < map.disparity.rows())
+        else {
             disparity.fill(f32::NAN);
             gray.fill(UNLIKE);
             return;
@@ -216,15 +217,15 @@ impl Loop for Support<'_> {
             }
 
             // A pixel's vote for itself.
-            let here = rows.row(y + RADIUS, 0, cols);
+            let here = rows.row(y + CONFIDENCE_RADIUS, 0, cols);
             weights.fill(1.0);
             sums.copy_from_slice(here.votes);
 
             // The pixels ahead in reading order, each with its opposite.
-            let row = |at: usize| rows.row(y + at, RADIUS, cols + 2 * RADIUS);
-            add_pairs::<{ SIDE / 2 + 1 }>(here, [row(RADIUS); 2], &mut weights, sums);
-            for down in (STEP..=RADIUS).step_by(STEP) {
-                let around = [row(RADIUS + down), row(RADIUS - down)];
+            let row = |at: usize| rows.row(y + at, CONFIDENCE_RADIUS, cols + 2 * CONFIDENCE_RADIUS);
+            add_pairs::<{ SIDE / 2 + 1 }>(here, [row(CONFIDENCE_RADIUS); 2], &mut weights, sums);
+            for down in (CONFIDENCE_STEP..=CONFIDENCE_RADIUS).step_by(CONFIDENCE_STEP) {
+                let around = [row(CONFIDENCE_RADIUS + down), row(CONFIDENCE_RADIUS - down)];
                 add_pairs::<0>(here, around, &mut weights, sums);
             }
 
@@ -235,8 +236,8 @@ impl Loop for Support<'_> {
     }
 }
 
-/// Adds the votes of the pixels of two rows to the sums of each pixel, from column `FIRST` of the windows on: each ahead with
-/// its opposite behind. A neighbor without a disparity votes neither for nor against.
+/// Adds the votes of the pixels of two rows to the sums of each pixel, from column `FIRST` of the windows on:
+/// each ahead with its opposite behind. A neighbor without a disparity votes neither for nor against.
 ///
 /// One loop over the pixels, in which all pairs are a constant distance away: the sums stay in registers.
 #[inline(always)]
@@ -248,7 +249,7 @@ fn add_pairs<const FIRST: usize>(
 ) {
     let cols = here.disparity.len();
     let here = here.part(cols);
-    let [ahead, behind] = [ahead, behind].map(|pixels| pixels.part(cols + 2 * RADIUS));
+    let [ahead, behind] = [ahead, behind].map(|pixels| pixels.part(cols + 2 * CONFIDENCE_RADIUS));
     let (weights, sums) = (&mut weights[..cols], &mut sums[..cols]);
 
     for x in 0..cols {
@@ -256,7 +257,8 @@ fn add_pairs<const FIRST: usize>(
         let (disparity, gray) = (here.disparity[x], here.gray[x]);
 
         for column in FIRST..SIDE {
-            let (right, left) = (x + column * STEP, x + (SIDE - 1 - column) * STEP);
+            let (right, left) =
+                (x + column * CONFIDENCE_STEP, x + (SIDE - 1 - column) * CONFIDENCE_STEP);
 
             let (a, b) = (ahead.gray[right] - gray, behind.gray[left] - gray);
             let (a, b) = (1.0 + a * a, 1.0 + b * b);
@@ -266,8 +268,8 @@ fn add_pairs<const FIRST: usize>(
             weight += a + b;
 
             // A comparison with NaN is false: a missing neighbor never agrees.
-            let a = if (ahead.disparity[right] - disparity).abs() <= TOLERANCE { a } else { 0.0 };
-            let b = if (behind.disparity[left] - disparity).abs() <= TOLERANCE { b } else { 0.0 };
+            let a = if (ahead.disparity[right] - disparity).abs() <= AGREEMENT { a } else { 0.0 };
+            let b = if (behind.disparity[left] - disparity).abs() <= AGREEMENT { b } else { 0.0 };
             sum += a * ahead.votes[right] + b * behind.votes[left];
         }
 

@@ -1,8 +1,8 @@
 //! Disparities for pixels whose own are not trusted: that of the background beside them.
 //!
-//! An occluded pixel belongs to the farther one of the surfaces beside it. For wrong matches nothing was clearly better:
-//! not the nearer neighbor, not the one with the more similar gray value, not the one on the same side of the largest step
-//! of gray values.
+//! An occluded pixel belongs to the farther one of the surfaces beside it. For wrong matches nothing was
+//! clearly better: not the nearer neighbor, not the one with the more similar gray value, not the one on the
+//! same side of the largest step of gray values.
 
 use std::ops::Range;
 
@@ -13,19 +13,27 @@ use crate::base::error::Result;
 use crate::base::memory::Memory;
 use crate::base::plane::Plane;
 use crate::base::simd::{Level, Loop};
+use crate::choices::FILLING_REACH;
 use crate::image::masking::nearest;
+use crate::pair::plan::{Plan, Stage};
 use crate::refinement::flag;
 use crate::refinement::window_rows::BAND;
 
-/// Most rows between a row without a trusted pixel and the row that it copies. Such rows are rare, and rows further away
-/// say nothing about them.
-pub const REACH: usize = 32;
-/// Pixels that are tested together for the end of a gap: as many as a word has bytes.
+/// Pixels that are tested together for the end of a gap: the bytes of a word.
 const LOOK: usize = 8;
 
+/// The filling of untrusted pixels.
+pub struct Filling;
+
+impl Stage for Filling {
+    fn reach(&self, plan: Plan) -> usize {
+        if plan.settings.has_checks() { FILLING_REACH } else { 0 }
+    }
+}
+
 /// Gives every untrusted pixel the smaller disparity of the nearest trusted pixels to its left and right, and
-/// [`flag::FILLED`]. A row without any trusted pixel takes the filled values of the nearest row that has one, up to
-/// [`REACH`] away (ties: above); without such a row it stays as it is.
+/// [`flag::FILLED`]. A row without any trusted pixel takes the filled values of the nearest row that has one,
+/// up to [`FILLING_REACH`] away (ties: above); without such a row it stays as it is.
 ///
 /// Masked pixels become NaN.
 pub fn fill(
@@ -44,7 +52,7 @@ pub fn fill(
     // Rows without a trusted pixel go first, while the rows that they copy are still unfilled.
     let mut spread = Spread::default();
     for (y, source) in nearest(&seeded).into_iter().enumerate().filter(|(y, _)| !seeded[*y]) {
-        let source = source.filter(|from| from.abs_diff(y) <= REACH);
+        let source = source.filter(|from| from.abs_diff(y) <= FILLING_REACH);
         let own;
         let spread = if let Some(from) = source {
             spread.find(disparity.row(from), flags.row(from), level)?

@@ -22,8 +22,8 @@ pub const FILLED: u16 = 256;
 pub const AMBIGUOUS: u16 = 512;
 /// The disparity is that of a plane, drawn into a flat area without evidence of its own.
 pub const INFERRED: u16 = 1024;
-/// The disparity is that of a smaller copy of the pair, which is more likely to be right there. The other flags are
-/// those of the copy.
+/// The disparity is that of a smaller copy of the pair, which is more likely to be right there. The other
+/// flags are those of the copy.
 pub const COARSE: u16 = 2048;
 
 /// Flags of pixels without an estimate.

@@ -1,11 +1,9 @@
-//! Where the disparities jump. Pixels nearby may be drawn to the edges of the image, by
-//! [`outlines`](crate::refinement::outlines).
+//! Where the disparities jump. Pixels nearby take the
+//! [guided median](crate::refinement::guided_median).
 
 use crate::base::plane::parts;
 use crate::base::simd::Loop;
-
-/// Neighboring disparities that differ by more are a jump, pixels.
-pub const JUMP: f32 = 1.0;
+use crate::choices::JUMP;
 
 /// Pixels that are marked at a time.
 const LANES: usize = 32;
@@ -14,8 +12,8 @@ const MOST_REACH: usize = 8;
 /// Columns whose jumps matter for these pixels.
 const AROUND: usize = LANES + 2 * MOST_REACH;
 
-/// Marks the pixels of a row within reach of a jump in the same row, to the right or lower neighbor, by bytes that are not
-/// 0.
+/// Marks the pixels of a row within reach of a jump in the same row, to the right or lower neighbor, by bytes
+/// that are not 0.
 pub struct Mark<'a, const REACH: usize> {
     /// Disparities of the row.
     pub here: &'a [f32],

@@ -1,8 +1,8 @@
 //! The left-right check without a second match: which left pixel owns the right pixel that was chosen for it.
 //!
-//! A right pixel belongs to at most one left pixel. Where several have chosen it, the one with the least cost owns it, and
-//! the others are wrong. A surface may be longer on the left than on the right, so pixels with about the owner's disparity
-//! pass.
+//! A right pixel belongs to at most one left pixel. Where several have chosen it, the one with the least cost
+//! owns it, and the others are wrong. A surface may be longer on the left than on the right, so pixels with
+//! about the owner's disparity pass.
 
 use crate::base::error::Result;
 use crate::base::memory::Memory;
@@ -26,31 +26,32 @@ pub struct Choices<'a> {
 /// Checks row by row; its buffers are reused.
 #[derive(Debug, Default)]
 pub struct Checker {
-    /// The right column chosen for each left pixel, the number of columns where there is none; then the left column of its
-    /// owner, [`u32::MAX`] where there is none.
+    /// The right column chosen for each left pixel, the number of columns where there is none; then the left
+    /// column of its owner, [`u32::MAX`] where there is none.
     columns: Memory<u32>,
-    /// The owner of every right pixel, as one number: its cost in the upper 32 bits, its column, counted from the end, in
-    /// the lower ones. The least number wins: the least cost, among equal ones the largest disparity, since the nearer
-    /// surface hides the other. One more element for left pixels without a match: loops have no branches.
+    /// The owner of every right pixel, as one number: its cost in the upper 32 bits, its column, counted from
+    /// the end, in the lower ones. The least number wins: the least cost, among equal ones the largest
+    /// disparity, since the nearer surface hides the other. One more element for left pixels without a match:
+    /// loops have no branches.
     owners: Memory<u64>,
     /// Whether each left pixel agrees with the owner of its match; one more element on either side.
     consistent: Memory<bool>,
 }
 
 impl Checker {
-    /// Sizes the buffers for rows of so many columns.
+    /// Sizes the buffers for rows of `cols` columns.
     pub fn resize(&mut self, cols: usize) -> Result<()> {
         self.columns.resize(cols)?;
         self.owners.resize(cols + 1)?;
         self.consistent.resize(cols + 2)
     }
 
-    /// Flags the pixels of a row whose match is owned by a pixel with a disparity more than `most` away from theirs. The
-    /// buffers must have the size of the row.
+    /// Flags the pixels of a row whose match is owned by a pixel with a disparity more than `most` away from
+    /// theirs. The buffers must have the size of the row.
     ///
-    /// They are [`flag::MISMATCHED`] beside a consistent pixel and [`flag::OCCLUDED`] elsewhere: occlusions are wider than
-    /// borders of surfaces that are a little off. Of twelve scenes with known occlusions, 67 % of the flagged pixels get
-    /// the right flag; by whether the owner is nearer it would be 47 %.
+    /// They are [`flag::MISMATCHED`] beside a consistent pixel and [`flag::OCCLUDED`] elsewhere: occlusions
+    /// are wider than borders of surfaces that are a little off. Of twelve scenes with known occlusions, 67 %
+    /// of the flagged pixels get the right flag; by whether the owner is nearer it would be 47 %.
     #[inline(always)]
     pub fn check(&mut self, choices: Choices, most: u16, flags: &mut [u16]) {
         let cols = choices.chosen.len();
@@ -98,7 +99,8 @@ fn claim(columns: &[u32], costs: &[u32], owners: &mut [u64]) {
     owners[columns.len()] = 0;
 }
 
-/// Replaces the chosen right columns by the left columns of their owners; [`u32::MAX`] where there is no match.
+/// Replaces the chosen right columns by the left columns of their owners; [`u32::MAX`] where there is no
+/// match.
 #[inline(always)]
 fn find_owners(columns: &mut [u32], owners: &[u64]) {
     for column in columns {

@@ -1,7 +1,8 @@
 //! Medians of a map's neighboring disparities.
 //!
-//! Disparities are compared as integers of the same order, for which every instruction set has vector instructions. A
-//! median is a fixed sequence of minima and maxima, which is compiled for many pixels side by side.
+//! Disparities are compared as integers of the same order, for which every instruction set has vector
+//! instructions. A median is a fixed sequence of minima and maxima, which is compiled for many pixels side by
+//! side.
 
 use std::array::from_fn;
 
@@ -9,6 +10,7 @@ use crate::base::control::Control;
 use crate::base::error::Result;
 use crate::base::plane::Plane;
 use crate::base::simd::{Level, Loop};
+use crate::pair::plan::{Plan, Stage};
 use crate::refinement::window_rows::{BAND, WindowRows, missing_rows};
 
 /// The key of no disparity, below all others.
@@ -18,6 +20,15 @@ pub const REACH: usize = 1;
 
 /// Rows and columns of a window.
 const SIDE: usize = 2 * REACH + 1;
+
+/// The median of disparities.
+pub struct Median;
+
+impl Stage for Median {
+    fn reach(&self, plan: Plan) -> usize {
+        if plan.settings.median > 0 { REACH } else { 0 }
+    }
+}
 
 /// The median of the 3 x 3 disparities around each pixel; beyond the border the map repeats its edge.
 ///
@@ -114,9 +125,9 @@ fn write_medians(keys: [&[i32]; SIDE], smoothed: &mut [f32]) {
     }
 }
 
-/// The median of 9 values, by excluding extremes: of any six of them neither the least nor the largest is the median of
-/// all. Each step excludes both and includes one value more; three values are left at the end. The steps are listed,
-/// since only a constant number of values stays in registers.
+/// The median of 9 values, by excluding extremes: of any six of them neither the least nor the largest is the
+/// median of all. Each step excludes both and includes one value more; three values are left at the end. The
+/// steps are listed, since only a constant number of values stays in registers.
 #[inline(always)]
 pub fn median9(mut values: [i32; 9]) -> i32 {
     extremes_to_ends::<6>(&mut values, 0);

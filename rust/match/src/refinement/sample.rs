@@ -1,31 +1,31 @@
 //! The share of wrong pixels of a map without confidences, from those of a few rows.
 //!
-//! Costs beside that of the chosen candidate take a fifth of the time of a fast match. One row in `PERIOD` says as
-//! much of the map as a whole, and its confidences look at [`RADIUS`] rows on either side, so that many are weighed:
+//! Costs beside that of the chosen candidate take a fifth of the time of a fast match. One row in
+//! `SAMPLE_PERIOD` says as much of the map as a whole, and its confidences look at [`CONFIDENCE_RADIUS`] rows
+//! on either side, so that many are weighed:
 //!
 //! ```text
-//! weighed: rows of the whole image with y mod PERIOD in MIDDLE - RADIUS ..= MIDDLE + RADIUS
-//! wrong  = 1 - mean over the rows with y mod PERIOD = MIDDLE of the calibrated confidence of pixels with a disparity
+//! weighed: rows of the whole image with y mod SAMPLE_PERIOD in MIDDLE - CONFIDENCE_RADIUS ..= MIDDLE + CONFIDENCE_RADIUS
+//! wrong  = 1 - mean over the rows with y mod SAMPLE_PERIOD = MIDDLE of the calibrated confidence of pixels with a disparity
 //! ```
 
 use crate::base::control::Control;
 use crate::base::error::Result;
 use crate::base::plane::Plane;
 use crate::base::simd::Level;
+use crate::choices::{CONFIDENCE_RADIUS, SAMPLE_PERIOD};
 use crate::image::texture::Texture;
 use crate::pair::candidates::Candidates;
 use crate::refinement::calibration::{Calibration, Faults, STEPS, Tally, Weights, traits};
-use crate::refinement::confidence::{RADIUS, VotedMap};
+use crate::refinement::confidence::VotedMap;
 use crate::settings::Optimizer;
 
-/// Rows from one sampled row to the next.
-const PERIOD: usize = 64;
 /// The first sampled row.
-const MIDDLE: usize = PERIOD / 2;
+const MIDDLE: usize = SAMPLE_PERIOD / 2;
 
 /// Whether the costs of this row of a whole image are needed.
 pub fn is_weighed(y: usize) -> bool {
-    (y % PERIOD).abs_diff(MIDDLE) <= RADIUS
+    (y % SAMPLE_PERIOD).abs_diff(MIDDLE) <= CONFIDENCE_RADIUS
 }
 
 /// A map whose weighed rows have votes.
@@ -42,7 +42,7 @@ pub struct SampledMap<'a> {
 }
 
 impl SampledMap<'_> {
-    /// The estimated share of its disparities that are off by more than 1 px; `None`: there is no row to ask.
+    /// The estimated share of its disparities that are off by more than 1 px; `None`: no row is sampled.
     pub fn wrong(
         self,
         candidates: Candidates,
@@ -51,8 +51,8 @@ impl SampledMap<'_> {
         level: Level,
         control: &Control,
     ) -> Result<Option<f64>> {
-        let last = self.disparity.rows().saturating_sub(RADIUS);
-        let rows = (MIDDLE..last).step_by(PERIOD);
+        let last = self.disparity.rows().saturating_sub(CONFIDENCE_RADIUS);
+        let rows = (MIDDLE..last).step_by(SAMPLE_PERIOD);
 
         let mut tally = Tally::default();
         let mut sampled = vec![];
@@ -82,8 +82,8 @@ impl SampledMap<'_> {
     /// The raw confidences of a row.
     fn confidences(&self, y: usize, level: Level, control: &Control) -> Result<Plane<f32>> {
         let cols = self.disparity.cols();
-        let rows = 2 * RADIUS + 1;
-        let places = (y - RADIUS) * cols..(y - RADIUS + rows) * cols;
+        let rows = 2 * CONFIDENCE_RADIUS + 1;
+        let places = (y - CONFIDENCE_RADIUS) * cols..(y - CONFIDENCE_RADIUS + rows) * cols;
         let around = |plane: &Plane<f32>| {
             Plane::from_vec(rows, cols, plane.as_slice()[places.clone()].to_vec())
         };
@@ -96,6 +96,6 @@ impl SampledMap<'_> {
         let mut confidence = Plane::new(rows, cols)?;
         let map = VotedMap { disparity: &disparity, votes: &votes, texture: &texture };
         map.confidences(&mut confidence, level, control)?;
-        Ok(confidence.of_rows(RADIUS..RADIUS + 1))
+        Ok(confidence.of_rows(CONFIDENCE_RADIUS..CONFIDENCE_RADIUS + 1))
     }
 }

@@ -9,14 +9,25 @@ use crate::base::error::Result;
 use crate::base::plane::Plane;
 use crate::base::simd::{Level, Loop};
 use crate::image::regions::{Connectivity, Regions, Run};
+use crate::pair::plan::{Plan, Stage};
 use crate::refinement::filling::Trusted;
 use crate::refinement::flag;
 
 /// Pixels that are tested together for the end of a run.
 const LOOK: usize = 8;
 
-/// Flags the connected regions of up to `size` trusted pixels. Two neighbors, horizontal or vertical, are connected if
-/// their disparities differ by `range` at most.
+/// The detection of speckles.
+pub struct Speckles;
+
+impl Stage for Speckles {
+    fn reach(&self, plan: Plan) -> usize {
+        // A region that is no larger than a speckle has no more rows than pixels.
+        plan.settings.speckle_size
+    }
+}
+
+/// Flags the connected regions of up to `size` trusted pixels. Two neighbors, horizontal or vertical, are
+/// connected if their disparities differ by `range` at most.
 pub fn flag_speckles(
     disparity: &Plane<f32>,
     flags: &mut Plane<u16>,

@@ -4,20 +4,27 @@ use crate::base::control::Control;
 use crate::base::error::Result;
 use crate::base::plane::{Plane, zeroed};
 use crate::base::simd::{Level, Loop};
+use crate::choices::{SAME_SURFACE, SURFACE_REACH};
+use crate::pair::plan::{Plan, Stage};
 use crate::refinement::window_rows::{BAND, WindowRows, missing_rows};
 
-/// Rows and columns on either side that surfaces are smoothed over: more bend what is curved.
-pub const REACH: usize = 3;
-/// Largest difference of the disparities of neighbors on one surface, pixels.
-const SAME_SURFACE: f32 = 1.0;
-
 /// Rows that a pixel is smoothed over, its own in the middle.
-const SIDE: usize = 2 * REACH + 1;
+const SIDE: usize = 2 * SURFACE_REACH + 1;
 
-/// Replaces disparities by the mean over [`REACH`] pixels around, of pixels on the same surface. NaN stays NaN and does not
-/// count.
+/// The smoothing of surfaces.
+pub struct Surfaces;
+
+impl Stage for Surfaces {
+    fn reach(&self, plan: Plan) -> usize {
+        if plan.settings.subpixel { SURFACE_REACH } else { 0 }
+    }
+}
+
+/// Replaces disparities by the mean over [`SURFACE_REACH`] pixels around, of pixels on the same surface. NaN
+/// stays NaN and does not count.
 ///
-/// Pixels count in pairs opposite one another, so that the mean of a slanted surface is the surface, up to its edge.
+/// Pixels count in pairs opposite one another, so that the mean of a slanted surface is the surface, up to
+/// its edge.
 pub fn smooth(
     disparity: &Plane<f32>,
     smoothed: &mut Plane<f32>,
@@ -39,7 +46,7 @@ pub fn smooth(
 struct SmoothRows<'a> {
     disparity: &'a Plane<f32>,
     first: usize,
-    /// Row `y` of the map is number `y + REACH`.
+    /// Row `y` of the map is number `y + SURFACE_REACH`.
     rows: WindowRows<f32, SIDE>,
     /// Pairs of each pixel of a row that count.
     counts: Vec<i32>,
@@ -56,7 +63,7 @@ impl Loop for SmoothRows<'_> {
 
         for (y, sums) in (first..).zip(smoothed.chunks_mut(cols)) {
             for number in missing_rows::<SIDE>(y, first) {
-                let row = number.checked_sub(REACH).filter(|y| *y < disparity.rows());
+                let row = number.checked_sub(SURFACE_REACH).filter(|y| *y < disparity.rows());
                 match row {
                     Some(y) => rows.row_mut(number).copy_from_slice(disparity.row(y)),
                     None => rows.row_mut(number).fill(f32::NAN),
@@ -67,11 +74,11 @@ impl Loop for SmoothRows<'_> {
             counts.fill(0);
 
             // The pixels ahead in reading order, each with its opposite.
-            let own = &rows.row(y + REACH, 0)[..cols];
-            let row = |at: usize| rows.row(y + at, REACH);
-            add_pairs::<{ REACH + 1 }>(own, [row(REACH); 2], sums, &mut counts);
-            for down in 1..=REACH {
-                let around = [row(REACH + down), row(REACH - down)];
+            let own = &rows.row(y + SURFACE_REACH, 0)[..cols];
+            let row = |at: usize| rows.row(y + at, SURFACE_REACH);
+            add_pairs::<{ SURFACE_REACH + 1 }>(own, [row(SURFACE_REACH); 2], sums, &mut counts);
+            for down in 1..=SURFACE_REACH {
+                let around = [row(SURFACE_REACH + down), row(SURFACE_REACH - down)];
                 add_pairs::<0>(own, around, sums, &mut counts);
             }
 
@@ -82,8 +89,8 @@ impl Loop for SmoothRows<'_> {
     }
 }
 
-/// Adds the pairs of two rows that count to the sums of each pixel, from column `FIRST` of the windows on: the differences
-/// from the pixel's own value, and their number.
+/// Adds the pairs of two rows that count to the sums of each pixel, from column `FIRST` of the windows on:
+/// the differences from the pixel's own value, and their number.
 ///
 /// One loop over the pixels, in which all pairs are a constant distance away: the sums stay in registers.
 #[inline(always)]

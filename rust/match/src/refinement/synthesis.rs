@@ -1,23 +1,25 @@
 //! Analysis by synthesis: where one image is blurred, finds the disparities near jumps that explain it best.
 //!
-//! Under a blur the costs only say that a jump is somewhere within the kernel, and windows draw it to the wider side: near
-//! surfaces come out too large. But given a map, the soft (blurred) image can be synthesized from the sharp one and the
-//! estimated kernel. Where the jumps are wrong, the synthetic image differs from the soft one.
+//! Under a blur the costs only say that a jump is somewhere within the kernel, and windows draw it to the
+//! wider side: near surfaces come out too large. But given a map, the soft (blurred) image can be synthesized
+//! from the sharp one and the estimated kernel. Where the jumps are wrong, the synthetic image differs from
+//! the soft one.
 //!
 //! ```text
 //! for map in the current one, the same eroded, the same dilated by RADIUS:
 //!     shown     = what each pixel of the soft view shows of the sharp image, by the map
 //!     synthetic = shown under the kernel of its area
 //!     distance  = Hamming distance of the codes of the synthetic and of the soft image
-//!     unlike    = sum of distance over the window of WINDOW pixels around
+//!     unlike    = sum of distance over the window of SYNTHESIS_WINDOW pixels around
 //! each pixel takes the disparity of the map with the least unlike
 //! ```
 //!
-//! If the left image is soft, everything happens in its view. If the right image is, the map is first warped there, nearer
-//! disparities first. The sums are then read where a left pixel lies by the smallest and by the largest of its disparities,
-//! so that all maps are judged at the same places.
+//! If the left image is soft, everything happens in its view. If the right image is, the map is first warped
+//! there, nearer disparities first. The sums are then read where a left pixel lies by the smallest and by the
+//! largest of its disparities, so that all maps are judged at the same places.
 //!
-//! Only codes are compared, so neither contrast nor offset matters. All arithmetic is in integers, by bands of rows.
+//! Only codes are compared, so neither contrast nor offset matters. All arithmetic is in integers, by bands
+//! of rows.
 
 mod view;
 
@@ -28,30 +30,19 @@ use crate::base::control::Control;
 use crate::base::error::Result;
 use crate::base::plane::{Plane, parts, zeroed};
 use crate::base::simd::{Level, Loop};
+use crate::choices::{SAME_DISPARITY, SYNTHESIS_RADIUS, SYNTHESIS_WINDOW};
 use crate::image::convolution::Kernel as Blur;
 use crate::image::intensity::Gray;
 use crate::image::view::View;
 use crate::pair::blur_compensation::{self, BlurCompensation};
+use crate::pair::plan::{Bytes, Demand, Plan, Stage};
 use crate::refinement::median::{NONE, disparity as disparity_of, key};
-use crate::refinement::outlines::Outlines;
-use crate::settings::{CostKind, Settings};
-
-/// Pixels by which near surfaces are eroded and dilated, in each direction of a square. Fewer mend
-/// less of a wide blur; several radii one after another mend a little more, and take as much longer.
-pub const RADIUS: usize = 4;
-/// Side of the window that maps are compared over: from 11 to 19 it makes no difference.
-pub const WINDOW: usize = 15;
-/// Largest difference of disparities that count as the same, pixels: slopes are left alone, which
-/// helps disparities between pixels more than it costs elsewhere.
-pub const SAME: f32 = 0.5;
-/// Columns on either side of a gap in the right view that its brightness is adapted to:
-/// this counts where the contrast of the images differs.
-pub const BESIDE: usize = 16;
+use crate::settings::Settings;
 
 /// Rows of a band: its halo, as far as windows and kernels reach, is computed again.
 const BAND: usize = 128;
 /// Pixels that a window reaches in each direction.
-const REACH: usize = WINDOW / 2;
+const REACH: usize = SYNTHESIS_WINDOW / 2;
 /// Columns whose extremes are found at a time.
 const LANES: usize = 32;
 
@@ -69,9 +60,11 @@ pub struct BlurredPair<'a> {
     grays: [Plane<i32>; 2],
 }
 
-/// The side of the image that is soft, if only one is (0: left, 1: right), and its blur relative to the other.
+/// The side of the image that is soft, if only one is (0: left, 1: right), and its blur relative to the
+/// other.
 ///
-/// `kernels` are what the two sides have to be blurred by to become alike, so the soft side is the one without.
+/// `kernels` are what the two sides have to be blurred by to become alike, so the soft side is the one
+/// without.
 pub fn softness(kernels: &[Option<Blur>; 2]) -> Option<(usize, &Blur)> {
     match kernels {
         [None, Some(blur)] => Some((0, blur)),
@@ -86,21 +79,38 @@ pub fn is_asked_for(settings: &Settings, compensation: Option<&BlurCompensation>
         compensation.classes().any(|kernels| softness(kernels).is_some())
     };
 
-    settings.synthesis && settings.cost == CostKind::Phase && compensation.is_some_and(is_soft)
+    settings.synthesis && settings.compares_codes() && compensation.is_some_and(is_soft)
 }
 
-/// Rows on either side of a pixel that its disparity depends on, here and in the drawing of outlines after it.
-pub fn reach(settings: &Settings, compensation: &BlurCompensation) -> usize {
-    RADIUS + around(settings, compensation)[0] + Outlines::Wide.reach()
+/// Bytes of a pixel of both images that is kept to synthesize one of them, with the intermediate images.
+const KEPT_BYTES: usize = 28;
+/// Most bytes of a pixel of a band: of its maps, and of gray values, codes and sums of both views.
+const BAND_BYTES: usize = 64;
+
+/// Analysis by synthesis.
+pub struct Synthesis;
+
+impl Stage for Synthesis {
+    fn reach(&self, Plan { settings, compensation, .. }: Plan) -> usize {
+        let asked = compensation.filter(|_| is_asked_for(settings, compensation));
+        asked.map_or(0, |compensation| SYNTHESIS_RADIUS + around(settings, compensation)[0])
+    }
+
+    fn bytes(
+        &self,
+        Demand { plan: Plan { settings, compensation, .. }, cols, .. }: &Demand,
+    ) -> Bytes {
+        let asked = compensation.filter(|_| is_asked_for(settings, *compensation));
+        asked.map_or(Bytes::default(), |compensation| {
+            let [above, beside] = around(settings, compensation);
+            let thread = (BAND + 2 * above) * (cols + 2 * beside) * BAND_BYTES;
+            Bytes { read: KEPT_BYTES * cols, mapped: 0, thread }
+        })
+    }
 }
 
-/// Most bytes that a band of so many columns takes: its maps, and gray values, codes and sums of both views.
-pub fn memory(settings: &Settings, compensation: &BlurCompensation, cols: usize) -> usize {
-    let [above, beside] = around(settings, compensation);
-    (BAND + 2 * above) * (cols + 2 * beside) * 64
-}
-
-/// Rows and columns on either side of a pixel that its window reaches, with the codes there and the kernels under these.
+/// Rows and columns on either side of a pixel that its window reaches, with the codes there and the kernels
+/// under these.
 fn around(settings: &Settings, compensation: &BlurCompensation) -> [usize; 2] {
     let radii = compensation.every_kernel().map(Blur::radii);
     let largest = radii.fold((0, 0), |most, radii| (most.0.max(radii.0), most.1.max(radii.1)));
@@ -213,7 +223,8 @@ impl<'a> RivalMaps<'a> {
         Ok(Self { pair, level, control, rows, seen, maps, columns })
     }
 
-    /// The groups to judge: all classes with a soft left image together, since they lie in one view; else each by itself.
+    /// The groups to judge: all classes with a soft left image together, since they lie in one view; else
+    /// each by itself.
     fn groups(&self) -> Result<Vec<ClassGroup<'a>>> {
         if self.columns.is_empty() {
             return Ok(vec![]);
@@ -296,7 +307,8 @@ impl<'a> RivalMaps<'a> {
     }
 }
 
-/// Rows of a map, and of the same eroded and dilated, where disparities that count as the same stay exactly the same.
+/// Rows of a map, and of the same eroded and dilated, where disparities that count as the same stay exactly
+/// the same.
 fn rivals(disparity: &Plane<f32>, rows: &Range<usize>, level: Level) -> Result<[Plane<f32>; MAPS]> {
     let cols = disparity.cols();
     let new = || Plane::<f32>::new(rows.len(), cols);
@@ -308,7 +320,8 @@ fn rivals(disparity: &Plane<f32>, rows: &Range<usize>, level: Level) -> Result<[
     for (row, y) in rows.clone().enumerate() {
         own.row_mut(row).copy_from_slice(disparity.row(y));
 
-        let around = from_fn(|k| disparity.row_or_nothing((y + k) as isize - RADIUS as isize));
+        let around =
+            from_fn(|k| disparity.row_or_nothing((y + k) as isize - SYNTHESIS_RADIUS as isize));
         let [least, largest] = &mut columns;
         level.run(ColumnExtremes { rows: around, least, largest });
 
@@ -320,7 +333,7 @@ fn rivals(disparity: &Plane<f32>, rows: &Range<usize>, level: Level) -> Result<[
 }
 
 /// Rows of the square around a pixel.
-const SIDE: usize = 2 * RADIUS + 1;
+const SIDE: usize = 2 * SYNTHESIS_RADIUS + 1;
 
 /// Finds the extremes of each column of some rows, as keys; rows beyond the image are empty.
 struct ColumnExtremes<'a> {
@@ -363,7 +376,7 @@ struct ErodeAndDilate<'a> {
 }
 
 /// Columns that the squares of [`LANES`] pixels reach.
-const SPAN: usize = LANES + 2 * RADIUS;
+const SPAN: usize = LANES + 2 * SYNTHESIS_RADIUS;
 
 impl Loop for ErodeAndDilate<'_> {
     type Output = ();
@@ -376,7 +389,7 @@ impl Loop for ErodeAndDilate<'_> {
         for (index, (eroded, dilated)) in outs.enumerate() {
             let x = index * LANES;
             let count = eroded.len();
-            let first = x as isize - RADIUS as isize;
+            let first = x as isize - SYNTHESIS_RADIUS as isize;
             let near = |row: &[i32], x: isize| row[x.clamp(0, row.len() as isize - 1) as usize];
             let [low, high] = parts([self.least, self.largest], first, &mut buffer, near);
             let (low, high) = (&low[..SPAN], &high[..SPAN]);
@@ -410,7 +423,7 @@ impl Loop for ErodeAndDilate<'_> {
 /// A disparity, or the pixel's own if there is none or it counts as the same.
 #[inline(always)]
 fn unless_same(disparity: f32, own: f32) -> f32 {
-    if (disparity - own).abs() > SAME { disparity } else { own }
+    if (disparity - own).abs() > SAME_DISPARITY { disparity } else { own }
 }
 
 /// The columns, from the first to the last, in which the maps differ in any of these rows.

@@ -1,14 +1,14 @@
-//! The rows that the windows of one row of pixels cover, with room beyond their ends: so a window is the same loop for all
-//! pixels, and a neighbor is a constant distance away.
+//! The rows that the windows of one row of pixels cover, with room beyond their ends: so a window is the same
+//! loop for all pixels, and a neighbor is a constant distance away.
 
 use std::ops::Range;
 
 use crate::base::error::Result;
 use crate::base::memory::Memory;
 
-/// Columns before the first one, and at least so many after the last one. A row begins with a cache line.
+/// Least number of columns before the first one and after the last one. A row begins with a cache line.
 pub const MARGIN: usize = 16;
-/// Rows are a multiple of so many columns long, for loops over that many pixels at a time.
+/// The length of rows is a multiple of this, for loops over blocks of this length.
 const MULTIPLE: usize = 16;
 /// Rows of a band, which share the rows of its windows; those above and below it are prepared again.
 pub const BAND: usize = 32;
@@ -21,7 +21,7 @@ pub struct WindowRows<T, const COUNT: usize> {
 }
 
 impl<T: Copy + Default, const COUNT: usize> WindowRows<T, COUNT> {
-    /// Rows of so many columns, with this value beyond their ends.
+    /// Rows of `cols` columns, with this value beyond their ends.
     pub fn new(cols: usize, beyond: T) -> Result<Self> {
         let mut rows = std::array::from_fn(|_| Memory::default());
         for row in &mut rows {
@@ -52,8 +52,9 @@ impl<T: Copy + Default, const COUNT: usize> WindowRows<T, COUNT> {
     }
 }
 
-/// The numbers of the rows that windows of `COUNT` rows need for row `y` of a band and that are not there yet: all of them
-/// for the `first` row, one more for each row after it. Number `y` is the uppermost row of the windows of row `y`.
+/// The numbers of the rows that windows of `COUNT` rows need for row `y` of a band and that are not there
+/// yet: all of them for the `first` row, one more for each row after it. Number `y` is the uppermost row of
+/// the windows of row `y`.
 #[inline(always)]
 pub fn missing_rows<const COUNT: usize>(y: usize, first: usize) -> Range<usize> {
     let kept = if y == first { 0 } else { COUNT - 1 };

@@ -1,10 +1,10 @@
-//! What settings can be, and their values: as text, and on their way to and from Python.
+//! The types of settings and their values: as text, and on their way to and from Python.
 
 use std::fmt::{Display, Formatter, Result as Written};
 
 use crate::base::error::{Error, Result};
 
-/// What a setting is.
+/// The type of a setting.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     /// True or false.
@@ -21,12 +21,12 @@ pub enum Kind {
     Optional(&'static Kind),
 }
 
-/// What there is to know of a setting.
+/// The description of a setting.
 #[derive(Debug)]
 pub struct Description {
     /// Its name.
     pub name: &'static str,
-    /// What it is: a first sentence, and after an empty line all else.
+    /// Its meaning: a first sentence, and after an empty line the rest.
     pub documentation: &'static str,
     /// Its type.
     pub kind: Kind,
@@ -34,7 +34,7 @@ pub struct Description {
     pub range: fn() -> String,
 }
 
-/// The value of a setting, whatever it is.
+/// The value of any setting.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Value {
     /// Nothing, of what is optional.
@@ -53,7 +53,7 @@ pub enum Value {
 
 /// A type that a setting may have.
 pub trait Setting: Copy {
-    /// What it is.
+    /// Its type.
     const KIND: Kind;
 
     /// The setting of a value; `None`: the value is of another kind.
@@ -70,8 +70,8 @@ impl Kind {
         words.iter().find(|(word, _)| *word == text).map(|(word, _)| Value::Word(word))
     }
 
-    /// Reads a value of this kind that is written as in Python, or with "none", "true" and "false" in small letters, a
-    /// pair without its parentheses.
+    /// Reads a value of this kind that is written as in Python, or with "none", "true" and "false" in small
+    /// letters, a pair without its parentheses.
     pub fn read(&self, text: &str, name: &'static str) -> Result<Value> {
         self.parse(text.trim()).ok_or_else(|| Error::value(name, format!("'{text}'"), self))
     }
@@ -100,7 +100,7 @@ impl Kind {
 }
 
 impl Display for Kind {
-    /// What a setting of this kind accepts.
+    /// The values that a setting of this kind accepts.
     fn fmt(&self, f: &mut Formatter<'_>) -> Written {
         match self {
             Self::Boolean => f.write_str("True or False"),

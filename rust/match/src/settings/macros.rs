@@ -1,16 +1,21 @@
-//! What the table of settings becomes.
+//! The macros of the table of settings.
 
-/// Makes an enum of the words that a setting can be: each variant is a word in C and Python, and its documentation is the
-/// word's meaning there.
+/// Makes an enum of the words that a setting can be: each variant is a word in C and Python, and its
+/// documentation is the word's meaning there.
 macro_rules! words {
     ($(
         $(#[doc = $about:literal])+
-        $type:ident { $($(#[doc = $meaning:literal])+ $word:literal: $variant:ident,)+ }
+        $type:ident { $($(#[doc = $meaning:literal])+ $word:literal: $variant:ident $(in $module:ident)?,)+ }
     )+) => {
         $(
             $(#[doc = $about])+
             #[derive(Debug, Clone, Copy, PartialEq, Eq)]
             pub enum $type { $($(#[doc = $meaning])+ $variant,)+ }
+
+            impl $type {
+                /// All of them.
+                pub const ALL: &[Self] = &[$(Self::$variant),+];
+            }
 
             impl Setting for $type {
                 const KIND: Kind = Kind::Word(&[$(($word, concat!($($meaning),+))),+]);
@@ -34,15 +39,15 @@ macro_rules! words {
 /// Makes of each entry of the table
 ///
 /// ```text
-/// /// What it is, in a sentence.
+/// /// Its meaning, in a sentence.
 /// ///
 /// /// All else about it.
 /// name: type, in range, default value, paper value, fast value;
 /// ```
 ///
-/// a field of `Settings` with this documentation, its value in each preset, the check of its range, the way to and from
-/// a `Value`, and a `Description` from which Python's class and the reference are written. Without a range every value
-/// of the type is accepted; presets that are not mentioned have the default.
+/// a field of `Settings` with this documentation, its value in each preset, the check of its range, the way
+/// to and from a `Value`, and a `Description` from which Python's class and the reference are written.
+/// Without a range every value of the type is accepted; presets that are not mentioned have the default.
 macro_rules! settings {
     ($(
         $(#[doc = $doc:literal])+
@@ -102,7 +107,7 @@ macro_rules! settings {
                 vec![$(self.$name.to_value()),+]
             }
 
-            /// Sets the field of this name if the value is of its kind; tells whether it is.
+            /// Sets the field of this name if the value is of its kind; returns whether it is.
             pub(super) fn put(&mut self, name: &str, value: &Value) -> bool {
                 match name {
                     $(stringify!($name) => Setting::from_value(value).map(|value| self.$name = value),)+

@@ -7,8 +7,8 @@ use crate::base::error::{Error, Result};
 /// A named set of settings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Preset {
-    /// The default: it estimates what the pair lacks (blur, rows, impulses, noise) and compensates for it, describes
-    /// two sizes of neighborhoods, searches along four paths, checks, fills and smooths.
+    /// The default: it estimates what the pair lacks (blur, rows, impulses, noise) and compensates for it,
+    /// describes two sizes of neighborhoods, searches along four paths, checks, fills and smooths.
     Robust,
     /// The method of Pedone & Heikkilä, ACIVS 2008, as published.
     Paper,

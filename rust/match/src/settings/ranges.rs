@@ -1,4 +1,4 @@
-//! The ranges of settings: what is accepted of all values of a type, and how that is said.
+//! The ranges of settings: the accepted values of a type, and their description in messages.
 
 use crate::base::error::{Error, Result};
 use crate::settings::kind::Setting;
@@ -59,7 +59,7 @@ pub fn rising(most: f64) -> Range<(f64, f64)> {
     Range::new(text, move |(low, high): (f64, f64)| low < high && low.abs().max(high.abs()) <= most)
 }
 
-/// What a range contains, or nothing.
+/// The values of a range, or nothing.
 pub fn optional<T: Setting + 'static>(range: Range<T>) -> Range<Option<T>> {
     let text = format!("{}, or None", range.text);
     Range::new(text, move |value: Option<T>| value.is_none_or(|value| (range.contains)(value)))

@@ -1,12 +1,14 @@
-//! The soft view of a band: what it should show by each of the maps, and how much the soft image differs from that.
+//! The soft view of a band: what it should show by each of the maps, and how much the soft image differs from
+//! that.
 
 use std::mem::replace;
 use std::ops::Range;
 
-use super::{BESIDE, ClassGroup, REACH, RivalMaps, WINDOW, around};
+use super::{ClassGroup, REACH, RivalMaps, around};
 use crate::base::error::Result;
 use crate::base::plane::{Plane, parts, zeroed};
 use crate::base::simd::{Level, Loop};
+use crate::choices::{BESIDE_GAP, SYNTHESIS_WINDOW};
 use crate::descriptor::{Code, Codes, describe};
 use crate::image::convolution::Kernel as Blur;
 use crate::image::intensity::Gray;
@@ -17,11 +19,12 @@ pub(super) struct SoftView<'a> {
     group: &'a ClassGroup<'a>,
     /// Columns of the view whose sums are needed.
     columns: Range<usize>,
-    /// Those columns and their halo.
+    /// These columns and their halo.
     around: Range<usize>,
     /// Codes of the soft image there.
     soft: Codes,
-    /// In the right view: the columns where each pixel of the band is looked up, by its smallest and largest disparity.
+    /// In the right view: the columns where each pixel of the band is looked up, by its smallest and largest
+    /// disparity.
     places: Option<[Plane<u32>; 2]>,
 }
 
@@ -48,7 +51,7 @@ impl<'a> SoftView<'a> {
         Ok(Self { band, group, columns, around, soft, places })
     }
 
-    /// How much the soft image differs from the synthetic one by a map: a sum for each pixel of the band.
+    /// The difference of the soft image from the synthetic one by a map: a sum for each pixel of the band.
     pub(super) fn unlike(&self, map: usize) -> Result<Plane<u16>> {
         let band = self.band;
         let distances = self.distances(self.shown(map)?)?;
@@ -56,7 +59,7 @@ impl<'a> SoftView<'a> {
         let mut column_sums = zeroed(distances.cols())?;
 
         // The first window but its last row; each further row completes one window and opens the next.
-        for y in 0..WINDOW - 1 {
+        for y in 0..SYNTHESIS_WINDOW - 1 {
             band.level.run(SlideDown {
                 enters: distances.row(y),
                 leaves: None,
@@ -66,7 +69,7 @@ impl<'a> SoftView<'a> {
 
         for y in 0..band.rows.len() {
             let leaves = y.checked_sub(1).map(|y| distances.row(y));
-            let enters = distances.row(y + WINDOW - 1);
+            let enters = distances.row(y + SYNTHESIS_WINDOW - 1);
             band.level.run(SlideDown { enters, leaves, sums: &mut column_sums });
             band.level.run(WindowSums { columns: &column_sums, sums: sums.row_mut(y) });
         }
@@ -92,7 +95,7 @@ impl<'a> SoftView<'a> {
         Ok(read)
     }
 
-    /// What the view shows of the sharp image, by a map.
+    /// The part of the sharp image that the view shows, by a map.
     fn shown(&self, map: usize) -> Result<Plane<i32>> {
         let band = self.band;
         let side = self.group.side;
@@ -122,8 +125,9 @@ impl<'a> SoftView<'a> {
         Ok(shown)
     }
 
-    /// Hamming distances of the codes of the synthetic and of the soft image, for the columns and rows that are needed and
-    /// their windows; 0 beside the image and where a pixel is masked or of no class of the group.
+    /// Hamming distances of the codes of the synthetic and of the soft image, for the columns and rows that
+    /// are needed and their windows; 0 beside the image and where a pixel is masked or of no class of the
+    /// group.
     fn distances(&self, mut shown: Plane<i32>) -> Result<Plane<u8>> {
         let Self { band, group, .. } = self;
         let rows = band.within(REACH);
@@ -187,8 +191,8 @@ impl RivalMaps<'_> {
         }
     }
 
-    /// The columns of the right view where the pixels of the band lie by their smallest and by their largest disparity,
-    /// clamped into the image.
+    /// The columns of the right view where the pixels of the band lie by their smallest and by their largest
+    /// disparity, clamped into the image.
     fn places(&self) -> Result<[Plane<u32>; 2]> {
         let cols = self.maps[0].cols();
         let count = self.columns.len();
@@ -229,8 +233,8 @@ fn warp_left(right: &[i32], whole: &[i32], columns: Range<usize>, out: &mut [i32
 /// No disparity: nothing in the left image is seen there.
 const UNSEEN: i32 = i32::MIN;
 
-/// Writes the disparity of each pixel of a row of the right view: the largest that leads to it. A pixel that none leads to
-/// takes the larger one of its neighbors, if both have one: slanted surfaces leave such holes.
+/// Writes the disparity of each pixel of a row of the right view: the largest that leads to it. A pixel that
+/// none leads to takes the larger one of its neighbors, if both have one: slanted surfaces leave such holes.
 fn warp_disparities(whole: &[i32], seen: &mut [i32]) {
     seen.fill(UNSEEN);
 
@@ -264,8 +268,8 @@ struct RightView<'a> {
 }
 
 impl RightView<'_> {
-    /// Writes some columns. Where nothing of the left image is seen the right image itself is shown, made as bright as the
-    /// left one beside it.
+    /// Writes some columns. Where nothing of the left image is seen the right image itself is shown, made as
+    /// bright as the left one beside it.
     fn write(&self, columns: Range<usize>, out: &mut [i32]) {
         let mut end = 0;
         let mut brighter = 0;
@@ -280,7 +284,7 @@ impl RightView<'_> {
         }
     }
 
-    /// What is seen of the left image, if anything.
+    /// The visible part of the left image, if any.
     fn shown(&self, x: usize) -> Option<i64> {
         let disparity = self.seen[x];
         let from = || self.left[column(x, disparity, self.left.len())].into();
@@ -293,14 +297,15 @@ impl RightView<'_> {
         i64::from((f64::from(self.right[x]) * self.scale).round() as i32)
     }
 
-    /// The end of the gap around a column, and how much brighter the left image is beside it than the right one.
+    /// The end of the gap around a column, and how much brighter the left image is beside it than the right
+    /// one.
     fn gap(&self, x: usize) -> (usize, i64) {
         let is_seen = |x: &usize| self.seen[*x] != UNSEEN;
         let start = (0..x).rev().find(is_seen).map_or(0, |x| x + 1);
         let end = (x..self.seen.len()).find(is_seen).unwrap_or(self.seen.len());
 
-        let beside = start.saturating_sub(BESIDE)..start;
-        let beside = beside.chain(end..(end + BESIDE).min(self.seen.len()));
+        let beside = start.saturating_sub(BESIDE_GAP)..start;
+        let beside = beside.chain(end..(end + BESIDE_GAP).min(self.seen.len()));
 
         let differences = beside.filter_map(|x| Some(self.shown(x)? - self.own(x)));
         let (count, sum) = differences.fold((0, 0), |(count, sum), by| (count + 1, sum + by));
@@ -402,7 +407,7 @@ impl Loop for SlideDown<'_> {
     }
 }
 
-/// Sums over windows: each of the [`WINDOW`] sums of columns from its own on.
+/// Sums over windows: each of the [`SYNTHESIS_WINDOW`] sums of columns from its own on.
 struct WindowSums<'a> {
     columns: &'a [u16],
     sums: &'a mut [u16],
@@ -411,7 +416,7 @@ struct WindowSums<'a> {
 /// Sums that are computed at a time.
 const LANES: usize = 64;
 /// Columns that their windows reach.
-const SPAN: usize = LANES + WINDOW - 1;
+const SPAN: usize = LANES + SYNTHESIS_WINDOW - 1;
 
 impl Loop for WindowSums<'_> {
     type Output = ();
@@ -425,7 +430,7 @@ impl Loop for WindowSums<'_> {
             let columns = &columns[..SPAN];
 
             let mut sums = [0; LANES];
-            for away in 0..WINDOW {
+            for away in 0..SYNTHESIS_WINDOW {
                 let columns = &columns[away..][..LANES];
                 for j in 0..LANES {
                     sums[j] += columns[j];

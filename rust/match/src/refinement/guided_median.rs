@@ -1,5 +1,5 @@
-//! Draws the outlines of surfaces to edges of the image: near a jump of the disparities each pixel takes the weighted
-//! median of the disparities around it, weighted by similarity of the gray values and by distance.
+//! Guided median: aligns edges in depth with those of the image. Near a jump of the disparities each pixel
+//! takes the median of the disparities around it, weighted by similarity of the gray values and by distance.
 //!
 //! ```text
 //! for pixels within NEAR of a jump:
@@ -7,21 +7,21 @@
 //!     disparity = the weighted median, of two in the middle the smaller one: that of the background
 //! ```
 //!
-//! Costs are summed over windows and paths, which moves the edges of surfaces by a few pixels. The left-right check does
-//! not see that, and filling does not look at the image. Away from jumps everything stays as it is. That gray values
-//! are compared by the mean difference of neighbors makes it the same for any contrast.
+//! Costs are summed over windows and paths, which moves the edges of surfaces by a few pixels. The left-right
+//! check does not see that, and filling does not look at the image. Away from jumps everything stays as it
+//! is. That gray values are compared by the mean difference of neighbors makes it the same for any contrast.
 //!
 //! | | pixels of a window | within | likeness | nearness |
 //! |---|---|---|---|---|
-//! | [`Outlines::Crisp`] | 5 x 5, every second one | 4 px | 1 up to one mean difference, else 0 | 1 |
-//! | [`Outlines::Wide`] | 7 x 7, every third one | 8 px | falls from 1 to 0 at 16 mean differences | Gaussian of 6 px |
+//! | [`GuidedMedian::Narrow`] | 5 x 5, every second one | 4 px | 1 up to one mean difference, else 0 | 1 |
+//! | [`GuidedMedian::Wide`] | 7 x 7, every third one | 8 px | falls from 1 to 0 at 16 mean differences | Gaussian of 6 px |
 //!
-//! Any map is drawn by small windows and like pixels alone, which keeps thin things. After the
-//! [`synthesis`](crate::refinement::synthesis) of a blurred image, outlines are wide ramps and off by more pixels: then
-//! windows are larger, and weights gradual. Pixels apart are as good as all of the window.
+//! Every map takes the narrow median, which keeps thin objects. After the
+//! [`synthesis`](crate::refinement::synthesis) of a blurred image, edges are wide ramps and off by more
+//! pixels, so the wide median follows. Sampled windows are as accurate as full ones.
 //!
-//! Arithmetic is in 16-bit integers, many pixels side by side: disparities are counted in steps from the pixel's own, and
-//! the median is found by bisection.
+//! Arithmetic is in 16-bit integers, many pixels side by side: disparities are counted in steps from the
+//! pixel's own, and the median is found by bisection.
 
 use std::array::from_fn;
 
@@ -29,24 +29,29 @@ use crate::base::control::Control;
 use crate::base::error::Result;
 use crate::base::plane::{Plane, parts, zeroed};
 use crate::base::simd::{Level, Loop, whole};
+use crate::choices::LEAST_ROUGHNESS;
 use crate::image::texture::{Roughness, Texture};
+use crate::pair::plan::{Plan, Stage};
 use crate::refinement::jumps::Mark;
+use crate::refinement::synthesis;
 
-/// How outlines are drawn.
+/// The two guided medians.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Outlines {
-    /// Those of any map.
-    Crisp,
-    /// Those of a map of a blurred image.
+pub enum GuidedMedian {
+    /// For every map.
+    Narrow,
+    /// For the map of a blurred image.
     Wide,
 }
 
-/// The windows of the pixels: `SIDE` x `SIDE` pixels, every so many rows and columns one.
+/// Windows of `SIDE` x `SIDE` pixels that are `STRIDE` rows or columns apart, for pixels within `NEAR` of a
+/// jump.
 #[derive(Debug, Clone, Copy)]
 struct Windows<const SIDE: usize, const STRIDE: usize, const NEAR: usize> {
     /// Steps of gray values to the mean difference of horizontal neighbors.
     fineness: f64,
-    /// Difference of gray values, in these steps, from which on they have nothing in common: their weight is 0.
+    /// Difference of gray values, in these steps, from which on they have nothing in common: their weight is
+    /// 0.
     unlike: u16,
     /// By how much weights grow with every step below it, up to [`MOST`].
     growth: u16,
@@ -54,12 +59,12 @@ struct Windows<const SIDE: usize, const STRIDE: usize, const NEAR: usize> {
     nearness: fn(usize, usize) -> u16,
 }
 
-type CrispWindows = Windows<5, 2, 4>;
+type NarrowWindows = Windows<5, 2, 4>;
 type WideWindows = Windows<7, 3, 8>;
 
 /// Windows of 9 x 9 pixels.
-const CRISP: CrispWindows =
-    CrispWindows { fineness: 32.0, unlike: 33, growth: MOST, nearness: |_, _| MOST };
+const NARROW: NarrowWindows =
+    NarrowWindows { fineness: 32.0, unlike: 33, growth: MOST, nearness: |_, _| MOST };
 /// Windows of 19 x 19 pixels.
 const WIDE: WideWindows = WideWindows {
     fineness: 255.0 / 16.0,
@@ -75,42 +80,50 @@ const WEIGHTS: [[u16; 4]; 4] =
 const MOST: u16 = 255;
 /// Steps of a disparity to the pixel.
 const FINENESS: f32 = 8.0;
-/// Least mean difference of neighbors that gray values are compared by.
-const LEAST_ROUGHNESS: f64 = 1.0 / 16.0;
 
 /// Largest magnitude of gray values in their steps.
 const FARTHEST: f64 = 16_383.0;
 /// The gray value of pixels that do not count: further from any other than weights reach.
 const NOTHING: i16 = i16::MAX;
 
-/// Pixels that are drawn at a time.
+/// Pixels that are filtered at a time.
 const LANES: usize = 32;
 /// Most columns that their windows reach.
 const SPAN: usize = LANES + 2 * WideWindows::REACH;
 /// Rows of a band; jumps and gray values in its halo are computed again.
 const BAND: usize = 64;
 
-impl Outlines {
+impl Stage for GuidedMedian {
+    fn reach(&self, Plan { settings, compensation, .. }: Plan) -> usize {
+        let is_used = match self {
+            Self::Narrow => settings.guided_median,
+            Self::Wide => synthesis::is_asked_for(settings, compensation),
+        };
+        if is_used { self.rows() } else { 0 }
+    }
+}
+
+impl GuidedMedian {
     /// Rows on either side of a pixel that its disparity depends on. A jump between two rows belongs to both.
-    pub const fn reach(self) -> usize {
+    const fn rows(self) -> usize {
         match self {
-            Self::Crisp => CrispWindows::REACH + 1,
+            Self::Narrow => NarrowWindows::REACH + 1,
             Self::Wide => WideWindows::REACH + 1,
         }
     }
 
-    /// Writes the map with the outlines of surfaces drawn to edges of the image.
-    pub fn draw(
+    /// Writes the filtered map.
+    pub fn filter(
         self,
         disparity: &Plane<f32>,
         texture: &Texture,
-        drawn: &mut Plane<f32>,
+        filtered: &mut Plane<f32>,
         level: Level,
         control: &Control,
     ) -> Result<()> {
         match self {
-            Self::Crisp => CRISP.draw(disparity, texture, drawn, level, control),
-            Self::Wide => WIDE.draw(disparity, texture, drawn, level, control),
+            Self::Narrow => NARROW.filter(disparity, texture, filtered, level, control),
+            Self::Wide => WIDE.filter(disparity, texture, filtered, level, control),
         }
     }
 }
@@ -119,11 +132,11 @@ impl<const SIDE: usize, const STRIDE: usize, const NEAR: usize> Windows<SIDE, ST
     /// Pixels that the window of a pixel reaches in each direction.
     const REACH: usize = SIDE / 2 * STRIDE;
 
-    fn draw(
+    fn filter(
         self,
         disparity: &Plane<f32>,
         texture: &Texture,
-        drawn: &mut Plane<f32>,
+        filtered: &mut Plane<f32>,
         level: Level,
         control: &Control,
     ) -> Result<()> {
@@ -134,7 +147,7 @@ impl<const SIDE: usize, const STRIDE: usize, const NEAR: usize> Windows<SIDE, ST
             from_fn(|column| (self.nearness)(row.abs_diff(center), column.abs_diff(center)))
         });
 
-        drawn.write_bands(BAND, |first, out| {
+        filtered.write_bands(BAND, |first, out| {
             control.checkpoint()?;
             let count = out.len() / cols;
 
@@ -174,7 +187,7 @@ impl<const SIDE: usize, const STRIDE: usize, const NEAR: usize> Windows<SIDE, ST
                 let steps = from_fn(|k| steps.row(row(k)));
                 let disparity = disparity.row(first + y);
                 let (windows, nearness, near) = (self, &nearness, &near);
-                level.run(Draw { windows, nearness, disparity, grays, steps, near, out });
+                level.run(Filter { windows, nearness, disparity, grays, steps, near, out });
             }
 
             Ok(())
@@ -231,8 +244,8 @@ impl Loop for Or<'_> {
     }
 }
 
-/// Draws one row, from the rows of its windows.
-struct Draw<'a, const SIDE: usize, const STRIDE: usize, const NEAR: usize> {
+/// Filters one row, from the rows of its windows.
+struct Filter<'a, const SIDE: usize, const STRIDE: usize, const NEAR: usize> {
     windows: Windows<SIDE, STRIDE, NEAR>,
     /// The weight of the place of each pixel of a window.
     nearness: &'a [[u16; SIDE]; SIDE],
@@ -244,7 +257,7 @@ struct Draw<'a, const SIDE: usize, const STRIDE: usize, const NEAR: usize> {
 }
 
 impl<const SIDE: usize, const STRIDE: usize, const NEAR: usize> Loop
-    for Draw<'_, SIDE, STRIDE, NEAR>
+    for Filter<'_, SIDE, STRIDE, NEAR>
 {
     type Output = ();
 
@@ -271,8 +284,8 @@ impl<const SIDE: usize, const STRIDE: usize, const NEAR: usize> Loop
             let median = median(away.as_flattened(), weights.as_flattened());
 
             for (j, out) in out.iter_mut().enumerate() {
-                let is_drawn = (near[j] != 0) & (median[j] != 0) & !own[j].is_nan();
-                *out = if is_drawn { own[j] + f32::from(median[j]) / FINENESS } else { own[j] };
+                let is_moved = (near[j] != 0) & (median[j] != 0) & !own[j].is_nan();
+                *out = if is_moved { own[j] + f32::from(median[j]) / FINENESS } else { own[j] };
             }
         }
     }
@@ -326,9 +339,11 @@ impl<const SIDE: usize, const STRIDE: usize, const NEAR: usize> Windows<SIDE, ST
     }
 }
 
-/// The weighted median: the least value such that half of the weight is not above it; 0 where there is no weight.
+/// The weighted median: the least value such that half of the weight is not above it; 0 where there is no
+/// weight.
 ///
-/// By bisection between the least and the largest value with any weight, for all pixels until the last one has its median.
+/// By bisection between the least and the largest value with any weight, for all pixels until the last one
+/// has its median.
 #[inline(always)]
 fn median(values: &[PixelLanes<i16>], weights: &[PixelLanes<u16>]) -> PixelLanes<i16> {
     let mut low = [0; LANES];

@@ -6,17 +6,17 @@ use crate::reference;
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::image::texture::Texture;
-use phasestereo_match::refinement::outlines::Outlines;
+use phasestereo_match::refinement::guided_median::GuidedMedian;
 use proptest::prelude::*;
 use proptest::sample::select;
 
-const BOTH: [Outlines; 2] = [Outlines::Crisp, Outlines::Wide];
+const BOTH: [GuidedMedian; 2] = [GuidedMedian::Narrow, GuidedMedian::Wide];
 
-fn outlined(outlines: Outlines, disparity: &Plane<f32>, gray: &Plane<i32>) -> Plane<f32> {
+fn outlined(filter: GuidedMedian, disparity: &Plane<f32>, gray: &Plane<i32>) -> Plane<f32> {
     let texture = Texture::new(gray.clone());
     let control = Control::default();
 
-    drawn(disparity, |out, level| outlines.draw(disparity, &texture, out, level, &control))
+    drawn(disparity, |out, level| filter.filter(disparity, &texture, out, level, &control))
 }
 
 proptest! {
@@ -35,7 +35,7 @@ proptest! {
         for outlines in BOTH {
             prop_assert_eq!(
                 bits(&outlined(outlines, &disparity, &gray)),
-                bits(&reference::outline(&disparity, &gray, outlines == Outlines::Wide))
+                bits(&reference::guided_median(&disparity, &gray, outlines == GuidedMedian::Wide))
             );
         }
     }
@@ -48,7 +48,7 @@ fn an_edge_is_drawn_to_that_of_the_image() {
     let gray = Plane::from_fn(60, 60, |y, x| if x < 30 { noise(y, x) } else { 90 + noise(y, x) });
     let edge = |at| Plane::from_fn(60, 60, |_, x| if x < at { 4.0 } else { 11.0 });
 
-    for (outlines, most) in [(Outlines::Crisp, 2), (Outlines::Wide, 3)] {
+    for (outlines, most) in [(GuidedMedian::Narrow, 2), (GuidedMedian::Wide, 3)] {
         for off in 30 - most..=30 + most {
             assert_eq!(outlined(outlines, &edge(off), &gray), edge(30), "{outlines:?}: {off}");
         }

@@ -1,0 +1,146 @@
+//! The choices of this crate: numbers that neither follow from a definition nor are learned.
+//!
+//! Each has its unit, and what chose it. Sizes of buffers, lanes and fixed-point steps follow from the
+//! algorithms and stand with them.
+
+/// Makes a documented constant of each entry.
+macro_rules! choices {
+    ($(
+        $(#[doc = $doc:literal])+
+        $name:ident: $type:ty = $value:expr, in $unit:literal, evidence $reason:literal;
+    )+) => {
+        $(
+            $(#[doc = $doc])+
+            #[doc = concat!("\n\nUnit: ", $unit, ". Evidence: ", $reason, ".")]
+            pub const $name: $type = $value;
+        )+
+    };
+}
+
+// Costs and their optimization.
+choices! {
+    /// Largest magnitude of normalized gray values.
+    LARGEST_DEVIATION: u16 = 16, in "standard deviations",
+        evidence "only windows of more than 16 pixels can reach it";
+
+    /// Largest sum over a window at byte precision.
+    LARGEST_BYTE_SUM: u64 = 170, in "steps", evidence "two thirds of a byte, so that P2 fits as well";
+
+    /// Least largest sum for which one further bit is dropped.
+    LEAST_BYTE_SUM: u64 = 80, in "steps", evidence "below it costs are too coarse";
+
+    /// Rows of a band, which is matched by itself.
+    BAND: usize = 64, in "rows", evidence "panels of up to about 128 disparities fit in a second-level cache";
+
+    /// Columns of a panel, the part of a band whose costs exist at one time.
+    PANEL: usize = 64, in "columns", evidence "as that of `BAND`";
+
+    /// Rows above and below a band where its vertical paths start.
+    LOOKAHEAD_ROWS: usize = 16, in "rows", evidence "hardly less accurate than whole paths";
+
+    /// A jump of the gray value beyond this many thresholds is large.
+    LARGE_JUMP: u32 = 3, in "thresholds", evidence "not swept";
+
+    /// What P2 is divided by after no jump, a small and a large one.
+    P2_DIVISORS: [u64; 3] = [1, 2, 3], in "ratio", evidence "not swept";
+
+    /// Weight of the costs of a pixel alone beside the mean of the totals of paths, which P1 draws to whole
+    /// disparities.
+    SUBPIXEL_COST_WEIGHT: u32 = 2, in "1",
+        evidence "with more, fractions are more even on rendered pairs, and real pairs have a few more wrong \
+               pixels";
+
+    /// How much steeper than a V the interpolation is at the candidate; half-way to the next one it is as
+    /// much flatter.
+    SUBPIXEL_STEEPNESS: f32 = 0.3, in "1",
+        evidence "fractions are most even on rendered and on real pairs together";
+}
+
+// Refinement.
+choices! {
+    /// Neighboring disparities that differ by more are a jump.
+    JUMP: f32 = 1.0, in "pixels", evidence "the largest difference of disparities on one surface";
+
+    /// Most rows between a row without a trusted pixel and the row that it copies.
+    FILLING_REACH: usize = 32, in "rows",
+        evidence "such rows are rare, and rows further away say nothing about them";
+
+    /// Least mean difference of neighbors that gray values are compared by.
+    LEAST_ROUGHNESS: f64 = 1.0 / 16.0, in "steps of gray values", evidence "keeps the scale of flat images finite";
+
+    /// Rows and columns on either side that surfaces are smoothed over.
+    SURFACE_REACH: usize = 3, in "pixels", evidence "larger ones bend curved surfaces";
+
+    /// Largest difference of the disparities of neighbors on one surface.
+    SAME_SURFACE: f32 = 1.0, in "pixels", evidence "as that of `JUMP`";
+
+    /// Pixels by which near surfaces are eroded and dilated, in each direction of a square.
+    SYNTHESIS_RADIUS: usize = 4, in "pixels",
+        evidence "fewer repair less of a wide blur; several radii in turn repair a little more and take as much \
+               longer";
+
+    /// Side of the window that maps are compared over.
+    SYNTHESIS_WINDOW: usize = 15, in "pixels", evidence "from 11 to 19 it makes no difference";
+
+    /// Largest difference of disparities that count as the same.
+    SAME_DISPARITY: f32 = 0.5, in "pixels",
+        evidence "slopes stay as they are, which helps sub-pixel disparities more than it costs elsewhere";
+
+    /// Columns on either side of a gap in the right view that its brightness is adapted to.
+    BESIDE_GAP: usize = 16, in "columns",
+        evidence "it counts where the contrast of the images differs; not swept";
+
+    /// How far ahead of all others the best candidate of a pixel with half a vote is.
+    HALF_VOTE: f32 = 4.0, in "units of the mean cost (bits, for phase codes of 16 bits)",
+        evidence "from half to twice of it makes no difference";
+
+    /// How far up, down, left and right votes count.
+    CONFIDENCE_RADIUS: usize = 4, in "pixels",
+        evidence "further votes blur sharp maps, nearer ones are too few for noise";
+
+    /// Distance of the rows and columns within this radius that count.
+    CONFIDENCE_STEP: usize = 2, in "pixels", evidence "all pixels take three times as long and are no better";
+
+    /// Largest difference of disparities that agree.
+    AGREEMENT: f32 = 1.0, in "pixels", evidence "with less, steps of slopes disagree";
+
+    /// Difference of gray values at which a vote counts half.
+    SIMILAR_GRAY: f64 = 2.0, in "mean differences of horizontal neighbors", evidence "hardly matters";
+
+    /// The cube of the support with which half of all disparities are right.
+    HALF_SUPPORT: f32 = 0.01, in "cube of a share",
+        evidence "logistic regression of right and wrong on the logarithm of the support, half of the weight on \
+               sharp and half on degraded pairs";
+
+    /// Rows from one sampled row to the next.
+    SAMPLE_PERIOD: usize = 64, in "rows", evidence "all rows take a fifth longer";
+
+    /// Images of up to this height are summed whole.
+    FEW_ROWS: usize = 768, in "rows", evidence "not swept";
+
+    /// Bands of rows that are summed of higher images.
+    SAMPLED_BANDS: usize = 3, in "bands", evidence "not swept";
+
+    /// Rows of such a band.
+    SAMPLED_BAND_ROWS: usize = 96, in "rows", evidence "not swept";
+
+    /// The odds of a mean raw confidence below which a pair is likely to have failed.
+    LOW_ODDS: f64 = 1.5, in "logarithm of odds", evidence "not swept";
+
+    /// Least mean raw confidence that is told apart.
+    LEAST_MEAN_CONFIDENCE: f64 = 0.4, in "1",
+        evidence "of 582 pairs of which the weights were learned the least is 0.49; lines continued from there \
+               would cross";
+
+    /// Least distance of a share from 0 and 1.
+    LEAST_SHARE: f64 = 0.004, in "ratio", evidence "not swept";
+
+    /// Noise that counts as none.
+    NO_NOISE: f64 = 0.3, in "gray levels of 256", evidence "the noise of rounding to 8 bits is 0.29";
+
+    /// Smoothing that counts as none.
+    NO_SMOOTHING: f64 = 0.1, in "gray levels of 256", evidence "not swept";
+
+    /// Share at the ends of the searched range that counts as none.
+    NONE_AT_ENDS: f64 = 0.003, in "share of the pixels", evidence "not swept";
+}
