@@ -193,6 +193,20 @@ def test_depths_are_written_for_a_third_camera(match: Callable[[str], Run]) -> N
     assert "has no effect without a geometry" in match("--report a.html --register third.npz")[2]
 
 
+def test_depths_that_a_png_does_not_hold_are_said(match: Callable[[str], Run]) -> None:
+    assert match("--depth out.tif --calib calib.txt --keep all")[0] == 0
+    depth = io.read_depth("out.tif") / 1000  # m
+    end = (float(np.nanmin(depth)) + float(np.nanmax(depth))) / 2
+    options = f"--depth out.png --calib calib.txt --keep all --depth-scale {65535.5 / end!r}"
+    code, _, err = match(options)
+    assert code == 0
+    lost = io.read_image("out.png") == 0
+    np.testing.assert_array_equal(lost, ~(depth < end))
+    share = (depth >= end).mean()
+    assert 0 < share < 1
+    assert f"note: {share:.1%} of the pixels are beyond {end:.1f} m, where a .png has 0" in err
+
+
 def test_an_anchor_sets_its_depth_right_in_every_file(match: Callable[[str], Run]) -> None:
     trimesh = counterpart("trimesh")
     options = "--depth out.tif --ply out.ply --calib calib.txt --anchor 40,20,1750 --json"

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 import phasestereo as ps
+from conftest import counterpart
 from phasestereo.io import Calibration
 from phasestereo.result import KEEPS
 from phasestereo_bench.datasets import Pair
@@ -231,6 +232,46 @@ def test_a_block_becomes_its_kept_pixel_of_median_disparity(
     )
     assert small.depth(10.0 / n) == pytest.approx(rig.depth(10.0))
     assert small.cam0[1][2] == (rig.cam0[1][2] + 0.5) / n - 0.5
+
+
+@pytest.mark.parametrize("n", [2, 4])
+def test_a_decimated_camera_is_that_of_librealsense(n: int) -> None:
+    """Size, which it pads to multiples of 4, and focal lengths; its principal point is ppx / n."""
+    rs = counterpart("pyrealsense2")
+    cols, rows, focal = 848, 480, 421.5
+    lens = rs.intrinsics()
+    lens.width, lens.height, lens.fx, lens.fy, lens.ppx, lens.ppy = (
+        cols,
+        rows,
+        focal,
+        focal,
+        420,
+        238,
+    )
+    lens.model, lens.coeffs = rs.distortion.none, [0] * 5
+    stream = rs.video_stream()
+    stream.type, stream.index, stream.uid, stream.fmt = rs.stream.depth, 0, 0, rs.format.z16
+    stream.width, stream.height, stream.fps, stream.bpp, stream.intrinsics = cols, rows, 30, 2, lens
+    device, queue = rs.software_device(), rs.frame_queue(1)
+    sensor = device.add_sensor("Depth")
+    profile = sensor.add_video_stream(stream)
+    sensor.add_read_only_option(rs.option.depth_units, 0.001)
+    sensor.open(profile)
+    sensor.start(queue)
+    frame = rs.software_video_frame()
+    frame.pixels, frame.stride, frame.bpp = np.full((rows, cols), 1000, np.uint16), 2 * cols, 2
+    frame.timestamp, frame.frame_number, frame.depth_units = 1.0, 1, 0.001
+    frame.domain = rs.timestamp_domain.hardware_clock
+    frame.profile = profile.as_video_stream_profile()
+    sensor.on_video_frame(frame)
+    made = rs.decimation_filter(n).process(queue.wait_for_frame(5000))
+    theirs = made.profile.as_video_stream_profile().intrinsics
+
+    rig = Calibration.from_focal(focal, 0.05, width=cols, height=rows, cx=420, cy=238)
+    ours = rig.decimated(n)
+    assert (ours.width, ours.height) == (theirs.width, theirs.height)
+    assert (ours.focal, ours.cam0[1][1]) == (theirs.fx, theirs.fy)
+    assert ours.cam0[0][2] == pytest.approx(theirs.ppx - 0.5 + 0.5 / n)
 
 
 def test_a_selection_that_is_none_is_refused() -> None:

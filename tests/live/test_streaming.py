@@ -168,7 +168,7 @@ def test_broken_images_and_images_of_other_sizes_are_skipped() -> None:
         None,
         (1, 2, 3),
         (pair(0)[0], pair(0)[1].astype(np.float32)),
-        (np.full((ROWS, COLS), np.nan), np.zeros((ROWS, COLS))),
+        (np.full((ROWS, COLS), np.inf), np.zeros((ROWS, COLS))),
         (np.zeros((4, 4), np.uint8), np.zeros((4, 4), np.uint8)),  # too narrow
         ("left", "right"),
     ],

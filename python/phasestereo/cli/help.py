@@ -20,7 +20,8 @@ _SELDOM = frozenset(
     (
         *("flags-output", "confidence-output", "uncertainty-output"),
         *("left-mask", "right-mask", "bands", "noise"),
-        *("q", "doffs", "cx", "cy", "max-depth", "yaw", "anchor"),
+        *("q", "doffs", "cx", "cy", "min-depth", "max-depth", "decimate", "yaw", "anchor"),
+        *("depth-scale", "register", "register-size"),
         *("truth-scale", "truth-mask", "truth-mask-level"),
     )
 )

@@ -10,12 +10,15 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 from cyclopts import Parameter
 
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refusals, refuse_taken
 from phasestereo.cli.geometry import Rig
 from phasestereo.cli.outcome import Outcome
+from phasestereo.cli.terminal import say
 from phasestereo.io import write_depth, write_glb, write_image, write_maps, write_ply
+from phasestereo.io.depth import FARTHEST, meters_in
 from phasestereo.io.results import write_map
 from phasestereo.result import LAYERS
 from phasestereo.views.depths import YAW, Selection
@@ -110,6 +113,8 @@ class Outputs:
         """Write what was asked for; return the paths by option."""
         for _, path, write in self._files():
             write(path, outcome)
+        if self.depth and self.depth.suffix.lower() == ".png":
+            _note_lost(outcome)
         return {name: str(path) for name, path, _ in self._files()}
 
     def _files(self) -> list[tuple[str, Path, Writer]]:
@@ -177,6 +182,16 @@ def _write_depth(path: Path, outcome: Outcome) -> None:
         write_maps(path, maps)
     else:
         write_depth(path, maps["depth"], unit=unit, depth_scale=rig.depth_scale)
+
+
+def _note_lost(outcome: Outcome) -> None:
+    """Say how many depths are too far for a .png, which has 0 there."""
+    rig = _rig(outcome)
+    per_unit = meters_in(rig.calibration.unit or "m") * rig.depth_scale
+    share = np.mean(rig.depths(outcome.result)["depth"] * per_unit >= FARTHEST)
+    if share:
+        end = FARTHEST / rig.depth_scale
+        say(f"note: {share:.1%} of the pixels are beyond {end:.1f} m, where a .png has 0; see .tif")
 
 
 def _write_report(path: Path, outcome: Outcome) -> None:

@@ -19,8 +19,10 @@ LengthUnit: TypeAlias = Literal["mm", "cm", "m"]
 MILLIMETERS = 1000.0
 """Units of a ``.png`` in a meter, unless something else is asked for."""
 
+FARTHEST = 65535.5
+"""Units of a ``.png`` from which on it has no depth: the first to round to 65536."""
+
 _PER_METER: dict[str, float] = {"mm": 1000, "cm": 100, "m": 1}
-_PNG_END = 65535.5  # units of a .png; the first depth to round to 65536
 _PNG_START = 0.5
 
 
@@ -127,11 +129,11 @@ def write_depth(
 
 def _encode(depth: NDArray[np.float64], per_meter: float) -> NDArray[np.uint16]:
     """Round to whole units, halves up; 0 for NaN and for what is out of range."""
-    held = (depth >= _PNG_START) & (depth < _PNG_END)
+    held = (depth >= _PNG_START) & (depth < FARTHEST)
     known = depth[~np.isnan(depth)]
     if known.size and not held.any():
         raise ValueError(
-            f"depth must lie in [{_PNG_START / per_meter:g}, {_PNG_END / per_meter:g}) m for a "
+            f"depth must lie in [{_PNG_START / per_meter:g}, {FARTHEST / per_meter:g}) m for a "
             f"16-bit .png of {per_meter:g} units a meter, but all of it is from "
             f"{known.min() / per_meter:g} to {known.max() / per_meter:g} m: is the unit right? "
             "A .tif holds any depth"
