@@ -47,6 +47,14 @@ static void write_all(const char *name, const void *data, size_t bytes) {
     fclose(file);
 }
 
+static char *read_text(const char *name) {
+    FILE *file = opened(name, "rb");
+    char *text = room(1 << 16);
+    if (fread(text, 1, (1 << 16) - 1, file) == 0) exit(5);
+    fclose(file);
+    return text;
+}
+
 static void done(phasestereo_status status) {
     if (status == PHASESTEREO_STATUS_OK) return;
     printf("%d %s\n", status, phasestereo_error());
@@ -222,7 +230,7 @@ static void refuse(phasestereo_matcher *matcher) {
     char *text = text_of(rig);
     if (phasestereo_rig_text(NULL, NULL, 0) != 0 || phasestereo_rig_text(rig, NULL, 1 << 20) != 0) exit(12);
     puts(phasestereo_error());
-    *strstr(text, "frames 1") = 'x';
+    *strstr(text, "\"frames\"") = 'x';
     if (phasestereo_rig_new(text, 0, 0) != NULL) exit(13);
     puts(phasestereo_error());
     if (phasestereo_rig_new("\xff", 0, 0) != NULL) exit(14);
@@ -230,8 +238,16 @@ static void refuse(phasestereo_matcher *matcher) {
 
     /* A child has none of the matcher's threads; the rig has none. */
     fflush(stdout);
+    char *raw = read_text("raw");
+    phasestereo_rig *rectifying = phasestereo_rig_new(raw, 0, 0);
+    if (rectifying == NULL) exit(16);
+    phasestereo_rig_free(rectifying);
     const pid_t child = fork();
     if (child == 0) {
+        alarm(120);
+        rectifying = phasestereo_rig_new(raw, 0, 0);
+        if (rectifying == NULL) _exit(17);
+        phasestereo_rig_free(rectifying);
         refused(phasestereo_rig_match(rig, matcher, &left, &right, 0, 16, &map, NULL));
         refused(phasestereo_rectify(matcher, &left, &right, &calibration, 0, &rectified));
         phasestereo_matcher *own = phasestereo_new("fast", NULL, 0, 1);
@@ -246,6 +262,7 @@ static void refuse(phasestereo_matcher *matcher) {
 
     phasestereo_rig_free(rig);
     phasestereo_rig_free(NULL);
+    free(raw);
     free(text);
     free(pixels);
     free(disparity);

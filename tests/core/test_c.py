@@ -3,6 +3,7 @@
 # Who tests a thing knows that it is there: no assertions for the type checker alone.
 # mypy: no-strict-optional
 
+import json
 import os
 import re
 import shutil
@@ -455,8 +456,31 @@ def test_frames_of_a_rig_are_those_of_python_to_the_bit(rig_program: RigProgram)
     np.testing.assert_array_equal(rig_program.written("loaded", np.float32, *size), loaded)
 
 
+def rectifying_rig(path: Path) -> str:
+    """Return the text of a rig whose images are raw."""
+    rig = ps.Rig(preset="fast")
+    rendered = render_pair(3, height=120, width=160, num_disparities=48)
+    rig.match(rendered.left, rendered.right)
+    rig.save(path)
+
+    state = json.loads(path.read_text("utf-8").split("\n")[1])
+    numbers = {"numbers": [0.0] * 14, "spreads": [0.1] * 14}
+    cameras = numbers | {"size": [120, 160], "shifts": [[0.0, 0.0], [0.0, 0.0]]}
+    found = dict.fromkeys(("rows", "rms", "error", "moved"), 0.1)
+    found |= {"cameras": cameras, "matches": [90, 80], "blocks": 70, "disparities": [1.0, 2.0, 3.0]}
+    found |= {"pairs": 1, "is_inverted": False, "distortion": [[0.0, 1.0], [0.0, 1.0]]}
+    state["geometry"]["cameras"] = {"rectification": found, "size": [120, 160]}
+
+    body = json.dumps(state)
+    digest = 0xCBF29CE484222325  # FNV-1a
+    for byte in body.encode():
+        digest = (digest ^ byte) * 0x100000001B3 % 2**64
+    return f"phasestereo rig 2 {digest:016x}\n{body}\n"
+
+
 def test_what_a_rig_cannot_take_is_refused(rig_program: RigProgram) -> None:
     rig_program.calibrated(made_up())
+    (rig_program.folder / "raw").write_text(rectifying_rig(rig_program.folder / "rig.txt"))
     said = rig_program.run("refuse", {"left": np.full((120, 160), 90, np.uint8)})
 
     null, pair = "got NULL; accepts a pointer", "translation: got one that leads to"
@@ -478,7 +502,7 @@ def test_what_a_rig_cannot_take_is_refused(rig_program: RigProgram) -> None:
         f"1 rig: {null}",
         f"1 rig: {null}",
         f"text: {null}",
-        "rig: got 'no entry frames'; accepts a saved rig",
+        "rig: got 'a text whose checksum is another one'; accepts a saved rig",
         "text: got",
         "1 matcher: got one of process",
         "1 matcher: got one of process",

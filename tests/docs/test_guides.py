@@ -16,10 +16,9 @@ from phasestereo.io import write_image
 CORE = ROOT / "rust" / "core" / "src"
 LEAST = 4  # words of a literal that a reader sees
 SAYING = [
-    *(CORE / "findings" / f"{name}.rs" for name in ("geometry", "lightness", "outcome")),
-    CORE / "findings.rs",
+    *(CORE / "findings" / f"{name}.rs" for name in ("pair", "outcome", "rectified")),
     CORE / "verification" / "findings.rs",
-    CORE / "rig" / "state.rs",
+    *(CORE / "video" / f"{name}.rs" for name in ("rig", "frames")),
 ]
 """The files that make sentences."""
 

@@ -14,7 +14,7 @@ RUST = ROOT / "rust"
 MOST_PUBLIC = 25  # types, traits and aliases at the root of the core
 BELOW = {
     "match": {"libm", "ndarray", "rayon", "thiserror"},
-    "core": {"libm", "ndarray", "rayon", "thiserror", "phasestereo-match"},
+    "core": {"libm", "ndarray", "phasestereo-match", "rayon", "serde", "serde_json", "thiserror"},
 }
 FLOORS = {
     "match": "base choices settings image pair descriptor cost optimization refinement matcher",

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import pickle
+import subprocess
+import sys
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
@@ -170,19 +172,8 @@ def test_a_saved_rig_has_what_its_sensors_are(tmp_path: Path) -> None:
     assert (tmp_path / "again.txt").read_text() == (tmp_path / "rig.txt").read_text()
     assert checks(rig)["blur"][0] == pytest.approx(1, abs=0.3)  # of a disk half its radius
 
-    text = (tmp_path / "rig.txt").read_text()
-    for change in (("kinds 1", "kinds 7"), ("tiles ", "tiles 9"), ("noise ", "noise inf ")):
-        assert change[0] in text
-        (tmp_path / "rig.txt").write_text(text.replace(*change))
-        with pytest.raises(ValueError, match=r"rig\.txt: rig: got"):
-            ps.Rig.load(tmp_path / "rig.txt")
 
-
-@pytest.mark.parametrize(
-    "change",
-    [("rig 1", "rig 2"), ("field ", "field nan "), ("start", "begin"), ("size 240", "size 0"),
-     ("event", "event x")],
-)  # fmt: skip
+@pytest.mark.parametrize("change", [("rig 2", "rig 1"), ("240", "241"), ("rows moved", "no event")])
 def test_a_damaged_file_is_refused(tmp_path: Path, change: tuple[str, str]) -> None:
     path = tmp_path / "rig.txt"
     rig = ps.Rig(preset="fast")
@@ -190,8 +181,45 @@ def test_a_damaged_file_is_refused(tmp_path: Path, change: tuple[str, str]) -> N
         rig.match(*frame(index, rows=-2 if index == 4 else 0))
     rig.save(path)
     path.write_text(path.read_text().replace(*change))
-    with pytest.raises(ValueError, match=r"rig\.txt: (rig|alignment): got"):
+    with pytest.raises(ValueError, match=r"rig\.txt: rig: got"):
         ps.Rig.load(path)
+
+
+FORKED = """
+import os, signal, sys, threading, time, warnings
+warnings.simplefilter("ignore", DeprecationWarning)  # Python 3.12 advises against it
+import numpy as np, phasestereo as ps
+rig, steady, begun = ps.Rig(threads=1), ps.TemporalFilter(), threading.Event()
+large, small = (np.random.default_rng(0).integers(0, 256, (2, n, n), np.uint8) for n in (900, 80))
+rig.match(*small)
+
+def match():
+    begun.set()
+    rig.match(*large, temporal_filter=steady)
+
+thread = threading.Thread(target=match)
+thread.start()
+begun.wait()
+time.sleep(0.3)
+child = os.fork()
+if child == 0:
+    signal.alarm(120)
+    assert rig.frames == 1
+    rig.match(*small, temporal_filter=steady)
+    assert rig.frames == 2
+    os._exit(0)
+_, status = os.waitpid(child, 0)
+assert os.waitstatus_to_exitcode(status) == 0, status
+thread.join()
+assert rig.frames == 2
+"""
+
+
+def test_a_child_that_is_forked_during_a_match_has_the_rig_for_itself() -> None:
+    run = subprocess.run(  # noqa: S603 -- our own interpreter on our own code
+        [sys.executable, "-c", FORKED], capture_output=True, check=False, text=True
+    )
+    assert run.returncode == 0, run.stderr
 
 
 def test_images_of_another_size_and_failures() -> None:

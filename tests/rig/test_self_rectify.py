@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
+import subprocess
+import sys
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -143,6 +146,53 @@ def test_a_rig_rectifies_all_frames_by_the_cameras_of_the_first_and_exports_them
         assert again.error < 0.5, calibration
     with pytest.raises(ValueError, match="^form: got 'xml'; accepts opencv, camera_info, kalibr"):
         rig.export(tmp_path / "rig", "xml")  # type: ignore[arg-type]  # the point
+
+
+LOADING = """
+import copy, hashlib, os, pickle, signal, sys, warnings
+warnings.simplefilter("ignore", DeprecationWarning)  # Python 3.12 advises against it
+import numpy as np, phasestereo as ps
+path, pair = sys.argv[1], np.load(sys.argv[2])
+
+def threads():
+    return len(os.listdir("/proc/self/task"))
+
+def digest(rig):
+    map = rig.match(pair["left"], pair["right"]).disparity
+    return hashlib.sha256(map.tobytes()).hexdigest()
+
+rig = ps.Rig.load(path, threads=1)
+before = threads()
+others = [ps.Rig.load(path, threads=1), pickle.loads(pickle.dumps(rig)), copy.deepcopy(rig)]
+assert threads() == before + len(others), "only the worker of each"
+child = os.fork()
+if child == 0:
+    signal.alarm(300)
+    loaded = ps.Rig.load(path, threads=1), pickle.loads(pickle.dumps(rig)), copy.deepcopy(rig)
+    assert all(one.frames == 1 for one in loaded)
+    print(digest(loaded[0]), flush=True)
+    os._exit(0)
+_, status = os.waitpid(child, 0)
+assert os.waitstatus_to_exitcode(status) == 0, status
+print(digest(others[0]))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="/proc lists the threads of a process")
+def test_a_rig_of_raw_images_is_loaded_without_threads_also_in_a_forked_child(
+    turned: Pair, tmp_path: Path
+) -> None:
+    rig = ps.Rig(threads=1)
+    rig.match(turned.left, turned.right)
+    rig.save(tmp_path / "rig.txt")
+    np.savez(tmp_path / "pair.npz", left=turned.left, right=turned.right)
+
+    command = [sys.executable, "-c", LOADING, str(tmp_path / "rig.txt"), str(tmp_path / "pair.npz")]
+    run = subprocess.run(command, capture_output=True, check=False, text=True)  # noqa: S603
+    assert run.returncode == 0, run.stderr
+    child, parent = run.stdout.split()
+    again = rig.match(turned.left, turned.right).disparity.tobytes()
+    assert child == parent == hashlib.sha256(again).hexdigest()
 
 
 def test_a_setting_turns_it_off(turned: Pair) -> None:

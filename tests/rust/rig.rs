@@ -2,21 +2,28 @@
 //! time, the range of disparities, what happens, and all of it as text.
 
 use std::array::from_fn;
+use std::sync::Arc;
 
 use crate::common::hash;
+use phasestereo::internals::estimation::blur::psf::{Family, Psf};
 use phasestereo::internals::estimation::blur::{Blur, Estimate, Side};
 use phasestereo::internals::estimation::rows::RowOffsets;
 use phasestereo::internals::estimation::tracks::{Seed, Track};
-use phasestereo::internals::video::rig::Rig;
+use phasestereo::internals::rectification::cameras::Cameras;
+use phasestereo::internals::rectification::{Raw, Rectification};
+use phasestereo::internals::video::limits::check;
 use phasestereo::internals::video::rig::columns::Columns;
 use phasestereo::internals::video::rig::events::{Events, Steady, Subject};
 use phasestereo::internals::video::rig::field::{FieldFilter, seeds};
+use phasestereo::internals::video::rig::sensors::{BlurMap, Kind, Sensors};
 use phasestereo::internals::video::rig::text::{read, written};
-use phasestereo_match::base::control::Control;
+use phasestereo::internals::video::rig::{Geometry, Rig};
+use phasestereo_match::base::digest::Digest;
 use phasestereo_match::base::math;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::matcher::{Disparity, Timings};
 use phasestereo_match::pair::alignment::{Alignment, TERMS, places, terms};
+use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::settings::Settings;
 
 const SIZE: (usize, usize) = (300, 400);
@@ -139,11 +146,12 @@ fn the_field_of_rows_is_that_of_a_filter_of_single_blocks() {
         assert!(!found.sways && !found.is_moved, "{frame}: {}", found.moved);
         filter.update(&found);
 
-        let (value, drift, covariance, (blocks, spread)) = filter.numbers();
+        let FieldFilter { value, drift, covariance, agreement: (blocks, spread), .. } =
+            filter.clone();
         naive.update(&tracks, spread);
         assert!((105..=126).contains(&blocks) && (0.05..0.11).contains(&spread));
-        assert_near(value, &naive.value, "value");
-        assert_near(drift, &naive.drift, "drift");
+        assert_near(&value, &naive.value, "value");
+        assert_near(&drift, &naive.drift, "drift");
         assert_near(covariance.as_flattened(), naive.covariance.as_flattened(), "covariance");
         assert_near(&[filter.error()], &[naive.error()], "error");
     }
@@ -178,8 +186,8 @@ fn a_field_that_was_estimated_is_known_as_well_as_that() {
         let found = RowOffsets { field, error: 0.2, blocks: 70, spread: 0.3, errors: [0.2; 16] };
         let filter = FieldFilter::new(SIZE, Some(&found));
         assert_eq!(filter.field(), Ok(found.field));
-        assert_eq!(filter.numbers().3, (70, 0.3));
-        [0, 2, 3, 7].map(|term| filter.numbers().2[term][term].sqrt())
+        assert_eq!(filter.agreement, (70, 0.3));
+        [0, 2, 3, 7].map(|term| filter.covariance[term][term].sqrt())
     };
     assert_near(&deviations(0.0), &[0.4, 0.4, 0.05, 0.05], "a plane");
     assert_near(&deviations(0.1), &[0.4; 4], "all terms");
@@ -244,42 +252,47 @@ fn map(shares: &[(f32, usize)]) -> Disparity {
     }
 }
 
+/// Nothing seen yet of a range of disparities.
+fn unseen(min: i64, count: i64) -> Columns {
+    Columns::new(Candidates::new(min, count, 400).expect("legal"))
+}
+
 #[test]
 fn the_range_follows_what_comes_nearer_and_forgets_what_is_gone() {
-    let mut columns = Columns::of_numbers(-2, vec![0; 42], 0);
+    let mut columns = unseen(-2, 42);
     // Too few pixels, unknown and flagged ones keep the range as it is.
     let usual = map(&[(10.3, 2400), (f32::NAN, 10), (38.0, 40), (35.0, 9)]);
     assert!(!columns.update(&usual, 400) && columns.searched == (-2..40));
     let whole = 1i64 << 20;
     let share = |count: i64, total: i64| count * whole / total / 32;
-    assert_eq!(columns.shares()[12], share(2400, 2409));
-    assert_eq!(columns.shares()[37], share(9, 2409));
-    assert_eq!(columns.shares().iter().filter(|share| **share > 0).count(), 2);
-    assert_eq!((columns.reserve(), columns.idle()), (Some(4), 1));
+    assert_eq!(columns.shares[12], share(2400, 2409));
+    assert_eq!(columns.shares[37], share(9, 2409));
+    assert_eq!(columns.shares.iter().filter(|share| **share > 0).count(), 2);
+    assert_eq!((columns.reserve(), columns.idle), (Some(4), 1));
 
     // A hundredth of it is enough: at 37, half of the reserve of 6 is left; at 38 less.
     let near = |value| map(&[(10.0, 2480), (value, 20)]);
-    assert!(!columns.update(&near(36.0), 400) && columns.idle() == 0);
+    assert!(!columns.update(&near(36.0), 400) && columns.idle == 0);
     assert!(columns.update(&near(37.0), 400) && columns.searched == (-2..44));
     // No more than the width, and a twelfth of a long range.
-    assert!(!Columns::of_numbers(0, vec![0; 50], 0).update(&near(49.0), 50));
-    let mut long = Columns::of_numbers(0, vec![0; 130], 0);
+    assert!(!unseen(0, 50).update(&near(49.0), 50));
+    let mut long = unseen(0, 130);
     assert!(long.update(&near(129.0), 400) && long.searched == (0..140));
-    let mut long = Columns::of_numbers(0, vec![0; 130], 0);
+    let mut long = unseen(0, 130);
     assert!(long.update(&near(129.0), 133) && long.searched == (0..133));
 
     // A frame is idle that leaves more than the reserve and 16 others.
     let idle = |value| {
-        let mut columns = Columns::of_numbers(0, vec![0; 40], 0);
+        let mut columns = unseen(0, 40);
         columns.update(&map(&[(value, 2500)]), 400);
-        columns.idle()
+        columns.idle
     };
     assert_eq!((idle(17.0), idle(16.0)), (0, 1));
 
     // What is not seen fades by a 32nd with each frame, and is cut off 90 frames after.
-    let before = columns.shares()[39];
+    let before = columns.shares[39];
     assert!(!columns.update(&usual, 400));
-    assert_eq!(columns.shares()[39], before - before / 32);
+    assert_eq!(columns.shares[39], before - before / 32);
     for _ in 0..200 {
         columns.update(&usual, 400);
     }
@@ -292,18 +305,18 @@ fn the_range_follows_what_comes_nearer_and_forgets_what_is_gone() {
     assert_eq!(columns.searched, -2..17, "up to 10, and 6 more");
     assert!((105..115).contains(&frames), "{frames}");
 
-    let given = Columns::of_numbers(5, vec![0; 20], 0).candidates(400).expect("legal");
+    let given = unseen(5, 20).candidates(400).expect("legal");
     columns.watch(given, &near(24.0));
     assert_eq!((columns.searched.clone(), columns.reserve()), (5..25, Some(0)));
     columns.watch(given, &near(24.0));
-    assert_eq!(columns.shares()[19], {
+    assert_eq!(columns.shares[19], {
         let one = 20 * whole / 2500;
         one / 32 + (one - one / 32) / 32
     });
     columns.extend(30);
     columns.extend(20);
-    assert_eq!((columns.searched.clone(), columns.shares().len()), (5..30, 25));
-    assert_eq!(Columns::of_numbers(0, vec![0; 9], 0).reserve(), None);
+    assert_eq!((columns.searched.clone(), columns.shares.len()), (5..30, 25));
+    assert_eq!(unseen(0, 9).reserve(), None);
 }
 
 #[test]
@@ -326,77 +339,185 @@ fn a_state_changes_where_frames_in_a_row_say_so() {
 
 /// A rig of a field with this shift, known to an error of 0.04 pixels.
 fn rig(shift: f64, straightens: i64) -> Rig {
-    let numbers = |all: &[f64]| {
-        let all: Vec<String> = all.iter().map(|value| format!("{value:?}")).collect();
-        format!(" {}", all.join(" "))
+    let mut field = FieldFilter::new(SIZE, None);
+    (field.value[0], field.drift, field.agreement) = (shift, [0.001; TERMS], (80, 0.25));
+    field.covariance = [[0.0; TERMS]; TERMS];
+    field.covariance[0][0] = 0.0016;
+
+    let mut cameras = Cameras::new([0.1; 14], [0.2; 14], SIZE);
+    cameras.shifts = [[1.0, 2.0], [3.0, 4.0]];
+    let rectification = Rectification {
+        cameras,
+        matches: [9, 8],
+        blocks: 7,
+        rows: 0.1,
+        rms: 0.2,
+        error: 0.3,
+        disparities: [4.5, 5.5, 6.5],
+        pairs: 6,
+        is_inverted: false,
+        moved: 0.4,
+        distortion: [(0.5, 0.6), (0.7, 0.8)],
     };
-    let mut covariance = [0.0; TERMS * TERMS];
-    covariance[0] = 0.0016;
-    let mut field = [0.0; TERMS];
-    field[0] = shift;
-    let text = format!(
-        "phasestereo rig 1\nframes 7\nhealth 0.125\ndoubt 3 9\nsoft 1 2 3\nill 0 0 4\nsize 300 400\ninverted 1\n\
-         whole 0\nstraightens {straightens} {straightens} 0\nsways 0 0 0\nfield{}\ndrift{}\ncovariance{}\nblocks 80\n\
-         spread 0.25\nstart -3\nshares 0 5 7 1\nidle 2\nnumbers{}\nspreads{}\nshifts{}\ncounts 9 8 7 6\ndisparities 4.5 5.5 6.5\n\
-         errors{}\nsensors 5\nrange 255.0\nnoise 1.5 2.5\nresponse 1.1 0.9 1.2\n\
-         kinds 1.0 2.0 9.0 30.0 0.0 2.6 0.0 -1.0 0.0 0.0 0.0 0.0\ntiles 1 3 16\nlabels 0 1 1\ncertainty 0.75\n\
-         event rows 3 rows are straightened from here on\nevent health 6 the match is well again\n",
-        numbers(&field),
-        numbers(&[0.001; TERMS]),
-        numbers(&covariance),
-        numbers(&[0.1; 14]),
-        numbers(&[0.2; 14]),
-        numbers(&[1.0, 2.0, 3.0, 4.0]),
-        numbers(&[0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8]),
-    );
-    let rig = read(&text, &Control::default()).expect("legal");
-    assert_eq!(written(&rig), text);
+    let mut events = Events::default();
+    events.push(Subject::Rows, 3, "rows are straightened from here on");
+    events.push(Subject::Health, 6, "the match is well again");
+    let psf = Psf { family: Family::Motion, size: 9.0, angle: 30.0, inner: 0.0 };
+    let blur = BlurMap {
+        kinds: vec![
+            Kind { side: 1, psf: Some(psf), spread: 2.6 },
+            Kind { side: 0, psf: None, spread: 0.0 },
+        ],
+        tiles: (1, 3),
+        side: 16,
+        labels: vec![0, 1, 1],
+        certainty: 0.75,
+    };
+    let geometry = Geometry {
+        size: SIZE,
+        cameras: Some(Arc::new(Raw::new(rectification, SIZE))),
+        field,
+        straightens: Steady::new(straightens),
+        sways: Steady::new(0),
+        columns: Columns { shares: vec![0, 5, 7, 1], idle: 2, ..unseen(-3, 4) },
+        is_inverted: true,
+    };
+    let rig = Rig {
+        frames: 7,
+        geometry: Some(geometry),
+        appearance: None,
+        sensors: Some(Sensors {
+            frame: 5,
+            range: 255.0,
+            noise: Some([1.5, 2.5]),
+            response: Some([1.1, 0.9, 1.2]),
+            blur: Some(blur),
+        }),
+        events,
+        health: Some(0.125),
+        soft: Some(Steady { state: 1, next: 2, frames: 3 }),
+        ill: Some(Steady { state: 0, next: 0, frames: 4 }),
+        doubt: (3, 9),
+    };
+    let text = written(&rig).expect("numbers");
+    let rig = read(&text).expect("legal");
+    assert_eq!(written(&rig).expect("numbers"), text);
     rig
+}
+
+/// The text with other JSON, whose checksum is right.
+fn signed(json: &str) -> String {
+    let mut digest = Digest::default();
+    digest.add(json.bytes());
+    format!("phasestereo rig 2 {:016x}\n{json}\n", digest.value())
 }
 
 #[test]
 fn a_rig_as_text_is_read_back_and_anything_else_is_refused() {
-    let text = written(&rig(0.5, 1));
-    let control = Control::default();
+    let text = written(&rig(0.5, 1)).expect("numbers");
+    let json = text.lines().nth(1).expect("a second line");
+    assert_eq!(signed(json), text);
     for (from, to) in [
-        ("rig 1", "rig 2"),
-        ("frames 7", "frames x"),
-        ("frames 7", "frames 7\nframes 7"),
-        ("size 300 400", "size 0 400"),
-        ("size 300 400", "size 300 1048577"),
-        ("covariance 0.0016", "covariance inf"),
-        ("shares 0 5 7 1", "shares"),
-        ("start -3", "start -1048577"),
-        ("start -3", "start 400"),
-        ("shifts 1.0", "shifts NaN"),
-        ("numbers 0.1", "numbers 1e6"),
-        ("spreads 0.2", "spreads inf"),
-        ("range 255.0", "range 0.0"),
-        ("range 255.0", "range inf"),
-        ("noise 1.5", "noise NaN"),
-        ("response 1.1", "response NaN"),
-        ("kinds 1.0", "kinds 7.0"),
-        ("2.6 0.0", "inf 0.0"),
-        ("0.0\ntiles", "0.0 0.0\ntiles"),
-        ("tiles 1 3", "tiles 1 2"),
-        ("labels 0", "labels 2"),
-        ("event rows", "event shows"),
-        ("soft 1", "soft 1 1"),
-        ("soft 1 2 3", "soft 1 2 -3"),
-        ("spread 0.25", "spreading 0.25"),
+        ("rig 2", "rig 1"),
+        ("\"frames\":7", "\"frames\":8"),
+        ("0.125", "0.126"),
+        ("rig 2 ", "rig 2 0"),
     ] {
-        assert!(text.contains(from));
-        assert!(read(&text.replacen(from, to, 1), &control).is_err(), "{to}");
+        assert!(read(&text.replacen(from, to, 1)).is_err(), "{to}");
     }
-    let ill = read(&text.replace("health 0.125", "health 1.5"), &control).expect("legal");
-    assert_eq!(ill.health, None);
 
-    let sensors = ill.sensors.expect("known");
+    for (from, to) in [
+        ("\"frames\":7", "\"frames\":\"x\""),
+        ("\"frames\":7", "\"frames\":7,\"frames\":7"),
+        ("\"frames\":7", "\"frames\":18446744073709551615"),
+        ("\"frames\":7", "\"frames\":2"),
+        ("\"doubt\":[3,", "\"doubt\":[9223372036854775807,"),
+        ("\"health\":0.125", "\"health\":1.5"),
+        ("\"size\":[300,400]", "\"size\":[0,400]"),
+        ("\"size\":[300,400]", "\"size\":[300,401]"),
+        ("\"size\":[300,400]", "\"size\":[4294967296,4294967296]"),
+        ("[[0.0016", "[[-0.0016"),
+        ("[[0.0016", "[[1e308"),
+        ("[[0.0016,0.0", "[[0.0016,0.1"),
+        ("\"value\":[0.5", "\"value\":[16385.0"),
+        ("\"agreement\":[80", "\"agreement\":[18446744073709551615"),
+        ("\"shares\":[0,5,7,1]", "\"shares\":[]"),
+        ("\"shares\":[0,5", "\"shares\":[0,9223372036854775807"),
+        ("\"shares\":[0,5", "\"shares\":[0,-5"),
+        ("\"idle\":2", "\"idle\":4294967295"),
+        ("\"start\":-3,\"end\":1", "\"start\":400,\"end\":404"),
+        ("\"start\":-3,\"end\":1", "\"start\":-3,\"end\":9"),
+        ("\"start\":-3,\"end\":1", "\"start\":9223372036854775807,\"end\":1"),
+        ("\"shifts\":[[1.0", "\"shifts\":[[null"),
+        ("\"numbers\":[0.1", "\"numbers\":[1e7"),
+        ("\"spreads\":[0.2", "\"spreads\":[2.0"),
+        ("\"rms\":0.2", "\"rms\":1e308"),
+        ("\"pairs\":6", "\"pairs\":18446744073709551615"),
+        ("\"range\":255.0", "\"range\":0.0"),
+        ("\"noise\":[1.5", "\"noise\":[-1.5"),
+        ("\"side\":1", "\"side\":7"),
+        ("\"spread\":2.6", "\"spread\":-2.6"),
+        ("\"tiles\":[1,3]", "\"tiles\":[1,2]"),
+        ("\"labels\":[0", "\"labels\":[2"),
+        ("\"subject\":\"Rows\"", "\"subject\":\"Shows\""),
+        ("\"state\":1,\"next\":2", "\"state\":1,\"next\":3"),
+        ("\"straightens\":{\"state\":1", "\"straightens\":{\"state\":9"),
+        ("\"certainty\":0.75", "\"certainty\":7.5"),
+    ] {
+        assert!(json.contains(from), "{from}");
+        assert!(read(&signed(&json.replacen(from, to, 1))).is_err(), "{to}");
+    }
+
+    let sensors = read(&text).expect("legal").sensors.expect("known");
     let blur = sensors.blur.as_ref().expect("known");
     assert_near(&[0.3, 0.4].map(|share| blur.largest(share)), &[2.6, 0.0], "spreads");
 
-    let none = written(&Rig::default());
-    assert_eq!(written(&read(&none, &control).expect("legal")), none);
+    let none = written(&Rig::default()).expect("numbers");
+    assert_eq!(written(&read(&none).expect("legal")).expect("numbers"), none);
+}
+
+#[test]
+fn a_text_of_which_anything_was_changed_is_refused_or_a_rig_that_can_be_used() {
+    let text = written(&rig(0.5, 1)).expect("numbers");
+    let json = text.lines().nth(1).expect("a second line");
+    let numbers =
+        ["0", "-1", "255", "1e308", "-1e308", "1e-308", "18446744073709551615", "null", "{}"];
+    let mut read_all = 0;
+    for seed in 0..4000u64 {
+        let mut changed = json.as_bytes().to_vec();
+        for change in 0..=(hash(1, seed as usize, 0) % 3) as usize {
+            let at = hash(2, seed as usize, change) as usize % changed.len();
+            let other = numbers[hash(3, seed as usize, change) as usize % numbers.len()];
+            // A whole number in place of another one, or any byte.
+            let is_part = |byte: &u8| byte.is_ascii_digit() || b"-+.e".contains(byte);
+            let first =
+                changed[..at].iter().rposition(|byte| !is_part(byte)).map_or(0, |at| at + 1);
+            let end = at + changed[at..].iter().take_while(|byte| is_part(byte)).count();
+            if first < end {
+                changed.splice(first..end, other.bytes());
+            } else {
+                changed[at] = (32 + hash(4, seed as usize, change) % 95) as u8;
+            }
+        }
+        let changed = String::from_utf8(changed).expect("ASCII");
+        assert!(
+            changed == json || read(&text.replace(json, &changed)).is_err(),
+            "a wrong checksum"
+        );
+
+        // A right one: what is read can be asked, saved, and learn.
+        let Ok(mut rig) = read(&signed(&changed)) else { continue };
+        read_all += 1;
+        check(&rig, &[], Some(400.0)).expect("limits");
+        assert_eq!(written(&read(&written(&rig).expect("numbers")).expect("again")), written(&rig));
+        if let Some(geometry) = &mut rig.geometry {
+            geometry.field.predict();
+            geometry.columns.update(&map(&[(1.0, 2500)]), SIZE.1);
+        }
+        rig.frames += 1;
+        rig.settle(None, 0.9);
+    }
+    assert!(read_all > 100, "{read_all}");
 }
 
 #[test]

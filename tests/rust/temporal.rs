@@ -3,10 +3,11 @@
 use crate::common::maps::bits;
 use crate::common::{at_every_level, hash, levels, mask, random, view};
 use ndarray::Array3;
-use phasestereo::internals::video::temporal::change::{
-    BLOCK, BLOCK_FACTOR, ENOUGH_BLOCKS, LARGEST, LEAST_NOISE, MOST_NOISE, QUIETEST, RATIO, STEP,
+use phasestereo::internals::video::choices::{
+    CHANGE_RATIO, CHANGE_STEP, LARGEST_SQUARE, LEAST_NOISE, MEAN_FRAMES, MOST_NOISE, NOISE_BLOCK,
+    NOISE_BLOCKS, NOISE_FACTOR, QUIET_DIVISOR,
 };
-use phasestereo::internals::video::temporal::{FRAMES, TemporalFilter};
+use phasestereo::internals::video::temporal::TemporalFilter;
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Error;
 use phasestereo_match::base::plane::Plane;
@@ -139,12 +140,13 @@ impl NaiveView {
         };
 
         if self.before.is_empty() {
-            self.before = vec![(0.0, 0); rows.div_ceil(STEP) * cols.div_ceil(STEP)];
+            self.before = vec![(0.0, 0); rows.div_ceil(CHANGE_STEP) * cols.div_ceil(CHANGE_STEP)];
         }
 
         let (before, inverse) = (self.before.clone(), 1.0 / noise((rows, cols), gray));
-        let (image_rows, image_cols, gray) = (rows, cols, |y, x| gray(STEP * y, STEP * x));
-        let (rows, cols) = (rows.div_ceil(STEP), cols.div_ceil(STEP));
+        let (image_rows, image_cols, gray) =
+            (rows, cols, |y, x| gray(CHANGE_STEP * y, CHANGE_STEP * x));
+        let (rows, cols) = (rows.div_ceil(CHANGE_STEP), cols.div_ceil(CHANGE_STEP));
 
         let places = (0..rows * cols).map(|index| (index / cols, index % cols));
         let sampled = places.filter(|(y, x)| y % 4 == 0 && x % 4 == 0);
@@ -166,8 +168,8 @@ impl NaiveView {
             if count == 0 || gray(y, x).is_nan() {
                 return 0.0;
             }
-            let square = (difference * difference * inverse).min(LARGEST);
-            square - (RATIO + RATIO / f32::from(count))
+            let square = (difference * difference * inverse).min(LARGEST_SQUARE);
+            square - (CHANGE_RATIO + CHANGE_RATIO / f32::from(count))
         };
 
         let next = |index: usize| {
@@ -182,7 +184,7 @@ impl NaiveView {
                 (true, _) => ((0.0, 0), true),
                 (false, true) => ((new, 1), true),
                 (false, false) => {
-                    let count = FRAMES.min(count + 1);
+                    let count = MEAN_FRAMES.min(count + 1);
                     let then = gain * mean;
                     ((then + (new - then) / f32::from(count), count), false)
                 }
@@ -191,7 +193,7 @@ impl NaiveView {
         let (now, changed): (_, Vec<bool>) = (0..rows * cols).map(next).unzip();
         self.before = now;
         let pixels = (0..image_rows).flat_map(|y| (0..image_cols).map(move |x| (y, x)));
-        pixels.map(|(y, x)| changed[y / STEP * cols + x / STEP]).collect()
+        pixels.map(|(y, x)| changed[y / CHANGE_STEP * cols + x / CHANGE_STEP]).collect()
     }
 }
 
@@ -209,8 +211,9 @@ fn gain(mut quotients: Vec<f32>) -> f32 {
 
 /// The reference implementation of the variance of the noise.
 fn noise((rows, cols): (usize, usize), gray: impl Fn(usize, usize) -> f32) -> f32 {
-    let (down, across) = (rows.saturating_sub(2) / BLOCK, cols.saturating_sub(2) / BLOCK);
-    let step = (down * across).div_ceil(ENOUGH_BLOCKS).max(1);
+    let (down, across) =
+        (rows.saturating_sub(2) / NOISE_BLOCK, cols.saturating_sub(2) / NOISE_BLOCK);
+    let step = (down * across).div_ceil(NOISE_BLOCKS).max(1);
     let second = |y: usize, x: usize| {
         let column = |x: usize| gray(y - 1, x) + gray(y + 1, x) - 2.0 * gray(y, x);
         (column(x - 1) + column(x + 1) - 2.0 * column(x)) / 6.0
@@ -219,18 +222,18 @@ fn noise((rows, cols): (usize, usize), gray: impl Fn(usize, usize) -> f32) -> f3
     for top in (0..down).step_by(step) {
         for left in 0..across {
             let column = |x: usize| {
-                let rows = top * BLOCK..(top + 1) * BLOCK;
+                let rows = top * NOISE_BLOCK..(top + 1) * NOISE_BLOCK;
                 rows.map(|y| second(y + 1, x + 1).powi(2)).sum::<f32>()
             };
-            let columns = left * BLOCK..(left + 1) * BLOCK;
-            squares.push(columns.map(column).sum::<f32>() / (BLOCK * BLOCK) as f32);
+            let columns = left * NOISE_BLOCK..(left + 1) * NOISE_BLOCK;
+            squares.push(columns.map(column).sum::<f32>() / (NOISE_BLOCK * NOISE_BLOCK) as f32);
         }
     }
     squares.retain(|square| !square.is_nan());
     squares.sort_by(f32::total_cmp);
     let (least, most) = (LEAST_NOISE.powi(2), MOST_NOISE.powi(2));
-    let quiet = squares.get(squares.len() / QUIETEST);
-    quiet.map_or(least, |square| (square * BLOCK_FACTOR).clamp(least, most))
+    let quiet = squares.get(squares.len() / QUIET_DIVISOR);
+    quiet.map_or(least, |square| (square * NOISE_FACTOR).clamp(least, most))
 }
 
 /// The reference implementation: whether the block of a pixel has moved.
@@ -278,9 +281,9 @@ fn expected(frames: &[Frame]) -> Vec<Seen> {
                     continue;
                 }
                 if new.is_nan() && was.is_nan() {
-                    support.row_mut(y)[x] = FRAMES.min(count + 1);
+                    support.row_mut(y)[x] = MEAN_FRAMES.min(count + 1);
                 } else if (new - was).abs() <= 1.0 {
-                    let more = FRAMES.min(count + 1);
+                    let more = MEAN_FRAMES.min(count + 1);
                     support.row_mut(y)[x] = more;
                     map.disparity.row_mut(y)[x] = was + (new - was) / f32::from(more);
                 } else if count > 1 {
@@ -323,7 +326,7 @@ proptest! {
 fn the_sequences_have_all_that_may_happen() {
     let found = expected(&sequence((40, 70), 0, 5));
     let (_, _, _, last) = found.last().expect("frames");
-    assert!((1..=FRAMES).all(|count| last.contains(&count)), "every count");
+    assert!((1..=MEAN_FRAMES).all(|count| last.contains(&count)), "every count");
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use crate::common::{hash, levels, mask, view};
 use phasestereo::internals::verification::evidence::Evidence;
-use phasestereo::internals::verification::judgment::Jury;
+use phasestereo::internals::verification::test::Test;
 use phasestereo::internals::verification::verdict;
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::plane::Plane;
@@ -240,9 +240,9 @@ fn verdicts_are_what_their_definition_says() {
     let evidence =
         Evidence::new(&map, &own, &costs, Level::best(), &Control::default()).expect("memory");
 
-    let jury = Jury { map: &map, own: &own, evidence: &evidence };
+    let test = Test { map: &map, own: &own, evidence: &evidence };
     let (verdicts, better, counts) =
-        jury.judge(Level::best(), &Control::default()).expect("memory");
+        test.judge(Level::best(), &Control::default()).expect("memory");
 
     let mut expected = [0; 4];
     for (y, x) in window(0, 0, ROWS) {

@@ -120,7 +120,7 @@ pub unsafe extern "C" fn phasestereo_rig_text(
 ) -> usize {
     let written = guarded(|| {
         // SAFETY: as the caller promises.
-        let written = unsafe { held(rig)? }.text() + "\0";
+        let written = unsafe { held(rig)? }.text()? + "\0";
         if written.len() <= room {
             // SAFETY: as above.
             unsafe {

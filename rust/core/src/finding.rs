@@ -39,7 +39,7 @@ pub enum Severity {
     Ok,
     /// Worth knowing.
     Note,
-    /// To be mended.
+    /// To be fixed.
     Warning,
 }
 
@@ -52,8 +52,10 @@ pub struct Finding {
     pub severity: Severity,
     /// Plain words, with numbers.
     pub sentence: String,
-    /// Whether it says that something cannot be told.
-    pub(super) is_unknown: bool,
+    /// Whether it reports that something cannot be measured.
+    pub(crate) is_unknown: bool,
+    /// What a failed match is due to because of it; empty: nothing.
+    pub(crate) cause: &'static str,
 }
 
 /// Topics in the order in which they are named as causes.
@@ -132,17 +134,12 @@ impl Severity {
 impl Finding {
     /// A finding.
     pub fn new(topic: Topic, severity: Severity, sentence: impl Into<String>) -> Self {
-        Self { topic, severity, sentence: sentence.into(), is_unknown: false }
+        Self { topic, severity, sentence: sentence.into(), is_unknown: false, cause: "" }
     }
 
-    /// A note that something cannot be told.
+    /// A note that something cannot be measured.
     pub(super) fn unknown(topic: Topic, sentence: impl Into<String>) -> Self {
         Self { is_unknown: true, ..Self::note(topic, sentence) }
-    }
-
-    /// That something is well.
-    pub(super) fn ok(topic: Topic, sentence: impl Into<String>) -> Self {
-        Self::new(topic, Severity::Ok, sentence)
     }
 
     /// Something worth knowing.
@@ -150,7 +147,8 @@ impl Finding {
         Self::new(topic, Severity::Note, sentence)
     }
 
-    /// Something to be mended.
+    /// Something to be fixed.
+    #[cfg(test)]
     pub(crate) fn warning(topic: Topic, sentence: impl Into<String>) -> Self {
         Self::new(topic, Severity::Warning, sentence)
     }

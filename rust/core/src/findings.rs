@@ -1,102 +1,32 @@
-//! What was found out about a pair, or about its match, in plain words, for all faces alike.
+//! What was found of a pair, or of its match, in plain words, the same for all faces.
 //!
-//! [`of_pair`] says what there is to say about a pair, topic by topic, in a fixed order, also that all is well. [`of_match`]
-//! says what there is to say about its match, the worst first, and nothing if all is well: how many pixels are probably
-//! wrong, and because of what; where the range was too short; and, word for word, what is worth knowing about the pair.
-//! What a match has evened out, or has suffered from, is a note of the pair: how much it suffered is in the first sentence.
+//! [`of_pair`] reports on a pair, topic by topic, in a fixed order, also that all is well. [`of_match`] reports on its match, the
+//! worst first, and nothing if all is well: how many pixels are probably wrong, and because of what; where the range was too
+//! short; and, word for word, what is worth knowing about the pair. Faults of the pair that the match has compensated, or
+//! suffered from, are notes: the first sentence says how much it suffered.
 //!
-//! From where on something is said stands in [`levels`].
+//! Each finding is a row of a [`table`]: a quantity, two levels, a sentence, a cause, and what to do.
 
-mod geometry;
-pub mod levels;
-mod lightness;
+pub mod choices;
 mod outcome;
+mod pair;
+mod rectified;
+pub mod table;
 
-pub use self::geometry::{not_rectified, rectification, rectified};
-pub use self::outcome::of_match;
-use crate::estimation::estimates::Estimates;
-use crate::estimation::facts::Origin;
-use crate::estimation::overview::LEAST_SIZE;
-use crate::finding::{Finding, Topic};
-use phasestereo_match::pair::fitting::Fit;
-use phasestereo_match::settings::Settings;
-
-/// A pair of which something was estimated.
-#[derive(Clone, Copy)]
-struct Known<'a> {
-    estimates: &'a Estimates,
-    size: (usize, usize),
-    settings: &'a Settings,
-}
-
-/// What is worth knowing about a pair of this size, also that all is well. `fit`: how its right image was brought to this size.
-pub fn of_pair(
-    estimates: &Estimates,
-    size: (usize, usize),
-    fit: Option<Fit>,
-    settings: &Settings,
-) -> Vec<Finding> {
-    let known = Known { estimates, size, settings };
-
-    let mut findings = known.search();
-    findings.extend(known.rows());
-    findings.extend(known.blur());
-    findings.extend(known.light());
-    findings.extend(fit.map(|fit| geometry::fitted(&fit)));
-    findings
-}
-
-impl Known<'_> {
-    /// A note that the images are too small or too uniform to tell something, if they are.
-    fn untold(&self, topic: Topic, what: &str) -> Option<Finding> {
-        let (rows, cols) = self.size;
-        if rows.min(cols) < LEAST_SIZE {
-            return Some(Finding::unknown(
-                topic,
-                format!("the images are too small to tell {what}"),
-            ));
-        }
-
-        // Texture as fine as noise counts as such, but matches.
-        let is_matched = self.matches_from(levels::LEAST_ROUGH);
-        let flat = self.estimates.photometry.map_or([0.0; 2], |found| found.flat);
-        let is_uniform = !is_matched && flat[0].max(flat[1]) >= levels::UNIFORM;
-        is_uniform.then(|| {
-            Finding::unknown(topic, format!("the images have too little texture to tell {what}"))
-        })
-    }
-
-    /// Whether the caller states the disparities.
-    fn is_given(&self) -> bool {
-        self.estimates.candidates.origin == Origin::Given
-    }
-
-    /// Whether small copies match with this mean confidence.
-    fn matches_from(&self, least: f64) -> bool {
-        self.estimates.confidence.is_some_and(|found| found >= least)
-    }
-
-    /// A note that something could not be told.
-    fn not_told(&self, topic: Topic, what: &str) -> Finding {
-        let sentence = || format!("the images have too little in common to tell {what}");
-        self.untold(topic, what).unwrap_or_else(|| Finding::unknown(topic, sentence()))
-    }
-}
-
-/// A share in whole percent.
-fn percent(share: f64) -> String {
-    format!("{:.0} %", 100.0 * share)
-}
+pub use self::outcome::{most_wrong, of_match};
+pub use self::pair::{levels_of, of_pair};
+pub use self::rectified::{not_rectified, rectification, rectified};
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::finding::Severity;
+    use crate::finding::{Finding, Severity, Topic};
     use phasestereo_match::base::math::{cos, sin};
 
     use crate::estimation::blur;
     use crate::estimation::blur::Side;
     use crate::estimation::blur::psf::{Family, Psf};
+    use crate::estimation::estimates::Estimates;
     use crate::estimation::photometry::{Contrast, Photometry, Saturation};
     use crate::estimation::range::{LeftOut, SearchRange};
     use crate::estimation::rows::RowOffsets;
@@ -201,7 +131,7 @@ mod tests {
         let wall = Photometry { flat: [0.99; 2], ..PHOTOMETRY };
         let wall = Estimates { range: None, confidence: Some(0.2), ..with_photometry(wall) };
         assert!(
-            said(&wall, Topic::Range).1.contains("too little texture to tell which disparities")
+            said(&wall, Topic::Range).1.contains("too little texture to measure which disparities")
         );
         assert_eq!(said(&wall, Topic::Texture).0, Severity::Warning);
         let dots = Estimates { confidence: Some(0.95), ..wall };
@@ -212,14 +142,9 @@ mod tests {
         let expected = "something at 88 to 91 px seems to be in columns 30 to 44, rows 5 to 20";
         assert!(said(&left_out, Topic::Range).1.starts_with(expected));
 
-        let known = Known {
-            estimates: &Estimates { range: Some(SearchRange { high: 30.0, ..RANGE }), ..sound() },
-            size: SIZE,
-            settings: &Preset::Robust.settings(),
-        };
-        assert!(
-            known.search().iter().any(|one| one.sentence.contains("there seem to be 2 to 30 px"))
-        );
+        let known = Estimates { range: Some(SearchRange { high: 30.0, ..RANGE }), ..sound() };
+        let found = of_pair(&known, SIZE, None, &Preset::Robust.settings());
+        assert!(found.iter().any(|one| one.sentence.contains("there seem to be 2 to 30 px")));
     }
 
     #[test]

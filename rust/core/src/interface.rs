@@ -16,7 +16,7 @@ use crate::rectification::calibration::Calibration;
 use crate::rectification::warp::Interpolation;
 use crate::rectification::{rectify_views, warp};
 use crate::verification;
-use crate::video::frames::{self, Way};
+use crate::video::frames::{self, Options};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::{Error, Result};
 use phasestereo_match::base::plane::Plane;
@@ -152,9 +152,9 @@ impl Matcher {
         let (pair, facts) = pair(left, right, disparities.into())?;
         let Rig { state, filter, reestimate } = rig;
 
-        let way = Way { facts: &facts, settings: &self.settings, reestimate: *reestimate };
+        let options = Options { facts: &facts, settings: &self.settings, reestimate: *reestimate };
         let frame = self.on_threads(&Control::default(), |runtime| {
-            frames::match_frame(state, pair, way, filter.as_mut(), runtime)
+            frames::match_frame(state, pair, options, filter.as_mut(), runtime)
         })?;
         let support = frame.support.map(|(support, _)| support);
         Ok(Match { support, ..Match::new(frame.matched) })

@@ -77,9 +77,9 @@ pub struct Matched {
 
 impl Rectified {
     /// Where each pixel of the rectified left and right image is in the raw one: column and row,
-    /// NaN where no ray comes from.
-    pub fn places(&self) -> &[Plane<[f32; 2]>; 2] {
-        &self.raw.places
+    /// NaN where no ray comes from. The match has computed it already.
+    pub fn places(&self) -> Result<&[Plane<[f32; 2]>; 2]> {
+        self.raw.places(&Control::default())
     }
 }
 

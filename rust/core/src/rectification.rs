@@ -26,6 +26,9 @@ pub mod scene;
 pub mod warp;
 
 use std::fmt;
+use std::sync::OnceLock;
+
+use serde::{Deserialize, Serialize};
 
 use self::blocks::Block;
 use self::cameras::{Cameras, NUMBERS, Point};
@@ -91,7 +94,7 @@ pub enum Negative {
 }
 
 /// A pair that was rectified.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Rectification {
     /// The cameras, with how the rectified images are moved.
     pub cameras: Cameras,
@@ -600,24 +603,33 @@ fn at(sorted: &[f64], share: f64) -> f64 {
     sorted[(share * (sorted.len() - 1) as f64).round() as usize]
 }
 
-/// The cameras of raw images.
-#[derive(Debug)]
+/// The cameras of raw images of one size.
+#[derive(Debug, Serialize, Deserialize)]
 pub struct Raw {
     /// The cameras.
     pub rectification: Rectification,
-    /// Where each rectified pixel is in the raw images.
-    pub places: [Plane<[f32; 2]>; 2],
+    /// Rows and columns of the raw images.
+    pub size: (usize, usize),
+    /// Where each rectified pixel is in the raw images, once a match has wanted that.
+    #[serde(skip)]
+    places: OnceLock<[warp::Places; 2]>,
 }
 
 impl Raw {
-    /// With the places of images of this size.
-    pub fn new(
-        rectification: Rectification,
-        size: (usize, usize),
-        control: &Control,
-    ) -> Result<Self> {
-        let places = |side| warp::places(&rectification.cameras, side, size, control);
-        Ok(Self { places: [places(0)?, places(1)?], rectification })
+    /// Cameras of raw images of so many rows and columns. No place is computed yet.
+    pub fn new(rectification: Rectification, size: (usize, usize)) -> Self {
+        Self { rectification, size, places: OnceLock::new() }
+    }
+
+    /// Where each rectified pixel is in the raw left and right image. The first call computes it on the
+    /// threads of the current pool.
+    pub fn places(&self, control: &Control) -> Result<&[warp::Places; 2]> {
+        if let Some(places) = self.places.get() {
+            return Ok(places);
+        }
+        let places = |side| warp::places(&self.rectification.cameras, side, self.size, control);
+        let places = [places(0)?, places(1)?];
+        Ok(self.places.get_or_init(|| places))
     }
 }
 

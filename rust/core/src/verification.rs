@@ -9,24 +9,24 @@
 //! claims          = finite disparities of the map         # is their sign or their scale another one?
 //! own             = match(pair, range found + range claimed)
 //! for each pixel with a claim:
-//!     refuted   if the score of `judgment` is high, and the own match holds the pixel for visible
+//!     refuted   if the score of `test` is high, and the own match holds the pixel for visible
 //!     supported if own and claim differ by at most 1.5 px, and the own match is confident
 //!     unknown   else
 //! ```
 //!
 //! What the right image does not see it cannot refute, as far as the own match and the map know of it.
 
-pub mod claims;
 pub mod evidence;
 mod findings;
-pub mod judgment;
+pub mod hypotheses;
+pub mod test;
 
 use crate::estimation::facts::Facts;
 use crate::estimation::{Prepared, complete, prepare};
 use crate::finding::Finding;
-use crate::verification::claims::Misreading;
 use crate::verification::evidence::Evidence;
-use crate::verification::judgment::Jury;
+use crate::verification::hypotheses::Misreading;
+use crate::verification::test::Test;
 use phasestereo_match::base::error::{Error, Result};
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::cost::Costs;
@@ -124,7 +124,7 @@ pub fn verify(
     let misreading = Misreading::of(map, &costs);
     let found = prepared.estimates.candidates.value;
     let searched = match misreading {
-        None => claims::widened(found, map),
+        None => hypotheses::widened(found, map),
         Some(_) => found,
     };
 
@@ -132,8 +132,8 @@ pub fn verify(
     let own = matcher.match_pair(&pair, &prepared.settings, execution, control)?;
 
     let evidence = Evidence::new(map, &own, &costs, execution.level, control)?;
-    let jury = Jury { map, own: &own, evidence: &evidence };
-    let (verdicts, better, counts) = jury.judge(execution.level, control)?;
+    let test = Test { map, own: &own, evidence: &evidence };
+    let (verdicts, better, counts) = test.judge(execution.level, control)?;
     drop(costs);
 
     prepared.pair = pair;

@@ -1,5 +1,6 @@
 //! The frames of two cameras, one after another: what a rig learns from them, and maps that are steady over time.
 
+pub mod choices;
 pub mod frames;
 pub mod limits;
 pub mod rig;

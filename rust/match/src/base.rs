@@ -1,6 +1,7 @@
 //! What all stages stand on: errors, planes, memory, threads, arithmetic that is the same on every platform.
 
 pub mod control;
+pub mod digest;
 pub mod error;
 pub mod math;
 pub mod memory;

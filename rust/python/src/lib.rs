@@ -34,7 +34,7 @@ use self::reader::{Reader, Scale, packing_to_py};
 use self::rig::Rig;
 use self::settings::{Setting, every_setting, read_settings, write_settings};
 use self::supervisor::supervised;
-use self::temporal::{TemporalFilter, held};
+use self::temporal::TemporalFilter;
 use self::verification::verify_map;
 use self::workers::{Pool, Workers, release_memory};
 use phasestereo::Error;
@@ -48,7 +48,8 @@ use phasestereo::internals::findings;
 use phasestereo::internals::rectification::rectify_views;
 use phasestereo::internals::self_check::{CASES, differing};
 use phasestereo::internals::verification::verdict;
-use phasestereo::internals::video::frames::{Frame, Way, match_frame};
+use phasestereo::internals::video::frames::{Frame, Options, match_frame};
+use phasestereo::internals::video::temporal::TemporalFilter as Filter;
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
@@ -202,24 +203,25 @@ fn match_pair<'py>(
     let told = read_known(&known, size, search)?;
 
     let pool = Pool::for_argument(threads)?;
-    let filter = temporal.map(|filter| filter.shared());
-    let rig = rig.as_deref();
-    let _turn = rig.map(Rig::turn).transpose()?;
-    let mut state = rig.map(|rig| rig.last().clone()).unwrap_or_default();
-    let (matched, is_reused, state) = supervised(py, &pool, size.0, progress, move |runtime| {
-        let mut filter = filter.as_deref().map(|one| held(one, "temporal_filter")).transpose()?;
-        let way = Way { facts: &told, settings: &asked, reestimate };
-        let frame = match_frame(&mut state, pair, way, filter.as_deref_mut(), runtime)?;
-
-        let Frame { matched: whole, summary, is_reused, support } = frame;
-        let internals::match_pair::Matched { map, prepared: Prepared { estimates, .. }, rectified } =
-            whole;
-        let findings = findings::of_match(&estimates, &summary, size);
-        Ok((Matched { map, summary, estimates, support, findings, rectified }, is_reused, state))
+    let turns = (
+        rig.as_ref().map(|rig| rig.turn()).transpose()?,
+        temporal.as_ref().map(|filter| filter.turn()).transpose()?,
+    );
+    let mut state = turns.0.as_ref().map(|turn| turn.value().clone()).unwrap_or_default();
+    let mut filter = turns.1.as_ref().map(|turn| turn.replace(Filter::default()));
+    let (frame, state, filter) = supervised(py, &pool, size.0, progress, move |runtime| {
+        let options = Options { facts: &told, settings: &asked, reestimate };
+        let frame = match_frame(&mut state, pair, options, filter.as_mut(), runtime);
+        Ok((frame, state, filter))
     })?;
-    if let Some(rig) = rig {
-        *rig.last() = state;
-    }
+    turns.0.map(|turn| turn.replace(state));
+    turns.1.zip(filter).map(|(turn, filter)| turn.replace(filter));
+
+    let Frame { matched: whole, summary, is_reused, support } = frame?;
+    let internals::match_pair::Matched { map, prepared: Prepared { estimates, .. }, rectified } =
+        whole;
+    let findings = findings::of_match(&estimates, &summary, size);
+    let matched = Matched { map, summary, estimates, support, findings, rectified };
 
     let asked = Asked { settings, known, is_searched: search.is_some(), is_reused };
     objects::result(py, matched, &asked)

@@ -20,6 +20,7 @@ use phasestereo::internals::match_pair::Rectified;
 use phasestereo::internals::rectification::calibration::Calibration;
 use phasestereo::internals::rectification::cameras::Cameras;
 use phasestereo::internals::verification::Verification;
+use phasestereo_match::base::control::Control;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::matcher::Disparity;
 use phasestereo_match::matcher::summary::Summary;
@@ -233,7 +234,7 @@ fn rectified_of(py: Python<'_>, found: Rectified) -> Result<Object<'_>> {
     let Rectified { raw, map, rows, .. } = found;
 
     let mut maps = vec![];
-    for places in &raw.places {
+    for places in raw.places(&Control::default())? {
         let [x, y] = [0, 1].map(|axis| wrap(py, places.map(|at| at[axis])));
         maps.push((x?, y?));
     }

@@ -1,56 +1,36 @@
 //! What two cameras are, learned from frame to frame, as Python holds it.
 
-use std::process;
-use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::MutexGuard;
 
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::failure::Result;
 use crate::objects::{self, Object};
-use phasestereo::Error;
+use crate::temporal::{Carried, Turn};
 use phasestereo::internals::video::limits::{self, Check};
 use phasestereo::internals::video::rig::events::Event;
 use phasestereo::internals::video::rig::text;
 use phasestereo::internals::video::rig::{Geometry, Rig as State};
-use phasestereo_match::base::control::Control;
 
-const FREE: u32 = 0; // the number of no process that runs Python
-
-/// The cameras of one rig: what is known after the last match. A match works on a copy, so that readers never wait for one, and
-/// the lock is only held by a thread that is attached to Python: a forked child finds it open.
+/// The cameras of one rig: what is known after the last match.
 #[pyclass(module = "phasestereo._core", frozen)]
 #[derive(Debug, Default)]
-pub struct Rig {
-    last: Mutex<State>,
-    /// The process in which a match is running.
-    user: AtomicU32,
-}
-
-/// A match that is running: others are refused until it is dropped.
-#[derive(Debug)]
-pub struct Turn<'a>(&'a Rig);
-
-impl Drop for Turn<'_> {
-    fn drop(&mut self) {
-        self.0.user.store(FREE, Ordering::Release);
-    }
-}
+pub struct Rig(Carried<State>);
 
 #[pymethods]
 impl Rig {
     /// A rig of a text; None: one that has seen nothing.
     #[new]
     fn new(written: Option<&str>) -> Result<Self> {
-        let state = written.map(|written| text::read(written, &Control::default())).transpose()?;
-        Ok(Self { last: Mutex::new(state.unwrap_or_default()), ..Self::default() })
+        let state = written.map(text::read).transpose()?;
+        Ok(Self(Carried::new(state.unwrap_or_default())))
     }
 
     /// The rig as text.
     #[getter]
-    fn text(&self) -> String {
-        text::written(&self.last())
+    fn text(&self) -> Result<String> {
+        Ok(text::written(&self.last())?)
     }
 
     /// Frames so far.
@@ -127,22 +107,12 @@ impl Rig {
 
 impl Rig {
     /// What is known after the last match.
-    pub fn last(&self) -> MutexGuard<'_, State> {
-        self.last.lock().unwrap_or_else(PoisonError::into_inner)
+    fn last(&self) -> MutexGuard<'_, State> {
+        self.0.value()
     }
 
-    /// The right to match, unless another thread of this process is matching: in a forked child, that thread does not exist.
-    pub fn turn(&self) -> phasestereo::Result<Turn<'_>> {
-        let (process, user) = (process::id(), self.user.load(Ordering::Acquire));
-        let is_free = user != process
-            && self
-                .user
-                .compare_exchange(user, process, Ordering::AcqRel, Ordering::Acquire)
-                .is_ok();
-        if is_free {
-            return Ok(Turn(self));
-        }
-        let accepts = "one that no other match is using: frames come one after another";
-        Err(Error::value("rig", "one that is in use", accepts))
+    /// The turn of a match, which works on a copy.
+    pub fn turn(&self) -> phasestereo::Result<Turn<'_, State>> {
+        self.0.turn("rig")
     }
 }

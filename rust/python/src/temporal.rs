@@ -1,19 +1,76 @@
-//! What one call of Python carries over to the next one: the temporal filter of a video.
+//! What one call of Python carries over to the next one, and the temporal filter of a video.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
+use std::mem;
+use std::process;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use pyo3::prelude::*;
 
 use phasestereo::Error;
 use phasestereo::internals::video::temporal::TemporalFilter as Filter;
 
-/// A filter that a running call and Python both hold.
-pub type Shared = Arc<Mutex<Filter>>;
+/// A value that matches change one after another. A match works on a value of its own and puts it back, so the
+/// lock is held for moments, and by a thread that is attached to Python: no child is forked meanwhile.
+#[derive(Debug, Default)]
+pub struct Carried<T> {
+    value: Mutex<T>,
+    /// The process of the match that has the turn; 0: there is none.
+    holder: AtomicU32,
+}
+
+/// The turn of one match, until it is dropped.
+#[derive(Debug)]
+pub struct Turn<'a, T>(&'a Carried<T>);
+
+impl<T> Carried<T> {
+    /// A value that no match has changed yet.
+    pub fn new(value: T) -> Self {
+        Self { value: Mutex::new(value), holder: AtomicU32::new(0) }
+    }
+
+    /// The value as the last match left it.
+    pub fn value(&self) -> MutexGuard<'_, T> {
+        self.value.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The turn of a match, unless another one of this process has it. In a forked child a match of the parent
+    /// does not go on, so its turn has ended.
+    pub fn turn(&self, argument: &'static str) -> phasestereo::Result<Turn<'_, T>> {
+        let ours = process::id();
+        let take = |holder| (holder != ours).then_some(ours);
+        match self.holder.fetch_update(Ordering::AcqRel, Ordering::Acquire, take) {
+            Ok(_) => Ok(Turn(self)),
+            Err(_) => {
+                let accepts = "one that no other match is using: it is of one video";
+                Err(Error::value(argument, "one that is in use", accepts))
+            }
+        }
+    }
+}
+
+impl<T> Turn<'_, T> {
+    /// Replaces the value, and returns the one before.
+    pub fn replace(&self, value: T) -> T {
+        mem::replace(&mut *self.0.value(), value)
+    }
+
+    /// The value as the last match left it.
+    pub fn value(&self) -> MutexGuard<'_, T> {
+        self.0.value()
+    }
+}
+
+impl<T> Drop for Turn<'_, T> {
+    fn drop(&mut self) {
+        self.0.holder.store(0, Ordering::Release);
+    }
+}
 
 /// The filter of one video.
 #[pyclass(module = "phasestereo._core", frozen)]
 #[derive(Debug, Default)]
-pub struct TemporalFilter(Shared);
+pub struct TemporalFilter(Carried<Filter>);
 
 #[pymethods]
 impl TemporalFilter {
@@ -24,24 +81,8 @@ impl TemporalFilter {
 }
 
 impl TemporalFilter {
-    /// The filter, for a call.
-    pub fn shared(&self) -> Shared {
-        Arc::clone(&self.0)
-    }
-}
-
-/// What a running call holds of something that Python holds, too. It is not waited for: frames come one after another, and in a
-/// forked child the holder may not exist.
-pub fn held<'a, T>(
-    shared: &'a Mutex<T>,
-    argument: &'static str,
-) -> phasestereo::Result<MutexGuard<'a, T>> {
-    match shared.try_lock() {
-        Ok(held) => Ok(held),
-        Err(TryLockError::Poisoned(held)) => Ok(PoisonError::into_inner(held)),
-        Err(TryLockError::WouldBlock) => {
-            let accepts = "one that no other match is using: it is of one video";
-            Err(Error::value(argument, "one that is in use", accepts))
-        }
+    /// The turn of a match. What it has not put back, as when it was interrupted, is as a new filter.
+    pub fn turn(&self) -> phasestereo::Result<Turn<'_, Filter>> {
+        self.0.turn("temporal_filter")
     }
 }

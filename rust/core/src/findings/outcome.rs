@@ -1,28 +1,59 @@
-//! Findings on a match: how much of it is wrong, and because of what.
+//! What is reported of a match: how much of it is wrong, and because of what.
 
 use std::cmp::Reverse;
 
-use super::levels::{
-    AT_END, AT_ZERO, FLAGGED, LEAST_ROUGH, MENTIONED, PLAIN, ROWS, SATURATED, SMEARED, WRONG,
-};
+use super::choices::{AT_ZERO, LEAST_CONFIDENCE, MENTIONED, PLAIN, SMEARED};
+use super::table::Grade::{Levels, Note};
+use super::table::{Measured, Row, evaluated, levels, percent, table, value, when};
 use crate::estimation::estimates::Estimates;
 use crate::estimation::overview::LEAST_SIZE;
 use crate::finding::{Finding, Severity, Topic};
 use phasestereo_match::matcher::summary::Summary;
 
-/// What to look at where no cause is known.
-const ADVICE: &str =
-    "check that rows correspond, the range of disparities, noise, focus and repeated texture";
-
-/// A match of a pair.
-#[derive(Clone, Copy)]
+/// A match of a pair, and what of the findings on the pair matters to it.
 struct Outcome<'a> {
     estimates: &'a Estimates,
     summary: &'a Summary,
+    known: Vec<Finding>,
 }
 
-/// What there is to say about a match of so many rows and columns, the worst first; nothing if all is well, or the images
-/// are too small to tell.
+table! {
+    /// How much of a match is wrong.
+    FAILURES of outcome: Outcome;
+    // A share of the pixels. Of 532 pairs under 28 kinds of faults, warned of are all but one of the 215 of which 30 % were
+    // wrong or more, and 4 of the 192 with less than 15 %.
+    Match, Levels([0.25, 0.25]), outcome.failed(outcome.summary.wrong),
+        "about {0} of the pixels are probably wrong{1}";
+    // A share of the pixels, where that of wrong ones is unknown. Of 12 pairs up to 22 %, of unrelated images 43 % or more,
+    // with rows 2 px off 38 % or more.
+    Match, Levels([0.25, 0.35]),
+        if outcome.summary.wrong.is_nan() { outcome.failed(outcome.summary.flagged) } else { vec![] },
+        "{0} of the pixels fail the left-right check{1}";
+}
+
+table! {
+    /// What else a map shows.
+    MAP of outcome: Outcome;
+    // A share of the pixels, less what wrong matches have by chance. Of 13 pairs up to 0.3 % at the upper end, of a range of
+    // a third 5 % or more, with any preset.
+    Range, Levels([0.01, 0.02]), ends(outcome),
+        "the range of {0} px is too short: {1} of the pixels are at its end at {2} px; search more disparities there{3}",
+        cause("a range that is too short", f64::NEG_INFINITY);
+    Texture, Note, when(outcome.is_plain(outcome.summary.coarse),
+            [percent(outcome.summary.coarse), format!("{:.0}", outcome.summary.detail)]),
+        "{0} of the disparities were decided by smaller copies: there the images show no detail finer than about {1} px",
+        cause("areas without texture", 0.0);
+    Texture, Note, when(outcome.is_plain(outcome.summary.inferred), [percent(outcome.summary.inferred)]),
+        "{0} of the disparities are those of planes fitted to flat areas, which show nothing to match",
+        cause("areas without texture", 0.0);
+}
+
+/// The share of wrong pixels from which on a match is warned of.
+pub fn most_wrong() -> f64 {
+    levels(FAILURES, Topic::Match)[1]
+}
+
+/// What is reported of a match of this size, the worst first; nothing if all is well, or the images are too small to judge.
 pub fn of_match(
     estimates: &Estimates,
     summary: &Summary,
@@ -32,189 +63,91 @@ pub fn of_match(
         return vec![];
     }
 
-    let outcome = Outcome { estimates, summary };
-    let of_pair = estimates.findings.iter().filter_map(|found| outcome.of_pair(found));
-    let mut findings: Vec<Finding> = of_pair.collect();
-    findings.extend(outcome.ends(&findings));
-    findings.extend(outcome.scales());
-    let failure = outcome.failure(&findings);
+    let mut outcome = Outcome { estimates, summary, known: vec![] };
+    outcome.known = estimates.findings.iter().filter_map(|found| outcome.of_pair(found)).collect();
+    let of_map = evaluated(MAP, |measure| measure(&outcome));
+    outcome.known.extend(of_map);
+    let failure = evaluated(FAILURES, |measure| measure(&outcome));
 
     // Of equal ones, the match comes first, then the topics as they are.
+    let mut findings = outcome.known;
     findings.sort_by_key(|one| (Reverse(one.severity), one.topic != Topic::Match));
-    let first = findings.partition_point(|one| {
-        failure.as_ref().is_some_and(|failure| one.severity > failure.severity)
-    });
+    let is_worse = |one: &Finding| failure.iter().any(|failure| one.severity > failure.severity);
+    let first = findings.partition_point(is_worse);
     findings.splice(first..first, failure);
     findings
 }
 
 impl Outcome<'_> {
-    /// Whether much of the match is wrong, or may be.
-    fn severity(&self) -> Severity {
-        match self.summary.wrong {
-            wrong if wrong.is_nan() => Severity::of(self.summary.flagged, FLAGGED),
-            wrong => Severity::of(wrong, [WRONG, WRONG]),
-        }
-    }
-
-    /// A finding on the pair as the match has it: what it has evened out or suffered from is no more than a note.
+    /// A finding on the pair as the match has it: what it has compensated or suffered from is no more than a note.
     fn of_pair(&self, found: &Finding) -> Option<Finding> {
         if found.severity == Severity::Ok || found.is_unknown {
             return None;
         }
 
         // Small copies may differ where whole images match.
-        let is_refuted = found.topic == Topic::Match && self.summary.wrong < WRONG;
-        let is_decisive = found.topic.is_decisive() && (!is_refuted || self.is_identical());
+        let is_identical = self.estimates.range.as_ref().is_some_and(|range| range.identical);
+        let is_refuted = found.topic == Topic::Match && self.summary.wrong < most_wrong();
+        let is_decisive = found.topic.is_decisive() && (!is_refuted || is_identical);
         let most = if is_decisive { Severity::Warning } else { Severity::Note };
         Some(Finding { severity: found.severity.min(most), ..found.clone() })
     }
 
-    fn is_identical(&self) -> bool {
-        self.estimates.range.as_ref().is_some_and(|range| range.identical)
-    }
-
-    /// That the range is too short at an end, unless that is said already, or nothing matches anyway.
-    fn ends(&self, known: &[Finding]) -> Option<Finding> {
-        let is_decided = |one: &Finding| matches!(one.topic, Topic::Match | Topic::Range);
-        let is_said = known.iter().any(|one| is_decided(one) && one.severity == Severity::Warning);
-        let is_unlike = self.estimates.confidence.is_some_and(|found| found < LEAST_ROUGH);
-        if is_said || is_unlike {
-            return None;
-        }
-
-        let candidates = self.estimates.candidates.value;
-        let (first, last) = (candidates.min(), candidates.disparity(candidates.count() - 1));
-        let Summary { at_low, at_high, .. } = *self.summary;
-        // What is infinitely far away lies at 0.
-        let is_well = self.severity() == Severity::Ok || at_low < AT_ZERO;
-        let at_low = if first == 0 && is_well { 0.0 } else { at_low };
-
-        let (share, end) = if at_low > at_high { (at_low, first) } else { (at_high, last) };
-        // Wrong matches lie anywhere in the range, also at its ends.
-        let by_chance = 2.0 * self.failed() / candidates.count() as f64;
-        let severity = Severity::of(share, AT_END.map(|level| level + by_chance));
-        let mend = if self.is_found() { "" } else { ", or leave num_disparities out" };
-
-        (severity != Severity::Ok).then(|| {
-            let share = 100.0 * share;
-            let sentence = format!(
-                "the range of {first} to {last} px is too short: {share:.0} % of the pixels are at \
-                 its end at {end} px; search more disparities there{mend}"
-            );
-            Finding::new(Topic::Range, severity, sentence)
-        })
-    }
-
-    /// That much of the image shows too little detail for its size.
-    fn scales(&self) -> Option<Finding> {
-        let Summary { coarse, inferred, detail, .. } = *self.summary;
-        if coarse + inferred < PLAIN {
-            return None;
-        }
-
-        let said = |share: f64, sentence: String| {
-            (share >= MENTIONED)
-                .then(|| format!("{:.0} % of the disparities {sentence}", 100.0 * share))
-        };
-        let of_copies = format!(
-            "were decided by smaller copies: there the images hold no detail finer than about {detail:.0} px"
-        );
-        let of_planes = "are those of planes drawn into flat areas, which show nothing to match";
-        let both = [said(coarse, of_copies), said(inferred, of_planes.to_owned())];
-
-        let both: Vec<String> = both.into_iter().flatten().collect();
-        Some(Finding::note(Topic::Texture, both.join("; ")))
-    }
-
-    /// The share of the pixels that are wrong, as far as it is known.
-    fn failed(&self) -> f64 {
-        let Summary { wrong, flagged, .. } = *self.summary;
-        if wrong.is_nan() { flagged } else { wrong }
-    }
-
-    /// Whether the disparities are those that were found.
-    fn is_found(&self) -> bool {
-        let range = self.estimates.range.as_ref();
-        range.is_some_and(|range| {
-            self.estimates.disparities() == (range.min..range.min + range.count)
-        })
-    }
-
-    /// That much of the match is wrong, and because of what.
-    fn failure(&self, known: &[Finding]) -> Option<Finding> {
-        let severity = self.severity();
-        if severity == Severity::Ok {
-            return None;
-        }
-
-        let causes = self.causes(known);
-        let because = match causes.as_slice() {
-            [] => format!(": {ADVICE}"),
-            [one] => format!(", because of {one}"),
-            [first @ .., last] => format!(", because of {} and {last}", first.join(", ")),
-        };
-
-        let Summary { wrong, flagged, .. } = self.summary;
-        let sentence = if wrong.is_nan() {
-            format!("{:.0} % of the pixels fail the left-right check{because}", 100.0 * flagged)
-        } else {
-            format!("about {:.0} % of the pixels are probably wrong{because}", 100.0 * wrong)
-        };
-        Some(Finding::new(Topic::Match, severity, sentence))
-    }
-
-    /// What a match suffers from, as far as it is known.
-    fn causes(&self, known: &[Finding]) -> Vec<&'static str> {
-        let mut causes = vec![];
-        for one in known {
-            let cause = self.cause(one);
-            if !causes.contains(&cause) {
-                causes.push(cause);
+    /// A share of the pixels that failed, and because of what, as far as that is known.
+    fn failed(&self, share: f64) -> Vec<Measured> {
+        let mut causes: Vec<&str> = vec![];
+        for one in &self.known {
+            if !one.cause.is_empty() && !causes.contains(&one.cause) {
+                causes.push(one.cause);
             }
         }
-
-        let mut causes: Vec<&str> = causes.into_iter().flatten().collect();
         let smeared = self.estimates.photometry.map_or([0.0; 2], |found| found.smeared);
         if causes.is_empty() && smeared[0].max(smeared[1]) >= SMEARED {
             causes.push("smeared texture (lossy compression, denoising or focus)");
         }
-        causes
+
+        let because = match causes.as_slice() {
+            [] => ": check that rows correspond, the range of disparities, noise, focus and repeated texture".to_owned(),
+            [one] => format!(", because of {one}"),
+            [first @ .., last] => format!(", because of {} and {last}", first.join(", ")),
+        };
+        value(share, [percent(share), because])
     }
 
-    fn cause(&self, found: &Finding) -> Option<&'static str> {
-        let is_grave = found.severity == Severity::Warning;
+    /// Whether much of the image shows too little detail for its size, and this share of the pixels is worth a finding.
+    fn is_plain(&self, share: f64) -> bool {
+        self.summary.coarse + self.summary.inferred >= PLAIN && share >= MENTIONED
+    }
+}
 
-        match found.topic {
-            Topic::Match => is_grave.then_some("images that hardly match"),
-            Topic::Swap => is_grave.then_some("images that seem to be swapped"),
-            Topic::Range => Some("a range that is too short"),
-            Topic::Alignment => self.has_rows_off().then_some("rows that do not correspond"),
-            Topic::Blur => Some("blur"),
-            // Phase hardly depends on contrast, and a finding on a map is about another one.
-            Topic::Contrast | Topic::Map => None,
-            Topic::Noise => Some("noise"),
-            Topic::Coding => Some("lossy compression"),
-            Topic::Saturation => self.is_clipped().then_some("saturated areas"),
-            Topic::Texture => Some("areas without texture"),
-            Topic::Repetition => Some("texture that repeats itself"),
-            Topic::Interlacing => Some("interlaced fields"),
-        }
+/// The share of the pixels at the fuller end of the range, unless that is reported already, or nothing matches anyway.
+fn ends(outcome: &Outcome) -> Vec<Measured> {
+    let Outcome { estimates, summary, known } = outcome;
+    let is_decided = |one: &Finding| matches!(one.topic, Topic::Match | Topic::Range);
+    let is_reported = known.iter().any(|one| is_decided(one) && one.severity == Severity::Warning);
+    let is_unlike = estimates.confidence.is_some_and(|found| found < LEAST_CONFIDENCE);
+    if is_reported || is_unlike {
+        return vec![];
     }
 
-    /// Whether rows do not correspond in the match either.
-    fn has_rows_off(&self) -> bool {
-        let offsets = self.estimates.offsets.as_ref();
-        let is_straightened = self.estimates.alignment.is_some();
+    let candidates = estimates.candidates.value;
+    let (first, last) = (candidates.min(), candidates.disparity(candidates.count() - 1));
+    let Summary { at_low, at_high, wrong, flagged, .. } = **summary;
+    // What is infinitely far away lies at 0.
+    let is_well = evaluated(FAILURES, |measure| measure(outcome)).is_empty() || at_low < AT_ZERO;
+    let at_low = if first == 0 && is_well { 0.0 } else { at_low };
+    let (share, end) = if at_low > at_high { (at_low, first) } else { (at_high, last) };
 
-        offsets.is_some_and(|found| !is_straightened && found.field.rms() >= ROWS[1])
-    }
-
-    /// Whether so many pixels are saturated that the match suffers.
-    fn is_clipped(&self) -> bool {
-        let both = self.estimates.photometry.map(|found| found.saturation);
-        both.is_some_and(|both| both.iter().any(|side| side.dark.max(side.bright) >= SATURATED[1]))
-    }
+    let is_found = estimates.range.as_ref().is_some_and(|range| {
+        (range.min, range.count) == (candidates.min() as i64, candidates.count() as i64)
+    });
+    let remedy = if is_found { "" } else { ", or leave num_disparities out" };
+    // Wrong matches lie anywhere in the range, also at its ends.
+    let by_chance = 2.0 * if wrong.is_nan() { flagged } else { wrong } / candidates.count() as f64;
+    value(
+        share - by_chance,
+        [format!("{first} to {last}"), percent(share), end.to_string(), remedy.to_owned()],
+    )
 }
 
 #[cfg(test)]
@@ -245,7 +178,7 @@ mod tests {
     fn a_match_that_is_well_says_nothing_but_what_is_worth_knowing() {
         let pair = || {
             vec![
-                Finding::ok(Topic::Swap, "in place"),
+                Finding::new(Topic::Swap, Severity::Ok, "in place"),
                 Finding::unknown(Topic::Blur, "who knows"),
                 Finding::warning(Topic::Noise, "noisy"),
             ]
@@ -261,28 +194,19 @@ mod tests {
     fn the_share_of_wrong_pixels_comes_first_with_its_causes() {
         let pair = vec![
             Finding::note(Topic::Contrast, "darker"),
-            Finding::note(Topic::Noise, "noisy"),
-            Finding::warning(Topic::Interlacing, "interlaced"),
+            Finding { cause: "noise", ..Finding::note(Topic::Noise, "noisy") },
+            Finding {
+                cause: "interlaced fields",
+                ..Finding::warning(Topic::Interlacing, "interlaced")
+            },
         ];
-        let found = said(
-            pair,
-            0,
-            summary(|s| {
-                s.wrong = 0.4;
-            }),
-        );
+        let found = said(pair, 0, summary(|s| s.wrong = 0.4));
         let first =
             "about 40 % of the pixels are probably wrong, because of noise and interlaced fields";
         assert_eq!(found[0], (Severity::Warning, first.to_owned()));
         assert_eq!(found.len(), 4);
 
-        let found = said(
-            vec![],
-            0,
-            summary(|s| {
-                s.wrong = 0.4;
-            }),
-        );
+        let found = said(vec![], 0, summary(|s| s.wrong = 0.4));
         assert!(
             found[0].1.starts_with("about 40 % of the pixels are probably wrong: check that rows")
         );
@@ -306,8 +230,8 @@ mod tests {
             s.detail = 3.2;
         });
         let of_copies = "30 % of the disparities were decided by smaller copies: there the images \
-                         hold no detail finer than about 3 px";
-        let of_planes = "27 % of the disparities are those of planes drawn into flat areas, which \
+                         show no detail finer than about 3 px";
+        let of_planes = "27 % of the disparities are those of planes fitted to flat areas, which \
                          show nothing to match";
         let note = |sentence: String| vec![(Severity::Note, sentence)];
 
@@ -322,7 +246,10 @@ mod tests {
             *s = copies;
             s.inferred = 0.27;
         });
-        assert_eq!(said(vec![], 0, both), note(format!("{of_copies}; {of_planes}")));
+        assert_eq!(
+            said(vec![], 0, both),
+            [note(of_copies.to_owned()), note(of_planes.to_owned())].concat()
+        );
         assert!(
             said(
                 vec![],
@@ -343,7 +270,8 @@ mod tests {
             s.wrong = f64::NAN;
             s.flagged = 0.3;
         });
-        let found = said(vec![Finding::note(Topic::Blur, "soft")], 0, unsure);
+        let found =
+            said(vec![Finding { cause: "blur", ..Finding::note(Topic::Blur, "soft") }], 0, unsure);
         let first = "30 % of the pixels fail the left-right check, because of blur";
         assert_eq!(found[0], (Severity::Note, first.to_owned()));
         assert_eq!(
@@ -362,18 +290,14 @@ mod tests {
 
     #[test]
     fn both_ends_of_the_range_are_looked_at() {
-        let at_high = summary(|s| {
-            s.at_high = 0.03;
-        });
+        let at_high = summary(|s| s.at_high = 0.03);
         assert!(
             said(vec![], 0, at_high)[0]
                 .1
                 .contains("0 to 19 px is too short: 3 % of the pixels are at its end at 19 px")
         );
 
-        let at_low = summary(|s| {
-            s.at_low = 0.03;
-        });
+        let at_low = summary(|s| s.at_low = 0.03);
         assert!(said(vec![], -5, at_low)[0].1.contains("at its end at -5 px"));
         assert!(said(vec![], 0, at_low).is_empty(), "what is far away lies there");
 

@@ -3,7 +3,6 @@
 use crate::video::rig;
 use crate::video::rig::text;
 use crate::video::temporal::TemporalFilter;
-use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 
 /// What two cameras are, learned from pair to pair, and, if it is wanted, the temporal filter of their video.
@@ -27,11 +26,11 @@ impl Rig {
 
     /// The rig with what a text says that [`Self::text`] wrote.
     pub fn with_text(self, written: &str) -> Result<Self> {
-        Ok(Self { state: text::read(written, &Control::default())?, ..self })
+        Ok(Self { state: text::read(written)?, ..self })
     }
 
     /// What is known of the cameras, as text; a temporal filter is left out.
-    pub fn text(&self) -> String {
+    pub fn text(&self) -> Result<String> {
         text::written(&self.state)
     }
 

@@ -16,6 +16,8 @@
 
 use std::array::from_fn;
 
+use serde::{Deserialize, Serialize};
+
 use phasestereo_match::base::math;
 
 /// How many numbers describe two cameras.
@@ -48,7 +50,8 @@ pub type Point = [f64; 2];
 pub type Matrix = [[f64; 3]; 3];
 
 /// Two cameras by their numbers.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(from = "Saved", into = "Saved")]
 pub struct Cameras {
     numbers: [f64; NUMBERS],
     spreads: [f64; NUMBERS],
@@ -57,6 +60,27 @@ pub struct Cameras {
     pub shifts: [Point; 2],
     focal: f64,
     sides: [Camera; 2],
+}
+
+/// What is saved of two cameras; the rest is computed from it.
+#[derive(Serialize, Deserialize)]
+struct Saved {
+    numbers: [f64; NUMBERS],
+    spreads: [f64; NUMBERS],
+    size: (usize, usize),
+    shifts: [Point; 2],
+}
+
+impl From<Saved> for Cameras {
+    fn from(Saved { numbers, spreads, size, shifts }: Saved) -> Self {
+        Self { shifts, ..Self::new(numbers, spreads, size) }
+    }
+}
+
+impl From<Cameras> for Saved {
+    fn from(Cameras { numbers, spreads, size, shifts, .. }: Cameras) -> Self {
+        Self { numbers, spreads, size, shifts }
+    }
 }
 
 /// One of them.
@@ -110,6 +134,11 @@ impl Cameras {
     /// The numbers as multiples of the deviations.
     pub fn numbers(&self) -> &[f64; NUMBERS] {
         &self.numbers
+    }
+
+    /// Rows and columns of the images.
+    pub fn size(&self) -> (usize, usize) {
+        self.size
     }
 
     /// The deviations.

@@ -77,8 +77,8 @@ pub fn rectify_if_needed(
         Err(refusal) => return Ok(Attempt::Refused(refusal)),
     };
 
-    let raw = Arc::new(Raw::new(rectification, pair.size(), control)?);
-    let pair = resampled(pair, &raw.places, control)?;
+    let raw = Arc::new(Raw::new(rectification, pair.size()));
+    let pair = resampled(pair, raw.places(control)?, control)?;
     let facts =
         Facts { candidates: facts.candidates.clone(), noise: facts.noise, ..Facts::default() };
     let (pair, mut estimates) = complete(pair, &facts, settings, runtime)?;

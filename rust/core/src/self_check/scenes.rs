@@ -62,6 +62,10 @@ pub enum Fault {
     Fence,
     /// Both images are the left one.
     Twice,
+    /// The box is nearer by so many pixels of disparity.
+    Nearer(i32),
+    /// There is hardly any light, and much noise.
+    Night,
 }
 
 type Gray = Plane<i32>;
@@ -72,6 +76,7 @@ pub fn pair(fault: Fault, size: (usize, usize), moment: u32) -> [View; 2] {
     let [left, right] = [0, 1].map(|side| gray(size, |y, x| shown((y, x), side, size, fault)));
 
     let grain = |seed| move |y, x, value| value + (noise(y, x, seed + 2 * moment) - 128) / 12;
+    let dark = |seed| move |y, x, value| value / 32 + noise(y, x, seed + 2 * moment) / 6;
     let [left, right] = match fault {
         Fault::Defocus => [mean(&mean(&left, 5, 5), 3, 3), right],
         Fault::FocusApart => {
@@ -85,6 +90,7 @@ pub fn pair(fault: Fault, size: (usize, usize), moment: u32) -> [View; 2] {
         }
         Fault::Motion => [left, mean(&right, 1, 9)],
         Fault::Noise => [changed(&left, grain(21)), changed(&right, grain(22))],
+        Fault::Night => [changed(&left, dark(21)), changed(&right, dark(22))],
         Fault::Impulses => {
             let broken = |y, x, value| if noise(y, x, 23) < 2 { 255 * (x % 2) } else { value };
             [left, changed(&right, broken)]
@@ -151,6 +157,22 @@ pub fn pair(fault: Fault, size: (usize, usize), moment: u32) -> [View; 2] {
     }
 }
 
+/// A disparity map of the scene that is wrong, nearly right, nowhere, or outside the right image in some areas.
+pub fn claims(fault: Fault, (rows, cols): (usize, usize)) -> Plane<f32> {
+    Plane::from_fn(rows, cols, |y, x| {
+        let right = surface((y as i32, x as i32), 0, (rows, cols), fault).1 as f32;
+        match (10 * y / rows, 10 * x / cols) {
+            (1, 2..=3) => right + 4.0,
+            (1, 5..=8) => right + 0.5 + x as f32 / cols as f32,
+            (5, 5) => right - 3.0,
+            (6, 1..=3) => right + (y % 5) as f32,
+            (8, 2..=3) => f32::NAN,
+            (8, 6) => 1e6,
+            _ => right,
+        }
+    })
+}
+
 /// Which surface is seen at a place of the left (0) or right (1) image, and its disparity.
 fn surface(
     (y, x): (i32, i32),
@@ -162,14 +184,15 @@ fn surface(
     let is_of_pole = fault == Fault::Pole
         && (rows / 10..rows * 9 / 10).contains(&y)
         && (cols / 4..cols / 4 + 5).contains(&(x + camera * 4 * NEAR));
+    let near = if let Fault::Nearer(by) = fault { NEAR + by } else { NEAR };
     let is_of_box = (rows * 3 / 10..rows * 7 / 10).contains(&y)
-        && (cols * 4 / 10..cols * 7 / 10).contains(&(x + camera * NEAR));
+        && (cols * 4 / 10..cols * 7 / 10).contains(&(x + camera * near));
     let into_floor = y - rows * 8 / 10;
 
     if is_of_pole {
         (4, 4 * NEAR)
     } else if is_of_box {
-        (BOX, NEAR)
+        (BOX, near)
     } else if into_floor > 0 {
         (2, FAR + into_floor / 4)
     } else {

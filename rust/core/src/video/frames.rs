@@ -33,10 +33,11 @@ use crate::match_pair::{Matched, match_pair};
 use crate::rectification::Raw;
 use crate::rectification::raw_pair::resampled;
 use crate::scales::match_over_scales;
+use crate::video::choices::{LONGEST_WAIT, MOST_MATCHES, NEAR_END, WORSE};
 use crate::video::rig::events::{Steady, Subject};
 use crate::video::rig::field::{Innovation, seeds};
 use crate::video::rig::sensors::Sensors;
-use crate::video::rig::{Geometry, Look, Rig};
+use crate::video::rig::{Appearance, Geometry, Rig};
 use crate::video::temporal::TemporalFilter;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
@@ -50,18 +51,9 @@ use phasestereo_match::pair::alignment::Alignment;
 use phasestereo_match::pair::source::Source;
 use phasestereo_match::settings::Settings;
 
-/// A map of which so much more is wrong than of those before may be of cameras that were moved.
-const WORSE: f64 = 0.15;
-/// Most frames until all is estimated anew again, where that did not help.
-const LONGEST: u64 = 64;
-/// Times that a frame is matched again at most.
-const AGAIN: usize = 2;
-/// The share of the pixels at the near end of the range from which on the frame is matched again with a larger one.
-const AT_END: f64 = 0.005;
-
 /// How frames are matched.
 #[derive(Debug, Clone, Copy)]
-pub struct Way<'a> {
+pub struct Options<'a> {
     /// What the caller knows of every frame.
     pub facts: &'a Facts,
     /// How they are matched.
@@ -87,22 +79,22 @@ pub struct Frame {
 pub fn match_frame(
     rig: &mut Rig,
     pair: Pair,
-    way: Way,
+    options: Options,
     filter: Option<&mut TemporalFilter>,
     runtime: Runtime,
 ) -> Result<Frame> {
     // What fails half-way must leave nothing half learned.
     let mut next = rig.clone();
-    next.suit(pair.size(), way.settings);
+    next.suit(pair.size(), options.settings);
 
     // Each frame by itself, if all is to be estimated of each.
-    let frame = match next.geometry.take().filter(|_| way.reestimate > 1) {
+    let frame = match next.geometry.take().filter(|_| options.reestimate > 1) {
         Some(geometry) => {
             let packing = Packing::of_views(pair.views(), runtime.control)?;
             let pair = &pair.packed(&packing);
-            Followed { rig: &mut next, pair, way, runtime }.frame(geometry, filter)?
+            Followed { rig: &mut next, pair, options, runtime }.frame(geometry, filter)?
         }
-        None => next.begin(pair, way, filter, runtime)?,
+        None => next.begin(pair, options, filter, runtime)?,
     };
 
     next.frames += 1;
@@ -115,12 +107,12 @@ impl Rig {
     fn begin(
         &mut self,
         pair: Pair,
-        way: Way,
+        options: Options,
         filter: Option<&mut TemporalFilter>,
         runtime: Runtime,
     ) -> Result<Frame> {
         let size = pair.size();
-        let mut matched = match_pair(pair, way.facts, way.settings, runtime)?;
+        let mut matched = match_pair(pair, options.facts, options.settings, runtime)?;
         let summary = matched.summary();
 
         let estimates = &matched.prepared.estimates;
@@ -139,7 +131,7 @@ impl Rig {
             self.geometry = Some(Geometry::new(&matched.prepared.pair, estimates, raw));
         }
         if is_trusted {
-            self.remember(estimates, way.settings);
+            self.remember(estimates, options.settings);
         }
         self.settle(estimates.blur.as_ref().filter(|_| is_trusted), summary.wrong);
 
@@ -152,9 +144,12 @@ impl Rig {
 
     /// Keeps what was estimated of this frame.
     fn remember(&mut self, estimates: &Estimates, settings: &Settings) {
-        let look =
-            Look { estimates: estimates.clone(), settings: settings.clone(), frame: self.frames };
-        self.look = Some(Arc::new(look));
+        let appearance = Appearance {
+            estimates: estimates.clone(),
+            settings: settings.clone(),
+            frame: self.frames,
+        };
+        self.appearance = Some(Arc::new(appearance));
         self.sensors = Sensors::new(estimates, self.frames).or(self.sensors.take());
     }
 }
@@ -177,33 +172,33 @@ fn steadied(
 struct Followed<'a, 'b> {
     rig: &'a mut Rig,
     pair: &'a Pair,
-    way: Way<'a>,
+    options: Options<'a>,
     runtime: Runtime<'b>,
 }
 
 /// The frame as these cameras see it: rectified.
-struct Seen<'a> {
+struct Input<'a> {
     pair: Cow<'a, Pair>,
     /// Whether the estimates of an earlier frame hold.
     is_as_before: bool,
 }
 
 /// A match of the frame.
-struct Shot {
+struct FrameMatch {
     map: Disparity,
     prepared: Prepared,
     summary: Summary,
     innovation: Option<Innovation>,
 }
 
-impl Shot {
+impl FrameMatch {
     /// Whether the match is to be trusted.
     fn is_trusted(&self, size: (usize, usize)) -> bool {
         is_trusted(&findings::of_match(&self.prepared.estimates, &self.summary, size))
     }
 }
 
-/// What a match says of how the cameras look.
+/// What a match shows of the cameras.
 enum Verdict {
     /// They are as known.
     Known,
@@ -225,29 +220,29 @@ impl<'a> Followed<'a, '_> {
         filter: Option<&mut TemporalFilter>,
     ) -> Result<Frame> {
         geometry.field.predict();
-        let seen = self.seen(&geometry)?;
-        let mut is_reused = seen.is_as_before;
-        let mut shot = self.shot(&geometry, &seen, false)?;
+        let input = self.input(&geometry)?;
+        let mut is_reused = input.is_as_before;
+        let mut result = self.match_known(&geometry, &input, false)?;
         let mut is_anew = false;
 
-        for _ in 0..AGAIN {
-            match self.verdict(&mut geometry, &shot) {
+        for _ in 0..MOST_MATCHES {
+            match self.verdict(&mut geometry, &result) {
                 Verdict::Known => break,
                 Verdict::Moved if !is_anew => {
-                    self.reopen(&mut geometry, &shot);
+                    self.reopen(&mut geometry, &result);
                     is_anew = true;
-                    shot = self.shot(&geometry, &seen, is_anew)?;
+                    result = self.match_known(&geometry, &input, is_anew)?;
                 }
                 // Rows that were moved as a whole agree with each other.
                 Verdict::Moved | Verdict::Swaying => {
-                    shot = self.rows_anew(&mut geometry, &seen)?;
+                    result = self.rows_anew(&mut geometry, &input)?;
                     is_anew = true;
                     break;
                 }
-                Verdict::Nearer => shot = self.shot(&geometry, &seen, is_anew)?,
+                Verdict::Nearer => result = self.match_known(&geometry, &input, is_anew)?,
                 Verdict::Lost => {
-                    if let Some((found, better)) = self.anew(&geometry, shot.summary.wrong)? {
-                        (geometry, shot) = (found, better);
+                    if let Some((found, better)) = self.anew(&geometry, result.summary.wrong)? {
+                        (geometry, result) = (found, better);
                         (is_reused, is_anew) = (false, true);
                     }
                     break;
@@ -255,26 +250,27 @@ impl<'a> Followed<'a, '_> {
             }
         }
 
-        self.learn(geometry, &shot, is_reused);
-        self.finished(shot, is_reused, filter, is_anew)
+        self.learn(geometry, &result, is_reused);
+        self.finished(result, is_reused, filter, is_anew)
     }
 
     /// The pair as the cameras see it, and whether it looks as before.
-    fn seen(&self, geometry: &Geometry) -> Result<Seen<'a>> {
+    fn input(&self, geometry: &Geometry) -> Result<Input<'a>> {
         let control = self.runtime.control;
         let mut pair = match &geometry.cameras {
-            Some(raw) => Cow::Owned(resampled(self.pair, &raw.places, control)?),
+            Some(raw) => Cow::Owned(resampled(self.pair, raw.places(control)?, control)?),
             None => Cow::Borrowed(self.pair),
         };
-        if geometry.is_inverted && self.way.settings.compensate_blur {
+        if geometry.is_inverted && self.options.settings.compensate_blur {
             pair = Cow::Owned(pair.into_owned().with_own_ranges(control)?.inverted());
         }
 
-        let look = self.rig.look.as_deref();
-        let look = look.filter(|look| self.rig.frames - look.frame < self.way.reestimate);
-        let blur = look.and_then(|look| look.estimates.blur.as_ref());
+        let appearance = self.rig.appearance.as_deref();
+        let appearance = appearance
+            .filter(|appearance| self.rig.frames - appearance.frame < self.options.reestimate);
+        let blur = appearance.and_then(|appearance| appearance.estimates.blur.as_ref());
 
-        let is_as_before = match (look, blur) {
+        let is_as_before = match (appearance, blur) {
             (None, _) => false,
             (Some(_), None) => true,
             (Some(_), Some(blur)) => {
@@ -283,13 +279,18 @@ impl<'a> Followed<'a, '_> {
                 blur::is_as_before(&repaired, &blur.signature, self.runtime)?
             }
         };
-        Ok(Seen { pair, is_as_before })
+        Ok(Input { pair, is_as_before })
     }
 
     /// Matches the frame by what is known of it; once more, blocks of all rows are found again.
-    fn shot(&self, geometry: &Geometry, seen: &Seen, is_again: bool) -> Result<Shot> {
-        let Way { facts, settings, .. } = self.way;
-        let pair = Pair::clone(&seen.pair);
+    fn match_known(
+        &self,
+        geometry: &Geometry,
+        input: &Input,
+        is_again: bool,
+    ) -> Result<FrameMatch> {
+        let Options { facts, settings, .. } = self.options;
+        let pair = Pair::clone(&input.pair);
         let candidates = match &facts.candidates {
             Some(given) => given.clone(),
             None => Fact::remembered(geometry.columns.candidates(pair.size().1)?),
@@ -302,9 +303,9 @@ impl<'a> Followed<'a, '_> {
         };
         let facts = Facts { candidates: Some(candidates.clone()), rows, ..facts.clone() };
 
-        let estimates = match &self.rig.look {
-            Some(look) if seen.is_as_before => {
-                let rows = sways.then(|| self.rows(&pair, &look.estimates, &facts, settings));
+        let estimates = match &self.rig.appearance {
+            Some(appearance) if input.is_as_before => {
+                let rows = sways.then(|| self.rows(&pair, &appearance.estimates, &facts, settings));
                 let (alignment, offsets) = match rows {
                     Some(found) => found?,
                     None => (geometry.alignment()?, geometry.field.offsets()?),
@@ -313,31 +314,31 @@ impl<'a> Followed<'a, '_> {
                     candidates,
                     alignment,
                     offsets,
-                    findings: still_said(&look.estimates),
+                    findings: still_said(&appearance.estimates),
                     time: Duration::ZERO,
-                    ..look.estimates.clone()
+                    ..appearance.estimates.clone()
                 }
             }
             _ => self.estimates(&pair, geometry, &facts)?,
         };
 
-        let mut shot = self.matched(pair, estimates, &facts)?;
+        let mut result = self.matched(pair, estimates, &facts)?;
         if !sways {
-            shot.innovation = self.innovation(&shot.map, &seen.pair, geometry, is_again)?;
+            result.innovation = self.innovation(&result.map, &input.pair, geometry, is_again)?;
         }
-        Ok(shot)
+        Ok(result)
     }
 
     /// The rows of a pair whose blur and noise are as they were.
     fn rows(
         &self,
         pair: &Pair,
-        look: &Estimates,
+        appearance: &Estimates,
         facts: &Facts,
         settings: &Settings,
     ) -> Result<(Option<Alignment>, Option<RowOffsets>)> {
         let mut facts = facts.clone();
-        if let Some(plan) = &look.compensation {
+        if let Some(plan) = &appearance.compensation {
             facts.compensation = Some(plan.blur_compensation()?);
         }
         let (_, found) = complete(pair.clone(), &facts, settings, self.runtime)?;
@@ -370,10 +371,10 @@ impl<'a> Followed<'a, '_> {
 
     /// Estimates blur, noise and light of a pair whose geometry is known.
     fn estimates(&self, pair: &Pair, geometry: &Geometry, facts: &Facts) -> Result<Estimates> {
-        let settings = self.way.settings;
+        let settings = self.options.settings;
         let (_, mut found) = complete(pair.clone(), facts, settings, self.runtime)?;
-        if let Some(look) = &self.rig.look {
-            let before = &look.estimates;
+        if let Some(appearance) = &self.rig.appearance {
+            let before = &appearance.estimates;
             found.confidence = before.confidence;
             found.range = before.range;
             found.left_out.clone_from(&before.left_out);
@@ -391,30 +392,30 @@ impl<'a> Followed<'a, '_> {
     }
 
     /// Matches a pair with these estimates.
-    fn matched(&self, pair: Pair, estimates: Estimates, facts: &Facts) -> Result<Shot> {
-        let settings = self.way.settings;
+    fn matched(&self, pair: Pair, estimates: Estimates, facts: &Facts) -> Result<FrameMatch> {
+        let settings = self.options.settings;
         let prepared = prepare(pair, estimates, facts, settings, self.runtime)?;
         let map = match_over_scales(&prepared, settings, self.runtime)?;
         let summary = Summary::new(&map, prepared.estimates.candidates.value);
-        Ok(Shot { map, prepared, summary, innovation: None })
+        Ok(FrameMatch { map, prepared, summary, innovation: None })
     }
 
     /// What a match says of the cameras. The range grows if it has to.
-    fn verdict(&self, geometry: &mut Geometry, shot: &Shot) -> Verdict {
-        let is_worse = self.rig.health.is_some_and(|health| shot.summary.wrong > health + WORSE);
-        if shot.innovation.as_ref().is_some_and(|found| found.is_moved) {
+    fn verdict(&self, geometry: &mut Geometry, result: &FrameMatch) -> Verdict {
+        let is_worse = self.rig.health.is_some_and(|health| result.summary.wrong > health + WORSE);
+        if result.innovation.as_ref().is_some_and(|found| found.is_moved) {
             return Verdict::Moved;
         }
-        if shot.innovation.as_ref().is_some_and(|found| found.sways) {
+        if result.innovation.as_ref().is_some_and(|found| found.sways) {
             return Verdict::Swaying;
         }
         if is_worse && self.rig.frames >= self.rig.doubt.1 {
             return Verdict::Lost;
         }
-        if self.way.facts.candidates.is_none() && shot.summary.at_high > AT_END {
+        if self.options.facts.candidates.is_none() && result.summary.at_high > NEAR_END {
             let width = geometry.size.1;
             let mut wider = geometry.columns.clone();
-            if wider.update(&shot.map, width) {
+            if wider.update(&result.map, width) {
                 geometry.columns.extend(wider.searched.end);
                 return Verdict::Nearer;
             }
@@ -423,8 +424,8 @@ impl<'a> Followed<'a, '_> {
     }
 
     /// Opens the field where rows have moved, and takes them in.
-    fn reopen(&mut self, geometry: &mut Geometry, shot: &Shot) {
-        let Some(found) = &shot.innovation else { return };
+    fn reopen(&mut self, geometry: &mut Geometry, result: &FrameMatch) {
+        let Some(found) = &result.innovation else { return };
         geometry.field.reopen(found);
         geometry.straighten_at_once();
         let sentence = format!("rows moved by {:.2} px rms", found.moved);
@@ -432,12 +433,12 @@ impl<'a> Followed<'a, '_> {
     }
 
     /// Matches the frame by rows that are estimated anew, and from here on if they sway.
-    fn rows_anew(&mut self, geometry: &mut Geometry, seen: &Seen) -> Result<Shot> {
+    fn rows_anew(&mut self, geometry: &mut Geometry, input: &Input) -> Result<FrameMatch> {
         geometry.sways = Steady::new(1);
-        let shot = self.shot(geometry, seen, true)?;
+        let result = self.match_known(geometry, input, true)?;
 
-        let estimates = &shot.prepared.estimates;
-        let sways = estimates.sways() && shot.is_trusted(geometry.size);
+        let estimates = &result.prepared.estimates;
+        let sways = estimates.sways() && result.is_trusted(geometry.size);
         geometry.take_rows(estimates);
         geometry.sways = Steady::new(sways.into());
         let sentence = if sways {
@@ -446,14 +447,14 @@ impl<'a> Followed<'a, '_> {
             "rows moved, and were estimated anew"
         };
         self.rig.events.renew(Subject::Rows, self.rig.frames, sentence);
-        Ok(shot)
+        Ok(result)
     }
 
     /// Estimates all anew; `None`: that matches no better than so much wrong.
-    fn anew(&mut self, geometry: &Geometry, wrong: f64) -> Result<Option<(Geometry, Shot)>> {
+    fn anew(&mut self, geometry: &Geometry, wrong: f64) -> Result<Option<(Geometry, FrameMatch)>> {
         let now = self.rig.frames;
-        let is_better = |(_, shot): &(Geometry, Shot)| {
-            shot.is_trusted(geometry.size) && shot.summary.wrong + WORSE / 2.0 < wrong
+        let is_better = |(_, result): &(Geometry, FrameMatch)| {
+            result.is_trusted(geometry.size) && result.summary.wrong + WORSE / 2.0 < wrong
         };
 
         // Cameras that were turned a little are still about those that are known.
@@ -469,7 +470,7 @@ impl<'a> Followed<'a, '_> {
             self.rig.events.push(Subject::Rows, now, sentence);
         } else {
             // It may be night, or dirt: asked again and again, it would cost as much as the matches.
-            let wait = (2 * self.rig.doubt.0 + 1).min(LONGEST);
+            let wait = (2 * self.rig.doubt.0 + 1).min(LONGEST_WAIT);
             self.rig.doubt = (wait, now + wait);
         }
         Ok(found)
@@ -477,15 +478,15 @@ impl<'a> Followed<'a, '_> {
 
     /// What is known of every frame, with rows that are to be estimated: all may have moved.
     fn facts_anew(&self) -> Facts {
-        Facts { rows: Rows::Wanted, ..self.way.facts.clone() }
+        Facts { rows: Rows::Wanted, ..self.options.facts.clone() }
     }
 
     /// Estimates all anew but the cameras by which the pair is rectified.
-    fn rectified_anew(&self, raw: &Arc<Raw>) -> Result<(Geometry, Shot)> {
+    fn rectified_anew(&self, raw: &Arc<Raw>) -> Result<(Geometry, FrameMatch)> {
         let facts = &self.facts_anew();
-        let pair = resampled(self.pair, &raw.places, self.runtime.control)?;
+        let pair = resampled(self.pair, raw.places(self.runtime.control)?, self.runtime.control)?;
 
-        let settings = self.way.settings;
+        let settings = self.options.settings;
         let (pair, mut estimates) = complete(pair, facts, settings, self.runtime)?;
         estimates.findings = findings::of_pair(&estimates, pair.size(), pair.fit(), settings);
         let found = Geometry::new(&pair, &estimates, Some(Arc::clone(raw)));
@@ -493,22 +494,22 @@ impl<'a> Followed<'a, '_> {
     }
 
     /// Estimates all anew, as of a first frame.
-    fn whole_anew(&self) -> Result<(Geometry, Shot)> {
+    fn whole_anew(&self) -> Result<(Geometry, FrameMatch)> {
         let pair = self.pair.clone();
-        let whole = match_pair(pair, &self.facts_anew(), self.way.settings, self.runtime)?;
+        let whole = match_pair(pair, &self.facts_anew(), self.options.settings, self.runtime)?;
 
         let summary = whole.summary();
         let Matched { map, prepared, rectified } = whole;
         let raw = rectified.as_ref().map(|rectified| Arc::clone(&rectified.raw));
         let map = rectified.map_or(map, |rectified| rectified.map);
         let found = Geometry::new(&prepared.pair, &prepared.estimates, raw);
-        Ok((found, Shot { map, prepared, summary, innovation: None }))
+        Ok((found, FrameMatch { map, prepared, summary, innovation: None }))
     }
 
     /// Takes in the disparities of a match, in a range that is given or found.
     fn learn_range(&mut self, geometry: &mut Geometry, map: &Disparity) {
         let rig = &mut *self.rig;
-        if let Some(given) = &self.way.facts.candidates {
+        if let Some(given) = &self.options.facts.candidates {
             geometry.columns.watch(given.value, map);
         } else if geometry.columns.update(map, geometry.size.1) {
             let most = geometry.columns.searched.end - 1;
@@ -518,37 +519,37 @@ impl<'a> Followed<'a, '_> {
     }
 
     /// Takes in what the frame shows.
-    fn learn(&mut self, mut geometry: Geometry, shot: &Shot, is_reused: bool) {
+    fn learn(&mut self, mut geometry: Geometry, result: &FrameMatch, is_reused: bool) {
         let rig = &mut *self.rig;
-        let estimates = &shot.prepared.estimates;
-        let is_trusted = shot.is_trusted(geometry.size);
+        let estimates = &result.prepared.estimates;
+        let is_trusted = result.is_trusted(geometry.size);
 
         if is_trusted {
             if geometry.sways.state == 1 && geometry.take_rows(estimates) {
                 rig.events.push(Subject::Rows, rig.frames, "rows sway no more");
             }
-            if let Some(found) = &shot.innovation {
+            if let Some(found) = &result.innovation {
                 geometry.field.update(found);
             }
-            self.learn_range(&mut geometry, &shot.map);
+            self.learn_range(&mut geometry, &result.map);
             if !is_reused {
-                self.rig.remember(estimates, self.way.settings);
+                self.rig.remember(estimates, self.options.settings);
             }
         }
         let rig = &mut *self.rig;
         rig.geometry = Some(geometry);
-        rig.settle(estimates.blur.as_ref().filter(|_| is_trusted), shot.summary.wrong);
+        rig.settle(estimates.blur.as_ref().filter(|_| is_trusted), result.summary.wrong);
     }
 
     /// The frame as it is returned.
     fn finished(
         &self,
-        shot: Shot,
+        result: FrameMatch,
         is_reused: bool,
         filter: Option<&mut TemporalFilter>,
         is_anew: bool,
     ) -> Result<Frame> {
-        let Shot { mut map, prepared, mut summary, .. } = shot;
+        let FrameMatch { mut map, prepared, mut summary, .. } = result;
         let support = filter.map(|filter| {
             if is_anew {
                 *filter = TemporalFilter::new();

@@ -1,16 +1,16 @@
 //! Go or no-go: the quantities of a rig against limits, as at the end of a production line or at a start of a robot.
 //!
-//! Usual limits are those from which on a match is warned of (`levels.rs`), where there are such. A quantity that cannot be told
+//! Usual limits are those from which on a match is warned of (the tables of findings), where there are such. A quantity that cannot be told
 //! passes, unless its limit was given, or nothing can be said without it.
 
-use crate::findings::levels::{BLUR, BLUR_SHARE, CONTRAST, NOISE, ROWS, SURE, WRONG};
+use crate::finding::Topic;
+use crate::findings::choices::{BLUR_SHARE, SURE};
+use crate::findings::{levels_of, most_wrong};
+use crate::video::choices::DRIFT_FRAMES;
 use crate::video::rig::Rig;
 use crate::video::rig::field::FieldFilter;
 use phasestereo_match::base::error::{Error, Result};
 use phasestereo_match::base::math;
-
-/// Frames that tell of drift.
-const LEAST_FRAMES: u64 = 20;
 
 /// What is checked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -67,19 +67,19 @@ impl Quantity {
     /// The usual limit: the most there may be, of the reserve the least.
     pub fn usual(self) -> f64 {
         match self {
-            Self::Rows => ROWS[1],
+            Self::Rows => levels_of(Topic::Alignment)[1],
             // A third of what a match begins to suffer from.
             Self::Error => 0.1,
             // As much as straightens or bends a pair within ten seconds.
-            Self::Drift => ROWS[0],
+            Self::Drift => levels_of(Topic::Alignment)[0],
             // At a focal length of 860 pixels, rows are then as far off as they may be.
             Self::Rotation => 0.05,
-            Self::Wrong => WRONG,
+            Self::Wrong => most_wrong(),
             // The two neighbors that a fraction of a pixel is found by.
             Self::Reserve => 2.0,
-            Self::Noise => NOISE[1],
-            Self::Exposure => math::exp(CONTRAST[1]),
-            Self::Blur => BLUR[1],
+            Self::Noise => levels_of(Topic::Noise)[1],
+            Self::Exposure => math::exp(levels_of(Topic::Contrast)[1]),
+            Self::Blur => levels_of(Topic::Blur)[1],
         }
     }
 
@@ -98,7 +98,7 @@ impl Quantity {
         match self {
             Self::Rows => field?.field().ok().map(|field| field.rms()),
             Self::Error => field.map(FieldFilter::error),
-            Self::Drift if rig.frames < LEAST_FRAMES => None,
+            Self::Drift if rig.frames < DRIFT_FRAMES => None,
             Self::Drift => field.map(|field| 100.0 * field.drift()),
             Self::Rotation => field.zip(focal).map(|(field, focal)| field.rotation(focal)),
             Self::Wrong => rig.health,

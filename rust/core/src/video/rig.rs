@@ -12,6 +12,8 @@ pub mod text;
 
 use std::sync::Arc;
 
+use serde::{Deserialize, Serialize};
+
 use self::columns::Columns;
 use self::events::{Events, Steady, Subject};
 use self::field::FieldFilter;
@@ -19,32 +21,25 @@ use self::sensors::Sensors;
 use crate::estimation::Estimates;
 use crate::estimation::blur::{self, Side};
 use crate::rectification::Raw;
+use crate::video::choices::{
+    CALM_FRAMES, CHANGED_FRAMES, HEALTH_FRAMES, ILL_FROM, STRAIGHT_BELOW, STRAIGHT_FRAMES,
+    STRAIGHTEN_ERRORS, STRAIGHTEN_FROM, WELL_BELOW,
+};
 use phasestereo_match::base::error::Result;
 use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::alignment::Alignment;
 use phasestereo_match::settings::Settings;
 
-/// Rows are straightened from this field on, root mean square in pixels and in standard errors, and until this one.
-const STRAIGHTEN: (f64, f64) = (0.2, 4.0);
-const STRAIGHT: f64 = 0.08;
-/// Frames in a row that have to say so: of rows to straighten, of straight ones, of blur and of health.
-const PATIENCE: [u32; 4] = [3, 20, 3, 3];
-/// Frames in a row whose rows do not sway, until they are taken over again.
-const CALM: u32 = 20;
-/// Much is wrong from this share on, and until this one.
-const ILL: [f64; 2] = [0.25, 0.4];
-/// The frames over which the health is averaged.
-const FRAMES: f64 = 8.0;
-
 /// What is known of two cameras.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Rig {
     /// Frames so far.
     pub frames: u64,
     /// How they look; `None`: no frame has shown it.
     pub geometry: Option<Geometry>,
     /// What was estimated of blur, noise and light, and of what frame.
-    pub look: Option<Arc<Look>>,
+    #[serde(skip)]
+    pub appearance: Option<Arc<Appearance>>,
     /// What the cameras add to their images; `None`: no frame has shown it.
     pub sensors: Option<Sensors>,
     /// What happened.
@@ -61,7 +56,7 @@ pub struct Rig {
 
 /// What is estimated of single frames, and holds until it changes.
 #[derive(Debug)]
-pub struct Look {
+pub struct Appearance {
     /// The estimates.
     pub estimates: Estimates,
     /// The settings that were asked for.
@@ -71,7 +66,7 @@ pub struct Look {
 }
 
 /// How two cameras look.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Geometry {
     /// Rows and columns of an image.
     pub size: (usize, usize),
@@ -114,12 +109,12 @@ impl Geometry {
     pub fn take_rows(&mut self, found: &Estimates) -> bool {
         self.field = FieldFilter::new(self.size, found.offsets.as_ref());
         self.straightens = Steady::new(found.alignment.is_some().into());
-        self.sways.update(found.sways().into(), CALM).is_some()
+        self.sways.update(found.sways().into(), CALM_FRAMES).is_some()
     }
 
     /// Straightens from now on, if rows that moved make it necessary.
     pub fn straighten_at_once(&mut self) {
-        if self.field.field().is_ok_and(|field| field.rms() > STRAIGHTEN.0) {
+        if self.field.field().is_ok_and(|field| field.rms() > STRAIGHTEN_FROM) {
             self.straightens = Steady::new(1);
         }
     }
@@ -130,15 +125,15 @@ impl Geometry {
             return None;
         }
         let rms = self.field.field().map_or(0.0, |field| field.rms());
-        let said = if rms > STRAIGHTEN.0.max(STRAIGHTEN.1 * self.field.error()) {
+        let said = if rms > STRAIGHTEN_FROM.max(STRAIGHTEN_ERRORS * self.field.error()) {
             1
-        } else if rms < STRAIGHT {
+        } else if rms < STRAIGHT_BELOW {
             0
         } else {
             self.straightens.state
         };
 
-        let patience = PATIENCE[usize::from(said == 0)];
+        let patience = if said == 0 { STRAIGHT_FRAMES } else { CHANGED_FRAMES };
         self.straightens.update(said, patience).map(|_| self.straightens.state == 1)
     }
 }
@@ -150,10 +145,10 @@ impl Rig {
             let (rows, cols) = size;
             let sentence = format!("images are {cols} x {rows} from here on: all is learned anew");
             self.events.push(Subject::Cameras, self.frames, sentence);
-            (self.geometry, self.look, self.health, self.sensors) = (None, None, None, None);
+            (self.geometry, self.appearance, self.health, self.sensors) = (None, None, None, None);
         }
-        if self.look.as_ref().is_some_and(|look| look.settings != *settings) {
-            self.look = None;
+        if self.appearance.as_ref().is_some_and(|appearance| appearance.settings != *settings) {
+            self.appearance = None;
         }
     }
 
@@ -168,7 +163,7 @@ impl Rig {
         if let Some(kind) = blur.and_then(|blur| blur.blurs.first()) {
             let side = kind.side.map_or(0, |side| if side == Side::Left { 1 } else { 2 });
             let soft = self.soft.get_or_insert(Steady::new(0));
-            if let Some(ago) = soft.update(side, PATIENCE[2]) {
+            if let Some(ago) = soft.update(side, CHANGED_FRAMES) {
                 let sentence = match side {
                     1 => "the left image is the softer one",
                     2 => "the right image is the softer one",
@@ -181,17 +176,17 @@ impl Rig {
         if wrong.is_nan() {
             return;
         }
-        let health = self.health.map_or(wrong, |before| before + (wrong - before) / FRAMES);
+        let health = self.health.map_or(wrong, |before| before + (wrong - before) / HEALTH_FRAMES);
         self.health = Some(health);
         let ill = self.ill.get_or_insert(Steady::new(0));
-        let said = if wrong > ILL[1] {
+        let said = if wrong > ILL_FROM {
             1
-        } else if wrong < ILL[0] {
+        } else if wrong < WELL_BELOW {
             0
         } else {
             ill.state
         };
-        if let Some(ago) = ill.update(said, PATIENCE[3]) {
+        if let Some(ago) = ill.update(said, CHANGED_FRAMES) {
             let what = if said == 1 { "is probably wrong" } else { "is well again" };
             let sentence = format!("the match {what}: {:.0} % wrong", 100.0 * wrong);
             self.events.push(Subject::Health, frame.saturating_sub(ago.into()), sentence);

@@ -10,7 +10,7 @@
 //! still   = of the places of the block of 32 x 32 pixels with both d and D, at most 2 / 3 have d - D from 1/4 to 2,
 //!           or from -2 to -1/4
 //! if n > 0 and still and the left view has not changed at (x, y) and seen(d) and seen(D):
-//!     if |d - D| <= 1, or there is neither d nor D:  n = min(n + 1, FRAMES)   D += (d - D) / n
+//!     if |d - D| <= 1, or there is neither d nor D:  n = min(n + 1, MEAN_FRAMES)   D += (d - D) / n
 //!     else if n > 1:                                 n = n - 1                D stays
 //!     else:                                          n = 1                    D = d
 //! else:                                              n = 1                    D = d
@@ -21,7 +21,7 @@
 //!
 //! A disparity that is off by more than a pixel is outvoted by as many frames as support the other one: the majority
 //! vote of Boyer & Moore (1981). The rest is the recursive mean of the temporal filters of depth cameras, with a weight
-//! that begins at 1 and ends at 1 / [`FRAMES`]. Where the disparity before stays, its flags, its confidence and its error bar stay, too;
+//! that begins at 1 and ends at 1 / [`MEAN_FRAMES`]. Where the disparity before stays, its flags, its confidence and its error bar stay, too;
 //! elsewhere they are those of this frame.
 //!
 //! Frames that are the same to the bit give the same maps to the bit. A view that has changed everywhere, as at a cut,
@@ -38,7 +38,11 @@ pub mod change;
 
 use rayon::prelude::*;
 
-use self::change::{Changes, STEP, Scale};
+use self::change::{Changes, Scale};
+use crate::video::choices::{
+    CHANGE_STEP, LEAST_MOVED, MEAN_FRAMES, MOST_MOVED_BY, MOVED_BLOCK, MOVED_BY, MOVED_STEP,
+    SAME_DISPARITY,
+};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
@@ -47,23 +51,6 @@ use phasestereo_match::matcher::Disparity;
 use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::settings::Settings;
-
-/// Most frames that a disparity is the mean of. Twice as many steady a static scene no more, and lag twice as long;
-/// half as many steady it less (`phasestereo bench video`).
-pub const FRAMES: u8 = 8;
-/// Side of the blocks whose disparities may move together.
-pub const BLOCK: usize = 32;
-/// One pixel of so many along each axis of a block is looked at.
-pub const SPARSE: usize = 4;
-/// Disparities that differ by more have moved, and a block of which more than two thirds have.
-pub const MOVED: f32 = 0.25;
-/// Disparities that differ by more are mistakes.
-pub const MOST_MOVED: f32 = 2.0;
-/// The fewest known disparities of a block that may have moved.
-pub const LEAST_MOVED: u32 = 16;
-/// Pixels by which disparities of one thing differ at most: the step of integer maps. With less, these flicker more;
-/// with more, different things are averaged.
-const SAME: f32 = 1.0;
 
 /// What is carried over from one frame of a video to the next.
 #[derive(Debug, Default)]
@@ -176,20 +163,25 @@ impl Before {
         let (rows, cols) = (now.rows(), now.cols());
         let has_moved = |block_row: usize, block: usize| {
             let (mut up, mut down, mut known) = (0u32, 0u32, 0u32);
-            for y in (block_row * BLOCK..((block_row + 1) * BLOCK).min(rows)).step_by(SPARSE) {
+            for y in (block_row * MOVED_BLOCK..((block_row + 1) * MOVED_BLOCK).min(rows))
+                .step_by(MOVED_STEP)
+            {
                 let (before, now) = (self.disparity.row(y), now.row(y));
                 let support = self.support.row(y);
-                for x in (block * BLOCK..((block + 1) * BLOCK).min(cols)).step_by(SPARSE) {
+                for x in
+                    (block * MOVED_BLOCK..((block + 1) * MOVED_BLOCK).min(cols)).step_by(MOVED_STEP)
+                {
                     let by = now[x] - before[x];
                     known += u32::from(support[x] > 0 && !by.is_nan());
-                    let has_moved = by.abs() > MOVED && by.abs() <= MOST_MOVED && support[x] > 0;
+                    let has_moved =
+                        by.abs() > MOVED_BY && by.abs() <= MOST_MOVED_BY && support[x] > 0;
                     up += u32::from(has_moved && by > 0.0);
                     down += u32::from(has_moved && by < 0.0);
                 }
             }
             known >= LEAST_MOVED && 3 * up.max(down) > 2 * known
         };
-        Plane::from_fn(rows.div_ceil(BLOCK), cols.div_ceil(BLOCK), has_moved)
+        Plane::from_fn(rows.div_ceil(MOVED_BLOCK), cols.div_ceil(MOVED_BLOCK), has_moved)
     }
 
     /// Applies the recurrence of the module to the map of the next frame, in place.
@@ -208,7 +200,7 @@ impl Before {
             control.checkpoint()?;
 
             let changed = [left.row(y), right.row(y)];
-            let moved = moved.row(y / BLOCK);
+            let moved = moved.row(y / MOVED_BLOCK);
             level.run(Follow { changed, moved, before, support, now, marks });
             level.run(Keep { stays: marks, before: flags, now: new_flags });
             Ok(())
@@ -251,7 +243,7 @@ impl Loop for Follow<'_> {
         let Self { changed: [left, right], moved, before, support, now, marks } = self;
 
         mark_changed(left, right, before, now, marks);
-        for (marks, has_moved) in marks.chunks_mut(BLOCK).zip(moved) {
+        for (marks, has_moved) in marks.chunks_mut(MOVED_BLOCK).zip(moved) {
             if *has_moved {
                 marks.fill(true);
             }
@@ -263,9 +255,9 @@ impl Loop for Follow<'_> {
 /// Marks pixels where the left view has changed, or the right view at the match of the disparity before or of this frame.
 #[inline(always)]
 fn mark_changed(left: &[bool], right: &[bool], before: &[f32], now: &[f32], marks: &mut [bool]) {
-    let (places, rest) = marks.as_chunks_mut::<STEP>();
+    let (places, rest) = marks.as_chunks_mut::<CHANGE_STEP>();
     for (place, has_changed) in places.iter_mut().zip(left) {
-        *place = [*has_changed; STEP];
+        *place = [*has_changed; CHANGE_STEP];
     }
     rest.fill(left.last().is_some_and(|has_changed| *has_changed));
 
@@ -279,7 +271,7 @@ fn mark_changed(left: &[bool], right: &[bool], before: &[f32], now: &[f32], mark
         let has_changed = |disparity: f32| {
             let place = (x as f32 - disparity).round_ties_even();
             // Both comparisons are false for NaN.
-            (place >= 0.0 && place < cols as f32) && right[place as usize / STEP]
+            (place >= 0.0 && place < cols as f32) && right[place as usize / CHANGE_STEP]
         };
         *mark = has_changed(before[x]) || has_changed(now[x]);
     }
@@ -293,9 +285,9 @@ fn follow(before: &mut [f32], support: &mut [u8], now: &mut [f32], marks: &mut [
         (&mut before[..count], &mut support[..count], &mut marks[..count]);
     for x in 0..count {
         let (old, new, frames) = (before[x], now[x], support[x]);
-        let is_same = ((new - old).abs() <= SAME) | (new.is_nan() & old.is_nan());
+        let is_same = ((new - old).abs() <= SAME_DISPARITY) | (new.is_nan() & old.is_nan());
         let is_known = (frames > 0) & !marks[x];
-        let more = if frames < FRAMES { frames + 1 } else { FRAMES };
+        let more = if frames < MEAN_FRAMES { frames + 1 } else { MEAN_FRAMES };
         let mean = old + (new - old) / f32::from(more);
 
         let stays = is_known & !is_same & (frames > 1);

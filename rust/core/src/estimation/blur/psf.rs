@@ -2,10 +2,12 @@
 
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2};
 
+use serde::{Deserialize, Serialize};
+
 use phasestereo_match::base::math;
 
 /// A family of point-spread functions of one size each.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Family {
     /// Gaussian; the size is its standard deviation.
     Gaussian,
@@ -19,7 +21,7 @@ pub enum Family {
 }
 
 /// A point-spread function of a family.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Psf {
     /// Its family.
     pub family: Family,

@@ -2,7 +2,7 @@
 //! beyond its ends.
 //!
 //! ```text
-//! share[d] += (share of the pixels of this frame with disparity d - share[d]) / FADING
+//! share[d] += (share of the pixels of this frame with disparity d - share[d]) / FADING_FRAMES
 //! high = largest d that enough pixels have, in this frame or by the histogram
 //! if fewer than half of the reserve are left beyond it:  search up to high + reserve
 //! if more than all of them are left for long:            search up to high + reserve
@@ -13,33 +13,28 @@
 
 use std::ops::Range;
 
+use serde::{Deserialize, Serialize};
+
+use crate::video::choices::{
+    COUNTED_STEP, FADING_FRAMES, FEW_FADED, FEW_NOW, IDLE_FRAMES, LEAST_RESERVE, RESERVE_DIVISOR,
+    SPARE,
+};
 use phasestereo_match::base::error::Result;
 use phasestereo_match::matcher::Disparity;
 use phasestereo_match::pair::candidates::Candidates;
 
-/// One pixel of so many along each axis is counted.
-const STEP: usize = 4;
 /// Shares are counted in units of 2^-20.
 const WHOLE: i64 = 1 << 20;
-/// The frames over which the histogram fades, and the fewest of them before the range shrinks.
-const FADING: i64 = 32;
-const PATIENCE: u32 = 90;
-/// A disparity that so many millionths of the pixels have is there: of this frame, and of the histogram.
-const FEW: [i64; 2] = [4000, 2000];
-/// Disparities beyond the largest one: the least number, and as a share of all. A lane of the match has 16.
-const RESERVE: (i64, i64) = (6, 12);
-/// So many more are cut off, if they were not needed for long.
-const SPARE: i64 = 16;
 
 /// The disparities that a rig has seen.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Columns {
     /// Those that are searched, half-open.
     pub searched: Range<i64>,
     /// The share of each of the searched ones.
-    shares: Vec<i64>,
+    pub shares: Vec<i64>,
     /// Frames in a row that needed less.
-    idle: u32,
+    pub idle: u32,
 }
 
 impl Columns {
@@ -64,10 +59,10 @@ impl Columns {
         };
 
         let now = self.fade(&counts);
-        let last = seen(&now, FEW[0]);
-        let high = last.max(seen(&self.shares, FEW[1])).unwrap_or(self.searched.end - 1);
+        let last = seen(&now, FEW_NOW);
+        let high = last.max(seen(&self.shares, FEW_FADED)).unwrap_or(self.searched.end - 1);
 
-        let reserve = RESERVE.0.max((high - self.searched.start) / RESERVE.1);
+        let reserve = LEAST_RESERVE.max((high - self.searched.start) / RESERVE_DIVISOR);
         let left = self.searched.end - 1 - high;
         let wanted = (high + 1 + reserve).min(self.searched.start + width as i64);
         if 2 * left < reserve && wanted > self.searched.end {
@@ -78,7 +73,7 @@ impl Columns {
         }
 
         self.idle = if left > reserve + SPARE { self.idle + 1 } else { 0 };
-        if self.idle > PATIENCE {
+        if self.idle > IDLE_FRAMES {
             self.searched.end = wanted;
             self.shares.truncate((wanted - self.searched.start) as usize);
             self.idle = 0;
@@ -101,7 +96,7 @@ impl Columns {
         let total: i64 = counts.iter().sum();
         let now: Vec<i64> = counts.iter().map(|count| count * WHOLE / total.max(1)).collect();
         for (share, now) in self.shares.iter_mut().zip(&now) {
-            *share += (now - *share) / FADING;
+            *share += (now - *share) / FADING_FRAMES;
         }
         now
     }
@@ -110,16 +105,16 @@ impl Columns {
     pub fn reserve(&self) -> Option<i64> {
         // Few frames have filled a part of the histogram only.
         let filled: i64 = self.shares.iter().sum();
-        let last = self.shares.iter().rposition(|share| *share > FEW[1] * filled / 1_000_000)?;
+        let last = self.shares.iter().rposition(|share| *share > FEW_FADED * filled / 1_000_000)?;
         Some((self.shares.len() - 1 - last) as i64)
     }
 
     /// Numbers of pixels by disparity; those whose disparity is their own and passed all checks.
     fn counts(&self, map: &Disparity) -> Vec<i64> {
         let mut counts = vec![0; self.shares.len()];
-        for y in (0..map.disparity.rows()).step_by(STEP) {
+        for y in (0..map.disparity.rows()).step_by(COUNTED_STEP) {
             let (values, flags) = (map.disparity.row(y), map.flags.row(y));
-            for x in (0..values.len()).step_by(STEP).filter(|x| flags[*x] == 0) {
+            for x in (0..values.len()).step_by(COUNTED_STEP).filter(|x| flags[*x] == 0) {
                 let value = values[x];
                 if value.is_finite() {
                     let at = value.round_ties_even() as i64 - self.searched.start;
@@ -139,18 +134,12 @@ impl Columns {
         self.shares.resize((self.searched.end - self.searched.start) as usize, 0);
     }
 
-    /// The shares of the searched disparities.
-    pub fn shares(&self) -> &[i64] {
-        &self.shares
-    }
-
-    /// Frames in a row that needed less.
-    pub fn idle(&self) -> u32 {
-        self.idle
-    }
-
-    /// A range as it was written down.
-    pub fn of_numbers(start: i64, shares: Vec<i64>, idle: u32) -> Self {
-        Self { searched: start..start + shares.len() as i64, shares, idle }
+    /// Whether its numbers are such as frames leave.
+    pub fn is_sound(&self, width: usize) -> bool {
+        let Self { searched: Range { start, end }, shares, idle } = self;
+        start.checked_add_unsigned(shares.len() as u64) == Some(*end)
+            && shares.iter().all(|share| (0..=WHOLE).contains(share))
+            && *idle <= IDLE_FRAMES
+            && Candidates::new(*start, shares.len() as i64, width).is_ok()
     }
 }

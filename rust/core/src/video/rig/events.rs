@@ -1,12 +1,11 @@
 //! What happened to a rig, and when.
 
-/// Most events that are kept: the newest.
-const MOST: usize = 256;
-/// Frames over which what goes on counts as one event.
-const NEAR: u64 = 30;
+use serde::{Deserialize, Serialize};
+
+use crate::video::choices::{MOST_EVENTS, SAME_EVENT_FRAMES};
 
 /// What an event is about.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Subject {
     /// The cameras that a raw pair was rectified by.
     Cameras,
@@ -21,9 +20,6 @@ pub enum Subject {
 }
 
 impl Subject {
-    /// All of them.
-    pub const ALL: [Self; 5] = [Self::Cameras, Self::Rows, Self::Range, Self::Blur, Self::Health];
-
     /// Its name.
     pub fn name(self) -> &'static str {
         match self {
@@ -37,7 +33,7 @@ impl Subject {
 }
 
 /// Something that happened.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Event {
     /// What it is about.
     pub subject: Subject,
@@ -48,7 +44,7 @@ pub struct Event {
 }
 
 /// The events of a rig, the oldest first.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Events(Vec<Event>);
 
 impl Events {
@@ -59,17 +55,16 @@ impl Events {
 
     /// Keeps another one.
     pub fn push(&mut self, subject: Subject, frame: u64, sentence: impl Into<String>) {
-        if self.0.len() == MOST {
+        if self.0.len() == MOST_EVENTS {
             self.0.remove(0);
         }
         self.0.push(Event { subject, frame, sentence: sentence.into() });
     }
-}
 
-impl Events {
     /// Keeps another one, in place of the last one of this subject if that is not long ago.
     pub fn renew(&mut self, subject: Subject, frame: u64, sentence: impl Into<String>) {
-        let is_near = |event: &Event| event.subject == subject && event.frame + NEAR >= frame;
+        let is_near =
+            |event: &Event| event.subject == subject && event.frame + SAME_EVENT_FRAMES >= frame;
         if let Some(last) = self.0.iter_mut().rev().find(|event| is_near(event)) {
             *last = Event { subject, frame, sentence: sentence.into() };
             return;
@@ -79,7 +74,7 @@ impl Events {
 }
 
 /// A state that changes only where several frames in a row say so.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Steady {
     /// The state.
     pub state: i64,

@@ -16,55 +16,44 @@
 
 use std::array::from_fn;
 
+use serde::{Deserialize, Serialize};
+
 use crate::estimation::rows::robust::{Model, Point, RobustFit, median};
 use crate::estimation::rows::{LEAST_EVIDENCE, RowOffsets, SUSPICION};
 use crate::estimation::tracks::{Seed, Track};
+use crate::rectification::linear::Normal;
+use crate::video::choices::{
+    ALIKE, CELL_COLUMNS, CELL_PLACES, CELL_ROWS, CUT_SPREADS, DAMPED, FIELD_CHANGES, FOLLOWED,
+    FOUND_SHARE, LEAST_BLOCKS, MOST_WEIGHT, MOVED_ERRORS, MOVED_FROM, ROW_TURNS, SEED_BORDER,
+    UNKNOWN_DEVIATIONS,
+};
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::math;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::pair::alignment::sway::INTERVALS;
-use phasestereo_match::pair::alignment::{Alignment, LINEAR, TERMS, places, terms};
+use phasestereo_match::pair::alignment::{Alignment, LARGEST_OFFSET, LINEAR, TERMS, places, terms};
 
-/// Cells of an image, columns and rows, in each of which a block is looked for; one row of so many in turns.
-const CELLS: (usize, usize) = (14, 9);
-const TURNS: usize = 3;
-/// Places of a cell along each axis, one after another in the frames.
-const PLACES: usize = 16;
-/// Fewest blocks that say something.
-const LEAST_BLOCKS: usize = 12;
-/// Pixels at the border without blocks.
-const BORDER: usize = 20;
-/// Standard deviations of the coefficients before anything is known of them: of a plane, and of what bends it.
-const UNKNOWN: [f64; 2] = [1.0, 0.05];
-/// What they may change from frame to frame, as shares of the width.
-const CHANGE: [f64; 2] = [6e-6, 4e-7];
-/// Neighboring blocks err alike: so much larger is the variance of their mean.
-const ALIKE: f64 = 2.0;
-/// The share of a correction that is taken for drift, and what remains of the drift from frame to frame.
-const FOLLOWED: f64 = 0.06;
-const DAMPED: f64 = 0.995;
-/// A frame that leaves less of the standard error finds the field: what it corrects is no drift.
-const FOUND: f64 = 0.8;
-/// The largest weight of a block, in usual ones.
-const MOST_WEIGHT: f64 = 2.0;
-/// Residuals beyond so many spreads are mistakes.
-const CUT: f64 = 3.0;
 /// What is fitted to the residuals of a frame.
 const PLANE: Model = Model { smooth: LINEAR, sways: false, excess: ALIKE };
-/// The cameras have been moved where rows changed by so many standard errors, and so many pixels.
-const MOVED: (f64, f64) = (6.0, 0.2);
+/// Most blocks of a frame that can agree: more than there are.
+const MOST_BLOCKS: usize = 1 << 20;
+/// Rounding that a covariance may have, as a share of its diagonal.
+const ROUNDING: f64 = 1e-9;
 
 type Matrix = [[f64; TERMS]; TERMS];
 
 /// The field and its covariance.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FieldFilter {
     size: (usize, usize),
-    value: [f64; TERMS],
-    drift: [f64; TERMS],
-    covariance: Matrix,
+    /// The coefficients of the field.
+    pub value: [f64; TERMS],
+    /// What a frame changes.
+    pub drift: [f64; TERMS],
+    /// The covariance of the coefficients.
+    pub covariance: Matrix,
     /// Blocks that the last frame agreed on it with, and their spread, pixels.
-    agreement: (usize, f64),
+    pub agreement: (usize, f64),
 }
 
 /// What the blocks of a frame say of the rows.
@@ -91,7 +80,8 @@ impl FieldFilter {
             agreement: found.map_or((0, 0.0), |found| (found.blocks, found.spread)),
         };
 
-        let mut deviations: [f64; TERMS] = from_fn(|term| UNKNOWN[usize::from(term >= LINEAR)]);
+        let mut deviations: [f64; TERMS] =
+            from_fn(|term| UNKNOWN_DEVIATIONS[usize::from(term >= LINEAR)]);
         if let Some(found) = found {
             all.value = *found.field.coefficients();
             let has_bend = all.value[LINEAR..].iter().any(|value| *value != 0.0);
@@ -111,23 +101,16 @@ impl FieldFilter {
         self.update(innovation);
     }
 
-    /// A field as it was written down.
-    pub fn of_numbers(
-        size: (usize, usize),
-        value: [f64; TERMS],
-        drift: [f64; TERMS],
-        covariance: Matrix,
-        agreement: (usize, f64),
-    ) -> Result<Self> {
-        // These refuse what is not finite, too.
-        Alignment::new(value, size)?;
-        Alignment::new(drift, size)?;
-        Ok(Self { size, value, drift, covariance, agreement })
-    }
-
-    /// The coefficients, their drift, the covariance, and blocks and their spread.
-    pub fn numbers(&self) -> (&[f64; TERMS], &[f64; TERMS], &Matrix, (usize, f64)) {
-        (&self.value, &self.drift, &self.covariance, self.agreement)
+    /// Whether its numbers are such as frames leave: finite offsets of an image of this size, and a covariance.
+    pub fn is_sound(&self, size: (usize, usize)) -> bool {
+        let Self { value, drift, covariance, agreement: (blocks, spread), .. } = self;
+        let is_field = |values: &[f64; TERMS]| Alignment::new(*values, size).is_ok();
+        self.size == size
+            && is_field(value)
+            && is_field(drift)
+            && is_covariance(covariance)
+            && *blocks <= MOST_BLOCKS
+            && (0.0..=LARGEST_OFFSET).contains(spread)
     }
 
     /// The field as an estimate has it; `None`: no blocks have shown it.
@@ -187,7 +170,7 @@ impl FieldFilter {
     pub fn predict(&mut self) {
         for term in 0..TERMS {
             self.value[term] += self.drift[term];
-            let change = CHANGE[usize::from(term >= LINEAR)] * self.size.1 as f64;
+            let change = FIELD_CHANGES[usize::from(term >= LINEAR)] * self.size.1 as f64;
             self.covariance[term][term] += change * change;
         }
     }
@@ -215,7 +198,7 @@ impl FieldFilter {
         }
         let moved = Alignment::new(plane.coefficients, self.size).ok()?.rms();
         let error = math::hypot(self.error(), plane.error);
-        let is_moved = moved > MOVED.1.max(MOVED.0 * error);
+        let is_moved = moved > MOVED_FROM.max(MOVED_ERRORS * error);
         let sways = PLANE.evidence(&points, &plane) >= SUSPICION && sways(&points);
         Some(Innovation { points, plane, moved, is_moved, sways })
     }
@@ -228,7 +211,7 @@ impl FieldFilter {
 
         let (mut information, mut sums) = ([[0.0; TERMS]; TERMS], [0.0; TERMS]);
         for point in points {
-            if point.residual(&plane.coefficients).abs() > CUT * plane.spread {
+            if point.residual(&plane.coefficients).abs() > CUT_SPREADS * plane.spread {
                 continue;
             }
             let weight = point.weight / variance;
@@ -258,7 +241,7 @@ impl FieldFilter {
         self.covariance =
             from_fn(|row| from_fn(|col| f64::midpoint(gain[row][col], gain[col][row])));
 
-        if self.error() > FOUND * before {
+        if self.error() > FOUND_SHARE * before {
             for (drift, step) in self.drift.iter_mut().zip(steps) {
                 *drift = DAMPED * (*drift + FOLLOWED * step);
             }
@@ -271,6 +254,24 @@ fn sways(points: &[Point]) -> bool {
     let model = Model { sways: true, ..PLANE };
     let fit = model.fitted(points);
     fit.is_some_and(|fit| model.evidence(points, &fit) >= LEAST_EVIDENCE)
+}
+
+/// Whether a matrix may be a covariance: symmetric and without negative eigenvalues, but for rounding.
+fn is_covariance(matrix: &Matrix) -> bool {
+    let deviations: [f64; TERMS] = from_fn(|at| matrix[at][at].sqrt());
+    if !deviations.iter().all(|deviation| (0.0..=LARGEST_OFFSET).contains(deviation)) {
+        return false;
+    }
+    // As correlations, of which rounding is a share of 1.
+    let divisors = deviations.map(|deviation| if deviation > 0.0 { deviation } else { 1.0 });
+    let mut matrix: Matrix =
+        from_fn(|row| from_fn(|col| matrix[row][col] / (divisors[row] * divisors[col])));
+    let is_symmetric = (0..TERMS)
+        .all(|row| (0..row).all(|col| (matrix[row][col] - matrix[col][row]).abs() <= ROUNDING));
+    for (at, row) in matrix.iter_mut().enumerate() {
+        row[at] += ROUNDING;
+    }
+    is_symmetric && Normal { matrix, target: [0.0; TERMS] }.factor().is_some()
 }
 
 /// The product of two matrices.
@@ -311,24 +312,26 @@ pub fn seeds(
     has_all: bool,
 ) -> Vec<Vec<Seed>> {
     let (rows, cols) = (disparity.rows(), disparity.cols());
-    if rows.min(cols) <= 2 * BORDER + CELLS.0 {
+    if rows.min(cols) <= 2 * SEED_BORDER + CELL_COLUMNS {
         return vec![];
     }
     // Seven and eleven have no divisor in common with the number of places.
-    let turn = frame / TURNS as u64;
-    let place = |step: u64| (turn.wrapping_mul(step) % PLACES as u64) as usize;
+    let turn = frame / ROW_TURNS as u64;
+    let place = |step: u64| (turn.wrapping_mul(step) % CELL_PLACES as u64) as usize;
     let (along, down) = (place(7), place(11));
     let at = |cell: usize, place: usize, cells: usize, length: usize| {
-        BORDER + (cell * PLACES + place) * (length - 2 * BORDER) / (cells * PLACES)
+        SEED_BORDER
+            + (cell * CELL_PLACES + place) * (length - 2 * SEED_BORDER) / (cells * CELL_PLACES)
     };
 
     let mut seeds = vec![];
-    let (first, step) = if has_all { (0, 1) } else { ((frame % TURNS as u64) as usize, TURNS) };
-    for row in (first..CELLS.1).step_by(step) {
-        let y = at(row, down, CELLS.1, rows);
+    let (first, step) =
+        if has_all { (0, 1) } else { ((frame % ROW_TURNS as u64) as usize, ROW_TURNS) };
+    for row in (first..CELL_ROWS).step_by(step) {
+        let y = at(row, down, CELL_ROWS, rows);
         let mut here = vec![];
-        for col in 0..CELLS.0 {
-            let x = at(col, along, CELLS.0, cols);
+        for col in 0..CELL_COLUMNS {
+            let x = at(col, along, CELL_COLUMNS, cols);
             let value = f64::from(disparity.row(y)[x]);
             if value.is_finite() && flags.row(y)[x] == 0 {
                 let (x, y) = (x as f64, y as f64);

@@ -1,12 +1,14 @@
 //! What both cameras add to their images: noise, blur by area, and how their gray levels correspond, as the last frame that was
 //! to be trusted showed it.
 
+use serde::{Deserialize, Serialize};
+
 use crate::estimation::Estimates;
 use crate::estimation::blur::psf::Psf;
 use crate::estimation::blur::{Blur, Side};
 
 /// A kind of blur.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Kind {
     /// The softer image: 1 the left one, 2 the right one, 0 neither.
     pub side: u8,
@@ -17,7 +19,7 @@ pub struct Kind {
 }
 
 /// Blur by area.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct BlurMap {
     /// The kinds, that of the largest area first.
     pub kinds: Vec<Kind>,
@@ -32,7 +34,7 @@ pub struct BlurMap {
 }
 
 /// What both cameras add to their images; of two values, that of the left one comes first.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Sensors {
     /// The frame that showed it.
     pub frame: u64,

@@ -1,17 +1,17 @@
 //! Where a view of a video has changed by more than its noise.
 //!
 //! A view is compared with its mean over the frames since each place changed last, so changes add up that are too slow to be
-//! seen from one frame to the next. Places are the pixels of every [`STEP`]th row and column, and stand for the pixels up
+//! seen from one frame to the next. Places are the pixels of every [`CHANGE_STEP`]th row and column, and stand for the pixels up
 //! to the next ones. With `g` the gray value of this frame, `m` and `n` mean and count of those before, and `noise` the
 //! variance of the noise:
 //!
 //! ```text
 //! gain    = median of g / m over some places, or 1                   what the exposure changed by
 //! off     = g - gain m         0 where the brighter of both is at white and may have been brighter still
-//! excess  = min(off^2 / noise, LARGEST) - RATIO (1 + 1 / n)          0 outside the image, and where g or m is unknown
+//! excess  = min(off^2 / noise, LARGEST_SQUARE) - CHANGE_RATIO (1 + 1 / n)          0 outside the image, and where g or m is unknown
 //! changed = the sum of the excesses of 3 x 3 places is positive, or g or m is unknown
 //! if changed:  n = 1                    m = g
-//! else:        n = min(n + 1, FRAMES)   m = gain m + (g - gain m) / n
+//! else:        n = min(n + 1, MEAN_FRAMES)   m = gain m + (g - gain m) / n
 //! ```
 //!
 //! Exposures change all gray values alike, so their quotients agree; where they do not, as where the camera moves, the gain is 1.
@@ -30,49 +30,17 @@ use std::mem;
 
 use rayon::prelude::*;
 
-use crate::video::temporal::FRAMES;
+use crate::video::choices::{
+    AGREEING_GAINS, CHANGE_RATIO, CHANGE_STEP, DARK_BELOW, EVEN_GAIN, GAIN_STEP, LARGEST_SQUARE,
+    LEAST_GAIN_PLACES, LEAST_NOISE, MEAN_FRAMES, MOST_NOISE, NOISE_BLOCK, NOISE_BLOCKS,
+    NOISE_FACTOR, QUIET_DIVISOR, WHITE_FROM,
+};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::{Plane, zeroed};
 use phasestereo_match::base::simd::{Level, Loop};
 use phasestereo_match::image::intensity::intensity_range;
 use phasestereo_match::image::view::{Image, View};
-
-/// Multiple of the expected square that still counts as no change. A larger one ignores more of the noise, and more of
-/// slow motion, too. A smaller one lets a static scene flicker (`phasestereo bench video --preset fast --noise 8`).
-pub const RATIO: f32 = 3.0;
-/// Largest square of one pixel, in units of the noise: no float overflows.
-pub const LARGEST: f32 = 16384.0;
-/// Least and largest standard deviation of the noise, on a scale of 255 gray levels from black to white: rounding to
-/// bytes has 0.29, and larger estimates are taken for texture.
-pub const LEAST_NOISE: f32 = 0.25;
-/// See [`LEAST_NOISE`].
-pub const MOST_NOISE: f32 = 10.0;
-/// Rows and columns from one place to the next. With 1 the filter follows moving edges better, for half as much time again
-/// and more than twice the memory.
-pub const STEP: usize = 2;
-/// Side of the blocks in which the noise is estimated.
-pub const BLOCK: usize = 8;
-/// Number of blocks that suffices: of larger images rows of blocks are skipped.
-pub const ENOUGH_BLOCKS: usize = 256;
-/// One block in so many counts as quiet, with little but noise.
-pub const QUIETEST: usize = 20;
-/// The ratio of the noise to the mean square of the quiet blocks: less than it would be for noise alone, since most blocks
-/// have some texture.
-pub const BLOCK_FACTOR: f32 = 1.25;
-
-/// Gray levels from here on are as good as white.
-pub const WHITE_FROM: f32 = 250.0;
-/// Quotients of gray levels below this say little.
-pub const DARK: f32 = 24.0;
-/// One place of so many along each axis says how the exposure changed.
-pub const SAMPLED: usize = 4;
-/// The fewest places that do.
-pub const LEAST_SAMPLED: usize = 64;
-/// Gains nearer to one are noise.
-pub const EVEN: f32 = 0.01;
-/// The largest difference of the quartiles of the quotients, beside the median.
-pub const AGREEING: f32 = 0.15;
 
 /// Gray levels from black to white.
 const WHITE: f64 = 255.0;
@@ -170,8 +138,8 @@ pub struct Changes {
 impl Changes {
     /// The state before the first frame.
     pub fn new((rows, cols): (usize, usize), scale: Scale) -> Result<Self> {
-        let rows = rows.div_ceil(STEP);
-        let cols = cols.div_ceil(STEP);
+        let rows = rows.div_ceil(CHANGE_STEP);
+        let cols = cols.div_ceil(CHANGE_STEP);
 
         Ok(Self {
             scale,
@@ -185,7 +153,7 @@ impl Changes {
 
     /// Which places of image row `y` have changed in the last frame.
     pub fn row(&self, y: usize) -> &[bool] {
-        self.changed.row(y / STEP)
+        self.changed.row(y / CHANGE_STEP)
     }
 
     /// Finds where the next frame has changed, and updates the means.
@@ -212,18 +180,18 @@ impl Changes {
         let Self { scale, mean, count, .. } = self;
         let mut row = Row::new(view.image.shape().1)?;
         let mut quotients = vec![];
-        for y in (0..mean.rows()).step_by(SAMPLED) {
+        for y in (0..mean.rows()).step_by(GAIN_STEP) {
             control.checkpoint()?;
-            scale.write(view, STEP * y, level, &mut row);
-            for x in (0..mean.cols()).step_by(SAMPLED) {
-                let (gray, mean) = (row.gray[STEP * x], mean.row(y)[x]);
-                let range = DARK..WHITE_FROM;
+            scale.write(view, CHANGE_STEP * y, level, &mut row);
+            for x in (0..mean.cols()).step_by(GAIN_STEP) {
+                let (gray, mean) = (row.gray[CHANGE_STEP * x], mean.row(y)[x]);
+                let range = DARK_BELOW..WHITE_FROM;
                 if count.row(y)[x] > 0 && range.contains(&gray) && range.contains(&mean) {
                     quotients.push(gray / mean);
                 }
             }
         }
-        if quotients.len() < LEAST_SAMPLED {
+        if quotients.len() < LEAST_GAIN_PLACES {
             return Ok(1.0);
         }
 
@@ -232,7 +200,7 @@ impl Changes {
             *quotients.select_nth_unstable_by(at, f32::total_cmp).1
         };
         let [low, middle, high] = [1, 2, 3].map(&mut quartile);
-        let is_even = (middle - 1.0).abs() < EVEN || high - low > AGREEING * middle;
+        let is_even = (middle - 1.0).abs() < EVEN_GAIN || high - low > AGREEING_GAINS * middle;
         Ok(if is_even { 1.0 } else { middle })
     }
 
@@ -255,8 +223,8 @@ impl Changes {
                 control.checkpoint()?;
 
                 let row = row.as_mut().map_err(|error| error.clone())?;
-                scale.write(view, STEP * y, level, row);
-                for (gray, value) in gray.iter_mut().zip(row.gray.iter().step_by(STEP)) {
+                scale.write(view, CHANGE_STEP * y, level, row);
+                for (gray, value) in gray.iter_mut().zip(row.gray.iter().step_by(CHANGE_STEP)) {
                     *gray = *value;
                 }
 
@@ -324,9 +292,9 @@ fn write_excess(
         let is_white = if difference > 0.0 { mean[x] } else { gray[x] } >= WHITE_FROM;
         let difference = if is_white { 0.0 } else { difference };
         let square = (difference * difference) * inverse;
-        let square = if square < LARGEST { square } else { LARGEST };
+        let square = if square < LARGEST_SQUARE { square } else { LARGEST_SQUARE };
 
-        let value = square - (RATIO + RATIO / f32::from(count[x]));
+        let value = square - (CHANGE_RATIO + CHANGE_RATIO / f32::from(count[x]));
         excess[x] = if (count[x] == 0) | gray[x].is_nan() { 0.0 } else { value };
     }
 }
@@ -370,7 +338,7 @@ fn update(
         let is_unknown = gray[x].is_nan();
         let has_changed = (sum > 0.0) | is_unknown | (count[x] == 0);
 
-        let more = if count[x] < FRAMES { count[x] + 1 } else { FRAMES };
+        let more = if count[x] < MEAN_FRAMES { count[x] + 1 } else { MEAN_FRAMES };
         let before = gain * mean[x];
         let value = before + (gray[x] - before) / f32::from(more);
         let value = if has_changed { gray[x] } else { value };
@@ -387,13 +355,13 @@ pub fn noise(view: &View, scale: &Scale, level: Level, control: &Control) -> Res
     let (rows, cols, _) = view.image.shape();
 
     // Second differences need a neighbor on every side.
-    let block_rows = rows.saturating_sub(2) / BLOCK;
-    let block_cols = cols.saturating_sub(2) / BLOCK;
-    let step = (block_rows * block_cols).div_ceil(ENOUGH_BLOCKS).max(1);
+    let block_rows = rows.saturating_sub(2) / NOISE_BLOCK;
+    let block_cols = cols.saturating_sub(2) / NOISE_BLOCK;
+    let step = (block_rows * block_cols).div_ceil(NOISE_BLOCKS).max(1);
 
     let squares = (0..block_rows.div_ceil(step)).into_par_iter().map(|index| {
         control.checkpoint()?;
-        block_squares(view, scale, index * step * BLOCK, level)
+        block_squares(view, scale, index * step * NOISE_BLOCK, level)
     });
     let squares: Vec<_> = squares.collect::<Result<_>>()?;
 
@@ -403,9 +371,9 @@ pub fn noise(view: &View, scale: &Scale, level: Level, control: &Control) -> Res
         return Ok(LEAST_NOISE * LEAST_NOISE);
     }
 
-    let place = squares.len() / QUIETEST;
+    let place = squares.len() / QUIET_DIVISOR;
     let (_, square, _) = squares.select_nth_unstable_by(place, f32::total_cmp);
-    Ok((*square * BLOCK_FACTOR).clamp(LEAST_NOISE * LEAST_NOISE, MOST_NOISE * MOST_NOISE))
+    Ok((*square * NOISE_FACTOR).clamp(LEAST_NOISE * LEAST_NOISE, MOST_NOISE * MOST_NOISE))
 }
 
 /// The mean squares of the second differences in a row of blocks whose pixels above begin with row `first`; NaN where
@@ -415,7 +383,7 @@ fn block_squares(view: &View, scale: &Scale, first: usize, level: Level) -> Resu
     let mut rows = [Row::new(cols)?, Row::new(cols)?, Row::new(cols)?];
     let mut sums = zeroed(cols - 2)?;
 
-    for y in 0..BLOCK + 2 {
+    for y in 0..NOISE_BLOCK + 2 {
         scale.write(view, first + y, level, &mut rows[y % 3]);
         if y >= 2 {
             let rows = [y - 2, y - 1, y].map(|slot| &*rows[slot % 3].gray);
@@ -423,8 +391,8 @@ fn block_squares(view: &View, scale: &Scale, first: usize, level: Level) -> Resu
         }
     }
 
-    let pixels = (BLOCK * BLOCK) as f32;
-    Ok(sums.chunks_exact(BLOCK).map(|block| block.iter().sum::<f32>() / pixels).collect())
+    let pixels = (NOISE_BLOCK * NOISE_BLOCK) as f32;
+    Ok(sums.chunks_exact(NOISE_BLOCK).map(|block| block.iter().sum::<f32>() / pixels).collect())
 }
 
 /// Adds the squared second differences of a row to those of its block.

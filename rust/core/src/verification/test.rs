@@ -24,8 +24,8 @@
 //! `HIDDEN` was set by hand: pixels that the right image does not see are not in the regression, and a map that is right
 //! there contradicts the match. With -0.7 fewer of them are refuted, and 1 to 2 points less of what is wrong.
 
-use crate::verification::claims::right_column;
 use crate::verification::evidence::{DIFFERENT, Evidence};
+use crate::verification::hypotheses::right_column;
 use crate::verification::{Counts, verdict};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
@@ -66,7 +66,7 @@ const UNSEEN: u16 = flag::MISSING | flag::OUTSIDE | flag::MATCH_MASKED | flag::O
 
 /// All that verdicts depend on; planes of one size.
 #[derive(Debug, Clone, Copy)]
-pub struct Jury<'a> {
+pub struct Test<'a> {
     /// The claims; what is not finite is none.
     pub map: &'a Plane<f32>,
     /// The own match, with confidences.
@@ -78,7 +78,7 @@ pub struct Jury<'a> {
 /// A verdict and, where a claim is refuted, the better disparity, else NaN.
 type Judged = (u8, f32);
 
-impl Jury<'_> {
+impl Test<'_> {
     /// The verdicts, the better disparities, and their numbers, on the threads of the current pool.
     pub fn judge(
         &self,
