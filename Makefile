@@ -58,15 +58,15 @@ test-arm64: $(VENV)/dev ## Test the core and its wheel on an emulated aarch64 (A
 
 fuzz: $(VENV)/counterparts ## Tests by new random examples, mutated files, strange arrays (ARGS="--seconds 7200"; 5 minutes)
 	$(BIN)/python -m pytest -m hypothesis --hypothesis-profile explore
-	$(BIN)/python tests/fuzzing.py $(ARGS)
+	PYTHONPATH=tests $(BIN)/python -m support.fuzzing $(ARGS)
 
 soak: $(CORE) ## Stream pairs with faults through one Matcher (make soak ARGS="--seconds 3600"; 5 minutes)
 	$(BIN)/python benches/soak.py $(ARGS)
 
-nightly: $(VENV)/counterparts web/phasestereo.wasm ## Hold 300 spoiled pairs to one map each, in every way; fuzz and soak, half an hour each
+nightly: $(VENV)/counterparts web/phasestereo.wasm ## Tests of tests/nightly whole, of which `make test` takes a sample; fuzz and soak, half an hour each
 	cargo build --locked --profile test --package phasestereo-c --lib
-	PHASESTEREO_PAIRS=300 PHASESTEREO_SEED="$$(date +%Y%m%d)" $(BIN)/python -m pytest --numprocesses auto \
-		$(if $(WITHOUT),-k "not $(WITHOUT)") tests/core/test_determinism.py
+	PHASESTEREO_NIGHTLY=1 PHASESTEREO_SEED="$$(date +%Y%m%d)" $(BIN)/python -m pytest --numprocesses auto \
+		$(if $(WITHOUT),-k "not $(WITHOUT)") tests/nightly
 	$(MAKE) fuzz ARGS="--seconds 1800"
 	$(MAKE) soak ARGS="--seconds 1800"
 

@@ -23,7 +23,7 @@ from phasestereo_bench.degradation import suite
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
-from rigs import EXACT, Lens, euroc, euroc_frames, of_opencv, row_errors, turned
+from support.rigs import EXACT, Lens, euroc, euroc_frames, of_opencv, row_errors, turned
 
 # Rotations of both cameras in degrees, k1 of both, ratio of focal lengths, rows lower
 RIGS: dict[str, tuple[Any, ...]] = {

@@ -1,49 +1,16 @@
 """What several test files share: where the real data is, and how hypothesis runs."""
 
-import os
 import shutil
 import signal
 from collections.abc import Callable, Generator, Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import hypothesis
 import pytest
 
-from browser import Browser, running
-
-Run = tuple[int, str, str]
-
-ROOT = Path(__file__).resolve().parent.parent
-PACKAGES = (
-    ROOT / "python",
-    *(ROOT / "python" / name for name in ("phasestereo-live", "phasestereo-large")),
-    ROOT / "benches/harness",
-)
-"""The folders that hold our packages."""
-
-# "CI" would have pytest compare and show whole what differs: megabytes, in minutes.
-os.environ.setdefault("PHASESTEREO_CI", os.environ.pop("CI", ""))
-ON_CI = os.environ["PHASESTEREO_CI"] == "true"
-
-LACKING = {
-    "this Python has a GIL": "a job of the workflow runs a Python that has none",
-    "only root becomes another user": "who runs the tests is not always root",
-    "could not import 'open3d'": "it brings a web server, and plugins for pytest that fail here",
-    "could not import 'pyrealsense2'": "it has no wheels for other processors than x86-64",
-    "no headers of ROS 1": "Debian 12 is the last that has them, and CI runs elsewhere",
-    "could not import 'mc_cnn'": "its OpenCV would replace the one that others are tested with",
-}
-"""What a machine of CI cannot have, by how its skip begins, and why: no other may skip there."""
-
-if os.environ.get("PHASESTEREO_DATA") == "none":  # said, and so not forgotten
-    LACKING["no real data"] = "the pairs are not there to be copied"
-
-ENVIRONMENT = os.environ | {
-    "PYTHONPATH": os.pathsep.join([*map(str, PACKAGES), os.environ.get("PYTHONPATH", "")])
-}
-"""Of processes that import our packages from the tree."""
+from support import LACKING, ON_CI, Run, counterpart, real_data
+from support.browser import Browser, running
 
 # The same examples every time and everywhere; new ones are what `make fuzz` is for, which loads
 # "explore". No deadlines: a slow machine is no failure.
@@ -99,15 +66,6 @@ def shortened(lines: list[str]) -> list[str]:
     return [line if len(line) <= WIDTH else f"{line[:WIDTH]} ..." for line in kept]
 
 
-class EndingError(Exception):
-    """What the progress callback of a test raises to end a run."""
-
-
-def real_data() -> Path:
-    """Return where real pairs are, if there are any."""
-    return Path(os.environ.get("PHASESTEREO_DATA", ROOT / "../shared"))
-
-
 @pytest.fixture(scope="session")
 def data() -> Path:
     """Return the folder of real pairs."""
@@ -116,11 +74,6 @@ def data() -> Path:
         place = folder.resolve()
         pytest.skip(f"no real data in {place}: set PHASESTEREO_DATA to a folder of pairs")
     return folder
-
-
-def counterpart(module: str) -> Any:
-    """Return a module that tests hold ours against; skip them where it is missing."""
-    return pytest.importorskip(module)
 
 
 @pytest.fixture

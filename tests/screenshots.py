@@ -17,11 +17,11 @@ from selenium import webdriver
 
 import phasestereo as ps
 import phasestereo_live as live
-from browser import Browser, running, serving
 from phasestereo.views.page import write_pair_page
 from phasestereo_bench.degradation import Degradation, disk_psf
 from phasestereo_bench.rendering import render_pair
 from phasestereo_live.viewer import Display, Server
+from support.browser import Browser, running, serving
 
 ROOT = Path(__file__).resolve().parent.parent
 IMAGES = ROOT / "docs" / "images"

@@ -11,8 +11,8 @@ from statistics import fmean
 from typing import Any
 
 import pytest
+from test_bench_cases import plant
 
-from conftest import ROOT, counterpart
 from phasestereo_bench import methods
 from phasestereo_bench.report.documents import MARKERS
 from phasestereo_bench.report.tables import MISSING
@@ -21,7 +21,7 @@ from phasestereo_bench.tables import comparison, export
 from phasestereo_bench.tables.headline import COLUMNS, TITLES
 from phasestereo_bench.tables.ours import CHOICES, choice_table
 from phasestereo_bench.tables.plan import job_groups
-from test_bench_cases import plant
+from support import ROOT, counterpart
 
 Run = Callable[..., tuple[int, str, str]]
 

@@ -15,6 +15,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from test_bench_cases import SHIFT, plant
+from test_bench_methods import own
+from test_bench_runner import start, wait_for_record
 
 import phasestereo_bench as bench
 from phasestereo import io, metrics
@@ -25,9 +28,6 @@ from phasestereo_bench.datasets import Scene, find_scenes
 from phasestereo_bench.middlebury import middlebury_jobs
 from phasestereo_bench.report.results import read_results
 from phasestereo_bench.report.sharp import sharp_tables
-from test_bench_cases import SHIFT, plant
-from test_bench_methods import own
-from test_bench_runner import start, wait_for_record
 
 for module in ("scipy", "PIL"):
     pytest.importorskip(module)

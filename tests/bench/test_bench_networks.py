@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from test_bench_cases import plant
 
 import phasestereo as ps
-from conftest import counterpart
 from phasestereo_bench import method, networks
 from phasestereo_bench.datasets import find_scene, find_scenes
 from phasestereo_bench.networks import layout_of
-from test_bench_cases import plant
+from support import counterpart
 
 Run = Callable[..., tuple[int, str, str]]
 

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from conftest import counterpart
 from phasestereo.io import write_image
 from phasestereo_bench.real import find_recording, real_jobs, recording_jobs
 from phasestereo_bench.real.agreement import confirmed, score_frame
@@ -21,6 +20,7 @@ from phasestereo_bench.real.frames import read_frame
 from phasestereo_bench.real.pairs import find_pairs, load_pair, score_pair
 from phasestereo_bench.real.rows import corresponding, score_rows
 from phasestereo_bench.store import read_store
+from support import counterpart
 
 Run = Callable[..., tuple[int, str, str]]
 

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from test_bench_cases import plant
+from test_bench_report import store
 
 from phasestereo_bench import blur, ranges, run_jobs
 from phasestereo_bench.confidence import learned_weights
@@ -16,8 +18,6 @@ from phasestereo_bench.rigs import FAULTS
 from phasestereo_bench.surfaces import surface_cases, surface_jobs
 from phasestereo_bench.tables.comparison import read_numbers
 from phasestereo_bench.tables.plan import job_groups
-from test_bench_cases import plant
-from test_bench_report import store
 
 ANY: Any = "rotation"
 

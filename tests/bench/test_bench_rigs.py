@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy import ndimage
+from test_bench_cases import plant
 
 from phasestereo_bench import run_middlebury
 from phasestereo_bench.cases import SUITE_SCENES, SUITES, Case
@@ -21,7 +22,6 @@ from phasestereo_bench.middlebury import matched_pair
 from phasestereo_bench.rigs import FAULTS, QUICK_SCENES, RIGS, side_of
 from phasestereo_bench.rigs.depth import DepthOfField, Raised, filled, seen_from_right
 from phasestereo_bench.rigs.geometry import Misaligned
-from test_bench_cases import plant
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGES = {"rigs": "rigs-suite.md", "rigs-2": "rigs-2.md"}

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from conftest import Run
 from phasestereo import _core, io
 from phasestereo.settings import PRESETS
 from phasestereo_bench import read_store, run_jobs
@@ -24,6 +23,7 @@ from phasestereo_bench.environment import usable_cpus
 from phasestereo_bench.speed import GrayPair, contenders, memory, records, rounds
 from phasestereo_bench.speed.affinity import pinned
 from phasestereo_bench.tables import table_texts
+from support import Run
 
 cv2 = pytest.importorskip("cv2")
 

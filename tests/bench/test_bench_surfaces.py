@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from conftest import Run
 from phasestereo import io
 from phasestereo_bench.datasets import find_scenes
 from phasestereo_bench.rendering import render_room
@@ -26,6 +25,7 @@ from phasestereo_bench.surfaces import (
     surface_table,
     upsampled_table,
 )
+from support import Run
 
 HERE = "test_bench_surfaces"
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from conftest import Run
 from phasestereo_bench import verification
 from phasestereo_bench.datasets import Pair
 from phasestereo_bench.methods import Method
+from support import Run
 
 
 class _Scene:

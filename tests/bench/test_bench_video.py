@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from conftest import Run
 from phasestereo import metrics
 from phasestereo_bench.rendering.sequences import MOTIONS, Motion, Shot, render_sequence
 from phasestereo_bench.video import steadiness
+from support import Run
 
 SIZE = {"frames": 3, "height": 48, "width": 64, "num_disparities": 16}
 FLAT = np.zeros((2, 3), np.float32)

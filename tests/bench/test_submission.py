@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from conftest import Run
 from phasestereo.io import write_image
 from phasestereo_bench.datasets import find_scenes
+from support import Run
 
 cv2 = pytest.importorskip("cv2")
 

@@ -3,50 +3,22 @@
 # Who tests a thing knows that it is there: no assertions for the type checker alone.
 # mypy: no-strict-optional
 
-import base64
-from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import phasestereo as ps
-from browser import Browser, serving
-from conftest import ROOT
 from phasestereo.io import read_image
 from phasestereo.result import MAPS
 from phasestereo_bench.degradation import Degradation, disk_psf
 from phasestereo_bench.rendering import render_pair
-
-Image = NDArray[Any]
-Pair = tuple[Image, Image]
-
-WEB = ROOT / "web"
-
-# Has the page do one thing with the matcher, and keep what comes of it where Python can see it.
-_CALL = """
-const [task, images, options] = arguments;
-window.outcome = null;
-const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
-const image = ([width, height, text]) =>
-    ({ width, height, data: new Uint8ClampedArray(bytes(text).buffer) });
-const text = (array) => {
-    const values = new Uint8Array(array.buffer);
-    let characters = "";
-    for (let i = 0; i < values.length; i += 8192)
-        characters += String.fromCharCode(...values.subarray(i, i + 8192));
-    return btoa(characters);
-};
-window.matcher[task](...images.map(image), options).then((value) => {
-    for (const name of ["disparity", "flags", "confidence", "uncertainty"])
-        if (value[name]) value[name] = text(value[name]);
-    window.outcome = { value };
-}, (error) => { window.outcome = { error: error.message }; });
-"""
-
+from support.browser import Browser
+from support.matcher_page import MatcherPage, Pair
+from support.matcher_page import address as address  # noqa: PLC0414 - a fixture
+from support.matcher_page import page as page  # noqa: PLC0414 - a fixture
 
 # Has the worker tell how much memory the core has, whenever it is asked.
 _TELLING = """
@@ -98,61 +70,6 @@ import(address).then(async ({ createMatcher }) => {
     matcher.close();
 }).catch((error) => { window.told = error.message; });
 """
-
-
-class MatcherPage:
-    """A page that has the matcher."""
-
-    def __init__(self, browser: Browser) -> None:
-        self.browser = browser
-
-    def call(self, task: str, pair: Pair, **options: Any) -> dict[str, Any]:
-        """Return what comes of a call: ``value`` or ``error``."""
-        self.browser.run(_CALL, task, [_sent(image) for image in pair], options)
-        self.browser.wait("window.outcome !== null")
-        outcome: dict[str, Any] = self.browser.run("return window.outcome")
-        return outcome
-
-    def match(self, pair: Pair, **options: Any) -> dict[str, Any]:
-        """Return a map, its planes as arrays."""
-        result: dict[str, Any] = self.call("match", pair, **options)["value"]
-        size = result["height"], result["width"]
-        for name, kind in MAPS.items():
-            dtype = np.dtype(kind.dtype).newbyteorder("<")
-            if result[name] is not None:
-                result[name] = np.frombuffer(base64.b64decode(result[name]), dtype).reshape(size)
-        return result
-
-
-def _sent(image: Image) -> tuple[int, int, str]:
-    """Return an image as RGBA, as a page has it."""
-    height, width = image.shape[:2]
-    rgba = np.full((height, width, 4), 255, np.uint8)
-    rgba[:, :, :3] = image.reshape(height, width, -1)
-    return width, height, base64.b64encode(rgba.tobytes()).decode()
-
-
-@pytest.fixture(scope="module")
-def address() -> Iterator[str]:
-    """Return where the files of the page are served; skip visibly where they are not built."""
-    if not (WEB / "phasestereo.wasm").is_file():
-        pytest.skip("no web/phasestereo.wasm: make web")
-    with serving(WEB) as address:
-        yield address
-
-
-@pytest.fixture(scope="module")
-def page(browser: Browser, address: str) -> MatcherPage:
-    """Return a page whose matcher is ready."""
-    browser.visit(f"{address}/matcher.js")
-    browser.run(
-        "import(arguments[0]).then((module) => module.createMatcher())"
-        ".then((matcher) => { window.matcher = matcher; })",
-        f"{address}/matcher.js",
-    )
-
-    browser.wait("window.matcher !== undefined")
-    return MatcherPage(browser)
 
 
 @pytest.fixture(scope="module")

@@ -9,18 +9,16 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING, NamedTuple
 
 import pytest
+from test_browser_pair_page import CALIBRATION, images, made_up, truth_of
 
-import boards
 import phasestereo as ps
-from browser import Browser, serving
-from conftest import ENVIRONMENT, counterpart
-from documentation import ROOT
 from phasestereo.views.calibration_page import write_calibration_page
 from phasestereo.views.page import write_pair_page
 from phasestereo_bench.demo import run_demo, write_demo
 from phasestereo_live.viewer import Display, Server
-from test_browser_pair_page import CALIBRATION, images, made_up, truth_of
-from test_viewer import COUNT, FAST, LEFT, RIGHT, frame
+from support import ENVIRONMENT, ROOT, boards, counterpart
+from support.browser import Browser, serving
+from support.live_frames import COUNT, FAST, LEFT, RIGHT, frame
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -13,8 +13,6 @@ import pytest
 from numpy.typing import NDArray
 
 import phasestereo as ps
-from browser import Browser
-from conftest import counterpart
 from phasestereo.io import Calibration
 from phasestereo.result import KEEPS
 from phasestereo.views.depths import ranging
@@ -22,6 +20,8 @@ from phasestereo.views.page import page as page_module
 from phasestereo.views.page import write_pair_page
 from phasestereo.views.page.scene import scene_points
 from phasestereo.views.picture import NEUTRAL, UNSCORED, colorize
+from support import counterpart
+from support.browser import Browser
 
 for module in ("jinja2", "matplotlib", "PIL"):
     counterpart(module)

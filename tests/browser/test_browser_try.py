@@ -14,11 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-import hostile
-from browser import Browser, serving
-from conftest import ENVIRONMENT, counterpart
-from documentation import ROOT
 from phasestereo.io import read_disparity, read_image
+from support import ENVIRONMENT, ROOT, counterpart, hostile
+from support.browser import Browser, serving
 
 for module in ("jinja2", "matplotlib"):
     counterpart(module)

@@ -20,9 +20,9 @@ import pytest
 from numpy.typing import NDArray
 
 import phasestereo as ps
-from conftest import Run
 from phasestereo import io, metrics
 from phasestereo.views.picture import NEUTRAL, disparity_picture
+from support import Run
 
 cli = pytest.importorskip("phasestereo.cli")
 

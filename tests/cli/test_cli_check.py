@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from conftest import Run
 from phasestereo import io
 from phasestereo.rig.blur import Blur, BlurEstimate
+from support import Run
 
 cli = pytest.importorskip("phasestereo.cli")
 

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from conftest import Run, counterpart
 from phasestereo import io
 from phasestereo.result import MAPS
+from support import Run, counterpart
 
 cli = pytest.importorskip("phasestereo.cli")
 

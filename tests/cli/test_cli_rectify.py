@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from conftest import Run, counterpart
 from phasestereo import io
 from phasestereo_bench.rendering import render_pair
-from rigs import SIZE, cv2, made_up
+from support import Run, counterpart
+from support.rigs import SIZE, cv2, made_up
 
 counterpart("scipy")
 

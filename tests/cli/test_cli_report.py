@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from browser import Browser
-from conftest import Run, counterpart
 from phasestereo import io
+from support import Run, counterpart
+from support.browser import Browser
 
 cli = pytest.importorskip("phasestereo.cli")
 for module in ("jinja2", "matplotlib", "PIL"):

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from conftest import counterpart
+from support import counterpart
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from conftest import Run
+    from support import Run
 
 counterpart("cyclopts")
 UNTRUSTED = 3

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from html_page import Page
 from phasestereo import io
 from phasestereo.metrics import bad_pixels
 from phasestereo.views.templating import render_page
 from phasestereo_bench.demo import METHODS, Demo, run_demo, verdict, write_demo
+from support.html_page import Page
 
 for module in ("scipy", "matplotlib", "jinja2", "cyclopts", "cv2"):
     pytest.importorskip(module)

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import oracle
 import phasestereo as ps
+from support import oracle
 
 
 @given(

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-import oracle
 import phasestereo as ps
 from phasestereo.metrics import bad_pixels
 from phasestereo_bench.rendering import render_pair
+from support import oracle
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

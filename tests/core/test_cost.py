@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-import oracle
-import phasestereo as ps
 from test_descriptor import decoded, decoded_parts
+
+import phasestereo as ps
+from support import oracle
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

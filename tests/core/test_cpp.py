@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from conftest import ROOT, counterpart
 from phasestereo.io import read_image, write_image
 from phasestereo.opencv import StereoPhase
 from phasestereo_bench.rendering import render_pair
-from test_c import INTERFACE, LIBRARY, STRICT, needed, run
+from support import ROOT, counterpart
+from support.c_programs import INTERFACE, LIBRARY, STRICT, needed, run
 
 HEADERS = Path("/usr/include/opencv4")
 OPENCV = "SGBM> sgbm = StereoSGBM::create(0, 16, 3);"

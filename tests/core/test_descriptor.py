@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-import oracle
 import phasestereo as ps
+from support import oracle
 
 Taper = Literal["uniform", "gaussian", "hann"]
 

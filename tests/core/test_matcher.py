@@ -11,14 +11,15 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from test_descriptor import decoded
+from test_refinement import two_surfaces
 
-import oracle
-import oracle_refinement as refinement
 import phasestereo as ps
 from phasestereo.metrics import bad_pixels
 from phasestereo_bench.datasets import find_scene
-from test_descriptor import decoded
-from test_refinement import two_surfaces
+from support import oracle
+from support import oracle_refinement as refinement
+from support.pairs import noise_pair
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -30,12 +31,6 @@ PAPER: dict[str, Any] = {
     "power": 1,
     "bits": 2,
 }
-
-
-def noise_pair(rows: int, cols: int, shift: int, seed: int = 0) -> tuple[Any, Any]:
-    """Return a pair of random texture in which every pixel has the disparity ``shift``."""
-    texture = np.random.default_rng(seed).integers(0, 256, (rows, cols + shift), np.uint8)
-    return texture[:, :cols], texture[:, shift:]
 
 
 # The oracle gives 5.645, 2.674 and 7.393 %: the bounds leave room for ties alone.

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-import oracle
+from support import oracle
 
 
 def one_row(*rows: list[int]) -> NDArray[np.int64]:

@@ -1,7 +1,6 @@
 """A match inside a process: signals, other threads, forks, memory."""
 
 import os
-import subprocess
 import sys
 import threading
 import time
@@ -10,44 +9,10 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
+from support.processes import run
 
 RNG = np.random.default_rng(0)
 SMALL = RNG.integers(0, 256, (2, 40, 60), np.uint8)
-
-
-WARNINGS = "-W", "error", "-W", "ignore::UserWarning"
-"""Noise is matched; that is warned of, and not what these are about."""
-
-
-def run(code: str, *, timeout: float = 60) -> subprocess.CompletedProcess[str]:
-    """Run Python code in a process of its own."""
-    return subprocess.run(  # noqa: S603  # our own interpreter on our own code
-        [sys.executable, *WARNINGS, "-c", code],
-        capture_output=True,
-        text=True,
-        timeout=timeout,
-        check=False,
-    )
-
-
-FORKING = """
-import os, signal, warnings
-warnings.simplefilter("ignore", DeprecationWarning)  # Python 3.12 advises against it
-import numpy as np, phasestereo as ps
-{begin}
-child = os.fork()
-if child == 0:
-    signal.alarm(30)
-    os._exit(0 if same() else 3)
-_, status = os.waitpid(child, 0)
-assert os.waitstatus_to_exitcode(status) == 0, status
-assert same()
-"""
-
-
-def run_forking(begin: str) -> subprocess.CompletedProcess[str]:
-    """Run code that defines `same`; hold that to be true in a forked child, and then here."""
-    return run(FORKING.format(begin=begin))
 
 
 INTERRUPTED = """

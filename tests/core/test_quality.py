@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-import oracle
 import phasestereo as ps
 from phasestereo.metrics import bad_pixels, middlebury_v2, roc_area, subpixel
 from phasestereo_bench.cases import SUITES
 from phasestereo_bench.datasets import find_scene
 from phasestereo_bench.rendering import render_pair
 from phasestereo_bench.rigs import FAULTS
+from support import oracle
 
 if TYPE_CHECKING:
     from pathlib import Path

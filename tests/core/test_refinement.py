@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-import oracle
-import oracle_refinement as refinement
-import phasestereo as ps
 from test_descriptor import decoded, decoded_parts
+
+import phasestereo as ps
+from support import oracle
+from support import oracle_refinement as refinement
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

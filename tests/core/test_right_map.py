@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import phasestereo as ps
 from phasestereo_bench.rendering import render_pair
-from test_matcher import noise_pair
+from support.pairs import noise_pair
 
 Image = NDArray[Any]
 RENDERED = render_pair(3, height=120, width=160, num_disparities=48)

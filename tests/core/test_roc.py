@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
+from test_metrics import row
 
 from phasestereo import metrics
 from phasestereo.metrics import roc_area, sparsification
-from test_metrics import row
 
 Map = npt.NDArray[np.float32]
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import oracle
 import phasestereo as ps
+from support import oracle
 
 VOLUMES = st.tuples(
     st.integers(0, 1000), st.integers(1, 3), st.integers(1, 12), st.integers(1, 8)

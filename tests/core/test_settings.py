@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-import oracle
 import phasestereo as ps
 from phasestereo import _core
+from support import oracle
 
 ROOT = Path(__file__).parents[2]
 IMAGE = np.zeros((4, 5), np.uint8)

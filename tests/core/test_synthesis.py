@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-import oracle
-import oracle_synthesis as synthesis
 import phasestereo as ps
 from phasestereo.rig.compensation import BlurCompensation
 from phasestereo_bench.degradation import convolve, disk_psf
+from support import oracle
+from support import oracle_synthesis as synthesis
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

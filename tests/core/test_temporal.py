@@ -15,8 +15,8 @@ from scipy import ndimage
 
 import phasestereo as ps
 import phasestereo_live as live
-from conftest import Run
 from phasestereo.metrics import bad_pixels, temporal_deviation
+from support import Run
 
 Image = NDArray[Any]
 

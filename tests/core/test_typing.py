@@ -9,7 +9,7 @@ import sys
 import pytest
 
 import phasestereo as ps
-from conftest import ENVIRONMENT, ROOT, counterpart
+from support import ENVIRONMENT, ROOT, counterpart
 
 WRONG = """
 

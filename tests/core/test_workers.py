@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from test_process import run
+from support.processes import run
 
 RNG = np.random.default_rng(0)
 SIZES = [(40, 60), (150, 90), (3, 200), (40, 60), (1, 1), (97, 131)]

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from conftest import Run, counterpart
-from documentation import ROOT, commands
 from phasestereo.io import write_image
+from support import ROOT, Run, counterpart
+from support.documentation import commands
 
 CORE = ROOT / "rust" / "core" / "src"
 LEAST = 4  # words of a literal that a reader sees
@@ -54,7 +54,7 @@ def test_the_walk_to_a_cloud_runs_and_its_depths_are_true(
 ) -> None:
     for module in ("cv2", "yaml", "PIL", "cyclopts", "jinja2"):
         counterpart(module)
-    import boards  # noqa: PLC0415  # needs OpenCV
+    from support import boards  # noqa: PLC0415  # needs OpenCV
 
     monkeypatch.chdir(tmp_path)
     (tmp_path / "boards").mkdir()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from conftest import ROOT
+from support import ROOT
 
 RUST = ROOT / "rust"
 MOST_PUBLIC = 25  # types, traits and aliases at the root of the core

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from conftest import ROOT
+from support import ROOT
 
 URL = "https://example.org/somebody/phasestereo"
 FOLDERS = {

@@ -16,8 +16,8 @@ from pathlib import Path
 
 import pytest
 
-from conftest import ROOT
 from phasestereo import _core
+from support import ROOT
 
 BOUNDS = {
     "own modules imported by a string": 0,

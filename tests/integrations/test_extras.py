@@ -11,7 +11,6 @@ import pytest
 
 import phasestereo as ps
 import phasestereo_live as live
-from conftest import ENVIRONMENT, counterpart
 from phasestereo._extras import require
 from phasestereo.io import read_image
 from phasestereo.views.picture import colorize
@@ -19,6 +18,7 @@ from phasestereo_large import dask as lazily
 from phasestereo_large import xarray as labeled
 from phasestereo_large.geotiff import Georeference, read_geotiff, write_geotiff
 from phasestereo_live import rerun
+from support import ENVIRONMENT, counterpart
 
 
 def run(

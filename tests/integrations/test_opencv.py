@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from conftest import counterpart
 from phasestereo.metrics import bad_pixels
 from phasestereo.opencv import (
     StereoPhase,
@@ -24,7 +23,8 @@ from phasestereo.opencv import (
 )
 from phasestereo_bench.datasets import Pair, find_scene
 from phasestereo_bench.rendering import render_pair
-from test_matcher import noise_pair
+from support import counterpart
+from support.pairs import noise_pair
 
 cv2 = counterpart("cv2")
 pytest.importorskip("scipy")

@@ -15,10 +15,10 @@ import pytest
 from numpy.typing import NDArray
 
 import phasestereo as ps
-from conftest import counterpart
 from phasestereo_bench.datasets import Pair, find_scene
 from phasestereo_bench.degradation import convolve, gaussian_psf
 from phasestereo_bench.rendering import render_pair
+from support import counterpart
 
 pandora = counterpart("pandora")
 plugin = counterpart("phasestereo.pandora")

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 import phasestereo as ps
-from conftest import counterpart
 from phasestereo.io import Calibration
 from phasestereo.result import KEEPS
 from phasestereo_bench.datasets import Pair
 from phasestereo_bench.rendering import render_pair
+from support import counterpart
 
 Map = NDArray[np.float32]
 

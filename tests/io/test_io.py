@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from conftest import ENVIRONMENT, counterpart
 from phasestereo import PointCloud
 from phasestereo.io import (
     max_pixels,
@@ -28,6 +27,7 @@ from phasestereo.io import (
     write_ply,
 )
 from phasestereo_large.geotiff import write_geotiff
+from support import ENVIRONMENT, counterpart
 
 READERS: dict[str, Callable[[Path], Any]] = {
     "read_image": read_image,

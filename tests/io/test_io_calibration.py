@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 import phasestereo as ps
-from conftest import counterpart
 from phasestereo.io import Calibration, read_calibration, read_q
+from support import counterpart
 
 QUARTER = "middlebury/MiddEval3/trainingQ"
 

@@ -10,7 +10,6 @@ from hypothesis import given as drawn
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from conftest import counterpart
 from phasestereo.io import (
     LengthUnit,
     read_depth,
@@ -19,6 +18,7 @@ from phasestereo.io import (
     write_image,
 )
 from phasestereo.io.colmap import read_colmap, write_colmap
+from support import counterpart
 
 
 def depths() -> NDArray[np.float32]:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from test_io_pfm import floats
 
 from phasestereo.io import (
     read_disparity,
@@ -15,7 +16,6 @@ from phasestereo.io import (
     write_disparity,
     write_image,
 )
-from test_io_pfm import floats
 
 
 @pytest.mark.parametrize("suffix", [".pfm", ".npy", ".tif", ".TIFF"])

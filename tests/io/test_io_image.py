@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from conftest import counterpart
 from phasestereo.io import read_image, read_pair, write_image
+from support import counterpart
 
 pil, tifffile, cv2 = map(counterpart, ("PIL.Image", "tifffile", "cv2"))
 

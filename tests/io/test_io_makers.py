@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from conftest import counterpart
 from phasestereo.io.rigs.cameras import Cameras
 from phasestereo.io.rigs.reading import read_cameras
-from rigs import SIZE, made_up, of_opencv
+from support import counterpart
+from support.rigs import SIZE, made_up, of_opencv
 
 cv2 = counterpart("cv2")
 

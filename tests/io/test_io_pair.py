@@ -14,9 +14,9 @@ import pytest
 
 import phasestereo as ps
 import phasestereo_live as live
-from conftest import Run, counterpart
 from phasestereo.io import read_image, read_pair, write_image
 from phasestereo.io.pair import Photograph, read_photograph
+from support import Run, counterpart
 
 image = counterpart("PIL.Image")
 

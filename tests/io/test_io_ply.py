@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from conftest import counterpart
 from phasestereo import PointCloud
 from phasestereo.io import Calibration, write_ply
+from support import counterpart
 
 
 def cloud(*, colored: bool, count: int = 1000) -> PointCloud:

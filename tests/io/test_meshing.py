@@ -8,8 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 import phasestereo as ps
-from conftest import counterpart
 from phasestereo.io import Calibration, write_glb
+from support import counterpart
 
 SHAPE = (4, 6)
 RIG = Calibration.from_focal(50, 0.2, width=6, height=4)

@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 import phasestereo as ps
-from conftest import counterpart
 from phasestereo.io import Calibration
-from rigs import SIZE, cv2, made_up, of_opencv, turned
+from support import counterpart
+from support.rigs import SIZE, cv2, made_up, of_opencv, turned
 
 Floats = NDArray[np.float64]
 

@@ -13,9 +13,9 @@ import pytest
 from numpy.typing import NDArray
 
 import phasestereo as ps
-from conftest import counterpart
 from phasestereo.io import Calibration, read_calibration, read_disparity, read_image
 from phasestereo_bench.rendering import render_pair
+from support import counterpart
 
 ROWS, COLS = 48, 64
 RIG = Calibration(

@@ -14,12 +14,12 @@ import pytest
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
+from test_pair_statistics import ERRORS, WRONG_ROWS, Reading, gathered, scene
 
 import phasestereo as ps
 from phasestereo import _core
 from phasestereo_large.bands import halo, match_rows, pair_statistics
-from test_pair_statistics import ERRORS, WRONG_ROWS, Reading, gathered, scene
-from test_process import run, run_forking
+from support.processes import run, run_forking
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

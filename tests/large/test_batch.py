@@ -25,8 +25,6 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from batch_tasks import sleepily
-from conftest import ENVIRONMENT, counterpart
 from phasestereo.io import read_disparity, read_image, write_image
 from phasestereo.result import LAYERS
 from phasestereo_large.batch import PairFiles, Record, read_manifest, read_pairs, run
@@ -35,6 +33,8 @@ from phasestereo_large.batch.cluster import share
 from phasestereo_large.batch.manifest import Manifest
 from phasestereo_large.batch.work import FullDiskError, Order, match_files
 from phasestereo_large.geotiff import Georeference, read_geotiff, write_geotiff
+from support import ENVIRONMENT, counterpart
+from support.batch_tasks import sleepily
 
 distributed = counterpart("distributed")
 counterpart("filelock")
@@ -43,7 +43,7 @@ cli = counterpart("phasestereo.cli")
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from conftest import Run
+    from support import Run
 
 pytestmark = [
     # Sockets and pipes of worker processes are closed some time after these have ended.

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from conftest import counterpart
+from support import counterpart
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from conftest import Run
+    from support import Run
 
 rasterio = counterpart("rasterio")
 counterpart("cyclopts")

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from conftest import counterpart
 from phasestereo.io import read_image, write_image
 from phasestereo_large.geotiff import Georeference, write_geotiff
+from support import counterpart
 
 rasterio = counterpart("rasterio")
 cli = counterpart("phasestereo.cli")

@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from conftest import counterpart
 from phasestereo_large.geotiff import Georeference, read_geotiff, write_geotiff
 from phasestereo_large.windows import open_raster
+from support import counterpart
 
 rasterio = counterpart("rasterio")
 cli = counterpart("phasestereo.cli")
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from conftest import Run
+    from support import Run
 
 HEIGHT, WIDTH, COUNT = 640, 160, 16
 PAIR = ["large", "left.tif", "right.tif", "--num-disparities", str(COUNT)]

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from conftest import counterpart
 from phasestereo_large import dask as lazily
 from phasestereo_large.bands import halo, match_rows, pair_statistics
+from support import counterpart
 
 dask = counterpart("dask")
 da = counterpart("dask.array")

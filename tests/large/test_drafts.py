@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from conftest import ENVIRONMENT, counterpart
 from phasestereo import PointCloud
 from phasestereo.io import read_disparity, write_disparity, write_image, write_ply
 from phasestereo.io.drafts import publish, remove_abandoned, replacing
@@ -22,6 +21,7 @@ from phasestereo_large import outofcore
 from phasestereo_large.batch import PairFiles, Record, read_manifest, run
 from phasestereo_large.batch.manifest import Manifest
 from phasestereo_large.geotiff import write_geotiff
+from support import ENVIRONMENT, counterpart
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from conftest import counterpart
 from phasestereo.io import read_image
 from phasestereo_large.geotiff import (
     GeoImage,
@@ -17,6 +16,7 @@ from phasestereo_large.geotiff import (
     read_geotiff_pair,
     write_geotiff,
 )
+from support import counterpart
 
 rasterio = counterpart("rasterio")
 control = counterpart("rasterio.control")

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from conftest import EndingError, counterpart
 from phasestereo.result import LAYERS
 from phasestereo_large import outofcore
 from phasestereo_large.geotiff import Georeference, read_geotiff, write_geotiff
 from phasestereo_large.outofcore import as_bytes, format_bytes, sinks
 from phasestereo_large.windows import open_raster
+from support import EndingError, counterpart
 
 rasterio = counterpart("rasterio")
 zarr = counterpart("zarr")

@@ -11,7 +11,7 @@ import pytest
 
 import phasestereo as ps
 import phasestereo_large as large
-from test_process import run
+from support.processes import run
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from test_pair_statistics import RNG, assert_same, gathered, scene
 
 import phasestereo as ps
 import phasestereo_large as large
 from phasestereo_large import bands
-from test_pair_statistics import RNG, assert_same, gathered, scene
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from conftest import counterpart
 from phasestereo.io import read_image, write_image
 from phasestereo_large.geotiff import Georeference, read_geotiff, write_geotiff
 from phasestereo_large.windows import open_pair, open_raster
+from support import counterpart
 
 rasterio = counterpart("rasterio")
 shutil = counterpart("rasterio.shutil")

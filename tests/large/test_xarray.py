@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from conftest import counterpart
 from phasestereo_bench.rendering import render_pair
 from phasestereo_large import xarray as labeled
+from support import counterpart
 
 xarray = counterpart("xarray")
 

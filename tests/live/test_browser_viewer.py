@@ -7,18 +7,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from test_viewer import server as server  # noqa: PLC0414 - a fixture
 
 import phasestereo as ps
 from phasestereo.io import Calibration
 from phasestereo_live.video.streaming import Failure
 from phasestereo_live.viewer import Display, Server, frames
-from test_viewer import COLS, COUNT, FAST, LEFT, RIGHT, ROWS, SHIFT, frame
-from test_viewer import server as server  # noqa: PLC0414 - a fixture
+from support.live_frames import COLS, COUNT, FAST, LEFT, RIGHT, ROWS, SHIFT, frame
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from browser import Browser
+    from support.browser import Browser
 
 KNOWN = Calibration.from_focal(100, 0.2, width=COLS, height=ROWS)
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import phasestereo_live as live
-from documentation import ROOT, blocks
+from support import ROOT
+from support.documentation import blocks
 
 if TYPE_CHECKING:
     import pytest

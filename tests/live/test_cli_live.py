@@ -15,11 +15,22 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from conftest import counterpart
-from footage import COLS, COUNT, INTRA, LOSSLESS, ROWS, damage, film, pair, shift, side_by_side
 from phasestereo import io
 from phasestereo.views.picture import colorize
 from phasestereo_live.video.decoding import open_video
+from support import counterpart
+from support.footage import (
+    COLS,
+    COUNT,
+    INTRA,
+    LOSSLESS,
+    ROWS,
+    damage,
+    film,
+    pair,
+    shift,
+    side_by_side,
+)
 
 cli = pytest.importorskip("phasestereo.cli")
 av = counterpart("av")
@@ -30,7 +41,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from conftest import Run
+    from support import Run
 
 WRONG, FAILED, INTERRUPTED = 2, 1, 130
 SEARCH = ("--num-disparities", COUNT, "--preset", "fast")

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from conftest import ENVIRONMENT, ROOT, counterpart
+from support import ENVIRONMENT, ROOT, counterpart
 
 counterpart("depthai")
 FRAMES = 200

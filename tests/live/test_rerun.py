@@ -10,9 +10,9 @@ import pytest
 
 import phasestereo as ps
 import phasestereo_live as live
-from conftest import counterpart
-from footage import COLS, COUNT, ROWS, pair, shift
 from phasestereo_live.rerun import log_failure, log_frame, saving
+from support import counterpart
+from support.footage import COLS, COUNT, ROWS, pair, shift
 
 rerun = counterpart("rerun")
 

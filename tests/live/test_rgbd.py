@@ -11,18 +11,18 @@ import pytest
 
 import phasestereo as ps
 import phasestereo_live as live
-from conftest import counterpart
-from footage import COLS, COUNT, INTRA, ROWS, film, pair, shift, side_by_side
 from phasestereo.io import Calibration, read_depth, read_image
 from phasestereo_live.rgbd import LAYOUTS, RgbdWriter, normal_map
-from rigs import turned
+from support import counterpart
+from support.footage import COLS, COUNT, INTRA, ROWS, film, pair, shift, side_by_side
+from support.rigs import turned
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
 
-    from conftest import Run
+    from support import Run
 
 FOCAL, BASELINE = 100.0, 0.06
 RIG = Calibration.from_focal(FOCAL, BASELINE, width=COLS, height=ROWS, cx=46.0, cy=30.0)

@@ -10,18 +10,17 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-import robots
-from conftest import counterpart
 from phasestereo.io import Calibration
 from phasestereo_live import ros
 from phasestereo_live.ros.transforms import baseline_of, pose_between
-from robots import INFOS, ROS1, ROS2, START, TOPICS, Bag, rosbag1
+from support import counterpart, robots
+from support.robots import INFOS, ROS1, ROS2, START, TOPICS, Bag, rosbag1
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from conftest import Run
+    from support import Run
 
 SIZE = COLS, ROWS = 180, 120
 FOCAL, BASELINE, SHIFT = 300.0, 0.1, 20  # 1.5 m

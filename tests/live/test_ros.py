@@ -13,10 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-import hostile
 import phasestereo as ps
-import robots
-from conftest import counterpart
 from phasestereo.io import Calibration
 from phasestereo.views.depths import Selection
 from phasestereo_live import ros, stream
@@ -24,15 +21,16 @@ from phasestereo_live.ros import reading
 from phasestereo_live.ros.images import decode_image, encode_image
 from phasestereo_live.ros.messages import ranged_depth
 from phasestereo_live.ros.output import FrameWriter
-from rigs import SIZE, made_up, of_opencv
-from robots import INFOS, ROS1, ROS2, START, TOPICS, Bag
+from support import counterpart, hostile, robots
+from support.rigs import SIZE, made_up, of_opencv
+from support.robots import INFOS, ROS1, ROS2, START, TOPICS, Bag
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
 
-    from conftest import Run
+    from support import Run
 
 STEP = 50_000_000  # ns
 COLS, ROWS, COUNT = 96, 64, 16

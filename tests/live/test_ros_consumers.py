@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-import robots
 from phasestereo_bench.rendering import render_pair
-from robots import INFOS, ROS1, START, TOPICS, Bag, rosbag1
+from support import robots
+from support.robots import INFOS, ROS1, START, TOPICS, Bag, rosbag1
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from conftest import Run
+    from support import Run
 
 ROOT = Path(os.environ.get("PHASESTEREO_ROS1", "/"))
 SIZE = COLS, ROWS = 160, 120

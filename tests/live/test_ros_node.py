@@ -13,9 +13,8 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-import robots
-from conftest import ROOT
-from robots import ROS2, START
+from support import ROOT, robots
+from support.robots import ROS2, START
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -12,9 +12,20 @@ import pytest
 
 import phasestereo as ps
 import phasestereo_live as live
-from footage import COLS, COUNT, INTRA, LOSSLESS, ROWS, damage, film, pair, shift, side_by_side
 from phasestereo import io
 from phasestereo_bench.degradation import Degradation, disk_psf
+from support.footage import (
+    COLS,
+    COUNT,
+    INTRA,
+    LOSSLESS,
+    ROWS,
+    damage,
+    film,
+    pair,
+    shift,
+    side_by_side,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

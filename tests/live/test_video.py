@@ -11,9 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-import hostile
-from conftest import counterpart
-from footage import INTRA, LOSSLESS, damage, film, pair, side_by_side
 from phasestereo import io
 from phasestereo.io.pair import LayoutError, views_of
 from phasestereo.result import Result
@@ -24,6 +21,8 @@ from phasestereo_live.video.decoding import open_video
 from phasestereo_live.video.folders import open_folders, open_rig
 from phasestereo_live.video.sources import open_source
 from phasestereo_live.video.streaming import Frame
+from support import counterpart, hostile
+from support.footage import INTRA, LOSSLESS, damage, film, pair, side_by_side
 
 av = counterpart("av")
 cv2 = counterpart("cv2")

@@ -21,11 +21,12 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from conftest import counterpart
 from phasestereo.io import Calibration, read_image
-from phasestereo_live.video.streaming import Failure, Frame, stream
+from phasestereo_live.video.streaming import Failure, stream
 from phasestereo_live.viewer import Display, Server
 from phasestereo_live.viewer.diagnosing import diagnosing
+from support import counterpart
+from support.live_frames import COLS, COUNT, FAST, LEFT, RIGHT, ROWS, frame
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -35,16 +36,6 @@ if TYPE_CHECKING:
 
 for needed in ("jinja2", "matplotlib", "PIL"):
     counterpart(needed)
-
-ROWS, COLS, COUNT, SHIFT = 60, 90, 16, 5
-SCENE = np.random.default_rng(0).integers(0, 256, (ROWS, COLS + SHIFT, 3), np.uint8)
-LEFT, RIGHT = SCENE[:, :-SHIFT].copy(), SCENE[:, SHIFT:].copy()
-FAST = ps.PRESETS["fast"]
-
-
-def frame(index: int = 0, apart: float | None = None) -> Frame:
-    result = ps.match(LEFT, RIGHT, num_disparities=COUNT, settings=FAST)
-    return Frame(index, index / 10, LEFT, RIGHT, result, apart)
 
 
 @pytest.fixture

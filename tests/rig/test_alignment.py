@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimating import estimated
 from phasestereo.rig.alignment import Alignment
 from phasestereo_bench import degradation
 from phasestereo_bench.datasets import find_scene
-from warping import moved
+from support.estimating import estimated
+from support.warping import moved
 
 Plane = NDArray[np.float32]
 

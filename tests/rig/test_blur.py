@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-import oracle
-import oracle_blur
 import phasestereo as ps
 from phasestereo_bench.degradation import Degradation, disk_psf, gaussian_psf, motion_psf, suite
 from phasestereo_bench.rigs.suite import FAULTS
+from support import oracle, oracle_blur
 
 if TYPE_CHECKING:
     from collections.abc import Callable

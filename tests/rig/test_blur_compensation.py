@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-import oracle
 import phasestereo as ps
 from phasestereo.rig.compensation import BlurCompensation
+from support import oracle
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

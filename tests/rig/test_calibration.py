@@ -12,14 +12,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-import boards
 import phasestereo as ps
-from boards import RIG, SIZE, SQUARE, cv2
-from conftest import Run, counterpart
-from html_page import Page
 from phasestereo.calibration.solving import Fit, fit, rms, row_errors, vector
 from phasestereo.io.rigs.reading import read_cameras
 from phasestereo.views.calibration_page import write_calibration_page
+from support import Run, boards, counterpart
+from support.boards import RIG, SIZE, SQUARE, cv2
+from support.html_page import Page
 
 for _module in ("yaml", "PIL", "cyclopts", "jinja2"):
     counterpart(_module)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from phasestereo.rig.diagnosis import Diagnosis, check
 from phasestereo_bench import degradation
 from phasestereo_bench.datasets import find_scene
-from warping import moved
+from support.warping import moved
 
 Pair = tuple[NDArray[Any], NDArray[Any]]
 

@@ -12,9 +12,9 @@ import pytest
 
 import phasestereo as ps
 import phasestereo_live as live
-from conftest import counterpart
 from phasestereo_live.video.rectifying import Rectifier
-from rigs import SIZE, cv2, euroc, euroc_frames, made_up, of_opencv, turned
+from support import counterpart
+from support.rigs import SIZE, cv2, euroc, euroc_frames, made_up, of_opencv, turned
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -11,9 +11,9 @@ import pytest
 
 import phasestereo as ps
 import phasestereo_live as live
-from conftest import counterpart
 from phasestereo_bench.rendering import render_pair
-from rigs import EXACT, Lens, cv2, euroc, euroc_frames, of_opencv, row_errors, turned
+from support import counterpart
+from support.rigs import EXACT, Lens, cv2, euroc, euroc_frames, of_opencv, row_errors, turned
 
 counterpart("scipy")
 

@@ -293,7 +293,12 @@ def test_a_rig_is_read_while_it_matches_and_matches_in_a_child() -> None:
                 )
             seen.append(os.waitpid(child, 0)[1] == 0)
 
-    options = {"settings": rig.settings, "threads": 1, "rig": rig._core, "reestimate": 30}
+    options: dict[str, Any] = {
+        "settings": rig.settings,
+        "threads": 1,
+        "rig": rig._core,
+        "reestimate": 30,
+    }
     match_silently(frame(1), (None, None), (0, None), progress=look, **options)
     assert len(seen) >= 1 + hasattr(os, "fork")
     assert all(seen)

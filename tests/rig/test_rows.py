@@ -17,7 +17,7 @@ from phasestereo_bench import degradation
 from phasestereo_bench.datasets import find_scene
 from phasestereo_bench.rigs.geometry import Misaligned
 from phasestereo_large import bands
-from warping import moved
+from support.warping import moved
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy import ndimage
+from test_alignment import gray
 
 import phasestereo as ps
-from estimating import estimated
 from phasestereo.rig.search_range import SearchRange
 from phasestereo_bench import degradation
 from phasestereo_bench.datasets import find_scene
 from phasestereo_bench.rigs import FAULTS, side_of
-from test_alignment import gray
+from support.estimating import estimated
 
 Plane = NDArray[np.float32]
 

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from conftest import counterpart
 from phasestereo.metrics import bad_pixels
 from phasestereo_bench.datasets import find_scene
 from phasestereo_bench.rigs.geometry import Misaligned
-from rigs import cv2
+from support import counterpart
+from support.rigs import cv2
 
 if TYPE_CHECKING:
     from pathlib import Path

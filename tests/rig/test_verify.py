@@ -14,10 +14,10 @@ import pytest
 from numpy.typing import NDArray
 
 import phasestereo as ps
-from conftest import Run
 from phasestereo import _core, io
 from phasestereo_bench.degradation import Degradation, disk_psf
 from phasestereo_bench.rendering import render_pair
+from support import Run
 
 Map = NDArray[np.float32]
 

@@ -12,9 +12,9 @@ import pytest
 from numpy.typing import NDArray
 
 import phasestereo as ps
-from conftest import Run, counterpart
 from phasestereo.io import Calibration, write_image
 from phasestereo.walls import Wall
+from support import Run, counterpart
 
 HEIGHT, WIDTH, FOCAL, BASELINE = 300, 400, 400.0, 0.1
 CAMERA = Calibration.from_focal(FOCAL, BASELINE, width=WIDTH, height=HEIGHT)

@@ -15,9 +15,9 @@ import pytest
 from numpy.typing import NDArray
 
 import phasestereo as ps
-from conftest import counterpart
 from phasestereo.rig.blur import Blur, BlurEstimate
 from phasestereo.views.picture import NEUTRAL, colorize, limits
+from support import counterpart
 
 pytest.importorskip("matplotlib")
 

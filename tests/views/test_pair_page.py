@@ -14,8 +14,6 @@ import pytest
 from numpy.typing import NDArray
 
 import phasestereo as ps
-from conftest import counterpart
-from html_page import Page
 from phasestereo._images import on_screen, screen_range
 from phasestereo.io import Calibration
 from phasestereo.io.raster import decode_raster
@@ -24,6 +22,8 @@ from phasestereo.views.page.embedding import coding_of
 from phasestereo.views.page.facts import blur_facts, charts
 from phasestereo.views.page.layers import FLAGS, flag_kinds
 from phasestereo.views.page.scene import scene_points
+from support import counterpart
+from support.html_page import Page
 
 for module in ("jinja2", "matplotlib", "PIL"):
     counterpart(module)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from conftest import counterpart
 from phasestereo.calibration.solving import Sight
+from support import counterpart
 
 cv2 = counterpart("cv2")
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from PIL import Image
 
-from conftest import counterpart
+from support import counterpart
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

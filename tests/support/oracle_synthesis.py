@@ -12,8 +12,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-import oracle
-from oracle_refinement import around, shifted
+from support import oracle
+from support.oracle_refinement import around, shifted
 
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from conftest import counterpart
+from support import counterpart
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Sequence

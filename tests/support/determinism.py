@@ -1,6 +1,6 @@
 """Pairs that were spoiled, their maps in short, and what matches them in a process of its own.
 
-    PHASESTEREO_SIMD=avx2 python tests/determinism.py FOLDER
+    PHASESTEREO_SIMD=avx2 python -m support.determinism FOLDER
 
 prints the digests of all pairs that are saved in a folder, matched with these instructions.
 """
@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import subprocess
 import sys
 import warnings
@@ -26,6 +25,7 @@ import phasestereo as ps
 from phasestereo_bench import SUITES
 from phasestereo_bench.datasets import Scene, find_scenes
 from phasestereo_bench.rendering import render_pair
+from support import ENVIRONMENT
 
 Image = NDArray[Any]
 Maps = dict[str, str]
@@ -89,8 +89,8 @@ def at_level(level: str, pairs: Iterable[Spoiled], folder: Path) -> list[Maps]:
     for at, one in enumerate(pairs):
         np.savez(folder / f"{at:04}-{one.preset}.npz", left=one.left, right=one.right)
     done = subprocess.run(  # noqa: S603 -- ourselves
-        [sys.executable, __file__, str(folder)],
-        env=os.environ | {"PHASESTEREO_SIMD": level},
+        [sys.executable, "-m", __name__, str(folder)],
+        env=ENVIRONMENT | {"PHASESTEREO_SIMD": level},
         capture_output=True,
         text=True,
         check=True,

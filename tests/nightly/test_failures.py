@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import mutants
-from conftest import ENVIRONMENT, ROOT
+from support import ENVIRONMENT, ROOT
 
 FAILING = """
 import numpy as np

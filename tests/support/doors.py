@@ -26,7 +26,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import zarr
 
-import boards
 import phasestereo as ps
 import phasestereo_large.batch
 import phasestereo_large.outofcore
@@ -34,8 +33,9 @@ import phasestereo_live.rgbd
 import phasestereo_live.ros
 import phasestereo_live.video
 import phasestereo_live.viewer
-from hostile import resident
 from phasestereo import cli
+from support import boards, sampled
+from support.hostile import resident
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -589,9 +589,8 @@ def main(folder: Path) -> None:
     listed = {"unlisted": sorted(signed - {*table}), "gone": sorted({*table} - signed)}
     print(json.dumps(listed), flush=True)  # noqa: T201
 
-    for number, (door, (sample, call)) in enumerate(
-        (door, each) for door, every in table.items() for each in every
-    ):
+    every = [(door, each) for door, ways in table.items() for each in ways]
+    for number, (door, (sample, call)) in enumerate(sampled(every)):
         name = Path(sample.removeprefix(">"))
         sound = samples / sample if sample[0] != ">" else folder / f"sound{number}{name.suffix}"
         tried = [("sound", sound)] if door not in _REFUSING else []

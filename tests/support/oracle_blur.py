@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-import oracle
 import phasestereo as ps
 from phasestereo_bench.degradation import disk_psf, gaussian_psf, motion_psf
+from support import oracle
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -1,6 +1,6 @@
 """One map of a pair, to the bit, however it is matched: spoiled crops, all estimated.
 
-More of them, and others: ``PHASESTEREO_PAIRS=300 PHASESTEREO_SEED=7``, as ``make nightly`` has it.
+More of them, and others: ``PHASESTEREO_NIGHTLY=1 PHASESTEREO_SEED=7``, as `make nightly` has it.
 """
 
 # Who tests a thing knows that it is there: no assertions for the type checker alone.
@@ -17,19 +17,18 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-import determinism
 import phasestereo as ps
-from conftest import Run, counterpart, real_data
-from determinism import Maps, Spoiled, digests, digests_of
 from phasestereo.io import write_image
-from test_browser_matcher import MatcherPage, address, page
-from test_c import GRAY, RGB, Program, library, planes_of, program
+from support import NIGHTLY, Run, counterpart, determinism, real_data
+from support.c_programs import GRAY, RGB, Program, library, planes_of, program
+from support.determinism import Maps, Spoiled, digests, digests_of
+from support.matcher_page import MatcherPage, address, page
 
 counterpart("phasestereo_bench")
 
 __all__ = ["address", "library", "page", "program"]  # fixtures
 
-PAIRS = int(os.environ.get("PHASESTEREO_PAIRS", "6"))
+PAIRS = int(os.environ.get("PHASESTEREO_PAIRS", "300" if NIGHTLY else "2"))
 SEED = int(os.environ.get("PHASESTEREO_SEED", "1"))
 LEVELS = "sse2", "avx2", "avx512", "avx512bitalg"
 """Where there are none of them, the processes do all the same."""

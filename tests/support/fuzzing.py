@@ -1,6 +1,6 @@
 """Mutated files for every reader, and strange arrays for the matcher: only documented errors come.
 
-    python tests/fuzzing.py [--seconds 300] [--seed N] [--files N] [--output tests/found]
+    python -m support.fuzzing [--seconds 300] [--seed N] [--files N] [--output tests/found]
 
 A process reads one mutated file after another; another one watches it. What raises anything but
 what the reader documents, takes too long or ends the process is kept in the output folder, and is
@@ -55,7 +55,7 @@ from phasestereo_large.windows import open_raster
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-FOUND = Path(__file__).with_name("found")
+FOUND = Path(__file__).parents[1] / "found"
 SECONDS = 2.0  # that a small file may take
 _PATIENCE = 30.0  # seconds without a word after which the reading process hangs
 _DOCUMENTED = (ValueError,)  # the files are there, and the system lets them be read
@@ -496,7 +496,7 @@ def _watch(given: argparse.Namespace) -> int:
         given.files is None or counts.total() < given.files
     ):
         with tempfile.TemporaryDirectory() as name:
-            words = [sys.executable, __file__, "--worker", name, "--seed", str(seed)]
+            words = [sys.executable, "-m", "support.fuzzing", "--worker", name, "--seed", str(seed)]
             words += ["--seconds", str(left)]
             if given.files is not None:
                 words += ["--files", str(given.files - counts.total())]

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from conftest import counterpart
 from phasestereo.io import read_image
+from support import counterpart
 
 Floats = NDArray[np.float64]
 

@@ -10,14 +10,13 @@ import itertools
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-import oracle
 import phasestereo as ps
+from support import ROOT, oracle
 
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
@@ -324,7 +323,7 @@ def confidence(disparity: Map, reliable: Floats, gray: Ints, agree: float = 1.0)
 def learned(optimizer: str) -> tuple[Floats, Floats, Floats]:
     """Return the weights of the calibration: of traits (8, 4), points (2, 10), of bars (8,)."""
     file = "rust/match/src/refinement/calibration/weights.rs"
-    text = (Path(__file__).parents[1] / file).read_text()
+    text = (ROOT / file).read_text()
     several = np.array([float(one) for one in re.findall(r"-?\d+\.\d+", text)]).reshape(3, 60)
     place = {"sgm": 0, "so": 1}.get(optimizer, 2)
     odds, points, bars = np.split(several[place], [32, 52])
