@@ -76,6 +76,27 @@ def test_a_pair_far_from_rectified_is_matched_about_as_well_as_a_rectified_one(
     assert ("lenses distort" in sentences(result)) == (rig == "distorted")
 
 
+def test_a_small_scene_shows_its_cameras_at_half_its_size(data: Path) -> None:
+    """At its own size too few of its corners agree."""
+    scene = find_scene(data / "middlebury", "tsukuba").load()
+    pair = RIGS["turned by 15 degrees"](scene, "right")
+
+    result = ps.match(pair.left, pair.right)
+
+    assert result.rectified is not None
+    assert bad(pair, result) < 10
+
+
+def test_a_raw_pair_is_rectified_whatever_its_size(turned: Pair, found: ps.Result) -> None:
+    """The same pair enlarged: misalignments of rows are larger by as much."""
+    images = [cv2.resize(image, None, fx=4, fy=4) for image in (turned.left, turned.right)]
+
+    result = ps.match(*images)
+
+    assert result.rectified is not None
+    assert result.summary.wrong < found.summary.wrong + 0.15
+
+
 def test_rows_and_columns_lead_to_the_right_image_as_it_came(
     turned: Pair, found: ps.Result
 ) -> None:

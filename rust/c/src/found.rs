@@ -3,10 +3,7 @@
 use std::array;
 
 use phasestereo::Estimates;
-use phasestereo::internals::estimation::blur::psf::{Family, Psf};
-use phasestereo::internals::estimation::blur::{self, Side};
-use phasestereo::internals::estimation::range::SearchRange;
-use phasestereo::internals::estimation::rows::RowOffsets;
+use phasestereo::found::{self, BlurEstimate, Family, Psf, RowOffsets, SearchRange, Side};
 use phasestereo_match::pair::alignment::TERMS;
 
 use crate::sized::Growing;
@@ -135,7 +132,7 @@ impl Found {
         let of_rows = |value: fn(&_) -> f64| offsets.as_ref().map_or(f64::NAN, value);
         let of_blur = |value: fn(&_) -> f64| blur.as_ref().map_or(f64::NAN, value);
         let of_both =
-            |value: fn(&blur::Estimate) -> [f64; 2]| blur.as_ref().map_or([f64::NAN; 2], value);
+            |value: fn(&BlurEstimate) -> [f64; 2]| blur.as_ref().map_or([f64::NAN; 2], value);
 
         Self {
             struct_size: size_of::<Self>(),
@@ -146,7 +143,7 @@ impl Found {
             rows_rms: of_rows(|rows: &RowOffsets| rows.field.rms()),
             rows_error: of_rows(|rows| rows.error),
             rows_spread: of_rows(|rows| rows.spread),
-            certainty: of_blur(|blur: &blur::Estimate| blur.certainty.into()),
+            certainty: of_blur(|blur: &BlurEstimate| blur.certainty.into()),
             contrast: of_blur(|blur| blur.gain),
             noise: of_both(|blur| blur.noise),
             impulses: of_both(|blur| blur.impulses),
@@ -171,7 +168,7 @@ impl Found {
 }
 
 /// The kinds of blur with their shares of the image; of a kind that both images have, both blurs with the same share.
-fn blurs(estimate: &blur::Estimate) -> Vec<Blur> {
+fn blurs(estimate: &BlurEstimate) -> Vec<Blur> {
     let (_, _, labels) = &estimate.labels;
     let share = |index: usize| {
         let tiles = labels.iter().filter(|label| usize::from(**label) == index).count();
@@ -195,7 +192,7 @@ fn blurs(estimate: &blur::Estimate) -> Vec<Blur> {
 
 impl Blur {
     /// A kind of blur, of which the share is not known yet.
-    fn new(blur: &blur::Blur) -> Self {
+    fn new(blur: &found::Blur) -> Self {
         let (kind, size, angle) = match (blur.psf, &blur.taps) {
             (Some(psf), _) => (kind(psf.family), psf.size, psf.angle),
             (None, Some(taps)) => (PHASESTEREO_OTHER, taps.radius(), 0.0),
@@ -233,13 +230,13 @@ mod tests {
     #[test]
     fn blurs_of_both_images_follow_one_another() {
         let (left, right) = (Psf::motion(15.0, 30.0), Psf::motion(9.0, 120.0));
-        let both = blur::Blur {
+        let both = found::Blur {
             side: Some(Side::Left),
             psf: Some(left),
             taps: Some(left.taps()),
             other: Some(right),
         };
-        let estimate = blur::Estimate { blurs: vec![both], ..blur::Estimate::unknown((64, 64)) };
+        let estimate = BlurEstimate { blurs: vec![both], ..BlurEstimate::unknown((64, 64)) };
 
         let listed = blurs(&estimate);
         let seen =

@@ -292,6 +292,7 @@ impl Estimates {
             range,
             left_out,
             offsets: geometry.and_then(|geometry| geometry.offsets.clone()),
+            rows_apart: geometry.map_or(f64::INFINITY, |geometry| geometry.rows_apart),
             alignment: alignment.or_else(|| facts.aligned().cloned().flatten()),
             blur,
             photometry: Some(photometry),
@@ -325,6 +326,7 @@ impl Estimates {
             range: None,
             left_out: vec![],
             offsets: None,
+            rows_apart: f64::INFINITY,
             alignment: facts.aligned().cloned().flatten(),
             blur: None,
             photometry: None,
@@ -346,6 +348,7 @@ struct Geometry {
     /// That of all that are tried, where the known ones match badly.
     wide: Option<RoughMap>,
     offsets: Option<RowOffsets>,
+    rows_apart: f64,
     alignment: Option<Alignment>,
     found: Option<range::Found>,
 }
@@ -375,10 +378,11 @@ impl Geometry {
         let overview = usual.as_ref().unwrap_or(&copies);
 
         let mut rough = overview.rough(facts.searched(), None, runtime)?;
-        let (mut offsets, mut alignment) = (None, None);
+        let (mut offsets, mut rows_apart, mut alignment) = (None, f64::INFINITY, None);
         if request.rows {
             let found = rows::offsets(rows, overview, &rough, facts.searched(), runtime)?;
             offsets = found.offsets;
+            rows_apart = found.apart;
             let significant = offsets.as_ref().filter(|offsets| offsets.is_significant());
             alignment = significant.map(|offsets| offsets.field.clone());
 
@@ -400,7 +404,7 @@ impl Geometry {
         let found = is_asked.then(|| range::range(&copies, overview, last, runtime)).transpose()?;
         let found = found.flatten();
 
-        Ok(Some(Self { copies, usual, rough, wide, offsets, alignment, found }))
+        Ok(Some(Self { copies, usual, rough, wide, offsets, rows_apart, alignment, found }))
     }
 
     fn overview(&self) -> &Overview {

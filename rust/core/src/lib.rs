@@ -47,6 +47,29 @@ pub use rectification::calibration::Calibration;
 pub use rectification::warp::Interpolation;
 pub use verification::verdict;
 
+/// What was found out about a pair: the types of the fields of [`Estimates`] and [`Rectified`].
+///
+/// ```
+/// use phasestereo::{Estimates, found::Side};
+///
+/// fn softer_image(estimates: &Estimates) -> Option<Side> {
+///     estimates.blur.as_ref()?.blurs.iter().find_map(|blur| blur.side)
+/// }
+/// ```
+pub mod found {
+    pub use crate::estimation::blur::psf::{Family, Psf, Taps};
+    pub use crate::estimation::blur::{Blur, Estimate as BlurEstimate, Side};
+    pub use crate::estimation::compensation_plan::CompensationPlan;
+    pub use crate::estimation::facts::{Fact, Origin};
+    pub use crate::estimation::photometry::{Contrast, Photometry, Saturation};
+    pub use crate::estimation::range::{LeftOut, SearchRange};
+    pub use crate::estimation::rows::RowOffsets;
+    pub use crate::rectification::cameras::Cameras;
+    pub use crate::rectification::{Raw, Rectification};
+    pub use phasestereo_match::pair::alignment::Alignment;
+    pub use phasestereo_match::pair::candidates::Candidates;
+}
+
 macro_rules! open {
     ($($module:ident)*) => {
         /// All of this crate, for the extension module of Python, the tests and the benches. It is not part of the

@@ -55,10 +55,8 @@ pub fn match_pair(
 #[non_exhaustive]
 pub struct Rectified {
     /// The cameras by which it was.
-    #[doc(hidden)]
     pub raw: Arc<Raw>,
     /// The map of the rectified pair.
-    #[doc(hidden)]
     pub map: Disparity,
     /// By how many rows each pixel of the raw left image is lower in the raw right one; NaN where there is no disparity.
     pub rows: Plane<f32>,

@@ -172,7 +172,7 @@ pub fn rectify_views(
         grays.push([gray(left, control)?, gray(right, control)?]);
     }
 
-    let refusal = match rectify(&grays, Negative::MovedIfToedIn, level, control)? {
+    let refusal = match rectify(&grays, 1, Negative::MovedIfToedIn, level, control)? {
         Ok(found) => return Ok(found),
         Err(refusal) => refusal,
     };
@@ -180,7 +180,7 @@ pub fn rectify_views(
         for [_, right] in &mut grays {
             *right = right.map(|value| -value);
         }
-        if let Ok(found) = rectify(&grays, Negative::MovedIfToedIn, level, control)? {
+        if let Ok(found) = rectify(&grays, 1, Negative::MovedIfToedIn, level, control)? {
             return Ok(Rectification { is_inverted: true, ..found });
         }
     }
@@ -209,15 +209,16 @@ pub fn gray(view: &View, control: &Control) -> Result<Plane<f32>> {
     )
 }
 
-/// Rectifies pairs of gray images, all of one size, of the same cameras.
+/// Rectifies pairs of gray images, all of one size, of the same cameras, which are reduced by `least` at least.
 pub fn rectify(
     pairs: &[Grays],
+    least: usize,
     negative: Negative,
     level: Level,
     control: &Control,
 ) -> Result<std::result::Result<Rectification, Refusal>> {
     let (rows, cols) = (pairs[0][0].rows(), pairs[0][0].cols());
-    let factor = cols.div_ceil(MOST_COLUMNS).max(1);
+    let factor = least * cols.div_ceil(MOST_COLUMNS).max(1);
     let size = (rows / factor, cols / factor);
     let smaller = |image: &Plane<f32>| -> Result<Plane<f32>> {
         let image = filters::stretched(image);
@@ -642,7 +643,7 @@ mod tests {
 
     fn found(pair: &[Plane<f32>; 2]) -> std::result::Result<Rectification, Refusal> {
         let control = Control::default();
-        rectify(std::slice::from_ref(pair), Negative::Moved, Level::best(), &control)
+        rectify(std::slice::from_ref(pair), 1, Negative::Moved, Level::best(), &control)
             .expect("memory")
     }
 
@@ -683,7 +684,7 @@ mod tests {
         let control = Control::default();
         let swapped = |negative: Negative| {
             let found =
-                rectify(&[[right.clone(), left.clone()]], negative, Level::best(), &control);
+                rectify(&[[right.clone(), left.clone()]], 1, negative, Level::best(), &control);
             found.expect("memory").expect("a pair").moved
         };
         let moved = swapped(Negative::Moved);
@@ -723,8 +724,9 @@ mod tests {
         for (name, level) in Level::all() {
             let Some(level) = level else { continue };
             let control = Control::default();
-            let again = pool
-                .install(|| rectify(std::slice::from_ref(&pair), Negative::Moved, level, &control));
+            let again = pool.install(|| {
+                rectify(std::slice::from_ref(&pair), 1, Negative::Moved, level, &control)
+            });
             assert_eq!(again.expect("memory").expect("a pair").cameras, first, "{name}");
         }
     }

@@ -103,7 +103,7 @@ fn decide(
     let runtime = Runtime { control: &control, ..runtime };
     let facts = Facts {
         candidates: Some(Fact::scaled(copy.candidates())),
-        rows: Rows::Known(Fact::scaled(None)),
+        rows: Rows::known(Fact::scaled(None)),
         ..Facts::default()
     };
 

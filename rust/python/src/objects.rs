@@ -10,16 +10,12 @@ use pyo3::types::{PyDict, PyMapping, PyTuple};
 use super::wrap;
 use crate::failure::Result;
 use phasestereo::Finding;
-use phasestereo::internals::estimation::Estimates;
-use phasestereo::internals::estimation::blur::psf::{Family, Psf, Taps};
-use phasestereo::internals::estimation::blur::{self, Blur, Side};
-use phasestereo::internals::estimation::compensation_plan::CompensationPlan;
-use phasestereo::internals::estimation::photometry::{Contrast, Photometry};
-use phasestereo::internals::estimation::rows::RowOffsets;
-use phasestereo::internals::match_pair::Rectified;
-use phasestereo::internals::rectification::calibration::Calibration;
-use phasestereo::internals::rectification::cameras::Cameras;
+use phasestereo::found::{
+    Blur, BlurEstimate, Cameras, CompensationPlan, Contrast, Family, Photometry, Psf, RowOffsets,
+    Side, Taps,
+};
 use phasestereo::internals::verification::Verification;
+use phasestereo::{Calibration, Estimates, Rectified};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::matcher::Disparity;
@@ -301,7 +297,7 @@ fn pair<T>([left, right]: [T; 2]) -> (T, T) {
 
 fn blur_estimate<'py>(
     py: Python<'py>,
-    found: blur::Estimate,
+    found: BlurEstimate,
     contrast: Option<&Contrast>,
     is_reused: bool,
 ) -> Result<Object<'py>> {

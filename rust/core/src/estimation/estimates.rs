@@ -18,7 +18,6 @@ use phasestereo_match::pair::candidates::Candidates;
 #[non_exhaustive]
 pub struct Estimates {
     /// The disparities to search.
-    #[doc(hidden)]
     pub candidates: Fact<Candidates>,
     /// Mean confidence of the rough match of the reduced images, if there was one: over the known disparities, unless these match
     /// badly and others well.
@@ -27,25 +26,20 @@ pub struct Estimates {
     /// estimated with the negative of the right image.
     pub is_inverted: bool,
     /// The range of disparities, if it was to be estimated, or the known one matches badly.
-    #[doc(hidden)]
     pub range: Option<SearchRange>,
     /// Places that seem to have disparities that are not searched.
-    #[doc(hidden)]
     pub left_out: Vec<LeftOut>,
     /// The vertical offsets, if they were to be estimated and enough blocks were found in both images.
-    #[doc(hidden)]
     pub offsets: Option<RowOffsets>,
+    /// How far apart rows stay by the best field of offsets, known well enough or not, pixels: infinite where there is none.
+    pub rows_apart: f64,
     /// The field by which the right image is straightened.
-    #[doc(hidden)]
     pub alignment: Option<Alignment>,
     /// Noise and blur, if they were to be estimated.
-    #[doc(hidden)]
     pub blur: Option<blur::Estimate>,
     /// What the gray values say, if anything was to be estimated.
-    #[doc(hidden)]
     pub photometry: Option<Photometry>,
     /// The settings and kernels that suit the blur and the noise, of which one or both are estimated or known.
-    #[doc(hidden)]
     pub compensation: Option<CompensationPlan>,
     /// What there is to say about the pair, in a fixed order of topics.
     pub findings: Vec<Finding>,

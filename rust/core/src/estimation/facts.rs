@@ -13,11 +13,9 @@ use phasestereo_match::pair::blur_compensation::BlurCompensation;
 use phasestereo_match::pair::candidates::Candidates;
 
 /// Evidence over "nothing is wrong" from which on a fault is compensated for, nats. Of 60 pairs of 12 scenes whose rows do not sway
-/// - sharp, noisy, compressed, turned, with keystone - none has more than 2.6 for a spline; with rows that sway by 1 px all have
-/// 27 and more.
+/// (sharp, noisy, compressed, turned, with keystone) none has more than 2.6 for a spline of the row; where rows sway by 1 px, all
+/// have 27 and more.
 pub const SUFFICIENT: f64 = 10.0;
-/// The simplest explanation within this of the best one is taken, nats: one error in 150, if both were as likely before.
-pub const CLOSE: f64 = 5.0;
 
 /// Where a fact comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -50,7 +48,14 @@ pub enum Rows {
     /// It is to be estimated, whatever the settings ask for.
     Wanted,
     /// By this field of vertical offsets; `None`: they are aligned.
-    Known(Fact<Option<Alignment>>),
+    Known(Box<Fact<Option<Alignment>>>),
+}
+
+impl Rows {
+    /// Rows of which this is known.
+    pub fn known(fact: Fact<Option<Alignment>>) -> Self {
+        Self::Known(Box::new(fact))
+    }
 }
 
 /// What is known of a pair.
@@ -110,13 +115,13 @@ impl Facts {
     }
 }
 
-/// The evidence for a field with some parameters over one without them, nats: the field is `ratio` of its own standard errors,
-/// root mean square over the image, and so many observations determine it.
+/// The evidence for an explanation that leaves residuals of standard deviation `after` over one that leaves `before`, nats: it has
+/// more parameters, by `parameters`, and independent observations with normal errors tell them apart.
 ///
 /// ```text
-/// chi^2 = parameters ratio^2          # each parameter adds 1 to chi^2 by chance, and its share of the error
-/// nats  = (chi^2 - parameters ln observations) / 2
+/// nats = observations ln(before / after) - parameters / 2 ln(observations)
 /// ```
-pub fn evidence(parameters: usize, ratio: f64, observations: usize) -> f64 {
-    parameters as f64 / 2.0 * (ratio * ratio - math::ln(observations.max(1) as f64))
+pub fn evidence(before: f64, after: f64, parameters: usize, observations: usize) -> f64 {
+    let count = observations.max(1) as f64;
+    count * math::ln(before / after) - parameters as f64 / 2.0 * math::ln(count)
 }

@@ -15,6 +15,7 @@ use self::robust::{Model, Point, RobustFit, median};
 use super::overview::{GOOD_CONFIDENCE, Overview, RoughMap};
 use super::tracks::{BLOCK, Seed, Track, follow};
 use crate::estimation::blur::parts::PairRows;
+use crate::estimation::facts::SUFFICIENT;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::math;
 use phasestereo_match::matcher::runtime::Runtime;
@@ -46,8 +47,6 @@ const BIAS: f64 = 0.02;
 /// Evidence in the residuals of a smooth field from which on a spline of the row is fitted, too: of 60 pairs of 12 scenes whose
 /// rows do not sway, sharp, with noise, compressed, turned and with keystone, up to 1.0; 55 of them have less.
 pub const SUSPICION: f64 = 0.5;
-/// Evidence from which on the spline is kept: of these pairs up to 2.6; of those with rows that sway by 1 pixel 27 or more.
-pub const LEAST_EVIDENCE: f64 = 10.0;
 /// Offsets below this, pixels root mean square, are ignored: on 12 aligned scenes up to 0.05 are found.
 const LEAST_RMS: f64 = 0.12;
 /// ... and so are offsets of fewer standard errors than this.
@@ -91,6 +90,9 @@ impl RowOffsets {
 pub struct FoundRows {
     /// The offsets; `None` where there is too little texture or too little in common.
     pub offsets: Option<RowOffsets>,
+    /// How far apart rows stay by the best field, known well enough or not: its standard error and the spread of the blocks from
+    /// it, pixels. Infinite where there is none.
+    pub apart: f64,
     /// The last rough match on the way to them, if there was another one.
     pub map: Option<RoughMap>,
 }
@@ -106,7 +108,7 @@ pub fn offsets(
     let mut map = None;
     let found = first(rows, overview, rough, &mut map, candidates, runtime)?;
     let Some((mut fit, mut tracks)) = found else {
-        return Ok(FoundRows { offsets: None, map });
+        return Ok(FoundRows { offsets: None, apart: f64::INFINITY, map });
     };
     let mut fits = vec![fit.clone()];
     let mut spaced =
@@ -128,18 +130,22 @@ pub fn offsets(
         best = denser.1;
     }
 
-    let offsets = best.filter(|fit| fit.error < LARGEST_ERROR);
-    Ok(FoundRows { offsets, map })
+    let apart = best.as_ref().map_or(f64::INFINITY, |fit| math::hypot(fit.error, fit.spread));
+    let offsets = best.filter(|fit| fit.error < LARGEST_ERROR && typical(fit) < LARGEST_ERROR);
+    Ok(FoundRows { offsets, apart, map })
 }
 
-/// The fit with the least standard error, at the typical row: a spline is not known at the borders before blocks reach them.
+/// The fit with the least standard error.
 fn best(fits: Vec<RowOffsets>) -> Option<RowOffsets> {
-    let typical = |fit: &RowOffsets| match fit.field.sway() {
+    fits.into_iter().min_by(|a, b| typical(a).total_cmp(&typical(b)))
+}
+
+/// The standard error at the typical row: a spline is not known at the borders before blocks reach them.
+fn typical(fit: &RowOffsets) -> f64 {
+    match fit.field.sway() {
         Some(_) => median(fit.errors.to_vec()),
         None => fit.error,
-    };
-    let known = fits.into_iter().filter(|fit| typical(fit) < LARGEST_ERROR);
-    known.min_by(|a, b| typical(a).total_cmp(&typical(b)))
+    }
 }
 
 /// The field with a spline of the row once more, from four times as many blocks, up to the borders: a spline has many factors.
@@ -335,7 +341,7 @@ fn fit(points: &[Point], excess: f64) -> Option<RobustFit> {
 
     // What a spline explains needs no terms of higher degree.
     let Some((model, swaying)) = self::smooth(points, excess, true) else { return Some(smooth) };
-    let is_sure = model.evidence(points, &swaying) >= LEAST_EVIDENCE;
+    let is_sure = model.evidence(points, &swaying) >= SUFFICIENT;
     Some(if is_sure { swaying } else { smooth })
 }
 

@@ -1,31 +1,49 @@
 //! Pairs of which nobody knows the cameras, and that are farther from rectified than their rows can be aligned: they are rectified
 //! by what their images show.
 //!
-//! Where the rows of raw images correspond about as well as can be measured, nothing is tried: a pair that is hard to match for
-//! other reasons, as noise or blur, would only be resampled once more. Blocks that were followed often show that before any
-//! cameras are looked for, which takes ten times as long as a match.
+//! ```text
+//! apart  = how far apart rows stay by the best field of offsets, pixels    # crate::estimation::rows
+//! try, if lenses distort, or apart >= TRIED and blocks do not show that rows correspond
+//! accept, if the cameras explain the rows: the rows of blocks were LEAST_RATIO times what the cameras leave of them, and the
+//!                  cameras have evidence over the field; lenses that distort need none
+//!                  and small copies of the rectified pair match about as well;
+//!         or if these match much better
+//! ```
+//!
+//! All of it is in pixels of the images: what copies of a large image say of its rows depends on their size.
+//!
+//! A pair that is hard to match for other reasons, as noise or blur, would only be resampled once more. Blocks that were followed
+//! often show that before any cameras are looked for, which takes ten times as long as a match.
 
 use std::sync::Arc;
 
-use super::{Negative, Raw, Refusal, gray, rectify, warp};
-use crate::estimation::facts::Facts;
+use super::cameras::NUMBERS;
+use super::{Grays, Negative, Raw, Rectification, Refusal, gray, rectify, warp};
+use crate::estimation::facts::{Facts, SUFFICIENT, evidence};
 use crate::estimation::{Estimates, complete};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
+use phasestereo_match::base::math;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::platform::Instant;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::pair::Pair;
+use phasestereo_match::pair::alignment::TERMS;
 use phasestereo_match::settings::Settings;
 
-/// Pairs whose low-resolution match has this mean confidence are left as they are.
-const GOOD: f64 = 0.70;
-/// By how much it must rise once the pair is rectified.
-const LEAST_RISE: f64 = 0.03;
-/// By how much it may fall where lenses distort: small copies hardly see that.
-const LARGEST_FALL: f64 = 0.02;
+/// Rows that stay farther apart by the best field of offsets, pixels, may be those of raw cameras. None of 12 aligned scenes is
+/// rectified then: sharp, with rows off by 1 px, with noise of 20 gray levels, or with both images out of focus.
+const TRIED: f64 = 0.4;
 /// Rows of raw images that differ by less, rms in pixels, are left to be aligned.
 const LEAST_ROWS: f64 = 0.5;
+/// The rows of blocks differ by this multiple of what the cameras leave, at least.
+const LEAST_RATIO: f64 = 3.0;
+/// Blocks overlap and share their errors: these many are independent, of 60 to 2000.
+const INDEPENDENT: usize = 60;
+/// By how much the mean confidence of small copies may fall once the pair is rectified: they hardly see distortion.
+const LARGEST_FALL: f64 = 0.02;
+/// A rise of the mean confidence that no evidence of rows is needed beside.
+const LARGE_RISE: f64 = 0.10;
 
 /// What came of the attempt to rectify a pair.
 pub enum Attempt {
@@ -59,19 +77,18 @@ pub fn rectify_if_needed(
 ) -> Result<Attempt> {
     let Some(confidence) = before.confidence else { return Ok(Attempt::None) };
     let is_distorted = is_distorted(before);
-    let may_help = is_distorted || confidence < GOOD && !correspond(before);
+    let may_help = is_distorted || before.rows_apart >= TRIED && !correspond(before);
     if !may_help || !can_be_tried(before, facts, settings) {
         return Ok(Attempt::None);
     }
 
     let started = Instant::now();
-    let Runtime { execution, control, .. } = runtime;
+    let control = runtime.control;
     let [left, right] = pair.views();
     let grays = [gray(left, control)?, gray(right, control)?];
     // Given disparities are not moved.
     let negative = if facts.candidates.is_none() { Negative::Moved } else { Negative::Kept };
-    let found = rectify(&[grays], negative, execution.level, control)?;
-    let rectification = match found {
+    let rectification = match rectified_at_some_size(&grays, negative, runtime)? {
         Ok(found) if found.rows >= LEAST_ROWS => found,
         Ok(_) => return Ok(Attempt::None),
         Err(refusal) => return Ok(Attempt::Refused(refusal)),
@@ -82,13 +99,35 @@ pub fn rectify_if_needed(
     let facts =
         Facts { candidates: facts.candidates.clone(), noise: facts.noise, ..Facts::default() };
     let (pair, mut estimates) = complete(pair, &facts, settings, runtime)?;
-    let least = confidence + if is_distorted { -LARGEST_FALL } else { LEAST_RISE };
-    if estimates.confidence.is_none_or(|after| after < least) {
+    let rise = estimates.confidence.map_or(f64::NEG_INFINITY, |after| after - confidence);
+    let is_explained = explains(&raw.rectification, before.rows_apart, is_distorted);
+    if rise < if is_explained { -LARGEST_FALL } else { LARGE_RISE } {
         return Ok(Attempt::None);
     }
 
     estimates.time += before.time + started.elapsed();
     Ok(Attempt::Done(Box::new(RectifiedPair { pair, estimates, facts, raw })))
+}
+
+/// The cameras of a pair; where images of this size do not show them, as with noise, those that images of half the size show.
+fn rectified_at_some_size(
+    grays: &Grays,
+    negative: Negative,
+    Runtime { execution, control, .. }: Runtime,
+) -> Result<std::result::Result<Rectification, Refusal>> {
+    let pairs = std::slice::from_ref(grays);
+    let found = rectify(pairs, 1, negative, execution.level, control)?;
+    let Err(refusal) = found else { return Ok(found) };
+    let again = rectify(pairs, 2, negative, execution.level, control)?;
+    Ok(again.map_err(|_| refusal))
+}
+
+/// Whether cameras explain the rows of a pair better than the best field of offsets, by which they stay `apart`.
+fn explains(found: &Rectification, apart: f64, is_distorted: bool) -> bool {
+    let left = math::hypot(found.error, found.rms);
+    let more = NUMBERS.saturating_sub(TERMS);
+    let is_better = is_distorted || evidence(apart, left, more, INDEPENDENT) >= SUFFICIENT;
+    is_better && found.rows >= LEAST_RATIO * found.rms
 }
 
 /// Whether rows are bent as by lenses that distort.
@@ -121,8 +160,8 @@ pub fn resampled(pair: &Pair, places: &[Plane<[f32; 2]>; 2], control: &Control) 
 mod tests {
     use super::*;
     use crate::estimation::rows::RowOffsets;
+    use phasestereo_match::pair::alignment::Alignment;
     use phasestereo_match::pair::alignment::sway::INTERVALS;
-    use phasestereo_match::pair::alignment::{Alignment, TERMS};
     use phasestereo_match::pair::candidates::Candidates;
 
     #[test]

@@ -297,10 +297,8 @@ impl<'a> Followed<'a, '_> {
         };
         // Rows are followed whatever the settings say, and estimated where they sway.
         let sways = geometry.sways.state == 1;
-        let rows = match sways {
-            true => Rows::Wanted,
-            false => Rows::Known(Fact::remembered(geometry.alignment()?)),
-        };
+        let rows =
+            if sways { Rows::Wanted } else { Rows::known(Fact::remembered(geometry.alignment()?)) };
         let facts = Facts { candidates: Some(candidates.clone()), rows, ..facts.clone() };
 
         let estimates = match &self.rig.appearance {

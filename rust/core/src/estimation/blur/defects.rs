@@ -60,7 +60,7 @@ impl Source for Repaired<'_> {
 
     fn rows(&self, rows: Range<usize>) -> Result<Cow<'_, Pair>> {
         let pair = self.source.rows(rows)?;
-        if self.impulses == [0.0; 2] {
+        if self.impulses.iter().all(|height| *height <= 0.0) {
             return Ok(pair);
         }
         Ok(Cow::Owned(pair.into_owned().with_impulses(self.impulses)))

@@ -18,8 +18,9 @@ use std::array::from_fn;
 
 use serde::{Deserialize, Serialize};
 
+use crate::estimation::facts::SUFFICIENT;
 use crate::estimation::rows::robust::{Model, Point, RobustFit, median};
-use crate::estimation::rows::{LEAST_EVIDENCE, RowOffsets, SUSPICION};
+use crate::estimation::rows::{RowOffsets, SUSPICION};
 use crate::estimation::tracks::{Seed, Track};
 use crate::rectification::linear::Normal;
 use crate::video::choices::{
@@ -253,7 +254,7 @@ impl FieldFilter {
 fn sways(points: &[Point]) -> bool {
     let model = Model { sways: true, ..PLANE };
     let fit = model.fitted(points);
-    fit.is_some_and(|fit| model.evidence(points, &fit) >= LEAST_EVIDENCE)
+    fit.is_some_and(|fit| model.evidence(points, &fit) >= SUFFICIENT)
 }
 
 /// Whether a matrix may be a covariance: symmetric and without negative eigenvalues, but for rounding.
