@@ -91,8 +91,8 @@ def test_unrelated_images_are_recognized(data: Path) -> None:
 @pytest.mark.parametrize("size", [(1, 1), (16, 16), (47, 300), (300, 5)])
 def test_small_images_are_too_small_to_tell(size: tuple[int, int]) -> None:
     found = check(*pair(size))
-    assert "too small to tell" in sentence(found, "alignment")
-    assert "too small to tell" in sentence(found, "blur")
+    assert "too small to measure" in sentence(found, "alignment")
+    assert "too small to measure" in sentence(found, "blur")
     assert "warning" not in severities(found).values()
     json.dumps(found.as_dict(), allow_nan=False)
 
@@ -108,7 +108,7 @@ def test_uniform_images_have_too_little_texture(levels: tuple[int, int]) -> None
     left, right = (np.full((90, 90, 3), level, np.uint8) for level in levels)
     found = check(left, right)
     for topic in ("range", "alignment", "blur", "contrast", "noise"):
-        assert "too little texture to tell" in sentence(found, topic)
+        assert "too little texture to measure" in sentence(found, topic)
 
 
 def test_dict_is_json_and_holds_what_was_found() -> None:

@@ -107,7 +107,7 @@ def test_a_match_says_where_images_are_larger_than_what_they_show(
     assert 2 < summary.detail <= 4
     sentence = (
         f"{100 * summary.coarse:.0f} % of the disparities were decided by smaller copies: there "
-        f"the images hold no detail finer than about {summary.detail:.0f} px"
+        f"the images show no detail finer than about {summary.detail:.0f} px"
     )
     assert sentence in [one.sentence for one in result.findings]
 

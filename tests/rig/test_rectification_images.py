@@ -149,7 +149,7 @@ def test_what_was_found_is_said(scene: tuple[Any, Any]) -> None:
     assert "rows were " in said
     assert "disparities are about " in said
     assert "the lenses distort, by " in said
-    assert "(barrel): that is undone, as far as rows tell" in said
+    assert "(barrel): that is corrected, as far as rows show it" in said
     assert "swapped" not in said
     assert repr(found).startswith("<Rectification 400x300 from images, rows to 0.")
 

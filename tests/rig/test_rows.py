@@ -96,7 +96,7 @@ def test_of_interlaced_images_the_even_rows_are_matched(
     same = ps.match(*expected, left_mask=expected_masks[0], right_mask=expected_masks[1])
     assert_same(found, same)
     (said,) = (one for one in found.findings if one.topic == "interlacing")
-    assert "a match takes the even rows alone" in said.sentence
+    assert "a match uses only the even rows" in said.sentence
 
     left_alone = ps.match(*images, align_rows=False)
     assert (left_alone.disparity != found.disparity).mean() > 0.2
