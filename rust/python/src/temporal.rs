@@ -39,13 +39,12 @@ impl<T> Carried<T> {
     pub fn turn(&self, argument: &'static str) -> phasestereo::Result<Turn<'_, T>> {
         let ours = process::id();
         let take = |holder| (holder != ours).then_some(ours);
-        match self.holder.fetch_update(Ordering::AcqRel, Ordering::Acquire, take) {
-            Ok(_) => Ok(Turn(self)),
-            Err(_) => {
-                let accepts = "one that no other match is using: it is of one video";
-                Err(Error::value(argument, "one that is in use", accepts))
-            }
+        let taken = self.holder.fetch_update(Ordering::AcqRel, Ordering::Acquire, take);
+        if taken.is_ok() {
+            return Ok(Turn(self));
         }
+        let accepts = "one that no other match is using: it is of one video";
+        Err(Error::value(argument, "one that is in use", accepts))
     }
 }
 
