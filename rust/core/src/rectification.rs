@@ -18,7 +18,6 @@ pub mod consensus;
 pub mod corners;
 pub mod filters;
 pub mod fit;
-pub mod linear;
 pub mod matches;
 pub mod raw_pair;
 #[cfg(test)]
@@ -34,13 +33,14 @@ use self::blocks::Block;
 use self::cameras::{Cameras, NUMBERS, Point};
 use self::codes::Features;
 use self::fit::Steps;
-use self::linear::{Normal, forward, median};
 use self::matches::Match;
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::{Error, Result};
+use phasestereo_match::base::linear::{Cholesky, Normal};
 use phasestereo_match::base::math;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
+use phasestereo_match::base::statistics::{deviation, median, quantile};
 use phasestereo_match::image::view::View;
 
 /// Wider images are reduced: their rows are found as exactly as those of so many columns.
@@ -392,8 +392,7 @@ fn refined(
         let alone = fit::fit(&places, &weights, &before, Steps(15, 3));
 
         let rows = |cameras: &Cameras, one: &Match| cameras.row_difference([one.left, one.right]);
-        let spread = now.kept.iter().map(|one| rows(&alone.cameras, one).abs()).collect();
-        let spread = 1.4826 * median(spread) + 0.05;
+        let spread = deviation(now.kept.iter().map(|one| rows(&alone.cameras, one))) + 0.05;
         places.extend(&now.kept);
         weights.resize(places.len(), (alone.spread / spread).powi(2).min(1.0));
         let both = fit::fit(&places, &weights, &alone.cameras, Steps(10, 0));
@@ -417,84 +416,94 @@ fn refined(
 }
 
 impl Refined {
-    /// The result, if it can be believed.
+    /// The result; [`Refusal`] where it cannot be believed.
     fn checked(
         self,
         matches: [usize; 2],
-        (rows, cols): (usize, usize),
+        size: (usize, usize),
         negative: Negative,
         pairs: usize,
     ) -> std::result::Result<Rectification, Refusal> {
-        let Self { mut cameras, blocks, weights, kept, fit } = self;
-        let size = (rows, cols);
-        let cols = cols as f64;
-
-        let is_folded = |block: &&Block| {
-            let Match { left, right } = block.places;
-            cameras.is_folded(left, 0) || cameras.is_folded(right, 1)
-        };
-        if blocks.iter().filter(is_folded).count() as f64 > FOLDED * blocks.len() as f64 {
+        if self.is_folded() {
             return Err(Refusal::Folds);
         }
 
-        let good: Vec<Match> = blocks
-            .iter()
-            .zip(&weights)
-            .filter(|(_, weight)| **weight > 0.0)
-            .map(|(block, _)| block.places)
-            .collect();
-        let rows: Vec<f64> =
-            good.iter().map(|one| cameras.row_difference([one.left, one.right])).collect();
-        let spread = 1.4826 * median(rows.iter().map(|row| row.abs()).collect());
+        let good = self.agreeing();
+        let Self { mut cameras, kept, fit, .. } = self;
+        let cols = size.1 as f64;
+        let vertical = good.iter().map(|one| cameras.row_difference([one.left, one.right]));
+        let vertical: Vec<f64> = vertical.collect();
+        let spread = deviation(vertical.iter().copied());
         if good.is_empty() || spread > SPREAD.0.max(SPREAD.1 * cols) {
             return Err(Refusal::Rows(spread));
         }
 
-        let count = (good.len() as f64).sqrt();
-        let rms = length(&rows) / count;
-        let raw: Vec<f64> = good.iter().map(|one| one.right[1] - one.left[1]).collect();
-        let raw = length(&raw) / count;
-        let lower = fit.and_then(|fit| fit.normal.factor());
-        let distortion = [0, 1].map(|side| {
-            let (moved, slope) = cameras.distortion(side);
-            (moved, lower.map_or(f64::INFINITY, |lower| length(&forward(&lower, slope))))
-        });
-
         cameras.shifts = shifts(&cameras, &good);
-        let found = disparities(&cameras, good.iter().chain(&kept), cols);
-        let least = at(&found, LEAST_SHARE);
-        let mut moved = 0.0;
-        let is_moved = match negative {
-            Negative::Kept => false,
-            Negative::MovedIfToedIn => {
-                found[found.len() / 2] < 0.0 && is_toed_in(&good, size, least)
-            }
-            Negative::Moved => true,
-        };
-        if is_moved && least < -NEGATIVE.0 * cols {
-            moved = (NEGATIVE.1 * cols - least).ceil();
-            cameras.shifts[1][0] -= moved;
-        }
+        let mut found = disparities(&cameras, good.iter().chain(&kept), cols);
+        let mut found = |share: f64| quantile(&mut found, share).unwrap_or(0.0);
+        let moved = negative.moved(&good, size, &mut found);
+        cameras.shifts[1][0] -= moved;
+        let disparities = ENDS.map(|share| found(share) + moved);
 
-        let disparities = ENDS.map(|share| at(&found, share) + moved);
-        let error = error(&cameras, size, disparities, lower.as_ref());
+        let factor = fit.and_then(|fit| fit.normal.factor());
+        let error = error(&cameras, size, disparities, factor.as_ref());
         if error > LARGEST_ERROR.max(LARGEST_ERROR * cols / 1000.0) {
             return Err(Refusal::Uncertain(error));
         }
 
+        let raw = good.iter().map(|one| one.right[1] - one.left[1]);
+        let distortion = [0, 1].map(|side| {
+            let (moved, slope) = cameras.distortion(side);
+            (moved, factor.map_or(f64::INFINITY, |factor| factor.variance(slope).sqrt()))
+        });
         Ok(Rectification {
-            cameras,
             matches,
             blocks: good.len(),
-            rows: raw,
-            rms,
+            rows: rms(raw),
+            rms: rms(vertical.into_iter()),
             error,
             disparities,
             pairs,
             is_inverted: false,
             moved,
             distortion,
+            cameras,
         })
+    }
+
+    /// Whether the distortion folds the image at many blocks.
+    fn is_folded(&self) -> bool {
+        let is_folded = |block: &&Block| {
+            let Match { left, right } = block.places;
+            self.cameras.is_folded(left, 0) || self.cameras.is_folded(right, 1)
+        };
+        let count = self.blocks.iter().filter(is_folded).count();
+        count as f64 > FOLDED * self.blocks.len() as f64
+    }
+
+    /// The blocks that agree with the cameras.
+    fn agreeing(&self) -> Vec<Match> {
+        let blocks = self.blocks.iter().zip(&self.weights);
+        blocks.filter(|(_, weight)| **weight > 0.0).map(|(block, _)| block.places).collect()
+    }
+}
+
+impl Negative {
+    /// By how many columns the right image is moved, so that disparities, whose quantiles are found, become positive.
+    fn moved(
+        self,
+        good: &[Match],
+        size: (usize, usize),
+        found: &mut impl FnMut(f64) -> f64,
+    ) -> f64 {
+        let (cols, least) = (size.1 as f64, found(LEAST_SHARE));
+        let is_moved = match self {
+            Self::Kept => false,
+            Self::MovedIfToedIn => found(0.5) < 0.0 && is_toed_in(good, size, least),
+            Self::Moved => true,
+        };
+        let is_negative = least < -NEGATIVE.0 * cols;
+        if is_moved && is_negative { (NEGATIVE.1 * cols - least).ceil() } else { 0.0 }
     }
 }
 
@@ -515,8 +524,10 @@ impl Rectification {
     }
 }
 
-fn length(values: &[f64]) -> f64 {
-    values.iter().map(|value| value * value).sum::<f64>().sqrt()
+/// The root mean square of some values.
+fn rms(values: impl ExactSizeIterator<Item = f64>) -> f64 {
+    let count = values.len() as f64;
+    (values.map(|value| value * value).sum::<f64>() / count).sqrt()
 }
 
 /// By how much rows may differ by the covariance of the numbers, rms over what both images show at these disparities.
@@ -524,9 +535,9 @@ fn error(
     cameras: &Cameras,
     (rows, cols): (usize, usize),
     disparities: [f64; 3],
-    lower: Option<&[[f64; NUMBERS]; NUMBERS]>,
+    factor: Option<&Cholesky<NUMBERS>>,
 ) -> f64 {
-    let Some(lower) = lower else { return f64::INFINITY };
+    let Some(factor) = factor else { return f64::INFINITY };
     let is_inside = |place: &Point| {
         (0.0..=(cols - 1) as f64).contains(&place[0])
             && (0.0..=(rows - 1) as f64).contains(&place[1])
@@ -534,7 +545,7 @@ fn error(
     let along =
         |index: usize, count: usize| index as f64 * (count - 1) as f64 / (PLACES - 1) as f64;
 
-    let mut errors = vec![];
+    let mut variances = vec![];
     for index in 0..PLACES * PLACES {
         let [x, y] = [along(index % PLACES, cols), along(index / PLACES, rows)];
         for disparity in disparities {
@@ -543,10 +554,10 @@ fn error(
                 continue;
             };
             let (_, slope) = cameras.row_derivatives([left, right]);
-            errors.push(length(&forward(lower, slope)));
+            variances.push(factor.variance(slope));
         }
     }
-    math::hypot(length(&errors) / (errors.len() as f64).sqrt(), BIAS)
+    math::hypot((variances.iter().sum::<f64>() / variances.len() as f64).sqrt(), BIAS)
 }
 
 /// Whether rows of raw images lie as those of cameras that are turned towards each other so far that there are such disparities.
@@ -569,20 +580,17 @@ fn is_toed_in(blocks: &[Match], (rows, cols): (usize, usize), least: f64) -> boo
 /// The shifts that leave things where they were, at the median. Rows are moved alike; columns each by themselves, since what
 /// moves all disparities, as toed-in cameras do, is hardly known from rows.
 fn shifts(cameras: &Cameras, blocks: &[Match]) -> [Point; 2] {
-    let by = |side: usize, axis: usize| -> Vec<f64> {
-        let moved = |one: &Match| {
-            let raw = [one.left, one.right][side];
-            raw[axis] - cameras.rectified(raw, side)[axis]
-        };
-        blocks.iter().map(moved).collect()
+    let moved = |one: &Match, side: usize, axis: usize| {
+        let raw = [one.left, one.right][side];
+        raw[axis] - cameras.rectified(raw, side)[axis]
     };
+    let typical = |of: &dyn Fn(&Match) -> f64| median(blocks.iter().map(of)).unwrap_or(0.0);
 
-    let both = by(0, 1).into_iter().zip(by(1, 1)).map(|(left, right)| left + right);
-    let rows = median(both.collect()) / 2.0;
-    [[median(by(0, 0)), rows], [median(by(1, 0)), rows]]
+    let rows = typical(&|one| moved(one, 0, 1) + moved(one, 1, 1)) / 2.0;
+    [0, 1].map(|side| [typical(&|one| moved(one, side, 0)), rows])
 }
 
-/// The disparities of matches in order, without clusters that are small and far from others.
+/// The disparities of matches, without clusters that are small and far from others.
 fn disparities<'a>(
     cameras: &Cameras,
     matches: impl Iterator<Item = &'a Match>,
@@ -597,11 +605,6 @@ fn disparities<'a>(
     let large = clusters.filter(|cluster| cluster.len() as f64 >= APART.1 * all.len() as f64);
     let kept: Vec<f64> = large.flatten().copied().collect();
     if kept.is_empty() { all } else { kept }
-}
-
-/// The value below which such a share of sorted ones lies.
-fn at(sorted: &[f64], share: f64) -> f64 {
-    sorted[(share * (sorted.len() - 1) as f64).round() as usize]
 }
 
 /// The cameras of raw images of one size.

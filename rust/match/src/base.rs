@@ -3,9 +3,11 @@
 pub mod control;
 pub mod digest;
 pub mod error;
+pub mod linear;
 pub mod math;
 pub mod memory;
 pub mod plane;
 pub mod platform;
 pub mod simd;
+pub mod statistics;
 pub mod value;

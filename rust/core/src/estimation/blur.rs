@@ -60,6 +60,7 @@ use crate::estimation::blur::psf::{Family, Psf, Taps};
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::math;
 use phasestereo_match::base::simd::Level;
+use phasestereo_match::base::statistics::ranked;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::pair::Pair;
 
@@ -661,11 +662,7 @@ impl Grid {
             let mut highs: Vec<f32> =
                 self.powers.iter().map(|powers| powers.least_high[side]).collect();
             let quiet = highs.len() / QUIET;
-            if highs.is_empty() {
-                return 0.0;
-            }
-
-            *highs.select_nth_unstable_by(quiet, f32::total_cmp).1 * QUIET_BIAS
+            ranked(&mut highs, quiet).map_or(0.0, |power| power * QUIET_BIAS)
         })
     }
 

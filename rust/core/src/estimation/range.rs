@@ -7,6 +7,7 @@ use std::ops::Range;
 use super::areas::{Area, areas};
 use super::overview::{COARSE_WIDTH, FINE, Guess, Overview, ROUGH, RoughMap, Span};
 use phasestereo_match::base::error::Result;
+use phasestereo_match::base::statistics::ranked;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::pair::alignment::Alignment;
 use phasestereo_match::pair::candidates::Candidates;
@@ -369,13 +370,10 @@ pub fn ends(map: &RoughMap, run: Span) -> [f64; 2] {
     let (first, last) = (run.0 as f32 - 0.5, run.1 as f32 + 0.5);
     let mut values: Vec<f32> = known(map).filter(|value| (first..=last).contains(value)).collect();
     let few = (FARTHEST * values.len() as f64) as usize;
-
-    let end = |at: usize, values: &mut [f32]| {
-        f64::from(*values.select_nth_unstable_by(at, f32::total_cmp).1)
-    };
-    match values.len().checked_sub(1) {
-        Some(most) => [few, most - few].map(|at| end(at, &mut values)),
-        None => [f64::from(first), f64::from(last)],
+    let others = values.len().saturating_sub(1 + few);
+    match [few, others].map(|rank| ranked(&mut values, rank)) {
+        [Some(low), Some(high)] => [low, high].map(f64::from),
+        _ => [f64::from(first), f64::from(last)],
     }
 }
 

@@ -11,13 +11,14 @@
 
 pub mod robust;
 
-use self::robust::{Model, Point, RobustFit, median};
+use self::robust::{Model, Point, RobustFit};
 use super::overview::{GOOD_CONFIDENCE, Overview, RoughMap};
 use super::tracks::{BLOCK, Seed, Track, follow};
 use crate::estimation::blur::parts::PairRows;
 use crate::estimation::facts::SUFFICIENT;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::math;
+use phasestereo_match::base::statistics::median;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::pair::alignment::sway::INTERVALS;
 use phasestereo_match::pair::alignment::{Alignment, CUBIC, LINEAR, TERMS};
@@ -143,7 +144,7 @@ fn best(fits: Vec<RowOffsets>) -> Option<RowOffsets> {
 /// The standard error at the typical row: a spline is not known at the borders before blocks reach them.
 fn typical(fit: &RowOffsets) -> f64 {
     match fit.field.sway() {
-        Some(_) => median(fit.errors.to_vec()),
+        Some(_) => median(fit.errors).unwrap_or(fit.error),
         None => fit.error,
     }
 }

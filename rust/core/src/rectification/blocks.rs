@@ -14,11 +14,11 @@
 use super::cameras::{Cameras, Point};
 use super::corners::{Corner, corners};
 use super::filters::{reduced, smoothed};
-use super::linear::median;
 use super::matches::Match;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::{Plane, zeroed};
 use phasestereo_match::base::simd::{Level, Loop};
+use phasestereo_match::base::statistics::median;
 
 /// Number of corners that blocks are laid about, and how near they may be to the border.
 const CORNERS: usize = 2000;
@@ -126,7 +126,7 @@ fn guesses(corners: &[Corner], cameras: &Cameras, matches: &[Match]) -> Vec<[f64
 
         let near = |axis: usize| {
             let by = |(_, index): &(f64, usize)| known[*index][1][axis] - known[*index][0][axis];
-            median(order[..count].iter().map(by).collect())
+            median(order[..count].iter().map(by)).unwrap_or(0.0)
         };
         [near(0), near(1)]
     };

@@ -10,8 +10,8 @@
 //!
 //! Coordinates are shares of the width from its middle. Samples come from a generator that always starts alike.
 
-use super::linear::Normal;
 use super::matches::Match;
+use phasestereo_match::base::linear::Normal;
 
 /// Number of samples.
 const SAMPLES: usize = 1500;

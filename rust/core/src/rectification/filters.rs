@@ -13,6 +13,7 @@ use phasestereo_match::base::error::Result;
 use phasestereo_match::base::math;
 use phasestereo_match::base::plane::{Plane, reflect, zeroed};
 use phasestereo_match::base::simd::{Level, Loop};
+use phasestereo_match::base::statistics::quantile;
 
 /// Percentiles that become black and white: a few pixels at the ends may be mistakes.
 const ENDS: [f64; 2] = [0.005, 0.995];
@@ -27,15 +28,9 @@ pub fn stretched(image: &Plane<f32>) -> Plane<f32> {
     let mut values: Vec<f32> =
         rows.flat_map(|y| image.row(y).iter().step_by(STRIDE).copied()).collect();
     values.retain(|value| value.is_finite());
-    if values.is_empty() {
+    let [Some(low), Some(high)] = ENDS.map(|share| quantile(&mut values, share)) else {
         return image.map(|_| 0.0);
-    }
-
-    let last = (values.len() - 1) as f64;
-    let [low, high] = ENDS.map(|share| {
-        let rank = (share * last).round() as usize;
-        *values.select_nth_unstable_by(rank, f32::total_cmp).1
-    });
+    };
 
     let scale = 255.0 / (high - low).max(1e-6);
     image.map(|value| if *value > low { ((value - low) * scale).min(255.0) } else { 0.0 })

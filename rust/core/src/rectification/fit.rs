@@ -8,12 +8,13 @@
 //! ```
 
 use super::cameras::{Cameras, NUMBERS, USUAL, WIDE};
-use super::linear::{Normal, median};
 use super::matches::Match;
+use phasestereo_match::base::linear::Normal;
 use phasestereo_match::base::math;
+use phasestereo_match::base::statistics::{biweight, deviation};
 
-/// What a median of absolute values is times this for a standard deviation, and what is added to it, pixels.
-const SPREAD: (f64, f64) = (1.4826, 0.05);
+/// What is added to the spread of rows, pixels: no match is more exact.
+const SPREAD: f64 = 0.05;
 /// Errors beyond so many spreads do not count.
 const CUT: f64 = 4.7;
 /// How many errors that go together count as one.
@@ -56,14 +57,10 @@ pub fn fit(matches: &[Match], weights: &[f64], start: &Cameras, Steps(most, firs
 
         let scaled = rows.iter().zip(weights).map(|(row, weight)| (row * weight.sqrt()).abs());
         let scaled: Vec<f64> = scaled.collect();
-        let spread = SPREAD.0 * median(scaled.clone()) + SPREAD.1;
+        let spread = deviation(scaled.iter().copied()) + SPREAD;
         let agree = |error: &f64| {
             let error = error / spread;
-            if step < first {
-                1.0 / error.max(0.5)
-            } else {
-                (1.0 - (error / CUT).powi(2)).max(0.0).powi(2)
-            }
+            if step < first { 1.0 / error.max(0.5) } else { biweight(error, CUT) }
         };
         let agree: Vec<f64> = scaled.iter().map(agree).collect();
         let scale = 1.0 / (TOGETHER * spread * spread);

@@ -15,6 +15,7 @@ use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::{Level, Loop};
+use phasestereo_match::base::statistics::median;
 use phasestereo_match::image::regions::{Connectivity, Region, Regions, Run};
 use phasestereo_match::image::window_sums::{Beyond, Windows};
 
@@ -110,11 +111,7 @@ fn noise(gray: &Plane<i32>) -> i64 {
             (4 * beside[1] - above - below - beside[0] - beside[2]).unsigned_abs()
         }));
     }
-    if magnitudes.is_empty() {
-        return 0;
-    }
-    let middle = magnitudes.len() / 2;
-    (*magnitudes.select_nth_unstable(middle).1).into()
+    median(magnitudes).unwrap_or(0).into()
 }
 
 /// The pixels that are at most `radius` rows and columns from a marked one.

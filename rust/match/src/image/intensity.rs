@@ -8,6 +8,7 @@ use crate::base::control::Control;
 use crate::base::error::Result;
 use crate::base::plane::{Plane, zeroed};
 use crate::base::simd::{Level, Loop};
+use crate::base::statistics::ranked;
 use crate::base::value::nearest;
 use crate::image::impulses;
 use crate::image::intensity_range::{IntensityRange, NOWHERE, floor_log2};
@@ -328,9 +329,8 @@ impl RangeSample {
         let last = self.values.len().checked_sub(1)?;
         let outliers = (OUTLIERS * last as f64) as usize;
 
-        // Two ranks are selected, which takes less than sorting.
-        let mut ranked = |rank: usize| *self.values.select_nth_unstable_by(rank, f64::total_cmp).1;
-        let range = IntensityRange { black: ranked(outliers), white: ranked(last - outliers) };
+        let [black, white] = [outliers, last - outliers].map(|at| ranked(&mut self.values, at));
+        let range = IntensityRange { black: black?, white: white? };
 
         (range.width() > 0.0).then_some(range)
     }

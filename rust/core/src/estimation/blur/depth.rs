@@ -24,6 +24,7 @@ use super::search::{Blocks, Choice};
 use super::spectrum::response;
 use crate::estimation::blur::psf::{Family, Psf};
 use phasestereo_match::base::simd::Level;
+use phasestereo_match::base::statistics::ranked;
 
 /// The match that gives the disparities: at half the size too much of the blur is left. Small neighborhoods find the
 /// outlines of things.
@@ -153,11 +154,11 @@ fn span(disparities: &[f32]) -> Option<(f32, f32)> {
         return None;
     }
 
-    let mut sorted = disparities.to_vec();
-    sorted.sort_unstable_by(f32::total_cmp);
-    let outside = sorted.len() / OUTSIDE;
-    let span = (sorted[outside], sorted[sorted.len() - 1 - outside]);
-    (span.1 - span.0 >= LEAST_SPAN).then_some(span)
+    let mut values = disparities.to_vec();
+    let outside = values.len() / OUTSIDE;
+    let low = ranked(&mut values, outside)?;
+    let high = ranked(&mut values, disparities.len() - 1 - outside)?;
+    (high - low >= LEAST_SPAN).then_some((low, high))
 }
 
 /// Where in a span a disparity lies, from 0 to 1.

@@ -6,6 +6,7 @@ use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::{Level, Loop};
+use phasestereo_match::base::statistics::median;
 use phasestereo_match::base::value::nearest;
 use phasestereo_match::image::intensity::Gray;
 use phasestereo_match::image::intensity_range::IntensityRange;
@@ -300,13 +301,7 @@ impl RoughMatch {
         let cols = span(x, self.disparity.cols());
         let rows = span(y, self.disparity.rows());
         let values = rows.flat_map(|y| self.disparity.row(y)[cols.clone()].iter().copied());
-        let mut values: Vec<f32> = values.filter(|value| value.is_finite()).collect();
-        if values.is_empty() {
-            return None;
-        }
-
-        let middle = values.len() / 2;
-        Some(*values.select_nth_unstable_by(middle, f32::total_cmp).1 * self.factor as f32)
+        Some(median(values.filter(|value| value.is_finite()))? * self.factor as f32)
     }
 
     /// The pair of blocks whose left one has this corner, in a pair that begins `above` rows below these disparities;

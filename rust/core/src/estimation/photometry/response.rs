@@ -14,7 +14,9 @@
 
 use super::Scale;
 use crate::estimation::overview::{Overview, RoughMap};
+use phasestereo_match::base::linear::Normal;
 use phasestereo_match::base::math;
+use phasestereo_match::base::statistics::{biweight, deviation, median, ranked};
 
 /// Side of a cell, pixels of the copy. Of its rows, every other one is looked at.
 const CELL: usize = 4;
@@ -102,7 +104,7 @@ impl Contrast {
             overview.planes[1].as_slice().iter().step_by(EVERY).copied().collect();
         let mut ratio = |tenths: usize| {
             let at = (grays.len() - 1) * tenths / 10;
-            let shade = *grays.select_nth_unstable_by(at, f32::total_cmp).1;
+            let shade = ranked(&mut grays, at).unwrap_or(0.0);
             let gray = scales[1].fraction(shade).clamp(GRAYS[0], GRAYS[1]);
             gain * math::exp((gamma - 1.0) * math::ln(gray))
         };
@@ -210,7 +212,7 @@ impl Window {
 
 /// Gain and gamma.
 fn fitted(windows: &[Window]) -> (f64, f64) {
-    let of = |value: fn(&Window) -> f64| median(windows.iter().map(value).collect());
+    let of = |value: fn(&Window) -> f64| median(windows.iter().map(value)).unwrap_or(1.0);
     let (mut gain, mut gamma) = (of(|window| window.left) / of(|window| window.right), 1.0);
 
     for step in 0..STEPS.0 {
@@ -239,45 +241,29 @@ fn change(windows: &[&Window], (gain, gamma): (f64, f64), is_settled: bool) -> [
         (window.left - mean).abs() / variance.sqrt()
     };
     let scaled: Vec<f64> = windows.iter().zip(&fits).map(scaled).collect();
-    // 1.4826 times the median absolute deviation is the standard deviation of normal errors.
-    let scale = 1.4826 * median(scaled.clone()) + 0.3;
+    let scale = deviation(scaled.iter().copied()) + 0.3;
 
     // The normal equations of the derivatives by the logarithm of the gain and by gamma.
-    let (mut matrix, mut target) = ([0.0; 3], [0.0; 2]);
+    let mut normal = Normal::new(2);
     for ((window, (mean, variance)), scaled) in windows.iter().zip(&fits).zip(scaled) {
-        let weight = if is_settled {
-            (1.0 - (scaled / (CUT * scale)).powi(2)).max(0.0).powi(2)
-        } else {
-            1.0 / scaled.max(0.1 * scale)
-        } / variance;
+        let weight =
+            if is_settled { biweight(scaled, CUT * scale) } else { 1.0 / scaled.max(0.1 * scale) }
+                / variance;
 
-        let (slope, other) = (*mean, mean * window.log);
-        let residual = window.left - mean;
-        matrix[0] += weight * slope * slope;
-        matrix[1] += weight * slope * other;
-        matrix[2] += weight * other * other;
-        target[0] += weight * slope * residual;
-        target[1] += weight * other * residual;
+        normal.add(&[*mean, mean * window.log], window.left - mean, weight);
     }
 
     if is_settled {
         let strength = OVERLAP * (scale / PRIOR).powi(2);
-        matrix[2] += strength;
-        target[1] -= strength * (gamma - 1.0);
+        normal.add(&[0.0, 1.0], 1.0 - gamma, strength);
     }
 
     // A tiny ridge: windows may be equally bright.
-    let ridge = 1e-9 * (matrix[0] + matrix[2]) + f64::MIN_POSITIVE;
-    let [a, b, c] = [matrix[0] + ridge, matrix[1], matrix[2] + ridge];
-    let determinant = a * c - b * b;
-    let solved = [c * target[0] - b * target[1], a * target[1] - b * target[0]];
+    let ridge = 1e-9 * (normal.matrix[0][0] + normal.matrix[1][1]) + f64::MIN_POSITIVE;
+    normal.matrix[0][0] += ridge;
+    normal.matrix[1][1] += ridge;
     // Short steps: the model is far from linear.
-    solved.map(|value| (value / determinant).clamp(-LONGEST, LONGEST))
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+    normal.solved().unwrap_or_default().map(|value| value.clamp(-LONGEST, LONGEST))
 }
 
 #[cfg(test)]

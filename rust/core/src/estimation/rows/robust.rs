@@ -17,7 +17,9 @@
 use std::array::from_fn;
 
 use crate::estimation::tracks::{BLOCK, Track};
+use phasestereo_match::base::linear::{Cholesky, Normal};
 use phasestereo_match::base::math;
+use phasestereo_match::base::statistics::{biweight, deviation};
 use phasestereo_match::pair::alignment::sway::{self, INTERVALS, KNOTS, mean_weights};
 use phasestereo_match::pair::alignment::{TERMS, places, terms};
 
@@ -130,24 +132,23 @@ impl Model {
         let mut prior = None;
 
         for step in 0..STEPS.0 {
-            let mut normal = Normal::new(&rows, points, &weights, self.count());
+            let mut normal = normal(&rows, points, &weights, self.count());
             if self.sways {
                 // At first the spread is not known, which a spline that is as wide as can be hardly depends on.
                 if step == 1 || step == STEPS.1 || step + 1 == STEPS.0 {
                     prior = Some(self.most_probable(&rows, points, &weights, spread)?.1);
                 }
                 let noise = self.noise(spread.max(FLOOR), &weights);
-                normal.add(prior.get_or_insert_with(Prior::widest), self.smooth, noise);
+                prior.get_or_insert_with(Prior::widest).add_to(&mut normal, self.smooth, noise);
             }
 
-            solution = normal.solved(self.smooth)?;
+            solution = factor(&normal, self.smooth)?.solved(normal.target);
             let residual = |(row, point): (&[f64; MOST], &Point)| {
                 let field: f64 = (0..self.count()).map(|at| solution[at] * row[at]).sum();
                 (point.value - field).abs()
             };
             let residuals: Vec<f64> = rows.iter().zip(points).map(residual).collect();
-            // 1.4826 times the median absolute deviation is the standard deviation of normal errors.
-            spread = 1.4826 * median(residuals.clone()) + FLOOR;
+            spread = deviation(residuals.iter().copied()) + FLOOR;
 
             // Absolute deviations lead near the solution from anywhere; the biweight then ignores outliers entirely.
             for ((weight, point), residual) in weights.iter_mut().zip(points).zip(&residuals) {
@@ -155,7 +156,7 @@ impl Model {
                     * if step < STEPS.1 {
                         1.0 / residual.max(0.1 * spread)
                     } else {
-                        (1.0 - (residual / (CUT * spread)).powi(2)).max(0.0).powi(2)
+                        biweight(*residual, CUT * spread)
                     };
             }
         }
@@ -163,19 +164,19 @@ impl Model {
         // Each remaining point counts once in the variance, whatever its weight.
         let agree: Vec<f64> = weights.iter().map(|weight| f64::from(*weight > 0.0)).collect();
         let agreeing = agree.iter().filter(|weight| **weight > 0.0).count();
-        let mut normal = Normal::new(&rows, points, &agree, self.count());
+        let mut normal = normal(&rows, points, &agree, self.count());
         if let Some(prior) = prior {
-            normal.add(&prior, self.smooth, self.noise(spread, &agree));
+            prior.add_to(&mut normal, self.smooth, self.noise(spread, &agree));
         }
-        let lower = normal.factor(self.smooth)?;
+        let factor = factor(&normal, self.smooth)?;
         let errors = from_fn(|interval| {
             let y = (2 * interval + 1) as f64 / INTERVALS as f64 - 1.0;
             let x = |at| (2 * at + 1) as f64 / COLUMNS as f64 - 1.0;
-            self.error(&lower, spread, (0..COLUMNS).map(|at| (x(at), y)))
+            self.error(&factor, spread, (0..COLUMNS).map(|at| (x(at), y)))
         });
 
         let (coefficients, sway) = self.parted(&solution);
-        let error = self.error(&lower, spread, places());
+        let error = self.error(&factor, spread, places());
         Some(RobustFit { coefficients, sway, spread, agreeing, error, errors, weights })
     }
 
@@ -214,16 +215,13 @@ impl Model {
     /// Standard error of the field at places, root mean square.
     fn error(
         &self,
-        lower: &[[f64; MOST]; MOST],
+        factor: &Cholesky<MOST>,
         spread: f64,
         places: impl Iterator<Item = (f64, f64)>,
     ) -> f64 {
-        // The variance at a place is t' A^-1 t = |L^-1 t|^2 for its terms t.
         let variance = |(x, y): (f64, f64)| -> f64 {
             let fraction = 0.5 * (y + 1.0);
-            let row = self.row(&terms(x, y), &mean_weights(fraction, fraction));
-            let half = forward(lower, row, self.count());
-            half[..self.count()].iter().map(|value| value * value).sum()
+            factor.variance(self.row(&terms(x, y), &mean_weights(fraction, fraction)))
         };
 
         let variances: Vec<f64> = places.map(variance).collect();
@@ -253,15 +251,14 @@ impl Model {
         spread: f64,
     ) -> Option<(f64, Prior)> {
         let count = self.smooth + KNOTS;
-        let mut normal = Normal::new(rows, points, weights, count);
-        normal.scale(1.0 / self.noise(spread, weights));
+        let normal = normal(rows, points, weights, count).scaled(1.0 / self.noise(spread, weights));
 
-        let alone = Normal { count: self.smooth, ..normal.clone() }.probability(self.smooth)?;
+        let alone = probability(&Normal { count: self.smooth, ..normal }, self.smooth)?;
         let mut best: Option<(f64, Prior)> = None;
         for prior in Prior::all() {
-            let mut with = normal.clone();
-            with.add(&prior, self.smooth, 1.0);
-            let found = with.probability(self.smooth)? + prior.half_logarithm - alone;
+            let mut with = normal;
+            prior.add_to(&mut with, self.smooth, 1.0);
+            let found = probability(&with, self.smooth)? + prior.half_logarithm - alone;
             if best.as_ref().is_none_or(|(most, _)| found > *most) {
                 best = Some((found, prior));
             }
@@ -323,14 +320,19 @@ impl Prior {
             }
         }
 
-        let mut matrix = [[0.0; MOST]; MOST];
-        for (row, values) in matrix.iter_mut().zip(&precision) {
-            row[..KNOTS].copy_from_slice(values);
-        }
-        let normal = Normal { matrix, target: [0.0; MOST], count: KNOTS };
+        let normal = Normal { matrix: precision, ..Normal::new(KNOTS) };
         // The matrix is one plus squares, so it has a factor.
-        let half_logarithm = normal.factor(0).map_or(0.0, |lower| half_logarithm(&lower, KNOTS));
+        let half_logarithm = normal.factor().map_or(0.0, |factor| factor.half_log_determinant());
         Self { precision, half_logarithm }
+    }
+
+    /// Adds it to equations in which the factors of the spline begin after the smooth terms.
+    fn add_to(&self, normal: &mut Normal<MOST>, smooth: usize, weight: f64) {
+        for (row, values) in normal.matrix[smooth..].iter_mut().zip(&self.precision) {
+            for (sum, value) in row[smooth..].iter_mut().zip(values) {
+                *sum += weight * value;
+            }
+        }
     }
 
     /// The same with another width.
@@ -341,116 +343,24 @@ impl Prior {
     }
 }
 
-/// Half of the logarithm of the determinant of the matrix with this factor.
-fn half_logarithm(lower: &[[f64; MOST]; MOST], count: usize) -> f64 {
-    (0..count).map(|at| math::ln(lower[at][at])).sum()
+/// The normal equations of points with these weights.
+fn normal(rows: &[[f64; MOST]], points: &[Point], weights: &[f64], count: usize) -> Normal<MOST> {
+    let mut normal = Normal::new(count);
+    for ((terms, point), weight) in rows.iter().zip(points).zip(weights) {
+        normal.add(terms, point.value, *weight);
+    }
+    normal
 }
 
-/// The middle one of some values.
-pub fn median(mut values: Vec<f64>) -> f64 {
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+/// The factor of equations; `None` where the points do not determine the smooth terms.
+fn factor(normal: &Normal<MOST>, smooth: usize) -> Option<Cholesky<MOST>> {
+    normal.factor().filter(|factor| factor.condition(smooth) < LARGEST_CONDITION)
 }
 
-/// Normal equations; of the symmetric matrix, the lower triangle.
-#[derive(Clone)]
-struct Normal {
-    matrix: [[f64; MOST]; MOST],
-    target: [f64; MOST],
-    count: usize,
-}
-
-impl Normal {
-    fn new(rows: &[[f64; MOST]], points: &[Point], weights: &[f64], count: usize) -> Self {
-        let (mut matrix, mut target) = ([[0.0; MOST]; MOST], [0.0; MOST]);
-
-        for ((terms, point), weight) in rows.iter().zip(points).zip(weights) {
-            for row in 0..count {
-                let weighted = weight * terms[row];
-                // Most factors of a spline are zero at a block.
-                if weighted == 0.0 {
-                    continue;
-                }
-                target[row] += weighted * point.value;
-                for col in 0..=row {
-                    matrix[row][col] += weighted * terms[col];
-                }
-            }
-        }
-
-        Self { matrix, target, count }
-    }
-
-    /// Multiplies both sides.
-    fn scale(&mut self, by: f64) {
-        self.matrix.iter_mut().flatten().chain(&mut self.target).for_each(|value| *value *= by);
-    }
-
-    /// Adds what is thought of the factors of the spline, which begin after the smooth terms.
-    fn add(&mut self, prior: &Prior, smooth: usize, weight: f64) {
-        for (row, values) in self.matrix[smooth..].iter_mut().zip(&prior.precision) {
-            for (sum, value) in row[smooth..].iter_mut().zip(values) {
-                *sum += weight * value;
-            }
-        }
-    }
-
-    /// The Cholesky factor; `None` where the equations do not determine the smooth terms.
-    fn factor(&self, smooth: usize) -> Option<[[f64; MOST]; MOST]> {
-        // A pivot that is tiny beside the first one means that the points do not determine a term.
-        let mut lower = [[0.0f64; MOST]; MOST];
-        for row in 0..self.count {
-            for col in 0..=row {
-                let done: f64 = (0..col).map(|k| lower[row][k] * lower[col][k]).sum();
-                let rest = self.matrix[row][col] - done;
-
-                if row > col {
-                    lower[row][col] = rest / lower[col][col];
-                } else if rest > 0.0
-                    && (row >= smooth || rest * LARGEST_CONDITION > self.matrix[0][0])
-                {
-                    lower[row][row] = rest.sqrt();
-                } else {
-                    return None;
-                }
-            }
-        }
-
-        Some(lower)
-    }
-
-    /// The solution, by substitution forward and backward.
-    fn solved(&self, smooth: usize) -> Option<[f64; MOST]> {
-        let lower = self.factor(smooth)?;
-        let mut solution = forward(&lower, self.target, self.count);
-
-        for row in (0..self.count).rev() {
-            let known: f64 = (row + 1..self.count).map(|k| lower[k][row] * solution[k]).sum();
-            solution[row] = (solution[row] - known) / lower[row][row];
-        }
-
-        solution[self.count..].fill(0.0);
-
-        Some(solution)
-    }
-
-    /// Logarithm of the probability of the points, but for what all models share.
-    fn probability(&self, smooth: usize) -> Option<f64> {
-        let lower = self.factor(smooth)?;
-        let half = forward(&lower, self.target, self.count);
-        let explained: f64 = half[..self.count].iter().map(|value| value * value).sum();
-        Some(explained / 2.0 - half_logarithm(&lower, self.count))
-    }
-}
-
-/// Solves the equations of a lower triangle.
-fn forward(lower: &[[f64; MOST]; MOST], mut values: [f64; MOST], count: usize) -> [f64; MOST] {
-    for row in 0..count {
-        let known: f64 = (0..row).map(|k| lower[row][k] * values[k]).sum();
-        values[row] = (values[row] - known) / lower[row][row];
-    }
-
-    values
+/// Logarithm of the probability of the points, without what all models share.
+fn probability(normal: &Normal<MOST>, smooth: usize) -> Option<f64> {
+    let factor = factor(normal, smooth)?;
+    Some(factor.variance(normal.target) / 2.0 - factor.half_log_determinant())
 }
 
 #[cfg(test)]

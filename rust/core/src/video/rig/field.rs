@@ -5,9 +5,10 @@
 //! coefficients takes them in, and the mean of its corrections is taken for the drift:
 //!
 //! ```text
-//! value += drift;   P += Q                                                # what a frame may change
-//! J, h = sum over blocks of t t' / s^2, t r / s^2                         # t: terms, r: residual, s^2: its variance
-//! K = P (1 + J P)^-1;   value += K h;   P = K;   drift = DAMPED (drift + FOLLOWED K h), unless the field is being found
+//! value += drift;   P += Q                              # what a frame may change
+//! for each block of terms t, residual r, variance s^2 of r:
+//!     k = P t / (t' P t + s^2);   step += k (r - t' step);   P -= k t' P
+//! value += step;   drift = DAMPED (drift + FOLLOWED step), unless the field is being found
 //! ```
 //!
 //! A plane is fitted to the residuals of a frame first. Where it is larger than its error and that of the field allow, the
@@ -19,18 +20,20 @@ use std::array::from_fn;
 use serde::{Deserialize, Serialize};
 
 use crate::estimation::facts::SUFFICIENT;
-use crate::estimation::rows::robust::{Model, Point, RobustFit, median};
+use crate::estimation::rows::robust::{Model, Point, RobustFit};
 use crate::estimation::rows::{RowOffsets, SUSPICION};
 use crate::estimation::tracks::{Seed, Track};
-use crate::rectification::linear::Normal;
+
 use crate::video::choices::{
     ALIKE, CELL_COLUMNS, CELL_PLACES, CELL_ROWS, CUT_SPREADS, DAMPED, FIELD_CHANGES, FOLLOWED,
     FOUND_SHARE, LEAST_BLOCKS, MOST_WEIGHT, MOVED_ERRORS, MOVED_FROM, ROW_TURNS, SEED_BORDER,
     UNKNOWN_DEVIATIONS,
 };
 use phasestereo_match::base::error::Result;
+use phasestereo_match::base::linear::Normal;
 use phasestereo_match::base::math;
 use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::statistics::median;
 use phasestereo_match::pair::alignment::sway::INTERVALS;
 use phasestereo_match::pair::alignment::{Alignment, LARGEST_OFFSET, LINEAR, TERMS, places, terms};
 
@@ -188,7 +191,7 @@ impl FieldFilter {
         }
 
         // Weights beside the usual one; no block counts much more than others.
-        let usual = median(points.iter().map(|point| point.weight).collect());
+        let usual = median(points.iter().map(|point| point.weight)).unwrap_or(1.0);
         for point in &mut points {
             point.weight = (point.weight / usual).min(MOST_WEIGHT);
         }
@@ -210,37 +213,23 @@ impl FieldFilter {
         self.agreement = (plane.agreeing, plane.spread);
         let variance = ALIKE * plane.spread * plane.spread;
 
-        let (mut information, mut sums) = ([[0.0; TERMS]; TERMS], [0.0; TERMS]);
-        for point in points {
-            if point.residual(&plane.coefficients).abs() > CUT_SPREADS * plane.spread {
-                continue;
-            }
-            let weight = point.weight / variance;
-            for (at, term) in point.terms.iter().enumerate() {
-                sums[at] += weight * term * point.value;
-                for (sum, other) in information[at].iter_mut().zip(&point.terms) {
-                    *sum += weight * term * other;
+        let before = self.error();
+        let mut steps = [0.0; TERMS];
+        let cut = CUT_SPREADS * plane.spread;
+        for point in points.iter().filter(|one| one.residual(&plane.coefficients).abs() <= cut) {
+            let covariances = self.covariance.map(|row| product(&row, &point.terms));
+            let total = product(&covariances, &point.terms) + variance / point.weight;
+            let innovation = point.residual(&steps);
+            for row in 0..TERMS {
+                steps[row] += covariances[row] * innovation / total;
+                for col in 0..TERMS {
+                    self.covariance[row][col] -= covariances[row] * covariances[col] / total;
                 }
             }
         }
-
-        // K = P (1 + J P)^-1 = (1 + P J)^-1 P, which is the new covariance, too.
-        let mut system = product(&self.covariance, &information);
-        for (at, row) in system.iter_mut().enumerate() {
-            row[at] += 1.0;
+        for (value, step) in self.value.iter_mut().zip(steps) {
+            *value += step;
         }
-        let Some(gain) = solved(system, self.covariance) else { return };
-        let before = self.error();
-
-        let mut steps = [0.0; TERMS];
-        for (row, gain) in gain.iter().enumerate() {
-            let step: f64 = gain.iter().zip(sums).map(|(gain, sum)| gain * sum).sum();
-            self.value[row] += step;
-            steps[row] = step;
-        }
-        // Rounding leaves it hardly asymmetric.
-        self.covariance =
-            from_fn(|row| from_fn(|col| f64::midpoint(gain[row][col], gain[col][row])));
 
         if self.error() > FOUND_SHARE * before {
             for (drift, step) in self.drift.iter_mut().zip(steps) {
@@ -272,35 +261,12 @@ fn is_covariance(matrix: &Matrix) -> bool {
     for (at, row) in matrix.iter_mut().enumerate() {
         row[at] += ROUNDING;
     }
-    is_symmetric && Normal { matrix, target: [0.0; TERMS] }.factor().is_some()
+    is_symmetric && Normal { matrix, ..Normal::new(TERMS) }.factor().is_some()
 }
 
-/// The product of two matrices.
-fn product(left: &Matrix, right: &Matrix) -> Matrix {
-    from_fn(|row| from_fn(|col| (0..TERMS).map(|at| left[row][at] * right[at][col]).sum()))
-}
-
-/// Solves linear equations for the columns of `right` by elimination; `None` where there is no single solution.
-fn solved(mut matrix: Matrix, mut right: Matrix) -> Option<Matrix> {
-    for at in 0..TERMS {
-        let rank = |row: &usize| matrix[*row][at].abs();
-        let pivot = (at..TERMS).max_by(|a, b| rank(a).total_cmp(&rank(b)))?;
-        matrix.swap(at, pivot);
-        right.swap(at, pivot);
-        if !(matrix[at][at].abs() > 0.0 && matrix[at][at].is_finite()) {
-            return None;
-        }
-
-        let (own, own_right) = (matrix[at], right[at]);
-        for row in (0..TERMS).filter(|row| *row != at) {
-            let share = matrix[row][at] / own[at];
-            for col in 0..TERMS {
-                matrix[row][col] -= share * own[col];
-                right[row][col] -= share * own_right[col];
-            }
-        }
-    }
-    Some(from_fn(|row| right[row].map(|value| value / matrix[row][row])))
+/// The sum of the products of two vectors.
+fn product(left: &[f64; TERMS], right: &[f64; TERMS]) -> f64 {
+    left.iter().zip(right).map(|(a, b)| a * b).sum()
 }
 
 /// Blocks of a matched map, row after row, at other places in every frame: where a disparity passed all checks. `field` is

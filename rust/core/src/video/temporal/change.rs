@@ -39,6 +39,7 @@ use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::{Plane, zeroed};
 use phasestereo_match::base::simd::{Level, Loop};
+use phasestereo_match::base::statistics::ranked;
 use phasestereo_match::image::intensity::intensity_range;
 use phasestereo_match::image::view::{Image, View};
 
@@ -197,7 +198,7 @@ impl Changes {
 
         let mut quartile = |number: usize| {
             let at = quotients.len() * number / 4;
-            *quotients.select_nth_unstable_by(at, f32::total_cmp).1
+            ranked(&mut quotients, at).unwrap_or(1.0)
         };
         let [low, middle, high] = [1, 2, 3].map(&mut quartile);
         let is_even = (middle - 1.0).abs() < EVEN_GAIN || high - low > AGREEING_GAINS * middle;
@@ -367,13 +368,9 @@ pub fn noise(view: &View, scale: &Scale, level: Level, control: &Control) -> Res
 
     let mut squares: Vec<f32> =
         squares.into_iter().flatten().filter(|square| !square.is_nan()).collect();
-    if squares.is_empty() {
-        return Ok(LEAST_NOISE * LEAST_NOISE);
-    }
-
-    let place = squares.len() / QUIET_DIVISOR;
-    let (_, square, _) = squares.select_nth_unstable_by(place, f32::total_cmp);
-    Ok((*square * NOISE_FACTOR).clamp(LEAST_NOISE * LEAST_NOISE, MOST_NOISE * MOST_NOISE))
+    let quiet = squares.len() / QUIET_DIVISOR;
+    let square = ranked(&mut squares, quiet).unwrap_or(0.0);
+    Ok((square * NOISE_FACTOR).clamp(LEAST_NOISE * LEAST_NOISE, MOST_NOISE * MOST_NOISE))
 }
 
 /// The mean squares of the second differences in a row of blocks whose pixels above begin with row `first`; NaN where
