@@ -4,7 +4,8 @@
 use crate::common::estimates::estimate;
 use crate::common::{hash, levels};
 use ndarray::Array3;
-use phasestereo::internals::estimation::blur::psf::{Family, Psf, Taps, path};
+use phasestereo::internals::estimation::blur::psf::Psf;
+use phasestereo::internals::estimation::blur::taps::{Taps, path};
 use phasestereo::internals::estimation::blur::{BlurSignature, Estimate, Side, is_as_before};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Error;
@@ -90,10 +91,6 @@ fn estimated(pair: &Pair) -> Estimate {
     estimate(pair, &matcher, execution(1, Level::best()), &Control::default()).expect("it runs")
 }
 
-fn psf(family: Family, size: f64, angle: f64) -> Psf {
-    Psf { family, size, angle, inner: 0.0 }
-}
-
 /// Whether neither image is blurred relative to the other.
 fn is_none(found: &Estimate) -> bool {
     found.blurs.len() == 1 && found.blurs[0].side.is_none() && found.blurs[0].taps.is_none()
@@ -129,12 +126,12 @@ fn check(found: &Estimate, side: Side, expected: Psf) {
 #[test]
 fn every_family_is_found_in_either_image() {
     let psfs = [
-        psf(Family::Gaussian, 1.4, 0.0),
-        psf(Family::Gaussian, 3.0, 0.0),
-        psf(Family::Disk, 3.4, 0.0),
-        psf(Family::Disk, 5.0, 0.0),
-        psf(Family::Motion, 9.0, 0.0),
-        psf(Family::Motion, 13.0, 110.0),
+        Psf::gaussian(1.4),
+        Psf::gaussian(3.0),
+        Psf::disk(3.4),
+        Psf::disk(5.0),
+        Psf::motion(9.0, 0.0),
+        Psf::motion(13.0, 110.0),
     ];
 
     for expected in psfs {
@@ -150,7 +147,7 @@ fn there_is_none_where_neither_or_both_are_soft() {
     let sharp = estimated(&pair(&shots(Side::Left, None), bytes));
     assert!(is_none(&sharp) && sharp.certainty > 0.3, "{sharp:?}");
 
-    let taps = psf(Family::Disk, 3.0, 0.0).taps();
+    let taps = Psf::disk(3.0).taps();
 
     let [left, _] = shots(Side::Left, Some(&taps));
     let [_, right] = shots(Side::Right, Some(&taps));
@@ -181,7 +178,7 @@ fn a_kernel_of_no_family_is_measured() {
 #[test]
 fn contrast_is_that_of_the_left_image_to_the_right_one() {
     for side in [Side::Left, Side::Right] {
-        for taps in [None, Some(psf(Family::Disk, 3.0, 0.0).taps())] {
+        for taps in [None, Some(Psf::disk(3.0).taps())] {
             let [left, right] = shots(side, taps.as_ref());
 
             let dim = left.map(|value| 0.5 * value + 20.0);
@@ -193,7 +190,7 @@ fn contrast_is_that_of_the_left_image_to_the_right_one() {
 
 #[test]
 fn noise_is_in_the_unit_of_the_pixels() {
-    let shots = shots(Side::Left, Some(&psf(Family::Disk, 5.0, 0.0).taps()));
+    let shots = shots(Side::Left, Some(&Psf::disk(5.0).taps()));
 
     // Uniform in +-1.5 and rounded, the noise is 0.91. Fine texture of the sharp image counts as noise, too.
     let found = estimated(&pair(&shots, bytes));
@@ -208,7 +205,7 @@ type MakeView = Box<dyn Fn(&Plane<f32>) -> View>;
 
 #[test]
 fn the_type_and_the_scale_of_the_pixels_hardly_matter() {
-    let expected = psf(Family::Disk, 4.0, 0.0);
+    let expected = Psf::disk(4.0);
     let shots = shots(Side::Right, Some(&expected.taps()));
     let plain = estimated(&pair(&shots, bytes));
 
@@ -249,7 +246,7 @@ fn the_type_and_the_scale_of_the_pixels_hardly_matter() {
 #[test]
 fn nothing_depends_on_threads_or_instructions() {
     let mixed = {
-        let [soft, _] = shots(Side::Left, Some(&psf(Family::Disk, 4.0, 0.0).taps()));
+        let [soft, _] = shots(Side::Left, Some(&Psf::disk(4.0).taps()));
         let [sharp, right] = shots(Side::Left, None);
         let left = Plane::from_fn(SIZE.0, SIZE.1, |y, x| {
             if x < SIZE.1 / 2 { soft.row(y)[x] } else { sharp.row(y)[x] }
@@ -281,7 +278,7 @@ fn nothing_depends_on_threads_or_instructions() {
 #[test]
 
 fn areas_of_different_blur_are_told_apart() {
-    let [soft, _] = shots(Side::Left, Some(&psf(Family::Disk, 4.0, 0.0).taps()));
+    let [soft, _] = shots(Side::Left, Some(&Psf::disk(4.0).taps()));
     let [sharp, right] = shots(Side::Left, None);
 
     let edge = SIZE.1 / 2;
@@ -312,7 +309,7 @@ fn areas_of_different_blur_are_told_apart() {
 #[test]
 
 fn roles_and_directions_may_be_swapped() {
-    let expected = psf(Family::Motion, 11.0, 30.0);
+    let expected = Psf::motion(11.0, 30.0);
     let [left, right] = shots(Side::Left, Some(&expected.taps()));
     let swapped = Pair::new(bytes(&right), bytes(&left), -15, 16).expect("a legal pair");
     check(&estimated(&swapped), Side::Right, expected);
@@ -320,12 +317,12 @@ fn roles_and_directions_may_be_swapped() {
     let mirror =
         |plane: &Plane<f32>| Plane::from_fn(SIZE.0, SIZE.1, |y, x| plane.row(y)[SIZE.1 - 1 - x]);
     let mirrored = pair(&[mirror(&right), mirror(&left)], bytes);
-    check(&estimated(&mirrored), Side::Right, psf(Family::Motion, 11.0, 150.0));
+    check(&estimated(&mirrored), Side::Right, Psf::motion(11.0, 150.0));
 }
 
 #[test]
 fn what_a_mask_covers_does_not_count() {
-    let expected = psf(Family::Gaussian, 2.5, 0.0);
+    let expected = Psf::gaussian(2.5);
     let shots = shots(Side::Left, Some(&expected.taps()));
     let covered = |y: usize, x: usize| y < 40 || (y * x).is_multiple_of(61);
 
@@ -377,7 +374,7 @@ fn flat_floats_have_no_estimate() {
 
 #[test]
 fn images_without_valid_pixels_have_no_estimate() {
-    let shots = shots(Side::Left, Some(&psf(Family::Disk, 4.0, 0.0).taps()));
+    let shots = shots(Side::Left, Some(&Psf::disk(4.0).taps()));
 
     for masked in [[true, true], [true, false], [false, true]] {
         let [left, right] = [0, 1].map(|side| View {
@@ -401,7 +398,7 @@ fn a_single_row_of_texture_is_no_blur() {
 #[test]
 fn the_least_image_has_a_single_block() {
     let image = Plane::from_fn(64, 64, |y, x| scene(0).row(y)[x]);
-    let soft = convolved(&image, &psf(Family::Disk, 3.0, 0.0).taps());
+    let soft = convolved(&image, &Psf::disk(3.0).taps());
 
     let found = estimated(&Pair::new(bytes(&soft), bytes(&image), 0, 1).expect("a legal pair"));
     assert_eq!(found.blurs[0].side, Some(Side::Left), "{found:?}");
@@ -425,7 +422,7 @@ fn looks_as(before: &BlurSignature, shots: &[Plane<f32>; 2], level: Level) -> bo
 
 #[test]
 fn a_glance_sees_whether_blur_has_changed() {
-    let disk = psf(Family::Disk, 3.0, 0.0).taps();
+    let disk = Psf::disk(3.0).taps();
     let states = [None, Some(&disk)].map(|taps| shots(Side::Left, taps));
 
     for (now, state) in states.iter().enumerate() {
@@ -450,7 +447,7 @@ fn a_glance_sees_a_patch_in_one_image() {
     let [left, right] = shots(Side::Left, None);
     let before = estimated(&pair(&[left.clone(), right.clone()], bytes)).signature;
 
-    let [soft, _] = shots(Side::Left, Some(&psf(Family::Disk, 4.0, 0.0).taps()));
+    let [soft, _] = shots(Side::Left, Some(&Psf::disk(4.0).taps()));
     let patched = Plane::from_fn(SIZE.0, SIZE.1, |y, x| {
         let is_soft = y < SIZE.0 / 2 && x > SIZE.1 / 2;
         if is_soft { soft.row(y)[x] } else { left.row(y)[x] }

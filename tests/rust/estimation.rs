@@ -8,7 +8,7 @@ use crate::common::{hash, levels};
 use ndarray::Array3;
 use phasestereo::Finding;
 use phasestereo::internals::estimation::blur::Side;
-use phasestereo::internals::estimation::blur::psf::{Family, Psf};
+use phasestereo::internals::estimation::blur::psf::Psf;
 use phasestereo::internals::estimation::facts::{Fact, Facts};
 use phasestereo::internals::estimation::{Estimates, complete, complete_source};
 use phasestereo_match::base::control::Control;
@@ -73,7 +73,7 @@ fn shots(field: &Alignment) -> [Plane<f64>; 2] {
 
 /// The same with lenses in focus apart: the left one blurs what is near, the right one what is far.
 fn in_focus_apart([left, right]: [Plane<f64>; 2]) -> [Plane<f64>; 2] {
-    let taps = Psf::round(Family::Disk, 5.0).taps();
+    let taps = Psf::disk(5.0).taps();
     let soft = |plane: &Plane<f64>, y: usize, x: usize| -> f64 {
         let tap = |(dy, dx, value): (isize, isize, f64)| {
             let row = plane.row(reflect(y as isize - dy, SIZE.0));
@@ -313,11 +313,8 @@ fn blur_that_follows_depth_has_the_disk_of_each_disparity() {
     assert_eq!(of_side(Side::Right, 0..half), half, "{blur:?}");
     assert_eq!(of_side(Side::Left, cols - half..*cols), half, "{blur:?}");
 
-    let sizes = blur.blurs.iter().filter_map(|blur| blur.psf).map(|psf| (psf.family, psf.size));
-    assert!(
-        sizes.into_iter().all(|(family, size)| family == Family::Disk && size <= 6.5),
-        "{blur:?}"
-    );
+    let mut psfs = blur.blurs.iter().filter_map(|blur| blur.psf);
+    assert!(psfs.all(|psf| psf == Psf::disk(psf.size) && psf.size <= 6.5), "{blur:?}");
     let softer = estimates.findings.iter().filter(|one| one.sentence.contains("is softer than"));
     assert_eq!(softer.count(), 2, "one of each image: {:?}", estimates.findings);
 }

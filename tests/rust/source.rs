@@ -4,7 +4,8 @@ use crate::common::estimates::{estimate, estimate_by_rows};
 use crate::common::parts::Slow;
 use crate::common::{hash, levels, mask, random};
 use ndarray::Array3;
-use phasestereo::internals::estimation::blur::psf::{Family, Psf, Taps, path};
+use phasestereo::internals::estimation::blur::psf::Psf;
+use phasestereo::internals::estimation::blur::taps::{Taps, path};
 use phasestereo::internals::estimation::blur::{Blur, Estimate};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::{Error, Result};
@@ -146,15 +147,11 @@ fn check(pair: &Pair, expected: &Estimate) {
     }
 }
 
-fn psf(family: Family, size: f64, angle: f64) -> Taps {
-    Psf { family, size, angle, inner: 0.0 }.taps()
-}
-
 #[test]
 fn blur_of_every_kind_is_that_of_the_whole() {
     let curve = curve();
 
-    let (disk, motion) = (psf(Family::Disk, 4.0, 0.0), psf(Family::Motion, 9.0, 30.0));
+    let (disk, motion) = (Psf::disk(4.0).taps(), Psf::motion(9.0, 30.0).taps());
     let size = (420, 150);
 
     let kinds = [(None, 1), (Some(&disk), 1), (Some(&motion), 1), (Some(&curve), 1)];
@@ -173,7 +170,7 @@ fn blur_of_every_kind_is_that_of_the_whole() {
 
 #[test]
 fn maps_of_blur_are_those_of_the_whole() {
-    let disk = psf(Family::Disk, 4.0, 0.0);
+    let disk = Psf::disk(4.0).taps();
     let shots = shots((640, 130), Some(&disk), |y, _| (150..400).contains(&y));
     for kind in 0..4 {
         let pair = pair(shots.each_ref().map(|plane| view(plane, kind)));
@@ -216,7 +213,7 @@ fn measured_kernels_of_some_rows_are_those_of_the_whole() {
 
 #[test]
 fn blur_beside_masks_is_that_of_the_whole() {
-    let disk = psf(Family::Disk, 3.0, 0.0);
+    let disk = Psf::disk(3.0).taps();
 
     let shots = shots((500, 150), Some(&disk), |y, _| y > 350);
 
@@ -265,7 +262,7 @@ fn with_impulses(plane: &Plane<f32>, seed: u64) -> Plane<f32> {
 
 /// Surfaces without much detail.
 fn smooth_shots(size: (usize, usize)) -> [Plane<f32>; 2] {
-    let taps = psf(Family::Gaussian, 1.5, 0.0);
+    let taps = Psf::gaussian(1.5).taps();
     [0, SHIFT].map(|shift| blurred(&scene(size, shift), &taps))
 }
 
@@ -299,7 +296,7 @@ fn impulses_and_blocks_are_those_of_the_whole() {
 
 #[test]
 fn images_without_impulses_or_blocks_have_none() {
-    for (kind, taps) in [(0, None), (1, None), (2, Some(psf(Family::Disk, 3.0, 0.0)))] {
+    for (kind, taps) in [(0, None), (1, None), (2, Some(Psf::disk(3.0).taps()))] {
         let shots = shots((200, 150), taps.as_ref(), |_, _| true);
         let found = estimated(&pair(shots.map(|plane| view(&plane, kind))), None, 1);
 
@@ -478,7 +475,7 @@ const ROW_WORKS: [RowWork; 3] = [
 
 #[test]
 fn an_error_of_a_source_is_passed_on() {
-    let disk = psf(Family::Disk, 4.0, 0.0);
+    let disk = Psf::disk(4.0).taps();
     let views = shots((330, 100), Some(&disk), |_, _| true).map(|plane| view(&plane, 2));
     let pair = pair(with_masks(views, 99));
     let matcher = Matcher::new(2).expect("threads");

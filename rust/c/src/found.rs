@@ -214,18 +214,24 @@ impl Blur {
     }
 }
 
+/// The families of the core by their numbers.
+const KINDS: [u32; 4] =
+    [PHASESTEREO_GAUSSIAN, PHASESTEREO_DISK, PHASESTEREO_MOTION, PHASESTEREO_ANNULUS];
+
 fn kind(family: Family) -> u32 {
-    match family {
-        Family::Gaussian => PHASESTEREO_GAUSSIAN,
-        Family::Disk => PHASESTEREO_DISK,
-        Family::Motion => PHASESTEREO_MOTION,
-        Family::Annulus => PHASESTEREO_ANNULUS,
-    }
+    KINDS.get(family.number()).copied().unwrap_or(PHASESTEREO_OTHER)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn kinds_are_the_families_by_name() {
+        let families = Family::all().map(|family| (kind(family), family.traits().name));
+        let names = ["gaussian", "disk", "motion", "annulus"];
+        assert!(families.eq(KINDS.into_iter().zip(names)));
+    }
 
     #[test]
     fn blurs_of_both_images_follow_one_another() {

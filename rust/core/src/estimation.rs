@@ -320,7 +320,7 @@ impl Estimates {
     /// What is known, where nothing is requested.
     fn of_facts(candidates: Candidates, facts: &Facts) -> Self {
         Self {
-            candidates: facts.candidates.clone().unwrap_or(Fact::given(candidates)),
+            candidates: facts.candidates.clone().unwrap_or(Fact::estimated(candidates)),
             confidence: None,
             is_inverted: facts.is_inverted,
             range: None,

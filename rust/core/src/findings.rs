@@ -25,7 +25,7 @@ mod tests {
 
     use crate::estimation::blur;
     use crate::estimation::blur::Side;
-    use crate::estimation::blur::psf::{Family, Psf};
+    use crate::estimation::blur::psf::Psf;
     use crate::estimation::estimates::Estimates;
     use crate::estimation::photometry::{Contrast, Photometry, Saturation};
     use crate::estimation::range::{LeftOut, SearchRange};
@@ -203,20 +203,20 @@ mod tests {
                 Topic::Blur,
             )
         };
-        assert_eq!(of(Psf::round(Family::Gaussian, 0.2), 1.0).0, Severity::Ok);
-        assert_eq!(of(Psf::round(Family::Gaussian, 0.5), 1.0).0, Severity::Note);
-        assert_eq!(of(Psf::round(Family::Gaussian, 2.0), 1.0).0, Severity::Warning);
-        assert!(of(Psf::round(Family::Gaussian, 2.0), 0.3).1.contains("too little in common"));
+        assert_eq!(of(Psf::gaussian(0.2), 1.0).0, Severity::Ok);
+        assert_eq!(of(Psf::gaussian(0.5), 1.0).0, Severity::Note);
+        assert_eq!(of(Psf::gaussian(2.0), 1.0).0, Severity::Warning);
+        assert!(of(Psf::gaussian(2.0), 0.3).1.contains("too little in common"));
         let disk = "the left image is softer than the right by a disk of radius 3.1 px: check its focus; \
                     robust matching compensates it";
-        assert_eq!(of(Psf::round(Family::Disk, 3.1), 0.9).1, disk);
+        assert_eq!(of(Psf::disk(3.1), 0.9).1, disk);
 
         let both = softer(Side::Right, Psf::motion(9.0, 30.0), Some(Psf::motion(15.0, 0.0)), 0.9);
         let both = said(&Estimates { blur: Some(both), ..sound() }, Topic::Blur).1;
         assert!(both.contains("the right image is blurred by a motion of 9.0 px at 30 degrees, the left one by a motion"));
 
         // What does not match has no blur in common.
-        let blur = || softer(Side::Left, Psf::round(Family::Disk, 3.1), None, 0.9);
+        let blur = || softer(Side::Left, Psf::disk(3.1), None, 0.9);
         let unlike = Estimates { blur: Some(blur()), confidence: Some(0.3), ..sound() };
         assert!(said(&unlike, Topic::Blur).1.contains("too little in common"));
         let stripes = Photometry { repeated: [0.6; 2], ..PHOTOMETRY };

@@ -57,7 +57,8 @@ pub use verification::verdict;
 /// }
 /// ```
 pub mod found {
-    pub use crate::estimation::blur::psf::{Family, Psf, Taps};
+    pub use crate::estimation::blur::psf::{Family, Psf};
+    pub use crate::estimation::blur::taps::Taps;
     pub use crate::estimation::blur::{Blur, Estimate as BlurEstimate, Side};
     pub use crate::estimation::compensation_plan::CompensationPlan;
     pub use crate::estimation::facts::{Fact, Origin};

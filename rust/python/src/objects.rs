@@ -11,8 +11,8 @@ use super::wrap;
 use crate::failure::Result;
 use phasestereo::Finding;
 use phasestereo::found::{
-    Blur, BlurEstimate, Cameras, CompensationPlan, Contrast, Family, Photometry, Psf, RowOffsets,
-    Side, Taps,
+    Blur, BlurEstimate, Cameras, CompensationPlan, Contrast, Photometry, Psf, RowOffsets, Side,
+    Taps,
 };
 use phasestereo::internals::verification::Verification;
 use phasestereo::{Calibration, Estimates, Rectified};
@@ -319,7 +319,7 @@ fn blur_of<'py>(py: Python<'py>, blur: &Blur) -> Result<Object<'py>> {
         Some(Side::Left) => ("left", "right"),
         Some(Side::Right) => ("right", "left"),
     };
-    let of_family = |psf: Psf| (family_name(psf.family), psf.size, psf.angle);
+    let of_family = |psf: Psf| (psf.family.traits().name, psf.size, psf.angle);
     let own = match (blur.psf, &blur.taps) {
         (Some(psf), _) => of_family(psf),
         (None, Some(taps)) => ("other", taps.radius(), 0.0),
@@ -335,15 +335,6 @@ fn blur_of<'py>(py: Python<'py>, blur: &Blur) -> Result<Object<'py>> {
     };
     let other = blur.other.map(|psf| one(opposite, of_family(psf), Some(&psf.taps()), None));
     one(side, own, blur.taps.as_ref(), other.transpose()?)
-}
-
-fn family_name(family: Family) -> &'static str {
-    match family {
-        Family::Gaussian => "gaussian",
-        Family::Disk => "disk",
-        Family::Motion => "motion",
-        Family::Annulus => "annulus",
-    }
 }
 
 fn photometry_of<'py>(py: Python<'py>, found: &Photometry) -> Result<Object<'py>> {

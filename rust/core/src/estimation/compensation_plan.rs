@@ -1,7 +1,7 @@
 //! The plan that compensates for estimated noise and blur: area by area, the sharper image is given the blur of the
 //! other.
 
-use crate::estimation::blur::psf::{Family, Taps};
+use crate::estimation::blur::taps::Taps;
 use crate::estimation::blur::{Blur, Estimate, Side};
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
@@ -12,12 +12,10 @@ use phasestereo_match::settings::{LARGEST_PIXEL, LARGEST_WINDOW, Settings};
 /// Pixels by which neighborhoods and windows grow where there is more than a narrow blur: larger ones describe what is left of
 /// the texture.
 pub const LARGER: usize = 2;
-/// Pixels by which neighborhoods grow where all blur is Gaussian, of at least [`WIDE`].
+/// Pixels by which neighborhoods grow where all blur is wide ([`Psf::is_wide`](super::blur::psf::Psf::is_wide)).
 ///
 /// They pay off where nothing finer is left in any direction.
 pub const MUCH_LARGER: usize = 4;
-/// Standard deviation of a wide Gaussian, pixels.
-pub const WIDE: f64 = 2.25;
 
 /// Noise of so large a share of the range, or as much harm by compression, is stood by larger neighborhoods alone. Then even a
 /// slight blur is worth compensating: fine texture, which that costs, is lost in noise.
@@ -132,8 +130,7 @@ fn is_narrow(blur: &Blur) -> bool {
 }
 
 fn is_wide(blur: &Blur) -> bool {
-    blur.other.is_none()
-        && blur.psf.is_some_and(|psf| psf.family == Family::Gaussian && psf.size >= WIDE)
+    blur.other.is_none() && blur.psf.is_some_and(|psf| psf.is_wide())
 }
 
 /// The kernels of a class: each image is convolved with the blur that it lacks.
@@ -188,20 +185,18 @@ mod tests {
     use super::*;
     use crate::estimation::blur::psf::Psf;
 
-    /// The plan for areas of blurs of these families and sizes, beside areas without blur, and noise of so many gray levels.
-    fn plan(kinds: &[(Family, f64)], noise: f64) -> CompensationPlan {
-        let blur = |&(family, size): &(Family, f64)| {
-            let psf = if family == Family::Motion {
-                Psf::motion(size, 30.0)
-            } else {
-                Psf::round(family, size)
-            };
-            Blur { side: Some(Side::Left), psf: Some(psf), taps: Some(psf.taps()), other: None }
+    /// The plan for areas of blurs with these functions, beside areas without blur, and noise of so many gray levels.
+    fn plan(psfs: &[Psf], noise: f64) -> CompensationPlan {
+        let blur = |psf: &Psf| Blur {
+            side: Some(Side::Left),
+            psf: Some(*psf),
+            taps: Some(psf.taps()),
+            other: None,
         };
         let none = Blur { side: None, psf: None, taps: None, other: None };
 
         let estimate = Estimate {
-            blurs: kinds.iter().map(blur).chain([none]).collect(),
+            blurs: psfs.iter().map(blur).chain([none]).collect(),
             noise: [noise; 2],
             ..Estimate::unknown((16, 16))
         };
@@ -211,14 +206,14 @@ mod tests {
     }
 
     /// Neighborhood and window of such a plan.
-    fn sizes(kinds: &[(Family, f64)], noise: f64) -> (usize, usize) {
-        let settings = plan(kinds, noise).settings;
+    fn sizes(psfs: &[Psf], noise: f64) -> (usize, usize) {
+        let settings = plan(psfs, noise).settings;
         (settings.neighborhood, settings.window)
     }
 
     #[test]
     fn slight_blur_is_left_as_it_is_but_in_noise() {
-        for slight in [(Family::Gaussian, 0.9), (Family::Disk, 1.4)] {
+        for slight in [Psf::gaussian(0.9), Psf::disk(1.4)] {
             assert_eq!(plan(&[slight], 1.0).kernels, [[None, None]]);
             let kernels = plan(&[slight], 3.0).kernels;
             assert!(kernels[0][0].is_none() && kernels[0][1].is_some(), "the right one is sharper");
@@ -229,24 +224,24 @@ mod tests {
 
     #[test]
     fn neighborhoods_grow_with_blur_that_is_wide_in_all_directions_and_in_noise() {
-        for narrow in [(Family::Gaussian, 1.3), (Family::Disk, 3.0), (Family::Motion, 15.0)] {
+        for narrow in [Psf::gaussian(1.3), Psf::disk(3.0), Psf::motion(15.0, 30.0)] {
             assert_eq!(sizes(&[narrow], 1.0), (3, 5));
             assert!(plan(&[narrow], 1.0).kernels[0][1].is_some());
             assert_eq!(sizes(&[narrow], 3.0), (5, 7));
         }
-        for more in [(Family::Gaussian, 2.0), (Family::Disk, 4.0)] {
+        for more in [Psf::gaussian(2.0), Psf::disk(4.0)] {
             assert_eq!(sizes(&[more], 1.0), (5, 7));
-            assert_eq!(sizes(&[more, (Family::Motion, 5.0)], 1.0), (5, 7));
+            assert_eq!(sizes(&[more, Psf::motion(5.0, 30.0)], 1.0), (5, 7));
         }
     }
 
     #[test]
     fn only_wide_gaussians_take_much_larger_neighborhoods() {
         assert_eq!(sizes(&[], 1.0), (3, 5));
-        assert_eq!(sizes(&[(Family::Gaussian, 2.5)], 1.0), (7, 7));
-        assert_eq!(sizes(&[(Family::Gaussian, 2.5), (Family::Gaussian, 4.0)], 1.0), (7, 7));
-        for other in [(Family::Gaussian, 2.0), (Family::Disk, 4.0), (Family::Motion, 9.0)] {
-            assert_eq!(sizes(&[(Family::Gaussian, 4.0), other], 1.0), (5, 7));
+        assert_eq!(sizes(&[Psf::gaussian(2.5)], 1.0), (7, 7));
+        assert_eq!(sizes(&[Psf::gaussian(2.5), Psf::gaussian(4.0)], 1.0), (7, 7));
+        for other in [Psf::gaussian(2.0), Psf::disk(4.0), Psf::motion(9.0, 30.0)] {
+            assert_eq!(sizes(&[Psf::gaussian(4.0), other], 1.0), (5, 7));
         }
     }
 }

@@ -11,7 +11,8 @@ use super::choices::{
 use super::rectified::fitted;
 use super::table::Grade::{Levels, Note, Warning, Well};
 use super::table::{Measured, Row, evaluated, levels, percent, table, value, when};
-use crate::estimation::blur::psf::{Family, Psf, Taps};
+use crate::estimation::blur::psf::Family;
+use crate::estimation::blur::taps::Taps;
 use crate::estimation::blur::{Blur, Side};
 use crate::estimation::estimates::Estimates;
 use crate::estimation::facts::Origin;
@@ -349,10 +350,7 @@ fn softer(known: &Known) -> Vec<Measured> {
     for (index, blur) in found.blurs.iter().enumerate() {
         let tiles = labels.iter().filter(|label| usize::from(**label) == index).count();
         let share = tiles as f64 / labels.len() as f64;
-        match kinds
-            .iter_mut()
-            .find(|(kind, _)| disk_side(blur).is_some_and(|side| disk_side(kind[0]) == Some(side)))
-        {
+        match kinds.iter_mut().find(|(kind, _)| follow_depth(blur, kind[0])) {
             Some((kind, sum)) => {
                 kind.push(blur);
                 *sum += share;
@@ -375,10 +373,14 @@ fn softer(known: &Known) -> Vec<Measured> {
     if all.is_empty() { value(0.0, []) } else { all }
 }
 
-/// The image that is out of focus, if that is all.
-fn disk_side(blur: &Blur) -> Option<Side> {
-    let is_disk = blur.other.is_none() && blur.psf.map(|psf| psf.family) == Some(Family::Disk);
-    blur.side.filter(|_| is_disk)
+/// Whether two blurs are of the same image alone, of a family whose sizes follow depth.
+fn follow_depth(one: &Blur, other: &Blur) -> bool {
+    let family = |blur: &Blur| blur.psf.filter(|_| blur.other.is_none()).map(|psf| psf.family);
+    let is_by_depth = |family: Family| family.traits().by_depth.is_some();
+    one.side.is_some()
+        && one.side == other.side
+        && family(one) == family(other)
+        && family(one).is_some_and(is_by_depth)
 }
 
 /// The image that is softer; by what, over a part of it if there are several kinds of blur; what to check; and whether
@@ -391,22 +393,20 @@ fn blur_words(kinds: &[&Blur], area: Option<f64>, is_left: bool) -> Option<Vec<S
     };
     let what = match (blur.other, least.psf, blur.psf) {
         (None, Some(least), Some(psf)) if kinds.len() > 1 => {
-            format!(
-                "softer than the {other} by disks of radius {:.1} to {:.1} px",
-                least.size, psf.size
-            )
+            let words = psf.family.traits().by_depth.unwrap_or(psf.family.traits().words);
+            let words = words.replace("{least}", &format!("{:.1}", least.size));
+            let words = words.replace("{largest}", &format!("{:.1}", psf.size));
+            format!("softer than the {other} by {words}")
         }
         (None, ..) => format!("softer than the {other} by {}", shape(blur)),
         (Some(psf), ..) => {
-            format!("blurred by {}, the {other} one by {}", shape(blur), psf_words(psf))
+            format!("blurred by {}, the {other} one by {}", shape(blur), psf.words())
         }
     };
     let area =
         area.map_or(String::new(), |share| format!(", over {} of the image", percent(share)));
-    let check = match blur.psf.map(|psf| psf.family) {
-        Some(Family::Gaussian | Family::Disk | Family::Annulus) => "its focus",
-        Some(Family::Motion) | None => "its mount and its exposure time",
-    };
+    let is_of_focus = blur.psf.is_some_and(|psf| psf.family.traits().is_of_focus);
+    let check = if is_of_focus { "its focus" } else { "its mount and its exposure time" };
     let done = if is_left && blur.is_slight() {
         "it is so slight that a match does better on the images as they are"
     } else {
@@ -420,17 +420,8 @@ fn shape(blur: &Blur) -> String {
     let radius = blur.taps.as_ref().map_or(0.0, Taps::radius);
     blur.psf.map_or_else(
         || format!("a blur of no simple shape, of radius {radius:.1} px rms"),
-        psf_words,
+        |psf| psf.words(),
     )
-}
-
-fn psf_words(Psf { family, size, angle, .. }: Psf) -> String {
-    match family {
-        Family::Gaussian => format!("a Gaussian of sigma {size:.1} px"),
-        Family::Disk => format!("a disk of radius {size:.1} px"),
-        Family::Annulus => format!("an annulus of outer radius {size:.1} px"),
-        Family::Motion => format!("a motion of {size:.1} px at {angle:.0} degrees"),
-    }
 }
 
 /// How far a factor is from 1, the same for its inverse. No logarithm is taken of zero.

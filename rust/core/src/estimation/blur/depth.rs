@@ -18,11 +18,10 @@ use std::sync::OnceLock;
 use rayon::prelude::*;
 
 use super::bank::Side;
-use super::fit::Response;
+use super::response::{Response, response};
 use super::rough::RoughScale;
 use super::search::{Blocks, Choice};
-use super::spectrum::response;
-use crate::estimation::blur::psf::{Family, Psf};
+use crate::estimation::blur::psf::Psf;
 use phasestereo_match::base::simd::Level;
 use phasestereo_match::base::statistics::ranked;
 
@@ -76,7 +75,7 @@ pub type Defocus = Option<(Side, f64)>;
 fn disks() -> &'static [Response] {
     static DISKS: OnceLock<Vec<Response>> = OnceLock::new();
     DISKS.get_or_init(|| {
-        let disk = |radius: usize| Psf::round(Family::Disk, radius as f64);
+        let disk = |radius: usize| Psf::disk(radius as f64);
         (1..=LARGEST).map(|radius| response(&disk(radius).taps(), Level::best())).collect()
     })
 }

@@ -9,7 +9,8 @@
 //! and the loss is the weighted mean magnitude of the residuals of its logarithm. The gain is first that of the low
 //! frequencies, which blur hardly changes; then one Gauss-Newton step corrects it.
 
-use super::bins::{FLOAT_LANES, FloatLanes, bins, total};
+use super::bins::{FLOAT_LANES, FloatLanes, bins, ln, total};
+use super::response::Response;
 use super::spectrum::Powers;
 use phasestereo_match::base::math;
 use phasestereo_match::base::simd::{Level, Loop};
@@ -25,14 +26,6 @@ const LARGEST_GAIN: f32 = 20.0;
 
 /// Most bins that residuals are stored for.
 const MOST_BINS: usize = 256;
-
-/// The share of the power that a kernel leaves in every bin.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Response {
-    values: Vec<f32>,
-    /// The mean logarithm at low frequencies.
-    low: f32,
-}
 
 /// Power spectra of two blocks, one of which may be blurrier.
 #[derive(Debug, Clone)]
@@ -57,25 +50,6 @@ pub struct Fit {
     pub lack: f32,
     /// Logarithm of the gain of power.
     log_gain: f32,
-}
-
-impl Response {
-    /// The response with one value for every bin.
-    pub fn new(values: Vec<f32>) -> Self {
-        let low = bins().low.iter().zip(&values).map(|(weight, value)| weight * ln(*value)).sum();
-        Self { values, low }
-    }
-
-    /// The share that is left in every bin.
-    #[cfg(test)]
-    pub fn values(&self) -> &[f32] {
-        &self.values
-    }
-
-    /// The response of no blur.
-    pub fn flat() -> Self {
-        Self::new(vec![1.0; bins().count()])
-    }
 }
 
 impl Fit {
@@ -300,22 +274,6 @@ fn logarithms(values: FloatLanes) -> FloatLanes {
         *value = ln(*value);
     }
     logarithms
-}
-
-/// The natural logarithm of a positive number, to 4e-5. It is the same on every machine, and loops over it are
-/// vectorized.
-#[inline(always)]
-fn ln(value: f32) -> f32 {
-    let bits = value.max(f32::MIN_POSITIVE).to_bits() as i32;
-
-    // The value is (1 + t) 2^exponent, as its bits say.
-    let exponent = ((bits >> 23) - 127) as f32;
-    let t = f32::from_bits((bits & 0x007f_ffff | 0x3f80_0000) as u32) - 1.0;
-
-    // A polynomial for ln(1 + t) / t, by least squares at Chebyshev nodes.
-    let series = 0.041_551_114 * t - 0.157_838_38;
-    let series = (series * t + 0.306_561_1) * t - 0.497_030_84;
-    (series * t + 0.999_945) * t + exponent * std::f32::consts::LN_2
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use super::bank::Side;
 use super::bins::SIDE;
 use super::rough::{GrayPlane, RoughMatch};
 use super::spectrum::{BlockPlace, Cross, kernel};
-use crate::estimation::blur::psf::Taps;
+use super::taps::Taps;
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
@@ -107,8 +107,8 @@ fn cleaned(kernel: &Plane<f32>) -> Option<Taps> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::taps::path;
     use super::*;
-    use crate::estimation::blur::psf::path;
     use crate::estimation::blur::rough::{Correspondence, RoughScale};
     use phasestereo_match::base::plane::reflect;
     use phasestereo_match::image::view::{Image, View};

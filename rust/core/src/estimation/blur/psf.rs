@@ -1,13 +1,17 @@
-//! Point-spread functions: the families of lenses and shutters, as kernels of taps.
+//! Point-spread functions of lenses and shutters, and the table of their families.
+//!
+//! The bank, its refinement, priors, findings, the text of a rig and the faces are loops over the table: a family is added
+//! by a row of it, and by a kernel in [`super::taps`].
 
-use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2};
+use std::ops::RangeInclusive;
 
 use serde::{Deserialize, Serialize};
 
-use phasestereo_match::base::math;
+use super::taps::{Taps, annulus, gaussian, motion};
 
-/// A family of point-spread functions of one size each.
+/// A family of point-spread functions: a row of [`TABLE`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[repr(usize)]
 pub enum Family {
     /// Gaussian; the size is its standard deviation.
     Gaussian,
@@ -33,24 +37,193 @@ pub struct Psf {
     pub inner: f64,
 }
 
-/// A square kernel of odd side whose taps have the sum 1.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Taps {
-    /// Taps on either side of the center.
-    pub reach: usize,
-    /// Row after row.
-    pub values: Vec<f64>,
+/// What is known of a family.
+#[derive(Debug)]
+pub struct Traits {
+    /// Its name.
+    pub name: &'static str,
+    /// A sentence's words for one of it, with holes `{size}` and `{angle}`.
+    pub words: &'static str,
+    /// The same for some of one image whose sizes follow depth, with holes `{least}` and `{largest}`; `None`: sizes do not.
+    pub by_depth: Option<&'static str>,
+    /// Whether it comes from the focus; else from motion during the exposure.
+    pub is_of_focus: bool,
+    /// The size, pixels, from which on nothing finer is left in any direction; `None`: something is left.
+    pub wide: Option<f64>,
+    /// Sizes in the bank, pixels.
+    sizes: &'static [f64],
+    /// The largest size, pixels: blocks are too small for kernels that are larger than half of them.
+    largest: f64,
+    /// The parameter beside the size.
+    shape: Shape,
+    /// What has to speak for it; `None`: what speaks for the others.
+    pub rarity: Option<Rarity>,
+    /// Sizes that are tried where a few entries of the bank have to do, and every how many shapes.
+    probes: (&'static [f64], usize),
+    taps: fn(&Psf) -> Taps,
+    spread: fn(&Psf) -> f64,
 }
 
-/// Sub-samples of a pixel in each direction under a disk or an annulus.
-const DISK_SAMPLES: usize = 8;
-/// Samples of a path per pixel of its length.
-const MOTION_SAMPLES: f64 = 16.0;
+/// A parameter beside the size: its values in the bank.
+#[derive(Debug)]
+enum Shape {
+    /// There is none.
+    None,
+    /// A direction, degrees.
+    Angle(&'static [f64]),
+    /// The share of the radius that is covered: the bank's, and the range. With a smaller hole, it hardly differs from none.
+    Inner(&'static [f64], RangeInclusive<f64>),
+}
+
+/// How much better a rare family has to explain what is seen than the others.
+#[derive(Debug)]
+pub struct Rarity {
+    /// What is added to its loss in the bank, nepers.
+    pub prior: f32,
+    /// The largest share that its loss may be of that of all other families.
+    pub share: f32,
+}
+
+/// First step of the size, as a share of it; of a covered share, half of that.
+const STEP: f64 = 0.2;
+/// First step of the direction, degrees.
+const TURN: f64 = 8.0;
+
+/// The families, by their numbers.
+static TABLE: [Traits; 4] = [
+    Traits {
+        name: "gaussian",
+        words: "a Gaussian of sigma {size} px",
+        by_depth: None,
+        is_of_focus: true,
+        wide: Some(2.25),
+        sizes: &[1.0, 1.5, 2.0, 3.0, 4.0, 5.5, 7.0],
+        largest: 8.0,
+        shape: Shape::None,
+        rarity: None,
+        probes: (&[], 1),
+        taps: |psf| gaussian(psf.size),
+        spread: |psf| psf.size,
+    },
+    Traits {
+        name: "disk",
+        words: "a disk of radius {size} px",
+        by_depth: Some("disks of radius {least} to {largest} px"),
+        is_of_focus: true,
+        wide: None,
+        sizes: &[2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0],
+        largest: 14.0,
+        shape: Shape::None,
+        rarity: None,
+        probes: (&[2.0, 4.0, 8.0], 1),
+        taps: |psf| annulus(psf.size, 0.0),
+        spread: |psf| psf.size / 2.0,
+    },
+    Traits {
+        name: "motion",
+        words: "a motion of {size} px at {angle} degrees",
+        by_depth: None,
+        is_of_focus: false,
+        wide: None,
+        sizes: &[5.0, 7.0, 9.0, 11.0, 13.0, 15.0, 18.0, 21.0, 25.0],
+        largest: 31.0,
+        // A motion of 180 degrees is that of 0.
+        shape: Shape::Angle(&[
+            0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0, 105.0, 120.0, 135.0, 150.0, 165.0,
+        ]),
+        rarity: None,
+        probes: (&[5.0, 9.0, 15.0], 2),
+        taps: |psf| motion(psf.size, psf.angle),
+        spread: |psf| (psf.size - 1.0) / 24f64.sqrt(),
+    },
+    Traits {
+        name: "annulus",
+        words: "an annulus of outer radius {size} px",
+        by_depth: None,
+        is_of_focus: true,
+        wide: None,
+        sizes: &[3.0, 4.0, 5.0, 6.0, 8.0, 10.0],
+        largest: 14.0,
+        shape: Shape::Inner(&[0.5, 0.75], 0.4..=0.9),
+        // Lenses with a covered middle are rare, and the many zeros of annuli resemble what compression leaves of a blur, and
+        // areas of several blurs. True annuli have about a third of the loss of the best disk, mistaken ones more than two
+        // thirds.
+        rarity: Some(Rarity { prior: 0.1, share: 0.5 }),
+        probes: (&[4.0, 6.0], 1),
+        taps: |psf| annulus(psf.size, psf.inner),
+        spread: |psf| psf.size / 2.0 * (1.0 + psf.inner * psf.inner).sqrt(),
+    },
+];
+
+impl Family {
+    /// All of them, by their numbers.
+    pub fn all() -> impl Iterator<Item = Self> {
+        [Self::Gaussian, Self::Disk, Self::Motion, Self::Annulus].into_iter()
+    }
+
+    /// Its number.
+    pub fn number(self) -> usize {
+        self as usize
+    }
+
+    /// The family of a number; `None` beyond the last.
+    pub fn of_number(number: usize) -> Option<Self> {
+        Self::all().nth(number)
+    }
+
+    /// Its row of the table.
+    pub fn traits(self) -> &'static Traits {
+        &TABLE[self.number()]
+    }
+
+    /// The members in the bank whose sizes are wanted, shape by shape.
+    fn grid(self, is_wanted: impl Fn(f64) -> bool) -> impl Iterator<Item = Psf> {
+        let Traits { sizes, shape, .. } = self.traits();
+        let round = move |size: f64| Psf { family: self, size, angle: 0.0, inner: 0.0 };
+        let members = sizes.iter().copied().filter(move |size| is_wanted(*size));
+        members.flat_map(move |size| {
+            let (angles, inners): (&[f64], &[f64]) = match shape {
+                Shape::None => (&[0.0], &[0.0]),
+                Shape::Angle(angles) => (angles, &[0.0]),
+                Shape::Inner(inners, _) => (&[0.0], inners),
+            };
+            let with_angle = move |angle: &f64| Psf { angle: *angle, ..round(size) };
+            let turned = angles.iter().map(with_angle);
+            turned.flat_map(move |psf| inners.iter().map(move |inner| Psf { inner: *inner, ..psf }))
+        })
+    }
+
+    /// Its members in the bank.
+    pub fn members(self) -> impl Iterator<Item = Psf> {
+        self.grid(|_| true)
+    }
+
+    /// Some of them, to see whether there is any blur.
+    pub fn probes(self) -> impl Iterator<Item = Psf> {
+        let (sizes, step) = self.traits().probes;
+        self.grid(|size| sizes.contains(&size)).step_by(step)
+    }
+
+    /// Whether the parameters of a member are within their ranges.
+    pub fn contains(self, psf: &Psf) -> bool {
+        let Traits { largest, shape, .. } = self.traits();
+        let has_shape = match shape {
+            Shape::Inner(_, range) => range.contains(&psf.inner),
+            Shape::None | Shape::Angle(_) => true,
+        };
+        psf.size <= *largest && has_shape
+    }
+}
 
 impl Psf {
-    /// One of a family that has neither a direction nor a hole.
-    pub fn round(family: Family, size: f64) -> Self {
-        Self { family, size, angle: 0.0, inner: 0.0 }
+    /// A Gaussian of a standard deviation.
+    pub fn gaussian(sigma: f64) -> Self {
+        Self { family: Family::Gaussian, size: sigma, angle: 0.0, inner: 0.0 }
+    }
+
+    /// A disk of a radius.
+    pub fn disk(radius: f64) -> Self {
+        Self { family: Family::Disk, size: radius, angle: 0.0, inner: 0.0 }
     }
 
     /// Motion in a direction.
@@ -66,182 +239,50 @@ impl Psf {
     /// The kernel: a Gaussian cut at four standard deviations, a disk or an annulus integrated over each pixel, a path
     /// whose samples are split bilinearly over their four pixels.
     pub fn taps(&self) -> Taps {
-        match self.family {
-            Family::Gaussian => gaussian(self.size),
-            Family::Disk => annulus(self.size, 0.0),
-            Family::Motion => motion(self.size, self.angle),
-            Family::Annulus => annulus(self.size, self.inner),
-        }
+        (self.family.traits().taps)(self)
     }
 
     /// Root mean square distance from the center along one axis, averaged over the directions, pixels. It makes sizes
     /// of different families comparable.
     pub fn spread(&self) -> f64 {
-        match self.family {
-            Family::Gaussian => self.size,
-            Family::Disk => self.size / 2.0,
-            Family::Motion => (self.size - 1.0) / 24f64.sqrt(),
-            Family::Annulus => self.size / 2.0 * (1.0 + self.inner * self.inner).sqrt(),
-        }
-    }
-}
-
-impl Taps {
-    /// A kernel with `reach` taps on either side, from values whose sum is not zero.
-    pub fn new(reach: usize, mut values: Vec<f64>) -> Self {
-        debug_assert_eq!(values.len(), (2 * reach + 1).pow(2));
-
-        let sum: f64 = values.iter().sum();
-        for value in &mut values {
-            *value /= sum;
-        }
-
-        Self { reach, values }
+        (self.family.traits().spread)(self)
     }
 
-    /// Taps along one side.
-    pub fn side(&self) -> usize {
-        2 * self.reach + 1
+    /// What is added to its loss in the bank, nepers: more for a rare family.
+    pub fn prior(&self) -> f32 {
+        self.family.traits().rarity.as_ref().map_or(0.0, |rarity| rarity.prior)
     }
 
-    /// The taps as (dy, dx, value) relative to the center.
-    pub fn places(&self) -> impl Iterator<Item = (isize, isize, f64)> + '_ {
-        let (side, reach) = (self.side(), self.reach as isize);
-
-        self.values.iter().enumerate().map(move |(i, value)| {
-            ((i / side) as isize - reach, (i % side) as isize - reach, *value)
-        })
+    /// Whether it leaves nothing fine in any direction.
+    pub fn is_wide(&self) -> bool {
+        self.family.traits().wide.is_some_and(|least| self.size >= least)
     }
 
-    /// The least share of texture that is left at half the highest frequency, a period of 4 pixels, along rows, columns and both
-    /// diagonals.
-    pub fn least_response(&self) -> f64 {
-        let along = |down: f64, across: f64| {
-            let (mut real, mut imaginary) = (0.0, 0.0);
-            for (dy, dx, value) in self.places() {
-                let (sine, cosine) =
-                    math::sin_cos(FRAC_PI_2 * (down * dy as f64 + across * dx as f64));
-                real += value * cosine;
-                imaginary += value * sine;
+    /// The blur in words.
+    pub fn words(&self) -> String {
+        let words = self.family.traits().words;
+        let words = words.replace("{size}", &format!("{:.1}", self.size));
+        words.replace("{angle}", &format!("{:.0}", self.angle))
+    }
+
+    /// The blurs that differ from one by a step in one parameter, within its range. Steps are halved so many times.
+    pub fn steps(self, halvings: u32) -> impl Iterator<Item = Self> {
+        // The steps of both parameters shrink together.
+        let scale = 1.0 / f64::from(1u32 << halvings);
+        let (grow, turn) = (STEP * scale, TURN * scale);
+
+        let sizes =
+            [1.0 - grow, 1.0 + grow].map(|factor| Self { size: self.size * factor, ..self });
+        let shapes = [1.0, -1.0].map(|sign| match self.family.traits().shape {
+            Shape::None => None,
+            Shape::Angle(_) => {
+                Some(Self { angle: (self.angle + sign * turn).rem_euclid(180.0), ..self })
             }
-            math::hypot(real, imaginary)
-        };
-        let diagonal = FRAC_1_SQRT_2;
-        [(0.0, 1.0), (1.0, 0.0), (diagonal, diagonal), (diagonal, -diagonal)]
-            .into_iter()
-            .map(|(down, across)| along(down, across))
-            .fold(1.0, f64::min)
+            Shape::Inner(..) => Some(Self { inner: self.inner + sign * grow / 2.0, ..self }),
+        });
+        let all = sizes.into_iter().chain(shapes.into_iter().flatten());
+        all.filter(move |psf| self.family.contains(psf))
     }
-
-    /// Root mean square distance of the taps from their mean, pixels.
-    pub fn radius(&self) -> f64 {
-        let [down, across, _] = self.moments();
-        (down + across).max(0.0).sqrt()
-    }
-
-    /// The standard deviation in the direction in which it is least, pixels: nearly 0 of a motion.
-    pub fn least_spread(&self) -> f64 {
-        let [down, across, both] = self.moments();
-        let least = f64::midpoint(down, across) - math::hypot((down - across) / 2.0, both);
-        least.max(0.0).sqrt()
-    }
-
-    /// The second moments about the mean, which need not be the center: down, across, and of both.
-    fn moments(&self) -> [f64; 3] {
-        let moment = |of: &dyn Fn(f64, f64) -> f64| -> f64 {
-            self.places().map(|(dy, dx, value)| value * of(dy as f64, dx as f64)).sum()
-        };
-        let (y, x) = (moment(&|y, _| y), moment(&|_, x| x));
-        let down = moment(&|dy, _| (dy - y).powi(2));
-        let across = moment(&|_, dx| (dx - x).powi(2));
-        [down, across, moment(&|dy, dx| (dy - y) * (dx - x))]
-    }
-}
-
-/// A Gaussian that is cut off at four standard deviations.
-fn gaussian(sigma: f64) -> Taps {
-    let reach = (4.0 * sigma + 0.5) as usize;
-
-    let side = 0..=2 * reach;
-    let profile: Vec<f64> = side
-        .map(|i| {
-            math::exp(-0.5 * ((i as f64 - reach as f64) / sigma.max(f64::MIN_POSITIVE)).powi(2))
-        })
-        .collect();
-
-    // A Gaussian is separable: the outer product of its profile.
-    let rows = profile.iter().flat_map(|a| profile.iter().map(move |b| a * b));
-    Taps::new(reach, rows.collect())
-}
-
-/// An annulus, or a disk where `inner` is 0, from samples that are counted in each pixel.
-fn annulus(radius: f64, inner: f64) -> Taps {
-    let reach = (radius - 0.5).ceil().max(0.0) as usize;
-    let side = 2 * reach + 1;
-    let samples = side * DISK_SAMPLES;
-    let place = |i: usize| (i as f64 + 0.5) / DISK_SAMPLES as f64 - 0.5 - reach as f64;
-
-    let mut values = vec![0.0; side * side];
-    let hole = (inner * radius).powi(2);
-
-    for i in 0..samples {
-        let y = place(i);
-        for j in 0..samples {
-            let square = y * y + place(j).powi(2);
-            if square <= radius * radius && (square > hole || inner == 0.0) {
-                values[i / DISK_SAMPLES * side + j / DISK_SAMPLES] += 1.0;
-            }
-        }
-    }
-
-    // Between two samples there may be none: that is no blur.
-    if values.iter().all(|value| *value == 0.0) {
-        values[side * side / 2] = 1.0;
-    }
-
-    Taps::new(reach, values)
-}
-
-/// A straight path.
-fn motion(length: f64, angle: f64) -> Taps {
-    // A path between the centers of pixels is one pixel shorter than the pixels that it covers.
-    let half = (length - 1.0).max(0.0) / 2.0;
-    let samples = (length * MOTION_SAMPLES).round().max(1.0) as usize + 1;
-    let steps = (0..samples).map(|i| -half + 2.0 * half * i as f64 / (samples - 1) as f64);
-
-    let (sine, cosine) = math::sin_cos(angle.to_radians());
-    path(steps.map(|step| (exact(step * sine), exact(step * cosine))))
-}
-
-/// A coordinate without rounding errors, so that right angles are exact: the computed cosine of 90 degrees is 6e-17.
-fn exact(value: f64) -> f64 {
-    (value * 1e12).round() / 1e12
-}
-
-/// A kernel of samples (y, x), each split bilinearly over its four pixels.
-pub fn path(samples: impl Iterator<Item = (f64, f64)>) -> Taps {
-    let samples: Vec<_> = samples.collect();
-    let farthest = samples.iter().map(|(y, x)| y.abs().max(x.abs())).fold(0.0, f64::max);
-    let reach = farthest.ceil() as usize;
-
-    // One more row and column for the far neighbors of the ends, which have no weight.
-    let (side, wide) = (2 * reach + 1, 2 * reach + 2);
-
-    let mut values = vec![0.0; wide * wide];
-
-    for (y, x) in samples {
-        let (top, left) = (y.floor(), x.floor());
-        let place = |offset: f64| (offset + reach as f64) as usize;
-
-        for (row, down) in [(top, 1.0 - (y - top)), (top + 1.0, y - top)] {
-            for (col, along) in [(left, 1.0 - (x - left)), (left + 1.0, x - left)] {
-                values[place(row) * wide + place(col)] += down * along;
-            }
-        }
-    }
-
-    let rows = values.chunks(wide).take(side).flat_map(|row| &row[..side]);
-    Taps::new(reach, rows.copied().collect())
 }
 
 #[cfg(test)]
@@ -252,7 +293,7 @@ mod tests {
         let sizes = [1.0, 1.3, 2.0, 3.7, 6.0, 8.0];
         let angles = [0.0, 17.0, 45.0, 90.0, 163.0];
         sizes.into_iter().flat_map(move |size| {
-            let rounds = [Family::Gaussian, Family::Disk].map(|family| Psf::round(family, size));
+            let rounds = [Psf::gaussian(size), Psf::disk(size)];
             let annuli = [0.3, 0.5, 0.8].map(|inner| Psf::annulus(size, inner));
             let motions = angles.map(|angle| Psf::motion(size, angle));
             rounds.into_iter().chain(annuli).chain(motions)
@@ -294,8 +335,8 @@ mod tests {
     #[test]
     fn the_smallest_of_every_family_is_no_blur() {
         for psf in [
-            Psf::round(Family::Gaussian, 0.0),
-            Psf::round(Family::Disk, 0.01),
+            Psf::gaussian(0.0),
+            Psf::disk(0.01),
             Psf::motion(1.0, 30.0),
             Psf::motion(0.5, 30.0),
             Psf::annulus(0.01, 0.5),
@@ -307,11 +348,25 @@ mod tests {
     }
 
     #[test]
-    fn a_path_need_not_be_symmetric() {
-        let taps = path([(0.0, 0.0), (0.0, 1.0), (2.0, 1.5)].into_iter());
-        assert_eq!(taps.reach, 2);
-        let tap = |y: usize, x: usize| taps.values[y * taps.side() + x];
-        let expected = [(2, 2, 1.0), (2, 3, 1.0), (4, 3, 0.5), (4, 4, 0.5)];
-        assert!(expected.iter().all(|(y, x, tap_)| (tap(*y, *x) - tap_ / 3.0).abs() < 1e-12));
+    fn families_have_numbers_and_names_of_their_own() {
+        for (number, family) in Family::all().enumerate() {
+            assert_eq!(family.number(), number);
+            let same = Family::all().filter(|other| other.traits().name == family.traits().name);
+            assert_eq!(same.count(), 1);
+            let grid: Vec<Psf> = family.grid(|_| true).collect();
+            assert!(grid.iter().all(|psf| psf.family == family && family.contains(psf)));
+            assert!(family.grid(|_| false).count() == 0);
+        }
+        assert_eq!(Family::of_number(TABLE.len()), None);
+    }
+
+    #[test]
+    fn steps_change_one_parameter_within_its_range() {
+        let steps = |psf: Psf| psf.steps(0).collect::<Vec<_>>();
+        assert_eq!(steps(Psf::gaussian(2.0)), [1.6, 2.4].map(Psf::gaussian));
+        assert_eq!(steps(Psf::disk(14.0)), [Psf::disk(14.0 * 0.8)]);
+        let turned = [Psf::motion(5.0, 7.0), Psf::motion(5.0, 171.0)];
+        assert_eq!(steps(Psf::motion(5.0, 179.0))[2..], turned);
+        assert_eq!(steps(Psf::annulus(5.0, 0.45))[2..], [Psf::annulus(5.0, 0.45 + 0.1)]);
     }
 }

@@ -1,24 +1,12 @@
 //! Refinement of a coarse choice from the bank to the size and the direction of a blur.
 
-use std::ops::RangeInclusive;
-
 use super::bank::{Entry, bank};
 use super::fit::{BlurEvidence, Fit};
-use crate::estimation::blur::psf::{Family, Psf};
+use super::psf::{Family, Psf};
 use phasestereo_match::base::simd::Level;
 
-/// First step of the size, as a share of it.
-const STEP: f64 = 0.2;
-/// First step of the direction, degrees.
-const TURN: f64 = 8.0;
-/// Shares of the radius of an annulus that may be covered: one with a smaller hole hardly differs from a disk.
-const COVERED: RangeInclusive<f64> = 0.4..=0.9;
-/// An annulus is accepted if its loss is at most this share of that of all other families: its many zeros resemble
-/// what compression leaves of a blur, and areas of several blurs. True annuli have about
-/// a third of the loss of the best disk, mistaken ones more than two thirds.
-const CLEARLY: f32 = 0.5;
 /// How often the steps of size and direction are halved.
-const HALVINGS: usize = 5;
+const HALVINGS: u32 = 5;
 /// Families whose first loss is more than the least one times this (plus a little) are not refined.
 const HOPELESS: f32 = 1.6;
 
@@ -39,15 +27,15 @@ pub fn refine(evidence: &BlurEvidence, level: Level) -> RefinedBlur {
     };
     let judge_new = |psf| judge(Entry::new(psf, level));
 
-    let families = [Family::Gaussian, Family::Disk, Family::Motion, Family::Annulus];
     // The best entry of the bank of each family.
-    let seeds = families.map(|family| {
+    let seeds = Family::all().map(|family| {
         let members = bank().iter().filter(|entry| entry.psf.family == family);
         best(members.cloned().map(judge))
     });
 
-    let (annuli, others): (Vec<_>, Vec<_>) =
-        seeds.into_iter().flatten().partition(|found| found.entry.psf.family == Family::Annulus);
+    let rarity = |found: &RefinedBlur| found.entry.psf.family.traits().rarity.as_ref();
+    let (rare, others): (Vec<_>, Vec<_>) =
+        seeds.flatten().partition(|found| rarity(found).is_some());
 
     let least = others.iter().map(|found| found.fit.loss).fold(f32::INFINITY, f32::min);
     let is_hopeful = |found: &RefinedBlur| found.fit.loss <= HOPELESS * least + 0.02;
@@ -56,17 +44,18 @@ pub fn refine(evidence: &BlurEvidence, level: Level) -> RefinedBlur {
     // The family with the least loss passes the filter, so there is one unless all losses are NaN.
     let usual = best(refined).unwrap_or_else(|| judge(bank()[0].clone()));
 
-    let annuli = annuli.into_iter().filter(is_hopeful).map(|seed| descend(seed, &judge_new));
-    best(annuli.filter(|found| found.fit.loss <= CLEARLY * usual.fit.loss)).unwrap_or(usual)
+    let rare = rare.into_iter().filter(is_hopeful).map(|seed| descend(seed, &judge_new));
+    let is_clear = |found: &RefinedBlur| {
+        rarity(found).is_none_or(|rarity| found.fit.loss <= rarity.share * usual.fit.loss)
+    };
+    best(rare.filter(is_clear)).unwrap_or(usual)
 }
 
 /// Pattern search: goes to the best neighbor while the loss falls, then halves the steps.
 fn descend(seed: RefinedBlur, judge: &impl Fn(Psf) -> RefinedBlur) -> RefinedBlur {
     let mut found = seed;
     for halving in 0..HALVINGS {
-        // The steps of both parameters shrink together.
-        let (grow, turn) = (STEP / f64::from(1 << halving), TURN / f64::from(1 << halving));
-        while let Some(better) = best(neighbors(found.entry.psf, grow, turn).map(judge))
+        while let Some(better) = best(found.entry.psf.steps(halving).map(judge))
             .filter(|other| other.fit.loss < found.fit.loss)
         {
             found = better;
@@ -74,33 +63,6 @@ fn descend(seed: RefinedBlur, judge: &impl Fn(Psf) -> RefinedBlur) -> RefinedBlu
     }
 
     found
-}
-
-/// The blurs that differ from one by a step in one parameter, within what is allowed.
-fn neighbors(psf: Psf, grow: f64, turn: f64) -> impl Iterator<Item = Psf> {
-    let sizes = [1.0 - grow, 1.0 + grow].map(|factor| Psf { size: psf.size * factor, ..psf });
-    let angles = [turn, -turn].map(|by| Psf { angle: (psf.angle + by).rem_euclid(180.0), ..psf });
-    let holes = [grow, -grow].map(|by| Psf { inner: psf.inner + by / 2.0, ..psf });
-
-    // Only motions have a direction, only annuli a hole.
-    let turns = if psf.family == Family::Motion { 2 } else { 0 };
-    let covers = if psf.family == Family::Annulus { 2 } else { 0 };
-
-    let within = |psf: &Psf| {
-        let is_annulus = psf.family == Family::Annulus;
-        psf.size <= largest(psf.family) && (!is_annulus || COVERED.contains(&psf.inner))
-    };
-    let shapes = angles.into_iter().take(turns).chain(holes.into_iter().take(covers));
-    sizes.into_iter().chain(shapes).filter(within)
-}
-
-/// The largest size: blocks are too small for kernels that are larger than half of them.
-fn largest(family: Family) -> f64 {
-    match family {
-        Family::Gaussian => 8.0,
-        Family::Disk | Family::Annulus => 14.0,
-        Family::Motion => 31.0,
-    }
 }
 
 fn best(found: impl Iterator<Item = RefinedBlur>) -> Option<RefinedBlur> {
@@ -120,8 +82,7 @@ mod tests {
         let scene = (0..bins().count()).map(|bin| 400.0 / (1.0 + bin as f32));
         let response = Entry::new(psf, Level::best()).response;
 
-        let blurred =
-            scene.clone().zip(response.values()).map(|(power, left)| power * left + noise);
+        let blurred = scene.clone().zip(&response.values).map(|(power, left)| power * left + noise);
         let binned = [blurred.collect(), scene.map(|power| power + noise).collect()];
 
         let powers = Powers { binned, least_high: [0.0; 2] };
@@ -132,11 +93,11 @@ mod tests {
     #[test]
     fn sizes_and_angles_between_those_of_the_bank_are_found() {
         let psfs = [
-            Psf::round(Family::Gaussian, 2.43),
-            Psf::round(Family::Gaussian, 6.2),
-            Psf::round(Family::Disk, 0.6),
-            Psf::round(Family::Disk, 3.55),
-            Psf::round(Family::Disk, 7.1),
+            Psf::gaussian(2.43),
+            Psf::gaussian(6.2),
+            Psf::disk(0.6),
+            Psf::disk(3.55),
+            Psf::disk(7.1),
             Psf::motion(12.1, 38.0),
             Psf::motion(8.3, 172.0),
             Psf::motion(19.6, 96.0),
@@ -158,26 +119,23 @@ mod tests {
     fn a_disk_with_a_hole_must_be_clearly_better_than_one_without() {
         for (size, inner) in [(5.0, 0.1), (5.0, 0.25), (4.0, 0.3), (7.0, 0.3)] {
             let found = refine(&evidence(Psf::annulus(size, inner)), Level::best()).entry.psf;
-            assert_eq!(found.family, Family::Disk, "{found:?}");
+            assert_eq!(found.family, Psf::disk(1.0).family, "{found:?}");
         }
     }
 
     #[test]
     fn sizes_stay_within_what_blocks_see() {
-        for psf in [
-            Psf::round(Family::Gaussian, 16.0),
-            Psf::round(Family::Disk, 28.0),
-            Psf::motion(62.0, 0.0),
-            Psf::annulus(28.0, 0.5),
-        ] {
+        for psf in
+            [Psf::gaussian(16.0), Psf::disk(28.0), Psf::motion(62.0, 0.0), Psf::annulus(28.0, 0.5)]
+        {
             let found = refine(&evidence(psf), Level::best()).entry.psf;
-            assert!(found.size <= largest(found.family), "{found:?}");
+            assert!(psf.family.contains(&found), "{found:?}");
         }
     }
 
     #[test]
     fn no_blur_becomes_a_very_small_one() {
-        let found = refine(&evidence(Psf::round(Family::Gaussian, 0.1)), Level::best());
+        let found = refine(&evidence(Psf::gaussian(0.1)), Level::best());
         assert!(found.entry.psf.spread() < 0.3, "{:?}", found.entry.psf);
     }
 }

@@ -4,11 +4,11 @@ use std::sync::OnceLock;
 
 use rayon::prelude::*;
 
-use super::bank::{Entry, Side, bank, probes};
-use super::fit::{BlurEvidence, Fit, Response};
+use super::bank::{Side, bank, probes};
+use super::fit::{BlurEvidence, Fit};
 use super::regions::{WORTH, first};
+use super::response::Response;
 use super::spectrum::Powers;
-use crate::estimation::blur::psf::Family;
 use phasestereo_match::base::simd::Level;
 
 /// Least loss of choices that are not tried, nepers: about that of a blur of the wrong side. With 4, a few blocks that
@@ -26,10 +26,6 @@ const BETTER: f32 = 0.02;
 /// What a few blurs are worth to a sample of blocks that are sharp together, nepers on average, from which on all blocks are
 /// looked at: a quarter of what a kind has to be worth, of which a sample may show less than its share.
 const GLANCE: f32 = 0.25 * WORTH;
-
-/// By how much an annulus has to explain blocks better than other blurs, nepers: lenses with a covered middle are
-/// rare, and their zeros resemble what compression leaves of other blurs. Annuli themselves are found all the same.
-const RARE: f32 = 0.1;
 
 /// A hypothesis about the blur: of one image, or none.
 #[derive(Debug, Clone, Copy)]
@@ -50,11 +46,6 @@ impl Choice<'static> {
         let side = if blurred < bank().len() { Side::Left } else { Side::Right };
         Self { side: Some(side), response: &bank()[blurred % bank().len()].response }
     }
-}
-
-/// The loss that is added to that of an entry because it is rare.
-fn prior(entry: &Entry) -> f32 {
-    if entry.psf.family == Family::Annulus { RARE } else { 0.0 }
 }
 
 /// The response of no blur.
@@ -103,7 +94,8 @@ impl Blocks {
             if tried {
                 let responses = bank().iter().map(|entry| &entry.response);
                 let tried = evidence.losses(responses, level);
-                losses.extend(tried.iter().zip(bank()).map(|(loss, entry)| loss + prior(entry)));
+                losses
+                    .extend(tried.iter().zip(bank()).map(|(loss, entry)| loss + entry.psf.prior()));
             } else {
                 losses.extend(vec![none.max(UNTRIED); bank().len()]);
             }
@@ -116,7 +108,7 @@ impl Blocks {
     fn least_of_probes(&self, level: Level) -> f32 {
         let tried = self.evidence.iter().zip(self.may_be_softer()).filter(|(_, tried)| *tried);
         let losses = tried.flat_map(|(evidence, _)| {
-            evidence.losses(probes().map(|entry| &entry.response), level)
+            evidence.losses(probes().iter().map(|entry| &entry.response), level)
         });
         losses.fold(f32::INFINITY, f32::min)
     }
@@ -195,7 +187,8 @@ pub fn searched(all: &[Blocks], is_sample: &[bool], is_sharp: bool, level: Level
 #[cfg(test)]
 mod tests {
     use super::super::bins::bins;
-    use super::super::spectrum::response;
+    use super::super::psf::Psf;
+    use super::super::response::response;
     use super::*;
 
     /// Powers of a pair whose left block is blurred by one of the bank, or not.
@@ -206,7 +199,7 @@ mod tests {
             Some(entry) => {
                 let psf = bank()[entry].psf;
                 let left = response(&psf.taps(), Level::best());
-                scene.iter().zip(left.values()).map(|(power, left)| power * left).collect()
+                scene.iter().zip(&left.values).map(|(power, left)| power * left).collect()
             }
             None => scene.clone(),
         };
@@ -241,7 +234,7 @@ mod tests {
     #[test]
     fn blurs_of_the_clearly_sharper_image_are_not_tried() {
         let count = bank().len();
-        let disk = bank().iter().position(|entry| entry.psf.family == Family::Disk);
+        let disk = bank().iter().position(|entry| entry.psf == Psf::disk(2.0));
 
         let soft = losses(&spectra(disk, 0.1), [0.1; 2]);
         assert!(soft[1..=count].iter().all(|loss| *loss <= 2.0));
@@ -256,7 +249,7 @@ mod tests {
 
     #[test]
     fn the_best_of_the_sample_is_tried_first_and_all_where_it_fails() {
-        let disk = bank().iter().position(|entry| entry.psf.family == Family::Disk);
+        let disk = bank().iter().position(|entry| entry.psf == Psf::disk(2.0));
         let disk = 1 + disk.expect("there are disks");
 
         let level = Level::best();
@@ -279,7 +272,7 @@ mod tests {
 
     #[test]
     fn where_all_blocks_together_are_sharp_the_bank_is_tried_on_those_that_are_not() {
-        let disk = bank().iter().position(|entry| entry.psf.family == Family::Disk);
+        let disk = bank().iter().position(|entry| entry.psf == Psf::disk(2.0));
         let level = Level::best();
         let blocks = [None, disk].map(|blur| Blocks::new(&spectra(blur, 0.1), [0.1; 2], level));
 
