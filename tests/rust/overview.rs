@@ -11,7 +11,7 @@ use phasestereo::internals::estimation::range::{
     LeftOut, SearchRange, bands_at_ends, belongs, beyond, ends, extent, is_identical, range, reach,
     signs,
 };
-use phasestereo::internals::estimation::tracks::{BLOCK, Seed, Track, follow, peak};
+use phasestereo::internals::estimation::tracks::{BLOCK, Seed, Track, follow};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::math;
 use phasestereo_match::base::plane::Plane;
@@ -376,37 +376,4 @@ fn images_are_identical_up_to_noise_if_nothing_has_moved_anywhere() {
     assert!(!is_identical(&|y, x| scene(y, x - 0.08), 0.0));
     assert!(!is_identical(&|y, x| scene(y + 0.08, x), 0.0));
     assert!(!is_identical(&|y, x| scene(y - 0.08, x), 0.0));
-}
-
-#[test]
-fn a_paraboloid_has_its_peak_and_its_curvature() {
-    let nine = |best: f64, [x, y]: [f64; 2], [a, b, twist]: [f64; 3]| {
-        let value = |at: usize| {
-            let (x, y) = ((at % 3) as f64 - 1.0 - x, (at / 3) as f64 - 1.0 - y);
-            (best - a * x * x - b * y * y - twist * x * y) as f32
-        };
-        std::array::from_fn(value)
-    };
-
-    for (place, bends) in [
-        ([0.3, -0.2], [0.2, 0.1, 0.05]),
-        ([-0.45, 0.1], [0.05, 0.3, -0.1]),
-        ([0.0, 0.0], [0.1, 0.1, 0.0]),
-    ] {
-        let nine = nine(0.9, place, bends);
-        let ([x, y], weight) = peak(nine, [2.0, -3.0]).expect("a peak");
-        assert!((x - 2.0 - place[0]).abs() < 1e-4 && (y + 3.0 - place[1]).abs() < 1e-4);
-        let [a, b, twist] = bends;
-        let curvature = 2.0 * b - twist * twist / (2.0 * a);
-        assert!((weight - curvature / (1.02 - f64::from(nine[4]))).abs() < 1e-4, "{weight}");
-    }
-
-    let is_one = |best, place, bends| peak(nine(best, place, bends), [0.0; 2]).is_some();
-    assert!(is_one(0.51, [0.0; 2], [0.1; 3]) && !is_one(0.49, [0.0; 2], [0.1; 3]));
-    assert!(
-        !is_one(0.9, [1.1, 0.0], [0.1, 0.1, 0.0]) && !is_one(0.9, [0.0, -1.1], [0.1, 0.1, 0.0])
-    );
-    // A ridge, a saddle, and two hollows.
-    assert!(!is_one(0.9, [0.0; 2], [0.1, 0.1, 0.2]) && !is_one(0.9, [0.0; 2], [0.1, 0.1, 0.21]));
-    assert!(!is_one(0.9, [0.0; 2], [-0.1, 0.1, 0.0]) && !is_one(0.9, [0.0; 2], [0.1, -0.1, 0.0]));
 }

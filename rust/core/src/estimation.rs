@@ -25,6 +25,7 @@ pub mod facts;
 pub mod overview;
 pub mod photometry;
 pub mod range;
+pub mod registration;
 pub mod rows;
 pub mod tracks;
 

@@ -3,15 +3,13 @@
 use std::ops::Range;
 
 use crate::estimation::blur::parts::{HALO, PairRows, Strips};
-use crate::estimation::blur::rough::{as_view, raised, reduced};
+use crate::estimation::blur::rough::{match_reduced, raised, reduced};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::platform::both;
 use phasestereo_match::matcher::Disparity;
 use phasestereo_match::matcher::runtime::Runtime;
-use phasestereo_match::matcher::section::Section;
-use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::alignment::{Alignment, TERMS};
 use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::refinement::flag;
@@ -319,28 +317,13 @@ impl Overview {
     /// with a left-right check.
     pub fn matched(
         &self,
-        (low, high): Span,
+        span: Span,
         alignment: Option<&Alignment>,
         detail: Detail,
-        Runtime { matcher, execution, control }: Runtime,
+        runtime: Runtime,
     ) -> Result<RoughMap> {
-        let [left, right] = &self.planes;
-        let right = match alignment {
-            Some(field) => raised(right, field, self.factor, control)?,
-            None => right.clone(),
-        };
-
-        // The span is cut to what the width of the copies allows.
-        let width = left.cols() as i64;
-        let count = (high - low + 1).clamp(1, left.cols() as isize) as i64;
-        let low = (low as i64).clamp(1 - width - (count - 1), width - 1);
-
-        let pair = Pair::new(as_view(left.clone()), as_view(right), low, count)?;
-        let settings = detail.settings();
-
-        // Rows of the reduced pair are not rows of the result: its progress is counted apart.
-        let all = Section::whole(&pair);
-        let map = matcher.match_alone(&pair, &all, &settings, execution, &control.aside())?;
+        let (planes, settings) = (self.planes.clone(), detail.settings());
+        let map = match_reduced(planes, self.factor, alignment, span, &settings, runtime)?;
         Ok(RoughMap::new(map, &self.valid, alignment.cloned()))
     }
 }

@@ -1,14 +1,12 @@
 //! Blocks of the left image that are found again in the right one, in both directions, with sub-pixel precision.
 //!
 //! A block of the left image is correlated with the nine right ones about its expected place, then with those about the
-//! best of the nine, until the best is the middle one. A paraboloid through the nine correlations gives the fractions.
+//! best of the nine, until the best is the middle one. The peak of the nine gives the fractions ([`Peak`]).
 //!
 //! ```text
 //! c(dx, dy) = sum l(x, y) r(x + dx, y + dy) / sqrt(sum l^2 sum r^2)     both less their means, after a 5 x 5 binomial
 //! (dx, dy) += offset of the largest c of the nine, while that is not the middle
 //! ```
-//!
-//! Its curvature along y, where x is free to follow, is what fixes `dy`: there is none along a vertical edge.
 
 use std::array::from_fn;
 use std::borrow::Cow;
@@ -18,6 +16,7 @@ use rayon::prelude::*;
 use crate::estimation::blur::parts::{PairRows, Part, Strips};
 use crate::estimation::blur::rough::reduced;
 use crate::estimation::overview::Overview;
+use crate::estimation::registration::Peak;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::{Level, Loop};
@@ -288,7 +287,13 @@ impl Loop for Climb<'_> {
             // Of equal ones, the middle: then the climb ends.
             let best = (0..9).fold(4, |best, at| if nine[at] > nine[best] { at } else { best });
             if best == 4 {
-                return peak(nine, [x as f64 - SEARCH as f64, y as f64 - SEARCH as f64]);
+                if nine[4] <= LEAST_CORRELATION {
+                    return None;
+                }
+                let peak = Peak::new(nine.map(f64::from))?;
+                let at = [x, y].map(|at| at as f64 - SEARCH as f64);
+                let offset = [at[0] + peak.offset[0], at[1] + peak.offset[1]];
+                return Some((offset, peak.precision()[1]));
             }
             (x, y) = (x + best % 3 - 1, y + best / 3 - 1);
 
@@ -334,34 +339,4 @@ fn correlation(block: &Patch<BLOCK>, area: &Patch<AREA>, energy: f32, x: usize, 
     // The block has no mean, so the product needs none subtracted; the squares of the right one do.
     let norm = energy * (square - sum * sum / (BLOCK * BLOCK) as f32);
     if norm > f32::MIN_POSITIVE { product / norm.sqrt() } else { 0.0 }
-}
-
-/// The maximum of the paraboloid through nine correlations, and how well it fixes the row; `None` if it has none nearby.
-pub fn peak(nine: [f32; 9], at: [f64; 2]) -> Option<([f64; 2], f64)> {
-    let [above, middle, below] =
-        [0, 3, 6].map(|row| [0, 1, 2].map(|col| f64::from(nine[row + col])));
-
-    let best = middle[1];
-    // First and second derivatives by central differences.
-    let (slope_x, slope_y) = ((middle[2] - middle[0]) / 2.0, (below[1] - above[1]) / 2.0);
-    let bend_x = middle[2] + middle[0] - 2.0 * best;
-    let bend_y = below[1] + above[1] - 2.0 * best;
-    let twist = (below[2] - below[0] - above[2] + above[0]) / 4.0;
-
-    let determinant = bend_x * bend_y - twist * twist;
-    if nine[4] <= LEAST_CORRELATION || bend_x >= 0.0 || bend_y >= 0.0 || determinant <= 0.0 {
-        return None;
-    }
-
-    // The zero of the gradient: a step of Newton's method.
-    let x = (twist * slope_y - bend_y * slope_x) / determinant;
-    let y = (twist * slope_x - bend_x * slope_y) / determinant;
-    if x.abs() >= 1.0 || y.abs() >= 1.0 {
-        return None;
-    }
-
-    // The curvature along y with x at its best, over what the correlation lacks to 1, a measure of the noise. A little
-    // more than 1 keeps the weight finite.
-    let sharpness = -determinant / bend_x;
-    Some(([at[0] + x, at[1] + y], sharpness / (1.02 - best)))
 }

@@ -5,16 +5,19 @@
 //! c(dx, dy) = correlation of the block of 24 x 24 about a corner with the block at (dx, dy) of the right image
 //!     of images of half the size within 12 px of what the nearest matches say (about the nearest corner that is so far from
 //!     their ends that it fits), then of the whole ones within 4 px
-//! (dx, dy) = the largest c, and the vertex of the paraboloid through the nine about it
+//! (dx, dy) = the largest c, and the peak of the nine about it
 //! kept if c > 0.7, unique and curved enough along y
 //! ```
 //!
 //! Images are in integers from `even` on, so correlations are exact up to their one division.
 
+use std::array::from_fn;
+
 use super::cameras::{Cameras, Point};
 use super::corners::{Corner, corners};
 use super::filters::{reduced, smoothed};
 use super::matches::Match;
+use crate::estimation::registration::Peak;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::{Plane, zeroed};
 use phasestereo_match::base::simd::{Level, Loop};
@@ -380,24 +383,12 @@ fn peak(surface: &[f64], count: usize) -> Option<Found> {
     let other = (0..surface.len()).filter(|at| is_elsewhere(*at)).map(|at| surface[at]);
     let other = other.fold(-1.0, f64::max);
 
-    let at = |dy: isize, dx: isize| surface[(best as isize + dy * count as isize + dx) as usize];
-    let slope = [(at(0, 1) - at(0, -1)) / 2.0, (at(1, 0) - at(-1, 0)) / 2.0];
-    let bend = [at(0, 1) + at(0, -1) - 2.0 * top, at(1, 0) + at(-1, 0) - 2.0 * top];
-    let twist = (at(1, 1) + at(-1, -1) - at(1, -1) - at(-1, 1)) / 4.0;
-    let determinant = bend[0] * bend[1] - twist * twist;
-    if determinant <= 1e-9 || bend[0] >= 0.0 {
-        return None;
-    }
-
-    let by = [
-        (twist * slope[1] - bend[1] * slope[0]) / determinant,
-        (twist * slope[0] - bend[0] * slope[1]) / determinant,
-    ];
-    let curvature = -determinant / bend[0];
-    let is_good = by.iter().all(|by| by.abs() < 1.0)
-        && curvature > CURVATURE.0
-        && 1.0 - top < UNIQUE * (1.0 - other);
-    is_good.then(|| Found { by: [x as f64 + by[0], y as f64 + by[1]], curvature })
+    let nine = from_fn(|at| surface[best + at / 3 * count + at % 3 - count - 1]);
+    let peak = Peak::new(nine)?;
+    let curvature = peak.curvature[1];
+    let is_good = curvature > CURVATURE.0 && 1.0 - top < UNIQUE * (1.0 - other);
+    let by = [x as f64 + peak.offset[0], y as f64 + peak.offset[1]];
+    is_good.then_some(Found { by, curvature })
 }
 
 #[cfg(test)]

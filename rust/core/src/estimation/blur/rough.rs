@@ -11,8 +11,9 @@ use phasestereo_match::base::value::nearest;
 use phasestereo_match::image::intensity::Gray;
 use phasestereo_match::image::intensity_range::IntensityRange;
 use phasestereo_match::image::view::{Image, View};
+use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::matcher::section::Section;
-use phasestereo_match::matcher::{Execution, Matcher};
+use phasestereo_match::matcher::{Disparity, Execution, Matcher};
 use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::alignment::Alignment;
 use phasestereo_match::pair::candidates::Candidates;
@@ -198,6 +199,32 @@ pub fn raised(
     })
 }
 
+/// Matches images that are reduced by a factor over a span of their disparities, both ends included, the right one
+/// row-aligned by the field.
+pub fn match_reduced(
+    [left, right]: [Plane<f32>; 2],
+    factor: usize,
+    alignment: Option<&Alignment>,
+    (low, high): (isize, isize),
+    settings: &Settings,
+    Runtime { matcher, execution, control }: Runtime,
+) -> Result<Disparity> {
+    let right = match alignment {
+        Some(field) => raised(&right, field, factor, control)?,
+        None => right,
+    };
+
+    // The span is cut to what the width of the copies allows.
+    let width = left.cols() as i64;
+    let count = (high - low + 1).clamp(1, left.cols() as isize) as i64;
+    let low = (low as i64).clamp(1 - width - (count - 1), width - 1);
+    let pair = Pair::new(as_view(left), as_view(right), low, count)?;
+
+    // Rows of the reduced pair are not rows of the result: its progress is counted apart.
+    let all = Section::whole(&pair);
+    matcher.match_alone(&pair, &all, settings, execution, &control.aside())
+}
+
 impl RoughMatch {
     /// Matches a pair reduced by a factor, on neighborhoods of a certain side: blur shrinks with the images, and larger
     /// neighborhoods tolerate what is left of it.
@@ -211,21 +238,12 @@ impl RoughMatch {
     ) -> Result<Self> {
         let Correspondence { candidates, alignment } = known;
         let factor = scale.factor;
-        let left = as_view(reduced(&grays[0].plane, factor, execution.level, control)?);
-        let right = reduced(&grays[1].plane, factor, execution.level, control)?;
-        let right = as_view(match &alignment {
-            Some(alignment) => raised(&right, alignment, factor, control)?,
-            None => right,
-        });
+        let copy = |side: usize| reduced(&grays[side].plane, factor, execution.level, control);
+        let (left, right) = (copy(0)?, copy(1)?);
 
-        // The reduced range holds the whole one, within what the reduced width allows.
+        // The reduced range holds the whole one.
         let (low, high) = (candidates.min(), candidates.disparity(candidates.count() - 1));
-        let low = low.div_euclid(factor as isize) as i64;
-        let width = left.image.shape().1 as i64;
-        let count = (high.div_euclid(factor as isize) as i64 + 2 - low).min(width);
-        let low = low.clamp(1 - width - (count - 1), width - 1);
-
-        let pair = Pair::new(left, right, low, count)?;
+        let span = (low.div_euclid(factor as isize), high.div_euclid(factor as isize) + 1);
 
         // Few frequencies and costs of one byte are fast, and rough disparities suffice.
         let settings = Settings {
@@ -242,10 +260,9 @@ impl RoughMatch {
             ..Preset::Paper.settings()
         };
 
-        // Rows of the reduced pair are not rows of the result: its progress is counted apart.
-        let all = Section::whole(&pair);
-        let map = matcher.match_alone(&pair, &all, &settings, execution, &control.aside())?;
-
+        let runtime = Runtime { matcher, execution, control };
+        let map =
+            match_reduced([left, right], factor, alignment.as_ref(), span, &settings, runtime)?;
         Ok(Self { disparity: map.disparity, factor, alignment })
     }
 
