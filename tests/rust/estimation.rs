@@ -11,6 +11,7 @@ use phasestereo::internals::estimation::blur::Side;
 use phasestereo::internals::estimation::blur::psf::Psf;
 use phasestereo::internals::estimation::facts::{Fact, Facts};
 use phasestereo::internals::estimation::{Estimates, complete, complete_source};
+use phasestereo::internals::findings::of_pair;
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::plane::{Plane, reflect};
 use phasestereo_match::base::simd::Level;
@@ -154,7 +155,13 @@ fn found(pair: &Pair, is_known: bool, threads: usize, level: Level) -> Estimates
     let candidates = is_known.then(|| Fact::given(pair.candidates()));
     let facts = Facts { candidates, ..Facts::default() };
 
-    complete(pair.clone(), &facts, &settings(), runtime).expect("it runs").1
+    with_findings(complete(pair.clone(), &facts, &settings(), runtime).expect("it runs").1, pair)
+}
+
+/// The estimates with the findings that follow from them.
+fn with_findings(mut found: Estimates, pair: &Pair) -> Estimates {
+    found.findings = of_pair(&found, pair.size(), None, &settings());
+    found
 }
 
 /// The same of a pair that is read by at most so many rows.
@@ -176,7 +183,8 @@ fn found_by_rows(pair: &Pair, is_known: bool, most: usize) -> Estimates {
         _ => pair.clone(),
     };
 
-    complete_source(&Slow::new(&pair, most), &facts, &settings(), runtime).expect("it runs")
+    let found = complete_source(&Slow::new(&pair, most), &facts, &settings(), runtime);
+    with_findings(found.expect("it runs"), &pair)
 }
 
 /// Compares all but the times.
@@ -369,12 +377,12 @@ fn a_negative_is_found_by_rows_as_in_memory_and_may_be_known() {
     let facts = &Facts { is_inverted: true, ..Facts::default() };
 
     let (inverted, found) = complete(pair.clone(), facts, &settings(), runtime).expect("it runs");
-    assert_same(&found, &expected, "known");
+    assert_same(&with_findings(found, &pair), &expected, "known");
     assert_eq!(inverted.views()[1].image, pair.inverted().views()[1].image);
 
     let slow = Slow::new(&pair, 50);
     let by_rows = complete_source(&slow, facts, &settings(), runtime).expect("it runs");
-    assert_same(&by_rows, &expected, "known, by rows");
+    assert_same(&with_findings(by_rows, &pair), &expected, "known, by rows");
 }
 
 #[test]

@@ -27,6 +27,7 @@ mod tests {
     use crate::estimation::blur::Side;
     use crate::estimation::blur::psf::Psf;
     use crate::estimation::estimates::Estimates;
+    use crate::estimation::facts::Fact;
     use crate::estimation::photometry::{Contrast, Photometry, Saturation};
     use crate::estimation::range::{LeftOut, SearchRange};
     use crate::estimation::rows::RowOffsets;
@@ -142,7 +143,9 @@ mod tests {
         let expected = "something at 88 to 91 px seems to be in columns 30 to 44, rows 5 to 20";
         assert!(said(&left_out, Topic::Range).1.starts_with(expected));
 
-        let known = Estimates { range: Some(SearchRange { high: 30.0, ..RANGE }), ..sound() };
+        let range = Some(SearchRange { high: 30.0, ..RANGE });
+        let candidates = Fact::given(sound().candidates.value);
+        let known = Estimates { candidates, range, ..sound() };
         let found = of_pair(&known, SIZE, None, &Preset::Robust.settings());
         assert!(found.iter().any(|one| one.sentence.contains("there seem to be 2 to 30 px")));
     }
