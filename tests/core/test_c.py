@@ -355,7 +355,7 @@ def test_frames_of_a_rig_are_those_of_python_to_the_bit(rig_program: RigProgram)
 
 def rectifying_rig(path: Path) -> str:
     """Return the text of a rig whose images are raw."""
-    rig = ps.Rig(preset="fast")
+    rig = ps.Rig(preset="robust")
     rendered = render_pair(3, height=120, width=160, num_disparities=48)
     rig.match(rendered.left, rendered.right)
     rig.save(path)

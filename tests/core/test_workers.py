@@ -87,7 +87,9 @@ def test_a_matcher_tells_what_it_was_made_of() -> None:
 
     ours = signature(ps.Matcher.match).parameters
     of_videos = {"self", "temporal_filter"}
-    assert {*ours, *signature(ps.Matcher).parameters} == {*of_videos, *theirs}
+    of_one_pair = {"right_map"}
+    found = {*ours, *signature(ps.Matcher).parameters}
+    assert found == {*of_videos, *theirs} - of_one_pair
     for name in set(ours) - of_videos:
         assert ours[name] == theirs[name]
 
@@ -164,12 +166,21 @@ def most_threads(call: Callable[[], object], callers: int) -> int:
     return max(seen) - before
 
 
+def await_rest() -> None:
+    """Wait until threads that were asked to end have ended."""
+    counts: list[int] = []
+    while len(counts) < 20 or len({*counts[-20:]}) > 1:
+        counts.append(len(list(Path("/proc/self/task").iterdir())))
+        time.sleep(0.01)
+
+
 @on_linux
 def test_matches_at_the_same_time_share_their_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RAYON_NUM_THREADS", "3")
 
     pair = RNG.integers(0, 256, (2, 200, 300), np.uint8)
     ps.release_memory()
+    await_rest()
     shared = most_threads(lambda: ps.match(*pair, num_disparities=64), 10)
     # Threads that were asked to end may be seen beside those that have just been started.
     assert 1 <= shared <= 6

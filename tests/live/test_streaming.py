@@ -254,12 +254,6 @@ def test_more_disparities_than_columns_are_refused_with_the_first_image() -> Non
         next(frames)
 
 
-def test_picture_that_cannot_be_halved_is_refused_at_once() -> None:
-    film(Path("odd.mkv"), [side_by_side(1)[0][:, :-1]], **LOSSLESS)
-    with pytest.raises(ValueError, match="^layout: 'side-by-side' needs an even number of columns"):
-        live.stream("odd.mkv", **FAST)
-
-
 # Masks and settings
 
 

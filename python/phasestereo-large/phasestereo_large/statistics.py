@@ -160,9 +160,11 @@ def _from_arrays(arrays: Mapping[str, NDArray[Any]]) -> PairStatistics:
 
     Raises
     ------
-    KeyError, RecursionError, TypeError, ValueError
+    RecursionError, TypeError, ValueError
         If they hold none.
     """
+    if "plain" not in arrays:
+        raise ValueError(f"an archive of {sorted(arrays)}; accepts what a PairStatistics saves")
     plain = json.loads(str(arrays["plain"]))
     found: PairStatistics = decoded(PairStatistics, plain, "statistics", arrays, _OTHERS)
 
