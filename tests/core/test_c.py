@@ -3,7 +3,6 @@
 # Who tests a thing knows that it is there: no assertions for the type checker alone.
 # mypy: no-strict-optional
 
-import json
 import os
 import re
 import shutil
@@ -39,6 +38,7 @@ from support.c_programs import (
 from support.c_programs import library as library  # noqa: PLC0414 - a fixture
 from support.c_programs import program as program  # noqa: PLC0414 - a fixture
 from support.rigs import SIZE, cv2, made_up
+from support.saved_rigs import with_raw_cameras
 
 Change = Callable[[Image], Image]
 
@@ -360,19 +360,7 @@ def rectifying_rig(path: Path) -> str:
     rig.match(rendered.left, rendered.right)
     rig.save(path)
 
-    state = json.loads(path.read_text("utf-8").split("\n")[1])
-    numbers = {"numbers": [0.0] * 14, "spreads": [0.1] * 14}
-    cameras = numbers | {"size": [120, 160], "shifts": [[0.0, 0.0], [0.0, 0.0]]}
-    found = dict.fromkeys(("rows", "rms", "error", "moved"), 0.1)
-    found |= {"cameras": cameras, "matches": [90, 80], "blocks": 70, "disparities": [1.0, 2.0, 3.0]}
-    found |= {"pairs": 1, "is_inverted": False, "distortion": [[0.0, 1.0], [0.0, 1.0]]}
-    state["geometry"]["cameras"] = {"rectification": found, "size": [120, 160]}
-
-    body = json.dumps(state)
-    digest = 0xCBF29CE484222325  # FNV-1a
-    for byte in body.encode():
-        digest = (digest ^ byte) * 0x100000001B3 % 2**64
-    return f"phasestereo rig 2 {digest:016x}\n{body}\n"
+    return with_raw_cameras(path, (120, 160))
 
 
 def test_what_a_rig_cannot_take_is_refused(rig_program: RigProgram) -> None:

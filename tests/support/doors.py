@@ -36,6 +36,7 @@ import phasestereo_live.viewer
 from phasestereo import cli
 from support import boards, sampled
 from support.hostile import resident
+from support.saved_rigs import with_raw_cameras
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -201,11 +202,8 @@ class Samples:
         learned.match(self.left, self.right)
         learned.save(self / "learned.txt")
         # Its images need no rectification, and those of cameras that are to be exported do.
-        cameras = {"numbers": 14 * [0], "spreads": 14 * [1], "shifts": 4 * [0]}
-        cameras |= {"counts": [9, 9, 9, 1], "disparities": [0, 1, 2], "errors": 8 * [0]}
-        with (self / "learned.txt").open("a") as file:
-            for name, values in cameras.items():
-                print(name, *values, file=file)
+        text = with_raw_cameras(self / "learned.txt", self.left.shape[:2])
+        (self / "learned.txt").write_text(text)
 
         def read(start: int, end: int) -> Any:
             return self.left[start:end], self.right[start:end], None, None

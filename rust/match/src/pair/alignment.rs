@@ -11,7 +11,7 @@
 //! straightened(x, y) = right(x, y + v(x, y))
 //! ```
 //!
-//! The estimation of the field is described in [`crate::estimation`].
+//! The estimation of the field is described in the crate `phasestereo`, `estimation::rows`.
 
 pub mod straighten;
 pub mod sway;

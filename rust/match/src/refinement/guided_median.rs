@@ -17,7 +17,7 @@
 //! | [`GuidedMedian::Wide`] | 7 x 7, every third one | 8 px | falls from 1 to 0 at 16 mean differences | Gaussian of 6 px |
 //!
 //! Every map takes the narrow median, which keeps thin objects. After the
-//! [`synthesis`](crate::refinement::synthesis) of a blurred image, edges are wide ramps and off by more
+//! [`synthesis`] of a blurred image, edges are wide ramps and off by more
 //! pixels, so the wide median follows. Sampled windows are as accurate as full ones.
 //!
 //! Arithmetic is in 16-bit integers, many pixels side by side: disparities are counted in steps from the

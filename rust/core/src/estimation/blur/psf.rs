@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::taps::{Taps, annulus, gaussian, motion};
 
-/// A family of point-spread functions: a row of [`TABLE`].
+/// A family of point-spread functions: a row of `TABLE`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[repr(usize)]
 pub enum Family {
