@@ -94,6 +94,8 @@ def test_a_raw_pair_is_rectified_whatever_its_size(turned: Pair, found: ps.Resul
     result = ps.match(*images)
 
     assert result.rectified is not None
+    assert result.summary is not None
+    assert found.summary is not None
     assert result.summary.wrong < found.summary.wrong + 0.15
 
 

@@ -202,8 +202,8 @@ class Samples:
         learned.match(self.left, self.right)
         learned.save(self / "learned.txt")
         # Its images need no rectification, and those of cameras that are to be exported do.
-        text = with_raw_cameras(self / "learned.txt", self.left.shape[:2])
-        (self / "learned.txt").write_text(text)
+        raw = with_raw_cameras(self / "learned.txt", (48, 64))
+        (self / "learned.txt").write_text(raw)
 
         def read(start: int, end: int) -> Any:
             return self.left[start:end], self.right[start:end], None, None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -12,9 +12,9 @@ if TYPE_CHECKING:
 def with_raw_cameras(path: Path, size: tuple[int, int]) -> str:
     """Return the text of a saved rig as if its images of this size were raw."""
     state = json.loads(path.read_text("utf-8").split("\n")[1])
-    numbers = {"numbers": [0.0] * 14, "spreads": [0.1] * 14}
+    numbers: dict[str, Any] = {"numbers": [0.0] * 14, "spreads": [0.1] * 14}
     cameras = numbers | {"size": list(size), "shifts": [[0.0, 0.0], [0.0, 0.0]]}
-    found = dict.fromkeys(("rows", "rms", "error", "moved"), 0.1)
+    found: dict[str, Any] = dict.fromkeys(("rows", "rms", "error", "moved"), 0.1)
     found |= {"cameras": cameras, "matches": [90, 80], "blocks": 70, "disparities": [1.0, 2.0, 3.0]}
     found |= {"pairs": 1, "is_inverted": False, "distortion": [[0.0, 1.0], [0.0, 1.0]]}
     state["geometry"]["cameras"] = {"rectification": found, "size": list(size)}
