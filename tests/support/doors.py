@@ -59,7 +59,9 @@ _NOT_OPENED = {
     "live --save-to", "live --preset", "live --left", "live --right", "live --camera-info",
     "live --frames", "live --register", "match --preset", "large --preset", "large --max-memory",
     "batch --preset", "batch --scheduler", "calibrate --board", "calibrate --charuco",
-    "rig test --preset", "rig test --limit",
+    "rig test --preset", "rig test --limit", "rig test --wall",
+    "asp ",  # reads and writes as `large` does: tests/large/test_cli_asp.py
+    "phasestereo_live.oak.StereoPhase.build",  # reads as `rectify` does: tests/live/test_oak.py
 }  # fmt: skip
 """What holds paths, or has words of another kind."""
 
