@@ -59,9 +59,7 @@ _NOT_OPENED = {
     "live --save-to", "live --preset", "live --left", "live --right", "live --camera-info",
     "live --frames", "live --register", "match --preset", "large --preset", "large --max-memory",
     "batch --preset", "batch --scheduler", "calibrate --board", "calibrate --charuco",
-    "rig test --preset", "rig test --limit", "rig test --wall",
-    "asp ",  # reads and writes as `large` does: tests/large/test_cli_asp.py
-    "phasestereo_live.oak.StereoPhase.build",  # reads as `rectify` does: tests/live/test_oak.py
+    "rig test --preset", "rig test --limit", "rig test --wall", "asp --preset",
 }  # fmt: skip
 """What holds paths, or has words of another kind."""
 
@@ -314,6 +312,7 @@ def doors(of: Samples) -> dict[str, list[tuple[str, Callable[[Path], Any]]]]:  #
     add("phasestereo_live.stream(source)", "video.mkv", lambda p: first(live.stream(p, **search)))
     add("phasestereo_live.stream(right)", "video.mkv",
         lambda p: first(live.stream(of / "video.mkv", p, **search)))  # fmt: skip
+    add("phasestereo_live.oak.StereoPhase.build(calibration)", "rig.npz", oak_calibration)
     add("phasestereo_live.stream(rectify)", "rig.npz", lambda p: first(
         live.stream(of / "video.mkv", rectify=p, **search)))  # fmt: skip
     opened = partial(_close, live.ros.open_recording, left="/left", right="/right")
@@ -389,6 +388,7 @@ def _add_commands(add: Callable[..., None], of: Samples) -> None:
     memory = "--max-memory", "1GB", *SEARCH
     big = of / "left.npy", of / "right.npy", *memory
     out = "-o", of / "o.npy"
+    asp = "asp", "-r", -COUNT, "-R", 0, "--preset", "fast"
     loose = [word for name in ("rows", "error", "wrong") for word in ("--limit", f"{name}=99")]
 
     lines: dict[str, tuple[str, tuple[object, ...]]] = {
@@ -473,6 +473,9 @@ def _add_commands(add: Callable[..., None], of: Samples) -> None:
             ))
             for name in ("ca", "cert", "key")
         },
+        "asp LEFT": ("left.tif", (*asp, ..., of / "right.tif", of / "asp.tif")),
+        "asp RIGHT": ("right.tif", (*asp, of / "left.tif", ..., of / "asp.tif")),
+        "asp OUTPUT": (">a.tif", (*asp, of / "left.tif", of / "right.tif", ...)),
         "large LEFT": ("left.npy", ("large", ..., of / "right.npy", *out, *memory)),
         "large RIGHT": ("right.npy", ("large", of / "left.npy", ..., *out, *memory)),
         "large --output": (">a.npy", ("large", *big, "-o", ...)),
@@ -508,6 +511,16 @@ def _close(call: Callable[..., Any], path: Path, **more: Any) -> None:
     for capture in source.captures:
         capture.take()
     source.close()
+
+
+def oak_calibration(path: Path) -> None:
+    """Give a calibration to a node without a device."""
+    import depthai as dai  # noqa: PLC0415 - it prints as it is loaded
+
+    from phasestereo_live.oak import StereoPhase  # noqa: PLC0415
+
+    with dai.Pipeline(createImplicitDevice=False) as pipeline:
+        pipeline.create(StereoPhase).build(calibration=path)
 
 
 def _command(words: tuple[object, ...], path: Path) -> None:
