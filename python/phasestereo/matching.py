@@ -314,7 +314,7 @@ def match_silently(
 
 
 def _part_of(progress: Progress | None, *, is_second: bool) -> Progress | None:
-    """Return what reports the rows of one of two matches as those of both."""
+    """Return a progress callback for one of two matches, in rows of both."""
     if progress is None:
         return None
     return lambda done, rows: progress(done + is_second * rows, 2 * rows)

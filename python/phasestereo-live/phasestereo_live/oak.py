@@ -198,7 +198,7 @@ class StereoPhase(dai.node.ThreadedHostNode):
 def _cameras(
     calibration: dai.CalibrationHandler | CalibrationSource,
 ) -> CalibrationSource | Cameras:
-    """Return what a `Rectifier` takes."""
+    """Return the cameras in the form that a `Rectifier` takes."""
     if isinstance(calibration, dai.CalibrationHandler):
         return cameras_of_files([calibration.eepromToJson()], "calibration")
     return calibration

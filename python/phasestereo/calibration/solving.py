@@ -426,7 +426,7 @@ def row_errors(
 
 
 def _off_plane(matrices: dict[str, Any], sight: Sight) -> float:
-    """Return how far rays of fisheyes are off each other's epipolar planes, pixels rms."""
+    """Return the distances of fisheye rays from each other's epipolar planes, pixels rms."""
     left, right = (
         undistorted_by("fisheye", places, matrices[f"K{side}"], matrices[f"D{side}"])
         for side, places in (("1", sight.left), ("2", sight.right))

@@ -94,7 +94,7 @@ class GeometryOptions:
     max_depth
         Leave out everything further away, in the unit of the baseline.
     decimate
-        Write one point or depth for each block of so many by so many pixels: that with the median
+        Write one point or depth for each block of N by N pixels: that with the median
         disparity. Default 1.
     register
         Write the depths of ``--depth`` in the frame of a third camera, as of a color camera: a
@@ -215,7 +215,7 @@ class GeometryOptions:
         return Rig(calibration, self.selection(size), yaw, self.anchor, scale, camera)
 
     def selection(self, size: tuple[int, ...] | None = None) -> Selection:
-        """Return which pixels are wanted of images of this size.
+        """Return the mask of wanted pixels of images of this size.
 
         Raises
         ------

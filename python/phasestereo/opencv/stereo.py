@@ -268,7 +268,7 @@ class StereoPhase(Parameters):
         )
 
     def getDefaultName(self) -> str:
-        """Return what `save` calls the object in the file."""
+        """Return the name of the object in a saved file."""
         return "StereoPhase"
 
     def clear(self) -> None:

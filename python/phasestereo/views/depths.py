@@ -95,7 +95,7 @@ class Selection:
         as_integer("decimate", self.decimate, least=1)
 
     def within(self, depth: Map) -> Mask:
-        """Return where depths are finite and in the range that is wanted."""
+        """Return a mask of the depths that are finite and in the wanted range."""
         low = 0.0 if self.min_depth is None else self.min_depth
         high = math.inf if self.max_depth is None else self.max_depth
         return np.isfinite(depth) & (depth >= low) & (depth <= high)
@@ -125,7 +125,7 @@ class Depths:
     pixels: NDArray[np.intp] | None
 
     def picked(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return what a map or an image of the left image's size has at these pixels."""
+        """Return the values of a map or an image of the left image's size at these pixels."""
         if self.pixels is None:
             return values
         return values.reshape(-1, *values.shape[2:])[self.pixels]

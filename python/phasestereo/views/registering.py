@@ -71,7 +71,7 @@ class ThirdCamera:
     unit: LengthUnit | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what is no camera, and take what is array-like."""
+        """Refuse invalid cameras, and take array-like numbers."""
         for name, shape in (("matrix", (3, 3)), ("rotation", (3, 3)), ("translation", (3,))):
             given = np.asarray(getattr(self, name), np.float64)
             if given.size != np.prod(shape) or not np.isfinite(given).all():
@@ -210,7 +210,7 @@ class Registered:
         return {name: values for name, values in found.items() if values is not None}
 
     def picked(self, values: NDArray[Any], missing: float = np.nan) -> NDArray[Any]:
-        """Return what a map (H, W) of the left image has, as the third camera sees it."""
+        """Return a map (H, W) of the left image as the third camera sees it."""
         return np.where(self.source >= 0, values.ravel()[np.maximum(self.source, 0)], missing)
 
 
@@ -290,7 +290,7 @@ def register(
 
 
 def _footprints(depth: Map, rig: Calibration, camera: ThirdCamera) -> tuple[Boxes, Map]:
-    """Return what each left pixel covers in the third camera, and its depth there.
+    """Return the area that each left pixel covers in the third camera, and its depth there.
 
     Boxes are int32 (4, H, W): left, top, and the first column and row beyond; depths are float32,
     NaN of what the camera does not see.
@@ -417,7 +417,7 @@ def _background(depth: Map) -> Map:
 
 
 def _in_view(missing: Mask, depth: Map, rig: Calibration, camera: ThirdCamera) -> Mask:
-    """Return which pixels without a depth the left image has, at the depth of what is beside."""
+    """Return the pixels without depth that the left image shows, at their neighbors' depth."""
     places = np.argwhere(missing)
     z = _background(depth)[missing].astype(np.float64)[:, np.newaxis]
     rays = camera.rays(places[:, ::-1].astype(np.float64))
@@ -464,7 +464,7 @@ def _turned(rectification: Rectification, cameras: Cameras) -> Matrix:
 def _pixels(
     flat: NDArray[np.float64], matrix: Matrix, lens: Matrix, *, fisheye: bool
 ) -> NDArray[np.float64]:
-    """Return where a distorted camera sees rays of depth 1, given by x and y, (N, 2)."""
+    """Return the pixels of rays of depth 1, given by x and y, in a distorted camera, (N, 2)."""
     cv2 = require("cv2", extra="rectify")
     known = np.isfinite(flat).all(axis=1)
     found = np.full(flat.shape, np.nan)

@@ -7,9 +7,8 @@
 //!    whole ones ([`tracks`]); a smooth field of vertical offsets is fitted to them, robustly ([`rows`]).
 //! 3. The relative blur is estimated ([`crate::estimation::blur`]) from blocks that show the same things: those of the right
 //!    image are taken from where the field says, not from the resampled image, since resampling changes the spectrum.
-//! 4. Offsets that are significant beside their error straighten the right image.
-//! 5. What the gray values say is counted and fitted ([`crate::estimation::photometry`]), and what it all means is said
-//!    (`crate::findings`).
+//! 4. Offsets that are significant beside their error align the rows of the right image.
+//! 5. Gray values are counted and fitted ([`crate::estimation::photometry`]).
 //!
 //! Where nothing matches, the reduced images are tried once more with the negative of one. If that matches, all of the
 //! above is repeated with the negative of the right image, which is then matched, too. Where an image is interlaced, its odd rows

@@ -171,10 +171,8 @@ impl Matcher {
 
         let control = Control::default();
         self.on_threads(&control, |runtime| {
-            let (pair, mut estimates) = complete(pair, &facts, &self.settings, runtime)?;
-            estimates.findings =
-                findings::of_pair(&estimates, pair.size(), pair.fit(), &self.settings);
-            Ok(estimates)
+            let (pair, estimates) = complete(pair, &facts, &self.settings, runtime)?;
+            Ok(findings::with_findings(estimates, &pair, &self.settings))
         })
     }
 

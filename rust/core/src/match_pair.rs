@@ -40,7 +40,7 @@ pub fn match_pair(
         Attempt::Done(done) => (done.pair, done.estimates, done.facts, Some(done.raw), None),
     };
 
-    estimates.findings = findings::of_pair(&estimates, pair.size(), pair.fit(), settings);
+    estimates = findings::with_findings(estimates, &pair, settings);
     let refused = refusal.and_then(|refusal| findings::not_rectified(&estimates, &refusal));
     estimates.findings.extend(refused);
     estimates.findings.extend(raw.iter().map(|raw| findings::rectified(&raw.rectification)));
@@ -58,7 +58,7 @@ pub struct Rectified {
     pub raw: Arc<Raw>,
     /// The map of the rectified pair.
     pub map: Disparity,
-    /// By how many rows each pixel of the raw left image is lower in the raw right one; NaN where there is no disparity.
+    /// By how many rows each pixel of the raw left image is lower in the raw right one; NaN where the disparity is missing.
     pub rows: Plane<f32>,
 }
 

@@ -620,7 +620,7 @@ pub struct Raw {
 }
 
 impl Raw {
-    /// Cameras of raw images of so many rows and columns. No place is computed yet.
+    /// Cameras of raw images of this size, rows and columns. No place is computed yet.
     pub fn new(rectification: Rectification, size: (usize, usize)) -> Self {
         Self { rectification, size, places: OnceLock::new() }
     }

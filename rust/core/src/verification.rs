@@ -24,6 +24,7 @@ pub mod test;
 use crate::estimation::facts::Facts;
 use crate::estimation::{Prepared, complete, prepare};
 use crate::finding::Finding;
+use crate::findings::with_findings;
 use crate::verification::evidence::Evidence;
 use crate::verification::hypotheses::Misreading;
 use crate::verification::test::Test;
@@ -110,8 +111,8 @@ pub fn verify(
 
     // What is judged are the confidences of the own match, so it has some whatever the settings say.
     let settings = Settings { confidence: true, ..settings.clone() };
-    let (pair, mut estimates) = complete(pair, facts, &settings, runtime)?;
-    estimates.findings = crate::findings::of_pair(&estimates, pair.size(), pair.fit(), &settings);
+    let (pair, estimates) = complete(pair, facts, &settings, runtime)?;
+    let estimates = with_findings(estimates, &pair, &settings);
     let mut prepared = prepare(pair, estimates, facts, &settings, runtime)?;
     let Runtime { matcher, execution, control } = runtime;
     let pair = &prepared.pair;

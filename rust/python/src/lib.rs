@@ -282,9 +282,8 @@ fn estimate_pair<'py>(
 
     let (pool, rows) = (Pool::for_argument(threads)?, pair.size().0);
     let estimates = supervised(py, &pool, rows, None, move |runtime| {
-        let (pair, mut estimates) = complete(pair, &told, &asked, runtime)?;
-        estimates.findings = findings::of_pair(&estimates, pair.size(), pair.fit(), &asked);
-        Ok(estimates)
+        let (pair, estimates) = complete(pair, &told, &asked, runtime)?;
+        Ok(findings::with_findings(estimates, &pair, &asked))
     })?;
 
     let is_searched = search.is_some();

@@ -15,7 +15,7 @@ use phasestereo::internals::video::temporal::TemporalFilter as Filter;
 #[derive(Debug, Default)]
 pub struct Carried<T> {
     value: Mutex<T>,
-    /// The process of the match that has the turn; 0: there is none.
+    /// The process of the match that has the turn; 0: no match has it.
     holder: AtomicU32,
 }
 

@@ -234,7 +234,7 @@ def _run(frames: Stream, writing: Writers, tally: Tally, screen: Screen | None) 
 
 
 def _knowing(outputs: LiveOutputs, recording: Recording | None, frames: Stream) -> Geometry:
-    """Return what returns the geometry of a frame, whose unit is m unless something else is known.
+    """Return a function from a frame to its geometry, in m unless another unit is known.
 
     Raises
     ------

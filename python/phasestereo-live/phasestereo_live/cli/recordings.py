@@ -128,7 +128,7 @@ class Messages:
         known: Callable[[Frame], Calibration | None],
         messages: RecordingWriter,
     ) -> Callable[[Frame], None]:
-        """Return what writes frames of a recording to another one, by a geometry in m."""
+        """Return a writer of frames to another recording, by a geometry in m."""
         writer = FrameWriter(
             messages,
             recording.topics,

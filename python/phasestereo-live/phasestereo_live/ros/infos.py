@@ -26,7 +26,7 @@ class RigGeometry(NamedTuple):
 
 
 def info_topics(topic: str) -> tuple[str, ...]:
-    """Return where the ``camera_info`` of an image topic may be: ROS's place, and RealSense's."""
+    """Return the topics of a ``camera_info`` beside an image topic: ROS's and RealSense's."""
     parent = topic.removesuffix("/compressed").rpartition("/")[0]
     return f"{parent}/camera_info", f"{parent.rpartition('/')[0]}/info/camera_info"
 

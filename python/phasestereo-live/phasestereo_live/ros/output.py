@@ -147,7 +147,7 @@ class FrameWriter:
     def _registered(
         self, result: Result, calibration: Calibration, stamp: int, third: tuple[ThirdCamera, str]
     ) -> dict[str, Any]:
-        """Return what a third camera sees, at the time of the left image."""
+        """Return the view of a third camera at the time of the left image."""
         make, (camera, frame_id) = self._writer.make, third
         chosen, header = self._selection or Selection(), Header(stamp, frame_id)
         maps = register(

@@ -185,7 +185,7 @@ mod tests {
     use super::*;
     use crate::estimation::blur::psf::Psf;
 
-    /// The plan for areas of blurs with these functions, beside areas without blur, and noise of so many gray levels.
+    /// The plan for areas of blurs with these functions, beside areas without blur, and noise of this standard deviation in gray levels.
     fn plan(psfs: &[Psf], noise: f64) -> CompensationPlan {
         let blur = |psf: &Psf| Blur {
             side: Some(Side::Left),

@@ -79,7 +79,7 @@ pub fn of_match(
 }
 
 impl Outcome<'_> {
-    /// A finding on the pair as the match has it: what it has compensated or suffered from is no more than a note.
+    /// A finding on the pair as the match has it: faults that it compensated or suffered from are notes.
     fn of_pair(&self, found: &Finding) -> Option<Finding> {
         if found.severity == Severity::Ok || found.is_unknown {
             return None;

@@ -23,6 +23,7 @@ use crate::estimation::rows::RowOffsets;
 use crate::finding::{Finding, Topic};
 use crate::rectification::LONGEST;
 use phasestereo_match::base::math;
+use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::alignment::{Alignment, LINEAR, TERMS};
 use phasestereo_match::pair::fitting::Fit;
 use phasestereo_match::settings::Settings;
@@ -128,6 +129,12 @@ table! {
     Interlacing, Warning, interlacing(known),
         "{0} interlaced: odd rows are shifted by {1} px against even ones", remedy("{2}"),
         cause("interlaced fields", 0.0);
+}
+
+/// The estimates of a pair in memory with their findings.
+pub fn with_findings(estimates: Estimates, pair: &Pair, settings: &Settings) -> Estimates {
+    let findings = of_pair(&estimates, pair.size(), pair.fit(), settings);
+    Estimates { findings, ..estimates }
 }
 
 /// What is reported of a pair of this size, also that all is well. `fit`: how its right image was brought to this size.

@@ -36,13 +36,14 @@ use phasestereo_match::settings::Settings;
 const TRIED: f64 = 0.4;
 /// Rows of raw images that differ by less, rms in pixels, are left to be aligned.
 const LEAST_ROWS: f64 = 0.5;
-/// The rows of blocks differ by this multiple of what the cameras leave, at least.
+/// The rows of blocks differ by this multiple of what the cameras leave, at least. Not swept.
 const LEAST_RATIO: f64 = 3.0;
-/// Blocks overlap and share their errors: these many are independent, of 60 to 2000.
+/// Blocks overlap and share their errors: of 60 to 2000, this number counts as independent. Not swept; with it, cameras have to
+/// leave less than .69 of what the field leaves.
 const INDEPENDENT: usize = 60;
-/// By how much the mean confidence of small copies may fall once the pair is rectified: they hardly see distortion.
+/// By how much the mean confidence of small copies may fall once the pair is rectified: they hardly see distortion. Not swept.
 const LARGEST_FALL: f64 = 0.02;
-/// A rise of the mean confidence that no evidence of rows is needed beside.
+/// A rise of the mean confidence with which cameras need no evidence of rows. Not swept.
 const LARGE_RISE: f64 = 0.10;
 
 /// What came of the attempt to rectify a pair.

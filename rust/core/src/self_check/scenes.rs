@@ -62,7 +62,7 @@ pub enum Fault {
     Fence,
     /// Both images are the left one.
     Twice,
-    /// The box is nearer by so many pixels of disparity.
+    /// The box is nearer by this disparity, pixels.
     Nearer(i32),
     /// There is hardly any light, and much noise.
     Night,

@@ -485,8 +485,8 @@ impl<'a> Followed<'a, '_> {
         let pair = resampled(self.pair, raw.places(self.runtime.control)?, self.runtime.control)?;
 
         let settings = self.options.settings;
-        let (pair, mut estimates) = complete(pair, facts, settings, self.runtime)?;
-        estimates.findings = findings::of_pair(&estimates, pair.size(), pair.fit(), settings);
+        let (pair, estimates) = complete(pair, facts, settings, self.runtime)?;
+        let estimates = findings::with_findings(estimates, &pair, settings);
         let found = Geometry::new(&pair, &estimates, Some(Arc::clone(raw)));
         Ok((found, self.matched(pair, estimates, facts)?))
     }

@@ -265,7 +265,7 @@ impl Psf {
         words.replace("{angle}", &format!("{:.0}", self.angle))
     }
 
-    /// The blurs that differ from one by a step in one parameter, within its range. Steps are halved so many times.
+    /// The blurs that differ from one by a step in one parameter, within its range. Steps are halved this often.
     pub fn steps(self, halvings: u32) -> impl Iterator<Item = Self> {
         // The steps of both parameters shrink together.
         let scale = 1.0 / f64::from(1u32 << halvings);
