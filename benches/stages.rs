@@ -11,8 +11,10 @@ use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
 use phasestereo_match::cost::Costs;
 use phasestereo_match::cost::aggregation::Window;
+use phasestereo_match::image::conversion::view_of_input;
+use phasestereo_match::image::pixels::Image;
 use phasestereo_match::image::texture::Texture;
-use phasestereo_match::image::view::{Image, View};
+use phasestereo_match::image::view::View;
 use phasestereo_match::matcher::{Matcher, on_threads};
 use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::refinement::flag;
@@ -38,18 +40,17 @@ fn noise<T>(rows: usize, cols: usize, mut value: impl FnMut(u32) -> T) -> Plane<
     })
 }
 
+/// The gray values of an image.
+fn gray(image: Image) -> View {
+    view_of_input(image.into()).expect("memory")
+}
+
 /// A scene, and the same scene a few pixels further left.
 fn views() -> [View; 2] {
     let scene = noise(ROWS, COLS + 8, |value| value as u8);
     [0, 8].map(|shift| {
         let pixel = |(y, x, _): (usize, usize, usize)| scene.row(y)[x + shift];
-        View {
-            image: Image::U8(Array3::from_shape_fn((ROWS, COLS, 1), pixel)),
-            mask: None,
-            range: None,
-            impulses: 0.0,
-            unit: 1.0,
-        }
+        gray(Image::U8(Array3::from_shape_fn((ROWS, COLS, 1), pixel)))
     })
 }
 
@@ -115,7 +116,7 @@ struct SampleMap {
     disparity: Plane<f32>,
     flags: Plane<u16>,
     votes: Plane<f32>,
-    texture: Texture,
+    texture: Texture<'static>,
 }
 
 impl SampleMap {
@@ -173,7 +174,7 @@ fn with_costs<T>(case: Case, settings: &Settings, work: impl FnOnce(&Costs, Wind
 
 mod descriptor {
     use super::{
-        Bencher, COLS, Control, Image, ItemsCount, Preset, ROWS, Settings, View, noise, on_threads,
+        Bencher, COLS, Control, Image, ItemsCount, Preset, ROWS, Settings, gray, noise, on_threads,
     };
     use ndarray::Array3;
     use phasestereo_match::base::simd::Level;
@@ -230,17 +231,9 @@ mod descriptor {
             cases().into_iter().find(|(known, ..)| *known == case).expect("a case");
         let (level, control) = (level.expect("of this machine"), Control::default());
 
-        let view = View::from(image());
+        let view = gray(image());
 
-        let work = || {
-            describe_gray(
-                &Gray::new(&view, level, &control)?,
-                &settings,
-                Some(2.0),
-                level,
-                &control,
-            )
-        };
+        let work = || describe_gray(&Gray::of_view(&view), &settings, Some(2.0), level, &control);
 
         bencher.counter(ItemsCount::new(ROWS * COLS)).bench(|| on_threads(1, work));
     }
@@ -248,7 +241,7 @@ mod descriptor {
 
 /// An image of 741 x 497 gray bytes under the kernels of the usual blurs.
 mod convolution {
-    use super::{Bencher, Control, Image, ItemsCount, View, noise, on_threads};
+    use super::{Bencher, Control, Image, ItemsCount, gray, noise, on_threads};
     use ndarray::Array3;
     use phasestereo_match::base::math;
     use phasestereo_match::base::plane::Plane;
@@ -334,9 +327,9 @@ mod convolution {
 
         let pixels = noise(ROWS, COLS, |value| value as u8).into_vec();
         let pixels = Array3::from_shape_vec((ROWS, COLS, 1), pixels).expect("as many values");
-        let view = View::from(Image::U8(pixels));
+        let view = gray(Image::U8(pixels));
 
-        let bytes = Gray::new(&view, level, &control).expect("memory");
+        let bytes = Gray::of_view(&view);
         let wide = noise(ROWS, COLS, |value| (value << 8) as i32 - (1 << 23));
         let gray = if reach == 128 { bytes } else { Gray::within(reach, wide) };
         let work = || convolve_gray(&gray, &kernel, FRACTION, level, &control);
@@ -738,6 +731,7 @@ mod matcher {
     use super::{
         Bencher, Case, Control, Matcher, Plane, Preset, Settings, cases, fast, noise, robust, views,
     };
+    use phasestereo_match::base::simd::Level;
     use phasestereo_match::image::convolution::Kernel;
     use phasestereo_match::matcher::Execution;
     use phasestereo_match::pair::Pair;
@@ -771,7 +765,9 @@ mod matcher {
     ) {
         let [left, right] = views();
         let pair = Pair::new(left, right, 0, case.candidates as i64).expect("a legal pair");
-        let pair = pair.with_blur_compensation(compensation);
+        let control = Control::default();
+        let pair = pair.with_blur_compensation(compensation, Level::best(), &control);
+        let pair = pair.expect("memory");
         let execution = Execution { threads: 1, level: case.level };
         let matcher = Matcher::new(1).expect("a thread starts");
 

@@ -162,7 +162,6 @@ def find_scale(
     read: Checked,
     size: tuple[int, int],
     disparities: tuple[int, int | None],
-    settings: Settings,
 ) -> Scale: ...
 def fit_right(images: tuple[Pixels, Pixels]) -> Pixels: ...
 def halo(

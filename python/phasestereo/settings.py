@@ -27,12 +27,12 @@ class Settings:
         Matching cost of two pixels. Default ``"phase"``.
 
         - ``"phase"``: The Hamming distance of their phase codes (unit: bits; eq. 7).
-        - ``"sad"``: The sum over the channels of absolute differences (unit: gray levels, of which
-          the intensity range has 255; gray where either image is).
-        - ``"nsad"``: The same after every channel has been normalized by the mean and the standard
+        - ``"sad"``: The absolute difference of their gray levels, of which the intensity range has
+          255; color becomes gray first (unit: gray levels).
+        - ``"nsad"``: The same after gray levels have been normalized by the mean and the standard
           deviation in the window around the pixel (unit: standard deviations).
-        - ``"zncc"``: The sum over the channels of 1 less the zero-mean normalized cross-correlation
-          of their neighborhoods (unit: 1; from 0 for alike neighborhoods to 2 for inverted ones).
+        - ``"zncc"``: 1 less the zero-mean normalized cross-correlation of the gray levels of their
+          neighborhoods (unit: 1; from 0 for alike neighborhoods to 2 for inverted ones).
     neighborhood
         Side L of the square neighborhood that a phase code describes, or that ``"zncc"``
         correlates, pixels. Larger ones resist blur better and fatten the foreground more. An odd

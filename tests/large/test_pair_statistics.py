@@ -139,7 +139,7 @@ def test_statistics_knows_what_a_match_finds_out(dtype: str, masked: bool) -> No
     assert message.blur_compensation is not None
     # All types have the values of bytes here.
     assert message.ranges is None
-    assert message.packing[1] == (0 if dtype == "uint8" else 8)
+    assert message.packing[1] == 8
 
 
 def test_areas_of_blur_are_found() -> None:

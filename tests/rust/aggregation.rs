@@ -162,7 +162,7 @@ struct MaskedCosts {
 
 impl MaskedCosts {
     fn window(&self, ceiling: u16) -> Window {
-        let (rows, cols, _) = self.views[0].image.shape();
+        let (rows, cols) = self.views[0].size();
         Window::new((rows, cols), self.candidates.count(), &self.settings, ceiling)
     }
 
@@ -262,9 +262,9 @@ fn masked_costs() -> impl Strategy<Value = MaskedCosts> {
             let described = rows * cols * settings.components() * settings.neighborhood.pow(2);
 
             let candidates = Candidates::new(min, count, cols).ok()?;
-            let views = [seed, !seed].map(|seed| View {
-                mask: (seed % 3 > 0).then(|| mask(rows, cols, percent, seed)),
-                ..view(rows, cols, |y, x| hash(seed, y, x) as u8)
+            let views = [seed, !seed].map(|seed| {
+                let view = view(rows, cols, |y, x| hash(seed, y, x) as u8);
+                view.with_mask((seed % 3 > 0).then(|| mask(rows, cols, percent, seed)))
             });
 
             let affordable = work.max(described) <= AFFORDABLE;
@@ -287,9 +287,9 @@ proptest! {
 fn lines_of_candidates_and_what_is_left_of_them() {
     for (count, shiftable) in [(64, false), (65, true), (96, true), (97, false), (140, false)] {
         let (rows, cols) = (7, 140);
-        let views = [1u64, 2].map(|seed| View {
-            mask: (seed as i64 == count % 4).then(|| mask(rows, cols, 3, seed)),
-            ..view(rows, cols, |y, x| hash(seed, y, x) as u8)
+        let views = [1u64, 2].map(|seed| {
+            let view = view(rows, cols, |y, x| hash(seed, y, x) as u8);
+            view.with_mask((seed as i64 == count % 4).then(|| mask(rows, cols, 3, seed)))
         });
 
         let candidates = Candidates::new(0, count, cols).expect("in reach");

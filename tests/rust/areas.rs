@@ -1,15 +1,15 @@
 //! Areas outside the run of disparities: as a naive search finds them, and where things were put.
 
 use crate::common::{hash, levels};
-use ndarray::Array3;
 use phasestereo::internals::estimation::areas::{Area, areas};
 use phasestereo::internals::estimation::overview::{Guess, Overview};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
 use phasestereo_match::cost::Costs;
+use phasestereo_match::image::conversion::view_of_plane;
 use phasestereo_match::image::intensity_range::IntensityRange;
-use phasestereo_match::image::view::{Image, View};
+use phasestereo_match::image::view::View;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::matcher::{Execution, Matcher};
 use phasestereo_match::pair::candidates::Candidates;
@@ -27,12 +27,9 @@ fn noise(salt: u64, y: usize, x: usize) -> f32 {
     (hash(salt, y, x) % 256) as f32 / 2.0
 }
 
-/// A copy as a view, of which a gray level is a thousand steps.
-fn as_view(plane: Plane<f32>) -> View {
-    let pixels =
-        Array3::from_shape_fn((plane.rows(), plane.cols(), 1), |(y, x, _)| plane.row(y)[x]);
-    let range = IntensityRange { black: -128_000.0, white: 128_000.0 };
-    View { range: Some(range), ..View::from(Image::F32(pixels)) }
+/// A copy as a view.
+fn as_view(plane: &Plane<f32>) -> View {
+    view_of_plane(plane, IntensityRange { black: -128_000.0, white: 128_000.0 })
 }
 
 /// Copies of a background with things before it: top, rows, first column of the left image, columns, disparity.
@@ -154,7 +151,7 @@ type Member = ((usize, usize), (isize, u64));
 
 /// The areas by the definition.
 fn naive(copies: &Overview, guess: Guess) -> Vec<Area> {
-    let [left, right] = copies.planes.each_ref().map(|plane| as_view(plane.clone()));
+    let [left, right] = copies.planes.each_ref().map(as_view);
     let (forward, back) =
         (Sums::new(&left, &right, REACH), Sums::new(&right, &left, (-REACH.1, -REACH.0)));
     let run = Sums::new(&left, &right, RUN);

@@ -4,19 +4,19 @@ use std::ops::Range;
 
 use crate::common::maps;
 use crate::common::naive::ResultBits;
-use crate::common::parts::{Slow, known_part, rows_of};
+use crate::common::parts::{Slow, Stored, rows_of};
 use crate::common::{
-    LARGEST_PENALTY, OPTIMIZERS, affordable, blur_compensation, hash, levels, mask, noises, random,
-    robust, settings, view, views,
+    LARGEST_PENALTY, OPTIMIZERS, affordable, blur_compensation, hash, input, inputs, levels, mask,
+    noises, random, robust, settings,
 };
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Error;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
 use phasestereo_match::image::convolution::Kernel;
-use phasestereo_match::image::intensity_range::IntensityRange;
+use phasestereo_match::image::pixels::Input;
 use phasestereo_match::image::texture::{Roughness, Texture};
-use phasestereo_match::image::view::{Mask, View};
+use phasestereo_match::image::view::Mask;
 use phasestereo_match::matcher::halo::Halo;
 use phasestereo_match::matcher::section::Section;
 use phasestereo_match::matcher::{Disparity, Execution, Matcher, Timings};
@@ -24,7 +24,7 @@ use phasestereo_match::optimization::BAND;
 use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::blur_compensation::BlurCompensation;
 use phasestereo_match::pair::plan::Plan;
-use phasestereo_match::pair::source::{ranges, roughness, widened};
+use phasestereo_match::pair::source::{roughness, widened};
 use phasestereo_match::refinement::calibration::{Tally, sampled};
 use phasestereo_match::refinement::{Draft, flag};
 use phasestereo_match::settings::presets::Preset;
@@ -43,25 +43,21 @@ fn halo(settings: &Settings, compensation: Option<&BlurCompensation>) -> Halo {
 /// A pair to be matched in parts, and what a part has to know of the whole.
 #[derive(Debug)]
 struct PartsJob {
-    pair: Pair,
+    stored: Stored,
     settings: Settings,
-    ranges: [IntensityRange; 2],
     roughness: Roughness,
     tally: Option<Tally>,
 }
 
 impl PartsJob {
-    fn new(pair: Pair, settings: Settings) -> Self {
-        let control = Control::default();
-        let whole = pair.size().0;
-
-        let found = ranges(&Slow::new(&pair, whole), &control).expect("all rows");
-        let known = pair.clone().with_ranges(found.map(Some));
-        let impulses = pair.views()[0].impulses;
-        let rough = roughness(&Slow::new(&known, whole), impulses, Level::best(), &control);
+    fn new(stored: Stored, settings: Settings) -> Self {
+        let pair = &stored.pair;
+        let impulses = pair.blur_compensation().map_or(0.0, |known| known.impulses()[0]);
+        let source = Slow::new(&stored, pair.size().0);
+        let rough = roughness(&source, impulses, Level::best(), &Control::default());
 
         let roughness = rough.expect("all rows");
-        let mut job = Self { pair, settings, ranges: found, roughness, tally: None };
+        let mut job = Self { stored, settings, roughness, tally: None };
         job.tally = job.settings.needs_confidence().then(|| job.sums());
         job
     }
@@ -70,9 +66,9 @@ impl PartsJob {
     fn sums(&self) -> Tally {
         let matcher = Matcher::new(1).expect("a thread");
         let execution = Execution { threads: 1, level: Level::best() };
-        let candidates = self.pair.candidates();
+        let candidates = self.stored.pair.candidates();
 
-        let sums = sampled(self.pair.size().0).into_iter().map(|rows| {
+        let sums = sampled(self.stored.pair.size().0).into_iter().map(|rows| {
             let (pair, section) = self.section(&rows, &self.around(&rows));
             let found =
                 matcher.match_raw(&pair, &section, &self.settings, execution, &Control::default());
@@ -86,23 +82,24 @@ impl PartsJob {
 
     /// The rows around a part that it depends on.
     fn halo(&self) -> Halo {
-        halo(&self.settings, self.pair.blur_compensation())
+        halo(&self.settings, self.stored.pair.blur_compensation())
     }
 
     /// The result of a match of the whole.
     fn whole(&self, (matcher, execution): (&Matcher, Execution)) -> ResultBits {
-        let found = matcher.match_pair(&self.pair, &self.settings, execution, &Control::default());
+        let found =
+            matcher.match_pair(&self.stored.pair, &self.settings, execution, &Control::default());
         ResultBits::new(found.expect("a legal match"))
     }
 
     /// The rows to read for some rows: more where a halo has rows without a valid pixel.
     fn around(&self, rows: &Range<usize>) -> Range<usize> {
         let halo = self.halo();
-        let height = self.pair.size().0;
+        let height = self.stored.pair.size().0;
         let read = widened(rows, halo.rows(), height);
 
         let is_empty = |mask: &Mask| read.clone().any(|y| !mask.row(y).contains(&true));
-        if self.pair.views().iter().filter_map(|view| view.mask.as_ref()).any(is_empty) {
+        if self.stored.pair.views().iter().filter_map(|view| view.mask()).any(is_empty) {
             return widened(&read, halo.masked, height);
         }
 
@@ -131,7 +128,7 @@ impl PartsJob {
             ranges: None,
             tally: self.tally,
         };
-        (without_full_masks(known_part(&self.pair, read, self.ranges)), section)
+        (self.stored.part(read), section)
     }
 
     /// The whole match, the rows between each two cuts by themselves.
@@ -143,7 +140,7 @@ impl PartsJob {
 
 impl std::fmt::Display for PartsJob {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        let (size, candidates) = (self.pair.size(), self.pair.candidates());
+        let (size, candidates) = (self.stored.pair.size(), self.stored.pair.candidates());
         write!(f, "{size:?}, {candidates:?}, {:?}, {:?}", self.settings, self.halo())
     }
 }
@@ -162,19 +159,6 @@ fn joined(parts: impl Iterator<Item = ResultBits>) -> ResultBits {
     };
 
     parts.reduce(join).expect("at least one part")
-}
-
-/// A part as a reader may give it: without masks that are true everywhere.
-fn without_full_masks(pair: Pair) -> Pair {
-    let [left, right] = pair.views().map(|view| {
-        let mask = view.mask.clone().filter(|mask| mask.as_slice().contains(&false));
-        View { mask, ..view.clone() }
-    });
-
-    let candidates = pair.candidates();
-    let compensation = pair.blur_compensation().cloned();
-    let parted = Pair::new(left, right, candidates.min() as i64, candidates.count() as i64);
-    parted.expect("a legal pair").with_blur_compensation(compensation)
 }
 
 fn execution(threads: usize, level: Level) -> Execution {
@@ -197,9 +181,9 @@ fn masked(rows: usize, cols: usize, seed: u64) -> Mask {
 }
 
 /// Pairs of several bands: of few gray values, so that ties abound, or of many; or small ones of any type.
-fn pairs() -> impl Strategy<Value = Pair> {
+fn pairs() -> impl Strategy<Value = Stored> {
     let small = (1usize..=20, 1usize..=12, 0u8..4)
-        .prop_flat_map(|(rows, cols, kind)| [views(rows, cols, kind), views(rows, cols, kind)]);
+        .prop_flat_map(|(rows, cols, kind)| [inputs(rows, cols, kind), inputs(rows, cols, kind)]);
 
     let heights = prop_oneof![
         2 => 1usize..=260,
@@ -224,18 +208,18 @@ fn pairs() -> impl Strategy<Value = Pair> {
 
                 let is_masked = masks >> side & 1 == 1;
                 let mask = is_masked.then(|| masked(rows, cols, hash(own, 1, 1)));
-                View { mask, ..view(rows, cols, pixel) }
+                Input { mask, ..input(rows, cols, pixel) }
             })
         },
     );
 
     (prop_oneof![1 => small, 3 => tall], any::<Index>(), any::<Index>()).prop_map(
         |([left, right], min, count)| {
-            let cols = left.image.shape().1;
+            let cols = left.size().1;
             let count = 1 + count.index(cols.min(20)) as i64;
             let lowest = 1 - cols as i64 - (count - 1);
             let min = lowest + min.index((2 * cols as i64 + count - 2) as usize) as i64;
-            Pair::new(left, right, min, count).expect("in reach")
+            Stored::new([left, right], min, count)
         },
     )
 }
@@ -275,9 +259,9 @@ fn any_settings() -> impl Strategy<Value = Settings> {
 fn jobs() -> impl Strategy<Value = PartsJob> {
     let known = prop_oneof![1 => noises().prop_map(noise_alone), 2 => blur_compensation()];
     (pairs(), any_settings(), known).prop_map(|(pair, mut settings, known)| {
-        let (rows, cols) = pair.size();
+        let (rows, cols) = pair.pair.size();
 
-        let places = AFFORDABLE / (rows * cols * pair.candidates().count());
+        let places = AFFORDABLE / (rows * cols * pair.pair.candidates().count());
         settings.window = affordable(settings.window, places);
 
         let (r, s) = settings.frequencies;
@@ -288,7 +272,7 @@ fn jobs() -> impl Strategy<Value = PartsJob> {
         let is_phase = settings.cost == CostKind::Phase;
         let known = if is_phase { known } else { noise_alone(known.noise()) };
 
-        PartsJob::new(pair.with_blur_compensation(known), settings)
+        PartsJob::new(pair.compensated(known), settings)
     })
 }
 
@@ -312,7 +296,7 @@ proptest! {
         threads in 1usize..=8,
         level in select(levels()),
     ) {
-        let cuts = cuts(job.pair.size().0, &places);
+        let cuts = cuts(job.stored.pair.size().0, &places);
         let matcher = Matcher::new(threads).expect("threads start");
         let on = (&matcher, execution(threads, level));
         let found = job.by_parts(&cuts, on);
@@ -323,16 +307,16 @@ proptest! {
 }
 
 /// A scene and the same further left, so that costs range from 0 to the largest.
-fn shifted(rows: usize, cols: usize) -> [View; 2] {
-    [0, 2].map(|shift| view(rows, cols, |y, x| hash(9, y, x + shift) as u8))
+fn shifted(rows: usize, cols: usize) -> [Input; 2] {
+    [0, 2].map(|shift| input(rows, cols, |y, x| hash(9, y, x + shift) as u8))
 }
 
 /// A pair with these columns, with some invalid pixels in the rows that `is_masked` names.
-fn pair(rows: usize, cols: usize, is_masked: impl Fn(usize) -> bool) -> Pair {
+fn pair(rows: usize, cols: usize, is_masked: impl Fn(usize) -> bool) -> Stored {
     let mask = Mask::from_fn(rows, cols, |y, x| !(is_masked(y) && hash(3, y, x).is_multiple_of(4)));
     let mask = Some(mask).filter(|mask| mask.as_slice().contains(&false));
-    let [left, right] = shifted(rows, cols).map(|view| View { mask: mask.clone(), ..view });
-    Pair::new(left, right, -1, 9).expect("a legal pair")
+    let inputs = shifted(rows, cols).map(|input| Input { mask: mask.clone(), ..input });
+    Stored::new(inputs, -1, 9)
 }
 
 /// Masks and penalties decide in which integers a part is matched: not always in those of the whole.
@@ -386,13 +370,12 @@ fn cleaned_versions() -> BlurCompensation {
 
 #[test]
 fn tall_pairs_in_parts_are_the_whole() {
-    let [left, right] =
-        shifted(600, 75).map(|view| View { mask: Some(masked(600, 75, 12)), ..view });
-    let pair = Pair::new(left, right, 0, 16).expect("a legal pair");
+    let inputs = shifted(600, 75).map(|input| Input { mask: Some(masked(600, 75, 12)), ..input });
+    let pair = Stored::new(inputs, 0, 16);
     let matcher = Matcher::new(2).expect("threads");
 
     for known in [two_versions(), cleaned_versions()] {
-        let job = PartsJob::new(pair.clone().with_blur_compensation(known), robust());
+        let job = PartsJob::new(pair.clone().compensated(known), robust());
         for level in levels() {
             let on = (&matcher, execution(1, level));
             let found = job.by_parts(&[0, 1, 63, 128, 330, 599, 600], on);
@@ -446,10 +429,9 @@ fn halos_are_as_small_as_possible() {
     for (settings, known) in settings_of_many_halos() {
         let mut is_tight = [false; 2];
         for seed in 0..12 {
-            let [left, right] =
-                [seed, !seed].map(|seed| view(280, 60, |y, x| spoilt(hash(seed, y, x))));
-            let pair = Pair::new(left, right, 0, 30).expect("a legal pair");
-            let job = PartsJob::new(pair.with_blur_compensation(known.clone()), settings.clone());
+            let inputs = [seed, !seed].map(|seed| input(280, 60, |y, x| spoilt(hash(seed, y, x))));
+            let pair = Stored::new(inputs, 0, 30);
+            let job = PartsJob::new(pair.compensated(known.clone()), settings.clone());
 
             let halo = job.halo();
             // The last row of a band depends on the furthest row above, the first of the next one on the furthest below.
@@ -505,7 +487,7 @@ struct DraftMap {
     disparity: Plane<f32>,
     flags: Plane<u16>,
     votes: Plane<f32>,
-    texture: Texture,
+    texture: Texture<'static>,
 }
 
 impl DraftMap {
@@ -667,12 +649,12 @@ fn rows_that_copy_others_need_those() {
 
     // Neighborhoods of row 66 end at row 62, which copies row 58: no nearer row is valid.
     let valid = |y: usize| y >= 66 || (50..=58).contains(&y);
-    let [left, right] = [5, 6].map(|seed| View {
+    let inputs = [5, 6].map(|seed| Input {
         mask: Some(Mask::from_fn(160, 60, |y, _| valid(y))),
-        ..view(160, 60, |y, x| hash(seed, y, x) as u8)
+        ..input(160, 60, |y, x| hash(seed, y, x) as u8)
     });
 
-    let job = PartsJob::new(Pair::new(left, right, 0, 30).expect("a legal pair"), settings);
+    let job = PartsJob::new(Stored::new(inputs, 0, 30), settings);
 
     let whole = job.whole(on);
     for cuts in [[63, 70], [65, 66], [66, 67], [66, 159], [52, 64]] {
@@ -694,7 +676,7 @@ fn rows_that_copy_others_need_those() {
 fn rows_beyond_the_pair_are_refused() {
     let matcher = Matcher::new(1).expect("a thread");
     let control = Control::default();
-    let whole = pair(70, 40, |_| false);
+    let whole = pair(70, 40, |_| false).pair;
     let run = |optimizer, rows| {
         let settings = Settings { optimizer, ..Preset::Paper.settings() };
         let section = Section { rows, ..Section::whole(&whole) };

@@ -12,7 +12,8 @@ use phasestereo_match::base::error::Error;
 use phasestereo_match::base::math;
 use phasestereo_match::base::plane::{Plane, reflect};
 use phasestereo_match::base::simd::Level;
-use phasestereo_match::image::view::{Image, Mask, View};
+use phasestereo_match::image::pixels::{Image, Input};
+use phasestereo_match::image::view::Mask;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::matcher::{Execution, Matcher};
 use phasestereo_match::pair::Pair;
@@ -62,23 +63,20 @@ fn array<T>(plane: &Plane<f32>, pixel: impl Fn(f32) -> T) -> Array3<T> {
     Array3::from_shape_fn((plane.rows(), plane.cols(), 1), |(y, x, _)| pixel(plane.row(y)[x]))
 }
 
-fn bytes(plane: &Plane<f32>) -> View {
-    View {
-        image: Image::U8(array(plane, |value| value as u8)),
-        mask: None,
-        range: None,
-        impulses: 0.0,
-        unit: 1.0,
-    }
+fn bytes(plane: &Plane<f32>) -> Input {
+    Image::U8(array(plane, |value| value as u8)).into()
 }
 
-fn floats(plane: &Plane<f32>) -> View {
-    View::from(Image::F32(array(plane, |value| value)))
+fn floats(plane: &Plane<f32>) -> Input {
+    Image::F32(array(plane, |value| value)).into()
 }
 
-fn pair(shots: &[Plane<f32>; 2], view: impl Fn(&Plane<f32>) -> View) -> Pair {
-    let [left, right] = shots;
-    Pair::new(view(left), view(right), 0, 16).expect("a legal pair")
+fn pair(shots: &[Plane<f32>; 2], input: impl Fn(&Plane<f32>) -> Input) -> Pair {
+    pair_of(shots.each_ref().map(input), 0, 16)
+}
+
+fn pair_of(inputs: [Input; 2], min: i64, count: i64) -> Pair {
+    Pair::of_inputs(inputs, min, count).expect("a legal pair")
 }
 
 fn execution(threads: usize, level: Level) -> Execution {
@@ -200,8 +198,8 @@ fn noise_is_in_the_unit_of_the_pixels() {
     assert!((6e-4..1.3e-3).contains(&found.noise[0]), "{found:?}");
 }
 
-/// How a plane becomes a view.
-type MakeView = Box<dyn Fn(&Plane<f32>) -> View>;
+/// How a plane becomes an image.
+type MakeInput = Box<dyn Fn(&Plane<f32>) -> Input>;
 
 #[test]
 fn the_type_and_the_scale_of_the_pixels_hardly_matter() {
@@ -209,31 +207,31 @@ fn the_type_and_the_scale_of_the_pixels_hardly_matter() {
     let shots = shots(Side::Right, Some(&expected.taps()));
     let plain = estimated(&pair(&shots, bytes));
 
-    let views: [MakeView; 6] = [
+    let inputs: [MakeInput; 6] = [
         Box::new(|plane| {
             let image = Image::U16(array(plane, |value| 257 * value as u16));
-            View::from(image)
+            image.into()
         }),
         Box::new(|plane| {
             let image = Image::U16(array(plane, |value| value as u16));
-            View::from(image)
+            image.into()
         }),
         Box::new(|plane| floats(&plane.map(|value| value * 1e-6))),
         Box::new(|plane| floats(&plane.map(|value| value * 1e6 - 1e7))),
         Box::new(|plane| {
             let image = Image::F64(array(plane, |value| f64::from(value) * 1e30));
-            View::from(image)
+            image.into()
         }),
         Box::new(|plane| {
             let gray = array(plane, |value| value as u8);
             let colors = (plane.rows(), plane.cols(), 3);
             let image = Image::U8(Array3::from_shape_fn(colors, |(y, x, _)| gray[(y, x, 0)]));
-            View::from(image)
+            image.into()
         }),
     ];
 
-    for view in views {
-        let found = estimated(&pair(&shots, view));
+    for input in inputs {
+        let found = estimated(&pair(&shots, input));
         check(&found, Side::Right, expected);
 
         let [one, other] =
@@ -311,7 +309,7 @@ fn areas_of_different_blur_are_told_apart() {
 fn roles_and_directions_may_be_swapped() {
     let expected = Psf::motion(11.0, 30.0);
     let [left, right] = shots(Side::Left, Some(&expected.taps()));
-    let swapped = Pair::new(bytes(&right), bytes(&left), -15, 16).expect("a legal pair");
+    let swapped = pair_of([bytes(&right), bytes(&left)], -15, 16);
     check(&estimated(&swapped), Side::Right, expected);
 
     let mirror =
@@ -330,7 +328,7 @@ fn what_a_mask_covers_does_not_count() {
         let view = |plane: &Plane<f32>| {
             let pixel = |y: usize, x: usize| if covered(y, x) { fill } else { plane.row(y)[x] };
             let mask = Mask::from_fn(SIZE.0, SIZE.1, |y, x| !covered(y, x));
-            View { mask: Some(mask), ..floats(&Plane::from_fn(SIZE.0, SIZE.1, pixel)) }
+            Input { mask: Some(mask), ..floats(&Plane::from_fn(SIZE.0, SIZE.1, pixel)) }
         };
 
         check(&estimated(&pair(&shots, view)), Side::Left, expected);
@@ -356,7 +354,7 @@ fn images_without_texture_have_no_estimate() {
 
     for (rows, cols, left, right) in pairs {
         let (left, right) = (view(rows, cols, left), view(rows, cols, right));
-        let pair = Pair::new(left, right, 0, 1).expect("a legal pair");
+        let pair = pair_of([left, right], 0, 1);
 
         let found = estimated(&pair);
         assert!(is_unknown(&found, (rows, cols)), "{rows} x {cols}: {found:?}");
@@ -377,12 +375,12 @@ fn images_without_valid_pixels_have_no_estimate() {
     let shots = shots(Side::Left, Some(&Psf::disk(4.0).taps()));
 
     for masked in [[true, true], [true, false], [false, true]] {
-        let [left, right] = [0, 1].map(|side| View {
+        let inputs = [0, 1].map(|side| Input {
             mask: masked[side].then(|| Mask::from_fn(SIZE.0, SIZE.1, |_, _| false)),
             ..bytes(&shots[side])
         });
 
-        let found = estimated(&Pair::new(left, right, 0, 16).expect("a legal pair"));
+        let found = estimated(&pair_of(inputs, 0, 16));
         assert!(is_unknown(&found, SIZE), "{masked:?}: {found:?}");
     }
 }
@@ -391,7 +389,7 @@ fn images_without_valid_pixels_have_no_estimate() {
 fn a_single_row_of_texture_is_no_blur() {
     let row = |y: usize, x: usize| if y == 70 { (hash(5, 0, x) % 256) as f32 } else { 90.0 };
     let view = bytes(&Plane::from_fn(160, 200, row));
-    let found = estimated(&Pair::new(view.clone(), view, 0, 16).expect("a legal pair"));
+    let found = estimated(&pair_of([view.clone(), view], 0, 16));
     assert!(is_none(&found), "{found:?}");
 }
 
@@ -400,14 +398,14 @@ fn the_least_image_has_a_single_block() {
     let image = Plane::from_fn(64, 64, |y, x| scene(0).row(y)[x]);
     let soft = convolved(&image, &Psf::disk(3.0).taps());
 
-    let found = estimated(&Pair::new(bytes(&soft), bytes(&image), 0, 1).expect("a legal pair"));
+    let found = estimated(&pair_of([bytes(&soft), bytes(&image)], 0, 1));
     assert_eq!(found.blurs[0].side, Some(Side::Left), "{found:?}");
 }
 
 #[test]
 fn disparities_beyond_all_blocks_have_no_estimate() {
     let [left, right] = shots(Side::Left, None);
-    let pair = Pair::new(bytes(&left), bytes(&right), 200, 20).expect("a legal pair");
+    let pair = pair_of([bytes(&left), bytes(&right)], 200, 20);
     assert!(is_unknown(&estimated(&pair), SIZE));
 }
 

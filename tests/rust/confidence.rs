@@ -24,7 +24,7 @@ use proptest::prelude::*;
 struct Planes {
     disparity: Plane<f32>,
     votes: Plane<f32>,
-    texture: Texture,
+    texture: Texture<'static>,
 }
 
 impl Planes {

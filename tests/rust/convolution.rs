@@ -191,8 +191,8 @@ fn threads_leave_no_seam() {
 fn pixels_of_an_image_are_centered_first() {
     let view = view(9, 40, |y, x| hash(3, y, x) as u8);
     let (level, control, kernel) = (Level::best(), Control::default(), scattered(5, 3, 70));
-    let gray = Gray::new(&view, level, &control).expect("not cancelled");
-    let expected = reference::convolve(&crate::common::gray(&view), &kernel, 4);
+    let gray = Gray::of_view(&view);
+    let expected = reference::convolve(view.gray(), &kernel, 4);
     assert_eq!(convolve(&gray, &kernel, 4, level, &control), Ok(expected));
 }
 

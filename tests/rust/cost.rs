@@ -1,13 +1,16 @@
 //! Costs: lanes of bytes and words against single bits, levels and pixels.
 
-use crate::common::{COUNTS, descriptors, grays, hash, levels, mask, naive, random, view, views};
+use crate::common::{
+    COUNTS, descriptors, gray_of, grays, hash, levels, mask, naive, random, view, views,
+};
 use crate::reference;
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Error;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::cost::Costs;
 use phasestereo_match::cost::validity::Validity;
-use phasestereo_match::image::view::{Image, View};
+use phasestereo_match::image::pixels::Image;
+use phasestereo_match::image::view::View;
 use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::settings::presets::Preset;
 use phasestereo_match::settings::{CostKind, Settings};
@@ -16,7 +19,7 @@ use proptest::prelude::*;
 /// The costs of a pair, which must be the same at every level.
 fn volume(views: [&View; 2], candidates: Candidates, settings: &Settings) -> Plane<u16> {
     let control = Control::default();
-    let (rows, ..) = views[0].image.shape();
+    let (rows, _) = views[0].size();
 
     let at = |level| {
         let costs = Costs::new(views, candidates, settings, None, level, &control).expect("memory");
@@ -54,21 +57,15 @@ fn circular_distance(a: u64, b: u64, settings: &Settings) -> usize {
 
 /// A pair of unlike views, with masks or without.
 fn unlike(rows: usize, cols: usize, is_masked: bool) -> [View; 2] {
-    [1, 2].map(|seed| View {
-        mask: is_masked.then(|| mask(rows, cols, 80, seed)),
-        ..view(rows, cols, |y, x| hash(seed, y, x) as u8)
+    [1, 2].map(|seed| {
+        let view = view(rows, cols, |y, x| hash(seed, y, x) as u8);
+        view.with_mask(is_masked.then(|| mask(rows, cols, 80, seed)))
     })
 }
 
 #[test]
 fn ceilings_and_steps_are_those_of_the_unit() {
-    let color = View {
-        image: Image::U8(ndarray::Array3::zeros((1, 1, 3))),
-        mask: None,
-        range: None,
-        impulses: 0.0,
-        unit: 1.0,
-    };
+    let color = gray_of(Image::U8(ndarray::Array3::zeros((1, 1, 3))));
 
     let candidates = Candidates::new(0, 1, 1).expect("in reach");
 
@@ -88,9 +85,9 @@ fn ceilings_and_steps_are_those_of_the_unit() {
 
     assert_eq!(scale(CostKind::Phase, 2), Ok((14, 1)), "bits");
     assert_eq!(scale(CostKind::Phase, 3), Ok((28, 1)), "bits");
-    assert_eq!(scale(CostKind::Sad, 2), Ok((3 * 3 * 255 * 16, 16)), "sixteenths of gray levels");
-    assert_eq!(scale(CostKind::NormalizedSad, 2), Ok((3 * 32 * 256, 256)), "256ths of deviations");
-    assert_eq!(scale(CostKind::Zncc, 2), Ok((3 * 2 * 256, 256)), "256ths of a correlation");
+    assert_eq!(scale(CostKind::Sad, 2), Ok((3 * 255 * 16, 16)), "sixteenths of gray levels");
+    assert_eq!(scale(CostKind::NormalizedSad, 2), Ok((32 * 256, 256)), "256ths of deviations");
+    assert_eq!(scale(CostKind::Zncc, 2), Ok((2 * 256, 256)), "256ths of a correlation");
 }
 
 #[test]
@@ -170,7 +167,7 @@ proptest! {
 
         let left = view(gray.rows(), gray.cols(), |y, x| gray.row(y)[x] as u8);
         let right = view(gray.rows(), gray.cols(), |y, x| (gray.row(y)[x] / 3) as u8);
-        let [a, b] = [&left, &right].map(|view| reference::describe(&crate::common::gray(view), &settings, 0.0));
+        let [a, b] = [&left, &right].map(|view| reference::describe(view.gray(), &settings, 0.0));
 
         let volume = volume([&left, &right], candidates, &settings);
         prop_assert_eq!(&volume, &reference::phase_costs(&a, &b, candidates));
@@ -186,7 +183,7 @@ proptest! {
     }
 
     #[test]
-    fn costs_of_levels_are_summed_over_channels(
+    fn costs_of_levels_are_those_of_gray(
         left in views(3, 7, 0),
         right in views(3, 7, 0),
         min in -6i64..6,
@@ -203,7 +200,7 @@ proptest! {
     fn both_pixels_of_a_valid_pair_are_valid(left in views(2, 6, 0), right in views(2, 6, 0)) {
         let candidates = Candidates::new(-1, 4, 6).expect("in reach");
         let validity = Validity::new([&left, &right], candidates).expect("memory");
-        prop_assert_eq!(validity.is_none(), left.mask.is_none() && right.mask.is_none());
+        prop_assert_eq!(validity.is_none(), left.mask().is_none() && right.mask().is_none());
         let Some(validity) = validity else { return Ok(()) };
 
         for (y, x) in (0..2).flat_map(|y| (0..6).map(move |x| (y, x))) {

@@ -3,7 +3,7 @@
 
 use std::ops::Range;
 
-use crate::common::parts::Slow;
+use crate::common::parts::{Slow, Stored};
 use crate::common::{hash, levels};
 use ndarray::Array3;
 use phasestereo::Finding;
@@ -15,13 +15,13 @@ use phasestereo::internals::findings::of_pair;
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::plane::{Plane, reflect};
 use phasestereo_match::base::simd::Level;
-use phasestereo_match::image::view::{Image, Mask, View};
+use phasestereo_match::image::pixels::{Image, Input};
+use phasestereo_match::image::view::{Mask, View};
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::matcher::{Execution, Matcher};
 use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::alignment::Alignment;
 use phasestereo_match::pair::alignment::straighten::straightened;
-use phasestereo_match::pair::source::ranges;
 use phasestereo_match::settings::presets::Preset;
 use phasestereo_match::settings::{Optimizer, Settings};
 
@@ -111,8 +111,11 @@ fn floats(plane: &Plane<f64>) -> Image {
 }
 
 fn pair_of(shots: &[Plane<f64>; 2], image: impl Fn(&Plane<f64>) -> Image) -> Pair {
-    let view = |plane| View::from(image(plane));
-    Pair::new(view(&shots[0]), view(&shots[1]), 0, 48).expect("a legal pair")
+    stored(shots, image).pair
+}
+
+fn stored(shots: &[Plane<f64>; 2], image: impl Fn(&Plane<f64>) -> Image) -> Stored {
+    Stored::new([Input::from(image(&shots[0])), Input::from(image(&shots[1]))], 0, 48)
 }
 
 fn field(coefficients: &[f64]) -> Alignment {
@@ -165,26 +168,17 @@ fn with_findings(mut found: Estimates, pair: &Pair) -> Estimates {
 }
 
 /// The same of a pair that is read by at most so many rows.
-fn found_by_rows(pair: &Pair, is_known: bool, most: usize) -> Estimates {
+fn found_by_rows(stored: &Stored, is_known: bool, most: usize) -> Estimates {
     let matcher = Matcher::new(2).expect("threads");
     let control = Control::default();
 
     let execution = Execution { threads: 2, level: Level::best() };
     let runtime = Runtime { matcher: &matcher, execution, control: &control };
-    let candidates = is_known.then(|| Fact::given(pair.candidates()));
+    let candidates = is_known.then(|| Fact::given(stored.pair.candidates()));
     let facts = Facts { candidates, ..Facts::default() };
 
-    let whole = Slow::new(pair, most);
-    let pair = match pair.views()[0].image {
-        Image::F32(_) => {
-            let known = ranges(&whole, &control).expect("all rows").map(Some);
-            pair.clone().with_ranges(known)
-        }
-        _ => pair.clone(),
-    };
-
-    let found = complete_source(&Slow::new(&pair, most), &facts, &settings(), runtime);
-    with_findings(found.expect("it runs"), &pair)
+    let found = complete_source(&Slow::new(stored, most), &facts, &settings(), runtime);
+    with_findings(found.expect("it runs"), &stored.pair)
 }
 
 /// Compares all but the times.
@@ -331,27 +325,27 @@ fn blur_that_follows_depth_has_the_disk_of_each_disparity() {
 fn pairs_that_are_read_have_the_estimates_of_whole_ones() {
     let shots = shots(&field(&[1.5, 1.0, -0.5]));
 
-    let masked = |pair: &Pair| {
-        let [left, right] = pair.views().map(|view| {
+    let masked = |pair: &Stored| {
+        let inputs = pair.inputs.clone().map(|input| {
             let is_valid = |y: usize, x: usize| !((90..130).contains(&y) && x < 120 + y);
-            View { mask: Some(Mask::from_fn(SIZE.0, SIZE.1, is_valid)), ..view.clone() }
+            Input { mask: Some(Mask::from_fn(SIZE.0, SIZE.1, is_valid)), ..input }
         });
-        Pair::new(left, right, 0, 48).expect("legal")
+        Stored::new(inputs, 0, 48)
     };
 
-    let plain = [pair_of(&shots, bytes), pair_of(&shots, floats)];
+    let plain = [stored(&shots, bytes), stored(&shots, floats)];
     // So wide that one match of reduced images serves for rows and blur.
-    let wide = pair_of(&shots.each_ref().map(doubled), bytes);
+    let wide = stored(&shots.each_ref().map(doubled), bytes);
 
-    let sways = pair_of(&self::shots(&swaying(&[0.4, 1.2, -0.6])), bytes);
+    let sways = stored(&self::shots(&swaying(&[0.4, 1.2, -0.6])), bytes);
 
     let floats = plain[1].clone();
     let apart = in_focus_apart(self::shots(&field(&[0.0; 8])));
-    let apart = pair_of(&apart, bytes);
+    let apart = stored(&apart, bytes);
 
     for pair in [plain[0].clone(), masked(&plain[0]), masked(&floats), floats, wide, sways, apart] {
         for is_known in [true, false] {
-            let expected = found(&pair, is_known, 1, Level::best());
+            let expected = found(&pair.pair, is_known, 1, Level::best());
 
             for most in [1, 70, 131, 10_000] {
                 let found = found_by_rows(&pair, is_known, most);
@@ -363,11 +357,13 @@ fn pairs_that_are_read_have_the_estimates_of_whole_ones() {
 
 #[test]
 fn a_negative_is_found_by_rows_as_in_memory_and_may_be_known() {
-    let pair = pair_of(&shots(&field(&[0.0; 8])), bytes).inverted();
-    let expected = found(&pair, false, 2, Level::best());
+    let [left, right] = shots(&field(&[0.0; 8]));
+    let stored = stored(&[left, right.map(|value| 255.0 - value)], bytes);
+    let pair = &stored.pair;
+    let expected = found(pair, false, 2, Level::best());
     assert!(expected.is_inverted);
 
-    let by_rows = found_by_rows(&pair, false, 50);
+    let by_rows = found_by_rows(&stored, false, 50);
     assert_same(&by_rows, &expected, "by rows");
     assert!(by_rows.is_inverted);
 
@@ -377,22 +373,21 @@ fn a_negative_is_found_by_rows_as_in_memory_and_may_be_known() {
     let facts = &Facts { is_inverted: true, ..Facts::default() };
 
     let (inverted, found) = complete(pair.clone(), facts, &settings(), runtime).expect("it runs");
-    assert_same(&with_findings(found, &pair), &expected, "known");
-    assert_eq!(inverted.views()[1].image, pair.inverted().views()[1].image);
+    assert_same(&with_findings(found, pair), &expected, "known");
+    assert_eq!(inverted.views()[1], pair.inverted().views()[1]);
 
-    let slow = Slow::new(&pair, 50);
+    let slow = Slow::new(&stored, 50);
     let by_rows = complete_source(&slow, facts, &settings(), runtime).expect("it runs");
-    assert_same(&with_findings(by_rows, &pair), &expected, "known, by rows");
+    assert_same(&with_findings(by_rows, pair), &expected, "known, by rows");
 }
 
 #[test]
 fn a_part_is_straightened_as_the_whole() {
     let exact = swaying(&[2.2, 1.7, -3.1, 0.4, 0.0, -0.3, 0.8, 0.2]);
     let pair = pair_of(&shots(&exact), floats);
-    let right = View {
-        mask: Some(Mask::from_fn(SIZE.0, SIZE.1, |y, x| !hash(3, y / 3, x / 5).is_multiple_of(9))),
-        ..pair.views()[1].clone()
-    };
+    let is_valid = |y, x| !hash(3, y / 3, x / 5).is_multiple_of(9);
+    let mask = Mask::from_fn(SIZE.0, SIZE.1, is_valid);
+    let right = pair.views()[1].clone().with_mask(Some(mask));
 
     let control = Control::default();
     let whole = straightened(&right, &exact, Level::best(), &control).expect("memory");

@@ -1,13 +1,12 @@
 //! Impulses, against sorting the neighbors of every pixel.
 
-use crate::common::{at_every_level, grays, hash, random};
+use crate::common::{at_every_level, gray_of, grays, hash, random};
 use crate::reference;
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
 use phasestereo_match::image::impulses::{count_doubtless, has_impulses, repaired};
-use phasestereo_match::image::intensity::Gray;
-use phasestereo_match::image::view::{Image, View};
+use phasestereo_match::image::pixels::{Image, Input};
 use proptest::prelude::*;
 use proptest::sample::select;
 
@@ -91,21 +90,13 @@ fn gray_values_are_repaired_once_masked_pixels_are_filled() {
 
     let mask = Plane::from_fn(9, 9, |y, x| (y, x) != (0, 0));
 
+    let view = gray_of(Input { mask: Some(mask), ..Image::U8(pixels).into() });
     let gray = |impulses| {
-        let view = View {
-            image: Image::U8(pixels.clone()),
-            mask: Some(mask.clone()),
-            range: None,
-            impulses,
-            unit: 1.0,
-        };
-
-        let control = Control::default();
-        let gray = Gray::new(&view, Level::best(), &control).expect("memory");
-        gray.plane(Level::best(), &control).expect("memory")
+        let repaired = view.repaired(impulses, Level::best(), &Control::default());
+        repaired.expect("memory").gray().clone()
     };
 
-    assert!(gray(20.0).as_slice().iter().all(|value| *value == 1000 * (50 - 128)));
-    assert_eq!(gray(0.0).row(4)[4], 1000 * (250 - 128));
-    assert_eq!(gray(200.0).row(4)[4], 1000 * (250 - 128), "200 are not above 200");
+    assert!(gray(20.0).as_slice().iter().all(|value| *value == 50 - 128));
+    assert_eq!(gray(0.0).row(4)[4], 250 - 128);
+    assert_eq!(gray(200.0).row(4)[4], 250 - 128, "200 are not above 200");
 }

@@ -1,17 +1,31 @@
 //! Intensities: what scale, offset and type of the pixels must not change.
 
-use crate::common::{gray, level_pair, plane, random, views};
+use crate::common::{gray_of, inputs, level_pair, random, views};
 use ndarray::Array3;
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
+use phasestereo_match::image::conversion::{Conversion, Integers};
 use phasestereo_match::image::convolution::Kernel;
 use phasestereo_match::image::intensity::Gray;
-use phasestereo_match::image::view::{Image, Mask, View};
+use phasestereo_match::image::pixels::{Image, Input};
+use phasestereo_match::image::view::{Mask, View};
 use proptest::prelude::*;
 
 fn view(image: Image) -> View {
-    View::from(image)
+    gray_of(image)
+}
+
+/// The gray values of pixels as these integers of 16 bits, or as floats, whatever their values.
+fn converted(image: Image, integers: Option<Integers>) -> View {
+    let conversion = Conversion { integers, is_gray: false, range: None };
+    conversion.view(image.into()).expect("memory")
+}
+
+const WORDS: Option<Integers> = Some(Integers { step: 1.0, bits: 16 });
+
+fn gray(view: &View) -> Plane<i32> {
+    view.gray().clone()
 }
 
 fn bytes(rows: usize, cols: usize, channels: usize) -> impl Strategy<Value = Array3<u8>> {
@@ -23,7 +37,8 @@ fn bytes(rows: usize, cols: usize, channels: usize) -> impl Strategy<Value = Arr
 /// A gray float image of one row.
 fn row(values: &[f64]) -> View {
     let shape = (1, values.len(), 1);
-    view(Image::F64(Array3::from_shape_vec(shape, values.to_vec()).expect("the right length")))
+    let pixels = Array3::from_shape_vec(shape, values.to_vec()).expect("the right length");
+    converted(Image::F64(pixels), None)
 }
 
 proptest! {
@@ -31,18 +46,20 @@ proptest! {
 
     #[test]
     fn scaling_floats_by_a_power_of_two_changes_nothing(
-        left in views(5, 6, 3),
-        right in views(5, 6, 3),
+        left in inputs(5, 6, 3),
+        right in inputs(5, 6, 3),
         power in -900i32..900,
     ) {
-        let scaled = |view: &View| match &view.image {
-            Image::F64(pixels) => {
-                View { image: Image::F64(pixels.mapv(|p| p * 2f64.powi(power))), ..view.clone() }
-            }
+        let scaled = |input: &Input| match &input.image {
+            Image::F64(pixels) => gray_of(Input {
+                image: Image::F64(pixels.mapv(|p| p * 2f64.powi(power))),
+                ..input.clone()
+            }),
             _ => unreachable!("kind 3 is double precision"),
         };
 
         let (far_left, far_right) = (scaled(&left), scaled(&right));
+        let [left, right] = [left, right].map(gray_of);
 
         prop_assert_eq!(gray(&left), gray(&far_left));
         prop_assert_eq!(level_pair([&left, &right], None), level_pair([&far_left, &far_right], None));
@@ -54,15 +71,16 @@ proptest! {
         offset in -1000i16..1000,
     ) {
         let float = |offset: i16| {
-            view(Image::F32(pixels.mapv(|p| f32::from(p) + f32::from(offset))))
+            converted(Image::F32(pixels.mapv(|p| f32::from(p) + f32::from(offset))), None)
         };
         prop_assert_eq!(gray(&float(0)), gray(&float(offset)));
     }
 
     #[test]
     fn gray_is_exact_for_integers(pixels in bytes(3, 4, 3)) {
-        let narrow = gray(&view(Image::U8(pixels.clone())));
-        let wide = gray(&view(Image::U16(pixels.mapv(u16::from))));
+        let bytes = Some(Integers { step: 1.0, bits: 8 });
+        let narrow = gray(&converted(Image::U8(pixels.clone()), bytes));
+        let wide = gray(&converted(Image::U16(pixels.mapv(u16::from)), WORDS));
 
         for ((y, x), _) in pixels.index_axis(ndarray::Axis(2), 0).indexed_iter() {
             let [r, g, b] = [0, 1, 2].map(|c| i32::from(pixels[(y, x, c)]));
@@ -75,7 +93,7 @@ proptest! {
     #[test]
     fn gray_integers_keep_their_unit(pixels in bytes(3, 4, 1)) {
         let narrow = gray(&view(Image::U8(pixels.clone())));
-        let wide = gray(&view(Image::U16(pixels.mapv(u16::from))));
+        let wide = gray(&converted(Image::U16(pixels.mapv(u16::from)), WORDS));
 
         for ((y, x, _), &pixel) in pixels.indexed_iter() {
             prop_assert_eq!(narrow.row(y)[x], i32::from(pixel) - 128);
@@ -85,22 +103,9 @@ proptest! {
 
     #[test]
     fn no_gray_value_is_beyond_the_announced_reach(view in (0u8..4).prop_flat_map(|kind| views(4, 5, kind))) {
-        let reach = Gray::new(&view, Level::best(), &Control::default()).expect("not cancelled").reach();
+        let reach = view.scale().reach();
 
         prop_assert!(gray(&view).as_slice().iter().all(|value| value.unsigned_abs() <= reach));
-    }
-
-    #[test]
-    fn the_level_changes_no_gray_value(view in (0u8..4).prop_flat_map(|kind| views(3, 37, kind))) {
-
-        let expected = gray(&view);
-        for (name, level) in Level::all().filter_map(|(name, level)| Some((name, level?))) {
-            let source = Gray::new(&view, level, &Control::default()).expect("not cancelled");
-            let mut row = vec![0; 37];
-            source.write_row(1, level, &mut row).expect("memory");
-
-            prop_assert_eq!(&row, expected.row(1), "{}", name);
-        }
     }
 
     #[test]
@@ -109,29 +114,28 @@ proptest! {
         let [levels, _] = level_pair([&one, &one], None);
 
         let expected: Vec<u16> = pixels.iter().map(|&p| 16 * (255 + u16::from(p))).collect();
-        prop_assert_eq!(levels[0].as_slice(), &expected[..]);
+        prop_assert_eq!(levels.as_slice(), &expected[..]);
     }
 }
 
 #[test]
 fn blurred_images_keep_fractions_and_their_unit() {
     let thirds = Kernel::new(&Plane::from_fn(1, 3, |_, _| 1.0 / 3.0)).expect("a legal kernel");
-    let convolved = |image: Image| {
-        let view = view(image);
-        let gray = Gray::new(&view, Level::best(), &Control::default()).expect("memory");
+    let convolved = |view: View| {
+        let gray = Gray::of_view(&view);
         let blurred = gray.convolved(&thirds, Level::best(), &Control::default()).expect("memory");
-        (plane(&gray), plane(&blurred), blurred.steps(1.0) / gray.steps(1.0))
+        (gray.plane().clone(), blurred.plane().clone(), blurred.steps(1.0) / gray.steps(1.0))
     };
 
     let pixels = Array3::from_shape_fn((1, 60, 3), |(_, x, c)| (x * x * (c + 1) % 251) as u8);
     let gray = pixels.slice(ndarray::s![.., .., ..1]).to_owned();
 
     for (image, finer) in [
-        (Image::U8(gray.clone()), 16.0),
-        (Image::U8(pixels.clone()), 16.0),
-        (Image::U16(gray.mapv(|p| 257 * u16::from(p))), 16.0),
-        (Image::U16(pixels.mapv(|p| 257 * u16::from(p))), 1.0),
-        (Image::F32(gray.mapv(|p| f32::from(p) / 255.0)), 2.0),
+        (view(Image::U8(gray.clone())), 16.0),
+        (view(Image::U8(pixels.clone())), 16.0),
+        (converted(Image::U16(gray.mapv(|p| 257 * u16::from(p))), WORDS), 16.0),
+        (converted(Image::U16(pixels.mapv(|p| 257 * u16::from(p))), WORDS), 1.0),
+        (converted(Image::F32(gray.mapv(|p| f32::from(p) / 255.0)), None), 2.0),
     ] {
         let (sharp, blurred, unit) = convolved(image);
 
@@ -151,22 +155,16 @@ fn blurred_images_keep_fractions_and_their_unit() {
 
 #[test]
 fn noise_is_converted_to_steps_of_the_pixels_unit() {
-    let steps = |image: Image| {
-        let view = view(image);
-        Gray::new(&view, Level::best(), &Control::default()).expect("memory").steps(2.0)
-    };
-
-    assert!((steps(Image::U8(Array3::zeros((1, 2, 1)))) - 2.0).abs() < 1e-9);
-    assert!((steps(Image::U16(Array3::zeros((1, 2, 3)))) - 2000.0).abs() < 1e-9, "thousandths");
+    let bytes = view(Image::U8(Array3::zeros((1, 2, 1))));
+    assert!((bytes.scale().steps(2.0) - 2.0).abs() < 1e-9);
+    let words = converted(Image::U16(Array3::zeros((1, 2, 3))), WORDS);
+    assert!((words.scale().steps(2.0) - 2000.0).abs() < 1e-9, "thousandths");
 
     for white in [1.0, 1e-200, 3e250] {
         let ramp = Array3::from_shape_fn((1, 1000, 1), |(_, x, _)| white / 999.0 * x as f64);
-        let view = view(Image::F64(ramp));
-
-        let gray = Gray::new(&view, Level::best(), &Control::default()).expect("memory");
-
-        let span = f64::from(plane(&gray).row(0)[999] - plane(&gray).row(0)[0]);
-        assert!((gray.steps(white) / span - 1.0).abs() < 1e-6);
+        let view = converted(Image::F64(ramp), None);
+        let row = view.gray().row(0);
+        assert!((view.scale().steps(white) / f64::from(row[999] - row[0]) - 1.0).abs() < 1e-6);
     }
 }
 
@@ -177,24 +175,20 @@ fn masked_pixels_have_no_effect() {
     let with = |hidden: f32| {
         let pixel = |(y, x, _)| if (y, x) == (1, 1) { hidden } else { (3 * y + x) as f32 };
         let image = Image::F32(Array3::from_shape_fn((3, 3, 1), pixel));
-        View { mask: Some(mask.clone()), ..View::from(image) }
+        Input { mask: Some(mask.clone()), ..image.into() }
     };
 
-    let (hidden, open) = (with(f32::NAN), with(0.0));
-
     for hidden in [f32::NAN, f32::INFINITY, 1e30] {
-        assert_eq!(gray(&with(hidden)), gray(&open));
+        assert_eq!(gray_of(with(hidden)), gray_of(with(0.0)));
         assert!(with(hidden).check("left").is_ok());
     }
-
-    assert_eq!(level_pair([&hidden, &open], None), level_pair([&open, &open], None));
 }
 
 #[test]
 fn a_dead_pixel_does_not_coarsen_a_float_image() {
     let with = |dead: f64| {
         let pixel = |(y, x, _)| if (y, x) == (9, 9) { dead } else { (y * 40 + x) as f64 };
-        gray(&view(Image::F64(Array3::from_shape_fn((40, 40, 1), pixel))))
+        gray(&converted(Image::F64(Array3::from_shape_fn((40, 40, 1), pixel)), None))
     };
 
     let (clean, dead) = (with(0.0), with(1e200));
@@ -212,7 +206,7 @@ fn a_thousandth_of_the_pixels_at_either_end_is_outside_the_range() {
     let ramp = |outliers: &[f64]| {
         let mut values: Vec<f64> = (0..1001 - outliers.len()).map(|value| value as f64).collect();
         values.extend(outliers);
-        level_pair([&row(&values), &row(&values)], None)[0][0].row(0).to_vec()
+        level_pair([&row(&values), &row(&values)], None)[0].row(0).to_vec()
     };
 
     let black = 255 * 16;
@@ -226,7 +220,7 @@ fn a_large_image_is_sampled_evenly() {
     let pixel = |(y, x, _): (usize, usize, usize)| (y * 2048 + x) as f32;
     let image = Image::F32(Array3::from_shape_fn((1024, 2048, 1), pixel));
 
-    let span = gray(&view(image));
+    let span = gray(&converted(image, None));
 
     let (first, last) = (span.row(0)[0], span.row(1023)[2047]);
     // Of every 32nd value the 65 least and the 65 largest are left out; the rest of the range has 2^22 steps.
@@ -237,8 +231,8 @@ fn a_large_image_is_sampled_evenly() {
 fn the_darker_image_of_two_sets_black() {
     let [left, right] = level_pair([&row(&[10.0, 20.0]), &row(&[0.0, 5.0])], None);
 
-    assert_eq!(left[0].row(0), [255 * 16 + 2040, 2 * 255 * 16]);
-    assert_eq!(right[0].row(0), [255 * 16, 255 * 16 + 1020]);
+    assert_eq!(left.row(0), [255 * 16 + 2040, 2 * 255 * 16]);
+    assert_eq!(right.row(0), [255 * 16, 255 * 16 + 1020]);
 }
 
 #[test]
@@ -247,7 +241,7 @@ fn pixels_that_are_not_numbers_are_refused_by_place_and_name() {
         let pixel = |(y, x, _)| if (y, x) == (1, 2) { fault } else { 0.0 };
         let image = Image::F32(Array3::from_shape_fn((2, 3, 1), pixel));
 
-        let message = view(image).check("right").expect_err("refused").to_string();
+        let message = Input::from(image).check("right").expect_err("refused").to_string();
         for part in ["right: got", "row 1, column 2"] {
             assert!(message.contains(part), "{message}");
         }
@@ -267,8 +261,8 @@ fn a_given_range_sets_black_and_white() {
     let image = row(&[0.0, 1.0, 2.0, 3.0]);
 
     let [levels, _] = level_pair([&image, &image], Some((0.0, 255.0)));
-    assert_eq!(levels[0].as_slice(), [0, 1, 2, 3].map(|level| 16 * (255 + level)));
+    assert_eq!(levels.as_slice(), [0, 1, 2, 3].map(|level| 16 * (255 + level)));
 
     let [levels, _] = level_pair([&image, &image], Some((1.0, 2.0)));
-    assert_eq!(levels[0].as_slice(), [0, 1, 2, 3].map(|range| 16 * 255 * range));
+    assert_eq!(levels.as_slice(), [0, 1, 2, 3].map(|range| 16 * 255 * range));
 }

@@ -5,7 +5,7 @@ use phasestereo::internals::match_pair::match_pair;
 use phasestereo::{Error, Image, Matcher, Preset, verdict};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::simd::Level;
-use phasestereo_match::image::view::{self, View};
+use phasestereo_match::image::pixels::{self, Input};
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::matcher::{self, Execution};
 use phasestereo_match::pair::Pair;
@@ -31,11 +31,11 @@ fn a_match_of_slices_is_that_of_the_stages() {
     let found = matcher.match_pair(left, right, 0..16).expect("a match");
 
     let (rows, cols) = SIZE;
-    let view = |shift| {
+    let input = |shift| {
         let pixels = ndarray::Array3::from_shape_vec((rows, cols, 1), texture(shift));
-        View::from(view::Image::U8(pixels.expect("so many pixels")))
+        Input::from(pixels::Image::U8(pixels.expect("so many pixels")))
     };
-    let pair = Pair::new(view(0), view(5), 0, 16).expect("a pair");
+    let pair = Pair::of_inputs([input(0), input(5)], 0, 16).expect("a pair");
     let candidates = Some(Fact::given(pair.candidates()));
     let facts = &Facts { candidates, ..Facts::default() };
     let core = matcher::Matcher::new(1).expect("a matcher");

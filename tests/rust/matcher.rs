@@ -4,6 +4,7 @@ use std::io::Write;
 use std::sync::Arc;
 
 use crate::common::naive::{self, ResultBits};
+use crate::common::parts;
 use crate::common::{
     LARGEST_PENALTY, OPTIMIZERS, affordable, blur_compensation, eight_valid_pairs, hash, levels,
     mask, noises, random, refinements, robust, settings, view, views,
@@ -16,7 +17,8 @@ use phasestereo_match::base::simd::Level;
 use phasestereo_match::base::value::Value;
 use phasestereo_match::cost::validity::Validity;
 use phasestereo_match::image::convolution::Kernel;
-use phasestereo_match::image::view::{Image, View};
+use phasestereo_match::image::pixels::{Image, Input};
+use phasestereo_match::image::view::View;
 use phasestereo_match::matcher::{Execution, Matcher, on_threads};
 use phasestereo_match::optimization::PANEL;
 use phasestereo_match::pair::Pair;
@@ -44,7 +46,7 @@ impl MatchJob {
         let pair = Pair::new(left, right, min, count).expect("a legal pair");
         // The weak level depends on the noise.
         let known = settings.has_weak().then(|| noise_alone([1.0; 2]));
-        Self { pair: pair.with_blur_compensation(known), settings }
+        Self { pair: parts::compensated(pair, known), settings }
     }
 
     /// The result, by a matcher of its own.
@@ -128,9 +130,9 @@ fn pairs() -> impl Strategy<Value = Pair> {
     let masked = prop::option::of(0u64..=100);
     let seeded = (heights, widths, select(vec![1u64, 255]), masked, any::<u64>()).prop_map(
         |(rows, cols, white, percent, seed)| {
-            [seed, !seed].map(|seed| View {
-                mask: percent.map(|percent| mask(rows, cols, percent, seed)),
-                ..view(rows, cols, |y, x| (hash(seed, y, x) % (white + 1)) as u8)
+            [seed, !seed].map(|seed| {
+                let view = view(rows, cols, |y, x| (hash(seed, y, x) % (white + 1)) as u8);
+                view.with_mask(percent.map(|percent| mask(rows, cols, percent, seed)))
             })
         },
     );
@@ -138,7 +140,7 @@ fn pairs() -> impl Strategy<Value = Pair> {
     let range = (any::<prop::sample::Index>(), any::<prop::sample::Index>());
 
     (prop_oneof![2 => small, 1 => seeded], range).prop_map(|([left, right], (min, count))| {
-        let cols = left.image.shape().1;
+        let cols = left.size().1;
         let count = 1 + count.index(cols.min(70)) as i64;
         let lowest = 1 - cols as i64 - (count - 1);
         let min = lowest + min.index((2 * cols as i64 + count - 2) as usize) as i64;
@@ -164,7 +166,7 @@ fn jobs() -> impl Strategy<Value = MatchJob> {
         let is_phase = settings.cost == CostKind::Phase;
         let known = if is_phase { known } else { noise_alone(known.noise()) };
 
-        MatchJob { pair: pair.with_blur_compensation(known), settings }
+        MatchJob { pair: parts::compensated(pair, known), settings }
     })
 }
 
@@ -203,8 +205,8 @@ fn shifted(rows: usize, cols: usize, shift: usize) -> [View; 2] {
 
 fn with_masks([left, right]: [View; 2], percent: u64) -> [View; 2] {
     [(left, 11), (right, 12)].map(|(view, seed)| {
-        let (rows, cols, _) = view.image.shape();
-        View { mask: Some(mask(rows, cols, percent, seed)), ..view }
+        let (rows, cols) = view.size();
+        view.with_mask(Some(mask(rows, cols, percent, seed)))
     })
 }
 
@@ -456,7 +458,7 @@ fn in_classes(count: usize, size: (usize, usize), tile: usize) -> MatchJob {
     let settings = Settings { neighborhood: 5, frequencies: (1, 1), window: 1, ..settings };
 
     let MatchJob { pair, settings } = MatchJob::new(shifted(size.0, size.1, 1), 0, 20, settings);
-    MatchJob { pair: pair.with_blur_compensation(compensation), settings }
+    MatchJob { pair: parts::compensated(pair, compensation), settings }
 }
 
 #[test]
@@ -494,13 +496,11 @@ fn classes_that_change_nothing_change_nothing() {
     let same =
         BlurCompensation::new(known, vec![[None, Some(moving(0))]; 3], labels, 16).expect("legal");
     let alike = MatchJob {
-        pair: job.pair.clone().with_blur_compensation(same),
+        pair: parts::compensated(job.pair.clone(), same),
         settings: job.settings.clone(),
     };
-    let plain = MatchJob {
-        pair: job.pair.with_blur_compensation(noise_alone(known)),
-        settings: job.settings,
-    };
+    let plain =
+        MatchJob { pair: parts::compensated(job.pair, noise_alone(known)), settings: job.settings };
 
     let execution = execution(1, Level::best());
     assert!(alike.run(execution) == plain.run(execution));
@@ -540,7 +540,7 @@ fn compensated(job: MatchJob) -> MatchJob {
     let compensation =
         BlurCompensation::new([0.5, 1.5], kernels, labels, 11).expect("legal compensation");
 
-    MatchJob { pair: job.pair.with_blur_compensation(compensation), ..job }
+    MatchJob { pair: parts::compensated(job.pair, compensation), ..job }
 }
 
 /// Matches with about the default settings, of pairs large and tiny, with and without masks, in one version and in several.
@@ -595,7 +595,7 @@ proptest! {
         let settings = Settings { neighborhood, frequencies, noise_threshold, window, ..refinement };
         let settings = Settings { shiftable, precision, optimizer, p1, p2, adaptive_p2, ..settings };
 
-        let job = MatchJob { pair: pair.with_blur_compensation(noise_alone([1.0; 2])), settings };
+        let job = MatchJob { pair: parts::compensated(pair, noise_alone([1.0; 2])), settings };
         prop_assert!(job.run(execution) == job.expected(), "{}", job);
     }
 }
@@ -760,22 +760,20 @@ fn settings_out_of_range_are_refused() {
 
 #[test]
 fn images_of_two_sizes_or_types_are_refused() {
-    let view = |rows, image: fn(ndarray::Array3<u8>) -> Image| View {
-        image: image(ndarray::Array3::zeros((rows, 4, 1))),
-        mask: None,
-        range: None,
-        impulses: 0.0,
-        unit: 1.0,
+    let input = |rows, image: fn(ndarray::Array3<u8>) -> Image| {
+        Input::from(image(ndarray::Array3::zeros((rows, 4, 1))))
     };
 
-    let refused =
-        |right| Pair::new(view(3, Image::U8), right, 0, 1).expect_err("refused").to_string();
+    let refused = |right| {
+        let inputs = [input(3, Image::U8), right];
+        Pair::of_inputs(inputs, 0, 1).expect_err("refused").to_string()
+    };
     assert_eq!(
-        refused(view(2, Image::U8)),
+        refused(input(2, Image::U8)),
         "right: got 2 x 4 pixels; accepts the size of left, 3 x 4"
     );
 
-    let wide = view(3, |pixels| Image::U16(pixels.mapv(u16::from)));
+    let wide = input(3, |pixels| Image::U16(pixels.mapv(u16::from)));
     assert_eq!(refused(wide), "right: got pixels of another type; accepts the type of left");
 }
 

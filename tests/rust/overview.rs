@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use crate::common::gray_of;
 use crate::common::hash;
 use ndarray::Array3;
 use phasestereo::internals::estimation::areas::Area;
@@ -16,7 +17,8 @@ use phasestereo_match::base::control::Control;
 use phasestereo_match::base::math;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
-use phasestereo_match::image::view::{Image, Mask, View};
+use phasestereo_match::image::pixels::{Image, Input};
+use phasestereo_match::image::view::{Mask, View};
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::matcher::{Execution, Matcher};
 use phasestereo_match::pair::Pair;
@@ -45,7 +47,7 @@ fn of_planes(planes: [Plane<f32>; 2]) -> Overview {
 /// A gray image.
 fn view(size: (usize, usize), pixel: impl Fn(usize, usize) -> u8, mask: Option<Mask>) -> View {
     let pixels = Array3::from_shape_fn((size.0, size.1, 1), |(y, x, _)| pixel(y, x));
-    View { mask, ..View::from(Image::U8(pixels)) }
+    gray_of(Input { mask, ..Image::U8(pixels).into() })
 }
 
 #[test]
@@ -159,7 +161,7 @@ fn blocks_are_found_where_nine_tenths_of_both_are_valid() {
         let found = found.expect("it runs");
 
         let is_valid = |(side, (y, x)): (usize, (usize, usize))| {
-            let mask = pair.views()[side].mask.as_ref().expect("masked");
+            let mask = pair.views()[side].mask().expect("masked");
             let corner = |at: usize| (at / factor - BLOCK / 2) * factor;
             let block =
                 (0..BLOCK * factor).flat_map(|dy| (0..BLOCK * factor).map(move |dx| (dy, dx)));

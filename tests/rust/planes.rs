@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::ops::Range;
 
+use crate::common::gray_of;
 use crate::common::hash;
 use crate::common::naive::ResultBits;
 use crate::scales::{naive_mean, random};
@@ -12,7 +13,8 @@ use phasestereo::internals::scales::planes::draw;
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
-use phasestereo_match::image::view::{Image, View};
+use phasestereo_match::image::pixels::Image;
+use phasestereo_match::image::view::View;
 use phasestereo_match::matcher::{Disparity, Timings};
 use phasestereo_match::pair::Pair;
 use phasestereo_match::refinement::flag;
@@ -105,7 +107,7 @@ fn flat_areas_are_those_of_a_naive_search() {
         let naive = naive_areas(&gray);
 
         let areas =
-            flat_areas(gray, 1 << 13, Level::best(), &Control::default()).expect("enough memory");
+            flat_areas(&gray, 1 << 13, Level::best(), &Control::default()).expect("enough memory");
         let pixels = |area: &FlatArea| {
             let all = (&(0..size.0), &(0..size.1));
             let marked = area.near(all, 0, Level::best(), &Control::default()).expect("memory");
@@ -363,7 +365,7 @@ fn planes_of_awkward_areas_are_those_of_a_naive_search() {
 /// Gray values as a view.
 fn as_view(plane: &Plane<i32>) -> View {
     let pixel = |(y, x, _)| plane.row(y)[x] as u16;
-    View::from(Image::U16(Array3::from_shape_fn((plane.rows(), plane.cols(), 1), pixel)))
+    gray_of(Image::U16(Array3::from_shape_fn((plane.rows(), plane.cols(), 1), pixel)))
 }
 
 /// A smooth board in texture: rows, columns.

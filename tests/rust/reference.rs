@@ -361,32 +361,32 @@ pub fn phase_costs(left: &Plane<u64>, right: &Plane<u64>, candidates: Candidates
 
 /// Reference implementation of [`phasestereo_match::cost::Costs::write`] for absolute differences.
 pub fn absolute_differences(
-    left: &[Plane<u16>],
-    right: &[Plane<u16>],
+    left: &Plane<u16>,
+    right: &Plane<u16>,
     candidates: Candidates,
 ) -> Plane<u16> {
-    let (rows, cols, count) = (left[0].rows(), left[0].cols(), candidates.count());
+    let (rows, cols, count) = (left.rows(), left.cols(), candidates.count());
 
     Plane::from_fn(rows, cols * count, |y, place| {
         let (x, k) = (place / count, place % count);
         let column = candidates.column(x, k, cols);
-        left.iter().zip(right).map(|(l, r)| l.row(y)[x].abs_diff(r.row(y)[column])).sum()
+        left.row(y)[x].abs_diff(right.row(y)[column])
     })
 }
 
 /// Reference implementation of [`phasestereo_match::cost::zncc`]: the correlation of every two neighborhoods by itself.
 pub fn zncc(
-    left: &[Plane<u16>],
-    right: &[Plane<u16>],
+    left: &Plane<u16>,
+    right: &Plane<u16>,
     candidates: Candidates,
     side: usize,
 ) -> Plane<u16> {
-    let (rows, cols, count) = (left[0].rows(), left[0].cols(), candidates.count());
+    let (rows, cols, count) = (left.rows(), left.cols(), candidates.count());
     let reach = (side / 2) as isize;
     let around = move || (-reach..=reach).flat_map(move |v| (-reach..=reach).map(move |u| (v, u)));
     let pixels = (side * side) as i64;
 
-    let cost = |[left, right]: [&Plane<u16>; 2], y: usize, columns: [isize; 2]| {
+    let cost = |y: usize, columns: [isize; 2]| {
         let value = |plane: &Plane<u16>, column: isize, (v, u): (isize, isize)| {
             let row = (y as isize + v).clamp(0, rows as isize - 1) as usize;
             i64::from(plane.row(row)[(column + u).clamp(0, cols as isize - 1) as usize])
@@ -407,7 +407,7 @@ pub fn zncc(
     Plane::from_fn(rows, cols * count, |y, place| {
         let (x, k) = ((place / count) as isize, place % count);
         let column = x - candidates.disparity(k);
-        left.iter().zip(right).map(|(l, r)| cost([l, r], y, [x, column])).sum()
+        cost(y, [x, column])
     })
 }
 

@@ -11,7 +11,8 @@ use phasestereo::internals::scales::reduction::halved;
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
-use phasestereo_match::image::view::{Image, Mask, View};
+use phasestereo_match::image::pixels::{Image, Input};
+use phasestereo_match::image::view::Mask;
 use phasestereo_match::image::window_sums::window_means;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::matcher::{Disparity, Execution, Matcher, Timings};
@@ -199,35 +200,31 @@ fn a_copy_is_the_mean_of_squares_and_its_range_covers_that_of_the_pair() {
         let pixel = |(y, x, c)| (hash(salt + c as u64, y, x) % 256) as u8;
         let mask = Mask::from_fn(231, 243, |y, x| !hash(salt + 7, y, x).is_multiple_of(50));
         let mask = (salt > 20).then_some(mask);
-        View { mask, ..View::from(Image::U8(Array3::from_shape_fn((231, 243, 3), pixel))) }
+        Input { mask, ..Image::U8(Array3::from_shape_fn((231, 243, 3), pixel)).into() }
     };
-    let (left, right) = (image(1), image(31));
-    let control = Control::default();
-    let matcher = Matcher::new(1).expect("a thread");
-    let runtime = runtime(&matcher, 1, Level::best(), &control);
+    let inputs = [image(1), image(31)];
 
     for (min, count, low, high) in [(0, 64, 0, 32), (-31, 40, -16, 4), (7, 9, 3, 8)] {
-        let pair = Pair::new(left.clone(), right.clone(), min, count).expect("a legal pair");
-        let copy = halved(&pair, runtime).expect("enough memory").expect("large enough");
+        let pair = Pair::of_inputs(inputs.clone(), min, count).expect("a legal pair");
+        let copy = halved(&pair).expect("large enough");
         let candidates = copy.candidates();
         assert_eq!((copy.size(), candidates.min()), ((115, 121), low));
         assert_eq!(candidates.disparity(candidates.count() - 1), high);
 
         let [copied, masked] = copy.views();
-        let (Image::U8(pixels), Image::U16(found)) = (&left.image, &copied.image) else {
-            panic!("16 bits for 8")
-        };
+        assert_eq!(copied.scale().reach(), 1 << 15, "16 bits for 8");
+        let Image::U8(pixels) = &inputs[0].image else { panic!("bytes") };
         for (y, x) in [(0, 0), (17, 99), (114, 120)] {
             let four = [(0, 0), (0, 1), (1, 0), (1, 1)].map(|(dy, dx)| {
                 let [r, g, b] = [0, 1, 2].map(|c| u64::from(pixels[(2 * y + dy, 2 * x + dx, c)]));
                 299 * r + 587 * g + 114 * b
             });
             let expected = four.iter().sum::<u64>() as f64 / 4000.0;
-            let found = f64::from(found[(y, x, 0)]) * copied.unit;
+            let found = copied.scale().pixel(copied.gray().row(y)[x].into());
             assert!((found - expected).abs() < 0.005, "{found}, {expected}");
         }
 
-        let mask = right.mask.as_ref().expect("made so");
+        let mask = inputs[1].mask.as_ref().expect("made so");
         let is_valid = |y: usize, x: usize| {
             mask.row(y)[x] && mask.row(y)[x + 1] && mask.row(y + 1)[x] && mask.row(y + 1)[x + 1]
         };
@@ -236,10 +233,10 @@ fn a_copy_is_the_mean_of_squares_and_its_range_covers_that_of_the_pair() {
         }
     }
 
-    let small = Pair::new(left.of_rows(0..199), right.of_rows(0..199), 0, 64).expect("legal");
-    assert_eq!(halved(&small, runtime), Ok(None));
-    let narrow = Pair::new(left, right, 0, 7).expect("legal");
-    assert_eq!(halved(&narrow, runtime), Ok(None));
+    let whole = Pair::of_inputs(inputs.clone(), 0, 64).expect("legal");
+    assert_eq!(halved(&whole.of_rows(0..199)), None);
+    let narrow = Pair::of_inputs(inputs, 0, 7).expect("legal");
+    assert_eq!(halved(&narrow), None);
 }
 
 /// A pair whose texture is so faint and noisy that only copies match.
@@ -257,9 +254,9 @@ fn blocks() -> Pair {
         let pixel = |(y, x, _)| {
             (48.0 + texture(y, x as f32 + 20.0 + shift) + noise(y, x)).clamp(0.0, 255.0) as u8
         };
-        View::from(Image::U8(Array3::from_shape_fn((260, 300, 1), pixel)))
+        Input::from(Image::U8(Array3::from_shape_fn((260, 300, 1), pixel)))
     };
-    Pair::new(image(20, 0.0), image(30, 14.0), 0, 32).expect("a legal pair")
+    Pair::of_inputs([image(20, 0.0), image(30, 14.0)], 0, 32).expect("a legal pair")
 }
 
 #[test]
@@ -320,7 +317,7 @@ fn deep() -> Pair {
         _ if y >= 600 => (hash(41, y, x) % 200) as u8,
         _ => texture(y, x),
     });
-    Pair::new(View::from(Image::U8(left)), View::from(Image::U8(right)), -4, 400).expect("legal")
+    Pair::of_inputs([left, right].map(|pixels| Image::U8(pixels).into()), -4, 400).expect("legal")
 }
 
 #[test]

@@ -44,7 +44,7 @@ fn pairs_show_a_box_in_front_of_a_wall() {
         [Fault::None, Fault::Defocus, Fault::Motion, Fault::Noise, Fault::Rows, Fault::Floats]
     {
         let [left, right] = pair(fault, size, 0);
-        let pair = Pair::of_any(left, right, 0, 1).expect("a pair");
+        let pair = Pair::of_any([left, right], 0, 1).expect("a pair");
         let (matcher, control) = (Matcher::new(2).expect("threads"), Control::default());
         let execution = Execution { threads: 2, level: Level::best() };
         let runtime = Runtime { matcher: &matcher, execution, control: &control };

@@ -1,6 +1,6 @@
 //! The guided filter, against each window by itself.
 
-use crate::common::{at_every_level, grays, hash, plane, random};
+use crate::common::{at_every_level, grays, hash, random};
 use crate::reference;
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::plane::Plane;
@@ -104,6 +104,6 @@ fn smoothed_images_have_steps_as_fine_as_32_bits_hold() {
         let scale = f64::from(expected) / f64::from(reach);
 
         assert_eq!((found.reach(), found.steps(1.0)), (expected, scale));
-        assert_eq!(plane(&found), reference::smooth_gray(&plane(&gray), 1.0, scale));
+        assert_eq!(*found.plane(), reference::smooth_gray(gray.plane(), 1.0, scale));
     }
 }

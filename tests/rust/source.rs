@@ -1,7 +1,7 @@
 //! Pairs that are read a few rows at a time: what is found out about them is that of whole ones, to the bit.
 
 use crate::common::estimates::{estimate, estimate_by_rows};
-use crate::common::parts::Slow;
+use crate::common::parts::{Slow, Stored};
 use crate::common::{hash, levels, mask, random};
 use ndarray::Array3;
 use phasestereo::internals::estimation::blur::psf::Psf;
@@ -12,13 +12,13 @@ use phasestereo_match::base::error::{Error, Result};
 use phasestereo_match::base::math;
 use phasestereo_match::base::plane::{Plane, reflect};
 use phasestereo_match::base::simd::Level;
-use phasestereo_match::image::intensity::Gray;
+use phasestereo_match::image::conversion::Conversion;
 use phasestereo_match::image::intensity_range::IntensityRange;
+use phasestereo_match::image::pixels::{Image, Input};
 use phasestereo_match::image::texture::{Roughness, Texture};
-use phasestereo_match::image::view::{Image, Mask, View};
+use phasestereo_match::image::view::{Mask, View};
 use phasestereo_match::matcher::{Execution, Matcher};
-use phasestereo_match::pair::Pair;
-use phasestereo_match::pair::source::{packing, ranges, roughness};
+use phasestereo_match::pair::source::roughness;
 use proptest::prelude::*;
 use proptest::sample::select;
 
@@ -77,8 +77,8 @@ fn array<T>(plane: &Plane<f32>, pixel: impl Fn(f32) -> T) -> Array3<T> {
     Array3::from_shape_fn((plane.rows(), plane.cols(), 1), |(y, x, _)| pixel(plane.row(y)[x]))
 }
 
-/// A view of pixels of one type, which no narrower one holds: 0 bytes, 1 words, 2 and 3 floats.
-fn view(plane: &Plane<f32>, kind: usize) -> View {
+/// An image of pixels of one type, which no narrower one holds: 0 bytes, 1 words, 2 and 3 floats.
+fn input(plane: &Plane<f32>, kind: usize) -> Input {
     let image = match kind {
         0 => Image::U8(array(plane, |value| value as u8)),
         1 => Image::U16(array(plane, |value| 200 * value as u16 + 1)),
@@ -86,12 +86,12 @@ fn view(plane: &Plane<f32>, kind: usize) -> View {
         _ => Image::F64(array(plane, |value| 1e6 * f64::from(value) + math::sin(f64::from(value)))),
     };
 
-    View::from(image)
+    Input::from(image)
 }
 
-fn pair([left, right]: [View; 2]) -> Pair {
-    let count = left.image.shape().1.min(16) as i64;
-    Pair::new(left, right, 0, count).expect("a legal pair")
+fn pair(inputs: [Input; 2]) -> Stored {
+    let count = inputs[0].size().1.min(16) as i64;
+    Stored::new(inputs, 0, count)
 }
 
 /// Rows in which nothing is valid: at both ends of the image, around the borders of parts, more than masked rows copy from.
@@ -99,12 +99,12 @@ fn empty_rows(y: usize, rows: usize) -> bool {
     y < 3 || (60..70).contains(&y) || (190..320).contains(&y) || y + 40 > rows
 }
 
-fn with_masks([left, right]: [View; 2], percent: u64) -> [View; 2] {
-    [(left, 5), (right, 6)].map(|(view, seed)| {
-        let (rows, cols, _) = view.image.shape();
+fn with_masks([left, right]: [Input; 2], percent: u64) -> [Input; 2] {
+    [(left, 5), (right, 6)].map(|(input, seed)| {
+        let (rows, cols) = input.size();
         let some = mask(rows, cols, percent, seed);
         let mask = Mask::from_fn(rows, cols, |y, x| some.row(y)[x] && !empty_rows(y, rows));
-        View { mask: Some(mask), ..view }
+        Input { mask: Some(mask), ..input }
     })
 }
 
@@ -113,20 +113,15 @@ fn execution(threads: usize, level: Level) -> Execution {
 }
 
 /// The estimate of a pair, in memory or read by at most so many rows.
-fn estimated(pair: &Pair, most_rows: Option<usize>, threads: usize) -> Estimate {
+fn estimated(stored: &Stored, most_rows: Option<usize>, threads: usize) -> Estimate {
     let matcher = Matcher::new(threads).expect("threads");
     let execution = execution(threads, Level::best());
     let control = Control::default();
 
     let found = match most_rows {
-        None => estimate(pair, &matcher, execution, &control),
+        None => estimate(&stored.pair, &matcher, execution, &control),
         Some(most) => {
-            // Parts are packed as the whole is, and those of float images need its range.
-            let packing = packing(pair, &Slow::new(pair, most), &control).expect("all rows");
-            let pair = pair.clone().packed(&packing);
-            let whole = Slow::new(&pair, most);
-            let known = ranges(&whole, &control).expect("all rows").map(Some);
-            let source = Slow::new(&pair.with_ranges(known), most);
+            let source = Slow::new(stored, most);
 
             let found = estimate_by_rows(&source, &matcher, execution, &control);
 
@@ -141,7 +136,7 @@ fn estimated(pair: &Pair, most_rows: Option<usize>, threads: usize) -> Estimate 
 }
 
 /// Compares estimates by rows with that of the whole.
-fn check(pair: &Pair, expected: &Estimate) {
+fn check(pair: &Stored, expected: &Estimate) {
     for (most, threads) in [(1, 1), (64, 1), (100, 2), (161, 3), (10_000, 1)] {
         assert_eq!(estimated(pair, Some(most), threads), *expected, "{most} rows at a time");
     }
@@ -156,7 +151,7 @@ fn blur_of_every_kind_is_that_of_the_whole() {
 
     let kinds = [(None, 1), (Some(&disk), 1), (Some(&motion), 1), (Some(&curve), 1)];
     for (kind, (taps, count)) in kinds.into_iter().enumerate() {
-        let pair = pair(shots(size, taps, |_, _| true).map(|plane| view(&plane, kind)));
+        let pair = pair(shots(size, taps, |_, _| true).map(|plane| input(&plane, kind)));
 
         let expected = estimated(&pair, None, 1);
         assert_eq!(expected.blurs.len(), count, "{expected:?}");
@@ -173,7 +168,7 @@ fn maps_of_blur_are_those_of_the_whole() {
     let disk = Psf::disk(4.0).taps();
     let shots = shots((640, 130), Some(&disk), |y, _| (150..400).contains(&y));
     for kind in 0..4 {
-        let pair = pair(shots.each_ref().map(|plane| view(plane, kind)));
+        let pair = pair(shots.each_ref().map(|plane| input(plane, kind)));
         let expected = estimated(&pair, None, 1);
 
         assert_eq!(expected.blurs.len(), 2, "{expected:?}");
@@ -199,7 +194,7 @@ fn measured_kernels_of_some_rows_are_those_of_the_whole() {
 
     for (taps, soft) in [(&even, 180..420), (&even, 0..230), (&curve(), 180..420)] {
         let shots = shots((420, 130), Some(taps), |y, _| soft.contains(&y));
-        let pair = pair(shots.map(|plane| view(&plane, 0)));
+        let pair = pair(shots.map(|plane| input(&plane, 0)));
 
         let expected = estimated(&pair, None, 1);
         let is_measured = |blur: &Blur| blur.taps.is_some() && blur.psf.is_none();
@@ -218,7 +213,7 @@ fn blur_beside_masks_is_that_of_the_whole() {
     let shots = shots((500, 150), Some(&disk), |y, _| y > 350);
 
     for (kind, percent) in [(0, 100), (1, 97), (2, 97), (3, 60)] {
-        let views = with_masks(shots.each_ref().map(|plane| view(plane, kind)), percent);
+        let views = with_masks(shots.each_ref().map(|plane| input(plane, kind)), percent);
         let pair = pair(views);
         check(&pair, &estimated(&pair, None, 1));
     }
@@ -229,16 +224,17 @@ fn images_without_texture_or_valid_pixels_have_no_estimate() {
     let sizes = [(1, 1), (63, 200), (200, 63), (64, 64), (300, 70)];
     for size in sizes {
         let flat =
-            pair([70.0, 71.0].map(|value| view(&Plane::from_fn(size.0, size.1, |_, _| value), 0)));
+            pair([70.0, 71.0].map(|value| input(&Plane::from_fn(size.0, size.1, |_, _| value), 0)));
 
         let expected = estimated(&flat, None, 1);
         assert!(expected.certainty <= 0.0);
         check(&flat, &expected);
     }
 
-    let views = shots((200, 100), None, |_, _| true).map(|plane| view(&plane, 2));
-    let nowhere =
-        pair(views.map(|view| View { mask: Some(Mask::from_fn(200, 100, |_, _| false)), ..view }));
+    let views = shots((200, 100), None, |_, _| true).map(|plane| input(&plane, 2));
+    let nowhere = pair(
+        views.map(|input| Input { mask: Some(Mask::from_fn(200, 100, |_, _| false)), ..input }),
+    );
     check(&nowhere, &estimated(&nowhere, None, 1));
 }
 
@@ -272,7 +268,7 @@ fn impulses_and_blocks_are_those_of_the_whole() {
     let shots = [with_impulses(&left, 4), in_blocks(&right, 5)];
 
     for (kind, percent) in [(0, 100), (0, 97), (1, 100), (1, 97), (2, 100), (3, 97)] {
-        let views = shots.each_ref().map(|plane| view(plane, kind));
+        let views = shots.each_ref().map(|plane| input(plane, kind));
         let pair = pair(if percent < 100 { with_masks(views, percent) } else { views });
         let expected = estimated(&pair, None, 1);
 
@@ -298,14 +294,14 @@ fn impulses_and_blocks_are_those_of_the_whole() {
 fn images_without_impulses_or_blocks_have_none() {
     for (kind, taps) in [(0, None), (1, None), (2, Some(Psf::disk(3.0).taps()))] {
         let shots = shots((200, 150), taps.as_ref(), |_, _| true);
-        let found = estimated(&pair(shots.map(|plane| view(&plane, kind))), None, 1);
+        let found = estimated(&pair(shots.map(|plane| input(&plane, kind))), None, 1);
 
         assert!(found.impulses.iter().all(|height| *height <= 0.0), "{:?}", found.impulses);
     }
 }
 
 /// Noise, with whole rows masked.
-fn noise(rows: usize, cols: usize, kind: usize, percent: Option<u64>, seed: u64) -> View {
+fn noise(rows: usize, cols: usize, kind: usize, percent: Option<u64>, seed: u64) -> Input {
     let plane = Plane::from_fn(rows, cols, |y, x| (hash(seed, y, x) % 251) as f32);
     let mask = percent.map(|percent| {
         let some = mask(rows, cols, percent, seed);
@@ -318,18 +314,23 @@ fn noise(rows: usize, cols: usize, kind: usize, percent: Option<u64>, seed: u64)
         })
     });
 
-    View { mask, ..view(&plane, kind) }
+    Input { mask, ..input(&plane, kind) }
 }
 
 /// Reference implementation of the range of a float image: of all its valid pixels, or of every n-th one of a large image.
-fn range_of(view: &View) -> IntensityRange {
-    let (rows, cols, _) = view.image.shape();
+fn range_of(input: &Input) -> IntensityRange {
+    let (rows, cols) = input.size();
     let stride = (rows * cols).div_ceil(1 << 16);
 
     let of_every = |stride: usize| {
         let places = (0..rows * cols).step_by(stride).map(|place| (place / cols, place % cols));
-        let valid = places.filter(|(y, x)| view.is_valid(*y, *x));
-        let mut values: Vec<_> = valid.map(|(y, x)| view.image.luminance(y, x)).collect();
+        let valid = places.filter(|(y, x)| input.is_valid(*y, *x));
+        let thousandths = |y: usize, x: usize| match &input.image {
+            Image::F32(pixels) => 1000.0 * f64::from(pixels[(y, x, 0)]),
+            Image::F64(pixels) => 1000.0 * pixels[(y, x, 0)],
+            _ => unreachable!("floats"),
+        };
+        let mut values: Vec<_> = valid.map(|(y, x)| thousandths(y, x)).collect();
         values.sort_by(f64::total_cmp);
 
         values
@@ -352,30 +353,32 @@ fn range_of(view: &View) -> IntensityRange {
 
 /// The roughness of a whole view.
 fn roughness_of(view: &View) -> Roughness {
-    let (level, control) = (Level::best(), Control::default());
-    let gray = Gray::new(view, level, &control).and_then(|gray| gray.plane(level, &control));
-    Texture::new(gray.expect("memory")).roughness
+    Texture::new(view.gray().clone()).roughness
 }
 
-/// Compares ranges and roughness, read by at most so many rows, with those of the whole. Every row is read once, in order;
-/// twice, if the sample does not decide the range.
-fn check_scales(pair: &Pair, most_rows: usize) -> std::result::Result<(), TestCaseError> {
-    let source = Slow::new(pair, most_rows);
+/// Compares conversions and roughness, read by at most so many rows, with those of the whole. Every row is
+/// read once, in order, for its range, and as far as needed to see that the pixels are floats.
+fn check_scales(stored: &Stored, most_rows: usize) -> std::result::Result<(), TestCaseError> {
+    let source = Slow::new(stored, most_rows);
     let control = Control::default();
+    let pair = &stored.pair;
 
-    let found = ranges(&source, &control).expect("all rows");
-    prop_assert_eq!(found, pair.views().map(range_of));
+    let found = source.conversions(&control).expect("all rows");
+    prop_assert_eq!(found, Conversion::of_pair(stored.inputs.each_ref()));
+    if found[0].integers.is_none() {
+        let ranges = stored.inputs.each_ref().map(range_of);
+        prop_assert_eq!(found.map(|conversion| conversion.range), ranges.map(Some));
+    }
 
     let parts = pair.size().0.div_ceil(most_rows);
-    prop_assert!([parts, 2 * parts].contains(&source.asked().len()));
+    prop_assert!(source.asked().len() <= 2 * parts);
 
-    let known = pair.clone().with_ranges(found.map(Some));
     for level in levels() {
-        let source = Slow::new(&known, most_rows);
+        let source = Slow::new(stored, most_rows);
         let rough = roughness(&source, 0.0, level, &control).expect("all rows");
         prop_assert_eq!(rough, roughness_of(pair.views()[0]));
 
-        if pair.views()[0].mask.is_none() {
+        if pair.views()[0].mask().is_none() {
             prop_assert_eq!(source.asked().len(), parts);
         }
     }
@@ -416,7 +419,7 @@ fn an_image_whose_sample_is_of_one_value_has_the_range_of_all() {
     let odd =
         |value: f32| Plane::from_fn(256, 1024, |y, x| if (y, x) == (200, 2) { value } else { 9.0 });
     for (value, most_rows) in [(30.0, 64), (-30.0, 256), (9.0, 64)] {
-        let views = [odd(value), odd(9.5)].map(|plane| view(&plane, 2));
+        let views = [odd(value), odd(9.5)].map(|plane| input(&plane, 2));
         check_scales(&pair(views), most_rows).expect("that of all pixels");
     }
 }
@@ -432,8 +435,9 @@ fn integers_are_as_rough_in_parts_as_on_the_whole() {
                     let source = Slow::new(&pair, most_rows);
                     let found = roughness(&source, impulses, Level::best(), &Control::default());
 
-                    let left = View { impulses, ..pair.views()[0].clone() };
-                    assert_eq!(found.expect("all rows"), roughness_of(&left));
+                    let (level, control) = (Level::best(), Control::default());
+                    let left = pair.pair.views()[0].repaired(impulses, level, &control);
+                    assert_eq!(found.expect("all rows"), roughness_of(&left.expect("memory")));
                 }
             }
         }
@@ -448,10 +452,10 @@ fn empty_rows_are_as_rough_as_those_they_copy_from_other_parts() {
         let valid = |y: usize| y < above || y > lost;
         let mask = Mask::from_fn(rows, 20, |y, _| valid(y));
 
-        let left = View { mask: Some(mask), ..noise(rows, 20, 0, None, 3) };
-        let pair = pair([left.clone(), noise(rows, 20, 0, None, 4)]);
+        let left = Input { mask: Some(mask), ..noise(rows, 20, 0, None, 3) };
+        let pair = pair([left, noise(rows, 20, 0, None, 4)]);
 
-        let expected = roughness_of(&left);
+        let expected = roughness_of(pair.pair.views()[0]);
         for most_rows in (1..=5).chain(lost - 2..=lost + 3) {
             let source = Slow::new(&pair, most_rows);
             let found = roughness(&source, 0.0, Level::best(), &Control::default());
@@ -466,7 +470,7 @@ type RowWork = fn(&Slow, &Matcher, &Control) -> Result<()>;
 
 /// Everything that is worked out by rows.
 const ROW_WORKS: [RowWork; 3] = [
-    |source, _, control| ranges(source, control).map(drop),
+    |source, _, control| source.conversions(control).map(drop),
     |source, _, control| roughness(source, 0.0, Level::best(), control).map(drop),
     |source, matcher, control| {
         estimate_by_rows(source, matcher, execution(2, Level::best()), control).map(drop)
@@ -476,7 +480,7 @@ const ROW_WORKS: [RowWork; 3] = [
 #[test]
 fn an_error_of_a_source_is_passed_on() {
     let disk = Psf::disk(4.0).taps();
-    let views = shots((330, 100), Some(&disk), |_, _| true).map(|plane| view(&plane, 2));
+    let views = shots((330, 100), Some(&disk), |_, _| true).map(|plane| input(&plane, 2));
     let pair = pair(with_masks(views, 99));
     let matcher = Matcher::new(2).expect("threads");
 
@@ -501,7 +505,7 @@ fn an_error_of_a_source_is_passed_on() {
 
 #[test]
 fn work_by_rows_can_be_cancelled() {
-    let views = shots((200, 100), None, |_, _| true).map(|plane| view(&plane, 2));
+    let views = shots((200, 100), None, |_, _| true).map(|plane| input(&plane, 2));
     let pair = pair(views);
     let matcher = Matcher::new(1).expect("a thread");
 

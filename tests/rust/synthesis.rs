@@ -2,6 +2,7 @@
 
 use crate::common::maps::{FlaggedMap, bits, drawn};
 use crate::common::naive::synthesized;
+use crate::common::parts::compensated;
 use crate::common::{blur_compensation, hash, random, robust, view, views, weak_descriptors};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::plane::Plane;
@@ -14,7 +15,7 @@ use phasestereo_match::settings::Settings;
 use proptest::prelude::*;
 
 fn pair([left, right]: [View; 2], compensation: BlurCompensation) -> Pair {
-    Pair::new(left, right, 0, 1).expect("a legal pair").with_blur_compensation(compensation)
+    compensated(Pair::new(left, right, 0, 1).expect("a legal pair"), compensation)
 }
 
 /// The redrawn map; the map itself, if there is nothing to synthesize.

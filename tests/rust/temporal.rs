@@ -1,7 +1,7 @@
 //! The temporal filter, against the recurrence as it is written down, pixel by pixel.
 
 use crate::common::maps::bits;
-use crate::common::{at_every_level, hash, levels, mask, random, view};
+use crate::common::{at_every_level, gray_of, hash, levels, mask, random, view};
 use ndarray::Array3;
 use phasestereo::internals::video::choices::{
     CHANGE_RATIO, CHANGE_STEP, LARGEST_SQUARE, LEAST_NOISE, MEAN_FRAMES, MOST_NOISE, NOISE_BLOCK,
@@ -12,8 +12,8 @@ use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Error;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
-use phasestereo_match::image::intensity::intensity_range;
-use phasestereo_match::image::view::{Image, View};
+use phasestereo_match::image::pixels::{Image, Input};
+use phasestereo_match::image::view::View;
 use phasestereo_match::matcher::{Disparity, Timings, on_threads};
 use phasestereo_match::pair::Pair;
 use phasestereo_match::settings::Settings;
@@ -78,16 +78,16 @@ fn sequence((rows, cols): (usize, usize), kind: u8, seed: u64) -> Vec<Frame> {
         let values = Array3::from_shape_fn((rows, cols, channels), |at| pixel(time, salt, at));
         match kind {
             0 => Image::U8(values.mapv(|value| value as u8)),
-            1 => Image::U16(values.mapv(|value| 200 * value as u16)),
-            2 => Image::F32(values.mapv(|value| value as f32 / 99.0)),
-            _ => Image::F64(values.mapv(|value| value as f64 * 1e6 - 3e7)),
+            1 => Image::U16(values.mapv(|value| 200 * value as u16 + 1)),
+            2 => Image::F32(values.mapv(|value| (value as f32).sqrt())),
+            _ => Image::F64(values.mapv(|value| (value as f64).sqrt() * 1e6 - 3e7)),
         }
     };
 
     let camera = |time: u64, salt: u64| {
         let seed = seed ^ salt ^ (time / 2);
         let mask = is_masked.then(|| mask(rows, cols, 90, seed));
-        View { mask, ..View::from(image(time, salt)) }
+        gray_of(Input { mask, ..image(time, salt).into() })
     };
 
     let disparity = |time: u64, y: usize, x: usize| match hash(seed ^ time << 24, y, x) % 16 {
@@ -122,21 +122,18 @@ struct NaiveView {
 impl NaiveView {
     /// Whether the place of each pixel has changed in the next frame.
     fn changed(&mut self, view: &View) -> Vec<bool> {
-        let (rows, cols, channels) = view.image.shape();
+        let ((rows, cols), scale) = (view.size(), view.scale());
         let (black, factor) = *self.scale.get_or_insert_with(|| {
-            let range = intensity_range(view, &Control::default()).expect("not cancelled");
-            let width = range.width();
-            (range.black, 255.0 / if width > 0.0 { width } else { 1.0 })
+            let width = if scale.width() > 0.0 { scale.width() } else { 1.0 };
+            (scale.pixel(scale.range()[0].into()), 255.0 / width)
         });
+        // The range is that of the first frame, and each has steps of its own.
+        let (black, factor) = ((scale.pixel(0.0) - black) * factor, factor / scale.steps(1.0));
+        let (black, factor) = (black as f32, factor as f32);
 
         let gray = |y: usize, x: usize| {
-            let value = view.image.luminance(y, x);
-            match (view.is_valid(y, x), matches!(view.image, Image::U8(_)), channels) {
-                (false, _, _) => f32::NAN,
-                (true, false, _) => ((value - black) * factor) as f32,
-                (true, true, 3) => value as f32 * factor as f32,
-                (true, true, _) => (value / 1000.0) as f32 * (1000.0 * factor) as f32,
-            }
+            let value = view.gray().row(y)[x] as f32 * factor + black;
+            if view.is_valid(y, x) { value } else { f32::NAN }
         };
 
         if self.before.is_empty() {
@@ -395,12 +392,11 @@ fn what_moves_together_begins_anew() {
 
 #[test]
 fn another_exposure_is_no_change() {
-    let exposed = |time: u64, percent: u32| {
+    let exposed = |time: u64, percent: i32| {
         let frame = still(0, time, 4.0, (80, 90));
         let views = frame.pair.views().map(|view| {
-            let Image::U8(pixels) = &view.image else { unreachable!("bytes") };
-            let pixels = pixels.mapv(|value| (u32::from(value) * percent / 100).min(255) as u8);
-            View { image: Image::U8(pixels), ..view.clone() }
+            let pixel = |gray: &i32| ((gray + 128) * percent / 100).min(255) - 128;
+            View::new(view.gray().map(pixel), None, view.scale())
         });
         Frame { pair: frame.pair.with_views(views), ..frame }
     };

@@ -20,9 +20,9 @@ const COLS: usize = 37;
 
 /// A pair of unlike views, with masks or without.
 fn views(is_masked: bool) -> [View; 2] {
-    [1, 2].map(|seed| View {
-        mask: is_masked.then(|| mask(ROWS, COLS, 80, seed)),
-        ..view(ROWS, COLS, |y, x| hash(seed, y, x) as u8)
+    [1, 2].map(|seed| {
+        let view = view(ROWS, COLS, |y, x| hash(seed, y, x) as u8);
+        view.with_mask(is_masked.then(|| mask(ROWS, COLS, 80, seed)))
     })
 }
 
@@ -126,9 +126,7 @@ fn any_two_columns_cost_what_the_volume_has() {
                     .and_then(|costs| costs.volume(ROWS, levels()[0], &control))
                     .expect("memory");
 
-            let is_valid = |view: &View, y: usize, x: usize| {
-                view.mask.as_ref().is_none_or(|mask| mask.row(y)[x])
-            };
+            let is_valid = |view: &View, y: usize, x: usize| view.is_valid(y, x);
             for (y, x) in window(ROWS / 2, COLS / 2, COLS) {
                 for k in 0..20 {
                     let Ok(column) = usize::try_from(x as i64 + 9 - k as i64) else { continue };

@@ -251,19 +251,19 @@ def weak_costs(
 
 def sad_costs(
     left: NDArray[np.uint8], right: NDArray[np.uint8], min_disparity: int, num_disparities: int
-) -> Ints:
-    """Return |left x - right (x - d)| summed over the color channels, (H, W, N)."""
-    a, b = color_channels(left).astype(np.int64), color_channels(right).astype(np.int64)
+) -> Floats:
+    """Return |left x - right (x - d)| in gray, (H, W, N)."""
+    a, b = to_gray(left), to_gray(right)
     columns = right_columns(a.shape[1], min_disparity, num_disparities)
-    return np.stack([np.abs(a - b[:, x]).sum(axis=2) for x in columns.T], axis=-1)
+    return np.stack([np.abs(a - b[:, x]) for x in columns.T], axis=-1)
 
 
 def normalize(image: NDArray[Any], window: int) -> Floats:
-    """Return (I - mean) / sqrt(var + 1) per channel, over the window around each pixel, (H, W, C).
+    """Return (I - mean) / sqrt(var + 1) in gray, over the window around each pixel, (H, W, 1).
 
     Population variance; the image continues by reflection.
     """
-    channels = color_channels(image).astype(np.float64)
+    channels = to_gray(image)[:, :, np.newaxis]
     half = (window - 1) // 2
     around = [values for _, _, values in neighbors(channels, half, "symmetric")]
     mean = sum(around) / window**2
@@ -278,7 +278,7 @@ def nsad_costs(
     min_disparity: int,
     num_disparities: int,
 ) -> Floats:
-    """Return |left x - right (x - d)| of the normalized images, summed over channels, (H, W, N)."""
+    """Return |left x - right (x - d)| of the normalized gray images, (H, W, N)."""
     a, b = normalize(left, window), normalize(right, window)
     columns = right_columns(a.shape[1], min_disparity, num_disparities)
     return np.stack([np.abs(a - b[:, x]).sum(axis=2) for x in columns.T], axis=-1)

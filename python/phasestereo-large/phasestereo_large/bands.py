@@ -94,7 +94,7 @@ def pair_statistics(
     # The core owns the ranges of arguments: one row is refused for what all of them would be.
     _core.estimate_pair((left, right), masks, search, replace(asked, align_rows=False), workers)
 
-    scale = _core.find_scale((left, right), masks, rows, rows.size, search, asked)
+    scale = _core.find_scale((left, right), masks, rows, rows.size, search)
 
     found = _core.estimate_pair_by_rows(rows, rows.size, search, asked, scale, workers, told)
 

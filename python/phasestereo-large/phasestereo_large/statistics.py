@@ -59,12 +59,12 @@ class PairStatistics:
     search
         The disparities to search, and whether they were given or found. None: they were given.
     packing
-        How the pair is stored while it is matched, which depends on its values alone: the step and
-        the bits of the integers that the pixels become, 0 bits where they keep their type; whether
-        the channels of the left and of the right image are equal, so that one is enough.
+        How the pixels become gray, which depends on their values alone: the step and the bits of
+        the integers that they are, 0 bits for floats; whether the three channels of the left and
+        of the right image are equal, so that one is enough.
     ranges
-        Where the pixels of the left and of the right image lie, packed: (black, white) in
-        thousandths of their unit, but for 0.1 % at either end. None: not needed.
+        Where the pixels of the left and of the right image lie: (black, white) in thousandths of
+        their unit, but for 0.1 % at either end. None: not needed, as for 8 bits.
     findings
         What there is to say about the pair, as `phasestereo.check` says it.
     roughness

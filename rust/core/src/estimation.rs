@@ -45,8 +45,8 @@ use self::range::{LeftOut, SearchRange};
 use self::rows::RowOffsets;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::platform::Instant;
-use phasestereo_match::image::packing::Packing;
 use phasestereo_match::image::view::View;
+use phasestereo_match::matcher::Execution;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::alignment::Alignment;
@@ -79,7 +79,7 @@ struct Request<'a> {
 }
 
 /// Completes what is known of a pair: estimates what the settings ask for and is not known. Returns the pair that the estimates
-/// are of: packed, and inverted or of even rows alone where that is what the images are.
+/// are of: inverted or of even rows alone where that is what the images are.
 pub fn complete(
     pair: Pair,
     facts: &Facts,
@@ -100,18 +100,11 @@ pub fn complete(
 
 /// Completes what is known of a pair in which no image is interlaced.
 fn completed(
-    pair: Pair,
+    mut pair: Pair,
     facts: &Facts,
     settings: &Settings,
     runtime: Runtime,
 ) -> Result<(Pair, Estimates)> {
-    let packing = Packing::of_views(pair.views(), runtime.control)?;
-    let mut pair = pair.packed(&packing);
-
-    // Parts of the pair, and its negative, have to be scaled like the whole.
-    if facts.is_inverted || !Request::new(facts, settings).is_empty() {
-        pair = pair.with_own_ranges(runtime.control)?;
-    }
     let estimates = complete_source(&pair, facts, settings, runtime)?;
     if facts.is_inverted || settings.compensate_blur && estimates.is_inverted {
         pair = pair.inverted();
@@ -174,10 +167,12 @@ pub fn prepare(
         (None, Some(plan)) => Some(plan.blur_compensation()?),
         (None, None) => facts.noise.map(BlurCompensation::of_noise).transpose()?,
     };
-    let mut pair = pair.searched(estimates.candidates.value).with_blur_compensation(compensation);
+    let Runtime { execution: Execution { level, .. }, control, .. } = runtime;
+    let pair = pair.searched(estimates.candidates.value);
+    let mut pair = pair.with_blur_compensation(compensation, level, control)?;
 
     if let Some(field) = &estimates.alignment {
-        pair = pair.straightened(field, runtime.execution.level, runtime.control)?;
+        pair = pair.straightened(field, level, control)?;
     }
 
     let suited = estimates.compensation.as_ref().map(|plan| plan.settings.clone());
@@ -232,15 +227,15 @@ impl Estimates {
         settings: &Settings,
         runtime: Runtime,
     ) -> Result<Self> {
-        let levels = gray_levels(source, runtime)?;
+        let levels = gray_levels(source)?;
         let needs_defects = request.blur && blur::is_enough(source.size());
         let defects = needs_defects.then(|| Defects::new(source, levels, runtime)).transpose()?;
         let defects = defects.unwrap_or_default();
 
-        let source = &Repaired { source, impulses: defects.impulses };
+        let source = &Repaired { source, impulses: defects.impulses, runtime };
         let rows = &PairRows::new(source, runtime)?;
         let sample = &*rows.sample()?;
-        let scales = &Scales::new(sample, levels, runtime)?;
+        let scales = &Scales::new(sample);
 
         let facts = request.facts;
         let geometry = Geometry::new(rows, request, runtime)?;

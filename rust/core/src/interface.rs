@@ -21,14 +21,14 @@ use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::{Error, Result};
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
-use phasestereo_match::image::view::View;
+use phasestereo_match::image::pixels::Input;
 use phasestereo_match::matcher::footprint;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::matcher::summary::Summary;
 use phasestereo_match::matcher::{self, Disparity, Execution, Timings, usable_threads};
-use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::pair::plan::{Demand, Plan};
+use phasestereo_match::pair::{self, Pair};
 use phasestereo_match::settings::Settings;
 
 /// Settings, threads and working memory, which are kept from one pair to the next. Any number of threads may use one at the
@@ -134,7 +134,7 @@ impl Matcher {
         disparities: impl Into<Option<Range<i64>>>,
         control: &Control,
     ) -> Result<Match> {
-        let (pair, facts) = pair(left, right, disparities.into())?;
+        let (pair, facts) = read_pair(left, right, disparities.into())?;
 
         let matched =
             self.on_threads(control, |runtime| match_pair(pair, &facts, &self.settings, runtime))?;
@@ -149,7 +149,7 @@ impl Matcher {
         right: Image,
         disparities: impl Into<Option<Range<i64>>>,
     ) -> Result<Match> {
-        let (pair, facts) = pair(left, right, disparities.into())?;
+        let (pair, facts) = read_pair(left, right, disparities.into())?;
         let Rig { state, filter, reestimate } = rig;
 
         let options = Options { facts: &facts, settings: &self.settings, reestimate: *reestimate };
@@ -167,7 +167,7 @@ impl Matcher {
         right: Image,
         disparities: impl Into<Option<Range<i64>>>,
     ) -> Result<Estimates> {
-        let (pair, facts) = pair(left, right, disparities.into())?;
+        let (pair, facts) = read_pair(left, right, disparities.into())?;
 
         let control = Control::default();
         self.on_threads(&control, |runtime| {
@@ -178,7 +178,7 @@ impl Matcher {
 
     /// Judges a disparity map of the left image, in pixels; what is not finite claims nothing. The pair is matched anew.
     pub fn verify(&self, left: Image, right: Image, map: &Plane<f32>) -> Result<Verification> {
-        let (pair, facts) = pair(left, right, None)?;
+        let (pair, facts) = read_pair(left, right, None)?;
 
         let control = Control::default();
         let judged = self.on_threads(&control, |runtime| {
@@ -192,11 +192,11 @@ impl Matcher {
 
     /// How to rectify two raw images, and others of the same cameras, by what they show alone; and what was found, in sentences.
     pub fn calibrate(&self, left: Image, right: Image) -> Result<(Calibration, Vec<Finding>)> {
-        let views = raw(left, right)?;
+        let pair = Pair::of_inputs(raw(left, right)?, 0, 1)?;
 
         let control = Control::default();
         let found = self.on_threads(&control, |Runtime { execution, control, .. }| {
-            rectify_views(&[views], execution.level, control)
+            rectify_views(&[pair], execution.level, control)
         })?;
 
         let note = |sentence: String| Finding::new(Topic::Alignment, Severity::Note, sentence);
@@ -212,15 +212,15 @@ impl Matcher {
         calibration: &Calibration,
         interpolation: Interpolation,
     ) -> Result<[Image; 2]> {
-        let views = raw(left, right)?;
-        let (rows, cols, _) = views[0].image.shape();
+        let inputs = raw(left, right)?;
 
         let control = Control::default();
         self.on_threads(&control, |Runtime { control, .. }| {
-            let places = calibration.places((rows, cols), control)?;
+            let places = calibration.places(inputs[0].size(), control)?;
             let rectified = |side: usize| -> Result<Image> {
-                let view = warp::rectified(&views[side], &places[side], interpolation, control)?;
-                Ok(Image::of_view(view))
+                let (input, places) = (&inputs[side], &places[side]);
+                let found = warp::rectified_input(input, places, interpolation, control)?;
+                Ok(Image::of_input(found))
             };
             Ok([rectified(0)?, rectified(1)?])
         })
@@ -302,27 +302,19 @@ fn mirror<T>(plane: &mut Plane<T>) {
     }
 }
 
-/// Two raw images of one size.
-fn raw(left: Image, right: Image) -> Result<[View; 2]> {
-    let views = [left.into_view(), right.into_view()];
-    views[0].check("left")?;
-    views[1].check("right")?;
-
-    let [(rows, cols, _), (right_rows, right_cols, _)] =
-        views.each_ref().map(|view| view.image.shape());
-    if (rows, cols) != (right_rows, right_cols) {
-        let got = format!("{right_rows} x {right_cols} pixels");
-        return Err(Error::value("right", got, format!("the size of left, {rows} x {cols}")));
-    }
-    Ok(views)
+/// Two raw images of one size and type.
+fn raw(left: Image, right: Image) -> Result<[Input; 2]> {
+    let inputs = [left.into_input(), right.into_input()];
+    pair::check(inputs.each_ref())?;
+    Ok(inputs)
 }
 
 /// Both images, and the disparities if they are given.
-fn pair(left: Image, right: Image, disparities: Option<Range<i64>>) -> Result<(Pair, Facts)> {
+fn read_pair(left: Image, right: Image, disparities: Option<Range<i64>>) -> Result<(Pair, Facts)> {
     // The pair needs some range until its own is estimated.
     let Range { start, end } = disparities.clone().unwrap_or(0..1);
     let count = end.saturating_sub(start);
-    let pair = Pair::of_any(left.into_view(), right.into_view(), start, count)?;
+    let pair = Pair::of_any([left.into_input(), right.into_input()], start, count)?;
     let candidates = disparities.map(|_| Fact::given(pair.candidates()));
 
     Ok((pair, Facts { candidates, ..Facts::default() }))

@@ -42,6 +42,7 @@ use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
 use phasestereo_match::base::statistics::{deviation, median, quantile};
 use phasestereo_match::image::view::View;
+use phasestereo_match::pair::Pair;
 
 /// Wider images are reduced: their rows are found as exactly as those of so many columns.
 const MOST_COLUMNS: usize = 1600;
@@ -162,13 +163,10 @@ impl fmt::Display for Refusal {
 pub type Grays = [Plane<f32>; 2];
 
 /// Rectifies pairs of views of the same cameras, of which the right ones may be negatives.
-pub fn rectify_views(
-    pairs: &[[View; 2]],
-    level: Level,
-    control: &Control,
-) -> Result<Rectification> {
+pub fn rectify_views(pairs: &[Pair], level: Level, control: &Control) -> Result<Rectification> {
     let mut grays = Vec::with_capacity(pairs.len());
-    for [left, right] in pairs {
+    for pair in pairs {
+        let [left, right] = pair.views();
         grays.push([gray(left, control)?, gray(right, control)?]);
     }
 
@@ -191,22 +189,14 @@ pub fn rectify_views(
     Err(Error::value("left, right", got, accepts))
 }
 
-/// The gray values of a view.
+/// The gray values of a view, in units of its pixels.
 pub fn gray(view: &View, control: &Control) -> Result<Plane<f32>> {
-    let (rows, cols, _) = view.image.shape();
-    Plane::by_bands_with(
-        (rows, cols),
-        1,
-        || Ok(vec![0.0; cols]),
-        |luminance, y, row| {
-            control.checkpoint()?;
-            view.image.write_luminance(y, luminance);
-            for (gray, luminance) in row.iter_mut().zip(luminance.iter()) {
-                *gray = (luminance / 1000.0) as f32;
-            }
-            Ok(())
-        },
-    )
+    let scale = view.scale();
+    Plane::by_rows(view.size(), control, |y, row: &mut [f32]| {
+        for (gray, steps) in row.iter_mut().zip(view.gray().row(y)) {
+            *gray = scale.pixel(f64::from(*steps)) as f32;
+        }
+    })
 }
 
 /// Rectifies pairs of gray images, all of one size, of the same cameras, which are reduced by `least` at least.

@@ -95,7 +95,7 @@ fn decide(
     settings: &Settings,
     runtime: Runtime,
 ) -> Result<()> {
-    let copy = if doubt.share() > MANY { halved(pair, runtime)? } else { None };
+    let copy = if doubt.share() > MANY { halved(pair) } else { None };
     let Some(copy) = copy else { return Ok(()) };
 
     // Its rows correspond by now, and its progress is not that of the map. Noise and blur are others: those of means.

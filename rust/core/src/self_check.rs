@@ -215,8 +215,8 @@ impl Case {
     }
 
     fn cameras(&self, digest: &mut Digest, runtime: Runtime) -> Result<()> {
-        let views = pair(self.fault, self.size, 0);
-        let found = rectify_views(&[views], runtime.execution.level, runtime.control)?;
+        let pair = Pair::of_inputs(pair(self.fault, self.size, 0), 0, 1)?;
+        let found = rectify_views(&[pair], runtime.execution.level, runtime.control)?;
 
         for number in found.cameras.numbers().iter().chain(found.cameras.spreads()) {
             digest.add(number.to_bits().to_le_bytes());
@@ -226,8 +226,7 @@ impl Case {
     }
 
     fn pair(&self, fault: Fault, moment: u32, count: i64) -> Result<Pair> {
-        let [left, right] = pair(fault, self.size, moment);
-        Pair::of_any(left, right, 0, count)
+        Pair::of_any(pair(fault, self.size, moment), 0, count)
     }
 }
 

@@ -36,8 +36,7 @@ use crate::cost::phase::Phase;
 use crate::cost::unrolled::UnrolledPlane;
 use crate::cost::validity::Validity;
 use crate::cost::volume::Volume;
-use crate::image::view::{Image, Mask, View};
-use crate::pair::Pair;
+use crate::image::view::{Mask, View};
 use crate::pair::blur_compensation::BlurCompensation;
 use crate::pair::candidates::{Candidates, Searched};
 use crate::pair::plan::{Bytes, Demand, Plan, Stage};
@@ -49,19 +48,14 @@ pub trait Cost: Sized {
     /// Steps of the cost per unit of the penalties.
     const STEPS: u16;
 
-    /// The largest cost, summed over `channels`.
-    fn ceiling(settings: &Settings, channels: usize) -> u16;
+    /// The largest cost.
+    fn ceiling(settings: &Settings) -> u16;
 
     /// Rows of an image on either side of a pixel that its cost depends on.
     fn reach(plan: Plan) -> usize;
 
     /// Bytes of each pixel of the images.
     fn bytes(demand: &Demand) -> PixelBytes;
-
-    /// Whether costs depend on the ranges of images like this one, which is not of bytes.
-    fn needs_ranges(settings: &Settings, _: &Image) -> bool {
-        settings.intensity_range.is_none()
-    }
 
     /// The least mean cost of pixels that have nothing to do with each other; `None`: unknown.
     fn unrelated(_ceiling: u16) -> Option<f64> {
@@ -182,17 +176,9 @@ pub fn steps_of(settings: &Settings) -> u16 {
     with_cost!(settings, C => C::STEPS)
 }
 
-/// The largest cost of a pixel, summed over `channels`.
-pub fn ceiling_of(settings: &Settings, channels: usize) -> u16 {
-    with_cost!(settings, C => C::ceiling(settings, channels))
-}
-
-/// Whether a match with these settings depends on the ranges of a pair; `first` are some of its rows, packed.
-pub fn needs_ranges(first: &Pair, settings: &Settings) -> bool {
-    match &first.views()[0].image {
-        Image::U8(_) => false,
-        image => with_cost!(settings, C => C::needs_ranges(settings, image)),
-    }
+/// The largest cost of a pixel.
+pub fn ceiling_of(settings: &Settings) -> u16 {
+    with_cost!(settings, C => C::ceiling(settings))
 }
 
 /// The description of the pixels of both images, at the same time.
@@ -292,10 +278,8 @@ impl<'a> Costs<'a> {
         let input = Input { views, candidates, settings, compensation, level, control };
         let compared = Compared::new(input)?;
 
-        let [left, right] = views.map(|view| view.image.shape());
-        let (rows, cols, channels) = left;
-        // Gray where either image is.
-        let ceiling = ceiling_of(settings, channels.min(right.2));
+        let (rows, cols) = views[0].size();
+        let ceiling = ceiling_of(settings);
         let validity = Validity::new(views, candidates)?;
         let valid = validity
             .as_ref()

@@ -248,7 +248,7 @@ impl<R: RowOfCodes> Description<'_, R> {
         let buffers = || self.buffers::<T>();
 
         Plane::by_bands_with((rows, width), BAND_ROWS, buffers, |buffers, first, band| {
-            self.write_pixels(first, band.len() / width, &mut buffers.pixels)?;
+            self.write_pixels(first, band.len() / width, &mut buffers.pixels);
 
             let group = self.layout().group();
             for (y, rows) in (0..).step_by(group).zip(band.chunks_mut(group * width)) {
@@ -313,22 +313,20 @@ impl<R: RowOfCodes> Description<'_, R> {
     }
 
     /// Writes the pixels of so many rows and their halo; the image continues by reflection.
-    fn write_pixels(&self, first: usize, count: usize, pixels: &mut [i32]) -> Result<()> {
+    fn write_pixels(&self, first: usize, count: usize, pixels: &mut [i32]) {
         let rows = self.gray.size().0;
         let layout = self.layout();
         let Layout { cols, margin } = layout;
         let places = (first as isize - margin as isize..).take(count + 2 * margin);
 
         for (y, row) in places.zip(pixels.chunks_exact_mut(layout.width())) {
-            self.gray.write_row(reflect(y, rows), self.level, &mut row[margin..][..cols])?;
+            row[margin..][..cols].copy_from_slice(self.gray.row(reflect(y, rows)));
 
             // Left and right of the image, from the row itself.
             for x in (0..margin).chain(margin + cols..cols + 2 * margin) {
                 row[x] = row[margin + reflect(x as isize - margin as isize, cols)];
             }
         }
-
-        Ok(())
     }
 }
 

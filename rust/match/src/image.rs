@@ -1,13 +1,16 @@
 //! Images: what callers hand over, and what is done to pixels before they are described.
 
 pub mod blocking;
+pub mod conversion;
 pub mod convolution;
+pub mod gray_scale;
 pub mod impulses;
 pub mod intensity;
 pub mod intensity_range;
 pub mod masking;
-pub mod packing;
+pub mod pixels;
 pub mod regions;
+pub mod resampling;
 pub mod smoothing;
 pub mod texture;
 pub mod view;

@@ -106,11 +106,11 @@ struct Spare {
 }
 
 /// The unrefined disparities of some rows.
-struct Unrefined {
+struct Unrefined<'a> {
     /// The map.
     map: DraftMap,
     /// The texture of the left image, if the settings need it.
-    texture: Option<Texture>,
+    texture: Option<Texture<'a>>,
     /// Wall-clock time of each stage so far.
     timings: Timings,
 }
@@ -207,7 +207,7 @@ impl Matcher {
         let raw = self.match_raw(pair, section, settings, execution, control)?;
         self.pool.install(|| {
             let tally = section.tally.or_else(|| raw.tally(pair.candidates()));
-            let faults = Faults::of_pair(pair, control)?;
+            let faults = Faults::of_pair(pair);
             raw.calibrated(tally, faults, settings.optimizer)
         })
     }
@@ -265,14 +265,14 @@ impl Matcher {
         unrefined.refined(pair, section.rows.clone(), settings, execution.level, control)
     }
 
-    fn choose(
+    fn choose<'a>(
         &self,
-        pair: &Pair,
+        pair: &'a Pair,
         section: &Section,
         settings: &Settings,
         execution: Execution,
         control: &Control,
-    ) -> Result<Unrefined> {
+    ) -> Result<Unrefined<'a>> {
         let started = Instant::now();
         let (candidates, level) = (pair.candidates(), execution.level);
         let costs = Costs::new(
@@ -286,8 +286,7 @@ impl Matcher {
         let description = started.elapsed();
 
         let started = Instant::now();
-        let texture =
-            Texture::of_view(pair.views()[0], settings, section.roughness, level, control)?;
+        let texture = Texture::of_view(pair.views()[0], settings, section.roughness);
         let edges = Edges::asked_for(texture.as_ref(), settings, pair.size().1, level, control)?;
 
         let window = Window::new(pair.size(), candidates.count(), settings, costs.ceiling());
@@ -312,7 +311,7 @@ impl Matcher {
             plan: plan(pair, settings),
             cols: pair.size().1,
             candidates: candidates.count(),
-            pixel: pair.views()[0].image.shape().2,
+            pixel: 1,
             threads: execution.threads,
         };
         let workspace = memory::workspace(&demand);
@@ -417,7 +416,7 @@ impl Job<'_> {
     }
 }
 
-impl Unrefined {
+impl Unrefined<'_> {
     /// Flags what cannot be right, fills it and smooths. The map is of these rows of the pair.
     fn refined(
         self,
@@ -454,7 +453,7 @@ impl Unrefined {
             // Rows of a part are not those of the whole.
             (None, Some(votes), Some(texture)) if is_whole => {
                 let map = SampledMap { disparity: &disparity, flags: &flags, votes, texture };
-                let faults = Faults::of_pair(pair, control)?;
+                let faults = Faults::of_pair(pair);
                 map.wrong(pair.candidates(), faults, settings.optimizer, level, control)?
             }
             _ => None,

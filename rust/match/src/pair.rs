@@ -1,5 +1,5 @@
-//! Two images, the disparities to search, and how the images are made comparable: resampled to one size and to rows that
-//! correspond, blurred alike.
+//! Two images in gray, the disparities to search, and how the images are made comparable: resampled to one
+//! size and to rows that correspond, blurred alike.
 
 pub mod alignment;
 pub mod blur_compensation;
@@ -8,20 +8,22 @@ pub mod fitting;
 pub mod plan;
 pub mod source;
 
+use std::borrow::Cow;
+use std::mem;
 use std::ops::Range;
 
 use crate::base::control::Control;
 use crate::base::error::{Error, Result};
 use crate::base::simd::Level;
-use crate::image::intensity_range::IntensityRange;
-use crate::image::packing::Packing;
+use crate::image::conversion::Conversion;
+use crate::image::impulses;
+use crate::image::pixels::Input;
 use crate::image::view::View;
-use crate::image::{impulses, intensity};
 use crate::pair::alignment::Alignment;
 use crate::pair::alignment::straighten::straightened;
 use crate::pair::blur_compensation::BlurCompensation;
 use crate::pair::candidates::Candidates;
-use crate::pair::fitting::{Fit, fitted};
+use crate::pair::fitting::{Fit, fitted, white};
 use crate::pair::plan::{Bytes, Demand, Plan, Stage};
 
 /// Two images and the disparities to search.
@@ -45,44 +47,61 @@ impl Stage for Images {
     }
 
     fn bytes(&self, demand: &Demand) -> Bytes {
-        // Both images and their masks, twice; the right one once more, or twice, if it is straightened.
-        let copies = if demand.plan.alignment.is_some() { 6 } else { 4 };
-        Bytes { read: demand.cols * copies * (demand.pixel + 1), ..Bytes::default() }
+        // Both images with their masks, as they are read, and in gray; the right one once more, or twice, if
+        // it is straightened.
+        let copies = if demand.plan.alignment.is_some() { 4 } else { 2 };
+        let gray = size_of::<i32>() + 1;
+        Bytes { read: demand.cols * (2 * (demand.pixel + 1) + copies * gray), ..Bytes::default() }
     }
 }
 
 impl Pair {
-    /// A pair that can be matched: images of one size and type, with valid pixels and a reachable range.
+    /// A pair that can be matched: views of one size, and a reachable range.
     pub fn new(left: View, right: View, min_disparity: i64, num_disparities: i64) -> Result<Self> {
-        left.check("left")?;
-        right.check("right")?;
+        check_sizes(left.size(), right.size())?;
 
-        let (rows, cols, _) = left.image.shape();
-        let (right_rows, right_cols, _) = right.image.shape();
-        if (rows, cols) != (right_rows, right_cols) {
-            let got = format!("{right_rows} x {right_cols} pixels");
-            return Err(Error::value("right", got, format!("the size of left, {rows} x {cols}")));
-        }
-
-        if std::mem::discriminant(&left.image) != std::mem::discriminant(&right.image) {
-            return Err(Error::value("right", "pixels of another type", "the type of left"));
-        }
-
-        let candidates = Candidates::new(min_disparity, num_disparities, cols)?;
+        let candidates = Candidates::new(min_disparity, num_disparities, left.size().1)?;
         Ok(Self { left, right, candidates, compensation: None, fit: None })
     }
 
-    /// A pair of any two images: the right one is brought to the size of the left one, and both to one type.
+    /// A pair of images of one size and type, with valid pixels.
+    pub fn of_inputs(inputs: [Input; 2], min_disparity: i64, num_disparities: i64) -> Result<Self> {
+        check(inputs.each_ref())?;
+
+        let conversions = Conversion::of_pair(inputs.each_ref());
+        Self::converted(inputs, conversions, min_disparity, num_disparities)
+    }
+
+    /// A part of a pair of which the whole is converted so.
+    pub fn converted(
+        inputs: [Input; 2],
+        [of_left, of_right]: [Conversion; 2],
+        min_disparity: i64,
+        num_disparities: i64,
+    ) -> Result<Self> {
+        let [left, right] = inputs;
+        Self::new(of_left.view(left)?, of_right.view(right)?, min_disparity, num_disparities)
+    }
+
+    /// A pair of any two images: the right one is brought to the size of the left one, and its pixels to the
+    /// unit of those.
     pub fn of_any(
-        left: View,
-        right: View,
+        [left, mut right]: [Input; 2],
         min_disparity: i64,
         num_disparities: i64,
     ) -> Result<Self> {
         left.check("left")?;
         right.check("right")?;
 
-        let ([left, right], fit) = fitted(left, right)?;
+        let [of_left, of_right] = if is_same_type(&left, &right) {
+            Conversion::of_pair([&left, &right])
+        } else {
+            right.unit = white(&left) / white(&right);
+            [&left, &right].map(|input| Conversion::of_pair([input, input])[0])
+        };
+
+        let left = of_left.view(left)?;
+        let (right, fit) = fitted(&left, of_right.view(right)?)?;
         Ok(Self { fit, ..Self::new(left, right, min_disparity, num_disparities)? })
     }
 
@@ -91,31 +110,35 @@ impl Pair {
         self.fit
     }
 
-    /// The pair with how its blur is compensated before pixels are compared. The compensation gives the impulses, too.
-    pub fn with_blur_compensation(self, compensation: impl Into<Option<BlurCompensation>>) -> Self {
-        let compensation = compensation.into();
+    /// The pair with how its blur is compensated before pixels are compared. The compensation gives the
+    /// impulses, too, which are repaired.
+    pub fn with_blur_compensation(
+        self,
+        compensation: Option<BlurCompensation>,
+        level: Level,
+        control: &Control,
+    ) -> Result<Self> {
         let impulses = compensation.as_ref().map_or([0.0; 2], BlurCompensation::impulses);
-        Self { compensation, ..self }.with_impulses(impulses)
+        let repaired = self.repaired(impulses, level, control)?.into_owned();
+        Ok(Self { compensation, ..repaired })
     }
 
-    /// The pair with impulses in both images that stand out by at least so much; 0: there are none.
-    pub fn with_impulses(mut self, [left, right]: [f64; 2]) -> Self {
-        (self.left.impulses, self.right.impulses) = (left, right);
-        self
-    }
+    /// The pair without impulses that stand out by at least so much in the left and in the right image; 0:
+    /// there are none.
+    pub fn repaired(
+        &self,
+        [left, right]: [f64; 2],
+        level: Level,
+        control: &Control,
+    ) -> Result<Cow<'_, Self>> {
+        if left <= 0.0 && right <= 0.0 {
+            return Ok(Cow::Borrowed(self));
+        }
 
-    /// The pair with its values in the narrowest type that holds them: how it is matched depends on the values alone.
-    pub fn packed(self, packing: &Packing) -> Self {
-        let [left, right] =
-            [(self.left, 0), (self.right, 1)].map(|(view, i)| packing.packed(view, i));
-        Self { left, right, ..self }
-    }
-
-    /// The pair as a part of a larger one whose left and right pixels, unless they are bytes, lie in these ranges.
-    pub fn with_ranges(mut self, ranges: [Option<IntensityRange>; 2]) -> Self {
-        let [left, right] = ranges;
-        (self.left.range, self.right.range) = (left, right);
-        self
+        let left = self.left.repaired(left, level, control)?.into_owned();
+        let right = self.right.repaired(right, level, control)?.into_owned();
+        let compensation = self.compensation.clone();
+        Ok(Cow::Owned(Self { left, right, compensation, ..*self }))
     }
 
     /// The pair with other disparities to search.
@@ -139,26 +162,18 @@ impl Pair {
         Ok(Self { right, ..self.clone() })
     }
 
-    /// The pair with other views of the same size and type.
+    /// The pair with other views of the same size.
     pub fn with_views(&self, [left, right]: [View; 2]) -> Self {
         Self { left, right, candidates: self.candidates, compensation: None, fit: self.fit }
     }
 
-    /// Some rows of the images; their ranges should be known already.
+    /// Some rows of the images.
     pub fn of_rows(&self, rows: Range<usize>) -> Self {
         let [left, right] = [&self.left, &self.right].map(|view| view.of_rows(rows.clone()));
         let compensation =
             self.compensation.clone().map(|compensation| compensation.below(rows.start));
 
         Self { left, right, candidates: self.candidates, compensation, fit: self.fit }
-    }
-
-    /// The pair with its ranges computed, so that any part of it is a part of the whole.
-    pub fn with_own_ranges(self, control: &Control) -> Result<Self> {
-        let range = |view: &View| intensity::intensity_range(view, control).map(Some);
-
-        let ranges = [range(&self.left)?, range(&self.right)?];
-        Ok(self.with_ranges(ranges))
     }
 
     /// Left and right view.
@@ -178,7 +193,31 @@ impl Pair {
 
     /// Rows and columns of either image.
     pub fn size(&self) -> (usize, usize) {
-        let (rows, cols, _) = self.left.image.shape();
-        (rows, cols)
+        self.left.size()
     }
+}
+
+/// Refuses images of two sizes or types, and those with faulty pixels.
+pub fn check([left, right]: [&Input; 2]) -> Result<()> {
+    left.check("left")?;
+    right.check("right")?;
+    check_sizes(left.size(), right.size())?;
+
+    if is_same_type(left, right) {
+        return Ok(());
+    }
+    Err(Error::value("right", "pixels of another type", "the type of left"))
+}
+
+fn check_sizes((rows, cols): (usize, usize), right: (usize, usize)) -> Result<()> {
+    if (rows, cols) == right {
+        return Ok(());
+    }
+
+    let got = format!("{} x {} pixels", right.0, right.1);
+    Err(Error::value("right", got, format!("the size of left, {rows} x {cols}")))
+}
+
+fn is_same_type(left: &Input, right: &Input) -> bool {
+    mem::discriminant(&left.image) == mem::discriminant(&right.image)
 }

@@ -228,7 +228,7 @@ pub struct Draft<'a> {
     /// Votes for the disparities, if confidences need them.
     pub votes: Option<&'a Plane<f32>>,
     /// The left image, if the settings need it.
-    pub texture: Option<&'a Texture>,
+    pub texture: Option<&'a Texture<'a>>,
     /// The pair, if one of its images is to be synthesized.
     pub blurred_pair: Option<&'a synthesis::BlurredPair<'a>>,
 }

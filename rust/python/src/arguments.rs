@@ -8,15 +8,15 @@ use pyo3::types::{PyBool, PyTuple};
 
 use super::internal;
 use crate::failure::{Failure, Result};
-use crate::reader::{as_packing, as_ranges};
+use crate::reader::as_conversions;
 use crate::settings::read_settings;
 use phasestereo::Error;
 use phasestereo_match::base::plane::{Plane, zeroed};
+use phasestereo_match::image::conversion::Conversion;
 use phasestereo_match::image::convolution::Kernel;
-use phasestereo_match::image::intensity_range::IntensityRange;
-use phasestereo_match::image::packing::Packing;
+use phasestereo_match::image::pixels::{Image, Input};
 use phasestereo_match::image::texture::{Roughness, Texture};
-use phasestereo_match::image::view::{Image, Mask, View};
+use phasestereo_match::image::view::Mask;
 use phasestereo_match::matcher::usable_threads;
 use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::alignment::{Alignment, TERMS};
@@ -50,36 +50,38 @@ pub fn read_search((min, count): &Both<'_>) -> Result<Disparities> {
 
 /// Reads both images, their masks, and (`min_disparity`, `num_disparities`).
 pub fn read_pair(images: &Both<'_>, masks: &Both<'_>, disparities: &Both<'_>) -> Result<Pair> {
-    let (min, count) = disparities;
-    let search = (integer(min, "min_disparity")?, integer(count, "num_disparities")?);
+    read_images(images, masks, Some(read_range(disparities)?))
+}
 
-    read_images(images, masks, Some(search))
+/// Reads (`min_disparity`, `num_disparities`).
+pub fn read_range((min, count): &Both<'_>) -> Result<(i64, i64)> {
+    Ok((integer(min, "min_disparity")?, integer(count, "num_disparities")?))
 }
 
 /// Reads both images and their masks. The pair is searched over these disparities, or over one until the range is
 /// known.
 pub fn read_images(images: &Both<'_>, masks: &Both<'_>, search: Disparities) -> Result<Pair> {
     let (min, count) = search.unwrap_or((0, 1));
-    let [left, right] = read_views(images, masks)?;
+    let inputs = read_inputs(images, masks)?;
 
-    Ok(Pair::new(left, right, min, count)?)
+    Ok(images.0.py().detach(|| Pair::of_inputs(inputs, min, count))?)
 }
 
 /// The same of images of any sizes and types.
 pub fn read_any_images(images: &Both<'_>, masks: &Both<'_>, search: Disparities) -> Result<Pair> {
     let (min, count) = search.unwrap_or((0, 1));
-    let [left, right] = read_views(images, masks)?;
+    let inputs = read_inputs(images, masks)?;
 
-    Ok(Pair::of_any(left, right, min, count)?)
+    Ok(images.0.py().detach(|| Pair::of_any(inputs, min, count))?)
 }
 
 /// Reads both images and their masks.
-pub fn read_views((left, right): &Both<'_>, masks: &Both<'_>) -> Result<[View; 2]> {
-    Ok([read_view(left, &masks.0, "left")?, read_view(right, &masks.1, "right")?])
+pub fn read_inputs((left, right): &Both<'_>, masks: &Both<'_>) -> Result<[Input; 2]> {
+    Ok([read_input(left, &masks.0, "left")?, read_input(right, &masks.1, "right")?])
 }
 
 /// Reads an image of rows x columns x channels, 1 or 3 of them, and its mask or None.
-pub fn read_view(image: &Bound<'_, PyAny>, mask: &Bound<'_, PyAny>, name: &str) -> Result<View> {
+pub fn read_input(image: &Bound<'_, PyAny>, mask: &Bound<'_, PyAny>, name: &str) -> Result<Input> {
     let image = if let Ok(array) = image.cast::<PyArray3<u8>>() {
         Image::U8(copied(array)?)
     } else if let Ok(array) = image.cast::<PyArray3<u16>>() {
@@ -102,7 +104,7 @@ pub fn read_view(image: &Bound<'_, PyAny>, mask: &Bound<'_, PyAny>, name: &str) 
         return Err(PyValueError::new_err(message).into());
     }
 
-    Ok(View { mask: read_mask(mask, (rows, cols), name)?, ..View::from(image) })
+    Ok(Input { mask: read_mask(mask, (rows, cols), name)?, ..Input::from(image) })
 }
 
 /// Reads a mask of a given size, or None. True is whatever byte is not 0, as `NumPy` has it: arrays of bool may be views of
@@ -173,8 +175,7 @@ pub struct Statistics<'py> {
     pub alignment: Option<Alignment>,
     pub is_inverted: bool,
     pub disparities: Both<'py>,
-    pub packing: Packing,
-    pub ranges: [Option<IntensityRange>; 2],
+    pub conversions: [Conversion; 2],
     pub roughness: Option<Roughness>,
     pub tally: Option<Tally>,
 }
@@ -201,8 +202,10 @@ impl<'py> Statistics<'py> {
                 statistics.getattr("min_disparity")?,
                 statistics.getattr("num_disparities")?,
             ),
-            packing: as_packing(statistics.getattr("packing")?.extract()?),
-            ranges: as_ranges(statistics.getattr("ranges")?.extract()?),
+            conversions: as_conversions(
+                statistics.getattr("packing")?.extract()?,
+                statistics.getattr("ranges")?.extract()?,
+            ),
             roughness: roughness.map(|(sum, pairs)| Roughness { sum, pairs }),
             tally: tally.map(|(confidence, own, failed, ends, pixels)| Tally {
                 confidence,

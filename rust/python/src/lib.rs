@@ -25,12 +25,13 @@ use pyo3::types::{IntoPyDict, PyDict};
 
 use self::arguments::{
     Both, Statistics, read_alignment, read_any_images, read_blur_compensation, read_images,
-    read_noise, read_pair, read_preset, read_search, read_view, read_views, read_volume,
+    read_input, read_inputs, read_noise, read_pair, read_preset, read_range, read_search,
+    read_volume,
 };
 use self::failure::{Failure, Result};
 use self::known::{read_known, read_noise_of_pair};
 use self::objects::{Asked, Matched, Object};
-use self::reader::{Reader, Scale, packing_to_py};
+use self::reader::{Reader, Scale};
 use self::rig::Rig;
 use self::settings::{Setting, every_setting, read_settings, write_settings};
 use self::supervisor::supervised;
@@ -53,25 +54,25 @@ use phasestereo::internals::video::temporal::TemporalFilter as Filter;
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
+use phasestereo_match::cost::Costs;
 use phasestereo_match::cost::aggregation::{Window, aggregate};
-use phasestereo_match::cost::{self, Costs};
 use phasestereo_match::descriptor::{Codes, describe};
+use phasestereo_match::image::conversion::view_of_input;
 use phasestereo_match::image::intensity::Gray;
-use phasestereo_match::image::packing::Packing;
+use phasestereo_match::image::pixels::Image;
 use phasestereo_match::image::texture::Roughness;
-use phasestereo_match::image::view::Image;
 use phasestereo_match::matcher::footprint;
 use phasestereo_match::matcher::halo::Halo;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::matcher::section::Section;
 use phasestereo_match::matcher::{Disparity, Execution, Matcher, on_threads};
 use phasestereo_match::optimization::{BAND, Penalties, optimize};
-use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::alignment::Alignment;
-use phasestereo_match::pair::blur_compensation::MOST_CLASSES;
-use phasestereo_match::pair::fitting::fitted;
+use phasestereo_match::pair::blur_compensation::{BlurCompensation, MOST_CLASSES};
+use phasestereo_match::pair::fitting::resized_right;
 use phasestereo_match::pair::plan::{Demand, Plan};
 use phasestereo_match::pair::source;
+use phasestereo_match::pair::{Pair, check};
 use phasestereo_match::refinement::calibration::{Tally, sampled};
 use phasestereo_match::refinement::flag;
 use phasestereo_match::settings::presets::Preset;
@@ -234,28 +235,25 @@ fn rectify_pairs<'py>(
     pairs: Vec<Both<'py>>,
 ) -> Result<(Bound<'py, PyDict>, f64, Vec<String>)> {
     let unmasked = py.None().into_bound(py);
-    let mut views = Vec::with_capacity(pairs.len());
-    for (left, right) in &pairs {
-        views.push([read_view(left, &unmasked, "left")?, read_view(right, &unmasked, "right")?]);
-    }
+    let masks = (unmasked.clone(), unmasked.clone());
+    let read = pairs.iter().map(|images| read_images(images, &masks, None));
+    let pairs = read.collect::<Result<Vec<Pair>>>()?;
 
     let pool = Pool::for_argument(&unmasked)?;
-    let found = supervised(py, &pool, views.len(), None, move |runtime| {
-        rectify_views(&views, runtime.execution.level, runtime.control)
+    let found = supervised(py, &pool, pairs.len(), None, move |runtime| {
+        rectify_views(&pairs, runtime.execution.level, runtime.control)
     })?;
 
     let matrices = objects::calibration(py, &found.cameras)?;
     Ok((matrices, found.error, findings::rectification(&found)))
 }
 
-/// The right image as it is matched, if it is not of the size of the left one.
+/// The right image at the size of the left one.
 #[pyfunction]
 fn fit_right<'py>(py: Python<'py>, images: Both<'py>) -> Result<Bound<'py, PyAny>> {
     let none = py.None().into_bound(py);
-    let [left, right] = read_views(&images, &(none.clone(), none))?;
-
-    let ([_, right], _) = fitted(left, right)?;
-    Ok(match right.image {
+    let [left, right] = read_inputs(&images, &(none.clone(), none))?;
+    Ok(match resized_right([&left, &right])?.image {
         Image::U8(pixels) => pixels.into_pyarray(py).into_any(),
         Image::U16(pixels) => pixels.into_pyarray(py).into_any(),
         Image::F32(pixels) => pixels.into_pyarray(py).into_any(),
@@ -306,7 +304,7 @@ fn estimate_pair_by_rows<'py>(
     let asked = read_settings(&settings)?;
     let search = read_search(&disparities)?;
     let told = read_known(&known, size, search)?;
-    let reader = Reader::new(read, size, search, Some(scale))?;
+    let reader = Reader::new(read, size, search, scale)?;
 
     let pool = Pool::for_argument(threads)?;
     let source = Arc::clone(&reader);
@@ -321,8 +319,7 @@ fn estimate_pair_by_rows<'py>(
     objects::estimates(py, estimates, &Asked { settings, known, is_searched, is_reused: false })
 }
 
-/// How a pair is packed that is read by rows, and the ranges of its pixels if the match needs them; `images` and `masks`
-/// are the first row.
+/// How a pair becomes gray that is read by rows; `images` and `masks` are the first row.
 #[pyfunction]
 fn find_scale(
     py: Python<'_>,
@@ -331,33 +328,19 @@ fn find_scale(
     read: Bound<'_, PyAny>,
     size: (usize, usize),
     disparities: Both<'_>,
-    settings: &Bound<'_, PyAny>,
 ) -> Result<Scale> {
-    let settings = read_settings(settings)?;
     let search = read_search(&disparities)?;
-    let first = read_images(&images, &masks, search)?;
+    let first = read_inputs(&images, &masks)?;
+    check(first.each_ref())?;
 
-    let (reader, row) = (Reader::new(read.clone(), size, search, None)?, first.clone());
+    let reader = Reader::new(read, size, search, &Scale::default())?;
     let source = Arc::clone(&reader);
     let found = supervised(py, &Pool::new(1)?, size.0, None, move |runtime| {
-        source::packing(&row, &*source, runtime.control)
-    });
-    let packing = found.map_err(|failure| reader.reason(failure))?;
-
-    let packed = Scale { packing: packing_to_py(packing), ranges: None };
-    if !cost::needs_ranges(&first.packed(&packing), &settings) {
-        return Ok(packed);
-    }
-
-    let reader = Reader::new(read, size, search, Some(&packed))?;
-    let source = Arc::clone(&reader);
-    let found = supervised(py, &Pool::new(1)?, size.0, None, move |runtime| {
-        source::ranges(&*source, runtime.control)
+        let read = |rows| source.inputs(rows);
+        source::conversions(first.each_ref(), &*source, read, runtime.control)
     });
 
-    let [left, right] = found.map_err(|failure| reader.reason(failure))?;
-    let ranges = Some(((left.black, left.white), (right.black, right.white)));
-    Ok(Scale { ranges, ..packed })
+    Ok(found.map_err(|failure| reader.reason(failure))?.into())
 }
 
 /// The roughness of a left image that is read by rows: a sum of differences, and their number.
@@ -370,7 +353,7 @@ fn find_roughness(
     scale: &Scale,
     impulses: f64,
 ) -> Result<(u64, u64)> {
-    let reader = Reader::new(read, size, read_search(&disparities)?, Some(scale))?;
+    let reader = Reader::new(read, size, read_search(&disparities)?, scale)?;
     let source = Arc::clone(&reader);
     let found = supervised(py, &Pool::new(1)?, size.0, None, move |runtime| {
         source::roughness(&*source, impulses, runtime.execution.level, runtime.control)
@@ -478,6 +461,7 @@ fn match_raw<'py>(
 /// Rows of a pair, and those around them, that are matched by themselves.
 struct PartOfPair {
     pair: Pair,
+    compensation: Option<BlurCompensation>,
     field: Option<Alignment>,
     section: Section,
     settings: Settings,
@@ -496,12 +480,11 @@ impl PartOfPair {
         first: usize,
         rows: (usize, usize),
     ) -> Result<Self> {
-        let pair = read_pair(images, masks, &whole.disparities)?
-            .packed(&whole.packing)
-            .with_blur_compensation(
-                whole.compensation.map(|compensation| compensation.starting_at_row(first)),
-            )
-            .with_ranges(whole.ranges);
+        let inputs = read_inputs(images, masks)?;
+        check(inputs.each_ref())?;
+        let (min, count) = read_range(&whole.disparities)?;
+        let pair = Pair::converted(inputs, whole.conversions, min, count)?;
+        let compensation = whole.compensation;
 
         let section = Section {
             rows: rows.0.saturating_sub(first)..rows.1.saturating_sub(first),
@@ -513,6 +496,7 @@ impl PartOfPair {
 
         Ok(Self {
             pair: if whole.is_inverted { pair.inverted() } else { pair },
+            compensation: compensation.map(|found| found.starting_at_row(first)),
             field: whole.alignment.map(|field| field.starting_at_row(first)),
             section,
             settings: whole.settings,
@@ -526,19 +510,24 @@ impl PartOfPair {
         progress: Option<Bound<'_, PyAny>>,
         by: MatchRows,
     ) -> Result<Disparity> {
-        let Self { pair, field, section, settings } = self;
+        let Self { pair, compensation, field, section, settings } = self;
 
         let pool = Pool::for_argument(threads)?;
         // Progress counts the rows that are chosen, which are more than those wanted.
-        let compensation = pair.blur_compensation();
-        let halo = Halo::new(Plan { settings: &settings, compensation, alignment: None }).map;
+        let plan =
+            Plan { settings: &settings, compensation: compensation.as_ref(), alignment: None };
+        let halo = Halo::new(plan).map;
         let chosen = section.widened(halo, &pair).len();
         supervised(py, &pool, chosen, progress, move |runtime| {
             let Runtime { matcher, execution, control } = runtime;
-            let pair = match &field {
-                Some(field) => pair.straightened(field, execution.level, control)?,
-                None => pair,
-            };
+            let level = execution.level;
+            let pair = matcher.install(|| -> phasestereo::Result<Pair> {
+                let pair = pair.with_blur_compensation(compensation, level, control)?;
+                match &field {
+                    Some(field) => pair.straightened(field, level, control),
+                    None => Ok(pair),
+                }
+            })?;
             by(matcher, &pair, &section, &settings, execution, control)
         })
     }
@@ -555,14 +544,13 @@ fn descriptor<'py>(
 ) -> Result<Bound<'py, PyAny>> {
     let settings = read_settings(settings)?;
     let noise = read_noise(noise)?;
-    let view = read_view(image, mask, "image")?;
-    view.check("image")?;
-    let rows = view.image.shape().0;
+    let input = read_input(image, mask, "image")?;
+    input.check("image")?;
+    let rows = input.size().0;
 
     let codes = supervised(py, &Pool::for_argument(threads)?, rows, None, move |runtime| {
         let Runtime { execution: Execution { level, .. }, control, .. } = runtime;
-        let view = Packing::of_views([&view, &view], control)?.packed(view, 0);
-        describe(&Gray::new(&view, level, control)?, &settings, noise, level, control)
+        describe(&Gray::of_view(&view_of_input(input)?), &settings, noise, level, control)
     })?;
 
     Ok(match codes {
@@ -584,13 +572,12 @@ fn cost_volume<'py>(
     let settings = read_settings(settings)?;
     let none = py.None().into_bound(py);
     let pair = read_pair(&images, &(none.clone(), none), &disparities)?;
-    let pair = pair.with_blur_compensation(read_blur_compensation(compensation)?);
+    let compensation = read_blur_compensation(compensation)?;
 
     let ((rows, cols), count) = (pair.size(), pair.candidates().count());
     let costs = supervised(py, &Pool::for_argument(threads)?, rows, None, move |runtime| {
         let Runtime { execution: Execution { level, .. }, control, .. } = runtime;
-        let packing = Packing::of_views(pair.views(), control)?;
-        let pair = pair.packed(&packing);
+        let pair = pair.with_blur_compensation(compensation, level, control)?;
         let (views, candidates) = (pair.views(), pair.candidates());
         let costs =
             Costs::new(views, candidates, &settings, pair.blur_compensation(), level, control)?;

@@ -6,42 +6,41 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use pyo3::prelude::*;
 
-use crate::arguments::{Both, Disparities, read_images};
+use crate::arguments::{Both, Disparities, read_inputs};
 use crate::failure::{Failure, Result};
 use phasestereo::Error;
+use phasestereo_match::image::conversion::{Conversion, Integers};
 use phasestereo_match::image::intensity_range::IntensityRange;
-use phasestereo_match::image::packing::{Integers, Packing};
-use phasestereo_match::pair::Pair;
+use phasestereo_match::image::pixels::Input;
 use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::pair::source::Source;
+use phasestereo_match::pair::{Pair, check};
 
-/// A callable `read(first, last)` that returns ((left, right), masks) of these rows, as [`read_images`] takes them.
+/// A callable `read(first, last)` that returns ((left, right), masks) of these rows, as [`read_inputs`] takes
+/// them.
 pub struct Reader {
     read: Py<PyAny>,
     size: (usize, usize),
-    search: Disparities,
     candidates: Candidates,
-    /// How pixels are packed; `None`: they stay as they are read.
-    packing: Option<Packing>,
-    ranges: [Option<IntensityRange>; 2],
+    conversions: [Conversion; 2],
     /// The exception that the callable raised.
     raised: Mutex<Option<Failure>>,
 }
 
-/// Black and white of the left and of the right image, in thousandths of their unit.
+/// Black and white of the left and of the right image, in thousandths of the pixels' unit.
 pub type Ranges = ((f64, f64), (f64, f64));
 
-/// How a pair is packed: the step and the bits of its integers, 0 bits for pixels that keep their type; whether the
+/// How a pair becomes gray: the step and the bits of its integers, 0 bits for floats; whether the three
 /// channels of the left and of the right image are equal.
 pub type PackingTuple = (f64, u32, bool, bool);
 
 /// The scale of a whole pair that its parts take.
 #[pyclass(module = "phasestereo._core", frozen, get_all)]
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Scale {
-    /// How its pixels are packed.
+    /// How its pixels become gray.
     pub packing: PackingTuple,
-    /// Where they lie, if the match needs it.
+    /// Where they lie, unless they are bytes.
     pub ranges: Option<Ranges>,
 }
 
@@ -51,15 +50,14 @@ impl Reader {
         read: Bound<'_, PyAny>,
         size: (usize, usize),
         search: Disparities,
-        scale: Option<&Scale>,
+        scale: &Scale,
     ) -> phasestereo::Result<Arc<Self>> {
         let (min, count) = search.unwrap_or((0, 1));
         let candidates = Candidates::new(min, count, size.1)?;
 
-        let packing = scale.map(|scale| as_packing(scale.packing));
-        let ranges = as_ranges(scale.and_then(|scale| scale.ranges));
+        let conversions = as_conversions(scale.packing, scale.ranges);
         let (read, raised) = (read.unbind(), Mutex::default());
-        Ok(Arc::new(Self { read, size, search, candidates, packing, ranges, raised }))
+        Ok(Arc::new(Self { read, size, candidates, conversions, raised }))
     }
 
     /// The exception that the callable raised, if that is why a call failed.
@@ -68,16 +66,30 @@ impl Reader {
         raised.unwrap_or(failure)
     }
 
-    fn call(&self, py: Python<'_>, rows: &Range<usize>) -> Result<Pair> {
+    fn call(&self, py: Python<'_>, rows: &Range<usize>) -> Result<[Input; 2]> {
         let (images, masks): (Both<'_>, Both<'_>) =
             self.read.bind(py).call1((rows.start, rows.end))?.extract()?;
 
-        let pair = read_images(&images, &masks, self.search)?;
-        let pair = match &self.packing {
-            Some(packing) => pair.packed(packing),
-            None => pair,
-        };
-        Ok(pair.with_ranges(self.ranges))
+        let inputs = read_inputs(&images, &masks)?;
+        check(inputs.each_ref())?;
+        Ok(inputs)
+    }
+
+    /// Rows of both images as they are read.
+    pub fn inputs(&self, rows: Range<usize>) -> phasestereo::Result<[Input; 2]> {
+        // The core knows no Python exceptions: the reader keeps it, and the call fails as if cancelled.
+        let inputs = Python::attach(|py| self.call(py, &rows)).map_err(|raised| {
+            *self.raised.lock().unwrap_or_else(PoisonError::into_inner) = Some(raised);
+            Error::Cancelled
+        })?;
+
+        let size = inputs[0].size();
+        if size == (rows.len(), self.size.1) {
+            return Ok(inputs);
+        }
+
+        let accepts = format!("{} x {} for rows {rows:?}", rows.len(), self.size.1);
+        Err(Error::value("read", format!("{size:?} pixels"), accepts))
     }
 }
 
@@ -91,36 +103,37 @@ impl Source for Reader {
     }
 
     fn rows(&self, rows: Range<usize>) -> phasestereo::Result<Cow<'_, Pair>> {
-        // The core knows no Python exceptions: the reader keeps it, and the call fails as if cancelled.
-        let pair = Python::attach(|py| self.call(py, &rows)).map_err(|raised| {
-            *self.raised.lock().unwrap_or_else(PoisonError::into_inner) = Some(raised);
-            Error::Cancelled
-        })?;
-
-        if pair.size() == (rows.len(), self.size.1) {
-            return Ok(Cow::Owned(pair));
-        }
-
-        let accepts = format!("{} x {} for rows {rows:?}", rows.len(), self.size.1);
-        Err(Error::value("read", format!("{:?} pixels", pair.size()), accepts))
+        let pair = Pair::converted(self.inputs(rows)?, self.conversions, 0, 1)?;
+        Ok(Cow::Owned(pair.searched(self.candidates)))
     }
 }
 
-/// How a pair is packed, for the core.
-pub fn as_packing((step, bits, left, right): PackingTuple) -> Packing {
-    let integers = (bits > 0).then_some(Integers { step, are_bytes: bits <= u8::BITS });
-    Packing { integers, is_gray: [left, right] }
+/// How both images are converted, for the core.
+pub fn as_conversions(
+    (step, bits, left, right): PackingTuple,
+    ranges: Option<Ranges>,
+) -> [Conversion; 2] {
+    let integers = (bits > 0).then_some(Integers { step, bits });
+    let range = |(black, white)| IntensityRange { black, white };
+    let of_left = ranges.map(|(left, _)| range(left));
+    let of_right = ranges.map(|(_, right)| range(right));
+
+    [(left, of_left), (right, of_right)].map(|(is_gray, range)| Conversion {
+        integers,
+        is_gray,
+        range,
+    })
 }
 
-/// The same for Python.
-pub fn packing_to_py(Packing { integers, is_gray: [left, right] }: Packing) -> PackingTuple {
-    let bits = |are_bytes| if are_bytes { u8::BITS } else { u16::BITS };
-    let (step, bits) = integers.map_or((1.0, 0), |found| (found.step, bits(found.are_bytes)));
-    (step, bits, left, right)
-}
-
-/// The ranges of both images for the core.
-pub fn as_ranges(ranges: Option<Ranges>) -> [Option<IntensityRange>; 2] {
-    let range = |(black, white)| Some(IntensityRange { black, white });
-    ranges.map_or([None; 2], |(left, right)| [range(left), range(right)])
+impl From<[Conversion; 2]> for Scale {
+    /// The same for Python.
+    fn from([left, right]: [Conversion; 2]) -> Self {
+        let (step, bits) = left.integers.map_or((1.0, 0), |found| (found.step, found.bits));
+        let ranges = left.range.zip(right.range);
+        Self {
+            packing: (step, bits, left.is_gray, right.is_gray),
+            ranges: ranges
+                .map(|(left, right)| ((left.black, left.white), (right.black, right.white))),
+        }
+    }
 }

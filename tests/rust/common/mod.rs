@@ -5,14 +5,15 @@ pub mod maps;
 pub mod naive;
 pub mod parts;
 
-use crate::reference;
 use ndarray::Array3;
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
+use phasestereo_match::image::conversion::view_of_input;
 use phasestereo_match::image::convolution::Kernel;
-use phasestereo_match::image::intensity::{Gray, level_planes};
-use phasestereo_match::image::view::{Image, Mask, View};
+use phasestereo_match::image::intensity::level_planes;
+use phasestereo_match::image::pixels::{Image, Input};
+use phasestereo_match::image::view::{Mask, View};
 use phasestereo_match::pair::blur_compensation::{BlurCompensation, MOST_CLASSES};
 use phasestereo_match::settings::presets::Preset;
 use phasestereo_match::settings::{
@@ -291,8 +292,18 @@ pub fn volumes(
         .prop_map(move |data| Plane::from_vec(rows, length, data).expect("the right length"))
 }
 
+/// The gray values of an image by itself.
+pub fn gray_of(input: impl Into<Input>) -> View {
+    view_of_input(input.into()).expect("memory")
+}
+
 /// A view of random pixels of any type, with or without masked pixels.
 pub fn views(rows: usize, cols: usize, kind: u8) -> impl Strategy<Value = View> {
+    inputs(rows, cols, kind).prop_map(gray_of)
+}
+
+/// An image of random pixels of any type, with or without masked pixels.
+pub fn inputs(rows: usize, cols: usize, kind: u8) -> impl Strategy<Value = Input> {
     let channels = prop_oneof![Just(1usize), Just(3usize)];
     let pixels = channels.prop_flat_map(move |channels| {
         (Just(channels), prop::collection::vec(any::<u16>(), rows * cols * channels))
@@ -312,7 +323,7 @@ pub fn views(rows: usize, cols: usize, kind: u8) -> impl Strategy<Value = View> 
         };
 
         let mask = mask.map(|mask| Mask::from_vec(rows, cols, mask).expect("the right length"));
-        View { mask, ..View::from(image) }
+        Input { mask, ..image.into() }
     })
 }
 
@@ -324,8 +335,12 @@ pub fn affordable(side: usize, places: usize) -> usize {
 
 /// A gray view of bytes without a mask.
 pub fn view(rows: usize, cols: usize, pixel: impl Fn(usize, usize) -> u8) -> View {
-    let pixels = Array3::from_shape_fn((rows, cols, 1), |(y, x, _)| pixel(y, x));
-    View::from(Image::U8(pixels))
+    gray_of(input(rows, cols, pixel))
+}
+
+/// A gray image of bytes without a mask.
+pub fn input(rows: usize, cols: usize, pixel: impl Fn(usize, usize) -> u8) -> Input {
+    Image::U8(Array3::from_shape_fn((rows, cols, 1), |(y, x, _)| pixel(y, x))).into()
 }
 
 /// A pseudo-random number for each place, the same in every run.
@@ -357,39 +372,11 @@ pub fn eight_valid_pairs() -> [View; 2] {
     let scene = |y, x| hash(3, y, x / 3) as u8;
 
     let [left, right] = valid.map(Some);
-    [
-        View { mask: left, ..view(11, 42, scene) },
-        View { mask: right, ..view(11, 42, |y, x| !scene(y, x)) },
-    ]
+    [view(11, 42, scene).with_mask(left), view(11, 42, |y, x| !scene(y, x)).with_mask(right)]
 }
 
-/// The gray values of a view, its impulses repaired by the reference implementation.
-pub fn gray(view: &View) -> Plane<i32> {
-    let plain = View { impulses: 0.0, ..view.clone() };
-    let gray = Gray::new(&plain, Level::best(), &Control::default()).expect("not cancelled");
-    let values = plane(&gray);
-
-    if view.impulses == 0.0 {
-        return values;
-    }
-
-    reference::repair(&values, gray.steps(view.impulses) as i32)
-}
-
-/// All gray values.
-pub fn plane(gray: &Gray) -> Plane<i32> {
-    let (rows, cols) = gray.size();
-    let mut plane = Plane::new(rows, cols).expect("memory");
-
-    for y in 0..rows {
-        gray.write_row(y, Level::best(), plane.row_mut(y)).expect("memory");
-    }
-
-    plane
-}
-
-/// The channel planes of a pair.
-pub fn level_pair(views: [&View; 2], given: Option<(f64, f64)>) -> [Vec<Plane<u16>>; 2] {
+/// The gray levels of a pair, for SAD.
+pub fn level_pair(views: [&View; 2], given: Option<(f64, f64)>) -> [Plane<u16>; 2] {
     level_planes(views, given, &Control::default()).expect("not cancelled")
 }
 

@@ -10,7 +10,7 @@ use phasestereo_match::cost::Costs;
 use phasestereo_match::cost::aggregation::Window;
 use phasestereo_match::descriptor::basis::Basis;
 use phasestereo_match::image::convolution::Kernel;
-use phasestereo_match::image::intensity::{Gray, intensity_range};
+use phasestereo_match::image::intensity::Gray;
 use phasestereo_match::image::texture::Texture;
 use phasestereo_match::image::view::View;
 use phasestereo_match::matcher::Disparity;
@@ -24,7 +24,7 @@ use phasestereo_match::refinement::flag;
 use phasestereo_match::refinement::left_right_check::Choices;
 use phasestereo_match::settings::{CostKind, Optimizer, Settings};
 
-use super::{gray, level_pair, levels, plane};
+use super::{level_pair, levels};
 
 /// The result of a match, floats by their bits, so that NaN equals NaN.
 #[derive(Clone, PartialEq, Eq)]
@@ -101,10 +101,8 @@ pub fn costs(
             CostKind::Phase => unreachable!("compared above"),
             CostKind::Sad => reference::absolute_differences(left, right, candidates),
             CostKind::NormalizedSad => {
-                let [left, right] = levels.each_ref().map(|channels| {
-                    let planes = channels.iter();
-                    planes.map(|p| reference::normalize(p, settings.window)).collect::<Vec<_>>()
-                });
+                let [left, right] =
+                    levels.each_ref().map(|levels| reference::normalize(levels, settings.window));
                 reference::absolute_differences(&left, &right, candidates)
             }
             CostKind::Zncc => reference::zncc(left, right, candidates, settings.neighborhood),
@@ -123,7 +121,7 @@ fn phase_costs(
     settings: &Settings,
     compensation: &BlurCompensation,
 ) -> Plane<u16> {
-    let (rows, cols, _) = views[0].image.shape();
+    let (rows, cols) = views[0].size();
     let count = candidates.count();
     let classes = Plane::from_fn(rows, cols, |y, x| compensation.class(y, x));
 
@@ -155,8 +153,8 @@ fn codes(
     settings: &Settings,
     noise: f64,
 ) -> Plane<u64> {
-    let gray = Gray::new(view, levels()[0], &Control::default()).expect("memory");
-    let mut values = super::gray(view);
+    let gray = Gray::of_view(view);
+    let mut values = view.gray().clone();
     let mut reach = gray.reach();
 
     let most = |reach: u32, limit: u32| {
@@ -223,7 +221,7 @@ pub fn weak_threshold(gray: &Gray, settings: &Settings, noise: f64) -> f64 {
 
 /// 1 where left pixel and candidate are both valid, else 0.
 pub fn validity([left, right]: [&View; 2], candidates: Candidates) -> Plane<u16> {
-    let (rows, cols, _) = left.image.shape();
+    let (rows, cols) = left.size();
     let count = candidates.count();
 
     Plane::from_fn(rows, cols * count, |y, place| {
@@ -236,7 +234,7 @@ pub fn validity([left, right]: [&View; 2], candidates: Candidates) -> Plane<u16>
 pub fn matched(pair: &Pair, settings: &Settings) -> ResultBits {
     let found = found(pair, settings);
     let draft = drafted(pair, settings, &found);
-    let texture = Texture::new(gray(pair.views()[0]));
+    let texture = Texture::new(pair.views()[0].gray().clone());
 
     let unit = unit(pair, settings);
     let unrelated = unrelated(pair, settings);
@@ -297,8 +295,8 @@ fn found(pair: &Pair, settings: &Settings) -> Plane<PixelEvidence> {
     let costs = costs(pair.views(), candidates, settings, pair.blur_compensation());
     let costs = reference::aggregate(&costs, &validity, window);
 
-    let gray = gray(pair.views()[0]);
-    let edges = (settings.adaptive_p2 > 0.0).then(|| reference::edges(&gray, settings.adaptive_p2));
+    let gray = pair.views()[0].gray();
+    let edges = (settings.adaptive_p2 > 0.0).then(|| reference::edges(gray, settings.adaptive_p2));
     let count = candidates.count();
     optimized(&costs, count, settings.optimizer, penalties, edges.as_ref(), &|_, _| 0..count)
 }
@@ -354,11 +352,10 @@ fn unit(pair: &Pair, settings: &Settings) -> f32 {
     window.unit(steps) as f32
 }
 
-/// One of 255 steps from black to white of a view that is not packed.
+/// One of 255 steps from black to white of a view.
 fn gray_level(view: &View) -> f64 {
-    let range = intensity_range(view, &Control::default()).expect("not cancelled");
-    let width = (range.white - range.black) / 255_000.0;
-    if width > 0.0 { width } else { 1.0 }
+    let [black, white] = view.scale().range().map(|end| view.scale().pixel(end.into()));
+    if white > black { (white - black) / 255.0 } else { 1.0 }
 }
 
 /// What a window of unrelated codes costs, in steps of the aggregated costs: a third of the bits.
@@ -475,7 +472,7 @@ pub fn synthesized(disparity: &Plane<f32>, pair: &Pair, settings: &Settings) -> 
         blur_compensation::gray(views[side], Some(compensation), side, level, &control)
             .expect("memory")
     });
-    let grays = scales.each_ref().map(plane);
+    let grays = scales.each_ref().map(|gray| gray.plane().clone());
     let valid = views.map(|view| Plane::from_fn(rows, cols, |y, x| view.is_valid(y, x)));
     let classes = Plane::from_fn(rows, cols, |y, x| compensation.class(y, x));
     let kernels: Vec<_> = compensation.classes().cloned().collect();

@@ -180,12 +180,11 @@ impl<'a> Search<'a> {
         let Runtime { execution, control, .. } = runtime;
         let codes = both(|side| {
             let plane = &copies.planes[side];
-            let view = as_view(match field {
-                Some(field) if side == 1 => raised(plane, field, copies.factor, control)?,
-                _ => plane.clone(),
-            });
-            let gray = Gray::new(&view, execution.level, control)?;
-            describe_as(&gray, &codes(), None, execution.level, control)
+            let view = match field {
+                Some(field) if side == 1 => as_view(&raised(plane, field, copies.factor, control)?),
+                _ => as_view(plane),
+            };
+            describe_as(&Gray::of_view(&view), &codes(), None, execution.level, control)
         })?;
         Ok(Self { codes, valid: &copies.valid, run, runtime })
     }

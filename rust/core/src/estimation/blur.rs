@@ -259,8 +259,7 @@ impl<'a> BlurEstimation<'a> {
         runtime: Runtime<'a>,
     ) -> Result<Self> {
         let [left, right] = sample.views();
-        let unit = |view| grays_per_unit(view, runtime.execution.level, runtime.control);
-        let units = [unit(left)?, unit(right)?];
+        let units = [left, right].map(grays_per_unit);
 
         // Those at hand save a match.
         let rough = match (whole.filter(|whole| whole.factor() == ROUGHEST.factor), rows.whole()) {

@@ -171,7 +171,7 @@ impl Overview {
             };
 
             for y in visited {
-                valid.extend((0..cols).map(|x| view.mask.is_none() || is_valid(y, x)));
+                valid.extend((0..cols).map(|x| view.mask().is_none() || is_valid(y, x)));
             }
             Ok(())
         })?;

@@ -26,8 +26,7 @@ use crate::estimation::blur::rough::grays_per_unit;
 use crate::estimation::overview::{Overview, RoughMap};
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::simd::{Level, Loop, whole};
-use phasestereo_match::image::intensity::intensity_range;
-use phasestereo_match::image::view::{Image, View};
+use phasestereo_match::image::view::View;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::pair::Pair;
 
@@ -49,7 +48,7 @@ const ALIKE: f64 = 0.9;
 /// By chance, sums over `n` differences of noise differ by about `1 / sqrt(n)` of themselves; so many times that is no chance.
 const BEYOND_CHANCE: f64 = 6.0;
 
-/// Shares of an image's pixels, 0 to 1, a channel of which is at an end of the values that the image has.
+/// Shares of an image's pixels, 0 to 1, whose gray value is at an end of those that the image has.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Saturation {
     /// At the least value.
@@ -98,9 +97,9 @@ pub struct Scales {
 /// What is counted in an image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Counts {
-    /// The least value of a channel, and the pixels that have it.
+    /// The least gray value, and the pixels that have it.
     least: (f64, u64),
-    /// The largest value of a channel, and the pixels that have it.
+    /// The largest gray value, and the pixels that have it.
     largest: (f64, u64),
     /// Pixels that were looked at.
     pixels: u64,
@@ -180,35 +179,28 @@ struct Limits {
 }
 
 impl Scales {
-    /// The scales of a pair whose gray levels, in units of its pixels, are these. `sample` is any part of it.
-    pub fn new(sample: &Pair, gray_levels: [f64; 2], runtime: Runtime) -> Result<Self> {
-        // One row has the scale of all.
-        let sample = sample.of_rows(0..1);
+    /// The scales of a pair, of which `sample` is any part.
+    pub fn new(sample: &Pair) -> Self {
         let views = sample.views();
-        let unit = |view| grays_per_unit(view, runtime.execution.level, runtime.control);
-        let units = [unit(views[0])?, unit(views[1])?];
-        // Both images have one step.
-        let step = views[0].unit;
+        let scales = views.map(View::scale);
 
-        if let Some(middle) = views[0].image.middle() {
-            let range = 256.0 * gray_levels[0] - step;
-            let middle = f64::from(middle) * step;
-            let side = |unit| Scale { black: -middle * unit, width: range * unit, unit };
-            return Ok(Self { sides: units.map(side), range });
-        }
-
-        let range = |view| intensity_range(view, runtime.control);
-        let ranges = [range(views[0])?, range(views[1])?];
-        let both = ranges[0].union(ranges[1]);
-        // Ranges are in thousandths of the unit. A pair of constant images has none.
-        let thousandth = step / 1000.0;
-        let range = if both.width() > 0.0 { both.width() * thousandth } else { 1.0 };
-        let side = |side: usize| Scale {
-            black: (both.black - ranges[side].black) * thousandth * units[side],
-            width: range * units[side],
-            unit: units[side],
+        // Integers begin at 0 and end with as many bits as are in use; floats have one range in both images.
+        let (black, range) = if let Some((step, _)) = scales[0].step().zip(scales[1].step()) {
+            (0.0, 256.0 * scales[0].level() - step)
+        } else {
+            let ends = scales.map(|scale| scale.range().map(|end| scale.pixel(end.into())));
+            let [[a, b], [c, d]] = ends;
+            let (black, white) = (a.min(c), b.max(d));
+            // A pair of constant images has none.
+            (black, if white > black { white - black } else { 1.0 })
         };
-        Ok(Self { sides: [side(0), side(1)], range })
+
+        let side = |side: usize| {
+            let unit = grays_per_unit(views[side]);
+            let black = black - scales[side].pixel(0.0);
+            Scale { black: black * unit, width: range * unit, unit }
+        };
+        Self { sides: [side(0), side(1)], range }
     }
 
     /// How the gray levels of the reduced images correspond.
@@ -267,34 +259,13 @@ impl Counts {
 
     /// The valid pixels of a row of the part at the ends of their values.
     fn of_pixels(view: &View, y: usize, level: Level) -> Self {
-        match &view.image {
-            Image::U8(pixels) => Self::of_values(pixels.row_of(y), view, y, level),
-            Image::U16(pixels) => Self::of_values(pixels.row_of(y), view, y, level),
-            Image::F32(pixels) => Self::of_values(pixels.row_of(y), view, y, level),
-            Image::F64(pixels) => Self::of_values(pixels.row_of(y), view, y, level),
-        }
-    }
-
-    fn of_values<T: Copy + PartialOrd + Into<f64>>(
-        row: ndarray::ArrayView2<T>,
-        view: &View,
-        y: usize,
-        level: Level,
-    ) -> Self {
-        let channels = row.ncols().max(1);
-        // A slice, since iterators of views of single pixels are slow.
-        let row = row.as_standard_layout();
-        let all = row.as_slice().unwrap_or_default();
-        let valid = view.mask.as_ref().map(|mask| {
-            let pixels = all.chunks_exact(channels).zip(mask.row(y));
-            pixels.filter(|(_, valid)| **valid).flat_map(|(pixel, _)| pixel).copied().collect()
+        let all = view.gray().row(y);
+        let valid: Option<Vec<i32>> = view.mask().map(|mask| {
+            let pixels = all.iter().zip(mask.row(y));
+            pixels.filter(|(_, valid)| **valid).map(|(pixel, _)| *pixel).collect()
         });
-        let valid: Option<Vec<T>> = valid;
-        let values = valid.as_deref().unwrap_or(all);
-        Self::of_ends(level.run(CountEnds { values, channels }))
-    }
 
-    fn of_ends<T: Into<f64>>(ends: Option<Ends<T>>) -> Self {
+        let ends = level.run(CountEnds { values: valid.as_deref().unwrap_or(all) });
         ends.map_or(Self::default(), |Ends { least, largest, pixels, counts: [dark, bright] }| {
             Self {
                 least: (least.into(), dark.into()),
@@ -362,51 +333,38 @@ impl Loop for InSteps<'_> {
 }
 
 /// The ends of the values of a row, and how many pixels have them.
-struct Ends<T> {
-    least: T,
-    largest: T,
+struct Ends {
+    least: i32,
+    largest: i32,
     pixels: usize,
-    /// Pixels a channel of which is the least, and those a channel of which is the largest.
+    /// Pixels that are the least, and those that are the largest.
     counts: [u32; 2],
 }
 
-/// Finds the ends of the values of pixels, channel after channel; `None` without any.
-struct CountEnds<'a, T> {
-    values: &'a [T],
-    channels: usize,
+/// Finds the ends of the values of pixels; `None` without any.
+struct CountEnds<'a> {
+    values: &'a [i32],
 }
 
-impl<T: Copy + PartialOrd> Loop for CountEnds<'_, T> {
-    type Output = Option<Ends<T>>;
+impl Loop for CountEnds<'_> {
+    type Output = Option<Ends>;
 
     #[inline(always)]
-    fn run(self) -> Option<Ends<T>> {
-        let Self { values, channels } = self;
-        let first = *values.first()?;
+    fn run(self) -> Option<Ends> {
+        let first = *self.values.first()?;
         let (mut least, mut largest) = (first, first);
-        for value in values {
-            least = if *value < least { *value } else { least };
-            largest = if *value > largest { *value } else { largest };
+        for value in self.values {
+            least = least.min(*value);
+            largest = largest.max(*value);
         }
 
         let mut counts = [0u32; 2];
-        let mut count = |pixel: &[T]| {
-            let [mut is_dark, mut is_bright] = [false; 2];
-            for value in pixel {
-                is_dark |= *value == least;
-                is_bright |= *value == largest;
-            }
-            counts[0] += u32::from(is_dark);
-            counts[1] += u32::from(is_bright);
-        };
-        // Usual numbers of channels as constants, so that loops over them are unrolled.
-        match channels {
-            1 => values.as_chunks::<1>().0.iter().for_each(|pixel| count(pixel)),
-            3 => values.as_chunks::<3>().0.iter().for_each(|pixel| count(pixel)),
-            _ => values.chunks_exact(channels).for_each(count),
+        for value in self.values {
+            counts[0] += u32::from(*value == least);
+            counts[1] += u32::from(*value == largest);
         }
 
-        Some(Ends { least, largest, pixels: values.len() / channels, counts })
+        Some(Ends { least, largest, pixels: self.values.len(), counts })
     }
 }
 
@@ -414,18 +372,6 @@ impl Scale {
     /// A gray value as a fraction of the range, clipped to it.
     fn fraction(&self, shade: f32) -> f64 {
         ((f64::from(shade) - self.black) / self.width).clamp(0.0, 1.0)
-    }
-}
-
-/// Rows of an image of any type.
-trait Rows<T> {
-    /// The pixels of row `y`, columns x channels.
-    fn row_of(&self, y: usize) -> ndarray::ArrayView2<'_, T>;
-}
-
-impl<T> Rows<T> for ndarray::Array3<T> {
-    fn row_of(&self, y: usize) -> ndarray::ArrayView2<'_, T> {
-        self.index_axis(ndarray::Axis(0), y)
     }
 }
 

@@ -180,7 +180,7 @@ fn track(copies: &Copies, part: &Part, seed: &Seed, level: Level) -> Option<Trac
 
 /// Whether most pixels of a block are valid.
 fn is_valid(part: &Part, (x, y): (isize, isize), factor: usize, side: usize) -> bool {
-    let Some(mask) = &part.pair.views()[side].mask else { return true };
+    let Some(mask) = part.pair.views()[side].mask() else { return true };
     let span = |at: isize, length: usize| {
         // The pixels of the image under the block, cut at the border.
         let half = (BLOCK / 2) as isize;

@@ -4,16 +4,16 @@ use ndarray::Array3;
 
 use phasestereo_match::base::error::{Error, Result};
 use phasestereo_match::base::plane::{Plane, zeroed};
-use phasestereo_match::image::view::{self, View};
+use phasestereo_match::image::pixels::{self, Input};
 
 /// A gray or color image, of which pixels may be masked.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Image(View);
+pub struct Image(Input);
 
 mod sealed {
     pub trait Sealed: Sized {
-        fn image(pixels: ndarray::Array3<Self>) -> phasestereo_match::image::view::Image;
-        fn pixels(image: &phasestereo_match::image::view::Image) -> Option<&[Self]>;
+        fn image(pixels: ndarray::Array3<Self>) -> phasestereo_match::image::pixels::Image;
+        fn pixels(image: &phasestereo_match::image::pixels::Image) -> Option<&[Self]>;
     }
 }
 
@@ -23,12 +23,12 @@ pub trait Pixel: sealed::Sealed + Copy + Default {}
 macro_rules! pixels {
     ($($kind:ty: $variant:ident),*) => {
         $(impl sealed::Sealed for $kind {
-            fn image(pixels: Array3<Self>) -> view::Image {
-                view::Image::$variant(pixels)
+            fn image(pixels: Array3<Self>) -> pixels::Image {
+                pixels::Image::$variant(pixels)
             }
 
-            fn pixels(image: &view::Image) -> Option<&[Self]> {
-                if let view::Image::$variant(pixels) = image { pixels.as_slice() } else { None }
+            fn pixels(image: &pixels::Image) -> Option<&[Self]> {
+                if let pixels::Image::$variant(pixels) = image { pixels.as_slice() } else { None }
             }
         }
 
@@ -63,17 +63,17 @@ impl Image {
         };
 
         let pixels = Array3::from_shape_vec((rows, cols, channels), pixels);
-        Ok(Self(View::from(T::image(pixels.map_err(|_| refused(count))?))))
+        Ok(Self(Input::from(T::image(pixels.map_err(|_| refused(count))?))))
     }
 
     /// The image of which these pixels are valid, row after row.
     pub fn with_mask(self, valid: &[bool]) -> Result<Self> {
-        let (rows, cols, _) = self.0.image.shape();
+        let (rows, cols) = self.0.size();
         let mut mask = zeroed(valid.len())?;
         mask.copy_from_slice(valid);
 
         let mask = Plane::from_vec(rows, cols, mask).map_err(|error| error.about("mask"))?;
-        Ok(Self(View { mask: Some(mask), ..self.0 }))
+        Ok(Self(Input { mask: Some(mask), ..self.0 }))
     }
 
     /// The pixels, row after row, one value each or three; `None`: they are of another type.
@@ -83,17 +83,17 @@ impl Image {
 
     /// Which pixels are valid.
     pub fn valid(&self) -> Plane<bool> {
-        let (rows, cols, _) = self.0.image.shape();
+        let (rows, cols) = self.0.size();
         Plane::from_fn(rows, cols, |y, x| self.0.is_valid(y, x))
     }
 
     /// The image with its columns in the other order.
     pub(crate) fn mirrored(mut self) -> Self {
         match &mut self.0.image {
-            view::Image::U8(pixels) => mirror(pixels),
-            view::Image::U16(pixels) => mirror(pixels),
-            view::Image::F32(pixels) => mirror(pixels),
-            view::Image::F64(pixels) => mirror(pixels),
+            pixels::Image::U8(pixels) => mirror(pixels),
+            pixels::Image::U16(pixels) => mirror(pixels),
+            pixels::Image::F32(pixels) => mirror(pixels),
+            pixels::Image::F64(pixels) => mirror(pixels),
         }
         if let Some(mask) = &mut self.0.mask {
             for y in 0..mask.rows() {
@@ -103,14 +103,12 @@ impl Image {
         self
     }
 
-    /// The image as the stages have it.
-    pub(crate) fn into_view(self) -> View {
+    pub(crate) fn into_input(self) -> Input {
         self.0
     }
 
-    /// The image that the stages have.
-    pub(crate) fn of_view(view: View) -> Self {
-        Self(view)
+    pub(crate) fn of_input(input: Input) -> Self {
+        Self(input)
     }
 }
 

@@ -151,10 +151,9 @@ fn can_be_tried(estimates: &Estimates, facts: &Facts, settings: &Settings) -> bo
 /// A pair whose pixels are at these places of the raw images.
 pub fn resampled(pair: &Pair, places: &[Plane<[f32; 2]>; 2], control: &Control) -> Result<Pair> {
     let [left, right] = pair.views();
-    let read = |view, side: usize| {
-        warp::rectified(view, &places[side], warp::Interpolation::Lanczos, control)
-    };
-    Ok(pair.with_views([read(left, 0)?, read(right, 1)?]))
+    let views =
+        [warp::rectified(left, &places[0], control)?, warp::rectified(right, &places[1], control)?];
+    Ok(pair.with_views(views))
 }
 
 #[cfg(test)]

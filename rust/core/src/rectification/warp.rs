@@ -10,23 +10,20 @@
 //! disparity(p) = p.x - p'.x,  rows(p) = p'.y - p.y
 //! ```
 //!
-//! The weights are those by which rows are aligned ([`phasestereo_match::pair::alignment::straighten`]). Disparities are taken as they are, from
+//! The weights are those of [`phasestereo_match::image::resampling`]. Disparities are taken as they are, from
 //! the nearest pixel, since a mean over a jump would be neither side's. Sums have a fixed order; those of integers are
 //! exact.
 
 use std::array::from_fn;
 
-use ndarray::Array3;
-
 use super::cameras::{Cameras, Point};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
-use phasestereo_match::image::view::{Image, View};
+use phasestereo_match::image::pixels::{Input, Resampler};
+use phasestereo_match::image::resampling::{CENTER, STEPS, TAPS, WEIGHT_BITS, weights};
+use phasestereo_match::image::view::View;
 use phasestereo_match::matcher::Disparity;
-use phasestereo_match::pair::alignment::straighten::{
-    CENTER, STEPS, TAPS, WEIGHT_BITS, weights, without_masked,
-};
 use phasestereo_match::refinement::flag;
 
 /// Where each pixel of a rectified image is in the raw one: column and row, NaN where no ray comes from.
@@ -57,100 +54,93 @@ pub fn places(
 }
 
 /// The rectified view.
-pub fn rectified(
-    view: &View,
+pub fn rectified(view: &View, places: &Places, control: &Control) -> Result<View> {
+    // Masked pixels must not spread over the taps.
+    let source = view.filled_along_columns(TAPS);
+    let (rows, cols) = view.size();
+    let warp = Warp { places, interpolation: Interpolation::Lanczos, control };
+    let scale = view.scale();
+    let gray = warp.resampled(&source, (rows, cols, 1), |gray| scale.nearest(gray))?;
+
+    let mask = warp.mask((rows, cols), |y, x| view.is_valid(y, x))?;
+    Ok(View::new(Plane::from_vec(rows, cols, gray)?, Some(mask), scale))
+}
+
+/// The rectified image, in pixels of its own type.
+pub fn rectified_input(
+    input: &Input,
     places: &Places,
     interpolation: Interpolation,
     control: &Control,
-) -> Result<View> {
-    // Masked pixels, which may be NaN, must not spread over the taps.
-    let source = without_masked(view, control)?;
-    let image = match &source.image {
-        Image::U8(pixels) => Image::U8(resampled(pixels, places, interpolation, control)?),
-        Image::U16(pixels) => Image::U16(resampled(pixels, places, interpolation, control)?),
-        Image::F32(pixels) => Image::F32(resampled(pixels, places, interpolation, control)?),
-        Image::F64(pixels) => Image::F64(resampled(pixels, places, interpolation, control)?),
-    };
-
-    let (rows, cols, _) = view.image.shape();
-    let ends = [cols as f32 - 1.0, rows as f32 - 1.0];
-    let is_valid = |place: [f32; 2]| {
-        let is_inside = (0..2).all(|axis| (0.0..=ends[axis]).contains(&place[axis]));
-        let [x, y] = place.map(|at| at.round() as usize);
-        is_inside && view.is_valid(y, x)
-    };
-    let mask = Plane::by_rows((rows, cols), control, |y, row| {
-        for (valid, place) in row.iter_mut().zip(places.row(y)) {
-            *valid = is_valid(*place);
-        }
-    })?;
-
-    // A mask that is true everywhere would only cost time.
-    let mask = (!mask.as_slice().iter().all(|valid| *valid)).then_some(mask);
-    Ok(View { image, mask, range: None, ..*view })
+) -> Result<Input> {
+    let warp = Warp { places, interpolation, control };
+    let mask = warp.mask(input.size(), |y, x| input.is_valid(y, x))?;
+    input.resampled(&warp, Some(mask))
 }
 
-/// A pixel that can be resampled.
-trait Sample: Copy + Default + Send + Sync + Into<f64> {
-    /// The nearest value of this type.
-    fn nearest(value: f64) -> Self;
-}
-
-impl Sample for u8 {
-    fn nearest(value: f64) -> Self {
-        value.round_ties_even().clamp(0.0, Self::MAX.into()) as Self
-    }
-}
-
-impl Sample for u16 {
-    fn nearest(value: f64) -> Self {
-        value.round_ties_even().clamp(0.0, Self::MAX.into()) as Self
-    }
-}
-
-impl Sample for f32 {
-    fn nearest(value: f64) -> Self {
-        value as Self
-    }
-}
-
-impl Sample for f64 {
-    fn nearest(value: f64) -> Self {
-        value
-    }
-}
-
-fn resampled<T: Sample>(
-    pixels: &Array3<T>,
-    places: &Places,
+/// How a raw image is read.
+struct Warp<'a> {
+    places: &'a Places,
     interpolation: Interpolation,
-    control: &Control,
-) -> Result<Array3<T>> {
-    let (rows, cols, channels) = pixels.dim();
-    let pixels = pixels.as_standard_layout();
-    let source = Source { pixels: pixels.as_slice().unwrap_or_default(), rows, cols, channels };
+    control: &'a Control,
+}
 
-    let out = Plane::by_rows((rows, cols * channels), control, |y, out: &mut [T]| {
-        for (out, place) in out.chunks_exact_mut(channels).zip(places.row(y)) {
-            match interpolation {
-                Interpolation::Linear => source.write_linear(*place, out),
-                Interpolation::Lanczos => source.write(*place, out),
+impl Warp<'_> {
+    /// The rectified pixels that lie inside a raw image of this size, on valid pixels.
+    fn mask(
+        &self,
+        (rows, cols): (usize, usize),
+        is_valid: impl Fn(usize, usize) -> bool + Sync,
+    ) -> Result<Plane<bool>> {
+        let ends = [cols as f32 - 1.0, rows as f32 - 1.0];
+        let is_seen = |place: [f32; 2]| {
+            let is_inside = (0..2).all(|axis| (0.0..=ends[axis]).contains(&place[axis]));
+            let [x, y] = place.map(|at| at.round() as usize);
+            is_inside && is_valid(y, x)
+        };
+        Plane::by_rows((rows, cols), self.control, |y, row| {
+            for (valid, place) in row.iter_mut().zip(self.places.row(y)) {
+                *valid = is_seen(*place);
             }
-        }
-    })?;
-    // The plane has as many values as the shape says.
-    Ok(Array3::from_shape_vec((rows, cols, channels), out.into_vec()).unwrap_or_default())
+        })
+    }
+}
+
+impl Resampler for Warp<'_> {
+    fn size(&self) -> (usize, usize) {
+        (self.places.rows(), self.places.cols())
+    }
+
+    fn resampled<T: Copy + Default + Send + Sync + Into<f64>>(
+        &self,
+        pixels: &[T],
+        (rows, cols, channels): (usize, usize, usize),
+        nearest: impl Fn(f64) -> T + Sync,
+    ) -> Result<Vec<T>> {
+        let source = Source { pixels, rows, cols, channels, nearest };
+        let out = Plane::by_rows((rows, cols * channels), self.control, |y, out: &mut [T]| {
+            for (out, place) in out.chunks_exact_mut(channels).zip(self.places.row(y)) {
+                match self.interpolation {
+                    Interpolation::Linear => source.write_linear(*place, out),
+                    Interpolation::Lanczos => source.write(*place, out),
+                }
+            }
+        })?;
+        Ok(out.into_vec())
+    }
 }
 
 /// An image, row after row.
-struct Source<'a, T> {
+struct Source<'a, T, N> {
     pixels: &'a [T],
     rows: usize,
     cols: usize,
     channels: usize,
+    /// Rounds a value to one of the pixels' type.
+    nearest: N,
 }
 
-impl<T: Sample> Source<'_, T> {
+impl<T: Copy + Into<f64>, N: Fn(f64) -> T> Source<'_, T, N> {
     /// Writes the channels at a place. Beyond the image its border is repeated; nowhere is 0.
     fn write(&self, place: [f32; 2], out: &mut [T]) {
         if place[0].is_nan() {
@@ -178,7 +168,7 @@ impl<T: Sample> Source<'_, T> {
                 }
                 sum += f64::from(*weight) * of_row;
             }
-            *out = T::nearest(sum / scale);
+            *out = (self.nearest)(sum / scale);
         }
     }
 
@@ -200,7 +190,7 @@ impl<T: Sample> Source<'_, T> {
                 if is_inside { self.pixels[at()].into() } else { 0.0 }
             };
             let along = |row: isize| between(value(row, column), value(row, column + 1), right);
-            *out = T::nearest(between(along(row), along(row + 1), down));
+            *out = (self.nearest)(between(along(row), along(row + 1), down));
         }
     }
 }
@@ -285,12 +275,15 @@ fn sampled<T: Copy + Default + Send + Sync>(
 mod tests {
     use super::super::cameras::{NUMBERS, USUAL};
     use super::*;
+    use ndarray::Array3;
+    use phasestereo_match::image::conversion::view_of_input;
+    use phasestereo_match::image::pixels::Image;
 
     const SIZE: (usize, usize) = (60, 80);
 
-    fn view() -> View {
+    fn input() -> Input {
         let value = |(y, x, c)| ((31 * y + 17 * x + 5 * c) % 200) as u8;
-        View::from(Image::U8(Array3::from_shape_fn((SIZE.0, SIZE.1, 3), value)))
+        Input::from(Image::U8(Array3::from_shape_fn((SIZE.0, SIZE.1, 3), value)))
     }
 
     fn map() -> Disparity {
@@ -312,10 +305,10 @@ mod tests {
         let cameras = Cameras::new([0.0; NUMBERS], USUAL, SIZE);
         let control = Control::default();
         let places = places(&cameras, 0, SIZE, &control).expect("memory");
-        assert_eq!(
-            rectified(&view(), &places, Interpolation::Lanczos, &control).expect("memory"),
-            view()
-        );
+        let of_input = rectified_input(&input(), &places, Interpolation::Lanczos, &control);
+        assert_eq!(of_input.expect("memory").image, input().image);
+        let view = view_of_input(input()).expect("memory");
+        assert_eq!(rectified(&view, &places, &control).expect("memory"), view);
 
         let (raw, rows) = raw(&map(), &cameras, &control).expect("memory");
         assert_eq!((&raw.flags, &raw.confidence), (&map().flags, &map().confidence));
@@ -370,12 +363,18 @@ mod tests {
         let mut pixels = Array3::from_elem((SIZE.0, SIZE.1, 1), 50.0f32);
         pixels[(30, 40, 0)] = f32::NAN;
         let mask = Plane::from_fn(SIZE.0, SIZE.1, |y, x| (y, x) != (30, 40));
-        let view = View { mask: Some(mask), ..View::from(Image::F32(pixels)) };
-        let found = rectified(&view, &places, Interpolation::Lanczos, &control).expect("memory");
-
-        let Image::F32(pixels) = &found.image else { unreachable!("as it was") };
+        let input = Input { mask: Some(mask), ..Image::F32(pixels).into() };
+        let found = rectified_input(&input, &places, Interpolation::Lanczos, &control);
+        let Input { image: Image::F32(pixels), mask: Some(mask), .. } = found.expect("memory")
+        else {
+            unreachable!("as it was, and corners are outside")
+        };
         assert!(pixels.iter().all(|value| (value - 50.0).abs() < 1e-3));
-        let mask = found.mask.expect("corners are outside");
+
+        let view = view_of_input(input).expect("memory");
+        let found = rectified(&view, &places, &control).expect("memory");
+        assert_eq!(found.mask(), Some(&mask));
+        assert!(found.gray().as_slice().iter().all(|gray| *gray == 50 - 128));
         assert!(!mask.row(0)[0] && mask.row(20)[20]);
         let hidden = mask.as_slice().iter().filter(|valid| !**valid).count();
         assert!((100..2000).contains(&hidden), "{hidden}");

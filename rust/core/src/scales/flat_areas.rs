@@ -45,14 +45,14 @@ pub struct FlatArea {
 
 /// The large flat areas of an image of this reach, from top to bottom.
 pub fn flat_areas(
-    mut gray: Plane<i32>,
+    gray: &Plane<i32>,
     reach: u32,
     level: Level,
     control: &Control,
 ) -> Result<Vec<FlatArea>> {
     // Sums of squares then fit.
     let surplus = (u32::BITS - reach.leading_zeros()).saturating_sub(MOST_BITS);
-    gray.as_mut_slice().iter_mut().for_each(|gray| *gray >>= surplus);
+    let gray = gray.map(|gray| gray >> surplus);
     let least = LEAST_SHARE * (gray.rows() * gray.cols()) as f64;
 
     let flat = flat(&gray, level, control)?;

@@ -35,7 +35,6 @@ use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::{Plane, zeroed};
 use phasestereo_match::base::simd::{Level, Loop, whole};
-use phasestereo_match::image::intensity::Gray;
 use phasestereo_match::image::window_sums::window_means;
 use phasestereo_match::matcher::Disparity;
 use phasestereo_match::pair::Pair;
@@ -99,8 +98,7 @@ struct Drawn {
 pub fn draw(map: &mut Disparity, pair: &Pair, level: Level, control: &Control) -> Result<()> {
     let Some(confidence) = &map.confidence else { return Ok(()) };
     let [left, _] = pair.views();
-    let gray = Gray::new(left, level, control)?;
-    let areas = flat_areas(gray.plane(level, control)?, gray.reach(), level, control)?;
+    let areas = flat_areas(left.gray(), left.scale().reach(), level, control)?;
 
     let size = (confidence.rows(), confidence.cols());
     let around = window_means(size, FEW, |y| confidence.row(y).iter().copied(), level)?;

@@ -54,7 +54,7 @@ pub fn panel_ranges(
     if !follows_paths || pair.candidates().count() < MANY {
         return Ok(None);
     }
-    let Some(copy) = halved(pair, runtime)? else { return Ok(None) };
+    let Some(copy) = halved(pair) else { return Ok(None) };
     let rough = roughly_matched(&copy, runtime)?;
 
     let all = pair.candidates();

@@ -6,12 +6,9 @@
 
 use ndarray::Array3;
 
-use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
-use phasestereo_match::base::platform::both;
-use phasestereo_match::image::intensity::Gray;
-use phasestereo_match::image::view::{Image, View};
-use phasestereo_match::matcher::runtime::Runtime;
+use phasestereo_match::image::pixels::{Image, Input};
+use phasestereo_match::image::view::View;
 use phasestereo_match::pair::Pair;
 
 /// Fewest rows and columns of a copy.
@@ -20,11 +17,11 @@ pub const LEAST_SIZE: usize = 100;
 pub const FEWEST_CANDIDATES: usize = 8;
 
 /// A pair at half the size; `None` if it is too small for that.
-pub fn halved(pair: &Pair, runtime: Runtime) -> Result<Option<Pair>> {
+pub fn halved(pair: &Pair) -> Option<Pair> {
     let (rows, cols) = pair.size();
     let candidates = pair.candidates();
     if rows.min(cols) / 2 < LEAST_SIZE || candidates.count() < FEWEST_CANDIDATES {
-        return Ok(None);
+        return None;
     }
 
     let (low, high) = (candidates.min(), candidates.disparity(candidates.count() - 1));
@@ -32,26 +29,24 @@ pub fn halved(pair: &Pair, runtime: Runtime) -> Result<Option<Pair>> {
     let (low, high) = (low.div_euclid(2), -(-high).div_euclid(2));
     let count = (high - low + 1).min(cols as isize / 2);
 
-    let [left, right] = both(|side| halved_view(pair.views()[side], runtime))?;
+    let inputs = pair.views().map(halved_view);
     // At its very ends a range may have none on the copy.
-    Ok(Pair::new(left, right, low as i64, count as i64).ok())
+    Pair::of_inputs(inputs, low as i64, count as i64).ok()
 }
 
 /// The gray values of an image at half the size.
-fn halved_view(view: &View, runtime: Runtime) -> Result<View> {
-    let Runtime { execution, control, .. } = runtime;
-    let gray = Gray::new(view, execution.level, control)?;
-    let steps = gray.plane(execution.level, control)?;
-    let (rows, cols) = (steps.rows() / 2, steps.cols() / 2);
+fn halved_view(view: &View) -> Input {
+    let (gray, scale) = (view.gray(), view.scale());
+    let (rows, cols) = (gray.rows() / 2, gray.cols() / 2);
 
     // Four times the mean.
     let sum = |y: usize, x: usize| {
-        let pairs = [steps.row(2 * y), steps.row(2 * y + 1)].map(|row| row[2 * x] + row[2 * x + 1]);
+        let pairs = [gray.row(2 * y), gray.row(2 * y + 1)].map(|row| row[2 * x] + row[2 * x + 1]);
         i64::from(pairs[0]) + i64::from(pairs[1])
     };
 
-    let reach = i64::from(gray.reach());
-    let (image, step) = if view.image.middle().is_some() {
+    let reach = i64::from(scale.reach());
+    let (image, step) = if scale.step().is_some() {
         let mean = |(y, x, _)| ((sum(y, x) + 4 * reach) * (1 << 16) / (8 * reach)) as u16;
         let pixels = Array3::from_shape_fn((rows, cols, 1), mean);
         (Image::U16(pixels), 2.0 * reach as f64 / f64::from(1 << 16))
@@ -63,8 +58,7 @@ fn halved_view(view: &View, runtime: Runtime) -> Result<View> {
     let is_valid = |mask: &Plane<bool>, y: usize, x: usize| {
         [2 * y, 2 * y + 1].iter().all(|y| mask.row(*y)[2 * x] && mask.row(*y)[2 * x + 1])
     };
-    let mask = view.mask.as_ref();
-    let mask = mask.map(|mask| Plane::from_fn(rows, cols, |y, x| is_valid(mask, y, x)));
+    let mask = view.mask().map(|mask| Plane::from_fn(rows, cols, |y, x| is_valid(mask, y, x)));
 
-    Ok(View { mask, unit: step / gray.steps(1.0), ..View::from(image) })
+    Input { image, mask, unit: step / scale.steps(1.0) }
 }

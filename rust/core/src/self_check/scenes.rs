@@ -3,7 +3,7 @@
 use ndarray::Array3;
 
 use phasestereo_match::base::plane::{Plane, reflect};
-use phasestereo_match::image::view::{Image, View};
+use phasestereo_match::image::pixels::{Image, Input};
 
 /// Disparity of the wall, pixels.
 pub const FAR: i32 = 5;
@@ -71,7 +71,7 @@ pub enum Fault {
 type Gray = Plane<i32>;
 
 /// The scene in so many rows and columns, as a rig with a fault takes it. Another `moment` has other noise.
-pub fn pair(fault: Fault, size: (usize, usize), moment: u32) -> [View; 2] {
+pub fn pair(fault: Fault, size: (usize, usize), moment: u32) -> [Input; 2] {
     let (rows, cols) = (size.0 as i32, size.1 as i32);
     let [left, right] = [0, 1].map(|side| gray(size, |y, x| shown((y, x), side, size, fault)));
 
@@ -151,7 +151,7 @@ pub fn pair(fault: Fault, size: (usize, usize), moment: u32) -> [View; 2] {
         Fault::Masked => {
             let is_valid = |y, x| y > size.0 / 4 || x > size.1 / 4;
             let mask = Some(Plane::from_fn(size.0, size.1, is_valid));
-            [View { mask, ..bytes(&left) }, bytes(&right)]
+            [Input { mask, ..bytes(&left) }, bytes(&right)]
         }
         _ => [bytes(&left), bytes(&right)],
     }
@@ -261,17 +261,17 @@ fn mean(image: &Gray, rows: i32, cols: i32) -> Gray {
     })
 }
 
-fn bytes(image: &Gray) -> View {
+fn bytes(image: &Gray) -> Input {
     let pixels = image.as_slice().iter().map(|&value| value.clamp(0, 255) as u8);
     Image::U8(shaped(image, 1, pixels.collect())).into()
 }
 
-fn words(image: &Gray) -> View {
+fn words(image: &Gray) -> Input {
     let pixels = image.as_slice().iter().map(|&value| value.clamp(0, 255) as u16 * 200);
     Image::U16(shaped(image, 1, pixels.collect())).into()
 }
 
-fn floats(image: &Gray, white: f32) -> View {
+fn floats(image: &Gray, white: f32) -> Input {
     let colors = |&value: &i32| [value, value / 2, 255 - value].map(|part| part as f32 / white);
     Image::F32(shaped(image, 3, image.as_slice().iter().flat_map(colors).collect())).into()
 }

@@ -21,7 +21,6 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crate::estimation::blur;
-use crate::estimation::blur::defects::Repaired;
 use crate::estimation::blur::parts::Part;
 use crate::estimation::facts::{Fact, Facts, Rows};
 use crate::estimation::rows::RowOffsets;
@@ -42,13 +41,11 @@ use crate::video::temporal::TemporalFilter;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::platform::Instant;
-use phasestereo_match::image::packing::Packing;
 use phasestereo_match::matcher::Disparity;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::matcher::summary::Summary;
 use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::alignment::Alignment;
-use phasestereo_match::pair::source::Source;
 use phasestereo_match::settings::Settings;
 
 /// How frames are matched.
@@ -90,9 +87,7 @@ pub fn match_frame(
     // Each frame by itself, if all is to be estimated of each.
     let frame = match next.geometry.take().filter(|_| options.reestimate > 1) {
         Some(geometry) => {
-            let packing = Packing::of_views(pair.views(), runtime.control)?;
-            let pair = &pair.packed(&packing);
-            Followed { rig: &mut next, pair, options, runtime }.frame(geometry, filter)?
+            Followed { rig: &mut next, pair: &pair, options, runtime }.frame(geometry, filter)?
         }
         None => next.begin(pair, options, filter, runtime)?,
     };
@@ -256,13 +251,13 @@ impl<'a> Followed<'a, '_> {
 
     /// The pair as the cameras see it, and whether it looks as before.
     fn input(&self, geometry: &Geometry) -> Result<Input<'a>> {
-        let control = self.runtime.control;
+        let Runtime { execution, control, .. } = self.runtime;
         let mut pair = match &geometry.cameras {
             Some(raw) => Cow::Owned(resampled(self.pair, raw.places(control)?, control)?),
             None => Cow::Borrowed(self.pair),
         };
         if geometry.is_inverted && self.options.settings.compensate_blur {
-            pair = Cow::Owned(pair.into_owned().with_own_ranges(control)?.inverted());
+            pair = Cow::Owned(pair.inverted());
         }
 
         let appearance = self.rig.appearance.as_deref();
@@ -274,8 +269,7 @@ impl<'a> Followed<'a, '_> {
             (None, _) => false,
             (Some(_), None) => true,
             (Some(_), Some(blur)) => {
-                let repaired = Repaired { source: &*pair, impulses: blur.impulses };
-                let repaired = repaired.rows(0..pair.size().0)?;
+                let repaired = pair.repaired(blur.impulses, execution.level, control)?;
                 blur::is_as_before(&repaired, &blur.signature, self.runtime)?
             }
         };

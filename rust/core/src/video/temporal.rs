@@ -104,7 +104,7 @@ impl TemporalFilter {
         let before = self.before.take().filter(|before| before.is_of(pair, settings));
         let mut before = match before {
             Some(before) => before,
-            None => Before::nothing(pair, settings, map, control)?,
+            None => Before::nothing(pair, settings, map)?,
         };
 
         for (view, changes) in pair.views().into_iter().zip(&mut before.views) {
@@ -120,18 +120,13 @@ impl TemporalFilter {
 
 impl Before {
     /// The state of which no frame is supported yet.
-    fn nothing(
-        pair: &Pair,
-        settings: &Settings,
-        map: &Disparity,
-        control: &Control,
-    ) -> Result<Self> {
+    fn nothing(pair: &Pair, settings: &Settings, map: &Disparity) -> Result<Self> {
         let size = pair.size();
         let [left, right] = pair.views();
         let like = |plane: &Option<Plane<f32>>| {
             plane.is_some().then(|| Plane::new(size.0, size.1)).transpose()
         };
-        let scales = [Scale::of_view(left, control)?, Scale::of_view(right, control)?];
+        let scales = [Scale::of_view(left), Scale::of_view(right)];
         let settings = compared(settings);
         let key = Key { size, scales, settings, candidates: pair.candidates() };
 

@@ -97,6 +97,16 @@ impl<T> Plane<T> {
         Self { rows: rows.len(), ..self }
     }
 
+    /// A copy of some of the rows.
+    #[doc(hidden)]
+    pub fn copy_of_rows(&self, rows: Range<usize>) -> Self
+    where
+        T: Clone,
+    {
+        let data = self.data[rows.start * self.cols..rows.end * self.cols].to_vec();
+        Self { rows: rows.len(), cols: self.cols, data }
+    }
+
     /// The same rectangle with `f` applied to every value.
     pub fn map<U>(&self, f: impl FnMut(&T) -> U) -> Plane<U> {
         Plane { rows: self.rows, cols: self.cols, data: self.data.iter().map(f).collect() }

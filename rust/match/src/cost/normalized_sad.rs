@@ -21,32 +21,29 @@ const DEVIATION_CEILING: u16 = 2 * LARGEST_DEVIATION * DEVIATION_STEPS;
 /// Rows that one task normalizes; each task warms up over `window - 1` further rows.
 const BAND_ROWS: usize = 128;
 
-/// The normalized channels of a pair.
+/// The normalized gray levels of a pair.
 pub struct NormalizedSad(Differences);
 
 impl Cost for NormalizedSad {
     const STEPS: u16 = DEVIATION_STEPS;
 
-    fn ceiling(_: &Settings, channels: usize) -> u16 {
-        DEVIATION_CEILING * channels as u16
+    fn ceiling(_: &Settings) -> u16 {
+        DEVIATION_CEILING
     }
 
     fn reach(plan: Plan) -> usize {
         plan.settings.window / 2
     }
 
-    fn bytes(demand: &Demand) -> PixelBytes {
-        let channels = demand.channels();
-        PixelBytes { described: 2 * channels, versions: 1, passing: 6 * channels + 8 }
+    fn bytes(_: &Demand) -> PixelBytes {
+        PixelBytes { described: 2, versions: 1, passing: 14 }
     }
 
     fn new(Input { views, candidates, settings, level, control, .. }: Input) -> Result<Self> {
         let [left, right] = level_planes(views, settings.intensity_range, control)?;
-        let normalized = |side: Vec<Plane<u16>>| -> Result<Vec<_>> {
-            side.iter().map(|plane| normalize(plane, settings.window, level, control)).collect()
-        };
+        let normalized = |plane: &Plane<u16>| normalize(plane, settings.window, level, control);
 
-        Ok(Self(Differences::new([normalized(left)?, normalized(right)?], candidates)?))
+        Ok(Self(Differences::new([normalized(&left)?, normalized(&right)?], candidates)?))
     }
 
     #[inline(always)]

@@ -18,7 +18,6 @@ use crate::descriptor::{RowOfCodes, describe_rows};
 use crate::image::convolution::Kernel;
 use crate::image::intensity::Gray;
 use crate::image::smoothing;
-use crate::image::view::Image;
 use crate::pair::blur_compensation::{self, BlurCompensation, Labels};
 use crate::pair::candidates::{Candidates, Searched};
 use crate::pair::plan::{Demand, Plan};
@@ -50,7 +49,7 @@ struct BytePlanes {
 impl Cost for Phase {
     const STEPS: u16 = 1;
 
-    fn ceiling(settings: &Settings, _: usize) -> u16 {
+    fn ceiling(settings: &Settings) -> u16 {
         settings.code_length() as u16
     }
 
@@ -72,11 +71,6 @@ impl Cost for Phase {
         PixelBytes { described: bytes, versions, passing: bytes + GRAY_BYTES }
     }
 
-    fn needs_ranges(settings: &Settings, image: &Image) -> bool {
-        // Confidences depend on the noise in gray levels.
-        if let Image::U16(_) = image { settings.needs_confidence() } else { true }
-    }
-
     fn unrelated(ceiling: u16) -> Option<f64> {
         // Random codes differ in half of their bits, those with a weak level in fewer.
         Some(f64::from(ceiling) / 3.0)
@@ -85,7 +79,7 @@ impl Cost for Phase {
     fn new(
         Input { views, candidates, settings, compensation, level, control }: Input,
     ) -> Result<Self> {
-        let (rows, cols, _) = views[0].image.shape();
+        let (rows, cols) = views[0].size();
         let gray =
             |side: usize| blur_compensation::gray(views[side], compensation, side, level, control);
 

@@ -1,4 +1,4 @@
-//! The sum over the channels of absolute differences: the baseline of the paper's section 3.
+//! Absolute differences of gray levels: the baseline of the paper's section 3.
 
 use crate::base::error::Result;
 use crate::base::value::Value;
@@ -14,17 +14,16 @@ pub struct Sad(Differences);
 impl Cost for Sad {
     const STEPS: u16 = LEVEL_STEPS;
 
-    fn ceiling(_: &Settings, channels: usize) -> u16 {
-        LEVEL_CEILING * channels as u16
+    fn ceiling(_: &Settings) -> u16 {
+        LEVEL_CEILING
     }
 
     fn reach(_: Plan) -> usize {
         0
     }
 
-    fn bytes(demand: &Demand) -> PixelBytes {
-        let channels = demand.channels();
-        PixelBytes { described: 2 * channels, versions: 1, passing: 4 * channels }
+    fn bytes(_: &Demand) -> PixelBytes {
+        PixelBytes { described: 2, versions: 1, passing: 4 }
     }
 
     fn new(input: Input) -> Result<Self> {

@@ -18,12 +18,12 @@ pub struct Validity<'a> {
 impl<'a> Validity<'a> {
     /// The valid pairs of two images; `None` if neither has a mask.
     pub fn new([left, right]: [&'a View; 2], candidates: Candidates) -> Result<Option<Self>> {
-        let masks = [left.mask.as_ref(), right.mask.as_ref()];
+        let masks = [left.mask(), right.mask()];
         if masks.iter().all(Option::is_none) {
             return Ok(None);
         }
 
-        let (rows, width, _) = left.image.shape();
+        let (rows, width) = left.size();
         let whole = Plane::by_bands((rows, width), 1, |y, row| {
             let [left, right] = masks.map(|mask| mask.map(|mask| mask.row(y)));
             write_whole([left, right], candidates, row);

@@ -4,7 +4,7 @@
 //! ```text
 //! covariance(x, k) = n sum(left right) - sum(left) sum(right)          # over the n pixels of both neighborhoods
 //! spread           = sqrt(n sum(value^2) - sum(value)^2 + (n level)^2) # of one neighborhood; level: one gray level
-//! cost(x, k)       = 1 - covariance / (spread(left) spread(right))     # summed over the channels
+//! cost(x, k)       = 1 - covariance / (spread(left) spread(right))
 //! ```
 //!
 //! As in normalized SAD, one gray level of deviation is added in quadrature, so that noise in flat areas does
@@ -17,7 +17,7 @@ use crate::base::plane::Plane;
 use crate::base::simd::Level;
 use crate::base::value::{Value, nearest};
 use crate::cost::unrolled::UnrolledPlane;
-use crate::cost::{Cost, Input, Lines, PixelBytes, RowPart, clear};
+use crate::cost::{Cost, Input, Lines, PixelBytes, RowPart};
 use crate::image::intensity::{LEVEL_STEPS, level_planes};
 use crate::image::window_sums::{Beyond, Windows};
 use crate::pair::plan::{Demand, Plan};
@@ -28,15 +28,10 @@ const STEPS: u16 = 256;
 /// Rows whose sums one task computes; each task warms up over the rows of a neighborhood.
 const BAND_ROWS: usize = 128;
 
-/// The channels of a pair, ready to be correlated.
+/// The gray levels of a pair, ready to be correlated: continued by half a neighborhood on all sides.
 pub struct Zncc {
-    channels: Vec<Channel>,
     /// Side of the neighborhoods.
     side: usize,
-}
-
-/// One channel of both images, continued by half a neighborhood on all sides.
-struct Channel {
     left: Plane<u16>,
     right: UnrolledPlane<u16>,
     left_moments: Moments<Plane<f64>>,
@@ -52,61 +47,40 @@ struct Moments<P> {
 impl Cost for Zncc {
     const STEPS: u16 = STEPS;
 
-    fn ceiling(_: &Settings, channels: usize) -> u16 {
-        2 * STEPS * channels as u16
+    fn ceiling(_: &Settings) -> u16 {
+        2 * STEPS
     }
 
     fn reach(plan: Plan) -> usize {
         plan.settings.neighborhood / 2
     }
 
-    fn bytes(demand: &Demand) -> PixelBytes {
+    fn bytes(_: &Demand) -> PixelBytes {
         // The values, and their sums and spreads in double precision.
-        let described = (2 + 2 * 8) * demand.channels();
-        PixelBytes { described, versions: 1, passing: 2 * demand.channels() }
+        PixelBytes { described: 2 + 2 * 8, versions: 1, passing: 2 }
     }
 
     fn new(Input { views, candidates, settings, level, control, .. }: Input) -> Result<Self> {
         let side = settings.neighborhood;
         let [left, right] = level_planes(views, settings.intensity_range, control)?;
-        let channel = |(left, right): (&Plane<u16>, &Plane<u16>)| -> Result<_> {
-            let left = continued(left, side / 2)?;
-            let right = continued(right, side / 2)?;
-            let right = UnrolledPlane::new(&right, candidates, |level| level)?;
+        let left = continued(&left, side / 2)?;
+        let right = continued(&right, side / 2)?;
+        let right = UnrolledPlane::new(&right, candidates, |level| level)?;
 
-            let left_moments = Moments::new(&left, side, level, control)?;
-            let Moments { sums, spreads } = Moments::new(right.plane(), side, level, control)?;
-            let right_moments = Moments { sums: right.like(sums), spreads: right.like(spreads) };
-            Ok(Channel { left, right, left_moments, right_moments })
-        };
-
-        Ok(Self { channels: left.iter().zip(&right).map(channel).collect::<Result<_>>()?, side })
+        let left_moments = Moments::new(&left, side, level, control)?;
+        let Moments { sums, spreads } = Moments::new(right.plane(), side, level, control)?;
+        let right_moments = Moments { sums: right.like(sums), spreads: right.like(spreads) };
+        Ok(Self { side, left, right, left_moments, right_moments })
     }
 
+    /// Products are summed down each column of the neighborhoods, and these sums along the row.
     #[inline(always)]
-    fn write<V: Value, const L: usize>(&self, part: RowPart, out: &mut Lines<V, L>) {
-        clear(out);
-        for channel in &self.channels {
-            channel.add(self.side, part.clone(), out);
-        }
-    }
-
-    fn between(&self, y: usize, x: usize, place: usize) -> u32 {
-        self.channels.iter().map(|channel| channel.between(self.side, (y, x), place)).sum()
-    }
-}
-
-impl Channel {
-    /// Adds the costs of a part of a row. Products are summed down each column of the neighborhoods, and
-    /// these sums along the row.
-    #[inline(always)]
-    fn add<V: Value, const L: usize>(
+    fn write<V: Value, const L: usize>(
         &self,
-        side: usize,
         (y, columns, searched): RowPart,
         out: &mut Lines<V, L>,
     ) {
-        let Self { left, right, left_moments, right_moments } = self;
+        let &Self { side, ref left, ref right, ref left_moments, ref right_moments } = self;
         let (row, radius, pixels) = (y + side / 2, side / 2, (side * side) as f64);
         let mut ring = [[0.0; L]; LARGEST_WINDOW];
         let mut products = [0.0; L];
@@ -123,13 +97,13 @@ impl Channel {
                 let left = [&left_moments.sums, &left_moments.spreads].map(|p| p.row(row)[center]);
                 let sums = right_moments.sums.under(row, center, searched);
                 let spreads = right_moments.spreads.under(row, center, searched);
-                add_costs((&products, pixels), left, [sums, spreads], out.line(pixel));
+                write_costs((&products, pixels), left, [sums, spreads], out.line(pixel));
             }
         }
     }
 
-    /// The cost of a left pixel with the one at a place of the unrolled right image.
-    fn between(&self, side: usize, (y, x): (usize, usize), place: usize) -> u32 {
+    fn between(&self, y: usize, x: usize, place: usize) -> u32 {
+        let side = self.side;
         let (row, radius, pixels) = (y + side / 2, side / 2, (side * side) as f64);
         let row_products = |y: usize| -> f64 {
             let left = self.left.row(y)[x..][..side].iter();
@@ -204,7 +178,7 @@ fn slide<const L: usize>(sums: &mut [f64; L], entering: [f64; L], leaving: &mut 
 }
 
 #[inline(always)]
-fn add_costs<V: Value, const L: usize>(
+fn write_costs<V: Value, const L: usize>(
     (products, pixels): (&[f64; L], f64),
     left: [f64; 2],
     [sums, spreads]: [&[f64; L]; 2],
@@ -212,7 +186,7 @@ fn add_costs<V: Value, const L: usize>(
 ) {
     for j in 0..L {
         let cost = cost((products[j], pixels), left, [sums[j], spreads[j]]);
-        out[j] = out[j].plus(V::truncated(cost.into()));
+        out[j] = V::truncated(cost.into());
     }
 }
 

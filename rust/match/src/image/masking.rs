@@ -1,11 +1,11 @@
 //! Masked pixels take the values of valid neighbors, so that their own values have no effect on anything.
 
-use crate::base::control::Control;
-use crate::base::error::Result;
 use crate::base::plane::Plane;
 use crate::image::LARGEST_KERNEL;
-use crate::image::view::Mask;
 use crate::settings::LARGEST_WINDOW;
+
+/// Which pixels are valid.
+pub type Mask = Plane<bool>;
 
 /// Most rows between a row without a valid value and the row that it copies: as far as codes under the largest kernel
 /// depend on pixels, so rows further away matter to no valid pixel.
@@ -13,17 +13,11 @@ pub const REACH: usize = LARGEST_KERNEL / 2 + LARGEST_WINDOW / 2;
 
 /// Replaces masked values by the nearest valid value of their row (ties: left). A row without any copies the nearest row
 /// that has one, up to [`REACH`] away (ties: above), or becomes zero.
-pub fn fill_masked<T: Copy + Default + Send + Sync>(
-    plane: &mut Plane<T>,
-    mask: &Mask,
-    control: &Control,
-) -> Result<()> {
+pub fn fill_masked<T: Copy + Default>(plane: &mut Plane<T>, mask: &Mask) {
     let seeded: Vec<bool> = (0..mask.rows()).map(|y| mask.row(y).contains(&true)).collect();
-    plane.write_bands(1, |y, row| {
-        control.checkpoint()?;
-        fill_row(row, mask.row(y));
-        Ok(())
-    })?;
+    for y in 0..mask.rows() {
+        fill_row(plane.row_mut(y), mask.row(y));
+    }
 
     for (y, source) in nearest(&seeded).into_iter().enumerate() {
         match source {
@@ -35,8 +29,6 @@ pub fn fill_masked<T: Copy + Default + Send + Sync>(
             _ => plane.row_mut(y).fill(T::default()),
         }
     }
-
-    Ok(())
 }
 
 /// Replaces the masked values of a row, run by run, by the valid ones on either side.
@@ -60,6 +52,31 @@ fn fill_row<T: Copy>(row: &mut [T], valid: &[bool]) {
             of_right.fill(value);
         }
     }
+}
+
+/// Pixels of so many channels with masked ones replaced by the nearest valid ones of their column, up to
+/// `reach - 1` rows away, or else by `black`: what is resampled along columns must not take them from other
+/// columns.
+pub fn filled_along_columns<T: Copy>(
+    pixels: &[T],
+    channels: usize,
+    mask: &Mask,
+    reach: usize,
+    black: T,
+) -> Vec<T> {
+    let (rows, cols) = (mask.rows(), mask.cols());
+    let mut filled = Vec::with_capacity(pixels.len());
+    for (y, x) in (0..rows).flat_map(|y| (0..cols).map(move |x| (y, x))) {
+        // The row itself, then those above and below it, nearest first.
+        let near = (0..reach).flat_map(|by| [y.checked_sub(by), Some(y + by)]).flatten();
+        match near.filter(|row| *row < rows).find(|row| mask.row(*row)[x]) {
+            Some(from) => {
+                filled.extend_from_slice(&pixels[(from * cols + x) * channels..][..channels]);
+            }
+            None => filled.extend(std::iter::repeat_n(black, channels)),
+        }
+    }
+    filled
 }
 
 /// For every place the nearest place that holds true (ties: the smaller one).

@@ -106,7 +106,7 @@ pub fn smooth(
             let last = first + out.len() / size.1;
             let windows = first.saturating_sub(RADIUS)..(last + RADIUS).min(size.0);
 
-            smoothing.write_values(&windows, buffers)?;
+            smoothing.write_values(&windows, buffers);
             smoothing.write_shares(windows.len(), buffers)?;
             smoothing.write_smoothed(windows.start, buffers, first, out)
         },
@@ -124,7 +124,7 @@ struct Smoothing<'a> {
 
 /// What a thread smooths in, band after band.
 struct SmoothingBuffers {
-    /// A row of gray values.
+    /// A smoothed row.
     row: Memory<i32>,
     /// The rows under the windows, each with its continuation.
     values: Memory<f64>,
@@ -154,18 +154,14 @@ impl SmoothingBuffers {
 
 impl Smoothing<'_> {
     /// Writes the gray values under rows of windows: [`RADIUS`] more rows on either side.
-    fn write_values(&self, windows: &Range<usize>, buffers: &mut SmoothingBuffers) -> Result<()> {
+    fn write_values(&self, windows: &Range<usize>, buffers: &mut SmoothingBuffers) {
         let (rows, cols) = self.gray.size();
-        let row = &mut buffers.row[..cols];
-
         let places = windows.start as isize - RADIUS as isize..(windows.end + RADIUS) as isize;
         for (y, values) in places.zip(buffers.values.chunks_exact_mut(width(cols))) {
-            self.gray.write_row(reflect(y, rows), self.level, row)?;
+            let row = self.gray.row(reflect(y, rows));
             self.level.run(Widen { row, values: &mut values[MARGIN..][..cols] });
             continue_sides(values, cols);
         }
-
-        Ok(())
     }
 
     /// Writes the shares of so many rows of windows, and those of their means.

@@ -1,23 +1,20 @@
 //! The gray values of the left image, for the stages that compare them. Their mean difference from one pixel to the next is
 //! the unit of these comparisons, so neither the contrast nor the unit of gray values matters.
 
+use std::borrow::Cow;
 use std::ops::Range;
 
 use rayon::prelude::*;
 
-use crate::base::control::Control;
-use crate::base::error::Result;
 use crate::base::plane::Plane;
-use crate::base::simd::Level;
-use crate::image::intensity::Gray;
 use crate::image::view::View;
 use crate::settings::Settings;
 
 /// Gray values, and the roughness of their image.
 #[derive(Debug, Clone)]
-pub struct Texture {
+pub struct Texture<'a> {
     /// Gray values, in any unit, below 2^30.
-    pub gray: Plane<i32>,
+    pub gray: Cow<'a, Plane<i32>>,
     /// The roughness of the whole image, if this is a part of one.
     pub roughness: Roughness,
 }
@@ -55,16 +52,19 @@ impl Roughness {
     }
 }
 
-impl Texture {
+impl<'a> Texture<'a> {
     /// The texture of a whole image.
     pub fn new(gray: Plane<i32>) -> Self {
         let roughness = Roughness::of_rows(gray.as_slice(), gray.cols());
-        Self { gray, roughness }
+        Self { gray: Cow::Owned(gray), roughness }
     }
 
     /// The texture of some rows; the roughness stays that of the whole.
     pub fn of_rows(self, rows: Range<usize>) -> Self {
-        Self { gray: self.gray.of_rows(rows), ..self }
+        if rows == (0..self.gray.rows()) {
+            return self;
+        }
+        Self { gray: Cow::Owned(self.gray.copy_of_rows(rows)), ..self }
     }
 
     /// Whether the settings need a texture.
@@ -74,22 +74,12 @@ impl Texture {
     }
 
     /// The texture of a view, if the settings need one; `known` is the roughness of the image that it is a part of.
-    pub fn of_view(
-        view: &View,
-        settings: &Settings,
-        known: Option<Roughness>,
-        level: Level,
-        control: &Control,
-    ) -> Result<Option<Self>> {
-        if !Self::is_needed(settings) {
-            return Ok(None);
-        }
-
-        let gray = Gray::new(view, level, control)?.plane(level, control)?;
-
-        Ok(Some(match known {
-            Some(roughness) => Self { gray, roughness },
-            None => Self::new(gray),
-        }))
+    pub fn of_view(view: &'a View, settings: &Settings, known: Option<Roughness>) -> Option<Self> {
+        Self::is_needed(settings).then(|| {
+            let gray = view.gray();
+            let of_image = || Roughness::of_rows(gray.as_slice(), gray.cols());
+            let roughness = known.unwrap_or_else(of_image);
+            Self { gray: Cow::Borrowed(gray), roughness }
+        })
     }
 }

@@ -1,177 +1,55 @@
-//! One camera's part of a pair: its pixels, of any type, and which of them are valid.
+//! One camera's part of a pair: its gray values, and which of them are valid.
 
-use std::ops;
+use std::borrow::Cow;
+use std::ops::Range;
 
-use ndarray::{Array3, ArrayView1, ArrayView2, ArrayView3, Axis, Zip, s};
-
-use crate::base::error::{Error, Result};
+use crate::base::control::Control;
+use crate::base::error::Result;
 use crate::base::plane::Plane;
-use crate::base::simd::{Level, Loop};
-use crate::image::intensity_range::{IntensityRange, NOWHERE};
-use crate::settings::LARGEST_PIXEL;
+use crate::base::simd::Level;
+use crate::image::gray_scale::GrayScale;
+use crate::image::impulses;
+pub use crate::image::masking::Mask;
+use crate::image::masking::{fill_masked, filled_along_columns};
 
-/// An image of `rows x cols x channels` (1 or 3 channels) as it came from the caller.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Image {
-    /// 8 bits a channel.
-    U8(Array3<u8>),
-    /// 16 bits a channel.
-    U16(Array3<u16>),
-    /// Single precision.
-    F32(Array3<f32>),
-    /// Double precision.
-    F64(Array3<f64>),
-}
-
-/// Which pixels are valid.
-pub type Mask = Plane<bool>;
-
-/// One camera's part of a pair.
+/// One camera's part of a pair, in gray.
 #[derive(Debug, Clone, PartialEq)]
 pub struct View {
-    /// Its pixels.
-    pub image: Image,
-    /// Its valid pixels; `None`: all.
-    pub mask: Option<Mask>,
-    /// The intensity range of the whole image, in its own unit, if this is a part of one that is not of bytes; `None`: it is
-    /// the whole.
-    pub range: Option<IntensityRange>,
-    /// Least height of impulses, in units of the caller's pixels; 0: there are none.
-    pub impulses: f64,
-    /// What 1 stands for in the image, in units of the caller's pixels.
-    pub unit: f64,
-}
-
-impl Image {
-    /// Rows, columns and channels.
-    pub fn shape(&self) -> (usize, usize, usize) {
-        match self {
-            Self::U8(pixels) => pixels.dim(),
-            Self::U16(pixels) => pixels.dim(),
-            Self::F32(pixels) => pixels.dim(),
-            Self::F64(pixels) => pixels.dim(),
-        }
-    }
-
-    /// The middle of an integer type; floats have none.
-    pub fn middle(&self) -> Option<u16> {
-        match self {
-            Self::U8(_) => Some(1 << (u8::BITS - 1)),
-            Self::U16(_) => Some(1 << (u16::BITS - 1)),
-            Self::F32(_) | Self::F64(_) => None,
-        }
-    }
-
-    /// Writes the exact gray values of row `y` of an integer image, less `middle`. Those of color images,
-    /// `299 R + 587 G + 114 B`, are in thousandths.
-    pub fn write_centered(&self, y: usize, middle: i32, level: Level, row: &mut [i32]) {
-        match self {
-            Self::U8(pixels) => write_centered(row_of(pixels, y), middle, level, row),
-            Self::U16(pixels) => write_centered(row_of(pixels, y), middle, level, row),
-            Self::F32(_) | Self::F64(_) => unreachable!("floats have no middle"),
-        }
-    }
-
-    /// Writes the luminance of row `y` in thousandths of the pixels' unit: `299 R + 587 G + 114 B`, exact
-    /// for integers.
-    pub fn write_luminance(&self, y: usize, row: &mut [f64]) {
-        match self {
-            Self::U8(pixels) => write_luminance(row_of(pixels, y), f64::from, row),
-            Self::U16(pixels) => write_luminance(row_of(pixels, y), f64::from, row),
-            Self::F32(pixels) => write_luminance(row_of(pixels, y), f64::from, row),
-            Self::F64(pixels) => write_luminance(row_of(pixels, y), |value| value, row),
-        }
-    }
-
-    /// The luminance of one pixel in thousandths of the pixels' unit.
-    pub fn luminance(&self, y: usize, x: usize) -> f64 {
-        match self {
-            Self::U8(pixels) => luminance(pixels.slice(s![y, x, ..]), f64::from),
-            Self::U16(pixels) => luminance(pixels.slice(s![y, x, ..]), f64::from),
-            Self::F32(pixels) => luminance(pixels.slice(s![y, x, ..]), f64::from),
-            Self::F64(pixels) => luminance(pixels.slice(s![y, x, ..]), |value| value),
-        }
-    }
-
-    /// Writes channel `c` of row `y` in thousandths of the pixels' unit.
-    pub fn write_channel(&self, c: usize, y: usize, row: &mut [f64]) {
-        match self {
-            Self::U8(pixels) => write_channel(row_of(pixels, y), c, f64::from, row),
-            Self::U16(pixels) => write_channel(row_of(pixels, y), c, f64::from, row),
-            Self::F32(pixels) => write_channel(row_of(pixels, y), c, f64::from, row),
-            Self::F64(pixels) => write_channel(row_of(pixels, y), c, |value| value, row),
-        }
-    }
-}
-
-impl From<Image> for View {
-    /// A whole image that is valid everywhere.
-    fn from(image: Image) -> Self {
-        Self { image, mask: None, range: None, impulses: 0.0, unit: 1.0 }
-    }
+    gray: Plane<i32>,
+    mask: Option<Mask>,
+    scale: GrayScale,
 }
 
 impl View {
-    /// The negative: white becomes black. Floats are inverted about the middle of their range, which must be set.
-    pub fn inverted(&self) -> Self {
-        let IntensityRange { black, white } = self.range.unwrap_or(NOWHERE);
-        // Ranges are in thousandths of the pixels' unit.
-        let sum = (black + white) / 1000.0;
+    /// Gray values of this scale; those of masked pixels become values of valid neighbors.
+    pub fn new(mut gray: Plane<i32>, mask: Option<Mask>, scale: GrayScale) -> Self {
+        // A mask that is true everywhere would only cost time.
+        let mask = mask.filter(|mask| mask.as_slice().contains(&false));
+        if let Some(mask) = &mask {
+            fill_masked(&mut gray, mask);
+        }
 
-        let image = match &self.image {
-            Image::U8(pixels) => Image::U8(pixels.mapv(|value| u8::MAX - value)),
-            Image::U16(pixels) => Image::U16(pixels.mapv(|value| u16::MAX - value)),
-            Image::F32(pixels) => Image::F32(pixels.mapv(|value| (sum - f64::from(value)) as f32)),
-            Image::F64(pixels) => Image::F64(pixels.mapv(|value| sum - value)),
-        };
-
-        let range = match &image {
-            Image::U16(_) => self.range.map(|IntensityRange { black, white }| {
-                let sum = 1000.0 * f64::from(u16::MAX);
-                IntensityRange { black: sum - white, white: sum - black }
-            }),
-            _ => self.range,
-        };
-
-        Self { image, mask: self.mask.clone(), range, ..*self }
+        Self { gray, mask, scale }
     }
 
-    /// The even rows of a whole image alone: an odd one becomes the mean of those beside it, the last one a copy of the one
-    /// above. A pixel is valid where both are.
-    pub fn of_even_rows(&self) -> Self {
-        let image = match &self.image {
-            Image::U8(pixels) => Image::U8(of_even_rows(pixels, u8::midpoint)),
-            Image::U16(pixels) => Image::U16(of_even_rows(pixels, u16::midpoint)),
-            Image::F32(pixels) => Image::F32(of_even_rows(pixels, f32::midpoint)),
-            Image::F64(pixels) => Image::F64(of_even_rows(pixels, f64::midpoint)),
-        };
-        let mask = self.mask.as_ref().map(|mask| {
-            let rows = mask.rows();
-            let is_valid = |y: usize, x: usize| beside(y, rows).iter().all(|y| mask.row(*y)[x]);
-            Plane::from_fn(rows, mask.cols(), is_valid)
-        });
-
-        // The range may be another one.
-        Self { image, mask, range: None, ..*self }
+    /// The gray values.
+    pub fn gray(&self) -> &Plane<i32> {
+        &self.gray
     }
 
-    /// Some rows.
-    pub fn of_rows(&self, rows: ops::Range<usize>) -> Self {
-        // The range and the impulses remain those of the whole image.
-        let part = s![rows.clone(), .., ..];
-        let image = match &self.image {
-            Image::U8(pixels) => Image::U8(pixels.slice(part).to_owned()),
-            Image::U16(pixels) => Image::U16(pixels.slice(part).to_owned()),
-            Image::F32(pixels) => Image::F32(pixels.slice(part).to_owned()),
-            Image::F64(pixels) => Image::F64(pixels.slice(part).to_owned()),
-        };
+    /// The valid pixels; `None`: all.
+    pub fn mask(&self) -> Option<&Mask> {
+        self.mask.as_ref()
+    }
 
-        let mask = self.mask.as_ref();
-        let mask = mask.map(|mask| {
-            Plane::from_fn(rows.len(), mask.cols(), |y, x| mask.row(rows.start + y)[x])
-        });
+    /// What the gray values stand for.
+    pub fn scale(&self) -> GrayScale {
+        self.scale
+    }
 
-        Self { image, mask, ..*self }
+    /// Rows and columns.
+    pub fn size(&self) -> (usize, usize) {
+        (self.gray.rows(), self.gray.cols())
     }
 
     /// Whether the mask, if there is one, calls the pixel valid.
@@ -179,23 +57,65 @@ impl View {
         self.mask.as_ref().is_none_or(|mask| mask.row(y)[x])
     }
 
-    /// An error if a valid pixel is NaN, infinite or absurdly large.
-    pub fn check(&self, argument: &'static str) -> Result<()> {
-        let valid = |y: usize, x: usize| self.is_valid(y, x);
-        let fault = match &self.image {
-            Image::F32(pixels) => first_fault(pixels.view(), f64::from, valid),
-            Image::F64(pixels) => first_fault(pixels.view(), |value| value, valid),
-            Image::U8(_) | Image::U16(_) => None,
-        };
+    /// The same gray values with another mask.
+    pub fn with_mask(self, mask: Option<Mask>) -> Self {
+        Self::new(self.gray, mask, self.scale)
+    }
 
-        let Some((y, x, value)) = fault else { return Ok(()) };
+    /// The negative: white becomes black.
+    pub fn inverted(&self) -> Self {
+        let mirror = self.scale.mirror();
+        let [least, largest] = self.scale.ends();
+        let gray = self.gray.map(|value| (mirror - value).clamp(least, largest));
+        Self { gray, mask: self.mask.clone(), scale: self.scale.inverted() }
+    }
 
-        let got = format!("{value:e} at row {y}, column {x}");
-        let accepts = format!(
-            "finite pixels of magnitude up to {LARGEST_PIXEL:e}, and anything where a mask is False \
-             (match takes left_mask and right_mask)"
-        );
-        Err(Error::value(argument, got, accepts))
+    /// The even rows alone: an odd one becomes the mean of those beside it, the last one a copy of the one
+    /// above. A pixel is valid where both are.
+    pub fn of_even_rows(&self) -> Self {
+        let (rows, cols) = self.size();
+        let gray = Plane::from_fn(rows, cols, |y, x| {
+            let [above, below] = beside(y, rows).map(|y| self.gray.row(y)[x]);
+            // Rounded down.
+            (above + below) >> 1
+        });
+        let mask = self.mask.as_ref().map(|mask| {
+            let is_valid = |y: usize, x: usize| beside(y, rows).iter().all(|y| mask.row(*y)[x]);
+            Plane::from_fn(rows, cols, is_valid)
+        });
+
+        Self::new(gray, mask, self.scale)
+    }
+
+    /// Some rows.
+    pub fn of_rows(&self, rows: Range<usize>) -> Self {
+        Self {
+            gray: self.gray.copy_of_rows(rows.clone()),
+            mask: self.mask.as_ref().map(|mask| mask.copy_of_rows(rows)),
+            scale: self.scale,
+        }
+    }
+
+    /// The view without impulses of this height and above, in units of the pixels; 0: as it is.
+    pub fn repaired(&self, height: f64, level: Level, control: &Control) -> Result<Cow<'_, Self>> {
+        if height <= 0.0 {
+            return Ok(Cow::Borrowed(self));
+        }
+
+        let height = self.scale.steps(height) as i32;
+        let gray = impulses::repaired(&self.gray, height, level, control)?;
+        Ok(Cow::Owned(Self { gray, mask: self.mask.clone(), scale: self.scale }))
+    }
+
+    /// The gray values, row after row, with masked ones replaced along columns ([`filled_along_columns`]).
+    pub fn filled_along_columns(&self, reach: usize) -> Cow<'_, [i32]> {
+        let gray = self.gray.as_slice();
+        match &self.mask {
+            Some(mask) => {
+                Cow::Owned(filled_along_columns(gray, 1, mask, reach, self.scale.darkest()))
+            }
+            None => Cow::Borrowed(gray),
+        }
     }
 }
 
@@ -203,112 +123,4 @@ impl View {
 fn beside(y: usize, rows: usize) -> [usize; 2] {
     let below = if y + y % 2 < rows { y + y % 2 } else { y - 1 };
     [y - y % 2, below]
-}
-
-/// As [`View::of_even_rows`], of one type.
-fn of_even_rows<T: Copy>(pixels: &Array3<T>, mean: impl Fn(T, T) -> T) -> Array3<T> {
-    let mut merged = pixels.clone();
-    for (y, mut row) in merged.axis_iter_mut(Axis(0)).enumerate().skip(1).step_by(2) {
-        let [above, below] = beside(y, pixels.dim().0).map(|y| row_of(pixels, y));
-        Zip::from(&mut row).and(above).and(below).for_each(|own, a, b| *own = mean(*a, *b));
-    }
-    merged
-}
-
-/// The pixels of row `y`, columns x channels.
-fn row_of<T>(pixels: &Array3<T>, y: usize) -> ArrayView2<'_, T> {
-    pixels.index_axis(Axis(0), y)
-}
-
-/// As [`Image::write_centered`], of one type.
-fn write_centered<T>(pixels: ArrayView2<T>, middle: i32, level: Level, row: &mut [i32])
-where
-    T: Copy + Into<i32>,
-{
-    let pixels = pixels.as_standard_layout();
-    let values = pixels.as_slice().unwrap_or_default();
-
-    level.run(Centered { values, in_color: pixels.ncols() == 3, middle, row });
-}
-
-/// Writes gray values less the middle of their range.
-struct Centered<'a, T> {
-    values: &'a [T],
-    in_color: bool,
-    middle: i32,
-    row: &'a mut [i32],
-}
-
-impl<T: Copy + Into<i32>> Loop for Centered<'_, T> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        if self.in_color {
-            for (gray, pixel) in self.row.iter_mut().zip(self.values.as_chunks().0) {
-                let [r, g, b] = pixel.map(T::into);
-                *gray = 299 * r + 587 * g + 114 * b - 1000 * self.middle;
-            }
-        } else {
-            for (gray, value) in self.row.iter_mut().zip(self.values) {
-                *gray = (*value).into() - self.middle;
-            }
-        }
-    }
-}
-
-/// As [`Image::write_luminance`], of one type.
-fn write_luminance<T: Copy>(pixels: ArrayView2<T>, widen: impl Fn(T) -> f64, row: &mut [f64]) {
-    if pixels.ncols() != 3 {
-        return write_channel(pixels, 0, widen, row);
-    }
-
-    let pixels = pixels.as_standard_layout();
-
-    for (value, pixel) in row.iter_mut().zip(pixels.as_slice().unwrap_or_default().as_chunks().0) {
-        *value = weighted(pixel.map(&widen));
-    }
-}
-
-/// As [`Image::luminance`], of one type.
-fn luminance<T: Copy>(pixel: ArrayView1<T>, widen: impl Fn(T) -> f64) -> f64 {
-    if pixel.len() == 3 {
-        weighted([0, 1, 2].map(|c| widen(pixel[c])))
-    } else {
-        1000.0 * widen(pixel[0])
-    }
-}
-
-/// The luminance in thousandths.
-fn weighted([r, g, b]: [f64; 3]) -> f64 {
-    299.0 * r + 587.0 * g + 114.0 * b
-}
-
-/// As [`Image::write_channel`], of one type.
-fn write_channel<T: Copy>(
-    pixels: ArrayView2<T>,
-    c: usize,
-    widen: impl Fn(T) -> f64,
-    row: &mut [f64],
-) {
-    for (value, pixel) in row.iter_mut().zip(pixels.column(c)) {
-        *value = 1000.0 * widen(*pixel);
-    }
-}
-
-/// Row, column and value of the first faulty pixel that is valid.
-fn first_fault<T: Copy>(
-    pixels: ArrayView3<T>,
-    widen: impl Fn(T) -> f64,
-    valid: impl Fn(usize, usize) -> bool,
-) -> Option<(usize, usize, f64)> {
-    let is_fault = |value: f64| value.is_nan() || value.abs() > LARGEST_PIXEL;
-
-    // Nearly all images have no faults, and a plain sweep over the values finds that out quickly.
-    if !pixels.iter().any(|&value| is_fault(widen(value))) {
-        return None;
-    }
-
-    let values = pixels.indexed_iter().map(|((y, x, _), &value)| (y, x, widen(value)));
-    values.into_iter().find(|&(y, x, value)| is_fault(value) && valid(y, x))
 }

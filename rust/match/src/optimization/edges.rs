@@ -34,7 +34,7 @@ impl Neighbor {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Edges(Plane<u8>);
 
-/// The gray values of the left image, and their jumps.
+/// The jumps of the gray values of the left image, which exist already.
 pub struct TextureAndEdges;
 
 impl Stage for TextureAndEdges {
@@ -44,8 +44,7 @@ impl Stage for TextureAndEdges {
     }
 
     fn bytes(&self, demand: &Demand) -> Bytes {
-        let pixel = size_of::<i32>() + size_of::<u8>();
-        Bytes { read: pixel * demand.cols, ..Bytes::default() }
+        Bytes { read: size_of::<u8>() * demand.cols, ..Bytes::default() }
     }
 }
 

@@ -81,7 +81,7 @@ impl Stage for Search {
 /// Bytes that one thread searches in: its [`Workspace`](crate::optimization::Workspace).
 pub fn workspace(demand: &Demand) -> usize {
     let Demand { plan: Plan { settings, .. }, cols, candidates, .. } = *demand;
-    let ceiling = ceiling_of(settings, demand.channels());
+    let ceiling = ceiling_of(settings);
     let window = Window::new((BAND, cols), candidates, settings, ceiling);
     let penalties = Penalties::new(settings, window, steps_of(settings));
     let runs = candidates.div_ceil(LANES);

@@ -21,6 +21,7 @@ use std::array::from_fn;
 use self::sway::KNOTS;
 use crate::base::error::{Error, Result};
 use crate::image::impulses;
+use crate::image::resampling::TAPS;
 
 /// Terms of the field.
 pub const TERMS: usize = 8;
@@ -148,7 +149,7 @@ impl Alignment {
     /// The rows of the right image on either side of one that its straightened row depends on; masked ones are filled
     /// from others.
     pub fn halo(&self) -> usize {
-        self.bound().ceil() as usize + straighten::TAPS / 2 + straighten::TAPS + impulses::REACH
+        self.bound().ceil() as usize + TAPS / 2 + TAPS + impulses::REACH
     }
 }
 

@@ -234,7 +234,7 @@ pub fn gray<'a>(
     level: Level,
     control: &Control,
 ) -> Result<Gray<'a>> {
-    let gray = Gray::new(view, level, control)?;
+    let gray = Gray::of_view(view);
 
     match compensation.map_or(0.0, |compensation| compensation.smoothing[side]) {
         0.0 => Ok(gray),

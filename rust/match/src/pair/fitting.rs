@@ -1,17 +1,15 @@
-//! The views of a pair brought together: pixels of one type, and the right one at the size of the left one.
+//! The views of a pair brought together: the right one at the size of the left one, and both in one unit.
 //!
 //! ```text
 //! scale = left size / right size, along x and along y    # of images of one shape: only their resolution differs;
 //!         a whole factor, from the first pixel on, where the size was rounded up
 //!       = 1, or the ratio of the widths, along both      # of others: the right one lies over the middle of the left one
 //! place(x) = (x + 0.5 - offset) / scale - 0.5;   offset = (left size - scale * right size) / 2
-//! out(x) = sum over i of weight(i - place(x)) in(i) / sum of weights    # along columns, then along rows
-//! weight(t) = sinc(t / s) sinc(t / 4s);   s = max(1, 1 / scale)         # Lanczos, which smooths where it reduces
+//! out(x) = resampled by the kernel of crate::image::resampling, where s = max(1, 1 / scale)
 //! valid if all pixels within s / 2 of the place are
 //! ```
 //!
-//! Weights are multiples of `2^-14`, so that the sums of integers are exact. Images of two types become floats in units of the
-//! left one:
+//! Pixels of two types are in units of the left ones:
 //!
 //! ```text
 //! white = 255 for bytes; 1 for floats up to 1; else the least of 255, 1023, 4095, 16383, 65535 that no pixel exceeds, as
@@ -21,16 +19,11 @@
 //!
 //! Phase codes need no such scale, but noise is compared between the images.
 
-use std::mem;
-
-use ndarray::Array3;
-
-use crate::base::control::Control;
 use crate::base::error::{Error, Result};
-use crate::base::math;
-use crate::base::plane::{Plane, zeroed};
-use crate::image::view::{Image, View};
-use crate::pair::alignment::straighten::{WEIGHT_BITS, without_masked};
+use crate::base::plane::Plane;
+use crate::image::pixels::{Image, Input, Resampler};
+use crate::image::resampling::{TAPS, Taps, resized};
+use crate::image::view::View;
 
 /// Most that one image may have more rows or columns than the other.
 const LARGEST_RATIO: f64 = 8.0;
@@ -38,8 +31,6 @@ const LARGEST_RATIO: f64 = 8.0;
 const CUT: f64 = 1.25;
 /// The white of 8, 10, 12, 14 and 16 bits.
 const WHITES: [f64; 5] = [255.0, 1023.0, 4095.0, 16383.0, 65535.0];
-/// Half the width of the kernel in pixels of the coarser image.
-const REACH: f64 = 4.0;
 
 /// How a right image of another size lies over the left one.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -56,23 +47,15 @@ pub struct Fit {
     offset: [f64; 2],
 }
 
-/// Both views with pixels of one type and of the size of the left one, and how the right one was fitted; `None`: it is of
-/// this size already.
-pub fn fitted(left: View, right: View) -> Result<([View; 2], Option<Fit>)> {
-    let [to, from] = [&left, &right].map(|view| (view.image.shape().0, view.image.shape().1));
-    let fit = (from != to).then(|| Fit::new(from, to)).transpose()?;
-    let right = match &fit {
-        Some(fit) => fit.apply(&right)?,
-        None => right,
-    };
-
-    if mem::discriminant(&left.image) == mem::discriminant(&right.image) {
-        return Ok(([left, right], fit));
+/// Both views at the size of the left one, and how the right one was fitted; `None`: it is of this size
+/// already.
+pub fn fitted(left: &View, right: View) -> Result<(View, Option<Fit>)> {
+    if right.size() == left.size() {
+        return Ok((right, None));
     }
 
-    let ratio = white(&left) / white(&right);
-    let is_wide = [&left, &right].iter().any(|view| matches!(view.image, Image::F64(_)));
-    Ok(([scaled(left, 1.0, is_wide), scaled(right, ratio, is_wide)], fit))
+    let fit = Fit::new(right.size(), left.size())?;
+    Ok((fit.apply(&right)?, Some(fit)))
 }
 
 impl Fit {
@@ -129,30 +112,47 @@ impl Fit {
 
     /// The view at the new size.
     fn apply(&self, view: &View) -> Result<View> {
-        // Masked pixels, which may be NaN, must not spread.
-        let source = without_masked(view, &Control::default())?;
-        let taps = [self.taps(0), self.taps(1)];
-        let image = match &source.image {
-            Image::U8(pixels) => {
-                Image::U8(resampled(pixels, &taps, |v| v.round().clamp(0.0, 255.0) as u8)?)
-            }
-            Image::U16(pixels) => {
-                Image::U16(resampled(pixels, &taps, |v| v.round().clamp(0.0, 65535.0) as u16)?)
-            }
-            Image::F32(pixels) => Image::F32(resampled(pixels, &taps, |v| v as f32)?),
-            Image::F64(pixels) => Image::F64(resampled(pixels, &taps, |v| v)?),
-        };
+        // Masked pixels must not spread.
+        let source = view.filled_along_columns(TAPS);
+        let scale = view.scale();
+        let shape = (self.from.0, self.from.1, 1);
+        let gray = self.resampled(&source, shape, |gray| scale.nearest(gray))?;
+        let gray = Plane::from_vec(self.to.0, self.to.1, gray)?;
 
+        let taps = [self.taps(0), self.taps(1)];
         let [down, along] = &taps;
         let is_valid = |y: usize, x: usize| {
             let (rows, cols) = (down[y].core.clone(), along[x].core.clone());
             let is_inside = !rows.is_empty() && !cols.is_empty();
             is_inside && rows.into_iter().all(|y| cols.clone().all(|x| view.is_valid(y, x)))
         };
-        let is_covered = view.mask.is_none() && taps.iter().flatten().all(|t| !t.core.is_empty());
+        let is_covered = view.mask().is_none() && taps.iter().flatten().all(|t| !t.core.is_empty());
         let mask = (!is_covered).then(|| Plane::from_fn(self.to.0, self.to.1, is_valid));
-        Ok(View { image, mask, range: None, ..*view })
+        Ok(View::new(gray, mask, scale))
     }
+}
+
+impl Resampler for Fit {
+    fn size(&self) -> (usize, usize) {
+        self.to
+    }
+
+    fn resampled<T: Copy + Default + Send + Sync + Into<f64>>(
+        &self,
+        pixels: &[T],
+        (_, cols, channels): (usize, usize, usize),
+        nearest: impl Fn(f64) -> T + Sync,
+    ) -> Result<Vec<T>> {
+        resized(pixels, (cols, channels), &[self.taps(0), self.taps(1)], nearest)
+    }
+}
+
+/// The right image of any type at the size of the left one, to be looked at.
+pub fn resized_right([left, right]: [&Input; 2]) -> Result<Input> {
+    if left.size() == right.size() {
+        return Ok(right.clone());
+    }
+    right.resampled(&Fit::new(right.size(), left.size())?, None)
 }
 
 /// The nearest whole number or its reciprocal.
@@ -160,123 +160,33 @@ fn whole(ratio: f64) -> f64 {
     if ratio < 1.0 { ratio.recip().round().recip() } else { ratio.round() }
 }
 
-/// The pixels of a row or a column that make one, and their weights.
-#[derive(Debug)]
-struct Taps {
-    weights: Vec<(usize, f64)>,
-    /// Those about its place, which must be valid; none beyond the image.
-    core: std::ops::Range<usize>,
-}
-
-impl Taps {
-    fn new(place: f64, s: f64, length: usize) -> Self {
-        let end = length as f64;
-        let clamp = |at: f64| at.clamp(0.0, end - 1.0) as usize;
-        let first = (place - REACH * s).ceil();
-        let count = ((place + REACH * s).floor() - first) as usize + 1;
-        let exact: Vec<f64> =
-            (0..count).map(|tap| lanczos((first + tap as f64 - place) / s)).collect();
-
-        let unit = f64::from(1u32 << WEIGHT_BITS);
-        let scale = unit / exact.iter().sum::<f64>();
-        let mut weights: Vec<(usize, f64)> = (0..count)
-            .map(|tap| (clamp(first + tap as f64), (exact[tap] * scale).round()))
-            .collect();
-        // The nearest pixel takes the rounding error.
-        let nearest = (place.round() - first) as usize;
-        weights[nearest].1 += unit - weights.iter().map(|tap| tap.1).sum::<f64>();
-        for tap in &mut weights {
-            tap.1 /= unit;
-        }
-
-        let is_inside = (-0.5..=end - 0.5).contains(&place);
-        let half = (s - 1.0) / 2.0;
-        let core = clamp((place - half).round())..clamp((place + half).round()) + 1;
-        Self { weights, core: if is_inside { core } else { 0..0 } }
-    }
-}
-
-/// The Lanczos kernel, `sinc(t) sinc(t / 4)`.
-fn lanczos(t: f64) -> f64 {
-    let sinc = |t: f64| {
-        let angle = t * std::f64::consts::PI;
-        if t == 0.0 { 1.0 } else { math::sin(angle) / angle }
-    };
-    sinc(t) * sinc(t / REACH)
-}
-
-fn resampled<T: Copy + Default + Into<f64>>(
-    pixels: &Array3<T>,
-    [down, along]: &[Vec<Taps>; 2],
-    nearest: impl Fn(f64) -> T,
-) -> Result<Array3<T>> {
-    let (_, cols, channels) = pixels.dim();
-    let pixels = pixels.as_standard_layout();
-    let source = pixels.as_slice().unwrap_or_default();
-    let width = cols * channels;
-
-    let mut out = zeroed(down.len() * along.len() * channels)?;
-    let mut sums = zeroed(width)?;
-    for (taps, out) in down.iter().zip(out.chunks_exact_mut(along.len() * channels)) {
-        sums.fill(0.0);
-        for (y, weight) in &taps.weights {
-            for (sum, value) in sums.iter_mut().zip(&source[y * width..][..width]) {
-                *sum += weight * (*value).into();
-            }
-        }
-
-        for (taps, out) in along.iter().zip(out.chunks_exact_mut(channels)) {
-            for (c, out) in out.iter_mut().enumerate() {
-                let terms = taps.weights.iter().map(|(x, weight)| weight * sums[x * channels + c]);
-                *out = nearest(terms.sum());
-            }
-        }
-    }
-    Ok(Array3::from_shape_vec((down.len(), along.len(), channels), out).unwrap_or_default())
-}
-
 /// White in units of an image's pixels.
-fn white(view: &View) -> f64 {
-    let most = match &view.image {
-        Image::U8(_) => return WHITES[0],
-        Image::U16(pixels) => largest(pixels, view),
-        Image::F32(pixels) => largest(pixels, view),
-        Image::F64(pixels) => largest(pixels, view),
-    };
+pub fn white(input: &Input) -> f64 {
+    if matches!(input.image, Image::U8(_)) {
+        return WHITES[0];
+    }
 
-    let is_fraction = !matches!(view.image, Image::U16(_)) && most <= 1.0;
+    let most = input.largest();
+    let is_fraction = !matches!(input.image, Image::U16(_)) && most <= 1.0;
     let white = WHITES.into_iter().find(|white| most <= *white);
     if is_fraction { 1.0 } else { white.unwrap_or(most) }
-}
-
-/// The largest magnitude of a valid pixel.
-fn largest<T: Copy + Into<f64>>(pixels: &Array3<T>, view: &View) -> f64 {
-    let values = pixels.indexed_iter().filter(|((y, x, _), _)| view.is_valid(*y, *x));
-    values.fold(0.0, |most, (_, value)| most.max((*value).into().abs()))
-}
-
-/// The view with pixels of floats, in double precision if that is wide, times a factor.
-fn scaled(view: View, factor: f64, is_wide: bool) -> View {
-    let image = match &view.image {
-        Image::U8(pixels) => floats(pixels, factor, is_wide),
-        Image::U16(pixels) => floats(pixels, factor, is_wide),
-        Image::F32(pixels) => floats(pixels, factor, is_wide),
-        Image::F64(pixels) => floats(pixels, factor, is_wide),
-    };
-    View { image, ..view }
-}
-
-fn floats<T: Copy + Into<f64>>(pixels: &Array3<T>, factor: f64, is_wide: bool) -> Image {
-    if is_wide {
-        Image::F64(pixels.mapv(|value| value.into() * factor))
-    } else {
-        Image::F32(pixels.mapv(|value| (value.into() * factor) as f32))
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::math;
+    use crate::image::conversion::view_of_input;
+    use crate::pair::Pair;
+    use ndarray::Array3;
+
+    fn view(image: Image) -> View {
+        view_of_input(image.into()).expect("memory")
+    }
+
+    fn pixel(view: &View, y: usize, x: usize) -> f64 {
+        view.scale().pixel(view.gray().row(y)[x].into())
+    }
 
     fn wave(rows: usize, cols: usize, by: f64) -> Image {
         let value = |(y, x, _): (usize, usize, usize)| {
@@ -288,17 +198,14 @@ mod tests {
 
     #[test]
     fn an_image_of_another_resolution_shows_the_same_at_the_same_place() {
-        let left = View::from(wave(90, 120, 1.0));
+        let left = view(wave(90, 120, 1.0));
         for by in [0.5, 2.0, 3.0] {
             let right = wave((90.0 / by) as usize, (120.0 / by) as usize, by);
-            let ([left, right], fit) = fitted(left.clone(), View::from(right)).expect("fits");
-            let [Image::F64(left), Image::F64(right)] = [left.image, right.image] else {
-                unreachable!("both are doubles")
-            };
+            let (right, fit) = fitted(&left, view(right)).expect("fits");
             assert!(fit.is_some_and(|fit| fit.is_alike));
 
             for (y, x) in (15..75).flat_map(|y| (15..105).map(move |x| (y, x))) {
-                let off = (left[(y, x, 0)] - right[(y, x, 0)]).abs();
+                let off = (pixel(&left, y, x) - pixel(&right, y, x)).abs();
                 assert!(off < 0.3, "{off} at {y} {x} by {by}");
             }
         }
@@ -317,24 +224,20 @@ mod tests {
     #[test]
     fn what_a_cut_out_does_not_show_is_masked_and_masks_follow() {
         let ones = |rows, cols| Image::U8(Array3::from_elem((rows, cols, 1), 200));
-        let left = View::from(ones(100, 100));
-        let ([_, right], fit) = fitted(left.clone(), View::from(ones(100, 90))).expect("fits");
+        let left = view(ones(100, 100));
+        let (right, fit) = fitted(&left, view(ones(100, 90))).expect("fits");
         assert_eq!(fit.map(|fit| (fit.is_alike, fit.scale)), Some((false, [1.0; 2])));
-        let mask = right.mask.expect("columns are missing");
+        let mask = right.mask().expect("columns are missing");
         assert_eq!(mask.row(50).iter().filter(|valid| !**valid).count(), 10);
         assert!(mask.row(50)[5] && !mask.row(50)[4]);
 
         let mut pixels = Array3::from_elem((50, 50, 1), 7.0f32);
         pixels[(20, 30, 0)] = f32::NAN;
         let mask = Plane::from_fn(50, 50, |y, x| (y, x) != (20, 30));
-        let right = View { mask: Some(mask), ..View::from(Image::F32(pixels)) };
-        let ([left, right], _) = fitted(left, right).expect("fits");
-        let [Image::F32(left), Image::F32(pixels)] = [left.image, right.image] else {
-            unreachable!("bytes beside floats become floats")
-        };
-        assert!(left.iter().all(|value| (value - 200.0).abs() < 1e-6));
-        assert!(pixels.iter().all(|value| (value - 7.0).abs() < 1e-6));
-        let mask = right.mask.expect("there was one");
+        let right = Input { mask: Some(mask), ..Image::F32(pixels).into() };
+        let (right, _) = fitted(&left, view_of_input(right).expect("memory")).expect("fits");
+        assert!((0..100).all(|at| (pixel(&right, at, 99 - at) - 7.0).abs() < 1e-6));
+        let mask = right.mask().expect("there was one");
         assert!(!mask.row(40)[61] && mask.row(38)[61] && mask.row(40)[63]);
     }
 
@@ -347,25 +250,25 @@ mod tests {
             Image::F64(bytes.mapv(f64::from)),
         ];
         for other in others {
-            let views = (View::from(Image::U8(bytes.clone())), View::from(other));
-            let ([left, right], fit) = fitted(views.0, views.1).expect("of one size");
-            assert!(fit.is_none());
-            for found in [left.image, right.image] {
-                let found = match found {
-                    Image::F32(pixels) => pixels.mapv(f64::from),
-                    Image::F64(pixels) => pixels,
-                    _ => unreachable!("both are floats"),
+            let inputs = [Image::U8(bytes.clone()), other].map(Input::from);
+            let pair = Pair::of_any(inputs, 0, 1).expect("of one size");
+            assert!(pair.fit().is_none());
+            let [left, right] = pair.views();
+            assert_eq!(left.gray(), right.gray());
+            for view in [left, right] {
+                let same = |((y, x, _), byte): ((usize, usize, usize), &u8)| {
+                    (pixel(view, y, x) - f64::from(*byte)).abs() < 1e-4
                 };
-                let same = |(found, byte): (&f64, &u8)| (found - f64::from(*byte)).abs() < 1e-4;
-                assert!(found.iter().zip(&bytes).all(same));
+                assert!(bytes.indexed_iter().all(same));
+                assert!((view.scale().level() - 1.0).abs() < 1e-6);
             }
         }
     }
 
     #[test]
     fn sizes_that_no_pair_has_are_refused() {
-        let image = |rows| View::from(Image::U8(Array3::zeros((rows, 90, 1))));
-        let refused = fitted(image(90), image(11)).expect_err("too few rows").to_string();
+        let image = |rows| view(Image::U8(Array3::zeros((rows, 90, 1))));
+        let refused = fitted(&image(90), image(11)).expect_err("too few rows").to_string();
         assert!(
             refused.starts_with("right: got 11 x 90 pixels; accepts up to 8 times"),
             "{refused}"

@@ -4,9 +4,6 @@ use crate::pair::alignment::Alignment;
 use crate::pair::blur_compensation::BlurCompensation;
 use crate::settings::Settings;
 
-/// Most channels that are compared.
-const MOST_CHANNELS: usize = 3;
-
 /// How a pair is to be matched.
 #[derive(Debug, Clone, Copy)]
 pub struct Plan<'a> {
@@ -65,12 +62,5 @@ impl Bytes {
             mapped: self.mapped + other.mapped,
             thread: self.thread + other.thread,
         }
-    }
-}
-
-impl Demand<'_> {
-    /// An upper bound of the channels that are compared: a channel has a byte at least.
-    pub fn channels(&self) -> usize {
-        self.pixel.min(MOST_CHANNELS)
     }
 }

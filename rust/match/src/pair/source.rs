@@ -7,11 +7,10 @@ use std::ops::Range;
 use crate::base::control::Control;
 use crate::base::error::Result;
 use crate::base::simd::Level;
+use crate::image::conversion::{Conversion, Extent, Scan};
 use crate::image::impulses;
-use crate::image::intensity::{Gray, RangeSample, full_range};
-use crate::image::intensity_range::{IntensityRange, NOWHERE};
 use crate::image::masking;
-use crate::image::packing::{Packing, Scan};
+use crate::image::pixels::Input;
 use crate::image::texture::Roughness;
 use crate::image::view::Mask;
 use crate::pair::Pair;
@@ -33,8 +32,7 @@ pub trait Source: Sync {
         (MOST_PIXELS / self.size().1).max(1)
     }
 
-    /// Reads rows of both images. Once they are known, pixels are packed as those of the whole pair, and views carry the
-    /// range of the whole image.
+    /// Reads rows of both images, converted as the whole pair is.
     fn rows(&self, rows: Range<usize>) -> Result<Cow<'_, Pair>>;
 }
 
@@ -69,50 +67,37 @@ pub fn widened(rows: &Range<usize>, by: usize, height: usize) -> Range<usize> {
     rows.start.saturating_sub(by)..(rows.end + by).min(height)
 }
 
-/// How a whole pair is packed whose rows come as they are stored; `first` are some of them.
-pub fn packing(first: &Pair, source: &dyn Source, control: &Control) -> Result<Packing> {
-    let mut scan = Scan::new(first.views());
+/// How a whole pair is converted that is read by rows; `first` are some of them, `read` gives others as they
+/// are stored.
+pub fn conversions(
+    first: [&Input; 2],
+    source: &dyn Source,
+    read: impl Fn(Range<usize>) -> Result<[Input; 2]>,
+    control: &Control,
+) -> Result<[Conversion; 2]> {
+    let mut scan = Scan::new(first);
     // Usually one row says enough, or a few.
-    scan.add(first.views(), control)?;
+    scan.add(first);
 
     for rows in bands(source) {
         if scan.is_decided() {
             break;
         }
-        scan.add(source.rows(rows)?.views(), control)?;
+        control.checkpoint()?;
+        scan.add(read(rows)?.each_ref());
     }
 
-    Ok(scan.packing())
-}
-
-/// The ranges of the pixels of both images, which are not bytes.
-pub fn ranges(source: &dyn Source, control: &Control) -> Result<[IntensityRange; 2]> {
-    // Usually a sample of the pixels says enough.
-    let mut samples = [RangeSample::new(source.size()), RangeSample::new(source.size())];
-    for rows in bands(source) {
-        let pair = source.rows(rows.clone())?;
-        for (view, sample) in pair.views().into_iter().zip(&mut samples) {
-            sample.add(view, rows.start, control)?;
+    let mut extents = [Extent::new(source.size()), Extent::new(source.size())];
+    if !scan.are_bytes() {
+        for rows in bands(source) {
+            control.checkpoint()?;
+            for (input, extent) in read(rows.clone())?.iter().zip(&mut extents) {
+                extent.add(input, rows.start);
+            }
         }
     }
 
-    let [left, right] = samples.map(RangeSample::range);
-    if let (Some(left), Some(right)) = (left, right) {
-        return Ok([left, right]);
-    }
-
-    // Otherwise all pixels are read again for their full range.
-    let mut all = [None, None];
-    for rows in bands(source) {
-        let pair = source.rows(rows)?;
-        for (view, range) in pair.views().into_iter().zip(&mut all) {
-            let here = full_range(view, control)?;
-            *range = here.into_iter().chain(*range).reduce(IntensityRange::union);
-        }
-    }
-
-    let [all_left, all_right] = all.map(|range| range.unwrap_or(NOWHERE));
-    Ok([left.unwrap_or(all_left), right.unwrap_or(all_right)])
+    Ok(scan.conversions(extents))
 }
 
 /// The roughness of the left image, whose impulses stand out by at least `impulses`; 0: it has none.
@@ -126,21 +111,22 @@ pub fn roughness(
     let mut roughness = Roughness::default();
 
     for rows in bands(source) {
+        control.checkpoint()?;
         // Whether a pixel is an impulse depends on its neighbors.
         let beside = if impulses > 0.0 { impulses::REACH } else { 0 };
         let mut read = widened(&rows, beside, height);
-        let mut pair = source.rows(read.clone())?.into_owned().with_impulses([impulses, 0.0]);
+        let mut pair = source.rows(read.clone())?;
 
-        if pair.views()[0].mask.as_ref().is_some_and(has_empty_row) {
+        if pair.views()[0].mask().is_some_and(has_empty_row) {
             // Rows without a valid pixel copy the nearest ones that have some, which may not have been read.
             read = widened(&read, masking::REACH, height);
-            pair = source.rows(read.clone())?.into_owned().with_impulses([impulses, 0.0]);
+            pair = source.rows(read.clone())?;
         }
 
-        let gray = Gray::new(pair.views()[0], level, control)?.plane(level, control)?;
+        let left = pair.views()[0].repaired(impulses, level, control)?;
         // Only the wanted rows count; the others have been read for them.
         let places = (rows.start - read.start) * cols..(rows.end - read.start) * cols;
-        roughness = roughness.and(Roughness::of_rows(&gray.as_slice()[places], cols));
+        roughness = roughness.and(Roughness::of_rows(&left.gray().as_slice()[places], cols));
     }
 
     Ok(roughness)

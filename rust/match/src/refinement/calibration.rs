@@ -29,7 +29,6 @@ use std::sync::OnceLock;
 
 use rayon::prelude::*;
 
-use crate::base::control::Control;
 use crate::base::error::Result;
 use crate::base::math::{exp, ln};
 use crate::base::plane::Plane;
@@ -38,7 +37,6 @@ use crate::choices::{
     FEW_ROWS, LEAST_MEAN_CONFIDENCE, LEAST_SHARE, LOW_ODDS, NO_NOISE, NO_SMOOTHING, NONE_AT_ENDS,
     SAMPLED_BAND_ROWS, SAMPLED_BANDS,
 };
-use crate::image::intensity::intensity_range;
 use crate::pair::Pair;
 use crate::pair::blur_compensation::BlurCompensation;
 use crate::pair::candidates::Candidates;
@@ -231,12 +229,12 @@ impl Faults {
 
     /// The faults that are compensated in a pair. The left image, which is never resampled, defines the gray
     /// level.
-    pub fn of_pair(pair: &Pair, control: &Control) -> Result<Self> {
+    pub fn of_pair(pair: &Pair) -> Self {
         let [left, _] = pair.views();
-        // Ranges are in thousandths of the unit. A constant image has none.
-        let width = intensity_range(left, control)?.width() * left.unit / 255e3;
+        // A constant image has no range.
+        let level = left.scale().width() / 255.0;
 
-        Ok(Self::new(pair.blur_compensation(), if width > 0.0 { width } else { 1.0 }))
+        Self::new(pair.blur_compensation(), if level > 0.0 { level } else { 1.0 })
     }
 }
 

@@ -106,7 +106,7 @@ pub struct VotedMap<'a> {
     /// Votes for them, from 0 to 1.
     pub votes: &'a Plane<f32>,
     /// Gray values of the left image.
-    pub texture: &'a Texture,
+    pub texture: &'a Texture<'a>,
 }
 
 impl VotedMap<'_> {

@@ -9,6 +9,8 @@
 //! wrong  = 1 - mean over the rows with y mod SAMPLE_PERIOD = MIDDLE of the calibrated confidence of pixels with a disparity
 //! ```
 
+use std::borrow::Cow;
+
 use crate::base::control::Control;
 use crate::base::error::Result;
 use crate::base::plane::Plane;
@@ -38,7 +40,7 @@ pub struct SampledMap<'a> {
     /// Votes for the disparities, from 0 to 1.
     pub votes: &'a Plane<f32>,
     /// Gray values of the left image.
-    pub texture: &'a Texture,
+    pub texture: &'a Texture<'a>,
 }
 
 impl SampledMap<'_> {
@@ -90,7 +92,7 @@ impl SampledMap<'_> {
 
         let gray =
             Plane::from_vec(rows, cols, self.texture.gray.as_slice()[places.clone()].to_vec())?;
-        let texture = Texture { gray, roughness: self.texture.roughness };
+        let texture = Texture { gray: Cow::Owned(gray), roughness: self.texture.roughness };
         let (disparity, votes) = (around(self.disparity)?, around(self.votes)?);
 
         let mut confidence = Plane::new(rows, cols)?;

@@ -138,10 +138,7 @@ impl<'a> BlurredPair<'a> {
             |side| blur_compensation::gray(views[side], Some(compensation), side, level, control);
         let scales = [scale(0)?, scale(1)?];
 
-        let plane = |side: usize| -> Result<_> {
-            Ok(scales[side].plane(level, control)?.of_rows(rows.clone()))
-        };
-        let grays = [plane(0)?, plane(1)?];
+        let grays = scales.each_ref().map(|gray| gray.plane().copy_of_rows(rows.clone()));
 
         Ok(Some(Self { views, compensation, settings, rows, scales, grays }))
     }
@@ -167,7 +164,7 @@ impl<'a> BlurredPair<'a> {
 
     /// The validity of row `y` of the map, on one side; `None`: all valid.
     fn valid(&self, side: usize, y: usize) -> Option<&[bool]> {
-        self.views[side].mask.as_ref().map(|mask| mask.row(self.rows.start + y))
+        self.views[side].mask().map(|mask| mask.row(self.rows.start + y))
     }
 
     /// The gray values of a rectangle, on one side.

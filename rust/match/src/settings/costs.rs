@@ -10,14 +10,14 @@ macro_rules! costs {
             CostKind {
                 /// The Hamming distance of their phase codes (unit: bits; eq. 7).
                 "phase": Phase in phase,
-                /// The sum over the channels of absolute differences (unit: gray levels, of which the
-                /// intensity range has 255; gray where either image is).
+                /// The absolute difference of their gray levels, of which the intensity range has 255; color
+                /// becomes gray first (unit: gray levels).
                 "sad": Sad in sad,
-                /// The same after every channel has been normalized by the mean and the standard deviation in
+                /// The same after gray levels have been normalized by the mean and the standard deviation in
                 /// the window around the pixel (unit: standard deviations).
                 "nsad": NormalizedSad in normalized_sad,
-                /// The sum over the channels of 1 less the zero-mean normalized cross-correlation of their
-                /// neighborhoods (unit: 1; from 0 for alike neighborhoods to 2 for inverted ones).
+                /// 1 less the zero-mean normalized cross-correlation of the gray levels of their neighborhoods
+                /// (unit: 1; from 0 for alike neighborhoods to 2 for inverted ones).
                 "zncc": Zncc in zncc,
             }
         }

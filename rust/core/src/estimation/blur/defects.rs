@@ -11,9 +11,7 @@ use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::platform::both;
 use phasestereo_match::image::blocking::{self, Extra};
 use phasestereo_match::image::impulses::{self, HEIGHT, count_doubtless, has_impulses};
-use phasestereo_match::image::intensity::{Gray, intensity_range};
 use phasestereo_match::image::masking;
-use phasestereo_match::image::view::{Image, View};
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::candidates::Candidates;
@@ -43,6 +41,8 @@ pub struct Repaired<'a> {
     pub source: &'a dyn Source,
     /// The least height of its impulses, left and right.
     pub impulses: [f64; 2],
+    /// Where they are repaired.
+    pub runtime: Runtime<'a>,
 }
 
 impl Source for Repaired<'_> {
@@ -63,7 +63,8 @@ impl Source for Repaired<'_> {
         if self.impulses.iter().all(|height| *height <= 0.0) {
             return Ok(pair);
         }
-        Ok(Cow::Owned(pair.into_owned().with_impulses(self.impulses)))
+        let Runtime { execution, control, .. } = self.runtime;
+        Ok(Cow::Owned(pair.repaired(self.impulses, execution.level, control)?.into_owned()))
     }
 }
 
@@ -87,7 +88,7 @@ impl Defects {
             let mut read = widened(&rows, REACH, height);
             let mut pair = source.rows(read.clone())?;
 
-            if pair.views().iter().any(|view| view.mask.as_ref().is_some_and(has_empty_row)) {
+            if pair.views().iter().any(|view| view.mask().is_some_and(has_empty_row)) {
                 // Rows without a valid pixel copy the nearest ones that have some, which may not have been read.
                 read = widened(&read, masking::REACH, height);
                 pair = source.rows(read.clone())?;
@@ -140,9 +141,9 @@ fn counts(
     gray_level: f64,
     Runtime { execution, control, .. }: Runtime,
 ) -> Result<DefectCounts> {
-    let gray = Gray::new(pair.views()[side], execution.level, control)?;
-    let (own_height, cols) = gray.size();
-    let level = gray.steps(gray_level);
+    let view = pair.views()[side];
+    let (own_height, cols) = view.size();
+    let level = view.scale().steps(gray_level);
 
     let of_rows = |start: usize| -> Result<DefectCounts> {
         control.checkpoint()?;
@@ -152,7 +153,7 @@ fn counts(
         let read = widened(&rows, REACH, own_height);
         let mut plane = Plane::new(read.len(), cols)?;
         for (row, y) in read.clone().enumerate() {
-            gray.write_row(y, execution.level, plane.row_mut(row))?;
+            plane.row_mut(row).copy_from_slice(view.gray().row(y));
         }
 
         let origin = (first + read.start, height);
@@ -160,7 +161,7 @@ fn counts(
         Ok(DefectCounts {
             doubtless: count_doubtless(&plane, rows.clone(), level, execution.level)?,
             extra: Extra::of_rows(&plane, rows, origin, level, execution.level)?,
-            steps: gray.steps(1.0),
+            steps: view.scale().steps(1.0),
         })
     };
 
@@ -170,53 +171,8 @@ fn counts(
     found.try_reduce(DefectCounts::default, |a, b| Ok(a.and(b)))
 }
 
-/// The gray levels of a pair.
-pub fn gray_levels(source: &dyn Source, runtime: Runtime) -> Result<[f64; 2]> {
+/// The gray levels of both images, in units of their pixels: one of 256 steps from black to white.
+pub fn gray_levels(source: &dyn Source) -> Result<[f64; 2]> {
     let sample = source.rows(0..1)?;
-
-    let mut brightest = 0;
-    // Gray levels of 16 bits depend on the brightest pixel of the whole pair.
-    if matches!(sample.views()[0].image, Image::U16(_)) {
-        for rows in bands(source) {
-            brightest = largest(&*source.rows(rows)?).max(brightest);
-        }
-    }
-
-    levels_of_sample(&sample, brightest, runtime)
-}
-
-/// The largest valid pixel of both images if they have 16 bits, else 0.
-fn largest(pair: &Pair) -> u16 {
-    let of_view = |view: &View| match (&view.image, &view.mask) {
-        (Image::U16(pixels), None) => pixels.iter().copied().max(),
-        (Image::U16(pixels), Some(_)) => {
-            let valid = pixels.indexed_iter().filter(|((y, x, _), _)| view.is_valid(*y, *x));
-            valid.map(|(_, pixel)| *pixel).max()
-        }
-        _ => None,
-    };
-
-    let [left, right] = pair.views().map(of_view);
-    left.max(right).unwrap_or(0)
-}
-
-/// The gray level of either image, in units of the caller's pixels: one of 256 steps from black to white. Few cameras use all 16
-/// bits, so of those as many count as the brightest pixel has.
-fn levels_of_sample(pair: &Pair, largest: u16, runtime: Runtime) -> Result<[f64; 2]> {
-    let bits = (u16::BITS - largest.leading_zeros()).max(u8::BITS);
-
-    let level = |view: &View| -> Result<f64> {
-        let level = match &view.image {
-            Image::U8(_) => 1.0,
-            Image::U16(_) => f64::from(1u32 << (bits - u8::BITS)),
-            // Ranges are in thousandths of the unit.
-            Image::F32(_) | Image::F64(_) => {
-                intensity_range(view, runtime.control)?.width() / 256e3
-            }
-        };
-        Ok(level * view.unit)
-    };
-
-    let [left, right] = pair.views();
-    Ok([level(left)?, level(right)?])
+    Ok(sample.views().map(|view| view.scale().level()))
 }

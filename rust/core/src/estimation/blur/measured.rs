@@ -111,7 +111,7 @@ mod tests {
     use super::*;
     use crate::estimation::blur::rough::{Correspondence, RoughScale};
     use phasestereo_match::base::plane::reflect;
-    use phasestereo_match::image::view::{Image, View};
+    use phasestereo_match::image::pixels::{Image, Input};
     use phasestereo_match::matcher::{Execution, Matcher};
     use phasestereo_match::pair::Pair;
 
@@ -173,18 +173,12 @@ mod tests {
             let view = |plane: &Plane<f32>| {
                 let pixels =
                     ndarray::Array3::from_shape_vec((150, 200, 1), plane.as_slice().into());
-                View {
-                    image: Image::F32(pixels.expect("the right length")),
-                    mask: None,
-                    range: None,
-                    impulses: 0.0,
-                    unit: 1.0,
-                }
+                Input::from(Image::F32(pixels.expect("the right length")))
             };
 
-            let pair = Pair::new(view(shots[0]), view(shots[1]), 0, 8).expect("a legal pair");
-            let grays =
-                pair.views().map(|view| GrayPlane::new(view, execution, &control).expect("memory"));
+            let pair =
+                Pair::of_inputs([view(shots[0]), view(shots[1])], 0, 8).expect("a legal pair");
+            let grays = pair.views().map(|view| GrayPlane::new(view, &control).expect("memory"));
             let known = Correspondence { candidates: pair.candidates(), alignment: None };
 
             let rough = RoughMatch::new(&grays, known, scale, &matcher, execution, &control)

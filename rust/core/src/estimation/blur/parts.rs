@@ -111,9 +111,9 @@ impl<'a> Part<'a> {
     pub fn new(
         first: usize,
         pair: Cow<'a, Pair>,
-        Runtime { execution, control, .. }: Runtime,
+        Runtime { control, .. }: Runtime,
     ) -> Result<Self> {
-        let grays = both(|side| GrayPlane::new(pair.views()[side], execution, control))?;
+        let grays = both(|side| GrayPlane::new(pair.views()[side], control))?;
         Ok(Self { first, pair, grays })
     }
 

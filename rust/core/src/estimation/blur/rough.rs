@@ -8,9 +8,9 @@ use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::{Level, Loop};
 use phasestereo_match::base::statistics::median;
 use phasestereo_match::base::value::nearest;
-use phasestereo_match::image::intensity::Gray;
+use phasestereo_match::image::conversion::view_of_plane;
 use phasestereo_match::image::intensity_range::IntensityRange;
-use phasestereo_match::image::view::{Image, View};
+use phasestereo_match::image::view::View;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::matcher::section::Section;
 use phasestereo_match::matcher::{Disparity, Execution, Matcher};
@@ -37,28 +37,22 @@ pub struct GrayPlane {
 }
 
 /// Number of gray values per unit of the pixels of a view.
-pub fn grays_per_unit(view: &View, level: Level, control: &Control) -> Result<f64> {
-    let gray = Gray::new(view, level, control)?;
-    Ok(gray.steps(1.0) * scale(&gray))
+pub fn grays_per_unit(view: &View) -> f64 {
+    view.scale().steps(1.0) * scale(view)
 }
 
-/// Gray values per step of [`Gray`].
-fn scale(gray: &Gray) -> f64 {
-    REACH / f64::from(gray.reach())
+/// Gray values per step of a view.
+fn scale(view: &View) -> f64 {
+    REACH / f64::from(view.scale().reach())
 }
 
 impl GrayPlane {
     /// The gray values of a view; masked pixels take the values of valid neighbors.
-    pub fn new(view: &View, execution: Execution, control: &Control) -> Result<Self> {
-        let gray = Gray::new(view, execution.level, control)?;
-        let scale = scale(&gray) as f32;
-
-        let plane = Plane::by_bands(gray.size(), 1, |y, row| {
-            control.checkpoint()?;
-            let mut steps = vec![0; row.len()];
-            gray.write_row(y, execution.level, &mut steps)?;
-            row.iter_mut().zip(steps).for_each(|(to, from)| *to = from as f32 * scale);
-            Ok(())
+    pub fn new(view: &View, control: &Control) -> Result<Self> {
+        let scale = scale(view) as f32;
+        let plane = Plane::by_rows(view.size(), control, |y, row: &mut [f32]| {
+            let steps = view.gray().row(y).iter();
+            row.iter_mut().zip(steps).for_each(|(to, from)| *to = *from as f32 * scale);
         })?;
 
         Ok(Self { plane })
@@ -218,7 +212,7 @@ pub fn match_reduced(
     let width = left.cols() as i64;
     let count = (high - low + 1).clamp(1, left.cols() as isize) as i64;
     let low = (low as i64).clamp(1 - width - (count - 1), width - 1);
-    let pair = Pair::new(as_view(left), as_view(right), low, count)?;
+    let pair = Pair::new(as_view(&left), as_view(&right), low, count)?;
 
     // Rows of the reduced pair are not rows of the result: its progress is counted apart.
     let all = Section::whole(&pair);
@@ -341,7 +335,7 @@ impl RoughMatch {
 
 /// Whether most pixels of a block are valid.
 fn is_valid(view: &View, top: usize, left: usize) -> bool {
-    let Some(mask) = &view.mask else {
+    let Some(mask) = view.mask() else {
         return true;
     };
 
@@ -351,27 +345,17 @@ fn is_valid(view: &View, top: usize, left: usize) -> bool {
 }
 
 /// A plane of gray values as a view.
-pub fn as_view(plane: Plane<f32>) -> View {
-    let shape = (plane.rows(), plane.cols(), 1);
-    let pixels = ndarray::Array3::from_shape_vec(shape, plane.into_vec());
-
+pub fn as_view(plane: &Plane<f32>) -> View {
     // A fixed range keeps the scale the same for every part of an image; in thousandths.
-    let range = IntensityRange::about_zero(1000.0 * REACH);
-
-    // The plane has as many values as its shape, so there is no error.
-    View {
-        image: Image::F32(pixels.unwrap_or_default()),
-        mask: None,
-        range: Some(range),
-        impulses: 0.0,
-        unit: 1.0,
-    }
+    view_of_plane(plane, IntensityRange::about_zero(1000.0 * REACH))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use phasestereo_match::base::simd::Level;
+    use phasestereo_match::image::conversion::view_of_input;
+    use phasestereo_match::image::pixels::{Image, Input};
     use phasestereo_match::image::view::Mask;
 
     const SHIFT: usize = 12;
@@ -389,25 +373,19 @@ mod tests {
     fn pair(masks: [Option<Mask>; 2]) -> Pair {
         let view = |from: usize, mask| {
             let pixel = |(y, x, _)| texture(y / 3, (x + from) / 3);
-            View {
-                image: Image::U8(ndarray::Array3::from_shape_fn((130, 200, 1), pixel)),
-                mask,
-                range: None,
-                impulses: 0.0,
-                unit: 1.0,
-            }
+            let image = Image::U8(ndarray::Array3::from_shape_fn((130, 200, 1), pixel));
+            Input { mask, ..image.into() }
         };
 
         let [left, right] = masks;
-        Pair::new(view(0, left), view(SHIFT, right), 0, 40).expect("a legal pair")
+        Pair::of_inputs([view(0, left), view(SHIFT, right)], 0, 40).expect("a legal pair")
     }
 
     fn rough(pair: &Pair, factor: usize) -> RoughMatch {
         let execution = Execution { threads: 1, level: Level::best() };
         let control = Control::default();
         let matcher = Matcher::new(1).expect("a thread");
-        let grays =
-            pair.views().map(|view| GrayPlane::new(view, execution, &control).expect("memory"));
+        let grays = pair.views().map(|view| GrayPlane::new(view, &control).expect("memory"));
         let known = Correspondence { candidates: pair.candidates(), alignment: None };
 
         RoughMatch::new(
@@ -482,8 +460,6 @@ mod tests {
 
     #[test]
     fn shades_are_in_one_range_whatever_the_type() {
-        let execution = Execution { threads: 1, level: Level::best() };
-
         let bytes = ndarray::Array3::from_shape_fn((9, 11, 1), |(y, x, _)| texture(y, x));
         let images = [
             (Image::U16(bytes.mapv(|value| u16::from(value) * 256)), 1.0 / 256.0),
@@ -491,10 +467,9 @@ mod tests {
         ];
 
         let planes = images.map(|(image, unit)| {
-            let (view, control) = (View::from(image), Control::default());
-            let found = grays_per_unit(&view, execution.level, &control).expect("memory");
-            assert!((found / unit - 1.0).abs() < 1e-9);
-            GrayPlane::new(&view, execution, &control).expect("memory").plane
+            let view = view_of_input(image.into()).expect("memory");
+            assert!((grays_per_unit(&view) / unit - 1.0).abs() < 1e-9);
+            GrayPlane::new(&view, &Control::default()).expect("memory").plane
         });
 
         assert_eq!(planes[0], planes[1]);

@@ -26,8 +26,6 @@
 //!
 //! Values are 32-bit floats, each computed by itself in the order above: no result depends on threads or on lanes.
 
-use std::mem;
-
 use rayon::prelude::*;
 
 use crate::video::choices::{
@@ -40,8 +38,8 @@ use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::{Plane, zeroed};
 use phasestereo_match::base::simd::{Level, Loop};
 use phasestereo_match::base::statistics::ranked;
-use phasestereo_match::image::intensity::intensity_range;
-use phasestereo_match::image::view::{Image, View};
+use phasestereo_match::image::gray_scale::GrayScale;
+use phasestereo_match::image::view::View;
 
 /// Gray levels from black to white.
 const WHITE: f64 = 255.0;
@@ -51,74 +49,48 @@ const SAME_UNIT: f64 = 1e-6;
 /// The conversion of pixels to gray levels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scale {
-    /// The kind of pixels, and the number of channels.
-    kind: (mem::Discriminant<Image>, usize),
-    /// The unit of the pixels.
-    unit: f64,
-    /// Black, in thousandths of the pixels' unit.
+    /// The scale of the first frame.
+    gray: GrayScale,
+    /// Black, in units of the pixels.
     black: f64,
-    /// Gray levels to a thousandth of the pixels' unit.
+    /// Gray levels to a unit.
     factor: f64,
 }
 
 impl Scale {
     /// The scale of a view. The range of this frame holds for those that follow.
-    pub fn of_view(view: &View, control: &Control) -> Result<Self> {
-        let range = intensity_range(view, control)?;
-
-        let width = if range.width() > 0.0 { range.width() } else { 1.0 };
-        let (kind, unit) = (kind(view), view.unit);
-        Ok(Self { kind, unit, black: range.black, factor: WHITE / width })
+    pub fn of_view(view: &View) -> Self {
+        let gray = view.scale();
+        let width = if gray.width() > 0.0 { gray.width() } else { 1.0 };
+        Self { gray, black: gray.pixel(gray.range()[0].into()), factor: WHITE / width }
     }
 
     /// Whether the view has pixels of this kind and unit.
     pub fn suits(&self, view: &View) -> bool {
+        let scale = view.scale();
         // Units that are found in the values of each frame may differ by a rounding.
-        let is_same_unit = (view.unit / self.unit - 1.0).abs() < SAME_UNIT;
-        self.kind == kind(view) && is_same_unit
+        let is_same_unit = match self.gray.step().zip(scale.step()) {
+            Some((own, other)) => (other / own - 1.0).abs() < SAME_UNIT,
+            None => self.gray.step().is_none() && scale.step().is_none(),
+        };
+        is_same_unit && self.gray.ends() == scale.ends()
     }
 
     /// Writes the gray levels of a row; NaN where they are masked.
-    fn write(&self, view: &View, y: usize, level: Level, row: &mut Row) {
-        let Row { integers, floats, gray } = row;
+    fn write(&self, view: &View, y: usize, level: Level, gray: &mut [f32]) {
+        let scale = view.scale();
+        // Where both are of bytes, all of this is exact.
+        let black = (scale.pixel(0.0) - self.black) * self.factor;
+        let factor = self.factor / scale.steps(1.0);
+        let (factor, black) = (factor as f32, black as f32);
+        level.run(ToGrayLevels { values: view.gray().row(y), factor, black, gray });
 
-        if let Image::U8(_) = view.image {
-            view.image.write_centered(y, 0, level, integers);
-            // Those of color images are in thousandths already.
-            let unit = if view.image.shape().2 == 3 { 1.0 } else { 1000.0 };
-            let factor = (unit * self.factor) as f32;
-            level.run(ToGrayLevels { values: integers, factor, gray });
-        } else {
-            view.image.write_luminance(y, floats);
-            for (gray, value) in gray.iter_mut().zip(floats) {
-                *gray = ((*value - self.black) * self.factor) as f32;
-            }
-        }
-
-        if let Some(mask) = &view.mask {
+        if let Some(mask) = view.mask() {
             for (gray, is_valid) in gray.iter_mut().zip(mask.row(y)) {
                 *gray = if *is_valid { *gray } else { f32::NAN };
             }
         }
     }
-}
-
-/// Buffers for the gray levels of a row: as integers, as doubles, and the result.
-struct Row {
-    integers: Vec<i32>,
-    floats: Vec<f64>,
-    gray: Vec<f32>,
-}
-
-impl Row {
-    fn new(cols: usize) -> Result<Self> {
-        Ok(Self { integers: zeroed(cols)?, floats: zeroed(cols)?, gray: zeroed(cols)? })
-    }
-}
-
-/// The type and the number of channels of a view.
-fn kind(view: &View) -> (mem::Discriminant<Image>, usize) {
-    (mem::discriminant(&view.image), view.image.shape().2)
 }
 
 /// The means of a view over the frames before, and where the last frame changed.
@@ -179,13 +151,13 @@ impl Changes {
     /// By what the exposure of a frame differs from that of the means.
     fn gain(&self, view: &View, level: Level, control: &Control) -> Result<f32> {
         let Self { scale, mean, count, .. } = self;
-        let mut row = Row::new(view.image.shape().1)?;
+        let mut row: Vec<f32> = zeroed(view.size().1)?;
         let mut quotients = vec![];
         for y in (0..mean.rows()).step_by(GAIN_STEP) {
             control.checkpoint()?;
             scale.write(view, CHANGE_STEP * y, level, &mut row);
             for x in (0..mean.cols()).step_by(GAIN_STEP) {
-                let (gray, mean) = (row.gray[CHANGE_STEP * x], mean.row(y)[x]);
+                let (gray, mean) = (row[CHANGE_STEP * x], mean.row(y)[x]);
                 let range = DARK_BELOW..WHITE_FROM;
                 if count.row(y)[x] > 0 && range.contains(&gray) && range.contains(&mean) {
                     quotients.push(gray / mean);
@@ -215,17 +187,17 @@ impl Changes {
         control: &Control,
     ) -> Result<()> {
         let Self { scale, mean, count, gray, excess, .. } = self;
-        let (cols, image_cols) = (gray.cols(), view.image.shape().1);
+        let (cols, image_cols) = (gray.cols(), view.size().1);
         let inside = excess.as_mut_slice().par_chunks_mut(cols + 2).skip(1);
         let rows = gray.as_mut_slice().par_chunks_mut(cols).zip(inside).enumerate();
 
         let compare_row =
-            |row: &mut Result<Row>, (y, (gray, excess)): (usize, (&mut [f32], &mut [f32]))| {
+            |row: &mut Result<Vec<f32>>, (y, (gray, excess)): (usize, (&mut [f32], &mut [f32]))| {
                 control.checkpoint()?;
 
                 let row = row.as_mut().map_err(|error| error.clone())?;
                 scale.write(view, CHANGE_STEP * y, level, row);
-                for (gray, value) in gray.iter_mut().zip(row.gray.iter().step_by(CHANGE_STEP)) {
+                for (gray, value) in gray.iter_mut().zip(row.iter().step_by(CHANGE_STEP)) {
                     *gray = *value;
                 }
 
@@ -234,7 +206,7 @@ impl Changes {
                 level.run(Excess { gray, mean, count, inverse: 1.0 / noise, gain, out });
                 Ok(())
             };
-        rows.try_for_each_init(|| Row::new(image_cols), compare_row)
+        rows.try_for_each_init(|| zeroed(image_cols), compare_row)
     }
 }
 
@@ -242,6 +214,7 @@ impl Changes {
 struct ToGrayLevels<'a> {
     values: &'a [i32],
     factor: f32,
+    black: f32,
     gray: &'a mut [f32],
 }
 
@@ -251,7 +224,7 @@ impl Loop for ToGrayLevels<'_> {
     #[inline(always)]
     fn run(self) {
         for (gray, value) in self.gray.iter_mut().zip(self.values) {
-            *gray = *value as f32 * self.factor;
+            *gray = *value as f32 * self.factor + self.black;
         }
     }
 }
@@ -353,7 +326,7 @@ fn update(
 
 /// The variance of the noise of a view, squared gray levels.
 pub fn noise(view: &View, scale: &Scale, level: Level, control: &Control) -> Result<f32> {
-    let (rows, cols, _) = view.image.shape();
+    let (rows, cols) = view.size();
 
     // Second differences need a neighbor on every side.
     let block_rows = rows.saturating_sub(2) / NOISE_BLOCK;
@@ -376,14 +349,14 @@ pub fn noise(view: &View, scale: &Scale, level: Level, control: &Control) -> Res
 /// The mean squares of the second differences in a row of blocks whose pixels above begin with row `first`; NaN where
 /// pixels are masked.
 fn block_squares(view: &View, scale: &Scale, first: usize, level: Level) -> Result<Vec<f32>> {
-    let cols = view.image.shape().1;
-    let mut rows = [Row::new(cols)?, Row::new(cols)?, Row::new(cols)?];
+    let cols = view.size().1;
+    let mut rows = [zeroed(cols)?, zeroed(cols)?, zeroed(cols)?];
     let mut sums = zeroed(cols - 2)?;
 
     for y in 0..NOISE_BLOCK + 2 {
         scale.write(view, first + y, level, &mut rows[y % 3]);
         if y >= 2 {
-            let rows = [y - 2, y - 1, y].map(|slot| &*rows[slot % 3].gray);
+            let rows = [y - 2, y - 1, y].map(|slot| &*rows[slot % 3]);
             level.run(Squares { rows, sums: &mut sums });
         }
     }
