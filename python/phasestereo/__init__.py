@@ -75,6 +75,7 @@ __version__ = _core.__version__
 if TYPE_CHECKING:
     from phasestereo import calibration as calibration
     from phasestereo import io as io
+    from phasestereo import matchers as matchers
     from phasestereo import metrics as metrics
     from phasestereo import opencv as opencv
     from phasestereo import rectification as rectification
@@ -92,7 +93,7 @@ if TYPE_CHECKING:
     from phasestereo.views.registering import Registered, ThirdCamera, register
     from phasestereo.views.triangulation import point_cloud
 else:
-    _ROOMS = "calibration", "io", "metrics", "opencv", "rectification", "views"
+    _ROOMS = "calibration", "io", "matchers", "metrics", "opencv", "rectification", "views"
 
     def __getattr__(name):
         """Import what is first asked for: with all of it an import would take twice as long."""
@@ -101,6 +102,8 @@ else:
                 import phasestereo.calibration as home
             case "io":
                 import phasestereo.io as home
+            case "matchers":
+                import phasestereo.matchers as home
             case "metrics":
                 import phasestereo.metrics as home
             case "opencv":

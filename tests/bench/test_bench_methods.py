@@ -10,7 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 import phasestereo as ps
-from phasestereo_bench import available, method, opencv
+from phasestereo.matchers import opencv
+from phasestereo_bench import available, method
 from phasestereo_bench.demo import SGBM
 from phasestereo_bench.methods import BASELINES
 

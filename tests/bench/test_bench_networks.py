@@ -16,7 +16,6 @@ from test_bench_cases import plant
 import phasestereo as ps
 from phasestereo_bench import method, networks
 from phasestereo_bench.datasets import find_scene, find_scenes
-from phasestereo_bench.networks import layout_of
 from support import counterpart
 
 Run = Callable[..., tuple[int, str, str]]
@@ -25,106 +24,13 @@ RNG = np.random.default_rng(2)
 LEFT, RIGHT = RNG.integers(0, 256, (2, 70, 130, 3), dtype=np.uint8)
 
 
-class Network:
-    """What onnxruntime makes of a file, as far as it is used: it answers the mean of its inputs."""
-
-    def __init__(self, *shapes: tuple[Any, ...], kind: str = "tensor(float)") -> None:
-        self.inputs = [
-            SimpleNamespace(name=f"in{number}", shape=list(shape), type=kind)
-            for number, shape in enumerate(shapes)
-        ]
-        self.fed: dict[str, Any] = {}
-
-    def get_inputs(self) -> list[Any]:
-        return self.inputs
-
-    def run(self, _outputs: None, fed: dict[str, Any]) -> list[Any]:
-        self.fed = fed
-        first = fed["in0"]
-        last = first.shape[3] in (1, 2, 3, 6) and first.shape[1] not in (1, 2, 3, 6)
-        return [first.mean(axis=3 if last else 1, keepdims=True)]
-
-
-def fed(network: Network, monkeypatch: pytest.MonkeyPatch) -> tuple[Any, dict[str, Any]]:
-    """Return what comes out of a network, and what it was given."""
-    monkeypatch.setattr(networks, "_session", lambda _path: network)
-    return networks.match_onnx(LEFT, RIGHT, 16, path="net.onnx"), network.fed
-
-
-GRAY_LEFT, GRAY_RIGHT = (
-    (image @ np.array([0.299, 0.587, 0.114]) / 255).astype(np.float32) for image in (LEFT, RIGHT)
-)
-COLOR = [np.moveaxis(image / 255, 2, 0) for image in (LEFT, RIGHT)]
-
-
-@pytest.mark.parametrize(
-    ("shapes", "expected"),
-    [
-        ([(1, 2, "h", "w")], [np.stack([GRAY_LEFT, GRAY_RIGHT])]),
-        ([("b", 6, None, None)], [np.concatenate(COLOR)]),
-        ([(1, 1, "h", "w")] * 2, [GRAY_LEFT[np.newaxis], GRAY_RIGHT[np.newaxis]]),
-        ([(1, 3, 128, 192)] * 2, COLOR),
-    ],
-)
-@pytest.mark.parametrize("last", [False, True])
-def test_a_network_gets_what_its_inputs_ask_for(
-    shapes: list[tuple[Any, ...]],
-    expected: list[Any],
-    last: bool,  # noqa: FBT001 - a parameter of the test
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    if last:
-        shapes = [(batch, *size, channels) for batch, channels, *size in shapes]
-
-    answer, given = fed(Network(*shapes), monkeypatch)
-    assert list(given) == [f"in{number}" for number in range(len(shapes))]
-
-    for batch, wanted in zip(given.values(), expected, strict=True):
-        planes = np.moveaxis(batch[0], 2, 0) if last else batch[0]
-        assert batch.dtype == np.float32
-        assert planes.shape[1:] == (128, 192)  # the next multiples of 64
-        np.testing.assert_allclose(planes[:, :70, :130], wanted, atol=1e-6)
-        np.testing.assert_array_equal(planes[:, 100, :], planes[:, 69, :])  # its edge, repeated
-
-    assert answer.shape == (70, 130)
-    np.testing.assert_allclose(answer, expected[0].mean(axis=0), atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    "network",
-    [
-        Network((1, 4, "h", "w")),
-        Network(("h", "w")),
-        Network((1, 3, "h", "w")),
-        Network((1, 2, "h", "w"), kind="tensor(uint8)"),
-        Network(*[(1, 1, "h", "w")] * 3),
-        Network(),
-    ],
-)
-def test_a_network_that_takes_no_pair_is_refused(network: Network) -> None:
-    with pytest.raises(ValueError, match="^net.onnx: takes .*accepts float32 inputs of rank 4"):
-        layout_of(network, "net.onnx")
-
-
-def test_a_pair_that_is_too_large_and_an_output_that_is_no_map(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    with pytest.raises(ValueError, match="takes 64 x 64 pixels, the pair has 130 x 70"):
-        fed(Network((1, 2, 64, 64)), monkeypatch)
-    network = Network((1, 2, "h", "w"))
-    monkeypatch.setattr(network, "run", lambda *_: [np.zeros((1, 5))])
-    with pytest.raises(ValueError, match=r"its first output is \(1, 5\), no map of 70 x 130"):
-        fed(network, monkeypatch)
-
-
 # HITNet
 
 
 def test_another_file_is_refused_by_its_hash(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(networks, "runtime", lambda: None)
-
+    monkeypatch.setitem(sys.modules, "onnxruntime", SimpleNamespace())
     other = tmp_path / "other.onnx"
     other.write_bytes(b"no network")
 
@@ -150,7 +56,7 @@ def test_without_onnxruntime_a_sentence_says_so(
 
     message = "left out, hitnet: onnxruntime is not installed; it comes with: pip install"
     assert (code, err.count(message)) == (0, 1)
-    assert "./benches/harness[onnx]" in err
+    assert "phasestereo[onnx]" in err
     assert "fast" in out
 
     with pytest.raises(ImportError, match="^onnxruntime is not installed"):
@@ -171,7 +77,7 @@ def test_the_license_of_a_network_is_said(
 ) -> None:
     (tmp_path / "LICENSE.txt").write_text("\n Beside \nmore")
     session = SimpleNamespace(get_modelmeta=lambda: SimpleNamespace(custom_metadata_map=inside))
-    monkeypatch.setattr(networks, "_session", lambda _path: session)
+    monkeypatch.setattr(networks, "opened", lambda _path, threads: session)  # noqa: ARG005
     assert networks.license_of(str(tmp_path / "net.onnx")) == expected
 
 

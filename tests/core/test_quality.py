@@ -86,7 +86,7 @@ def test_robust_where_the_left_image_is_blurred(data: Path, name: str) -> None:
 def test_robust_beats_semi_global_block_matching_in_every_region(data: Path) -> None:
     """On sharp pairs; in means over the scenes there was half of its errors."""
     pytest.importorskip("cv2")
-    from phasestereo_bench.opencv import match_sgbm  # noqa: PLC0415  # only where OpenCV is
+    from phasestereo.matchers.opencv import match_sgbm  # noqa: PLC0415  # only where OpenCV is
 
     ours, theirs = [], []
     for name in ("tsukuba", "venus", "cones"):

@@ -18,10 +18,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from phasestereo._extras import require
+from phasestereo.matchers import onnx, opencv
 from phasestereo.matching import match
 from phasestereo.rig.findings import MatchWarning
 from phasestereo.settings import PRESETS, Settings, resolve
-from phasestereo_bench import mccnn, networks, opencv, program
+from phasestereo_bench import mccnn, networks, program
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -29,7 +30,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from phasestereo_bench.opencv import Image, Map
+    from phasestereo._images import Map
+    from phasestereo.matchers.opencv import Image
 
     Floats = NDArray[np.floating[Any]]
 
@@ -218,12 +220,12 @@ def _network(name: str, path: str) -> Method:
     if not path:
         raise ValueError(f"method: got {name!r}; accepts {stem}:FILE.onnx")
 
-    networks.runtime()
+    require("onnxruntime", extra="onnx")
     if stem == "hitnet":
         networks.require_hitnet(path)
     label = stem if stem == "hitnet" else f"{stem}:{Path(path).stem}"
     settings = {"sha256": networks.digest_of(path), "license": networks.license_of(path)}
-    return Method(label, partial(networks.match_onnx, path=path), settings)
+    return Method(label, partial(onnx.match_onnx, path=path, threads=1), settings)
 
 
 def _mccnn(name: str, rest: str) -> Method:

@@ -6,10 +6,10 @@ import warnings
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from phasestereo.matchers.opencv import match_sgbm
 from phasestereo.matching import match
 from phasestereo.rig.findings import MatchWarning
 from phasestereo.settings import PRESETS, Settings
-from phasestereo_bench.opencv import match_sgbm
 
 if TYPE_CHECKING:
     import numpy as np

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from phasestereo._extras import require
+from phasestereo.matchers.opencv import create_bm, create_sgbm
 from phasestereo.matching import Matcher, match
-from phasestereo_bench.opencv import create_bm, create_sgbm
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

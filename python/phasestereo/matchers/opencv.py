@@ -1,4 +1,4 @@
-"""OpenCV's matchers, set as the one-sided-blur suite has them, every pixel given a chance.
+"""OpenCV's matchers, set for pairs of all kinds, every pixel given a chance.
 
 Images go in uint8, (H, W) or (H, W, 3); disparities come out as all of this package's do. OpenCV
 leaves out columns on the left, and with them pixels that others are scored on, so both images are
@@ -7,19 +7,29 @@ first continued there by repeating their edge.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo._extras import require
+from phasestereo._images import Map
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+__all__ = [
+    "BM",
+    "SGBM",
+    "SGBM_3X3",
+    "Image",
+    "create_bm",
+    "create_sgbm",
+    "match_bm",
+    "match_by",
+    "match_sgbm",
+    "needed",
+]
 
-    from numpy.typing import NDArray
-
-    Image = NDArray[np.uint8]
-    Map = NDArray[np.float32]
+Image: TypeAlias = NDArray[np.uint8]
 
 BM: dict[str, Any] = {"blockSize": 9}
 
@@ -36,6 +46,11 @@ def _sgbm(block: int) -> dict[str, Any]:
 
 
 SGBM, SGBM_3X3 = _sgbm(5), _sgbm(3)
+
+
+def needed() -> None:
+    """Raise ImportError if OpenCV is not installed."""
+    require("cv2", extra="opencv")
 
 
 def create_bm(num_disparities: int) -> Any:
@@ -98,11 +113,7 @@ def match_bm(left: Image, right: Image, num_disparities: int) -> Map:
     count, margin = _sixteens(num_disparities), BM["blockSize"] // 2
     matcher = create_bm(count)
 
-    gray = [
-        image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-        for image in (left, right)
-    ]
-
+    gray = _gray(cv2, left, right)
     found = matcher.compute(*(_continued(image, count + margin, margin) for image in gray))
     return _disparities(found[margin:-margin, count + margin : -margin])
 
@@ -129,6 +140,45 @@ def match_sgbm(
     return _disparities(found[:, count:])
 
 
+def match_by(matcher: Any, left: Image, right: Image, _num_disparities: int) -> Map:
+    """Match with an object of OpenCV, or of its kind, that has its own range.
+
+    Parameters
+    ----------
+    matcher
+        What has ``compute(left, right)``: BGR, or gray if it is a StereoBM; int16 sixteenths of a
+        pixel, less than ``16 * getMinDisparity()`` where there is none, or floats in pixels.
+    left, right
+        uint8 (H, W) or (H, W, 3), RGB.
+
+    Raises
+    ------
+    ImportError
+        If it is a StereoBM, the images are colored, and OpenCV is not installed.
+    """
+    least = int(getattr(matcher, "getMinDisparity", lambda: 0)())
+    count = int(getattr(matcher, "getNumDisparities", lambda: 0)())
+    margin = max(least + count, 0)
+
+    if "BM" in type(matcher).__name__ and "SGBM" not in type(matcher).__name__:
+        images = _gray(require("cv2", extra="opencv"), left, right)
+    else:
+        images = [image if image.ndim == 2 else image[:, :, ::-1] for image in (left, right)]
+
+    answer = np.asarray(matcher.compute(*(_continued(image, margin, 0) for image in images)))
+    found = answer[:, margin:]
+    if found.dtype == np.int16:
+        return _disparities(found, 16 * least)
+    return found.astype(np.float32)
+
+
+def _gray(cv2: Any, *images: Image) -> list[Image]:
+    return [
+        image if image.ndim == 2 else cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2GRAY)
+        for image in images
+    ]
+
+
 def _sixteens(num_disparities: int) -> int:
     """Return the next multiple of 16, the only numbers of disparities that OpenCV takes."""
     return -(-num_disparities // 16) * 16
@@ -140,5 +190,5 @@ def _continued(image: Image, left: int, others: int) -> Image:
     return np.pad(image, sides[: image.ndim], mode="edge")
 
 
-def _disparities(sixteenths: NDArray[np.int16]) -> Map:
-    return np.where(sixteenths < 0, np.nan, sixteenths / 16).astype(np.float32)
+def _disparities(sixteenths: NDArray[np.int16], least: int = 0) -> Map:
+    return np.where(sixteenths < least, np.nan, sixteenths / 16).astype(np.float32)
