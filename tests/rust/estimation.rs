@@ -256,7 +256,7 @@ fn an_estimated_range_contains_the_disparities() {
 
         let range = found.range.expect("there is texture");
 
-        assert!(!range.swapped && !range.mixed);
+        assert!(!range.negative && !range.mixed);
         assert_eq!(found.candidates.value.min(), 0);
         assert!((24..=36).contains(&found.candidates.value.count()), "{range:?}");
 
@@ -264,7 +264,7 @@ fn an_estimated_range_contains_the_disparities() {
         let swapped = Pair::new(right.clone(), left.clone(), 0, 48).expect("legal");
 
         let found = self::found(&swapped, false, 1, Level::best());
-        assert!(found.range.expect("there is texture").swapped);
+        assert!(found.range.expect("there is texture").negative);
         assert!(found.candidates.value.min() <= -21);
     }
 }

@@ -7,6 +7,7 @@ use crate::common::hash;
 use ndarray::Array3;
 use phasestereo::internals::estimation::areas::Area;
 use phasestereo::internals::estimation::blur::parts::PairRows;
+use phasestereo::internals::estimation::order::Signs;
 use phasestereo::internals::estimation::overview::{Guess, Overview, RoughMap};
 use phasestereo::internals::estimation::range::{
     LeftOut, SearchRange, bands_at_ends, belongs, beyond, ends, extent, is_identical, range, reach,
@@ -344,8 +345,9 @@ fn places_beyond_the_candidates_are_left_out() {
 fn the_candidates_of_a_range_fit_the_image() {
     let range = |min, count| {
         let (low, high, of_none) = (0.0, 0.0, false);
-        let (swapped, mixed, identical) = (of_none, of_none, of_none);
-        let range = SearchRange { min, count, low, high, swapped, mixed, identical };
+        let (negative, mixed, identical) = (of_none, of_none, of_none);
+        let shown = Signs::NONE;
+        let range = SearchRange { min, count, low, high, negative, mixed, shown, identical };
         range.candidates(50).map(|all| (all.min(), all.count())).expect("legal")
     };
     assert_eq!(range(-3, 20), (-3, 20));

@@ -50,10 +50,13 @@ class SearchRange:
     low, high
         Ends of what was found, pixels; NaN if they were not looked for. They are where the range
         was not given, or matches badly as given.
+    negative
+        Whether every part of the scene has a clearly negative disparity: the left image is given as
+        the right one, the images are cropped, or the cameras are so toed in that all of the scene
+        lies behind the point at which they look.
     swapped
-        Whether every part of the scene has a clearly negative disparity, as when the left image
-        is given as the right one. (Cameras so toed in that all of the scene lies behind the point
-        at which they look give the same.)
+        Whether the scene shows that the left image is given as the right one, too: what is lower in
+        the image is farther, and what one camera alone sees is on the wrong side of near things.
     mixed
         Whether disparities of both signs are clearly there, as with toed-in cameras.
     inverted
@@ -72,6 +75,7 @@ class SearchRange:
     confidence: float = math.nan
     low: float = math.nan
     high: float = math.nan
+    negative: bool = False
     swapped: bool = False
     mixed: bool = False
     identical: bool = False

@@ -105,7 +105,7 @@ pub struct Found {
     pub num_disparities: i32,
     /// Origin of the disparities: `PHASESTEREO_GIVEN`, `PHASESTEREO_FOUND` or `PHASESTEREO_DEFAULT`.
     pub origin: u32,
-    /// 1: nearly all disparities are negative, most of them clearly, as where left and right are swapped.
+    /// 1: left and right are swapped: all disparities are negative, and the scene shows it, too.
     pub swapped: u32,
     /// 1: many disparities of either sign are clearly not zero.
     pub mixed: u32,
@@ -159,7 +159,7 @@ impl Found {
                 Some(_) => PHASESTEREO_FOUND,
                 None => PHASESTEREO_DEFAULT,
             },
-            swapped: range.as_ref().is_some_and(|range| range.swapped).into(),
+            swapped: range.as_ref().is_some_and(SearchRange::is_swapped).into(),
             mixed: range.as_ref().is_some_and(|range| range.mixed).into(),
             inverted: estimates.is_inverted.into(),
             rows_sway: of_rows(|rows| rows.field.largest_sway()),

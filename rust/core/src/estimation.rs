@@ -21,6 +21,7 @@ pub mod blur;
 pub mod compensation_plan;
 pub mod estimates;
 pub mod facts;
+pub mod order;
 pub mod overview;
 pub mod photometry;
 pub mod range;

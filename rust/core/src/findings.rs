@@ -28,6 +28,7 @@ mod tests {
     use crate::estimation::blur::psf::Psf;
     use crate::estimation::estimates::Estimates;
     use crate::estimation::facts::Fact;
+    use crate::estimation::order::Signs;
     use crate::estimation::photometry::{Contrast, Photometry, Saturation};
     use crate::estimation::range::{LeftOut, SearchRange};
     use crate::estimation::rows::RowOffsets;
@@ -54,8 +55,9 @@ mod tests {
         count: 20,
         low: 2.0,
         high: 15.0,
-        swapped: false,
+        negative: false,
         mixed: false,
+        shown: Signs::NONE,
         identical: false,
     };
 
@@ -106,15 +108,23 @@ mod tests {
     fn the_range_and_what_it_tells_are_said() {
         let of =
             |range: SearchRange| said(&Estimates { range: Some(range), ..sound() }, Topic::Swap);
-        assert!(
-            of(SearchRange { low: -15.0, high: -2.0, swapped: true, ..RANGE })
-                .1
-                .contains("swapped")
-        );
+        let negative = SearchRange { low: -15.0, high: -2.0, negative: true, ..RANGE };
+        let shown = |ground, sides| Signs { ground, sides, is_seen: true };
+        for (shown, expected, words) in [
+            (shown(-0.8, -0.2), Severity::Warning, "to be swapped"),
+            (shown(0.8, 0.0), Severity::Note, "seem to be in their places"),
+            (shown(-0.8, 0.2), Severity::Note, "does not show which"),
+            (Signs::NONE, Severity::Note, "does not show which"),
+        ] {
+            let (severity, sentence) = of(SearchRange { shown, ..negative });
+            assert!(severity == expected && sentence.contains(words), "{sentence}");
+        }
+        let positive = of(SearchRange { shown: shown(-0.8, -0.2), ..RANGE });
+        assert!(positive.0 == Severity::Note && positive.1.contains("may be exchanged"));
         assert_eq!(of(SearchRange { mixed: true, ..RANGE }).0, Severity::Note);
 
         // Of the same disparities, rows tell cameras that are turned from images that are exchanged.
-        let swapped = SearchRange { low: -15.0, high: -2.0, swapped: true, ..RANGE };
+        let swapped = SearchRange { shown: shown(-0.8, -0.2), ..negative };
         for (twist, is_toed_in) in [(2.0, true), (0.2, false), (-2.0, false)] {
             let mut terms = [0.0; TERMS];
             terms[3] = twist;

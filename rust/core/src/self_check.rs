@@ -104,7 +104,7 @@ pub const CASES: &[Case] = &[
     case(Fault::Vignetting, MIDDLE, Work::Match(Preset::Robust, None), 0xE551_87D8_4E34_3776),
     case(Fault::Floats, MIDDLE, Work::Match(Preset::Robust, None), 0x95C8_EFB7_6DC2_D23C),
     case(Fault::Inverted, MIDDLE, Work::Match(Preset::Robust, None), 0xB75E_F868_E6B3_611B),
-    case(Fault::Swapped, MIDDLE, Work::Match(Preset::Robust, None), 0x0165_EAAE_8A51_BB29),
+    case(Fault::Swapped, MIDDLE, Work::Match(Preset::Robust, None), 0xAB11_C502_D48B_75C5),
     case(Fault::Smaller, MIDDLE, Work::Match(Preset::Robust, None), 0xE1A2_4326_6537_D2DA),
     case(Fault::Masked, MIDDLE, Work::Match(Preset::Robust, None), 0x2CE1_1D88_B0FA_CA76),
     case(Fault::Pole, MIDDLE, Work::Match(Preset::Robust, None), 0x8BB3_04F2_9B23_B395),

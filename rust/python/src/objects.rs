@@ -212,7 +212,11 @@ fn search_of<'py>(py: Python<'py>, found: &Estimates, is_given: bool) -> Result<
     let places = PyTuple::new(py, places.collect::<Result<Vec<_>>>()?)?;
 
     let fields = match range {
-        Some(range) => fields!(py, [range: low, high, swapped, mixed, identical]),
+        Some(range) => {
+            let fields = fields!(py, [range: low, high, negative, mixed, identical]);
+            fields.set_item("swapped", range.is_swapped())?;
+            fields
+        }
         None => PyDict::new(py),
     };
     fields.set_item("min_disparity", candidates.value.min())?;

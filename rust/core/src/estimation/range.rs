@@ -5,6 +5,7 @@ use std::cmp::Reverse;
 use std::ops::Range;
 
 use super::areas::{Area, areas};
+use super::order::{Order, Signs};
 use super::overview::{COARSE_WIDTH, FINE, Guess, Overview, ROUGH, RoughMap, Span};
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::statistics::ranked;
@@ -67,15 +68,28 @@ pub struct SearchRange {
     pub low: f64,
     /// Largest disparity found, pixels.
     pub high: f64,
-    /// Whether nearly all disparities are negative, most of them clearly, as when the images are swapped.
-    pub swapped: bool,
+    /// Whether nearly all disparities are negative, most of them clearly, as when the images are swapped, cropped, or
+    /// of toed-in cameras.
+    pub negative: bool,
     /// Whether many disparities of either sign are clearly not zero, as with toed-in cameras.
     pub mixed: bool,
+    /// What the images show of the order of the cameras.
+    pub shown: Signs,
     /// Whether both images are the same, up to noise.
     pub identical: bool,
 }
 
 impl SearchRange {
+    /// Whether left and right are swapped: all disparities are negative, and the scene shows it, too.
+    pub fn is_swapped(&self) -> bool {
+        self.negative && self.is_exchanged()
+    }
+
+    /// Whether the scene shows that left and right are exchanged, whatever the sign of the disparities.
+    pub fn is_exchanged(&self) -> bool {
+        self.shown.order() == Order::Exchanged
+    }
+
     /// The disparities to search in images of this width.
     pub fn candidates(&self, width: usize) -> Result<Candidates> {
         let count = self.count.clamp(1, width.min(MOST_DISPARITIES) as i64);
@@ -146,9 +160,10 @@ pub fn range(
 
     let (start, end) = with_margin(low, high, factor);
     let width = overview.planes[0].cols() * overview.factor;
-    let (swapped, mixed) = signs(map);
+    let (negative, mixed) = signs(map);
+    let shown = Signs::new(overview, map);
     let count = (end - start + 1).min(width as i64);
-    let range = SearchRange { min: start, count, low, high, swapped, mixed, identical };
+    let range = SearchRange { min: start, count, low, high, negative, mixed, shown, identical };
 
     let left_out = beyond(places, range.candidates(width)?);
     Ok(Some(Found { range, left_out }))
@@ -223,9 +238,9 @@ pub fn signs(map: &RoughMap) -> (bool, bool) {
 
     // Few clear disparities of the other sign may be mistakes.
     let below = share(&|value| value <= -CLEARLY);
-    let swapped = share(&|value| value < 0.0) >= NEARLY_ALL && below >= 0.5;
+    let negative = share(&|value| value < 0.0) >= NEARLY_ALL && below >= 0.5;
     let mixed = below.min(share(&|value| value >= CLEARLY)) >= 1.0 - NEARLY_ALL;
-    (swapped, mixed)
+    (negative, mixed)
 }
 
 /// What known disparities leave out, as far as the overview shows it.

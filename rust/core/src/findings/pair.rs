@@ -16,6 +16,7 @@ use crate::estimation::blur::taps::Taps;
 use crate::estimation::blur::{Blur, Side};
 use crate::estimation::estimates::Estimates;
 use crate::estimation::facts::Origin;
+use crate::estimation::order::{Order, Signs};
 use crate::estimation::overview::LEAST_SIZE;
 use crate::estimation::photometry::{Contrast, Photometry};
 use crate::estimation::range::{LeftOut, SearchRange};
@@ -52,6 +53,8 @@ const SWAYS: &str = "rows sway by up to {1} px from row to row, as by a rolling 
 const NOISE: &str =
     "noise of {0} gray levels in the left image, {1} in the right, on a scale of {2}";
 const FLAT: &str = "{0} of the image has no texture beyond noise";
+const OFFSET: &str =
+    "disparities are not a depth before columns are moved by the offset of the images";
 const UNLIKE: &str = "images that hardly match";
 const SHORT: &str = "a range that is too short";
 
@@ -68,19 +71,25 @@ table! {
         cause(UNLIKE, 0.0);
     Match, Warning, known.ends_if(|range| range.identical),
         "both images are the same, but for noise: there is nothing to match", cause(UNLIKE, 0.0);
-    Swap, Note, known.ends_if(|range| !range.identical && range.swapped && known.is_toed_in(range)),
+    Swap, Note, known.ends_if(|range| !range.identical && range.negative && known.is_toed_in(range)),
         "all disparities are negative ({0}), and rows differ as those of cameras that are toed in, with all of the \
          scene behind the point they look at",
         remedy("disparities are not a depth before the pair is rectified");
-    Swap, Warning, known.ends_if(|range| !range.identical && range.swapped && !known.is_toed_in(range)),
-        "left and right seem to be swapped, since all disparities are negative ({0})",
-        remedy("exchange the images (cameras so toed in that all of the scene is behind the point they look at give \
-                the same: then search negative disparities)"),
+    Swap, Warning, known.shows(true, Order::Exchanged),
+        "left and right seem to be swapped: all disparities are negative ({0}), and {1}", remedy("exchange the images"),
         cause("images that seem to be swapped", 0.0);
-    Swap, Note, known.ends_if(|range| !range.identical && !range.swapped && range.mixed),
+    Swap, Note, known.shows(true, Order::InPlace),
+        "all disparities are negative ({0}), though left and right seem to be in their places, since {1}: the images \
+         are cropped, or the cameras toed in", remedy(OFFSET);
+    Swap, Note, known.shows(true, Order::Unknown),
+        "all disparities are negative ({0}): the images are cropped, the cameras toed in, or left and right \
+         exchanged; the scene does not show which", remedy(OFFSET);
+    Swap, Note, known.shows(false, Order::Exchanged),
+        "left and right may be exchanged: disparities are {0}, but {1}", remedy("compare the images with the rig");
+    Swap, Note, known.ends_if(|range| !range.identical && !range.negative && range.mixed),
         "disparities have both signs ({0}), as the cameras are toed in or the images are cropped",
         remedy("search from a negative disparity on");
-    Swap, Well, known.ends_if(|range| !range.identical && !range.swapped && !range.mixed),
+    Swap, Well, known.ends_if(|range| !range.identical && !range.negative && !range.mixed && !range.is_exchanged()),
         "left and right are in their places";
     Range, Well, found_range(known), "disparities are {0}: match with min_disparity {1} and num_disparities {2}";
     // Found beyond the given range, as a share of its length.
@@ -202,6 +211,19 @@ impl Known<'_> {
         self.estimates.range.as_ref().filter(|_| !self.is_stuck())
     }
 
+    /// The least and the largest disparity, and what shows the order of the cameras, if disparities are all negative or not,
+    /// as given, and the order is this one.
+    fn shows(&self, negative: bool, order: Order) -> Vec<Measured> {
+        let range = self.range().filter(|range| {
+            let by_place = negative && self.is_toed_in(range) || !negative && range.mixed;
+            !range.identical
+                && range.negative == negative
+                && range.shown.order() == order
+                && !by_place
+        });
+        range.map_or(vec![], |range| value(0.0, [ends(range), signs(range.shown)]))
+    }
+
     /// The least and the largest disparity, if the range that was found is like that.
     fn ends_if(&self, is_so: impl Fn(&SearchRange) -> bool) -> Vec<Measured> {
         let range = self.range().filter(|range| is_so(range));
@@ -252,6 +274,21 @@ fn unknown(why: String) -> Vec<Measured> {
 
 fn span(low: impl fmt::Display, high: impl fmt::Display) -> String {
     format!("{low} to {high}")
+}
+
+/// What shows the order of the cameras, in words.
+fn signs(Signs { ground, sides, .. }: Signs) -> String {
+    let mut words = vec![];
+    if ground != 0.0 {
+        let depth = if ground > 0.0 { "nearer" } else { "farther" };
+        words.push(format!("what is lower in the image is {depth} (rank correlation {ground:.2})"));
+    }
+    // Strips that speak for the other order are too few to count.
+    if sides * ground > 0.0 {
+        let side = if sides > 0.0 { "left" } else { "right" };
+        words.push(format!("what one camera alone sees lies to the {side} of near things"));
+    }
+    words.join(", and ")
 }
 
 fn ends(range: &SearchRange) -> String {

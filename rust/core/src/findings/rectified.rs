@@ -35,8 +35,7 @@ table! {
     Alignment, Note, when(found.moved > 0.0, [pixels(found.moved, 0)]),
         "the cameras are toed in: columns were moved by {0} px, so that disparities are not negative";
     Alignment, Note, when(found.disparities[2] < 0.0 && found.disparities[1] <= -CLEARLY, []),
-        "left and right seem to be swapped, since all disparities are negative: exchange the images (toed-in cameras \
-         give the same)";
+        "all disparities are negative: the images are cropped, the cameras toed in, or left and right exchanged";
     Alignment, Note, when(found.is_inverted, []), "the right image seems to be a negative of the left one";
 }
 
