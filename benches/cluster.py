@@ -2,7 +2,7 @@
 
     python benches/cluster.py LEFT RIGHT [PRESET [PAIRS [ROUNDS]]]
 
-Prints the figures of docs/cluster.md for one pair of image files, best of 2 megapixels, which is
+Prints the figures of docs/large.md for one pair of image files, best of 2 megapixels, which is
 matched PAIRS times in each round. A round has every way once, in turn: the loop in this process, a
 cluster of one worker, of two and so on up to the number of processors, each worker of one thread.
 Clusters are up before the first round. The rest of a batch is timed: connecting, reading, writing,

@@ -2,7 +2,7 @@
 
     python benches/planning.py LEFT RIGHT
 
-Prints the figures of docs/cluster.md (planning) for one pair of image files, best of 2 megapixels.
+Prints the figures of docs/large.md (planning) for one pair of image files, best of 2 megapixels.
 Measured, on one thread: a match of the pair from files to files, as a batch does it; bands of a
 strip of 30 000 columns, which is the pair side by side; the statistics of that strip; and what a
 batch of tiny pairs takes, which is what there is to a pair besides matching it. The rest is

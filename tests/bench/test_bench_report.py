@@ -288,19 +288,17 @@ def test_environments(tmp_path: Path) -> None:
     records = [record("paper", 1.0), record("paper", 1.0, "venus", environment="e2")]
     results = read_results([store(tmp_path / "a", records)])
 
-    assert "commit 0123456789ab-dirty" in origin(results)
+    assert "phasestereo 0.1.0" in origin(results)
     assert "versions that are not known" in origin(results)
 
 
 def test_environments_that_differ_in_commit_and_date_are_named_once() -> None:
-    known = {"versions": {"phasestereo": "0.1.0", "numpy": "2.4"}, "cpu": "A", "date": "2026-11-22"}
-    commits = (None, "428e2ebb75ed0000", "678a4e3fb8100000-dirty")
-    assert made_with({**known, "commit": commit} for commit in commits) == (
-        "Made with phasestereo 0.1.0 (commits 428e2ebb75ed, 678a4e3fb810-dirty, "
-        "another not recorded), NumPy 2.4 on A, 2026-11-22."
+    known = {"versions": {"phasestereo": "0.1.0", "numpy": "2.4"}, "cpu": "A"}
+    dates = ("2026-11-22", "2026-11-23")
+    assert made_with({**known, "commit": date, "date": date} for date in dates) == (
+        "Made with phasestereo 0.1.0, NumPy 2.4 on A, 2026-11-22 to 2026-11-23."
     )
-    alone = made_with([{**known, "commit": None}])
-    assert alone == "Made with phasestereo 0.1.0, NumPy 2.4 on A, 2026-11-22."
+    assert made_with([known]) == "Made with phasestereo 0.1.0, NumPy 2.4 on A."
 
 
 # What is read
@@ -562,7 +560,7 @@ def rows_of(document: str, heading: str) -> list[list[str]]:
 
 
 def test_document_names_the_rows_and_scenes_of_the_suite() -> None:
-    document = (DOCUMENTS / "one-sided-blur.md").read_text("utf-8")
+    document = (DOCUMENTS / "suites.md").read_text("utf-8")
     named = [name for first, *_ in rows_of(document, "row | what") for name in first.split("`, `")]
     assert named == list(SUITES[SUITE])
     assert {
@@ -571,7 +569,7 @@ def test_document_names_the_rows_and_scenes_of_the_suite() -> None:
 
 
 def test_document_is_right_about_the_data(data: Path) -> None:
-    document = (DOCUMENTS / "one-sided-blur.md").read_text("utf-8")
+    document = (DOCUMENTS / "suites.md").read_text("utf-8")
 
     scenes = {str(scene): scene for scene in find_scenes(data / "middlebury")}
     for collection, name, size, ndisp, scored in rows_of(document, "collection | scene"):

@@ -24,7 +24,7 @@ from phasestereo_bench.rigs.depth import DepthOfField, Raised, filled, seen_from
 from phasestereo_bench.rigs.geometry import Misaligned
 
 DOCS = Path(__file__).parents[2] / "docs"
-PAGES = {"rigs": "rigs-suite.md", "rigs-2": "rigs-2.md"}
+PAGE = "suites.md"
 ALL = {name: fault for faults in RIGS.values() for name, fault in faults.items()}
 ROWS, COLS = 96, 128
 ONE_SIDED = (
@@ -86,7 +86,7 @@ def same(one: Pair, other: Pair) -> bool:
 
 @pytest.mark.parametrize("suite", RIGS)
 def test_the_page_defines_every_fault_and_shows_every_table(suite: str) -> None:
-    page = (DOCS / PAGES[suite]).read_text("utf-8")
+    page = (DOCS / PAGE).read_text("utf-8")
     defined = set(re.findall(r"(?<!`)`([^`\n]+)`(?!`)", page))
     assert set(RIGS[suite]) <= defined
 

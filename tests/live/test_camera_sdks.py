@@ -1,4 +1,4 @@
-"""The lines of docs/robots.md for cameras with an SDK, run on stand-ins of what these deliver."""
+"""The lines of docs/cameras.md for cameras with an SDK, run on stand-ins of what these deliver."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ ASKED = 100  # frames
 
 def example(name: str) -> str:
     """Return the block of the page that imports a module."""
-    found = [block.text for block in blocks(ROOT / "docs/robots.md", "python")]
-    (text,) = (text for text in found if f"import {name}" in text)
+    found = [block.text for block in blocks(ROOT / "docs/cameras.md", "python")]
+    (text,) = (text for text in found if f"import {name}" in text and "StereoPhase" not in text)
     return text
 
 

@@ -43,8 +43,8 @@ def tables(
     For example:
 
     ```
-    phasestereo bench tables DATA -o tables --readme README.md docs/rigs-suite.md
-    phasestereo bench tables DATA --only choices --readme docs/choices.md
+    phasestereo bench tables DATA -o tables --readme README.md docs/suites.md
+    phasestereo bench tables DATA --only rigs --readme docs/suites.md
     phasestereo bench tables DATA -o quick --quick --speed-rounds 0
     ```
 

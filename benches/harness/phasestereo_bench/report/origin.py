@@ -15,9 +15,6 @@ if TYPE_CHECKING:
 
 __all__ = ["explain", "left_out", "made_with", "origin"]
 
-_COMMIT = 12  # characters of it in running text
-_COMMITS = "<commits>"  # where the commits of an environment are to stand
-
 
 def explain(results: Results, metric: str) -> str:
     """Say what the figures of a table are, and which of them are bold."""
@@ -54,7 +51,7 @@ def origin(results: Results) -> str:
 
 
 def made_with(environments: Iterable[Mapping[str, Any]]) -> str:
-    """Say which environments these are; those that differ in commit and date are named once."""
+    """Name the environments; those that differ only in date once. Commits are in the records."""
     alike: dict[str, list[Mapping[str, Any]]] = {}
     for known in environments:
         alike.setdefault(_environment(known), []).append(known)
@@ -63,13 +60,13 @@ def made_with(environments: Iterable[Mapping[str, Any]]) -> str:
 
 
 def _environment(known: Mapping[str, Any]) -> str:
-    """Return an environment in words, with a mark where its commits are to stand."""
+    """Return an environment in words."""
     versions = known.get("versions")
     if not isinstance(versions, dict):
         return "versions that are not known"
 
     names = {
-        "phasestereo": f"phasestereo {{version}}{_COMMITS}",
+        "phasestereo": "phasestereo {version}",
         "opencv": "OpenCV {version}",
         "numpy": "NumPy {version}",
         "python": "Python {version}",
@@ -80,19 +77,8 @@ def _environment(known: Mapping[str, Any]) -> str:
     return f"{', '.join(made)} on {known.get('cpu')}"
 
 
-def _commit(known: Mapping[str, Any]) -> str:
-    commit, dash, state = str(known.get("commit") or "unknown").partition("-")
-    return f"{commit[:_COMMIT]}{dash}{state}"
-
-
 def _in_words(environment: str, alike: Sequence[Mapping[str, Any]]) -> str:
-    """Put the commits where an environment has the mark, nothing where none is known; add dates."""
-    commits = list(dict.fromkeys(_commit(known) for known in alike))
-    named = [commit for commit in commits if commit != "unknown"]
-    plural = "s" if len(named) > 1 else ""
-    others = "" if len(named) == len(commits) else ", another not recorded"
-    made = f" (commit{plural} {', '.join(named)}{others})" if named else ""
-
+    """Add the dates."""
     dates = sorted({str(known["date"]) for known in alike if known.get("date")})
     days = f", {' to '.join(dict.fromkeys((dates[0], dates[-1])))}" if dates else ""
-    return environment.replace(_COMMITS, made) + days
+    return environment + days
