@@ -50,7 +50,7 @@ class Size:
 
 
 def main(folder: Path, data: Path, size: Size, options: list[str], memory: str) -> None:
-    """Make the pair, match it both ways, and tell."""
+    """Make the pair, match it both ways, and report."""
     names = folder / "left.tif", folder / "right.tif"
     if not all(name.exists() for name in names):
         make(names, data, size)

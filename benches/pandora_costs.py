@@ -44,7 +44,7 @@ COSTS: dict[str, tuple[str, int, tuple[int, int] | None]] = {
 
 def main(folder: Path) -> None:
     """Print the table, a row as soon as it is known."""
-    logging.disable(logging.WARNING)  # the state machine tells of every step
+    logging.disable(logging.WARNING)  # the state machine reports every step
     pandora.import_plugin()
     pairs = [find_scene(folder, name).load() for name in SCENES]
     print("| matching cost | `cbca` | `cbca`, blurred | `sgm` | `sgm`, blurred |")  # noqa: T201

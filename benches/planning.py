@@ -125,7 +125,7 @@ def strip(image: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def reader(sides: list[NDArray[np.uint8]]) -> Reader:
-    """Return what reads rows of a strip whose rows come again and again."""
+    """Return a reader of rows of a strip whose rows repeat."""
 
     def read(first: int, last: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8], None, None]:
         rows = np.arange(first, last) % len(sides[0])

@@ -53,7 +53,7 @@ def lens(size: tuple[int, int], degrees: Any, k1: float, focal: float = 1, down:
 
 
 def seen_by(image: Any, camera: Lens) -> Any:
-    """Return what another camera sees of what is in an image."""
+    """Return an image as another camera sees it."""
     rows, cols = image.shape[:2]
     undo = getattr(cv2, "undistortPointsIter", cv2.undistortPoints)
     y, x = np.mgrid[0:rows, 0:cols].astype(np.float64)

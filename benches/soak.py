@@ -75,7 +75,7 @@ def pair(chance: random.Random) -> tuple[Any, Any]:
 
 
 def fault(matcher: ps.Matcher, chance: random.Random) -> str:
-    """Do something that must be refused, or survived; return what, and whether it was."""
+    """Try something that must be refused, or survived; return it, and whether it was."""
     left, right = pair(chance)
     kind = chance.choice(("nan", "size", "type", "interrupt"))
 
@@ -233,7 +233,7 @@ def let_in(host: str, key: str) -> tuple[str, str]:
 
 
 def descriptors() -> int:
-    """Return how many files and connections are open; 0 where the system does not say."""
+    """Return the number of open files and connections; 0 where the system does not say."""
     folder = Path("/proc/self/fd")
     return len(list(folder.iterdir())) if folder.exists() else 0
 

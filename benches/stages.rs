@@ -21,7 +21,7 @@ use phasestereo_match::refinement::flag;
 use phasestereo_match::settings::presets::Preset;
 use phasestereo_match::settings::{CostKind, Optimizer, Settings};
 
-/// Rows of the images, as many as of a band.
+/// Rows of the images: those of a band.
 const ROWS: usize = 64;
 const COLS: usize = 640;
 /// Numbers of candidates.

@@ -13,7 +13,7 @@ from support import LACKING, ON_CI, Run, counterpart, real_data
 from support.browser import Browser, running
 
 # The same examples every time and everywhere; new ones are what `make fuzz` is for, which loads
-# "explore". No deadlines: a slow machine is no failure.
+# "explore". No deadlines: a slow machine is not a failure.
 hypothesis.settings.register_profile("fixed", deadline=None, derandomize=True, database=None)
 hypothesis.settings.register_profile("explore", deadline=None, max_examples=500, print_blob=True)
 hypothesis.settings.load_profile("fixed")

@@ -155,7 +155,7 @@ def as_mask(mask: ArrayLike | None, size: tuple[int, ...], name: str) -> NDArray
 
 
 def as_valid(mask: ArrayLike | None, pixels: Pixels, name: str) -> NDArray[np.bool_] | None:
-    """Return which pixels of an image, as `as_pixels` does, are valid; None: all are.
+    """Return the mask of valid pixels of an image from `as_pixels`; None: all are valid.
 
     NaN is not, whatever the mask says of it: floats have it where there is no data.
     """
@@ -169,7 +169,7 @@ def as_valid(mask: ArrayLike | None, pixels: Pixels, name: str) -> NDArray[np.bo
 def join_masks(
     mask: NDArray[np.bool_] | None, other: NDArray[np.bool_] | None
 ) -> NDArray[np.bool_] | None:
-    """Return what both masks leave valid; None: everything."""
+    """Return the pixels valid in both masks; None: all."""
     if mask is None or other is None:
         return other if mask is None else mask
     return mask & other

@@ -26,7 +26,7 @@ def as_integer(
     Raises
     ------
     TypeError
-        If it is no integer.
+        If it is not an integer.
     ValueError
         If it is out of range.
     """
@@ -61,7 +61,7 @@ def as_number(
     Raises
     ------
     TypeError
-        If it is no number.
+        If it is not a number.
     ValueError
         If it is NaN, infinite or too small.
     """

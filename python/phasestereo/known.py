@@ -57,7 +57,7 @@ class Known:
             )
 
     def exchanged(self) -> Known:
-        """Return what is known of the pair with left and right exchanged, and mirrored.
+        """Return these facts for the pair with left and right exchanged, and mirrored.
 
         Raises
         ------
@@ -77,7 +77,7 @@ class Known:
 
 
 def as_known(known: Known | None, *, unused: tuple[str, ...] = ()) -> Known:
-    """Return what is known, nothing for None.
+    """Return the facts, empty for None.
 
     Raises
     ------

@@ -65,7 +65,7 @@ def match(
         Settings to start from in place of a preset, which must not be given beside it.
     threads
         Number of threads, 1 to 1024; None: what the environment variable ``RAYON_NUM_THREADS``
-        says, or else as many as the process may use, shared by all matches of this process that
+        says, or else all processors, shared by all matches of this process that
         run at the same time. The result does not depend on it.
     left_mask, right_mask
         bool (H, W) of the image's own size, True = valid. A masked pixel neither supports others
@@ -251,7 +251,7 @@ class Matcher:
         return result
 
     def __reduce__(self) -> tuple[partial[Matcher], tuple[()]]:
-        """Return what makes another one: threads do not travel."""
+        """Return the constructor and arguments of a copy: threads are not copied."""
         return partial(type(self), settings=self._settings, threads=self._asked), ()
 
     def __repr__(self) -> str:

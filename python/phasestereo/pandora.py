@@ -177,7 +177,7 @@ def _settings(cfg: dict[str, Any]) -> Settings:
 
 
 def _support(settings: Settings) -> int:
-    """Return how many pixels across a cost rests on, at most."""
+    """Return the largest width of a cost's support, in pixels."""
     larger = _core.LARGER + _core.MUCH_LARGER if settings.compensate_blur else 0
     return settings.neighborhood + settings.window - 1 + larger
 
@@ -211,7 +211,7 @@ def _view(image: Dataset, band: str | None) -> _View:
 def _evened_out(
     left: _View, right: _View, disparities: NDArray[np.float64], settings: Settings
 ) -> _Terms:
-    """Return how the images are to be compared once their blur and noise are known, if need be."""
+    """Return the comparison of the images, with their blur and noise estimated if necessary."""
     if not (settings.compensate_blur or settings.noise_threshold > 0):
         return _Terms(settings, None)
 

@@ -43,7 +43,7 @@ class MapKind:
     meaning
         What they are, in words.
     optional
-        Whether there is none with ``confidence=False``.
+        Whether it is None with ``confidence=False``.
     """
 
     dtype: str
@@ -126,7 +126,7 @@ def describe_flags(flags: NDArray[np.uint16]) -> str:
 
 
 def format_counts(counts: Mapping[Flag, int], pixels: int) -> str:
-    """Return the share of so many pixels under each flag that occurs, in words."""
+    """Return the shares of the pixels under each flag that occurs, in words."""
     shares = [f"{flag.words} {count / pixels:.1%}" for flag, count in counts.items() if count]
     return ", ".join(shares) or "none"
 
@@ -308,12 +308,12 @@ class Result:
         return self.trusted if keep == "trusted" else self.trusted & (self.flags == 0)
 
     def __reduce__(self) -> tuple[type[Result], tuple[Any, ...]]:
-        """Return how to make another one without the pair, which would be most of a pickle."""
+        """Return the constructor and arguments without the pair, which would dominate a pickle."""
         kept = {f.name: None if f.name == "pair" else getattr(self, f.name) for f in fields(self)}
         return type(self), tuple(kept.values())
 
     def __copy__(self) -> Result:
-        """Return another one of the same arrays, pair and all: `copy.copy` is no pickle."""
+        """Return another one of the same arrays, pair and all: `copy.copy` is not a pickle."""
         return replace(self)
 
     def __repr__(self) -> str:

@@ -62,11 +62,11 @@ class Check(NamedTuple):
     unit: str
     meaning: str
     value: float
-    """NaN: it cannot be told."""
+    """NaN: unknown."""
     limit: float
     """The most there may be; of "reserve" and "fill" the least."""
     passed: bool | None
-    """None: it cannot be told, and need not be."""
+    """None: unknown, and not needed."""
 
     def __str__(self) -> str:
         word = {True: "ok", False: "FAILED", None: "unknown"}[self.passed]
@@ -235,7 +235,7 @@ class Rig:
         settings
             How.
         num_disparities
-            Number of disparities to search; None: as many as are found.
+            Number of disparities to search; None: found from the images.
 
         Raises
         ------
@@ -264,7 +264,7 @@ class Rig:
         Returns
         -------
         tuple of Check
-            All quantities. What cannot be told has failed if a limit was given, and so have rows,
+            All quantities. Unmeasured quantities fail if a limit was given, and so have rows,
             their error and the wrong share.
 
         Raises
@@ -334,7 +334,7 @@ class Rig:
         written(path, *found, form)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy is made of: threads do not travel."""
+        """Return the constructor and arguments of a copy: threads are not copied."""
         state = {key: value for key, value in vars(self).items() if key != "_workers"}
         return state | {"_core": self._core.text}
 

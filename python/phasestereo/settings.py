@@ -208,7 +208,7 @@ class Settings:
         Whether smaller copies of the pair, and planes, decide where they are more likely to be
         right. Copies of half the size, a quarter and so on decide, as on plain surfaces in large
         images, and flat areas become planes where these are (flags ``COARSE`` and ``INFERRED``).
-        From 384 disparities on a copy also tells where each part of the image is searched. It needs
+        From 384 disparities on a copy also sets where each part of the image is searched. It needs
         phase codes, and confidences, which are computed for it without ``confidence``, too. Parts
         of a pair are matched without. Default ``True`` (paper ``False``, fast ``False``).
 
@@ -267,7 +267,7 @@ class Settings:
         Raises
         ------
         TypeError
-            If the name is no string.
+            If the name is not a string.
         ValueError
             If there is no such preset.
         """
@@ -284,7 +284,7 @@ method of the paper to the letter. ``"fast"``, for frame rates: short codes, cos
 paths along the row, a median, no confidence."""
 
 PRESET = "robust"
-"""Name of the settings to start from where nothing else is said."""
+"""Name of the default preset."""
 
 
 _ARGUMENTS = [

@@ -45,7 +45,7 @@ def descriptor(
         Settings to start from; None: the preset ``"paper"``. ``neighborhood``, ``taper``,
         ``frequencies``, ``power``, ``bits``, ``noise_threshold`` and ``sizes`` matter here.
     threads
-        Number of threads; None: as many as the process may use.
+        Number of threads; None: all processors of the process.
     noise
         Standard deviation of the noise of the image, in units of its pixels; of its gray values
         where it has color. Needed with ``noise_threshold > 0``, else without effect.

@@ -35,7 +35,7 @@ class TemporalFilter:
         self._core = _core.TemporalFilter()
 
     def __reduce__(self) -> tuple[type[TemporalFilter], tuple[()]]:
-        """Return what makes another one, which has seen nothing."""
+        """Return the constructor and arguments of a new filter without history."""
         return type(self), ()
 
 

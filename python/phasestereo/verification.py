@@ -21,7 +21,7 @@ __all__ = ["Verdict", "Verification", "verify"]
 
 _DIMMED = 0.5  # of the gray values where there is no verdict
 _WEIGHT = 0.55  # of the color of a verdict
-# Blue and orange are told apart by all who see colors, and their brightness differs.
+# Blue and orange are distinct to all who see colors, and their brightness differs.
 _COLORS = {"SUPPORTED": (0, 110, 200), "REFUTED": (255, 140, 0)}
 
 

@@ -139,7 +139,7 @@ class Wall:
         Returns
         -------
         tuple of Check
-            All quantities. Temporal noise cannot be told of one frame.
+            All quantities. Temporal noise needs more than one frame.
 
         Raises
         ------

@@ -12,7 +12,7 @@
 #include <stdint.h>
 
 /**
- * Most kinds of blur that are told: those of the largest areas.
+ * Most kinds of blur that are reported: those of the largest areas.
  */
 #define PHASESTEREO_MOST_BLURS 8
 
@@ -177,7 +177,7 @@
 #define PHASESTEREO_NOTE 1
 
 /**
- * To be mended; of a match: it is not to be trusted as a whole.
+ * To be fixed; of a match: it is unreliable as a whole.
  */
 #define PHASESTEREO_WARNING 2
 
@@ -286,7 +286,7 @@ typedef struct phasestereo_map {
    */
   size_t struct_size;
   /**
-   * Disparities, pixels; NaN where there is none.
+   * Disparities, pixels; NaN: none.
    */
   float *disparity;
   /**
@@ -423,7 +423,7 @@ typedef struct phasestereo_found {
    */
   uint32_t num_blurs;
   /**
-   * Number of blocks of the images that agree with the field; 0: there is none.
+   * Number of blocks of the images that agree with the field; 0: no field.
    */
   uint32_t rows_blocks;
   /**
@@ -559,7 +559,7 @@ const char *phasestereo_error(void);
 
 /**
  * Makes a matcher with the settings of a preset, "robust", "fast" or "paper" (NULL: "robust"), but for those that are
- * listed; `threads` is 1 to 1024, or 0: as many as the process may use. NULL if it fails: see `phasestereo_error`.
+ * listed; `threads` is 1 to 1024, or 0: all processors of the process. NULL if it fails: see `phasestereo_error`.
  *
  * Texts end with a zero; `settings` are `count` of them, or NULL where `count` is 0.
  */
@@ -722,7 +722,7 @@ enum phasestereo_status phasestereo_rig_match(struct phasestereo_rig *rig,
 enum phasestereo_status phasestereo_rig_reset(struct phasestereo_rig *rig);
 
 /**
- * Writes what is known of the cameras as text that ends with a zero, if it fits into `room` bytes, and returns how many it takes;
+ * Writes what is known of the cameras as text that ends with a zero, if it fits into `room` bytes, and returns its size in bytes;
  * 0 if it fails. `text` may be NULL where `room` is 0. `phasestereo_rig_new` and Python's `Rig.load` read it; the temporal filter is
  * left out.
  *
@@ -733,7 +733,7 @@ size_t phasestereo_rig_text(const struct phasestereo_rig *rig,
                             size_t room);
 
 /**
- * Writes a finding of the last match, check or estimate of this thread that succeeded, and returns 1; 0 if it has not so many,
+ * Writes a finding of the last match, check or estimate of this thread that succeeded, and returns 1; 0 if it has fewer,
  * or `finding` is not acceptable. Those of a match are what is worth knowing, the worst first; those of a check all that was
  * looked at, in a fixed order. Texts are valid until the next such call of this thread.
  *

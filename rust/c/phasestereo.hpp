@@ -46,8 +46,8 @@ public:
      * Makes a matcher; the first eleven parameters are those of cv::StereoSGBM::create.
      *
      * minDisparity is -2047 to 2047, numDisparities any number up to the images' width, blockSize the side of the window, 0
-     * being that of the preset. P1, P2, preFilterCap and mode are kept and change no disparity. threads 0: as many as there
-     * are processors. Settings that the parameters decide (window, lr_check, uniqueness, speckle_size, speckle_range) are
+     * being that of the preset. P1, P2, preFilterCap and mode are kept and change no disparity. threads 0: all
+     * processors. Settings that the parameters decide (window, lr_check, uniqueness, speckle_size, speckle_range) are
      * refused.
      */
     static cv::Ptr<StereoPhase> create(int minDisparity = 0, int numDisparities = 16, int blockSize = 0, int P1 = 0,
@@ -268,7 +268,7 @@ private:
         return matcher_;
     }
 
-    /** Returns a disparity in sixteenths; where smoothing has led it out of the right image it is none. */
+    /** Returns a disparity in sixteenths; invalid where smoothing has led it out of the right image. */
     short rounded(float disparity, int x, int width) const {
         const bool none = std::isnan(disparity);
         const float column = none ? 0.0F : static_cast<float>(x) - std::nearbyint(disparity);

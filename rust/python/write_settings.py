@@ -26,7 +26,7 @@ ROWS = re.compile(r"(?<=\n\n)\| setting \|.*?(?=\n\n)", re.DOTALL)
 
 
 def main() -> None:
-    """Write the files, or tell which are out of date."""
+    """Write the files, or name those that are out of date."""
     core = import_core()
     outdated = []
     for path, pieces in {

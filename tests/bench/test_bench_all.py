@@ -74,7 +74,7 @@ def test_one_command_makes_all_tables_and_the_same_again(tmp_path: Path, run: Ru
 
     code, _, err = run("bench", "compare", tmp_path / "one/results.json", "-o", tmp_path)
     assert code == 0, err
-    assert "robust, told nothing" in (tmp_path / "compare-faults.svg").read_text("utf-8")
+    assert "robust, nothing given" in (tmp_path / "compare-faults.svg").read_text("utf-8")
 
     code, out, err = run("bench", "report", tmp_path / "one/rigs.jsonl")
     assert code == 0, err

@@ -79,7 +79,7 @@ def test_settings_by_name(spec: str, fields: dict[str, Any]) -> None:
         ("paper:window=wide", TypeError, "got 'paper:window=wide': window: "),
         ("nowhere:match", ValueError, "got 'nowhere:match', which cannot be imported"),
         ("test_bench_methods:nothing", ValueError, "which cannot be imported"),
-        ("test_bench_methods:NOT_CALLABLE", TypeError, "is no function but int"),
+        ("test_bench_methods:NOT_CALLABLE", TypeError, "is not a function but int"),
         (3, TypeError, "got int; accepts a name, a function or a Method"),
         (partial(own), TypeError, "got partial, which has no name"),
         (Matcher(), TypeError, "got Matcher, which has no name"),

@@ -210,7 +210,7 @@ def test_claims_are_reproduced_by_what_reproduces_them() -> None:
     assert verdicts(readings, 1) == [ClaimVerdict.YES] * 3
 
     case = case_of(readings, MOTION_X, "cones")
-    assert next(iter(case.gains)) == 3  # 1 is no blur
+    assert next(iter(case.gains)) == 3  # 1 is not a blur
     assert case.gains[3] == pytest.approx(4)
     assert case.larger_gains == [7] * 5  # of 13, 15, 17, 19, 21
 

@@ -215,7 +215,7 @@ def test_damage_within_a_file_is_reported(store: Path) -> None:
     run_jobs([job("a", square, number=1)], store, workers=0)
     content = store.read_text() + "damage\n{}\n"
     store.write_text(content)
-    with pytest.raises(ValueError, match="line 3 is no JSON object"):
+    with pytest.raises(ValueError, match="line 3 is not a JSON object"):
         run_jobs([job("b", square, number=1)], store, workers=0)
     assert store.read_text() == content
 

@@ -526,7 +526,7 @@ def test_zoom_and_drag_keep_pixels_under_the_pointer(opened: Browser) -> None:
         before + 60 / opened.run("return stage.scale"), abs=1
     )
 
-    assert opened.run("return state.held") is False  # a drag is no click
+    assert opened.run("return state.held") is False  # a drag is not a click
 
 
 def test_points_are_drawn_and_turn(opened: Browser) -> None:

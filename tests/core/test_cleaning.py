@@ -26,7 +26,7 @@ SCENE = render_pair(5, height=200, width=260, num_disparities=COUNT)
 
 
 def hot(image: Pixels, share: float, seed: int) -> Pixels:
-    """Return the image with so many black and white pixels."""
+    """Return the image with this many black and white pixels."""
     rng = np.random.default_rng(seed)
     spoilt = image.copy()
     places = rng.random(image.shape[:2]) < share

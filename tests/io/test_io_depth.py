@@ -1,4 +1,4 @@
-"""Depth maps: whole millimetres in a PNG, floats as they are, NaN where there is none."""
+"""Depth maps: whole millimetres in a PNG, floats as they are, NaN: none."""
 
 import os
 from pathlib import Path

@@ -209,7 +209,7 @@ def test_sizes_are_rounded_up(count: int, words: str) -> None:
 
 
 def end_after(bands: int, error: type[BaseException] = EndingError) -> Any:
-    """Return a progress that ends the run after so many bands."""
+    """Return a progress that ends the run after this many bands."""
 
     def progress(done: int, _rows: int) -> None:
         if done >= bands * 32:

@@ -41,7 +41,7 @@ def depths(run: Callable[..., Run], path: Path, out: Path, *more: object) -> tup
 
 
 def matrices(factor: float, baseline: float = BASELINE) -> list[dict[str, Any]]:
-    """Return K, D, R, P of cameras whose images are so many times as large."""
+    """Return K, D, R, P of cameras whose images are this many times as large."""
     size = round(factor * COLS), round(factor * ROWS)
     return robots.straight(size, factor * FOCAL, baseline)
 

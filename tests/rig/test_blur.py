@@ -53,7 +53,7 @@ SCENES = ("tsukuba", "cones", "Art", "Lampshade1", "Motorcycle", "Piano")
 
 
 def arc(length: int, turn: float) -> NDArray[np.float64]:
-    """Return the kernel of a shake along a circle, by so many degrees."""
+    """Return the kernel of a shake along a circle, by this many degrees."""
     steps = np.linspace(-0.5, 0.5, 16 * length + 1)
     angle = np.deg2rad(turn) * steps
     y, x = (

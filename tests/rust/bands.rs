@@ -276,7 +276,7 @@ fn jobs() -> impl Strategy<Value = PartsJob> {
     })
 }
 
-/// Cuts through so many rows, the first and the last among them.
+/// Cuts through this many rows, the first and the last among them.
 fn cuts(height: usize, places: &[Index]) -> Vec<usize> {
     let inner = places.iter().map(|place| place.index(height));
 

@@ -167,7 +167,7 @@ fn with_findings(mut found: Estimates, pair: &Pair) -> Estimates {
     found
 }
 
-/// The same of a pair that is read by at most so many rows.
+/// The same of a pair that is read by at most this many rows.
 fn found_by_rows(stored: &Stored, is_known: bool, most: usize) -> Estimates {
     let matcher = Matcher::new(2).expect("threads");
     let control = Control::default();

@@ -12,7 +12,7 @@ use phasestereo_match::pair::Pair;
 
 const SIZE: (usize, usize) = (80, 120);
 
-/// Texture, so many columns further left.
+/// Texture, this many columns further left.
 fn texture(shift: usize) -> Vec<u8> {
     let (rows, cols) = SIZE;
     let gray = |i: usize| ((i % cols + shift) * 89 % 251) as u8 ^ (i / cols * 37 % 256) as u8;

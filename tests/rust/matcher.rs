@@ -438,14 +438,14 @@ fn a_shifted_image_is_found_again() {
     }
 }
 
-/// A kernel of one tap: it moves the image by so many columns, which tells classes apart.
+/// A kernel of one tap: it moves the image by this many columns, which tells classes apart.
 fn moving(columns: isize) -> Kernel {
     let taps = Plane::from_fn(1, 33, |_, x| f64::from(u8::from(x as isize - 16 == columns)));
 
     Kernel::new(&taps).expect("a legal kernel")
 }
 
-/// A match in so many classes, each of which finds another disparity.
+/// A match in this many classes, each of which finds another disparity.
 fn in_classes(count: usize, size: (usize, usize), tile: usize) -> MatchJob {
     let kernels = (0..count as isize).map(|class| [None, Some(moving(-class))]).collect();
     let tiles = (size.0.div_ceil(tile), size.1.div_ceil(tile));

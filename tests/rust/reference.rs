@@ -650,7 +650,7 @@ impl PathCosts<'_> {
     }
 
     /// The cost of the step to each candidate, beyond the least total of the pixel before: to stay, to change by one, or to
-    /// come from the candidate with that least total. (If this is at most one away, P2 is no less than the right penalty.)
+    /// come from the candidate with that least total. (If this is at most one away, P2 is not a less than the right penalty.)
     fn steps(&self, before: &[u64], least: u64, p2: u64) -> Vec<u64> {
         let step = |k: usize| {
             let beside = [k.checked_sub(1), Some(k + 1)].into_iter().flatten();
@@ -1170,7 +1170,7 @@ fn rival(disparity: &Plane<f32>, is_largest: bool) -> Plane<f32> {
     })
 }
 
-/// A disparity in whole pixels; 0 where there is none.
+/// A disparity in whole pixels; 0 elsewhere.
 fn whole(disparity: f32) -> i64 {
     if disparity.is_nan() { 0 } else { disparity.round_ties_even() as i64 }
 }

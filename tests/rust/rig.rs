@@ -233,7 +233,7 @@ fn blocks_are_looked_for_in_each_cell_at_places_in_turns() {
     assert!(small(54, 300) && small(300, 54) && !small(55, 55));
 }
 
-/// A map of so many pixels, in units of a 2500th, by disparity; others have not passed a check, or have no number.
+/// A map of this many pixels, in units of a 2500th, by disparity; others have not passed a check, or have no number.
 fn map(shares: &[(f32, usize)]) -> Disparity {
     let (rows, cols) = (200, 200);
     let values: Vec<f32> = shares.iter().flat_map(|(value, count)| vec![*value; *count]).collect();

@@ -112,7 +112,7 @@ fn execution(threads: usize, level: Level) -> Execution {
     Execution { threads, level }
 }
 
-/// The estimate of a pair, in memory or read by at most so many rows.
+/// The estimate of a pair, in memory or read by at most this many rows.
 fn estimated(stored: &Stored, most_rows: Option<usize>, threads: usize) -> Estimate {
     let matcher = Matcher::new(threads).expect("threads");
     let execution = execution(threads, Level::best());
@@ -356,7 +356,7 @@ fn roughness_of(view: &View) -> Roughness {
     Texture::new(view.gray().clone()).roughness
 }
 
-/// Compares conversions and roughness, read by at most so many rows, with those of the whole. Every row is
+/// Compares conversions and roughness, read by at most this many rows, with those of the whole. Every row is
 /// read once, in order, for its range, and as far as needed to see that the pixels are floats.
 fn check_scales(stored: &Stored, most_rows: usize) -> std::result::Result<(), TestCaseError> {
     let source = Slow::new(stored, most_rows);

@@ -48,7 +48,7 @@ NIGHTLY = "PHASESTEREO_NIGHTLY" in os.environ
 
 
 def sampled(items: Sequence[Item], every: int = 8) -> Sequence[Item]:
-    """Return all items at night, else one of so many."""
+    """Return all items at night, else one of this many."""
     return items if NIGHTLY else items[::every]
 
 

@@ -101,7 +101,7 @@ def wide_sights(count: int, rng: np.random.Generator, *, noise: float) -> list[S
 
 
 def chessboard(columns: int, rows: int) -> NDArray[np.uint8]:
-    """Return the picture of a chessboard with so many inner corners, a white square around it."""
+    """Return the picture of a chessboard with this many inner corners, a white square around it."""
     y, x = np.mgrid[: rows + 3, : columns + 3]
     inside = (x > 0) & (y > 0) & (x < columns + 2) & (y < rows + 2)
     squares = np.where(inside & ((x + y) % 2 == 0), 30, 220).astype(np.uint8)
@@ -109,7 +109,7 @@ def chessboard(columns: int, rows: int) -> NDArray[np.uint8]:
 
 
 def charuco(columns: int, rows: int, dictionary: str) -> NDArray[np.uint8]:
-    """Return the picture of a ChArUco board of so many squares, a white square around it."""
+    """Return the picture of a ChArUco board of this many squares, a white square around it."""
     words = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary))
     board = cv2.aruco.CharucoBoard((columns, rows), 1.0, 0.75, words)
     made = board.generateImage((columns * _SHARP, rows * _SHARP), marginSize=0)

@@ -436,7 +436,7 @@ def complaint(name: str, path: Path) -> str | None:
 
 
 def read_all(folder: Path, seed: int, files: int | None, seconds: float | None) -> Counter[str]:
-    """Read mutated files until there are so many, or time is over; say of each before it is read.
+    """Read mutated files until there are this many, or time is over; say of each before it is read.
 
     What is wrong is a line of JSON on standard output, as is in the end how many were read.
     """

@@ -162,7 +162,7 @@ def png(width: int, height: int, kind: int, data: bytes = b"") -> bytes:
 
 
 def npz(name: str, size: int, copies: int = 1) -> bytes:
-    """Return a packed .npz file of arrays of so many zeros, which share what is stored."""
+    """Return a packed .npz file of arrays of this many zeros, which share what is stored."""
     packed, header = io.BytesIO(), io.BytesIO()
     np.lib.format.write_array_header_1_0(
         header, {"descr": "|u1", "fortran_order": False, "shape": (size,)}
@@ -184,7 +184,7 @@ def npz(name: str, size: int, copies: int = 1) -> bytes:
 
 
 def many(count: int) -> bytes:
-    """Return a .npz file of so many arrays."""
+    """Return a .npz file of this many arrays."""
     packed = io.BytesIO()
     arrays: dict[str, Any] = {f"a{number}": np.zeros(1) for number in range(count)}
     np.savez(packed, **arrays)

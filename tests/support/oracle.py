@@ -313,7 +313,7 @@ def dropped_bits(window: int, ceiling: int, p2: float = 0.0) -> int:
 def box_sum(values: NDArray[Any], window: int, dropped: int = 0) -> NDArray[Any]:
     """Return the sum over the window x window box around each pixel; the edge is repeated.
 
-    Of the sum of each column of the box so many lowest bits are dropped.
+    Of the sum of each column of the box this many lowest bits are dropped.
     """
     half = (window - 1) // 2
 

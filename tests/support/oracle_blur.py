@@ -118,7 +118,7 @@ def between(disparity: Floats, factor: int, size: tuple[int, int]) -> Floats:
 
 
 def blocks(pair: MaskedPair, disparity: Floats, factor: int, step: int) -> list[Block | None]:
-    """Return top, left and right of the pair of blocks of every tile; None where there is none."""
+    """Return top, left and right of the pair of blocks of every tile; None elsewhere."""
     rows, cols = pair.size
     places: list[Block | None] = []
     for y in range(-(-rows // step)):

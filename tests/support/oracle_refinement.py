@@ -142,7 +142,7 @@ def check(evidence: Evidence, flags: Ints, low: int, most: int) -> Ints:
 
 
 def flag_ambiguous(evidence: Evidence, flags: Ints, percent: int) -> Ints:
-    """Return the flags with those of choices not cheaper than all else by so many percent of it."""
+    """Return the flags with those of choices not cheaper than all else by this many percent of it."""
     known = np.isfinite(evidence.elsewhere)
     elsewhere = np.where(known, evidence.elsewhere, 0)
     ambiguous = known & (elsewhere * (100 - percent) < 100 * evidence.own)
@@ -206,7 +206,7 @@ def fill(disparity: Map, flags: Ints) -> tuple[Map, Ints]:
 
 
 def around(pixel: Pixel, shape: tuple[int, int], reach: int, step: int = 1) -> Iterator[Pixel]:
-    """Yield the pixels of the image up to `reach` rows and columns away, every so many-th."""
+    """Yield the pixels of the image up to `reach` rows and columns away, every this many-th."""
     for dy in range(-reach, reach + 1, step):
         for dx in range(-reach, reach + 1, step):
             y, x = pixel[0] + dy, pixel[1] + dx

@@ -33,7 +33,7 @@ def rivals(disparity: Map) -> list[Map]:
 
 
 def whole(disparity: Map) -> Ints:
-    """Return disparities in whole pixels; 0 where there is none."""
+    """Return disparities in whole pixels; 0 elsewhere."""
     return np.rint(np.nan_to_num(disparity)).astype(np.int64)
 
 

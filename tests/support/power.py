@@ -48,7 +48,7 @@ class Power:
         return True
 
     def wrote(self, path: object, kept: int = 0) -> None:
-        """Take note of a file of which so many bytes are on the disk, and no more yet."""
+        """Take note of a file of which this many bytes are on the disk, and no more yet."""
         if place := self._place(path):
             self._unflushed.setdefault(place, kept)
 
@@ -80,7 +80,7 @@ class Power:
 
 @contextmanager
 def cut(patch: pytest.MonkeyPatch, folder: Path, last: int | None = None) -> Iterator[Power]:
-    """Have the power go after so many operations in a block; count them if it never does."""
+    """Have the power go after this many operations in a block; count them if it never does."""
     power = Power(folder, last)
 
     opening, replacing, flushing = io.open, os.replace, os.fsync

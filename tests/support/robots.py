@@ -71,7 +71,7 @@ def info(
     window: tuple[int, int, int, int] = (0, 0, 0, 0),
     frame: str = "left_optical",
 ) -> Any:
-    """Return a camera_info message of K, D, R and P, for images of so many columns and rows.
+    """Return a camera_info message of K, D, R and P, for images of this many columns and rows.
 
     A window is x and y of its first pixel, columns and rows.
     """

@@ -62,7 +62,7 @@ SIDES = ("left", "right", ALTERNATING)
 
 _SUITE_SIDES = dict.fromkeys(RIGS, ALTERNATING)
 
-_KEPT = 2  # as many as jobs next to each other need: one degraded image, and its true blur
+_KEPT = 2  # what adjacent jobs need: one degraded image, and its true blur
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,14 +105,14 @@ class Case:
         Raises
         ------
         OSError, ValueError
-            As `Scene.load`; ValueError also if a true blur is asked for and there is none.
+            As `Scene.load`; ValueError also if a true blur is asked for and missing.
         """
         pair = _pair(self, true_blur)
         return replace(pair, left=pair.left.copy(), right=pair.right.copy())
 
 
 def usual_side(suite: str) -> str:
-    """Return which image of a suite's pairs is degraded where nobody says."""
+    """Return the image of a suite's pairs that is degraded by default."""
     return _SUITE_SIDES.get(suite, "left")
 
 
@@ -129,7 +129,7 @@ def forget() -> None:
 
 
 @lru_cache(_KEPT)
-def _pair(case: Case, true_blur: bool) -> Pair:  # noqa: FBT001 - lru_cache tells keywords apart
+def _pair(case: Case, true_blur: bool) -> Pair:  # noqa: FBT001 - lru_cache distinguishes keywords
     pair = load(case.scene)
     side = side_of(case.scene) if case.side == ALTERNATING else case.side
 

@@ -53,7 +53,7 @@ class Pair:
         The same of the right view (d >= 0 again, left x = right x + d).
     masks
         The pixels to score by region, bool (H, W): "nonocc" (visible in both images), "all" (with
-        the half-occluded ones), "disc" (near a depth discontinuity); as many as are known.
+        the half-occluded ones), "disc" (near a depth discontinuity); those that are known.
     num_disparities
         How many disparities to search from 0.
     calibration
@@ -62,7 +62,7 @@ class Pair:
         What cropping took off every disparity, px, where it is known (2005, 2006): the depth is
         focal length x baseline / (d + offset).
     first
-        What the rig's own least disparity is where `truth` has 0: its right image is so many px
+        What the rig's own least disparity is where `truth` has 0: its right image is this many px
         farther to the left.
     """
 
@@ -332,7 +332,7 @@ class Scene:
             If a file cannot be read, or an image is missing.
         ValueError
             If a file's content is not what it should be, or its size is not the left image's; or
-            if the images are larger than the scale of the truth is known for; or if nothing tells
+            if the images are larger than the scale of the truth is known for; or if nothing gives
             how many disparities to search.
         """
         layout = self.layout
@@ -406,7 +406,7 @@ class Scene:
             return own if bound is None else max(own, (bound + 8) // 16 * 16)
 
         if bound is None:
-            raise ValueError(f"{self.folder}: calib.txt must give ndisp, and there is none")
+            raise ValueError(f"{self.folder}: calib.txt must give ndisp, and is missing")
         return (bound + 15) // 16 * 16
 
     def _read_masks(self, truth: Truth, truth_right: Truth | None) -> dict[str, Mask]:
@@ -434,7 +434,7 @@ def find_scenes(root: str | os.PathLike[str]) -> list[Scene]:
     Parameters
     ----------
     root
-        The folder that holds `scenes2001`, `kitti2012` and so on, as many as there are; or one of
+        The folder that holds `scenes2001`, `kitti2012` and so on, those that exist; or one of
         these; or one scene in it. Folders are recognized by the official names of their files and
         of the folders they are in.
 
@@ -557,7 +557,7 @@ def _match_column(truth: Truth) -> npt.NDArray[np.float32]:
 
 
 def _agree(truth: Truth, truth_right: Truth) -> Mask:
-    """Return where both truths are known and agree, to 1 px and float32's rounding."""
+    """Return the mask of pixels where both truths agree, to 1 px and float32's rounding."""
     width = truth.shape[1]
     column = np.floor(_match_column(truth) + 0.5)
     inside = (column >= 0) & (column < width)

@@ -35,7 +35,7 @@ def describe_environment() -> dict[str, Any]:
         may use; ``"platform"``; ``"versions"``: of Python and of the packages by name, None where
         one is not installed; ``"commit"``: of the checkout that this package is part of, ending in
         ``-dirty`` where files have changed since, None outside of one; ``"date"``: of today, UTC,
-        which is no part of the id.
+        which is not a part of the id.
     """
     facts = {
         "cpu": _cpu(),
@@ -57,7 +57,7 @@ def describe_environment() -> dict[str, Any]:
 
 
 def usable_cpus() -> int:
-    """Return how many processors this process may use."""
+    """Return the number of processors of this process."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

@@ -145,7 +145,7 @@ def method(spec: str | Matcher | Method) -> Method:
 
 
 def present(specs: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Return which methods can run here, and a sentence on each of the others.
+    """Return the methods that can run here, and a sentence on each of the others.
 
     Raises
     ------
@@ -301,7 +301,7 @@ def _module(function: Matcher) -> str:
 
 def _callable(name: str, found: Any) -> Matcher:
     if not callable(found):
-        raise TypeError(f"method: {name!r} is no function but {type(found).__name__}")
+        raise TypeError(f"method: {name!r} is not a function but {type(found).__name__}")
     matcher: Matcher = found
     return matcher
 

@@ -86,7 +86,7 @@ def run_middlebury(
     -------
     list of dict
         A record per cell: "kind", "suite", "collection", "scene", "degradation", "side", "method"
-        and "true_blur" tell which; "status" is "ok" or "failed". With "ok" there are "v2"
+        and "true_blur" name it; "status" is "ok" or "failed". With "ok" there are "v2"
         (`MiddleburyV2`'s regions), "v3" (the other fields of `Score`), "d1", "epe" and "roc",
         which is what `phasestereo.metrics.roc_area` says of the confidence (all four on the
         non-occluded pixels), None where a mask or a confidence is missing or nothing has an
@@ -161,7 +161,7 @@ def has_truth(scene: Scene) -> bool:
 
 
 def score_case(case: Case, spec: str | Method) -> dict[str, Any]:
-    """Match a case and return what is to be recorded of it: the work of one cell."""
+    """Match a case and return its record: the work of one cell."""
     entrant = method(spec)
     pair = case.pair(true_blur=entrant.true_blur)
     found = matched_pair(entrant, pair)
@@ -244,7 +244,7 @@ def _roc(confidence: Floats, disparity: Floats, pair: Pair) -> float | None:
 
 
 def _checked(*returned: object, size: tuple[int, ...]) -> tuple[Floats, Floats | None]:
-    """Return what a method returned, if that is a disparity map, and a confidence or None."""
+    """Return a method's disparity map, after checks, and a confidence or None."""
     if len(returned) != 2:
         raise TypeError(f"the method returned {len(returned)} things, not disparities, confidences")
 
@@ -258,7 +258,7 @@ def _map(returned: object, size: tuple[int, ...]) -> Floats:
         raise TypeError(f"the method returned {type(returned).__name__}, not an array")
     if not np.issubdtype(returned.dtype, np.floating):
         raise TypeError(
-            f"the method returned {returned.dtype}, not floats: pixels, NaN where there is none"
+            f"the method returned {returned.dtype}, not floats: pixels, NaN without an estimate"
         )
     if returned.shape != size:
         raise ValueError(f"the method returned shape {returned.shape}, not {size}")

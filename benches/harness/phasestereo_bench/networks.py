@@ -43,5 +43,5 @@ def license_of(path: str) -> str:
 
 @lru_cache(4)
 def digest_of(path: str) -> str:
-    """Return the SHA-256 of a file, as hexadecimal digits; OSError if there is none."""
+    """Return the SHA-256 of a file, as hexadecimal digits; OSError if it is missing."""
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()

@@ -34,7 +34,7 @@ def match_program(left: Image, right: Image, num_disparities: int, *, command: s
     OSError
         If it cannot be started, or has written nothing.
     ValueError
-        If it fails, or what it has written is no disparity map.
+        If it fails, or what it has written is not a disparity map.
     """
     with TemporaryDirectory() as folder:
         root = Path(folder)

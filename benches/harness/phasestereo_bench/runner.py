@@ -31,8 +31,8 @@ class Job:
     key
         What identifies the cell; jobs with equal keys are the same cell.
     work
-        What to call: a function of a module, since another process has to find it. It returns what
-        belongs into the record, as JSON has it.
+        What to call: a function of a module, since another process has to find it. It returns the
+        record, as JSON has it.
     arguments
         Keyword arguments for it, which can be pickled.
     """
@@ -62,8 +62,8 @@ def run_jobs(
     store
         The file, made if it does not exist, else appended to.
     workers
-        Number of processes, in which every library is held to one thread; None: as many as there
-        are processors to use. 0 runs the jobs in this very process, one after another and with as
+        Number of processes, in which every library is held to one thread; None: one
+        for each processor. 0 runs the jobs in this very process, one after another and with as
         many threads as they like: for work that no other process can import, such as functions of
         a notebook; a crash then ends everything.
     progress

@@ -42,7 +42,7 @@ def read_store(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
         if number == 1 and (record is None or record.get("kind") != "environment"):
             raise ValueError(f"{path}: not a file of benchmark results")
         if record is None:
-            raise ValueError(f"{path}: line {number} is no JSON object")
+            raise ValueError(f"{path}: line {number} is not a JSON object")
         lines.append(record)
     return lines
 

@@ -33,7 +33,7 @@ class Site:
     Attributes
     ----------
     collection
-        Pattern of the collections that it has; its first group, if any, tells sizes apart.
+        Pattern of the collections that it has; its first group, if any, is the size.
     scenes
         How many scenes a whole submission has, by the parts of which one is enough.
     disparity, time

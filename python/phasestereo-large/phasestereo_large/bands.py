@@ -6,7 +6,7 @@ neighboring gray values differ, how sure the match of some rows is. `pair_statis
 a few rows at a time.
 
 All else that lies between images and disparities reaches only so far up and down (`halo`): a band
-that is matched together with so many rows around it is that of the whole pair.
+that is matched together with its halo of rows is that of the whole pair.
 """
 
 from __future__ import annotations
@@ -143,7 +143,7 @@ def halo(
     blur_compensation: BlurCompensation | None = None,
     alignment: Alignment | None = None,
 ) -> int:
-    """Return how many rows above and below a band its disparities depend on at most.
+    """Return the largest number of rows above and below a band that it depends on.
 
     Parameters
     ----------
@@ -246,7 +246,7 @@ def _widened(first: int, last: int, by: int, statistics: PairStatistics) -> tupl
 
 
 def working_memory(statistics: PairStatistics, rows: int, *, threads: int, itemsize: int) -> int:
-    """Return how many bytes `match_rows` takes at most, besides what the process had before.
+    """Return the largest memory of `match_rows` in bytes, besides that of the process before.
 
     Parameters
     ----------

@@ -31,7 +31,7 @@ __all__ = ["Maps", "maps", "match"]
 _BAND_ROWS = 512
 """Rows of a band: enough that starting a task is nothing beside it."""
 _HALOS = 4
-"""A band has at least so many times the rows of its halo: what is done twice stays little."""
+"""Least ratio of a band's rows to those of its halo, which are matched twice."""
 
 
 class Maps(NamedTuple):
@@ -135,7 +135,7 @@ def maps(
     Raises
     ------
     TypeError
-        If an image is no Dask array, or as `phasestereo.match`.
+        If an image is not a Dask array, or as `phasestereo.match`.
     ValueError
         As `phasestereo.match`; for chunks of unknown size or statistics of another pair, search or
         settings.
@@ -287,7 +287,7 @@ def _check_settings(statistics: PairStatistics, asked: Settings, types: tuple[st
 
 
 def _halo(statistics: PairStatistics, *, masked: bool) -> int:
-    """Return how many rows above and below a band `match_rows` may ask for."""
+    """Return the largest number of rows above and below a band that `match_rows` reads."""
     around, copied = _core.halo(
         statistics.settings, statistics.blur_compensation, statistics.alignment
     )

@@ -227,7 +227,7 @@ def write_geotiff(
         RGB with alpha; or bands (H, W) by their names, all of the type that holds them all
         (disparity and flags: float32, exactly). In floats NaN is "no data", and the file says so.
     like
-        The georeference, or an image that has it; None: there is none.
+        The georeference, or an image that has it; None: no georeference.
     tags
         Metadata by name; ``AREA_OR_POINT`` is that of `like`.
 
@@ -346,7 +346,7 @@ def choose_bands(file: Any, chosen: list[int] | None) -> list[int]:
 
 
 def read_valid(file: Any, indexes: list[int], samples: NDArray[Any], *, window: Any = None) -> Mask:
-    """Return which pixels are neither "no data" nor masked nor transparent nor NaN.
+    """Return the mask of pixels that are not "no data", masked, transparent or NaN.
 
     Parameters
     ----------
@@ -382,7 +382,7 @@ def as_image(file: Any, indexes: list[int], samples: NDArray[Any], valid: Mask) 
 
 
 def georeference_of(file: Any) -> Georeference:
-    """Return where an open file lies."""
+    """Return the georeference of an open file."""
     gcps, gcps_crs = file.gcps
     transform = file.transform
 
@@ -451,7 +451,7 @@ def _stacked(bands: dict[str, NDArray[Any]]) -> NDArray[Any]:
 
 
 def storage(dtype: np.dtype[Any]) -> dict[str, Any]:
-    """Return how samples are stored, as rasterio takes it: in tiles, compressed without loss."""
+    """Return rasterio's options of storage: in tiles, compressed without loss."""
     return {
         "driver": "GTiff",
         "dtype": dtype.name,
@@ -470,7 +470,7 @@ def point_tag(place: Georeference) -> dict[str, str]:
 
 
 def placed(place: Georeference) -> dict[str, Any]:
-    """Return what rasterio takes for a georeference."""
+    """Return a georeference as rasterio's arguments."""
     if not isinstance(place, Georeference):
         kind = type(place).__name__
         raise TypeError(f"like: got {kind}; accepts Georeference, GeoImage or None")

@@ -69,7 +69,7 @@ class Processes:
         self._ended: SimpleQueue[tuple[str, Future[Any]]] = SimpleQueue()
 
     def slots(self) -> int:
-        """Return how many tasks are done at the same time."""
+        """Return the number of tasks done at the same time."""
         return len(self._every)
 
     def submit(self, key: str, function: Callable[..., Any], *arguments: Any) -> None:
@@ -120,7 +120,7 @@ class _Process:
         self._is_over = False
 
     def do(self, task: bytes) -> Any:
-        """Do a pickled task, and return what it returns; see `Processes.finished`."""
+        """Do a pickled task, and return its value; see `Processes.finished`."""
         if self._process is None or not self._process.is_alive():
             self.close()
             self._start(task)
@@ -171,7 +171,7 @@ class _Process:
             self._process.kill()
 
     def _ending(self) -> str:
-        """Return how the process ended, in words."""
+        """Describe the end of the process."""
         code = self._process.exitcode if self._process is not None else None
         if code is not None and code < 0:
             return f"killed by {signal.Signals(-code).name}, as when memory runs out"

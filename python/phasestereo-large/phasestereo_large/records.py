@@ -99,7 +99,7 @@ def encode(record: Mapping[str, Any]) -> bytes:
 
 
 def decode(line: bytes) -> dict[str, Any] | None:
-    """Return the record of a line; None if it is none."""
+    """Return the record of a line; None if it is invalid."""
     try:
         record = json.loads(line)
     except (ValueError, RecursionError):
@@ -132,7 +132,7 @@ def decoded(  # noqa: C901, PLR0911 -- a step for each kind of type
     Raises
     ------
     ValueError
-        If it is none of this type; the message begins with the name.
+        If it is not of this type; the message begins with the name.
     """
     origin, members = get_origin(kind), get_args(kind)
     again = partial(decoded, arrays=arrays, others=others)

@@ -124,7 +124,7 @@ def load(path: str | os.PathLike[str]) -> PairStatistics:
     OSError
         If the file cannot be read.
     ValueError
-        If it is no such file.
+        If it is not such a file.
     """
     with decoding(path) as file:
         return _from_arrays(decode_arrays(read_bounded(file, STATISTICS), STATISTICS))

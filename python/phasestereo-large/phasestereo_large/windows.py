@@ -42,7 +42,7 @@ Window = tuple[slice, slice]
 Piece = Callable[[Window], tuple[Pixels, Mask | None]]
 
 MAX_BYTES = 2**30
-"""Memory that the blocks across an image may take, where nothing else is said."""
+"""Memory that the blocks across an image may take by default."""
 
 _LEAST = 64  # rows read at once: fewer would be slow
 _NPY_MAGIC = b"\x93NUMPY"
@@ -159,7 +159,7 @@ class RasterPair:
     def reader(
         self, columns: tuple[int, int] | None = None
     ) -> Callable[[int, int], tuple[Pixels, Pixels, Mask | None, Mask | None]]:
-        """Return what reads rows [first, last) of both images, and of the columns given or all.
+        """Return the reader of rows [first, last) of both images, in given columns or all.
 
         It returns the left and the right image and their masks, as `Raster.read` does.
         """
@@ -295,7 +295,7 @@ def _masked(
 
 
 def _cuts(first: int, last: int, rows: int) -> range:
-    """Return where to cut the rows [first, last): between blocks, so that each is read once."""
+    """Return the cuts of the rows [first, last): between blocks, so that each is read once."""
     step = rows * -(-_LEAST // rows)
     return range((first // step + 1) * step, last, step)
 

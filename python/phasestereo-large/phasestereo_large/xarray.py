@@ -79,7 +79,7 @@ def match(
     Raises
     ------
     TypeError
-        If an image is no DataArray, or as `phasestereo.match`.
+        If an image is not a DataArray, or as `phasestereo.match`.
     ValueError
         If dimensions are unclear or sizes differ, if the rows of the images have different
         coordinates, or as `phasestereo.match`.
@@ -138,7 +138,7 @@ def as_dataset(result: Result, *, like: DataArray | None = None) -> Dataset:
     Raises
     ------
     TypeError
-        If the result is no `Result`, or `like` no DataArray.
+        If the result is not a `Result`, or `like` is not a DataArray.
     ValueError
         If its dimensions are unclear, or its size is not that of the result.
     ImportError
@@ -181,7 +181,7 @@ def as_dataset(result: Result, *, like: DataArray | None = None) -> Dataset:
 
 
 def _attributes(name: str) -> dict[str, Any]:
-    """Return what there is to say about a map of a result."""
+    """Return the attributes of a map of a result."""
     kind = MAPS[name]
     found: dict[str, Any] = {"long_name": kind.meaning, "units": kind.unit}
     if name == "disparity":
@@ -251,7 +251,7 @@ def _as_image(pixels: NDArray[Any], mask: Mask | None, name: str) -> Pixels:
 
 
 def _valid(view: DataArray, pixels: NDArray[Any]) -> Mask | None:
-    """Return which pixels have data; None: all."""
+    """Return the mask of pixels with data; None: all."""
     layers = np.atleast_3d(pixels)
     missing = np.zeros(layers.shape[:2], dtype=np.bool_)
 

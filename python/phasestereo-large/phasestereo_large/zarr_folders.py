@@ -62,7 +62,7 @@ def open_array(path: str, max_bytes: int) -> Any:
 
 
 def _bound(codec: Any, packer: str, times: int) -> None:
-    """Have what unpacks chunks look at each first, within shards, too: so many bytes a pixel."""
+    """Have codecs check each chunk first, within shards too: the bytes a pixel."""
     for inner in getattr(codec, "codecs", ()):
         _bound(inner, packer, times)
 

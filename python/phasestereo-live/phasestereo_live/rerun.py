@@ -139,7 +139,7 @@ def saving(path: StrPath) -> Iterator[Any]:
     Raises
     ------
     OSError
-        If its folder does not exist or cannot be written to, or it is no file.
+        If its folder does not exist or cannot be written to, or it is not a file.
     ValueError
         If it does not end in .rrd.
     ImportError

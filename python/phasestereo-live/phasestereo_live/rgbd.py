@@ -128,7 +128,7 @@ class RgbdWriter(Closing):
         Raises
         ------
         ValueError
-            If the calibration is of another size, or the pose is none.
+            If the calibration is of another size, or the pose is invalid.
         OSError
             If a file cannot be written.
         """
@@ -247,7 +247,7 @@ def normal_map(depth: Map, calibration: Calibration) -> Map:
     Parameters
     ----------
     depth
-        float32 (H, W), in the unit of the baseline; NaN where there is none.
+        float32 (H, W), in the unit of the baseline; NaN elsewhere.
     calibration
         The geometry of a map of this size.
 
@@ -255,7 +255,7 @@ def normal_map(depth: Map, calibration: Calibration) -> Map:
     -------
     ndarray
         float32 (H, W, 3), of length 1 in the frame of the left camera (X to the right, Y down, Z
-        forward), with Z < 0 on the axis; 0 where there is none: fewer than 6 of 5 x 5 pixels are
+        forward), with Z < 0 on the axis; 0 elsewhere: fewer than 6 of 5 x 5 pixels are
         of one surface, on which disparities differ by no more than 1 px from the middle.
 
     Notes

@@ -22,7 +22,7 @@ _SIDES = {"left": slice(0, 3), "middle": slice(3, 5), "right": slice(5, 8)}
 
 
 def coverage(places: Iterable[NDArray[np.float64]], size: tuple[int, int]) -> NDArray[np.int64]:
-    """Return how many corners lie in each of 6 x 8 cells of an image of this size."""
+    """Count the corners in each of 6 x 8 cells of an image of this size."""
     every = np.concatenate([np.zeros((0, 2)), *places])
     counted = np.histogram2d(
         every[:, 1], every[:, 0], bins=CELLS, range=((0, size[1]), (0, size[0]))
@@ -40,7 +40,7 @@ def advice(
     parallax: float,
     unit: str,
 ) -> tuple[str, ...]:
-    """Return what to take next, a sentence each.
+    """Return advice on the next pictures, a sentence each.
 
     Parameters
     ----------

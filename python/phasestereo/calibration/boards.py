@@ -59,7 +59,7 @@ class Board:
         return f"chessboard of {cols} x {rows} inner corners"
 
     def points(self, ids: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return where corners lie on the board, (N, 3), in the unit of `square`."""
+        """Return the corners' positions on the board, (N, 3), in the unit of `square`."""
         cols = 1 if self.size is None else self.size[0]
         grid = np.stack([ids % cols, ids // cols, np.zeros_like(ids)], axis=1)
         return grid * self.square
@@ -114,7 +114,7 @@ class Board:
         return made
 
     def is_mirrored(self, image: NDArray[np.uint8]) -> bool:
-        """Return whether a picture shows a mirrored board, which only markers tell."""
+        """Return whether a picture shows a mirrored board, which only markers reveal."""
         return self.dictionary is not None and self.find(image[:, ::-1].copy()) is not None
 
     def _find_charuco(self, image: NDArray[np.uint8]) -> Corners | None:

@@ -254,7 +254,7 @@ def _fit_without_outliers(
         sights = _sights(board, [kept[at] for at in used])
         fitted = fit(sights, size, lens)
 
-        # Pairs that are none bend all cameras to them; the pose that most views tell does not bend.
+        # False pairs distort the fit of all cameras; the pose of most views resists them.
         # What is a little off bends them, too: of these the worst alone is left out at a time.
         fits = rms(fitted.errors) < _UNFIT
         errors = fitted.errors if fits else disagreement(sights, size)
@@ -297,7 +297,7 @@ def _check_rig(
     x, y, z = (float(part) for part in fitted.matrices["T"].ravel())
     if np.linalg.norm((x, y, z)) < 3 * np.sqrt(np.trace(fitted.covariance[-3:, -3:])):
         raise ValueError(
-            f"{files}: these views do not tell how far apart the cameras are: tilt the board, and "
+            f"{files}: these views do not show how far apart the cameras are: tilt the board, and "
             "move it, between them (or both views are one camera's)"
         )
     if abs(y) > abs(x):
@@ -313,8 +313,8 @@ def _check_rig(
 
 
 def _flips(board: Board, used: Sequence[BoardView], size: tuple[int, int], error: float) -> str:
-    """Return what is wrong with one camera's pictures, if corners fit far better without it."""
-    if board.dictionary is not None:  # whose markers would not be found, or would tell
+    """Return the fault of one camera's pictures, if corners fit far better without it."""
+    if board.dictionary is not None:  # whose markers would not be found, or would show it
         return ""
 
     found = {}

@@ -195,7 +195,7 @@ class StereoCalibration:
         return found | dict(zip(_TURNS, turns, strict=True))
 
     def depth_error(self, distances: ArrayLike, disparity_error: float = 0.25) -> DepthError:
-        """Return how exactly depths can be known with these cameras.
+        """Return the expected depth errors of these cameras.
 
         At a depth Z an error e of the disparity makes one of ``Z**2 / (f b) * e``. That of the
         calibration is worked out from the covariance of all its numbers, for points in the middle
@@ -215,7 +215,7 @@ class StereoCalibration:
         Raises
         ------
         TypeError, ValueError
-            If a number is none of these.
+            If a number is invalid.
         """
         depths = np.atleast_1d(np.asarray(distances, dtype=np.float64)).ravel()
         if not (np.isfinite(depths) & (depths > 0)).all():

@@ -149,9 +149,9 @@ def is_far_off(found: Fit) -> bool:
 
 
 def disagreement(sights: Sequence[Sight], size: tuple[int, int]) -> Matrix:
-    """Return how far each view's corners are from where most views put the right camera, pixels.
+    """Return each view's corner error for the right camera pose of most views, pixels.
 
-    Each camera is fitted alone. In each view both then tell how they stand to each other; of all
+    Each camera is fitted alone. Each view then gives their relative pose; of all
     views' rotations and translations the medians are taken.
     """
     cv2 = require("cv2", extra="rectify")
@@ -198,7 +198,7 @@ def _fitted(sights: Sequence[Sight], size: tuple[int, int], lens: Lens) -> Fit:
 def _cameras(
     sights: Sequence[Sight], size: tuple[int, int], count: int
 ) -> tuple[dict[str, Matrix], list[tuple[Matrix, Matrix]]]:
-    """Return the cameras that OpenCV fits, with so many coefficients, and the board's poses."""
+    """Return OpenCV's cameras with this number of coefficients, and the board's poses."""
     cv2 = require("cv2", extra="rectify")
     flags = {4: cv2.CALIB_FIX_K3, 5: 0, 8: cv2.CALIB_RATIONAL_MODEL}[count]
     points, left, right = _as_lists(sights)
@@ -320,7 +320,7 @@ def _residuals_and_covariance(
     poses: Sequence[tuple[Matrix, Matrix]],
     lens: Lens,
 ) -> tuple[list[Matrix], Matrix]:
-    """Return what is left of each view's corners, and the covariance of the cameras' numbers."""
+    """Return each view's residuals, and the covariance of the cameras' parameters."""
     total = vector(matrices).size
     # OpenCV keeps five coefficients where four are fitted: k3 is 0, and known.
     one = (total - 6) // 2
@@ -380,7 +380,7 @@ def _derivatives(
 def projected_by(
     lens: Lens, points: Matrix, pose: tuple[Matrix, Matrix], k: Matrix, d: Matrix
 ) -> tuple[Matrix, Matrix]:
-    """Return where a lens sees points, (N, 2), and derivatives in the order of `cv2.projectPoints`.
+    """Return a lens's projections, (N, 2), and derivatives in the order of `cv2.projectPoints`.
 
     That is by the rotation's vector, the translation, fx, fy, cx, cy and the distortion.
     """

@@ -215,7 +215,7 @@ class _Chosen:
 
 
 def _pose(places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return where a board is, how large and how turned: ends of its corners in four directions."""
+    """Return a board's position, size and turn: ends of its corners in four directions."""
     x, y = places.T
     along = np.stack([x, y, (x + y) / 2, (x - y) / 2])
     return np.concatenate([along.min(axis=1), along.max(axis=1)])
@@ -229,7 +229,7 @@ def _small(image: Gray) -> Gray:
 
 
 def _motion(now: Gray, then: Gray, places: NDArray[np.float64]) -> float:
-    """Return how far corners move from a frame to the next, median, pixels."""
+    """Return the median motion of corners from a frame to the next, pixels."""
     cv2 = require("cv2", extra="rectify")
     points = places.astype(np.float32).reshape(-1, 1, 2)
     moved, found, _ = cv2.calcOpticalFlowPyrLK(now, then, points, None)

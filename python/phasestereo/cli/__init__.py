@@ -1,7 +1,7 @@
 """The command line: one module a command, and here what all of them share.
 
 Exit codes: 0 success, 1 the run failed, 2 the command line was wrong, 3 --strict and a match that
-is not to be trusted. An error that the user can mend is one line on standard error, any other a
+is not to be trusted. An error that the user can fix is one line on standard error, any other a
 traceback. Importing this package needs the extra ``cli``; `phasestereo.__main__` says so where it
 is missing.
 """

@@ -82,7 +82,7 @@ def check(
 
 
 def _refuse_target(path: Path, sources: tuple[Path | None, ...]) -> None:
-    """Refuse a file that is no PNG, or that is read."""
+    """Refuse a file that is not a PNG, or that is read."""
     if path.suffix.lower() != ".png":
         raise CommandError(f"--blur-map: got {path}; accepts a .png file", WRONG_USAGE)
     refuse_taken("blur_map", path, sources)

@@ -16,7 +16,7 @@ UNTRUSTED = 3
 
 
 class CommandError(Exception):
-    """Something for the user to mend.
+    """Something for the user to fix.
 
     Parameters
     ----------
@@ -54,12 +54,12 @@ def refusals(*, options: Collection[str] = ()) -> Iterator[None]:
 
 
 def option(argument: str) -> str:
-    """Return how the command line spells the argument of this name."""
+    """Return the command line's spelling of this argument."""
     return "--" + argument.replace("_", "-")
 
 
 def refuse_picture(argument: str, path: str | Path) -> None:
-    """Refuse a picture where a calibration is wanted; its reader refuses what is no file at all.
+    """Refuse a picture where a calibration is wanted; its reader refuses what is not a file at all.
 
     Raises
     ------

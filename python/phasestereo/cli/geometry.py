@@ -338,7 +338,7 @@ class Rig:
         )
 
     def ranging(self, result: Result) -> Ranging:
-        """Return what makes depths of the disparities of a result."""
+        """Return the converter from a result's disparities to depths."""
         return ranging(
             result.disparity,
             self.calibration,

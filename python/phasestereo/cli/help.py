@@ -49,7 +49,7 @@ class Help(DefaultFormatter):
 
 
 def _shortened(entry: HelpEntry) -> Any:
-    """Return the first sentence of what is said of an option, and the rest as it is."""
+    """Return the first sentence of an option's description, and the rest unchanged."""
     said = entry.description
     if not isinstance(said, InlineText) or not isinstance(said.primary_renderable, Markdown):
         return said

@@ -94,7 +94,7 @@ def match(
     bands
         Number of the band of GeoTIFF images to match, or 3,2,1 for red, green and blue.
     threads
-        Number of threads; without it, as many as there are processors.
+        Number of threads; without it, one per processor.
     noise
         Standard deviation of the images' noise, in units of their pixels; needed with
         --noise-threshold.

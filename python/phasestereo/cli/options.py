@@ -51,7 +51,7 @@ SETTINGS_HELP = "Each takes the place of the preset's."
 
 
 def _help(setting: _core.Setting) -> str:
-    """Return what the core says of a setting, and its values in the presets, in Markdown."""
+    """Return the core's description of a setting and its values in the presets, in Markdown."""
     listed = [f'- `"{word}"`: {meaning}' for word, meaning in setting.choices]
     usual, *others = ((name, getattr(PRESETS[name], setting.name)) for name in PRESETS)
     names: dict[str, list[str]] = {}

@@ -126,6 +126,6 @@ def read_both(
 
 
 def names_of(left: Path, right: Path | None) -> tuple[str, str]:
-    """Return what to call the views."""
+    """Return the names of the views."""
     name = os.fspath(left.name)
     return (name, right.name) if right is not None else (f"{name} (left)", f"{name} (right)")

@@ -1,4 +1,4 @@
-"""What is said of a match, or of a pair, that is not as it should be."""
+"""Reports on a match, or a pair, that is not reliable."""
 
 from __future__ import annotations
 

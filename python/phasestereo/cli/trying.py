@@ -74,7 +74,7 @@ def _pair() -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
 
 
 def _means(image: NDArray[np.int64], size: int) -> NDArray[np.int64]:
-    """Return means of so many rows and columns, in integers."""
+    """Return means of blocks of this size (rows, columns), in integers."""
     padded = np.pad(image, size // 2, mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, (size, size))
     rows, cols = image.shape

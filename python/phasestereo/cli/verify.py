@@ -68,7 +68,7 @@ def verify(
         PNG file for the verdicts, 8 bits: 0 no disparity, 1 cannot be judged, 2 supported, 3
         refuted.
     threads
-        Number of threads; without it, as many as there are processors.
+        Number of threads; without it, one per processor.
     as_json
         Print one JSON object on standard output: shares, findings, files.
     strict

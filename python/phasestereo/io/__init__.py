@@ -7,7 +7,7 @@ Files are written whole or not at all. Images need the extra ``io``; ``.npy``, `
 and ``.ply`` do not. GeoTIFF is read and written by `phasestereo_large.geotiff`, the extra ``geo``.
 
 Files may come from anywhere: pictures of more than `max_pixels` pixels are refused, as is anything
-that would unpack to more than a picture needs, and what is no regular file.
+that would unpack to more than a picture needs, and what is not a regular file.
 """
 
 from __future__ import annotations

@@ -63,7 +63,7 @@ def read_colmap(path: StrPath) -> NDArray[np.float32]:
 
 
 def write_colmap(path: StrPath, values: NDArray[Any]) -> None:
-    """Write a depth map (H, W) or normals (H, W, 3) as COLMAP has them; 0 where there is none.
+    """Write a depth map (H, W) or normals (H, W, 3) as COLMAP has them; 0 elsewhere.
 
     Raises
     ------

@@ -82,7 +82,7 @@ def write_depth(
     path
         The file; an existing one is replaced, and only once the new one is complete.
     depth
-        float32 or float64 (rounded to float32), shape (H, W), positive; NaN where there is none.
+        float32 or float64 (rounded to float32), shape (H, W), positive; NaN elsewhere.
     unit
         The unit of the depths, as `Calibration.unit` has it. A ``.png`` needs it; floats are
         written as they are.

@@ -75,7 +75,7 @@ def draft_of(path: StrPath, suffixes: Sequence[str], what: str) -> tuple[Path, P
     Raises
     ------
     OSError
-        If its folder does not exist or cannot be written to, or it is no file.
+        If its folder does not exist or cannot be written to, or it is not a file.
     ValueError
         If it does not end in one of the suffixes; ``what`` says what is written.
     """
@@ -113,7 +113,7 @@ def publish(draft: Path, target: Path) -> None:
 def remove_abandoned(folder: Path) -> None:
     """Remove the hidden drafts in a folder whose processes have died.
 
-    Where the system or the file system has no locks, nobody can tell: all stay.
+    Where the system or the file system has no locks, none can be checked: all stay.
     """
     for draft in folder.glob(DRAFTS):
         with suppress(OSError):  # locked, a folder or of another user: not for us to remove

@@ -51,7 +51,7 @@ def read_bounded(file: BinaryIO, most: int) -> bytes:
     Raises
     ------
     ValueError
-        If it has more than so many bytes.
+        If it is larger than the limit.
     """
     size = os.fstat(file.fileno()).st_size
     if size > most:
@@ -65,7 +65,7 @@ def check_head(path: StrPath, head: bytes) -> None:
     Raises
     ------
     OSError
-        If it cannot be opened, or is no regular file.
+        If it cannot be opened, or is not a regular file.
     ValueError
         If it begins otherwise.
     """
@@ -81,7 +81,7 @@ def decoding(path: StrPath) -> Iterator[BinaryIO]:
     Raises
     ------
     OSError
-        If the file cannot be opened or read, or is no regular file.
+        If the file cannot be opened or read, or is not a regular file.
     ValueError
         If the block raised anything else; the message names the file.
     """

@@ -127,7 +127,7 @@ def images_of(folder: Path) -> list[Path]:
 
 
 def _natural(name: str) -> list[tuple[int, str]]:
-    """Return what sorts frame10 after frame9."""
+    """Return the key that sorts frame10 after frame9."""
     return [
         (int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"([0-9]+)", name)
     ]

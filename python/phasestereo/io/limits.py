@@ -33,7 +33,7 @@ _chosen: int | None = None
 
 
 def max_pixels() -> int:
-    """Return how many pixels a picture may have that is read as a whole.
+    """Return the limit on the pixels of a picture that is read as a whole.
 
     200 million, unless `set_max_pixels` or the environment variable ``PHASESTEREO_MAX_PIXELS`` says
     otherwise. Files that are read by windows (`phasestereo_large.outofcore`) may have any number.
@@ -65,7 +65,7 @@ def set_max_pixels(count: int | None) -> None:
     Raises
     ------
     TypeError
-        If it is no integer.
+        If it is not an integer.
     ValueError
         If it is less than 1.
     """

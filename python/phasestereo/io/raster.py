@@ -169,7 +169,7 @@ def _has_more(image: Any) -> bool:
 
 
 def _exact_tiles(image: Any) -> list[_Tile]:
-    """Return what Pillow decodes: one tile, or two for the high and the low bytes of colors."""
+    """Return Pillow's tiles: one, or two for the high and the low bytes of colors."""
     if not image.tile:
         raise ValueError("the file has a header but no samples")
     tile = _Tile(*image.tile[0])

@@ -31,7 +31,7 @@ def write_maps(path: StrPath, maps: Mapping[str, NDArray[Any]]) -> None:
     Raises
     ------
     TypeError
-        If what is to be written is no array of numbers.
+        If what is to be written is not an array of numbers.
     ValueError
         If the suffix is another one.
     OSError

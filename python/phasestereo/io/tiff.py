@@ -111,7 +111,7 @@ def _check_bounds(file: BinaryIO) -> None:
 
 
 def _unpacks_beyond(file: BinaryIO, count: int, most: int) -> bool:
-    """Return whether deflated bytes unpack to more than so many, without keeping them."""
+    """Return whether deflated bytes unpack to more than a limit, without keeping them."""
     if count * UNPACKING <= max(most, _HARMLESS):
         return False
 

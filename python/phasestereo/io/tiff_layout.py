@@ -118,7 +118,7 @@ class Directory:
         return max(1, self.number(_BITS, 1)) if separate else self.sample
 
     def check_blocks(self) -> None:
-        """Refuse blocks that are not as many as the picture has, or much larger than it."""
+        """Refuse blocks whose number is not the picture's, or that are much larger than it."""
         (width, height), (across, down) = self.size, self.block
         if min(width, height) < 1:
             raise ValueError(f"the header says {width} x {height} pixels: that is not an image")
@@ -140,11 +140,11 @@ class Directory:
             )
 
     def places(self, file: BinaryIO) -> NDArray[np.uint64]:
-        """Return where in the file each block begins; 0: it is left out."""
+        """Return the offsets of the blocks in the file; 0: left out."""
         return self._many(file, _TILES if _TILES in self.tags else _STRIPS)
 
     def stored(self, file: BinaryIO) -> NDArray[np.uint64]:
-        """Return how many bytes of the file each block has."""
+        """Return the sizes of the blocks in the file, in bytes."""
         places = self.places(file)
         name = _TILE_BYTES if _TILE_BYTES in self.tags else _STRIP_BYTES
         rest = np.uint64(self.length) - np.minimum(places, np.uint64(self.length))

@@ -3,7 +3,7 @@
     from phasestereo.matchers import load_matcher
 
     network = load_matcher("onnx:net.onnx")
-    disparity = network(left, right)  # float32 (H, W), pixels, NaN where there is none
+    disparity = network(left, right)  # float32 (H, W), pixels, NaN elsewhere
 
 `loading` makes one of a specification, a function or an object; `onnx` and `opencv` run theirs.
 """

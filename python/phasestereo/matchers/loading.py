@@ -106,7 +106,7 @@ def load_matcher(matcher: object, *, threads: int | None = None) -> OtherMatcher
         - An object with ``compute(left, right)`` as OpenCV's matchers have it: BGR in, int16
           sixteenths of a pixel out, or floats in pixels.
         - A function ``(left, right) -> disparity``: arrays (H, W) or (H, W, 3) of the images' dtype
-          in, (H, W) real numbers in pixels out, NaN where there is none.
+          in, (H, W) real numbers in pixels out, NaN elsewhere.
         - A matcher that this has returned.
     threads
         Threads of a network, from 1; None: what onnxruntime takes. Others set their own.
@@ -119,7 +119,7 @@ def load_matcher(matcher: object, *, threads: int | None = None) -> OtherMatcher
     Raises
     ------
     TypeError
-        If it is none of these.
+        If it is not one of these.
     ValueError
         If there is no such specification or option, or the file is not a network that takes a pair.
     OSError

@@ -136,7 +136,7 @@ def max_disparity_of(path: str, *, threads: int | None = None) -> int | None:
 
 
 def layout_of(session: Any, path: str) -> NetworkInputs:
-    """Return how a network takes its inputs.
+    """Return a network's input layout.
 
     Raises
     ------
@@ -196,7 +196,7 @@ def _fixed(side: Any) -> int | None:
 
 
 def _padding(size: tuple[int, int], layout: NetworkInputs, path: str) -> tuple[int, int]:
-    """Return how many rows and columns the images lack."""
+    """Return the rows and columns to add to the images."""
     wanted = [
         fixed or -(-side // _MULTIPLE) * _MULTIPLE
         for side, fixed in zip(size, layout.size, strict=True)

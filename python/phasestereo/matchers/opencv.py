@@ -54,7 +54,7 @@ def needed() -> None:
 
 
 def create_bm(num_disparities: int) -> Any:
-    """Return a StereoBM for so many disparities, a multiple of 16.
+    """Return a StereoBM for a number of disparities, a multiple of 16.
 
     Raises
     ------
@@ -68,7 +68,7 @@ def create_bm(num_disparities: int) -> Any:
 def create_sgbm(
     num_disparities: int, mode: str, *, channels: int, options: Mapping[str, Any] = SGBM
 ) -> Any:
-    """Return a StereoSGBM for so many disparities, a multiple of 16.
+    """Return a StereoSGBM for a number of disparities, a multiple of 16.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def match_sgbm(
     mode: str = "HH",
     options: Mapping[str, Any] = SGBM,
 ) -> Map:
-    """Match with StereoSGBM, over eight directions unless told otherwise.
+    """Match with StereoSGBM, over eight directions by default.
 
     Raises
     ------
@@ -147,7 +147,7 @@ def match_by(matcher: Any, left: Image, right: Image, _num_disparities: int) -> 
     ----------
     matcher
         What has ``compute(left, right)``: BGR, or gray if it is a StereoBM; int16 sixteenths of a
-        pixel, less than ``16 * getMinDisparity()`` where there is none, or floats in pixels.
+        pixel, less than ``16 * getMinDisparity()`` elsewhere, or floats in pixels.
     left, right
         uint8 (H, W) or (H, W, 3), RGB.
 
@@ -185,7 +185,7 @@ def _sixteens(num_disparities: int) -> int:
 
 
 def _continued(image: Image, left: int, others: int) -> Image:
-    """Continue an image by repeating its edge, so many pixels to the left and on other sides."""
+    """Extend an image by repeating its edge, by given numbers of pixels on its sides."""
     sides = ((others, others), (left, others), (0, 0))
     return np.pad(image, sides[: image.ndim], mode="edge")
 

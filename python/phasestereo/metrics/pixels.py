@@ -21,7 +21,7 @@ def scored_values(estimate: Floats, truth: Floats, mask: Mask | None) -> tuple[V
 
 
 def scored_pixels(estimate: Floats, truth: Floats, mask: Mask | None) -> Mask:
-    """Return which pixels of a checked estimate, truth and mask are scored: at least one is."""
+    """Return the mask of scored pixels of a checked estimate, truth and mask: at least one."""
     estimate, truth = checked_disparities("estimate", estimate), checked_disparities("truth", truth)
     if estimate.ndim != _MAP_NDIM:
         raise ValueError(f"estimate must be 2-D (H, W), got shape {estimate.shape}")

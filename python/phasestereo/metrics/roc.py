@@ -78,7 +78,7 @@ def roc_area(
     truth
         True disparities, floats (H, W); pixels where they are not finite are not scored.
     threshold
-        A pixel is wrong that is off by more than so many pixels; finite, at least 0.
+        A pixel is wrong that is off by more than this, in pixels; finite, at least 0.
     mask
         Bools (H, W), True = score; everywhere by default.
 
@@ -117,7 +117,7 @@ def sparsification(
     threshold: float = 1.0,
     mask: Mask | None = None,
 ) -> Sparsification:
-    """Return how the share of wrong pixels grows as less and less confident ones are kept.
+    """Return the share of wrong pixels as less and less confident ones are kept.
 
     X. Hu, P. Mordohai: A Quantitative Evaluation of Confidence Measures for Stereo Vision, PAMI 34
     (11), 2012, section 4. Unlike the area under the ROC curve, the one under this curve depends on
@@ -158,7 +158,7 @@ def _area(wrong: Values) -> float:
 
 
 def _ties(values: Values) -> tuple[Indices, Indices]:
-    """Return where each value comes among those that occur, and how often these do."""
+    """Return the rank of each value among the distinct ones, and their counts."""
     _, inverse, counts = np.unique(values, return_inverse=True, return_counts=True)
     return inverse, counts
 

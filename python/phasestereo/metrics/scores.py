@@ -318,7 +318,7 @@ def subpixel(
     inlier: float = 1.0,
     bins: int = 10,
 ) -> SubPixel:
-    """Return how exact the estimates are that are right, and how much they lock to whole pixels.
+    """Return the subpixel error of correct estimates, and their bias to whole pixels.
 
     Parameters
     ----------

@@ -41,7 +41,7 @@ class RightMatcher:
         return 1 - self._left.getMinDisparity() - self._left.getNumDisparities()
 
     def getNumDisparities(self) -> int:
-        """Return how many disparities are searched."""
+        """Return the number of disparities searched."""
         return self._left.getNumDisparities()
 
     def __repr__(self) -> str:

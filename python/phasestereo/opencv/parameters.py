@@ -83,7 +83,7 @@ class Parameters:
         self._set("minDisparity", minDisparity)
 
     def getNumDisparities(self) -> int:
-        """Return how many disparities are searched."""
+        """Return the number of disparities searched."""
         return self._values["numDisparities"]
 
     def setNumDisparities(self, numDisparities: int) -> None:

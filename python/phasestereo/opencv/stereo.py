@@ -92,7 +92,7 @@ class StereoPhase(Parameters):
             for most pairs; blocks as large as StereoBM needs cost details here, too.
         disp12MaxDiff
             Left-right check: a pixel is left out when the right pixel that was chosen for it fits
-            another one better whose disparity differs by more than so many pixels. 0 or less: 1, as
+            another one better whose disparity differs by more pixels than this. 0 or less: 1, as
             StereoSGBM has it, whatever its documentation says; a large number, such as 1000000: no
             check.
         uniquenessRatio
@@ -301,7 +301,7 @@ class StereoPhase(Parameters):
         return found
 
     def _matcher(self, settings: Settings) -> Matcher:
-        """Return a matcher of such settings, a new one if there is none yet."""
+        """Return a matcher of such settings, a new one if necessary."""
         if settings not in self._matchers:
             if len(self._matchers) > 1:  # one for compute, one for compute_right; others are old
                 self._matchers.clear()
@@ -309,7 +309,7 @@ class StereoPhase(Parameters):
         return self._matchers[settings]
 
     def _settings(self, *, is_checked: bool = True) -> Settings:
-        """Return what the parameters mean; without checks as `cv2.ximgproc` has right matchers."""
+        """Return settings of the parameters; without checks, as `cv2.ximgproc`'s right matchers."""
         block = self.getBlockSize()
         window = block + 1 - block % 2 if block > 0 else self._chosen.window
 

@@ -6,7 +6,7 @@
     ps.match(rig.left, rig.right, left_mask=rig.left_mask, right_mask=rig.right_mask, ...)
 
 Here belongs what reads calibrations (`reading`, with `documents`, `names` and `rigs`), what OpenCV
-makes of them (`cameras`), the estimation where there is none (`estimating`, with `features`), and
+makes of them (`cameras`), the estimation elsewhere (`estimating`, with `features`), and
 the record of what was done (`record`). All of it needs the extra ``rectify``.
 """
 

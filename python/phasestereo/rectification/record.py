@@ -140,7 +140,7 @@ class Rectification:
         OSError
             If the file cannot be read.
         ValueError
-            If it is no such file, or damaged.
+            If it is not such a file, or damaged.
         """
         document = read_document(path)
         try:
@@ -227,12 +227,12 @@ def warped(
 def masks_of(
     maps: Maps, size: tuple[int, ...], given: tuple[ArrayLike | None, ArrayLike | None]
 ) -> tuple[Mask, Mask]:
-    """Return where rectified pixels lie inside images of this size, and on pixels that are valid.
+    """Return masks of rectified pixels that lie on valid pixels of images of this size.
 
     Raises
     ------
     TypeError, ValueError
-        If a mask is none, or is of another size.
+        If a mask is invalid or of another size.
     """
     cv2 = require("cv2", extra="rectify")
     found = []
@@ -249,7 +249,7 @@ def masks_of(
 
 
 def inside(maps: tuple[Map, Map], size: tuple[int, ...]) -> Mask:
-    """Return where maps lead to pixels of an image of this size (rows, columns)."""
+    """Return the mask of map entries inside an image of this size (rows, columns)."""
     x, y = maps
     found: Mask = (x >= 0) & (x <= size[1] - 1) & (y >= 0) & (y <= size[0] - 1)
     return found

@@ -181,7 +181,7 @@ def _measured(made: Rectification) -> Rectification:
     lines = "columns" if made.vertical else "rows"
     if found is None:
         said = (
-            f"these images do not tell how {lines} correspond: they show too little in common, or "
+            f"these images do not show how {lines} correspond: they show too little in common, or "
             "the calibration is not of these cameras"
         )
         return replace(made, sentences=(said,))

@@ -40,7 +40,7 @@ class Alignment:
         correspond. False where v is next to nothing, or the match does not get better by it.
     sway
         The factors of the spline of the row, pixels: 19 of a cubic B-spline with uniform knots a
-        sixteenth of the height apart. Empty: there is none.
+        sixteenth of the height apart. Empty: no such rows.
     """
 
     coefficients: tuple[float, ...]

@@ -34,7 +34,7 @@ class Blur:
         has it), or "other", which none of these explains.
     size
         In pixels: the standard deviation of a Gaussian, the radius of a disk, the outer one of an
-        annulus, the length of a motion (1 is none), the root mean square radius of another; 0 of
+        annulus, the length of a motion (1: no blur), the root mean square radius of another; 0 of
         none.
     angle
         Direction of a motion in degrees, in [0, 180): 0 is along x, 90 along y, from x (right)
@@ -106,7 +106,7 @@ class BlurEstimate:
         Side of a tile in pixels.
     certainty
         In [0, 1]: how much better the first of `blurs` explains its part of the images than its
-        contrary, that is no blur, or the best of all blurs. Where disks follow depth: the share
+        contrary, that is not a blur, or the best of all blurs. Where disks follow depth: the share
         that they explain of what areas with blurs of their own would.
     contrast
         Contrast of the left image relative to the right one, as the spectra have it.
@@ -175,7 +175,7 @@ class BlurEstimate:
         return tuple((counts / self.labels.size).tolist())
 
     def label_map(self, size: tuple[int, int]) -> NDArray[np.uint8]:
-        """Return the index into `blurs` of every pixel of an image of so many rows and columns."""
+        """Return the index into `blurs` of every pixel of an image of this size (rows, cols)."""
         y, x = (
             np.minimum(np.arange(length) // self.tile, tiles - 1)
             for length, tiles in zip(size, self.labels.shape, strict=True)

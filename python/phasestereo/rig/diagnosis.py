@@ -66,7 +66,7 @@ class Diagnosis:
 
     @property
     def _sure(self) -> float:
-        """The confidence to so many digits that the type of the pixels makes no difference."""
+        """The confidence, rounded so that the type of the pixels makes no difference."""
         return math.nan if self.search is None else round(self.search.confidence, 2)
 
     def __str__(self) -> str:

@@ -55,7 +55,7 @@ def estimate_blur(
     unless the evidence says otherwise. Where no family explains the spectra well, the kernel is
     measured: by least squares between the images, one warped onto the other after a match at half
     their size.
-    Only what the blur of the two images differs by is seen: if both are equally soft, it is none.
+    Only the relative blur of the two images is found: of equally soft images it is "none".
     """
     _, pair, masks = opened_valid((left, right), (left_mask, right_mask))
 

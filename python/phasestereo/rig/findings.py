@@ -26,7 +26,7 @@ class Finding:
         "match", "swap", "range", "alignment", "blur", "contrast", "noise", "coding", "saturation",
         "texture", "repetition", "interlacing", or "map" of a map that was verified.
     severity
-        "ok", "note" (worth knowing) or "warning" (to be mended).
+        "ok", "note" (worth knowing) or "warning" (to be fixed).
     sentence
         Plain words, with numbers.
     """

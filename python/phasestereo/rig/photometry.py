@@ -48,12 +48,12 @@ class Photometry:
     saturation
         Pixels at the ends of the values.
     low_texture
-        Shares of the image, 0 to 1, with no texture along its rows; NaN: too narrow to tell.
+        Shares of the image, 0 to 1, with no texture along its rows; NaN: too narrow.
     smeared
         Shares of the texture that is smeared, as by lossy compression, by denoising or by a soft
-        lens; NaN: there is none.
+        lens; NaN: unknown.
     repeated
-        Shares of the image whose texture repeats itself along its rows; NaN: too narrow to tell.
+        Shares of the image whose texture repeats itself along its rows; NaN: too narrow.
     fields
         By how many pixels odd rows are shifted against even ones; 0: they are not.
     contrast

@@ -27,7 +27,7 @@ _TICKS = (1, 2, 5)  # in each decade
 
 
 def distances_of(calibration: StereoCalibration) -> list[float]:
-    """Return distances to tell the error of depths at: 1, 3 and 10 m, or times 15 baselines."""
+    """Return distances at which depth errors are reported: 1, 3 and 10 m, or times 15 baselines."""
     step = 1.0 if calibration.unit == "m" else 15 * calibration.baseline
     return [step, 3 * step, 10 * step]
 
@@ -52,7 +52,7 @@ def write_calibration_page(
     Raises
     ------
     TypeError
-        If it is no calibration.
+        If it is not a calibration.
     ValueError
         If the suffix is another.
     OSError

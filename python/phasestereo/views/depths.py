@@ -2,7 +2,7 @@
 
 A yaw of the right camera that the calibration does not know moves every disparity by nearly as
 much, `focal * tan(yaw) * (1 + t**2)` pixels at `t = (x - d - cx1) / fx`. No row shows it, so it can
-not be found in a pair: how large it may be is said, or one known distance limits it.
+not be found in a pair: its bound is an argument, or one known distance limits it.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ class Depths:
     Parameters
     ----------
     depth
-        float32 (H, W); NaN where there is none, or it is not kept.
+        float32 (H, W); NaN elsewhere, or it is not kept.
     near, far
         The ends of the error bars, as `DepthInterval` has them; None: there are no error bars.
     calibration
@@ -383,7 +383,7 @@ def ranging(
     yaw: float,
     anchor: Anchor | None,
 ) -> Ranging:
-    """Return what makes depths of disparities, with a yaw or an anchor; see `depth_interval`."""
+    """Return the converter from disparities to depths; see `depth_interval`."""
     _check_calibration(calibration, disparity.shape)
     slope = calibration.cam1[0][0] * math.tan(math.radians(_checked_yaw(yaw)))
     if anchor is None:
@@ -454,7 +454,7 @@ def _checked_yaw(yaw: float) -> float:
 
 
 def check_anchor(anchor: Anchor, size: tuple[int, ...]) -> Anchor:
-    """Return the column, the row and the depth of an anchor within a map of so many pixels."""
+    """Return the column, the row and the depth of an anchor within a map of this size."""
     if not isinstance(anchor, tuple | list) or len(anchor) != 3:
         raise ValueError(f"anchor: got {anchor!r}; accepts (x, y, depth)")
 
@@ -467,7 +467,7 @@ def check_anchor(anchor: Anchor, size: tuple[int, ...]) -> Anchor:
 
 
 def _check_calibration(calibration: Calibration, shape: tuple[int, ...]) -> None:
-    """Refuse what is no calibration, or one of another size."""
+    """Refuse what is not a calibration, or one of another size."""
     if not isinstance(calibration, Calibration):
         got = type(calibration).__name__
         raise TypeError(f"calibration: got {got}; accepts a phasestereo.io.Calibration")

@@ -254,7 +254,7 @@ def error_picture(
 def error_map(
     estimate: ArrayLike, truth: ArrayLike, mask: ArrayLike | None = None, *, worst: float
 ) -> Map:
-    """Return what `error_picture` colors: errors in pixels, float64 (H, W).
+    """Return the errors that `error_picture` colors: pixels, float64 (H, W).
 
     Parameters
     ----------

@@ -430,7 +430,7 @@ def overview(result: Result, figure: Figure | None = None) -> Figure:
     Raises
     ------
     TypeError
-        If it is no result.
+        If it is not a result.
     ImportError
         If matplotlib is not installed.
     """

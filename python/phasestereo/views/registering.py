@@ -58,7 +58,7 @@ class ThirdCamera:
     TypeError
         If width or height is not an integer.
     ValueError
-        If a matrix has another shape or numbers that are not finite, or the rotation is none.
+        If a matrix has another shape or numbers that are not finite, or the rotation is invalid.
     """
 
     matrix: Matrix
@@ -179,11 +179,11 @@ class Registered:
     Parameters
     ----------
     depth
-        float32, in the unit of the baseline, along its own axis; NaN where there is none.
+        float32, in the unit of the baseline, along its own axis; NaN elsewhere.
     near, far
         The depths at the ends of the error bars, as `DepthInterval` has them; None: there are none.
     confidence
-        float32, that of the disparity; NaN where there is no depth. None: there is none.
+        float32, that of the disparity; NaN without a depth. None: not estimated.
     holes
         bool: no depth, though the left camera sees what is there: its estimate is missing, or not
         kept. About where the background beside would be.
@@ -191,7 +191,7 @@ class Registered:
         bool: no depth, for something hides from the left camera what is there. What is neither, and
         has no depth, is outside the left image.
     source
-        int64: the pixel of the left image, as an index into the flat map; -1 where there is none.
+        int64: the pixel of the left image, as an index into the flat map; -1 elsewhere.
     """
 
     depth: Map
@@ -315,7 +315,7 @@ def _nearest(
 ) -> tuple[NDArray[np.int64], Map]:
     """Return of each pixel of the third camera which of the chosen left ones it sees; its depth.
 
-    It is -1 where there is none.
+    It is -1 elsewhere.
     """
     size = camera.height * camera.width
     source, z_buffer = np.full(size, -1, np.int64), np.full(size, np.inf, np.float32)

@@ -8,7 +8,7 @@ use phasestereo_match::pair::alignment::TERMS;
 
 use crate::sized::Growing;
 
-/// Most kinds of blur that are told: those of the largest areas.
+/// Most kinds of blur that are reported: those of the largest areas.
 pub const PHASESTEREO_MOST_BLURS: usize = 8;
 /// Coefficients of the field of vertical offsets.
 pub const PHASESTEREO_TERMS: usize = 8;
@@ -95,7 +95,7 @@ pub struct Found {
     pub blurs: [Blur; PHASESTEREO_MOST_BLURS],
     /// Number of kinds of blur; 0: blur was not estimated.
     pub num_blurs: u32,
-    /// Number of blocks of the images that agree with the field; 0: there is none.
+    /// Number of blocks of the images that agree with the field; 0: no field.
     pub rows_blocks: u32,
     /// 1: the right image was straightened by the field.
     pub rows_applied: u32,

@@ -84,7 +84,7 @@ pub struct Image {
 pub struct Map {
     /// `sizeof(phasestereo_map)`.
     pub struct_size: usize,
-    /// Disparities, pixels; NaN where there is none.
+    /// Disparities, pixels; NaN: none.
     pub disparity: *mut f32,
     /// Bytes from a row to the next one, as of an image.
     pub disparity_stride: isize,
@@ -189,7 +189,7 @@ impl Image {
     ///
     /// # Safety
     ///
-    /// There is a place for each row, so many bytes from one to the next.
+    /// There is a place for each row, this many bytes from one to the next.
     pub unsafe fn write(&self, image: &phasestereo::Image, target: *mut c_void, stride: isize) {
         if target.is_null() {
             return;
@@ -242,7 +242,7 @@ impl Image {
 
         for (y, row) in pixels.chunks_exact_mut(cols * taken.len()).enumerate() {
             let start = self.data.cast::<u8>().wrapping_offset(y as isize * self.stride);
-            // SAFETY: as the caller promises, row `y` begins there and has so many bytes.
+            // SAFETY: as the caller promises, row `y` begins there and has this many bytes.
             let bytes = unsafe { std::slice::from_raw_parts(start, cols * channels * N) };
             // Pixels may lie anywhere in memory, so channels are built from bytes.
             let (values, _) = bytes.as_chunks::<N>();
@@ -299,7 +299,7 @@ impl Map {
     }
 }
 
-/// Refuses a stride of rows of so many bytes that are nearer to each other, or reach further than memory.
+/// Refuses a stride of rows of this many bytes that are nearer to each other, or reach further than memory.
 pub fn check_stride(
     (argument, name): (&'static str, &str),
     stride: isize,
@@ -319,7 +319,7 @@ pub fn check_stride(
 ///
 /// # Safety
 ///
-/// There is a place for each row of the plane, so many bytes from one to the next; or the pointer is NULL.
+/// There is a place for each row of the plane, this many bytes from one to the next; or the pointer is NULL.
 pub unsafe fn write<T>(plane: &Plane<T>, target: *mut T, stride: isize) {
     if target.is_null() {
         return;
@@ -328,7 +328,7 @@ pub unsafe fn write<T>(plane: &Plane<T>, target: *mut T, stride: isize) {
     for y in 0..plane.rows() {
         let row = plane.row(y);
         let start = target.cast::<u8>().wrapping_offset(y as isize * stride);
-        // SAFETY: as the caller promises; memory of the caller's is none of the plane's.
+        // SAFETY: as the caller promises; the caller's memory is not the plane's.
         unsafe { row.as_ptr().cast::<u8>().copy_to_nonoverlapping(start, size_of_val(row)) };
     }
 }

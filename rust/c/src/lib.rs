@@ -98,7 +98,7 @@ pub extern "C" fn phasestereo_error() -> *const c_char {
 }
 
 /// Makes a matcher with the settings of a preset, "robust", "fast" or "paper" (NULL: "robust"), but for those that are
-/// listed; `threads` is 1 to 1024, or 0: as many as the process may use. NULL if it fails: see `phasestereo_error`.
+/// listed; `threads` is 1 to 1024, or 0: all processors of the process. NULL if it fails: see `phasestereo_error`.
 ///
 /// # Safety
 ///
@@ -141,7 +141,7 @@ pub unsafe extern "C" fn phasestereo_free(matcher: *mut Matcher) {
     if !matcher.is_null() {
         // SAFETY: as the caller promises.
         let matcher = unsafe { Box::from_raw(matcher) };
-        // A panic while threads end tells the caller nothing that it could act on.
+        // A panic while threads end gives the caller nothing to act on.
         let _ = guarded(move || {
             if matcher.process == this_process() {
                 drop(matcher);
@@ -376,7 +376,7 @@ unsafe fn reference<'a, T>(pointer: *const T, argument: &'static str) -> Result<
 ///
 /// # Safety
 ///
-/// The pointer is to so many values that outlive `'a`, or NULL.
+/// The pointer is to this many values that outlive `'a`, or NULL.
 unsafe fn list<'a>(settings: *const Setting, count: usize) -> Result<&'a [Setting]> {
     if count == 0 {
         return Ok(&[]);
@@ -462,7 +462,7 @@ impl From<&Error> for Status {
             Error::Value { .. } => Self::InvalidArgument,
             Error::OutOfMemory { .. } => Self::OutOfMemory,
             Error::Threads(_) => Self::Threads,
-            // Nothing cancels a call; what else there may be one day is no fault of its arguments.
+            // Nothing cancels a call; later variants are not faults of its arguments.
             _ => Self::Internal,
         }
     }

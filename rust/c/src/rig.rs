@@ -105,7 +105,7 @@ pub unsafe extern "C" fn phasestereo_rig_reset(rig: *mut Rig) -> Status {
     })
 }
 
-/// Writes what is known of the cameras as text that ends with a zero, if it fits into `room` bytes, and returns how many it takes;
+/// Writes what is known of the cameras as text that ends with a zero, if it fits into `room` bytes, and returns its size in bytes;
 /// 0 if it fails. `text` may be NULL where `room` is 0. `phasestereo_rig_new` and Python's `Rig.load` read it; the temporal filter is
 /// left out.
 ///

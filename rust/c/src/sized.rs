@@ -30,7 +30,7 @@ pub unsafe fn read<T: Growing>(place: *const T, argument: &'static str) -> Resul
     let size = unsafe { size(place, argument)? };
     let mut known = MaybeUninit::<T>::zeroed();
 
-    // SAFETY: both have so many bytes; zeros are a value of the type.
+    // SAFETY: both have this number of bytes; zeros are a value of the type.
     let (known, rest) = unsafe {
         place
             .cast::<u8>()

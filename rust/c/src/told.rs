@@ -12,7 +12,7 @@ use crate::sized::{self, Growing};
 pub const PHASESTEREO_OK: u32 = 0;
 /// Worth knowing.
 pub const PHASESTEREO_NOTE: u32 = 1;
-/// To be mended; of a match: it is not to be trusted as a whole.
+/// To be fixed; of a match: it is unreliable as a whole.
 pub const PHASESTEREO_WARNING: u32 = 2;
 
 thread_local! {
@@ -64,7 +64,7 @@ pub fn keep(findings: Vec<phasestereo::Finding>) {
     FINDINGS.set(findings.into_iter().map(Kept::from).collect());
 }
 
-/// Writes a finding of the last match, check or estimate of this thread that succeeded, and returns 1; 0 if it has not so many,
+/// Writes a finding of the last match, check or estimate of this thread that succeeded, and returns 1; 0 if it has fewer,
 /// or `finding` is not acceptable. Those of a match are what is worth knowing, the worst first; those of a check all that was
 /// looked at, in a fixed order. Texts are valid until the next such call of this thread.
 ///

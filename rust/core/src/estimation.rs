@@ -443,7 +443,7 @@ impl Geometry {
         let is_inverted = if self.found.is_none() && last.confidence < range::LEAST_CONFIDENCE {
             negative(None)? >= overview::GOOD_CONFIDENCE
         } else if facts.candidates.is_some() && overview.is_opposite(rough) {
-            // Of few candidates some always match: then it is the gray levels that tell.
+            // Of few candidates some always match: then gray levels decide.
             negative(facts.searched())? >= rough.confidence.max(overview::GOOD_CONFIDENCE)
         } else {
             false

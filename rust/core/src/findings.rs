@@ -123,7 +123,7 @@ mod tests {
         assert!(positive.0 == Severity::Note && positive.1.contains("may be exchanged"));
         assert_eq!(of(SearchRange { mixed: true, ..RANGE }).0, Severity::Note);
 
-        // Of the same disparities, rows tell cameras that are turned from images that are exchanged.
+        // Of the same disparities, rows distinguish turned cameras from exchanged images.
         let swapped = SearchRange { shown: shown(-0.8, -0.2), ..negative };
         for (twist, is_toed_in) in [(2.0, true), (0.2, false), (-2.0, false)] {
             let mut terms = [0.0; TERMS];

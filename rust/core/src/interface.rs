@@ -44,14 +44,14 @@ pub struct Matcher {
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct Match {
-    /// Disparity, pixels: left pixel (x, y) corresponds to right pixel (x - d, y). NaN where there is none.
+    /// Disparity, pixels: left pixel (x, y) corresponds to right pixel (x - d, y). NaN: none.
     pub disparity: Plane<f32>,
     /// Bits of [`crate::flag`].
     pub flags: Plane<u16>,
     /// Confidence from 0 to 1; `None`: not computed.
     pub confidence: Option<Plane<f32>>,
-    /// Half the width of the interval that holds the true disparity with a probability of 90 %, pixels; NaN where there
-    /// is no estimate. `None`: not computed.
+    /// Half the width of the interval that holds the true disparity with a probability of 90 %, pixels; NaN without
+    /// an estimate. `None`: not computed.
     pub uncertainty: Option<Plane<f32>>,
     /// How many pairs of a rig support each disparity, 1 to 8; `None`: it was not filtered over time.
     pub support: Option<Plane<u8>>,
@@ -82,8 +82,8 @@ pub struct Verification {
 }
 
 impl Matcher {
-    /// A matcher with these settings and so many threads, from 1 to 1024; `None`: the number in the environment variable
-    /// `RAYON_NUM_THREADS`, or else as many as the process may use.
+    /// A matcher with these settings and this many threads, from 1 to 1024; `None`: the number in the environment variable
+    /// `RAYON_NUM_THREADS`, or else all processors of the process.
     pub fn new(settings: Settings, threads: impl Into<Option<usize>>) -> Result<Self> {
         settings.check()?;
 
@@ -101,7 +101,7 @@ impl Matcher {
         self.threads
     }
 
-    /// Matches two rectified images over the disparities of a range, half-open, of 1 to as many as the left image has columns;
+    /// Matches two rectified images over the disparities of a range, half-open, of at least 1 and at most the number of columns of the left image;
     /// `None`: the range is estimated. A right image of another size is brought to that of the left one. Images that are far from rectified are rectified for
     /// that, if the settings say so and the images show how.
     pub fn match_pair(
@@ -226,7 +226,7 @@ impl Matcher {
         })
     }
 
-    /// The most bytes of working memory that the match of images of so many rows and columns takes, whose pixels, all
+    /// The most bytes of working memory that the match of images of this many rows and columns takes, whose pixels, all
     /// channels together, take `pixel_bytes` each. Images and maps are not included, nor the codes of the right image that
     /// are kept for each kind of blur that is compensated for.
     pub fn working_memory(

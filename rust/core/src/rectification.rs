@@ -44,13 +44,13 @@ use phasestereo_match::base::statistics::{deviation, median, quantile};
 use phasestereo_match::image::view::View;
 use phasestereo_match::pair::Pair;
 
-/// Wider images are reduced: their rows are found as exactly as those of so many columns.
+/// Wider images are reduced: their rows are found as exactly as in this many columns.
 const MOST_COLUMNS: usize = 1600;
 
 /// Fewest corners of an image; fewest matches that agree, and as a share of all.
 const LEAST_CORNERS: usize = 72;
 const LEAST_AGREEING: (usize, f64) = (45, 0.30);
-/// From so many agreeing matches on, as many of all, no image is tried turned.
+/// With this many agreeing matches, and this share of all, no image is tried turned.
 const ENOUGH: (usize, f64) = (60, 0.5);
 /// By how much the right image is tried turned, degrees.
 const TURNS: [f64; 2] = [24.0, -24.0];
@@ -61,7 +61,7 @@ const DOUBTFUL: (f64, f64) = (0.25, 0.00025);
 /// Most rounds of blocks; the rows that a round changes when it is the last, pixels.
 const ROUNDS: usize = 8;
 const STILL: f64 = 0.03;
-/// Matches agree if their rows are at most so many spreads apart, or such a share of the width.
+/// Matches agree if their rows are at most this many spreads apart, or such a share of the width.
 const AGREE: (f64, f64) = (4.0, 0.003);
 /// Largest share of blocks where the distortion folds the image.
 const FOLDED: f64 = 0.05;
@@ -69,7 +69,7 @@ const FOLDED: f64 = 0.05;
 const SPREAD: (f64, f64) = (1.5, 0.0015);
 /// Disparities apart from others by such a share of the width are mistakes, if they are fewer than such a share of all.
 const APART: (f64, f64) = (0.03, 0.05);
-/// The errors of rows are worked out at so many places along each side of the image, at these shares of the disparities; what
+/// The errors of rows are worked out at this many places along each side of the image, at these shares of the disparities; what
 /// no averaging removes of them, pixels; and the largest that is accepted, pixels of an image of up to 1000 columns.
 const PLACES: usize = 16;
 const ENDS: [f64; 3] = [0.02, 0.5, 0.98];
@@ -133,9 +133,9 @@ pub enum Refusal {
     Blocks(usize),
     /// The lenses that fit best would show some things twice.
     Folds,
-    /// Rows stay apart by so many pixels.
+    /// Rows stay apart by this many pixels.
     Rows(f64),
-    /// Rows would be known to so many pixels.
+    /// Rows would be known to this many pixels.
     Uncertain(f64),
 }
 
@@ -154,7 +154,7 @@ impl fmt::Display for Refusal {
             Self::Blocks(found) => write!(to, "only {found} blocks of one are found in the other"),
             Self::Folds => write!(to, "the lenses that fit best would show some things twice"),
             Self::Rows(spread) => write!(to, "rows would still be {spread:.1} px apart"),
-            Self::Uncertain(error) => write!(to, "they tell rows to {error:.1} px only"),
+            Self::Uncertain(error) => write!(to, "they determine rows to {error:.1} px only"),
         }
     }
 }
@@ -184,7 +184,7 @@ pub fn rectify_views(pairs: &[Pair], level: Level, control: &Control) -> Result<
     }
 
     let got = format!("images that do not show how to rectify them: {refusal}");
-    let accepts = "two views of one scene, taken side by side; more pairs of the same cameras (others) tell more, and a \
+    let accepts = "two views of one scene, taken side by side; more pairs of the same cameras (others) help, and a \
                    calibration all";
     Err(Error::value("left, right", got, accepts))
 }
@@ -498,7 +498,7 @@ impl Negative {
 }
 
 impl Rectification {
-    /// That of images so many times larger.
+    /// That of images this many times larger.
     fn enlarged(self, factor: usize, (rows, cols): (usize, usize)) -> Self {
         let times = factor as f64;
         Self {

@@ -1,6 +1,6 @@
 //! Matches whose bits are known: of pairs that are made here, as rigs of many kinds take them.
 //!
-//! Arithmetic is the same on every platform, so are the maps and what is said of them. A build, a processor or an emulator
+//! Arithmetic is the same on every platform, so are the maps and their findings. A build, a processor or an emulator
 //! that computes something else has other digests. Whoever changes a result changes digests, too: `cargo test
 //! self_check` prints what they have become.
 
@@ -29,11 +29,11 @@ use phasestereo_match::settings::presets::Preset;
 /// What is done with a pair.
 #[derive(Debug, Clone, Copy)]
 pub enum Work {
-    /// It is matched over so many disparities, or told nothing.
+    /// It is matched over this many disparities, or without a given range.
     Match(Preset, Option<i64>),
     /// It is matched as two frames, after two of a rig that has noise alone.
     Frame,
-    /// It is matched as a frame after others; nothing is told of them.
+    /// It is matched as a frame after others, without given facts.
     After(&'static [Fault]),
     /// A map of it is verified, right but for some areas.
     Verify,

@@ -127,7 +127,7 @@ choices! {
     /// The odds of a mean raw confidence below which a pair is likely to have failed.
     LOW_ODDS: f64 = 1.5, in "logarithm of odds", evidence "not swept";
 
-    /// Least mean raw confidence that is told apart.
+    /// Least mean raw confidence that is distinguished.
     LEAST_MEAN_CONFIDENCE: f64 = 0.4, in "1",
         evidence "of 582 pairs of which the weights were learned the least is 0.49; lines continued from there \
                would cross";

@@ -106,7 +106,7 @@ pub trait RowOfCodes: Sync {
     fn write<W: Word>(&self, words: [&[W]; 2], row: &mut [Self::Item]);
 }
 
-/// As [`describe`], in rows of so many items which `rows` writes.
+/// As [`describe`], in rows of this many items, written by `rows`.
 pub fn describe_rows<R: RowOfCodes>(
     gray: &Gray,
     settings: &Settings,
@@ -312,7 +312,7 @@ impl<R: RowOfCodes> Description<'_, R> {
         }
     }
 
-    /// Writes the pixels of so many rows and their halo; the image continues by reflection.
+    /// Writes the pixels of this many rows and their halo; the image continues by reflection.
     fn write_pixels(&self, first: usize, count: usize, pixels: &mut [i32]) {
         let rows = self.gray.size().0;
         let layout = self.layout();

@@ -56,7 +56,7 @@ pub struct Execution {
 /// A disparity map as seen from the left image, with flags and confidence.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Disparity {
-    /// Disparity, pixels; NaN where there is none.
+    /// Disparity, pixels; NaN: none.
     pub disparity: Plane<f32>,
     /// Bits of [`crate::refinement::flag`].
     pub flags: Plane<u16>,

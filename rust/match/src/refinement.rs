@@ -56,7 +56,7 @@ pub struct MapWriter<'a> {
 /// One row of the result, to be written.
 #[derive(Debug)]
 pub struct ResultRow<'a> {
-    /// Disparities, pixels; NaN where there is none.
+    /// Disparities, pixels; NaN: none.
     pub disparity: &'a mut [f32],
     /// Reasons, from [`flag`].
     pub flags: &'a mut [u16],

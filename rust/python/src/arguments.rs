@@ -316,7 +316,7 @@ pub fn read_preset(name: &Bound<'_, PyAny>) -> Result<Preset> {
     Ok(Preset::named(&word)?)
 }
 
-/// Reads a number of threads; None: that of `RAYON_NUM_THREADS`, or as many as the process may use.
+/// Reads a number of threads; None: that of `RAYON_NUM_THREADS`, or all processors of the process.
 pub fn read_threads(threads: &Bound<'_, PyAny>) -> Result<usize> {
     if threads.is_none() { Ok(usable_threads()) } else { natural(threads, "threads") }
 }

@@ -23,7 +23,7 @@ impl From<Error> for Failure {
         Self(match error {
             Error::Value { .. } => PyValueError::new_err(message),
             Error::OutOfMemory { .. } => PyMemoryError::new_err(message),
-            // The enum may grow; what is not known here is no fault of an argument.
+            // The enum may grow; variants unknown here are not faults of an argument.
             _ => PyRuntimeError::new_err(message),
         })
     }

@@ -379,7 +379,7 @@ fn halo(
     Ok((halo.rows(), halo.masked))
 }
 
-/// The most bytes that `match_rows` takes for so many rows; `itemsize` are the bytes of a pixel, all channels together.
+/// The most bytes that `match_rows` takes for this many rows; `itemsize` are the bytes of a pixel, all channels together.
 #[pyfunction]
 fn working_memory(
     statistics: &Bound<'_, PyAny>,

@@ -45,7 +45,7 @@ pub struct Scale {
 }
 
 impl Reader {
-    /// A reader of a pair of so many rows and columns.
+    /// A reader of a pair of this many rows and columns.
     pub fn new(
         read: Bound<'_, PyAny>,
         size: (usize, usize),

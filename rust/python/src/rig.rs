@@ -72,7 +72,7 @@ impl Rig {
     }
 
     /// Its quantities against limits: name, unit, what it is, value (NaN: unknown), limit, and whether it is kept (None: that
-    /// cannot be told, and need not be).
+    /// unknown, and not needed).
     #[pyo3(signature = (limits, focal))]
     #[expect(clippy::type_complexity, reason = "what Python unpacks")]
     #[expect(clippy::needless_pass_by_value, reason = "an argument that Python gives")]

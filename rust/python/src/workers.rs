@@ -62,7 +62,7 @@ impl Pool {
         Ok(Self::kept(read_threads(threads)?, threads.is_none())?)
     }
 
-    /// A kept pool of so many threads, or else another one, which is kept in its place unless that one is in use.
+    /// A kept pool of this many threads, or a new one, which replaces it unless it is in use.
     ///
     /// Nobody waits for the lock: a child that is forked while another thread holds it never sees it released.
     fn kept(threads: usize, is_shared: bool) -> phasestereo::Result<Arc<Self>> {

@@ -64,7 +64,7 @@ pub fn compensated(pair: Pair, compensation: impl Into<Option<BlurCompensation>>
     pair.with_blur_compensation(compensation.into(), level, &control).expect("memory")
 }
 
-/// A pair in memory that gives at most so many rows at a time, with a record of what was read.
+/// A pair in memory that gives at most this many rows at a time, with a record of what was read.
 pub struct Slow {
     pub stored: Stored,
     pub most_rows: usize,

@@ -21,7 +21,7 @@ _HEADER = (
 
 
 def blur_table(records: Iterable[Record]) -> Table:
-    """Return how much of it is right, a row for each blur, and one for all."""
+    """Return the shares of correct answers, a row for each blur, and one for all."""
     groups: dict[str, list[BlurVerdict]] = {}
     for record in sorted(records, key=_order):
         groups.setdefault(_name(record), []).append(verdict(record))
@@ -42,7 +42,7 @@ def explain_blur(records: Sequence[Record]) -> str:
         "gray levels. %: share of the trials that are right. Size: Gaussians by their standard "
         "deviation, disks by their radius, motions by their length, right if off by no more than "
         f"{SIZE_PIXELS:g} px or {SIZE_SHARE:.0%}; angle: by no more than {ANGLE:g} degrees. "
-        "One kind: no part of the image is said to be blurred otherwise. Gaussians up to 1.5 and "
+        "One kind: no part of the image has another blur. Gaussians up to 1.5 and "
         "disks up to 2 px may be taken for each other, a disk for a Gaussian of half its size. "
         "Off: the median of what is right in kind."
     )

@@ -101,7 +101,7 @@ def blur_jobs(scenes: Iterable[Scene], *, every: int = 1) -> list[Job]:
     scenes
         As `phasestereo_bench.datasets.find_scenes` returns them.
     every
-        Only every so many trials, 1 or more: 7 gives a quick look at all kinds of them.
+        Run every N-th trial, 1 or more: 7 gives a quick look at all kinds of them.
 
     Returns
     -------
@@ -130,7 +130,7 @@ def blur_jobs(scenes: Iterable[Scene], *, every: int = 1) -> list[Job]:
 
 
 def try_out(trial: BlurTrial) -> dict[str, Any]:
-    """Estimate the blur of a trial and return what is to be recorded of it."""
+    """Estimate the blur of a trial and return its record."""
     pair = cases.load(trial.scene)
     left, right = trial.views(pair)
     count = pair.num_disparities

@@ -24,7 +24,7 @@ class BlurVerdict:
     kind
         Whether the family is right: no blur where neither or both of the images are blurred.
     side
-        Whether the softer image is; of no blur, whether none is said to be.
+        Whether the softer image is; of no blur, whether none is reported.
     size_error
         By how many pixels the size is off; None where it has no meaning.
     size

@@ -62,8 +62,8 @@ def tables(
     output
         Folder for the records; made if need be.
     workers
-        Number of processes, each on one thread, where time does not count; without it, as many as
-        there are processors.
+        Number of processes, each on one thread, where time does not count; default: one
+        per processor.
     speed_rounds
         How often `bench speed` matches each of its pairs; 0 leaves it out.
     only

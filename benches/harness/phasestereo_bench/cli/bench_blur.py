@@ -35,7 +35,7 @@ def blur(
 
     Every scene is tried 109 times: as it is; with the left or the right image blurred by Gaussians,
     disks and motions of many sizes, with noise of 1 or 2 gray levels; and with both images blurred
-    alike, which is no relative blur. Each trial becomes a record in a file of JSON lines as soon
+    alike, which is not a relative blur. Each trial becomes a record in a file of JSON lines as soon
     as it is done. A run that was interrupted goes on where it stopped when the same command is
     given again. For example:
 
@@ -50,11 +50,11 @@ def blur(
         Official folder trees: folders that hold scenes2001, MiddEval3 and so on, or one of these,
         or one scene in it.
     every
-        Only every so many trials, for a quick look.
+        Run every N-th trial, for a quick look.
     output
         File for the records.
     workers
-        Number of processes, each on one thread; without it, as many as there are processors. 0
+        Number of processes, each on one thread; without it, one per processor. 0
         runs everything in one process.
     fresh
         Begin anew: rename an existing file of records, and run every trial.

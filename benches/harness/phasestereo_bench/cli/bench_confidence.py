@@ -59,13 +59,13 @@ def confidence(
         Official folder trees: folders that hold scenes2001, MiddEval3 and so on, or one of these,
         or one scene in it.
     every
-        Only every so many matches, for a quick look.
+        Run every N-th match, for a quick look.
     output
         File for the records.
     weights
         File of Rust to write the weights to.
     workers
-        Number of processes, each on one thread; without it, as many as there are processors. 0
+        Number of processes, each on one thread; without it, one per processor. 0
         runs everything in one process.
     fresh
         Begin anew: rename an existing file of records, and run every match.

@@ -82,7 +82,7 @@ def middlebury(
     output
         File for the records.
     workers
-        Number of processes, each on one thread; without it, as many as there are processors. 0
+        Number of processes, each on one thread; without it, one per processor. 0
         runs everything in one process.
     fresh
         Begin anew: rename an existing file of records, and run every cell.

@@ -41,7 +41,7 @@ def paper(
     output
         Folder for everything; made if need be. Files of an earlier run in it are replaced.
     workers
-        Number of processes, each on one thread; without it, as many as there are processors. 0
+        Number of processes, each on one thread; without it, one per processor. 0
         runs everything in one process.
     quick
         Few levels of blur and few settings: to see it work, not to judge the paper.

@@ -37,7 +37,7 @@ def range_(
 
     Pairs are made of the scenes, always the same: near objects, poles and squares before far
     backgrounds, disparities of either sign in images of many widths, the same image twice, and
-    weak texture. Then the scenes are matched told nothing and told their range. For example:
+    weak texture. Then the scenes are matched without and with their range. For example:
 
     ```
     phasestereo bench range ~/middlebury
@@ -87,4 +87,4 @@ def range_(
         if trial.outside:
             console.print(f"{trial.kind}: {trial.name}: searched {trial.search}")
     if comparisons:
-        console.print(filled("Told nothing, and told the range", compared_table(comparisons)))
+        console.print(filled("Without and with the range", compared_table(comparisons)))

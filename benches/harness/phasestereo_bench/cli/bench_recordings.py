@@ -48,7 +48,7 @@ def recordings(
     output
         File for the records.
     workers
-        Number of processes, each on one thread; without it, as many as there are processors.
+        Number of processes, each on one thread; without it, one per processor.
     fresh
         Begin anew: rename an existing file of records.
     """

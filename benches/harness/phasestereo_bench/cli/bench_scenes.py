@@ -26,7 +26,7 @@ class SceneChoice:
     ----------
     scene
         Only these, by name: cones, trainingH/Piano, "scenes2005/*". Without it, those of the
-        suite; if there is none of these, all that have a truth.
+        suite; without any of these, all that have a truth.
     """
 
     scene: Annotated[tuple[str, ...], _SEVERAL] = ()

@@ -63,14 +63,14 @@ def surfaces(
     seeds
         How many rooms of each kind and size.
     method
-        What to compare, as of ``phasestereo bench middlebury``; without it, ours told nothing and
-        opencv:sgbm, which is told the range.
+        What to compare, as of ``phasestereo bench middlebury``; default: ours, nothing given, and
+        opencv:sgbm, which is given the range.
     hitnet
         HITNet's ONNX file for ETH3D: the network takes part, too, if onnxruntime is installed.
     output
         File for the records.
     workers
-        Number of processes, each on one thread; without it, as many as there are processors. 0
+        Number of processes, each on one thread; without it, one per processor. 0
         runs everything in one process.
     fresh
         Begin anew: rename an existing file of records, and run everything.

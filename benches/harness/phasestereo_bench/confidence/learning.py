@@ -87,7 +87,7 @@ class Observed:
 
 
 def observed_of(records: Sequence[Mapping[str, Any]]) -> list[Observed]:
-    """Return what records of `observe` say, of matches of which anything can be scored."""
+    """Return the records of `observe` for matches that can be scored."""
     shape = 2, len(ODDS) + 1, len(ERRORS) + 1
     found = [
         Observed(
@@ -206,7 +206,7 @@ def _bars(pairs: Sequence[Observed], heights: Numbers) -> tuple[Numbers, Numbers
 
 
 def _design(pair: Observed, z: Numbers, kind: NDArray[np.intp]) -> Numbers:
-    """Return what the logarithm of a bar is a sum of: shares of two points, and of traits."""
+    """Return the terms of a bar's logarithm: shares of two points, and of traits."""
     place = np.clip(z - FIRST_KNOT, 0, KNOTS - 1)
     left = np.minimum(place.astype(int), KNOTS - 2)
     rows = np.arange(z.size)

@@ -38,7 +38,7 @@ ERRORS = np.array([*_RIGHT, *_WRONG])
 
 PRESETS = "robust", "fast", "paper"
 """Those with weights of their own, in the order in which the core has them."""
-_SELDOM = 3  # of the matches of the others, whose maps are simpler, one in so many
+_SELDOM = 3  # of the matches of the others, whose maps are simpler, one in this number
 SHORT = "range too short"
 SHARP = "sharp"
 RENDERED = 6  # scenes
@@ -50,7 +50,7 @@ _SEED = 5
 
 
 def faults() -> dict[str, Any]:
-    """Return what pairs are spoiled by: a `Fault`, or what takes one image."""
+    """Return the degradations of pairs: a `Fault`, or a function of one image."""
     blurs = {f"one {name}": recipe for name, recipe in SUITES["one-sided-blur"].items()}
     del blurs[f"one {SHARP}"]
     return {**SUITES["rigs"], **blurs}
@@ -64,7 +64,7 @@ def confidence_jobs(scenes: Sequence[Scene], *, every: int = 1) -> list[Job]:
     scenes
         Scenes with a truth; rendered ones are added.
     every
-        Only every so many matches.
+        Run every N-th match.
     """
     rng = np.random.default_rng(_SEED)
     names = [str(scene) for scene in scenes] + [f"rendered/{k}" for k in range(RENDERED)]
@@ -123,7 +123,7 @@ def observe(source: Scene | int, spoiled: Sequence[str], seed: int, preset: str)
 
 
 def observed(pair: Pair, *, preset: str = "robust", **search: Any) -> dict[str, Any]:
-    """Match a pair by a preset, with confidences, and return what `observe` does."""
+    """Match a pair by a preset, with confidences, and return the record of `observe`."""
     size = pair.left.shape[:2]
 
     def read(first: int, last: int) -> tuple[Any, Any, None, None]:

@@ -72,7 +72,7 @@ def held_out(pairs: Sequence[Observed]) -> list[Verdict]:
 
 
 def judged(name: str, pairs: Sequence[Observed], weights: Sequence[Weights]) -> Verdict:
-    """Return what weights are worth, those of each pair learned without it."""
+    """Return the scores of weights, those of each pair learned without it."""
     gaps, covered, near, failed, sharp = [], [], np.zeros(2), np.zeros(2), np.zeros(2)
     for pair, learned in zip(pairs, weights, strict=True):
         z = log_odds(pair, learned.odds)

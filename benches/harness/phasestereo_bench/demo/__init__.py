@@ -2,7 +2,7 @@
 
 A rendered scene, exact truth included, is matched by phase codes and by what they are meant to
 replace (`methods`): once with both images sharp, once with the left one degraded (`trials`). What
-came of it becomes a folder of maps, pictures and a page that tells the story (`exhibit`).
+came of it becomes a folder of maps, pictures and a page that explains them (`exhibit`).
 """
 
 from phasestereo_bench.demo.exhibit import write_demo

@@ -1,4 +1,4 @@
-"""What a demonstration leaves behind: maps, pictures, and a page that tells the story."""
+"""The results of a demonstration: maps, pictures, and a page that explains them."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def _ends(truth: Map) -> dict[str, float]:
 
 
 def _page(demo: Demo, folder: Path) -> str:
-    """Return the page that tells the story, from the pictures in the folder."""
+    """Return the page that explains the pictures in the folder."""
     count = demo.pair.num_disparities
     ours = [outcome.method for outcome in demo.outcomes if outcome.method.settings is not None]
     arguments = {"num_disparities": count, **_changes(demo.outcomes[0].method)}

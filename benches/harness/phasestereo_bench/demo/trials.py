@@ -91,7 +91,7 @@ def run_demo(
 
 
 def degradation(seed: int) -> Degradation:
-    """Return what is done to the left image; the seed is that of the noise."""
+    """Return the degradation of the left image; the seed is that of the noise."""
     return Degradation(disk_psf(RADIUS), gain=GAIN, offset=OFFSET, noise=NOISE, seed=seed)
 
 

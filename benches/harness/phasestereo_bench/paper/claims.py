@@ -216,7 +216,7 @@ def claims_table(found: Sequence[ClaimResult]) -> Table:
 
 
 def cases_table(found: Sequence[ClaimCase]) -> Table:
-    """Return how phase codes fare in every case of one setup of the methods."""
+    """Return the results of phase codes in every case of one setup of the methods."""
     header = (
         *("pair", "left image", "the paper's rival", "better at", "better than both at"),
         *("gain at the larger blurs, points", f"{_GAIN:g} points or more at"),

@@ -255,7 +255,7 @@ class Experiment:
         return self.quick_levels if quick else self.levels
 
     def blur(self, level: float) -> PaperBlur:
-        """Return what is done to the left image; nothing is the same everywhere."""
+        """Return the degradation of the left image, or none."""
         return SHARP if self.is_sharp(level) else PaperBlur(self.kind, level)
 
     def is_sharp(self, level: float) -> bool:

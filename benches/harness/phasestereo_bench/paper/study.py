@@ -223,7 +223,7 @@ class TuningTask(NamedTuple):
     power: int
 
     def candidates(self, grid: Grid) -> list[Settings]:
-        """Return what the protocol "fixed" chooses from."""
+        """Return the choices of the protocol "fixed"."""
         return self.method.candidates(grid, self.power)
 
     @property
@@ -286,7 +286,7 @@ class Reading:
     ----------
     experiment, scene, protocol, method, rule, level
         Which point: keys of an experiment ("bits" being Figure 3) and of a pair, "tied" or
-        "fixed", the cost, the rule for L (empty where there is none), and the amount of blur.
+        "fixed", the cost, the rule for L (empty elsewhere), and the amount of blur.
     power, bits, neighborhood, window, penalty
         The settings; the first three are None for methods without phase codes.
     nonocc, all, disc
@@ -399,7 +399,7 @@ def _cell_at(
     level: float,
     choices: Mapping[TuningTask, ChosenSettings],
 ) -> PaperCell:
-    """Return what a line of a figure shows of a pair at a level of the blur."""
+    """Return a line's value for a pair at a level of the blur."""
     choice = choices[tuning_task(scene, series.method, experiment)]
     settings = choice.fixed
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def found_table(trials: Sequence[Trial]) -> Table:
-    """Return how many constructions of each kind lie outside the range, and how long this is."""
+    """Return the number of constructions of each kind outside the range, and its length."""
     rows = []
     for kind in dict.fromkeys(trial.kind for trial in trials):
         some = [trial for trial in trials if trial.kind == kind]
@@ -35,7 +35,7 @@ def found_table(trials: Sequence[Trial]) -> Table:
 
 
 def compared_table(scenes: Sequence[Comparison]) -> Table:
-    """Return what it costs to give no range."""
+    """Return the cost of giving no range."""
     rows = [
         (
             scene.name,
@@ -50,7 +50,7 @@ def compared_table(scenes: Sequence[Comparison]) -> Table:
         f"{fmean(scene.longer for scene in scenes):.2f}",
         f"{fmean(scene.seconds[0] / scene.seconds[1] for scene in scenes):.2f}",
     )
-    header = "scene", "bad-1.0 told nothing", "told", "length / needed", "time / told"
+    header = "scene", "bad-1.0, no range given", "given", "length / needed", "time / given"
     return _table(header, [*rows, ("mean", *means)])
 
 

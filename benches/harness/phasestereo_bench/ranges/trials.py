@@ -1,4 +1,4 @@
-"""Ranges that are found in constructions; matches told nothing against matches told the range."""
+"""Ranges found in constructions; matches without a range against matches with one."""
 
 from __future__ import annotations
 
@@ -57,14 +57,14 @@ class Trial:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """A scene matched told nothing and told the range.
+    """A scene matched without and with a given range.
 
     Attributes
     ----------
     name
         That of the scene.
     bad
-        Share of the pixels with a truth that are more than 1 px off, told nothing and told.
+        Share of the pixels with a truth that are more than 1 px off, without and with the range.
     seconds
         Of the matches.
     longer
@@ -86,7 +86,7 @@ def search(made: Construction) -> Trial:
 
 
 def compare(pair: Pair, *, repeats: int = 1) -> Comparison:
-    """Match a scene told nothing and told its range: the disparities of its truth and a pixel."""
+    """Match a scene without and with its range: the disparities of its truth and a pixel."""
     truth = pair.truth
     if truth is None:
         raise ValueError(f"pair: got {pair.name}, without a truth")

@@ -76,7 +76,7 @@ def confirmed(disparity: Floats, of_right: Floats) -> NDArray[np.bool_]:
     Parameters
     ----------
     disparity, of_right
-        Of the left and of the right image, (H, W), px; NaN where there is none.
+        Of the left and of the right image, (H, W), px; NaN elsewhere.
     """
     cols = disparity.shape[1]
     column = np.rint(np.arange(cols) - np.nan_to_num(disparity, nan=np.inf))

@@ -122,7 +122,7 @@ def _disparities(truth: Rectification) -> Floats:
 
 
 def _rectified(left: Any, right: Any, places: Places) -> float | None:
-    """Return what is left after `rectify` from the images alone; None where it refuses."""
+    """Return the row errors after `rectify` from the images alone; None where it refuses."""
     try:
         found = ps.rectify(left, right)
     except ValueError:

@@ -192,7 +192,7 @@ def _taken(
 
 
 def _calibration(camera: Camera, num_disparities: int) -> Calibration:
-    """Take the world unit for a metre: the baseline is in mm, as in Middlebury's files."""
+    """Take the world unit for a meter: the baseline is in mm, as in Middlebury's files."""
     cx, cy = (camera.width - 1) / 2, (camera.height - 1) / 2
     intrinsics = ((camera.focal, 0.0, cx), (0.0, camera.focal, cy), (0.0, 0.0, 1.0))
     return Calibration(

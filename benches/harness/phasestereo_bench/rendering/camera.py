@@ -62,7 +62,7 @@ class Camera:
 
     @property
     def focal(self) -> float:
-        """Focal length in pixels: 49 degrees across an image that is no higher than 4:3."""
+        """Focal length in pixels: 49 degrees across an image that is at most as high as 4:3."""
         return 1.1 * max(self.width, self.height * 4 / 3)
 
     @property

@@ -122,7 +122,7 @@ def render_sequence(
 
 
 def _moved(motion: Motion, time: float, camera: Camera, scene: Scenery) -> tuple[Camera, Scenery]:
-    """Return the rig and the scene so many frames after the middle of the sequence."""
+    """Return the rig and the scene a number of frames after the middle of the sequence."""
     if motion == "camera":
         right, ahead = _STEP
         return replace(camera, x=right * time, z=ahead * time), scene

@@ -95,7 +95,7 @@ class Cell:
     method
         The method's name, with its ending where it knows the blur.
     metrics
-        Finite values by the names in `METRICS`, as many as there are.
+        Finite values by the names in `METRICS`.
     seconds, peak_bytes
         What it took, where that is known.
     settings

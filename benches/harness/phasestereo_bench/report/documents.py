@@ -42,8 +42,8 @@ MARKERS: Mapping[str, tuple[str, Maker, Words]] = MappingProxyType(
         **{name: (*both, explain_faults) for name, both in FAULT_TABLES.items()},
     }
 )
-"""The names that markers can have: the suite whose results they show, in which table, and what
-is said of it."""
+"""The names that markers can have: the suite whose results they show, in which table, and its
+footer."""
 
 _WIDTH = 110
 
@@ -64,7 +64,7 @@ def fill_places(path: str | os.PathLike[str], texts: Mapping[str, str]) -> None:
     Raises
     ------
     ValueError
-        If a marker has no counterpart, there is none of these names, or the file is not UTF-8.
+        If a marker has no counterpart, a name is missing, or the file is not UTF-8.
     OSError
         If the file cannot be read or written.
     """
@@ -79,7 +79,7 @@ def fill_places(path: str | os.PathLike[str], texts: Mapping[str, str]) -> None:
 
 
 def small_print(text: str) -> str:
-    """Return what stands below a table as Markdown, in lines."""
+    """Return the text below a table as Markdown, in lines."""
     return fill(markdown_text(text), _WIDTH, break_on_hyphens=False)
 
 

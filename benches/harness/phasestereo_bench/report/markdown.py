@@ -59,7 +59,7 @@ def fill_markers(document: str, texts: Mapping[str, str]) -> str:
     Raises
     ------
     ValueError
-        If a marker has no counterpart, or there is none to be filled.
+        If a marker has no counterpart, or no marker is to be filled.
     """
     newline = "\r\n" if "\r\n" in document else "\n"
 

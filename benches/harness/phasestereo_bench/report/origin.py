@@ -19,10 +19,10 @@ __all__ = ["explain", "left_out", "made_with", "origin"]
 def explain(results: Results, metric: str) -> str:
     """Say what the figures of a table are, and which of them are bold."""
     title = METRICS[metric].label
-    scenes = scene_count(results, metric) or "the scenes that all methods have, as many as it says"
+    scenes = scene_count(results, metric) or "the scenes that all methods have"
     return (
         f"{title[0].upper()}{title[1:]}: {METRICS[metric].better}. Means over {scenes}, "
-        f"{results.state}. Bold: the best of the methods that were not told the blur."
+        f"{results.state}. Bold: the best of the methods that were not given the blur."
         f"{left_out(results, metric)}"
     )
 

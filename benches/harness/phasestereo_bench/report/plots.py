@@ -35,10 +35,10 @@ __all__ = [
     "styles",
 ]
 
-# Okabe and Ito's colors, which the color-blind can tell apart; the blues are ours alone.
+# Okabe and Ito's colors, which the color-blind can distinguish; the blues are ours alone.
 _OURS = ("#0b66c3", "#56b4e9", "#0a2f66", "#7d9bd1")
 _OTHERS = ("#d55e00", "#e69f00", "#009e73", "#cc79a7", "#777777", "#a6761d", "#000000")
-_OUR_MARKS, _OTHER_MARKS = "os^Dh", "vPX<>*"  # as many as have no divisor in common with colors
+_OUR_MARKS, _OTHER_MARKS = "os^Dh", "vPX<>*"  # numbers without a divisor in common with colors
 RIVAL = "opencv:sgbm"
 """The method to compare ours with, if it is there."""
 
@@ -67,7 +67,7 @@ class Style(NamedTuple):
 
 
 def styles(results: Results, metric: str) -> dict[str, Style]:
-    """Return how each method is drawn.
+    """Return the style of each method.
 
     Our best one has the color that stands out. A method that knows the blur is drawn as the method
     itself, but hollow.
@@ -125,7 +125,7 @@ def draw_means(results: Results, metric: str) -> Any:
 
 
 def save_plot(figure: Any, path: Path) -> None:
-    """Write a figure in the format that the suffix tells, the same bytes every time.
+    """Write a figure in the format of the suffix, the same bytes every time.
 
     Raises
     ------

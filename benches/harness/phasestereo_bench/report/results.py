@@ -95,7 +95,7 @@ class Results:
             raise ValueError(f"metric: got {metric!r}; accepts those with numbers: {names}")
 
     def values(self, metric: str, method: str, degradation: str) -> dict[Place, float]:
-        """Return a method's values by place, as many as there are."""
+        """Return a method's values by place."""
         cells = {place: self.cells.get((place, degradation, method)) for place in self.places}
         return {
             place: cell.metrics[metric]
@@ -195,7 +195,7 @@ def _chosen(
 
 
 def _choice(argument: str, wanted: str | None, there: set[str]) -> str:
-    """Return what is wanted, or the only one that there is."""
+    """Return the wanted item, or the only one."""
     if wanted in there:
         return wanted
     if wanted is None and len(there) == 1:

@@ -110,7 +110,7 @@ def explain_v3(results: Results, _metric: str = "") -> str:
     return (
         f"Non-occluded pixels, means over the other {count} scenes, as in version 3 of the "
         "Middlebury evaluation: bad-T and missing estimates in %, errors and their quantiles in "
-        "px; less is better. ROC area: how well the confidence tells disparities within 1 px from "
+        "px; less is better. ROC area: how well the confidence separates errors within 1 px from "
         "others; more is better. Bold: the best."
     )
 

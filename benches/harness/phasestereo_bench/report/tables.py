@@ -73,7 +73,7 @@ class Table:
 
 
 class Means(NamedTuple):
-    """Means of methods by name, over so many scenes that all of these have."""
+    """Means of methods by name, over this many scenes that all of these have."""
 
     scenes: int
     values: Mapping[str, float]
@@ -185,7 +185,7 @@ def scene_table(results: Results, metric: str) -> Table:
 
 
 def place_names(places: Sequence[Place]) -> dict[Place, str]:
-    """Return what to call the scenes: by their names where these tell them apart."""
+    """Return labels of the scenes: their names where these are unique."""
     scenes = [place.scene for place in places]
     return {
         place: place.scene if scenes.count(place.scene) == 1 else str(place) for place in places
@@ -193,7 +193,7 @@ def place_names(places: Sequence[Place]) -> dict[Place, str]:
 
 
 def cost_table(results: Results) -> Table:
-    """Return what a pair takes each method: means of seconds, and the most memory in MB."""
+    """Return the cost of a pair by method: mean seconds, and peak memory in MB."""
     rows = []
     for method in results.methods:
         own = [cell for cell in results.cells.values() if cell.method == method]

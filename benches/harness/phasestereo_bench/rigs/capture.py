@@ -100,7 +100,7 @@ def band(image: Image, _seed: int, *, shares: tuple[float, float, float]) -> Any
 
 @in_color
 def small(image: Image, _seed: int, *, part: int) -> Any:
-    """Have a resolution so many times lower: areas are averaged, then enlarged by cubics."""
+    """Lower the resolution by a factor: areas are averaged, then enlarged by cubics."""
     rows, cols = image.shape[:2]
     lower = opencv().resize(image, (cols // part, rows // part), interpolation=opencv().INTER_AREA)
     return opencv().resize(lower, (cols, rows), interpolation=opencv().INTER_CUBIC)

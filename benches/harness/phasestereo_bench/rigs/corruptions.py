@@ -115,7 +115,7 @@ def spattered(image: Image, seed: int) -> Any:
 
 
 def waves(rows: int, cols: int) -> tuple[Plane, Plane]:
-    """Return how far an elastic image is off, px, along x and y: smooth noise."""
+    """Return the offsets of an elastic image, px, along x and y: smooth noise."""
     rng = np.random.default_rng(0)
     off = [
         ndimage.gaussian_filter(rng.uniform(-1, 1, (rows, cols)), 2.44, truncate=3) for _ in "xy"

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     Plane = NDArray[np.float64]
 
 _LAYERS = 12
-_SHARP = 0.5  # px: a disk of less is none
+_SHARP = 0.5  # px: a smaller disk is ignored
 _FAR, _NEAR = 2.0, 98.0  # percentiles of the left disparities between which radii are measured
 _LEAST_COVER = 1e-3
 
@@ -216,7 +216,7 @@ def _layered(image: Image, disparity: Plane, focus: float, radii: float) -> Plan
 
 
 def _taken(values: NDArray[np.floating], cols: NDArray[np.intp], known: NDArray[np.bool_]) -> Plane:
-    """Return each row's values at these columns, NaN where there is none."""
+    """Return each row's values at these columns, NaN elsewhere."""
     taken = np.take_along_axis(values, np.where(known, cols, 0), axis=1)
     return np.where(known, taken, np.nan).astype(np.float64)
 

@@ -117,7 +117,7 @@ class Both:
 
 
 def side_of(scene: Scene) -> str:
-    """Return which image of a scene is the worse one where sides alternate.
+    """Return the worse image of a scene where sides alternate.
 
     Left and right by turns in the order of the suite's scenes; left of any other scene.
     """

@@ -89,7 +89,7 @@ class Misaligned:
     def moved(
         self, x: Plane, y: Plane, size: tuple[int, int], sign: float = 1.0
     ) -> tuple[Plane, Plane]:
-        """Return where in the right image what was at these places goes; `sign` is 1 or -1."""
+        """Return the new places in the right image of these places; `sign` is 1 or -1."""
         rows, cols = size
         middle_x, middle_y = (cols - 1) / 2, (rows - 1) / 2
         u, v = x - middle_x, y - middle_y
@@ -110,7 +110,7 @@ class Misaligned:
         return middle_x + u - self.margin, middle_y + v + sign * self.down + waves
 
     def came_from(self, x: Plane, y: Plane, sign: float = 1.0) -> tuple[Plane, Plane]:
-        """Return where what is at these places was before, by a fixed point."""
+        """Return the former places of these places, by a fixed point."""
         size = x.shape[0], x.shape[1]
         from_x, from_y = x + self.margin, y.copy()
 
@@ -128,7 +128,7 @@ class Bent:
     Parameters
     ----------
     off
-        Called with rows and columns, it returns how far each pixel of a bent image is off what it
+        Called with rows and columns, it returns the offsets of a bent image's pixels from what it
         shows, px along x and y.
     margin
         As of `Misaligned`.
@@ -175,7 +175,7 @@ class Bent:
 
 
 def barrel(rows: int, cols: int, *, bend: float) -> tuple[Plane, Plane]:
-    """Return how far a lens of this radial distortion, as of `Misaligned`, is off, px."""
+    """Return the offsets by a lens of this radial distortion, as of `Misaligned`, px."""
     y, x = np.mgrid[0:rows, 0:cols].astype(np.float64)
     from_x, from_y = Misaligned(distortion=bend).came_from(x, y)
     return from_x - x, from_y - y

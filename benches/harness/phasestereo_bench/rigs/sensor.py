@@ -25,7 +25,7 @@ COLUMN_STEP = 40  # px from one dead column to the next; the first is at half of
 
 
 def noise(image: Image, seed: int, *, sigma: float) -> Image:
-    """Add Gaussian noise of so many gray levels, independent for every pixel and channel."""
+    """Add Gaussian noise in gray levels, independent for every pixel and channel."""
     grain = np.random.default_rng(seed).normal(0.0, sigma, image.shape)
     return quantize(image + grain, np.uint8)
 
@@ -38,7 +38,7 @@ def photons(image: Image, seed: int, *, white: float, reading: float = READ_NOIS
 
 
 def bits(image: Image, _seed: int, *, count: int) -> Image:
-    """Keep so many bits of eight, each level becoming the middle of those that share its bits."""
+    """Keep a number of bits of eight; each level becomes the middle of those that share them."""
     step = 2 ** (8 - count)
     return quantize(image // step * step + (step - 1) / 2, np.uint8)
 

@@ -76,7 +76,7 @@ OpenCV's matchers take theirs from `set_opencv_threads` instead.
 
 
 def set_opencv_threads(count: int) -> None:
-    """Let OpenCV use so many threads, and have it start them at once, not while it is timed."""
+    """Let OpenCV use a number of threads, and start them at once, not while it is timed."""
     cv2 = require("cv2", extra="opencv")
     if cv2.getNumThreads() != count:
         cv2.setNumThreads(count)

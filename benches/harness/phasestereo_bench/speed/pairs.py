@@ -99,7 +99,7 @@ def find_pairs(
 
 
 def _source(name: str) -> PairSource | None:
-    """Return where a pair comes from: one of `PAIRS`, or rendered as its name says; or None."""
+    """Return the source of a pair: one of `PAIRS`, or rendered as its name says; or None."""
     sized = _SIZED.fullmatch(name)
     if sized is None:
         return PAIRS.get(name)

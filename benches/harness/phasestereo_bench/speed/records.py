@@ -132,7 +132,7 @@ def _figures(entrant: Entrant, pair: GrayPair) -> dict[str, Any]:
 
 
 def _stages(ours: Entrant) -> dict[str, Any]:
-    """Return what the stages took, and the share of the images' description in the whole."""
+    """Return the times of the stages, and the share of the images' description."""
     stages = {name: [stage[name] for stage in ours.stages] for name in ours.stages[0]}
     rounds = zip(stages["description"], ours.seconds, strict=True)
     return {"stages": stages, "description_share": median(part / whole for part, whole in rounds)}

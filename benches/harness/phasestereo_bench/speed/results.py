@@ -31,7 +31,7 @@ _MEGA = 1e6
 
 
 def time_table(records: Iterable[Record]) -> Table:
-    """Return what a pair takes us, and how much longer it takes the rivals."""
+    """Return our time for a pair, and the rivals' as a ratio."""
     header = (*_LABELS, "ms", "GDE/s", *_TITLES.values(), "first call", "description %")
     rows = []
     for record in _by_size(records):
@@ -50,7 +50,7 @@ def time_table(records: Iterable[Record]) -> Table:
 
 
 def memory_table(records: Iterable[Record]) -> Table:
-    """Return how far a match raises the resident memory, in MB."""
+    """Return the rise of the resident memory by a match, in MB."""
     header = (*_LABELS, "MB", "of which result", *_TITLES.values())
     rows = []
     for record in _by_size(records):

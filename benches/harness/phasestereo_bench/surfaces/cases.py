@@ -88,7 +88,7 @@ class View:
     kinds
         Which pixels are of which kind, as `kinds_of_pixels` has them.
     every
-        The view takes the middle one of so many pixels of the map in either direction, and divides
+        The view takes the middle pixel of a block of the map in either direction, and divides
         its disparity by this number.
     """
 

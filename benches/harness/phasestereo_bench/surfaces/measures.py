@@ -102,7 +102,7 @@ def count_bad(disparity: Floats, truth: Floats, kinds: Mapping[str, Mask]) -> di
 def stripes(disparity: Floats) -> float:
     """Return the share of neighbors in a column that differ by more than 2 px, 0 to 1.
 
-    Of the pairs of which both pixels have an estimate; NaN if there is none.
+    Of the pairs of which both pixels have an estimate; NaN without any.
     """
     step = np.abs(np.diff(np.asarray(disparity, dtype=np.float64), axis=0))
     both = np.isfinite(step)
@@ -117,7 +117,7 @@ def gray_of(image: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def _thin(truth: Floats) -> Mask:
-    """Return what is narrower than a share of the image, and in front of both of its sides."""
+    """Return the mask of things narrower than a share of the image, in front of both sides."""
     most = max(round(THIN_SHARE * truth.shape[1]), 1)
     thin: Mask = _narrow(truth, most) | _narrow(truth.T, most).T
     return thin
@@ -175,7 +175,7 @@ def _slopes(truth: Floats) -> Floats:
 
 
 def _plain(gray: Floats) -> Mask:
-    """Return where 5 x 5 pixels deviate by little more than noise does."""
+    """Return the mask where 5 x 5 pixels deviate by little more than noise."""
     from scipy import ndimage  # noqa: PLC0415
 
     mean, square = (ndimage.uniform_filter(each, 5) for each in (gray, gray * gray))

@@ -73,7 +73,7 @@ def shares_by_kind(records: Iterable[Record]) -> dict[str, dict[str, dict[str, f
 
 
 def _by_row(records: Iterable[Record]) -> dict[tuple[str, str], list[Found]]:
-    """Return what was counted, by row and method, rows in order."""
+    """Return the counts by row and method, rows in order."""
     grouped: dict[str, dict[str, list[Found]]] = {}
     for record in records:
         for row, view in record["views"].items():

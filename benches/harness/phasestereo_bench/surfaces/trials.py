@@ -27,7 +27,7 @@ OURS = "robust:num_disparities=auto"
 
 
 def default_methods() -> list[str]:
-    """Return ours told nothing, and OpenCV's if it is installed."""
+    """Return ours with nothing given, and OpenCV's if it is installed."""
     return [name for name in (OURS, "opencv:sgbm") if name == OURS or name in available()]
 
 
@@ -39,8 +39,8 @@ def surface_jobs(chosen: Sequence[SurfaceCase], methods: Sequence[str] | None = 
     chosen
         As `phasestereo_bench.surfaces.surface_cases` returns them.
     methods
-        Names as `phasestereo_bench.method` takes them. Default: ours told nothing, and StereoSGBM,
-        which is told the range.
+        Names for `phasestereo_bench.method`. Default: ours, nothing given, and StereoSGBM,
+        which is given the range.
 
     Returns
     -------
@@ -73,7 +73,7 @@ def surface_jobs(chosen: Sequence[SurfaceCase], methods: Sequence[str] | None = 
 
 
 def try_out(case: SurfaceCase, spec: str | Method) -> dict[str, Any]:
-    """Match a case and return what is to be recorded of it."""
+    """Match a case and return its record."""
     entrant, task = method(spec), cases.load(case)
     left, right = task.left.copy(), task.right.copy()
     found = matched(entrant, left, right, task.num_disparities)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     Dots = tuple[str, Mapping[str, float]]
 
 _LOOKS = {
-    AUTO: ("robust, told nothing", "#0b66c3", "o"),
+    AUTO: ("robust, nothing given", "#0b66c3", "o"),
     "fast": ("fast", "#56b4e9", "s"),
     "paper": ("paper", "#0a2f66", "^"),
     "opencv:bm": ("StereoBM", "#a6761d", "v"),
@@ -50,7 +50,7 @@ _WORDS = (
 
 
 def read_numbers(path: Path) -> Numbers:
-    """Return what `export` has written.
+    """Return the numbers written by `export`.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def read_numbers(path: Path) -> Numbers:
 
 
 def draw_comparison(numbers: Numbers, folder: Path) -> list[Path]:
-    """Draw the pictures of what there are numbers for, and return where they are.
+    """Draw the pictures for which there are numbers, and return their paths.
 
     Raises
     ------
@@ -218,6 +218,6 @@ def _costs(numbers: Numbers) -> list[Mapping[str, Any]]:
 
 
 def _cost(numbers: Numbers, method: str) -> Mapping[str, Any] | None:
-    """Return what the largest sharp pair took, if a method was timed."""
+    """Return the cost of the largest sharp pair, if a method was timed."""
     own = [c for c in _costs(numbers) if (c["method"], c["degradation"]) == (method, "sharp")]
     return max(own, key=lambda cost: float(cost["pixels"]), default=None)

@@ -32,7 +32,7 @@ def export(folder: Path, path: Path) -> None:
     The file has ``"format"``, 1; ``"environments"``, in which all of it ran; ``"headline"``, the
     means of the first table by column and method; ``"suites"`` by name: ``"side"``, ``"scenes"``
     and ``"bad_1"`` and ``"bad_2"``, the shares of non-occluded pixels that are more than 1 and 2 px
-    off, %, by degradation and method, one number a scene, null where there is none;
+    off, %, by degradation and method, one number a scene, null elsewhere;
     ``"recordings"`` and ``"pairs"``, a record for each; ``"costs"``, seconds and bytes of each
     processor, the last one's at the end;
     ``"surfaces"``: the shares of pixels that are more than 1 px off, %, by row, method and kind.

@@ -20,7 +20,7 @@ METRIC = "v2.nonocc"
 
 TITLES = {
     "fast": "fast",
-    AUTO: "robust, told nothing",
+    AUTO: "robust, nothing given",
     "opencv:bm": "StereoBM",
     "opencv:sgbm": "StereoSGBM",
     "hitnet": "HITNet",

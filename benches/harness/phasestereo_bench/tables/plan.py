@@ -58,7 +58,7 @@ class JobGroup:
 
 
 def job_groups(root: Path, rivals: Sequence[str], *, quick: bool = False) -> list[JobGroup]:
-    """Return what is to be run.
+    """Return the groups of jobs.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def _scenes(root: Path, suite: str, *, quick: bool) -> list[Scene]:
     found = [scene for tree in trees for scene in find_scenes(tree)]
     scenes = [scene for scene in found if str(scene) in wanted]
     if not scenes:
-        raise ValueError(f"{root / 'middlebury'}: there is none of {', '.join(sorted(wanted))}")
+        raise ValueError(f"{root / 'middlebury'}: it has none of {', '.join(sorted(wanted))}")
     return scenes
 
 
@@ -128,7 +128,7 @@ def _synthesis_jobs(scenes: Sequence[Scene]) -> list[Job]:
 
 
 def _methods(suite: str, rivals: Sequence[str]) -> list[str]:
-    """Return what a suite is for, and what the first table of all shows."""
+    """Return the jobs of a suite, and of the headline."""
     also = _timed(rivals) if suite == "sharp" else [*TIMED, *rivals]
     return list(dict.fromkeys([*default_methods(suite), *also]))
 

@@ -23,10 +23,10 @@ _FIRST_WORKER = 60  # seconds until one must have come: those of a batch system 
 
 
 def share(workers: int | None, threads: int | None, pairs: int) -> tuple[int, int]:
-    """Return how many processes of this machine match, and on how many threads each.
+    """Return the number of matching processes of this machine, and the threads of each.
 
     All processors are used, none twice: one process a processor, fewer if there are fewer pairs, or
-    as many as are wanted; each with its part of the processors.
+    the number wanted; each with its part of the processors.
     """
     processors = _core.Workers(None).count
 
@@ -37,7 +37,7 @@ def share(workers: int | None, threads: int | None, pairs: int) -> tuple[int, in
 
 
 def encryption(ca: StrPath, cert: StrPath, key: StrPath) -> Any:
-    """Return what encrypts a connection to a cluster and lets both ends prove who they are.
+    """Return the encryption and mutual authentication of a connection to a cluster.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def encryption(ca: StrPath, cert: StrPath, key: StrPath) -> Any:
     OSError
         If one of these files cannot be read.
     ValueError
-        If one of them is no PEM file.
+        If one of them is not a PEM file.
     ImportError
         If Dask's scheduler is not installed.
     """
@@ -83,7 +83,7 @@ def remote(address: str, security: Any = None) -> Iterator[Cluster]:
     OSError
         If there is no scheduler, or no worker comes.
     ValueError
-        If the address is none, or a worker has another version of this package, or none.
+        If the address is invalid, or a worker has another version of this package, or lacks it.
     ImportError
         If Dask's scheduler is not installed.
     """
@@ -136,7 +136,7 @@ class Cluster:
         self._cancelled = distributed.CancelledError
 
     def slots(self) -> int:
-        """Return how many tasks are done at the same time.
+        """Return the number of tasks done at the same time.
 
         Raises
         ------
@@ -147,7 +147,7 @@ class Cluster:
             threads: dict[str, int] = self._client.nthreads()
         except OSError as error:
             raise _lost(error) from error
-        return max(1, sum(threads.values()))  # there is none while the last one is started again
+        return max(1, sum(threads.values()))  # zero while the last one restarts
 
     def submit(self, key: str, function: Callable[..., Any], *arguments: Any) -> None:
         """Let a worker call a function; no two tasks have the same key."""
@@ -174,7 +174,7 @@ class Cluster:
 
 
 def _lost(error: Exception) -> ConnectionError:
-    """Return what to raise when a scheduler does not answer any more."""
+    """Return the error for a scheduler that does not answer any more."""
     return ConnectionError(
         f"the scheduler is lost; the same run again does what is missing ({error})"
     )

@@ -190,7 +190,7 @@ def _record(line: bytes) -> Record:
     Raises
     ------
     ValueError
-        If it is none.
+        If it is invalid.
     """
     record: Record = decoded(Record, decode(line))
     files = record.files or {}

@@ -205,7 +205,7 @@ def check_names(pairs: Iterable[PairFiles]) -> None:
     Raises
     ------
     ValueError
-        If a name is none for a file, or two pairs have the same, or would have the same files.
+        If a name is not a file name, or two pairs have the same, or would have the same files.
     """
     known: dict[str, PairFiles] = {}
     for pair in pairs:

@@ -101,7 +101,7 @@ def run(
         With a scheduler: a ``distributed.Security`` with the certificates to connect by. Whoever
         can connect to a scheduler runs what they like on its workers and clients.
     workers
-        Number of these processes; None: as many as there are processors.
+        Number of these processes; None: one per processor.
     threads
         Threads of each match. None: with processes of this machine, such a number that all
         processors are busy; with a cluster 1, since a worker matches as many pairs at once as it
@@ -132,7 +132,7 @@ def run(
     Raises
     ------
     TypeError, ValueError
-        For a wrong argument, two pairs of one name, a folder whose manifest is none at all,
+        For a wrong argument, two pairs of one name, a folder with an invalid manifest,
         workers of another version.
     OSError
         If the folder cannot be written to, is full, another run is at work in it, the scheduler
@@ -234,7 +234,7 @@ class _Run:
             self._manifest.save(pair.name for pair in self._pairs)
 
     def report(self) -> BatchReport:
-        """Return what it came to."""
+        """Return the report."""
         records = [self._manifest.records[pair.name] for pair in self._pairs]
         return BatchReport(
             pairs=len(self._pairs),

@@ -103,7 +103,7 @@ def blank(pair: PairFiles, recipe: str, reason: str) -> Record:
 
 
 def match_files(pair: PairFiles, order: Order, recipe: str) -> Record:
-    """Match a pair and write its result; whatever goes wrong is said in the record.
+    """Match a pair and write its result; the record holds any error.
 
     Raises
     ------
@@ -167,7 +167,7 @@ def _matched(pair: PairFiles, order: Order, recipe: str) -> Record:
 
 
 def _clock(seconds: float | None) -> Callable[..., None]:
-    """Return what ends a match that takes too long, as its progress."""
+    """Return the progress callback that ends a match after its time limit."""
     end = float("inf") if seconds is None else perf_counter() + seconds
 
     def in_time(*_: int) -> None:

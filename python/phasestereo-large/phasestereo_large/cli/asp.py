@@ -52,17 +52,17 @@ def asp(
     Parameters
     ----------
     left
-        Left image, a TIFF file; NaN, or its "no data" value, is no data.
+        Left image, a TIFF file; NaN, or its "no data" value: no data.
     right
         Right image, of the same size.
     output
-        TIFF file for the disparities, 32-bit floats of the images' size; NaN where there is none.
+        TIFF file for the disparities, 32-bit floats of the images' size; NaN elsewhere.
     minimum
         The smallest disparity to search; needs --maximum. Without both, the range is found.
     maximum
         The largest disparity to search.
     threads
-        Number of threads; without it, as many as there are processors.
+        Number of threads; without it, one per processor.
     """
     refuse_taken("output", output, [left, right])
     with refusals(options=_OPTIONS), unwarned():

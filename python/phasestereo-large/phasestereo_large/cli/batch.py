@@ -105,7 +105,7 @@ def batch(
     tls_key
         File of its key.
     workers
-        Number of processes on this machine; without it, as many as there are processors.
+        Number of processes on this machine; without it, one per processor.
     threads
         Number of threads of each match; without it, such that all processors of this machine are
         busy, and 1 on a cluster.
@@ -153,7 +153,7 @@ def _show_failure(record: Record) -> None:
 
 
 def _security(ca: Path | None, cert: Path | None, key: Path | None) -> Any:
-    """Return what a connection is encrypted by; None: it is not."""
+    """Return the encryption of a connection; None: not encrypted."""
     if not (ca or cert or key):
         return None
     if ca is None or cert is None or key is None:

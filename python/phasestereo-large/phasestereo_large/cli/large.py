@@ -104,9 +104,9 @@ def large(
     max_memory
         Memory that the program may take, all in all, such as 2GB or 800MiB.
     threads
-        Number of threads; without it, as many as there are processors.
+        Number of threads; without it, one per processor.
     band_rows
-        Rows of a band; without it, as many as the memory allows.
+        Rows of a band; default: the most that the memory allows.
     restart
         Drop what an earlier run left finished.
     """

@@ -18,7 +18,7 @@ from phasestereo_large.statistics import PairStatistics
 from phasestereo_large.windows import RasterPair
 
 BAND_ROWS = _core.BAND_ROWS
-"""Bands are of multiples of so many rows, unless it is asked otherwise."""
+"""Bands have multiples of this number of rows by default."""
 
 LARGEST = 32 * BAND_ROWS
 """Rows of the largest band: beyond, less of halos is saved than is lost when a run is killed."""
@@ -65,7 +65,7 @@ class Plan:
 
 
 def resident() -> int:
-    """Return how many bytes of memory the process has; where that is unknown, the most it had."""
+    """Return the process's memory in bytes; where that is unknown, its peak."""
     try:
         pages = int(Path("/proc/self/statm").read_bytes().split()[1])
     except OSError:
@@ -104,7 +104,7 @@ def fit(
     threads
         Number of threads that may be used.
     rows
-        Rows of a band; None: as many as the limit allows.
+        Rows of a band; None: the most that the limit allows.
 
     Raises
     ------
@@ -154,7 +154,7 @@ def _pieces(pair: RasterPair) -> int:
 
 
 def _hint(least: int, statistics: PairStatistics, pair: RasterPair) -> str:
-    """Return how much would do, and what would make it less, in words."""
+    """Return the memory that would suffice, and ways to reduce it, in words."""
     width, count = statistics.size[1], statistics.num_disparities
     remedies = ["with fewer disparities"]
     if statistics.settings != PRESETS["fast"]:

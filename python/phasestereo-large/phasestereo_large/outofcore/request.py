@@ -83,7 +83,7 @@ def as_outputs(
 
 
 def _identity(path: StrPath) -> dict[str, Any]:
-    """Return what shows whether a file is the same as before: its name, size and time.
+    """Return the identity of a file: its name, size and time.
 
     The mask that GDAL finds beside a TIFF file counts, too.
     """

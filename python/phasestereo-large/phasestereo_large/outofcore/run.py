@@ -82,7 +82,7 @@ def match(
         Files for the flags (uint16), the confidences and the error bars (float32), of the same
         formats.
     band_rows
-        Rows of a band; None: as many as the memory allows, 2048 at most. Rows around a band are
+        Rows of a band; None: the most that the memory allows, up to 2048. Rows around a band are
         matched with it (`phasestereo_large.halo`), so low bands take longer.
     restart
         Whether to drop what an earlier run left finished. Otherwise it is gone on from, if it is of

@@ -37,7 +37,7 @@ Write = Callable[[int, NDArray[Any]], None]
 Windows = Callable[[], Iterator[tuple[int, NDArray[Any]]]]
 
 WINDOW_ROWS = TILE
-"""Windows are of so many rows, and begin at multiples of them."""
+"""Rows of a window; windows begin at multiples of it."""
 
 _CHUNK = (WINDOW_ROWS, 2048)
 
@@ -144,7 +144,7 @@ class Sink:
 
 
 def place_of(path: Path) -> Path:
-    """Return where an output is to be: a symbolic link stays, what it names is replaced.
+    """Return the path of an output: a symbolic link stays, its target is replaced.
 
     Raises
     ------

@@ -17,7 +17,7 @@ def as_bytes(size: int | str, name: str) -> int:
     TypeError
         If it is neither an integer nor a string.
     ValueError
-        If it is no size, or less than one byte; the message names the argument.
+        If it is not a size, or less than one byte; the message names the argument.
     """
     if isinstance(size, bool) or not isinstance(size, int | str):
         raise TypeError(f"{name}: got {type(size).__name__}; accepts {_ACCEPTED}")
@@ -35,7 +35,7 @@ def as_bytes(size: int | str, name: str) -> int:
 
 
 def format_bytes(count: int) -> str:
-    """Return a number of bytes in words, rounded up in the last digit: what is said is enough."""
+    """Return a number of bytes in words, rounded up in the last digit, so that it suffices."""
     for unit, size in (("GB", 10**9), ("MB", 10**6), ("kB", 10**3)):
         if count >= size:
             tenths = -(-count * 10 // size)

@@ -62,7 +62,7 @@ class Store:
         self._files: dict[str, Path] = {}  # what is whole, by its name without digest and suffix
 
     def recorded_identity(self) -> dict[str, Any] | None:
-        """Return what the run of this folder depends on; None: of none, {}: that is damaged."""
+        """Return the request of this folder's run; None: no run, {}: damaged."""
         path = self.folder / _RUN
         if not path.exists():
             return None
@@ -298,7 +298,7 @@ def _block(rows: Rows) -> str:
 
 
 def _differences(earlier: dict[str, Any], now: dict[str, Any]) -> str:
-    """Return what two runs differ in, in words."""
+    """Return the differences between two runs, in words."""
     parts = []
     for name in earlier | now:
         before, after = earlier.get(name), now.get(name)

@@ -51,7 +51,7 @@ class Work:
     progress: Progress | None
 
     def planned(self, limit: int, threads: int, rows: int | None) -> Plan:
-        """Return how to match what is left to do; see `planning.fit`."""
+        """Return the plan of the remaining work; see `planning.fit`."""
         size = self.pair.size
         rows, threads, memory = planning.fit(
             self.statistics, self.pair, limit, threads=threads, rows=rows
@@ -108,7 +108,7 @@ class Work:
             yield row, rest
 
     def report(self, plan: Plan, request: Request) -> MapReport:
-        """Return what there is to say."""
+        """Return the report."""
         estimated = 0
         seconds = 0.0
         flags = np.zeros(len(Flag), np.int64)
@@ -141,7 +141,7 @@ class Work:
         self.store.save(band, block)
 
     def _block(self, result: Result) -> dict[str, NDArray[Any]]:
-        """Return what is kept of a band: the layers that are asked for, and counts."""
+        """Return the requested layers of a band, and counts."""
         block = {layer: getattr(result, layer) for layer in self.layers}
         counts = count_flags(result.flags)
         block["flag_counts"] = np.array([counts[flag] for flag in Flag])
@@ -149,7 +149,7 @@ class Work:
         return block
 
     def _seconds_a_pixel(self, band: int, threads: int) -> float:
-        """Match a small part of the pair, to see how long a pixel of a band of so many rows takes.
+        """Match a small part of the pair, to time a pixel of a band of this number of rows.
 
         It is of the middle, since the margins of strips often have no data. Which disparities are
         searched there makes no difference, so they are such as the part has.
@@ -181,7 +181,7 @@ class Work:
         return (perf_counter() - started) / (rows * across) * share * with_halo
 
     def _within(self, every: int, done: int, band: tuple[int, int]) -> Progress | None:
-        """Return the progress of the whole, of which so many rows are done, from that of a band."""
+        """Return the progress of the whole from that of a band and the rows done before."""
         if self.progress is None:
             return None
 
@@ -206,7 +206,7 @@ def _rows(between: list[tuple[int, int]]) -> int:
 
 
 def _bands(between: list[tuple[int, int]], rows: int) -> Iterator[tuple[int, int]]:
-    """Cut rows into bands that end at multiples of so many rows, as far as they can."""
+    """Cut rows into bands that end at multiples of a number of rows, if possible."""
     for first, last in between:
         ends = [*range(first - first % rows + rows, last, rows), last]
         yield from zip([first, *ends], ends, strict=False)

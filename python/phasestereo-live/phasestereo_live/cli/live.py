@@ -117,10 +117,10 @@ def live(
     stop
         Number of the frame to stop before.
     every
-        Match each so many-th frame.
+        Match every N-th frame.
     reestimate
-        Estimate blur anew when it is not as it was at a glance, and at the latest after so many
-        frames; 1: of every frame.
+        Estimate blur again when a quick look shows a change, and at the latest after this number
+        of frames; 1: of every frame.
     temporal_filter
         Make disparities steadier where neither image has changed.
     num_disparities
@@ -128,7 +128,7 @@ def live(
     min_disparity
         Smallest disparity to search.
     threads
-        Number of threads; without it, as many as there are processors.
+        Number of threads; without it, one per processor.
     noise
         Standard deviation of the images' noise, in units of their pixels; needed with
         --noise-threshold.
@@ -286,7 +286,7 @@ def _write(frame: Frame, sinks: list[FrameSink], tally: Tally) -> None:
 
 
 def _places(source: str | None, right: str | None, cameras: tuple[int, ...]) -> tuple[Any, ...]:
-    """Return what `stream` takes as its source, and as the right view if it is apart."""
+    """Return the source for `stream`, and the right view if it is separate."""
     if cameras:
         if source is not None:
             raise CommandError("--cameras: stands in place of SOURCE, not beside it", WRONG_USAGE)

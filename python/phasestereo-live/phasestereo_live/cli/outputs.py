@@ -235,7 +235,7 @@ class Writers:
     def _enter(
         self, opened: ExitStack, name: str, path: Path, writer: AbstractContextManager[Any]
     ) -> Any:
-        """Return what writes a file, which counts as written when it has been completed."""
+        """Return the writer of a file, which counts as written once complete."""
 
         def close(*error: Any) -> None:
             with _naming(path):

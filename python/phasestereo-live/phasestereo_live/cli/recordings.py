@@ -30,7 +30,7 @@ class Topics:
     ----------
     left
         Topic of the left images, where SOURCE is a recording: .mcap, .db3, a folder of rosbag2, or
-        a .bag of ROS 1. Default: the only two that "left" and "right" tell apart. Needs the extra
+        a .bag of ROS 1. Default: the only two that "left" and "right" distinguish. Needs the extra
         ``ros``, and not ROS.
     right
         Topic of the right images.

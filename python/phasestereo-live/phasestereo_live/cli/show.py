@@ -52,7 +52,7 @@ class ViewOptions:
         Raises
         ------
         CommandError
-            If options have no effect, or a folder is none.
+            If options have no effect, or a folder is invalid.
         """
         shown = self.show or alone
         if self.save_to is not None and not shown:

@@ -27,7 +27,7 @@ class Tally:
     Parameters
     ----------
     disparities
-        The smallest disparity searched, and how many are; None: as many as are found.
+        The smallest disparity searched, and how many are; None: found from the images.
     settings
         What frames are matched with.
 

@@ -44,7 +44,7 @@ class Bag:
     OSError
         If it does not exist or cannot be read.
     ValueError
-        If it is no recording, or is cut short.
+        If it is not a recording, or is cut short.
     ImportError
         If rosbags is not installed.
     """

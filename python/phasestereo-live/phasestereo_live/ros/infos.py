@@ -38,7 +38,7 @@ def geometry_of(
     size: tuple[int, int] | None = None,
     baseline: float | None = None,
 ) -> RigGeometry:
-    """Return what both messages say of images of these topics.
+    """Return the calibration of images of these topics from both messages.
 
     Images are rectified already where the names of both topics say so (``image_rect``), or where
     rectifying would change nothing. Binning and regions of interest change the matrices as ROS's

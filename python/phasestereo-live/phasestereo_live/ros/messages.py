@@ -25,7 +25,7 @@ Make = Callable[..., Any]
 
 Depths = Literal["32FC1", "16UC1"]
 DEPTHS: tuple[Depths, ...] = ("32FC1", "16UC1")
-"""Encodings of depths (REP 118): m, not finite where there is none; mm, 0 where there is none."""
+"""Encodings of depths (REP 118): m, not finite elsewhere; mm, 0 elsewhere."""
 
 MAP_IMAGES = "confidence", "uncertainty"
 """Maps of a result that are sent as images of 32FC1 beside the disparities."""
@@ -214,7 +214,7 @@ def depth_image(make: Make, header: Header, depth: Map, encoding: str) -> Any:
 def point_cloud2(
     make: Make, header: Header, depth: Map, calibration: Calibration, left: NDArray[Any]
 ) -> Any:
-    """Return a ``sensor_msgs/PointCloud2`` with one point a pixel, NaN where there is none.
+    """Return a ``sensor_msgs/PointCloud2`` with one point a pixel, NaN elsewhere.
 
     Its fields are those of ``stereo_image_proc``: x, y, z in m (X to the right, Y down, Z forward,
     as of an optical frame) and rgb.
@@ -224,7 +224,7 @@ def point_cloud2(
     make, header
         As `disparity_image` takes them.
     depth
-        float32 (H, W), m; not finite where there is none.
+        float32 (H, W), m; not finite elsewhere.
     calibration
         The geometry of the pair.
     left

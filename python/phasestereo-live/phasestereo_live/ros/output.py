@@ -58,7 +58,7 @@ class FrameWriter:
     third
         A third camera and the frame of its images: with the kind ``"depth"`` there are ``depth``,
         ``near`` and ``far`` (the ends of the error bars), ``confidence`` and ``camera_info`` of it
-        below ``registered``, NaN where there is no depth. None: there is none.
+        below ``registered``, NaN without a depth. None: no such camera.
 
     Raises
     ------

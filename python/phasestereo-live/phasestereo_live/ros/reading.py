@@ -33,7 +33,7 @@ _TIMES = 100  # recordings become a few times shorter; of zeros zstd makes a 30 
 
 
 def reader_of(path: Path) -> Any:
-    """Return what reads a recording, which is to be opened: a ``Reader`` of rosbags.
+    """Return the reader of a recording, to be opened: a ``Reader`` of rosbags.
 
     Raises
     ------
@@ -55,7 +55,7 @@ class _Records(io.BufferedReader):
     """A file of which no piece is read that is longer than a record may be, or than the file."""
 
     def read(self, size: int | None = -1, /) -> bytes:
-        """Read at most so many bytes; what ends before them is short, as at the end of a file."""
+        """Read up to a number of bytes; fewer at the end of a file."""
         rest = max(0, os.fstat(self.fileno()).st_size - self.tell())
         wanted = rest if size is None or size < 0 else min(size, rest)
         if wanted > RECORD:
@@ -77,7 +77,7 @@ class _Place(type(Path())):  # type: ignore[misc]  # the system's kind of path
 
 
 def _unpack(unpacker: Any, packed: bytes, claimed: int) -> bytes:
-    """Unpack what claims to have so many bytes."""
+    """Unpack data of a claimed size."""
     if not 0 <= claimed <= RECORD:
         raise ValueError(f"claims to unpack to {claimed} bytes; records have {RECORD} at most")
     found: bytes = unpacker.decompress(packed, max_length=claimed + 1)
@@ -97,7 +97,7 @@ def _ros1() -> Any:
     # The library, whose classes these are, is imported when it is needed: its types are unknown.
     class Ros1(module.Reader):  # type: ignore[misc, name-defined]
         def read_chunk(self) -> Any:
-            """Return where a chunk is, and what unpacks it: to what its head claims."""
+            """Return a chunk's position, and its unpacker to the size that its head claims."""
             start = self.bio.tell()
             head = module.Header.read(self.bio, module.RecordType.CHUNK)
             self.bio.seek(start)

@@ -30,7 +30,7 @@ _NAMES = (
     ("left", "right"), ("infra1", "infra2"), ("Infrared_1", "Infrared_2"), ("cam0", "cam1"),
     ("cam_l", "cam_r"),
 )  # fmt: skip
-"""What tells the topics of both cameras apart."""
+"""Names that distinguish the topics of both cameras."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -81,7 +81,7 @@ def open_recording(
         An ``.mcap`` or ``.db3`` file, a folder of rosbag2, or a ``.bag`` of ROS 1.
     left, right
         Topics of the images: ``sensor_msgs/Image`` or ``CompressedImage``. Without both, the only
-        two that their names tell apart: left and right, infra1 and infra2, Infrared_1 and
+        two that their names distinguish: left and right, infra1 and infra2, Infrared_1 and
         Infrared_2, cam0 and cam1, cam_l and cam_r.
     camera_info
         Topics of both cameras' ``sensor_msgs/CameraInfo``; None: ``camera_info`` beside the images,
@@ -105,7 +105,7 @@ def open_recording(
     OSError
         If the file cannot be read.
     ValueError
-        If it is no recording or cut short, has no such topic, or the cameras are not calibrated as
+        If it is not a recording or cut short, has no such topic, or the cameras are not calibrated as
         a pair; if the tolerance is negative.
     ImportError
         If the extra ``ros`` is not installed.
@@ -152,7 +152,7 @@ def open_recording(
 
 
 def _guessed(bag: Bag, path: StrPath) -> tuple[str, str]:
-    """Return the two topics of images that `_NAMES` alone tell apart.
+    """Return the two topics of images that only `_NAMES` distinguish.
 
     Raises
     ------
@@ -179,7 +179,7 @@ def _guessed(bag: Bag, path: StrPath) -> tuple[str, str]:
 
 
 def _count(bag: Bag, path: StrPath, name: str, topic: str) -> int:
-    """Return how many images a topic has."""
+    """Return the number of images of a topic."""
     kind, count = bag.topics.get(topic, ("", 0))
     if kind not in _IMAGES:
         found = [each for each, (kind, _) in bag.topics.items() if kind in _IMAGES]
@@ -194,7 +194,7 @@ def _count(bag: Bag, path: StrPath, name: str, topic: str) -> int:
 def _geometry(
     bag: Bag, topics: tuple[str, str], given: Sequence[str] | None
 ) -> tuple[RigGeometry, str]:
-    """Return what is known of the cameras, and what there is to say about it."""
+    """Return the cameras' calibration, and remarks on it."""
     names = tuple(given) if given is not None else _beside(bag, topics)
     missing = [name for name in names if bag.topics.get(name, ("", 0))[0] != _INFO]
     if missing and given is not None:

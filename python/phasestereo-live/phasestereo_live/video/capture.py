@@ -27,7 +27,7 @@ class Capture(Generic[T]):
     time
         Seconds from the source's own zero, if that is known.
     take
-        Returns what was recorded: an image, or a pair of them. Raises OSError or ValueError if it
+        Returns an image, or a pair of them. Raises OSError or ValueError if it
         is damaged. To be called at most once, before the next capture is asked for.
     apart
         Seconds between the two views of a pair, if that is known.

@@ -31,7 +31,7 @@ def open_video(path: StrPath) -> CaptureSource[Image]:
     OSError
         If it cannot be opened.
     ValueError
-        If it is no video.
+        If it is not a video.
     ImportError
         If PyAV is not installed.
     """

@@ -71,7 +71,7 @@ def open_source(
 def _open_given(
     source: Iterable[Any] | CaptureSource[Pair], layout: Layout | None
 ) -> CaptureSource[Pair]:
-    """Return what gives the pairs, or the images that hold both views, of a caller."""
+    """Return the caller's source of pairs, or of images that hold both views."""
     if isinstance(source, CaptureSource):
         if layout is not None:
             raise ValueError(f"layout: got {layout!r} for a source of pairs; accepts None there")

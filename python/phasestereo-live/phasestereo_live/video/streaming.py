@@ -154,9 +154,8 @@ def stream(
     start, stop, every
         Frames to match, by number: from ``start`` up to but without ``stop``, each ``every``-th.
     reestimate
-        The blur of a frame is estimated anew when it is not as it was at a glance, and at the
-        latest so many frames after the last estimate; 1: every frame is matched by itself. See the
-        notes.
+        The blur is estimated again when a quick look shows a change, and at the latest this number
+        of frames after the last estimate; 1: every frame is matched by itself. See the notes.
     temporal_filter
         Make disparities steadier where neither image has changed, as `phasestereo.TemporalFilter`
         does; ``frame.result.temporal_support`` says where. False: each frame by itself.
@@ -178,7 +177,7 @@ def stream(
     Raises
     ------
     TypeError, ValueError
-        For a wrong argument, a file that is no video, a folder without images, a picture that
+        For a wrong argument, a file that is not a video, a folder without images, a picture that
         cannot be cut in two, or what `match` refuses whatever the images hold.
     OSError
         If a file, a folder or a camera cannot be opened.
@@ -334,7 +333,7 @@ class Stream(Iterator[Frame], Closing):
         settings
             How.
         num_disparities
-            Number of disparities to search; None: as many as are found.
+            Number of disparities to search; None: found from the images.
 
         Raises
         ------
@@ -391,7 +390,7 @@ class _Work:
             self.rig.change(coming.settings, coming.num_disparities)
 
     def frames(self, wanted: slice) -> Generator[Frame]:
-        """Return what yields the frames; what is wrong with all of them is raised at once."""
+        """Return the iterator of frames; errors common to all are raised at once."""
         taken = self._taken(wanted)
         return self._matched(_ahead(self._peeked(taken)) if self._source.ahead else taken)
 

@@ -85,7 +85,7 @@ class VideoWriter(Closing):
         Raises
         ------
         TypeError, ValueError
-            If it is no such picture, or has another size than the first; if the time is not
+            If it is not such a picture, or has another size than the first; if the time is not
             finite, or the writer is closed.
         OSError
             If the file cannot be written.

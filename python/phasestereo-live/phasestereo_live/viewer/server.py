@@ -214,7 +214,7 @@ class _Answers:
 
 
 def _is_same(one: str, other: str) -> bool:
-    """Compare secrets in a time that tells nothing of them."""
+    """Compare secrets in a time that reveals nothing of them."""
     return secrets.compare_digest(one.encode("utf-8", "replace"), other.encode())
 
 
@@ -274,7 +274,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._say_json(HTTPStatus.BAD_REQUEST, {"error": " ".join(str(error).split())})
 
     def _place(self) -> tuple[str, dict[str, str]] | None:
-        """Return what is asked for and how, if the browser may ask; else refuse it."""
+        """Return the request's path and method if the browser is allowed; else refuse it."""
         if self.headers.get("Host") not in self.answers.hosts:
             self._refuse(HTTPStatus.FORBIDDEN)
             return None

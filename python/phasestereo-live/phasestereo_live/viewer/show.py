@@ -32,11 +32,11 @@ RANGES: Mapping[str, tuple[float, float]] = {
     "num_disparities": (0, 1024),
     "fill": (0, 1),
 }
-"""What can be set, and from where to where; 0 disparities: as many as are found."""
+"""Settings of the page and their ranges; 0 disparities: estimated."""
 
 _ORDER = "ok", "note", "warning"
 _APART = 0.004  # seconds: below, a person who walks moves by some millimetres
-_FORGET = 5.0  # seconds after which what failed is no longer news
+_FORGET = 5.0  # seconds after which a failure is no longer shown
 _SMOOTH = 0.8  # share of the rate so far
 
 
@@ -56,7 +56,7 @@ class Display:
     settings
         What frames are matched with.
     num_disparities
-        How many disparities are searched; None: as many as are found.
+        How many disparities are searched; None: found from the images.
     folder
         Where pairs are saved.
     """

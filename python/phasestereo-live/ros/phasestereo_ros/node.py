@@ -96,7 +96,7 @@ class Search:
 
 
 def search_of(values: Mapping[str, Any]) -> Search:
-    """Return what parameters mean.
+    """Return the settings of the parameters.
 
     Raises
     ------
@@ -218,7 +218,7 @@ class PhasestereoNode(Node):  # type: ignore[misc]  # rclpy has no types
 
 
 def main() -> None:
-    """Run the node until it is told to stop."""
+    """Run the node until it is stopped."""
     rclpy.init()
     node = PhasestereoNode()
     try:

@@ -105,7 +105,7 @@ class Cameras:
             )
 
     def warp(self, size: tuple[int, int], alpha: float | None) -> Warp:
-        """Return what rectifies images of this size (columns, rows).
+        """Return the rectification of images of this size (columns, rows).
 
         Parameters
         ----------

@@ -82,7 +82,7 @@ def read_document(path: StrPath) -> Document:
 
 
 def of_text(text: str) -> Document:
-    """Return what a text holds by name: JSON, mrcal's, XML, INI, Middlebury's, numbers or YAML.
+    """Return a text's contents by name: JSON, mrcal's, XML, INI, Middlebury's, numbers or YAML.
 
     Raises
     ------
@@ -138,7 +138,7 @@ def _text(file: BinaryIO) -> str:
 
 
 def _of_braces(text: str) -> Document | None:
-    """Return what JSON, or a literal of Python as mrcal writes it, holds; None: it is neither."""
+    """Return the contents of JSON, or of mrcal's Python literal; None: neither."""
     try:
         found = ast.literal_eval(text) if "'lensmodel'" in text else json.loads(text)
     except (MemoryError, RecursionError, SyntaxError, ValueError):
@@ -199,7 +199,7 @@ def _of_xml(text: str) -> Document:
 
 
 def _of_yaml(text: str) -> Document:
-    """Return what a YAML file holds; OpenCV's has a header of its own, which YAML does not know."""
+    """Return the contents of a YAML file; OpenCV's has a header that YAML does not know."""
     yaml = require("yaml", extra="rectify")
     base = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the one in C is ten times as fast
 

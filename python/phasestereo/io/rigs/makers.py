@@ -37,7 +37,7 @@ class Placed(NamedTuple):
 
 
 def cameras_of_maker(documents: list[Document]) -> Cameras | None:
-    """Return the camera pair of a file that a maker's conventions tell; None: it is none of these.
+    """Return the camera pair of a file in a maker's conventions; None: of no known maker.
 
     Parameters
     ----------

@@ -87,7 +87,7 @@ def read_calibration(
 def read_geometry(
     path: StrPath | Sequence[StrPath], size: tuple[int, int] | None
 ) -> tuple[Calibration, tuple[str, ...]]:
-    """Return what `read_calibration` does, and what was assumed for it, in sentences."""
+    """Return `read_calibration`'s result and its assumptions, in sentences."""
     paths, documents = read_documents(path)
     name = named_all(paths)
     try:

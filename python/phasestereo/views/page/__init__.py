@@ -3,7 +3,7 @@
     write_pair_page("page.html", left, right, result, num_disparities=64)
 
 The page needs nothing beside it and no network. `page` puts it together, `layers` chooses what can
-be looked at pixel by pixel, `facts` what is said in words and numbers, `scene` the points of the
+be looked at pixel by pixel, `facts` words and numbers, `scene` the points of the
 3-D view, and `embedding` turns arrays into text. The templates ``pair.*`` do the rest.
 """
 

@@ -62,7 +62,7 @@ class BlurFacts:
 
 
 def blur_facts(blur: BlurEstimate, size: tuple[int, int]) -> BlurFacts:
-    """Describe the blur that was found in a pair of images with so many rows and columns."""
+    """Describe the blur that was found in a pair of images of this size."""
     areas = [
         Area(_words(kind), share, _color(kind, number), _psf_uri(kind))
         for number, (kind, share) in enumerate(zip(blur.blurs, blur.areas(), strict=True))
@@ -157,7 +157,7 @@ def _duration(seconds: float) -> str:
 
 
 def versions() -> list[tuple[str, str]]:
-    """Return what the result was made with."""
+    """Return the settings and versions of the result."""
     return [
         ("phasestereo", _core.__version__),
         ("NumPy", np.__version__),

@@ -162,7 +162,7 @@ def arrays_of(
     step: int,
     codings: Mapping[str, Coding],
 ) -> dict[str, str]:
-    """Return what the page's layers hold, every step-th pixel of every step-th row, as text."""
+    """Encode the page's layers, every step-th pixel of every step-th row, as text."""
     coded = {"disparity": result.disparity, "uncertainty": result.uncertainty, "truth": truth}
     thin = (slice(None, None, step), slice(None, None, step))
     found: dict[str, NDArray[Any] | None] = {
@@ -179,7 +179,7 @@ def arrays_of(
 
 
 def codings_of(result: Result, truth: Map | None) -> dict[str, Coding]:
-    """Return how the maps of floats are coded; disparities and their truth alike."""
+    """Return the coding of the float maps, the same for disparities and their truth."""
     disparities = coding_of(result.disparity, truth)
     return {
         "disparity": disparities,

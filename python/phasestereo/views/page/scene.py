@@ -13,7 +13,7 @@ from phasestereo.views.depths import Ranging
 
 __all__ = ["ScenePoints", "described", "scene_points"]
 
-_FAR = 1.5  # depths beyond so many times the 90th percentile are left out: they dwarf the rest
+_FAR = 1.5  # depths beyond this multiple of the 90th percentile are left out: they dwarf the rest
 
 
 @dataclass(frozen=True, slots=True, eq=False)

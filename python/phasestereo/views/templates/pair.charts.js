@@ -10,7 +10,7 @@ function drawn(tag, attributes, text = "") {
   return node;
 }
 
-// Round numbers between two others, about so many.
+// Round numbers between two others, about `count`.
 function ticksOf(low, high, count) {
   const rough = (high - low) / count;
   const power = 10 ** Math.floor(Math.log10(rough));

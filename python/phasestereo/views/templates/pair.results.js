@@ -4,7 +4,7 @@
 const LEVELS = 0xffff - 1; // codes of disparities; the one after stands for none
 const FINEST = 1 / 128; // pixels
 const [LOWEST, HIGHEST] = [0.01, 0.99]; // shares of the disparities beyond which colors stay
-const FAR = 1.5; // depths beyond so many times the 90th percentile are left out: they dwarf the rest
+const FAR = 1.5; // depths beyond this multiple of the 90th percentile are left out: they dwarf the rest
 const SAMPLES = 20_000; // of a map, to find its percentiles
 
 // Show the images alone, at once: disparities follow.

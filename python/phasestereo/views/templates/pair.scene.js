@@ -112,7 +112,7 @@ class Cloud {
     gl.vertexAttribIPointer(0, 1, gl.UNSIGNED_SHORT, 0, 0);
   }
 
-  // Color the points, and choose which are seen; return how many.
+  // Color the points, and choose the visible ones; return their number.
   color(tint, keep) {
     const bytes = new Uint8Array(4 * this.near.length);
     let count = 0;
@@ -339,7 +339,7 @@ function offerTints() {
   if (there.some(([key]) => key === chosen)) element("tint").value = chosen;
 }
 
-// Draw the points in the color that is chosen; return how many.
+// Draw the points in the chosen color; return their number.
 function drawCloud() {
   const count = cloud.color(TINTS[element("tint").value], element("keep").value);
   element("cloud-shown").textContent = `${count.toLocaleString("en")} points`;

@@ -69,7 +69,7 @@ function rememberedOf(color) {
   };
 }
 
-// Column of the line between the layer and the left image; null where there is none.
+// Column of the line between the layer and the left image; null elsewhere.
 function edgeOf() {
   if (state.view === "left" || state.how !== "wipe") return null;
   const [first, last] = stage.sight;

@@ -92,16 +92,16 @@ const DOUBTFUL: f32 = 0.3;
 const CLEARLY_BETTER: f32 = 0.7;
 /// A kernel is measured, and blurs of both images are searched, on at least this many blocks;
 const LEAST_BLOCKS: usize = 12;
-/// ... a kernel on at least one in so many of all: it takes another match, which is not worth it for a little of a large
+/// ... a kernel on at least one in this many of all: it takes another match, which is not worth it for a little of a large
 /// image,
 const LEAST_PART: usize = 20;
 /// ... and unless the measured kernel has a loss larger than the family's by this factor.
 const MUCH_WORSE: f32 = 1.5;
-/// One block in so many is fitted to all blurs, whatever explains the others,
+/// One block in this many is fitted to all blurs, whatever explains the others,
 const SAMPLE: usize = 4;
 /// ... unless there would be fewer than this.
 const LEAST_SAMPLE: usize = 12;
-/// The quietest one in so many blocks gives the noise.
+/// The quietest one in this many blocks gives the noise.
 const QUIET: usize = 10;
 /// The ratio of the noise to that of the quietest tenth of the blocks, in the quietest of eight directions:
 /// measured for noise of a known level on the suite's scenes.
@@ -117,7 +117,7 @@ pub struct Blur {
     pub side: Option<Side>,
     /// The point-spread function, if a family explains the blur.
     pub psf: Option<Psf>,
-    /// The kernel that the sharper image has to be convolved with; `None`: there is none.
+    /// The kernel that the sharper image has to be convolved with; `None`: no blur.
     pub taps: Option<Taps>,
     /// The blur of the sharper image, if it lacks something as well: the softer one has to be convolved with it.
     pub other: Option<Psf>,
@@ -432,7 +432,7 @@ impl<'a> BlurEstimation<'a> {
 
         let [left, right] = BlurEvidence::of_both(&powers, noise, self.level());
         let evidence = if side == Side::Left { left } else { right };
-        // A blur of hardly any spread is none, unless no family explains the powers.
+        // A blur of hardly any spread counts as no blur, unless no family explains the powers.
         let refined = refine(&evidence, self.level());
         if refined.entry.psf.spread() < LEAST_SPREAD && refined.fit.loss <= DOUBTFUL {
             return Ok(none);
@@ -772,7 +772,7 @@ impl FittedBlur {
             taps: Some(own.psf.taps()),
             other: Some(other.psf),
         };
-        // Responses tell kinds apart on tiles, and this kind is the only one.
+        // Responses distinguish kinds on tiles, and this kind is the only one.
         Self { blur, response: own.response, fit: found.fits[side.index()], powers }
     }
 

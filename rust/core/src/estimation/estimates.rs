@@ -31,7 +31,7 @@ pub struct Estimates {
     pub left_out: Vec<LeftOut>,
     /// The vertical offsets, if they were to be estimated and enough blocks were found in both images.
     pub offsets: Option<RowOffsets>,
-    /// How far apart rows stay by the best field of offsets, known well enough or not, pixels: infinite where there is none.
+    /// How far apart rows stay by the best field of offsets, known well enough or not, pixels: infinite without one.
     pub rows_apart: f64,
     /// The field by which the right image is straightened.
     pub alignment: Option<Alignment>,

@@ -116,7 +116,7 @@ impl Facts {
 }
 
 /// The evidence for an explanation that leaves residuals of standard deviation `after` over one that leaves `before`, nats: it has
-/// more parameters, by `parameters`, and independent observations with normal errors tell them apart.
+/// more parameters, by `parameters`, and independent observations with normal errors distinguish them.
 ///
 /// ```text
 /// nats = observations ln(before / after) - parameters / 2 ln(observations)

@@ -36,7 +36,7 @@ pub const LEAST_SIZE: usize = 48;
 pub const GOOD_CONFIDENCE: f64 = 0.65;
 /// Disparities of at least this confidence are kept.
 const SURE: f32 = 0.5;
-/// Of the rows of a copy, one in so many tells whether gray levels rise on one side and fall on the other.
+/// Of the rows of a copy, one in this many shows whether gray levels rise on one side and fall on the other.
 const SAMPLED: usize = 4;
 
 /// How a match of copies looks at details.
@@ -108,7 +108,7 @@ pub struct RoughMap {
 /// The disparities of copies that a rough match found, of which every pixel of the copies has one.
 #[derive(Debug, Clone, Copy)]
 pub struct Guess<'a> {
-    /// Disparities of copies of another size; NaN where there is none.
+    /// Disparities of copies of another size; NaN: none.
     pub disparity: &'a Plane<f32>,
     /// The factor by which these are larger, or 1,
     pub by: usize,
@@ -282,7 +282,7 @@ impl Overview {
         is_larger.then(|| self.reduced_by(2, runtime)).transpose()
     }
 
-    /// The same, reduced still more, to so many columns.
+    /// The same, reduced still more, to this many columns.
     pub fn reduced(&self, width: usize, runtime: Runtime) -> Result<Self> {
         self.reduced_by(reduction((self.valid.rows(), self.valid.cols()), width), runtime)
     }

@@ -32,20 +32,20 @@ use phasestereo_match::pair::Pair;
 
 /// Rows of a strip.
 const STRIP: usize = 16;
-/// Of a strip, each row of so many is looked at.
+/// Of a strip, each row of this many is looked at.
 const EVERY: usize = 8;
 /// Steps of a gray value in which rows are compared.
 const STEPS: f32 = 64.0;
-/// Differences up to so many standard deviations of the noise are no texture.
+/// Differences up to this many standard deviations of the noise are not texture.
 const QUIET: f64 = 2.0;
 /// ... and so are those below this share of the range, half a gray level of 8 bits, however little noise there is.
 const FLAT: f64 = 0.002;
-/// Runs of so many times that are judged for how sharp they are.
+/// Runs of this many times that are judged for how sharp they are.
 const TEXTURED: f64 = 3.0;
 /// Interlaced images: shifted back, the fields differ by at most this share of what they differ by as they are. Of
 /// progressive images, no shift makes even and odd rows more alike.
 const ALIKE: f64 = 0.9;
-/// By chance, sums over `n` differences of noise differ by about `1 / sqrt(n)` of themselves; so many times that is no chance.
+/// By chance, sums over `n` differences of noise differ by about `1 / sqrt(n)` of themselves; beyond this multiple it is significant.
 const BEYOND_CHANCE: f64 = 6.0;
 
 /// Shares of an image's pixels, 0 to 1, whose gray value is at an end of those that the image has.
@@ -66,9 +66,9 @@ pub struct Photometry {
     pub saturation: [Saturation; 2],
     /// Shares of the image without texture along its rows; NaN where it is narrower than a run.
     pub flat: [f64; 2],
-    /// Shares of the texture that is smeared, as by lossy compression, by denoising or by a soft lens; NaN where there is none.
+    /// Shares of the texture that is smeared, as by lossy compression, by denoising or by a soft lens; NaN: none.
     pub smeared: [f64; 2],
-    /// Shares of the image with texture that repeats itself along its rows; NaN where it is too narrow to tell.
+    /// Shares of the image with texture that repeats itself along its rows; NaN where it is too narrow.
     pub repeated: [f64; 2],
     /// By how many pixels odd rows are shifted against even ones, as in interlaced video of what moves; 0: they are not.
     pub fields: [i32; 2],
@@ -112,7 +112,7 @@ struct Counts {
 }
 
 impl Photometry {
-    /// Looks at sampled rows of a pair of which so many disparities are searched. `noise` are the standard deviations in units
+    /// Looks at sampled rows of a pair of which this many disparities are searched. `noise` are the standard deviations in units
     /// of the pixels, 0 where unknown.
     pub fn new(
         rows: &PairRows,

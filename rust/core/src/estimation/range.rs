@@ -44,7 +44,7 @@ const BESIDE: (u64, f64) = (500, 0.25);
 const BAND: usize = 16;
 /// Fewest bands of an end, and one in how many of all.
 const BANDS: (usize, usize) = (2, 6);
-/// Of the disparities on the other side of zero, the share of one in so many is tried.
+/// Of the disparities on the other side of zero, the share of one in this many is tried.
 const OTHER_SIDE: isize = 4;
 /// Longest run, pixels of the copy, of an image and its copy with noise.
 const NARROW: isize = 8;
@@ -204,7 +204,7 @@ fn refined(
     Ok(((low.min((first + 1) * by), high.max((last - 1) * by).max(low)), fine))
 }
 
-/// The bands of so many rows that show most of the disparities at either end of a run, and the outermost ones, from the top
+/// The bands of this many rows that show most of the disparities at either end of a run, and the outermost ones, from the top
 /// down.
 pub fn bands_at_ends(map: &RoughMap, (first, last): Span, height: usize) -> Vec<Range<usize>> {
     let rows = map.disparity.rows();
@@ -484,7 +484,7 @@ fn with_margin(low: f64, high: f64, factor: f64) -> (i64, i64) {
     let length = end - start;
 
     // Ends that are this much on one side of zero are not across it by mistake. The candidate 0 stands for half a pixel on
-    // either side: in a long range an end that is no farther across is most often a mistake.
+    // either side: in a long range an end that is not farther away is most often a mistake.
     let clear = if high - low > LONG { -0.5 } else { factor / 4.0 };
     if low + high > 0.0 {
         let start = if low >= clear && start <= length { 0 } else { start };

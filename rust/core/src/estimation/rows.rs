@@ -39,9 +39,9 @@ const TOLERATED: f64 = 0.4;
 /// ... and those with which it is about the same: confidences of 36 pairs with rows up to 1 px off change by 0.002 on
 /// average, and by 0.006 at most.
 const HARDLY: f64 = 0.25;
-/// All terms are used if their field differs from the linear one by so many standard errors,
+/// All terms are used if their field differs from the linear one by this many standard errors,
 const RICHER: f64 = 2.0;
-/// ... each of which is at least so many pixels.
+/// ... each of which is at least this many pixels.
 const LEAST_RICHER: f64 = 0.02;
 /// Error that no averaging over blocks removes, as a share of a pixel of the copy.
 const BIAS: f64 = 0.02;
@@ -53,7 +53,7 @@ const LEAST_RMS: f64 = 0.12;
 /// ... and so are offsets of fewer standard errors than this.
 const LEAST_ERRORS: f64 = 2.0;
 
-/// Lens distortion is named from so many pixels on, and so many standard errors: of 10 pairs without any up to 2.6.
+/// Lens distortion is named from this many pixels on, and this many standard errors: of 10 pairs without any up to 2.6.
 pub const DISTORTED: (f64, f64) = (2.0, 3.0);
 
 /// The vertical offsets of a pair.
@@ -92,7 +92,7 @@ pub struct FoundRows {
     /// The offsets; `None` where there is too little texture or too little in common.
     pub offsets: Option<RowOffsets>,
     /// How far apart rows stay by the best field, known well enough or not: its standard error and the spread of the blocks from
-    /// it, pixels. Infinite where there is none.
+    /// it, pixels. Infinite without one.
     pub apart: f64,
     /// The last rough match on the way to them, if there was another one.
     pub map: Option<RoughMap>,
@@ -267,7 +267,7 @@ fn spacing(overview: &Overview) -> usize {
     (((size / BLOCKS) as f64).sqrt() as usize).max(1) * overview.factor
 }
 
-/// Blocks all over the image, so many pixels of it apart, wherever the disparity is known.
+/// Blocks all over the image, this many pixels of it apart, wherever the disparity is known.
 fn seeds(
     overview: &Overview,
     map: &RoughMap,

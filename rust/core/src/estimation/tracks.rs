@@ -34,7 +34,7 @@ const AREA: usize = BLOCK + 2 * SEARCH;
 const SMOOTH: usize = 2;
 /// Least correlation of blocks that show the same.
 const LEAST_CORRELATION: f32 = 0.5;
-/// Of a block, at most one pixel in so many may be masked.
+/// Of a block, at most one pixel in this many may be masked.
 const MASKED_SHARE: usize = 10;
 
 /// The expected place of a block: its center in the left image, and the offset to that in the right one, pixels of the

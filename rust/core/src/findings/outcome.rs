@@ -310,7 +310,7 @@ mod tests {
         assert!(found[1].1.contains("30 % of the pixels are at its end at 0 px"));
 
         let swapped = Finding::warning(Topic::Range, "something was left out");
-        assert_eq!(said(vec![swapped], 0, at_high).len(), 1, "the range is said once");
+        assert_eq!(said(vec![swapped], 0, at_high).len(), 1, "one finding on the range");
     }
 
     #[test]

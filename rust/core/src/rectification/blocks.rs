@@ -32,7 +32,7 @@ const SIDE: usize = 24;
 const SEARCH: [usize; 2] = [12, 4];
 /// Radius of the windows that light is taken out over, and what is added to the variance.
 const EVEN: (usize, f64) = (15, 9.0);
-/// Gray values in steps of 1 / 8; deviations in steps of 1 / 64 and at most so many.
+/// Gray values in steps of 1 / 8; deviations in steps of 1 / 64 and at most this many.
 const STEPS: [f32; 2] = [8.0, 64.0];
 const LARGEST: f32 = 1023.0;
 /// What images are smoothed by first, and those that corners are sought in, pixels.
@@ -80,7 +80,7 @@ pub fn blocks(
     for (corner, guess) in found.iter().zip(guesses) {
         let [x, y] = corner.pixel;
         let to = guess.map(|by| (by / 2.0).round() as isize);
-        // Near the ends of the image, a place farther in tells how far things are moved.
+        // Near the ends of the image, a place farther in shows how far things are moved.
         let inward = |at: usize, size: usize| at.clamp(SIDE / 2, (size - SIDE / 2).max(SIDE / 2));
         let middle = [inward(x / 2, halves[0].cols()), inward(y / 2, halves[0].rows())];
         let Some(rough) = correlated(&halves, middle, to, SEARCH[0], level) else { continue };

@@ -126,7 +126,7 @@ impl Calibration {
         ]))
     }
 
-    /// Where each pixel of the rectified left and right images, of so many rows and columns, is in the raw ones.
+    /// Where each pixel of the rectified left and right images, of this many rows and columns, is in the raw ones.
     pub fn places(&self, size: (usize, usize), control: &Control) -> Result<[Places; 2]> {
         let [left, right] = self.inverses()?;
         Ok([self.places_of(0, &left, size, control)?, self.places_of(1, &right, size, control)?])

@@ -101,7 +101,7 @@ pub struct Camera {
 }
 
 impl Cameras {
-    /// Cameras with these numbers, as multiples of the deviations, and images of so many rows and columns.
+    /// Cameras with these numbers, as multiples of the deviations, and images of this many rows and columns.
     pub fn new(numbers: [f64; NUMBERS], spreads: [f64; NUMBERS], size: (usize, usize)) -> Self {
         let values: [f64; NUMBERS] = from_fn(|index| numbers[index] * spreads[index]);
         let [focal, ratio, k1, k2, differs, ..] = values;

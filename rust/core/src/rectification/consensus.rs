@@ -135,7 +135,7 @@ impl Chance {
 mod tests {
     use super::*;
 
-    /// Matches of a right image that is turned, lower and bent; of each ten, so many lie anywhere.
+    /// Matches of a right image that is turned, lower and bent; of each ten, this many are outliers.
     fn matches(wrong: usize) -> Vec<Match> {
         let mut chance = Chance(7);
         let mut any = |end: usize| chance.below(end) as f64;

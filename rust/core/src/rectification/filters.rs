@@ -17,9 +17,9 @@ use phasestereo_match::base::statistics::quantile;
 
 /// Percentiles that become black and white: a few pixels at the ends may be mistakes.
 const ENDS: [f64; 2] = [0.005, 0.995];
-/// One in so many rows and columns is looked at for them.
+/// One in this many rows and columns is looked at for them.
 const STRIDE: usize = 4;
-/// A Gaussian is cut off at so many standard deviations.
+/// A Gaussian is cut off at this many standard deviations.
 const REACH: f64 = 3.0;
 
 /// The image with its values stretched to 0 to 255. What is not finite becomes black.
@@ -44,7 +44,7 @@ pub fn cropped(image: &Plane<f32>, factor: usize) -> Result<Plane<f32>> {
     Ok(out)
 }
 
-/// The image reduced to so many rows and columns.
+/// The image reduced to this many rows and columns.
 pub fn reduced(image: &Plane<f32>, (rows, cols): (usize, usize)) -> Result<Plane<f32>> {
     let (above, beside) = (shares(image.rows(), rows), shares(image.cols(), cols));
     let mut out = Plane::new(rows, cols)?;

@@ -15,14 +15,14 @@ use phasestereo_match::base::statistics::{biweight, deviation};
 
 /// What is added to the spread of rows, pixels: no match is more exact.
 const SPREAD: f64 = 0.05;
-/// Errors beyond so many spreads do not count.
+/// Errors beyond this many spreads do not count.
 const CUT: f64 = 4.7;
 /// How many errors that go together count as one.
 const TOGETHER: f64 = 6.0;
 /// Tries to damp a step, and what it must reach, in deviations.
 const TRIES: usize = 8;
 const STILL: f64 = 2e-3;
-/// Matches agree with cameras if their rows are at most so many spreads apart, or such a share of the width.
+/// Matches agree with cameras if their rows are at most this many spreads apart, or such a share of the width.
 const AGREE: (f64, f64) = (4.0, 0.004);
 
 /// Fitted cameras.
@@ -175,7 +175,7 @@ mod tests {
 
     const SIZE: (usize, usize) = (480, 640);
 
-    /// Matches of things at many depths, seen by cameras; one in so many is a mistake.
+    /// Matches of things at many depths, seen by cameras; one in this many is a mistake.
     fn seen(cameras: &Cameras, wrong: usize) -> Vec<Match> {
         let place = |index: usize| -> Option<Match> {
             let [x, y] = [(index * 37 % 601) as f64 + 20.0, (index * 91 % 433) as f64 + 20.0];

@@ -24,7 +24,7 @@ const LEAST: f64 = 0.5;
 /// How near two corners show the same thing, and how far they show another, in pixels of their level.
 const SAME: f64 = 3.0;
 const ELSEWHERE: f64 = 10.0;
-/// Several matches within a square of so many pixels are one on several levels.
+/// Several matches within a square of this many pixels are one on several levels.
 const SQUARE: f64 = 6.0;
 
 /// A place of the left image and that of the same thing in the right one: columns and rows.
@@ -45,7 +45,7 @@ struct Likest {
     next: i32,
 }
 
-/// Matches corners, given their codes, in images of so many columns. The likest come first.
+/// Matches corners, given their codes, in images of this many columns. The likest come first.
 pub fn matched(
     [left, right]: [&Features; 2],
     [left_codes, right_codes]: [&[Code]; 2],

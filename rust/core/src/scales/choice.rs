@@ -82,7 +82,7 @@ fn same(confidence: f32) -> f32 {
     lowered(confidence, STRICTER)
 }
 
-/// A confidence once the odds of an error are so many times as high.
+/// A confidence once the odds of an error are this many times as high.
 fn lowered(confidence: f32, factor: f32) -> f32 {
     confidence / (confidence + (1.0 - confidence) * factor)
 }

@@ -29,7 +29,7 @@ const BAND: usize = 32;
 const MOST_BITS: u32 = 15;
 /// Pixels of a row that are looked at together for whether all of them are marked.
 const WHOLE: usize = 32;
-/// About so many pixels are looked at for the noise.
+/// About this many pixels are sampled for the noise.
 const SAMPLES: usize = 1 << 15;
 
 /// A connected flat area.
@@ -193,7 +193,7 @@ impl<'a> Connectivity for Marked<'a> {
     }
 }
 
-/// The areas of so many marked pixels or more, by their first pixels.
+/// The areas of this many marked pixels or more, by their first pixels.
 fn large(marked: &Plane<bool>, least: f64, control: &Control) -> Result<Vec<FlatArea>> {
     let regions = Regions::find(&Marked(marked), control)?;
     let mut areas: Vec<(Region, FlatArea)> = vec![];

@@ -13,7 +13,7 @@ use phasestereo_match::pair::Pair;
 
 /// Fewest rows and columns of a copy.
 pub const LEAST_SIZE: usize = 100;
-/// Fewest disparities to search of a pair whose copy has any to tell apart.
+/// Fewest disparities to search of a pair whose copy has distinct ones.
 pub const FEWEST_CANDIDATES: usize = 8;
 
 /// A pair at half the size; `None` if it is too small for that.

@@ -70,7 +70,7 @@ pub enum Fault {
 
 type Gray = Plane<i32>;
 
-/// The scene in so many rows and columns, as a rig with a fault takes it. Another `moment` has other noise.
+/// The scene in this many rows and columns, as a rig with a fault takes it. Another `moment` has other noise.
 pub fn pair(fault: Fault, size: (usize, usize), moment: u32) -> [Input; 2] {
     let (rows, cols) = (size.0 as i32, size.1 as i32);
     let [left, right] = [0, 1].map(|side| gray(size, |y, x| shown((y, x), side, size, fault)));
@@ -252,7 +252,7 @@ fn moved(image: &Gray, place: impl Fn(i32, i32) -> (i32, i32)) -> Gray {
     })
 }
 
-/// Means of so many rows and columns, odd numbers.
+/// Means of this many rows and columns, odd numbers.
 fn mean(image: &Gray, rows: i32, cols: i32) -> Gray {
     let (above, before) = (rows / 2, cols / 2);
     changed(image, |y, x, _| {

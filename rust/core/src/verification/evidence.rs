@@ -38,7 +38,7 @@ const BAND: usize = 32;
 /// What pixels say against the claims.
 #[derive(Debug)]
 pub struct Evidence {
-    /// Bits per square root of the pixels; 0 where claim and own disparity agree or there is none.
+    /// Bits per square root of the pixels; 0 where claim and own disparity agree or one is missing.
     pub against: Plane<f32>,
 }
 

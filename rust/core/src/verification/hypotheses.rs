@@ -23,7 +23,7 @@ const CLEARLY: f64 = 3.0;
 pub enum Misreading {
     /// With the opposite sign.
     Sign,
-    /// As so many parts of a pixel, 16 or 256.
+    /// As this many parts of a pixel, 16 or 256.
     Parts(u16),
 }
 

@@ -67,7 +67,7 @@ const UNSEEN: u16 = flag::MISSING | flag::OUTSIDE | flag::MATCH_MASKED | flag::O
 /// All that verdicts depend on; planes of one size.
 #[derive(Debug, Clone, Copy)]
 pub struct Test<'a> {
-    /// The claims; what is not finite is none.
+    /// The claims; values that are not finite claim nothing.
     pub map: &'a Plane<f32>,
     /// The own match, with confidences.
     pub own: &'a Disparity,
@@ -125,7 +125,7 @@ impl Test<'_> {
         (if is_supported { verdict::SUPPORTED } else { verdict::UNKNOWN }, f32::NAN)
     }
 
-    /// Finds the largest claim on every right pixel of a row, the nearest surface; minus infinity where there is none.
+    /// Finds the largest claim on every right pixel of a row, the nearest surface; minus infinity without one.
     fn find_nearest(&self, y: usize, nearest: &mut [f32]) {
         nearest.fill(f32::NEG_INFINITY);
         for (x, claim) in self.map.row(y).iter().enumerate() {

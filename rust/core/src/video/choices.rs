@@ -82,7 +82,7 @@ pub const ALIKE: f64 = 2.0;
 pub const FOLLOWED: f64 = 0.06;
 /// ... and share of the drift that remains from frame to frame.
 pub const DAMPED: f64 = 0.995;
-/// Share of the standard error: a frame that leaves less of it finds the field, so that its correction is no drift.
+/// Share of the standard error: a frame that leaves less of it finds the field, so that its correction is not a drift.
 pub const FOUND_SHARE: f64 = 0.8;
 /// Largest weight of a block, in median weights.
 pub const MOST_WEIGHT: f64 = 2.0;

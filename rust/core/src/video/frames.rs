@@ -559,12 +559,12 @@ impl<'a> Followed<'a, '_> {
     }
 }
 
-/// Whether a match of which this is said is to be trusted.
+/// Whether a match with these findings is reliable.
 fn is_trusted(said: &[Finding]) -> bool {
     !said.iter().any(|one| one.severity == Severity::Warning && one.topic.is_decisive())
 }
 
-/// What is still to be said of the pair: what decides whether a match is to be trusted is said of each match.
+/// Findings of the pair that remain: those that make a match unreliable belong to each match.
 fn still_said(estimates: &Estimates) -> Vec<Finding> {
     estimates.findings.iter().filter(|one| !one.topic.is_decisive()).cloned().collect()
 }

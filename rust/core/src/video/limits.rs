@@ -1,6 +1,6 @@
 //! Go or no-go: the quantities of a rig against limits, as at the end of a production line or at a start of a robot.
 //!
-//! Usual limits are those from which on a match is warned of (the tables of findings), where there are such. A quantity that cannot be told
+//! Usual limits are those from which on a match is warned of (the tables of findings), where there are such. An unknown quantity
 //! passes, unless its limit was given, or nothing can be said without it.
 
 use crate::finding::Topic;
@@ -122,11 +122,11 @@ impl Quantity {
 pub struct Check {
     /// What.
     pub quantity: Quantity,
-    /// What the rig shows; `None`: it cannot be told.
+    /// The measured value; `None`: unknown.
     pub value: Option<f64>,
     /// The limit.
     pub limit: f64,
-    /// Whether it is kept; `None`: it cannot be told, and need not be.
+    /// Whether it is kept; `None`: unknown, and not needed.
     pub passed: Option<bool>,
 }
 

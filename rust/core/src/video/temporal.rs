@@ -88,7 +88,7 @@ impl TemporalFilter {
         Self::default()
     }
 
-    /// Filters the map of the next frame in place, and returns how many frames support each disparity, 1 to 8.
+    /// Filters the map of the next frame in place, and returns the number of frames that support each disparity, 1 to 8.
     ///
     /// The pair is the one that was matched with these settings. Nothing is carried over to another size, type of pixels,
     /// range of disparities or other settings, nor after an error.

@@ -25,7 +25,7 @@ mod native {
     pub struct ThreadPool(rayon::ThreadPool);
 
     impl ThreadPool {
-        /// A pool of so many threads.
+        /// A pool of this many threads.
         pub fn new(threads: usize) -> Result<Self> {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
             pool.map(Self).map_err(|error| Error::Threads(error.to_string()))

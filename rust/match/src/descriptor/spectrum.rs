@@ -15,9 +15,9 @@ use crate::descriptor::basis::{Basis, Filter};
 /// few enough that their data stay close to the first-level cache. With 1024, rows of 741 pixels take 10 % longer in AVX-512,
 /// with 2048 as much longer in AVX2.
 const SEGMENT: usize = 1536;
-/// Rows are computed to a multiple of so many pixels, whole registers: a part of one would take as long.
+/// Rows are computed to a multiple of this many pixels, whole registers: a part of one would take as long.
 const LANES: usize = 16;
-/// Pairs of taps that are applied in one sweep over a row: as many as fit in registers.
+/// Pairs of taps that are applied in one sweep over a row: all that fit in registers.
 const SWEEP: usize = 4;
 
 /// A word of 32 bits of a code, in a register lane of whatever width.
@@ -122,7 +122,7 @@ struct EvenOdd<B> {
 }
 
 impl<T: Lane> EvenOdd<Memory<T>> {
-    /// Buffers for a row of so many values.
+    /// Buffers for a row of this many values.
     fn new(width: usize) -> Result<Self> {
         Ok(Self { even: Memory::new(width)?, odd: Memory::new(width)? })
     }
@@ -162,7 +162,7 @@ impl Layout {
         (SEGMENT / self.width()).max(1)
     }
 
-    /// Places from the first pixel of so many rows to the last one, in whole registers.
+    /// Places from the first pixel of this many rows to the last one, in whole registers.
     pub fn span(self, rows: usize) -> usize {
         (rows - 1) * self.width() + padded(self.cols)
     }
@@ -262,12 +262,12 @@ impl<T: Lane> Spectrum<T> {
     }
 }
 
-/// The segments of so many places.
+/// The segments of this many places.
 pub fn segments(places: usize) -> impl Iterator<Item = Range<usize>> {
     (0..places).step_by(SEGMENT).map(move |x| x..(x + SEGMENT).min(places))
 }
 
-/// So many pixels, rounded up to whole registers.
+/// This many pixels, rounded up to whole registers.
 fn padded(cols: usize) -> usize {
     cols.next_multiple_of(LANES)
 }

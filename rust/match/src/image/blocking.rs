@@ -97,7 +97,7 @@ impl Extra {
         self
     }
 
-    /// How much borders of blocks stand out, in steps; 0 if they do not, or the image is too small to tell.
+    /// How much borders of blocks stand out, in steps; 0 if they do not, or the image is too small.
     pub fn jump(&self) -> f64 {
         let [horizontal, vertical] = [0, 1].map(|axis| {
             if self.counts[axis].contains(&0) {

@@ -29,7 +29,7 @@ use crate::image::view::View;
 /// Steps of bytes that come first, if the values allow for several: bytes in wider integers, or as fractions
 /// of white.
 const BYTE_STEPS: [f64; 5] = [1.0, 257.0, 256.0, 1.0 / 255.0, 1.0 / 256.0];
-/// White of words that are stored as fractions of it: the largest value of so many bits, or one more.
+/// White of words that are stored as fractions of it: the largest value of this many bits, or one more.
 const WHITES: [f64; 9] =
     [1023.0, 4095.0, 16383.0, 65535.0, 256.0, 1024.0, 4096.0, 16384.0, 65536.0];
 /// Most values that differ of which a step is looked for: bytes that were scaled in two ways have twice 256.
@@ -367,7 +367,7 @@ pub struct Extent {
 }
 
 impl Extent {
-    /// An image of so many rows and columns, of which nothing is known.
+    /// An image of this many rows and columns, without known properties.
     pub fn new((rows, cols): (usize, usize)) -> Self {
         let stride = (rows * cols).div_ceil(MOST_SAMPLES);
         Self { cols, stride, sample: vec![], full: None }
@@ -417,7 +417,7 @@ mod tests {
     use crate::image::view::Mask;
     use ndarray::Array3;
 
-    /// Two images of bytes that use most of their range, of so many channels.
+    /// Two images of bytes that use most of their range, of this many channels.
     fn bytes(channels: usize) -> [Array3<u8>; 2] {
         [3, 5].map(|factor| {
             Array3::from_shape_fn((9, 40, channels), |(y, x, c)| {

@@ -174,7 +174,7 @@ fn check(taps: &Plane<f64>) -> Result<f64> {
     Ok(total)
 }
 
-/// An error unless sums have room for so many bits after the point.
+/// An error unless sums have room for this many bits after the point.
 fn check_fraction(fraction: u32, reach: u32) -> Result<()> {
     if fraction <= MOST_FRACTION && i32::try_from(u64::from(reach) << (fraction + GUARD)).is_ok() {
         return Ok(());

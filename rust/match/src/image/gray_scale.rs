@@ -23,7 +23,7 @@ pub struct GrayScale {
 }
 
 impl GrayScale {
-    /// The scale of integers that are multiples of a step and use so many bits, of luminances in thousandths or
+    /// The scale of integers that are multiples of a step and use this many bits, of luminances in thousandths or
     /// not; `given` are black and white of words.
     pub fn of_integers(
         (step, bits): (f64, u32),

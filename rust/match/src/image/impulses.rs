@@ -24,7 +24,7 @@ pub const REACH: usize = 1;
 pub const HEIGHT: f64 = 20.0;
 /// Least height of an impulse beyond doubt ...
 const DOUBTLESS_HEIGHT: f64 = 40.0;
-/// ... to which so many times the spread of its neighbors are added.
+/// ... to which this many times the spread of its neighbors are added.
 const DOUBTLESS_SPREADS: i32 = 3;
 /// Share of pixels beyond doubt above which there are impulses. Clean pairs have half of it at
 /// most; noise, JPEG and softness fewer.
@@ -45,7 +45,7 @@ pub fn repaired(
     })
 }
 
-/// The number of impulses beyond doubt in some rows, where a gray level has so many steps.
+/// The number of impulses beyond doubt in some rows, where a gray level has this many steps.
 pub fn count_doubtless(
     plane: &Plane<i32>,
     rows: std::ops::Range<usize>,
@@ -218,7 +218,7 @@ mod tests {
 
     #[test]
     fn ranks_are_those_of_the_sorted() {
-        // Networks that sort zeros and ones sort anything; two bits in each tell a rank from its neighbors, too.
+        // Networks that sort zeros and ones sort anything; two bits in each distinguish a rank from its neighbors, too.
         for code in 0..1 << 16 {
             let values: [i32; 8] = std::array::from_fn(|i| code >> (2 * i) & 3);
             let mut sorted = values;

@@ -54,7 +54,7 @@ fn fill_row<T: Copy>(row: &mut [T], valid: &[bool]) {
     }
 }
 
-/// Pixels of so many channels with masked ones replaced by the nearest valid ones of their column, up to
+/// Pixels of this many channels with masked ones replaced by the nearest valid ones of their column, up to
 /// `reach - 1` rows away, or else by `black`: what is resampled along columns must not take them from other
 /// columns.
 pub fn filled_along_columns<T: Copy>(

@@ -134,7 +134,7 @@ pub trait Resampler {
     /// Rows and columns of the result.
     fn size(&self) -> (usize, usize);
 
-    /// Resamples pixels of so many rows, columns and channels.
+    /// Resamples pixels of this many rows, columns and channels.
     fn resampled<T: Copy + Default + Send + Sync + Into<f64>>(
         &self,
         pixels: &[T],

@@ -71,7 +71,7 @@ pub struct Taps {
 }
 
 impl Taps {
-    /// The pixels about a place of a row or a column of so many; the image is reduced by the factor `s`, if
+    /// The pixels about a place of a row or a column of this many; the image is reduced by the factor `s`, if
     /// that is above 1.
     pub fn new(place: f64, s: f64, length: usize) -> Self {
         let end = length as f64;

@@ -137,7 +137,7 @@ struct SmoothingBuffers {
 }
 
 impl SmoothingBuffers {
-    /// For bands of an image of so many rows and columns.
+    /// For bands of an image of this many rows and columns.
     fn new((rows, cols): (usize, usize)) -> Result<Self> {
         let width = width(cols);
         let rows = rows.min(BAND_ROWS) + 2 * RADIUS;
@@ -164,7 +164,7 @@ impl Smoothing<'_> {
         }
     }
 
-    /// Writes the shares of so many rows of windows, and those of their means.
+    /// Writes the shares of this many rows of windows, and those of their means.
     fn write_shares(&self, rows: usize, buffers: &mut SmoothingBuffers) -> Result<()> {
         let cols = self.gray.size().1;
         let width = width(cols);
@@ -227,7 +227,7 @@ fn parts(cols: usize) -> impl Iterator<Item = Range<usize>> {
     (0..padded).step_by(PART).map(move |x| x..(x + PART).min(padded))
 }
 
-/// Values of a row of so many columns with its continuation, up to the end of the last block.
+/// Values of a row of this many columns with its continuation, up to the end of the last block.
 fn width(cols: usize) -> usize {
     cols.next_multiple_of(BLOCK) + 2 * MARGIN
 }

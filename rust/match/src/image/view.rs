@@ -119,7 +119,7 @@ impl View {
     }
 }
 
-/// The even rows that make up row `y` of so many: itself, or those above and below it.
+/// The even rows that make up row `y` of this many: itself, or those above and below it.
 fn beside(y: usize, rows: usize) -> [usize; 2] {
     let below = if y + y % 2 < rows { y + y % 2 } else { y - 1 };
     [y - y % 2, below]

@@ -50,7 +50,7 @@ pub enum Beyond {
 
 impl Windows {
     /// Writes `result(y, x, sums)` for the pixels of a band of rows that begins with row `first`. `values(y)` are the values
-    /// of a row, of each pixel as many as there are sums.
+    /// of a row, one value for each sum at each pixel.
     pub fn write<T, const N: usize, V, R>(
         self,
         (first, band): (usize, &mut [R]),

@@ -9,7 +9,7 @@ use crate::refinement::ResultRow;
 /// An unrefined disparity map.
 #[derive(Debug)]
 pub struct DraftMap {
-    /// Disparities, pixels; NaN where there is none.
+    /// Disparities, pixels; NaN: none.
     pub disparity: Plane<f32>,
     /// Bits of [`crate::refinement::flag`].
     pub flags: Plane<u16>,

@@ -17,7 +17,7 @@
 //! candidates, so they are transposed, a run of candidates of all rows at a time.
 //!
 //! Of each total a byte is kept: whether it stayed, rose or dropped, and whether its predecessor `D(x-1, k)`
-//! is no larger than those of all larger candidates. What dropped to `k` came from the first such candidate
+//! is not larger than those of all larger candidates. What dropped to `k` came from the first such candidate
 //! above `k`.
 
 use crate::base::control::Control;
@@ -34,7 +34,7 @@ pub const ROWS: usize = 16;
 /// Origins of a total: a rise, a drop, or else the same candidate.
 const ROSE: u8 = 1;
 const DROPPED: u8 = 2;
-/// Set beside it where the total before is no larger than those of all larger candidates.
+/// Set beside it where the total before is not larger than those of all larger candidates.
 const LEAST: u8 = 4;
 
 /// Chooses candidates for a few rows at a time; its buffers are reused.

@@ -46,7 +46,7 @@ pub struct Alignment {
 }
 
 impl Alignment {
-    /// The field with these coefficients of [`terms`], pixels, over an image of so many rows and columns.
+    /// The field with these coefficients of [`terms`], pixels, over an image of this many rows and columns.
     pub fn new(coefficients: [f64; TERMS], size: (usize, usize)) -> Result<Self> {
         check("coefficients", &coefficients)?;
         Ok(Self { coefficients, sway: [0.0; KNOTS], size, first: 0 })

@@ -183,7 +183,7 @@ impl BlurCompensation {
         &self.kernels[class]
     }
 
-    /// The distinct kernels of one side (0: left, 1: right) that occur in a left image of so many rows and columns, and
+    /// The distinct kernels of one side (0: left, 1: right) that occur in a left image of this many rows and columns, and
     /// the index of its own for each pixel.
     pub fn of_side(
         &self,
@@ -242,7 +242,7 @@ pub fn gray<'a>(
     }
 }
 
-/// Refuses a value that is no standard deviation of noise.
+/// Refuses a value that is not a standard deviation of noise.
 pub fn check_noise(noise: f64) -> Result<f64> {
     deviation(noise, "noise")
 }

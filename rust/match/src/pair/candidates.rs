@@ -73,7 +73,7 @@ pub struct Searched {
 }
 
 impl Searched {
-    /// All of so many candidates.
+    /// All of this many candidates.
     pub fn all(count: usize) -> Self {
         Self { start: 0, count }
     }
@@ -88,7 +88,7 @@ impl Searched {
         Self { start: start.min(count - searched), count: searched }
     }
 
-    /// Those from index `first` on, so many at most.
+    /// Those from index `first` on, this many at most.
     #[inline(always)]
     pub fn part(self, first: usize, most: usize) -> Self {
         Self { start: self.start + first, count: (self.count - first).min(most) }

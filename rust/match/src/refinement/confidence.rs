@@ -17,7 +17,7 @@
 //! a pair, `1 / a` and `1 / b`, are `b / (a b)` and `a / (a b)`: one division instead of two, of all
 //! operations the slowest.
 //!
-//! It tells right from wrong pixels better than the ratio of the second-best cost to the best one (PKR) or
+//! It separates right from wrong pixels better than the ratio of the second-best cost to the best one (PKR) or
 //! their relative margin, on sharp and on degraded pairs. Nothing else that was tried beside it made it
 //! better: the left-right check, the share of the paths that agree, the cost itself, what of it are
 //! penalties, whether a pixel was filled. `phasestereo bench confidence` measures what becomes of it.
@@ -101,7 +101,7 @@ pub fn confidence(support: f32) -> f32 {
 /// A map with the votes for it; planes of one size.
 #[derive(Debug, Clone, Copy)]
 pub struct VotedMap<'a> {
-    /// Disparities, pixels; NaN where there is none.
+    /// Disparities, pixels; NaN: none.
     pub disparity: &'a Plane<f32>,
     /// Votes for them, from 0 to 1.
     pub votes: &'a Plane<f32>,
@@ -110,7 +110,7 @@ pub struct VotedMap<'a> {
 }
 
 impl VotedMap<'_> {
-    /// The confidence of every disparity; 0 where there is none.
+    /// The confidence of every disparity; 0: none.
     pub fn confidences(&self, out: &mut Plane<f32>, level: Level, control: &Control) -> Result<()> {
         let cols = self.disparity.cols();
         let similar = similar(self.texture.roughness);

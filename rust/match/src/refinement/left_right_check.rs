@@ -27,7 +27,7 @@ pub struct Choices<'a> {
 #[derive(Debug, Default)]
 pub struct Checker {
     /// The right column chosen for each left pixel, the number of columns where there is none; then the left
-    /// column of its owner, [`u32::MAX`] where there is none.
+    /// column of its owner, [`u32::MAX`] without one.
     columns: Memory<u32>,
     /// The owner of every right pixel, as one number: its cost in the upper 32 bits, its column, counted from
     /// the end, in the lower ones. The least number wins: the least cost, among equal ones the largest

@@ -33,7 +33,7 @@ pub fn is_weighed(y: usize) -> bool {
 /// A map whose weighed rows have votes.
 #[derive(Debug, Clone, Copy)]
 pub struct SampledMap<'a> {
-    /// Disparities, pixels; NaN where there is none.
+    /// Disparities, pixels; NaN: none.
     pub disparity: &'a Plane<f32>,
     /// Bits of [`crate::refinement::flag`].
     pub flags: &'a Plane<u16>,

@@ -21,7 +21,7 @@ pub struct Speckles;
 
 impl Stage for Speckles {
     fn reach(&self, plan: Plan) -> usize {
-        // A region that is no larger than a speckle has no more rows than pixels.
+        // A region that is not larger than a speckle has no more rows than pixels.
         plan.settings.speckle_size
     }
 }

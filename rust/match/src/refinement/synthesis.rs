@@ -417,7 +417,7 @@ impl Loop for ErodeAndDilate<'_> {
     }
 }
 
-/// A disparity, or the pixel's own if there is none or it counts as the same.
+/// A disparity, or the pixel's own if there is no other or it counts as the same.
 #[inline(always)]
 fn unless_same(disparity: f32, own: f32) -> f32 {
     if (disparity - own).abs() > SAME_DISPARITY { disparity } else { own }

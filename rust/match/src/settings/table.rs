@@ -251,7 +251,7 @@ settings! {
     ///
     /// Copies of half the size, a quarter and so on decide, as on plain surfaces in large images, and flat
     /// areas become planes where these are (flags `COARSE` and `INFERRED`). From 384 disparities on a copy
-    /// also tells where each part of the image is searched. It needs phase codes, and confidences, which are
+    /// also sets where each part of the image is searched. It needs phase codes, and confidences, which are
     /// computed for it without `confidence`, too. Parts of a pair are matched without.
     scales: bool, default true, paper false, fast false;
 }

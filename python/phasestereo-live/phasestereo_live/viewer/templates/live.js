@@ -52,7 +52,7 @@ async function showNews(news) {
   if (live.frame !== frame.index && !live.held) await showFrame();
 }
 
-// The last frame, as frames.py packs it. Where the run has ended meanwhile, the next question tells.
+// The last frame, as frames.py packs it. Where the run has ended meanwhile, the next request shows it.
 async function showFrame() {
   const answer = await fetch("frame").catch(() => null);
   if (!answer?.ok) return;

@@ -1,4 +1,4 @@
-//! The bank: blurs to tell apart, by which image is the softer one and by the point-spread function.
+//! The bank: candidate blurs, by which image is the softer one and by the point-spread function.
 
 use std::sync::OnceLock;
 

@@ -9,7 +9,7 @@ use phasestereo_match::base::math;
 
 /// Side of a block whose spectrum is taken, pixels.
 pub const SIDE: usize = 64;
-/// Values are processed in groups of so many, so that the compiler vectorizes loops over them.
+/// Values are processed in groups of this many, so that the compiler vectorizes loops over them.
 pub const FLOAT_LANES: usize = 16;
 /// A group of values.
 pub type FloatLanes = [f32; FLOAT_LANES];

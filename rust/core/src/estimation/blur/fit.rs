@@ -21,7 +21,7 @@ const LARGEST_RESIDUAL: f32 = 2.0;
 const LEAST_SIGNAL: f32 = 0.02;
 /// Least share of the power that a blur is taken to leave, where it is undone.
 const LEAST_LEFT: f32 = 1e-3;
-/// The logarithm of the gain of power lies within so many nepers of 0, that of its correction within one.
+/// The logarithm of the gain of power lies within this many nepers of 0, that of its correction within one.
 const LARGEST_GAIN: f32 = 20.0;
 
 /// Most bins that residuals are stored for.
@@ -226,7 +226,7 @@ fn fitted(
         for lane in 0..FLOAT_LANES {
             // The residual changes with the logarithm of the gain by the share of the signal, to the first order.
             let residual = (residual[lane] - trust[lane] * correction).abs();
-            // A choice, not `f32::min`, which also has to tell NaN.
+            // A choice, not `f32::min`, which also has to handle NaN.
             let residual = if residual < LARGEST_RESIDUAL { residual } else { LARGEST_RESIDUAL };
             loss[lane] += weights[lane] * residual;
         }

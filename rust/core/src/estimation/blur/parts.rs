@@ -44,7 +44,7 @@ pub struct Strips<'a> {
     pub rows: usize,
     /// Rows that are needed above and below.
     pub halo: usize,
-    /// Parts begin and end at multiples of so many rows.
+    /// Parts begin and end at multiples of this many rows.
     pub unit: usize,
 }
 

@@ -17,7 +17,7 @@ pub enum Family {
     Gaussian,
     /// Defocus of a round aperture; the size is the disk's radius.
     Disk,
-    /// Straight motion at constant speed; the size is its length, of which 1 is none.
+    /// Straight motion at constant speed; the size is its length; 1: no blur.
     Motion,
     /// Defocus of a round aperture whose middle is covered, as by the small mirror of a mirror lens; the size is the outer
     /// radius.
@@ -67,7 +67,7 @@ pub struct Traits {
 /// A parameter beside the size: its values in the bank.
 #[derive(Debug)]
 enum Shape {
-    /// There is none.
+    /// No blur.
     None,
     /// A direction, degrees.
     Angle(&'static [f64]),

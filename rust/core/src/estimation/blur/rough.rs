@@ -20,11 +20,11 @@ use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::settings::presets::Preset;
 use phasestereo_match::settings::{Optimizer, Precision, Settings};
 
-/// Gray values lie within so many of zero, whatever the type of the image.
+/// Gray values lie within this many of zero, whatever the type of the image.
 const REACH: f64 = 128.0;
 /// Side of the area about the center of a block whose median disparity the block takes, pixels.
 const CORE: usize = SIDE / 2;
-/// Of a block at most one pixel in so many may be masked.
+/// Of a block at most one pixel in this many may be masked.
 const MASKED_SHARE: usize = 10;
 /// Steps of a row in which the offsets of a reduced image are rounded.
 const RAISED_STEPS: isize = 64;
@@ -158,7 +158,7 @@ pub struct Correspondence {
 /// Disparities of reduced images.
 #[derive(Debug)]
 pub struct RoughMatch {
-    /// Pixels of the reduced image; NaN where there is none.
+    /// Pixels of the reduced image; NaN: none.
     disparity: Plane<f32>,
     factor: usize,
     alignment: Option<Alignment>,
@@ -297,12 +297,12 @@ impl RoughMatch {
         (row(top) + down * (row(bottom) - row(top))) * self.factor as f32
     }
 
-    /// The median disparity about the center of a left block; `None` where there is none.
+    /// The median disparity about the center of a left block; `None`: none.
     fn of_block(&self, top: usize, left: usize) -> Option<f32> {
         self.around(top + SIDE / 2, left + SIDE / 2)
     }
 
-    /// The median disparity about a pixel; `None` where there is none.
+    /// The median disparity about a pixel; `None`: none.
     pub fn around(&self, y: usize, x: usize) -> Option<f32> {
         let span = |center: usize, length: usize| {
             let first = (center.saturating_sub(CORE / 2) / self.factor).min(length - 1);

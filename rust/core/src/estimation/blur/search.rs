@@ -37,7 +37,7 @@ pub struct Choice<'a> {
 }
 
 impl Choice<'static> {
-    /// Choice 0 is none; then comes every blur of the bank for the left image, then for the right one.
+    /// Choice 0 stands for no blur; then comes every blur of the bank for the left image, then for the right one.
     pub fn at(index: usize) -> Self {
         let Some(blurred) = index.checked_sub(1) else {
             return Self { side: None, response: flat() };

@@ -25,7 +25,7 @@ pub struct BlurSignature {
 }
 
 impl BlurSignature {
-    /// The statistics of blocks with these powers, in an image of so many rows and columns.
+    /// The statistics of blocks with these powers, in an image of this many rows and columns.
     pub fn new(places: Vec<BlockPlace>, powers: &[Powers], (rows, cols): (usize, usize)) -> Self {
         // The part of the image that the center of a block lies in.
         let part = |place: &BlockPlace| {
@@ -58,7 +58,7 @@ impl BlurSignature {
         Self { places, excess }
     }
 
-    /// Whether the places hold blocks in an image of so many rows and columns; false without any places.
+    /// Whether the places hold blocks in an image of this many rows and columns; false without any places.
     pub fn fits(&self, (rows, cols): (usize, usize)) -> bool {
         let fits = |place: &BlockPlace| {
             place.top.max(place.right_top) + SIDE <= rows

@@ -126,7 +126,7 @@ pub fn annulus(radius: f64, inner: f64) -> Taps {
         }
     }
 
-    // Between two samples there may be none: that is no blur.
+    // Between two samples there may be no sample: that is not a blur.
     if values.iter().all(|value| *value == 0.0) {
         values[side * side / 2] = 1.0;
     }

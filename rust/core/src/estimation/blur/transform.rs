@@ -229,7 +229,7 @@ impl Strip {
     }
 }
 
-/// Cosine and sine of the negative of so many parts of a turn: the twiddle factors.
+/// Cosine and sine of the negative of this many parts of a turn: the twiddle factors.
 type Turns = [[f32; 2]; SIDE];
 
 fn turns() -> &'static Turns {

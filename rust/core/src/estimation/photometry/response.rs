@@ -20,13 +20,13 @@ use phasestereo_match::base::statistics::{biweight, deviation, median, ranked};
 
 /// Side of a cell, pixels of the copy. Of its rows, every other one is looked at.
 const CELL: usize = 4;
-/// Cells along the side of a window: little light moves across the border of so many pixels.
+/// Cells along the side of a window: little light moves across the border of this many pixels.
 const CELLS: usize = 3;
 /// Distance of windows, cells.
 const STRIDE: usize = 2;
 /// Pixels of a window that are looked at.
 const WINDOW: usize = CELLS * CELL * CELLS * CELL / 2;
-/// Of the pixels of the copy, every one of so many has a part in the percentiles: prime, so that they lie in all columns.
+/// Of the pixels of the copy, every one of this many has a part in the percentiles: prime, so that they lie in all columns.
 const EVERY: usize = 7;
 /// Pixels of the right image beyond these fractions may be clipped.
 const USABLE: [f64; 2] = [0.005, 0.985];
@@ -38,7 +38,7 @@ const LEAST_WINDOWS: usize = 12;
 const TOP: f64 = 0.95;
 /// ... and as the fit expects it, which does not favor windows by their noise.
 const FITTED_TOP: f64 = 0.9;
-/// The brightest pixels of a window are so many standard deviations above its mean.
+/// The brightest pixels of a window are this many standard deviations above its mean.
 const ABOVE_MEAN: f64 = 1.5;
 /// Residual of a window without contrast, as a fraction.
 const TOLERANCE: f64 = 0.004;
@@ -56,7 +56,7 @@ const STEPS: (usize, usize) = (30, 8);
 const LONGEST: f64 = 0.3;
 /// A change that is too small for another step.
 const SETTLED: f64 = 1e-5;
-/// Residuals beyond so many robust standard deviations have no weight.
+/// Residuals beyond this many robust standard deviations have no weight.
 const CUT: f64 = 4.0;
 /// Fractions between which the typical gray level lies.
 const GRAYS: [f64; 2] = [0.02, 0.98];

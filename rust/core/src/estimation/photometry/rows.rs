@@ -39,7 +39,7 @@ pub struct Runs {
     pub all: u64,
     /// Those without texture.
     pub flat: u64,
-    /// Those with enough of it to tell whether it is smeared.
+    /// Those with enough of it to judge whether it is smeared.
     pub textured: u64,
     /// Those of these that are.
     pub smeared: u64,

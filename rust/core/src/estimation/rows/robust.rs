@@ -1,7 +1,7 @@
 //! Robust fits of fields of vertical offsets to blocks: iteratively reweighted least squares, first of absolute deviations,
 //! then with Tukey's biweight.
 //!
-//! The spline of the row has more factors than some images have blocks to tell them by, so it has a prior: its factors, and
+//! The spline of the row has more factors than some images have blocks to determine them, so it has a prior: its factors, and
 //! with more or less weight their second differences, are normal with the mean 0. Where few blocks are, the spline is what
 //! its neighbors say, and goes to 0 with them. How wide and how smooth it is are those values under which the blocks are
 //! most probable, the factors integrated out (Bayesian interpolation, Neural Computation 4, 1992):
@@ -25,7 +25,7 @@ use phasestereo_match::pair::alignment::{TERMS, places, terms};
 
 /// Reweightings, and how many of them are for absolute deviations.
 const STEPS: (usize, usize) = (20, 6);
-/// Residuals beyond so many robust standard deviations have no weight.
+/// Residuals beyond this many robust standard deviations have no weight.
 const CUT: f64 = 4.0;
 /// Least robust standard deviation: no correlation is more exact, pixels.
 const FLOOR: f64 = 0.02;
@@ -53,7 +53,7 @@ pub struct Point {
 }
 
 impl Point {
-    /// The equation of a block in copies, reduced by a factor, of images of so many rows and columns.
+    /// The equation of a block in copies, reduced by a factor, of images of this many rows and columns.
     pub fn of_track(
         Track { place, weight }: &Track,
         (rows, cols): (usize, usize),

@@ -90,7 +90,7 @@ impl Steady {
         Self { state, next: state, frames: 0 }
     }
 
-    /// Takes in what a frame says. Returns the new state, and how many frames ago it began, if so many frames in a row say so.
+    /// Adds a frame's state. Returns the new state and its age in frames, if this many frames in a row agree.
     pub fn update(&mut self, said: i64, patience: u32) -> Option<u32> {
         if said != self.next {
             (self.next, self.frames) = (said, 0);

@@ -21,7 +21,7 @@
 //!
 //! The noise is estimated in each frame: the mean square of the second difference along both axes (Immerkaer 1996), which
 //! cancels all but noise and fine texture, in blocks of 8 x 8 pixels; the quietest twentieth of the blocks gives the
-//! estimate. The noise of the blur estimation is no substitute, for `fast` does without it. One variance is assumed for the
+//! estimate. The noise of the blur estimation is not a substitute, for `fast` does without it. One variance is assumed for the
 //! whole view. Where noise grows with the light, the filter does nearly as well.
 //!
 //! Values are 32-bit floats, each computed by itself in the order above: no result depends on threads or on lanes.

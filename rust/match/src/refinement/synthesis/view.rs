@@ -314,7 +314,7 @@ impl RightView<'_> {
     }
 }
 
-/// Rounds disparities to whole pixels (ties: even); 0 where there is none.
+/// Rounds disparities to whole pixels (ties: even); 0: none.
 struct RoundRow<'a> {
     disparity: &'a [f32],
     whole: &'a mut [i32],

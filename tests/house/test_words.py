@@ -1,0 +1,47 @@
+"""Plain words: phrases that documentation, docstrings, comments and messages avoid.
+
+Tests are not searched.
+"""
+
+import re
+from collections.abc import Iterator
+
+import pytest
+
+from support import ROOT
+
+REFUSED = {
+    r"\b[Rr]eturns? (?:what|how|where|which|who)\b": "name what is returned",
+    r"(?<![Tt]here )\bis no (?!longer\b)": '"is not a", "invalid"',
+    r"(?<![Tt]here )\bis none\b": '"invalid", "missing", "None"',
+    r"\bso many\b": '"this many", or the name of the number',
+    r"\bas many as\b": "name the number",
+    r"(?<!\.)\btells?\b(?!\()": '"reports", "shows", "distinguishes"',
+    r"\bmend(?:s|ed)?\b": '"fix"',
+    r"\bmetres?\b|\bcolours?\b|\bgreys?\b(?!scale)": "American spelling",
+}
+FILES = [
+    *ROOT.glob("*.md"),
+    *(ROOT / "docs").rglob("*.md"),
+    *(
+        path
+        for folder in ("python", "benches", "rust", "docs", "web")
+        for suffix in ("py", "pyi", "rs", "h", "hpp", "j2", "js")
+        for path in (ROOT / folder).rglob(f"*.{suffix}")
+    ),
+]
+
+
+def lines() -> Iterator[tuple[str, int, str]]:
+    for path in sorted(FILES):
+        if not {"target", "dist"} & set(path.parts):
+            for number, line in enumerate(path.read_text("utf-8").splitlines(), 1):
+                yield path.relative_to(ROOT).as_posix(), number, line
+
+
+@pytest.mark.parametrize("phrase", REFUSED)
+def test_no_text_has_a_phrase_that_a_plainer_one_replaces(phrase: str) -> None:
+    search = re.compile(phrase).search
+    found = [f"{path}:{number}: {line.strip()}" for path, number, line in lines() if search(line)]
+    if found:
+        pytest.fail("\n".join([f"write {REFUSED[phrase]}:", *found]), pytrace=False)
