@@ -21,7 +21,7 @@ export async function focal35Of(file) {
   return (await told(file, APP1, EXIF, 6, (directory) => directory.at(directory.first.get(PHOTOGRAPH)).get(FOCAL_35))) || null;
 }
 
-// What the directory behind a marker and a name tells; null if there is none, or it ends early.
+// What the directory behind a marker and a name holds; null if it is missing, or it ends early.
 async function told(file, marker, name, skipped, read) {
   const view = new DataView(await file.slice(0, MOST_HEADER).arrayBuffer());
   try {

@@ -38,7 +38,7 @@ async function chunksOf(file) {
   return parts;
 }
 
-// No more of a stream than so many bytes, whatever it would unpack to; an Error if it is shorter.
+// No more of a stream than this many bytes, whatever it would unpack to; an Error if it is shorter.
 function limited(stream, size) {
   let left = size;
   return stream.pipeThrough(new TransformStream({

@@ -86,7 +86,7 @@ function disk(radius) {
   });
 }
 
-// A straight motion of so many pixels: of each row, the piece that the path takes in it.
+// A straight motion of this many pixels: of each row, the piece that the path takes in it.
 function path(length) {
   const [cos, sin] = [Math.cos((ANGLE * Math.PI) / 180), Math.sin((ANGLE * Math.PI) / 180)];
   const end = (length * cos) / 2;
@@ -122,7 +122,7 @@ function convolved(image, pieces) {
   return copy;
 }
 
-// Sums of each channel's rows from the left: those before a pixel, with so many more pixels at either end.
+// Sums of each channel's rows from the left: those before a pixel, with this many more pixels at either end.
 function runningSums({ width, height, data }, reach) {
   const sums = new Float64Array(3 * height * (width + 2 * reach + 1));
   let at = 0;

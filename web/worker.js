@@ -49,7 +49,7 @@ async function load({ wasm }) {
   }
 }
 
-/** An image of noise, so many pixels to the left. */
+/** An image of noise, moved by this many pixels to the left. */
 function texture(shift) {
   const { width, height } = WARM_UP;
   const data = new Uint8ClampedArray(4 * width * height);

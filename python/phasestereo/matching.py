@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +17,7 @@ from phasestereo._opening import opened_valid
 from phasestereo.known import Known, as_known
 from phasestereo.result import Result
 from phasestereo.rig.findings import warn
-from phasestereo.settings import Settings, resolve
+from phasestereo.settings import PresetName, Settings, SettingsOverrides, resolve
 from phasestereo.temporal import TemporalFilter, as_core_filter
 
 Progress = Callable[[int, int], object]
@@ -30,7 +30,7 @@ def match(
     *,
     num_disparities: int | None = None,
     min_disparity: int = 0,
-    preset: str | None = None,
+    preset: PresetName | None = None,
     settings: Settings | None = None,
     threads: int | None = None,
     left_mask: ArrayLike | None = None,
@@ -39,7 +39,7 @@ def match(
     known: Known | None = None,
     vertical: bool = False,
     right_map: bool = False,
-    **overrides: Any,
+    **overrides: Unpack[SettingsOverrides],
 ) -> Result:
     """Match a rectified stereo pair.
 
@@ -127,6 +127,13 @@ def match(
     confidences; with ``scales``, where pixels are in doubt, about 11 more. Pairs that do not fit
     into memory: `phasestereo_large.outofcore`, `match_rows`. The threads and at most 64 MB of the
     working memory stay for the next call, until `release_memory`.
+
+    Examples
+    --------
+    >>> result = ps.match("left.png", "right.png")
+    >>> result.disparity  # float32 (H, W), pixels: left (x, y) is right (x - d, y)
+    >>> result.findings  # faults of the pair, worst first
+    >>> ps.match(left, right, num_disparities=64, preset="fast", fill=False)
     """
     result = match_silently(
         (left, right),
@@ -149,6 +156,11 @@ def release_memory() -> None:
 
     Calls that run keep theirs. A fork does the same, in both processes; what a `Matcher` keeps is
     its own.
+
+    Examples
+    --------
+    >>> disparity = ps.match("left.png", "right.png").disparity
+    >>> ps.release_memory()
     """
     _core.release_memory()
 
@@ -182,15 +194,21 @@ class Matcher:
     -----
     MatchWarning
         As `match` does, of each match.
+
+    Examples
+    --------
+    >>> matcher = ps.Matcher(preset="fast", threads=2)
+    >>> for left, right in frames:
+    ...     disparity = matcher.match(left, right, num_disparities=64).disparity
     """
 
     def __init__(
         self,
         *,
-        preset: str | None = None,
+        preset: PresetName | None = None,
         settings: Settings | None = None,
         threads: int | None = None,
-        **overrides: Any,
+        **overrides: Unpack[SettingsOverrides],
     ) -> None:
         self._settings = resolve(preset, settings, overrides)
         self._asked = threads

@@ -239,6 +239,12 @@ class Result:
         The map of the right image, with ``right_map=True``: its pixel (x, y) corresponds to left
         pixel (x + disparity, y). What it has beside maps is of the exchanged, mirrored pair, of
         which it is the match. None: the right image was not matched.
+
+    Examples
+    --------
+    >>> result = ps.match("left.png", "right.png")
+    >>> reliable = np.where(result.trusted, result.disparity, np.nan)
+    >>> occluded = (result.flags & ps.Flag.OCCLUDED) != 0
     """
 
     disparity: NDArray[np.float32]

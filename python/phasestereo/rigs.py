@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,7 +21,7 @@ from phasestereo.rectification.writing import Form, written
 from phasestereo.result import Result
 from phasestereo.rig.alignment import Alignment
 from phasestereo.rig.findings import warn
-from phasestereo.settings import Settings, resolve
+from phasestereo.settings import PresetName, Settings, SettingsOverrides, resolve
 from phasestereo.temporal import TemporalFilter
 
 REESTIMATE = 30
@@ -117,12 +117,12 @@ class Rig:
         *,
         num_disparities: int | None = None,
         min_disparity: int = 0,
-        preset: str | None = None,
+        preset: PresetName | None = None,
         settings: Settings | None = None,
         threads: int | None = None,
         anchor: Anchor | None = None,
         reestimate: int = REESTIMATE,
-        **overrides: Any,
+        **overrides: Unpack[SettingsOverrides],
     ) -> None:
         self._settings = resolve(preset, settings, overrides)
         self._search = min_disparity, num_disparities

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from difflib import get_close_matches
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Literal, TypedDict, cast
 
 from phasestereo import _core
 
@@ -218,6 +218,12 @@ class Settings:
         If a field has the wrong type.
     ValueError
         If a field, or the length of the code, is out of range.
+
+    Examples
+    --------
+    >>> settings = ps.Settings(window=7, fill=False)
+    >>> ps.match(left, right, settings=settings)
+    >>> dataclasses.replace(ps.PRESETS["fast"], median=0)
     """
 
     # These fields, and the parameters above, are written from the table in Rust
@@ -274,6 +280,48 @@ class Settings:
         return Settings(**_core.preset(name))
 
 
+class SettingsOverrides(TypedDict, total=False):
+    """Fields of `Settings` by name, as `match` and others take them beside a preset."""
+
+    # These lines, too, are those of ``make settings``:
+    cost: Literal["phase", "sad", "nsad", "zncc"]
+    neighborhood: int
+    taper: Literal["uniform", "gaussian", "hann"]
+    frequencies: tuple[int, int]
+    power: int
+    bits: int
+    noise_threshold: float
+    sizes: int
+    window: int
+    shiftable: bool
+    precision: Literal["full", "byte"]
+    optimizer: Literal["dp", "so", "wta", "sgm"]
+    p1: float
+    p2: float
+    adaptive_p2: float
+    compensate_blur: bool
+    align_rows: bool
+    self_rectify: bool
+    despike: bool
+    denoise: bool
+    intensity_range: tuple[float, float] | None
+    subpixel: bool
+    lr_check: int | None
+    uniqueness: int
+    speckle_size: int
+    speckle_range: float
+    synthesis: bool
+    guided_median: bool
+    median: int
+    fill: bool
+    confidence: bool
+    min_confidence: float
+    scales: bool
+
+
+PresetName = Literal["robust", "paper", "fast"]
+"""Name of a preset."""
+
 PRESETS: Mapping[str, Settings] = MappingProxyType(
     {name: Settings.preset(name) for name in _core.PRESETS}
 )
@@ -283,7 +331,7 @@ noise out of the codes, searches along four paths, checks, fills and smooths. ``
 method of the paper to the letter. ``"fast"``, for frame rates: short codes, costs in bytes, two
 paths along the row, a median, no confidence."""
 
-PRESET = "robust"
+PRESET: PresetName = "robust"
 """Name of the default preset."""
 
 
@@ -303,7 +351,7 @@ _ARGUMENTS = [
 
 
 def resolve(
-    preset: str | None, settings: Settings | None, overrides: Mapping[str, Any]
+    preset: str | None, settings: Settings | None, overrides: Mapping[str, object]
 ) -> Settings:
     """Return the settings that a call means: a preset or given settings, then overrides by name.
 
@@ -331,4 +379,4 @@ def resolve(
 
     if settings is None:
         settings = PRESETS[PRESET] if preset is None else Settings.preset(preset)
-    return replace(settings, **overrides) if overrides else settings
+    return replace(settings, **cast("dict[str, Any]", overrides)) if overrides else settings

@@ -8,7 +8,7 @@ never makes a volume.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, Literal, TypeVar
+from typing import Literal, TypeVar, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +17,7 @@ from phasestereo import _core
 from phasestereo._images import as_array, as_mask, as_pair, as_pixels
 from phasestereo._numbers import as_integer
 from phasestereo.known import Known, as_known
-from phasestereo.settings import Settings, resolve
+from phasestereo.settings import Settings, SettingsOverrides, resolve
 
 LARGEST_PENALTY = 2**40
 
@@ -31,7 +31,7 @@ def descriptor(
     settings: Settings | None = None,
     threads: int | None = None,
     noise: float | None = None,
-    **overrides: Any,
+    **overrides: Unpack[SettingsOverrides],
 ) -> NDArray[np.uint16] | NDArray[np.uint32] | NDArray[np.uint64]:
     """Describe every pixel by the quantized phases of its neighborhood's Fourier transform.
 
@@ -83,6 +83,10 @@ def descriptor(
     s sqrt(sum(w^2) / 2), w being the window: s L / sqrt(2) for the uniform one. A part is clear if
     its magnitude exceeds ``noise_threshold`` times that (with ``power=2`` the square of it),
     rounded to a whole step of the integers.
+
+    Examples
+    --------
+    >>> codes = ps.descriptor(image, neighborhood=7, frequencies=(2, 1), bits=2)
     """
     chosen = resolve("paper" if settings is None else None, settings, overrides)
     pixels = as_pixels(image, "image")
@@ -98,7 +102,7 @@ def cost_volume(
     settings: Settings | None = None,
     threads: int | None = None,
     known: Known | None = None,
-    **overrides: Any,
+    **overrides: Unpack[SettingsOverrides],
 ) -> NDArray[np.uint16]:
     """Compare every pixel with every candidate.
 
@@ -124,6 +128,10 @@ def cost_volume(
     ------
     TypeError, ValueError, MemoryError
         As `match` does.
+
+    Examples
+    --------
+    >>> costs = ps.cost_volume(left, right, num_disparities=48)  # uint16 (H, W, 48), bits
     """
     chosen = resolve("paper" if settings is None else None, settings, overrides)
     disparities = min_disparity, num_disparities
@@ -157,6 +165,10 @@ def aggregate(costs: ArrayLike, *, window: int = 9, shiftable: bool = True) -> N
         If the costs are no uint16 array.
     ValueError
         If they are not 3-D, are empty, or the window is out of range.
+
+    Examples
+    --------
+    >>> sums = ps.aggregate(costs, window=9)  # uint32 (H, W, 48)
     """
     volume = as_volume(costs, np.uint16)
     settings = replace(Settings.preset("paper"), window=window, shiftable=shiftable)
@@ -204,6 +216,10 @@ def optimize(
     ValueError
         If the costs are not 3-D, are empty or exceed 2^28, P1 or P2 is out of range, or there is no
          such optimizer.
+
+    Examples
+    --------
+    >>> disparity = ps.optimize(sums, optimizer="sgm", p1=100, p2=400)
     """
     volume = as_volume(costs, np.uint32)
     settings = replace(Settings.preset("paper"), optimizer=optimizer)

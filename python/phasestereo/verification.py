@@ -169,6 +169,11 @@ def verify(
     refuted, of those it gets right 0.7 %; with noise of 20 gray levels 21 and 0.8 %, with one image
     out of focus 52 and 2.2 %. `phasestereo bench verify` measures it. It takes 1.3 to 1.45 times as
     long as the match.
+
+    Examples
+    --------
+    >>> found = ps.verify(left, right, disparity)
+    >>> wrong = found.verdict == ps.Verdict.REFUTED
     """
     if progress is not None and not callable(progress):
         raise TypeError(f"progress: got {type(progress).__name__}; accepts a callable or None")

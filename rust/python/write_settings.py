@@ -22,6 +22,8 @@ PACKAGE = ROOT / "python" / "phasestereo"
 
 PARAMETERS = re.compile(r"(?<=\n    Parameters\n    ----------\n).*?(?=\n    Raises\n)", re.DOTALL)
 FIELDS = re.compile(r"(?<=by ``make settings``.\n).*?(?=\n\n    def )", re.DOTALL)
+OVERRIDES = re.compile(r"(?<=of ``make settings``:\n).*?(?=\n\n\n)", re.DOTALL)
+NAMES = re.compile(r"(?<=\nPresetName = Literal\[).*?(?=\]\n)")
 ROWS = re.compile(r"(?<=\n\n)\| setting \|.*?(?=\n\n)", re.DOTALL)
 
 
@@ -30,7 +32,12 @@ def main() -> None:
     core = import_core()
     outdated = []
     for path, pieces in {
-        PACKAGE / "settings.py": {PARAMETERS: parameters(core), FIELDS: fields(core)},
+        PACKAGE / "settings.py": {
+            PARAMETERS: parameters(core),
+            FIELDS: fields(core),
+            OVERRIDES: overrides(core),
+            NAMES: ", ".join(map(literal, core.PRESETS)),
+        },
         ROOT / "docs" / "glossary.md": {ROWS: rows(core)},
     }.items():
         text = written = path.read_text("utf-8")
@@ -96,6 +103,11 @@ def fields(core: ModuleType) -> str:
         f"    {setting.name}: {setting.annotation} = {default[setting.name]}"
         for setting in core.SETTINGS
     )
+
+
+def overrides(core: ModuleType) -> str:
+    """Return the fields with their types alone."""
+    return "\n".join(f"    {setting.name}: {setting.annotation}" for setting in core.SETTINGS)
 
 
 def rows(core: ModuleType) -> str:

@@ -13,6 +13,7 @@ import pytest
 import phasestereo as ps
 from phasestereo.io import read_image
 from phasestereo.result import MAPS
+from phasestereo.settings import PresetName
 from phasestereo_bench.degradation import Degradation, disk_psf
 from phasestereo_bench.rendering import render_pair
 from support.browser import Browser
@@ -90,7 +91,7 @@ def _same(found: dict[str, Any], expected: ps.Result) -> None:
 
 @pytest.mark.parametrize("preset", ["robust", "fast", "paper"])
 def test_maps_are_those_of_python_to_the_bit(
-    page: MatcherPage, rendered: Pair, preset: str
+    page: MatcherPage, rendered: Pair, preset: PresetName
 ) -> None:
     found = page.match(rendered, preset=preset, numDisparities=48)
     _same(found, ps.match(*rendered, preset=preset, num_disparities=48))

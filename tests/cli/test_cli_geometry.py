@@ -258,7 +258,11 @@ def test_a_calibration_says_its_unit_and_what_was_assumed(match: Callable[[str],
 
 
 REFUSALS = [
-    ("--ply a.ply", WRONG, "--ply: needs a geometry: give --calib, --q, or --focal and --baseline"),
+    (
+        "--ply a.ply",
+        WRONG,
+        "--ply: needs a geometry: give --calib, --rectify FILE, --q, or --focal",
+    ),
     ("--depth a.tif", WRONG, "--depth: needs a geometry"),
     ("--report a.html --yaw 0.1", WRONG, "--yaw: has no effect without a geometry"),
     (f"--depth a.tif {RIG} --yaw 11", WRONG, "yaw"),
@@ -271,7 +275,7 @@ REFUSALS = [
         "--confidence-output: got a file, and settings that work none out",
     ),
     (f"--mesh a.obj {RIG}", WRONG, "--mesh: path of a surface must end in .glb"),
-    ("--mesh a.glb", WRONG, "--mesh: needs a geometry: give --calib, --q, or --focal"),
+    ("--mesh a.glb", WRONG, "--mesh: needs a geometry: give --calib, --rectify FILE, --q"),
     ("--ply a.ply --calib calib.txt --q q.npy", WRONG, "--q: got --calib, too; accepts one"),
     (f"--ply a.ply --q q.npy {RIG}", WRONG, "--focal: got --q, too; accepts one geometry"),
     ("--ply a.ply --focal 100", WRONG, "--focal: needs --baseline"),
@@ -291,10 +295,10 @@ REFUSALS = [
     (f"--depth a.png {RIG} --unit m", WRONG, "--depth: .*is the unit right"),
     (f"--depth a.jpg {RIG}", WRONG, "--depth: path of a depth map must end in"),
     (f"--ply a.obj {RIG}", WRONG, "--ply: path of a point cloud must end in .ply"),
-    (f"--depth a.tif -o ./a.tif {RIG}", WRONG, "--depth: a.tif is in use"),
-    ("--depth calib.tif --calib calib.tif", WRONG, "--depth: calib.tif is in use"),
+    (f"--depth a.tif -o ./a.tif {RIG}", WRONG, "--depth: a.tif is an input or another"),
+    ("--depth calib.tif --calib calib.tif", WRONG, "--depth: calib.tif is an input or another"),
     (f"--ply sub.ply {RIG}", FAILED, "--ply: sub.ply is a folder"),
-    (f"--ply none/a.ply {RIG}", FAILED, "none: no such folder"),
+    (f"--ply left.png/a.ply {RIG}", FAILED, "left.png: File exists"),
     ("--ply a.ply --calib none.txt", FAILED, "none.txt: No such file"),
     (
         "--ply a.ply --calib other.txt",

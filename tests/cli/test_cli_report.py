@@ -88,8 +88,8 @@ def never(*_: object, **__: object) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ("--report none/page.html", "none: no such folder"),
-        ("--report left.png", "--report: left.png is in use already"),
+        ("--report left.png/page.html", "left.png: File exists"),
+        ("--report left.png", "--report: left.png is an input or another"),
         ("--report page.pdf", "--report: path must end in .html or .htm, got '.pdf'"),
         ("--report .", "--report: . is a folder"),
     ],

@@ -16,6 +16,7 @@ import pytest
 
 import phasestereo as ps
 from phasestereo.io import write_image
+from phasestereo.settings import PresetName
 from phasestereo_bench.degradation import Degradation, disk_psf
 from phasestereo_bench.rendering import render_pair
 from support import ROOT
@@ -59,7 +60,9 @@ def test_the_header_is_one_of_c_and_of_cpp(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("preset", ["robust", "fast", "paper"])
-def test_maps_are_those_of_python_to_the_bit(program: Program, pair: Pair, preset: str) -> None:
+def test_maps_are_those_of_python_to_the_bit(
+    program: Program, pair: Pair, preset: PresetName
+) -> None:
     expected = ps.match(*pair, preset=preset, num_disparities=48)
     said = program.same(pair, expected, preset=preset)
     assert (said["version"], said["threads"]) == ([ps.__version__], ["2"])
@@ -101,7 +104,7 @@ def test_settings_are_read_from_text(program: Program, pair: Pair) -> None:
 
 @pytest.mark.parametrize("preset", ["robust", "fast"])
 def test_the_map_of_the_right_image_is_that_of_python(
-    program: Program, pair: Pair, preset: str
+    program: Program, pair: Pair, preset: PresetName
 ) -> None:
     expected = ps.match(*pair, preset=preset, right_map=True)
     assert expected.right is not None

@@ -16,6 +16,7 @@ from test_refinement import two_surfaces
 
 import phasestereo as ps
 from phasestereo.metrics import bad_pixels
+from phasestereo.settings import PresetName
 from phasestereo_bench.datasets import find_scene
 from support import oracle
 from support import oracle_refinement as refinement
@@ -218,7 +219,7 @@ def test_robust_finds_shifted_texture_and_fills_the_border() -> None:
 
 
 @pytest.mark.parametrize("preset", ["paper", "fast", "robust"])
-def test_negative_disparities(preset: str) -> None:
+def test_negative_disparities(preset: PresetName) -> None:
     right, left = noise_pair(20, 40, 4)
     result = ps.match(left, right, num_disparities=8, min_disparity=-7, preset=preset)
     assert (np.rint(result.disparity[:, :30]) == -4).all()
@@ -227,7 +228,7 @@ def test_negative_disparities(preset: str) -> None:
 
 
 @pytest.mark.parametrize("preset", ["paper", "fast", "robust"])
-def test_without_fill_flagged_estimates_are_missing(preset: str) -> None:
+def test_without_fill_flagged_estimates_are_missing(preset: PresetName) -> None:
     """Nothing else changes: not even the disparities of the others."""
     left, right = two_surfaces(0, (40, 60))
     dense = ps.match(left, right, num_disparities=12, preset=preset)
@@ -247,7 +248,7 @@ def test_without_fill_flagged_estimates_are_missing(preset: str) -> None:
 
 
 @pytest.mark.parametrize("preset", ["paper", "robust"])
-def test_masked_pixels_neither_vote_nor_are_estimated(preset: str) -> None:
+def test_masked_pixels_neither_vote_nor_are_estimated(preset: PresetName) -> None:
     rng = np.random.default_rng(1)
 
     left, right = noise_pair(30, 50, 4)

@@ -9,6 +9,7 @@ import pytest
 
 import phasestereo as ps
 import phasestereo_large as large
+from phasestereo.settings import PresetName
 from phasestereo_bench.datasets import find_scene
 
 if TYPE_CHECKING:
@@ -67,7 +68,7 @@ def assert_same(found: ps.Result, expected: ps.Result, form: str) -> None:
 
 
 @pytest.mark.parametrize("preset", ["robust", "fast", "paper"])
-def test_the_same_values_in_any_type_give_the_same_bits(soft: Images, preset: str) -> None:
+def test_the_same_values_in_any_type_give_the_same_bits(soft: Images, preset: PresetName) -> None:
     expected = ps.match(*soft, num_disparities=24, preset=preset)
     for name, form in FORMS.items():
         found = ps.match(form(soft[0]), form(soft[1]), num_disparities=24, preset=preset)
@@ -133,7 +134,7 @@ def test_a_diagnosis_is_of_the_values(load: Callable[[str], Pair]) -> None:
 
 
 @pytest.mark.parametrize("preset", ["robust", "fast"])
-def test_every_byte_of_a_mask_but_0_is_true(soft: Images, preset: str) -> None:
+def test_every_byte_of_a_mask_but_0_is_true(soft: Images, preset: PresetName) -> None:
     valid = np.random.default_rng(5).random(soft[0].shape) > 0.1
     options: dict[str, Any] = {"num_disparities": 16, "preset": preset}
     expected = ps.match(*soft, left_mask=valid, right_mask=valid[::-1], **options)

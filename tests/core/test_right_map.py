@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 import phasestereo as ps
+from phasestereo.settings import PresetName
 from phasestereo_bench.rendering import render_pair
 from support.pairs import noise_pair
 
@@ -34,7 +35,9 @@ def mirrored(image: Image) -> Image:
 
 @pytest.mark.parametrize("preset", ["robust", "fast", "paper"])
 @pytest.mark.parametrize("count", [48, None])
-def test_it_is_the_match_of_the_exchanged_mirrored_pair(preset: str, count: int | None) -> None:
+def test_it_is_the_match_of_the_exchanged_mirrored_pair(
+    preset: PresetName, count: int | None
+) -> None:
     left, right = PAIR
     masks: dict[str, Any] = {"left_mask": left[..., 0] > 20, "right_mask": right[..., 0] > 30}
     found = ps.match(left, right, preset=preset, num_disparities=count, right_map=True, **masks)

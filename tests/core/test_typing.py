@@ -23,7 +23,9 @@ ps.match(image)  # wrong: no right image
 result = ps.match(image, image, num_disparities=16)
 print(result.disparities)  # wrong: no such field
 result.disparity = result.disparity  # wrong: it is frozen
-ps.Matcher(preset=3)  # wrong: a preset is a name
+ps.Matcher(preset="robost")  # wrong: no such preset
+ps.match(image, image, num_disparites=16)  # wrong: no such argument
+ps.match(image, image, window="5")  # wrong: a window is a number
 ps.Settings(optimizer="best")  # wrong: no such optimizer
 ps.io.read_picture("left.png")  # wrong: no such function
 text: str = ps.estimate_blur(image, image, num_disparities=16)  # wrong: it is an estimate

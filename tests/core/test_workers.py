@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
+from phasestereo.settings import PresetName
 from support.processes import run
 
 RNG = np.random.default_rng(0)
@@ -59,7 +60,7 @@ def test_a_matcher_gives_what_match_gives_whatever_it_matched_before(
 
 
 @pytest.mark.parametrize("preset", PRESETS)
-def test_a_matcher_takes_ranges_masks_and_progress(preset: str) -> None:
+def test_a_matcher_takes_ranges_masks_and_progress(preset: PresetName) -> None:
     (left, right), calls = PAIRS[1], []
     options: dict[str, Any] = {"num_disparities": 9, "min_disparity": -4}
     masked: dict[str, Any] = options | {"left_mask": left > 50, "right_mask": right > 50}
@@ -376,7 +377,7 @@ small = rng.integers(0, 256, (2, 60, 200), np.uint8)
 
 @on_linux
 @pytest.mark.parametrize("preset", PRESETS)
-def test_memory_does_not_grow_from_match_to_match(preset: str) -> None:
+def test_memory_does_not_grow_from_match_to_match(preset: PresetName) -> None:
     finished = run(
         RESIDENT
         + f"""

@@ -196,9 +196,18 @@ def test_the_command_with_its_extra_starts() -> None:
 @pytest.mark.parametrize(
     ("arguments", "requirement"),
     [
-        (["live", "video.mp4", "--num-disparities", "16"], "'phasestereo[live]'"),
-        (["batch", "pairs.csv", "-o", "maps"], "'phasestereo[batch]'"),
-        (["large", "left.tif", "right.tif"], "'phasestereo[large]'"),
+        (
+            ["live", "video.mp4", "--num-disparities", "16"],
+            "'phasestereo[live]' (in a clone: '.[live]' ./python/phasestereo-live)",
+        ),
+        (
+            ["batch", "pairs.csv", "-o", "maps"],
+            "'phasestereo[batch]' (in a clone: '.[batch]' ./python/phasestereo-large)",
+        ),
+        (
+            ["large", "left.tif", "right.tif"],
+            "'phasestereo[large]' (in a clone: '.[large]' ./python/phasestereo-large)",
+        ),
         (["demo"], "./benches/harness (in a clone)"),
         (["bench", "speed"], "./benches/harness (in a clone)"),
     ],

@@ -118,7 +118,7 @@ def test_a_tile_without_data_gives_one_without_data(run: Callable[..., Run]) -> 
     [
         (("-r", "-8", *NAMES), "--minimum: got -8 with --maximum None; accepts both"),
         (("-r", "8", "-R", "-8", *NAMES), "--minimum: got 8 with --maximum -8"),
-        (("left.tif", "right.tif", "left.tif"), "--output: left.tif is in use already"),
+        (("left.tif", "right.tif", "left.tif"), "--output: left.tif is an input or another"),
         (("--window", "4", *NAMES), "--window: got 4"),
     ],
 )

@@ -15,6 +15,7 @@ import pytest
 
 import phasestereo as ps
 from phasestereo.result import LAYERS
+from phasestereo.settings import PresetName
 from phasestereo_large import outofcore
 from phasestereo_large.geotiff import Georeference, read_geotiff, write_geotiff
 from phasestereo_large.outofcore import as_bytes, format_bytes, sinks
@@ -227,7 +228,7 @@ def blocks() -> dict[str, tuple[int, int]]:
 @pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize("error", [EndingError, KeyboardInterrupt])
 def test_a_run_goes_on_where_it_ended(
-    pair: tuple[NDArray[np.uint8], ...], error: type[BaseException], preset: str
+    pair: tuple[NDArray[np.uint8], ...], error: type[BaseException], preset: PresetName
 ) -> None:
     with pytest.raises(error):
         match(preset=preset, progress=end_after(3, error))
@@ -251,7 +252,7 @@ def test_a_run_goes_on_where_it_ended(
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_a_band_that_is_missing_is_matched_alone(
-    pair: tuple[NDArray[np.uint8], ...], preset: str
+    pair: tuple[NDArray[np.uint8], ...], preset: PresetName
 ) -> None:
     with pytest.raises(EndingError):
         match(preset=preset, progress=end_after(5))

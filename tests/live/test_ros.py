@@ -670,8 +670,8 @@ def test_what_is_finished_is_kept(run: Callable[..., Run], tmp_path: Path) -> No
             "--messages: has no effect without -o of a recording",
         ),
         ("in.mcap {} -o out.db4", 2, "--output: path of a video must end in"),
-        ("in.mcap {} -o none/out.mcap", 1, "none: no such folder"),
-        ("in.mcap {} -o in.mcap", 2, "--output: in.mcap is in use already"),
+        ("in.mcap {} -o text.bag/out.mcap", 1, "text.bag: File exists"),
+        ("in.mcap {} -o in.mcap", 2, "--output: in.mcap is an input or another"),
         ("in.mcap {} -o there.db3", 1, "there.db3"),
         (
             "in.mcap {} -o out.mcap --depth-encoding 64FC1",

@@ -341,7 +341,7 @@ def test_a_calibration_on_the_command_line_is_one_that_everything_reads(
         ("boards --square 25", "25; accepts a length with its unit"),
         ("boards --board 9", "error: --board: got '9'"),
         ("boards -o rig.txt", "--output: got rig.txt; accepts .yaml, .yml, .xml"),
-        ("boards --page boards", "--page: boards is in use already"),
+        ("boards --page boards", "--page: boards is an input or another"),
         ("boards/0_L.png", "boards/0_L.png: is neither a folder nor a video"),
         ("nowhere", "nowhere: No such file or directory"),
     ],

@@ -16,12 +16,13 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 import phasestereo as ps
+from phasestereo.settings import PresetName
 from phasestereo_bench import SUITES
 from phasestereo_bench.datasets import Scene, find_scenes
 from phasestereo_bench.rendering import render_pair
@@ -45,7 +46,7 @@ class Spoiled:
     name: str
     left: Image
     right: Image
-    preset: str
+    preset: PresetName
 
     @cached_property
     def whole(self) -> ps.Result:
@@ -80,7 +81,7 @@ def _draw(rng: np.random.Generator, scenes: list[Scene], name: str) -> Spoiled:
     left, right = (np.ascontiguousarray(image[crop]) for image in (spoiled.left, spoiled.right))
     if rng.random() < 0.3:
         left, right = (image.astype(np.uint16) * 257 for image in (left, right))
-    preset = "robust" if name in FIRST else str(rng.choice(PRESETS))
+    preset = "robust" if name in FIRST else cast("PresetName", rng.choice(PRESETS).item())
     return Spoiled(f"{pair.name}, {name} {side}", left, right, preset)
 
 
@@ -121,7 +122,9 @@ def main(folder: Path) -> None:
     found = []
     for path in sorted(folder.glob("*.npz")):
         with np.load(path) as saved:
-            one = Spoiled("", saved["left"], saved["right"], path.stem.partition("-")[2])
+            one = Spoiled(
+                "", saved["left"], saved["right"], cast("PresetName", path.stem.partition("-")[2])
+            )
         found.append(digests(one.match(threads=2)))
     print(json.dumps(found))  # noqa: T201
 

@@ -142,7 +142,7 @@ def check(evidence: Evidence, flags: Ints, low: int, most: int) -> Ints:
 
 
 def flag_ambiguous(evidence: Evidence, flags: Ints, percent: int) -> Ints:
-    """Return the flags with those of choices not cheaper than all else by this many percent of it."""
+    """Return flags with those of choices that are not cheaper than all else by a percentage."""
     known = np.isfinite(evidence.elsewhere)
     elsewhere = np.where(known, evidence.elsewhere, 0)
     ambiguous = known & (elsewhere * (100 - percent) < 100 * evidence.own)

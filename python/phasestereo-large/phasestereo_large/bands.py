@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, TypeAlias
+from typing import TypeAlias, Unpack
 
 from numpy.typing import ArrayLike
 
@@ -24,7 +24,7 @@ from phasestereo.known import Known, as_known
 from phasestereo.result import Result
 from phasestereo.rig.alignment import Alignment
 from phasestereo.rig.compensation import BlurCompensation
-from phasestereo.settings import Settings, resolve
+from phasestereo.settings import PresetName, Settings, SettingsOverrides, resolve
 from phasestereo_large.statistics import PairStatistics, as_size, load
 
 Rows: TypeAlias = tuple[ArrayLike, ArrayLike, ArrayLike | None, ArrayLike | None]
@@ -40,11 +40,11 @@ def pair_statistics(
     *,
     num_disparities: int | None = None,
     min_disparity: int = 0,
-    preset: str | None = None,
+    preset: PresetName | None = None,
     settings: Settings | None = None,
     threads: int | None = None,
     known: Known | None = None,
-    **overrides: Any,
+    **overrides: Unpack[SettingsOverrides],
 ) -> PairStatistics:
     """Gather what must be known of a whole pair, in memory that does not grow with its height.
 

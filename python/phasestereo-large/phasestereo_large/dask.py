@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import fields, replace
 from functools import partial
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +20,7 @@ from phasestereo._images import as_pair
 from phasestereo._numbers import as_integer
 from phasestereo.known import Known
 from phasestereo.result import MAPS, maps_with
-from phasestereo.settings import Settings, resolve
+from phasestereo.settings import PresetName, Settings, SettingsOverrides, resolve
 from phasestereo_large.bands import match_rows, pair_statistics
 from phasestereo_large.statistics import PairStatistics
 
@@ -89,7 +89,7 @@ def maps(
     *,
     num_disparities: int | None = None,
     min_disparity: int = 0,
-    preset: str | None = None,
+    preset: PresetName | None = None,
     settings: Settings | None = None,
     threads: int = 1,
     left_mask: Array | ArrayLike | None = None,
@@ -97,7 +97,7 @@ def maps(
     known: Known | None = None,
     statistics: PairStatistics | None = None,
     band_rows: int | None = None,
-    **overrides: Any,
+    **overrides: Unpack[SettingsOverrides],
 ) -> Maps:
     """Match a rectified stereo pair lazily; the result has bands of rows as its chunks.
 

@@ -6,7 +6,7 @@ depth = stereo.depth.createOutputQueue()
 
 from __future__ import annotations
 
-from typing import Any, Self
+from typing import Any, Self, Unpack
 
 import depthai as dai
 import numpy as np
@@ -17,6 +17,7 @@ from phasestereo.io.rigs.cameras import Cameras
 from phasestereo.io.rigs.reading import CalibrationSource, cameras_of_files
 from phasestereo.result import KEEPS, Keep, Result
 from phasestereo.rigs import Rig
+from phasestereo.settings import PresetName, SettingsOverrides
 from phasestereo.temporal import TemporalFilter
 from phasestereo_live.video.rectifying import Rectifier
 
@@ -75,9 +76,9 @@ class StereoPhase(dai.node.ThreadedHostNode):
         keep: Keep = "trusted",
         num_disparities: int | None = None,
         min_disparity: int = 0,
-        preset: str = "fast",
+        preset: PresetName = "fast",
         threads: int | None = None,
-        **overrides: Any,
+        **overrides: Unpack[SettingsOverrides],
     ) -> Self:
         """Link cameras, and say how frames are matched.
 

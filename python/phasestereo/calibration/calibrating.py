@@ -114,6 +114,11 @@ def calibrate(
     .. [1] A. Duda and U. Frese, *Accurate Detection and Localization of Checkerboard Corners for
        Calibration*, BMVC 2018.
     .. [2] Z. Zhang, *A Flexible New Technique for Camera Calibration*, PAMI 2000.
+
+    Examples
+    --------
+    >>> rig = ps.calibrate("boards", board="9x6", square=0.025)
+    >>> rig.save("calibration.yaml")
     """
     wanted = as_board(board, square, charuco, marker)
     taken = shots(left, right, layout, lambda image: _places(wanted, image))

@@ -39,21 +39,21 @@ COMMANDS = "phasestereo.commands"
 OTHERS = {
     "live": (
         "Match every frame of a video, a folder of images, or a pair of cameras.",
-        "'phasestereo[live]'",
+        "'phasestereo[live]' (in a clone: '.[live]' ./python/phasestereo-live)",
     ),
     "batch": (
         "Match many pairs, on all processors of this machine or on a Dask cluster.",
-        "'phasestereo[batch]'",
+        "'phasestereo[batch]' (in a clone: '.[batch]' ./python/phasestereo-large)",
     ),
     "large": (
         "Match a pair larger than memory, from file to file.\n\n"
         "It is read, matched and written band by band, and the same command goes on after "
         "whatever ended it.",
-        "'phasestereo[large]'",
+        "'phasestereo[large]' (in a clone: '.[large]' ./python/phasestereo-large)",
     ),
     "asp": (
         "Match a tile of the Ames Stereo Pipeline, which calls it so.",
-        "'phasestereo[cli,geo]'",
+        "'phasestereo[cli,geo]' (in a clone: '.[cli,geo]' ./python/phasestereo-large)",
     ),
     "demo": (
         "Show what one image out of focus does to stereo matching.\n\n"

@@ -13,7 +13,7 @@ import phasestereo
 from phasestereo._extras import require
 from phasestereo.calibration import StereoCalibration
 from phasestereo.calibration import calibrate as calibrate_pair
-from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals, refuse_taken
+from phasestereo.cli.errors import WRONG_USAGE, CommandError, claim, refusals
 from phasestereo.cli.terminal import print_json, print_lines
 from phasestereo.io.files import target_of
 from phasestereo.io.pair import Layout
@@ -88,7 +88,7 @@ def calibrate(
     taken: list[Path | None] = [left, right]
     for name, path in (("output", output), ("page", page)):
         if path is not None:
-            refuse_taken(name, path, taken)
+            claim(name, path, taken)
             taken.append(path)
     _check_suffixes(output, page)
 

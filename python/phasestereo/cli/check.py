@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from numpy.typing import NDArray
 
 import phasestereo
-from phasestereo.cli.errors import UNTRUSTED, WRONG_USAGE, CommandError, refusals, refuse_taken
+from phasestereo.cli.errors import UNTRUSTED, WRONG_USAGE, CommandError, claim, refusals
 from phasestereo.cli.pairing import read_both
 from phasestereo.cli.terminal import print_json, print_lines
 from phasestereo.io import read_image, write_image
@@ -85,7 +85,7 @@ def _refuse_target(path: Path, sources: tuple[Path | None, ...]) -> None:
     """Refuse a file that is not a PNG, or that is read."""
     if path.suffix.lower() != ".png":
         raise CommandError(f"--blur-map: got {path}; accepts a .png file", WRONG_USAGE)
-    refuse_taken("blur_map", path, sources)
+    claim("blur_map", path, sources)
 
 
 def _picture(estimate: BlurEstimate | None, image: NDArray[Any]) -> NDArray[np.uint8]:

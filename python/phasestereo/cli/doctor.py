@@ -8,7 +8,7 @@ import re
 import time
 from importlib.metadata import PackageNotFoundError, distribution, version
 from statistics import median
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 import numpy as np
 from cyclopts import Parameter
@@ -18,7 +18,7 @@ from phasestereo.cli.errors import CommandError
 from phasestereo.cli.terminal import print_json, print_lines, progress_bar
 from phasestereo.cli.trust import unwarned
 from phasestereo.matching import match
-from phasestereo.settings import PRESETS
+from phasestereo.settings import PresetName
 
 _OURS = "phasestereo", "phasestereo-live", "phasestereo-large", "phasestereo-bench"
 _REQUIREMENT = re.compile(
@@ -27,6 +27,7 @@ _REQUIREMENT = re.compile(
 )
 _SIZE = 480, 640  # rows and columns of the pair that is matched for its time
 _ROUNDS = 5
+_CLONE = " (in a clone: '.[...]' ./python/phasestereo-{live,large})"
 
 
 def doctor(
@@ -82,7 +83,7 @@ def _times() -> dict[str, float]:
     left, right = scene[:, :cols], scene[:, 16 : cols + 16]
 
     times: dict[str, float] = {}
-    for preset in PRESETS:
+    for preset in get_args(PresetName):
         rounds = []
         for _ in range(_ROUNDS):
             started = time.perf_counter()
@@ -128,6 +129,6 @@ def _lines(found: dict[str, Any]) -> list[str]:
         f"{found['platform']}, {found['processors']} processors, {found['instructions']}",
         f"{_SIZE[1]} x {_SIZE[0]} pixels, 64 disparities: {times}",
         "extras: "
-        + (f"pip install 'phasestereo[{missing}]' brings the others" if missing else "all"),
+        + (f"pip install 'phasestereo[{missing}]' brings the others{_CLONE}" if missing else "all"),
         *([] if found["differing"] else ["matches are to the bit those of every platform"]),
     ]

@@ -73,16 +73,21 @@ def refuse_picture(argument: str, path: str | Path) -> None:
         )
 
 
-def refuse_taken(argument: str, path: Path, taken: Iterable[Path | None]) -> None:
-    """Refuse to write a file that is read, or that another option writes.
+def claim(argument: str, path: Path, taken: Iterable[Path | None]) -> None:
+    """Refuse to write a file that is read, or that another option writes; make its folder.
 
     Raises
     ------
     CommandError
-        If it is one of these.
+        If it is one of these, or its folder cannot be made.
     """
     if any(_is_same(path, other) for other in taken if other):
-        raise CommandError(f"{option(argument)}: {path} is in use already", WRONG_USAGE)
+        raise CommandError(
+            f"{option(argument)}: {path} is an input or another output; accepts a file of its own",
+            WRONG_USAGE,
+        )
+    with refusals():
+        path.parent.mkdir(parents=True, exist_ok=True)
 
 
 def _is_same(path: Path, other: Path) -> bool:

@@ -69,7 +69,7 @@ def match(
     """Match a rectified stereo pair.
 
     The left image is the reference: its pixel (x, y) corresponds to (x - d, y) in the right one.
-    For example:
+    Without an output the summary alone is printed. For example:
 
     ```
     phasestereo match left.png right.png -o out.pfm
@@ -103,11 +103,6 @@ def match(
     """
     scoring.check()
     geometry.check(wanted=outputs.use_geometry())
-    if not (outputs.asked_for() or scoring.truth):
-        raise CommandError(
-            "nothing to do: give -o, --color, --ply, --mesh, --depth, --report, --truth or --json",
-            WRONG_USAGE,
-        )
 
     with refusals(options=_OPTIONS):
         settings = resolve(preset, None, overrides or {})

@@ -13,7 +13,7 @@ from typing import Annotated
 import numpy as np
 from cyclopts import Parameter
 
-from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refusals, refuse_taken
+from phasestereo.cli.errors import WRONG_USAGE, CommandError, claim, option, refusals
 from phasestereo.cli.geometry import Rig
 from phasestereo.cli.outcome import Outcome
 from phasestereo.cli.terminal import say
@@ -26,6 +26,8 @@ from phasestereo.views.page import write_pair_page
 from phasestereo.views.picture import disparity_picture
 
 Writer = Callable[[Path, Outcome], None]
+
+_PICTURES = frozenset([".jpg", ".jpeg", ".webp", ".bmp"])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,10 +81,6 @@ class Outputs:
     report: Path | None = None
     json: Annotated[bool, Parameter(negative=(), show_default=False)] = False
 
-    def asked_for(self) -> bool:
-        """Return whether anything is to come out."""
-        return bool(self._files() or self.json)
-
     def use_geometry(self) -> bool:
         """Return whether anything that is to come out depends on the geometry of the pair."""
         return bool(self.ply or self.mesh or self.depth or self.report)
@@ -105,7 +103,7 @@ class Outputs:
         """
         taken = [source for source in sources if source]
         for name, path, write in self._files():
-            refuse_taken(name, path, taken)
+            claim(name, path, taken)
             _rehearse(name, path, write, rehearsal)
             taken.append(path)
 
@@ -115,6 +113,8 @@ class Outputs:
             write(path, outcome)
         if self.depth and self.depth.suffix.lower() == ".png":
             _note_lost(outcome)
+        if self.output and self.output.suffix.lower() == ".png" and not self.color:
+            say(f"note: {self.output} has 256 d in 16 bits, which viewers show dark: see --color")
         return {name: str(path) for name, path, _ in self._files()}
 
     def _files(self) -> list[tuple[str, Path, Writer]]:
@@ -142,6 +142,10 @@ class Outputs:
 
 
 def _write_output(path: Path, outcome: Outcome) -> None:
+    if path.suffix.lower() in _PICTURES:
+        raise ValueError(
+            f"got {path}; accepts .pfm, .npy, .tif, .png, .npz; --color writes pictures"
+        )
     if path.suffix.lower() == ".npz":
         write_maps(path, outcome.result.maps)
     else:
@@ -219,7 +223,9 @@ def _write_report(path: Path, outcome: Outcome) -> None:
 
 def _rig(outcome: Outcome) -> Rig:
     if outcome.rig is None:
-        raise ValueError("needs a geometry: give --calib, --q, or --focal and --baseline")
+        raise ValueError(
+            "needs a geometry: give --calib, --rectify FILE, --q, or --focal and --baseline"
+        )
     return outcome.rig
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from cyclopts import Parameter, validators
 
 import phasestereo
-from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals, refuse_picture, refuse_taken
+from phasestereo.cli.errors import WRONG_USAGE, CommandError, claim, refusals, refuse_picture
 from phasestereo.cli.pairing import read_both
 from phasestereo.cli.terminal import print_json, print_lines
 from phasestereo.io import write_image
@@ -128,7 +128,7 @@ def _check_targets(targets: list[tuple[str, Path]], sources: list[Path]) -> None
     """Refuse files that are read, given twice, or of a format that does not hold them."""
     taken = list(sources)
     for name, path in targets:
-        refuse_taken(name, path, taken)
+        claim(name, path, taken)
         if name == "save" and path.suffix.lower() != ".npz":
             raise CommandError(f"--save: got {path}; accepts a .npz file", WRONG_USAGE)
         taken.append(path)

@@ -12,7 +12,7 @@ from cyclopts import Group, Parameter, Token
 from numpy.typing import NDArray
 
 import phasestereo
-from phasestereo.cli.errors import UNTRUSTED, CommandError, refusals, refuse_taken
+from phasestereo.cli.errors import UNTRUSTED, CommandError, claim, refusals
 from phasestereo.cli.terminal import print_json, print_lines
 from phasestereo.cli.walls import WallOptions
 from phasestereo.io import read_image
@@ -23,6 +23,7 @@ from phasestereo.rectification.rectifying import rectify as rectify_pair
 from phasestereo.result import Result
 from phasestereo.rig.findings import MatchWarning
 from phasestereo.rigs import Check, Rig
+from phasestereo.settings import Settings
 
 _OPTIONS = frozenset(["limits", "focal", "preset"])
 _WALL = Group.create_ordered("Wall")
@@ -91,11 +92,11 @@ def rig_test(
     has_frames = right is not None or frames.is_dir()
     wall.check(focal=focal, rectify=rectify, has_frames=has_frames)
     if save is not None:
-        refuse_taken("save", save, [frames, right, rectify])
+        claim("save", save, [frames, right, rectify])
     with refusals(options=_OPTIONS):
         if save is not None:
             target_of(save)
-        rig = Rig(preset=preset) if has_frames else Rig.load(frames)
+        rig = Rig(settings=Settings.preset(preset)) if has_frames else Rig.load(frames)
         test = None
         for result, found in _follow(rig, frames, right, rectify) if has_frames else ():
             if focal is None and found is not None and found.Q is not None:

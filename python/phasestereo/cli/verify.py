@@ -14,9 +14,9 @@ from phasestereo.cli.errors import (
     UNTRUSTED,
     WRONG_USAGE,
     CommandError,
+    claim,
     option,
     refusals,
-    refuse_taken,
 )
 from phasestereo.cli.terminal import print_json, print_lines, progress_bar
 from phasestereo.io import read_disparity, read_image, write_disparity, write_image
@@ -105,7 +105,7 @@ def _check_targets(files: dict[str, Path | None], taken: list[Path]) -> None:
         if path.suffix.lower() not in accepted:
             named = ", ".join(sorted(accepted))
             raise CommandError(f"{option(name)}: got {path}; accepts {named}", WRONG_USAGE)
-        refuse_taken(name, path, taken)
+        claim(name, path, taken)
         taken.append(path)
 
 

@@ -164,7 +164,7 @@ class Calibration:
         TypeError
             If q does not hold real numbers, or width or height is not an integer.
         ValueError
-            If q is not such a matrix, or is that of a pair in which the left camera is on the right.
+            If q is not such a matrix, or is that of exchanged cameras.
 
         See Also
         --------

@@ -86,7 +86,7 @@ def read_photograph(path: StrPath, layout: Layout | None = None) -> Photograph:
 
     if not pictures:
         raise ValueError(
-            f"layout: got None for {os.fspath(path)}, which holds one view; accepts "
+            f"layout: got None for {os.fspath(path)}, and no right image; accepts "
             f"{', '.join(LAYOUTS)}, or else the right view comes in a file of its own"
         )
 

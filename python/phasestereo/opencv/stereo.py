@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +16,7 @@ from phasestereo._images import Pixels, as_array, as_pair
 from phasestereo.matching import Matcher
 from phasestereo.opencv.parameters import DEFAULTS, LARGEST_DISPARITY, Parameters
 from phasestereo.opencv.storage import NAME, STORED, as_text, from_node
-from phasestereo.settings import PRESET, Settings, resolve
+from phasestereo.settings import PRESET, PresetName, Settings, SettingsOverrides, resolve
 
 Sixteenths: TypeAlias = NDArray[np.int16]
 
@@ -73,9 +73,9 @@ class StereoPhase(Parameters):
         speckleRange: int = 0,
         mode: int = 0,
         *,
-        preset: str = PRESET,
+        preset: PresetName = PRESET,
         threads: int | None = None,
-        **overrides: Any,
+        **overrides: Unpack[SettingsOverrides],
     ) -> StereoPhase:
         """Make a matcher that is used like OpenCV's; the parameters are ``StereoSGBM_create``'s.
 
@@ -129,7 +129,7 @@ class StereoPhase(Parameters):
         return StereoPhase(
             preset=preset,
             threads=threads,
-            overrides=overrides,
+            overrides=dict(overrides),
             minDisparity=minDisparity,
             numDisparities=numDisparities,
             blockSize=blockSize,

@@ -95,6 +95,12 @@ def rectify(
     ``remap``. Without one, focal lengths, distortion, principal points and rotations are estimated
     together, so that the rows of what both images show correspond. The scale of the scene is
     unknown then, and little is known of the horizontal geometry: `Q` is None.
+
+    Examples
+    --------
+    >>> rig = ps.rectify("left.png", "right.png", "calibration.yaml")
+    >>> result = ps.match(rig.left, rig.right, left_mask=rig.left_mask, right_mask=rig.right_mask)
+    >>> depth = rig.calibration.depth(result.disparity)
     """
     pair = opened_pair(left, right)
     size = pair[0].shape[1], pair[0].shape[0]

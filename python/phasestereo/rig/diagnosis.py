@@ -73,6 +73,13 @@ class Diagnosis:
         """Return one line a finding: its severity, and a sentence."""
         return "\n".join(f"{found.severity}: {found.sentence}" for found in self.findings)
 
+    def __repr__(self) -> str:
+        """Return the size, and the numbers of warnings and notes."""
+        rows, cols = self.size
+        found = [finding.severity for finding in self.findings]
+        counts = f"{found.count('warning')} warnings, {found.count('note')} notes"
+        return f"<Diagnosis {cols}x{rows}, {counts}>"
+
     def _repr_html_(self) -> str:
         """Show the findings as a table in notebooks."""
         rows, cols = self.size
@@ -130,6 +137,12 @@ def check(left: ImageOrPath, right: ImageOrPath) -> Diagnosis:
         For a wrong shape, or infinite pixels.
     OSError, ImportError
         If a file cannot be read.
+
+    Examples
+    --------
+    >>> found = ps.check("left.png", "right.png")
+    >>> print(found)
+    >>> found.search.num_disparities
     """
     _, pair, masks = opened_valid((left, right))
     size = pair[0].shape[0], pair[0].shape[1]

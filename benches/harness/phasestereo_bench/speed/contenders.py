@@ -17,6 +17,7 @@ import numpy as np
 from phasestereo._extras import require
 from phasestereo.matchers.opencv import create_bm, create_sgbm
 from phasestereo.matching import Matcher, match
+from phasestereo.settings import PRESETS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -34,12 +35,14 @@ OURS: Mapping[str, str] = MappingProxyType(
 
 
 def _ours(preset: str, num_disparities: int, threads: int | None) -> Call:
-    matcher = Matcher(preset=preset, threads=threads)
+    matcher = Matcher(settings=PRESETS[preset], threads=threads)
     return partial(matcher.match, num_disparities=num_disparities)
 
 
 def _ours_once(preset: str, num_disparities: int, threads: int | None) -> Call:
-    return partial(match, preset=preset, num_disparities=num_disparities, threads=threads)
+    return partial(
+        match, settings=PRESETS[preset], num_disparities=num_disparities, threads=threads
+    )
 
 
 def _bm(num_disparities: int, _threads: int | None) -> Call:

@@ -9,6 +9,7 @@ import numpy as np
 
 import phasestereo_live as live
 from phasestereo.metrics import bad_pixels, end_point_error, temporal_deviation
+from phasestereo.settings import PRESETS
 from phasestereo_bench.rendering.sequences import MOTIONS, render_sequence
 from phasestereo_bench.report.tables import Entry, Table
 
@@ -126,7 +127,7 @@ def _matched(
     frames = live.stream(
         pairs,
         num_disparities=_COUNT,
-        preset=preset,
+        settings=PRESETS[preset],
         reestimate=1,
         temporal_filter=temporal_filter,
         on_error=_refuse,

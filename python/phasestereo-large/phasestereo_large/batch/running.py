@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from itertools import chain, islice
 from pathlib import Path
 from time import monotonic
-from typing import Any
+from typing import Any, Unpack
 
 from phasestereo._extras import require
 from phasestereo._numbers import as_integer, as_number
@@ -18,7 +18,7 @@ from phasestereo.io.drafts import remove_abandoned
 from phasestereo.io.files import StrPath
 from phasestereo.io.maps import FLOAT_SUFFIXES
 from phasestereo.result import LAYERS, maps_with
-from phasestereo.settings import Settings, resolve
+from phasestereo.settings import PresetName, Settings, SettingsOverrides, resolve
 from phasestereo_large.batch.cluster import Cluster, remote, share
 from phasestereo_large.batch.manifest import DONE, Manifest, Record
 from phasestereo_large.batch.pairs import PairFiles, check_names
@@ -76,11 +76,11 @@ def run(
     time_limit: float | None = None,
     suffix: str = ".tif",
     layers: Iterable[str] = (),
-    preset: str | None = None,
+    preset: PresetName | None = None,
     settings: Settings | None = None,
     progress: Callable[[int, int], object] | None = None,
     on_failure: Callable[[Record], object] | None = None,
-    **overrides: Any,
+    **overrides: Unpack[SettingsOverrides],
 ) -> BatchReport:
     """Match many pairs of files by many processes; those that have a result already are skipped.
 

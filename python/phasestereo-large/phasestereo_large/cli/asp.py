@@ -11,7 +11,7 @@ from cyclopts import Group, Parameter
 from numpy.typing import NDArray
 
 from phasestereo._images import Mask
-from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals, refuse_taken
+from phasestereo.cli.errors import WRONG_USAGE, CommandError, claim, refusals
 from phasestereo.cli.options import PRESET_HELP, REASONABLE, SETTINGS_HELP, Overrides
 from phasestereo.cli.trust import show_findings, unwarned
 from phasestereo.matching import match
@@ -64,7 +64,7 @@ def asp(
     threads
         Number of threads; without it, one per processor.
     """
-    refuse_taken("output", output, [left, right])
+    claim("output", output, [left, right])
     with refusals(options=_OPTIONS), unwarned():
         settings = resolve(preset, None, _UNASKED | (overrides or {}))
         low, count = _range(minimum, maximum)

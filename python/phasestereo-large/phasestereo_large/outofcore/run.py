@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Unpack
 
 from phasestereo._extras import require
 from phasestereo._numbers import as_integer
@@ -16,7 +16,7 @@ from phasestereo.io.files import StrPath, suffix
 from phasestereo.known import Known, as_known
 from phasestereo.matching import Matcher, Progress
 from phasestereo.result import LAYERS
-from phasestereo.settings import Settings, resolve
+from phasestereo.settings import PresetName, Settings, SettingsOverrides, resolve
 from phasestereo_large.bands import pair_statistics
 from phasestereo_large.outofcore import plan as planning
 from phasestereo_large.outofcore.plan import Plan
@@ -38,7 +38,7 @@ def match(
     num_disparities: int,
     max_memory: int | str,
     min_disparity: int = 0,
-    preset: str | None = None,
+    preset: PresetName | None = None,
     settings: Settings | None = None,
     threads: int | None = None,
     left_mask: StrPath | None = None,
@@ -53,7 +53,7 @@ def match(
     announce: Callable[[Plan], object] | None = None,
     progress: Progress | None = None,
     stage: Callable[[str], object] | None = None,
-    **overrides: Any,
+    **overrides: Unpack[SettingsOverrides],
 ) -> MapReport:
     """Match a rectified stereo pair that need not fit into memory, from file to file.
 

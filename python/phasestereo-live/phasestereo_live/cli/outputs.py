@@ -19,10 +19,10 @@ from phasestereo._interrupts import interrupts_postponed
 from phasestereo.cli.errors import (
     WRONG_USAGE,
     CommandError,
+    claim,
     option,
     refusals,
     refuse_picture,
-    refuse_taken,
 )
 from phasestereo.cli.options import AT_LEAST_ONE, POSITIVE
 from phasestereo.io import Calibration, LengthUnit, write_disparity
@@ -148,7 +148,7 @@ class LiveOutputs:
         sources = list(sources)
         for name, path in (("output", self.output), ("rerun", self.rerun)):
             if path is not None:
-                refuse_taken(name, path, sources)
+                claim(name, path, sources)
 
         self._try(sources, disparities)
 

@@ -14,7 +14,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from phasestereo.cli.errors import WRONG_USAGE, CommandError
+from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
 from phasestereo.cli.terminal import say
 from phasestereo.io import Calibration
 from phasestereo.settings import Settings
@@ -40,7 +40,7 @@ class ViewOptions:
         Show frames, disparities and what is found while the run lasts: on a page in the browser,
         which is served on this machine alone. Without an output this is what is done.
     save_to
-        Folder where the page saves pairs. Default: the current one.
+        Folder where the page saves pairs, made if necessary. Default: the current one.
     """
 
     show: Annotated[bool, Parameter(negative=(), show_default=False)] = False
@@ -52,13 +52,14 @@ class ViewOptions:
         Raises
         ------
         CommandError
-            If options have no effect, or a folder is invalid.
+            If options have no effect, or the folder cannot be made.
         """
         shown = self.show or alone
         if self.save_to is not None and not shown:
             raise CommandError("--save-to: has no effect without --show", WRONG_USAGE)
-        if self.save_to is not None and not self.save_to.is_dir():
-            raise CommandError(f"--save-to: {self.save_to} is not a folder")
+        if self.save_to is not None:
+            with refusals():
+                self.save_to.mkdir(parents=True, exist_ok=True)
         return shown
 
 

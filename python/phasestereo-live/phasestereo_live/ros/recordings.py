@@ -105,8 +105,8 @@ def open_recording(
     OSError
         If the file cannot be read.
     ValueError
-        If it is not a recording or cut short, has no such topic, or the cameras are not calibrated as
-        a pair; if the tolerance is negative.
+        If it is not a recording or cut short, has no such topic, or the cameras are not a
+        calibrated pair; if the tolerance is negative.
     ImportError
         If the extra ``ros`` is not installed.
     """

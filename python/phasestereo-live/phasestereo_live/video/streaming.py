@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import chain, islice
-from typing import Any, TypeVar
+from typing import Any, TypeVar, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,7 +29,7 @@ from phasestereo.matching import match
 from phasestereo.rectification import Rectification
 from phasestereo.result import Result
 from phasestereo.rigs import REESTIMATE, Rig
-from phasestereo.settings import Settings
+from phasestereo.settings import PresetName, Settings, SettingsOverrides
 from phasestereo.temporal import TemporalFilter
 from phasestereo_live._closing import Closing
 from phasestereo_live.video.cameras import PATIENCE
@@ -113,13 +113,13 @@ def stream(
     temporal_filter: bool = True,
     patience: int | None = PATIENCE,
     on_error: Callable[[Failure], object] | None = None,
-    preset: str | None = None,
+    preset: PresetName | None = None,
     settings: Settings | None = None,
     threads: int | None = None,
     left_mask: ArrayLike | None = None,
     right_mask: ArrayLike | None = None,
     known: Known | None = None,
-    **overrides: Any,
+    **overrides: Unpack[SettingsOverrides],
 ) -> Stream:
     """Match every frame of a video, a folder of images, or a pair of cameras.
 
