@@ -31,7 +31,7 @@ const LEAST_STRIP: f32 = 2.0;
 const UNLIKE: f32 = 0.5;
 /// Pixels on either side of an end of a strip that show its edge, and its gray.
 const BESIDE: usize = 3;
-/// Differences of gray of which one is so many times the other are clear.
+/// Differences of gray of which one is this many times the other are clear.
 const TIMES: f32 = 1.5;
 
 /// Whether the left image is that of the left camera.
