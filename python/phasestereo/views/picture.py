@@ -61,6 +61,7 @@ _BAND = 64  # rows that are colored at a time
 _HATCHING = 6  # columns from a line of hatched pixels to the next one
 _PAPER = "#f4f4f4"  # not white, from which a picture of no errors would not stand out
 _DPI = 100
+_OVER = 0.1  # pixels: sizes that floats round down would lose a row or column
 
 
 def colorize(
@@ -375,7 +376,7 @@ def longest(uncertainty: NDArray[np.floating]) -> float:
 def _figure(width: int, height: int) -> Any:
     """Return a figure of this size in pixels, on a canvas that draws into memory."""
     figure = require("matplotlib.figure", extra="plot").Figure(
-        figsize=(width / _DPI, height / _DPI), dpi=_DPI, facecolor=_PAPER
+        figsize=((width + _OVER) / _DPI, (height + _OVER) / _DPI), dpi=_DPI, facecolor=_PAPER
     )
     require("matplotlib.backends.backend_agg", extra="plot").FigureCanvasAgg(figure)
     return figure
