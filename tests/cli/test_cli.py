@@ -289,6 +289,7 @@ REFUSALS: list[tuple[str, int, str]] = [
     ("left.png right.png --num-disparities 9 --p2 -1 --json", WRONG, "--p2: got -1"),
     ("left.png right.png --num-disparities 9 --frequencies 2 --json", WRONG, "--frequencies"),
     ("left.png right.png --num-disparities 9 --best --json", WRONG, "--best"),
+    ("left.png right.png --num-disparities 9 -o out.jpg", WRONG, "--output: got .jpg; .*--color"),
     ("left.png right.png --num-disparities 9 -o out.xyz", WRONG, "--output: .*'.xyz'"),
     ("left.png right.png --num-disparities 9 --color out.pfm", WRONG, "--color: .pfm"),
     ("left.png right.png --num-disparities 9 -o left.png", WRONG, "--output: left.png is an input"),

@@ -142,9 +142,9 @@ class Outputs:
 
 
 def _write_output(path: Path, outcome: Outcome) -> None:
-    if path.suffix.lower() in _PICTURES:
+    if (suffix := path.suffix.lower()) in _PICTURES:
         raise ValueError(
-            f"got {path}; accepts .pfm, .npy, .tif, .png, .npz; --color writes pictures"
+            f"got {suffix}; accepts .pfm, .npy, .tif, .png, .npz; see --color for pictures"
         )
     if path.suffix.lower() == ".npz":
         write_maps(path, outcome.result.maps)
