@@ -246,3 +246,17 @@ def test_images_of_different_things_are_not_rectified_and_it_is_said_why(
 
     assert result.rectified is None
     assert "do not show how to rectify them: only" in sentences(result)
+
+
+def test_a_vertical_pair_is_not_taken_for_one_with_rows_that_are_off(data: Path) -> None:
+    for name in ("cones", "Art"):
+        scene = find_scene(data / "middlebury", name).load()
+        above, below = np.rot90(scene.left), np.rot90(scene.right)
+
+        with pytest.warns(ps.MatchWarning, match="cameras that are not beside each other"):
+            result = ps.match(above, below)
+        assert "one camera seems to be above the other" in sentences(result)
+        assert result.trusted.mean() < 0.1, name
+
+        with pytest.raises(ValueError, match=r"move along lines at (89|90|-89) degrees"):
+            ps.rectify(above, below)

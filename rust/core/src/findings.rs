@@ -351,9 +351,13 @@ mod tests {
         }
 
         let told = rectification(&found).join("; ");
-        for part in
-            ["80 blocks of 2 pairs", "known to 0.10 px", "-40 to -3 px", "swapped", "negative of"]
-        {
+        for part in [
+            "80 blocks of 2 pairs",
+            "known to 0.10 px",
+            "-40 to -3 px",
+            "are negative",
+            "negative of",
+        ] {
             assert!(told.contains(part), "{told}");
         }
 

@@ -14,7 +14,7 @@ use crate::estimation::facts::Facts;
 use crate::estimation::{Prepared, complete, prepare};
 use crate::findings;
 use crate::rectification::raw_pair::{Attempt, rectify_if_needed};
-use crate::rectification::{Raw, warp};
+use crate::rectification::{Raw, Refusal, warp};
 use crate::scales::match_over_scales;
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
@@ -40,6 +40,10 @@ pub fn match_pair(
         Attempt::Done(done) => (done.pair, done.estimates, done.facts, Some(done.raw), None),
     };
 
+    if let Some(Refusal::Axis(_)) = refusal {
+        // What was taken for rows that are off are distances.
+        estimates.alignment = None;
+    }
     estimates = findings::with_findings(estimates, &pair, settings);
     let refused = refusal.and_then(|refusal| findings::not_rectified(&estimates, &refusal));
     estimates.findings.extend(refused);

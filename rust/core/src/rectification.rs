@@ -10,6 +10,7 @@
 //! A pair of which too little agrees is not rectified: a wrong rectification is worse than none. Several pairs of the same cameras
 //! are matched each by itself, and fitted together. Everything is computed in a fixed order.
 
+pub mod axis;
 pub mod blocks;
 pub mod calibration;
 pub mod cameras;
@@ -29,6 +30,7 @@ use std::sync::OnceLock;
 
 use serde::{Deserialize, Serialize};
 
+use self::axis::Axis;
 use self::blocks::Block;
 use self::cameras::{Cameras, NUMBERS, Point};
 use self::codes::Features;
@@ -129,6 +131,8 @@ pub enum Refusal {
     Corners([usize; 2]),
     /// Too few matched corners agree: those that agree, and all.
     Matches([usize; 2]),
+    /// Things move along other lines than rows by their distance.
+    Axis(Axis),
     /// Too few blocks are found in both rectified images.
     Blocks(usize),
     /// The lenses that fit best would show some things twice.
@@ -151,6 +155,11 @@ impl fmt::Display for Refusal {
                     "only {agreeing} of {all} corners that look alike agree on how the cameras look"
                 )
             }
+            Self::Axis(Axis { angle, ratio }) => write!(
+                to,
+                "by their distance, things move along lines at {angle:.0} degrees to the rows ({ratio:.1} times as much as \
+                 across them)"
+            ),
             Self::Blocks(found) => write!(to, "only {found} blocks of one are found in the other"),
             Self::Folds => write!(to, "the lenses that fit best would show some things twice"),
             Self::Rows(spread) => write!(to, "rows would still be {spread:.1} px apart"),
@@ -321,6 +330,10 @@ fn matched(
     };
 
     let mut best = turned(0.0);
+    let shown = axis::axis(&best.1, (pair[0].rows(), cols));
+    if let Some(axis) = shown.filter(|axis| !axis.is_along_rows()) {
+        return Ok(Err(Refusal::Axis(axis)));
+    }
     if best.0 < ENOUGH.0 || (best.0 as f64) <= ENOUGH.1 * best.1.len() as f64 {
         for turn in TURNS {
             let other = turned(turn);

@@ -9,6 +9,7 @@ use crate::finding::{Finding, Severity, Topic};
 use crate::rectification::{Rectification, Refusal};
 use phasestereo_match::pair::fitting::Fit;
 
+const OTHER_AXIS: &str = "cameras that are not beside each other";
 const DISTORT: &str = "the lenses distort, by {0} px at half the width ({1})";
 
 table! {
@@ -67,8 +68,27 @@ pub fn rectification(found: &Rectification) -> Vec<String> {
     sentences(FOUND, found)
 }
 
-/// That a pair that hardly matches could not be rectified by what it shows, and why.
+/// That one camera is above the other, or, of a pair that hardly matches, why it could not be rectified by what it shows.
 pub fn not_rectified(estimates: &Estimates, refusal: &Refusal) -> Option<Finding> {
+    if let Refusal::Axis(axis) = refusal {
+        let (seem, remedy) = if axis.is_along_columns() {
+            (
+                "one camera seems to be above the other",
+                "match with vertical=True, the upper image first",
+            )
+        } else {
+            (
+                "the cameras seem to be neither beside nor above each other",
+                "rectify the pair by a calibration",
+            )
+        };
+        let sentence = format!("{seem}: {refusal}: {remedy}");
+        return Some(Finding {
+            cause: OTHER_AXIS,
+            ..Finding::new(Topic::Alignment, Severity::Warning, sentence)
+        });
+    }
+
     let fails = |one: &Finding| one.topic == Topic::Match && one.severity == Severity::Warning;
     let sentence = format!("the images do not show how to rectify them: {refusal}");
     estimates.findings.iter().any(fails).then(|| Finding::note(Topic::Alignment, sentence))

@@ -119,6 +119,9 @@ fn rectified_at_some_size(
     let pairs = std::slice::from_ref(grays);
     let found = rectify(pairs, 1, negative, execution.level, control)?;
     let Err(refusal) = found else { return Ok(found) };
+    if let Refusal::Axis(_) = refusal {
+        return Ok(Err(refusal));
+    }
     let again = rectify(pairs, 2, negative, execution.level, control)?;
     Ok(again.map_err(|_| refusal))
 }
