@@ -72,6 +72,7 @@ def batch(
 
     ```
     phasestereo batch pairs.csv --num-disparities 128 -o maps
+    phasestereo batch folder -o maps
     phasestereo batch pairs.csv --scheduler tcp://host:8786 -o /shared/maps
     ```
 
