@@ -53,7 +53,7 @@ impl Axis {
     }
 }
 
-/// The axis that matches show in images of so many rows and columns; `None`: they do not show it.
+/// The axis that matches show in images of this many rows and columns; `None`: they do not show it.
 pub fn axis(matches: &[Match], (rows, cols): (usize, usize)) -> Option<Axis> {
     if matches.len() < LEAST_MATCHES {
         return None;
