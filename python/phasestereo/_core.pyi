@@ -52,7 +52,9 @@ __all__ = [
     "match_rows",
     "optimize_volume",
     "preset",
+    "rays_of_pixels",
     "rectify_pairs",
+    "register_depths",
     "release_memory",
     "rows_to_tally",
     "self_check",
@@ -136,6 +138,23 @@ def estimate_pair(
     settings: Settings,
     threads: int | Workers | None,
 ) -> Estimates: ...
+def rays_of_pixels(
+    pixels: NDArray[np.float64], lens: tuple[NDArray[np.float64], list[float], bool]
+) -> NDArray[np.float64]: ...
+def register_depths(
+    depth: NDArray[np.float32],
+    others: Sequence[NDArray[np.float32]],
+    left: tuple[tuple[float, float], tuple[float, float], float],
+    lens: tuple[NDArray[np.float64], list[float], bool],
+    pose: tuple[NDArray[np.float64], NDArray[np.float64]],
+    size: tuple[int, int],
+) -> tuple[
+    NDArray[np.int64],
+    NDArray[np.float32],
+    NDArray[np.bool_],
+    NDArray[np.bool_],
+    list[NDArray[np.float32]],
+]: ...
 def release_memory() -> None: ...
 def rectify_pairs(
     pairs: Sequence[tuple[Pixels, Pixels]],

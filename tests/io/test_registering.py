@@ -66,7 +66,10 @@ def struck(rays: Floats, origin: Floats) -> Floats:
 def seen_by(third: ps.ThirdCamera) -> tuple[Floats, NDArray[np.bool_], NDArray[np.bool_]]:
     """Return the true depths of a camera, what is hidden from the left one, and beside its view."""
     y, x = np.mgrid[: third.height, : third.width]
-    rays = third.rays(np.column_stack([x.ravel(), y.ravel()]).astype(float))
+    lens = np.zeros(4) if third.distortion is None else third.distortion
+    model = cv2.fisheye if third.fisheye else cv2
+    pixels = np.column_stack([x.ravel(), y.ravel()]).astype(float)[:, np.newaxis]
+    rays = np.insert(model.undistortPoints(pixels, third.matrix, lens)[:, 0], 2, 1.0, axis=1)
     origin = -third.rotation.T @ third.translation
     ways = rays @ third.rotation
     depth = struck(ways, origin)

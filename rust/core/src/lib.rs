@@ -26,6 +26,7 @@ mod match_pair;
 mod rectification;
 mod scales;
 mod self_check;
+mod third_camera;
 mod verification;
 mod video;
 
@@ -88,5 +89,5 @@ macro_rules! open {
 }
 
 open! {
-    estimation finding findings match_pair rectification scales self_check verification video
+    estimation finding findings match_pair rectification scales self_check third_camera verification video
 }

@@ -12,6 +12,7 @@ mod rig;
 mod settings;
 mod supervisor;
 mod temporal;
+mod third_camera;
 mod verification;
 mod workers;
 
@@ -36,6 +37,7 @@ use self::rig::Rig;
 use self::settings::{Setting, every_setting, read_settings, write_settings};
 use self::supervisor::supervised;
 use self::temporal::TemporalFilter;
+use self::third_camera::{rays_of_pixels, register_depths};
 use self::verification::verify_map;
 use self::workers::{Pool, Workers, release_memory};
 use phasestereo::Error;
@@ -101,8 +103,8 @@ mod _core {
         Rig, Scale, Setting, TemporalFilter, Workers, aggregate_volume, check_blur_compensation,
         check_noise, check_settings, cost_volume, descriptor, estimate_pair, estimate_pair_by_rows,
         find_roughness, find_scale, fit_right, halo, match_pair, match_raw, match_rows,
-        optimize_volume, preset, rectify_pairs, release_memory, rows_to_tally, self_check,
-        simd_level, verify_map, working_memory,
+        optimize_volume, preset, rays_of_pixels, rectify_pairs, register_depths, release_memory,
+        rows_to_tally, self_check, simd_level, verify_map, working_memory,
     };
 
     #[pymodule_init]

@@ -169,7 +169,7 @@ impl Calibration {
 }
 
 /// Where a lens moves what is at a place, in focal lengths from the principal point.
-fn distorted(
+pub fn distorted(
     &[k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4]: &[f64; 12],
     [x, y]: [f64; 2],
 ) -> [f64; 2] {
