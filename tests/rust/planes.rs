@@ -22,15 +22,19 @@ use phasestereo_match::refinement::flag;
 /// Row and column.
 type Place = (usize, usize);
 
-/// Gray values of texture, but where it is smooth.
+/// The bits of the confidence of pixels without evidence.
+const UNSEEN: u32 = 0.4_f32.to_bits();
+
+/// Gray values of texture, but where it is smooth: there grain is less than `least`.
 fn textured(
     (rows, cols): (usize, usize),
     salt: u64,
+    least: f32,
     is_smooth: impl Fn(usize, usize) -> bool,
 ) -> Plane<i32> {
     Plane::from_fn(rows, cols, |y, x| {
         let is_smooth = is_smooth(y, x);
-        let grain = random(salt, y, x) * if is_smooth { 40.0 } else { 1000.0 };
+        let grain = random(salt, y, x) * if is_smooth { least } else { 1000.0 };
         // Large texture has a small Laplacian.
         let waves = if is_smooth { 0.0 } else { 1500.0 * (((x + 2 * y) % 16) as f32 - 8.0).abs() };
         (grain + waves) as i32
@@ -38,8 +42,8 @@ fn textured(
 }
 
 /// The same, smooth in patches.
-fn patched(size: (usize, usize), salt: u64) -> Plane<i32> {
-    textured(size, salt + 1, |y, x| random(salt, y / 23, x / 31) > 0.5)
+fn patched(size: (usize, usize), salt: u64, least: f32) -> Plane<i32> {
+    textured(size, salt + 1, least, |y, x| random(salt, y / 23, x / 31) > 0.5)
 }
 
 /// The places of the window that reaches so far, as far as the plane does, in reading order.
@@ -103,11 +107,10 @@ fn naive_areas(gray: &Plane<i32>) -> Vec<BTreeSet<Place>> {
 fn flat_areas_are_those_of_a_naive_search() {
     // Of the second one rows are left out.
     for (size, salt) in [((90, 130), 3), ((270, 251), 8)] {
-        let gray = patched(size, salt);
+        let gray = patched(size, salt, 40.0);
         let naive = naive_areas(&gray);
 
-        let areas =
-            flat_areas(&gray, 1 << 13, Level::best(), &Control::default()).expect("enough memory");
+        let areas = flat_areas(&gray, Level::best(), &Control::default()).expect("enough memory");
         let pixels = |area: &FlatArea| {
             let all = (&(0..size.0), &(0..size.1));
             let marked = area.near(all, 0, Level::best(), &Control::default()).expect("memory");
@@ -183,28 +186,29 @@ fn naive_fit(samples: &[[f64; 3]]) -> Option<Naive> {
     Some(plane)
 }
 
-/// Draws the plane of one area of a map into another one.
+/// Draws the plane of one area of a map into another one, and returns where; `None`: it has no plane. Faint pixels do not
+/// count.
 fn naive_plane(
-    map: &Disparity,
-    confidence: &Plane<f32>,
+    (map, confidence): (&Disparity, &Plane<f32>),
+    faint: Option<&Plane<bool>>,
     area: &BTreeSet<Place>,
     least: f32,
     out: &mut Disparity,
-) {
+) -> Option<BTreeSet<Place>> {
     let size = (confidence.rows(), confidence.cols());
     let near = |by: usize| {
         places(size).filter(move |at| window(*at, by, size).any(|at| area.contains(&at)))
     };
     let disparity = |(y, x): Place| map.disparity.row(y)[x];
     let mut weights = Plane::from_fn(size.0, size.1, |_, _| 0.0);
-    for (y, x) in near(4) {
+    for (y, x) in near(4).filter(|(y, x)| !faint.is_some_and(|faint| faint.row(*y)[*x])) {
         weights.row_mut(y)[x] = confidence.row(y)[x] * confidence.row(y)[x];
     }
 
     let weight = |(y, x): &Place| f64::from(weights.row(*y)[*x]);
     let heavy: Vec<Place> = places(size).filter(|at| weight(at) > 0.25).collect();
     if heavy.len() < 100 {
-        return;
+        return None;
     }
     let mut sum = 0.0;
     let sums = heavy.iter().map(|at| {
@@ -219,7 +223,7 @@ fn naive_plane(
         [x as f64, y as f64, disparity((y, x)).into()]
     };
     let samples: Vec<_> = (1..).map_while(reached).map(sample).collect();
-    let Some(plane) = naive_fit(&samples) else { return };
+    let plane = naive_fit(&samples)?;
     let drawn = |(y, x): Place| naive_height(plane, (y as f64, x as f64)) as f32;
 
     // Tiles count from the corner of what is near.
@@ -241,13 +245,25 @@ fn naive_plane(
 
     let sum = |plane: &Plane<f32>| plane.as_slice().iter().map(|v| f64::from(*v)).sum::<f64>();
     let whole = (sum(&agree) / sum(&all)) as f32;
-    if whole <= 0.5 {
-        return;
+    if whole <= if faint.is_some() { 0.6 } else { 0.5 } {
+        return None;
     }
+
+    // Where the surface goes on outside, the outline is that of something before it.
+    let inner: BTreeSet<Place> = near(4).collect();
+    let ring: Vec<Place> = near(14).filter(|at| !inner.contains(at)).collect();
+    let goes_on = ring.iter().filter(|&&(y, x)| {
+        let is_sure = confidence.row(y)[x].powi(2) > 0.25 && map.flags.row(y)[x] & 2048 == 0;
+        is_sure && (disparity((y, x)) - drawn((y, x))).abs() < 2.0
+    });
+    let is_behind = goes_on.count() as f64 > 0.45 * ring.len() as f64;
+    let agrees = |at: &Place| weight(at) > 0.25 && (disparity(*at) - drawn(*at)).abs() < 1.0;
+    let has_evidence = |at: Place| window(at, 4, size).any(|at| agrees(&at));
 
     let nearby =
         |plane: &Plane<f32>| Plane::from_fn(tiles.0, tiles.1, |y, x| naive_mean(plane, (y, x), 7));
     let (agree, all) = (nearby(&agree), nearby(&all));
+    let mut found = BTreeSet::new();
     for (y, x) in near(2) {
         let (tile_y, tile_x) = ((y - top) / 4, (x - left) / 4);
         let (agree, all) = (agree.row(tile_y)[tile_x], all.row(tile_y)[tile_x]);
@@ -256,6 +272,8 @@ fn naive_plane(
         let sure = confidence.row(y)[x].max(naive_mean(confidence, (y, x), 4));
         let is_other = (disparity((y, x)) - drawn((y, x))).abs() > 0.5;
         if sure < 0.9 && p > sure && drawn((y, x)) >= least && is_other {
+            found.insert((y, x));
+            let p = if is_behind && !has_evidence((y, x)) { p.min(0.4) } else { p };
             out.disparity.row_mut(y)[x] = drawn((y, x));
             out.flags.row_mut(y)[x] = map.flags.row(y)[x] & !256 & !2048 | 1024;
             let (confidence, bars) = (out.confidence.as_mut(), out.uncertainty.as_mut());
@@ -263,18 +281,79 @@ fn naive_plane(
             bars.expect("made so").row_mut(y)[x] = 9.0 * (1.0 - p) / p;
         }
     }
+    Some(found)
+}
+
+/// The mean squares of 9 x 9 pixels of what is left without means of 7 x 7, in squares of sixteenths of a step.
+fn naive_detail(gray: &Plane<i32>) -> Plane<f32> {
+    let size = (gray.rows(), gray.cols());
+    let rest = Plane::from_fn(size.0, size.1, |y, x| {
+        let around: Vec<i32> = window((y, x), 3, size).map(|(y, x)| gray.row(y)[x]).collect();
+        let count = around.len() as i32;
+        16 * (count * gray.row(y)[x] - around.iter().sum::<i32>()) / count
+    });
+    Plane::from_fn(size.0, size.1, |y, x| {
+        let squares = || window((y, x), 4, size).map(|(y, x)| i64::from(rest.row(y)[x]).pow(2));
+        (squares().sum::<i64>() as f64 / squares().count() as f64) as f32
+    })
+}
+
+/// The pixels that are deep in areas with at most so much detail.
+fn naive_blank(detail: &Plane<f32>, most: f32) -> BTreeSet<Place> {
+    let size = (detail.rows(), detail.cols());
+    let every =
+        |at: Place, by: usize, is_in: &dyn Fn(Place) -> bool| window(at, by, size).all(is_in);
+    let is_blank = |(y, x): Place| detail.row(y)[x] <= most;
+    let narrow: BTreeSet<Place> = places(size).filter(|at| every(*at, 2, &is_blank)).collect();
+    let is_wide = |at: Place| window(at, 2, size).any(|at| narrow.contains(&at));
+    let wide: BTreeSet<Place> = places(size).filter(|at| is_wide(*at)).collect();
+    places(size).filter(|at| every(*at, 8, &|at| wide.contains(&at))).collect()
 }
 
 /// The planes of a pair whose left image has these pixels, of 16 bits.
 fn naive_planes(pixels: &Plane<i32>, min: i64, map: &Disparity) -> Disparity {
-    // Less the middle of the range, and halved, so that 15 bits remain.
-    let gray = pixels.map(|value| (value - 32_768).div_euclid(2));
+    // Less the middle of the range, and halved if they have more than 15 bits.
+    let is_small = pixels.as_slice().iter().all(|value| *value < 256);
+    let short = |value: &i32| {
+        if is_small { value - 128 } else { (value - 32_768).div_euclid(2) }
+    };
+    let gray = pixels.map(short);
     let confidence = map.confidence.as_ref().expect("made so");
     let least = if min < 0 { f32::NEG_INFINITY } else { 0.0 };
+    // One step of rounding is half a step by then.
+    let rounding = if is_small { 16.0 } else { 8.0 };
+    let most = |steps: f64| (steps * rounding).powi(2) as f32;
 
     let mut out = map.clone();
-    for area in naive_areas(&gray) {
-        naive_plane(map, confidence, &area, least, &mut out);
+    let areas = naive_areas(&gray);
+    if areas.is_empty() {
+        return out;
+    }
+    let first = |area: &BTreeSet<Place>, out: &mut _| {
+        naive_plane((map, confidence), None, area, least, out).is_none()
+    };
+    let without: Vec<_> = areas.iter().filter(|area| first(area, &mut out)).collect();
+
+    let detail = naive_detail(&gray);
+    let faint = detail.map(|square| *square <= most(0.5));
+    let bounded = Plane::from_fn(gray.rows(), gray.cols(), |y, x| {
+        let own = confidence.row(y)[x];
+        if faint.row(y)[x] { own.min(0.4) } else { own }
+    });
+    let mut unseen = naive_blank(&detail, most(0.3));
+    for area in without {
+        let drawn = naive_plane((map, &bounded), Some(&faint), area, least, &mut out);
+        let Some(drawn) = drawn else { continue };
+        unseen.extend(area.iter().filter(|(y, x)| faint.row(*y)[*x] && !drawn.contains(&(*y, *x))));
+    }
+
+    let (confidence, bars) = (out.confidence.as_mut(), out.uncertainty.as_mut());
+    let (confidence, bars) = (confidence.expect("made so"), bars.expect("made so"));
+    for (y, x) in unseen {
+        if confidence.row(y)[x] > 0.4 {
+            confidence.row_mut(y)[x] = 0.4;
+            bars.row_mut(y)[x] = bars.row(y)[x].max(9.0 * (1.0 - 0.4_f32) / 0.4);
+        }
     }
     out
 }
@@ -308,31 +387,45 @@ fn scattered((rows, cols): (usize, usize), plane: [f32; 3], off: f32, salt: u64)
     }
 }
 
-/// The number of drawn pixels, which must be those of the naive planes.
-fn compared(pixels: &Plane<i32>, min: i64, map: &Disparity) -> usize {
+/// The numbers of drawn pixels and of doubted ones, which must be those of the naive planes.
+fn compared(pixels: &Plane<i32>, min: i64, map: &Disparity) -> [usize; 2] {
     let pair = Pair::new(as_view(pixels), as_view(pixels), min, 40).expect("a legal pair");
     let found = drawn(&pair, map.clone());
     let count = found.flags.as_slice().iter().filter(|flags| **flags & 1024 != 0).count();
 
+    let doubted =
+        found.confidence.iter().flat_map(Plane::as_slice).filter(|c| c.to_bits() == UNSEEN).count();
+
     assert!(ResultBits::new(found) == ResultBits::new(naive_planes(pixels, min, map)));
-    count
+    [count, doubted]
+}
+
+/// The numbers of drawn and of doubted pixels of a random map, whose image has grain up to `least` where it is smooth.
+fn compared_random(salt: u64, least: f32) -> [usize; 2] {
+    let size = (50 + hash(salt, 0, 0) as usize % 60, 60 + hash(salt, 0, 1) as usize % 60);
+    let of = |index: usize| random(salt, 1, index) - 0.5;
+    let plane = [0.8 * of(0), of(1), 40.0 * of(2) + 20.0];
+    let min = if of(3) > 0.0 { 0 } else { -50 };
+
+    let pixels = patched(size, salt + 10, least);
+    compared(&pixels, min, &scattered(size, plane, of(4) + 0.5, salt))
 }
 
 #[test]
 fn planes_of_random_maps_are_those_of_a_naive_search() {
-    let mut counts = vec![];
-    for salt in (0..240).step_by(20) {
-        let size = (50 + hash(salt, 0, 0) as usize % 60, 60 + hash(salt, 0, 1) as usize % 60);
-        let of = |index: usize| random(salt, 1, index) - 0.5;
-        let plane = [0.8 * of(0), of(1), 40.0 * of(2) + 20.0];
-        let min = if of(3) > 0.0 { 0 } else { -50 };
-
-        let pixels = patched(size, salt + 10);
-        counts.push(compared(&pixels, min, &scattered(size, plane, of(4) + 0.5, salt)));
-    }
+    let counts = (0..240).step_by(20).map(|salt| compared_random(salt, 40.0)[0]);
+    let counts: Vec<usize> = counts.collect();
 
     assert!(counts.contains(&0), "{counts:?}");
     assert!(counts.iter().sum::<usize>() > 2000, "{counts:?}");
+}
+
+#[test]
+fn areas_with_hardly_any_detail_are_doubted_as_by_a_naive_search() {
+    let least = |salt: u64| [2.2, 2.05][salt as usize / 20 % 3 - 1];
+    let salts = (0..240).step_by(20).filter(|salt| salt / 20 % 3 > 0);
+    let doubted: Vec<usize> = salts.map(|salt| compared_random(salt, least(salt))[1]).collect();
+    assert!(doubted.iter().any(|count| *count > 0), "{doubted:?}");
 }
 
 #[test]
@@ -340,8 +433,8 @@ fn planes_of_awkward_areas_are_those_of_a_naive_search() {
     let size = (60, 80);
     let gentle = [0.1, -0.1, 20.0];
     let count = |rows: Range<usize>, cols: Range<usize>, min, plane, off| {
-        let pixels = textured(size, 9, |y, x| rows.contains(&y) && cols.contains(&x));
-        compared(&pixels, min, &scattered(size, plane, off, 5))
+        let pixels = textured(size, 9, 40.0, |y, x| rows.contains(&y) && cols.contains(&x));
+        compared(&pixels, min, &scattered(size, plane, off, 5))[0]
     };
 
     // In the middle, and at each border.
@@ -375,18 +468,34 @@ fn is_board(y: usize, x: usize) -> bool {
     BOARD[0].contains(&y) && BOARD[1].contains(&x)
 }
 
-/// A pair that shows the board, and a map that knows `surface` at its outline alone.
-fn board(surface: impl Fn(usize, usize) -> f32) -> (Pair, Disparity) {
+/// Whether a pixel is on the board, at least this far from its outline.
+fn is_inside(y: usize, x: usize, by: usize) -> bool {
+    is_board(y.saturating_sub(by), x.saturating_sub(by)) && is_board(y + by, x + by)
+}
+
+/// Whether a pixel is near the board, or on it.
+fn is_near_board(y: usize, x: usize) -> bool {
+    [y, y + 3, y.saturating_sub(3)]
+        .iter()
+        .any(|y| [x, x + 3, x.saturating_sub(3)].iter().any(|x| is_board(*y, *x)))
+}
+
+/// A board that lies `before` px before what is around it, as below.
+fn board(before: f32, surface: impl Fn(usize, usize) -> f32) -> (Pair, Disparity) {
+    let around = |y: usize, x: usize| if is_near_board(y, x) { 0.0 } else { before };
     let gray = Plane::from_fn(180, 260, |y, x| {
         let grain = hash(5, y, x) % 2000;
         if is_board(y, x) { 9000 + grain as i32 / 100 } else { 8000 + 2 * grain as i32 }
     });
-    let pair = Pair::new(as_view(&gray), as_view(&gray), 0, 64).expect("a legal pair");
+    known_at_outline(as_view(&gray), |y, x| surface(y, x) - around(y, x))
+}
+
+/// A pair that shows the board, and a map that knows `surface` outside and at its outline alone.
+fn known_at_outline(view: View, surface: impl Fn(usize, usize) -> f32) -> (Pair, Disparity) {
+    let pair = Pair::new(view.clone(), view, 0, 64).expect("a legal pair");
 
     // Inside, 8 px from the outline, nothing is known: the disparities are wrong and in doubt.
-    let is_unknown = |y: usize, x: usize| {
-        is_board(y.saturating_sub(8), x.saturating_sub(8)) && is_board(y + 8, x + 8)
-    };
+    let is_unknown = |y: usize, x: usize| is_inside(y, x, 8);
     let disparity = |y: usize, x: usize| {
         if is_unknown(y, x) { 60.0 * random(6, y / 5, x / 5) } else { surface(y, x) }
     };
@@ -414,7 +523,7 @@ fn drawn(pair: &Pair, mut map: Disparity) -> Disparity {
 #[test]
 fn a_plain_board_becomes_the_plane_of_its_outline() {
     let plane = |y: usize, x: usize| 10.0 + 0.1 * x as f32 - 0.05 * y as f32;
-    let (pair, before) = board(plane);
+    let (pair, before) = board(8.0, plane);
     let map = drawn(&pair, before.clone());
 
     for (y, x) in [(40, 60), (90, 130), (140, 200)] {
@@ -439,11 +548,82 @@ fn what_is_not_a_plane_is_not_drawn() {
         let [y, x] = [y as f32 - 90.0, x as f32 - 130.0];
         40.0 - (y * y + x * x) / 500.0
     };
-    let (pair, before) = board(ball);
+    let (pair, before) = board(0.0, ball);
     let map = drawn(&pair, before.clone());
     assert_eq!(map, before);
 
     // Nothing lies behind infinity.
-    let (pair, before) = board(|y, _| -3.0 - 0.1 * y as f32);
+    let (pair, before) = board(0.0, |y, _| -3.0 - 0.1 * y as f32);
     assert_eq!(drawn(&pair, before.clone()), before);
+}
+
+/// Asserts the confidence and the bar of a pixel.
+fn assert_sure(map: &Disparity, (y, x): Place, expected: [f32; 2]) {
+    let planes = [&map.confidence, &map.uncertainty];
+    let found = planes.map(|plane| plane.as_ref().expect("made so").row(y)[x]);
+    assert_eq!(found.map(f32::to_bits), expected.map(f32::to_bits), "{found:?} at {y}, {x}");
+}
+
+/// Confidence and bar where there is no evidence.
+const IN_DOUBT: [f32; 2] = [0.4, 9.0 * (1.0 - 0.4) / 0.4];
+
+#[test]
+fn the_outline_of_what_lies_before_a_plain_area_is_not_trusted() {
+    // As of a sky between houses: outside, their surface goes on.
+    let plane = |y: usize, x: usize| 10.0 + 0.1 * x as f32 - 0.05 * y as f32;
+    let (pair, before) = board(0.0, plane);
+    let map = drawn(&pair, before);
+
+    assert_eq!(map.flags.row(90)[130], flag::INFERRED);
+    assert_sure(&map, (90, 130), IN_DOUBT);
+    assert!(map.confidence.expect("made so").row(40)[60] > 0.8, "beside pixels that agree");
+}
+
+/// The board in 8 bits, on it one of `one_in` pixels is brighter by some steps.
+fn nearly_blank(one_in: u64, steps: u8) -> View {
+    let pixel = |(y, x, _)| match hash(5, y, x) {
+        _ if is_inside(y, x, 8) => 150 + steps * u8::from(hash(7, y, x).is_multiple_of(one_in)),
+        grain if is_board(y, x) => 147 + (grain % 8) as u8,
+        grain => 60 + (grain % 128) as u8,
+    };
+    gray_of(Image::U8(Array3::from_shape_fn((180, 260, 1), pixel)))
+}
+
+#[test]
+fn where_nothing_but_rounding_is_seen_nothing_is_trusted() {
+    let (pair, mut before) = known_at_outline(nearly_blank(1, 0), |_, _| 20.0);
+    before.disparity = before.disparity.map(|_| 20.0);
+    before.confidence = before.confidence.map(|plane| plane.map(|_| 0.95));
+    let map = drawn(&pair, before.clone());
+
+    assert_eq!(map.disparity, before.disparity);
+    assert_sure(&map, (90, 130), IN_DOUBT);
+    // Beside detail, and amid it.
+    assert_sure(&map, (34, 130), [0.95, 1.0]);
+    assert_sure(&map, (10, 10), [0.95, 1.0]);
+}
+
+#[test]
+fn faint_pixels_do_not_outvote_an_outline() {
+    let (pair, mut before) =
+        known_at_outline(nearly_blank(6, 1), |y, x| if is_near_board(y, x) { 20.0 } else { 12.0 });
+    // Inside they match as well, but in many places at once.
+    before.confidence = before.confidence.map(|plane| plane.map(|_| 0.8));
+    let map = drawn(&pair, before.clone());
+
+    let is_drawn = |y: usize, x: usize| map.flags.row(y)[x] == flag::INFERRED;
+    let inside: Vec<Place> = places((180, 260)).filter(|(y, x)| is_inside(*y, *x, 16)).collect();
+    let count = inside.iter().filter(|(y, x)| is_drawn(*y, *x)).count();
+    assert!(count > inside.len() * 9 / 10, "{count} of {}", inside.len());
+    for (y, x) in inside {
+        if is_drawn(y, x) {
+            assert!((map.disparity.row(y)[x] - 20.0).abs() < 0.1);
+        } else {
+            assert_sure(&map, (y, x), IN_DOUBT);
+        }
+    }
+
+    // With as much detail as noise has, they are evidence: then there is no plane.
+    let (pair, _) = known_at_outline(nearly_blank(2, 3), |_, _| 20.0);
+    assert!(drawn(&pair, before).flags.as_slice().iter().all(|flags| flags & flag::INFERRED == 0));
 }

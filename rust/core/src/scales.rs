@@ -22,6 +22,8 @@
 //! at the full size is often right where the copy matches by mistake. Calibrated confidences know both.
 
 pub mod choice;
+pub mod choices;
+pub mod detail;
 pub mod flat_areas;
 pub mod planes;
 pub mod ranges;

@@ -89,7 +89,7 @@ pub const CASES: &[Case] = &[
     case(Fault::Defocus, LARGE, Work::Match(Preset::Robust, None), 0x3D7C_FEFC_EDF0_BC48),
     case(Fault::FocusApart, LARGE, Work::Match(Preset::Robust, None), 0x407F_8469_274D_85E8),
     case(Fault::Rows, LARGE, Work::Match(Preset::Robust, None), 0x99AB_3AE4_0833_CC1B),
-    case(Fault::Plain, LARGE, Work::Match(Preset::Robust, None), 0xE3F0_701C_638A_D321),
+    case(Fault::Plain, LARGE, Work::Match(Preset::Robust, None), 0x5081_ABD8_250A_F3F9),
     case(Fault::Defocus, MIDDLE, Work::Match(Preset::Robust, None), 0x5D31_3E61_3631_F18A),
     case(Fault::Motion, MIDDLE, Work::Match(Preset::Robust, None), 0xD770_0888_B851_8F38),
     case(Fault::Noise, MIDDLE, Work::Match(Preset::Robust, None), 0x9EEA_7857_435C_BD4F),

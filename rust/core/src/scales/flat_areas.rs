@@ -43,27 +43,30 @@ pub struct FlatArea {
     runs: Vec<(usize, Range<usize>)>,
 }
 
-/// The large flat areas of an image of this reach, from top to bottom.
-pub fn flat_areas(
-    gray: &Plane<i32>,
-    reach: u32,
-    level: Level,
-    control: &Control,
-) -> Result<Vec<FlatArea>> {
-    // Sums of squares then fit.
+/// Gray values of this reach with at most 15 bits, so that sums of their squares fit, and how many bits are lost.
+pub fn shortened(gray: &Plane<i32>, reach: u32) -> (Plane<i32>, u32) {
     let surplus = (u32::BITS - reach.leading_zeros()).saturating_sub(MOST_BITS);
-    let gray = gray.map(|gray| gray >> surplus);
-    let least = LEAST_SHARE * (gray.rows() * gray.cols()) as f64;
+    (gray.map(|gray| gray >> surplus), surplus)
+}
 
-    let flat = flat(&gray, level, control)?;
-    drop(gray);
-    let lost = grown(&flat.map(|is_flat| !is_flat), 1, level, control)?;
-    let opened = grown(&lost.map(|is_lost| !is_lost), 1, level, control)?;
+/// The large flat areas of an image of short gray values, from top to bottom.
+pub fn flat_areas(gray: &Plane<i32>, level: Level, control: &Control) -> Result<Vec<FlatArea>> {
+    let least = LEAST_SHARE * (gray.rows() * gray.cols()) as f64;
+    let flat = flat(gray, level, control)?;
+    let opened = grown(&shrunk(&flat, 1, level, control)?, 1, level, control)?;
+    drop(flat);
 
     large(&opened, least, control)
 }
 
 impl FlatArea {
+    /// Copies the marks of its pixels.
+    pub fn copy(&self, from: &Plane<bool>, to: &mut Plane<bool>) {
+        for (y, run) in &self.runs {
+            to.row_mut(*y)[run.clone()].copy_from_slice(&from.row(*y)[run.clone()]);
+        }
+    }
+
     /// The pixels of these rows and columns that are at most `radius` rows and columns from the area.
     pub fn near(
         &self,
@@ -114,8 +117,19 @@ fn noise(gray: &Plane<i32>) -> i64 {
     median(magnitudes).unwrap_or(0).into()
 }
 
+/// The pixels around which all are marked, up to `radius` rows and columns away.
+pub fn shrunk(
+    marked: &Plane<bool>,
+    radius: usize,
+    level: Level,
+    control: &Control,
+) -> Result<Plane<bool>> {
+    let lost = grown(&marked.map(|is_marked| !is_marked), radius, level, control)?;
+    Ok(lost.map(|is_lost| !is_lost))
+}
+
 /// The pixels that are at most `radius` rows and columns from a marked one.
-fn grown(
+pub fn grown(
     marked: &Plane<bool>,
     radius: usize,
     level: Level,

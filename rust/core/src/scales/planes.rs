@@ -25,12 +25,29 @@
 //!
 //! Drawn pixels are flagged as inferred and have the confidence p. Their error bar follows from it, if the odds of an error
 //! fall in proportion to the tolerance: 9 (1 - p) / p px for 90 %.
+//!
+//! An outline is evidence only if it is the area's own. A table's is; that of a sky behind houses is the houses', whose
+//! surfaces go on outside. And where nothing but rounding is seen, nothing is evidence (detail.rs):
+//!
+//! ```text
+//! occluder   = share of the pixels OUTSIDE the area that are sure (weight > LEAST_WEIGHT) and within GOES_ON px of the plane
+//! p          = at most UNSEEN where occluder > OCCLUDER, but for EVIDENCE_REACH px around what is sure and agrees
+//! confidence = at most UNSEEN in blank areas, of planes or not
+//! ```
+//!
+//! An area without a plane may have wrong matches of hardly any detail. It gets a second attempt without faint pixels, which
+//! then are unseen, too, as far as they do not become the plane.
 
+use std::iter;
 use std::ops::Range;
 
 use rayon::prelude::*;
 
-use crate::scales::flat_areas::{FlatArea, flat_areas};
+use crate::scales::choices::{
+    EVIDENCE_REACH, FAINT, GOES_ON, LEAST_AGREEING, OCCLUDER, OUTSIDE, UNSEEN,
+};
+use crate::scales::detail::Detail;
+use crate::scales::flat_areas::{FlatArea, flat_areas, grown, shortened};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::{Plane, zeroed};
@@ -98,14 +115,21 @@ struct Drawn {
 pub fn draw(map: &mut Disparity, pair: &Pair, level: Level, control: &Control) -> Result<()> {
     let Some(confidence) = &map.confidence else { return Ok(()) };
     let [left, _] = pair.views();
-    let areas = flat_areas(left.gray(), left.scale().reach(), level, control)?;
+    let (gray, lost) = shortened(left.gray(), left.scale().reach());
+    let areas = flat_areas(&gray, level, control)?;
+    if areas.is_empty() {
+        return Ok(());
+    }
 
-    let size = (confidence.rows(), confidence.cols());
-    let around = window_means(size, FEW, |y| confidence.row(y).iter().copied(), level)?;
+    // Whoever has floats may have rounded them anyhow.
+    let rounding = left.scale().step().map_or(0.0, |step| left.scale().steps(step));
+    let detail = Detail::new(&gray, rounding / f64::from(1u32 << lost), level, control)?;
     let scene = Scene {
         disparity: &map.disparity,
+        flags: &map.flags,
         confidence,
-        around: &around,
+        around: &means_around(confidence, level)?,
+        faint: None,
         // Nothing lies behind infinity.
         least: if pair.candidates().min() >= 0 { 0.0 } else { f32::NEG_INFINITY },
         level,
@@ -114,12 +138,53 @@ pub fn draw(map: &mut Disparity, pair: &Pair, level: Level, control: &Control) -
 
     // Every plane competes with the map as it was matched.
     let drawn: Result<Vec<_>> = areas.par_iter().map(|area| scene.drawn(area)).collect();
+    let (drawn, unseen) = scene.with_second_attempts(&areas, drawn?, &detail)?;
+    let blank = detail.blank(level, control)?;
 
-    for Drawn { surface, rows } in drawn?.into_iter().flatten() {
-        for (y, pixels) in rows {
+    for drawn in drawn {
+        drawn.write(map);
+    }
+    for unseen in [blank, unseen].into_iter().flatten() {
+        doubt(map, &unseen);
+    }
+    Ok(())
+}
+
+/// Mean confidences of a few pixels.
+fn means_around(confidence: &Plane<f32>, level: Level) -> Result<Plane<f32>> {
+    let size = (confidence.rows(), confidence.cols());
+    window_means(size, FEW, |y| confidence.row(y).iter().copied(), level)
+}
+
+/// Bounds the confidences of pixels without evidence; their bars follow.
+fn doubt(map: &mut Disparity, unseen: &Plane<bool>) {
+    let Some(confidence) = &mut map.confidence else { return };
+    let confidence = confidence.as_mut_slice().iter_mut();
+    let bars = map.uncertainty.iter_mut().flat_map(|bars| bars.as_mut_slice().iter_mut().map(Some));
+    let bars = bars.chain(iter::repeat_with(|| None));
+
+    for ((confidence, bar), unseen) in confidence.zip(bars).zip(unseen.as_slice()) {
+        if *unseen && *confidence > UNSEEN {
+            *confidence = UNSEEN;
+            if let Some(bar) = bar {
+                *bar = bar.max(bar_of(UNSEEN));
+            }
+        }
+    }
+}
+
+/// The error bar of an inferred disparity, pixels.
+fn bar_of(confidence: f32) -> f32 {
+    9.0 * (1.0 - confidence) / confidence
+}
+
+impl Drawn {
+    /// Writes what is drawn into a map.
+    fn write(self, map: &mut Disparity) {
+        for (y, pixels) in self.rows {
             for (x, confidence) in pixels {
                 let x = x as usize;
-                map.disparity.row_mut(y)[x] = surface.disparity(y, x);
+                map.disparity.row_mut(y)[x] = self.surface.disparity(y, x);
                 let flags = &mut map.flags.row_mut(y)[x];
                 *flags = *flags & !(flag::FILLED | flag::COARSE) | flag::INFERRED;
 
@@ -127,21 +192,22 @@ pub fn draw(map: &mut Disparity, pair: &Pair, level: Level, control: &Control) -
                     plane.row_mut(y)[x] = confidence;
                 }
                 if let Some(plane) = &mut map.uncertainty {
-                    plane.row_mut(y)[x] = 9.0 * (1.0 - confidence) / confidence;
+                    plane.row_mut(y)[x] = bar_of(confidence);
                 }
             }
         }
     }
-
-    Ok(())
 }
 
 /// What planes are fitted to and compete with.
 struct Scene<'a> {
     disparity: &'a Plane<f32>,
+    flags: &'a Plane<u16>,
     confidence: &'a Plane<f32>,
     /// Mean confidences of a few pixels.
     around: &'a Plane<f32>,
+    /// Pixels that do not count.
+    faint: Option<&'a Plane<bool>>,
     /// Least disparity.
     least: f32,
     level: Level,
@@ -157,7 +223,51 @@ struct Frame {
 }
 
 impl Scene<'_> {
-    /// What is drawn of the plane of an area.
+    /// What is drawn, after second attempts at areas that have no plane, and the pixels that are doubted because of these.
+    fn with_second_attempts(
+        &self,
+        areas: &[FlatArea],
+        first: Vec<Option<Drawn>>,
+        detail: &Detail,
+    ) -> Result<(Vec<Drawn>, Option<Plane<bool>>)> {
+        let without: Vec<_> = areas
+            .iter()
+            .zip(&first)
+            .filter(|(_, drawn)| drawn.is_none())
+            .map(|(area, _)| area)
+            .collect();
+        let mut all: Vec<Drawn> = first.into_iter().flatten().collect();
+        if without.is_empty() || !detail.is_rounded() {
+            return Ok((all, None));
+        }
+
+        let faint = detail.at_most(FAINT);
+        let places = self.confidence.as_slice().iter().zip(faint.as_slice());
+        let bounded = places.map(|(own, faint)| if *faint { own.min(UNSEEN) } else { *own });
+        let mut confidence = Plane::new(faint.rows(), faint.cols())?;
+        confidence.as_mut_slice().iter_mut().zip(bounded).for_each(|(to, from)| *to = from);
+        let around = &means_around(&confidence, self.level)?;
+        let scene = Scene { confidence: &confidence, around, faint: Some(&faint), ..*self };
+
+        let second: Result<Vec<_>> = without.par_iter().map(|area| scene.drawn(area)).collect();
+        let mut unseen = None;
+        for (area, drawn) in without.into_iter().zip(second?) {
+            let Some(drawn) = drawn else { continue };
+            let unseen = unseen.get_or_insert(Plane::new(faint.rows(), faint.cols())?);
+            area.copy(&faint, unseen);
+            // What becomes the plane has the confidence of that.
+            for (y, pixels) in &drawn.rows {
+                for (x, _) in pixels {
+                    unseen.row_mut(*y)[*x as usize] = false;
+                }
+            }
+            all.push(drawn);
+        }
+
+        Ok((all, unseen))
+    }
+
+    /// What is drawn of the plane of an area; `None`: it has no plane.
     fn drawn(&self, area: &FlatArea) -> Result<Option<Drawn>> {
         let frame = self.frame(area)?;
         let samples = self.samples(&frame)?;
@@ -167,7 +277,7 @@ impl Scene<'_> {
         let size = (tiles.rows(), tiles.cols());
         let sum = |of: usize| tiles.as_slice().iter().map(|sums| f64::from(sums[of])).sum::<f64>();
         let whole = (sum(0) / sum(1)) as f32;
-        if whole <= 0.5 {
+        if whole <= LEAST_AGREEING[usize::from(self.faint.is_some())] {
             return Ok(None);
         }
 
@@ -203,22 +313,78 @@ impl Scene<'_> {
             }
         }
 
-        Ok(Some(Drawn { surface, rows }))
+        let mut drawn = Drawn { surface, rows };
+        if !drawn.rows.is_empty() && self.goes_on(area, surface)? {
+            self.bound(&mut drawn, &frame)?;
+        }
+        Ok(Some(drawn))
+    }
+
+    /// Whether a surface goes on around an area, so that the outline belongs to what lies before it.
+    fn goes_on(&self, area: &FlatArea, surface: Surface) -> Result<bool> {
+        let [from, to] = OUTSIDE;
+        let (rows, cols) = self.wider(area, to);
+        let [near, far] =
+            [from, to].map(|by| area.near((&rows, &cols), by, self.level, self.control));
+        let (near, far) = (near?, far?);
+
+        let (mut going_on, mut all) = (0u64, 0u64);
+        for (row, y) in rows.enumerate() {
+            let known = [self.disparity, self.confidence].map(|plane| &plane.row(y)[cols.clone()]);
+            let rings = [near.row(row), far.row(row)];
+            let flags = &self.flags.row(y)[cols.clone()];
+            let count = GoesOn { surface, place: (y, cols.start), known, flags, rings };
+            let [one, of] = self.level.run(count);
+            going_on += u64::from(one);
+            all += u64::from(of);
+        }
+        Ok(going_on as f64 > OCCLUDER * all as f64)
+    }
+
+    /// Bounds the confidences of what is drawn far from pixels that agree.
+    fn bound(&self, drawn: &mut Drawn, frame: &Frame) -> Result<()> {
+        let agreeing = Plane::from_fn(frame.rows.len(), frame.cols.len(), |row, col| {
+            let (y, x) = (frame.rows.start + row, frame.cols.start + col);
+            let is_near = (self.disparity.row(y)[x] - drawn.surface.disparity(y, x)).abs() < 1.0;
+            is_near && frame.weights.row(row)[col] > LEAST_WEIGHT
+        });
+        let near = grown(&agreeing, EVIDENCE_REACH, self.level, self.control)?;
+
+        for (y, pixels) in &mut drawn.rows {
+            let near = near.row(*y - frame.rows.start);
+            for (x, confidence) in pixels {
+                if !near[*x as usize - frame.cols.start] {
+                    *confidence = confidence.min(UNSEEN);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The rows and columns that hold an area and the pixels up to this distance around it.
+    fn wider(&self, area: &FlatArea, by: usize) -> (Range<usize>, Range<usize>) {
+        let wider = |range: &Range<usize>, most: usize| {
+            range.start.saturating_sub(by)..(range.end + by).min(most)
+        };
+        (wider(&area.rows, self.disparity.rows()), wider(&area.cols, self.disparity.cols()))
     }
 
     /// An area with the pixels that count for its plane.
     fn frame(&self, area: &FlatArea) -> Result<Frame> {
-        let wider = |range: &Range<usize>, most: usize| {
-            range.start.saturating_sub(RING)..(range.end + RING).min(most)
-        };
-        let rows = wider(&area.rows, self.disparity.rows());
-        let cols = wider(&area.cols, self.disparity.cols());
-
+        let (rows, cols) = self.wider(area, RING);
         let near = area.near((&rows, &cols), RING, self.level, self.control)?;
         let size = (rows.len(), cols.len());
         let weights = Plane::by_rows(size, self.control, |row, weights: &mut [f32]| {
             let confidences = &self.confidence.row(rows.start + row)[cols.clone()];
             self.level.run(Weigh { confidences, near: near.row(row), weights });
+            if let Some(faint) = self.faint {
+                let faint = &faint.row(rows.start + row)[cols.clone()];
+                weights
+                    .iter_mut()
+                    .zip(faint)
+                    .filter(|(_, faint)| **faint)
+                    .for_each(|(w, _)| *w = 0.0);
+            }
         })?;
 
         Ok(Frame { rows, cols, weights })
@@ -317,6 +483,39 @@ impl Loop for Weigh<'_> {
         for ((weight, confidence), is_near) in places {
             *weight = if *is_near { confidence * confidence } else { 0.0 };
         }
+    }
+}
+
+/// Counts the pixels of a row between two rings that are sure and near a surface, and all between them. The row begins at a
+/// place.
+struct GoesOn<'a> {
+    surface: Surface,
+    place: (usize, usize),
+    /// Disparities and confidences.
+    known: [&'a [f32]; 2],
+    flags: &'a [u16],
+    rings: [&'a [bool]; 2],
+}
+
+impl Loop for GoesOn<'_> {
+    type Output = [u32; 2];
+
+    #[inline(always)]
+    fn run(self) -> [u32; 2] {
+        let Self { surface, place: (y, first), known: [disparity, confidence], flags, rings } =
+            self;
+        let [mut going_on, mut all] = [0; 2];
+        let known = disparity.iter().zip(confidence).zip(flags);
+        let places = known.zip(rings[0].iter().zip(rings[1]));
+        for (i, (((disparity, confidence), flags), (near, far))) in places.enumerate() {
+            let is_between = far & !near;
+            let is_near = (disparity - surface.disparity(y, first + i)).abs() < GOES_ON;
+            // What a smaller copy decides has no outline.
+            let is_sure = (confidence * confidence > LEAST_WEIGHT) & (flags & flag::COARSE == 0);
+            all += u32::from(is_between);
+            going_on += u32::from(is_between & is_near & is_sure);
+        }
+        [going_on, all]
     }
 }
 

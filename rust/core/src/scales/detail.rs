@@ -1,0 +1,85 @@
+//! How much an image shows around each pixel: what is left of its gray values without their means nearby.
+//!
+//! ```text
+//! rest   = g - mean of g over 7 x 7 pixels
+//! detail = root mean square of rest over 9 x 9 pixels
+//! blank  = detail <= BLANK steps of rounding, opened by 5 x 5, and so for 8 px around
+//! ```
+//!
+//! In a blank area the codes are those of rounding, or of nothing. A pixel there may match, and even agree with others, but not
+//! by what the image shows.
+
+use crate::scales::choices::{BLANK, BLANK_DEPTH, BLANK_LEAST, DETAIL_RADIUS, SMOOTH_RADIUS};
+use crate::scales::flat_areas::{grown, shrunk};
+use phasestereo_match::base::control::Control;
+use phasestereo_match::base::error::Result;
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::simd::Level;
+use phasestereo_match::image::window_sums::{Beyond, Windows};
+
+/// Parts of a step of gray values that a rest has.
+const PARTS: i64 = 16;
+/// Rows that one task takes.
+const BAND: usize = 32;
+
+/// The detail around each pixel of an image.
+pub struct Detail {
+    /// Mean squares, in squares of parts of a step.
+    squares: Plane<f32>,
+    /// One step of rounding, in the same parts.
+    rounding: f64,
+}
+
+impl Detail {
+    /// The detail of an image of gray values of 15 bits, which were rounded to multiples of this step; 0: floats.
+    pub fn new(gray: &Plane<i32>, rounding: f64, level: Level, control: &Control) -> Result<Self> {
+        let size = (gray.rows(), gray.cols());
+        let windows = |radius: usize| Windows { size, radius, beyond: Beyond::Nothing };
+
+        let means = windows(SMOOTH_RADIUS);
+        let rest = Plane::by_bands(size, BAND, |first, band| {
+            control.checkpoint()?;
+            let values = |y: usize| gray.row(y).iter().map(|gray| [*gray]);
+            let rest = |y: usize, x: usize, [sum]: [i32; 1]| {
+                let count = means.pixels(y, x) as i32;
+                (PARTS as i32 * (count * gray.row(y)[x] - sum)) / count
+            };
+            means.write((first, band), values, rest, level)
+        })?;
+
+        let around = windows(DETAIL_RADIUS);
+        let squares = Plane::by_bands(size, BAND, |first, band| {
+            control.checkpoint()?;
+            let values = |y: usize| rest.row(y).iter().map(|rest| [i64::from(*rest).pow(2)]);
+            let mean = |y: usize, x: usize, [sum]: [i64; 1]| {
+                (sum as f64 / f64::from(around.pixels(y, x))) as f32
+            };
+            around.write((first, band), values, mean, level)
+        })?;
+
+        Ok(Self { squares, rounding: rounding * PARTS as f64 })
+    }
+
+    /// Whether gray values were rounded, so that hardly any detail is more than none.
+    pub fn is_rounded(&self) -> bool {
+        self.rounding > 0.0
+    }
+
+    /// The pixels whose detail is at most this number of steps of rounding.
+    pub fn at_most(&self, steps: f64) -> Plane<bool> {
+        let most = (steps * self.rounding).powi(2) as f32;
+        self.squares.map(|square| *square <= most)
+    }
+
+    /// The pixels deep in blank areas; `None`: there are none.
+    pub fn blank(&self, level: Level, control: &Control) -> Result<Option<Plane<bool>>> {
+        let blank = self.at_most(BLANK);
+        if !blank.as_slice().contains(&true) {
+            return Ok(None);
+        }
+
+        let wide = shrunk(&blank, BLANK_LEAST, level, control)?;
+        let wide = grown(&wide, BLANK_LEAST, level, control)?;
+        shrunk(&wide, BLANK_DEPTH, level, control).map(Some)
+    }
+}
