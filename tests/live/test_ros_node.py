@@ -81,8 +81,11 @@ class Synchronizer:
 @pytest.fixture
 def node(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Any]]:
     """Return what makes a node with some parameters."""
-    modules = {name: ModuleType(name) for name in ("rclpy", "rclpy.node", "rclpy.qos")}
+    modules = {
+        name: ModuleType(name) for name in ("rclpy", "rclpy.executors", "rclpy.node", "rclpy.qos")
+    }
     modules["rclpy.node"].Node = Node  # type: ignore[attr-defined]
+    modules["rclpy.executors"].ExternalShutdownException = Exception  # type: ignore[attr-defined]
     for name in ("sensor_data", "system_default"):
         setattr(modules["rclpy.qos"], f"qos_profile_{name}", name)
 

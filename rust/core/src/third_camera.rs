@@ -191,7 +191,7 @@ struct Area {
 }
 
 impl ThirdCamera {
-    /// A camera of a matrix (its skew is 0), with images of so many rows and columns.
+    /// A camera of a matrix (its skew is 0), with images of `size`: rows, columns.
     pub fn new(
         matrix: &Matrix,
         lens: Lens,

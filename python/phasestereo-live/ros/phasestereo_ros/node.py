@@ -18,6 +18,7 @@ import message_filters
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data, qos_profile_system_default
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
@@ -223,6 +224,8 @@ def main() -> None:
     node = PhasestereoNode()
     try:
         rclpy.spin(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass  # how nodes are stopped
     finally:
         node.destroy_node()
-        rclpy.shutdown()
+        rclpy.try_shutdown()
