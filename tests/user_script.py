@@ -118,6 +118,16 @@ def verified(left: Image, right: Image, theirs: Map) -> Map:
     return np.where(refuted, found.better, theirs)
 
 
+def prepared(left: Image, right: Image) -> Map:
+    """Match by a network, and bring its map back."""
+    network = ps.matchers.load_matcher("onnx:net.onnx", threads=1)
+    pair: ps.Prepared = ps.prepare(left, right, max_disparity=network.max_disparity)
+    use(pair.done, pair.findings)
+    pair.restoration.save("back.json")
+    back = ps.Restoration.load("back.json")
+    return back.restore(network(pair.left, pair.right, pair.num_disparities), unit="pixels")
+
+
 def diagnosed(left: Image, right: Image) -> ps.Diagnosis:
     """Ask what is wrong with a pair."""
     estimate: ps.BlurEstimate = ps.estimate_blur(left, right, num_disparities=64)

@@ -41,9 +41,11 @@ __all__ = [
     "Matcher",
     "Mesh",
     "PointCloud",
+    "Prepared",
     "Rectification",
     "Rectified",
     "Registered",
+    "Restoration",
     "Result",
     "Rig",
     "SearchRange",
@@ -64,6 +66,7 @@ __all__ = [
     "match",
     "optimize",
     "point_cloud",
+    "prepare",
     "rectify",
     "register",
     "release_memory",
@@ -81,6 +84,7 @@ if TYPE_CHECKING:
     from phasestereo import rectification as rectification
     from phasestereo import views as views
     from phasestereo.calibration import StereoCalibration, calibrate
+    from phasestereo.preparation import Prepared, Restoration, prepare
     from phasestereo.rectification import Rectification, rectify
     from phasestereo.rig.diagnosis import Diagnosis, check
     from phasestereo.rig.estimation import estimate_blur
@@ -112,6 +116,8 @@ else:
                 import phasestereo.rectification as home
             case "views":
                 import phasestereo.views as home
+            case "Prepared" | "Restoration" | "prepare":
+                from phasestereo import preparation as home
             case "Diagnosis" | "check":
                 from phasestereo.rig import diagnosis as home
             case "estimate_blur":

@@ -29,6 +29,7 @@ __all__ = [
     "PRESETS",
     "SETTINGS",
     "VERDICTS",
+    "Back",
     "Rig",
     "Scale",
     "Setting",
@@ -51,6 +52,7 @@ __all__ = [
     "match_raw",
     "match_rows",
     "optimize_volume",
+    "prepare_pair",
     "preset",
     "rays_of_pixels",
     "rectify_pairs",
@@ -121,6 +123,17 @@ class Rig:
 @final
 class TemporalFilter:
     def __new__(cls) -> TemporalFilter: ...
+
+@final
+class Back:
+    def __new__(cls, written: str) -> Back: ...
+    @property
+    def text(self) -> str: ...
+    @property
+    def size(self) -> tuple[int, int]: ...
+    @property
+    def prepared_size(self) -> tuple[int, int]: ...
+    def restored(self, disparity: NDArray[np.float32]) -> NDArray[np.float32]: ...
 
 @final
 class Workers:
@@ -217,6 +230,15 @@ def match_pair(
     rig: Rig | None,
     reestimate: int,
 ) -> Result: ...
+def prepare_pair(
+    images: tuple[Pixels, Pixels],
+    masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
+    disparities: tuple[int, int | None],
+    max_disparity: int | None,
+    settings: Settings,
+    threads: int | Workers | None,
+    known: Known,
+) -> tuple[tuple[Pixels | None, Pixels | None], list[str], int, Back, Estimates]: ...
 def verify_map(
     images: tuple[Pixels, Pixels],
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],

@@ -14,6 +14,7 @@ from phasestereo.matchers import opencv
 from phasestereo_bench import available, method
 from phasestereo_bench.demo import SGBM
 from phasestereo_bench.methods import BASELINES
+from phasestereo_bench.rendering import render_pair
 
 RNG = np.random.default_rng(0)
 SHIFT, COUNT = 5, 16
@@ -70,6 +71,8 @@ def test_settings_by_name(spec: str, fields: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("spec", "error", "message"),
     [
+        ("prepared:", ValueError, "got 'prepared:'; accepts prepared:METHOD"),
+        ("prepared:papre", ValueError, "got 'papre'; accepts"),
         ("papre", ValueError, "got 'papre'; accepts robust, paper, fast, sad, nsad"),
         ("opencv:bgm", ValueError, "got 'opencv:bgm'; accepts"),
         ("+true-blur", ValueError, "got ''"),
@@ -112,6 +115,24 @@ def test_opencv_searches_at_least_so_many_disparities() -> None:
     for match in (opencv.match_bm, opencv.match_sgbm, partial(opencv.match_sgbm, mode="SGBM")):
         disparity = match(wide[:, :-19].copy(), wide[:, 19:].copy(), 20)
         assert np.nanmedian(disparity[:, 20:]) == pytest.approx(19, abs=0.5)
+
+
+def test_a_method_gets_a_prepared_pair_and_its_map_comes_back() -> None:
+    pytest.importorskip("cv2")
+    rendered = render_pair(3, height=160, width=240, num_disparities=64)
+    entrant, raw = method("prepared:sgbm"), method("opencv:sgbm")
+    assert (entrant.name, entrant.settings, entrant.told) == (
+        "prepared:opencv:sgbm",
+        raw.settings,
+        False,
+    )
+    truth: Any = rendered.truth
+    pair: tuple[Any, ...] = rendered.left, 255 - rendered.right, 64
+    found: list[Any] = [each.match(*pair) for each in (raw, entrant)]
+    mask = rendered.masks["nonocc"]
+    wrong = [ps.metrics.bad_pixels(disparity, truth, 1.0, mask) for disparity in found]
+    assert wrong[0] > 90
+    assert wrong[1] < 20
 
 
 def test_the_demo_has_the_same_sgbm() -> None:

@@ -201,6 +201,7 @@ class Samples:
         learned = ps.Rig(num_disparities=COUNT)
         learned.match(self.left, self.right)
         learned.save(self / "learned.txt")
+        ps.prepare(self.left, self.right).restoration.save(self / "back.json")
         # Its images need no rectification, and those of cameras that are to be exported do.
         raw = with_raw_cameras(self / "learned.txt", (48, 64))
         (self / "learned.txt").write_text(raw)
@@ -260,6 +261,7 @@ def doors(of: Samples) -> dict[str, list[tuple[str, Callable[[Path], Any]]]]:  #
         "check": ps.check,
         "estimate_blur": ps.estimate_blur,
         "match": partial(ps.match, **search),
+        "prepare": partial(ps.prepare, num_disparities=COUNT),
         "rectify": lambda a, b: ps.rectify(a, b, rig),
         "verify": lambda a, b: ps.verify(a, b, of.result.disparity),
     }
@@ -275,6 +277,9 @@ def doors(of: Samples) -> dict[str, list[tuple[str, Callable[[Path], Any]]]]:  #
     add("phasestereo.ThirdCamera.of_pair(calibration)", "rig.npz rig.yml",
         partial(ps.ThirdCamera.of_pair, size=(64, 48)))  # fmt: skip
     add("phasestereo.Rectification.load(path)", "rectification.npz", ps.Rectification.load)
+    add("phasestereo.Restoration.load(path)", "back.json", ps.Restoration.load)
+    add("phasestereo.Restoration.save(path)", ">a.json",
+        ps.Restoration.load(of / "back.json").save)  # fmt: skip
     add("phasestereo.Rig.load(path)", "learned.txt", ps.Rig.load)
     add("phasestereo.Rig.save(path)", ">a.txt", ps.Rig.load(of / "learned.txt").save)
     add("phasestereo.Rig.export(path)", ">a.yaml", ps.Rig.load(of / "learned.txt").export)
@@ -425,6 +430,19 @@ def _add_commands(add: Callable[..., None], of: Samples) -> None:
         "verify --picture": (">a.png", ("verify", left, right, of / "map.pfm", "--picture", ...)),
         "verify --better": (">a.npy", ("verify", left, right, of / "map.pfm", "--better", ...)),
         "verify --verdict": (">a.png", ("verify", left, right, of / "map.pfm", "--verdict", ...)),
+        "prepare LEFT": ("left.png", ("prepare", ..., right, "--json")),
+        "prepare RIGHT": ("right.png", ("prepare", left, ..., "--json")),
+        "prepare --output": (">a.png", ("prepare", left, right, "-o", ..., of / "r.png")),
+        "prepare --back": (">a.json", ("prepare", left, right, "--back", ...)),
+        "restore DISPARITY": (
+            "map.pfm", ("restore", ..., "--back", of / "back.json", "-o", of / "d.npy")
+        ),
+        "restore --back": (
+            "back.json", ("restore", of / "map.pfm", "--back", ..., "-o", of / "d.npy")
+        ),
+        "restore --output": (
+            ">a.npy", ("restore", of / "map.pfm", "--back", of / "back.json", "-o", ...)
+        ),
         "rectify LEFT": ("left.png", ("rectify", ..., right, *known)),
         "rectify RIGHT": ("right.png", ("rectify", left, ..., *known)),
         "rectify --calibration": ("rig.npz rig.yml", ("rectify", left, right, *known[:2], ...)),

@@ -252,6 +252,10 @@ CONTENTS: dict[str, tuple[Callable[[], bytes], tuple[str, ...]]] = {
     "long.yml": (lambda: b"K1: [" + b"1, " * 2**20 + b"1]\n", RIGS),
     "numbers.yml": (lambda: b"a: [" + b"1.5, " * 26_000 + b"1]\n", RIGS),
     "entities.xml": (entities, RIGS),
+    "restoration.json": (
+        lambda: b"phasestereo back 1\n" + b'{"size":[9,9],"runs":[' + b"1," * 2**21 + b"1]}",
+        ("load_restoration",),
+    ),
     "line.csv": (lambda: b"left,right\n" + b"," * 2**20, ("read_pairs",)),
     "line.jsonl": (lambda: b" " * 2**20, ("read_manifest",)),
     "arrays.npz": (lambda: many(300), ("read_q", "load_statistics")),
@@ -317,6 +321,7 @@ def readers() -> dict[str, Callable[[Path], Any]]:
         "read_q": ps.io.read_q,
         "read_depth": ps.io.read_depth,
         "read_rig": read_calibration,
+        "load_restoration": ps.Restoration.load,
         "load_statistics": load,
         "read_pairs": lambda path: batch.read_pairs(path, num_disparities=8),
         "read_manifest": batch.read_manifest,

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from phasestereo._extras import require
 from phasestereo.matchers import onnx, opencv
 from phasestereo.matching import match
+from phasestereo.preparation import prepare
 from phasestereo.rig.findings import MatchWarning
 from phasestereo.settings import PRESETS, Settings, resolve
 from phasestereo_bench import mccnn, networks, program
@@ -112,7 +113,9 @@ def method(spec: str | Matcher | Method) -> Method:
         ``"paper:neighborhood=11,window=9"``, ``"sad:p1=5,p2=8"``, and with
         ``"num_disparities=auto"`` given no range; ``"opencv:bm"``, ``"opencv:sgbm"``,
         ``"opencv:sgbm-3x3"`` or ``"opencv:sgbm-3way"``; a network by its file,
-        ``"hitnet:FILE.onnx"``, ``"onnx:FILE.onnx"``, or ``"mccnn"``; a program,
+        ``"hitnet:FILE.onnx"``, ``"onnx:FILE.onnx"``, or ``"mccnn"``; any of these after
+        ``"prepared:"``, as ``"prepared:sgbm"``: on what `phasestereo.prepare` makes of the pair, of
+        which it is given no range; a program,
         ``"program:COMMAND {left} {right} {num_disparities} {output}"``;
         ``"package.module:function"``; any of these followed by ``"+true-blur"``. Or such a
         function itself; or a `Method`, returned as it is.
@@ -228,6 +231,24 @@ def _network(name: str, path: str) -> Method:
     return Method(label, partial(onnx.match_onnx, path=path, threads=1), settings)
 
 
+def _prepared(name: str, rest: str) -> Method:
+    """Return a method on prepared pairs; OpenCV's may be named as `load_matcher` names them."""
+    if not rest:
+        raise ValueError(f"method: got {name!r}; accepts prepared:METHOD")
+    inner = _named(f"opencv:{rest}" if rest in ("sgbm", "bm") else rest)
+    label = f"prepared:{inner.name}"
+    return Method(label, partial(_match_prepared, inner=inner), inner.settings, told=False)
+
+
+def _match_prepared(left: Image, right: Image, _num_disparities: int, *, inner: Method) -> Map:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MatchWarning)
+        pair = prepare(left, right, threads=1)
+
+    found = inner.match(pair.left, pair.right, pair.num_disparities)
+    return pair.restore(found[0] if isinstance(found, tuple) else found)
+
+
 def _mccnn(name: str, rest: str) -> Method:
     if rest:
         raise ValueError(f"method: got {name!r}; mccnn takes no settings")
@@ -246,6 +267,7 @@ _FROM_OUTSIDE: Mapping[str, Callable[[str, str], Method]] = {
     "hitnet": _network,
     "onnx": _network,
     "mccnn": _mccnn,
+    "prepared": _prepared,
     "program": _program,
 }
 """What makes methods of things that are no functions: called with the name, and what follows it."""

@@ -91,6 +91,16 @@ app.command(
     help="Judge a disparity map of any origin by the images that it is of.",
 )
 app.command(
+    "phasestereo.cli.prepare:prepare",
+    name="prepare",
+    help="Prepare a pair for another matcher: rectified, rows aligned, equally sharp and bright.",
+)
+app.command(
+    "phasestereo.cli.prepare:restore",
+    name="restore",
+    help="Bring a map of a prepared pair back into the left image as it came.",
+)
+app.command(
     "phasestereo.cli.rectify:rectify",
     name="rectify",
     help="Rectify a stereo pair, by a calibration or from the images alone.",

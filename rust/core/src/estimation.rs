@@ -31,6 +31,7 @@ pub mod tracks;
 
 use std::borrow::Cow;
 use std::ops::Range;
+use std::sync::Arc;
 use std::time::Duration;
 
 pub use self::blur::defects::gray_levels;
@@ -40,7 +41,7 @@ use self::blur::rough::{self, RoughMatch};
 use self::compensation_plan::CompensationPlan;
 pub use self::estimates::Estimates;
 use self::facts::{Fact, Facts, Rows};
-use self::overview::{Overview, RoughMap};
+use self::overview::{Overview, RoughMap, Seen};
 use self::photometry::{Contrast, Photometry, Scales};
 use self::range::{LeftOut, SearchRange};
 use self::rows::RowOffsets;
@@ -94,9 +95,11 @@ pub fn complete(
 
     // Fields are of the pair as it came: its even rows have none.
     let fields = before.photometry.map_or([0; 2], |found| found.fields);
-    let (pair, after) = completed(even_rows(&pair, fields), facts, settings, runtime)?;
+    let changed = fields.map(|shift| shift != 0);
+    let (pair, after) = completed(even_rows(&pair, changed), facts, settings, runtime)?;
     let photometry = after.photometry.map(|found| Photometry { fields, ..found });
-    Ok((pair, Estimates { photometry, time: before.time + after.time, ..after }))
+    let time = before.time + after.time;
+    Ok((pair, Estimates { photometry, even_rows: changed, time, ..after }))
 }
 
 /// Completes what is known of a pair in which no image is interlaced.
@@ -147,11 +150,12 @@ fn is_interlaced(estimates: &Estimates, facts: &Facts, settings: &Settings) -> b
     has_fields && may_resample && !estimates.is_inverted
 }
 
-/// The pair with images whose odd rows are the means of the even ones beside them, where the fields of an image differ.
-fn even_rows(pair: &Pair, fields: [i32; 2]) -> Pair {
+/// The pair with odd rows that are the means of the even ones beside them, in the left or the right image or both.
+pub fn even_rows(pair: &Pair, changed: [bool; 2]) -> Pair {
     let [left, right] = pair.views();
-    let of_rows = |view: &View, shift| if shift == 0 { view.clone() } else { view.of_even_rows() };
-    pair.with_views([of_rows(left, fields[0]), of_rows(right, fields[1])])
+    let of_rows =
+        |view: &View, changes: bool| if changes { view.of_even_rows() } else { view.clone() };
+    pair.with_views([of_rows(left, changed[0]), of_rows(right, changed[1])])
 }
 
 /// A pair that is made ready for its match by what is known and what was estimated of it.
@@ -285,6 +289,8 @@ impl Estimates {
             candidates,
             confidence: geometry.map(|geometry| geometry.matched().confidence),
             is_inverted,
+            even_rows: [false; 2],
+            seen: geometry.map(|geometry| Arc::new(geometry.seen_disparities())),
             range,
             left_out,
             offsets: geometry.and_then(|geometry| geometry.offsets.clone()),
@@ -319,6 +325,8 @@ impl Estimates {
             candidates: facts.candidates.clone().unwrap_or(Fact::estimated(candidates)),
             confidence: None,
             is_inverted: facts.is_inverted,
+            even_rows: [false; 2],
+            seen: None,
             range: None,
             left_out: vec![],
             offsets: None,
@@ -420,6 +428,11 @@ impl Geometry {
     /// The rough match that is better: of all disparities where [`Self::seen`] has a range, else of the known ones.
     fn matched(&self) -> &RoughMap {
         self.wide.as_ref().filter(|_| self.seen().is_some()).unwrap_or(&self.rough)
+    }
+
+    /// The better rough match, in pixels of the whole images.
+    fn seen_disparities(&self) -> Seen {
+        self.matched().seen(self.overview().factor)
     }
 
     fn rough_match(&self) -> RoughMatch {

@@ -42,6 +42,7 @@ mod tests {
     const SIZE: (usize, usize) = (200, 300);
     const EVEN: Contrast = Contrast { gain: 1.0, gamma: 1.0, ratio: 1.0, ends: [1.0; 2] };
     const PHOTOMETRY: Photometry = Photometry {
+        black: 0.0,
         range: 255.0,
         saturation: [Saturation { dark: 0.0, bright: 0.0 }; 2],
         flat: [0.1; 2],

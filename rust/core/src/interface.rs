@@ -12,6 +12,8 @@ use crate::estimation::{Estimates, Prepared, complete};
 use crate::finding::{Finding, Severity, Topic};
 use crate::findings;
 use crate::match_pair::{Matched, Rectified, match_pair};
+use crate::preparation::back::Back;
+use crate::preparation::{Preparation, prepared_for_others};
 use crate::rectification::calibration::Calibration;
 use crate::rectification::warp::Interpolation;
 use crate::rectification::{rectify_views, warp};
@@ -79,6 +81,34 @@ pub struct Verification {
     pub findings: Vec<Finding>,
     /// The own match.
     pub own: Match,
+}
+
+/// A pair that any other matcher can use.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct PreparedPair {
+    /// Left and right image, of one size and type; disparities begin at 0.
+    pub images: [Image; 2],
+    /// What was done, in sentences; empty: nothing.
+    pub done: Vec<String>,
+    /// Number of disparities, from 0 on.
+    pub num_disparities: usize,
+    /// What is worth knowing about the pair.
+    pub findings: Vec<Finding>,
+    back: Back,
+}
+
+impl PreparedPair {
+    /// A disparity map of the prepared pair as one of the left image as it came, in pixels; what is not finite is missing. A map of
+    /// another size is in pixels of its own.
+    pub fn restore(&self, map: &Plane<f32>) -> Result<Plane<f32>> {
+        self.back.restored(map, &Control::default())
+    }
+
+    /// Rows and columns of the left image as it came.
+    pub fn size(&self) -> (usize, usize) {
+        self.back.size()
+    }
 }
 
 impl Matcher {
@@ -174,6 +204,32 @@ impl Matcher {
             let (pair, estimates) = complete(pair, &facts, &self.settings, runtime)?;
             Ok(findings::with_findings(estimates, &pair, &self.settings))
         })
+    }
+
+    /// Prepares two images for any other matcher; `max_disparity` is the largest disparity that it can answer, from 1. The other
+    /// arguments are those of [`Self::match_pair`].
+    pub fn prepare(
+        &self,
+        left: Image,
+        right: Image,
+        disparities: impl Into<Option<Range<i64>>>,
+        max_disparity: impl Into<Option<i64>>,
+    ) -> Result<PreparedPair> {
+        let inputs = [left.into_input(), right.into_input()];
+        let given = disparities.into().map(|Range { start, end }| -> Result<_> {
+            let count = end.saturating_sub(start);
+            Ok(Fact::given(Candidates::new(start, count, inputs[0].size().1)?))
+        });
+        let facts = Facts { candidates: given.transpose()?, ..Facts::default() };
+
+        let most = max_disparity.into();
+        let made = self.on_threads(&Control::default(), |runtime| {
+            prepared_for_others(inputs, &facts, most, &self.settings, runtime)
+        })?;
+
+        let Preparation { images, done, num_disparities, back, estimates, .. } = made;
+        let images = images.map(Image::of_input);
+        Ok(PreparedPair { images, done, num_disparities, findings: estimates.findings, back })
     }
 
     /// Judges a disparity map of the left image, in pixels; what is not finite claims nothing. The pair is matched anew.

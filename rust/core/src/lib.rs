@@ -12,7 +12,7 @@
 //!    areas become planes.
 //! 5. `findings`: what is worth knowing about the pair and the match becomes sentences.
 //!
-//! `video` does the same for frame after frame of two cameras, which it learns from. `verification` judges a disparity map of
+//! `preparation` makes a pair that any other matcher can use of what 1 and 2 have found. `video` does the same for frame after frame of two cameras, which it learns from. `verification` judges a disparity map of
 //! another origin by a match of its own and by the costs of both. `interface` takes images that are slices, matches them on
 //! threads that are kept, and returns the map with all there is to say about it.
 //!
@@ -23,6 +23,7 @@ mod finding;
 mod findings;
 mod interface;
 mod match_pair;
+mod preparation;
 mod rectification;
 mod scales;
 mod self_check;
@@ -34,7 +35,7 @@ pub use estimation::Estimates;
 pub use finding::{Finding, Severity, Topic};
 pub use interface::image::{Image, Pixel};
 pub use interface::rig::Rig;
-pub use interface::{Match, Matcher, Verification};
+pub use interface::{Match, Matcher, PreparedPair, Verification};
 pub use match_pair::Rectified;
 pub use phasestereo_match::base::control::Control;
 pub use phasestereo_match::base::error::{Error, Result};
@@ -89,5 +90,5 @@ macro_rules! open {
 }
 
 open! {
-    estimation finding findings match_pair rectification scales self_check third_camera verification video
+    estimation finding findings match_pair preparation rectification scales self_check third_camera verification video
 }

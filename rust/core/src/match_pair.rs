@@ -32,7 +32,31 @@ pub fn match_pair(
     settings: &Settings,
     runtime: Runtime,
 ) -> Result<Matched> {
+    let Ready { prepared, raw, .. } = made_ready(pair, facts, settings, runtime)?;
+    let map = match_over_scales(&prepared, settings, runtime)?;
+    Matched::new(raw, map, prepared, runtime.control)
+}
+
+/// A pair that is ready to be matched.
+#[derive(Debug)]
+pub struct Ready {
+    /// The pair, with what was estimated of it: the rectified one, if it was rectified.
+    pub prepared: Prepared,
+    /// The cameras by which it was.
+    pub raw: Option<Arc<Raw>>,
+    /// Whether the odd rows of the images, before they were rectified, became means of the even ones.
+    pub even_rows: [bool; 2],
+}
+
+/// Makes a pair ready of which some facts are known.
+pub fn made_ready(
+    pair: Pair,
+    facts: &Facts,
+    settings: &Settings,
+    runtime: Runtime,
+) -> Result<Ready> {
     let (pair, estimates) = complete(pair, facts, settings, runtime)?;
+    let even_rows = estimates.even_rows;
     let attempt = rectify_if_needed(&pair, &estimates, facts, settings, runtime)?;
     let (pair, mut estimates, facts, raw, refusal) = match attempt {
         Attempt::None => (pair, estimates, facts.clone(), None, None),
@@ -50,8 +74,7 @@ pub fn match_pair(
     estimates.findings.extend(raw.iter().map(|raw| findings::rectified(&raw.rectification)));
 
     let prepared = prepare(pair, estimates, &facts, settings, runtime)?;
-    let map = match_over_scales(&prepared, settings, runtime)?;
-    Matched::new(raw, map, prepared, runtime.control)
+    Ok(Ready { prepared, raw, even_rows })
 }
 
 /// What became of a pair that was rectified for its match.

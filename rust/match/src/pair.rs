@@ -218,6 +218,7 @@ fn check_sizes((rows, cols): (usize, usize), right: (usize, usize)) -> Result<()
     Err(Error::value("right", got, format!("the size of left, {rows} x {cols}")))
 }
 
-fn is_same_type(left: &Input, right: &Input) -> bool {
+/// Whether the pixels of both images are of one type.
+pub fn is_same_type(left: &Input, right: &Input) -> bool {
     mem::discriminant(&left.image) == mem::discriminant(&right.image)
 }

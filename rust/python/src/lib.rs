@@ -7,6 +7,7 @@ mod arguments;
 mod failure;
 mod known;
 mod objects;
+mod preparation;
 mod reader;
 mod rig;
 mod settings;
@@ -32,6 +33,7 @@ use self::arguments::{
 use self::failure::{Failure, Result};
 use self::known::{read_known, read_noise_of_pair};
 use self::objects::{Asked, Matched, Object};
+use self::preparation::{Back, prepare_pair};
 use self::reader::{Reader, Scale};
 use self::rig::Rig;
 use self::settings::{Setting, every_setting, read_settings, write_settings};
@@ -61,7 +63,6 @@ use phasestereo_match::cost::aggregation::{Window, aggregate};
 use phasestereo_match::descriptor::{Codes, describe};
 use phasestereo_match::image::conversion::view_of_input;
 use phasestereo_match::image::intensity::Gray;
-use phasestereo_match::image::pixels::Image;
 use phasestereo_match::image::texture::Roughness;
 use phasestereo_match::matcher::footprint;
 use phasestereo_match::matcher::halo::Halo;
@@ -100,11 +101,12 @@ mod _core {
 
     #[pymodule_export]
     use super::{
-        Rig, Scale, Setting, TemporalFilter, Workers, aggregate_volume, check_blur_compensation,
-        check_noise, check_settings, cost_volume, descriptor, estimate_pair, estimate_pair_by_rows,
-        find_roughness, find_scale, fit_right, halo, match_pair, match_raw, match_rows,
-        optimize_volume, preset, rays_of_pixels, rectify_pairs, register_depths, release_memory,
-        rows_to_tally, self_check, simd_level, verify_map, working_memory,
+        Back, Rig, Scale, Setting, TemporalFilter, Workers, aggregate_volume,
+        check_blur_compensation, check_noise, check_settings, cost_volume, descriptor,
+        estimate_pair, estimate_pair_by_rows, find_roughness, find_scale, fit_right, halo,
+        match_pair, match_raw, match_rows, optimize_volume, prepare_pair, preset, rays_of_pixels,
+        rectify_pairs, register_depths, release_memory, rows_to_tally, self_check, simd_level,
+        verify_map, working_memory,
     };
 
     #[pymodule_init]
@@ -255,12 +257,7 @@ fn rectify_pairs<'py>(
 fn fit_right<'py>(py: Python<'py>, images: Both<'py>) -> Result<Bound<'py, PyAny>> {
     let none = py.None().into_bound(py);
     let [left, right] = read_inputs(&images, &(none.clone(), none))?;
-    Ok(match resized_right([&left, &right])?.image {
-        Image::U8(pixels) => pixels.into_pyarray(py).into_any(),
-        Image::U16(pixels) => pixels.into_pyarray(py).into_any(),
-        Image::F32(pixels) => pixels.into_pyarray(py).into_any(),
-        Image::F64(pixels) => pixels.into_pyarray(py).into_any(),
-    })
+    Ok(objects::pixels(py, resized_right([&left, &right])?.image))
 }
 
 /// The estimates of a pair, without a match.

@@ -18,6 +18,7 @@ use phasestereo::internals::verification::Verification;
 use phasestereo::{Calibration, Estimates, Rectified};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::plane::Plane;
+use phasestereo_match::image::pixels::Image;
 use phasestereo_match::matcher::Disparity;
 use phasestereo_match::matcher::summary::Summary;
 
@@ -363,4 +364,14 @@ fn findings_of(py: Python<'_>, findings: Vec<Finding>) -> Result<Bound<'_, PyTup
         )
     });
     Ok(PyTuple::new(py, findings.collect::<Result<Vec<_>>>()?)?)
+}
+
+/// An image as an array, rows x columns x channels.
+pub fn pixels(py: Python<'_>, image: Image) -> Bound<'_, PyAny> {
+    match image {
+        Image::U8(pixels) => pixels.into_pyarray(py).into_any(),
+        Image::U16(pixels) => pixels.into_pyarray(py).into_any(),
+        Image::F32(pixels) => pixels.into_pyarray(py).into_any(),
+        Image::F64(pixels) => pixels.into_pyarray(py).into_any(),
+    }
 }

@@ -1,20 +1,17 @@
 //! The second opinion on a disparity map, for Python.
 
-use ndarray::Dimension;
-use numpy::{PyArray2, PyArrayMethods};
-use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 
-use crate::arguments::{Both, read_any_images, values};
+use crate::arguments::{Both, read_any_images};
 use crate::failure::Result;
 use crate::known::read_known;
 use crate::objects::{Asked, Object, verification};
+use crate::preparation::read_map;
 use crate::settings::read_settings;
 use crate::supervisor::supervised;
 use crate::workers::Pool;
 use phasestereo::internals::findings;
 use phasestereo::internals::verification::verify;
-use phasestereo_match::base::plane::Plane;
 use phasestereo_match::matcher::summary::Summary;
 
 /// Judges a disparity map; the own match is as `match_pair` returns it.
@@ -47,15 +44,4 @@ pub fn verify_map<'py>(
     let said = findings::of_match(&judged.prepared.estimates, &summary, (rows, cols));
     let asked = Asked { settings, known, is_searched: false, is_reused: false };
     verification(py, judged, summary, said, &asked)
-}
-
-/// Reads the map that is judged.
-fn read_map(disparity: &Bound<'_, PyAny>) -> Result<Plane<f32>> {
-    let Ok(array) = disparity.cast::<PyArray2<f32>>() else {
-        let message = "disparity: accepts a 2-D array of float32";
-        return Err(PyTypeError::new_err(message).into());
-    };
-
-    let (rows, cols) = array.dims().into_pattern();
-    Ok(Plane::from_vec(rows, cols, values(array)?)?)
 }

@@ -1,10 +1,12 @@
 //! What was estimated from a pair.
 
 use std::ops::Range;
+use std::sync::Arc;
 use std::time::Duration;
 
 use super::compensation_plan::CompensationPlan;
 use super::facts::Fact;
+use super::overview::Seen;
 use super::range::{LeftOut, SearchRange};
 use super::rows::RowOffsets;
 use crate::estimation::blur;
@@ -25,6 +27,10 @@ pub struct Estimates {
     /// Whether the images match once one of them is inverted, and not before. With `compensate_blur`, all else was then
     /// estimated with the negative of the right image.
     pub is_inverted: bool,
+    /// Whether the odd rows of the left and of the right image became means of the even ones.
+    pub even_rows: [bool; 2],
+    /// What the rough match of the reduced images saw, if there was one.
+    pub(crate) seen: Option<Arc<Seen>>,
     /// The range of disparities, if it was to be estimated, or the known one matches badly.
     pub range: Option<SearchRange>,
     /// Places that seem to have disparities that are not searched.

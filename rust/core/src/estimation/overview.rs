@@ -105,6 +105,17 @@ pub struct RoughMap {
     pub confidence: f64,
 }
 
+/// Disparities of reduced images, in pixels of the whole ones.
+#[derive(Debug)]
+pub struct Seen {
+    /// NaN where the images do not agree.
+    pub all: Plane<f32>,
+    /// NaN also where the match is not sure.
+    pub sure: Plane<f32>,
+    /// The factor by which the images are reduced.
+    pub factor: usize,
+}
+
 /// The disparities of copies that a rough match found, of which every pixel of the copies has one.
 #[derive(Debug, Clone, Copy)]
 pub struct Guess<'a> {
@@ -338,6 +349,13 @@ fn of_bands<T: Copy>(plane: &Plane<T>, bands: &[Range<usize>]) -> Result<Plane<T
 }
 
 impl RoughMap {
+    /// The disparities, of images that are reduced by a factor.
+    pub fn seen(&self, factor: usize) -> Seen {
+        let [all, sure] =
+            [&self.unsure, &self.disparity].map(|plane| plane.map(|d| d * factor as f32));
+        Seen { all, sure, factor }
+    }
+
     /// A matched map without its uncertain and masked pixels; the mean confidence is that of all valid ones.
     fn new(map: Disparity, valid: &Plane<bool>, field: Option<Alignment>) -> Self {
         let unsure = map.disparity;

@@ -60,6 +60,8 @@ pub struct Saturation {
 /// What the gray values of a pair say; of two values, that of the left image comes first.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Photometry {
+    /// Black, in units of the pixels.
+    pub black: f64,
     /// Black to white, in units of the pixels: what the bits in use can hold, or the range of floats.
     pub range: f64,
     /// Pixels at the ends of the values.
@@ -91,6 +93,7 @@ pub struct Scale {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scales {
     sides: [Scale; 2],
+    black: f64,
     range: f64,
 }
 
@@ -143,6 +146,7 @@ impl Photometry {
         })?;
 
         Ok(Self {
+            black: scales.black,
             range: scales.range,
             saturation: found.map(|counts| counts.saturation()),
             flat: found.map(|counts| share([counts.runs.flat, counts.runs.all])),
@@ -200,7 +204,7 @@ impl Scales {
             let black = black - scales[side].pixel(0.0);
             Scale { black: black * unit, width: range * unit, unit }
         };
-        Self { sides: [side(0), side(1)], range }
+        Self { sides: [side(0), side(1)], black, range }
     }
 
     /// How the gray levels of the reduced images correspond.

@@ -202,24 +202,7 @@ pub fn raw(
     cameras: &Cameras,
     control: &Control,
 ) -> Result<(Disparity, Plane<f32>)> {
-    let size @ (rows, cols) = (map.disparity.rows(), map.disparity.cols());
-    let nearest: Plane<u64> = Plane::by_rows(size, control, |y, out| {
-        for (x, index) in out.iter_mut().enumerate() {
-            let [u, v] = cameras.rectified([x as f64, y as f64], 0).map(f64::round);
-            let is_inside = (0.0..cols as f64).contains(&u) && (0.0..rows as f64).contains(&v);
-            // Places beyond the rectified image are the number of its pixels.
-            *index =
-                if is_inside { v as u64 * cols as u64 + u as u64 } else { (rows * cols) as u64 };
-        }
-    })?;
-
-    let claims: Plane<[f32; 3]> = Plane::by_rows(size, control, |y, out| {
-        for (x, (claim, index)) in out.iter_mut().zip(nearest.row(y)).enumerate() {
-            let disparity = map.disparity.as_slice().get(*index as usize).copied();
-            let claimed = disparity.and_then(|d| claim_of(cameras, [x as f64, y as f64], d));
-            *claim = claimed.unwrap_or([f32::NAN; 3]);
-        }
-    })?;
+    let (nearest, claims) = claims(&map.disparity, cameras, control)?;
 
     let flags = sampled(&map.flags, &nearest, flag::NO_CANDIDATE, control)?;
     let confidence = map.confidence.as_ref();
@@ -243,6 +226,44 @@ pub fn raw(
         timings: map.timings,
     };
     Ok((raw, claims.map(|claim| claim[1])))
+}
+
+/// Disparities of the rectified pair as those of the raw left image; NaN where there are none.
+pub fn raw_disparity(
+    disparity: &Plane<f32>,
+    cameras: &Cameras,
+    control: &Control,
+) -> Result<Plane<f32>> {
+    let (_, claims) = claims(disparity, cameras, control)?;
+    Ok(claims.map(|claim| claim[0]))
+}
+
+/// The rectified pixel that is nearest to each pixel of the raw left image, and what [`claim_of`] makes of its disparity.
+fn claims(
+    disparity: &Plane<f32>,
+    cameras: &Cameras,
+    control: &Control,
+) -> Result<(Plane<u64>, Plane<[f32; 3]>)> {
+    let size @ (rows, cols) = (disparity.rows(), disparity.cols());
+    let nearest: Plane<u64> = Plane::by_rows(size, control, |y, out| {
+        for (x, index) in out.iter_mut().enumerate() {
+            let [u, v] = cameras.rectified([x as f64, y as f64], 0).map(f64::round);
+            let is_inside = (0.0..cols as f64).contains(&u) && (0.0..rows as f64).contains(&v);
+            // Places beyond the rectified image are the number of its pixels.
+            *index =
+                if is_inside { v as u64 * cols as u64 + u as u64 } else { (rows * cols) as u64 };
+        }
+    })?;
+
+    let claims: Plane<[f32; 3]> = Plane::by_rows(size, control, |y, out| {
+        for (x, (claim, index)) in out.iter_mut().zip(nearest.row(y)).enumerate() {
+            let disparity = disparity.as_slice().get(*index as usize).copied();
+            let claimed = disparity.and_then(|d| claim_of(cameras, [x as f64, y as f64], d));
+            *claim = claimed.unwrap_or([f32::NAN; 3]);
+        }
+    })?;
+
+    Ok((nearest, claims))
 }
 
 /// Of a raw left pixel with a rectified disparity: by how many columns it is farther left in the raw right image, by how many rows

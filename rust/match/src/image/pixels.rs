@@ -1,8 +1,9 @@
 //! Images as callers hand them over: pixels of four types, in one channel or three.
 
-use ndarray::{Array3, ArrayView2, Axis};
+use ndarray::{Array3, ArrayView2, Axis, s};
 
 use crate::base::error::{Error, Result};
+use crate::base::plane::{Plane, zeroed};
 use crate::base::simd::{Level, Loop};
 use crate::image::masking::{Mask, filled_along_columns};
 use crate::image::resampling::TAPS;
@@ -55,6 +56,16 @@ impl Image {
     /// Rows, columns and channels.
     pub fn shape(&self) -> (usize, usize, usize) {
         of_any_type!(self, pixels => pixels.dim())
+    }
+
+    /// Channels of so many rows and columns as an image of the type of this one: each value becomes the nearest.
+    pub fn of_channels(&self, channels: &[Plane<f64>]) -> Result<Self> {
+        Ok(match self {
+            Self::U8(_) => Self::U8(joined(channels)?),
+            Self::U16(_) => Self::U16(joined(channels)?),
+            Self::F32(_) => Self::F32(joined(channels)?),
+            Self::F64(_) => Self::F64(joined(channels)?),
+        })
     }
 
     /// Appends the integers that row `y` consists of, in multiples of a step, from 0 to `ends[1] - ends[0]`,
@@ -176,6 +187,17 @@ impl Input {
             .map_err(|fault| Error::value("image", fault, "values of every pixel"))
     }
 
+    /// One of its channels.
+    pub fn channel(&self, channel: usize) -> Self {
+        let image = match &self.image {
+            Image::U8(pixels) => Image::U8(channel_of(pixels, channel)),
+            Image::U16(pixels) => Image::U16(channel_of(pixels, channel)),
+            Image::F32(pixels) => Image::F32(channel_of(pixels, channel)),
+            Image::F64(pixels) => Image::F64(channel_of(pixels, channel)),
+        };
+        Self { image, mask: self.mask.clone(), unit: self.unit }
+    }
+
     /// Rows and columns.
     pub fn size(&self) -> (usize, usize) {
         let (rows, cols, _) = self.image.shape();
@@ -241,6 +263,23 @@ impl Input {
         let mut values = pixels.indexed_iter().map(|((y, x, _), &value)| (y, x, value.into()));
         values.find(|&(y, x, value)| is_fault(value) && self.is_valid(y, x))
     }
+}
+
+fn channel_of<T: Copy>(pixels: &Array3<T>, channel: usize) -> Array3<T> {
+    pixels.slice(s![.., .., channel..=channel]).to_owned()
+}
+
+/// Channels as pixels of a type.
+fn joined<T: Channel>(channels: &[Plane<f64>]) -> Result<Array3<T>> {
+    let (rows, cols) = channels.first().map_or((0, 0), |plane| (plane.rows(), plane.cols()));
+    let mut values = zeroed(rows * cols * channels.len())?;
+    for (c, plane) in channels.iter().enumerate() {
+        for (to, value) in values.iter_mut().skip(c).step_by(channels.len()).zip(plane.as_slice()) {
+            *to = T::nearest(*value);
+        }
+    }
+    Array3::from_shape_vec((rows, cols, channels.len()), values)
+        .map_err(|fault| Error::value("image", fault, "values of every pixel"))
 }
 
 /// A channel in double precision.

@@ -1,0 +1,275 @@
+"""A pair that any matcher can use, and the maps of others back in the left image as it came."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias, Unpack
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from phasestereo import _core
+from phasestereo._images import ImageOrPath, Map, Pixels, as_array
+from phasestereo._numbers import as_integer
+from phasestereo._opening import opened_valid
+from phasestereo.io.drafts import replacing
+from phasestereo.io.files import StrPath, named, open_regular, read_bounded
+from phasestereo.known import Known, as_known
+from phasestereo.rig.findings import Finding, warn
+from phasestereo.settings import PresetName, Settings, SettingsOverrides, resolve
+
+__all__ = ["Prepared", "Restoration", "Unit", "prepare"]
+
+Unit: TypeAlias = Literal["pixels", "sixteenths"]
+"""What 1 stands for in a map: a pixel, or what OpenCV's matchers return, 1/16 of one."""
+
+_MOST_TEXT = 2**23  # bytes: the runs of a mask with a million edges
+_UNITS = {"pixels": 1.0, "sixteenths": 1 / 16}
+
+
+class Restoration:
+    """How maps of a prepared pair become maps of the left image as it came.
+
+    `prepare` makes it, `save` writes it, `load` reads it. It can be pickled.
+    """
+
+    __slots__ = ("_core",)
+
+    def __init__(self, core: _core.Back) -> None:
+        self._core = core
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Rows and columns of the left image as it came."""
+        return self._core.size
+
+    @property
+    def prepared_size(self) -> tuple[int, int]:
+        """Rows and columns of the prepared images."""
+        return self._core.prepared_size
+
+    def restore(self, disparity: ArrayLike, *, unit: Unit | None = None) -> Map:
+        """Return a map of the prepared pair as one of the left image as it came.
+
+        Parameters
+        ----------
+        disparity
+            The map of the prepared left image: a left pixel at column x shows what the right one
+            shows at column ``x - disparity``. Integers or floats; what is not finite is missing.
+            A map of a smaller or larger size, as some networks return, has disparities in pixels of
+            its own.
+        unit
+            "pixels"; or "sixteenths" of a pixel, in which negative values are missing, as OpenCV's
+            matchers return them. None: pixels; int16 is refused, since it is either.
+
+        Returns
+        -------
+        ndarray
+            float32 (H, W) of the left image as it came, pixels: left pixel (x, y) corresponds to
+            column ``x - disparity`` of the right image as it came, as in `Result.disparity`. NaN
+            where the map has none, or where the pixel is masked or not in the prepared image.
+
+        Raises
+        ------
+        TypeError
+            If it is not an array of real numbers.
+        ValueError
+            If it has another shape, or is int16 and no unit is given.
+
+        Examples
+        --------
+        >>> pair = ps.prepare(left, right)
+        >>> disparity = pair.restore(np.full(pair.left.shape[:2], 7.5))
+        """
+        return self._core.restored(_as_pixels(disparity, unit))
+
+    def save(self, path: StrPath) -> None:
+        """Write it to a text file (JSON), which `load` reads to the bit.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        """
+        with replacing(path) as file:
+            file.write(self._core.text.encode())
+
+    @classmethod
+    def load(cls, path: StrPath) -> Restoration:
+        """Read what `save` has written.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be read.
+        ValueError
+            If it is not a saved restoration, or damaged.
+        """
+        with named(str(path)), open_regular(path) as file:
+            return cls(_core.Back(read_bounded(file, _MOST_TEXT).decode()))
+
+    def __reduce__(self) -> tuple[Any, tuple[str]]:
+        return _restoration, (self._core.text,)
+
+    def __repr__(self) -> str:
+        (rows, cols), (high, wide) = self.prepared_size, self.size
+        return f"<Restoration from {cols}x{rows} to {wide}x{high}>"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prepared:
+    """A pair that any matcher can use; `prepare` makes it. It can be pickled.
+
+    Parameters
+    ----------
+    left, right
+        The images, of one size and dtype, (H, W), (H, W, 1) or (H, W, 3) as they came; their
+        disparities begin at 0. One to which nothing had to be done is as it came, without alpha.
+    done
+        What was done, one sentence each; empty: nothing.
+    num_disparities
+        How many disparities, from 0 on, the pair has.
+    restoration
+        How maps of the pair come back, to be saved.
+    findings
+        What is worth knowing about the pair, as of a match.
+    """
+
+    left: NDArray[Any]
+    right: NDArray[Any]
+    done: tuple[str, ...]
+    num_disparities: int
+    restoration: Restoration
+    findings: tuple[Finding, ...] = ()
+
+    def restore(self, disparity: ArrayLike, *, unit: Unit | None = None) -> Map:
+        """Return a map of the prepared pair as one of the left image as it came.
+
+        Parameters, result and errors are those of `Restoration.restore`.
+        """
+        return self.restoration.restore(disparity, unit=unit)
+
+    def __repr__(self) -> str:
+        rows, cols = self.left.shape[:2]
+        return (
+            f"<Prepared {cols}x{rows}, {self.num_disparities} disparities, {len(self.done)} done>"
+        )
+
+
+def prepare(
+    left: ImageOrPath,
+    right: ImageOrPath,
+    *,
+    max_disparity: int | None = None,
+    num_disparities: int | None = None,
+    min_disparity: int = 0,
+    preset: PresetName | None = None,
+    settings: Settings | None = None,
+    threads: int | None = None,
+    left_mask: ArrayLike | None = None,
+    right_mask: ArrayLike | None = None,
+    known: Known | None = None,
+    **overrides: Unpack[SettingsOverrides],
+) -> Prepared:
+    """Prepare a pair for any other matcher, by what `match` finds out about it.
+
+    The images are those that `match` compares: rectified if they are far from it, the rows of the
+    right one aligned, a negative inverted, impulses removed, the sharper one blurred like the other
+    one, area by area. Beyond that, the right one gets the gray levels of the left one where they
+    differ by more than a tenth, noise of some 10 gray levels and more is smoothed, and where many
+    disparities are negative, columns are added so that none is. Each channel is treated alike.
+    Where nothing is wrong, nothing is done. It takes the time that `match` takes for its estimates,
+    and that of the images.
+
+    Parameters
+    ----------
+    left, right, num_disparities, min_disparity, preset, settings, threads, left_mask, right_mask, \
+known, **overrides
+        As `match` takes them; ``align_rows=False`` leaves rows as they are,
+        ``self_rectify=False`` does not rectify, ``compensate_blur=False`` and ``denoise=False``
+        neither blur nor smooth.
+    max_disparity
+        The largest disparity that the other matcher can answer, pixels, from 1. Where the pair has
+        larger ones, they are made smaller: columns are cut off, and the images reduced by 2, 4, ...
+        64 if that is not enough. None: there is no limit.
+
+    Returns
+    -------
+    Prepared
+        Both images, what was done, and how maps come back.
+
+    Raises
+    ------
+    TypeError, ValueError, OSError, ImportError, MemoryError, KeyboardInterrupt
+        As `match`; ValueError also for a `max_disparity` that images reduced by 64 exceed.
+
+    Warns
+    -----
+    MatchWarning
+        If the pair is not fit to be matched, as `match`.
+
+    Examples
+    --------
+    >>> pair = ps.prepare(left, right)
+    >>> network = ps.matchers.load_matcher("sgbm")
+    >>> disparity = pair.restore(network(pair.left, pair.right, pair.num_disparities))
+
+    Notes
+    -----
+    Of one scene that is not known to the other matcher, bad-1.0 falls most where a rig is out of
+    order: HITNet with rows off by 4 px 66 % -> 5 %, turned by 5 degrees 70 -> 5, out of focus on
+    one side 55 -> 24. See the page "Use your network".
+    """
+    if max_disparity is not None:
+        max_disparity = as_integer("max_disparity", max_disparity, least=1)
+
+    arrays, pair, valid = opened_valid((left, right), (left_mask, right_mask))
+    images, done, count, back, estimates = _core.prepare_pair(
+        pair,
+        valid,
+        (min_disparity, num_disparities),
+        max_disparity,
+        resolve(preset, settings, overrides),
+        threads,
+        as_known(known),
+    )
+
+    warn(estimates.findings)
+    return Prepared(
+        left=_like(arrays[0], pair[0] if images[0] is None else images[0]),
+        right=_like(arrays[1], pair[1] if images[1] is None else images[1]),
+        done=tuple(done),
+        num_disparities=count,
+        restoration=Restoration(back),
+        findings=estimates.findings,
+    )
+
+
+def _like(given: NDArray[Any], pixels: Pixels) -> NDArray[Any]:
+    """Return pixels in as many dimensions as the image came with."""
+    return pixels[:, :, 0] if given.ndim == 2 else pixels
+
+
+def _restoration(text: str) -> Restoration:
+    return Restoration(_core.Back(text))
+
+
+def _as_pixels(disparity: ArrayLike, unit: Unit | None) -> Map:
+    values = as_array(disparity, "disparity")
+    if values.dtype.kind not in "iuf":
+        raise TypeError(f"disparity: got dtype {values.dtype}; accepts integers and floats")
+    if values.ndim != 2 or not values.size:
+        raise ValueError(f"disparity: got shape {values.shape}; accepts (H, W)")
+    if unit is None and values.dtype == np.int16:
+        raise ValueError(
+            "unit: got none for a map of int16; accepts 'sixteenths', as OpenCV's matchers return "
+            "them, or 'pixels'"
+        )
+    if unit not in (None, *_UNITS):
+        raise ValueError(f"unit: got {unit!r:.80}; accepts pixels, sixteenths or None")
+
+    with np.errstate(over="ignore"):  # what no float32 holds is missing
+        pixels = values.astype(np.float32) * np.float32(_UNITS[unit or "pixels"])
+    if unit == "sixteenths":
+        pixels[pixels < 0] = np.nan
+    return pixels

@@ -1,0 +1,103 @@
+//! What is done to a pair for other matchers, in sentences.
+
+use super::channels::Channels;
+use crate::match_pair::Ready;
+use crate::preparation::back::Back;
+use phasestereo_match::pair::blur_compensation::BlurCompensation;
+
+/// The right image alone.
+const RIGHT: [bool; 2] = [false, true];
+
+/// What is done: each sentence, and to which images.
+pub struct Work(Vec<([bool; 2], String)>);
+
+impl Work {
+    /// What is done to a pair.
+    pub fn new(ready: &Ready, channels: &Channels, back: &Back, is_converted: bool) -> Self {
+        let mut work = Self(vec![]);
+        let estimates = &ready.prepared.estimates;
+        let pair = &ready.prepared.pair;
+        if is_converted {
+            work.add(
+                RIGHT,
+                "the right image has the pixel type and the white of the left one".into(),
+            );
+        }
+        if let Some(fit) = pair.fit() {
+            let ((a, b), (c, d)) = (fit.from, fit.to);
+            work.add(
+                RIGHT,
+                format!("the right image is resampled from {b} x {a} to {d} x {c} pixels"),
+            );
+        }
+        work.add_to(ready.even_rows, "odd rows of {} are means of the even ones beside them");
+        if ready.raw.is_some() {
+            work.add([true; 2], "both images are rectified by what they show".into());
+            work.add_to(
+                estimates.even_rows,
+                "odd rows of {} are means of the even ones beside them",
+            );
+        }
+        if channels.is_inverted {
+            work.add(RIGHT, "the right image is inverted, since it is a negative".into());
+        }
+        let impulses = pair.blur_compensation().map_or([0.0; 2], BlurCompensation::impulses);
+        work.add_to(impulses.map(|height| height > 0.0), "impulses are removed from {}");
+        if let Some(field) = &estimates.alignment {
+            let most = field.bound();
+            work.add(RIGHT, format!("rows of the right image are aligned, by up to {most:.1} px"));
+        }
+        work.add_to(channels.smoothing.map(|by| by > 0.0), "noise is smoothed in {}");
+        for (side, name, other) in [(0, "left", "right"), (1, "right", "left")] {
+            if channels.kernels(side).iter().any(Option::is_some) {
+                let what = format!("the {name} image is blurred like the {other} one");
+                work.add([side == 0, side == 1], format!("{what}, where that one is softer"));
+            }
+        }
+        if let Some(tone) = channels.tone {
+            let (gain, gamma) = (tone.curve.gain, tone.curve.gamma);
+            let what = "gray levels of the right image become those of the left one";
+            work.add(RIGHT, format!("{what}: {gain:.2} x right ^ {gamma:.2}, black 0 to white 1"));
+        }
+        match back.shift() {
+            0 => {}
+            by if by > 0 => work.add(
+                [true; 2],
+                format!("disparities are {by} px larger: columns are added to both images"),
+            ),
+            by => work.add(
+                [true; 2],
+                format!("disparities are {} px smaller: columns are cut off both images", -by),
+            ),
+        }
+        if back.factor() > 1 {
+            work.add([true; 2], format!("both images are reduced by {}", back.factor()));
+        }
+        work
+    }
+
+    /// Whether anything is done to the left (0) or the right (1) image.
+    pub fn changes(&self, side: usize) -> bool {
+        self.0.iter().any(|(sides, _)| sides[side])
+    }
+
+    /// The sentences.
+    pub fn sentences(self) -> Vec<String> {
+        self.0.into_iter().map(|(_, sentence)| sentence).collect()
+    }
+
+    fn add(&mut self, sides: [bool; 2], sentence: String) {
+        self.0.push((sides, sentence));
+    }
+
+    /// A sentence about those images that it applies to, if there are any.
+    fn add_to(&mut self, sides: [bool; 2], sentence: &str) {
+        let which = match sides {
+            [false, false] => return,
+            [true, false] => "the left image",
+            [false, true] => "the right image",
+            [true, true] => "both images",
+        };
+        self.add(sides, sentence.replace("{}", which));
+    }
+}

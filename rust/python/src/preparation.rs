@@ -1,0 +1,108 @@
+//! Pairs that are prepared for other matchers, and maps that come back, for Python.
+
+use ndarray::Dimension;
+use numpy::{PyArray2, PyArrayMethods};
+use pyo3::exceptions::PyTypeError;
+use pyo3::prelude::*;
+
+use crate::arguments::{Both, read_inputs, read_search, values};
+use crate::failure::Result;
+use crate::known::read_known;
+use crate::objects::{Asked, Object, estimates, pixels};
+use crate::settings::read_settings;
+use crate::supervisor::supervised;
+use crate::workers::Pool;
+use crate::wrap;
+use phasestereo::internals::preparation::back;
+use phasestereo::internals::preparation::{Preparation, prepared_for_others};
+use phasestereo_match::base::plane::Plane;
+
+/// How maps of a prepared pair come back.
+#[pyclass(module = "phasestereo._core", frozen)]
+#[derive(Debug)]
+pub struct Back(back::Back);
+
+#[pymethods]
+impl Back {
+    /// What a text says.
+    #[new]
+    fn new(written: &str) -> Result<Self> {
+        Ok(Self(back::Back::read(written)?))
+    }
+
+    /// It as text.
+    #[getter]
+    fn text(&self) -> Result<String> {
+        Ok(self.0.written()?)
+    }
+
+    /// Rows and columns of the left image as it came.
+    #[getter]
+    fn size(&self) -> (usize, usize) {
+        self.0.size()
+    }
+
+    /// Rows and columns of the prepared images.
+    #[getter]
+    fn prepared_size(&self) -> (usize, usize) {
+        self.0.prepared_size()
+    }
+
+    /// A map of the prepared pair as one of the left image as it came.
+    fn restored<'py>(
+        &self,
+        py: Python<'py>,
+        disparity: &Bound<'py, PyAny>,
+    ) -> Result<Bound<'py, PyArray2<f32>>> {
+        let map = read_map(disparity)?;
+        let (back, size) = (self.0.clone(), self.0.size());
+        let found = supervised(py, &Pool::new(1)?, size.0, None, move |runtime| {
+            back.restored(&map, runtime.control)
+        })?;
+        wrap(py, found)
+    }
+}
+
+/// A pair for other matchers: both images (None: nothing had to be done), sentences, the number of disparities, the way back,
+/// and what was estimated.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "arguments that Python names")]
+#[expect(clippy::type_complexity, reason = "what Python unpacks")]
+pub fn prepare_pair<'py>(
+    py: Python<'py>,
+    images: Both<'py>,
+    masks: Both<'py>,
+    disparities: Both<'py>,
+    max_disparity: Option<i64>,
+    settings: Object<'py>,
+    threads: &Bound<'py, PyAny>,
+    known: Object<'py>,
+) -> Result<([Option<Bound<'py, PyAny>>; 2], Vec<String>, usize, Back, Object<'py>)> {
+    let asked = read_settings(&settings)?;
+    let search = read_search(&disparities)?;
+    let inputs = read_inputs(&images, &masks)?;
+    let size = inputs[0].size();
+    let told = read_known(&known, size, search)?;
+
+    let pool = Pool::for_argument(threads)?;
+    let made = supervised(py, &pool, size.0, None, move |runtime| {
+        prepared_for_others(inputs, &told, max_disparity, &asked, runtime)
+    })?;
+
+    let Preparation { images, changed, done, num_disparities, back, estimates: found } = made;
+    let mut changes = changed.into_iter();
+    let images = images.map(|image| changes.next()?.then(|| pixels(py, image.image)));
+    let asked = Asked { settings, known, is_searched: search.is_some(), is_reused: false };
+    Ok((images, done, num_disparities, Back(back), estimates(py, found, &asked)?))
+}
+
+/// Reads a disparity map.
+pub fn read_map(disparity: &Bound<'_, PyAny>) -> Result<Plane<f32>> {
+    let Ok(array) = disparity.cast::<PyArray2<f32>>() else {
+        let message = "disparity: accepts a 2-D array of float32";
+        return Err(PyTypeError::new_err(message).into());
+    };
+
+    let (rows, cols) = array.dims().into_pattern();
+    Ok(Plane::from_vec(rows, cols, values(array)?)?)
+}
