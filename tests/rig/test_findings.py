@@ -140,3 +140,27 @@ def test_notes_stay_while_estimates_are_reused(scene: tuple[Image, Image]) -> No
     assert again.blur.reused
     assert "blur" in {one.topic for one in first.findings}
     assert again.findings == first.findings
+
+
+def test_a_pattern_that_both_images_share_is_subtracted_and_reported(data: Path) -> None:
+    pair = find_scene(data / "middlebury", "Motorcycle").load()
+    pattern = 3 * np.random.default_rng(5).normal(size=(*pair.left.shape[:2], 1))
+    spoiled = [
+        np.rint(one + pattern).clip(0, 255).astype(np.uint8) for one in (pair.left, pair.right)
+    ]
+
+    def wrong(result: ps.Result) -> float:
+        assert pair.truth is not None
+        return float((np.abs(result.disparity - pair.truth)[pair.masks["nonocc"]] > 1).mean())
+
+    count = pair.num_disparities
+    found = ps.match(*spoiled, num_disparities=count)
+    estimated = {"align_rows": False, "compensate_blur": False, "denoise": False, "despike": False}
+    told: dict[str, Any] = {"num_disparities": count, **estimated}
+    as_it_is = ps.match(*spoiled, **told)
+    assert wrong(found) < 0.7 * wrong(as_it_is)
+
+    sharp = ps.match(pair.left, pair.right, num_disparities=count)
+    for result, is_spoiled in ((found, True), (ps.check(*spoiled), True), (sharp, False)):
+        sentences = [one.sentence for one in result.findings]
+        assert any("same faint pattern" in one for one in sentences) == is_spoiled

@@ -12,7 +12,8 @@
 //!
 //! Where nothing matches, the reduced images are tried once more with the negative of one. If that matches, all of the
 //! above is repeated with the negative of the right image, which is then matched, too. Where an image is interlaced, its odd rows
-//! become the means of the even ones beside them, and all is repeated.
+//! become the means of the even ones beside them, and all is repeated. A faint pattern that both images share is subtracted before
+//! anything else ([`shared_pattern`]), of pairs in memory.
 //!
 //! Everything is computed in a fixed order, and a pair that is read a few rows at a time gives the same to the bit.
 
@@ -27,6 +28,7 @@ pub mod photometry;
 pub mod range;
 pub mod registration;
 pub mod rows;
+pub mod shared_pattern;
 pub mod tracks;
 
 use std::borrow::Cow;
@@ -40,7 +42,7 @@ use self::blur::parts::PairRows;
 use self::blur::rough::{self, RoughMatch};
 use self::compensation_plan::CompensationPlan;
 pub use self::estimates::Estimates;
-use self::facts::{Fact, Facts, Rows};
+use self::facts::{Fact, Facts, Origin, Rows};
 use self::overview::{Overview, RoughMap, Seen};
 use self::photometry::{Contrast, Photometry, Scales};
 use self::range::{LeftOut, SearchRange};
@@ -81,14 +83,16 @@ struct Request<'a> {
 }
 
 /// Completes what is known of a pair: estimates what the settings ask for and is not known. Returns the pair that the estimates
-/// are of: inverted or of even rows alone where that is what the images are.
+/// are of: inverted, of even rows alone, or without a pattern that both share, where that is what the images are.
 pub fn complete(
     pair: Pair,
     facts: &Facts,
     settings: &Settings,
     runtime: Runtime,
 ) -> Result<(Pair, Estimates)> {
+    let (pair, shared_pattern) = without_shared_pattern(pair, facts, settings)?;
     let (pair, before) = completed(pair, facts, settings, runtime)?;
+    let before = Estimates { shared_pattern, ..before };
     if !is_interlaced(&before, facts, settings) {
         return Ok((pair, before));
     }
@@ -99,7 +103,23 @@ pub fn complete(
     let (pair, after) = completed(even_rows(&pair, changed), facts, settings, runtime)?;
     let photometry = after.photometry.map(|found| Photometry { fields, ..found });
     let time = before.time + after.time;
-    Ok((pair, Estimates { photometry, even_rows: changed, time, ..after }))
+    Ok((pair, Estimates { photometry, shared_pattern, even_rows: changed, time, ..after }))
+}
+
+/// The pair without a pattern that both images share, and the strength of that. Of later frames, of copies, and of resampled images
+/// more is known: the pair that they are of has been looked at.
+fn without_shared_pattern(
+    pair: Pair,
+    facts: &Facts,
+    settings: &Settings,
+) -> Result<(Pair, Option<f64>)> {
+    let is_known = facts.candidates.as_ref().is_some_and(|known| known.origin != Origin::Given);
+    if is_known || facts.is_of_these_pixels() || Request::new(facts, settings).is_empty() {
+        return Ok((pair, None));
+    }
+
+    let found = shared_pattern::removed(&pair)?;
+    Ok(found.map_or((pair, None), |(clean, strength)| (clean, Some(strength))))
 }
 
 /// Completes what is known of a pair in which no image is interlaced.
@@ -295,6 +315,7 @@ impl Estimates {
             left_out,
             offsets: geometry.and_then(|geometry| geometry.offsets.clone()),
             rows_apart: geometry.map_or(f64::INFINITY, |geometry| geometry.rows_apart),
+            shared_pattern: None,
             alignment: alignment.or_else(|| facts.aligned().cloned().flatten()),
             blur,
             photometry: Some(photometry),
@@ -331,6 +352,7 @@ impl Estimates {
             left_out: vec![],
             offsets: None,
             rows_apart: f64::INFINITY,
+            shared_pattern: None,
             alignment: facts.aligned().cloned().flatten(),
             blur: None,
             photometry: None,

@@ -39,6 +39,9 @@ pub struct Estimates {
     pub offsets: Option<RowOffsets>,
     /// How far apart rows stay by the best field of offsets, known well enough or not, pixels: infinite without one.
     pub rows_apart: f64,
+    /// The strength of a faint pattern that both images had at the same place, in units of the pixels; `None`: there was none.
+    /// All else is estimated without it.
+    pub shared_pattern: Option<f64>,
     /// The field by which the right image is straightened.
     pub alignment: Option<Alignment>,
     /// Noise and blur, if they were to be estimated.

@@ -119,6 +119,11 @@ table! {
     // A share of the range of gray levels.
     Noise, Levels([0.02, 0.05]), noise(known), NOISE, well(NOISE), remedy("more light, or less gain, would help"),
         cause("noise", 0.0);
+    Noise, Note, shared_pattern(known),
+        "both images have the same faint pattern of {0} gray levels at the same place, as of one camera that was moved, of dust \
+         or of film grain",
+        remedy("it is subtracted for the match; a dark frame or a flat field of the camera would remove all of it"),
+        cause("a pattern that both images share", 0.0);
     // The noise that would do as much harm, as a share of the range of gray levels.
     Coding, Levels([0.006, 0.03]), coding(known),
         "compression has left blocks in the {0} image, as harmful as noise of {1} gray levels",
@@ -509,6 +514,13 @@ fn noise(known: &Known) -> Vec<Measured> {
     let [left, right] = blur.noise.map(two_digits);
     let share = blur.noise[0].max(blur.noise[1]) / found.range;
     if lack.is_empty() { value(share, [left, right, five_digits(found.range)]) } else { lack }
+}
+
+fn shared_pattern(known: &Known) -> Vec<Measured> {
+    known
+        .estimates
+        .shared_pattern
+        .map_or(vec![], |strength| value(strength, [two_digits(strength)]))
 }
 
 fn coding(known: &Known) -> Vec<Measured> {
