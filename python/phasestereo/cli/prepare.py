@@ -61,7 +61,7 @@ def prepare(
     min_disparity
         Smallest disparity to search, with --num-disparities.
     threads
-        Number of threads; without it, as many as there are processors.
+        Number of threads; without it, one for each processor.
     as_json
         Print one JSON object on standard output: done, num_disparities, findings, files.
     """

@@ -136,7 +136,7 @@ impl Back {
         }
     }
 
-    /// Moved columns for one of a map of so many rows and columns.
+    /// Moved columns for one of a map of this many rows and columns.
     fn ratio(&self, (rows, cols): (usize, usize)) -> Result<f64> {
         let (prepared, moved) = (self.prepared_size(), self.moved());
         if (rows, cols) == prepared {

@@ -58,7 +58,7 @@ impl Image {
         of_any_type!(self, pixels => pixels.dim())
     }
 
-    /// Channels of so many rows and columns as an image of the type of this one: each value becomes the nearest.
+    /// Channels of this many rows and columns as an image of the type of this one: each value becomes the nearest.
     pub fn of_channels(&self, channels: &[Plane<f64>]) -> Result<Self> {
         Ok(match self {
             Self::U8(_) => Self::U8(joined(channels)?),
