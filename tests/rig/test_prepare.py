@@ -286,6 +286,7 @@ def test_units_sizes_and_gaps(made: ps.Prepared) -> None:
 
     expected = made.restore(pixels)
     assert expected.shape == made.restoration.size == (160, 240)
+    np.testing.assert_array_equal(made.restore(np.asfortranarray(pixels)), expected)
     np.testing.assert_array_equal(made.restore(sixteenths, unit="sixteenths"), expected)
     np.testing.assert_array_equal(made.restore(np.where(pixels > 0, pixels, np.inf)), expected)
     assert 0.7 < np.isfinite(expected).mean() < 0.95

@@ -99,6 +99,11 @@ def test_blur_and_light_are_no_reason_to_refute(scene: Scene) -> None:
     assert share(found, ps.Verdict.SUPPORTED, inside) > 0.6
 
 
+def test_the_order_of_a_map_in_memory_has_no_effect(scene: Scene, spoiled: Map) -> None:
+    expected = judge(scene, spoiled).verdict
+    np.testing.assert_array_equal(judge(scene, np.asfortranarray(spoiled)).verdict, expected)
+
+
 def test_what_is_not_finite_claims_nothing(scene: Scene, spoiled: Map) -> None:
     endless = spoiled.copy()
     endless[:10:2], endless[1:10:2] = np.inf, -np.inf

@@ -1,7 +1,7 @@
 //! Arguments from Python: converted to the types of the core, or refused by an exception that names the argument.
 
 use ndarray::{Array3, Dimension};
-use numpy::{Element, PyArray, PyArray2, PyArray3, PyArrayMethods};
+use numpy::{Element, PyArray, PyArray2, PyArray3, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyException, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyTuple};
@@ -145,9 +145,10 @@ where
     let array = array.try_readonly().map_err(internal)?;
 
     let mut copy = zeroed(array.as_array().len())?;
+    // Those of Fortran are contiguous, too, in another order.
     match array.as_slice() {
-        Ok(values) => copy.copy_from_slice(values),
-        Err(_) => copy.iter_mut().zip(array.as_array()).for_each(|(copy, value)| *copy = *value),
+        Ok(values) if array.is_c_contiguous() => copy.copy_from_slice(values),
+        _ => copy.iter_mut().zip(array.as_array()).for_each(|(copy, value)| *copy = *value),
     }
 
     Ok(copy)
