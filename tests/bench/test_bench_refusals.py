@@ -41,7 +41,7 @@ REFUSALS: list[tuple[Callable[[Path], object], type[Exception], str]] = [
     (
         lambda folder: job_groups(plant(folder / "middlebury", "x").parent, []),
         ValueError,
-        "there is none of",
+        "it has none of",
     ),
 ]
 

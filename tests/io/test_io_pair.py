@@ -140,8 +140,8 @@ def test_the_group_of_a_spatial_photograph_says_which_view_is_the_left_one(
 def test_what_is_no_spatial_photograph(tmp_path: Path) -> None:
     path = tmp_path / "some.heic"
     for content, message in (
-        (heic(LEVELS[:1], None), "layout: got None for .*some.heic, which holds one view"),
-        (heic(LEVELS[:2], [1, 2], b"altr"), "which holds one view"),
+        (heic(LEVELS[:1], None), "layout: got None for .*some.heic, and no right image"),
+        (heic(LEVELS[:2], [1, 2], b"altr"), "and no right image"),
         (heic(LEVELS, [1, 2, 3]), "some.heic: .*exactly two images"),
         (heic([LEVELS[0], LEVELS[1][:32]], [1, 2]), r"pictures of \(64, 96\) and \(32, 96\)"),
     ):

@@ -182,7 +182,9 @@ def test_made_pairs_are_as_the_oracle_has_them(psf: NDArray[np.float64] | None, 
 def test_blurs_of_both_images_are_as_the_oracle_has_them(
     left: NDArray[np.float64], right: NDArray[np.float64]
 ) -> None:
-    images = shots(left)[0], shots(right, "right")[1]
+    # Noise of their own: what is the same in both would be subtracted.
+    others = Degradation(right, noise=1, seed=1)(scene(SHIFT))
+    images = shots(left)[0], others
     found = ps.match(*images, num_disparities=COUNT, align_rows=False)
     assert found.blur is not None
     agree(found.blur, oracle_blur.estimate(oracle_blur.scene_of(*images, search=(0, COUNT))))

@@ -42,12 +42,12 @@ def test_real_exposure_is_found(data: Path) -> None:
     assert 1.5 < compared(left, dimmed).ratio < 2.0
 
 
-def test_saturated_pixels_are_counted_not_channels() -> None:
+def test_pixels_whose_gray_is_at_an_end_are_saturated() -> None:
     image = np.random.default_rng(0).integers(50, 200, (64, 80, 3), dtype=np.uint8)
-    image[:32, :, 0] = 255
-    image[16:48, :, 1] = 255
+    image[:32, :, 0] = 255  # red alone still shows differences
+    image[16:48] = 255
     image[:, :20] = 7
 
     found, _ = ps.check(image, image).saturation
-    assert found.bright == pytest.approx(0.75 * 0.75)
+    assert found.bright == pytest.approx(0.5 * 0.75)
     assert found.dark == pytest.approx(0.25)
