@@ -1,9 +1,10 @@
 //! Areas outside the run of disparities: as a naive search finds them, and where things were put.
 
 use crate::common::{hash, levels};
-use phasestereo::internals::estimation::areas::{Area, areas};
+use phasestereo::internals::estimation::areas::{Area, areas, fine_areas};
 use phasestereo::internals::estimation::overview::{Guess, Overview};
 use phasestereo_match::base::control::Control;
+use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
 use phasestereo_match::cost::Costs;
@@ -15,6 +16,7 @@ use phasestereo_match::matcher::{Execution, Matcher};
 use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::settings::Settings;
 use phasestereo_match::settings::presets::Preset;
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 /// Rows and columns of the copies.
 const SIZE: (usize, usize) = (61, 117);
@@ -32,8 +34,16 @@ fn as_view(plane: &Plane<f32>) -> View {
     view_of_plane(plane, IntensityRange { black: -128_000.0, white: 128_000.0 })
 }
 
-/// Copies of a background with things before it: top, rows, first column of the left image, columns, disparity.
-fn copies(things: &[(usize, usize, usize, usize, isize)]) -> Overview {
+/// Something before a background: top, rows, first column of the left image, columns, disparity.
+type Thing = (usize, usize, usize, usize, isize);
+
+/// Copies of a background with things before it.
+fn copies(things: &[Thing]) -> Overview {
+    copies_of(SIZE, FAR, things)
+}
+
+/// The same of a size, with a background at a disparity.
+fn copies_of(size: (usize, usize), far: isize, things: &[Thing]) -> Overview {
     let background = |y: usize, x: isize| noise(1, y, (x + 500) as usize);
     let seen = |y: usize, x: usize, is_right: bool| {
         let shift = |disparity: isize| if is_right { disparity } else { 0 };
@@ -47,12 +57,12 @@ fn copies(things: &[(usize, usize, usize, usize, isize)]) -> Overview {
             Some((number, (.., disparity))) => {
                 noise(number as u64 + 2, y, (x as isize + shift(*disparity) + 500) as usize)
             }
-            None => background(y, x as isize + shift(FAR)),
+            None => background(y, x as isize + shift(far)),
         }
     };
 
-    let plane = |is_right| Plane::from_fn(SIZE.0, SIZE.1, |y, x| seen(y, x, is_right));
-    let valid = Plane::from_fn(SIZE.0, SIZE.1, |y, x| y > 2 || x > 20);
+    let plane = |is_right| Plane::from_fn(size.0, size.1, |y, x| seen(y, x, is_right));
+    let valid = Plane::from_fn(size.0, size.1, |y, x| y > 2 || x > 20);
     Overview { factor: 1, planes: [plane(false), plane(true)], valid }
 }
 
@@ -73,67 +83,85 @@ fn guessed_on_smaller() -> Plane<f32> {
 }
 
 fn found(copies: &Overview, guess: Guess, threads: usize, level: Level) -> Vec<Area> {
+    run(threads, level, |runtime| areas(copies, guess, RUN, REACH, None, runtime))
+}
+
+fn run(
+    threads: usize,
+    level: Level,
+    search: impl FnOnce(Runtime) -> Result<Vec<Area>> + Send,
+) -> Vec<Area> {
     let matcher = Matcher::new(threads).expect("threads");
     let control = Control::default();
     let runtime =
         Runtime { matcher: &matcher, execution: Execution { threads, level }, control: &control };
 
-    matcher.install(|| areas(copies, guess, RUN, REACH, None, runtime)).expect("it runs")
+    matcher.install(|| search(runtime)).expect("it runs")
 }
 
 /// The sums of a pixel over its window by disparity; `None` where the match lies outside the image.
 struct Sums {
     costs: Plane<u16>,
+    cols: usize,
     low: isize,
     count: usize,
+    /// Rows, and columns, on either side of the middle of a window.
+    around: (isize, isize),
 }
 
+/// Windows of copies, of those that finer ones are searched by, and of the finer ones.
+const TALL: (isize, isize) = (4, 1);
+const FLAT: (isize, isize) = (1, 2);
+const SQUARE: (isize, isize) = (2, 2);
+
 impl Sums {
-    fn new(left: &View, right: &View, (low, high): (isize, isize)) -> Self {
+    fn new(
+        [left, right]: [&Plane<f32>; 2],
+        (low, high): (isize, isize),
+        around: (isize, isize),
+    ) -> Self {
+        let (rows, cols) = (left.rows(), left.cols());
         let count = (high - low + 1) as usize;
-        let candidates = Candidates::new(low as i64, count as i64, SIZE.1).expect("legal");
+        let candidates = Candidates::new(low as i64, count as i64, cols).expect("legal");
         let settings =
             Settings { neighborhood: 3, frequencies: (1, 1), ..Preset::Paper.settings() };
 
         let (level, control) = (Level::best(), Control::default());
+        let views = [left, right].map(as_view);
+        let [left, right] = views.each_ref();
         let costs = Costs::new([left, right], candidates, &settings, None, level, &control);
-        let costs = costs.expect("legal").volume(SIZE.0, level, &control).expect("it fits");
-        Self { costs, low, count }
+        let costs = costs.expect("legal").volume(rows, level, &control).expect("it fits");
+        Self { costs, cols, low, count, around }
     }
 
-    fn at(&self, y: usize, x: usize, disparity: isize) -> Option<u64> {
-        let k = usize::try_from(disparity - self.low).ok().filter(|k| *k < self.count)?;
-        if !(0..SIZE.1 as isize).contains(&(x as isize - disparity)) {
-            return None;
-        }
-
+    /// The pixels of the window of a pixel.
+    fn window(&self, y: usize, x: usize) -> impl Iterator<Item = (usize, usize)> + '_ {
         let clamped = |at: usize, by: isize, length: usize| {
             (at as isize + by).clamp(0, length as isize - 1) as usize
         };
-        let places = (-4..=4).flat_map(|dy| (-1..=1).map(move |dx| (dy, dx)));
-        Some(
-            places
-                .map(|(dy, dx)| {
-                    let column = clamped(x, dx, SIZE.1);
-                    u64::from(self.costs.row(clamped(y, dy, SIZE.0))[column * self.count + k])
-                })
-                .sum(),
-        )
+        let (up, across) = self.around;
+        let places = (-up..=up).flat_map(move |dy| (-across..=across).map(move |dx| (dy, dx)));
+        places.map(move |(dy, dx)| (clamped(y, dy, self.costs.rows()), clamped(x, dx, self.cols)))
+    }
+
+    /// The cost of one pixel.
+    fn cost(&self, y: usize, x: usize, disparity: isize) -> u64 {
+        u64::from(self.costs.row(y)[x * self.count + (disparity - self.low) as usize])
+    }
+
+    fn sees(&self, x: usize, disparity: isize) -> bool {
+        (self.low..self.low + self.count as isize).contains(&disparity)
+            && (0..self.cols as isize).contains(&(x as isize - disparity))
+    }
+
+    fn at(&self, y: usize, x: usize, disparity: isize) -> Option<u64> {
+        let sum = || self.window(y, x).map(|(y, x)| self.cost(y, x, disparity)).sum();
+        self.sees(x, disparity).then(sum)
     }
 
     /// The sum where every pixel of the window has a disparity of its own; matches outside the image are on its border.
     fn along(&self, y: usize, x: usize, disparity: impl Fn(usize, usize) -> isize) -> u64 {
-        let clamped = |at: usize, by: isize, length: usize| {
-            (at as isize + by).clamp(0, length as isize - 1) as usize
-        };
-        let places = (-4..=4).flat_map(|dy| (-1..=1).map(move |dx| (dy, dx)));
-        places
-            .map(|(dy, dx)| {
-                let (y, x) = (clamped(y, dy, SIZE.0), clamped(x, dx, SIZE.1));
-                let k = (disparity(y, x) - self.low) as usize;
-                u64::from(self.costs.row(y)[x * self.count + k])
-            })
-            .sum()
+        self.window(y, x).map(|(y, x)| self.cost(y, x, disparity(y, x))).sum()
     }
 
     /// The least sum over some disparities, and the first that has it.
@@ -146,21 +174,45 @@ impl Sums {
     }
 }
 
-/// A pixel, its disparity and its gain.
+/// A place, its disparity and its gain.
 type Member = ((usize, usize), (isize, u64));
 
-/// The areas by the definition.
-fn naive(copies: &Overview, guess: Guess) -> Vec<Area> {
-    let [left, right] = copies.planes.each_ref().map(as_view);
-    let (forward, back) =
-        (Sums::new(&left, &right, REACH), Sums::new(&right, &left, (-REACH.1, -REACH.0)));
-    let run = Sums::new(&left, &right, RUN);
-    let pixels: Vec<(usize, usize)> =
-        (0..SIZE.0).flat_map(|y| (0..SIZE.1).map(move |x| (y, x))).collect();
+/// A run of disparities, and those that are tried.
+#[derive(Clone, Copy)]
+struct Tried {
+    run: (isize, isize),
+    reach: (isize, isize),
+}
 
-    let along = |(y, x): (usize, usize)| run.least(y, x, |_| true).0;
-    let is_judged = |(y, x): (usize, usize)| {
-        copies.valid.row(y)[x] && (0..SIZE.1 as isize).contains(&(x as isize - 3))
+const TRIED: Tried = Tried { run: RUN, reach: REACH };
+
+fn median(mut sums: Vec<u64>) -> u64 {
+    sums.sort_unstable();
+    sums[sums.len() / 2]
+}
+
+/// The block of a pixel.
+fn block((y, x): (usize, usize)) -> (usize, usize) {
+    (y / 8, x / 8)
+}
+
+/// The pixels that cost much along the run, by the definition.
+fn doubtful(
+    copies: &Overview,
+    guess: Guess,
+    tried: Tried,
+    around: (isize, isize),
+) -> HashSet<(usize, usize)> {
+    let planes = copies.planes.each_ref();
+    let (rows, cols) = (planes[0].rows(), planes[0].cols());
+    let forward = Sums::new(planes, tried.reach, around);
+    let run = Sums::new(planes, tried.run, around);
+    let pixels: Vec<(usize, usize)> =
+        (0..rows).flat_map(|y| (0..cols).map(move |x| (y, x))).collect();
+
+    let middle = (tried.run.0 + tried.run.1).div_euclid(2);
+    let is_judged = |(y, x): &(usize, usize)| {
+        copies.valid.row(*y)[*x] && (0..cols as isize).contains(&(*x as isize - middle))
     };
     // The disparity that the rough match found at a pixel, or left of it.
     let rough = |y: usize, x: usize| {
@@ -169,85 +221,186 @@ fn naive(copies: &Overview, guess: Guess) -> Vec<Area> {
         let at = |x: usize| row[(x * guess.by / guess.finer).min(plane.cols() - 1)];
         let known = (0..=x).rev().map(at).find(|value| !value.is_nan());
         let scaled = |value: f32| value * guess.finer as f32 / guess.by as f32;
-        known
-            .map_or(isize::midpoint(RUN.0, RUN.1), |value| scaled(value).round_ties_even() as isize)
+        known.map_or(isize::midpoint(tried.run.0, tried.run.1), |value| {
+            scaled(value).round_ties_even() as isize
+        })
     };
     let within = guess.finer as isize / 2;
     let guessed = |(y, x): (usize, usize)| {
         let sums = (-within..=within).map(|off| forward.along(y, x, |y, x| rough(y, x) + off));
         sums.min().expect("one")
     };
-
     let guessed: Vec<u64> = pixels.iter().map(|at| guessed(*at)).collect();
-    let mut judged: Vec<u64> = pixels
-        .iter()
-        .zip(&guessed)
-        .filter(|(at, _)| is_judged(**at))
-        .map(|(_, sum)| *sum)
-        .collect();
-    judged.sort_unstable();
-    let median = judged[judged.len() / 2];
+    let judged = pixels.iter().zip(&guessed).filter(|(at, _)| is_judged(at));
+    let usual = median(judged.map(|(_, sum)| *sum).collect());
 
-    let (mut doubtful, mut many) = (vec![0; 100 * 100], vec![0; 100 * 100]);
-    for (at, sum) in pixels.iter().zip(guessed).filter(|(at, _)| is_judged(**at)) {
-        let block = at.0 / 8 * 100 + at.1 / 8;
-        doubtful[block] += usize::from(sum > median + 27);
-        many[block] += usize::from(along(*at) > median + 27);
+    let bits = 8 * (2 * around.0 + 1) * (2 * around.1 + 1);
+    let mut most = usual + bits as u64 / 8;
+    if around != TALL {
+        let other = Plane::from_fn(rows, cols, |y, x| planes[1].row((y + rows / 2) % rows)[x]);
+        most = most.min(u64::midpoint(usual, chance([planes[0], &other], tried.run, around)));
     }
 
-    // The disparity and the gain of the pixels that stand out.
-    let is_along = |disparity: isize| (RUN.0 - 1..=RUN.1 + 1).contains(&disparity);
-    let stands_out = |(y, x): (usize, usize)| {
-        let (own, disparity) = forward.least(y, x, |disparity| !is_along(disparity));
-        let others =
-            forward.least(y, x, |other| is_along(other) || (other - disparity).abs() > 2).0;
-        let block = y / 8 * 100 + x / 8;
-        let is_searched = doubtful[block] >= 10 && many[block] >= 10;
-        (is_searched && 8 * own < 7 * others).then(|| (disparity, others - own))
+    let many = |pixels: &mut dyn Iterator<Item = (usize, usize)>| {
+        let mut counts = HashMap::new();
+        let all: Vec<(usize, usize)> = pixels.collect();
+        for at in &all {
+            *counts.entry(block(*at)).or_insert(0) += 1;
+        }
+        all.into_iter().filter(move |at| counts[&block(*at)] >= 10).collect::<HashSet<_>>()
     };
-    let mut open: Vec<Option<(isize, u64)>> = pixels.iter().map(|at| stands_out(*at)).collect();
+    let much = pixels.iter().zip(&guessed).filter(|(at, sum)| is_judged(at) && **sum > most);
+    let first: HashSet<_> = many(&mut much.map(|(at, _)| *at)).into_iter().map(block).collect();
+    let along = |(y, x): (usize, usize)| run.least(y, x, |_| true).0;
+    let is_one =
+        |at: &(usize, usize)| is_judged(at) && first.contains(&block(*at)) && along(*at) > most;
+    pixels.into_iter().filter(is_one).collect()
+}
 
-    let mut found = vec![];
-    for start in 0..pixels.len() {
-        let Some(first) = open[start].take() else { continue };
-        let mut members = vec![(pixels[start], first)];
+/// The median of the least sums of unlike rows along the run, in blocks all over the image.
+fn chance(planes: [&Plane<f32>; 2], run: (isize, isize), around: (isize, isize)) -> u64 {
+    let along = Sums::new(planes, run, around);
+    let (rows, cols) = (planes[0].rows(), planes[0].cols());
+    let width = cols.div_ceil(8);
+    let step = (rows.div_ceil(8) * width / 64) | 1;
+    let pixels = (0..rows).flat_map(|y| (0..cols).map(move |x| (y, x)));
+    let sampled = pixels.filter(|at| (block(*at).0 * width + block(*at).1).is_multiple_of(step));
+    median(sampled.map(|(y, x)| along.least(y, x, |_| true).0).filter(|sum| *sum > 0).collect())
+}
+
+/// The members of what is connected over two rows and columns by disparities that differ by one at most.
+fn connected(found: &[Member]) -> Vec<Vec<Member>> {
+    let mut open: BTreeMap<(usize, usize), (isize, u64)> = found.iter().copied().collect();
+    let mut groups = vec![];
+    while let Some(first) = open.pop_first() {
+        let mut members = vec![first];
         let mut next = 0;
         while next < members.len() {
             let ((y, x), (disparity, _)) = members[next];
             next += 1;
-            for (dy, dx) in (-2..=2).flat_map(|dy| (-2..=2).map(move |dx| (dy, dx))) {
-                let (row, column) = (y as isize + dy, x as isize + dx);
-                let is_inside =
-                    (0..SIZE.0 as isize).contains(&row) && (0..SIZE.1 as isize).contains(&column);
-                let at = if is_inside { row as usize * SIZE.1 + column as usize } else { continue };
-                if open[at].is_some_and(|(other, _)| (other - disparity).abs() <= 1) {
-                    members.extend(open[at].take().map(|known| (pixels[at], known)));
+            for (row, column) in (y.saturating_sub(2)..=y + 2)
+                .flat_map(|row| (x.saturating_sub(2)..=x + 2).map(move |x| (row, x)))
+            {
+                if open.get(&(row, column)).is_some_and(|(other, _)| (other - disparity).abs() <= 1)
+                {
+                    members.extend(open.remove_entry(&(row, column)));
                 }
             }
         }
+        groups.push(members);
+    }
+    groups
+}
 
-        let is_seen = |((y, x), (disparity, _)): &Member| {
-            let column = (*x as isize - disparity) as usize;
-            (back.least(*y, column, |_| true).1 + disparity).abs() <= 2
-        };
+/// What stands out: the disparity outside the run with the least sum, and its gain.
+fn standing_out(
+    least: impl Fn(&dyn Fn(isize) -> bool) -> (u64, isize),
+    run: (isize, isize),
+) -> Option<(isize, u64)> {
+    let is_along = |disparity: isize| (run.0 - 1..=run.1 + 1).contains(&disparity);
+    let (own, disparity) = least(&|disparity| !is_along(disparity));
+    let others = least(&|other| is_along(other) || (other - disparity).abs() > 2).0;
+    (8 * own < 7 * others).then(|| (disparity, others - own))
+}
+
+/// The areas of these pixels by the definition.
+fn areas_of(
+    planes: [&Plane<f32>; 2],
+    tried: Tried,
+    around: (isize, isize),
+    is_searched: impl Fn((usize, usize)) -> bool,
+) -> Vec<Area> {
+    let Tried { run, reach } = tried;
+    let forward = Sums::new(planes, reach, around);
+    let back = Sums::new([planes[1], planes[0]], (-reach.1, -reach.0), around);
+    let (rows, cols) = (planes[0].rows(), planes[0].cols());
+    let pixels = (0..rows).flat_map(|y| (0..cols).map(move |x| (y, x)));
+    let found: Vec<Member> = pixels
+        .filter(|at| is_searched(*at))
+        .filter_map(|at| {
+            let one = standing_out(|is_one| forward.least(at.0, at.1, is_one), run)?;
+            Some((at, one))
+        })
+        .collect();
+
+    let is_seen = |((y, x), (disparity, _)): &Member| {
+        let column = (*x as isize - disparity) as usize;
+        (back.least(*y, column, |_| true).1 + disparity).abs() <= 2
+    };
+    let area = |members: Vec<Member>| {
         let ends = |of: &dyn Fn(&Member) -> isize| {
             let values = members.iter().map(of);
             (values.clone().min().expect("one"), values.max().expect("one"))
         };
-        let ((top, bottom), (first, last)) =
-            (ends(&|member| member.0.0 as isize), ends(&|member| member.0.1 as isize));
-        if members.len() >= 12 {
-            found.push(Area {
-                rows: top as usize..bottom as usize + 1,
-                columns: first as usize..last as usize + 1,
-                span: ends(&|member| member.1.0),
-                size: members.len(),
-                seen: members.iter().filter(|member| is_seen(member)).count(),
-                gain: members.iter().map(|member| member.1.1).sum(),
-            });
+        let (top, bottom) = ends(&|member| member.0.0 as isize);
+        let (first, last) = ends(&|member| member.0.1 as isize);
+        Area {
+            rows: top as usize..bottom as usize + 1,
+            columns: first as usize..last as usize + 1,
+            span: ends(&|member| member.1.0),
+            size: members.len(),
+            seen: members.iter().filter(|member| is_seen(member)).count(),
+            gain: members.iter().map(|member| member.1.1).sum(),
+        }
+    };
+    connected(&found).into_iter().filter(|members| members.len() >= 12).map(area).collect()
+}
+
+/// The areas of copies by the definition.
+fn naive(copies: &Overview, guess: Guess) -> Vec<Area> {
+    let doubtful = doubtful(copies, guess, TRIED, TALL);
+    let count = |at| doubtful.iter().filter(|other| block(**other) == block(at)).count();
+    areas_of(copies.planes.each_ref(), TRIED, TALL, |at| count(at) >= 10)
+}
+
+/// The areas of finer copies by the definition.
+fn naive_fine([finer, copies]: [&Overview; 2], guess: Guess, tried: Tried) -> Vec<Area> {
+    let by = copies.factor / finer.factor;
+    let scaled =
+        |(low, high): (isize, isize)| (low.div_euclid(by as isize), high.div_euclid(by as isize));
+    let coarse = Tried { run: scaled(tried.run), reach: scaled(tried.reach) };
+    let doubtful = doubtful(copies, guess, coarse, FLAT);
+
+    let planes = finer.planes.each_ref();
+    let (rows, cols) = (planes[0].rows(), planes[0].cols());
+    let alone = Sums::new(planes, tried.reach, (0, 0));
+    let is_voter = |(y, x): &(usize, usize)| doubtful.contains(&(y / by, x / by));
+    let vote = |at: (usize, usize)| -> Option<Member> {
+        let within = (8 * at.0..(8 * at.0 + 8).min(rows))
+            .flat_map(|y| (8 * at.1..(8 * at.1 + 8).min(cols)).map(move |x| (y, x)));
+        let voters: Vec<(usize, usize)> = within.filter(is_voter).collect();
+        let of_disparity = |disparity: isize| -> u64 {
+            let even = voters.iter().filter(|(y, _)| y % 2 == 0);
+            even.map(|(y, x)| alone.cost(*y, *x, disparity)).sum::<u64>().min(255)
+        };
+        let least = |is_one: &dyn Fn(isize) -> bool| {
+            (tried.reach.0..=tried.reach.1)
+                .filter(|disparity| is_one(*disparity) && alone.sees(8 * at.1, *disparity))
+                .map(|disparity| (of_disparity(disparity), disparity))
+                .min_by_key(|(sum, _)| *sum)
+                .unwrap_or((255, isize::MIN))
+        };
+        // A voter of the copies stands for a square here, also beyond the last row or column.
+        let count = doubtful.iter().filter(|(y, x)| (y * by / 8, x * by / 8) == at).count();
+        (count * by * by >= 10)
+            .then(|| standing_out(least, tried.run))
+            .flatten()
+            .map(|one| (at, one))
+    };
+    let blocks = (0..rows.div_ceil(8)).flat_map(|y| (0..cols.div_ceil(8)).map(move |x| (y, x)));
+    let votes: Vec<Member> = blocks.filter_map(vote).collect();
+    let mut nominated = HashSet::new();
+    for members in connected(&votes) {
+        if members.iter().map(|member| member.1.1).sum::<u64>() >= 15 {
+            for ((y, x), _) in members {
+                nominated.extend(
+                    (y.saturating_sub(1)..=y + 1)
+                        .flat_map(|y| (x.saturating_sub(1)..=x + 1).map(move |x| (y, x))),
+                );
+            }
         }
     }
-    found
+    areas_of(planes, tried, SQUARE, |at| nominated.contains(&block(at)))
 }
 
 #[test]
@@ -266,6 +419,42 @@ fn areas_are_those_of_the_definition() {
             for threads in [1, 3] {
                 assert_eq!(found(&copies, guess, threads, level), expected, "{}", level.name());
             }
+        }
+    }
+}
+
+/// Things a few pixels high or wide before a background, as finer copies show them, and these reduced.
+fn fine_copies() -> [Overview; 2] {
+    let things = [(30, 5, 110, 60, 61), (60, 60, 140, 5, 70), (90, 9, 60, 9, 48)];
+    let finer = copies_of((122, 234), 4, &things);
+    let half = |plane: &Plane<f32>| {
+        Plane::from_fn(61, 117, |y, x| {
+            let [above, below] = [plane.row(2 * y), plane.row(2 * y + 1)];
+            (above[2 * x] + above[2 * x + 1] + below[2 * x] + below[2 * x + 1]) / 4.0
+        })
+    };
+    let planes = finer.planes.each_ref().map(half);
+    let valid = Plane::from_fn(61, 117, |y, x| y > 2 || x > 20);
+    [finer, Overview { factor: 2, planes, valid }]
+}
+
+#[test]
+fn areas_of_finer_copies_are_those_of_the_definition() {
+    let [finer, copies] = fine_copies();
+    let tried = Tried { run: (2, 11), reach: (-10, 100) };
+    let is_unknown = |y: usize, x: usize| hash(97, y, x).is_multiple_of(16);
+    let guess = Plane::from_fn(61, 117, |y, x| if is_unknown(y, x) { f32::NAN } else { 2.0 });
+    let guess = Guess { disparity: &guess, by: 1, finer: 1 };
+    let expected = naive_fine([&finer, &copies], guess, tried);
+    let holds = |disparity| expected.iter().any(|area| area.span == (disparity, disparity));
+    assert!(holds(61) && holds(70), "a bar across and a pole: {expected:?}");
+
+    for level in levels() {
+        for threads in [1, 3] {
+            let found = run(threads, level, |runtime| {
+                fine_areas([&finer, &copies], guess, tried.run, tried.reach, None, runtime)
+            });
+            assert_eq!(found, expected, "{}", level.name());
         }
     }
 }

@@ -10,8 +10,8 @@ use phasestereo::internals::estimation::blur::parts::PairRows;
 use phasestereo::internals::estimation::order::Signs;
 use phasestereo::internals::estimation::overview::{Guess, Overview, RoughMap};
 use phasestereo::internals::estimation::range::{
-    LeftOut, SearchRange, bands_at_ends, belongs, beyond, ends, extent, is_identical, range, reach,
-    signs,
+    Copies, LeftOut, SearchRange, bands_at_ends, belongs, beyond, ends, extent, is_identical,
+    range, reach, signs,
 };
 use phasestereo::internals::estimation::tracks::{BLOCK, Seed, Track, follow};
 use phasestereo_match::base::control::Control;
@@ -214,7 +214,7 @@ fn a_range_holds_what_is_found_and_what_stands_before_it() {
         with_runtime(|runtime| {
             let usual = copies.usual(runtime)?.expect("wide");
             let map = usual.rough(None, None, runtime)?;
-            range(copies, &usual, &map, runtime)
+            range(Copies { finest: copies, fine: copies, overview: &usual }, &map, runtime)
         })
     };
     let found =

@@ -45,7 +45,7 @@ pub use self::estimates::Estimates;
 use self::facts::{Fact, Facts, Origin, Rows};
 use self::overview::{Overview, RoughMap, Seen};
 use self::photometry::{Contrast, Photometry, Scales};
-use self::range::{LeftOut, SearchRange};
+use self::range::{Copies, LeftOut, SearchRange};
 use self::rows::RowOffsets;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::platform::Instant;
@@ -427,8 +427,12 @@ impl Geometry {
 
         let last = wide.as_ref().unwrap_or(&rough);
         let is_asked = facts.candidates.is_none() || is_poor;
-        let found = is_asked.then(|| range::range(&copies, overview, last, runtime)).transpose()?;
-        let found = found.flatten();
+        let found = || {
+            let finest = copies.finest(rows, runtime)?;
+            let finest = finest.as_ref().unwrap_or(&copies);
+            range::range(Copies { finest, fine: &copies, overview }, last, runtime)
+        };
+        let found = is_asked.then(found).transpose()?.flatten();
 
         Ok(Some(Self { copies, usual, rough, wide, offsets, rows_apart, alignment, found }))
     }

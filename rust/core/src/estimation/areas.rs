@@ -5,12 +5,13 @@
 //! where that may be: most pixels cost little at the disparities that it found.
 //!
 //! ```text
-//! sum(y, x, d)    = bits in which the codes of left (y, x) and right (y, x - d) differ, summed over WINDOW around them
+//! sum(y, x, d)    = bits in which the codes of left (y, x) and right (y, x - d) differ, summed over a window around them
 //! guessed         = the same sum, but each pixel of the window has the disparity that the rough match found there; if that
 //!                   is one of smaller copies, the least of those that this may stand for
-//! median          = that of guessed, of the pixels that see the middle of the run
-//! doubtful block  = guessed is above the median plus DEAR in MANY of its pixels
-//! block           = searched if it is doubtful, and so is the least sum along the run in MANY of its pixels
+//! usual           = the median of guessed, of the pixels that see the middle of the run
+//! much            = usual + bits of the window / DEAR
+//! doubtful pixel  = guessed is above much in MANY pixels of its block, and so is the least sum along the run of the pixel
+//! block           = searched if it has MANY doubtful pixels
 //! own, d          = min, argmin of sum(y, x, d) over the d outside the run
 //! along           = min of sum(y, x, d) over the run
 //! elsewhere       = min of sum(y, x, d') over all d' but d and those NEXT to it
@@ -20,18 +21,36 @@
 //! seen            = the same search from the right image at x - d finds -d, or one NEXT to it
 //! gain            = sum of min(along, elsewhere) - own over an area: by how many bits it is better explained
 //! ```
+//!
+//! Things of a few pixels are lost in copies of half the size: on a bar of 4 px, the true disparity costs 83
+//! of 216 bits there, the best along the run 55; at full size 41 and 68 of 200. The finest copies are too
+//! large to be searched wherever the smaller ones cost much. Votes of sparse pixels nominate the blocks that
+//! are:
+//!
+//! ```text
+//! chance          = the median of the least sums along the run where the right image has other rows
+//! much            = at most halfway from usual to chance
+//! vote(block, d)  = bits in which the codes of the doubtful pixels of a block of the finest copies differ, of every
+//!                   VOTING-th row
+//! nominated       = blocks whose vote stands out, with their neighbors, where those that agree gain NOMINATED bits
+//! ```
+
+mod blocks;
+mod sums;
 
 use std::ops::Range;
 
 use rayon::prelude::*;
 
+pub use self::blocks::{BLOCK, Blocks, SAMPLED};
+use self::sums::{Borders, Choose, SumGuessed, Visit, Windows};
+pub use self::sums::{NEXT, Vote, Voters};
 use super::overview::{Guess, Overview, Span};
 use crate::estimation::blur::rough::{as_view, raised};
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::platform::both;
-use phasestereo_match::base::simd::Loop;
-use phasestereo_match::base::value::{LANES, Lanes, least_lane, nearest};
+use phasestereo_match::base::value::Lanes;
 use phasestereo_match::cost::Costs;
 use phasestereo_match::descriptor::describe_as;
 use phasestereo_match::image::intensity::Gray;
@@ -41,23 +60,20 @@ use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::settings::Settings;
 use phasestereo_match::settings::presets::Preset;
 
-/// Rows, and columns, on either side of the middle of a window: tall ones lie within upright things. Sums over them of
-/// codes of 8 bits fit a byte.
-const AROUND: (usize, usize) = (4, 1);
-/// Rows and columns of a window.
-const WINDOW: (usize, usize) = (2 * AROUND.0 + 1, 2 * AROUND.1 + 1);
+/// Rows, and columns, on either side of the middle of a window. Sums over it of codes of 8 bits fit a byte.
+pub type Around = (usize, usize);
+/// Tall windows lie within upright things, ...
+const TALL: Around = (4, 1);
+/// ... flat ones within bars across, ...
+const FLAT: Around = (1, 2);
+/// ... and small ones of the finest copies within both.
+const SQUARE: Around = (2, 2);
 /// Rows of a task that sums at the guessed disparities.
 const GUESSED_ROWS: usize = 64;
-/// Columns that are searched together: sums over them stay in the first-level cache.
-const LONGEST: usize = 64;
-/// Side of the blocks of pixels that are searched or left out together.
-const BLOCK: usize = 8;
-/// Pixels of a block that cost much along the run, from which on it is searched.
-const MANY: usize = 10;
-/// Bits above the median that are much: an eighth of those of a window.
-const DEAR: usize = 27;
-/// Disparities that see the same match.
-const NEXT: usize = 2;
+/// Above the median, one in this many of the bits of a window is much.
+const DEAR: usize = 8;
+/// Bits by which the votes of neighboring blocks agree, from which on they are searched.
+const NOMINATED: u64 = 15;
 /// Rows and columns between neighbors: single pixels that do not stand out divide no area.
 const GAP: usize = 2;
 /// Fewest pixels of an area.
@@ -82,24 +98,15 @@ pub struct Area {
 
 /// A pixel that stands out.
 #[derive(Debug, Clone, Copy)]
-struct Found {
+pub struct Found {
     /// The candidate with the least sum outside the run.
-    chosen: u16,
+    pub chosen: u16,
     /// By how many bits nothing else fits as well.
-    gain: u16,
+    pub gain: u16,
 }
 
 /// A pixel that stands out, and its place in the copy.
 type Member = (usize, Found);
-
-/// The blocks of an image that are searched.
-struct Blocks {
-    /// Rows of pixels.
-    rows: usize,
-    /// Blocks of a row.
-    cols: usize,
-    is_searched: Vec<bool>,
-}
 
 /// What is searched: the codes of both copies, and the run.
 struct Search<'a> {
@@ -107,64 +114,48 @@ struct Search<'a> {
     /// Whether the pixels of the left copy are valid.
     valid: &'a Plane<bool>,
     run: Span,
+    around: Around,
     runtime: Runtime<'a>,
 }
 
-/// The areas that match outside a run of disparities of the copies, from the top left. `low` to `high` are tried.
+/// The areas that match outside a run of disparities of the copies, from the top left, of those that are
+/// tried.
 pub fn areas(
     copies: &Overview,
     guess: Guess,
     run: Span,
-    (low, high): Span,
+    tried: Span,
     field: Option<&Alignment>,
     runtime: Runtime,
 ) -> Result<Vec<Area>> {
-    let search = Search::new(copies, run, field, runtime)?;
-    let Some(blocks) = search.blocks(guess)? else {
+    let search = Search::new(copies, run, TALL, field, runtime)?;
+    let doubtful = search.doubtful(guess, false)?;
+    search.areas(tried, &Blocks::of(&doubtful))
+}
+
+/// The areas of the finest copies: of things so small or thin that copies of half their size, or of the same,
+/// hardly show them. `guess` is of the latter, `run` and `tried` are disparities of the finest.
+pub fn fine_areas(
+    [finest, copies]: [&Overview; 2],
+    guess: Guess,
+    run: Span,
+    tried: Span,
+    field: Option<&Alignment>,
+    runtime: Runtime,
+) -> Result<Vec<Area>> {
+    let by = copies.factor / finest.factor;
+    let coarse = (run.0.div_euclid(by as isize), run.1.div_euclid(by as isize));
+    let doubtful = Search::new(copies, coarse, FLAT, field, runtime)?.doubtful(guess, true)?;
+    if !doubtful.as_slice().contains(&true) {
         return Ok(vec![]);
-    };
+    }
 
-    let cols = search.codes[0].cols();
-    let tried = candidates((low, high), cols)?;
-    let found = search.outside(tried, &blocks)?;
-    let areas = connected(&found, cols);
-
-    // The same from the right image, where disparities are negative.
-    let mirrored = candidates((-tried.disparity(tried.count() - 1), -tried.min()), cols)?;
-    let [left, right] = &search.codes;
-    let back = Costs::of_codes([right, left], mirrored)?;
-    let is_seen = |(at, found): &&Member| {
-        let x = tried.column(at % cols, found.chosen.into(), cols);
-        let choose = Choose { costs: &back, rows: left.rows(), cols, y: at / cols, x };
-        let there = mirrored.disparity(runtime.execution.level.run(choose));
-        (there + tried.disparity(found.chosen.into())).unsigned_abs() <= NEXT
-    };
-
-    let area = |members: &Vec<Member>| {
-        runtime.control.checkpoint()?;
-        let bounds = |of: &dyn Fn(&Member) -> usize| {
-            let values = members.iter().map(of);
-            let least = values.clone().min().unwrap_or_default();
-            (least, values.max().unwrap_or_default())
-        };
-        let (top, bottom) = bounds(&|(at, _)| at / cols);
-        let (first, last) = bounds(&|(at, _)| at % cols);
-        let (nearest, farthest) = bounds(&|(_, found)| found.chosen.into());
-
-        Ok(Area {
-            rows: top..bottom + 1,
-            columns: first..last + 1,
-            span: (tried.disparity(nearest), tried.disparity(farthest)),
-            size: members.len(),
-            seen: members.iter().filter(is_seen).count(),
-            gain: members.iter().map(|(_, found)| u64::from(found.gain)).sum(),
-        })
-    };
-    areas.par_iter().map(area).collect()
+    let search = Search::new(finest, run, SQUARE, field, runtime)?;
+    search.areas(tried, &search.nominated(tried, &doubtful, by)?)
 }
 
 /// The candidates of a span, cut to what the width of the copies allows.
-fn candidates((low, high): Span, cols: usize) -> Result<Candidates> {
+pub fn candidates((low, high): Span, cols: usize) -> Result<Candidates> {
     let count = (high - low + 1).clamp(1, cols as isize);
     let low = low.clamp(1 - cols as isize - (count - 1), cols as isize - 1);
     Candidates::new(low as i64, count as i64, cols)
@@ -174,95 +165,146 @@ impl<'a> Search<'a> {
     fn new(
         copies: &'a Overview,
         run: Span,
+        around: Around,
         field: Option<&Alignment>,
         runtime: Runtime<'a>,
     ) -> Result<Self> {
-        let Runtime { execution, control, .. } = runtime;
-        let codes = both(|side| {
-            let plane = &copies.planes[side];
-            let view = match field {
-                Some(field) if side == 1 => as_view(&raised(plane, field, copies.factor, control)?),
-                _ => as_view(plane),
-            };
-            describe_as(&Gray::of_view(&view), &codes(), None, execution.level, control)
-        })?;
-        Ok(Self { codes, valid: &copies.valid, run, runtime })
+        let codes = codes_of(copies, field, runtime)?;
+        Ok(Self { codes, valid: &copies.valid, run, around, runtime })
     }
 
-    /// The blocks with enough pixels that cost much along the run, of those that see the middle of it; `None`: there are
-    /// none.
-    fn blocks(&self, guess: Guess) -> Result<Option<Blocks>> {
+    /// The areas in these blocks, where a span of disparities is tried.
+    fn areas(&self, tried: Span, blocks: &Blocks) -> Result<Vec<Area>> {
+        if !blocks.is_searched.contains(&true) {
+            return Ok(vec![]);
+        }
+        let Runtime { execution, control, .. } = self.runtime;
+        let [left, right] = &self.codes;
+        let cols = left.cols();
+        let tried = candidates(tried, cols)?;
+        let mut areas = connected(&self.outside(tried, blocks)?, cols);
+        areas.retain(|members| members.len() >= LEAST_SIZE);
+
+        // The same from the right image, where disparities are negative.
+        let mirrored = candidates((-tried.disparity(tried.count() - 1), -tried.min()), cols)?;
+        let back = Costs::of_codes([right, left], mirrored)?;
+        let is_seen = |(at, found): &&Member| {
+            let x = tried.column(at % cols, found.chosen.into(), cols);
+            let choose = Choose {
+                costs: &back,
+                rows: left.rows(),
+                cols,
+                y: at / cols,
+                x,
+                around: self.around,
+            };
+            let there = mirrored.disparity(execution.level.run(choose));
+            (there + tried.disparity(found.chosen.into())).unsigned_abs() <= NEXT
+        };
+
+        let area = |members: &Vec<Member>| {
+            control.checkpoint()?;
+            let bounds = |of: &dyn Fn(&Member) -> usize| {
+                let values = members.iter().map(of);
+                let least = values.clone().min().unwrap_or_default();
+                (least, values.max().unwrap_or_default())
+            };
+            let (top, bottom) = bounds(&|(at, _)| at / cols);
+            let (first, last) = bounds(&|(at, _)| at % cols);
+            let (nearest, farthest) = bounds(&|(_, found)| found.chosen.into());
+
+            Ok(Area {
+                rows: top..bottom + 1,
+                columns: first..last + 1,
+                span: (tried.disparity(nearest), tried.disparity(farthest)),
+                size: members.len(),
+                seen: members.iter().filter(is_seen).count(),
+                gain: members.iter().map(|(_, found)| u64::from(found.gain)).sum(),
+            })
+        };
+        areas.par_iter().map(area).collect()
+    }
+
+    /// The pixels that cost much along the run, in blocks with enough of them, of those that see the middle
+    /// of it. With `is_halved`, much is at most halfway to what unlike rows cost.
+    fn doubtful(&self, guess: Guess, is_halved: bool) -> Result<Plane<bool>> {
+        let (rows, cols) = (self.codes[0].rows(), self.codes[0].cols());
+        let sums = self.guessed(guess)?;
+
+        let middle = (self.run.0 + self.run.1).div_euclid(2);
+        // The columns whose matches in the middle of the run lie within the image.
+        let column = |x: isize| x.clamp(0, cols as isize) as usize;
+        let seen = column(middle)..column(cols as isize + middle);
+        let seen = seen.start.min(seen.end)..seen.end;
+        let is_judged = |y: usize, x: usize| seen.contains(&x) && self.valid.row(y)[x];
+
+        let judged = |y: usize| {
+            let row = sums.row(y);
+            (0..cols).filter(move |x| is_judged(y, *x)).map(|x| row[x])
+        };
+        let usual = median((0..rows).flat_map(judged));
+        let bits = 8 * (2 * self.around.0 + 1) * (2 * self.around.1 + 1);
+        let mut most = usual + bits / DEAR;
+        if is_halved {
+            most = most.min(usize::midpoint(usual, self.chance()?));
+        }
+
+        let much = |sums: &Plane<u8>| {
+            let is_much = |y: usize, x: usize| usize::from(sums.row(y)[x]) > most;
+            Plane::from_fn(rows, cols, |y, x| is_judged(y, x) && is_much(y, x))
+        };
+        // Most of these are errors of the rough match.
+        let blocks = Blocks::of(&much(&sums));
+        if !blocks.is_searched.contains(&true) {
+            return Plane::new(rows, cols);
+        }
+        let [left, right] = &self.codes;
+        Ok(much(&self.along([left, right], &blocks)?))
+    }
+
+    /// The median of the least sums along the run of rows that have nothing to do with each other.
+    fn chance(&self) -> Result<usize> {
         let [left, right] = &self.codes;
         let (rows, cols) = (left.rows(), left.cols());
+        let (above, below) = right.as_slice().split_at(rows / 2 * cols);
+        let other = Plane::from_vec(rows, cols, [below, above].concat())?;
+        let least = self.along([left, &other], &Blocks::sampled(rows, cols))?;
+        Ok(median(least.as_slice().iter().copied().filter(|sum| *sum > 0)))
+    }
+
+    /// The sums at the guessed disparities.
+    fn guessed(&self, guess: Guess) -> Result<Plane<u8>> {
+        let [left, right] = &self.codes;
         let Runtime { execution, control, .. } = self.runtime;
 
-        let mut sums = Plane::new(rows, cols)?;
+        let mut sums = Plane::new(left.rows(), left.cols())?;
         sums.write_bands(GUESSED_ROWS, |top, band| {
             control.checkpoint()?;
             band.fill(u8::MAX);
             // A disparity of smaller copies stands for several here.
             let within = guess.finer as i32 / 2;
             for off in -within..=within {
-                let (codes, run) = ([left, right], self.run);
-                execution.level.run(SumGuessed { codes, guess, run, off, top, sums: &mut *band });
+                let (codes, run, around) = ([left, right], self.run, self.around);
+                let sums = &mut *band;
+                execution.level.run(SumGuessed { codes, guess, run, around, off, top, sums });
             }
             Ok(())
         })?;
-
-        let middle = (self.run.0 + self.run.1).div_euclid(2);
-        // The columns whose matches in the middle of the run lie within the image.
-        let seen = middle.clamp(0, cols as isize) as usize
-            ..(cols as isize + middle).clamp(0, cols as isize) as usize;
-        let judged = |y: usize| {
-            let columns = seen.start.min(seen.end)..seen.end;
-            let valid = &self.valid.row(y)[columns.clone()];
-            columns.zip(valid).filter(|(_, valid)| **valid).map(|(x, _)| x)
-        };
-
-        let mut counts = [0usize; u8::MAX as usize + 1];
-        for y in 0..rows {
-            judged(y).for_each(|x| counts[usize::from(sums.row(y)[x])] += 1);
-        }
-        let half = counts.iter().sum::<usize>() / 2;
-        let mut sum = 0;
-        let median = counts.iter().position(|count| {
-            sum += count;
-            sum > half
-        });
-        let most = median.unwrap_or_default() + DEAR;
-
-        let mut doubtful = Blocks::none(rows, cols);
-        doubtful.search_where(|y| {
-            let sums = sums.row(y);
-            judged(y).filter(move |x| usize::from(sums[*x]) > most)
-        });
-        if !doubtful.is_searched.contains(&true) {
-            return Ok(None);
-        }
-
-        // Most of these are errors of the rough match.
-        let least = self.along(&doubtful)?;
-        let mut blocks = Blocks::none(rows, cols);
-        blocks.search_where(|y| {
-            let least = least.row(y);
-            judged(y).filter(move |x| usize::from(least[*x]) > most)
-        });
-        Ok(blocks.is_searched.contains(&true).then_some(blocks))
+        Ok(sums)
     }
 
     /// The least sums along the run in these blocks, 0 elsewhere.
-    fn along(&self, blocks: &Blocks) -> Result<Plane<u8>> {
-        let [left, right] = &self.codes;
-        let (rows, cols) = (left.rows(), left.cols());
-        let costs = Costs::of_codes([left, right], candidates(self.run, cols)?)?;
+    fn along(&self, codes: [&Plane<u8>; 2], blocks: &Blocks) -> Result<Plane<u8>> {
+        let (rows, cols) = (codes[0].rows(), codes[0].cols());
+        let costs = Costs::of_codes(codes, candidates(self.run, cols)?)?;
         let borders = Borders::new(&costs, cols, 0..0);
 
         let mut least = Plane::new(rows, cols)?;
         least.write_bands(BLOCK, |top, band| {
             self.runtime.control.checkpoint()?;
+            let (count, around) = (band.len() / cols, self.around);
             for columns in blocks.stretches(top / BLOCK, cols) {
-                let windows =
-                    Windows { costs: &costs, rows, cols, top, count: band.len() / cols, columns };
+                let windows = Windows { costs: &costs, rows, cols, top, count, columns, around };
                 let each = |y: usize, x: usize, sums: &[Lanes<u8>]| {
                     band[y * cols + x] = borders.least(sums, x)[0];
                 };
@@ -273,22 +315,64 @@ impl<'a> Search<'a> {
         Ok(least)
     }
 
+    /// The blocks whose doubtful pixels agree with those of their neighbors on a disparity outside the run.
+    fn nominated(&self, tried: Span, doubtful: &Plane<bool>, by: usize) -> Result<Blocks> {
+        let [left, right] = &self.codes;
+        let cols = left.cols();
+        let tried = candidates(tried, cols)?;
+        let costs = Costs::of_codes([left, right], tried)?;
+        let borders = self.borders(&costs);
+        let blocks = Blocks::of_larger(doubtful, by, (left.rows(), cols));
+        let voters = Voters { doubtful, by, rows: left.rows(), cols };
+
+        let of_row = |row: usize| -> Result<Vec<Member>> {
+            self.runtime.control.checkpoint()?;
+            let vote = |column: usize| {
+                let block = (row * BLOCK, column * BLOCK);
+                let sums = self.runtime.execution.level.run(Vote { costs: &costs, voters, block });
+                let found = borders.outside(&sums, block.1)?;
+                Some((row * blocks.cols + column, found))
+            };
+            let is_asked = |column: &usize| blocks.is_searched[row * blocks.cols + column];
+            Ok((0..blocks.cols).filter(is_asked).filter_map(vote).collect())
+        };
+        let height = blocks.is_searched.len() / blocks.cols;
+        let found: Result<Vec<_>> = (0..height).into_par_iter().map(of_row).collect();
+
+        let mut nominated = Blocks::none(left.rows(), cols);
+        for members in connected(&found?.concat(), blocks.cols) {
+            let gain: u64 = members.iter().map(|(_, found)| u64::from(found.gain)).sum();
+            if gain >= NOMINATED {
+                for (at, _) in members {
+                    nominated.search_around(at);
+                }
+            }
+        }
+        Ok(nominated)
+    }
+
+    /// Which of the candidates lie along the run.
+    fn borders(&self, costs: &Costs) -> Borders {
+        let tried = costs.candidates();
+        let index =
+            |disparity: isize| (disparity - tried.min()).clamp(0, tried.count() as isize) as usize;
+        Borders::new(costs, self.codes[0].cols(), index(self.run.0 - 1)..index(self.run.1 + 2))
+    }
+
     /// The pixels of these blocks that stand out, row after row.
     fn outside(&self, tried: Candidates, blocks: &Blocks) -> Result<Vec<Member>> {
         let [left, right] = &self.codes;
         let (rows, cols) = (left.rows(), left.cols());
         let costs = Costs::of_codes([left, right], tried)?;
-        let index =
-            |disparity: isize| (disparity - tried.min()).clamp(0, tried.count() as isize) as usize;
-        let borders = Borders::new(&costs, cols, index(self.run.0 - 1)..index(self.run.1 + 2));
+        let borders = self.borders(&costs);
 
         let of_row = |row: usize| -> Result<Vec<Member>> {
             self.runtime.control.checkpoint()?;
             let top = row * BLOCK;
-            let count = BLOCK.min(rows - top);
+            let (count, around) = (BLOCK.min(rows - top), self.around);
             let mut found = vec![];
             for columns in blocks.stretches(row, cols) {
-                let windows = Windows { costs: &costs, rows, cols, top, count, columns };
+                let windows = Windows { costs: &costs, rows, cols, top, count, columns, around };
                 let each = |y: usize, x: usize, sums: &[Lanes<u8>]| {
                     let one = borders.outside(sums, x);
                     found.extend(one.map(|one| ((top + y) * cols + x, one)));
@@ -304,41 +388,21 @@ impl<'a> Search<'a> {
     }
 }
 
-impl Blocks {
-    /// None of the blocks of an image.
-    fn none(rows: usize, cols: usize) -> Self {
-        let cols = cols.div_ceil(BLOCK);
-        Self { rows, cols, is_searched: vec![false; rows.div_ceil(BLOCK) * cols] }
-    }
-
-    /// Searches those with [`MANY`] of these pixels, whose columns are given by row.
-    fn search_where<I: Iterator<Item = usize>>(&mut self, columns: impl Fn(usize) -> I) {
-        for (row, blocks) in self.is_searched.chunks_exact_mut(self.cols).enumerate() {
-            let mut counts = vec![0; self.cols];
-            for y in row * BLOCK..((row + 1) * BLOCK).min(self.rows) {
-                columns(y).for_each(|x| counts[x / BLOCK] += 1);
-            }
-            blocks.iter_mut().zip(counts).for_each(|(block, count)| *block = count >= MANY);
-        }
-    }
-
-    /// The columns of neighboring blocks of a row of blocks that are searched.
-    fn stretches(&self, row: usize, cols: usize) -> Vec<Range<usize>> {
-        let mut stretches: Vec<Range<usize>> = vec![];
-        for (block, is_searched) in
-            self.is_searched[row * self.cols..(row + 1) * self.cols].iter().enumerate()
-        {
-            let (start, end) = (block * BLOCK, ((block + 1) * BLOCK).min(cols));
-            match stretches.last_mut() {
-                Some(last) if *is_searched && last.end == start && last.len() < LONGEST => {
-                    last.end = end;
-                }
-                _ if *is_searched => stretches.push(start..end),
-                _ => {}
-            }
-        }
-        stretches
-    }
+/// The codes of both copies, the right one resampled by a field.
+pub fn codes_of(
+    copies: &Overview,
+    field: Option<&Alignment>,
+    runtime: Runtime,
+) -> Result<[Plane<u8>; 2]> {
+    let Runtime { execution, control, .. } = runtime;
+    both(|side| {
+        let plane = &copies.planes[side];
+        let view = match field {
+            Some(field) if side == 1 => as_view(&raised(plane, field, copies.factor, control)?),
+            _ => as_view(plane),
+        };
+        describe_as(&Gray::of_view(&view), &codes(), None, execution.level, control)
+    })
 }
 
 /// The settings of the codes: those of 8 bits, of the smallest neighborhoods.
@@ -346,262 +410,17 @@ fn codes() -> Settings {
     Settings { neighborhood: 3, frequencies: (1, 1), ..Preset::Paper.settings() }
 }
 
-/// Lowers sums to those so far off the guessed disparities, of a band of rows from `top` on.
-struct SumGuessed<'a> {
-    codes: [&'a Plane<u8>; 2],
-    guess: Guess<'a>,
-    run: Span,
-    off: i32,
-    top: usize,
-    sums: &'a mut [u8],
-}
-
-impl Loop for SumGuessed<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { codes, guess, run, off, top, sums } = self;
-        let (rows, cols) = (codes[0].rows(), codes[0].cols());
-        let clamped = |y: usize| y.saturating_sub(AROUND.0).min(rows - 1);
-
-        // The differences of the rows of a window, in turns, and their sums by column.
-        let mut lines = vec![0u8; WINDOW.0 * cols];
-        let mut columns = vec![0u8; cols];
-        for (row, sums) in sums.chunks_exact_mut(cols).enumerate() {
-            let y = top + row;
-            let begun = if row == 0 { 0..WINDOW.0 } else { WINDOW.0 - 1..WINDOW.0 };
-            for number in begun {
-                let line = &mut lines[(y + number) % WINDOW.0 * cols..][..cols];
-                for x in 0..cols {
-                    columns[x] = columns[x].wrapping_sub(line[x]);
-                }
-                guess.differences(codes, run, off, clamped(y + number), line);
-                for x in 0..cols {
-                    columns[x] = columns[x].wrapping_add(line[x]);
-                }
-            }
-
-            for x in 1..cols - 1 {
-                sums[x] = sums[x].min(columns[x - 1] + columns[x] + columns[x + 1]);
-            }
-            // At the border the last pixel is repeated.
-            sums[0] = sums[0].min(2 * columns[0] + columns[1]);
-            sums[cols - 1] = sums[cols - 1].min(columns[cols - 2] + 2 * columns[cols - 1]);
-        }
-    }
-}
-
-impl Guess<'_> {
-    /// Writes the bits in which the codes of a row differ from those so far off the guessed disparities. Where there is
-    /// no disparity, the last one to the left counts, or else the middle of the run.
-    #[inline(always)]
-    fn differences(
-        &self,
-        [left, right]: [&Plane<u8>; 2],
-        run: Span,
-        off: i32,
-        y: usize,
-        line: &mut [u8],
-    ) {
-        let share = self.finer as f32 / self.by as f32;
-        // The others may lack what is left of a division.
-        let last = (self.disparity.rows() - 1, self.disparity.cols() - 1);
-        let guessed = self.disparity.row((y * self.by / self.finer).min(last.0));
-        let reduced = self.finer.ilog2();
-        let (left, right) = (left.row(y), right.row(y));
-        let last_column = left.len() as i32 - 1;
-
-        let mut disparity = (run.0 + run.1) as i32 / 2;
-        for x in 0..line.len() {
-            let guess = guessed[((x * self.by) >> reduced).min(last.1)];
-            disparity = if guess.is_nan() { disparity } else { nearest((guess * share).into()) };
-            let column = (x as i32 - disparity - off).clamp(0, last_column) as usize;
-            line[x] = (left[x] ^ right[column]).count_ones() as u8;
-        }
-    }
-}
-
-/// Sums of neighboring columns of a row of blocks, of which `top` is the first of `count` rows.
-struct Windows<'a> {
-    costs: &'a Costs<'a>,
-    rows: usize,
-    cols: usize,
-    top: usize,
-    count: usize,
-    columns: Range<usize>,
-}
-
-/// Calls `each(row, column, sums of all candidates)` for every pixel of the windows.
-struct Visit<'a, F> {
-    windows: Windows<'a>,
-    each: F,
-}
-
-impl<F: FnMut(usize, usize, &[Lanes<u8>])> Loop for Visit<'_, F> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { windows: Windows { costs, rows, cols, top, count, columns }, mut each } = self;
-        let runs = costs.runs();
-
-        // The windows reach beyond the columns; at the border of the image its last pixel is repeated.
-        let first = columns.start.saturating_sub(AROUND.1);
-        let wide = first..(columns.end + AROUND.1).min(cols);
-        let length = wide.len() * runs;
-        let clamped = |y: usize| y.saturating_sub(AROUND.0).min(rows - 1);
-
-        let mut line = vec![[0u8; LANES]; length];
-        let mut sums = vec![[0u8; LANES]; length];
-        let mut window = vec![[0u8; LANES]; runs];
-        for y in top..top + count {
-            if y > top {
-                costs.write::<u8>(clamped(y - 1), wide.clone(), costs.searched(), &mut line);
-                add(&mut sums, &line, u8::wrapping_sub);
-            }
-            let begun = if y == top { 0..WINDOW.0 } else { WINDOW.0 - 1..WINDOW.0 };
-            for number in begun {
-                costs.write::<u8>(clamped(y + number), wide.clone(), costs.searched(), &mut line);
-                add(&mut sums, &line, u8::wrapping_add);
-            }
-
-            for x in columns.clone() {
-                let column = |x: usize| {
-                    let at =
-                        x.saturating_sub(AROUND.1).clamp(wide.start, wide.end - 1) - wide.start;
-                    &sums[at * runs..][..runs]
-                };
-                let [before, here, after] = [column(x), column(x + 1), column(x + 2)];
-                window.copy_from_slice(here);
-                add(&mut window, before, u8::wrapping_add);
-                add(&mut window, after, u8::wrapping_add);
-                each(y - top, x, &window);
-            }
-        }
-    }
-}
-
-/// Adds, or subtracts, every lane.
-#[inline(always)]
-fn add(sums: &mut [Lanes<u8>], terms: &[Lanes<u8>], step: impl Fn(u8, u8) -> u8) {
-    // Whole runs by value: the compiler does not know that sums and terms are apart.
-    for (sums, terms) in sums.iter_mut().zip(terms) {
-        let (mut summed, terms) = (*sums, *terms);
-        for lane in 0..LANES {
-            summed[lane] = step(summed[lane], terms[lane]);
-        }
-        *sums = summed;
-    }
-}
-
-/// Which candidates see the right image, and which lie along the run.
-struct Borders {
-    cols: usize,
-    count: usize,
-    /// From place `cols - 1 - x` on, for candidate after candidate: 0 where column `x` sees the right image, else 255.
-    beyond: Vec<u8>,
-    /// 255 for the candidates along the run, else 0; and 255 for those outside it. Lanes beyond the last one have 255.
-    excluded: [Vec<Lanes<u8>>; 2],
-}
-
-impl Borders {
-    fn new(costs: &Costs, cols: usize, along: Range<usize>) -> Self {
-        let (candidates, lanes) = (costs.candidates(), costs.runs() * LANES);
-        let is_within =
-            |place: usize| (0..cols as isize).contains(&(place as isize + candidates.min()));
-        let byte = |is_none: bool| if is_none { u8::MAX } else { 0 };
-
-        let beyond = (0..cols + lanes).map(|place| byte(!is_within(place))).collect();
-        let excluded = [true, false].map(|is_excluded| {
-            let is_one = |k: usize| k >= candidates.count() || along.contains(&k) == is_excluded;
-            let bytes: Vec<u8> = (0..lanes).map(|k| byte(is_one(k))).collect();
-            bytes.as_chunks().0.to_vec()
-        });
-        Self { cols, count: candidates.count(), beyond, excluded }
-    }
-
-    /// The least sums of column `x` outside the run and along it.
-    #[inline(always)]
-    fn least(&self, sums: &[Lanes<u8>], x: usize) -> [u8; 2] {
-        let beyond = self.beyond[self.cols - 1 - x..].as_chunks::<LANES>().0;
-        let (mut outside, mut along) = ([u8::MAX; LANES], [u8::MAX; LANES]);
-
-        for run in 0..sums.len() {
-            let (sums, beyond) = (sums[run], beyond[run]);
-            let excluded = [self.excluded[0][run], self.excluded[1][run]];
-            for lane in 0..LANES {
-                let sum = sums[lane] | beyond[lane];
-                outside[lane] = outside[lane].min(sum | excluded[0][lane]);
-                along[lane] = along[lane].min(sum | excluded[1][lane]);
-            }
-        }
-        [least_lane(&outside), least_lane(&along)]
-    }
-
-    /// What stands out outside the run.
-    #[inline(always)]
-    fn outside(&self, sums: &[Lanes<u8>], x: usize) -> Option<Found> {
-        let [own, along] = self.least(sums, x);
-        if 8 * u32::from(own) >= 7 * u32::from(along) {
-            return None;
-        }
-
-        let beyond = &self.beyond[self.cols - 1 - x..][..self.count];
-        let sums = &sums.as_flattened()[..self.count];
-        let is_along = &self.excluded[0].as_flattened()[..self.count];
-        let chosen = (0..self.count).find(|k| sums[*k] | beyond[*k] | is_along[*k] == own)?;
-
-        let least = |within: Range<usize>| {
-            let known = sums[within.clone()].iter().zip(&beyond[within]);
-            known.fold(u8::MAX, |least, (sum, beyond)| least.min(sum | beyond))
-        };
-        let before = least(0..chosen.saturating_sub(NEXT));
-        let after = least((chosen + NEXT + 1).min(self.count)..self.count);
-        let others = along.min(before).min(after);
-
-        let stands_out = 8 * u32::from(own) < 7 * u32::from(others);
-        stands_out.then(|| Found { chosen: chosen as u16, gain: u16::from(others - own) })
-    }
-}
-
-/// The candidate of a pixel with the least sum, of those that see the other image.
-struct Choose<'a> {
-    costs: &'a Costs<'a>,
-    rows: usize,
-    cols: usize,
-    y: usize,
-    x: usize,
-}
-
-impl Loop for Choose<'_> {
-    type Output = usize;
-
-    #[inline(always)]
-    fn run(self) -> usize {
-        let Self { costs, rows, cols, y, x } = self;
-        let (candidates, runs) = (costs.candidates(), costs.runs());
-        let mut line = vec![[0u8; LANES]; runs];
-        let mut sums = vec![[0u8; LANES]; runs];
-
-        for dy in 0..WINDOW.0 {
-            let y = (y + dy).saturating_sub(AROUND.0).min(rows - 1);
-            for dx in 0..WINDOW.1 {
-                let x = (x + dx).saturating_sub(AROUND.1).min(cols - 1);
-                costs.write::<u8>(y, x..x + 1, costs.searched(), &mut line);
-                add(&mut sums, &line, u8::wrapping_add);
-            }
-        }
-
-        // x - d is a column from 0 on, and before the last.
-        let index = |disparity: isize| {
-            (disparity - candidates.min()).clamp(0, candidates.count() as isize) as usize
-        };
-        let (start, end) = (index(x as isize + 1 - cols as isize), index(x as isize + 1));
-        let sums = &sums.as_flattened()[start..end];
-        let least = sums.iter().enumerate().min_by_key(|(_, sum)| **sum);
-        start + least.map_or(0, |(k, _)| k)
-    }
+/// The median of sums; 0 of none.
+pub fn median(sums: impl Iterator<Item = u8>) -> usize {
+    let mut counts = [0usize; u8::MAX as usize + 1];
+    sums.for_each(|sum| counts[usize::from(sum)] += 1);
+    let half = counts.iter().sum::<usize>() / 2;
+    let mut sum = 0;
+    let at = counts.iter().position(|count| {
+        sum += count;
+        sum > half
+    });
+    at.unwrap_or_default()
 }
 
 /// The pixels of each area; those that stand out are in the order of their places.
@@ -635,9 +454,7 @@ fn connected(found: &[Member], cols: usize) -> Vec<Vec<Member>> {
             }
         }
 
-        if members.len() >= LEAST_SIZE {
-            areas.push(members);
-        }
+        areas.push(members);
     }
 
     areas

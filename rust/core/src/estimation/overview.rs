@@ -136,6 +136,11 @@ pub fn reduction((rows, cols): (usize, usize), width: usize) -> usize {
     factor
 }
 
+/// The factor by which the copies of [`Overview::fine`] are reduced.
+pub fn fine_factor(size: (usize, usize)) -> usize {
+    reduction(size, FINE_WIDTH).max(2).min(reduction(size, WIDTH))
+}
+
 impl Overview {
     /// Reduces a pair; `None` where it is too small for estimates.
     pub fn new(rows: &PairRows, runtime: Runtime) -> Result<Option<Self>> {
@@ -144,9 +149,13 @@ impl Overview {
 
     /// Reduces a pair less, for finer copies; `None` where it is too small for estimates.
     pub fn fine(rows: &PairRows, runtime: Runtime) -> Result<Option<Self>> {
-        let size = rows.size();
-        let factor = reduction(size, FINE_WIDTH).max(2).min(reduction(size, WIDTH));
-        Self::by(factor, rows, runtime)
+        Self::by(fine_factor(rows.size()), rows, runtime)
+    }
+
+    /// Reduces the pair of these copies half as much, for the finest, which show the smallest things; `None`:
+    /// these are not reduced.
+    pub fn finest(&self, rows: &PairRows, runtime: Runtime) -> Result<Option<Self>> {
+        if self.factor == 1 { Ok(None) } else { Self::by(self.factor / 2, rows, runtime) }
     }
 
     fn by(factor: usize, rows: &PairRows, runtime: Runtime) -> Result<Option<Self>> {

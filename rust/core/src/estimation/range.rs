@@ -4,7 +4,7 @@
 use std::cmp::Reverse;
 use std::ops::Range;
 
-use super::areas::{Area, areas};
+use super::areas::{Area, areas, fine_areas};
 use super::order::{Order, Signs};
 use super::overview::{COARSE_WIDTH, FINE, Guess, Overview, ROUGH, RoughMap, Span};
 use phasestereo_match::base::error::Result;
@@ -40,6 +40,9 @@ const LOST: isize = 1;
 const CERTAIN: u64 = 1000;
 /// ... or, on the near side of the run, within this share of its length of it.
 const BESIDE: (u64, f64) = (500, 0.25);
+/// The same for areas of the finest copies: with less, the ranges of 2 of 18 sharp pairs without such things
+/// grow.
+const CERTAIN_FINE: u64 = 1200;
 /// Rows of the finer copies of a band in which an end of the run is refined.
 const BAND: usize = 16;
 /// Fewest bands of an end, and one in how many of all.
@@ -120,45 +123,43 @@ pub struct Found {
     pub left_out: Vec<LeftOut>,
 }
 
-/// The range of a rough match of the overview; `None` where there is too little texture or too little in common. The ends
-/// are those on the finer copies, if these match.
-pub fn range(
-    copies: &Overview,
-    overview: &Overview,
-    map: &RoughMap,
-    runtime: Runtime,
-) -> Result<Option<Found>> {
-    let Some((first, last)) = extent(map).filter(|_| map.confidence >= LEAST_CONFIDENCE) else {
+/// Copies of a pair: the finest, on which the smallest things are found, those on which the ends of the range
+/// are, and the overview.
+#[derive(Clone, Copy)]
+pub struct Copies<'a> {
+    /// The finest ones.
+    pub finest: &'a Overview,
+    /// Those on which the ends are found.
+    pub fine: &'a Overview,
+    /// Those of the rough match.
+    pub overview: &'a Overview,
+}
+
+/// What is known of the ends of a range, pixels.
+struct Ends {
+    low: f64,
+    high: f64,
+    /// The factor of the copies on which they were found.
+    factor: usize,
+    /// Places outside the run of most disparities.
+    places: Vec<LeftOut>,
+    identical: bool,
+}
+
+/// The range of a rough match of the overview; `None` where there is too little texture or too little in
+/// common.
+pub fn range(copies: Copies, map: &RoughMap, runtime: Runtime) -> Result<Option<Found>> {
+    let Some(run) = extent(map).filter(|_| map.confidence >= LEAST_CONFIDENCE) else {
         return Ok(None);
     };
-
-    let mut copies = copies;
-    let (mut run, mut fine) = refined(copies, overview, map, (first, last), runtime)?;
-    if fine.confidence < LEAST_FINE && copies.factor < overview.factor {
-        copies = overview;
-        (run, fine) = refined(overview, overview, map, (first, last), runtime)?;
+    let mut ends = Ends::of_run(copies, map, run, runtime)?;
+    for place in &ends.places {
+        (ends.low, ends.high) = (ends.low.min(place.low), ends.high.max(place.high));
     }
 
-    let factor = copies.factor as f64;
-    let is_narrow = run.0 <= 0 && run.1 >= 0 && run.1 - run.0 <= NARROW;
-    let identical = is_narrow && is_identical(copies);
-
-    let (mut low, mut high) = (0.0, 0.0);
-    let mut places = vec![];
-    if !identical {
-        [low, high] = ends(&fine, run);
-        if fine.confidence < LEAST_FINE {
-            // They hide what the rough match was sure of.
-            (low, high) = (low.min((run.0 + LOST) as f64), high.max((run.1 - LOST) as f64));
-        }
-        (low, high) = (low * factor, high * factor);
-        places = outside(copies, overview, map, run, runtime)?;
-    }
-    for place in &places {
-        (low, high) = (low.min(place.low), high.max(place.high));
-    }
-
-    let (start, end) = with_margin(low, high, factor);
+    let Ends { low, high, factor, places, identical } = ends;
+    let (start, end) = with_margin(low, high, factor as f64);
+    let overview = copies.overview;
     let width = overview.planes[0].cols() * overview.factor;
     let (negative, mixed) = signs(map);
     let shown = Signs::new(overview, map);
@@ -167,6 +168,37 @@ pub fn range(
 
     let left_out = beyond(places, range.candidates(width)?);
     Ok(Some(Found { range, left_out }))
+}
+
+impl Ends {
+    /// Those of the run of a rough match of the overview, on finer copies, if these match.
+    fn of_run(copies: Copies, map: &RoughMap, known: Span, runtime: Runtime) -> Result<Self> {
+        let Copies { finest, fine, overview } = copies;
+        let mut used = fine;
+        let (mut run, mut found) = refined(fine, overview, map, known, runtime)?;
+        if found.confidence < LEAST_FINE && fine.factor < overview.factor {
+            used = overview;
+            (run, found) = refined(overview, overview, map, known, runtime)?;
+        }
+
+        let is_narrow = run.0 <= 0 && run.1 >= 0 && run.1 - run.0 <= NARROW;
+        if is_narrow && is_identical(used) {
+            let factor = used.factor;
+            return Ok(Self { low: 0.0, high: 0.0, factor, places: vec![], identical: true });
+        }
+
+        let [mut low, mut high] = ends(&found, run);
+        if found.confidence < LEAST_FINE {
+            // They hide what the rough match was sure of.
+            (low, high) = (low.min((run.0 + LOST) as f64), high.max((run.1 - LOST) as f64));
+        }
+        let factor = used.factor as f64;
+        let mut places = outside(used, overview, map, run, runtime)?;
+        let run = scaled(run, used.factor, finest.factor);
+        places.extend(small_places(copies, run, map, runtime)?);
+        let (low, high) = (low * factor, high * factor);
+        Ok(Self { low, high, factor: used.factor, places, identical: false })
+    }
 }
 
 /// The run of a rough map of the overview as its ends are on finer copies, and a match of these where the ends are.
@@ -256,8 +288,9 @@ pub fn left_out(
     Ok(beyond(places, candidates))
 }
 
-/// The places outside a run of the copies that belong to the range, on these and all coarser copies, which withstand
-/// noise. `map` is the rough match of the overview. On copies finer than the overview, only nearer places are looked for: what is farther than a run is not small.
+/// The places outside a run of the copies that belong to the range, on all coarser copies, which withstand
+/// noise. `map` is the rough match of the overview. On copies finer than the overview, only nearer places are
+/// looked for: what is farther than a run is not small.
 fn outside(
     copies: &Overview,
     overview: &Overview,
@@ -266,21 +299,34 @@ fn outside(
     runtime: Runtime,
 ) -> Result<Vec<LeftOut>> {
     let mut places = vec![];
-    let mut coarser: Option<Overview> = None;
-
-    loop {
-        let here = coarser.as_ref().unwrap_or(copies);
+    let mut coarser = copies.halved(runtime)?;
+    while let Some(here) = coarser {
         let by = (here.factor / copies.factor) as isize;
         let run = (run.0.div_euclid(by), (run.1 + by - 1).div_euclid(by));
 
-        let reach = reach(here, run, here.factor < overview.factor);
-        places.extend(places_of(here, overview.guess(map, here), run, reach, map, runtime)?);
-
-        match here.halved(runtime)? {
-            Some(next) => coarser = Some(next),
-            None => return Ok(places),
-        }
+        let reach = reach(&here, run, here.factor < overview.factor);
+        places.extend(places_of(&here, overview.guess(map, &here), run, reach, map, runtime)?);
+        coarser = here.halved(runtime)?;
     }
+    Ok(places)
+}
+
+/// A run of disparities of copies as it is on copies of another factor.
+fn scaled((low, high): Span, from: usize, to: usize) -> Span {
+    let (from, to) = (from as isize, to as isize);
+    ((low * from).div_euclid(to), ((high + 1) * from - 1).div_euclid(to))
+}
+
+/// The places outside a run of the finest copies that these alone show.
+fn small_places(
+    Copies { finest, fine, overview }: Copies,
+    run: Span,
+    map: &RoughMap,
+    runtime: Runtime,
+) -> Result<Vec<LeftOut>> {
+    let (guess, reach) = (overview.guess(map, fine), reach(finest, run, true));
+    let found = fine_areas([finest, fine], guess, run, reach, map.field.as_ref(), runtime)?;
+    Ok(certain(found, finest.factor))
 }
 
 /// The disparities that are tried beside a run: all that are nearer, and, unless the copies are finer than the overview, as far
@@ -318,7 +364,18 @@ pub fn belongs(area: &Area, run: Span) -> bool {
     };
 
     let least = if is_beside { BESIDE.0 } else { CERTAIN };
-    10 * area.seen >= 7 * area.size && area.gain >= least
+    is_seen(area) && area.gain >= least
+}
+
+/// The places of those areas of the finest copies that are certain.
+fn certain(mut found: Vec<Area>, factor: usize) -> Vec<LeftOut> {
+    found.retain(|area| is_seen(area) && area.gain >= CERTAIN_FINE);
+    found.iter().map(|area| LeftOut::new(area, factor)).collect()
+}
+
+/// Whether most of an area is found again from the right image.
+fn is_seen(area: &Area) -> bool {
+    10 * area.seen >= 7 * area.size
 }
 
 /// The places with disparities beyond the candidates.
@@ -335,14 +392,13 @@ impl LeftOut {
     /// The place of an area of a copy that is reduced by a factor.
     pub fn new(area: &Area, factor: usize) -> Self {
         let whole = |range: &Range<usize>| range.start * factor..range.end * factor;
-        let end = |disparity: isize, half: f64| (disparity as f64 + half) * factor as f64;
+        let (low, high) = Self::ends(area.span, factor);
+        Self { rows: whole(&area.rows), columns: whole(&area.columns), low, high }
+    }
 
-        Self {
-            rows: whole(&area.rows),
-            columns: whole(&area.columns),
-            low: end(area.span.0, -0.5),
-            high: end(area.span.1, 0.5),
-        }
+    /// The ends of disparities of a copy, with half a pixel of it beyond either.
+    fn ends((low, high): Span, factor: usize) -> (f64, f64) {
+        ((low as f64 - 0.5) * factor as f64, (high as f64 + 0.5) * factor as f64)
     }
 }
 

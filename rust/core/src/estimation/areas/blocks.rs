@@ -1,0 +1,96 @@
+//! Blocks of the pixels of an image that are searched or left out together.
+
+use std::ops::Range;
+
+use phasestereo_match::base::plane::Plane;
+
+/// Side of a block, pixels.
+pub const BLOCK: usize = 8;
+/// Blocks that show what an image is like.
+pub const SAMPLED: usize = 64;
+/// Pixels of a block that cost much along the run, from which on it is searched.
+const MANY: usize = 10;
+/// Columns that are searched together: sums over them stay in the first-level cache.
+const LONGEST: usize = 64;
+
+/// The blocks of an image that are searched.
+pub struct Blocks {
+    /// Blocks of a row.
+    pub cols: usize,
+    /// Whether each is searched, row after row.
+    pub is_searched: Vec<bool>,
+}
+
+impl Blocks {
+    /// None of the blocks of an image.
+    pub fn none(rows: usize, cols: usize) -> Self {
+        let cols = cols.div_ceil(BLOCK);
+        Self { cols, is_searched: vec![false; rows.div_ceil(BLOCK) * cols] }
+    }
+
+    /// Those with [`MANY`] of these pixels.
+    pub fn of(pixels: &Plane<bool>) -> Self {
+        Self::of_larger(pixels, 1, (pixels.rows(), pixels.cols()))
+    }
+
+    /// The same of an image of this size, larger by a factor that divides a block, each pixel of which stands
+    /// for several.
+    pub fn of_larger(pixels: &Plane<bool>, by: usize, (rows, cols): (usize, usize)) -> Self {
+        let mut found = Self::none(rows, cols);
+        let side = BLOCK / by;
+        for (row, blocks) in found.is_searched.chunks_exact_mut(found.cols).enumerate() {
+            let mut counts = vec![0; blocks.len()];
+            for y in row * side..((row + 1) * side).min(pixels.rows()) {
+                for (count, part) in counts.iter_mut().zip(pixels.row(y).chunks(side)) {
+                    *count += part.iter().filter(|is_one| **is_one).count();
+                }
+            }
+            let is_many = |count: usize| count * by * by >= MANY;
+            blocks.iter_mut().zip(counts).for_each(|(block, count)| *block = is_many(count));
+        }
+        found
+    }
+
+    /// About [`SAMPLED`] of them, all over the image.
+    pub fn sampled(rows: usize, cols: usize) -> Self {
+        let mut blocks = Self::none(rows, cols);
+        // Odd, so that they do not lie below one another.
+        let step = (blocks.is_searched.len() / SAMPLED) | 1;
+        blocks.is_searched.iter_mut().step_by(step).for_each(|block| *block = true);
+        blocks
+    }
+
+    /// The first row and column of each that is searched.
+    pub fn places(&self) -> impl Iterator<Item = (usize, usize)> {
+        let searched = (0..self.is_searched.len()).filter(|at| self.is_searched[*at]);
+        searched.map(|at| (at / self.cols * BLOCK, at % self.cols * BLOCK))
+    }
+
+    /// Searches a block and its neighbors.
+    pub fn search_around(&mut self, at: usize) {
+        let (row, column) = (at / self.cols, at % self.cols);
+        let end = (row + 2).min(self.is_searched.len() / self.cols);
+        for row in row.saturating_sub(1)..end {
+            let columns = column.saturating_sub(1)..(column + 2).min(self.cols);
+            self.is_searched[row * self.cols..][columns].fill(true);
+        }
+    }
+
+    /// The columns of neighboring blocks of a row of blocks that are searched.
+    pub fn stretches(&self, row: usize, cols: usize) -> Vec<Range<usize>> {
+        let mut stretches: Vec<Range<usize>> = vec![];
+        for (block, is_searched) in
+            self.is_searched[row * self.cols..(row + 1) * self.cols].iter().enumerate()
+        {
+            let (start, end) = (block * BLOCK, ((block + 1) * BLOCK).min(cols));
+            match stretches.last_mut() {
+                Some(last) if *is_searched && last.end == start && last.len() < LONGEST => {
+                    last.end = end;
+                }
+                _ if *is_searched => stretches.push(start..end),
+                _ => {}
+            }
+        }
+        stretches
+    }
+}
