@@ -144,6 +144,21 @@ def test_what_is_near_and_small_belongs_to_the_range(
     assert search.left_out == ()
 
 
+@pytest.mark.parametrize(("period", "disparity"), [(25, 47), (40, 12), (40, 90), (60, 130)])
+def test_a_wall_that_repeats_itself_is_not_trusted(period: int, disparity: int) -> None:
+    tile = ndimage.gaussian_filter(noise(period, (200, period)), 1.5, mode=("reflect", "wrap"))
+    wall = np.tile(tile / tile.std(), (1, 2 + (640 + disparity) // period))
+    left, right = wall[:, :640], wall[:, disparity:][:, :640]
+    result = ps.match(
+        left + 0.04 * noise(1, left.shape), right + 0.04 * noise(2, left.shape), threads=1
+    )
+    is_wrong = np.abs(result.disparity - disparity) > 2
+    assert np.mean(is_wrong & (result.confidence > 0.5)) < 0.01
+    topics = {one.topic for one in result.findings if one.severity == "warning"}
+    assert "repetition" in topics
+    assert "swap" not in topics
+
+
 @pytest.mark.parametrize("columns", [450, 1077, 2154])
 @pytest.mark.parametrize("far", [(-3, 3), (-6, 18), (-25, 5)])
 def test_both_ends_are_found_whatever_their_sign(columns: int, far: tuple[int, int]) -> None:

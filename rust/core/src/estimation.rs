@@ -24,6 +24,7 @@ pub mod estimates;
 pub mod facts;
 pub mod order;
 pub mod overview;
+pub mod periods;
 pub mod photometry;
 pub mod range;
 pub mod registration;

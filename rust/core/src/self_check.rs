@@ -108,7 +108,7 @@ pub const CASES: &[Case] = &[
     case(Fault::Smaller, MIDDLE, Work::Match(Preset::Robust, None), 0xE1A2_4326_6537_D2DA),
     case(Fault::Masked, MIDDLE, Work::Match(Preset::Robust, None), 0x2CE1_1D88_B0FA_CA76),
     case(Fault::Pole, MIDDLE, Work::Match(Preset::Robust, None), 0x295B_5952_68DD_12CC),
-    case(Fault::Fence, MIDDLE, Work::Match(Preset::Robust, None), 0x8B48_796F_7D9E_4B2C),
+    case(Fault::Fence, MIDDLE, Work::Match(Preset::Robust, None), 0x7501_D22A_A309_256E),
     case(Fault::Twice, MIDDLE, Work::Match(Preset::Robust, None), 0xD18D_DF55_CD54_81A2),
     // Ranges that are too small.
     case(Fault::Pole, MIDDLE, Work::Match(Preset::Robust, Some(24)), 0xD792_00D3_0C61_C443),

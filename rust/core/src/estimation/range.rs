@@ -7,6 +7,7 @@ use std::ops::Range;
 use super::areas::{Area, areas, fine_areas};
 use super::order::{Order, Signs};
 use super::overview::{COARSE_WIDTH, FINE, Guess, Overview, ROUGH, RoughMap, Span};
+use super::periods::periods;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::statistics::ranked;
 use phasestereo_match::matcher::runtime::Runtime;
@@ -149,10 +150,20 @@ struct Ends {
 /// The range of a rough match of the overview; `None` where there is too little texture or too little in
 /// common.
 pub fn range(copies: Copies, map: &RoughMap, runtime: Runtime) -> Result<Option<Found>> {
-    let Some(run) = extent(map).filter(|_| map.confidence >= LEAST_CONFIDENCE) else {
+    // Texture that repeats itself matches badly, but its periods are seen.
+    let fine = copies.fine;
+    let periods = periods(fine, map.field.as_ref(), runtime)?;
+    let run = extent(map).filter(|_| map.confidence >= LEAST_CONFIDENCE);
+    let Some(mut ends) = (match run {
+        Some(run) => Some(Ends::of_run(copies, map, run, runtime)?),
+        None => periods.map(|periods| Ends::of_span(periods, fine.factor)),
+    }) else {
         return Ok(None);
     };
-    let mut ends = Ends::of_run(copies, map, run, runtime)?;
+    let periods = periods.filter(|_| !ends.identical);
+    if let Some((low, high)) = periods.map(|span| LeftOut::ends(span, fine.factor)) {
+        (ends.low, ends.high) = (ends.low.min(low), ends.high.max(high));
+    }
     for place in &ends.places {
         (ends.low, ends.high) = (ends.low.min(place.low), ends.high.max(place.high));
     }
@@ -161,7 +172,8 @@ pub fn range(copies: Copies, map: &RoughMap, runtime: Runtime) -> Result<Option<
     let (start, end) = with_margin(low, high, factor as f64);
     let overview = copies.overview;
     let width = overview.planes[0].cols() * overview.factor;
-    let (negative, mixed) = signs(map);
+    // Of texture that repeats itself, the sign is not known.
+    let (negative, mixed) = if periods.is_some() { (false, false) } else { signs(map) };
     let shown = Signs::new(overview, map);
     let count = (end - start + 1).min(width as i64);
     let range = SearchRange { min: start, count, low, high, negative, mixed, shown, identical };
@@ -171,6 +183,12 @@ pub fn range(copies: Copies, map: &RoughMap, runtime: Runtime) -> Result<Option<
 }
 
 impl Ends {
+    /// Those of a span of disparities of copies.
+    fn of_span(span: Span, factor: usize) -> Self {
+        let (low, high) = LeftOut::ends(span, factor);
+        Self { low, high, factor, places: vec![], identical: false }
+    }
+
     /// Those of the run of a rough match of the overview, on finer copies, if these match.
     fn of_run(copies: Copies, map: &RoughMap, known: Span, runtime: Runtime) -> Result<Self> {
         let Copies { finest, fine, overview } = copies;
