@@ -123,6 +123,24 @@ def test_the_range_keeps_up_with_things_that_come_nearer() -> None:
     assert [event.subject for event in rig.events] == ["range"]
 
 
+@pytest.mark.parametrize("nearer", [24, 60])
+def test_what_enters_before_all_else_is_found(nearer: int) -> None:
+    rig, texture = ps.Rig(preset="fast"), np.random.default_rng(7).integers(0, 256, (60, 48, 3))
+    disparity = COUNT + nearer
+    for index in range(8):
+        left, right = frame(index)
+        if index >= 4:
+            left[100:160, 200:248] = noisy(texture, 100 + index)
+            right[100:160, 200 - disparity : 248 - disparity] = noisy(texture, 200 + index)
+        result = rig.match(left, right)
+        if index >= 5:
+            seen = result.disparity[105:155, 205:243]
+            assert np.mean(np.abs(seen - disparity) <= 2) > 0.9
+    (event,) = (one for one in rig.events if one.subject == "range")
+    assert event.frame in {4, 5}
+    assert event.sentence.startswith("things entered")
+
+
 def test_an_exposure_that_pumps_moves_nothing() -> None:
     rig, steady = ps.Rig(preset="fast"), ps.TemporalFilter()
     gains = 1 + 0.5 * np.sin(np.arange(14))

@@ -1,8 +1,9 @@
 //! Both images reduced to some hundred columns, and their rough disparities.
 
+use std::borrow::Cow;
 use std::ops::Range;
 
-use crate::estimation::blur::parts::{HALO, PairRows, Strips};
+use crate::estimation::blur::parts::{HALO, PairRows, Part, Strips};
 use crate::estimation::blur::rough::{match_reduced, raised, reduced};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
@@ -10,6 +11,7 @@ use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::platform::both;
 use phasestereo_match::matcher::Disparity;
 use phasestereo_match::matcher::runtime::Runtime;
+use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::alignment::{Alignment, TERMS};
 use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::refinement::flag;
@@ -201,6 +203,25 @@ impl Overview {
         Ok(Some(Self { factor, planes: [plane(left)?, plane(right)?], valid }))
     }
 
+    /// Some bands of the rows of a pair, one below the other, reduced as [`Self::finest`] reduces all.
+    pub fn finest_of_bands(pair: &Pair, bands: &[Range<usize>], runtime: Runtime) -> Result<Self> {
+        let (mut left, mut right, mut valid) = (vec![], vec![], vec![]);
+        for rows in bands {
+            let part = Part::new(rows.start, Cow::Owned(pair.of_rows(rows.clone())), runtime)?;
+            left.extend_from_slice(part.grays[0].plane.as_slice());
+            right.extend_from_slice(part.grays[1].plane.as_slice());
+            let view = part.pair.views()[0];
+            valid.extend(
+                (0..rows.len()).flat_map(|y| (0..pair.size().1).map(move |x| view.is_valid(y, x))),
+            );
+        }
+        let (rows, cols) = (bands.iter().map(Range::len).sum(), pair.size().1);
+        let planes = [Plane::from_vec(rows, cols, left)?, Plane::from_vec(rows, cols, right)?];
+        let whole = Self { factor: 1, planes, valid: Plane::from_vec(rows, cols, valid)? };
+        let by = fine_factor(pair.size()) / 2;
+        if by > 1 { whole.reduced_by(by, runtime) } else { Ok(whole) }
+    }
+
     /// Reduced images as they are, valid everywhere.
     #[cfg(test)]
     pub fn of_planes(planes: [Plane<f32>; 2]) -> Self {
@@ -308,7 +329,7 @@ impl Overview {
     }
 
     /// The same, reduced by so much more.
-    fn reduced_by(&self, by: usize, runtime: Runtime) -> Result<Self> {
+    pub fn reduced_by(&self, by: usize, runtime: Runtime) -> Result<Self> {
         let Runtime { execution, control, .. } = runtime;
         let planes = both(|side| reduced(&self.planes[side], by, execution.level, control))?;
 
@@ -349,7 +370,7 @@ impl Overview {
 }
 
 /// Some bands of the rows of a plane, one below the other.
-fn of_bands<T: Copy>(plane: &Plane<T>, bands: &[Range<usize>]) -> Result<Plane<T>> {
+pub fn of_bands<T: Copy>(plane: &Plane<T>, bands: &[Range<usize>]) -> Result<Plane<T>> {
     let cols = plane.cols();
     let values = |rows: &Range<usize>| &plane.as_slice()[rows.start * cols..rows.end * cols];
 

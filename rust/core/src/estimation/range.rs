@@ -6,11 +6,15 @@ use std::ops::Range;
 
 use super::areas::{Area, areas, fine_areas};
 use super::order::{Order, Signs};
-use super::overview::{COARSE_WIDTH, FINE, Guess, Overview, ROUGH, RoughMap, Span};
+use super::overview::{
+    self, COARSE_WIDTH, FINE, Guess, LEAST_SIZE, Overview, ROUGH, RoughMap, Span, fine_factor,
+};
 use super::periods::periods;
 use phasestereo_match::base::error::Result;
+use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::statistics::ranked;
 use phasestereo_match::matcher::runtime::Runtime;
+use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::alignment::Alignment;
 use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::settings::MOST_DISPARITIES;
@@ -44,6 +48,10 @@ const BESIDE: (u64, f64) = (500, 0.25);
 /// The same for areas of the finest copies: with less, the ranges of 2 of 18 sharp pairs without such things
 /// grow.
 const CERTAIN_FINE: u64 = 1200;
+/// Frames that look at all rows of a video, in turns, ...
+const TURNS: usize = 4;
+/// ... and rows of the fine copies that one of them looks at together: two blocks.
+const TURN_ROWS: usize = 16;
 /// Rows of the finer copies of a band in which an end of the run is refined.
 const BAND: usize = 16;
 /// Fewest bands of an end, and one in how many of all.
@@ -304,6 +312,43 @@ pub fn left_out(
     let guess = overview.guess(map, overview);
     let places = places_of(overview, guess, run, reach(overview, run, false), map, runtime)?;
     Ok(beyond(places, candidates))
+}
+
+/// The places that match beyond the candidates of a map, in one of [`TURNS`] parts of its rows: what has
+/// entered a video.
+pub fn entered(
+    pair: &Pair,
+    map: &Plane<f32>,
+    candidates: Candidates,
+    turn: usize,
+    runtime: Runtime,
+) -> Result<Vec<LeftOut>> {
+    let (rows, cols) = pair.size();
+    let unit = fine_factor((rows, cols));
+    let height = TURN_ROWS * unit;
+    let tops = (turn % TURNS * height..rows).step_by(TURNS * height);
+    let bands: Vec<Range<usize>> = tops
+        .map(|top| top..(top + height).min(rows / unit * unit))
+        .filter(|band| !band.is_empty())
+        .collect();
+    if bands.is_empty() || rows.min(cols) < LEAST_SIZE {
+        return Ok(vec![]);
+    }
+
+    let finest = Overview::finest_of_bands(pair, &bands, runtime)?;
+    let copies = finest.reduced_by(unit / finest.factor, runtime)?;
+    let map = overview::of_bands(map, &bands)?;
+    let guess = Guess { disparity: &map, by: copies.factor, finer: 1 };
+
+    let run = finest.span(candidates);
+    let (_, highest) = finest.widest();
+    let tried = if run.0 + run.1 >= 0 {
+        (run.0.min(0), highest.max(run.1))
+    } else {
+        (run.0.min(-highest), run.1.max(0))
+    };
+    let found = fine_areas([&finest, &copies], guess, run, tried, None, runtime)?;
+    Ok(beyond(certain(found, finest.factor), candidates))
 }
 
 /// The places outside a run of the copies that belong to the range, on all coarser copies, which withstand

@@ -17,12 +17,14 @@
 //! A frame that fails changes nothing.
 
 use std::borrow::Cow;
+use std::ops::Range;
 use std::sync::Arc;
 use std::time::Duration;
 
 use crate::estimation::blur;
 use crate::estimation::blur::parts::Part;
 use crate::estimation::facts::{Fact, Facts, Rows};
+use crate::estimation::range;
 use crate::estimation::rows::RowOffsets;
 use crate::estimation::tracks::{AROUND, follow_here};
 use crate::estimation::{Estimates, Prepared, complete, prepare};
@@ -201,8 +203,8 @@ enum Verdict {
     Moved,
     /// Their rows sway.
     Swaying,
-    /// There are nearer things than were searched for.
-    Nearer,
+    /// There are things beyond the disparities that were searched.
+    Beyond,
     /// Much more is wrong than before.
     Lost,
 }
@@ -221,7 +223,7 @@ impl<'a> Followed<'a, '_> {
         let mut is_anew = false;
 
         for _ in 0..MOST_MATCHES {
-            match self.verdict(&mut geometry, &result) {
+            match self.verdict(&mut geometry, &result)? {
                 Verdict::Known => break,
                 Verdict::Moved if !is_anew => {
                     self.reopen(&mut geometry, &result);
@@ -234,7 +236,7 @@ impl<'a> Followed<'a, '_> {
                     is_anew = true;
                     break;
                 }
-                Verdict::Nearer => result = self.match_known(&geometry, &input, is_anew)?,
+                Verdict::Beyond => result = self.match_known(&geometry, &input, is_anew)?,
                 Verdict::Lost => {
                     if let Some((found, better)) = self.anew(&geometry, result.summary.wrong)? {
                         (geometry, result) = (found, better);
@@ -393,26 +395,48 @@ impl<'a> Followed<'a, '_> {
     }
 
     /// What a match says of the cameras. The range grows if it has to.
-    fn verdict(&self, geometry: &mut Geometry, result: &FrameMatch) -> Verdict {
+    fn verdict(&mut self, geometry: &mut Geometry, result: &FrameMatch) -> Result<Verdict> {
         let is_worse = self.rig.health.is_some_and(|health| result.summary.wrong > health + WORSE);
         if result.innovation.as_ref().is_some_and(|found| found.is_moved) {
-            return Verdict::Moved;
+            return Ok(Verdict::Moved);
         }
         if result.innovation.as_ref().is_some_and(|found| found.sways) {
-            return Verdict::Swaying;
+            return Ok(Verdict::Swaying);
+        }
+        if self.options.facts.candidates.is_none() && self.has_entered(geometry, result)? {
+            return Ok(Verdict::Beyond);
         }
         if is_worse && self.rig.frames >= self.rig.doubt.1 {
-            return Verdict::Lost;
+            return Ok(Verdict::Lost);
         }
         if self.options.facts.candidates.is_none() && result.summary.at_high > NEAR_END {
             let width = geometry.size.1;
             let mut wider = geometry.columns.clone();
             if wider.update(&result.map, width) {
                 geometry.columns.extend(wider.searched.end);
-                return Verdict::Nearer;
+                return Ok(Verdict::Beyond);
             }
         }
-        Verdict::Known
+        Ok(Verdict::Known)
+    }
+
+    /// Whether something has entered beyond the disparities that were searched, which grow.
+    fn has_entered(&mut self, geometry: &mut Geometry, result: &FrameMatch) -> Result<bool> {
+        let prepared = &result.prepared;
+        let (known, turn) = (prepared.estimates.candidates.value, self.rig.frames as usize);
+        let map = &result.map.disparity;
+        let places = range::entered(&prepared.pair, map, known, turn, self.runtime)?;
+        let low = places.iter().map(|place| place.low.floor() as i64).min();
+        let high = places.iter().map(|place| place.high.ceil() as i64).max();
+        let (Some(low), Some(high)) = (low, high) else { return Ok(false) };
+        if !geometry.columns.include(low..high + 1, geometry.size.1) {
+            return Ok(false);
+        }
+        let Range { start, end } = geometry.columns.searched;
+        let sentence =
+            format!("things entered: disparities from {start} to {} are searched", end - 1);
+        self.rig.events.renew(Subject::Range, self.rig.frames, sentence);
+        Ok(true)
     }
 
     /// Opens the field where rows have moved, and takes them in.

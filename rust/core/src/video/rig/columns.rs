@@ -22,6 +22,7 @@ use crate::video::choices::{
 use phasestereo_match::base::error::Result;
 use phasestereo_match::matcher::Disparity;
 use phasestereo_match::pair::candidates::Candidates;
+use phasestereo_match::settings::MOST_DISPARITIES;
 
 /// Shares are counted in units of 2^-20.
 const WHOLE: i64 = 1 << 20;
@@ -128,6 +129,24 @@ impl Columns {
         counts
     }
 
+    /// Searches these disparities, too, with a reserve. Returns whether the range has grown.
+    pub fn include(&mut self, seen: Range<i64>, width: usize) -> bool {
+        let Range { start, end } = self.searched;
+        let reserve = LEAST_RESERVE.max((seen.end - seen.start.min(start)) / RESERVE_DIVISOR);
+        let first = if seen.start < start { seen.start - reserve } else { start };
+        let last = if seen.end > end { seen.end + reserve } else { end };
+        let last = last.min(first + width.min(MOST_DISPARITIES) as i64);
+        if first >= start && last <= end {
+            return false;
+        }
+
+        let before = (start - first) as usize;
+        self.shares.splice(0..0, std::iter::repeat_n(0, before));
+        self.searched.start = first;
+        self.extend(last);
+        true
+    }
+
     /// Searches disparities up to, but without, this one.
     pub fn extend(&mut self, end: i64) {
         self.searched.end = end.max(self.searched.end);
@@ -141,5 +160,25 @@ impl Columns {
             && shares.iter().all(|share| (0..=WHOLE).contains(share))
             && *idle <= IDLE_FRAMES
             && Candidates::new(*start, shares.len() as i64, width).is_ok()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_entered_is_searched_from_then_on_with_a_reserve() -> Result<()> {
+        let mut columns = Columns::new(Candidates::new(0, 64, 640)?);
+        columns.shares[63] = 9;
+        assert!(!columns.include(2..64, 640));
+        assert!(columns.include(90..93, 640));
+        assert_eq!((columns.searched.clone(), columns.shares[63]), (0..100, 9));
+        assert!(columns.include(-5..-3, 640));
+        assert_eq!((columns.searched.clone(), columns.shares[74]), (-11..100, 9));
+        assert!(columns.is_sound(640));
+        assert!(columns.include(300..700, 640));
+        assert_eq!(columns.searched, -11..629);
+        Ok(())
     }
 }
