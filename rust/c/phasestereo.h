@@ -213,6 +213,11 @@ typedef enum phasestereo_status {
 typedef struct phasestereo_matcher phasestereo_matcher;
 
 /**
+ * A pair that any other matcher can use, and the way back of its maps. Any number of threads may use one at the same time.
+ */
+typedef struct phasestereo_prepared phasestereo_prepared;
+
+/**
  * What two cameras are, learned from pair to pair, and the temporal filter of their video. Pairs are matched one after another: of
  * two calls at the same time one is refused. It has no threads, and survives a fork.
  */
@@ -641,6 +646,68 @@ enum phasestereo_status phasestereo_check(const struct phasestereo_matcher *matc
                                           int32_t min_disparity,
                                           int32_t num_disparities,
                                           struct phasestereo_found *found);
+
+/**
+ * Prepares a pair for any other matcher, by what a match finds out about it: images that are rectified, of rows that correspond,
+ * equally sharp and bright. `max_disparity` is the largest disparity that the other matcher can answer, pixels, to which images are
+ * cropped and reduced; 0: there is no limit. All else is as of `phasestereo_match`. NULL if it fails: see `phasestereo_error`.
+ * `phasestereo_get_finding` says what was found.
+ *
+ * Pointers are to what their types say.
+ */
+struct phasestereo_prepared *phasestereo_prepare(const struct phasestereo_matcher *matcher,
+                                                 const struct phasestereo_image *left,
+                                                 const struct phasestereo_image *right,
+                                                 int32_t min_disparity,
+                                                 int32_t num_disparities,
+                                                 uint32_t max_disparity);
+
+/**
+ * Frees a prepared pair with its images. NULL is ignored.
+ *
+ * The pair is one of `phasestereo_prepare`, no call is using it, and none will.
+ */
+void phasestereo_prepared_free(struct phasestereo_prepared *prepared);
+
+/**
+ * Writes where the prepared left image (`side` 0) or right one (1) is, gray or RGB, without a mask. Its pixels belong to the
+ * pair: they are there until it is freed.
+ *
+ * The pair is one of `phasestereo_prepare`, and `image` a place for an image, whose size is set.
+ */
+enum phasestereo_status phasestereo_prepared_image(const struct phasestereo_prepared *prepared,
+                                                   uint32_t side,
+                                                   struct phasestereo_image *image);
+
+/**
+ * The number of disparities of a prepared pair, from 0 on; 0 of NULL.
+ *
+ * The pair is one of `phasestereo_prepare`, or NULL.
+ */
+uint32_t phasestereo_prepared_disparities(const struct phasestereo_prepared *prepared);
+
+/**
+ * What was done to a pair, one sentence after another; NULL beyond the last one. The text belongs to the pair.
+ *
+ * The pair is one of `phasestereo_prepare`, or NULL.
+ */
+const char *phasestereo_prepared_done(const struct phasestereo_prepared *prepared, uint32_t index);
+
+/**
+ * Writes a disparity map of a prepared pair as one of the left image as it came, in pixels: of `map`, what is not finite is
+ * missing, and where it is not of the size of the prepared images, its disparities are in pixels of its own. NaN where there is
+ * none. If the call fails, nothing is written.
+ *
+ * The pair is one of `phasestereo_prepare`; `map` has `height` rows of `width` values, `map_stride` bytes from one to the next;
+ * `disparity` has rows of as many values as the left image has columns, and as many rows.
+ */
+enum phasestereo_status phasestereo_restore(const struct phasestereo_prepared *prepared,
+                                            const float *map,
+                                            ptrdiff_t map_stride,
+                                            uint32_t width,
+                                            uint32_t height,
+                                            float *disparity,
+                                            ptrdiff_t disparity_stride);
 
 /**
  * Fills in `rotation` and `projection` of a calibration of which `camera` and `distortion` are given: those that OpenCV's

@@ -400,6 +400,40 @@ def test_what_a_rig_cannot_take_is_refused(rig_program: RigProgram) -> None:
         assert line.startswith(start)
 
 
+# Pairs for other matchers
+
+
+@pytest.mark.parametrize(("channels", "most"), [(GRAY, 0), (RGB, 0), (RGB, 20)])
+def test_a_prepared_pair_is_that_of_python_to_the_bit(
+    library: str, pair: Pair, channels: int, most: int, tmp_path: Path
+) -> None:
+    assert library
+    left, right = _changed(pair, lambda image: image[:, :, 1] if channels == GRAY else image)
+    for name, image in (("left", left), ("right", right)):
+        (tmp_path / name).write_bytes(image.tobytes())
+    rows, cols = left.shape[:2]
+    numbers = map(str, (cols, rows, channels, most))
+    said = run(_compiled("c_prepare", INTERFACE, tmp_path), tmp_path, *numbers).stdout.splitlines()
+
+    expected = ps.prepare(left, right, max_disparity=most or None)
+    shape = expected.left.shape
+    assert [line for line in said if line.startswith("done ")] == [
+        f"done {sentence}" for sentence in expected.done
+    ]
+    assert f"disparities {expected.num_disparities}" in said
+    assert f"size {shape[0]} {shape[1]} {channels} 8" in said
+    for name, image in (("left", expected.left), ("right", expected.right)):
+        found = np.fromfile(tmp_path / f"prepared_{name}", np.uint8).reshape(shape)
+        np.testing.assert_array_equal(found, image)
+
+    line = np.float32(3) + np.float32(0.01) * np.arange(shape[1], dtype=np.float32)
+    restored = expected.restore(np.broadcast_to(line, shape[:2]))
+    back = np.fromfile(tmp_path / "restored", np.float32).reshape(rows, cols)
+    np.testing.assert_allclose(back, restored, atol=1e-5)
+    assert "refused disparity: got 3 x 9 pixels; accepts that of the prepared" in "\n".join(said)
+    assert "refused side: got 2; accepts 0, left, or 1, right" in said
+
+
 # The installed package
 
 

@@ -8,6 +8,8 @@
 
 mod found;
 mod images;
+#[cfg(not(target_family = "wasm"))]
+mod prepare;
 // A page matches one pair, which the core rectifies by itself: without these it is a tenth smaller.
 #[cfg(not(target_family = "wasm"))]
 mod rectify;
@@ -29,6 +31,8 @@ use phasestereo::{Error, Preset, Result};
 
 pub use self::found::Found;
 pub use self::images::{Image, Map};
+#[cfg(not(target_family = "wasm"))]
+pub use self::prepare::Prepared;
 #[cfg(not(target_family = "wasm"))]
 pub use self::rectify::{Calibration, Rectified};
 #[cfg(not(target_family = "wasm"))]

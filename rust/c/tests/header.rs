@@ -26,6 +26,7 @@ fn header() -> String {
         "Calibration",
         "Rectified",
         "Rig",
+        "Prepared",
     ];
     let mut config = Config {
         language: Language::C,
