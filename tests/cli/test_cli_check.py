@@ -47,7 +47,9 @@ def blurred(monkeypatch: pytest.MonkeyPatch) -> None:
 
     module = importlib.import_module("phasestereo.rig.diagnosis")
     found = module.estimate_pair
-    monkeypatch.setattr(module, "estimate_pair", lambda *a: replace(found(*a), blur=estimate))
+    monkeypatch.setattr(
+        module, "estimate_pair", lambda *a, **b: replace(found(*a, **b), blur=estimate)
+    )
 
 
 def test_sentences_are_those_of_the_library(run: Callable[..., Run]) -> None:

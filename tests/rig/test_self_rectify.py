@@ -76,6 +76,16 @@ def test_a_pair_far_from_rectified_is_matched_about_as_well_as_a_rectified_one(
     assert ("lenses distort" in sentences(result)) == (rig == "distorted")
 
 
+def test_a_check_reports_what_the_match_does(turned: Pair, found: ps.Result) -> None:
+    reported = ps.check(turned.left, turned.right)
+    matched = [one for one in found.findings if one.topic == "alignment"]
+    assert matched
+    assert [one for one in reported.findings if one.topic == "alignment"] == matched
+    assert reported.search == found.search
+    as_it_is = ps.check(turned.left, turned.right, self_rectify=False)
+    assert "rectified by what they show" not in str(as_it_is)
+
+
 def test_a_small_scene_shows_its_cameras_at_half_its_size(data: Path) -> None:
     """At its own size too few of its corners agree."""
     scene = find_scene(data / "middlebury", "tsukuba").load()

@@ -183,7 +183,8 @@ def _measured(made: Rectification) -> Rectification:
         return made  # where pixels are NaN, as masked ones may be, nothing is looked at
 
     turns = int(made.vertical)  # columns are to correspond where one camera is above the other
-    found = check(np.rot90(made.left, turns), np.rot90(made.right, turns)).alignment
+    images = np.rot90(made.left, turns), np.rot90(made.right, turns)
+    found = check(*images, self_rectify=False).alignment
     lines = "columns" if made.vertical else "rows"
     if found is None:
         said = (

@@ -112,7 +112,7 @@ class Diagnosis:
         return plain
 
 
-def check(left: ImageOrPath, right: ImageOrPath) -> Diagnosis:
+def check(left: ImageOrPath, right: ImageOrPath, *, self_rectify: bool = True) -> Diagnosis:
     """Diagnose a stereo pair, from the images alone.
 
     Parameters
@@ -120,6 +120,9 @@ def check(left: ImageOrPath, right: ImageOrPath) -> Diagnosis:
     left, right
         The images, as `phasestereo.match` takes them. They should be rectified, but need not be.
         NaN is masked.
+    self_rectify
+        Whether a pair that is far from rectified is rectified first, as `match` does it, and a
+        finding says so; that takes seconds. False: the pair is diagnosed as it is.
 
     Returns
     -------
@@ -146,7 +149,7 @@ def check(left: ImageOrPath, right: ImageOrPath) -> Diagnosis:
     """
     _, pair, masks = opened_valid((left, right))
     size = pair[0].shape[0], pair[0].shape[1]
-    found = estimate_pair(pair, masks, (0, None), None)
+    found = estimate_pair(pair, masks, (0, None), None, self_rectify=self_rectify)
     light = cast("Photometry", found.photometry)  # the preset asks for estimates
 
     is_uniform = any(side.dark == 1 for side in light.saturation)
@@ -161,8 +164,16 @@ def check(left: ImageOrPath, right: ImageOrPath) -> Diagnosis:
         saturation=light.saturation,
         low_texture=None if math.isnan(light.low_texture[0]) else light.low_texture,
         intensity_range=light.intensity_range,
-        findings=found.findings,
+        findings=_by_topic(found.findings),
     )
+
+
+def _by_topic(findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
+    """Return findings by topic, without "ok" on a topic that has a note or a warning."""
+    topics = list(dict.fromkeys(found.topic for found in findings))
+    faulty = {found.topic for found in findings if found.severity != "ok"}
+    kept = [one for one in findings if one.severity != "ok" or one.topic not in faulty]
+    return tuple(sorted(kept, key=lambda one: topics.index(one.topic)))
 
 
 def _blur(estimate: BlurEstimate) -> dict[str, Any]:

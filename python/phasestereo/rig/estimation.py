@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from phasestereo import _core
 from phasestereo._images import ImageOrPath, Mask, Pixels
 from phasestereo._opening import opened_valid
+from phasestereo.known import as_known
 from phasestereo.rig.blur import BlurEstimate
 from phasestereo.rig.estimates import Estimates
 from phasestereo.settings import PRESETS
@@ -74,6 +75,12 @@ def estimate_pair(
     masks: tuple[Mask | None, Mask | None],
     search: tuple[int, int | None],
     threads: int | None,
+    *,
+    self_rectify: bool = False,
 ) -> Estimates:
-    """Estimate of checked images what the default preset does."""
-    return _core.estimate_pair(pair, masks, search, PRESETS["robust"], threads)
+    """Estimate of checked images what the default preset does; of the rectified ones if asked."""
+    settings = PRESETS["robust"]
+    if not self_rectify:
+        return _core.estimate_pair(pair, masks, search, settings, threads)
+    *_, found = _core.prepare_pair(pair, masks, search, None, settings, threads, as_known(None))
+    return found

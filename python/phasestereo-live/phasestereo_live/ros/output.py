@@ -129,7 +129,7 @@ class FrameWriter:
             self._writer.write(f"{self._space}/{name}", header.stamp, message)
 
         if "diagnostics" in self._kinds and self._is_due(header.stamp):
-            status = diagnostics(make, header, check(frame.left, frame.right))
+            status = diagnostics(make, header, check(frame.left, frame.right, self_rectify=False))
             self._writer.write("/diagnostics", header.stamp, status)
 
     def _in_space(self, frame: Frame, header: Header, calibration: Calibration) -> dict[str, Any]:

@@ -204,7 +204,7 @@ class PhasestereoNode(Node):  # type: ignore[misc]  # rclpy has no types
             self._publish_depths(header, result, known, images[0])
         if self._diagnosed is None or not 0 <= stamp - self._diagnosed < _SECOND:
             self._diagnosed = stamp
-            self._diagnostics.publish(diagnostics(make, header, check(*images)))
+            self._diagnostics.publish(diagnostics(make, header, check(*images, self_rectify=False)))
 
     def _publish_depths(
         self, header: Header, result: Result, known: Calibration, left: NDArray[Any]
