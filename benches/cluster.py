@@ -6,7 +6,7 @@ Prints the figures of docs/large.md for one pair of image files, best of 2 megap
 matched PAIRS times in each round. A round has every way once, in turn: the loop in this process, a
 cluster of one worker, of two and so on up to the number of processors, each worker of one thread.
 Clusters are up before the first round. The rest of a batch is timed: connecting, reading, writing,
-the manifest. Told are medians over the rounds.
+the manifest. Figures are medians over the rounds.
 """
 
 from __future__ import annotations

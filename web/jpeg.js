@@ -1,5 +1,5 @@
 // What JPEG files say besides their pixels: the two pictures of cameras with two lenses (MPO, CIPA DC-007), and the focal
-// length (Exif). Both stand in TIFF directories, which say where things lie counted from their header.
+// length (Exif). Both are in TIFF directories, which say where things lie counted from their header.
 
 const MOST_HEADER = 2 ** 18; // bytes before the pixels of the first picture
 const [START, APP1, APP2, SCAN] = [0xffd8, 0xffe1, 0xffe2, 0xffda];

@@ -42,7 +42,7 @@ class Matcher {
    *     sway (largest offset of a row from the field; pixels all), blocks, applied
    *   - blur: list, largest area first, of side ("none", "left", "right": the softer one), kind ("none", "gaussian", "disk",
    *     "motion", "annulus", "other"), size (pixels), angle (degrees), share of the image; empty if it was not looked for;
-   *     where each image lacks something that the other one has, both blurs, each with the whole share
+   *     where each image has a blur that the other one has not, both blurs, each with the whole share
    *   - certainty (0 to 1) of the first of them, contrast of the left image relative to the right one
    *   - noise, impulses, coding: [left, right], in gray levels
    *   - inverted: whether the images match once one of them is inverted

@@ -7,7 +7,7 @@ import { canvasOfDeep, deepImageOf } from "./png.js";
 const MOST_PIXELS = 500_000; // of an image: larger ones are made smaller, so that a match takes seconds at most
 const LEAST_RATIO = 1.2; // width by height from which on one file is taken for two views side by side
 const LARGEST_UNLIKE = 0.02; // share by which width by height of two images may differ, since sizes are rounded
-const FILM = Math.hypot(36, 24); // mm, the diagonal that focal lengths are told for
+const FILM = Math.hypot(36, 24); // mm, the diagonal that focal lengths refer to
 
 // The pair in some files: {left, right, focal, note}: `focal` in pixels if the photographs name it, `note` in words. Throws an
 // Error that says what is wrong.

@@ -1,4 +1,4 @@
-"""What a caller knows of a pair before it is matched."""
+"""Facts of a pair that a caller gives before a match."""
 
 from __future__ import annotations
 

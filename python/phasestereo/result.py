@@ -151,7 +151,7 @@ class Summary:
         Mean confidence; NaN if none was worked out.
     wrong
         Estimated share, 0 to 1, of the pixels with an estimate whose disparity is off by more than
-        1 px: what the mean of their confidences lacks to 1. Without confidences, as with `fast`, it
+        1 px: 1 less the mean of their confidences. Without confidences, as with `fast`, it
         is that of one row in 64; NaN in images of less than 37 rows, and where nothing is compared
         with the texture of the image.
     coarse, inferred

@@ -205,7 +205,7 @@ def test_scenes_beyond_the_suite_do_not_count(tmp_path: Path) -> None:
 
     mixed = read_results([store(tmp_path / "c", [*records, record("sad", 1.0, "venus")])])
     said = explain(mixed, "v2.nonocc")
-    assert "not all methods have them: paper lacks venus; sad lacks tsukuba." in said
+    assert "not all methods have them: paper is without venus; sad is without tsukuba." in said
     assert "Not of the suite, and in no mean: sawtooth." in said
     assert "eft out" not in explain(results, "v2.nonocc")
 

@@ -270,7 +270,7 @@ def test_full_disk_ends_the_run_and_names_the_file(more: str) -> None:
         ("video.mkv --save-to text.mp4", FAILED, "text.mp4: File exists"),
         ("video.mkv --show=window", WRONG, "--show"),
         ("--json", WRONG, "SOURCE is missing"),
-        ("video.mkv --cameras 0 1 --json", WRONG, "--cameras: stands in place of SOURCE"),
+        ("video.mkv --cameras 0 1 --json", WRONG, "--cameras: got SOURCE as well"),
         ("--cameras 0 1 2 --json", WRONG, "--cameras: got 0 1 2; accepts one or two"),
         ("text.mp4 --json", FAILED, "text.mp4: damaged, or no video"),
         ("video.mkv -o video.mkv", WRONG, "--output: video.mkv is an input or another"),

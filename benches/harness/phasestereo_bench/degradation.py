@@ -244,7 +244,7 @@ def areas(
         uint8 or uint16 array (H, W) or (H, W, C).
     layout
         Integers (rows, cols), the index of the version each area shows. The areas are equal: area
-        (i, j) covers the image rows H i // rows to H (i + 1) // rows and columns likewise.
+        (i, j) covers the image rows H i // rows to H (i + 1) // rows, and columns in the same way.
     versions
         Callables from an image to an image of its shape and dtype, such as `Degradation`.
     noise, seed

@@ -46,7 +46,7 @@ class Maps(NamedTuple):
     confidence
         Dask array, float32 (H, W); None if the settings have ``confidence=False``.
     uncertainty
-        Dask array, float32 (H, W), pixels, as `phasestereo.Result.uncertainty`; or None likewise.
+        Dask array, float32 (H, W), pixels, as `phasestereo.Result.uncertainty`; or None.
     """
 
     disparity: Array

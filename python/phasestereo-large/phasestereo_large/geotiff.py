@@ -398,7 +398,7 @@ def georeference_of(file: Any) -> Georeference:
 def _layers(
     image: ArrayLike | Mapping[str, ArrayLike],
 ) -> tuple[list[str], NDArray[Any], dict[str, Any]]:
-    """Return the names of bands, the bands (count, H, W), and what GDAL is to know of them."""
+    """Return the names of bands, the bands (count, H, W), and their metadata for GDAL."""
     options: dict[str, Any] = {}
 
     if isinstance(image, Mapping):

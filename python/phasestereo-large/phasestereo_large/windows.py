@@ -100,7 +100,7 @@ class Raster:
         OSError
             If the system refuses a part of the file; the message names file and rows.
         ValueError
-            If a part is damaged, or samples are such as no image has; likewise.
+            If a part is damaged, or samples are such as no image has.
         """
         across = slice(*(columns or (0, self.size[1])))
         cuts = [first, *_cuts(first, last, self.block[0]), last]

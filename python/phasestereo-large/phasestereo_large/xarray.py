@@ -131,7 +131,7 @@ def as_dataset(result: Result, *, like: DataArray | None = None) -> Dataset:
     Dataset
         ``disparity``: float32, pixels, NaN = no estimate; ``flags``: uint16, with the meaning of
         every bit in ``flag_masks`` and ``flag_meanings``; ``confidence``, if there is any: float32
-        in [0, 1]; ``uncertainty``, likewise: float32, pixels, NaN = no estimate. Attributes give
+        in [0, 1]; ``uncertainty``: float32, pixels, NaN = no estimate. Attributes give
         the version, the settings (as JSON) and the blur found. Everything can be written to netCDF
         and Zarr.
 

@@ -13,7 +13,7 @@ from phasestereo.rig.findings import Finding, MatchWarning, untrusted
 
 @contextmanager
 def unwarned() -> Iterator[None]:
-    """Ignore the warnings of matches in this block: they are said as findings."""
+    """Ignore the warnings of matches in this block: findings report them."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", MatchWarning)
         yield

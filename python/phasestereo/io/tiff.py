@@ -64,7 +64,7 @@ def decode_tiff(file: BinaryIO) -> NDArray[Any]:
     _check_bounds(file)
     file.seek(0)
     with tifffile.TiffFile(file) as tiff:
-        # aspage: later pages of a series are mere frames, which lack tags
+        # aspage: later pages of a series are mere frames, without tags
         pages = [page for page in (each.aspage() for each in tiff.pages) if not page.is_reduced]
         if len(pages) != 1:
             raise ValueError(f"the TIFF has {len(pages)} pages, and only one can be the image")

@@ -1,4 +1,4 @@
-"""The matcher that stands in for OpenCV's: BGR images in, sixteenths of pixels out."""
+"""The matcher to use in place of OpenCV's: BGR images in, sixteenths of pixels out."""
 
 # ruff: noqa: N802, N803 -- the names are OpenCV's
 
@@ -249,8 +249,8 @@ class StereoPhase(Parameters):
         Parameters
         ----------
         fn
-            The ``cv2.FileNode`` of the object, as ``storage.getFirstTopLevelNode()``. What it lacks
-            stays as it is.
+            The ``cv2.FileNode`` of the object, as ``storage.getFirstTopLevelNode()``. Parameters
+            that it does not have stay as they are.
 
         Raises
         ------

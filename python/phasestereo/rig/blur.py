@@ -22,7 +22,7 @@ BlurKind = Literal["none", "gaussian", "disk", "motion", "annulus", "other"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Blur:
-    """A kind of relative blur: what one image lacks to be like the other.
+    """A kind of relative blur: what makes the sharper image as soft as the other.
 
     Parameters
     ----------
@@ -43,9 +43,9 @@ class Blur:
         The point-spread function, float64 (n, n), n odd, sum 1: the sharper image convolved with it
         is as soft as the other one. None if there is no blur.
     other
-        The blur of the other image, where that one lacks something as well, as two cameras do that
+        The blur of the other image, where each is blurred in its own way, as of two cameras that
         were shaken along different ways: each image convolved with the blur of the other one, they
-        are alike. None: the other image lacks nothing.
+        are alike. None: the other image is sharp.
     """
 
     side: Side

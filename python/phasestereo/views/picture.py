@@ -2,7 +2,7 @@
 
 Here is what turns arrays into RGB images; nothing is read, written or shown. matplotlib (the extra
 ``plot``) supplies the colors, the axes and the text, through figures of its own that no global
-state knows of.
+state has.
 """
 
 from __future__ import annotations

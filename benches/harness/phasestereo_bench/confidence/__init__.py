@@ -1,6 +1,6 @@
 """Confidence that is a probability: what the core's calibration is learned from, and how it holds.
 
-`observation` matches spoiled pairs and counts how far their disparities are off, `learning` fits
+`observation` matches degraded pairs and counts how far their disparities are off, `learning` fits
 the weights to these counts, `verdict` says what they are worth on faults and scenes that were left
 out, `weights` writes them as the core has them.
 """

@@ -43,7 +43,7 @@ PRINTED = 0.6  # probability that a thing on a table has a texture
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Room:
-    """What is in a room, and where the cameras stand in it.
+    """What is in a room, and the positions of the cameras.
 
     Attributes
     ----------

@@ -28,16 +28,16 @@ def explain(results: Results, metric: str) -> str:
 
 
 def left_out(results: Results, metric: str) -> str:
-    """Say which scenes means are not over, and which method lacks them, if there is any."""
+    """Name the scenes that means leave out, and the methods without them, if any."""
     lacking = []
     for method in results.methods:
         rows = [row for row in results.degradations if results.values(metric, method, row)]
-        lacks = [
+        absent = [
             place.scene
             for place in results.counted
             if any(place not in results.values(metric, method, row) for row in rows)
         ]
-        lacking += [f"{method} lacks {', '.join(lacks)}"] if lacks else []
+        lacking += [f"{method} is without {', '.join(absent)}"] if absent else []
 
     missing = f" Left out of means, for not all methods have them: {'; '.join(lacking)}."
     others = [place.scene for place in results.places if place not in results.counted]

@@ -96,7 +96,7 @@ class One:
 
 @dataclass(frozen=True, slots=True)
 class Both:
-    """A step that spoils both images: the worse one, and the other one likewise or otherwise.
+    """A step that spoils both images: the worse one, and the other one in the same or another way.
 
     Parameters
     ----------

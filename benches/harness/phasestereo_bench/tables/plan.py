@@ -35,7 +35,7 @@ SYNTHESIZED = ("gauss 2", "gauss 4", "disk 3", "disk 6", "motion 9", "motion 15"
 """Degradations after which the blurred image is made again."""
 
 TIMED_ON = ("scenes2003/cones", "MiddEval3/trainingQ/Motorcycle")
-"""The scenes that time and memory are of; the larger stands in the first table of all."""
+"""The scenes that time and memory are of; the larger is in the first table of all."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -83,7 +83,7 @@ def remote(address: str, security: Any = None) -> Iterator[Cluster]:
     OSError
         If there is no scheduler, or no worker comes.
     ValueError
-        If the address is invalid, or a worker has another version of this package, or lacks it.
+        If the address is invalid, or a worker has another version of this package, or none.
     ImportError
         If Dask's scheduler is not installed.
     """

@@ -289,7 +289,7 @@ def _places(source: str | None, right: str | None, cameras: tuple[int, ...]) -> 
     """Return the source for `stream`, and the right view if it is separate."""
     if cameras:
         if source is not None:
-            raise CommandError("--cameras: stands in place of SOURCE, not beside it", WRONG_USAGE)
+            raise CommandError("--cameras: got SOURCE as well; accepts one of both", WRONG_USAGE)
         if len(cameras) > 2 or min(cameras) < 0:
             got = " ".join(map(str, cameras))
             raise CommandError(f"--cameras: got {got}; accepts one or two numbers", WRONG_USAGE)

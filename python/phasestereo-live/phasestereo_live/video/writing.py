@@ -42,7 +42,7 @@ class VideoWriter(Closing):
     Parameters
     ----------
     path
-        The file: .mp4, .m4v, .mov or .mkv. H.264, or MPEG-4 Part 2 where PyAV lacks an encoder.
+        The file: .mp4, .m4v, .mov or .mkv. H.264, or MPEG-4 Part 2 where PyAV has no encoder.
     rate
         Pictures a second, of those that are given no time.
 

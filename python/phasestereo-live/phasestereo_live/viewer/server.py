@@ -1,7 +1,7 @@
 """What answers the browser: on this machine alone, and only who was let in.
 
 The address has a key, which is exchanged for a cookie: ``http://127.0.0.1:PORT/KEY`` leads to
-``http://127.0.0.1:PORT/ROOM/``, where nothing is answered without the cookie. The key stands in a
+``http://127.0.0.1:PORT/ROOM/``, where nothing is answered without the cookie. The key is in a
 file of this user alone and on the terminal, never in the command line of a browser, which every
 user of the machine can see. A cookie goes to all ports of a machine, so this one goes to the room
 alone, whose name nobody else knows. A page of another site, which a browser may send here too, has

@@ -40,7 +40,7 @@ _PAIRS = (
 _SIZES = "imageSize", "image_size", "img_size", "resolution", "res1"
 _SIDES = "image_width", "image_height"
 _FAULTS = AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError
-"""What a file of a known kind raises that lacks something, or holds something else."""
+"""Errors of files of a known kind with missing or other contents."""
 
 
 def read_calibration(

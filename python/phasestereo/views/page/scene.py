@@ -33,7 +33,7 @@ class ScenePoints:
     ranging
         What makes points of pixels, and ends of depths of error bars.
     nominal
-        Whether it is made up, for want of a calibration.
+        Whether it is assumed, without a calibration.
     """
 
     shown: int

@@ -122,7 +122,7 @@ function sectionOf(line) {
     <p class="note">Depth from A to B: ${inUnit(low + spread)} below, ${inUnit(high - spread)} above; the band is the error bar, hatched where it is not trusted.</p>`;
 }
 
-// What is said of the marks, one sentence each.
+// The sentences on the marks, one each.
 function measured() {
   const said = [];
   const given = Object.entries(marks).filter(([, mark]) => mark);

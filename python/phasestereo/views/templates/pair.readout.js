@@ -12,7 +12,7 @@ function intensity(side, x, y) {
   return page.gray[side] ? `${r}` : `${r} ${g} ${b}`;
 }
 
-// What is said of a pixel, by the rows of the read-out; of rows that a page has not, too.
+// The texts on a pixel, by the rows of the read-out, also of rows that are not on this page.
 function valuesOf({ x, y }) {
   const at = y * page.cols + x;
   const found = maps.disparity[at];

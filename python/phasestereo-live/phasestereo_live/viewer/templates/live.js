@@ -111,7 +111,7 @@ function showSetting(name) {
   setText(`${name}-shown`, name === "num_disparities" && !value ? "found" : String(value));
 }
 
-// One change after the other, so that the last one holds, and what is said is of the last one.
+// One change after the other, so that the last one holds, and the message is of the last one.
 let changing = Promise.resolve();
 const change = (what) => (changing = changing.then(() => changed(what)));
 
