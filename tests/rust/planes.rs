@@ -294,7 +294,7 @@ fn naive_detail(gray: &Plane<i32>) -> Plane<f32> {
     });
     Plane::from_fn(size.0, size.1, |y, x| {
         let squares = || window((y, x), 4, size).map(|(y, x)| i64::from(rest.row(y)[x]).pow(2));
-        (squares().sum::<i64>() as f64 / squares().count() as f64) as f32
+        squares().sum::<i64>() as f32 / squares().count() as f32
     })
 }
 

@@ -6,6 +6,9 @@
 //! blank  = detail <= BLANK steps of rounding, opened by 5 x 5, and so for 8 px around
 //! ```
 //!
+//! Rests are integers, in parts of a step of gray values, and clipped: from [`MOST`] on, one alone makes more detail than any
+//! bound. So the sums of their squares have no error, and fit into 32 bits.
+//!
 //! In a blank area the codes are those of rounding, or of nothing. A pixel there may match, and even agree with others, but not
 //! by what the image shows.
 
@@ -14,11 +17,15 @@ use crate::scales::flat_areas::{grown, shrunk};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
-use phasestereo_match::base::simd::Level;
+use phasestereo_match::base::simd::{Level, whole};
 use phasestereo_match::image::window_sums::{Beyond, Windows};
 
 /// Parts of a step of gray values that a rest has.
-const PARTS: i64 = 16;
+const PARTS: i32 = 16;
+/// Largest rest, in these parts: the sum of its squares over a window fits into 32 bits.
+const MOST: i32 = 7000;
+const _: () =
+    assert!((MOST as u64).pow(2) * ((2 * DETAIL_RADIUS + 1) as u64).pow(2) <= u32::MAX as u64);
 /// Rows that one task takes.
 const BAND: usize = 32;
 
@@ -42,7 +49,10 @@ impl Detail {
             let values = |y: usize| gray.row(y).iter().map(|gray| [*gray]);
             let rest = |y: usize, x: usize, [sum]: [i32; 1]| {
                 let count = means.pixels(y, x) as i32;
-                (PARTS as i32 * (count * gray.row(y)[x] - sum)) / count
+                let parts = PARTS * (count * gray.row(y)[x] - sum);
+                // Exact: floats of such quotients are finer than one part of the largest window.
+                let rest = parts.clamp(-MOST * count, MOST * count) as f32 / count as f32;
+                whole(rest) as i32
             };
             means.write((first, band), values, rest, level)
         })?;
@@ -50,14 +60,13 @@ impl Detail {
         let around = windows(DETAIL_RADIUS);
         let squares = Plane::by_bands(size, BAND, |first, band| {
             control.checkpoint()?;
-            let values = |y: usize| rest.row(y).iter().map(|rest| [i64::from(*rest).pow(2)]);
-            let mean = |y: usize, x: usize, [sum]: [i64; 1]| {
-                (sum as f64 / f64::from(around.pixels(y, x))) as f32
-            };
+            let values = |y: usize| rest.row(y).iter().map(|rest| [(rest * rest) as u32]);
+            let mean =
+                |y: usize, x: usize, [sum]: [u32; 1]| sum as f32 / around.pixels(y, x) as f32;
             around.write((first, band), values, mean, level)
         })?;
 
-        Ok(Self { squares, rounding: rounding * PARTS as f64 })
+        Ok(Self { squares, rounding: rounding * f64::from(PARTS) })
     }
 
     /// Whether gray values were rounded, so that hardly any detail is more than none.
@@ -67,7 +76,8 @@ impl Detail {
 
     /// The pixels whose detail is at most this number of steps of rounding.
     pub fn at_most(&self, steps: f64) -> Plane<bool> {
-        let most = (steps * self.rounding).powi(2) as f32;
+        let side = (2 * DETAIL_RADIUS + 1) as f64;
+        let most = (steps * self.rounding).min(f64::from(MOST - 1) / side).powi(2) as f32;
         self.squares.map(|square| *square <= most)
     }
 
