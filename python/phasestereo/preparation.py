@@ -31,6 +31,11 @@ class Restoration:
     """How maps of a prepared pair become maps of the left image as it came.
 
     `prepare` makes it, `save` writes it, `load` reads it. It can be pickled.
+
+    Examples
+    --------
+    >>> ps.prepare(left, right).restoration.save("back.json")
+    >>> restoration = ps.Restoration.load("back.json")
     """
 
     __slots__ = ("_core",)
@@ -133,6 +138,11 @@ class Prepared:
         How maps of the pair come back, to be saved.
     findings
         What is worth knowing about the pair, as of a match.
+
+    Examples
+    --------
+    >>> pair = ps.prepare(left, right)
+    >>> pair.done, pair.num_disparities
     """
 
     left: NDArray[Any]

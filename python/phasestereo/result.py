@@ -78,7 +78,12 @@ TRUSTED = 0.5
 
 
 class Flag(IntFlag):
-    """Why a pixel has no estimate, or one that is not to be trusted; bits of `Result.flags`."""
+    """Why a pixel has no estimate, or one that is not to be trusted; bits of `Result.flags`.
+
+    Examples
+    --------
+    >>> occluded = (result.flags & ps.Flag.OCCLUDED) != 0
+    """
 
     MASKED = 1
     """The left pixel is masked: there is no estimate."""
@@ -160,6 +165,11 @@ class Summary:
     detail
         Where smaller copies decided, the images hold no detail finer than this, pixels, 2 or more:
         how many times smaller these are, as a geometric mean over the pixels. NaN if none decided.
+
+    Examples
+    --------
+    >>> summary = ps.match(left, right).summary
+    >>> f"{summary.wrong:.0%} are probably wrong"
     """
 
     estimated: float

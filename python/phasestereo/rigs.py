@@ -45,6 +45,12 @@ class Event:
         The number of the frame, from 0.
     sentence
         What happened.
+
+    Examples
+    --------
+    >>> rig = ps.Rig()
+    >>> rig.match(left, right)
+    >>> [str(event) for event in rig.events]
     """
 
     subject: str

@@ -221,9 +221,10 @@ class Settings:
 
     Examples
     --------
+    >>> from dataclasses import replace
     >>> settings = ps.Settings(window=7, fill=False)
     >>> ps.match(left, right, settings=settings)
-    >>> dataclasses.replace(ps.PRESETS["fast"], median=0)
+    >>> replace(ps.PRESETS["fast"], median=0)
     """
 
     # These fields, and the parameters above, are written from the table in Rust

@@ -28,6 +28,11 @@ class PointCloud:
         If an array is not of its type.
     ValueError
         If an array is not of its shape, a coordinate is not finite, or there is but one end.
+
+    Examples
+    --------
+    >>> cloud = ps.point_cloud(result, calibration)
+    >>> cloud.points, cloud.colors  # float32 (N, 3), uint8 (N, 3)
     """
 
     points: NDArray[np.float32]
@@ -79,6 +84,11 @@ class Mesh:
         float32 (N, 2): column and row of each corner in the picture.
     picture
         uint8 (H, W, 3), RGB: what is on the surface; None: nothing.
+
+    Examples
+    --------
+    >>> mesh = ps.surface_mesh(result, calibration)
+    >>> ps.io.write_glb("surface.glb", mesh)
     """
 
     points: NDArray[np.float32]

@@ -26,7 +26,13 @@ _COLORS = {"SUPPORTED": (0, 110, 200), "REFUTED": (255, 140, 0)}
 
 
 class Verdict(IntEnum):
-    """What the images say of the disparity that a map claims; values of `Verification.verdict`."""
+    """What the images say of the disparity that a map claims; values of `Verification.verdict`.
+
+    Examples
+    --------
+    >>> found = ps.verify(left, right, result.disparity)
+    >>> refuted = found.verdict == ps.Verdict.REFUTED
+    """
 
     NO_CLAIM = 0
     """The map has no finite disparity here."""
@@ -53,6 +59,11 @@ class Verification:
     result
         The match that the map was compared with, of the preset ``"robust"``, over the disparities
         that were found in the images and nearly all that the map claims.
+
+    Examples
+    --------
+    >>> found = ps.verify(left, right, result.disparity)
+    >>> found.refuted, found.supported, found.unknown  # shares of the disparities
     """
 
     verdict: NDArray[np.uint8]

@@ -135,6 +135,11 @@ class StereoCalibration:
         What to take next, a sentence each; empty if nothing is missing.
     fisheye
         Whether the lenses are those of ``cv2.fisheye``.
+
+    Examples
+    --------
+    >>> rig = ps.calibrate("boards", board="9x6", square=0.025)
+    >>> rig.save("calibration.yaml")
     """
 
     K1: Matrix

@@ -61,6 +61,12 @@ class Rectification:
         the pair with ``vertical=True``.
     unit
         That of the baseline in `Q`; None: not known.
+
+    Examples
+    --------
+    >>> rig = ps.rectify(left, right)
+    >>> rig.save("rig.npz")
+    >>> again = ps.Rectification.load("rig.npz").apply(left, right)
     """
 
     left: NDArray[Any]

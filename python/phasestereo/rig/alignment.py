@@ -41,6 +41,11 @@ class Alignment:
     sway
         The factors of the spline of the row, pixels: 19 of a cubic B-spline with uniform knots a
         sixteenth of the height apart. Empty: no such rows.
+
+    Examples
+    --------
+    >>> found = ps.match(left, right).alignment
+    >>> found.vertical, found.rotation, found.rms  # pixels, degrees, pixels
     """
 
     coefficients: tuple[float, ...]

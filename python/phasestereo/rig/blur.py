@@ -46,6 +46,11 @@ class Blur:
         The blur of the other image, where each is blurred in its own way, as of two cameras that
         were shaken along different ways: each image convolved with the blur of the other one, they
         are alike. None: the other image is sharp.
+
+    Examples
+    --------
+    >>> blur = ps.estimate_blur(left, right).blur
+    >>> blur.side, blur.kind, blur.size  # as ('left', 'disk', 2.96)
     """
 
     side: Side
@@ -128,6 +133,12 @@ class BlurEstimate:
         What compression in blocks of 8 x 8 pixels (JPEG, video) has lost in the left and in the
         right image: the standard deviation of a noise that would do as much harm, in units of the
         pixels. Estimated at the borders of the blocks, wherever these begin; about 0 without any.
+
+    Examples
+    --------
+    >>> estimate = ps.estimate_blur(left, right)
+    >>> estimate.areas()  # the share of each kind
+    >>> estimate.label_map(left.shape[:2])  # the kind of each pixel
     """
 
     blurs: tuple[Blur, ...]

@@ -60,6 +60,12 @@ class BlurCompensation:
         If an argument has the wrong type or dtype.
     ValueError
         If it has a wrong value or shape, or a label names no class.
+
+    Examples
+    --------
+    >>> mean = np.full((3, 3), 1 / 9)  # the left image is softer: the right one is convolved
+    >>> compensation = ps.BlurCompensation(noise=(1, 1), kernels=[(None, mean)])
+    >>> ps.match(left, right, known=ps.Known(blur_compensation=compensation))
     """
 
     noise: tuple[float, float]

@@ -51,6 +51,11 @@ class Diagnosis:
         Length of the range of intensities, in the images' own unit.
     findings
         What there is to say, in a fixed order of topics.
+
+    Examples
+    --------
+    >>> found = ps.check(left, right)
+    >>> [one.sentence for one in found.findings if one.severity == "warning"]
     """
 
     size: tuple[int, int]

@@ -13,7 +13,13 @@ Severity = Literal["ok", "note", "warning"]
 
 
 class MatchWarning(UserWarning):
-    """A match as a whole is not to be trusted: what `phasestereo.match` warns of."""
+    """A match as a whole is not to be trusted: what `phasestereo.match` warns of.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> warnings.simplefilter("error", ps.MatchWarning)  # unreliable matches raise
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +35,11 @@ class Finding:
         "ok", "note" (worth knowing) or "warning" (to be fixed).
     sentence
         Plain words, with numbers.
+
+    Examples
+    --------
+    >>> for found in ps.match(left, right).findings:
+    ...     print(found.severity, found.sentence)
     """
 
     topic: str

@@ -34,6 +34,10 @@ class Rectified:
         known from two images, and their distance not at all.
     error
         Rows by which blocks of the rectified images differ, root mean square, pixels.
+
+    Examples
+    --------
+    >>> rectified = ps.match(left, right).rectified  # None: the pair was matched as it is
     """
 
     disparity: _Plane

@@ -17,6 +17,11 @@ class LeftOut:
         Where it is in the left image, half-open.
     low, high
         Ends of its disparities, px.
+
+    Examples
+    --------
+    >>> search = ps.check(left, right).search
+    >>> search.left_out
     """
 
     rows: tuple[int, int]
@@ -67,6 +72,16 @@ class SearchRange:
     left_out
         Where something seems to have disparities that are not searched: too little of it to be
         sure of where the range was found, all that small copies show where it was given.
+
+    Examples
+    --------
+    >>> search = ps.check(left, right).search
+    >>> ps.match(
+    ...     left,
+    ...     right,
+    ...     num_disparities=search.num_disparities,
+    ...     min_disparity=search.min_disparity,
+    ... )
     """
 
     min_disparity: int

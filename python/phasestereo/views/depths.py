@@ -45,6 +45,11 @@ class DepthInterval(NamedTuple):
         The nearest and the farthest depth of the interval that holds the true one with a
         probability of 90 %; infinite where the disparity of that end is not positive, NaN where
         there is no estimate. ``far`` is further from ``depth`` than ``near`` is.
+
+    Examples
+    --------
+    >>> found = ps.depth_interval(result, calibration)
+    >>> found.near <= found.depth  # float32 (H, W), in the unit of the baseline
     """
 
     depth: Map

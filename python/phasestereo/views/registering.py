@@ -51,6 +51,17 @@ class ThirdCamera:
         If width or height is not an integer.
     ValueError
         If a matrix has another shape or numbers that are not finite, or the rotation is invalid.
+
+    Examples
+    --------
+    >>> color = ps.ThirdCamera(
+    ...     matrix=np.array([[400.0, 0, 239.5], [0, 400, 179.5], [0, 0, 1]]),
+    ...     rotation=np.eye(3),
+    ...     translation=np.array([15.0, 0, 0]),
+    ...     width=480,
+    ...     height=360,
+    ... )
+    >>> ps.register(result, calibration, color).depth
     """
 
     matrix: Matrix
@@ -152,6 +163,18 @@ class Registered:
         has no depth, is outside the left image.
     source
         int64: the pixel of the left image, as an index into the flat map; -1 elsewhere.
+
+    Examples
+    --------
+    >>> color = ps.ThirdCamera(
+    ...     matrix=np.array([[400.0, 0, 239.5], [0, 400, 179.5], [0, 0, 1]]),
+    ...     rotation=np.eye(3),
+    ...     translation=np.array([15.0, 0, 0]),
+    ...     width=480,
+    ...     height=360,
+    ... )
+    >>> found = ps.register(result, calibration, color)
+    >>> found.depth, found.holes, found.occluded  # (360, 480)
     """
 
     depth: Map
