@@ -249,6 +249,10 @@ WRONGS: dict[str, tuple[Callable[[Pairs], Any], str]] = {
         "right image 5: got 640 x 478 pixels; accepts 640 x 480",
     ),
     "no pairs": (lambda _: [], "of 0 of 0 pairs; accepts 6 or more"),
+    "other board": (
+        lambda pairs: [(np.zeros_like(left), np.zeros_like(right)) for left, right in pairs],
+        "of 0 of 6 pairs; accepts 6 or more; without a given board its size is found: no board",
+    ),
 }
 
 

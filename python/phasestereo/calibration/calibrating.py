@@ -173,7 +173,9 @@ def _look(
         why = "; ".join(filter(None, [*reasons[:_NAMED], more]))
         raise ValueError(
             f"left: the {board} is found in both views of {good} of {len(views)} pairs; accepts "
-            f"{LEAST_VIEWS} or more" + (f": {why}" if why else "")
+            f"{LEAST_VIEWS} or more"
+            + ("" if good or board.dictionary else "; without a given board its size is found")
+            + (f": {why}" if why else "")
         )
     return board, ways, size
 

@@ -86,8 +86,8 @@ def read_photograph(path: StrPath, layout: Layout | None = None) -> Photograph:
 
     if not pictures:
         raise ValueError(
-            f"layout: got None for {os.fspath(path)}, and no right image; accepts "
-            f"{', '.join(LAYOUTS)}, or else the right view comes in a file of its own"
+            f"layout: got None for {os.fspath(path)}, and no right image; accepts a right image, "
+            f"or for a file with both views {', '.join(LAYOUTS)}"
         )
 
     left, right = pictures
