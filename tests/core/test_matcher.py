@@ -300,6 +300,21 @@ def test_nan_is_a_mask(dtype: type, channels: int) -> None:
     assert ps.check(left, right).search is not None
 
 
+@pytest.mark.parametrize("lower", [12, -12])
+def test_rows_that_the_right_image_does_not_show_are_not_trusted(lower: int) -> None:
+    left, right = noise_pair(200, 260, 7)
+    above, below = slice(None, -12), slice(12, None)
+    pair = (left[above], right[below]) if lower > 0 else (left[below], right[above])
+    result = ps.match(*pair, num_disparities=16)
+
+    assert result.alignment is not None
+    assert result.alignment.applied
+    unseen = slice(None, 12) if lower > 0 else slice(-12, None)
+    assert not result.trusted[unseen].any()
+    assert (result.flags[unseen] & ps.Flag.NO_CANDIDATE != 0).mean() > 0.9
+    assert result.trusted.mean() > 0.8
+
+
 def test_matches_on_masked_pixels_are_flagged() -> None:
     left, right = noise_pair(20, 30, 3)
     right_mask = np.ones((20, 30), bool)

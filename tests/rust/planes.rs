@@ -273,6 +273,9 @@ fn naive_plane(
         let is_other = (disparity((y, x)) - drawn((y, x))).abs() > 0.5;
         if sure < 0.9 && p > sure && drawn((y, x)) >= least && is_other {
             found.insert((y, x));
+            if map.flags.row(y)[x] & flag::MISSING != 0 {
+                continue;
+            }
             let p = if is_behind && !has_evidence((y, x)) { p.min(0.4) } else { p };
             out.disparity.row_mut(y)[x] = drawn((y, x));
             out.flags.row_mut(y)[x] = map.flags.row(y)[x] & !256 & !2048 | 1024;
@@ -378,7 +381,11 @@ fn scattered((rows, cols): (usize, usize), plane: [f32; 3], off: f32, salt: u64)
     };
     Disparity {
         disparity: Plane::from_fn(rows, cols, disparity),
-        flags: Plane::from_fn(rows, cols, |y, x| (hash(salt + 6, y, x) % 4096) as u16 & !1024),
+        flags: Plane::from_fn(rows, cols, |y, x| {
+            let is_unseen = hash(salt + 7, y, x).is_multiple_of(8);
+            let left_out = flag::INFERRED | if is_unseen { 0 } else { flag::MISSING };
+            (hash(salt + 6, y, x) % 4096) as u16 & !left_out
+        }),
         confidence: Some(Plane::from_fn(rows, cols, confidence)),
         uncertainty: Some(Plane::from_fn(rows, cols, |y, x| random(salt + 7, y, x))),
         wrong: None,

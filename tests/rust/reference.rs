@@ -860,7 +860,9 @@ pub fn calibrated(
         }
 
         let is_filled = map.flags.row(y)[x] & flag::FILLED != 0;
-        let step = ((map.confidence.row(y)[x] * 1024.0).floor() as usize).min(1023);
+        let is_seen = map.flags.row(y)[x] & flag::MISSING == 0;
+        let raw = if is_seen { map.confidence.row(y)[x] } else { 0.0 };
+        let step = ((raw * 1024.0).floor() as usize).min(1023);
         let l = log_odds((step as f64 + 0.5) / 1024.0);
         let [height, slope] = if is_filled {
             [weighed(0) + weighed(2), weighed(1) + weighed(3)]

@@ -182,6 +182,12 @@ impl Loop for WriteMapRow<'_> {
                 let second_best = if second_best == NONE { writer.unrelated } else { second_best };
                 *vote = confidence::vote(CostMargin::new(best, second_best), writer.unit);
             }
+            // The choice among no valid candidates says nothing, however far it is ahead.
+            if writer.validity.is_some() {
+                for (vote, flags) in votes.iter_mut().zip(&*flags) {
+                    *vote = if flags & flag::MISSING == 0 { *vote } else { 0.0 };
+                }
+            }
         }
     }
 }

@@ -239,7 +239,7 @@ pub fn matched(pair: &Pair, settings: &Settings) -> ResultBits {
     let unit = unit(pair, settings);
     let unrelated = unrelated(pair, settings);
 
-    let votes = found.map(|found| {
+    let mut votes = found.map(|found| {
         let second_best = if found.second_best == reference::NO_CANDIDATE {
             unrelated
         } else {
@@ -247,6 +247,10 @@ pub fn matched(pair: &Pair, settings: &Settings) -> ResultBits {
         };
         reference::vote(found.best, second_best, unit)
     });
+
+    for (vote, flags) in votes.as_mut_slice().iter_mut().zip(draft.1.as_slice()) {
+        *vote = if flags & flag::MISSING == 0 { *vote } else { 0.0 };
+    }
 
     let (disparity, mut flags) = refined(pair, draft, &texture, settings);
     let raw = reference::confidences(VotedMap {

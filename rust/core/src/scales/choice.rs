@@ -87,7 +87,7 @@ fn lowered(confidence: f32, factor: f32) -> f32 {
     confidence / (confidence + (1.0 - confidence) * factor)
 }
 
-/// Replaces what the copy knows better.
+/// Replaces what the copy knows better; it knows nothing of what the right image does not show.
 pub fn choose(map: &mut Disparity, doubt: &Doubt, coarse: &Disparity, level: Level) -> Result<()> {
     let (Some(confidence), Some(uncertainty)) = (&mut map.confidence, &mut map.uncertainty) else {
         return Ok(());
@@ -110,7 +110,8 @@ pub fn choose(map: &mut Disparity, doubt: &Doubt, coarse: &Disparity, level: Lev
         let doubts = doubt.0.row(y);
 
         for x in 0..cols {
-            if doubts[x] <= LEAST_DOUBT || disparity[x].is_nan() {
+            let is_seen = flags[x] & flag::NO_CANDIDATE == 0;
+            if doubts[x] <= LEAST_DOUBT || disparity[x].is_nan() || !is_seen {
                 continue;
             }
 

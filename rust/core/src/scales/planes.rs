@@ -184,6 +184,10 @@ impl Drawn {
         for (y, pixels) in self.rows {
             for (x, confidence) in pixels {
                 let x = x as usize;
+                // What the right image does not show may be anything.
+                if map.flags.row(y)[x] & flag::MISSING != 0 {
+                    continue;
+                }
                 map.disparity.row_mut(y)[x] = self.surface.disparity(y, x);
                 let flags = &mut map.flags.row_mut(y)[x];
                 *flags = *flags & !(flag::FILLED | flag::COARSE) | flag::INFERRED;

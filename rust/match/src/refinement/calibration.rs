@@ -282,7 +282,8 @@ impl Calibration {
         Self { tables: table(0).chain(table(1)).collect() }
     }
 
-    /// Replaces raw confidences, and returns the bars: 0 and NaN where there is no disparity.
+    /// Replaces raw confidences, and returns the bars: 0 and NaN where there is no disparity. What was filled in where
+    /// the right image shows nothing has no support, whatever lies around it.
     pub fn apply(
         &self,
         confidence: &mut Plane<f32>,
@@ -298,7 +299,8 @@ impl Calibration {
             let map = disparity.row(y).iter().zip(flags.row(y));
             for ((confidence, bar), (disparity, flags)) in confidence.iter_mut().zip(bars).zip(map)
             {
-                let known = [*confidence, *disparity];
+                let raw = if flags & flag::MISSING == 0 { *confidence } else { 0.0 };
+                let known = [raw, *disparity];
                 [*confidence, *bar] = self.of_pixel(known, flags & flag::FILLED != 0);
             }
         });

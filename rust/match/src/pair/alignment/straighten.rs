@@ -2,6 +2,7 @@
 //!
 //! Pixel `(x, y)` becomes a weighted mean of the eight pixels of its column about `y + v(x, y)`, rounded to 1/64 of a
 //! row ([`crate::image::resampling`]). Rows beyond the image repeat its first or last one.
+//! A pixel whose place is nearest to such a row is masked: the right image does not show it.
 //!
 //! ```text
 //! place = y + v(x, y);  row = floor(place);  weights = WEIGHTS[64 (place - row)]
@@ -39,25 +40,25 @@ pub fn straightened(
         Ok(())
     })?;
 
-    let mask = view.mask().map(|mask| straightened_mask(mask, alignment, level, control));
-    Ok(View::new(gray, mask.transpose()?, view.scale()))
+    let mask = straightened_mask(view, alignment, level, control)?;
+    Ok(View::new(gray, Some(mask), view.scale()))
 }
 
-/// The mask of the straightened view: a pixel is valid if the one nearest to its place is.
+/// The mask of the straightened view: a pixel is valid if the one nearest to its place is in the image, and valid.
 fn straightened_mask(
-    mask: &Plane<bool>,
+    view: &View,
     alignment: &Alignment,
     level: Level,
     control: &Control,
 ) -> Result<Plane<bool>> {
-    let last = mask.rows() as isize - 1;
-    Plane::by_bands((mask.rows(), mask.cols()), 1, |y, out| {
+    let (rows, cols) = view.size();
+    Plane::by_bands((rows, cols), 1, |y, out| {
         control.checkpoint()?;
         let offsets = offsets(alignment, y, out.len(), level)?;
 
         for (x, valid) in out.iter_mut().enumerate() {
             let nearest = y as isize + (offsets[x] + STEPS / 2).div_euclid(STEPS) as isize;
-            *valid = mask.row(nearest.clamp(0, last) as usize)[x];
+            *valid = (0..rows as isize).contains(&nearest) && view.is_valid(nearest as usize, x);
         }
 
         Ok(())
@@ -179,6 +180,7 @@ mod tests {
         for (y, x) in (0..20).flat_map(|y| (0..5).map(move |x| (y, x))) {
             let moved = value(&image, (y + 3).min(19), x);
             assert!((value(&found, y, x) - moved).abs() < 1e-12);
+            assert_eq!(found.is_valid(y, x), y + 3 < 20, "what lies beyond the image is masked");
         }
     }
 
@@ -210,8 +212,9 @@ mod tests {
         let mask = found.mask().expect("there is one");
         assert!((0..30).all(|y| !mask.row(y)[2] || value(&found, y, 2) < 3.5));
         for y in 0..30 {
-            assert_eq!(mask.row(y)[2], !(9..13).contains(&y), "{y}");
-            assert!(mask.row(y)[1]);
+            let is_inside = y < 29;
+            assert_eq!(mask.row(y)[2], is_inside && !(9..13).contains(&y), "{y}");
+            assert_eq!(mask.row(y)[1], is_inside, "half a row below the last one is beyond it");
         }
     }
 }
