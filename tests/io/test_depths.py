@@ -49,17 +49,20 @@ def covered(found: ps.DepthInterval, truth: NDArray[Any], mask: NDArray[np.bool_
 
 def test_the_ends_are_those_of_the_disparities() -> None:
     depth, near, far = ps.depth_interval(DISPARITY, RIG, uncertainty=BAR, yaw=0)
-    np.testing.assert_allclose(depth, [[5, 10, 1000, np.nan], [50, 100, np.nan, 1]])
+    inf, nan = np.inf, np.nan
+    np.testing.assert_allclose(depth, [[5, 10, inf, nan], [50, 100, inf, 1]])
     np.testing.assert_allclose(
-        near, [[500 / 101, 500 / 51, 500 / 1.5, np.nan], [500 / 11, 500 / 6, np.nan, 500 / 501]],
+        near, [[500 / 101, 500 / 51, 500 / 1.5, nan], [500 / 11, 500 / 6, inf, 500 / 501]],
         rtol=1e-6,
     )  # fmt: skip
     np.testing.assert_allclose(
-        far, [[500 / 99, 500 / 49, np.inf, np.nan], [500 / 9, 500 / 4, np.nan, 500 / 499]],
+        far, [[500 / 99, 500 / 49, inf, nan], [500 / 9, 500 / 4, inf, 500 / 499]],
         rtol=1e-6,
     )  # fmt: skip
     known = np.isfinite(depth) & np.isfinite(far)
-    assert (far - depth > depth - near)[known].all(), "what is far is less certain"
+    assert (far[known] - depth[known] > depth[known] - near[known]).all(), "far is less certain"
+    found = ps.depth_interval(DISPARITY, RIG, uncertainty=BAR, yaw=0, finite=True)
+    np.testing.assert_allclose(found.depth, [[5, 10, 1000, nan], [50, 100, nan, 1]])
 
 
 def test_a_yaw_is_added_to_the_bars() -> None:
@@ -99,7 +102,9 @@ def test_an_unknown_yaw_is_covered_and_an_anchor_takes_it_away(pair: Pair) -> No
 
 
 def test_an_offset_of_a_rig_moves_depths_and_its_error_is_in_their_bars() -> None:
-    found = ps.depth_interval(DISPARITY, RIG, uncertainty=BAR, yaw=0, offset=(-3.0, 2.0))
+    found = ps.depth_interval(
+        DISPARITY, RIG, uncertainty=BAR, yaw=0, offset=(-3.0, 2.0), finite=True
+    )
     np.testing.assert_array_equal(found.depth, replace(RIG, doffs=-1.0).depth(DISPARITY))
     # The first is on the axis but for 95 / 1000, by which a yaw that moves 3 px moves it further.
     bar = 1 + 1.645 * 2 + 3 * (-(98 + 1.5) / 1000) ** 2
@@ -117,7 +122,30 @@ def test_the_sky_is_an_anchor() -> None:
     found = ps.depth_interval(
         disparity, rig, uncertainty=0 * disparity, yaw=0, anchor=(0, 1, math.inf)
     )
-    np.testing.assert_allclose(found.depth[0], [np.nan, 500 / 8, 500 / 16, 500 / 24])
+    np.testing.assert_array_equal(found.at_infinity[0], [True, False, False, False])
+    np.testing.assert_allclose(found.depth[0], [np.inf, 500 / 8, 500 / 16, 500 / 24])
+
+
+def test_what_may_be_infinitely_far_is_told_from_what_has_no_depth() -> None:
+    disparity = np.array([[0.1, 0.3, -0.2, 8.0, np.nan, 0.2]] * 60, np.float32)
+    bars = np.full_like(disparity, 0.4)
+    sure = np.array([[0.9, 0.9, 0.9, 0.9, 0.9, 0.1]] * 60, np.float32)
+    flags = np.zeros(disparity.shape, np.uint16)
+    result = ps.Result(disparity, flags, sure, ps.Settings(), {}, uncertainty=bars)
+    rig = Calibration.from_focal(300.0, 0.1, width=6, height=60)
+
+    found = ps.depth_interval(result, rig)
+    np.testing.assert_array_equal(found.at_infinity[0], [True, True, True, False, False, False])
+    np.testing.assert_allclose(found.depth[0, 3:], [30 / 8, np.nan, np.nan], rtol=1e-6)
+    assert np.isfinite(found.near[0, 0])
+    assert found.far[0, 0] == np.inf
+    for options in ({"finite": True}, {"max_depth": 1000.0}):
+        near = ps.depth_interval(result, rig, **options).depth
+        np.testing.assert_array_equal(np.isfinite(near[0]), [False] * 3 + [True] + [False] * 2)
+        assert not np.isinf(near).any()
+    assert len(ps.point_cloud(result, rig)) == 60
+    with pytest.raises(TypeError, match="^finite: got 'no'; accepts True or False"):
+        ps.depth_interval(result, rig, finite="no")  # type: ignore[arg-type]
 
 
 def test_a_rendered_pair_of_a_turned_camera_is_within_its_bars(pair: Pair) -> None:
@@ -188,14 +216,14 @@ def test_real_pairs_have_the_share_of_wrong_pixels_that_is_claimed(data: Path) -
 
 def test_depths_are_those_that_are_kept(pair: Pair, found: ps.Result) -> None:
     rig = pair.calibration
-    every = ps.depth_interval(found, rig, keep="all")
+    every = ps.depth_interval(found, rig, keep="all", finite=True)
     limits = float(np.nanpercentile(every.depth, 20)), float(np.nanpercentile(every.depth, 80))
     for keep in KEEPS:
         kept = found.kept(keep)
         if keep != "all":  # what may be infinitely far has no depth to rely on
             kept &= np.isfinite(every.far)
         assert 0.1 < kept.mean() <= 1
-        depths = ps.depth_interval(found, rig, keep=keep)
+        depths = ps.depth_interval(found, rig, keep=keep, finite=True)
         for values, wanted in zip(depths, every, strict=True):
             np.testing.assert_array_equal(values, np.where(kept, wanted, np.nan))
 
@@ -211,7 +239,7 @@ def test_a_block_becomes_its_kept_pixel_of_median_disparity(
     pair: Pair, found: ps.Result, n: int
 ) -> None:
     rig, small = pair.calibration, pair.calibration.decimated(n)
-    every, thin = (ps.depth_interval(found, rig, decimate=step) for step in (1, n))
+    every, thin = (ps.depth_interval(found, rig, decimate=step, finite=True) for step in (1, n))
     rows, cols = small.height, small.width
     assert (rows, cols) == (rig.height // n, rig.width // n) == thin.depth.shape
     for y in range(rows):

@@ -40,7 +40,9 @@ class DepthInterval(NamedTuple):
     Attributes
     ----------
     depth
-        Depth; NaN where there is no estimate, or d + doffs <= 0.
+        Depth; NaN where there is no estimate, or it is not kept. Where ``far`` is infinite, so that
+        a disparity at infinity is within the error bar, there is no depth to rely on: infinite,
+        unless only finite depths were asked for.
     near, far
         The nearest and the farthest depth of the interval that holds the true one with a
         probability of 90 %; infinite where the disparity of that end is not positive, NaN where
@@ -55,6 +57,12 @@ class DepthInterval(NamedTuple):
     depth: Map
     near: Map
     far: Map
+
+    @property
+    def at_infinity(self) -> Mask:
+        """Where what is seen may be infinitely far away, as the sky, bool (H, W)."""
+        found: Mask = np.isposinf(self.depth)
+        return found
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -216,6 +224,7 @@ def depth_interval(
     min_depth: float | None = None,
     max_depth: float | None = None,
     decimate: int = 1,
+    finite: bool = False,
 ) -> DepthInterval:
     """Return the depth of every pixel that is kept, and the ends of its error bar.
 
@@ -241,14 +250,18 @@ def depth_interval(
         then, what it does beside the middle of the image.
     keep
         Which estimates of a result to keep: ``"trusted"``, ``"checked"`` (fewer, more accurate) or
-        ``"all"``, as `phasestereo.Result.kept` has them; of the first two only those whose error
-        bar has a far end. Of a plain map, which says nothing of its pixels, all are kept.
+        ``"all"``, as `phasestereo.Result.kept` has them. Of a plain map, which says nothing of its
+        pixels, all are kept.
     min_depth, max_depth
         The nearest and the farthest depth to keep, more than 0, in the unit of the baseline; None:
         any.
     decimate
         Pixels in a row and in a column that become one, 1 or more: that of each block with the
         median disparity of those kept. `phasestereo.io.Calibration.decimated` has the geometry.
+    finite
+        Whether only finite depths are kept. By default the depth of what may be infinitely far, as
+        the sky, is infinite: where the error bar of the disparity reaches that of infinity,
+        ``d + doffs - u <= 0``. With `max_depth` nothing is.
 
     Returns
     -------
@@ -291,8 +304,10 @@ def depth_interval(
     geometry = ranging(values, calibration, uncertainty=bars, yaw=yaw, anchor=anchor)
     if offset is not None:
         geometry = _moved(geometry, offset)
+    if not isinstance(finite, bool):
+        raise TypeError(f"finite: got {finite!r:.80}; accepts True or False")
     selection = Selection(keep=keep, min_depth=min_depth, max_depth=max_depth, decimate=decimate)
-    found = depths_of(disparity, geometry, selection, uncertainty=bars)
+    found = depths_of(disparity, geometry, selection, uncertainty=bars, finite=finite)
     return DepthInterval(found.depth, cast("Map", found.near), cast("Map", found.far))
 
 
@@ -303,6 +318,7 @@ def depths_of(
     *,
     uncertainty: NDArray[Any] | None = None,
     mask: ArrayLike | None = None,
+    finite: bool = True,
 ) -> Depths:
     """Return the depths of the pixels that are kept, and the ends of their error bars.
 
@@ -318,6 +334,9 @@ def depths_of(
         Error bars (H, W), pixels; None: those of the result, if it has some.
     mask
         bool (H, W), True = wanted; None: all are.
+    finite
+        Whether only finite depths are kept; otherwise what may be infinitely far has an infinite
+        depth, unless the selection has a largest one.
 
     Raises
     ------
@@ -327,11 +346,15 @@ def depths_of(
     values = as_disparities(disparity)
     bars = as_uncertainty(disparity, uncertainty, values.shape)
     maps = _depths(geometry, values, bars)
+    at_infinity = np.isfinite(values) & ~np.isfinite(maps[-1])  # by the far end of the bar
     wanted = selection.within(maps[0])
+    if isinstance(disparity, Result) and bars is not None and selection.keep != "all":
+        wanted &= ~at_infinity
+    if not finite and selection.max_depth is None:
+        maps[0][at_infinity] = np.inf
+        wanted |= at_infinity
     if isinstance(disparity, Result):
         wanted &= disparity.kept(selection.keep)
-        if bars is not None and selection.keep != "all":
-            wanted &= np.isfinite(maps[2])
     valid = as_mask(mask, values.shape, "mask")
     if valid is not None:
         wanted &= valid

@@ -175,10 +175,10 @@ def ranged_depth(
     chosen = selection or Selection()
     bars = result.uncertainty
     geometry = ranging(result.disparity, calibration, uncertainty=bars, yaw=YAW, anchor=None)
-    depth = depths_of(result, geometry, Selection(keep=chosen.keep)).depth
+    depth = depths_of(result, geometry, Selection(keep=chosen.keep), finite=False).depth
 
     kept = result.kept(chosen.keep)
-    far = kept & ~np.isfinite(depth)
+    far = np.isposinf(depth)
     if chosen.max_depth is not None:
         far |= depth > chosen.max_depth
     near = np.zeros_like(kept) if chosen.min_depth is None else depth < chosen.min_depth
@@ -214,7 +214,10 @@ def depth_image(make: Make, header: Header, depth: Map, encoding: str) -> Any:
 def point_cloud2(
     make: Make, header: Header, depth: Map, calibration: Calibration, left: NDArray[Any]
 ) -> Any:
-    """Return a ``sensor_msgs/PointCloud2`` with one point a pixel, NaN elsewhere.
+    """Return a ``sensor_msgs/PointCloud2`` with one point a pixel.
+
+    As REP 117 has it, a point is NaN where nothing is known, and infinite where what is seen is
+    beyond the range: in the direction of its ray too far away, against it too near.
 
     Its fields are those of ``stereo_image_proc``: x, y, z in m (X to the right, Y down, Z forward,
     as of an optical frame) and rgb.
@@ -224,7 +227,7 @@ def point_cloud2(
     make, header
         As `disparity_image` takes them.
     depth
-        float32 (H, W), m; not finite elsewhere.
+        float32 (H, W), m, as `ranged_depth` has them.
     calibration
         The geometry of the pair.
     left
@@ -234,9 +237,12 @@ def point_cloud2(
     rows, cols = depth.shape
 
     points = np.empty((rows, cols), _POINT)
-    z = np.where(np.isfinite(depth), depth, np.nan).astype(np.float64)
-    points["x"] = (np.arange(cols) - cx) * z / fx
-    points["y"] = (np.arange(rows)[:, np.newaxis] - cy) * z / fy
+    z = depth.astype(np.float64)
+    rays = (np.arange(cols) - cx) / fx, (np.arange(rows)[:, np.newaxis] - cy) / fy
+    for name, ray in zip(("x", "y"), rays, strict=True):
+        # A ray along an axis stays on it: zero times infinity is zero here.
+        points[name] = ray * np.where(ray == 0, 1.0, z)
+        points[name][np.isnan(z)] = np.nan
     points["z"] = z
 
     # Colors are packed as 0x00RRGGBB.
