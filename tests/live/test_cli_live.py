@@ -102,6 +102,33 @@ def test_video_shows_the_left_image_beside_the_disparities(run: Callable[..., Ru
     assert listing() == {"video.mkv", "out.mp4"}
 
 
+def test_what_masks_leave_is_matched(run: Callable[..., Run]) -> None:
+    seen = np.ones((ROWS, COLS), bool)
+    seen[: ROWS // 3, : COLS // 2] = False
+    io.write_image("left_mask.png", 255 * seen.astype(np.uint8))
+    io.write_image("right_mask.png", 255 * seen[:, ::-1].astype(np.uint8))
+    masks = "--left-mask", "left_mask.png", "--right-mask", "right_mask.png"
+    code, _, err = run(
+        "live", "video.mkv", *SEARCH, "--frames", "d%03d.npy", "--no-temporal-filter", *masks
+    )
+    assert code == 0, err
+
+    wanted = ps.match(
+        *pair(0),
+        num_disparities=COUNT,
+        preset="fast",
+        left_mask=seen,
+        right_mask=np.ascontiguousarray(seen[:, ::-1]),
+    )
+    np.testing.assert_array_equal(np.load("d000.npy"), wanted.disparity)
+
+    code, _, err = run(
+        "live", "video.mkv", *SEARCH, "--frames", "d%03d.npy", "--left-mask", "no.png"
+    )
+    assert code != 0
+    assert "no.png" in err
+
+
 @pytest.mark.parametrize("ending", ["pfm", "npy", "tif", "png"])
 def test_each_frame_has_its_file(run: Callable[..., Run], ending: str) -> None:
     pattern = f"maps/all/d%03d.{ending}"

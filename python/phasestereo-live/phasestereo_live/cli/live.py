@@ -25,6 +25,7 @@ from phasestereo.cli.terminal import say
 from phasestereo.cli.trust import unwarned
 from phasestereo.io import Calibration, LengthUnit
 from phasestereo.io.folders import folders_of
+from phasestereo.io.mask import read_mask
 from phasestereo.io.pair import Layout
 from phasestereo.io.rigs.reading import read_cameras
 from phasestereo.known import Known
@@ -39,9 +40,13 @@ from phasestereo_live.video.cameras import PATIENCE
 from phasestereo_live.video.decoding import is_address
 from phasestereo_live.video.streaming import Failure, Frame, Stream, stream
 
+_MASKS = {"left_mask", "right_mask"}
 _VALUES = {"preset", "num_disparities", "min_disparity", "threads", "noise", "layout", "rectify"}
 _OPTIONS = (
-    _VALUES | {"start", "stop", "every", "reestimate"} | {field.name for field in fields(Settings)}
+    _VALUES
+    | _MASKS
+    | {"start", "stop", "every", "reestimate"}
+    | {field.name for field in fields(Settings)}
 )
 
 _TOPIC_OPTIONS = {field.name for field in fields(Topics)}
@@ -72,6 +77,8 @@ def live(
     num_disparities: Annotated[Count, Parameter(group=_SEARCH, validator=AT_LEAST_ONE)] = None,
     min_disparity: Annotated[int, Parameter(group=_SEARCH, validator=REASONABLE)] = 0,
     threads: Annotated[int | None, Parameter(group=_SEARCH)] = None,
+    left_mask: Annotated[Path | None, Parameter(group=_SEARCH)] = None,
+    right_mask: Annotated[Path | None, Parameter(group=_SEARCH)] = None,
     noise: Annotated[float | None, Parameter(group=_SEARCH)] = None,
     showing: Annotated[ViewOptions, Parameter(name="*", group=_OUTPUT)] = _VIEW,
     outputs: Annotated[LiveOutputs, Parameter(name="*", group=_OUTPUT)] = _OUTPUTS,
@@ -129,6 +136,10 @@ def live(
         Smallest disparity to search.
     threads
         Number of threads; without it, one per processor.
+    left_mask
+        Image of the size of the left images as they come, non-zero where they are valid.
+    right_mask
+        The same of the right images.
     noise
         Standard deviation of the images' noise, in units of their pixels; needed with
         --noise-threshold.
@@ -141,6 +152,7 @@ def live(
         raise CommandError("--output: a recording is written of a recording", WRONG_USAGE)
 
     with refusals(options=_OPTIONS):
+        masks = read_mask(left_mask), read_mask(right_mask)
         settings = resolve(preset, None, overrides or {})
         known = Known(noise=noise)
     disparities = min_disparity, num_disparities
@@ -158,6 +170,8 @@ def live(
         "min_disparity": min_disparity,
         "settings": settings,
         "threads": threads,
+        "left_mask": masks[0],
+        "right_mask": masks[1],
         "known": known,
         "on_error": tally.fail,
         "patience": None if shown else PATIENCE,  # who looks plugs it in again
