@@ -32,7 +32,7 @@ class Matcher {
   /**
    * Finds out of a pair what keeps it from being matched well.
    *
-   * @param {ImageData} left - RGBA, 8 bits a channel; alpha is left out.
+   * @param {ImageData} left - RGBA, 8 bits a channel; what has alpha 0 is not matched.
    * @param {ImageData} right - the same, of the same size.
    * @param {{numDisparities?: number, minDisparity?: number}} options - as `match` takes them.
    * @returns {Promise<Found>}
@@ -58,7 +58,7 @@ class Matcher {
   /**
    * Matches a rectified pair: left pixel (x, y) corresponds to right pixel (x - d, y).
    *
-   * @param {ImageData} left - RGBA, 8 bits a channel; alpha is left out.
+   * @param {ImageData} left - RGBA, 8 bits a channel; what has alpha 0 is not matched.
    * @param {ImageData} right - the same, of the same size.
    * @param {{preset?: "robust" | "fast" | "paper", numDisparities?: number, minDisparity?: number}} options -
    *   the disparities [minDisparity, minDisparity + numDisparities) are searched; numDisparities 0: they are found.

@@ -44,6 +44,7 @@ __all__ = [
     "descriptor",
     "estimate_pair",
     "estimate_pair_by_rows",
+    "find_borders",
     "find_roughness",
     "find_scale",
     "fit_right",
@@ -180,7 +181,11 @@ def estimate_pair_by_rows(
     scale: Scale,
     threads: int | Workers | None,
     known: Known,
+    borders: tuple[float, float],
 ) -> Estimates: ...
+def find_borders(
+    read: Checked, size: tuple[int, int], disparities: tuple[int, int | None]
+) -> list[tuple[float, NDArray[np.uint32] | None]]: ...
 def find_roughness(
     read: Checked,
     size: tuple[int, int],

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,7 +37,7 @@ def as_pixels(image: ArrayLike, name: str) -> Pixels:
     Parameters
     ----------
     image
-        (H, W) or (H, W, 1) gray, (H, W, 3) RGB or (H, W, 4) RGBA, whose alpha is left out; uint8,
+        (H, W) or (H, W, 1) gray, (H, W, 3) RGB or (H, W, 4) RGBA, whose alpha is dropped; uint8,
         uint16, float32 or float64, of any strides and byte order.
     name
         Name of the argument, for messages.
@@ -154,16 +154,52 @@ def as_mask(mask: ArrayLike | None, size: tuple[int, ...], name: str) -> NDArray
     return np.ascontiguousarray(valid)
 
 
-def as_valid(mask: ArrayLike | None, pixels: Pixels, name: str) -> NDArray[np.bool_] | None:
-    """Return the mask of valid pixels of an image from `as_pixels`; None: all are valid.
+class Seen(NamedTuple):
+    """An image as a caller gave it, as the core takes it, and which of its pixels are valid."""
 
-    NaN is not, whatever the mask says of it: floats have it where there is no data.
+    array: NDArray[np.generic]
+    pixels: Pixels
+    valid: Mask | None
+
+
+def as_seen(image: ArrayLike, mask: ArrayLike | None, name: str) -> Seen:
+    """Return an image, and which of its pixels are one; None: all.
+
+    Parameters
+    ----------
+    image
+        As `as_pixels` takes it, or a masked array of NumPy. Not valid is what that masks, an alpha
+        of 0, unless it is 0 everywhere, and NaN, which floats have where there is no data.
+    mask
+        bool (H, W), True = valid; None: all.
+    name
+        Name of the argument, for messages; that of the mask ends in ``_mask``.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `as_pixels` and `as_mask`.
     """
-    valid = as_mask(mask, pixels.shape, name)
-    if pixels.dtype.kind != "f":
-        return valid
-    known = np.logical_not(np.isnan(pixels).max(axis=2))
-    return valid if known.all() else join_masks(valid, known)
+    hidden = None
+    if _is_masked_array(image):
+        hidden = sys.modules["numpy.ma"].getmaskarray(image)
+        image = sys.modules["numpy.ma"].getdata(image)
+
+    array = as_array(image, name)
+    pixels = as_pixels(array, name)
+    size = pixels.shape[:2]
+    valid = as_mask(mask, size, f"{name}_mask")
+
+    if hidden is not None and hidden.any():
+        valid = join_masks(valid, ~hidden.reshape(*size, -1).any(axis=2))
+    if array.shape[2:] == (4,):
+        seen = np.asarray(array[:, :, 3] != 0)
+        # A fourth channel of zeros alone is there to fill up four bytes.
+        valid = join_masks(valid, seen) if seen.any() and not seen.all() else valid
+    if pixels.dtype.kind == "f":
+        known = np.logical_not(np.isnan(pixels).max(axis=2))
+        valid = valid if known.all() else join_masks(valid, known)
+    return Seen(array, pixels, valid)
 
 
 def join_masks(

@@ -12,11 +12,9 @@ from phasestereo._images import (
     ImageOrPath,
     Mask,
     Pixels,
-    as_array,
-    as_mask,
+    Seen,
     as_pair,
-    as_valid,
-    as_views,
+    as_seen,
     join_masks,
 )
 
@@ -48,7 +46,7 @@ def opened_valid(
     images: tuple[ImageOrPath, ImageOrPath],
     masks: tuple[ArrayLike | None, ArrayLike | None] = (None, None),
 ) -> Opened:
-    """Return a pair with what masks, NaN and the no-data values of GeoTIFF files leave of it.
+    """Return a pair with what masks, alpha, NaN and the no-data values of files leave of it.
 
     Parameters
     ----------
@@ -65,28 +63,20 @@ def opened_valid(
         As `phasestereo.io.read_image`; ImportError also for a GeoTIFF file without the extra
         ``geo``.
     """
-    names = "left", "right"
-    left, right = (_opened(*one) for one in zip(images, masks, names, strict=True))
-    arrays = left[0], right[0]
-    pair = as_views(*arrays)
-    valid = (
-        as_valid(left[1], pair[0], "left_mask"),
-        as_valid(right[1], pair[1], "right_mask"),
-    )
-    return Opened(arrays, pair, valid)
+    left = _opened(images[0], masks[0], "left")
+    right = _opened(images[1], masks[1], "right")
+    return Opened((left.array, right.array), (left.pixels, right.pixels), (left.valid, right.valid))
 
 
-def _opened(
-    image: ImageOrPath, mask: ArrayLike | None, name: str
-) -> tuple[NDArray[np.generic], ArrayLike | None]:
+def _opened(image: ImageOrPath, mask: ArrayLike | None, name: str) -> Seen:
     if not isinstance(image, str | os.PathLike):
-        return as_array(image, name), mask
+        return as_seen(image, mask, name)
 
     from phasestereo.io.views import read_view  # noqa: PLC0415 - it doubles the time of import
 
     view = read_view(image)
-    given = as_mask(mask, view.image.shape[:2], f"{name}_mask")
-    return view.image, join_masks(given, view.mask)
+    found = as_seen(view.image, mask, name)
+    return found._replace(valid=join_masks(found.valid, view.mask))
 
 
 def opened_pair(left: ImageOrPath, right: ImageOrPath) -> tuple[Pixels, Pixels]:

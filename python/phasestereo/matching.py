@@ -46,7 +46,7 @@ def match(
     Parameters
     ----------
     left, right
-        Images: (H, W) or (H, W, 1) gray, (H, W, 3) RGB or (H, W, 4) RGBA (alpha is left out);
+        Images: (H, W) or (H, W, 1) gray, (H, W, 3) RGB or (H, W, 4) RGBA;
         uint8, uint16, float32 or float64, of any strides and byte order. Or paths of such, which
         are read as `phasestereo.io.read_image` does. They may differ in the number of channels, in
         dtype and in size, by a factor of up to 8: the right image is resampled to the left one's
@@ -69,8 +69,9 @@ def match(
         run at the same time. The result does not depend on it.
     left_mask, right_mask
         bool (H, W) of the image's own size, True = valid. A masked pixel neither supports others
-        nor is estimated, and what it holds has no effect. None: all are valid. NaN in an image of
-        floats is "no data", and masked in any case.
+        nor is estimated, and what it holds has no effect. None: all are valid. Masked in any case
+        are: NaN in an image of floats, an alpha of 0, what a masked array of NumPy masks, the "no
+        data" of a GeoTIFF file, and black borders, on which a finding reports.
     progress
         Called as ``progress(rows_done, rows)`` every now and then from the calling thread; what it
         raises ends the match.

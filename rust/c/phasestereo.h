@@ -92,7 +92,7 @@
 #define PHASESTEREO_RGB 1
 
 /**
- * Red, green, blue, and a fourth channel that is left out.
+ * Red, green, blue, and alpha: the image is not valid where that is 0, unless it is 0 everywhere.
  */
 #define PHASESTEREO_RGBA 2
 
@@ -102,7 +102,7 @@
 #define PHASESTEREO_BGR 3
 
 /**
- * Blue, green, red, and a fourth channel that is left out.
+ * Blue, green, red, and alpha: the image is not valid where that is 0, unless it is 0 everywhere.
  */
 #define PHASESTEREO_BGRA 4
 

@@ -300,6 +300,59 @@ def test_nan_is_a_mask(dtype: type, channels: int) -> None:
     assert ps.check(left, right).search is not None
 
 
+def test_what_shows_nothing_is_a_mask() -> None:
+    left, right = noise_pair(60, 90, 4)
+    seen = np.ones(left.shape, bool)
+    seen[20:30, 40:60] = False
+    rgba = np.dstack([left, left, left, 200 * seen.astype(np.uint8)])
+    wanted = ps.match(left, right, num_disparities=16, left_mask=seen)
+
+    hidden = np.repeat(~seen[..., None], 3, axis=2)
+    hidden[..., 1:] = False  # masked in one channel
+    for image in (rgba, np.ma.masked_array(left, ~seen), np.ma.masked_array(rgba[..., :3], hidden)):
+        result = ps.match(image, right, num_disparities=16)
+        for name, values in result.maps.items():
+            np.testing.assert_array_equal(values, wanted.maps[name])
+        assert result.pair is not None
+        assert not np.ma.isMaskedArray(result.pair[0])
+
+    # A fourth channel that is zero everywhere fills up four bytes, and says nothing.
+    padded = ps.match(rgba * np.array([1, 1, 1, 0], np.uint8), right, num_disparities=16)
+    assert np.isfinite(padded.disparity).all()
+
+
+def test_a_black_border_is_not_matched() -> None:
+    left, right = noise_pair(120, 160, 4)
+    y, x = np.mgrid[:120, :160]
+    shapes = {
+        "frame": (x >= 20) & (x < 145) & (y >= 10),
+        "circle": (y - 60) ** 2 + (x - 80) ** 2 < 55**2,
+    }
+    for name, inside in shapes.items():
+        pair = [
+            np.where(inside, np.maximum(image, 1), 0).astype(np.uint8) for image in (left, right)
+        ]
+        result = ps.match(*pair, num_disparities=16)
+        masked = ps.match(*pair, num_disparities=16, left_mask=inside, right_mask=inside)
+        np.testing.assert_array_equal(result.flags == ps.Flag.MASKED, ~inside, err_msg=name)
+        for which, values in result.maps.items():
+            np.testing.assert_array_equal(values, masked.maps[which])
+
+        share = f"a black border, {100 * (~inside).mean():.0f} % of both images"
+        for findings in (result.findings, ps.check(*pair).findings):
+            told = [found.sentence for found in findings if found.topic == "border"]
+            assert len(told) == 1
+            assert told[0].startswith(share)
+            assert not any("expose" in found.sentence for found in findings)
+
+    # A white wall, and a dark area with an outline of its own, belong to the scene.
+    ragged = y < 20 + np.random.default_rng(0).integers(0, 40, 160)
+    for outside, value in ((y < 40, 255), (ragged, 0)):
+        pair = [np.where(outside, value, np.clip(image, 1, 254)) for image in (left, right)]
+        result = ps.match(*(image.astype(np.uint8) for image in pair), num_disparities=16)
+        assert not (result.flags & ps.Flag.MASKED).any()
+
+
 @pytest.mark.parametrize("lower", [12, -12])
 def test_rows_that_the_right_image_does_not_show_are_not_trusted(lower: int) -> None:
     left, right = noise_pair(200, 260, 7)

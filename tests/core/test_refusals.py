@@ -43,7 +43,6 @@ def holed(value: float) -> np.ndarray:
         [[0, 1], [2, 3]],
         [[0], [1, 2]],
         {1: 2},
-        np.ma.masked_array(IMAGE, IMAGE == 0),
     ],
     ids=lambda image: type(image).__name__ + "-" + str(getattr(image, "dtype", "")),
 )

@@ -18,11 +18,12 @@ from test_pair_statistics import ERRORS, WRONG_ROWS, Reading, gathered, scene
 
 import phasestereo as ps
 from phasestereo import _core
-from phasestereo_large.bands import halo, match_rows, pair_statistics
+from phasestereo_large.bands import halo, load, match_rows, pair_statistics
 from support.processes import run, run_forking
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
+    from pathlib import Path
 
 SIZE = (300, 110)
 AREAS = (360, 110)
@@ -143,6 +144,29 @@ def test_masks_of_some_rows_alone_may_be_left_out() -> None:
 
 
 # What is read
+
+
+def test_black_borders_of_parts_are_those_of_the_whole(tmp_path: Path) -> None:
+    read = scene(SIZE, "uint16", masked=False, soft=None)
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]]
+    # Bent inward, as by a lens: runs come from above, from below and from the sides.
+    v, u = 2 * y / SIZE[0] - 1, 2 * x / SIZE[1] - 1
+    inside = (abs(u) < 0.85 + 0.15 * v**2) & (abs(v) < 0.8 + 0.2 * u**2)
+    pair = [np.where(inside, np.maximum(image, 1), 0).astype(np.uint16) for image in read.images]
+    whole = ps.match(*pair, num_disparities=16, scales=False)
+    assert (whole.flags == ps.Flag.MASKED).mean() > 0.1
+
+    def rows(first: int, last: int) -> Any:
+        return pair[0][first:last], pair[1][first:last], None, None
+
+    statistics = pair_statistics(rows, SIZE, num_disparities=16)
+    assert [one for one in statistics.findings if one.topic == "border"] == [
+        one for one in whole.findings if one.topic == "border"
+    ]
+    statistics.save(tmp_path / "pair.npz")
+    for first, last in bands_of(SIZE[0], 64):
+        found = match_rows(rows, load(tmp_path / "pair.npz"), first, last)
+        assert_rows(found, whole, first, last)
 
 
 @pytest.mark.parametrize(

@@ -147,6 +147,7 @@ def test_what_has_no_data_is_masked(pair: tuple[NDArray[np.uint8], ...]) -> None
         num_disparities=COUNT,
         left_mask=left.mask,
         right_mask=valid,
+        scales=False,
     )
 
     np.testing.assert_array_equal(np.load("out.npy"), whole.disparity)

@@ -15,17 +15,18 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TypeAlias, Unpack
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from phasestereo import _core
-from phasestereo._images import Mask, Pixels, as_pair, as_valid
+from phasestereo._images import Mask, Pixels, as_pair, as_seen, join_masks
 from phasestereo._numbers import as_integer
 from phasestereo.known import Known, as_known
 from phasestereo.result import Result
 from phasestereo.rig.alignment import Alignment
 from phasestereo.rig.compensation import BlurCompensation
 from phasestereo.settings import PresetName, Settings, SettingsOverrides, resolve
-from phasestereo_large.statistics import PairStatistics, as_size, load
+from phasestereo_large.statistics import Borders, PairStatistics, as_size, load
 
 Rows: TypeAlias = tuple[ArrayLike, ArrayLike, ArrayLike | None, ArrayLike | None]
 Reader: TypeAlias = Callable[[int, int], Rows]
@@ -70,10 +71,10 @@ def pair_statistics(
         through two or three times, of 16 bits once more, for the blur and the noise
         (``compensate_blur``, ``despike``, ``denoise`` or ``noise_threshold > 0``), a few times for
         the rows (``align_rows``), once for the range (``num_disparities=None``), once for findings,
-        once for ``adaptive_p2``, ``synthesis``, ``guided_median`` or confidences, once for float
-        images, once where all values may fit a narrower type or all channels be equal. Where there
-        are confidences, some rows are matched: all up to 768, otherwise three bands of 96 and their
-        halos.
+        once for black borders, once for ``adaptive_p2``, ``synthesis``, ``guided_median`` or
+        confidences, once for float images, once where all values may fit a narrower type or all
+        channels be equal. Where there are confidences, some rows are matched: all up to 768,
+        otherwise three bands of 96 and their halos.
 
     Raises
     ------
@@ -94,9 +95,17 @@ def pair_statistics(
     # The core owns the ranges of arguments: one row is refused for what all of them would be.
     _core.estimate_pair((left, right), masks, search, replace(asked, align_rows=False), workers)
 
+    borders = _core.find_borders(rows, rows.size, search)
+    rows.borders = borders[0][1], borders[1][1]
+    if any(border is not None for border in rows.borders):
+        (left, right), masks = rows(0, 1)
+
     scale = _core.find_scale((left, right), masks, rows, rows.size, search)
 
-    found = _core.estimate_pair_by_rows(rows, rows.size, search, asked, scale, workers, told)
+    shares = borders[0][0], borders[1][0]
+    found = _core.estimate_pair_by_rows(
+        rows, rows.size, search, asked, scale, workers, told, shares
+    )
 
     roughness = None
     looks = asked.guided_median or asked.synthesis or asked.confidence
@@ -116,6 +125,7 @@ def pair_statistics(
         search=found.search,
         packing=scale.packing,
         ranges=scale.ranges,
+        borders=rows.borders,
         roughness=roughness,
         findings=found.findings,
     )
@@ -214,7 +224,7 @@ def match_rows(
     if progress is not None and not callable(progress):
         raise TypeError(f"progress: got {type(progress).__name__}; accepts a callable or None")
 
-    rows = Checked(read, statistics.size, statistics.dtype)
+    rows = Checked(read, statistics.size, statistics.dtype, statistics.borders)
     as_integer("first", first, least=0, most=statistics.size[0] - 1)
     as_integer("last", last, least=first + 1, most=statistics.size[0])
 
@@ -271,10 +281,16 @@ def working_memory(statistics: PairStatistics, rows: int, *, threads: int, items
 class Checked:
     """A reader whose rows are checked, and in the form that the core takes."""
 
-    def __init__(self, read: Reader, size: tuple[int, int], dtype: str | None = None) -> None:
+    def __init__(
+        self,
+        read: Reader,
+        size: tuple[int, int],
+        dtype: str | None = None,
+        borders: Borders = (None, None),
+    ) -> None:
         if not callable(read):
             raise TypeError(f"read: got {type(read).__name__}; accepts a callable")
-        self.size = size
+        self.size, self.borders = size, borders
         self._read, self._dtype = read, dtype
 
     def __call__(
@@ -290,7 +306,8 @@ class Checked:
             )
 
         left, right, left_mask, right_mask = found
-        pair = as_pair(left, right)
+        views = as_seen(left, left_mask, "left"), as_seen(right, right_mask, "right")
+        pair = as_pair(views[0].pixels, views[1].pixels)
         size = last - first, self.size[1]
         if pair[0].shape[:2] != size:
             raise ValueError(
@@ -306,8 +323,22 @@ class Checked:
             )
         self._dtype = name
 
-        masks = (
-            as_valid(left_mask, pair[0], "left_mask"),
-            as_valid(right_mask, pair[1], "right_mask"),
+        masks = [
+            join_masks(view.valid, self._without_border(border, first, last))
+            for view, border in zip(views, self.borders, strict=True)
+        ]
+        return pair, (masks[0], masks[1])
+
+    def _without_border(
+        self, border: NDArray[np.uint32] | None, first: int, last: int
+    ) -> Mask | None:
+        """Return a mask of the pixels of some rows that are inside the border of their image."""
+        if border is None:
+            return None
+        rows, cols = self.size
+        top, bottom, left, right = np.split(
+            border.astype(np.intp), [cols, 2 * cols, 2 * cols + rows]
         )
-        return pair, masks
+        y, x = np.ogrid[first:last, :cols]
+        inside: Mask = (y >= top) & (y < rows - bottom)
+        return inside & (x >= left[first:last, None]) & (x < cols - right[first:last, None])

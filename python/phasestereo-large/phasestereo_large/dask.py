@@ -108,7 +108,7 @@ def maps(
     What must be known of the whole pair (its blur and noise, the range of float images) is found
     out **at the call**, window by window, unless it is in ``statistics``: then every pixel is
     computed up to four times now and once by the tasks. With ``preset="fast"`` and integer images
-    those of the left one are once; with ``adaptive_p2=0``, too, no more than the first row is.
+    those of the left one are once more; all rows are once, for black borders.
 
     Parameters
     ----------

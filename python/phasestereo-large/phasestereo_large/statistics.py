@@ -31,6 +31,7 @@ from phasestereo_large.records import check_ranges, decoded
 
 Range: TypeAlias = tuple[float, float]
 Packing: TypeAlias = tuple[float, int, bool, bool]
+Borders: TypeAlias = tuple[NDArray[np.uint32] | None, NDArray[np.uint32] | None]
 Arrays: TypeAlias = dict[str, NDArray[Any]]
 
 
@@ -65,6 +66,10 @@ class PairStatistics:
     ranges
         Where the pixels of the left and of the right image lie: (black, white) in thousandths of
         their unit, but for 0.1 % at either end. None: not needed, as for 8 bits.
+    borders
+        The black borders of the left and of the right image, which are masked: the lengths of the
+        runs from the top and from the bottom, by column, then from the left and from the right, by
+        row, uint32. None: there is none.
     findings
         What there is to say about the pair, as `phasestereo.check` says it.
     roughness
@@ -91,6 +96,7 @@ class PairStatistics:
     roughness: tuple[int, int] | None = None
     tally: tuple[int, int, int, int, int] | None = None
     findings: tuple[Finding, ...] = ()
+    borders: Borders = (None, None)
 
     @property
     def is_inverted(self) -> bool:
@@ -179,6 +185,9 @@ def _from_arrays(arrays: Mapping[str, NDArray[Any]]) -> PairStatistics:
         "num_disparities": 0 < found.num_disparities < 2**31,
         "min_disparity": abs(found.min_disparity) < 2**31,
         "packing": 0 < step < math.inf and 0 <= bits <= _MOST_BITS,
+        "borders": all(
+            border is None or border.shape == (2 * sum(found.size),) for border in found.borders
+        ),
         "roughness, tally": all(0 <= count < 2**64 for count in counts),
         "coefficients, errors, sway": [*map(len, rows)] in ([], [8, 16, 0], [8, 16, 19])
         and all(math.isfinite(value) for values in rows for value in values),

@@ -30,7 +30,7 @@ class Finding:
     ----------
     topic
         "match", "swap", "range", "alignment", "blur", "contrast", "noise", "coding", "saturation",
-        "texture", "repetition", "interlacing", or "map" of a map that was verified.
+        "texture", "repetition", "interlacing", "border", or "map" of a map that was verified.
     severity
         "ok", "note" (worth knowing) or "warning" (to be fixed).
     sentence

@@ -13,11 +13,11 @@ use crate::sized::Growing;
 pub const PHASESTEREO_GRAY: u32 = 0;
 /// Red, green, blue.
 pub const PHASESTEREO_RGB: u32 = 1;
-/// Red, green, blue, and a fourth channel that is left out.
+/// Red, green, blue, and alpha: the image is not valid where that is 0, unless it is 0 everywhere.
 pub const PHASESTEREO_RGBA: u32 = 2;
 /// Blue, green, red, as `OpenCV` has them.
 pub const PHASESTEREO_BGR: u32 = 3;
-/// Blue, green, red, and a fourth channel that is left out.
+/// Blue, green, red, and alpha: the image is not valid where that is 0, unless it is 0 everywhere.
 pub const PHASESTEREO_BGRA: u32 = 4;
 
 /// No candidate has a valid pixel in the right image: there is no estimate.
@@ -141,25 +141,30 @@ impl Image {
         check_stride((argument, "stride"), self.stride, self.row_bytes(), self.height as usize)?;
 
         // SAFETY: as the caller promises, of this many bytes.
-        let image = unsafe {
+        let (image, mut valid) = unsafe {
             match self.bits {
-                8 => self.read(|[value]: [u8; 1]| value),
-                16 => self.read(u16::from_ne_bytes),
-                bits => refused(format!("{bits} bits a channel"), "8 or 16"),
+                8 => self.read(|[value]: [u8; 1]| value)?,
+                16 => self.read(u16::from_ne_bytes)?,
+                bits => return refused(format!("{bits} bits a channel"), "8 or 16"),
             }
-        }?;
+        };
+        // A fourth channel of zeros alone is there to fill up four bytes.
+        let has_alpha = valid.contains(&true) && valid.contains(&false);
         if self.mask.is_null() {
-            return Ok(image);
+            return if has_alpha { image.with_mask(&valid) } else { Ok(image) };
         }
 
         let (rows, cols) = self.size();
         check_stride((argument, "mask_stride"), self.mask_stride, self.width.into(), rows)?;
-        let mut valid = zeroed(rows.saturating_mul(cols))?;
+        if !has_alpha {
+            valid = zeroed(rows.saturating_mul(cols))?;
+            valid.fill(true);
+        }
         for (y, row) in valid.chunks_exact_mut(cols).enumerate() {
             for (x, valid) in row.iter_mut().enumerate() {
                 let at = self.mask.wrapping_offset(y as isize * self.mask_stride).wrapping_add(x);
                 // SAFETY: as the caller promises.
-                *valid = unsafe { *at } != 0;
+                *valid &= unsafe { *at } != 0;
             }
         }
         image.with_mask(&valid)
@@ -236,8 +241,9 @@ impl Image {
     unsafe fn read<T: Pixel, const N: usize>(
         &self,
         value: impl Fn([u8; N]) -> T,
-    ) -> Result<phasestereo::Image> {
+    ) -> Result<(phasestereo::Image, Vec<bool>)> {
         let ((channels, taken), (rows, cols)) = (self.layout(), self.size());
+        let mut valid = vec![];
         let mut pixels = zeroed(rows.saturating_mul(cols).saturating_mul(taken.len()))?;
 
         for (y, row) in pixels.chunks_exact_mut(cols * taken.len()).enumerate() {
@@ -253,9 +259,13 @@ impl Image {
                     *copy = value(values[channel]);
                 }
             }
+            if channels > taken.len() {
+                let alpha = values.chunks_exact(channels).map(|values| values[taken.len()]);
+                valid.extend(alpha.map(|alpha| alpha != [0; N]));
+            }
         }
 
-        phasestereo::Image::from_vec(pixels, (rows, cols))
+        Ok((phasestereo::Image::from_vec(pixels, (rows, cols))?, valid))
     }
 }
 

@@ -28,6 +28,8 @@ pub enum Topic {
     Repetition,
     /// Fields of interlaced video.
     Interlacing,
+    /// Pixels of the images that show nothing of the scene.
+    Border,
     /// A disparity map that was verified.
     Map,
 }
@@ -59,7 +61,7 @@ pub struct Finding {
 }
 
 /// Topics in the order in which they are named as causes.
-const TOPICS: [(Topic, &str); 13] = [
+const TOPICS: [(Topic, &str); 14] = [
     (Topic::Match, "match"),
     (Topic::Swap, "swap"),
     (Topic::Range, "range"),
@@ -72,6 +74,7 @@ const TOPICS: [(Topic, &str); 13] = [
     (Topic::Texture, "texture"),
     (Topic::Repetition, "repetition"),
     (Topic::Interlacing, "interlacing"),
+    (Topic::Border, "border"),
     (Topic::Map, "map"),
 ];
 

@@ -107,6 +107,7 @@ pub const CASES: &[Case] = &[
     case(Fault::Swapped, MIDDLE, Work::Match(Preset::Robust, None), 0xAB11_C502_D48B_75C5),
     case(Fault::Smaller, MIDDLE, Work::Match(Preset::Robust, None), 0xE1A2_4326_6537_D2DA),
     case(Fault::Masked, MIDDLE, Work::Match(Preset::Robust, None), 0x2CE1_1D88_B0FA_CA76),
+    case(Fault::Bordered, MIDDLE, Work::Match(Preset::Robust, None), 0xD5EF_C1C7_6A83_DDBC),
     case(Fault::Pole, MIDDLE, Work::Match(Preset::Robust, None), 0x295B_5952_68DD_12CC),
     case(Fault::Fence, MIDDLE, Work::Match(Preset::Robust, None), 0x7501_D22A_A309_256E),
     case(Fault::Twice, MIDDLE, Work::Match(Preset::Robust, None), 0xD18D_DF55_CD54_81A2),

@@ -17,6 +17,25 @@ macro_rules! choices {
     };
 }
 
+// Images.
+choices! {
+    /// Least border that is masked, of black ones.
+    LEAST_BORDER: f64 = 0.004, in "share of the image",
+        evidence "of 108 photographs none has such runs of its least value over more than 0.16 %";
+
+    /// Fewest rows and columns of an image of which borders are looked for.
+    LEAST_BORDERED: usize = 48, in "pixels", evidence "estimates need these";
+
+    /// Shortest piece of a border along a side.
+    SHORTEST_BORDER: usize = 8, in "pixels",
+        evidence "noise about black has shorter pieces, since each ends at a brighter pixel on the side";
+
+    /// Most that the outline of a border is off a convex or concave one.
+    RAGGED_BORDER: f64 = 0.22, in "share of the area",
+        evidence "frames, circles, turned and bent rectangles have up to 0.02, after JPEG 0.2; houses and trees before a \
+               black sky 0.28 and more";
+}
+
 // Costs and their optimization.
 choices! {
     /// Largest magnitude of normalized gray values.

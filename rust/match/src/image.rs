@@ -1,6 +1,7 @@
 //! Images: what callers hand over, and what is done to pixels before they are described.
 
 pub mod blocking;
+pub mod border;
 pub mod conversion;
 pub mod convolution;
 pub mod gray_scale;

@@ -15,6 +15,7 @@ use std::ops::Range;
 use crate::base::control::Control;
 use crate::base::error::{Error, Result};
 use crate::base::simd::Level;
+use crate::image::border::without_border;
 use crate::image::conversion::Conversion;
 use crate::image::impulses;
 use crate::image::pixels::Input;
@@ -34,6 +35,7 @@ pub struct Pair {
     candidates: Candidates,
     compensation: Option<BlurCompensation>,
     fit: Option<Fit>,
+    borders: [f64; 2],
 }
 
 /// The images of a pair, straightened and repaired.
@@ -61,7 +63,7 @@ impl Pair {
         check_sizes(left.size(), right.size())?;
 
         let candidates = Candidates::new(min_disparity, num_disparities, left.size().1)?;
-        Ok(Self { left, right, candidates, compensation: None, fit: None })
+        Ok(Self { left, right, candidates, compensation: None, fit: None, borders: [0.0; 2] })
     }
 
     /// A pair of images of one size and type, with valid pixels.
@@ -84,15 +86,17 @@ impl Pair {
     }
 
     /// A pair of any two images: the right one is brought to the size of the left one, and its pixels to the
-    /// unit of those.
+    /// unit of those. Black borders are masked.
     pub fn of_any(
-        [left, mut right]: [Input; 2],
+        [left, right]: [Input; 2],
         min_disparity: i64,
         num_disparities: i64,
     ) -> Result<Self> {
         left.check("left")?;
         right.check("right")?;
 
+        let (left, border) = without_border(left)?;
+        let (mut right, other) = without_border(right)?;
         let [of_left, of_right] = if is_same_type(&left, &right) {
             Conversion::of_pair([&left, &right])
         } else {
@@ -102,12 +106,18 @@ impl Pair {
 
         let left = of_left.view(left)?;
         let (right, fit) = fitted(&left, of_right.view(right)?)?;
-        Ok(Self { fit, ..Self::new(left, right, min_disparity, num_disparities)? })
+        let borders = [border, other];
+        Ok(Self { fit, borders, ..Self::new(left, right, min_disparity, num_disparities)? })
     }
 
     /// How the right image was brought to the size of the left one; `None`: it came so.
     pub fn fit(&self) -> Option<Fit> {
         self.fit
+    }
+
+    /// The shares of the left and of the right image that are black borders, and masked.
+    pub fn borders(&self) -> [f64; 2] {
+        self.borders
     }
 
     /// The pair with how its blur is compensated before pixels are compared. The compensation gives the
@@ -164,7 +174,7 @@ impl Pair {
 
     /// The pair with other views of the same size.
     pub fn with_views(&self, [left, right]: [View; 2]) -> Self {
-        Self { left, right, candidates: self.candidates, compensation: None, fit: self.fit }
+        Self { left, right, compensation: None, ..*self }
     }
 
     /// Some rows of the images.
@@ -173,7 +183,7 @@ impl Pair {
         let compensation =
             self.compensation.clone().map(|compensation| compensation.below(rows.start));
 
-        Self { left, right, candidates: self.candidates, compensation, fit: self.fit }
+        Self { left, right, compensation, ..*self }
     }
 
     /// Left and right view.

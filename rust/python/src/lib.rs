@@ -20,7 +20,7 @@ mod workers;
 use std::sync::Arc;
 
 use ndarray::{Array2, Array3};
-use numpy::{Element, IntoPyArray, PyArray2, PyArray3, PyArrayMethods};
+use numpy::{Element, IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict};
@@ -61,6 +61,7 @@ use phasestereo_match::base::simd::Level;
 use phasestereo_match::cost::Costs;
 use phasestereo_match::cost::aggregation::{Window, aggregate};
 use phasestereo_match::descriptor::{Codes, describe};
+use phasestereo_match::image::border;
 use phasestereo_match::image::conversion::view_of_input;
 use phasestereo_match::image::intensity::Gray;
 use phasestereo_match::image::texture::Roughness;
@@ -103,10 +104,10 @@ mod _core {
     use super::{
         Back, Rig, Scale, Setting, TemporalFilter, Workers, aggregate_volume,
         check_blur_compensation, check_noise, check_settings, cost_volume, descriptor,
-        estimate_pair, estimate_pair_by_rows, find_roughness, find_scale, fit_right, halo,
-        match_pair, match_raw, match_rows, optimize_volume, prepare_pair, preset, rays_of_pixels,
-        rectify_pairs, register_depths, release_memory, rows_to_tally, self_check, simd_level,
-        verify_map, working_memory,
+        estimate_pair, estimate_pair_by_rows, find_borders, find_roughness, find_scale, fit_right,
+        halo, match_pair, match_raw, match_rows, optimize_volume, prepare_pair, preset,
+        rays_of_pixels, rectify_pairs, register_depths, release_memory, rows_to_tally, self_check,
+        simd_level, verify_map, working_memory,
     };
 
     #[pymodule_init]
@@ -299,6 +300,7 @@ fn estimate_pair_by_rows<'py>(
     scale: &Scale,
     threads: &Bound<'py, PyAny>,
     known: Object<'py>,
+    borders: [f64; 2],
 ) -> Result<Object<'py>> {
     let asked = read_settings(&settings)?;
     let search = read_search(&disparities)?;
@@ -309,6 +311,7 @@ fn estimate_pair_by_rows<'py>(
     let source = Arc::clone(&reader);
     let estimates = supervised(py, &pool, size.0, None, move |runtime| {
         let mut estimates = complete_source(&*source, &told, &asked, runtime)?;
+        estimates.borders = borders;
         estimates.findings = findings::of_pair(&estimates, size, None, &asked);
         Ok(estimates)
     });
@@ -340,6 +343,35 @@ fn find_scale(
     });
 
     Ok(found.map_err(|failure| reader.reason(failure))?.into())
+}
+
+/// The share of the black border of an image, and its runs.
+type Side<'py> = (f64, Option<Bound<'py, PyArray1<u32>>>);
+
+/// The black borders of a pair that is read by rows: of each image the share, and the lengths of the runs from the top and the
+/// bottom, by column, and from the left and the right, by row; None: it has no border.
+#[pyfunction]
+fn find_borders<'py>(
+    py: Python<'py>,
+    read: Bound<'py, PyAny>,
+    size: (usize, usize),
+    disparities: Both<'py>,
+) -> Result<Vec<Side<'py>>> {
+    let reader = Reader::new(read, size, read_search(&disparities)?, &Scale::default())?;
+    let source = Arc::clone(&reader);
+    let found = supervised(py, &Pool::new(1)?, size.0, None, move |runtime| {
+        let bands: Vec<_> = source::bands(&*source).collect();
+        border::of_rows(size, &bands, |rows| {
+            runtime.control.checkpoint()?;
+            source.inputs(rows)
+        })
+    });
+    let of_side = |found: Option<(border::Border, f64)>| {
+        found.map_or((0.0, None), |(border, share)| {
+            (share, Some(border.runs.concat().into_pyarray(py)))
+        })
+    };
+    Ok(found.map_err(|failure| reader.reason(failure))?.map(of_side).into())
 }
 
 /// The roughness of a left image that is read by rows: a sum of differences, and their number.

@@ -31,6 +31,8 @@ pub struct Estimates {
     pub even_rows: [bool; 2],
     /// What the rough match of the reduced images saw, if there was one.
     pub(crate) seen: Option<Arc<Seen>>,
+    /// Shares of the left and of the right image that are black borders, which are masked.
+    pub borders: [f64; 2],
     /// The range of disparities, if it was to be estimated, or the known one matches badly.
     pub range: Option<SearchRange>,
     /// Places that seem to have disparities that are not searched.

@@ -17,6 +17,9 @@
 mod response;
 mod rows;
 
+use std::iter;
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 pub use self::response::Contrast;
@@ -247,11 +250,19 @@ impl Counts {
         };
         for y in (first..(first + STRIP).min(plane.rows())).step_by(EVERY) {
             counts = counts.and(Self::of_pixels(view, y, level));
-            counts.runs = counts.runs.and(runs(&steps(y), limits.flat, limits.textured, level));
+            let row = steps(y);
+            for valid in valid(view, y) {
+                let runs = runs(&row[valid], limits.flat, limits.textured, level);
+                counts.runs = counts.runs.and(runs);
+            }
         }
 
         let row = steps(first);
-        counts.repeated = repeated_windows(&row, limits.noise, limits.flat, limits.period, level);
+        for valid in valid(view, first) {
+            let Limits { noise, flat, period, .. } = *limits;
+            let repeated = repeated_windows(&row[valid], noise, flat, period, level);
+            counts.repeated = [0, 1].map(|at| counts.repeated[at] + repeated[at]);
+        }
         // Strips begin with an even row.
         if first + 2 < plane.rows() {
             let rows = [&row, &steps(first + 1), &steps(first + 2)];
@@ -317,6 +328,17 @@ impl Counts {
         let is_clear = (self.fields[best] as f64) < most * self.fields[FIELD_REACH] as f64;
         if is_clear { best as i32 - FIELD_REACH as i32 } else { 0 }
     }
+}
+
+/// The places of a row where the image is valid, one piece after another.
+fn valid(view: &View, y: usize) -> Vec<Range<usize>> {
+    let Some(mask) = view.mask() else { return iter::once(0..view.size().1).collect() };
+    let mut at = 0;
+    let pieces = mask.row(y).chunk_by(|a, b| a == b).map(|piece| {
+        at += piece.len();
+        (piece[0], at - piece.len()..at)
+    });
+    pieces.filter(|(is_valid, _)| *is_valid).map(|(_, piece)| piece).collect()
 }
 
 /// Gray values in steps.

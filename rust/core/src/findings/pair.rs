@@ -143,10 +143,12 @@ table! {
     Interlacing, Warning, interlacing(known),
         "{0} interlaced: odd rows are shifted by {1} px against even ones", remedy("{2}"),
         cause("interlaced fields", 0.0);
+    Border, Note, borders(known), "a black border, {0} of {1}, shows nothing and is not matched";
 }
 
 /// The estimates of a pair in memory with their findings.
 pub fn with_findings(estimates: Estimates, pair: &Pair, settings: &Settings) -> Estimates {
+    let estimates = Estimates { borders: pair.borders(), ..estimates };
     let findings = of_pair(&estimates, pair.size(), pair.fit(), settings);
     Estimates { findings, ..estimates }
 }
@@ -321,6 +323,19 @@ fn left_out(known: &Known) -> Vec<Measured> {
         value(0.0, [disparities, span(columns.start, columns.end), span(rows.start, rows.end)])
     };
     known.estimates.left_out.iter().filter(|_| !known.is_stuck()).flat_map(place).collect()
+}
+
+/// The black borders that are masked: of both images at once, if they are alike.
+fn borders(known: &Known) -> Vec<Measured> {
+    let [left, right] = known.estimates.borders.map(percent);
+    if left == right && known.estimates.borders[0] > 0.0 {
+        return value(0.0, [left, "both images".to_owned()]);
+    }
+    let sides = SIDES.iter().zip([left, right]).zip(known.estimates.borders);
+    let of_side = |((side, share), border): ((&&str, String), f64)| {
+        when(border > 0.0, [share, format!("the {side} image")])
+    };
+    sides.flat_map(of_side).collect()
 }
 
 /// The offsets of a field of rows with this error.

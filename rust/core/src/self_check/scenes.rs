@@ -56,6 +56,8 @@ pub enum Fault {
     Plain,
     /// The upper left part of the left image is masked.
     Masked,
+    /// Both images are black outside an ellipse, as behind a round lens.
+    Bordered,
     /// A thin pole is much nearer than all else.
     Pole,
     /// All surfaces have the texture of a fence.
@@ -131,6 +133,13 @@ pub fn pair(fault: Fault, size: (usize, usize), moment: u32) -> [Input; 2] {
                 value * (300 - from(y, rows) - from(x, cols)) / 400
             };
             [left, changed(&right, darker)]
+        }
+        Fault::Bordered => {
+            let off = |place: i32, length: i32| (2 * place - length).pow(2) * 1000 / length.pow(2);
+            let framed = |y, x, value: i32| {
+                if off(y, rows) + off(x, cols) < 900 { value.max(1) } else { 0 }
+            };
+            [changed(&left, framed), changed(&right, framed)]
         }
         Fault::Inverted => [left, changed(&right, |_, _, value| 255 - value)],
         Fault::Swapped => [right, left],

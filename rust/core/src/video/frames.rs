@@ -378,7 +378,7 @@ impl<'a> Followed<'a, '_> {
         if facts.aligned().is_some() {
             found.offsets = geometry.field.offsets()?;
         }
-        found.findings = findings::of_pair(&found, geometry.size, pair.fit(), settings);
+        found = findings::with_findings(found, pair, settings);
         if let Some(raw) = &geometry.cameras {
             found.findings.push(findings::rectified(&raw.rectification));
         }
