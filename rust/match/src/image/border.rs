@@ -12,6 +12,9 @@
 //! border  = all runs, if off <= RAGGED_BORDER sum of run over all sides, and they are LEAST_BORDER of the image or more
 //! ```
 //!
+//! A lossy codec leaves waves beside the rim of a border, in whole blocks of pixels. Where most runs of an image of 8 bits go on
+//! with pixels that are nearly of the value, all do, and it is the outline of those runs that counts.
+//!
 //! Areas of one value that is not the least are left alone: a sky or a wall that is white all over belongs to the scene, and
 //! planes are drawn into it.
 
@@ -20,7 +23,9 @@ use std::ops::Range;
 
 use crate::base::error::Result;
 use crate::base::plane::{Plane, reserve, zeroed};
-use crate::choices::{LEAST_BORDER, LEAST_BORDERED, RAGGED_BORDER, SHORTEST_BORDER};
+use crate::choices::{
+    LEAST_BORDER, LEAST_BORDERED, RAGGED_BORDER, RIM, RIM_LEVELS, SHORTEST_BORDER,
+};
 use crate::image::masking::Mask;
 use crate::image::pixels::{Image, Input};
 
@@ -42,6 +47,13 @@ pub struct BorderScan {
     sides: [Side; 4],
     /// Rows that came.
     rows: usize,
+}
+
+/// What may be a border, and by how much each of its runs goes on.
+#[derive(Debug, Clone)]
+pub struct Candidate {
+    border: Border,
+    more: [Vec<u32>; 4],
 }
 
 /// The border of an image.
@@ -110,13 +122,12 @@ impl BorderScan {
         self.rows += rows;
     }
 
-    /// The border, if no pixel of the image is darker.
-    pub fn border(self) -> Option<Border> {
+    /// What may be a border.
+    pub fn candidate(self) -> Option<Candidate> {
         let Self { size: (rows, cols), sides, .. } = self;
         let values = sides.iter().flat_map(|side| side.values.iter().flatten());
         let value = values.copied().reduce(|a, b| [0, 1, 2].map(|c| f64::min(a[c], b[c])))?;
 
-        let far = [rows, rows, cols, cols].map(|far| far as u32);
         let runs = sides.map(|side| -> Vec<u32> {
             let is_border = |own: &Option<Value>| own.is_none_or(|own| is_same(own, value));
             let runs = side.lengths.iter().zip(&side.values);
@@ -132,13 +143,61 @@ impl BorderScan {
             return None;
         }
 
+        let more = runs.clone().map(|runs| vec![0; runs.len()]);
+        Some(Candidate { border: Border { size: (rows, cols), value, runs }, more })
+    }
+}
+
+impl Candidate {
+    /// Follows the rim in rows from `first` on, which come in their order.
+    pub fn add(&mut self, input: &Input, first: usize) {
+        let Image::U8(_) = &input.image else { return };
+        let Border { size, value, runs } = &self.border;
+        let is_rim = |y: usize, x: usize| {
+            let is_near = |own: Value| [0, 1, 2].iter().all(|c| own[*c] - value[*c] <= RIM_LEVELS);
+            pixel(input, y, x).is_none_or(is_near)
+        };
+
+        let ((rows, cols), [top, bottom, left, right]) = (input.size(), &mut self.more);
+        for (y, at) in (first..first + rows).enumerate() {
+            for x in 0..cols {
+                if (runs[0][x] + top[x]) as usize == at && is_rim(y, x) {
+                    top[x] += 1;
+                }
+                // What continues to the run from the bottom.
+                if at + (runs[1][x] as usize) < size.0 {
+                    bottom[x] = if is_rim(y, x) { bottom[x] + 1 } else { 0 };
+                }
+            }
+            let along = |run: usize| (run..cols).take(RIM);
+            let from_left = along(runs[2][at] as usize);
+            left[at] = from_left.take_while(|x| is_rim(y, *x)).count() as u32;
+            let from_right = along(runs[3][at] as usize);
+            right[at] = from_right.take_while(|x| is_rim(y, cols - 1 - x)).count() as u32;
+        }
+    }
+
+    /// The border, if no pixel of the image is darker.
+    pub fn border(self) -> Option<Border> {
+        let Self { border: Border { size, value, runs }, more } = self;
+        let far = [size.0, size.0, size.1, size.1].map(|far| far as u32);
+
+        let mut soft = [0, 0];
+        for ((runs, more), far) in runs.iter().zip(&more).zip(far) {
+            let inner = runs.iter().zip(more).filter(|(run, _)| (1..far).contains(*run));
+            for (_, more) in inner {
+                soft = [soft[0] + usize::from(*more > 0), soft[1] + 1];
+            }
+        }
+        let runs = if 2 * soft[0] > soft[1] { with_rim(&runs, &more, far) } else { runs };
+
         let mut sums = [0.0; 2];
         for (runs, far) in runs.iter().zip(far) {
             let [off, area] = outline(runs, far);
             sums = [sums[0] + off, sums[1] + area];
         }
         let is_outline = sums[0] <= RAGGED_BORDER * sums[1];
-        let border = Border { size: (rows, cols), value, runs };
+        let border = Border { size, value, runs };
         (is_outline && border.share() < 1.0).then_some(border)
     }
 }
@@ -189,7 +248,9 @@ pub fn without_border(input: Input) -> Result<(Input, f64)> {
     let size = input.size();
     let mut scan = BorderScan::new(size)?;
     scan.add(&input);
-    let found = scan.border().and_then(|border| {
+    let found = scan.candidate().and_then(|mut candidate| {
+        candidate.add(&input, 0);
+        let border = candidate.border()?;
         let share = share_of(border.count(&input, 0)?, size)?;
         Some((border.mask(&input, 0), share))
     });
@@ -212,7 +273,18 @@ pub fn of_rows(
         }
     }
 
-    let mut found = scans.map(|scan| scan.border().map(|border| (border, 0)));
+    let mut candidates = scans.map(BorderScan::candidate);
+    if candidates.iter().any(Option::is_some) {
+        for rows in bands {
+            for (candidate, input) in candidates.iter_mut().zip(&read(rows.clone())?) {
+                if let Some(candidate) = candidate {
+                    candidate.add(input, rows.start);
+                }
+            }
+        }
+    }
+
+    let mut found = candidates.map(|candidate| candidate?.border().map(|border| (border, 0)));
     for rows in bands {
         if found.iter().all(Option::is_none) {
             break;
@@ -231,6 +303,20 @@ pub fn of_rows(
 fn share_of(count: usize, (rows, cols): (usize, usize)) -> Option<f64> {
     let share = count as f64 / (rows * cols) as f64;
     (share >= LEAST_BORDER).then_some(share)
+}
+
+/// The runs of the four sides with what goes on, where there is a run nearby.
+fn with_rim(runs: &[Vec<u32>; 4], more: &[Vec<u32>; 4], far: [u32; 4]) -> [Vec<u32>; 4] {
+    [0, 1, 2, 3].map(|side| {
+        let (runs, more) = (&runs[side], &more[side]);
+        let near = |at: usize| &runs[at.saturating_sub(RIM)..(at + RIM + 1).min(runs.len())];
+        let grown = |at: usize| {
+            let is_border = near(at).iter().any(|run| *run > 0);
+            let more = if is_border { more[at].min(RIM as u32) } else { 0 };
+            (runs[at] + more).min(far[side])
+        };
+        (0..runs.len()).map(grown).collect()
+    })
 }
 
 /// Whether two pixels are equal.
@@ -354,6 +440,27 @@ mod tests {
                 assert_eq!(Some(border.mask(&view, 0)), masked.mask, "{at}");
                 assert_eq!(of_parts.to_bits(), share.to_bits());
             }
+        }
+    }
+
+    #[test]
+    fn what_a_codec_leaves_at_the_rim_is_masked() {
+        let inside = |y: f64, x: f64| (y - 45.0).powi(2) + (x - 60.0).powi(2) < 1400.0;
+        let rim = |y: f64, x: f64| (y - 45.0).powi(2) + (x - 60.0).powi(2) < 1900.0;
+        let mut view = image(inside);
+        let Image::U8(pixels) = &mut view.image else { unreachable!("bytes") };
+        for ((y, x, c), value) in pixels.indexed_iter_mut() {
+            // In blocks, as of a codec: rows and columns end the runs anywhere.
+            let (row, col) = (y as f64, x as f64);
+            if rim((y / 8 * 8) as f64, (x / 8 * 8) as f64) && rim(row, col) && !inside(row, col) {
+                *value = ((5 * y + 3 * x + c) % 12 + 1) as u8;
+            }
+            *value = if inside(row, col) { (*value).max(40) } else { *value };
+        }
+        let (masked, share) = found(&view);
+        assert!(share > 0.4);
+        for (y, x) in (0..SIZE.0).flat_map(|y| (0..SIZE.1).map(move |x| (y, x))) {
+            assert_eq!(masked.is_valid(y, x), inside(y as f64, x as f64), "{y} {x}");
         }
     }
 
