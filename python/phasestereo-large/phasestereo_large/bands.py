@@ -72,9 +72,9 @@ def pair_statistics(
         (``compensate_blur``, ``despike``, ``denoise`` or ``noise_threshold > 0``), a few times for
         the rows (``align_rows``), once for the range (``num_disparities=None``), once for findings,
         once for black borders, three times where there may be some, once for ``adaptive_p2``,
-        ``synthesis``, ``guided_median`` or confidences, once for float images, once where all values
-        may fit a narrower type or all channels be equal. Where there are confidences, some rows are
-        matched: all up to 768, otherwise three bands of 96 and their halos.
+        ``synthesis``, ``guided_median`` or confidences, once for float images, once where all
+        values may fit a narrower type or all channels be equal. Where there are confidences, some
+        rows are matched: all up to 768, otherwise three bands of 96 and their halos.
 
     Raises
     ------
