@@ -78,7 +78,7 @@ def data() -> Path:
 
 @pytest.fixture
 def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., Run]:
-    """Return what runs the command line in this process: exit code, standard output, error."""
+    """Return a function that runs the command line here: exit code, standard output, error."""
     cli = pytest.importorskip("phasestereo.cli")
 
     def run(*arguments: object) -> Run:
@@ -93,7 +93,7 @@ def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., Run]:
 def run_bench(
     run: Callable[..., Run], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Callable[..., Run]:
-    """Return what runs ``phasestereo bench`` in this process, in an empty folder, wide lines."""
+    """Return a function that runs ``phasestereo bench`` here, in an empty folder, wide lines."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
     return partial(run, "bench")

@@ -216,7 +216,7 @@ def test_what_there_is_not_is_null(scenes: list[Scene]) -> None:
     assert record["v2"]["nonocc"] == record["v3"]["bad_4"] == record["v3"]["invalid"] == 100
     assert record["epe"] is record["v3"]["avgerr"] is record["v3"]["a50"] is None
 
-    (scenes[0].folder / "disp6.pgm").unlink()  # then nothing tells what is occluded
+    (scenes[0].folder / "disp6.pgm").unlink()  # then nothing shows what is occluded
 
     record = run_middlebury(scenes[:1], [sparse], ["sharp"], workers=0)[0]
 

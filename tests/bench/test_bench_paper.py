@@ -190,7 +190,7 @@ def winning(_: Experiment, __: str, series: Series, level: float) -> float:
 
 
 def verdicts(readings: list[Reading], claim: int) -> list[ClaimVerdict]:
-    """Return what becomes of a claim, by its place among them, in every setup."""
+    """Return the verdict on a claim, by its place among them, in every setup."""
     name = list(CLAIMS)[claim]
     every = judge_claims([*readings, *of_bits(lambda _: 10.0)] if claim < 2 else readings)
     return [each.verdict for each in every if each.claim == name]
@@ -267,7 +267,7 @@ def folder(middlebury: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def study(middlebury: Path, folder: Path) -> Study:
-    """Return what the quick run measured, from its store."""
+    """Return the figures of the quick run, from its store."""
     return run_study(load_pairs(middlebury), folder / "results.jsonl", quick=True, workers=0)
 
 

@@ -1,4 +1,4 @@
-"""The report tells what the records hold: no figure lost, invented or averaged unfairly."""
+"""The report has the figures of the records: none lost, invented or averaged unfairly."""
 
 import json
 import re
@@ -362,7 +362,7 @@ def test_scenes_of_one_name_are_told_apart(tmp_path: Path) -> None:
 
 
 def refused(tmp_path: Path, records: list[dict[str, Any]], **choice: Any) -> str:
-    """Return what reading such a store is refused with."""
+    """Return the message that refuses such a store."""
     with pytest.raises(ValueError, match=".") as caught:
         read_results([store(tmp_path / "refused.jsonl", records)], **choice)
     return str(caught.value)

@@ -247,7 +247,7 @@ def test_the_views_of_a_room_fit_by_its_truth(room: Pair) -> None:
     difference = abs(warped(room.truth_right, room.truth) - room.truth)[smooth]
     assert (difference < 0.05).mean() > 0.98
 
-    # Plain surfaces look alike everywhere, so only pixels with texture tell.
+    # Plain surfaces look alike everywhere, so only pixels with texture count.
     gray = room.left.astype(float).mean(axis=2)
     steep = abs(np.gradient(ndimage.gaussian_filter(gray, 1), axis=1)) > 4
     residual, wrong = (

@@ -21,7 +21,7 @@ from support.matcher_page import MatcherPage, Pair
 from support.matcher_page import address as address  # noqa: PLC0414 - a fixture
 from support.matcher_page import page as page  # noqa: PLC0414 - a fixture
 
-# Has the worker tell how much memory the core has, whenever it is asked.
+# Has the worker report the memory of the core, whenever it is asked.
 _TELLING = """
 window.Worker = class extends Worker {
     constructor(url, options) {
@@ -36,7 +36,7 @@ window.Worker = class extends Worker {
             const work = self.onmessage;
             self.onmessage = (event) => {
                 const { id, task } = event.data;
-                if (task !== "tell") work(event);
+                if (task !== "report") work(event);
                 else postMessage({ id, value: memory.buffer.byteLength });
             };`;
         super(URL.createObjectURL(new Blob([more], { type: "text/javascript" })), options);
@@ -65,11 +65,11 @@ import(address).then(async ({ createMatcher }) => {
         if (n % 7 === 0) await matcher.check(...pair).catch(() => {});
     };
     for (let n = 0; n < 60; n++) await once(n);
-    const before = await matcher.call("tell", {});
+    const before = await matcher.call("report", {});
     for (let n = 0; n < times; n++) await once(n);
-    window.told = [before, await matcher.call("tell", {}), done];
+    window.reported = [before, await matcher.call("report", {}), done];
     matcher.close();
-}).catch((error) => { window.told = error.message; });
+}).catch((error) => { window.reported = error.message; });
 """
 
 
@@ -168,8 +168,8 @@ def test_two_hundred_matches_take_no_more_memory(browser: Browser, address: str)
     browser.visit(f"{address}/matcher.js")
     browser.run(_TELLING)
     browser.run(_REPEAT, 200, f"{address}/matcher.js")
-    browser.wait("window.told !== undefined", 120)
-    before, after, done = browser.run("return window.told")
+    browser.wait("window.reported !== undefined", 120)
+    before, after, done = browser.run("return window.reported")
     assert before == after
     assert done > 200
 

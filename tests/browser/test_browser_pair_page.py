@@ -162,7 +162,7 @@ def number(text: str) -> float:
 
 
 def read(browser: Browser) -> dict[str, str]:
-    """Return what the read-out says, with plain minus signs."""
+    """Return the text of the read-out, with plain minus signs."""
     cells = browser.run(
         """
         const cells = [...document.querySelectorAll("#values dd")];

@@ -525,5 +525,5 @@ def test_the_core_matches_what_sliders_spoil(browser: Browser, site: str, core: 
 
 
 def wrong(browser: Browser) -> float:
-    """Return the share of wrong pixels that the page tells, in percent."""
+    """Return the share of wrong pixels that the page shows, in percent."""
     return float(browser.text("wrong-shown").removesuffix(" %"))

@@ -129,7 +129,7 @@ def test_json_is_one_object_and_nothing_else(run: Callable[..., Run]) -> None:
     )
     assert (code, err) == (0, "")
 
-    said = json.loads(out, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+    said = json.loads(out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
     result = ps.match(*pixels_of_pair(), num_disparities=COUNT, window=5)
     score = metrics.score(result.disparity, io.read_disparity("truth.pfm"))
 

@@ -75,7 +75,7 @@ def test_gray_levels_have_their_scale(run: Callable[..., Run]) -> None:
 def test_json_is_one_object_and_nothing_else(run: Callable[..., Run]) -> None:
     code, out, err = run("check", "left.png", "right.png", "--json")
     assert (code, err) == (0, "")
-    said = json.loads(out, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+    said = json.loads(out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
     assert said["version"] == ps.__version__
     assert (said["width"], said["height"]) == (120, 80)
     assert said["search"]["swapped"] is False

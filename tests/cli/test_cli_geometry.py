@@ -32,7 +32,7 @@ RIG = "--focal 100 --baseline 70"
 # One geometry in each of its forms -> millimetres per unit of its baseline
 GEOMETRIES = {
     "--calib calib.txt": 1,
-    "--calib metres.txt --unit m": 1000,
+    "--calib meters.txt --unit m": 1000,
     "--q q.npy --unit cm": 10,
     "--focal 100 --baseline 0.07 --doffs 2 --cx 32 --cy 20 --unit m": 1000,
 }
@@ -49,7 +49,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
     Path("calib.txt").write_text(CALIB, encoding="utf-8")
     Path("K.txt").write_text("100 0 32 0 100 20 0 0 1\n0.07\n", encoding="utf-8")
-    Path("metres.txt").write_text(CALIB.replace("=70", "=0.07"), encoding="utf-8")
+    Path("meters.txt").write_text(CALIB.replace("=70", "=0.07"), encoding="utf-8")
 
     rig = io.read_calibration("calib.txt")
     np.save("q.npy", replace(rig, baseline=7).q)
@@ -58,7 +58,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def match(run: Callable[..., Run]) -> Callable[[str], Run]:
-    """Return what matches the pair in this process: exit code, standard output, error."""
+    """Return a function that matches the pair here: exit code, standard output, error."""
     arguments = "match", "left.png", "right.png", "--num-disparities", COUNT
     return lambda options: run(*arguments, *options.split())
 

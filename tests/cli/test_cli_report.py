@@ -33,7 +33,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def match(run: Callable[..., Run]) -> Callable[[str], Run]:
-    """Return what matches the pair in this process: exit code, standard output, error."""
+    """Return a function that matches the pair here: exit code, standard output, error."""
     arguments = "match", "left.png", "right.png", "--num-disparities", 8
     return lambda options: run(*arguments, *options.split())
 

@@ -44,7 +44,7 @@ def decoded(codes: NDArray[Any], components: int, bits: int) -> NDArray[np.int64
 
 
 def uncertainty(gray: NDArray[np.float64], neighborhood: int) -> NDArray[np.float64]:
-    """Return how far integer components may lie from exact ones, for every pixel."""
+    """Return the bound on errors of integer components, for every pixel."""
     absolute = np.abs(gray - gray.mean())
     half = neighborhood // 2
     padded = np.pad(absolute, half, mode="symmetric")

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @pytest.fixture(scope="module")
 def load(data: Path) -> Callable[[str], Pair]:
-    """Return what loads a scene."""
+    """Return a function that loads a scene."""
     return lambda name: find_scene(data / "middlebury", name).load()
 
 

@@ -73,7 +73,7 @@ def volume_of(
 def evidence_of(
     volume: NDArray[np.int64], settings: ps.Settings, dropped: int, gray: NDArray[np.int64]
 ) -> tuple[refinement.Evidence, float]:
-    """Return what the oracle chooses, and what one bit in every pixel of the window comes to."""
+    """Return the oracle's choice, and the sum of one bit in every pixel of the window."""
     p1, p2 = (
         oracle.window_penalty(each, settings.window, dropped) for each in (settings.p1, settings.p2)
     )
@@ -279,7 +279,7 @@ def a_map(*rows: list[float]) -> NDArray[np.float32]:
 
 
 def chosen_for(row: list[int], own: list[int]) -> refinement.Evidence:
-    """Return what was chosen for one row, and what it costs."""
+    """Return the choice for one row, and its cost."""
     return refinement.Evidence(
         chosen=np.array([row]),
         own=np.array([own]),

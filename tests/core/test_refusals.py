@@ -156,7 +156,7 @@ def test_the_pieces_refuse_the_same(piece: Any) -> None:
 
 
 class Trap:
-    """Claims to be an array and is none."""
+    """Claims to be an array, but is not."""
 
     def __array__(self, *_: object, **__: object) -> np.ndarray:
         raise RuntimeError("no array after all")
@@ -171,7 +171,7 @@ def test_objects_that_break_their_word() -> None:
 
 
 class Tensor:
-    """An array of another library, which tells it by DLPack alone."""
+    """An array of another library, which shows it by DLPack alone."""
 
     def __init__(self, array: np.ndarray) -> None:
         self.array = array

@@ -35,7 +35,7 @@ text: str = ps.estimate_blur(image, image, num_disparities=16)  # wrong: it is a
 
 @pytest.fixture(scope="module")
 def complaints(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
-    """Return what mypy has against the scripts of a user who has installed the package."""
+    """Return the complaints of mypy about the scripts of a user who has installed the package."""
     counterpart("mypy")
     folder = tmp_path_factory.mktemp("user")
 

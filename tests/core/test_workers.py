@@ -30,12 +30,12 @@ BYTES_TO_WIDEST: list[dict[str, Any]] = [
     {"preset": "paper", "cost": "sad", "window": 1, "optimizer": "wta"},
 ]
 
-on_linux = pytest.mark.skipif(sys.platform != "linux", reason="read from what Linux tells")
+on_linux = pytest.mark.skipif(sys.platform != "linux", reason="read from /proc of Linux")
 forking = pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
 
 
 def count(pair: Any) -> int:
-    """Return how many disparities to search for a pair."""
+    """Return the number of disparities to search for a pair."""
     return min(24, int(pair.shape[2]))
 
 
@@ -144,7 +144,7 @@ def test_a_matcher_travels() -> None:
 
 
 def most_threads(call: Callable[[], object], callers: int) -> int:
-    """Return how many threads of others than the callers there are while all of them call."""
+    """Return the number of threads beside the callers' while all of them call."""
     ready = threading.Barrier(callers + 1)
 
     def work() -> None:

@@ -25,7 +25,7 @@ NEEDS = {"Mesh": "PIL", "surface_mesh": "PIL", "Rectification": "cv2"}
 
 @pytest.fixture(scope="module")
 def known() -> dict[str, Any]:
-    """Return what the examples may take for given."""
+    """Return the names that the examples may use."""
     pair = render_pair(2, height=120, width=160, num_disparities=36)
     result = ps.match(pair.left, pair.right, num_disparities=40)
     costs = ps.cost_volume(pair.left, pair.right, num_disparities=40)

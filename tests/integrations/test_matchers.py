@@ -40,7 +40,7 @@ class Network:
 
 
 def fed(network: Network, monkeypatch: pytest.MonkeyPatch) -> tuple[Any, dict[str, Any]]:
-    """Return what comes out of a network, and what it was given."""
+    """Return the output of a network, and its inputs."""
     monkeypatch.setattr(onnx, "opened", lambda _path, _threads: network)
     return onnx.match_onnx(LEFT, RIGHT, 16, path="net.onnx"), network.fed
 

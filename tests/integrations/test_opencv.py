@@ -100,7 +100,7 @@ def test_what_is_set_is_got() -> None:
 
 
 def accessors(matcher: Any) -> list[str]:
-    """Return what can be got and set of one of OpenCV's matchers, but for regions of interest.
+    """Return the parameters of one of OpenCV's matchers, but for regions of interest.
 
     Nor is there StereoBM's smaller block: OpenCV keeps none.
     """

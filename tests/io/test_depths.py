@@ -34,7 +34,7 @@ def pair() -> Pair:
 
 
 def moved_by_yaw(x: NDArray[np.float64], calibration: Calibration) -> NDArray[np.float64]:
-    """Return where columns of the right image are seen if its camera is turned."""
+    """Return the columns of the right image after its camera is turned."""
     (focal, _, center), _, _ = calibration.cam1
     angle = np.arctan((x - center) / focal) - np.radians(TURNED)
     seen: NDArray[np.float64] = center + focal * np.tan(angle)

@@ -131,7 +131,7 @@ def test_a_model_of_colmap(tmp_path: Path) -> None:
 
 
 def seen(rig: dict[str, Any], points: Any, side: int) -> Any:
-    """Return where OpenCV's cameras see points of the left camera's frame."""
+    """Return the pixels of points of the left camera's frame, by OpenCV."""
     pose = np.eye(4) if side == 1 else pose_of(rig)
     vector = cv2.Rodrigues(pose[:3, :3])[0]
     args = points, vector, pose[:3, 3], rig[f"K{side}"], np.ravel(rig[f"D{side}"])

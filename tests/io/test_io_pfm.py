@@ -24,7 +24,7 @@ def floats(shape: tuple[int, ...]) -> NDArray[np.float32]:
 
 
 def bits(array: NDArray[np.float32]) -> NDArray[np.uint32]:
-    """Return float32 as bit patterns, which tell NaN from NaN and 0 from -0."""
+    """Return float32 as bit patterns, which distinguish NaN from NaN and 0 from -0."""
     return np.ascontiguousarray(array).view(np.uint32)
 
 

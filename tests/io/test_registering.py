@@ -55,7 +55,7 @@ def left_rays() -> Floats:
 
 
 def struck(rays: Floats, origin: Floats) -> Floats:
-    """Return how many times each ray reaches the scene: a box before a slanted wall."""
+    """Return the factor by which each ray reaches the scene: a box before a slanted wall."""
     wall = (DISTANCE - origin @ NORMAL) / (rays @ NORMAL)
     box = (BOX[2] - origin[2]) / rays[..., 2]
     there = np.abs(origin + rays * box[..., np.newaxis] - BOX)[..., :2] < SIDES

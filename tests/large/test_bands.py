@@ -255,7 +255,7 @@ print(json.dumps([memory("VmHWM") - before, expected]))
 """
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="the system does not tell")
+@pytest.mark.skipif(sys.platform != "linux", reason="the system does not report it")
 @pytest.mark.parametrize(
     "order",
     [

@@ -93,7 +93,7 @@ def pairs(images: Path) -> list[PairFiles]:
 
 @pytest.fixture
 def matching(cluster: Any) -> Callable[..., Any]:
-    """Return what runs a batch on the cluster."""
+    """Return a function that runs a batch on the cluster."""
 
     def matching(pairs: list[PairFiles], folder: Path, **options: Any) -> Any:
         options = {"preset": "fast", "scheduler": cluster.scheduler_address} | options
@@ -464,7 +464,7 @@ def test_pairs_that_fail_are_tried_again_recorded_and_tried_by_the_next_run(
 
 
 def _slowly(pair: PairFiles, work: Order, recipe: str) -> Record:
-    """Match a pair, and tell by a file that it is being done."""
+    """Match a pair, and show by a file that it is being done."""
     (work.folder / f"{pair.name}.{os.getpid()}.begun").touch()
     time.sleep(0.3)
     return match_files(pair, work, recipe)
@@ -536,7 +536,7 @@ def test_a_match_that_takes_too_long_ends_by_itself(pairs: list[PairFiles], tmp_
 
 
 def _open_ports() -> list[Any]:
-    """Return where this process and those that it has started listen."""
+    """Return the ports of this process and of those that it has started."""
     psutil = counterpart("psutil")
 
     us = psutil.Process()
@@ -892,7 +892,7 @@ DAMAGE = {
     "no text": b"\xff\xfe\x00",
     "a file elsewhere": json.dumps(asdict(RECORD) | {"files": {"../a.tif": 3}}).encode(),
     "an absolute file": json.dumps(asdict(RECORD) | {"files": {"/etc/passwd": 3}}).encode(),
-    "a state that is none": json.dumps(asdict(RECORD) | {"state": "dune"}).encode(),
+    "an invalid state": json.dumps(asdict(RECORD) | {"state": "dune"}).encode(),
     "done without files": json.dumps(asdict(RECORD) | {"files": None}).encode(),
 }
 

@@ -28,7 +28,7 @@ COUNT = 16
 
 @pytest.fixture
 def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> NDArray[np.uint8]:
-    """Return what both images show, of bands (5, H, W), in the current folder."""
+    """Return the content of both images, bands (5, H, W), in the current folder."""
     monkeypatch.chdir(tmp_path)
     return np.random.default_rng(0).integers(1, 256, (5, 60, 95), dtype=np.uint8)
 

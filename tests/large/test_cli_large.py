@@ -41,7 +41,7 @@ COMMAND = [*LARGE, "--band-rows", "32"]
 def pair(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Write left.tif and right.tif in the current folder, and return what they show."""
+    """Write left.tif and right.tif in the current folder, and return their content."""
     monkeypatch.chdir(tmp_path)
     random = np.random.default_rng(0)
     left = random.integers(0, 256, (HEIGHT, WIDTH), np.uint8)

@@ -166,7 +166,7 @@ def test_worker_processes(client: Any) -> None:
 
 
 def _shown(block: NDArray[Any], folder: str) -> NDArray[Any]:
-    """Return a block, and tell by a file who has computed one."""
+    """Return a block, and record in a file who has computed one."""
     time.sleep(0.1)
     os.close(tempfile.mkstemp(prefix=f"{os.getpid()}.", dir=folder)[0])
     return block
@@ -195,7 +195,7 @@ def test_a_worker_that_is_killed_half_way_changes_nothing(client: Any, tmp_path:
 
 
 class Watched:
-    """An image that tells which of its rows are read."""
+    """An image that records which of its rows are read."""
 
     def __init__(self, image: NDArray[Any]) -> None:
         self.image, self.shape, self.dtype, self.ndim = image, image.shape, image.dtype, image.ndim

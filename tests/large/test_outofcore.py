@@ -49,7 +49,7 @@ def texture(height: int, width: int) -> tuple[NDArray[np.uint8], NDArray[np.uint
 def pair(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Write left.tif and right.tif in the current folder, and return what they show."""
+    """Write left.tif and right.tif in the current folder, and return their content."""
     monkeypatch.chdir(tmp_path)
     images = texture(HEIGHT, WIDTH)
     for name, image in zip(("left.tif", "right.tif"), images, strict=True):
@@ -221,7 +221,7 @@ def end_after(bands: int, error: type[BaseException] = EndingError) -> Any:
 
 
 def blocks() -> dict[str, tuple[int, int]]:
-    """Return what tells whether a finished block was written again."""
+    """Return a function that shows whether a finished block was written again."""
     found = Path("out.npy.part").glob("rows*.npz")
     return {path.name: (path.stat().st_ino, path.stat().st_mtime_ns) for path in found}
 

@@ -264,7 +264,7 @@ def test_a_preset_that_there_is_not_is_refused() -> None:
 
 
 def changed(index: int, value: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """Return what changes one of the four things that are read, of all rows but the first."""
+    """Return a function that changes one of four things, in all rows but the first."""
 
     def change(found: tuple[Any, ...]) -> tuple[Any, ...]:
         return (*found[:index], value(found[index]), *found[index + 1 :])

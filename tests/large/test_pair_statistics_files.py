@@ -1,4 +1,4 @@
-"""Files of statistics: they come back as they were, and one that is none is refused."""
+"""Files of statistics: they come back as they were, and other files are refused."""
 
 from __future__ import annotations
 

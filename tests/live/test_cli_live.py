@@ -70,7 +70,7 @@ def pictures(path: str) -> list[tuple[float, Any]]:
 
 
 def luma_error(one: NDArray[np.uint8], other: NDArray[np.uint8]) -> float:
-    """Return how much the brightness of two pictures differs; a video halves their colors."""
+    """Return the difference in brightness of two pictures; a video halves their colors."""
     return float(abs((one.astype(float) - other) @ (0.299, 0.587, 0.114)).mean())
 
 
@@ -173,7 +173,7 @@ def test_json_is_one_object_and_nothing_else(run: Callable[..., Run]) -> None:
     assert code == 0
     assert err.startswith("phasestereo: skipped frame 1: damaged")
 
-    said = json.loads(out, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+    said = json.loads(out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
     assert (said["width"], said["height"], said["num_disparities"]) == (COLS, ROWS, COUNT)
     assert (said["frames"], said["failed"], said["interrupted"]) == (3, 1, False)
     assert [failure["frame"] for failure in said["failures"]] == [1]

@@ -35,7 +35,7 @@ def frames(count: int, failures: list[Failure] | None = None) -> live.Stream:
 
 
 def rows(path: str, entity: str) -> list[dict[str, Any]]:
-    """Return what was logged at one place, a row for each time."""
+    """Return the records of one place, a row for each time."""
     found = []
     for chunk in counterpart("rerun.chunk").RrdReader(path).stream():
         if chunk.entity_path == f"/{entity}":

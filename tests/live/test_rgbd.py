@@ -50,7 +50,7 @@ def slanted() -> NDArray[np.float32]:
 
 
 def pose(index: int) -> NDArray[np.float64]:
-    """Return where the camera is: elsewhere, and turned, in each frame."""
+    """Return the pose of the camera: elsewhere, and turned, in each frame."""
     found = np.eye(4)
     found[:3, :3], found[:3, 3] = turned(3.0 * index, -2.0, 5.0), [0.1 * index, 0.02, -0.3]
     return found

@@ -35,7 +35,7 @@ LIBRARIES = (
 
 @pytest.fixture(scope="module")
 def consumers(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., None]:
-    """Return what runs the program."""
+    """Return a function that runs the program."""
     headers, machine = ROOT / "usr/include", "x86_64-linux-gnu"
     compiler = shutil.which("c++")
     if not (headers / "depth_image_proc").is_dir() or compiler is None:

@@ -80,7 +80,7 @@ class Synchronizer:
 
 @pytest.fixture
 def node(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Any]]:
-    """Return what makes a node with some parameters."""
+    """Return a function that makes a node with some parameters."""
     modules = {
         name: ModuleType(name) for name in ("rclpy", "rclpy.executors", "rclpy.node", "rclpy.qos")
     }

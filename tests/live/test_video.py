@@ -41,7 +41,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def outcome(capture: Capture[Any]) -> Any:
-    """Return what a capture holds, or what it says instead."""
+    """Return the frames of a capture, or its message."""
     try:
         return capture.take()
     except (OSError, ValueError) as error:
@@ -49,7 +49,7 @@ def outcome(capture: Capture[Any]) -> Any:
 
 
 def outcomes(source: CaptureSource[Any]) -> list[Any]:
-    """Return what the captures of a source hold; their numbers have no gap."""
+    """Return the frames of a source's captures; their numbers have no gap."""
     found = []
     for index, capture in enumerate(source.captures):
         assert capture.index == index

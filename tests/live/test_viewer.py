@@ -57,7 +57,7 @@ class Answer:
         self.status, self.headers, self.body = response.status, response.headers, response.read()
 
     def json(self) -> Any:
-        return json.loads(self.body, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+        return json.loads(self.body, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
 
 
 def request(

@@ -41,7 +41,7 @@ def spoiled() -> list[Spoiled]:
 
 @pytest.fixture
 def held(spoiled: list[Spoiled]) -> Callable[..., None]:
-    """Return what holds ways of matching a pair to what is expected, as far as they tell it."""
+    """Return a function that compares ways of matching a pair with the expected result."""
 
     def hold(
         ways: Callable[[Spoiled], Mapping[str, Maps]],

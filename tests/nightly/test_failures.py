@@ -32,7 +32,7 @@ SKIPPING_WHOLE = 'import pytest\npytest.importorskip("nowhere_to_be_found")\n'
 
 
 def _said(folder: Path, **files: str) -> str:
-    """Return what pytest says on CI of files in a folder."""
+    """Return the output of pytest on CI for files in a folder."""
     for name, text in files.items():
         (folder / f"{name}.py").write_text(text)
     finished = subprocess.run(  # our own interpreter on our own code

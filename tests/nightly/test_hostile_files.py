@@ -76,7 +76,7 @@ def test_every_door_refuses_what_is_no_file_of_its_kind_soon_and_by_name(tmp_pat
 
 
 def wrong_with(outcome: dict[str, Any]) -> str:
-    """Return what is wrong with what came of a call, in a line."""
+    """Return the fault in the outcome of a call, in a line."""
     door, kind, raised = (outcome[name] for name in ("door", "kind", "raised"))
     is_allowed = kind == "empty" and door.endswith("read_manifest(path)")  # of no pair yet
 

@@ -36,7 +36,7 @@ FOLDER = Path("out.npy.part")
 
 @pytest.fixture
 def whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, bytes]:
-    """Write a pair in the current folder; return what an undisturbed run makes of it."""
+    """Write a pair in the current folder; return the result of an undisturbed run."""
     monkeypatch.chdir(tmp_path)
 
     random = np.random.default_rng(0)

@@ -48,7 +48,7 @@ KNOWN, NOISE = ps.Known(blur_compensation=blur_compensation()), ps.Known(noise=(
 
 
 def costs_by_class(left: NDArray[Any], right: NDArray[Any], **options: Any) -> NDArray[np.uint16]:
-    """Return what whole versions of the images cost, each pixel taking what its class says."""
+    """Return the costs of whole versions of the images, each pixel by its class."""
     each = [ps.cost_volume(moved(left, a), moved(right, b), **SEARCH, **options) for a, b in MOVES]
     classes = oracle.class_map(LABELS, 13, left.shape[:2])
     stacked = np.stack(each)

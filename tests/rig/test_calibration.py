@@ -87,7 +87,7 @@ def test_a_charuco_board_need_not_be_seen_whole() -> None:
 def test_standard_deviations_are_those_of_repeated_calibrations(
     found: ps.StereoCalibration,
 ) -> None:
-    """Of cameras, and of the depths that they tell."""
+    """Of cameras, and of the depths that they give."""
     fits = [
         fit(boards.sights(12, np.random.default_rng(seed), noise=0.1), SIZE, 4)
         for seed in range(25)
@@ -104,7 +104,7 @@ def test_standard_deviations_are_those_of_repeated_calibrations(
 
 
 def depths_of(found: ps.StereoCalibration, depths: Sequence[float]) -> list[float]:
-    """Return where cameras see points ahead, which the true ones have at these depths."""
+    """Return the depths by these cameras of points that the true ones have at these depths."""
     seen = []
     for depth in depths:
         point = np.array([[0.0, 0.0, depth]])

@@ -1,4 +1,4 @@
-"""Rectification by a calibration: OpenCV's bits, whatever file tells of the cameras."""
+"""Rectification by a calibration: OpenCV's bits, from any file of the cameras."""
 
 from __future__ import annotations
 

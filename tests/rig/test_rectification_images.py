@@ -37,7 +37,7 @@ def lens(*degrees: float, focal: float = 1.0, k1: float = 0.0, down: float = 0.0
 
 
 def seen_by(image: Any, camera: Lens) -> Any:
-    """Return what another camera at the same place sees."""
+    """Return the view of another camera at the same place."""
     undo = getattr(cv2, "undistortPointsIter", cv2.undistortPoints)
     y, x = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float64)
     points = np.stack([x.ravel(), y.ravel()], axis=1)[:, np.newaxis]
@@ -218,7 +218,7 @@ def test_a_stream_rectifies_itself(scene: tuple[Any, Any]) -> None:
         on_error=failures.append,
     ) as stream:  # fmt: skip
         frames = list(stream)
-    assert [failure.index for failure in failures] == [0]  # it tells nothing
+    assert [failure.index for failure in failures] == [0]  # it shows nothing
 
     expected = ps.rectify(*pair)
     assert len(frames) == 2

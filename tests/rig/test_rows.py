@@ -32,7 +32,7 @@ SCENES = "tsukuba", "cones"
 
 @pytest.fixture(scope="module")
 def load(data: Path) -> Callable[[str], Pair]:
-    """Return what loads a scene."""
+    """Return a function that loads a scene."""
     return lambda name: find_scene(data / "middlebury", name).load()
 
 
@@ -128,21 +128,21 @@ def test_rows_are_straightened(
 
     low, count = -6, pair.num_disparities + 12
     straight = ps.match(pair.left, pair.right, min_disparity=low, num_disparities=count)
-    mended = ps.match(*crooked, min_disparity=low, num_disparities=count)
+    aligned = ps.match(*crooked, min_disparity=low, num_disparities=count)
     left = ps.match(*crooked, min_disparity=low, num_disparities=count, align_rows=False)
 
-    assert mended.alignment is not None
-    assert mended.alignment.applied
-    assert mended.alignment.residual < 0.2 < mended.alignment.rms
+    assert aligned.alignment is not None
+    assert aligned.alignment.applied
+    assert aligned.alignment.residual < 0.2 < aligned.alignment.rms
 
-    assert mended.confidence is not None
+    assert aligned.confidence is not None
     assert left.confidence is not None
-    assert mended.confidence.mean() > left.confidence.mean() + 0.02
+    assert aligned.confidence.mean() > left.confidence.mean() + 0.02
 
     if "down" in how:  # else what is right lies elsewhere along the rows
-        assert bad(pair, mended) < bad(pair, straight) + 0.8
-        assert bad(pair, left) > bad(pair, mended) + 3
-    assert "alignment" in [found.topic for found in mended.findings]
+        assert bad(pair, aligned) < bad(pair, straight) + 0.8
+        assert bad(pair, left) > bad(pair, aligned) + 3
+    assert "alignment" in [found.topic for found in aligned.findings]
 
 
 @pytest.mark.parametrize("name", SCENES)

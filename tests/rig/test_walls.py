@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 def rays() -> tuple[Array, Array]:
-    """Return where the pixels of an image lie at the distance 1, as cameras without errors do."""
+    """Return the points of an image's pixels at the distance 1, as cameras without errors do."""
     y, x = np.mgrid[:HEIGHT, :WIDTH].astype(np.float64)
     return (x - (WIDTH - 1) / 2) / FOCAL, (y - (HEIGHT - 1) / 2) / FOCAL
 
@@ -62,7 +62,7 @@ class Scene:
         return np.array([[cos, 0, -sin], [0, 1, 0], [sin, 0, cos]])
 
     def disparity(self) -> Array:
-        """Return how far left pixels and their partners are apart."""
+        """Return the distances of left pixels from their partners."""
         moved = self.points(right=False) - np.array([BASELINE, 0, 0])[:, None, None]
         x, y, z = np.einsum("ij,jhw->ihw", self.turn, moved)
         factor = 1 + self.k1 * ((x / z) ** 2 + (y / z) ** 2)

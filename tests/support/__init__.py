@@ -57,7 +57,7 @@ class EndingError(Exception):
 
 
 def real_data() -> Path:
-    """Return where real pairs are, if there are any."""
+    """Return the folder of real pairs, if there is one."""
     return Path(os.environ.get("PHASESTEREO_DATA", ROOT / "../shared"))
 
 

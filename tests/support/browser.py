@@ -98,7 +98,7 @@ class Browser:
         self.driver.get(address)
 
     def run(self, script: str, *arguments: Any) -> Any:
-        """Run a script in the page; return what it returns."""
+        """Run a script in the page; return its result."""
         return self.driver.execute_script(script, *arguments)
 
     def text(self, element: str) -> str:
@@ -123,13 +123,13 @@ class Browser:
             sleep(0.03)
 
     def complaints(self) -> list[str]:
-        """Return what the console said since the last call, but for hints on speed."""
+        """Return the messages of the console since the last call, but for hints on speed."""
         entries = self.driver.get_log("browser")
         messages = [line["message"] for line in entries if line["level"] in ("SEVERE", "WARNING")]
         return [text for text in messages if not any(hint in text for hint in _HINTS)]
 
     def requests(self) -> list[str]:
-        """Return what was asked for since the last call, but for data that the page holds."""
+        """Return the requests since the last call, but for data that the page holds."""
         entries = self.driver.get_log("performance")
         events = [json.loads(line["message"])["message"] for line in entries]
         urls = [
@@ -145,7 +145,7 @@ class Browser:
         return list(self.run(_FAINT))
 
     def picture(self, selector: str = "") -> NDArray[np.uint8]:
-        """Return what is in sight, or one element, as RGB."""
+        """Return the visible part, or one element, as RGB."""
         if selector:
             shot = self.driver.find_element("css selector", selector).screenshot_as_png
         else:

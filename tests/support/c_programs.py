@@ -79,7 +79,7 @@ class Program:
         return done.returncode, done.stdout.splitlines(), output
 
     def same(self, pair: Pair, expected: ps.Result, **options: Any) -> dict[str, list[str]]:
-        """Compare with a map of Python's; return what was printed, by its first word."""
+        """Compare with a map of Python's; return the printed lines, by their first word."""
         code, lines, output = self.run(pair, **options)
         assert code == 0, lines
 

@@ -579,7 +579,7 @@ def _spoiled(kind: str, content: bytes) -> bytes:
 
 
 def kinds_of(sample: str) -> tuple[str, ...]:
-    """Return what a door is tried with; where files are written, an old one is just replaced."""
+    """Return the arguments to try a door with; old files are replaced."""
     if sample.startswith(">"):
         return ("fifo", "zero", "folder") if Path(sample).suffix else ("fifo", "zero", "empty")
     # Of a video that is cut short there is what there is; FFmpeg looks for more in what follows.
@@ -591,7 +591,7 @@ def _interrupted(*_: object) -> None:
 
 
 def outcome(call: Callable[[Path], Any], path: Path) -> dict[str, Any]:
-    """Return what came of a call."""
+    """Return the outcome of a call."""
     Path("/proc/self/clear_refs").write_text("5", "ascii")  # the most is that from now on
     before, started = resident("VmRSS"), time.process_time()
     raised, refused = "", True

@@ -417,7 +417,7 @@ def cases(corpus: list[Path], seed: int) -> Iterator[tuple[str, str, bytes]]:
 
 
 def complaint(name: str, path: Path) -> str | None:
-    """Read a file; return what is wrong with what came of it, or None."""
+    """Read a file; return the fault in the outcome, or None."""
     started = time.monotonic()
 
     documented = _OF_MATCH if name == "match" else _DOCUMENTED

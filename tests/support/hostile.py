@@ -299,7 +299,7 @@ def cases(folder: Path) -> Iterator[tuple[str, Path]]:
 
 
 def readers() -> dict[str, Callable[[Path], Any]]:
-    """Return what reads files, by the name of the function."""
+    """Return the readers of files, by the name of the function."""
     import phasestereo as ps  # noqa: PLC0415 -- the process that makes the files needs none of it
     from phasestereo.io.tiff import is_geotiff  # noqa: PLC0415
     from phasestereo.rectification.reading import read_calibration  # noqa: PLC0415

@@ -53,7 +53,7 @@ class MatcherPage:
         self.browser = browser
 
     def call(self, task: str, pair: Pair, **options: Any) -> dict[str, Any]:
-        """Return what comes of a call: ``value`` or ``error``."""
+        """Return the outcome of a call: ``value`` or ``error``."""
         self.browser.run(_CALL, task, [_sent(image) for image in pair], options)
         self.browser.wait("window.outcome !== null")
         outcome: dict[str, Any] = self.browser.run("return window.outcome")
@@ -80,7 +80,7 @@ def _sent(image: Image) -> tuple[int, int, str]:
 
 @pytest.fixture(scope="module")
 def address() -> Iterator[str]:
-    """Return where the files of the page are served; skip visibly where they are not built."""
+    """Return the address of the page's files; skip visibly where they are not built."""
     if not (WEB / "phasestereo.wasm").is_file():
         pytest.skip("no web/phasestereo.wasm: make web")
     with serving(WEB) as address:

@@ -201,7 +201,7 @@ def weak_levels(F: Complexes, k: int, threshold: float) -> Ints:
 
 
 def boundary_distance(F: Complexes, k: int, b: int) -> Floats:
-    """Return how far, in the complex plane, F may move before its level can change.
+    """Return the distance, in the complex plane, that F may move before its level can change.
 
     The boundaries of floor(M arg(F^k) / pi) are the rays at multiples of pi / (M k), M = 2^(b-1);
     the nearest is at most half of that away, never more than a right angle, so its distance is
@@ -290,7 +290,7 @@ def nsad_costs(
 def valid_candidates(
     left_mask: Bools, right_mask: Bools, min_disparity: int, num_disparities: int
 ) -> Bools:
-    """Return which (pixel, candidate) has a valid pixel at both ends, (H, W, N)."""
+    """Return whether a (pixel, candidate) has a valid pixel at both ends, (H, W, N)."""
     columns = right_columns(left_mask.shape[1], min_disparity, num_disparities)
     return np.stack([left_mask & right_mask[:, x] for x in columns.T], axis=-1)
 
@@ -448,7 +448,7 @@ def mean_step(gray: NDArray[Any]) -> float:
 
 
 def jump_penalties(gray: Ints, p1: int, p2: int, edges: float, ahead: tuple[int, int]) -> Ints:
-    """Return what a jump of a path costs to each pixel from the one (dx, dy) ahead of it, (H, W).
+    """Return the cost of a jump of a path to each pixel from the one (dx, dy) ahead, (H, W).
 
     Where the gray value differs by more than `adaptive_p2` times the mean difference of neighbors,
     in whole steps of gray, it is half of p2, by more than thrice that a third; p1 at the least.
@@ -593,7 +593,7 @@ def match_phase(
 
 
 def beyond_neighbors(gray: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return how far each pixel lies beyond its eight neighbors, their spread, and their median.
+    """Return the height of each pixel beyond its eight neighbors, their spread, and their median.
 
     The largest and the smallest neighbor are left out; the image continues as c b | a b c | b a.
     """

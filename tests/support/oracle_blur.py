@@ -174,7 +174,7 @@ def pair_spectra(
 
 
 def response(psf: Floats) -> Floats:
-    """Return what a kernel leaves of the power in every bin, as the window smears it."""
+    """Return the power that a kernel leaves in every bin, as the window smears it."""
     wrapped = np.zeros((SIDE, SIDE))
     half = psf.shape[0] // 2
     for (y, x), tap in np.ndenumerate(psf):
@@ -353,7 +353,7 @@ def noise_of(there: Grid) -> tuple[float, float]:
 def losses_of(
     powers: Floats, noise: tuple[float, float], choices: Sequence[tuple[Side, Floats]]
 ) -> Floats:
-    """Return how badly each blur, of a side and with responses, explains a pair of blocks.
+    """Return the loss of each blur, of a side and with responses, for a pair of blocks.
 
     Of more than eight, those of an image that clearly lacks less power than the other one are not
     tried.
@@ -381,7 +381,7 @@ def losses_of(
 
 
 def everything() -> list[tuple[Side, Floats]]:
-    """Return what there is to choose from: no blur, the bank on the left, and on the right."""
+    """Return the candidates: no blur, the bank on the left, and on the right."""
     _, responses = bank()
     return [("none", FLAT), ("left", responses), ("right", responses)]
 
@@ -850,7 +850,7 @@ class Estimate:
 
 
 def certainty_of(kind: Kind, noise: tuple[float, float]) -> float:
-    # The contrary of a blur is none, that of none is the best blur there is.
+    # The contrary of a blur: the image as it is. Of an image as it is: the best blur.
     losses = losses_of(kind.powers, noise, everything())
     contrary = losses[1:].min() if kind.side == "none" else losses[0]
     return float(np.clip(1 - kind.loss / contrary, 0, 1))
@@ -919,7 +919,7 @@ def estimate(pair: MaskedPair) -> Estimate:
 
 
 def map_of(there: Grid, kinds: list[Kind], noise: tuple[float, float]) -> NDArray[np.intp]:
-    """Return which kind explains each of the tiles."""
+    """Return the kind that explains each of the tiles."""
     choices: list[tuple[Side, Floats]] = [
         (kind.side, FLAT if kind.kernel is None else response(kind.kernel)[None]) for kind in kinds
     ]

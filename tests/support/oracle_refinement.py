@@ -47,7 +47,7 @@ class Evidence:
 
 
 def evidence_of(totals: Ints, costs: Ints, chosen: Ints) -> Evidence:
-    """Return what totals (H, W, N) tell of chosen candidates, and costs of places between them."""
+    """Return the figures of chosen candidates by totals (H, W, N), and costs between them."""
     at = chosen[:, :, np.newaxis]
     beside = np.abs(np.arange(totals.shape[2]) - at) <= 1
 
@@ -92,7 +92,7 @@ def offsets(costs: Ints, chosen: Ints) -> Map:
 
 
 def first_flags(chosen: Ints, low: int, masks: tuple[Bools, Bools], number: int) -> Ints:
-    """Return what is to be said of every pixel and the candidate chosen for it, by itself."""
+    """Return the verdict on every pixel and its chosen candidate, one by one."""
     left_mask, right_mask = masks
     height, width = chosen.shape
     valid = oracle.valid_candidates(left_mask, right_mask, low, number)
@@ -153,7 +153,7 @@ def flag_ambiguous(evidence: Evidence, flags: Ints, percent: int) -> Ints:
 
 
 def trusted(disparity: Map, flags: Ints) -> Bools:
-    """Return where a pixel's own estimate counts."""
+    """Return whether a pixel's own estimate counts."""
     counts: Bools = ~np.isnan(disparity) & (flags & UNTRUSTED == 0)
     return counts
 
@@ -215,7 +215,7 @@ def around(pixel: Pixel, shape: tuple[int, int], reach: int, step: int = 1) -> I
 
 
 def near_jumps(disparity: Map) -> Bools:
-    """Return where, up to four pixels away, the next disparity right or below is off by over 1."""
+    """Return whether, within four pixels, the next disparity right or below differs by over 1."""
     height, width = disparity.shape
     jumps = np.zeros((height, width), bool)
     jumps[:, :-1] |= np.abs(np.diff(disparity, axis=1)) > 1

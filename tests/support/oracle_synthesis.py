@@ -38,7 +38,7 @@ def whole(disparity: Map) -> Ints:
 
 
 def shown_left(right: Floats, disparity: Map) -> Floats:
-    """Return what the left view shows of the right image."""
+    """Return the left view of the right image."""
     columns = np.arange(right.shape[1]) - whole(disparity)
     return np.take_along_axis(right, np.clip(columns, 0, right.shape[1] - 1), axis=1)
 
@@ -57,7 +57,7 @@ def seen_from_right(disparity: Ints) -> Floats:
 
 
 def shown_right(left: Floats, right: Floats, disparity: Map) -> Floats:
-    """Return what the right view shows of the left image.
+    """Return the right view of the left image.
 
     Where it shows nothing there is the right image, as bright as what is shown in the 16 columns
     on either side of the gap.
@@ -96,7 +96,7 @@ def levels(gray: Floats, L: int, threshold: float) -> Ints:
 def distances(
     images: Images, disparity: Map, kernel: Floats, side: Side, *, L: int, weak: tuple[float, float]
 ) -> Ints:
-    """Return how far the soft image is from what it should be by a map, pixel by pixel."""
+    """Return the error of the soft image by a map, pixel by pixel."""
     left, right = images
     if side == "left":
         synthetic = oracle.convolve(shown_left(right, disparity), kernel)

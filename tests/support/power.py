@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class PowerCutError(BaseException):
-    """What every operation raises from the cut on: no `finally` mends anything without power."""
+    """What every operation raises from the cut on: no `finally` fixes anything without power."""
 
 
 class Power:
@@ -35,7 +35,7 @@ class Power:
         self._unflushed: dict[str, int] = {}  # and how many of their bytes are on the disk
 
     def operation(self, path: object) -> bool:
-        """Count an operation; tell whether the path is of the folder."""
+        """Count an operation; return whether the path is of the folder."""
         place = self._place(path)
         if place is None:
             return False

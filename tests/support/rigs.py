@@ -39,7 +39,7 @@ def made_up() -> dict[str, Floats]:
 
 
 def of_opencv(rig: dict[str, Floats], size: tuple[int, int], alpha: float = -1) -> dict[str, Any]:
-    """Return what OpenCV makes of a calibration: R1, R2, P1, P2, Q and all four maps."""
+    """Return OpenCV's rectification by a calibration: R1, R2, P1, P2, Q and all four maps."""
     given = [rig[name] for name in ("K1", "D1", "K2", "D2")]
     r1, r2, p1, p2, q, *_ = cv2.stereoRectify(
         *given, size, rig["R"], rig["T"].reshape(3, 1), flags=cv2.CALIB_ZERO_DISPARITY, alpha=alpha
@@ -81,7 +81,7 @@ class Lens:
     r: Floats
 
     def sees(self, rays: Floats) -> Floats:
-        """Return where it sees rays of the rig's frame, pixels (N, 2)."""
+        """Return the pixels (N, 2) of rays of the rig's frame."""
         turned_back = rays @ self.r
         zero = np.zeros(3)
         seen: Floats = cv2.projectPoints(turned_back[:, np.newaxis], zero, zero, self.k, self.d)[0]
@@ -128,7 +128,7 @@ def row_errors(maps: Any, left: Lens, right: Lens, shifts: Floats) -> Floats:
 
 
 def inverted(maps: Any, points: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """Return where maps read these points, and whether they do so anywhere."""
+    """Return the places where maps read these points, and whether they do so anywhere."""
     rows, cols = maps[0].shape
     place, off = points.copy(), np.zeros_like(points)
 
