@@ -134,8 +134,9 @@ def test_channels_are_taken_in_any_order(
             seen[40:70, 100:140] = not alpha
             for image in given:
                 image[..., 3] = alpha * seen
-        masks = {"left_mask": seen, "right_mask": seen}
-        expected = ps.match(*pair, preset="fast", num_disparities=48, **masks)
+        expected = ps.match(
+            *pair, preset="fast", num_disparities=48, left_mask=seen, right_mask=seen
+        )
         program.same(given, expected, channels=channels)
 
 
