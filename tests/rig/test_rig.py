@@ -141,6 +141,18 @@ def test_what_enters_before_all_else_is_found(nearer: int) -> None:
     assert event.sentence.startswith("things entered")
 
 
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_camera_that_stops_is_an_event_in_that_frame(side: int) -> None:
+    rig = ps.Rig(preset="fast")
+    for index in range(8):
+        images = list(frame(index))
+        images[side] = frame(min(index, 4))[side]
+        rig.match(*images)
+    (event,) = (one for one in rig.events if one.subject == "cameras")
+    assert event.frame == 5
+    assert event.sentence.startswith(f"the {('left', 'right')[side]} camera has stopped")
+
+
 def test_an_exposure_that_pumps_moves_nothing() -> None:
     rig, steady = ps.Rig(preset="fast"), ps.TemporalFilter()
     gains = 1 + 0.5 * np.sin(np.arange(14))

@@ -16,6 +16,7 @@ use phasestereo::internals::video::rig::columns::Columns;
 use phasestereo::internals::video::rig::events::{Events, Steady, Subject};
 use phasestereo::internals::video::rig::field::{FieldFilter, seeds};
 use phasestereo::internals::video::rig::sensors::{BlurMap, Kind, Sensors};
+use phasestereo::internals::video::rig::stopped::Stopped;
 use phasestereo::internals::video::rig::text::{read, written};
 use phasestereo::internals::video::rig::{Geometry, Rig};
 use phasestereo_match::base::digest::Digest;
@@ -383,6 +384,7 @@ fn rig(shift: f64, straightens: i64) -> Rig {
         is_inverted: true,
     };
     let rig = Rig {
+        stopped: Stopped::default(),
         frames: 7,
         geometry: Some(geometry),
         appearance: None,

@@ -85,6 +85,9 @@ pub fn match_frame(
     // What fails half-way must leave nothing half learned.
     let mut next = rig.clone();
     next.suit(pair.size(), options.settings);
+    if let Some(sentence) = next.stopped.update(&pair) {
+        next.events.push(Subject::Cameras, next.frames, sentence);
+    }
 
     // Each frame by itself, if all is to be estimated of each.
     let frame = match next.geometry.take().filter(|_| options.reestimate > 1) {

@@ -8,6 +8,7 @@ pub mod columns;
 pub mod events;
 pub mod field;
 pub mod sensors;
+pub mod stopped;
 pub mod text;
 
 use std::sync::Arc;
@@ -18,6 +19,7 @@ use self::columns::Columns;
 use self::events::{Events, Steady, Subject};
 use self::field::FieldFilter;
 use self::sensors::Sensors;
+use self::stopped::Stopped;
 use crate::estimation::Estimates;
 use crate::estimation::blur::{self, Side};
 use crate::rectification::Raw;
@@ -42,6 +44,9 @@ pub struct Rig {
     pub appearance: Option<Arc<Appearance>>,
     /// What the cameras add to their images; `None`: no frame has shown it.
     pub sensors: Option<Sensors>,
+    /// Which camera has stopped.
+    #[serde(skip)]
+    pub stopped: Stopped,
     /// What happened.
     pub events: Events,
     /// The share of the match that is probably wrong, over the last frames; NaN: unknown.

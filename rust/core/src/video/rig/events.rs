@@ -7,7 +7,7 @@ use crate::video::choices::{MOST_EVENTS, SAME_EVENT_FRAMES};
 /// What an event is about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Subject {
-    /// The cameras that a raw pair was rectified by.
+    /// The cameras: those that a raw pair was rectified by, and whether both run.
     Cameras,
     /// The rows of the pair.
     Rows,
