@@ -242,7 +242,7 @@ def prepare_pair(
     max_disparity: int | None,
     settings: Settings,
     threads: int | Workers | None,
-    known: Known,
+    known: Known | None,
 ) -> tuple[tuple[Pixels | None, Pixels | None], list[str], int, Back, Estimates]: ...
 def verify_map(
     images: tuple[Pixels, Pixels],

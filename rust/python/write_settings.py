@@ -58,7 +58,7 @@ def main() -> None:
 
 
 def import_core() -> ModuleType:
-    """Import the extension by itself: the package refuses to be imported while a field is missing."""
+    """Import the extension by itself: the package cannot be imported while a field is missing."""
     [path] = (path for path in PACKAGE.glob("_core.*") if path.suffix in (".so", ".pyd"))
     spec = spec_from_file_location("phasestereo._core", path)
     if spec is None or spec.loader is None:

@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike
 from phasestereo import _core
 from phasestereo._images import ImageOrPath, Mask, Pixels
 from phasestereo._opening import opened_valid
-from phasestereo.known import as_known
 from phasestereo.rig.blur import BlurEstimate
 from phasestereo.rig.estimates import Estimates
 from phasestereo.settings import PRESETS
@@ -82,5 +81,5 @@ def estimate_pair(
     settings = PRESETS["robust"]
     if not self_rectify:
         return _core.estimate_pair(pair, masks, search, settings, threads)
-    *_, found = _core.prepare_pair(pair, masks, search, None, settings, threads, as_known(None))
+    *_, found = _core.prepare_pair(pair, masks, search, None, settings, threads, None)
     return found
