@@ -20,7 +20,7 @@ from phasestereo.settings import PRESETS
 from phasestereo_bench import read_store, run_jobs
 from phasestereo_bench import speed as bench
 from phasestereo_bench.environment import usable_cpus
-from phasestereo_bench.speed import GrayPair, contenders, memory, records, rounds
+from phasestereo_bench.speed import GrayPair, contenders, memory, records, results, rounds
 from phasestereo_bench.speed.affinity import pinned
 from phasestereo_bench.tables import table_texts
 from support import Run
@@ -356,6 +356,30 @@ def test_tables_show_records_by_size() -> None:
             [*cones, "8", "3.0", "1.0", "-", "4.0", "4.0", "4.0"],
         ],
     ]
+
+
+def test_a_record_is_compared_with_the_last_one_of_another_core_on_the_same_machine() -> None:
+    def of(core: str, environment: str, seconds: float, rival: float) -> dict[str, Any]:
+        made = record(core=core, environment=environment)
+        made["ours"]["median"] = seconds
+        made["rivals"]["opencv:sgbm-3way"]["median_ratio"] = rival
+        return made
+
+    machines = [
+        {"kind": "environment", "id": name, "cpu": cpu, "cores": 2}
+        for name, cpu in (("old", "a"), ("new", "a"), ("other", "b"))
+    ]
+    stale, before = of("1", "old", 0.02, 1.0), of("2", "old", 0.01, 3.0)
+    elsewhere, now = of("3", "other", 0.001, 9.0), of("4", "new", 0.04, 1.5)
+    failed = {**of("5", "new", 0.0, 1.0), "status": "error"}
+    lines = [*machines, stale, before, elsewhere, failed, now]
+    assert results.records_before(lines, [now, elsewhere, before]) == [before, None, stale]
+
+    # The machine was half as fast: the rival took twice the time, and we four times as long.
+    shown = bench.time_table([now], lines)
+    by_name = dict(zip(shown.header, (entry.text for entry in shown.rows[0]), strict=True))
+    assert (by_name["ms"], by_name["before"]) == ("40.0", "2.00")
+    assert "before" not in bench.time_table([now]).header
 
 
 # The command

@@ -22,8 +22,12 @@ from phasestereo_bench.speed import (
     speed_jobs,
     time_table,
 )
-from phasestereo_bench.store import read_good
+from phasestereo_bench.store import read_good, read_store
 
+_BEFORE = (
+    "before: our time divided by that of the last record of another core on this machine, both "
+    "relative to SGBM 3-way."
+)
 _PAIRS_HELP = f"Only these: {', '.join(PAIRS)}; or rendered ones of any size: 0.1MPx16, 24MPx512."
 
 
@@ -43,7 +47,8 @@ def speed(
     All of them match the same gray pairs in turn, in one process, ours with either preset first on
     one thread and then on all, and each once more in a process of its own, for its memory. Takes
     about a quarter of an hour, on an idle machine, please; a run that was interrupted goes on where
-    it stopped when the same command is given again. For example:
+    it stopped when the same command is given again. With another core, the same file of records
+    shows what became slower or faster. For example:
 
     ```
     phasestereo bench speed data -o speed/speed.jsonl
@@ -89,9 +94,10 @@ def _show(output: Path, records: list[dict[str, Any]]) -> None:
     good, ran_in = read_good(output)
     if good:
         console = screen()
-        console.print(filled("Times: ours, and the rivals' divided by ours", time_table(good)))
+        times = time_table(good, read_store(output))
+        console.print(filled("Times: ours, and the rivals' divided by ours", times))
         console.print(filled("Memory, MB", memory_table(good)))
-        for line in (explain_speed(good), made_with(ran_in), f"Records: {output}"):
+        for line in (explain_speed(good), _BEFORE, made_with(ran_in), f"Records: {output}"):
             console.print(printable(line), markup=False, soft_wrap=True)
 
     require_done(records, "measurements", "pair", "threads")

@@ -30,17 +30,60 @@ _LABELS = ("pair", "size", "preset", "d", "threads")
 _MEGA = 1e6
 
 
-def time_table(records: Iterable[Record]) -> Table:
-    """Return our time for a pair, and the rivals' as a ratio."""
-    header = (*_LABELS, "ms", "GDE/s", *_TITLES.values(), "first call", "description %")
+def records_before(lines: Sequence[Record], records: Iterable[Record]) -> list[Record | None]:
+    """Return for each record the last one before it of another core on the same machine.
+
+    Parameters
+    ----------
+    lines
+        All lines of a store, as of `read_store`.
+    records
+        Those that count, all of them of the store; None stands for one without another.
+    """
+    machines = {
+        line["id"]: (line["cpu"], line["cores"])
+        for line in lines
+        if line.get("kind") == "environment"
+    }
+
+    def cell(record: Record) -> tuple[object, ...]:
+        names = ("pair", "height", "width", "num_disparities", "preset", "threads")
+        return machines.get(record["environment"]), *(record[name] for name in names)
+
+    done = [line for line in lines if line.get("status") == "ok"]
+
+    def before(record: Record) -> Record | None:
+        same = [one for one in done if cell(one) == cell(record)]
+        places = (place for place, one in enumerate(same) if one["core"] == record["core"])
+        earlier = reversed(same[: max(places, default=0)])
+        return next((one for one in earlier if one["core"] != record["core"]), None)
+
+    return [before(record) for record in records]
+
+
+def time_table(records: Sequence[Record], lines: Sequence[Record] = ()) -> Table:
+    """Return our time for a pair, and the rivals' as a ratio.
+
+    Parameters
+    ----------
+    records
+        What counts.
+    lines
+        All lines of their store; with them, a column has the change of our time since
+        `records_before`.
+    """
+    change = ["before"] if lines else []
+    header = (*_LABELS, "ms", *change, "GDE/s", *_TITLES.values(), "first call", "description %")
+    records = _by_size(records)
     rows = []
-    for record in _by_size(records):
+    for record, before in zip(records, records_before(lines, records), strict=True):
         ours, rivals = record["ours"], record["rivals"]
         milliseconds = 1e3 * ours["median"]
         ratios = [rivals.get(name, {}).get("median_ratio") for name in _TITLES]
         rows.append((
             *_labels(record),
             Entry(f"{milliseconds:.{1 if milliseconds < 100 else 0}f}"),
+            *(_entry("{:.2f}", _growth(before, record)) for _ in change),
             Entry(f"{ours['gde_per_second']:.2f}"),
             *(_entry("{:.2f}", ratio) for ratio in ratios),
             _entry("{:.2f}", ours["memory"].get("first_call")),
@@ -79,6 +122,13 @@ def explain_speed(records: Sequence[Record]) -> str:
         "a small one, divided by the next. description %: share of our time from images to codes. "
         "MB: rise of the peak of the resident memory over a process that has matched a small pair."
     )
+
+
+def _growth(before: Record | None, record: Record) -> float | None:
+    """Return our time divided by the one before; a rival's takes out how busy the machine was."""
+    both = [one["rivals"].get("opencv:sgbm-3way", {}) for one in (before, record) if one]
+    ratios = [rival.get("median_ratio") for rival in both]
+    return ratios[0] / ratios[1] if len(ratios) == 2 and all(ratios) else None
 
 
 def _by_size(records: Iterable[Record]) -> list[Record]:
