@@ -52,6 +52,7 @@ __all__ = [
     "match_pair",
     "match_raw",
     "match_rows",
+    "observe_maps",
     "optimize_volume",
     "prepare_pair",
     "preset",
@@ -244,6 +245,12 @@ def prepare_pair(
     threads: int | Workers | None,
     known: Known | None,
 ) -> tuple[tuple[Pixels | None, Pixels | None], list[str], int, Back, Estimates]: ...
+def observe_maps(
+    images: tuple[Pixels, Pixels],
+    maps: list[NDArray[np.float32]],
+    settings: Settings,
+    threads: int | Workers | None,
+) -> tuple[Result, list[NDArray[np.float32]]]: ...
 def verify_map(
     images: tuple[Pixels, Pixels],
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +18,9 @@ from phasestereo._images import (
     as_seen,
     join_masks,
 )
+
+Progress: TypeAlias = Callable[[int, int], object]
+"""Called as ``progress(done, total)`` while a pair is worked on."""
 
 
 def opened(image: ImageOrPath) -> ArrayLike:

@@ -13,14 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from phasestereo import _core
 from phasestereo._images import ImageOrPath
-from phasestereo._opening import opened_valid
+from phasestereo._opening import Progress, opened_valid
 from phasestereo.known import Known, as_known
 from phasestereo.result import Result
 from phasestereo.rig.findings import warn
 from phasestereo.settings import PresetName, Settings, SettingsOverrides, resolve
 from phasestereo.temporal import TemporalFilter, as_core_filter
 
-Progress = Callable[[int, int], object]
 Search = tuple[int, int | None]
 
 

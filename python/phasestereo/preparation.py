@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Literal, TypeAlias, Unpack
 
 import numpy as np
@@ -17,6 +18,7 @@ from phasestereo.io.files import StrPath, named, open_regular, read_bounded
 from phasestereo.known import Known, as_known
 from phasestereo.rig.findings import Finding, warn
 from phasestereo.settings import PresetName, Settings, SettingsOverrides, resolve
+from phasestereo.verification import Verification, verify
 
 __all__ = ["Prepared", "Restoration", "Unit", "prepare"]
 
@@ -151,6 +153,7 @@ class Prepared:
     num_disparities: int
     restoration: Restoration
     findings: tuple[Finding, ...] = ()
+    _verify: partial[Verification] | None = field(default=None, repr=False)
 
     def restore(self, disparity: ArrayLike, *, unit: Unit | None = None) -> Map:
         """Return a map of the prepared pair as one of the left image as it came.
@@ -158,6 +161,34 @@ class Prepared:
         Parameters, result and errors are those of `Restoration.restore`.
         """
         return self.restoration.restore(disparity, unit=unit)
+
+    def judge(self, disparity: ArrayLike, *, unit: Unit | None = None) -> Verification:
+        """Judge a map of the prepared pair by the images as they came: `verify` of `restore`.
+
+        Parameters
+        ----------
+        disparity, unit
+            As `Restoration.restore` takes them.
+
+        Returns
+        -------
+        Verification
+            In the left image as it came: confidence, error bar and verdict of every pixel, better
+            disparities, findings.
+
+        Raises
+        ------
+        TypeError, ValueError, MemoryError, KeyboardInterrupt
+            As `Restoration.restore` and `phasestereo.verify`.
+
+        Examples
+        --------
+        >>> pair = ps.prepare(left, right)
+        >>> judged = pair.judge(np.full(pair.left.shape[:2], 7.5))
+        """
+        if self._verify is None:
+            raise ValueError("pair: got no images as they came; accepts what prepare has returned")
+        return self._verify(self.restore(disparity, unit=unit))
 
     def __repr__(self) -> str:
         rows, cols = self.left.shape[:2]
@@ -252,6 +283,14 @@ known, **overrides
         num_disparities=count,
         restoration=Restoration(back),
         findings=estimates.findings,
+        _verify=partial(
+            verify,
+            *arrays,
+            threads=threads,
+            left_mask=left_mask,
+            right_mask=right_mask,
+            known=known,
+        ),
     )
 
 

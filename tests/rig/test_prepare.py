@@ -231,6 +231,31 @@ def test_much_noise_is_smoothed(rendered: Pair, noise: float, smooths: bool) -> 
         assert off[1] < 0.7 * off[0]
 
 
+def test_a_map_of_a_prepared_pair_is_judged_in_the_left_image_as_it_came(rendered: Pair) -> None:
+    right = moved(rendered.right, down=4)
+    pair = pickle.loads(pickle.dumps(ps.prepare(rendered.left, right)))  # noqa: S301
+    truth = np.asarray(rendered.truth, np.float32)
+    claims = truth.copy()
+    claims[60:100, 80:140] += 6
+
+    judged = pair.judge(claims)
+    whole = ps.verify(rendered.left, right, pair.restore(claims))
+    np.testing.assert_array_equal(judged.confidence, whole.confidence)
+    np.testing.assert_array_equal(judged.verdict, whole.verdict)
+    seen = rendered.masks["nonocc"] & np.isfinite(truth)
+    wrong = np.zeros_like(seen)
+    wrong[60:100, 80:140] = True
+    assert judged.confidence[seen & wrong].mean() < 0.3
+    assert judged.confidence[seen & ~wrong].mean() > 0.7
+
+    with pytest.raises(ValueError, match="no pixel claims a disparity"):
+        pair.judge(np.full_like(claims, np.nan))
+    with pytest.raises(ValueError, match="accepts that of the prepared images"):
+        pair.judge(claims[:90])
+    with pytest.raises(ValueError, match=r"^unit: got none for a map of int16"):
+        pair.judge(claims.astype(np.int16))
+
+
 # Limits of other matchers
 
 

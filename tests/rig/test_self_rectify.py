@@ -86,6 +86,27 @@ def test_a_check_reports_what_the_match_does(turned: Pair, found: ps.Result) -> 
     assert "rectified by what they show" not in str(as_it_is)
 
 
+def test_a_map_of_a_turned_pair_is_judged_in_its_raw_pixels(
+    turned: Pair,
+) -> None:
+    truth = np.asarray(turned.truth, np.float32)
+    seen = turned.masks["nonocc"] & np.isfinite(truth)
+    claims = truth.copy()
+    claims[150:200, 180:260] += 6
+    square = np.zeros_like(seen)
+    square[150:200, 180:260] = True
+
+    judged = ps.verify(turned.left, turned.right, claims, threads=1)
+    assert judged.result.rectified is not None
+    assert (judged.verdict[seen & square] == ps.Verdict.REFUTED).mean() > 0.6
+    assert (judged.verdict[seen & ~square] == ps.Verdict.REFUTED).mean() < 0.05
+    assert judged.confidence[seen & square].mean() < 0.3
+    assert judged.confidence[seen & ~square].mean() > 0.7
+    assert np.array_equal(judged.verdict == ps.Verdict.NO_CLAIM, ~np.isfinite(claims))
+    refuted = judged.verdict == ps.Verdict.REFUTED
+    assert np.array_equal(judged.better[refuted], judged.result.disparity[refuted])
+
+
 def test_a_small_scene_shows_its_cameras_at_half_its_size(data: Path) -> None:
     """At its own size too few of its corners agree."""
     scene = find_scene(data / "middlebury", "tsukuba").load()

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 import phasestereo as ps
 from phasestereo import _core, io
+from phasestereo.metrics import roc_area
 from phasestereo_bench.degradation import Degradation, disk_psf
 from phasestereo_bench.rendering import render_pair
 from support import Run
@@ -85,6 +86,38 @@ def test_what_is_wrong_is_refuted_and_what_is_right_is_not(scene: Scene, spoiled
     assert found.refuted + found.supported + found.unknown == pytest.approx(1)
 
 
+def test_confidence_is_the_share_that_is_right_and_bars_hold_the_errors(scene: Scene) -> None:
+    rng = np.random.default_rng(4)
+    claims = scene.truth + rng.normal(0, 0.2, scene.truth.shape).astype(np.float32)
+    for _ in range(25):
+        y, x = rng.integers(0, HEIGHT - 25), rng.integers(0, WIDTH - 30)
+        claims[y : y + 25, x : x + 30] += rng.uniform(-8, 8)
+    found = judge(scene, claims)
+
+    seen = scene.visible & np.isfinite(claims)
+    errors = np.abs(claims - scene.truth)[seen]
+    confidence, bars = found.confidence[seen], found.uncertainty[seen]
+    assert 0.1 < (errors > 1).mean() < 0.7
+    assert confidence.mean() == pytest.approx((errors <= 1).mean(), abs=0.1)
+    area = roc_area(found.confidence, claims, scene.truth, mask=seen)
+    assert area > 0.9
+    assert (errors <= bars).mean() > 0.85
+    assert np.median(bars[errors <= 1]) < 1 < np.median(bars[errors > 1])
+
+
+def test_sparse_maps_are_judged_where_they_claim_something(scene: Scene, spoiled: Map) -> None:
+    sparse = np.full_like(spoiled, np.nan)
+    sparse[::5, ::4] = spoiled[::5, ::4]
+    found, claimed = judge(scene, sparse), np.isfinite(sparse)
+    assert (found.confidence[~claimed] == 0).all()
+    assert np.array_equal(np.isfinite(found.uncertainty), claimed)
+    square = np.zeros_like(claimed)
+    square[80:120, 120:170] = True
+    known = claimed & scene.visible
+    assert found.confidence[known & square].mean() < 0.3
+    assert found.confidence[known & ~square].mean() > 0.8
+
+
 def test_hidden_pixels_are_seldom_refuted(scene: Scene) -> None:
     hidden = ~scene.visible & np.isfinite(scene.truth)
     assert hidden.sum() > 500
@@ -117,6 +150,8 @@ def test_the_result_depends_on_no_number_of_threads(scene: Scene, spoiled: Map) 
     three = ps.verify(scene.left, scene.right, spoiled, threads=3)
     assert np.array_equal(one.verdict, three.verdict)
     assert np.array_equal(one.better, three.better, equal_nan=True)
+    assert np.array_equal(one.confidence, three.confidence)
+    assert np.array_equal(one.uncertainty, three.uncertainty, equal_nan=True)
     assert one.findings == three.findings
 
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import phasestereo as ps
+from phasestereo.metrics import roc_area
 from phasestereo_bench.cases import Case, usual_side
 from phasestereo_bench.methods import method as as_method
 from phasestereo_bench.middlebury import matched_pair
@@ -62,6 +63,10 @@ class Opinion:
         Of the visible pixels those that are supported, and of these the wrong ones.
     refuted_hidden
         Of the right ones that the other image does not see those that are refuted.
+    area
+        Area under the ROC curve of the confidences of the visible pixels.
+    off
+        By how much their mean is off the share that is right.
     """
 
     wrong: float
@@ -73,6 +78,8 @@ class Opinion:
     supported: float
     supported_wrong: float
     refuted_hidden: float
+    area: float
+    off: float
 
 
 def opinions(
@@ -100,6 +107,7 @@ def opinion_table(rows: Iterable[tuple[str, str, Opinion]]) -> Table:
     headings = (
         "condition", "method", "wrong", "wrong refuted", "right refuted", "by difference",
         "better is right", "supported", "of these wrong", "hidden, right refuted",
+        "area", "confidence off",
     )  # fmt: skip
 
     entries = [
@@ -114,6 +122,8 @@ def opinion_table(rows: Iterable[tuple[str, str, Opinion]]) -> Table:
             _percent(found.supported),
             _percent(found.supported_wrong),
             _percent(found.refuted_hidden),
+            Entry(f"{found.area:.3f}"),
+            _percent(found.off),
         )
         for condition, method, found in rows
     ]
@@ -161,6 +171,8 @@ def _opinion(pair: Pair, claims: Map, seen: Mask, hidden: Mask) -> Opinion:
         supported=_share(supported, seen & claimed),
         supported_wrong=_share(wrong, seen & supported),
         refuted_hidden=_share(refuted, hidden & right),
+        area=roc_area(said.confidence, claims, truth, mask=seen & claimed),
+        off=abs(float(said.confidence[seen & claimed].mean()) - _share(right, seen & claimed)),
     )
 
 

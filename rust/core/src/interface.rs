@@ -77,6 +77,10 @@ pub struct Verification {
     pub verdicts: Plane<u8>,
     /// The disparity of the own match where the claim is refuted, NaN elsewhere.
     pub better: Plane<f32>,
+    /// The probability, 0 to 1, that the claim is within 1 px of the true disparity; 0 where there is none.
+    pub confidence: Plane<f32>,
+    /// The error bar of the claim, pixels: it holds 90 % of the errors; NaN where there is none.
+    pub uncertainty: Plane<f32>,
     /// What there is to say of the map as a whole, worst first.
     pub findings: Vec<Finding>,
     /// The own match.
@@ -241,9 +245,17 @@ impl Matcher {
             verification::verify(pair, map, &facts, &self.settings, runtime)
         })?;
 
-        let verification::Verification { verdicts, better, findings, own, prepared, .. } = judged;
-        let own = Match::new(Matched { map: own, prepared, rectified: None });
-        Ok(Verification { verdicts, better, findings, own })
+        let verification::Verification {
+            verdicts,
+            better,
+            confidence,
+            uncertainty,
+            findings,
+            matched,
+            ..
+        } = judged;
+        let own = Match::new(matched);
+        Ok(Verification { verdicts, better, confidence, uncertainty, findings, own })
     }
 
     /// How to rectify two raw images, and others of the same cameras, by what they show alone; and what was found, in sentences.

@@ -32,9 +32,7 @@ pub fn match_pair(
     settings: &Settings,
     runtime: Runtime,
 ) -> Result<Matched> {
-    let Ready { prepared, raw, .. } = made_ready(pair, facts, settings, runtime)?;
-    let map = match_over_scales(&prepared, settings, runtime)?;
-    Matched::new(raw, map, prepared, runtime.control)
+    made_ready(pair, facts, settings, runtime)?.matched(settings, runtime)
 }
 
 /// A pair that is ready to be matched.
@@ -46,6 +44,14 @@ pub struct Ready {
     pub raw: Option<Arc<Raw>>,
     /// Whether the odd rows of the images, before they were rectified, became means of the even ones.
     pub even_rows: [bool; 2],
+}
+
+impl Ready {
+    /// Matches it.
+    pub fn matched(self, settings: &Settings, runtime: Runtime) -> Result<Matched> {
+        let map = match_over_scales(&self.prepared, settings, runtime)?;
+        Matched::new(self.raw, map, self.prepared, runtime.control)
+    }
 }
 
 /// Makes a pair ready of which some facts are known.
@@ -121,9 +127,13 @@ impl Matched {
         Ok(Self { map: own, prepared, rectified: Some(Rectified { raw, map, rows }) })
     }
 
+    /// The map as it was matched: that of the rectified images, if the pair was rectified.
+    pub fn own(&self) -> &Disparity {
+        self.rectified.as_ref().map_or(&self.map, |rectified| &rectified.map)
+    }
+
     /// Shares of the pixels of the map as it was matched.
     pub fn summary(&self) -> Summary {
-        let map = self.rectified.as_ref().map_or(&self.map, |rectified| &rectified.map);
-        Summary::new(map, self.prepared.estimates.candidates.value)
+        Summary::new(self.own(), self.prepared.estimates.candidates.value)
     }
 }

@@ -16,22 +16,26 @@
 //!
 //! What the right image does not see it cannot refute, as far as the own match and the map know of it.
 
+mod claims;
 pub mod evidence;
 mod findings;
 pub mod hypotheses;
+pub mod judge;
 pub mod test;
+pub mod traits;
 
 use crate::estimation::facts::Facts;
-use crate::estimation::{Prepared, complete, prepare};
 use crate::finding::Finding;
-use crate::findings::with_findings;
+use crate::match_pair::{Matched, made_ready};
+use crate::verification::claims::Claims;
 use crate::verification::evidence::Evidence;
-use crate::verification::hypotheses::Misreading;
+use crate::verification::hypotheses::{Misreading, Sample};
+use crate::verification::judge::probability;
 use crate::verification::test::Test;
-use phasestereo_match::base::error::{Error, Result};
+use crate::verification::traits::{Judged, TRAITS, Traits, Values};
+use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::cost::Costs;
-use phasestereo_match::matcher::Disparity;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::candidates::Candidates;
@@ -49,21 +53,23 @@ pub mod verdict {
     pub const REFUTED: u8 = 3;
 }
 
-/// What the images say of a disparity map.
+/// What the images say of a disparity map, in the pixels of the left image as it came.
 #[derive(Debug)]
 pub struct Verification {
     /// Codes of [`verdict`].
     pub verdicts: Plane<u8>,
     /// The disparity of the own match where the claim is refuted, NaN elsewhere.
     pub better: Plane<f32>,
+    /// The probability that the claim is within 1 px of the true disparity; 0 where there is none.
+    pub confidence: Plane<f32>,
+    /// The error bar of the claim, pixels: it holds 90 % of the errors; NaN where there is none.
+    pub uncertainty: Plane<f32>,
     /// Numbers of pixels by verdict, and of claims that lie outside the right image.
     pub counts: Counts,
     /// What there is to say of the map as a whole, worst first.
     pub findings: Vec<Finding>,
     /// The own match.
-    pub own: Disparity,
-    /// The pair as it was matched, and what was estimated of it.
-    pub prepared: Prepared,
+    pub matched: Matched,
 }
 
 /// Numbers of pixels.
@@ -95,50 +101,114 @@ pub fn verify(
     settings: &Settings,
     runtime: Runtime,
 ) -> Result<Verification> {
-    let (rows, cols) = pair.size();
-    if (map.rows(), map.cols()) != (rows, cols) {
-        let got = format!("{} x {} pixels", map.rows(), map.cols());
-        return Err(Error::value(
-            "disparity",
-            got,
-            format!("the size of the images, {rows} x {cols}"),
-        ));
-    }
-    if !map.as_slice().iter().any(|claim| claim.is_finite()) {
-        let accepts = "a map in which some pixel claims a disparity";
-        return Err(Error::value("disparity", "no finite value", accepts));
-    }
-
     // What is judged are the confidences of the own match, so it has some whatever the settings say.
     let settings = Settings { confidence: true, ..settings.clone() };
-    let (pair, estimates) = complete(pair, facts, &settings, runtime)?;
-    let estimates = with_findings(estimates, &pair, &settings);
-    let mut prepared = prepare(pair, estimates, facts, &settings, runtime)?;
-    let Runtime { matcher, execution, control } = runtime;
-    let pair = &prepared.pair;
-    // Any pair of columns can be compared where disparity 0 is a candidate.
-    let any = Candidates::new(0, 1, cols)?;
-    let compensation = pair.blur_compensation();
-    let costs =
-        Costs::new(pair.views(), any, &prepared.settings, compensation, execution.level, control)?;
+    let size = pair.size();
+    let Runtime { execution, control, .. } = runtime;
+    let mut ready = made_ready(pair, facts, &settings, runtime)?;
+    let claims = Claims::new(map, size, ready.raw.as_deref(), control)?;
 
-    let misreading = Misreading::of(map, &costs);
-    let found = prepared.estimates.candidates.value;
-    let searched = match misreading {
-        None => hypotheses::widened(found, map),
-        Some(_) => found,
+    let pair = ready.prepared.pair.clone();
+    let costs = any_costs(&pair, &ready.prepared.settings, runtime)?;
+    let sample = Sample::new(&claims.matched, &costs);
+    let misreading = Misreading::of(&sample);
+    if misreading.is_none() {
+        let estimates = &mut ready.prepared.estimates;
+        estimates.candidates.value =
+            hypotheses::widened(estimates.candidates.value, &claims.matched);
+        ready.prepared.pair = pair.clone().searched(estimates.candidates.value);
+    }
+
+    let matched = ready.matched(&settings, runtime)?;
+    let evidence = evidence(&claims.matched, &matched, &costs, runtime)?;
+    let traits = traits(&claims.matched, &matched, &evidence, &costs, runtime)?;
+    let chances = judge::chances(&traits, matched.own(), control)?;
+    let test = Test { map: &claims.matched, own: matched.own(), evidence: &evidence };
+    let (verdicts, counts) = test.judge(execution.level, control)?;
+
+    let mut verdicts = claims.raw(verdicts, verdict::NO_CLAIM);
+    for (verdict, claim) in verdicts.as_mut_slice().iter_mut().zip(map.as_slice()) {
+        // What lies outside the rectified image cannot be judged.
+        if *verdict == verdict::NO_CLAIM && claim.is_finite() {
+            *verdict = verdict::UNKNOWN;
+        }
+    }
+    let mut better = matched.map.disparity.clone();
+    for (better, verdict) in better.as_mut_slice().iter_mut().zip(verdicts.as_slice()) {
+        if *verdict != verdict::REFUTED {
+            *better = f32::NAN;
+        }
+    }
+
+    let confidence = chances.map(|found| probability(found.claim.odds));
+    Ok(Verification {
+        verdicts,
+        better,
+        confidence: claims.raw(confidence, 0.0),
+        uncertainty: claims.raw_lengths(chances.map(|found| found.claim.bar)),
+        counts,
+        findings: findings::findings(counts, misreading),
+        matched,
+    })
+}
+
+/// A match, and the traits of the claims of several maps beside it, in the left image as it came; NaN where there is none. From
+/// these the weights of [`judge`] are learned.
+pub fn observe(
+    pair: Pair,
+    maps: &[Plane<f32>],
+    facts: &Facts,
+    settings: &Settings,
+    runtime: Runtime,
+) -> Result<(Matched, Vec<Plane<Values>>)> {
+    let settings = Settings { confidence: true, ..settings.clone() };
+    let size = pair.size();
+    let matched = made_ready(pair, facts, &settings, runtime)?.matched(&settings, runtime)?;
+    let raw = matched.rectified.as_ref().map(|rectified| &*rectified.raw);
+    let costs = any_costs(&matched.prepared.pair, &matched.prepared.settings, runtime)?;
+
+    let traits = |map| {
+        let claims = Claims::new(map, size, raw, runtime.control)?;
+        let evidence = evidence(&claims.matched, &matched, &costs, runtime)?;
+        let traits = traits(&claims.matched, &matched, &evidence, &costs, runtime)?;
+        let values = Plane::by_rows(traits.size(), runtime.control, |y, row: &mut [Values]| {
+            row.fill([f32::NAN; TRAITS]);
+            traits.of_row(y, |x, values| row[x] = values);
+        })?;
+        Ok(claims.raw(values, [f32::NAN; TRAITS]))
     };
-
-    let pair = pair.clone().searched(searched);
-    let own = matcher.match_pair(&pair, &prepared.settings, execution, control)?;
-
-    let evidence = Evidence::new(map, &own, &costs, execution.level, control)?;
-    let test = Test { map, own: &own, evidence: &evidence };
-    let (verdicts, better, counts) = test.judge(execution.level, control)?;
+    let traits = maps.iter().map(traits).collect::<Result<_>>()?;
     drop(costs);
+    Ok((matched, traits))
+}
 
-    prepared.pair = pair;
-    prepared.estimates.candidates.value = searched;
-    let findings = findings::findings(counts, misreading);
-    Ok(Verification { verdicts, better, counts, findings, own, prepared })
+/// The costs of a pair of which any two columns can be compared.
+fn any_costs<'a>(pair: &'a Pair, settings: &Settings, runtime: Runtime) -> Result<Costs<'a>> {
+    let Runtime { execution, control, .. } = runtime;
+    // That is so where disparity 0 is a candidate.
+    let any = Candidates::new(0, 1, pair.size().1)?;
+    Costs::new(pair.views(), any, settings, pair.blur_compensation(), execution.level, control)
+}
+
+/// What the costs say against the claims of a map.
+fn evidence(
+    claims: &Plane<f32>,
+    matched: &Matched,
+    costs: &Costs,
+    Runtime { execution, control, .. }: Runtime,
+) -> Result<Evidence> {
+    Evidence::new(claims, matched.own(), costs, execution.level, control)
+}
+
+/// The traits of the claims of a map.
+fn traits<'a>(
+    claims: &'a Plane<f32>,
+    matched: &'a Matched,
+    evidence: &'a Evidence,
+    costs: &Costs,
+    Runtime { execution, control, .. }: Runtime,
+) -> Result<Traits<'a>> {
+    let unrelated = Sample::new(claims, costs).unrelated();
+    let judged = Judged { map: claims, own: matched.own(), evidence, unrelated };
+    Traits::new(judged, &matched.prepared.pair, execution.level, control)
 }

@@ -40,7 +40,7 @@ use self::settings::{Setting, every_setting, read_settings, write_settings};
 use self::supervisor::supervised;
 use self::temporal::TemporalFilter;
 use self::third_camera::{rays_of_pixels, register_depths};
-use self::verification::verify_map;
+use self::verification::{observe_maps, verify_map};
 use self::workers::{Pool, Workers, release_memory};
 use phasestereo::Error;
 use phasestereo::Topic;
@@ -105,9 +105,9 @@ mod _core {
         Back, Rig, Scale, Setting, TemporalFilter, Workers, aggregate_volume,
         check_blur_compensation, check_noise, check_settings, cost_volume, descriptor,
         estimate_pair, estimate_pair_by_rows, find_borders, find_roughness, find_scale, fit_right,
-        halo, match_pair, match_raw, match_rows, optimize_volume, prepare_pair, preset,
-        rays_of_pixels, rectify_pairs, register_depths, release_memory, rows_to_tally, self_check,
-        simd_level, verify_map, working_memory,
+        halo, match_pair, match_raw, match_rows, observe_maps, optimize_volume, prepare_pair,
+        preset, rays_of_pixels, rectify_pairs, register_depths, release_memory, rows_to_tally,
+        self_check, simd_level, verify_map, working_memory,
     };
 
     #[pymodule_init]

@@ -14,6 +14,7 @@ use phasestereo::found::{
     Blur, BlurEstimate, Cameras, CompensationPlan, Contrast, Photometry, Psf, RowOffsets, Side,
     Taps,
 };
+use phasestereo::internals::match_pair;
 use phasestereo::internals::verification::Verification;
 use phasestereo::{Calibration, Estimates, Rectified};
 use phasestereo_match::base::control::Control;
@@ -125,14 +126,15 @@ pub fn verification<'py>(
     said: Vec<Finding>,
     asked: &Asked<'py>,
 ) -> Result<Object<'py>> {
-    let Verification { verdicts, better, findings, own, prepared, .. } = judged;
+    let Verification { verdicts, better, confidence, uncertainty, findings, matched, .. } = judged;
     let every = findings.into_iter().chain(said.iter().cloned()).collect();
 
+    let match_pair::Matched { map, prepared, rectified } = matched;
     let estimates = prepared.estimates;
-    let own =
-        Matched { map: own, summary, estimates, support: None, findings: said, rectified: None };
+    let own = Matched { map, summary, estimates, support: None, findings: said, rectified };
     object!(py, "verification", "Verification",
         verdict: wrap(py, verdicts)?, better: wrap(py, better)?,
+        confidence: wrap(py, confidence)?, uncertainty: wrap(py, uncertainty)?,
         findings: findings_of(py, every)?, result: result(py, own, asked)?
     )
 }

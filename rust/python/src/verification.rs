@@ -1,18 +1,22 @@
 //! The second opinion on a disparity map, for Python.
 
+use numpy::{IntoPyArray, PyArrayMethods};
 use pyo3::prelude::*;
 
 use crate::arguments::{Both, read_any_images};
 use crate::failure::Result;
 use crate::known::read_known;
-use crate::objects::{Asked, Object, verification};
+use crate::objects::{self, Asked, Object, verification};
 use crate::preparation::read_map;
 use crate::settings::read_settings;
 use crate::supervisor::supervised;
 use crate::workers::Pool;
+use phasestereo::internals::estimation::facts::Facts;
 use phasestereo::internals::findings;
-use phasestereo::internals::verification::verify;
-use phasestereo_match::matcher::summary::Summary;
+use phasestereo::internals::match_pair::Matched;
+use phasestereo::internals::verification::traits::{TRAITS, Values};
+use phasestereo::internals::verification::{observe, verify};
+use phasestereo_match::base::plane::Plane;
 
 /// Judges a disparity map; the own match is as `match_pair` returns it.
 #[pyfunction]
@@ -37,11 +41,48 @@ pub fn verify_map<'py>(
     let pool = Pool::for_argument(threads)?;
     let (judged, summary) = supervised(py, &pool, rows, progress, move |means| {
         let judged = verify(pair, &map, &told, &asked, means)?;
-        let summary = Summary::new(&judged.own, judged.prepared.estimates.candidates.value);
+        let summary = judged.matched.summary();
         Ok((judged, summary))
     })?;
 
-    let said = findings::of_match(&judged.prepared.estimates, &summary, (rows, cols));
+    let said = findings::of_match(&judged.matched.prepared.estimates, &summary, (rows, cols));
     let asked = Asked { settings, known, is_searched: false, is_reused: false };
     verification(py, judged, summary, said, &asked)
+}
+
+/// A match and, of several maps, the traits by which their claims are judged: float32 (height, width, traits), NaN without a
+/// claim.
+#[pyfunction]
+pub fn observe_maps<'py>(
+    py: Python<'py>,
+    images: Both<'py>,
+    maps: Vec<Bound<'py, PyAny>>,
+    settings: Object<'py>,
+    threads: &Bound<'py, PyAny>,
+) -> Result<(Object<'py>, Vec<Object<'py>>)> {
+    let none = py.None().into_bound(py);
+    let pair = read_any_images(&images, &(none.clone(), none.clone()), None)?;
+    let maps = maps.iter().map(read_map).collect::<Result<Vec<_>>>()?;
+    let size = pair.size();
+
+    let asked = read_settings(&settings)?;
+    let pool = Pool::for_argument(threads)?;
+    let (matched, traits) = supervised(py, &pool, size.0, None, move |means| {
+        observe(pair, &maps, &Facts::default(), &asked, means)
+    })?;
+
+    let wrapped = |values: Plane<Values>| -> Result<Object<'py>> {
+        let values = values.into_vec().into_flattened();
+        let shape = (size.0, size.1, TRAITS);
+        Ok(values.into_pyarray(py).reshape(shape)?.into_any())
+    };
+    let traits = traits.into_iter().map(wrapped).collect::<Result<_>>()?;
+
+    let summary = matched.summary();
+    let Matched { map, prepared, rectified } = matched;
+    let estimates = prepared.estimates;
+    let found =
+        objects::Matched { map, summary, estimates, support: None, findings: vec![], rectified };
+    let asked = Asked { settings, known: none, is_searched: false, is_reused: false };
+    Ok((objects::result(py, found, &asked)?, traits))
 }

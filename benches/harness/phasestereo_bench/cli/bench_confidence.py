@@ -3,18 +3,25 @@
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Literal
 
 from cyclopts import Group, Parameter, validators
+from rich.table import Table
 
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import printable, say
+from phasestereo_bench.cli.bench_middlebury import rivals
 from phasestereo_bench.cli.bench_runs import require_done, run_cells
 from phasestereo_bench.cli.bench_scenes import SceneChoice
 from phasestereo_bench.cli.bench_tables import screen
 from phasestereo_bench.confidence import (
+    OFTEN,
+    claim_jobs,
+    claims_of,
     confidence_jobs,
     held_out,
+    judging,
+    judging_table,
     learned_weights,
     verdict_table,
     write_weights,
@@ -22,17 +29,20 @@ from phasestereo_bench.confidence import (
 from phasestereo_bench.confidence.learning import observed_of
 from phasestereo_bench.confidence.observation import PRESETS
 
-_OPTIONS = {"scene", "every", "weights"}
+_OPTIONS = {"scene", "every", "weights", "hitnet"}
 _SCENES = Group.create_ordered("Scenes")
 _RUN = Group.create_ordered("Run")
 _COUNT = validators.Number(gte=0)
 _STEP = validators.Number(gte=1)
 _ALL = SceneChoice()
+_METHODS = "opencv:sgbm", "prepared:sgbm", "fast"
 
 
 def confidence(
     *folders: Annotated[Path, Parameter(group=_SCENES)],
     choice: Annotated[SceneChoice, Parameter(name="*", group=_SCENES)] = _ALL,
+    of: Annotated[Literal["matches", "maps"], Parameter(group=_SCENES)] = "matches",
+    hitnet: Annotated[Path | None, Parameter(group=_SCENES)] = None,
     every: Annotated[int, Parameter(group=_RUN, validator=_STEP)] = 1,
     output: Annotated[Path, Parameter(alias="-o", group=_RUN)] = Path("confidence.jsonl"),
     weights: Annotated[Path | None, Parameter(group=_RUN)] = None,
@@ -51,6 +61,8 @@ def confidence(
     phasestereo bench confidence ~/middlebury -o confidence.jsonl
     phasestereo bench confidence ~/middlebury \
         --weights rust/match/src/refinement/calibration/weights.rs
+    phasestereo bench confidence ~/middlebury -o maps.jsonl --of maps --hitnet hitnet_eth3d.onnx \
+        --weights rust/core/src/verification/judge/weights.rs
     ```
 
     Parameters
@@ -58,6 +70,13 @@ def confidence(
     folders
         Official folder trees: folders that hold scenes2001, MiddEval3 and so on, or one of these,
         or one scene in it.
+    of
+        What is learned: what raw confidences of matches mean, or how likely maps of other matchers
+        are right (`phasestereo.verify`): those of HITNet and of StereoSGBM, on pairs as they are
+        and as `phasestereo.prepare` makes them, and of the preset fast. Ten conditions of each
+        scene are judged by weights that were learned without the scene, and without the matcher.
+    hitnet
+        HITNet's ONNX file for ETH3D, for maps.
     every
         Run every N-th match, for a quick look.
     output
@@ -72,26 +91,43 @@ def confidence(
     """
     with refusals(options=_OPTIONS):
         scenes, left_out = choice.select(folders, "confidence")
-        jobs = confidence_jobs(scenes, every=every)
+        if of == "maps":
+            network = rivals(hitnet)
+            prepared = [f"prepared:{name}" for name in network]
+            jobs = claim_jobs(scenes, [*network, *prepared, *_METHODS], every=every)
+        else:
+            jobs = confidence_jobs(scenes, every=every)
         if left_out:
             say(left_out)
 
+        cells = "pairs" if of == "maps" else "matches"
         records = run_cells(
-            jobs, output, workers=workers, fresh=fresh, title="Matching", cells="matches"
+            jobs, output, workers=workers, fresh=fresh, title="Matching", cells=cells
         )
-
         good = [record for record in records if record["status"] == "ok"]
-        learned = learned_weights(good)
-        verdicts = {
-            preset: held_out(observed_of([one for one in good if one["preset"] == preset]))
-            for preset in PRESETS
-        }
-        if weights is not None:
-            write_weights(learned, weights)
+        tables = _of_maps(good, weights) if of == "maps" else _of_matches(good, weights)
 
     console = screen()
-    for preset, several in verdicts.items():
-        console.print(preset, verdict_table(several))
+    for name, table in tables.items():
+        console.print(name, table)
     console.print(printable(f"Records: {output}"), markup=False, soft_wrap=True)
 
-    require_done(records, "matches", "scene", "faults")
+    require_done(records, cells, "scene", "faults")
+
+
+def _of_matches(records: list[dict[str, Any]], weights: Path | None) -> dict[str, Table]:
+    learned = learned_weights(records)
+    verdicts = {
+        preset: held_out(observed_of([one for one in records if one["preset"] == preset]))
+        for preset in PRESETS
+    }
+    if weights is not None:
+        write_weights(learned, weights)
+    return {preset: verdict_table(several) for preset, several in verdicts.items()}
+
+
+def _of_maps(records: list[dict[str, Any]], weights: Path | None) -> dict[str, Table]:
+    claims = claims_of(records)
+    if weights is not None:
+        judging.write_weights(judging.learn(claims), weights)
+    return {"maps": judging_table(claims, OFTEN)}

@@ -3,15 +3,23 @@
 `observation` matches degraded pairs and counts how far their disparities are off, `learning` fits
 the weights to these counts, `verdict` says what they are worth on faults and scenes that were left
 out, `weights` writes them as the core has them.
+
+`claims` and `judging` do the same for maps of other matchers, which the core judges.
 """
 
+from phasestereo_bench.confidence.claims import OFTEN, claim_jobs
+from phasestereo_bench.confidence.judging import claims_of, judging_table
 from phasestereo_bench.confidence.observation import confidence_jobs
 from phasestereo_bench.confidence.verdict import held_out, verdict_table
 from phasestereo_bench.confidence.weights import learned_weights, write_weights
 
 __all__ = [
+    "OFTEN",
+    "claim_jobs",
+    "claims_of",
     "confidence_jobs",
     "held_out",
+    "judging_table",
     "learned_weights",
     "verdict_table",
     "write_weights",

@@ -12,9 +12,10 @@ from typing import Unpack
 
 from phasestereo._extras import require
 from phasestereo._numbers import as_integer
+from phasestereo._opening import Progress
 from phasestereo.io.files import StrPath, suffix
 from phasestereo.known import Known, as_known
-from phasestereo.matching import Matcher, Progress
+from phasestereo.matching import Matcher
 from phasestereo.result import LAYERS
 from phasestereo.settings import PresetName, Settings, SettingsOverrides, resolve
 from phasestereo_large.bands import pair_statistics

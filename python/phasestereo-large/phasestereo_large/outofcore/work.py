@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phasestereo import _core
+from phasestereo._opening import Progress
 from phasestereo.known import Known
-from phasestereo.matching import Progress, match
+from phasestereo.matching import match
 from phasestereo.result import MAPS, Flag, Result, count_flags
 from phasestereo_large.bands import halo, match_rows
 from phasestereo_large.outofcore import plan as planning

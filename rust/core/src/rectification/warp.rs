@@ -10,6 +10,8 @@
 //! disparity(p) = p.x - p'.x,  rows(p) = p'.y - p.y
 //! ```
 //!
+//! A map of the raw pair becomes one of the rectified pair by the solution of this for `d`.
+//!
 //! The weights are those of [`phasestereo_match::image::resampling`]. Disparities are taken as they are, from
 //! the nearest pixel, since a mean over a jump would be neither side's. Sums have a fixed order; those of integers are
 //! exact.
@@ -266,6 +268,84 @@ fn claims(
     Ok((nearest, claims))
 }
 
+/// Where a claim of a raw left pixel is in the rectified left image.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct RawPlace {
+    /// The number of the pixel, in reading order; that of all pixels, if it has no claim or lies beyond the image.
+    pub index: u64,
+    /// How many raw columns a rectified one is there.
+    pub columns: f32,
+}
+
+/// The places of raw left pixels.
+pub type RawPlaces = Plane<RawPlace>;
+
+/// A map of the raw pair -> that of the pair that is rectified by these cameras, whose left pixels are at `places`. A rectified
+/// pixel has the claim of a raw one that lies in it, else that of the raw pixel nearest to its own place.
+pub fn matched(
+    map: &Plane<f32>,
+    cameras: &Cameras,
+    places: &Places,
+    control: &Control,
+) -> Result<(Plane<f32>, RawPlaces)> {
+    let size @ (rows, cols) = (map.rows(), map.cols());
+    let inside = |[u, v]: [f64; 2]| {
+        let is_inside = (0.0..cols as f64).contains(&u) && (0.0..rows as f64).contains(&v);
+        is_inside.then_some((v as usize, u as usize))
+    };
+
+    let nowhere = RawPlace { index: (rows * cols) as u64, columns: f32::NAN };
+    let found: Plane<(f32, RawPlace)> = Plane::by_rows(size, control, |y, out| {
+        for (x, (out, claim)) in out.iter_mut().zip(map.row(y)).enumerate() {
+            let place = [x as f64, y as f64];
+            let pixel = inside(cameras.rectified(place, 0).map(f64::round));
+            let claim = rectified_claim(cameras, place, *claim);
+            *out = match pixel.zip(claim) {
+                Some(((v, u), [claim, columns])) => {
+                    (claim, RawPlace { index: (v * cols + u) as u64, columns })
+                }
+                None => (f32::NAN, nowhere),
+            };
+        }
+    })?;
+
+    let mut matched = Plane::by_rows(size, control, |y, out: &mut [f32]| {
+        for (out, place) in out.iter_mut().zip(places.row(y)) {
+            let pixel = inside(place.map(|at| f64::from(at).round()));
+            *out = pixel.map_or(f32::NAN, |(v, u)| found.row(v)[u].0);
+        }
+    })?;
+    for (claim, place) in found.as_slice() {
+        if let Some(out) = matched.as_mut_slice().get_mut(place.index as usize) {
+            *out = *claim;
+        }
+    }
+
+    Ok((matched, found.map(|(_, place)| *place)))
+}
+
+/// Newton's steps to a rectified disparity: the places of raw columns are nearly straight.
+const NEWTON: usize = 6;
+
+/// Of a raw left pixel with a claim in raw columns: the rectified disparity, and how many raw columns a rectified one is there.
+fn rectified_claim(cameras: &Cameras, place: Point, claim: f32) -> Option<[f32; 2]> {
+    let wanted = place[0] - f64::from(claim);
+    if !wanted.is_finite() {
+        return None;
+    }
+
+    let [x, y] = cameras.rectified(place, 0);
+    let column = |disparity: f64| Some(cameras.raw([x - disparity, y], 1)?[0]);
+    let (mut disparity, mut columns) = (f64::from(claim), 1.0);
+    for _ in 0..NEWTON {
+        columns = column(disparity - 0.5)? - column(disparity + 0.5)?;
+        disparity += (column(disparity)? - wanted) / columns;
+    }
+
+    let is_found = (column(disparity)? - wanted).abs() < 0.01 && columns > 0.0;
+    is_found.then_some([disparity as f32, columns as f32])
+}
+
 /// Of a raw left pixel with a rectified disparity: by how many columns it is farther left in the raw right image, by how many rows
 /// lower, and how many raw columns a rectified one is there.
 fn claim_of(cameras: &Cameras, place: Point, disparity: f32) -> Option<[f32; 3]> {
@@ -369,6 +449,32 @@ mod tests {
                 assert!((right[1] - y as f64 - f64::from(rows.row(y)[x])).abs() < 1e-4);
                 seen += 1;
             }
+        }
+        assert!(seen > 2000, "{seen}");
+    }
+
+    #[test]
+    fn a_map_of_raw_pixels_becomes_the_rectified_one_that_it_came_from() {
+        let mut numbers = [0.0; NUMBERS];
+        (numbers[1], numbers[13]) = (1.0, 2.0);
+        let mut cameras = Cameras::new(numbers, USUAL, SIZE);
+        cameras.shifts = [[0.0, 0.0], [-4.0, 1.0]];
+        let control = Control::default();
+        let (there, _) = raw(&map(), &cameras, &control).expect("memory");
+        let places = places(&cameras, 0, SIZE, &control).expect("memory");
+        let (back, of_raw) =
+            matched(&there.disparity, &cameras, &places, &control).expect("memory");
+
+        let mut seen = 0;
+        for ((claim, place), y) in
+            there.disparity.as_slice().iter().zip(of_raw.as_slice()).zip((0..).map(|i| i / SIZE.1))
+        {
+            assert_eq!(claim.is_nan(), place.columns.is_nan(), "{y}");
+            let Some(found) = back.as_slice().get(place.index as usize) else { continue };
+            // Several raw pixels may lie in one, those of a row above or below.
+            let known = map().disparity.as_slice()[place.index as usize];
+            assert!((found - known).abs() < 0.13, "{found} {known}");
+            seen += 1;
         }
         assert!(seen > 2000, "{seen}");
     }

@@ -39,8 +39,7 @@ impl Misreading {
     }
 
     /// The reading under which pixels match far better than as they stand, if there is one.
-    pub fn of(map: &Plane<f32>, costs: &Costs) -> Option<Self> {
-        let sample = Sample::new(map, costs);
+    pub fn of(sample: &Sample) -> Option<Self> {
         let plain = sample.advantage(|claim| claim).max(0.0);
 
         let advantage = |reading: Self| sample.advantage(|claim| reading.read(claim));
@@ -53,7 +52,7 @@ impl Misreading {
 }
 
 /// Some of the claims, and the costs of their pixels.
-struct Sample<'a> {
+pub struct Sample<'a> {
     costs: &'a Costs<'a>,
     cols: usize,
     /// Row, column and claim.
@@ -63,7 +62,8 @@ struct Sample<'a> {
 }
 
 impl<'a> Sample<'a> {
-    fn new(map: &Plane<f32>, costs: &'a Costs<'a>) -> Self {
+    /// A sample of the claims of a map; of the costs, any two columns can be compared.
+    pub fn new(map: &Plane<f32>, costs: &'a Costs<'a>) -> Self {
         let (rows, cols) = (map.rows(), map.cols());
         let [down, across] = [rows, cols].map(|length| length.div_ceil(SAMPLES));
 
@@ -82,6 +82,12 @@ impl<'a> Sample<'a> {
         let random = claims.iter().enumerate().map(pair).sum();
 
         Self { costs, cols, claims, random }
+    }
+
+    /// The mean cost of pixels that have nothing to do with each other, bits; 1 where there is none.
+    pub fn unrelated(&self) -> f64 {
+        let mean = self.random as f64 / f64::from(STEPS) / self.claims.len().max(1) as f64;
+        if mean > 0.0 { mean } else { 1.0 }
     }
 
     /// By what share the costs at some disparities are below those of pixels paired at random. Pixels whose match would lie

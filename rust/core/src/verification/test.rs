@@ -26,6 +26,7 @@
 
 use crate::verification::evidence::{DIFFERENT, Evidence};
 use crate::verification::hypotheses::right_column;
+use crate::verification::judge::UNSEEN;
 use crate::verification::{Counts, verdict};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
@@ -34,7 +35,6 @@ use phasestereo_match::base::plane::{Plane, zeroed};
 use phasestereo_match::base::simd::Level;
 use phasestereo_match::image::window_sums::{Beyond, Windows};
 use phasestereo_match::matcher::Disparity;
-use phasestereo_match::refinement::flag;
 
 const OFFSET: f64 = -1.95;
 const BY: f64 = 0.43;
@@ -61,9 +61,6 @@ const STEPS: f32 = (1 << 20) as f32;
 /// Rows that one task works on.
 const BAND: usize = 32;
 
-/// Flags of pixels of which the own match knows nothing, or that the right image does not see.
-const UNSEEN: u16 = flag::MISSING | flag::OUTSIDE | flag::MATCH_MASKED | flag::OCCLUDED;
-
 /// All that verdicts depend on; planes of one size.
 #[derive(Debug, Clone, Copy)]
 pub struct Test<'a> {
@@ -75,18 +72,11 @@ pub struct Test<'a> {
     pub evidence: &'a Evidence,
 }
 
-/// A verdict and, where a claim is refuted, the better disparity, else NaN.
-type Judged = (u8, f32);
-
 impl Test<'_> {
-    /// The verdicts, the better disparities, and their numbers, on the threads of the current pool.
-    pub fn judge(
-        &self,
-        level: Level,
-        control: &Control,
-    ) -> Result<(Plane<u8>, Plane<f32>, Counts)> {
+    /// The verdicts and their numbers, on the threads of the current pool.
+    pub fn judge(&self, level: Level, control: &Control) -> Result<(Plane<u8>, Counts)> {
         let (rows, cols) = (self.map.rows(), self.map.cols());
-        let judged = Plane::by_bands((rows, cols), BAND, |first, band: &mut [Judged]| {
+        let verdicts = Plane::by_bands((rows, cols), BAND, |first, band: &mut [u8]| {
             control.checkpoint()?;
             let trust = self.trust(first..first + band.len() / cols, level)?;
             let mut nearest = zeroed(cols)?;
@@ -102,27 +92,26 @@ impl Test<'_> {
             Ok(())
         })?;
 
-        let verdicts = judged.map(|(verdict, _)| *verdict);
         let counts = self.counts(&verdicts);
-        Ok((verdicts, judged.map(|(_, better)| *better), counts))
+        Ok((verdicts, counts))
     }
 
-    fn verdict(&self, y: usize, x: usize, base: f64) -> Judged {
+    fn verdict(&self, y: usize, x: usize, base: f64) -> u8 {
         let (claim, own) = (self.map.row(y)[x], self.own.disparity.row(y)[x]);
         if !claim.is_finite() {
-            return (verdict::NO_CLAIM, f32::NAN);
+            return verdict::NO_CLAIM;
         }
         if own.is_nan() || self.own.flags.row(y)[x] & UNSEEN != 0 {
-            return (verdict::UNKNOWN, f32::NAN);
+            return verdict::UNKNOWN;
         }
 
         let by = (own - claim).abs();
         if by > DIFFERENT && base + self.score(y, x, by) > REFUTED {
-            return (verdict::REFUTED, own);
+            return verdict::REFUTED;
         }
 
         let is_supported = by <= NEAR && self.confidence(y, x) > CONFIDENT;
-        (if is_supported { verdict::SUPPORTED } else { verdict::UNKNOWN }, f32::NAN)
+        if is_supported { verdict::SUPPORTED } else { verdict::UNKNOWN }
     }
 
     /// Finds the largest claim on every right pixel of a row, the nearest surface; minus infinity without one.

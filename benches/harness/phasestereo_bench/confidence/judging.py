@@ -1,0 +1,354 @@
+"""Traits of claims -> the weights by which the core judges maps of other matchers.
+
+The logarithms of the odds are sums of lines through points: a logistic regression with the shares
+of two points as inputs, by Newton's method. The bars are lines through points that hold 90 % of the
+errors, a quantile regression. Every map has the same weight, whatever its size.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.table import Table
+
+from phasestereo.io.drafts import replacing
+from phasestereo.metrics import roc_area
+from phasestereo.result import Flag
+from phasestereo_bench.confidence.claims import unpacked
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    Numbers = NDArray[np.float64]
+
+TRAITS, KNOTS, CASES = 25, 6, 3
+BAR_KNOTS, FIRST_BAR_KNOT, COVERED = 10, -4.0, 0.9
+_FOLDS = 3
+_GAP = 0.0, 0.5, 1.0, 1.5, 4.0, 20.0  # px; a claim and an own disparity agree within 1
+_UNSEEN = Flag.MASKED | Flag.NO_CANDIDATE | Flag.OUTSIDE | Flag.MATCH_MASKED | Flag.OCCLUDED
+_PIXELS = 1000.0  # weight of a map
+# Weights of the squares of bends, of steps and of the heights themselves: not swept. Between points
+# that are at one place there is no step.
+_BEND, _STEP, _HEIGHT, _SAME = 3.0, 0.1, 0.02, 300.0
+_LEAST_ERROR = 0.03  # px
+
+
+@dataclass(frozen=True, slots=True)
+class Claims:
+    """Some pixels of a map.
+
+    Attributes
+    ----------
+    scene, faults, method
+        Of which pair it is, and whose.
+    errors
+        (pixels, 2) How far claim and own disparity are off, pixels.
+    cases
+        (pixels,) The case of each, as the core has them.
+    traits
+        (pixels, traits) As the core has them.
+    """
+
+    scene: str
+    faults: str
+    method: str
+    errors: Numbers
+    cases: NDArray[np.int64]
+    traits: Numbers
+
+
+@dataclass(frozen=True, slots=True)
+class Weights:
+    """What the core has: places of points, and by head (claim, own) and case what was learned."""
+
+    places: Numbers
+    heights: Mapping[tuple[int, int], Numbers]
+    bars: Mapping[tuple[int, int], Numbers]
+
+
+def claims_of(records: Iterable[Mapping[str, Any]]) -> list[Claims]:
+    """Return the pixels that records of `observe_claims` hold."""
+    found = []
+    for record in records:
+        for method, text in record["maps"].items():
+            values = unpacked(text, TRAITS + 3)
+            flags, traits = values[:, 2].astype(int), values[:, 3:]
+            cases = np.where(flags & _UNSEEN, 2, (traits[:, 0] > 1).astype(int))
+            errors = np.nan_to_num(values[:, :2], posinf=6e4)
+            claims = Claims(record["scene"], record["faults"], method, errors, cases, traits)
+            found.append(claims)
+    return found
+
+
+def learn(several: Sequence[Claims]) -> Weights:
+    """Return the weights that fit these maps best.
+
+    Raises
+    ------
+    ValueError
+        If there is no map.
+    """
+    if not several:
+        raise ValueError("records: got no map with a pixel that can be scored")
+    traits = np.concatenate([each.traits for each in several])
+    errors = np.concatenate([each.errors for each in several])
+    cases = np.concatenate([each.cases for each in several])
+    weight = np.concatenate([np.full(len(e.cases), _PIXELS / len(e.cases)) for e in several])
+
+    places = _places(traits)
+    steady = _steady(places)
+    heights, bars = {}, {}
+    for case in range(CASES):
+        here = cases == case
+        design = _design(traits[here], places)
+        for head in (0, 1):
+            right = (errors[here, head] <= 1).astype(np.float64)
+            heights[head, case] = _fitted(design, right, weight[here], steady)
+            odds = design @ heights[head, case]
+            bars[head, case] = _bars(odds, errors[here, head], weight[here])
+    return Weights(places, heights, bars)
+
+
+def odds_of(claims: Claims, weights: Weights, head: int = 0) -> Numbers:
+    """Return the logarithms of the odds that claims (0) or own disparities (1) are right."""
+    odds = np.zeros(len(claims.cases))
+    for case in range(CASES):
+        here = claims.cases == case
+        odds[here] = _design(claims.traits[here], weights.places) @ weights.heights[head, case]
+    return odds
+
+
+def left_out(several: Sequence[Claims]) -> list[tuple[str, list[Numbers]]]:
+    """Return odds of claims by weights that were learned without their scene, or their matcher."""
+    scenes = sorted({each.scene for each in several})
+    order = np.random.default_rng(3).permutation(len(scenes))
+    fold = {scenes[index]: str(number % _FOLDS) for number, index in enumerate(order)}
+    return [
+        ("scene", _odds_without(several, lambda each: fold[each.scene])),
+        ("matcher", _odds_without(several, lambda each: each.method.removeprefix("prepared:"))),
+    ]
+
+
+def judging_table(several: Sequence[Claims], faults: Sequence[str]) -> Table:
+    """Return a table of what confidences are worth, of each matcher and condition.
+
+    Columns: the share of the pixels that is wrong, %; then, learned without the scene and without
+    the matcher, the area under the curve and how far the mean confidence is off, in points.
+    """
+    table = Table()
+    for column in ("maps of", "condition", "wrong", "area", "off", "matcher left out: area", "off"):
+        table.add_column(column, justify="left" if column in ("maps of", "condition") else "right")
+
+    scored = [
+        [_scores(*pair) for pair in zip(several, odds, strict=True)]
+        for _, odds in left_out(several)
+    ]
+    for method in sorted({each.method for each in several}):
+        for name in (*faults, "others"):
+            rows = [
+                index
+                for index, each in enumerate(several)
+                if each.method == method
+                and (each.faults if each.faults in faults else "others") == name
+            ]
+            if not rows:
+                continue
+            wrong = np.mean([(several[row].errors[:, 0] > 1).mean() for row in rows])
+            cells = [f"{100 * wrong:.1f}"]
+            for scores in scored:
+                area, off = np.nanmean([scores[row] for row in rows], axis=0)
+                cells += [f"{area:.3f}", f"{100 * off:.1f}"]
+            table.add_row(method, name, *cells)
+    return table
+
+
+def write_weights(weights: Weights, path: Path) -> None:
+    """Write weights as the core has them, a file of Rust.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    heads = ("claim", "own")
+    learned = {
+        head: "".join(_learned(weights, number, case) for case in range(CASES))
+        for number, head in enumerate(heads)
+    }
+    text = _FILE.format(places=_rows(weights.places, 8), **learned)
+    with replacing(path) as file:
+        file.write(text.encode())
+
+
+_FILE = """//! Learned by `phasestereo bench confidence --of maps`, which writes this file.
+
+use super::{{Learned, Weights}};
+
+/// The weights.
+pub const WEIGHTS: Weights = Weights {{
+    places: [
+{places}    ],
+    claim: [
+{claim}    ],
+    own: [
+{own}    ],
+}};
+"""
+_LEARNED = """        Learned {{
+            offset: {offset},
+            lines: [
+{lines}            ],
+            bars: {bars},
+        }},
+"""
+
+
+def _learned(weights: Weights, head: int, case: int) -> str:
+    heights = weights.heights[head, case]
+    lines = _rows(heights[1:].reshape(TRAITS, KNOTS), 16)
+    return _LEARNED.format(
+        offset=_number(heights[0]), lines=lines, bars=_listed(weights.bars[head, case])
+    )
+
+
+def _rows(rows: Numbers, indent: int) -> str:
+    return "".join(f"{' ' * indent}{_listed(row)},\n" for row in rows)
+
+
+def _listed(numbers: Numbers) -> str:
+    return "[" + ", ".join(map(_number, numbers)) + "]"
+
+
+def _number(number: float) -> str:
+    return repr(round(float(number), 3) + 0.0)
+
+
+def _odds_without(several: Sequence[Claims], part_of: Callable[[Claims], str]) -> list[Numbers]:
+    odds: dict[int, Numbers] = {}
+    for part in sorted({part_of(each) for each in several}):
+        weights = learn([each for each in several if part_of(each) != part])
+        for index, each in enumerate(several):
+            if part_of(each) == part:
+                odds[index] = odds_of(each, weights)
+    return [odds[index] for index in range(len(several))]
+
+
+def _scores(claims: Claims, odds: Numbers) -> tuple[float, float]:
+    right = claims.errors[:, 0] <= 1
+    off = abs(float(_probability(odds).mean() - right.mean()))
+    area = roc_area(odds[None], claims.errors[:, 0][None], np.zeros((1, len(odds))))
+    return area, off
+
+
+def _probability(odds: Numbers) -> Numbers:
+    return np.asarray(1 / (1 + np.exp(-odds.clip(-30, 30))))
+
+
+def _places(traits: Numbers) -> Numbers:
+    """Return the places of the points of each trait: at even shares of the pixels."""
+    places = np.quantile(traits, np.linspace(0.01, 0.99, KNOTS), axis=0).T
+    for trait, points in enumerate(places):
+        if len(np.unique(traits[:, trait])) == 2:
+            points[:] = np.linspace(0, 1, KNOTS)
+    places[0] = _GAP
+    return np.asarray(places.round(3))
+
+
+def _design(traits: Numbers, places: Numbers) -> NDArray[np.float32]:
+    """Return 1, and of each trait the shares of the two points beside it."""
+    count = len(traits)
+    design = np.zeros((count, 1 + TRAITS * KNOTS), np.float32)
+    design[:, 0] = 1
+    rows = np.arange(count)
+    for trait, points in enumerate(places):
+        value = traits[:, trait].clip(points[0], points[-1])
+        left = (value[:, None] >= points[None, 1:-1]).sum(axis=1)
+        width = points[left + 1] - points[left]
+        part = np.where(width > 0, (value - points[left]) / np.where(width > 0, width, 1), 0)
+        column = 1 + trait * KNOTS + left
+        design[rows, column] = 1 - part.clip(0, 1)
+        design[rows, column + 1] += part.clip(0, 1)
+    return design
+
+
+def _steady(places: Numbers) -> Numbers:
+    """Return the weights of the squares of heights, steps and bends."""
+    steady = np.zeros((1 + TRAITS * KNOTS,) * 2)
+    for trait, points in enumerate(places):
+        first = 1 + trait * KNOTS
+        for knot in range(KNOTS):
+            steady[first + knot, first + knot] += _HEIGHT
+        for knot in range(KNOTS - 1):
+            step = _STEP if points[knot + 1] > points[knot] else _SAME
+            _add_square(steady, first + knot, (-1, 1), step)
+        for knot in range(KNOTS - 2):
+            _add_square(steady, first + knot, (1, -2, 1), _BEND)
+    return steady
+
+
+def _add_square(steady: Numbers, first: int, factors: Sequence[float], weight: float) -> None:
+    place = slice(first, first + len(factors))
+    steady[place, place] += weight * np.outer(factors, factors)
+
+
+def _fitted(
+    design: NDArray[np.float32], right: Numbers, weight: Numbers, steady: Numbers
+) -> Numbers:
+    """Return the heights of a logistic regression; steps that do not help are halved."""
+
+    def odds_with(heights: Numbers) -> Numbers:
+        # Single precision is enough for sums over some hundred columns, and four times as fast.
+        return np.asarray(design @ heights.astype(np.float32), np.float64)
+
+    def loss(heights: Numbers) -> float:
+        odds = odds_with(heights)
+        misfit = (weight * (np.logaddexp(0, odds) - right * odds)).sum()
+        return float(misfit + heights @ steady @ heights / 2)
+
+    heights = np.zeros(design.shape[1])
+    best = loss(heights)
+    for _ in range(30):
+        share = _probability(odds_with(heights))
+        slope = design.T @ (weight * (right - share)).astype(np.float32) - steady @ heights
+        bend = np.sqrt(weight * share * (1 - share)).astype(np.float32)
+        scaled = design * bend[:, None]
+        curve = scaled.T @ scaled + steady
+        step = np.linalg.solve(curve + 1e-6 * np.eye(len(heights)), slope)
+
+        part = 1.0
+        while (found := loss(heights + part * step)) >= best and part > 1e-3:
+            part /= 2
+        if found >= best:
+            break
+        heights, gain, best = heights + part * step, best - found, found
+        if gain < 1e-5 * abs(best):
+            break
+    return heights
+
+
+def _bars(odds: Numbers, errors: Numbers, weight: Numbers) -> Numbers:
+    """Return the points of the logarithm of the bar, which holds 90 % of the errors."""
+    place = (odds - FIRST_BAR_KNOT).clip(0, BAR_KNOTS - 1)
+    left = np.minimum(place.astype(int), BAR_KNOTS - 2)
+    rows = np.arange(len(odds))
+    design = np.zeros((len(odds), BAR_KNOTS))
+    design[rows, left] = 1 - (place - left)
+    design[rows, left + 1] += place - left
+
+    size = np.log(errors.clip(_LEAST_ERROR, 80))
+    smooth = np.zeros((BAR_KNOTS, BAR_KNOTS))
+    for knot in range(BAR_KNOTS - 1):
+        _add_square(smooth, knot, (-1, 1), 1e-3 * weight.sum())
+    points = np.full(BAR_KNOTS, float(np.average(size, weights=weight)))
+    for turn in range(25):
+        off = size - design @ points
+        least = 0.1 if turn < 8 else 0.02  # the closer, the more exact, but the less steady
+        pull = weight * np.where(off > 0, COVERED, 1 - COVERED) / np.maximum(np.abs(off), least)
+        curve = (design * pull[:, None]).T @ design + smooth
+        points = np.linalg.solve(curve, design.T @ (pull * size))
+    return np.asarray(points)
