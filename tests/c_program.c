@@ -31,6 +31,7 @@ static void tell(const phasestereo_found *found) {
                found->certainty);
         printf("noise %.17g %.17g\n", found->noise[0], found->noise[1]);
     }
+    printf("vertical %u\n", found->vertical);
     if (found->rows_blocks > 0) printf("rows %.17g %u\n", found->rows[0], found->rows_applied);
 }
 
@@ -59,9 +60,11 @@ int main(int count, char **arguments) {
     phasestereo_image right = {sizeof right, right_data + first, stride, width, height, channels, bits, NULL, 0};
 
     const phasestereo_setting settings[] = {{"median", "0"}, {"min_confidence", " 0.25 "}, {"lr_check", "none"}};
-    const int is_preset = strcmp(arguments[8], "settings") != 0;
-    phasestereo_matcher *matcher =
-        is_preset ? phasestereo_new(arguments[8], NULL, 0, 2) : phasestereo_new(NULL, settings, 3, 2);
+    const phasestereo_setting vertical[] = {{"vertical", "true"}};
+    const int is_settings = strcmp(arguments[8], "settings") == 0, is_vertical = strcmp(arguments[8], "vertical") == 0;
+    phasestereo_matcher *matcher = is_settings   ? phasestereo_new(NULL, settings, 3, 2)
+                                   : is_vertical ? phasestereo_new("fast", vertical, 1, 2)
+                                                 : phasestereo_new(arguments[8], NULL, 0, 2);
     if (matcher == NULL) {
         printf("%s\n", phasestereo_error());
         return 1;

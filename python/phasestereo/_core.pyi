@@ -235,6 +235,7 @@ def match_pair(
     temporal: TemporalFilter | None,
     rig: Rig | None,
     reestimate: int,
+    vertical: bool | None,
 ) -> Result: ...
 def prepare_pair(
     images: tuple[Pixels, Pixels],

@@ -36,7 +36,7 @@ def match(
     right_mask: ArrayLike | None = None,
     progress: Progress | None = None,
     known: Known | None = None,
-    vertical: bool = False,
+    vertical: bool | None = None,
     right_map: bool = False,
     **overrides: Unpack[SettingsOverrides],
 ) -> Result:
@@ -81,7 +81,8 @@ def match(
         Whether the right camera is below the left one: pixel (x, y) of `left`, the upper image,
         then corresponds to (x, y - d) of `right`. Both are turned by 90 degrees for the match and
         the maps turned back; all else that the result has, as `Result.alignment`, is of the turned
-        images.
+        images. None: it is, where the images show it clearly, which ``result.findings`` says:
+        things move along columns by their distance, and columns match at least as well as rows.
     right_map
         Whether the right image is matched, too: ``result.right`` is its map, as seen from it. It
         is that of the exchanged, mirrored pair, mirrored back, and takes the time of a match.
@@ -236,7 +237,7 @@ class Matcher:
         progress: Progress | None = None,
         known: Known | None = None,
         temporal_filter: TemporalFilter | None = None,
-        vertical: bool = False,
+        vertical: bool | None = None,
     ) -> Result:
         """Match a rectified stereo pair: parameters, result and errors are those of `match`.
 
@@ -288,7 +289,7 @@ def match_silently(
     temporal_filter: TemporalFilter | None = None,
     rig: _core.Rig | None = None,
     reestimate: int = 1,
-    vertical: bool = False,
+    vertical: bool | None = None,
     right_map: bool = False,
 ) -> Result:
     """Match as `match` and `Matcher.match` do, without a warning; with a rig, its next frame."""
@@ -297,21 +298,20 @@ def match_silently(
 
     arrays, pair, valid = opened_valid(images, masks)
 
-    if not isinstance(vertical, bool):
-        raise TypeError(f"vertical: got {vertical!r:.80}; accepts True or False")
+    if vertical is not None and not isinstance(vertical, bool):
+        raise TypeError(f"vertical: got {vertical!r:.80}; accepts True, False or None")
 
-    # Turned so that rows come to be columns, in which the core looks for what corresponds.
-    turns = int(vertical)
-    turned = np.rot90(pair[0], turns), np.rot90(pair[1], turns)
-    masks_turned = [None if mask is None else np.rot90(mask, turns) for mask in valid]
-
-    def matched(*, backward: bool) -> Result:
+    def matched(*, vertical: bool | None, backward: bool) -> Result:
+        # Exchanged and mirrored along the disparities, the right image is matched as a left one.
+        axis = int(not vertical)
+        mirror: Callable[[NDArray[Any]], NDArray[Any]] = partial(np.flip, axis=axis)
+        change = mirror if backward else np.asarray
         step = -1 if backward else 1
-        views = [view[:, ::step] for view in turned[::step]]
-        valid = [None if mask is None else mask[:, ::step] for mask in masks_turned[::step]]
+        views: list[Any] = [change(view) for view in pair[::step]]
+        masks = [None if mask is None else change(mask) for mask in valid[::step]]
         found = _core.match_pair(
             (views[0], views[1]),
-            (valid[0], valid[1]),
+            (masks[0], masks[1]),
             search,
             settings,
             threads,
@@ -320,15 +320,16 @@ def match_silently(
             as_core_filter(temporal_filter),
             rig,
             reestimate,
+            vertical,
         )
         if backward:
-            found = _with_maps(found, lambda values: values[:, ::-1])
-        if vertical:
-            found = _with_maps(found, lambda values: np.rot90(values, -1))
+            found = _with_maps(found, change)
         return replace(found, pair=(arrays[1], arrays[0]) if backward else arrays)
 
-    result = matched(backward=False)
-    return replace(result, right=matched(backward=True)) if right_map else result
+    result = matched(vertical=vertical, backward=False)
+    if not right_map:
+        return result
+    return replace(result, right=matched(vertical=result.vertical, backward=True))
 
 
 def _part_of(progress: Progress | None, *, is_second: bool) -> Progress | None:

@@ -249,6 +249,9 @@ class Result:
         The map of the right image, with ``right_map=True``: its pixel (x, y) corresponds to left
         pixel (x + disparity, y). What it has beside maps is of the exchanged, mirrored pair, of
         which it is the match. None: the right image was not matched.
+    vertical
+        Whether columns were matched, given or found: left pixel (x, y) corresponds to right pixel
+        (x, y - disparity).
 
     Examples
     --------
@@ -273,6 +276,7 @@ class Result:
     temporal_support: NDArray[np.uint8] | None = None
     rectified: Rectified | None = None
     right: Result | None = None
+    vertical: bool = False
 
     _repr_html_: ClassVar[Callable[[Result], str]]
     """Jupyter and marimo show a result by it; the package, which knows the views, has set it."""

@@ -191,13 +191,14 @@ class Rig:
         right_mask: ArrayLike | None = None,
         known: Known | None = None,
         temporal_filter: TemporalFilter | None = None,
+        vertical: bool | None = None,
     ) -> Result:
         """Match the next pair.
 
         Parameters
         ----------
-        left, right, left_mask, right_mask, known
-            As `match` takes them.
+        left, right, left_mask, right_mask, known, vertical
+            As `match` takes them; None: `vertical` is as the frames before have shown.
         temporal_filter
             As `Matcher.match` takes it.
 
@@ -228,6 +229,7 @@ class Rig:
             temporal_filter=temporal_filter,
             rig=self._core,
             reestimate=self._reestimate,
+            vertical=vertical,
         )
 
         warn(result.findings)

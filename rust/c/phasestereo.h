@@ -464,6 +464,12 @@ typedef struct phasestereo_found {
    * was straightened by both.
    */
   double rows_sway;
+  /**
+   * 1: the right camera is below the left one, as was given or found, and columns are matched: left pixel
+   * (x, y) corresponds to right pixel (x, y - d). All else that was estimated is of the images turned by a
+   * quarter, counterclockwise.
+   */
+  uint32_t vertical;
 } phasestereo_found;
 
 /**
@@ -563,8 +569,10 @@ const char *phasestereo_version(void);
 const char *phasestereo_error(void);
 
 /**
- * Makes a matcher with the settings of a preset, "robust", "fast" or "paper" (NULL: "robust"), but for those that are
- * listed; `threads` is 1 to 1024, or 0: all processors of the process. NULL if it fails: see `phasestereo_error`.
+ * Makes a matcher with the settings of a preset, "robust", "fast" or "paper" (NULL: "robust"), but for those
+ * that are listed. One more is "vertical": "true" where the right camera is below the left one, "false"
+ * where it is beside it, "none" (the default) to match columns where a pair clearly shows the former.
+ * `threads` is 1 to 1024, or 0: all processors of the process. NULL if it fails: see `phasestereo_error`.
  *
  * Texts end with a zero; `settings` are `count` of them, or NULL where `count` is 0.
  */

@@ -114,7 +114,7 @@ def test_cameras_one_above_the_other_are_matched_along_columns() -> None:
     assert above.pair[0].shape == (COLS, ROWS)
 
 
-@pytest.mark.parametrize("vertical", ["0", 1, 2, -1, None, np.True_])
-def test_vertical_is_true_or_false(vertical: Any) -> None:
-    with pytest.raises(TypeError, match="^vertical: got .*; accepts True or False$"):
+@pytest.mark.parametrize("vertical", ["0", 1, 2, -1, np.True_])
+def test_vertical_is_true_false_or_found(vertical: Any) -> None:
+    with pytest.raises(TypeError, match="^vertical: got .*; accepts True, False or None$"):
         ps.match(*pair(), vertical=vertical)

@@ -113,6 +113,18 @@ def test_the_map_of_the_right_image_is_that_of_python(
     assert said["range"][:2] == [str(search.min_disparity), str(search.num_disparities)]
 
 
+@pytest.mark.parametrize("backward", [False, True])
+def test_a_vertical_pair_is_that_of_python(program: Program, pair: Pair, *, backward: bool) -> None:
+    left, right = _changed(pair, lambda image: np.rot90(image, -1))
+    expected = ps.match(left, right, preset="fast", vertical=True, right_map=True)
+    wanted = expected.right if backward else expected
+    assert wanted is not None
+    said = program.same((left, right), wanted, preset="vertical", disparities=0, backward=backward)
+    assert said["vertical"] == ["1"]
+    _, lines, _ = program.run(pair, preset="settings")
+    assert "vertical 0" in lines
+
+
 def _changed(pair: Pair, change: Change) -> Pair:
     left, right = (np.ascontiguousarray(change(image)) for image in pair)
     return left, right
@@ -175,6 +187,7 @@ def test_what_is_not_acceptable_is_reported(
 
 
 LATER = (
+    r" *uint32_t vertical;\n",
     r" *double rows_sway;\n",
     r" *const uint8_t \*mask;\n",
     r" *ptrdiff_t mask_stride;\n",

@@ -279,15 +279,43 @@ def test_images_of_different_things_are_not_rectified_and_it_is_said_why(
     assert "do not show how to rectify them: only" in sentences(result)
 
 
-def test_a_vertical_pair_is_not_taken_for_one_with_rows_that_are_off(data: Path) -> None:
+def test_a_vertical_pair_is_matched_along_its_columns(data: Path) -> None:
     for name in ("cones", "Art"):
         scene = find_scene(data / "middlebury", name).load()
-        above, below = np.rot90(scene.left), np.rot90(scene.right)
+        beside = ps.match(scene.left, scene.right, right_map=True)
+        above, below = np.rot90(scene.left, -1), np.rot90(scene.right, -1)
 
+        found = ps.match(above, below, right_map=True)
+        assert found.vertical
+        assert not beside.vertical
+        assert "one camera is above the other: by their distance" in sentences(found)
+        for one, other in ((found, beside), (found.right, beside.right)):
+            assert one is not None
+            assert other is not None
+            for label, values in other.maps.items():
+                np.testing.assert_array_equal(one.maps[label], np.rot90(values, -1), label)
+
+        # What is stated is obeyed, and reported.
         with pytest.warns(ps.MatchWarning, match="cameras that are not beside each other"):
-            result = ps.match(above, below)
+            result = ps.match(above, below, vertical=False)
+        assert not result.vertical
         assert "one camera seems to be above the other" in sentences(result)
-        assert result.trusted.mean() < 0.1, name
+        assert result.trusted.mean() < 0.5 * found.trusted.mean(), name
 
         with pytest.raises(ValueError, match=r"move along lines at (89|90|-89) degrees"):
             ps.rectify(above, below)
+
+
+def test_a_rig_remembers_that_one_camera_is_above_the_other(cones: Pair, tmp_path: Path) -> None:
+    above, below = np.rot90(cones.left, -1), np.rot90(cones.right, -1)
+    rig = ps.Rig()
+    first, second = rig.match(above, below), rig.match(above, below)
+    assert first.vertical
+    assert second.vertical
+    assert any("one camera is above the other" in event.sentence for event in rig.events)
+    upright = np.rot90(second.disparity)
+    assert cones.truth is not None
+    assert bad_pixels(upright, cones.truth, 1.0, mask=cones.masks["nonocc"]) < 0.15
+
+    rig.save(tmp_path / "rig.txt")
+    assert ps.Rig.load(tmp_path / "rig.txt").match(above, below).vertical

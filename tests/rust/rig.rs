@@ -375,6 +375,7 @@ fn rig(shift: f64, straightens: i64) -> Rig {
         certainty: 0.75,
     };
     let geometry = Geometry {
+        is_turned: false,
         size: SIZE,
         cameras: Some(Arc::new(Raw::new(rectification, SIZE))),
         field,
@@ -573,9 +574,9 @@ fn rows_blur_and_health_of_a_rig_change_where_frames_say_so() {
     assert!((rig.health.expect("known") - expected).abs() < 1e-12);
 
     // Images of another size are of other cameras.
-    rig.suit(SIZE, &Settings::default());
+    rig.suit(SIZE, false, &Settings::default());
     assert!(rig.geometry.is_some());
-    rig.suit((300, 401), &Settings::default());
+    rig.suit((300, 401), false, &Settings::default());
     assert!(rig.geometry.is_none() && rig.sensors.is_none() && rig.health.is_none());
     assert!(sentences(&rig)[5].ends_with("images are 401 x 300 from here on: all is learned anew"));
 }

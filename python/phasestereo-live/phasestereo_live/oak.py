@@ -168,14 +168,14 @@ class StereoPhase(dai.node.ThreadedHostNode):
         self.syncedLeft.send(left)
         self.syncedRight.send(right)
         pair = _rgb(left), _rgb(right)
-        masks = {}
+        masks, vertical = {}, None
         if self._rectifier is not None:
             pair = self._rectifier.pair(*pair)
-            masks = self._rectifier.masks
+            masks, vertical = self._rectifier.masks, self._rectifier.vertical
             self.rectifiedLeft.send(_frame(_bgr(pair[0]), left, left.getType()))
             self.rectifiedRight.send(_frame(_bgr(pair[1]), right, right.getType()))
 
-        result = self._rig.match(*pair, **masks, temporal_filter=self._steady)
+        result = self._rig.match(*pair, **masks, temporal_filter=self._steady, vertical=vertical)
         self._send(result, left)
 
     def _send(self, result: Result, left: dai.ImgFrame) -> None:

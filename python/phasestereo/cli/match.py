@@ -116,7 +116,10 @@ def match(
         images = views[0].image, views[1].image
         truth = scoring.read(images[0].shape[:2])
 
-        vertical = pairing.vertical or (rectified is not None and rectified.vertical)
+        # Whether it is so is not known before the match, and the page shows cameras side by side.
+        vertical = False if outputs.report and not pairing.vertical else pairing.vertical
+        if rectified is not None:
+            vertical = rectified.vertical if pairing.vertical is None else pairing.vertical
         if vertical and outputs.report:
             raise CommandError(
                 "--report: got cameras one above the other; accepts cameras side by side",

@@ -40,12 +40,13 @@ class Pairing:
         right.yaml. Needs the extra ``rectify``.
     vertical
         The right camera is below the left one. LEFT is the upper image, and disparities are along
-        columns. A calibration says so by itself.
+        columns. A calibration says so by itself, and so do images that show it clearly, unless
+        --no-vertical.
     """
 
     layout: Layout | None = None
     rectify: Annotated[tuple[str, ...], Parameter(show_default=False)] = ()
-    vertical: Annotated[bool, Parameter(negative=(), show_default=False)] = False
+    vertical: Annotated[bool | None, Parameter(show_default=False)] = None
 
     def straight(
         self, views: Views, masks: Masks = (None, None)

@@ -114,6 +114,10 @@ pub struct Found {
     /// Largest offset of a row from the field, pixels, as where a rolling shutter shakes; 0: rows do not sway. The right image
     /// was straightened by both.
     pub rows_sway: f64,
+    /// 1: the right camera is below the left one, as was given or found, and columns are matched: left pixel
+    /// (x, y) corresponds to right pixel (x, y - d). All else that was estimated is of the images turned by a
+    /// quarter, counterclockwise.
+    pub vertical: u32,
 }
 
 // SAFETY: it begins with its size; all others are numbers.
@@ -163,6 +167,7 @@ impl Found {
             mixed: range.as_ref().is_some_and(|range| range.mixed).into(),
             inverted: estimates.is_inverted.into(),
             rows_sway: of_rows(|rows| rows.field.largest_sway()),
+            vertical: estimates.is_vertical().into(),
         }
     }
 }

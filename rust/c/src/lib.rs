@@ -101,8 +101,10 @@ pub extern "C" fn phasestereo_error() -> *const c_char {
     ERROR.with_borrow(|message| message.as_ptr())
 }
 
-/// Makes a matcher with the settings of a preset, "robust", "fast" or "paper" (NULL: "robust"), but for those that are
-/// listed; `threads` is 1 to 1024, or 0: all processors of the process. NULL if it fails: see `phasestereo_error`.
+/// Makes a matcher with the settings of a preset, "robust", "fast" or "paper" (NULL: "robust"), but for those
+/// that are listed. One more is "vertical": "true" where the right camera is below the left one, "false"
+/// where it is beside it, "none" (the default) to match columns where a pair clearly shows the former.
+/// `threads` is 1 to 1024, or 0: all processors of the process. NULL if it fails: see `phasestereo_error`.
 ///
 /// # Safety
 ///
@@ -119,15 +121,20 @@ pub unsafe extern "C" fn phasestereo_new(
         let (preset, listed) = unsafe { (text(preset, "preset")?, list(settings, count)?) };
         let mut settings = Preset::named(preset.unwrap_or(Preset::Robust.name()))?.settings();
 
+        let mut vertical = None;
         for Setting { name, value } in listed {
             // SAFETY: as the caller promises.
             let (name, value) = unsafe { (text(*name, "name")?, text(*value, "value")?) };
             let (name, value) = (name.unwrap_or_default(), value.unwrap_or_default());
-            settings.set(name, value)?;
+            if name == "vertical" {
+                vertical = read_vertical(value)?;
+            } else {
+                settings.set(name, value)?;
+            }
         }
 
         let threads = (threads != 0).then_some(threads as usize);
-        let matcher = phasestereo::Matcher::new(settings, threads)?;
+        let matcher = phasestereo::Matcher::new(settings, threads)?.with_vertical(vertical);
         Ok(Matcher { matcher, process: this_process() })
     });
 
@@ -322,6 +329,16 @@ unsafe fn matched(
     }
     told::keep(result.findings);
     Ok(())
+}
+
+/// Whether the right camera is below the left one, if that is given.
+fn read_vertical(value: &str) -> Result<Option<bool>> {
+    match value {
+        "true" => Ok(Some(true)),
+        "false" => Ok(Some(false)),
+        "none" => Ok(None),
+        other => Err(Error::value("vertical", format!("'{other}'"), "true, false or none")),
+    }
 }
 
 /// The disparities if they are given.

@@ -307,6 +307,7 @@ impl Estimates {
         };
 
         Ok(Self {
+            axis: facts.axis.clone(),
             candidates,
             confidence: geometry.map(|geometry| geometry.matched().confidence),
             is_inverted,
@@ -345,6 +346,7 @@ impl Estimates {
     /// What is known, where nothing is requested.
     fn of_facts(candidates: Candidates, facts: &Facts) -> Self {
         Self {
+            axis: facts.axis.clone(),
             candidates: facts.candidates.clone().unwrap_or(Fact::estimated(candidates)),
             confidence: None,
             is_inverted: facts.is_inverted,

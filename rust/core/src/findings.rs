@@ -15,7 +15,7 @@ pub mod table;
 
 pub use self::outcome::{most_wrong, of_match};
 pub use self::pair::{levels_of, of_pair, with_findings};
-pub use self::rectified::{not_rectified, rectification, rectified};
+pub use self::rectified::{along_columns, not_rectified, rectification, rectified};
 
 #[cfg(test)]
 mod tests {
@@ -367,9 +367,9 @@ mod tests {
         assert!(!told.contains("distort") && !told.contains("moved"), "{told}");
 
         let refusal = Refusal::Matches([9, 40]);
-        assert_eq!(not_rectified(&sound(), &refusal), None);
+        assert_eq!(not_rectified(&sound(), false, &refusal), None);
         let failed = vec![Finding::warning(Topic::Match, "hardly anything")];
-        let told = not_rectified(&Estimates { findings: failed, ..sound() }, &refusal);
+        let told = not_rectified(&Estimates { findings: failed, ..sound() }, false, &refusal);
         assert!(told.is_some_and(|told| told.sentence.contains("only 9 of 40 corners")));
     }
 }

@@ -7,11 +7,11 @@ use std::ops::Range;
 
 use self::image::Image;
 use self::rig::Rig;
-use crate::estimation::facts::{Fact, Facts};
+use crate::estimation::facts::{Direction, Fact, Facts};
 use crate::estimation::{Estimates, Prepared, complete};
 use crate::finding::{Finding, Severity, Topic};
 use crate::findings;
-use crate::match_pair::{Matched, Rectified, match_pair};
+use crate::match_pair::{Matched, Rectified, match_pair, turned};
 use crate::preparation::back::Back;
 use crate::preparation::{Preparation, prepared_for_others};
 use crate::rectification::calibration::Calibration;
@@ -40,6 +40,7 @@ pub struct Matcher {
     core: matcher::Matcher,
     settings: Settings,
     threads: usize,
+    axis: Option<Direction>,
 }
 
 /// A disparity map as seen from the left image, and what there is to say about it.
@@ -122,7 +123,14 @@ impl Matcher {
         settings.check()?;
 
         let threads = threads.into().unwrap_or_else(usable_threads);
-        Ok(Self { core: matcher::Matcher::new(threads)?, settings, threads })
+        Ok(Self { core: matcher::Matcher::new(threads)?, settings, threads, axis: None })
+    }
+
+    /// The same for cameras of which it is known whether the right one is below the left one, `true`, or
+    /// beside it; `None`: it is below where a pair shows it clearly.
+    pub fn with_vertical(self, vertical: Option<bool>) -> Self {
+        let axis = vertical.map(|is| if is { Direction::Columns } else { Direction::Rows });
+        Self { axis, ..self }
     }
 
     /// The settings.
@@ -156,8 +164,21 @@ impl Matcher {
         right: Image,
         disparities: impl Into<Option<Range<i64>>>,
     ) -> Result<Match> {
-        let found = self.match_pair(right.mirrored(), left.mirrored(), disparities)?;
-        Ok(found.mirrored())
+        let disparities = disparities.into();
+        if self.axis != Some(Direction::Columns) {
+            let images = [right.clone().mirrored(), left.clone().mirrored()];
+            let found =
+                self.matched(images, disparities.clone(), self.axis, &Control::default())?;
+            if !found.estimates.is_vertical() {
+                return Ok(found.mirrored());
+            }
+        }
+
+        // Along columns, it is rows that are mirrored.
+        let images = [right.flipped(), left.flipped()];
+        let axis = Some(Direction::Columns);
+        let found = self.matched(images, disparities, axis, &Control::default())?;
+        Ok(found.flipped())
     }
 
     /// The same as [`Self::match_pair`], of which another thread may see the progress, and which it may cancel.
@@ -168,8 +189,18 @@ impl Matcher {
         disparities: impl Into<Option<Range<i64>>>,
         control: &Control,
     ) -> Result<Match> {
-        let (pair, facts) = read_pair(left, right, disparities.into())?;
+        self.matched([left, right], disparities.into(), self.axis, control)
+    }
 
+    /// Matches a pair that moves along this axis; `None`: along columns where the images show it.
+    fn matched(
+        &self,
+        images: [Image; 2],
+        disparities: Option<Range<i64>>,
+        axis: Option<Direction>,
+        control: &Control,
+    ) -> Result<Match> {
+        let (pair, facts) = read_pair(images, disparities, axis)?;
         let matched =
             self.on_threads(control, |runtime| match_pair(pair, &facts, &self.settings, runtime))?;
         Ok(Match::new(matched))
@@ -183,7 +214,7 @@ impl Matcher {
         right: Image,
         disparities: impl Into<Option<Range<i64>>>,
     ) -> Result<Match> {
-        let (pair, facts) = read_pair(left, right, disparities.into())?;
+        let (pair, facts) = read_pair([left, right], disparities.into(), self.axis)?;
         let Rig { state, filter, reestimate } = rig;
 
         let options = Options { facts: &facts, settings: &self.settings, reestimate: *reestimate };
@@ -201,10 +232,11 @@ impl Matcher {
         right: Image,
         disparities: impl Into<Option<Range<i64>>>,
     ) -> Result<Estimates> {
-        let (pair, facts) = read_pair(left, right, disparities.into())?;
+        let (pair, facts) = read_pair([left, right], disparities.into(), self.axis)?;
 
         let control = Control::default();
         self.on_threads(&control, |runtime| {
+            let pair = turned(pair, &facts)?;
             let (pair, estimates) = complete(pair, &facts, &self.settings, runtime)?;
             Ok(findings::with_findings(estimates, &pair, &self.settings))
         })
@@ -238,7 +270,7 @@ impl Matcher {
 
     /// Judges a disparity map of the left image, in pixels; what is not finite claims nothing. The pair is matched anew.
     pub fn verify(&self, left: Image, right: Image, map: &Plane<f32>) -> Result<Verification> {
-        let (pair, facts) = read_pair(left, right, None)?;
+        let (pair, facts) = read_pair([left, right], None, None)?;
 
         let control = Control::default();
         let judged = self.on_threads(&control, |runtime| {
@@ -362,12 +394,29 @@ impl Match {
         self.support.iter_mut().for_each(mirror);
         self
     }
+
+    /// The same with the rows of all maps in the other order.
+    fn flipped(self) -> Self {
+        Self {
+            disparity: flipped(&self.disparity),
+            flags: flipped(&self.flags),
+            confidence: self.confidence.as_ref().map(flipped),
+            uncertainty: self.uncertainty.as_ref().map(flipped),
+            support: self.support.as_ref().map(flipped),
+            ..self
+        }
+    }
 }
 
 fn mirror<T>(plane: &mut Plane<T>) {
     for y in 0..plane.rows() {
         plane.row_mut(y).reverse();
     }
+}
+
+fn flipped<T: Copy>(plane: &Plane<T>) -> Plane<T> {
+    let (rows, cols) = (plane.rows(), plane.cols());
+    Plane::from_fn(rows, cols, |y, x| plane.row(rows - 1 - y)[x])
 }
 
 /// Two raw images of one size and type.
@@ -377,13 +426,20 @@ fn raw(left: Image, right: Image) -> Result<[Input; 2]> {
     Ok(inputs)
 }
 
-/// Both images, and the disparities if they are given.
-fn read_pair(left: Image, right: Image, disparities: Option<Range<i64>>) -> Result<(Pair, Facts)> {
-    // The pair needs some range until its own is estimated.
-    let Range { start, end } = disparities.clone().unwrap_or(0..1);
-    let count = end.saturating_sub(start);
-    let pair = Pair::of_any([left.into_input(), right.into_input()], start, count)?;
-    let candidates = disparities.map(|_| Fact::given(pair.candidates()));
+/// Both images, and the disparities and the axis if they are given.
+fn read_pair(
+    [left, right]: [Image; 2],
+    disparities: Option<Range<i64>>,
+    axis: Option<Direction>,
+) -> Result<(Pair, Facts)> {
+    // The pair needs some range until its own is estimated, or until it is turned.
+    let pair = Pair::of_any([left.into_input(), right.into_input()], 0, 1)?;
+    let (rows, cols) = pair.size();
+    let length = if axis == Some(Direction::Columns) { rows } else { cols };
+    let given = disparities
+        .map(|Range { start, end }| Candidates::new(start, end.saturating_sub(start), length));
 
-    Ok((pair, Facts { candidates, ..Facts::default() }))
+    let candidates = given.transpose()?;
+    let axis = axis.map(Fact::given);
+    Ok((pair, Facts { axis, candidates: candidates.map(Fact::given), ..Facts::default() }))
 }

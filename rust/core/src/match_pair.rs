@@ -1,19 +1,22 @@
 //! A whole match: what is not known of a pair is estimated, the pair is made ready by that, matched, and decided over scales.
 //!
 //! ```text
+//! if things move along columns by their distance, as is known:  turn the pair
 //! estimates = what is not known of the pair                        # crate::estimation
+//! if things move along columns, as the images show: turn the pair, and begin again  # rectification::axis
 //! if its rows are too far off to be aligned, and its images show the cameras:
 //!     pair, estimates = the rectified pair, and those of it        # crate::rectification::raw_pair
 //! map = match(pair, made ready by its estimates)                   # crate::scales, phasestereo_match::matcher
-//! if the pair was rectified: map in the pixels of the raw left image
+//! if the pair was rectified: map in the pixels of the raw left image;  if it was turned: turned back
 //! ```
 
 use std::sync::Arc;
 
-use crate::estimation::facts::Facts;
-use crate::estimation::{Prepared, complete, prepare};
+use crate::estimation::facts::{Direction, Fact, Facts, SUFFICIENT, evidence};
+use crate::estimation::{Estimates, Prepared, complete, prepare};
 use crate::findings;
-use crate::rectification::raw_pair::{Attempt, rectify_if_needed};
+use crate::rectification::axis::Axis;
+use crate::rectification::raw_pair::{Attempt, INDEPENDENT, rectify_if_needed};
 use crate::rectification::{Raw, Refusal, warp};
 use crate::scales::match_over_scales;
 use phasestereo_match::base::control::Control;
@@ -23,6 +26,7 @@ use phasestereo_match::matcher::Disparity;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::matcher::summary::Summary;
 use phasestereo_match::pair::Pair;
+use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::settings::Settings;
 
 /// Matches a pair of which some facts are known.
@@ -32,7 +36,27 @@ pub fn match_pair(
     settings: &Settings,
     runtime: Runtime,
 ) -> Result<Matched> {
+    Ok(match_as_turned(pair, facts, settings, runtime)?.turned_back())
+}
+
+/// The same, with the map as the pair was matched: turned, if things move along its columns.
+pub fn match_as_turned(
+    pair: Pair,
+    facts: &Facts,
+    settings: &Settings,
+    runtime: Runtime,
+) -> Result<Matched> {
     made_ready(pair, facts, settings, runtime)?.matched(settings, runtime)
+}
+
+/// The pair turned so that rows are searched along which things move, if they are known to move along its
+/// columns; and what is known of it. Disparities that are given are checked against the columns.
+pub fn turned(pair: Pair, facts: &Facts) -> Result<Pair> {
+    if !facts.turns() || pair.is_turned() {
+        return Ok(pair);
+    }
+    let known = facts.searched().map_or((0, 1), |all| (all.min() as i64, all.count() as i64));
+    pair.turned(known.0, known.1)
 }
 
 /// A pair that is ready to be matched.
@@ -61,9 +85,15 @@ pub fn made_ready(
     settings: &Settings,
     runtime: Runtime,
 ) -> Result<Ready> {
+    let pair = turned(pair, facts)?;
     let (pair, estimates) = complete(pair, facts, settings, runtime)?;
     let even_rows = estimates.even_rows;
     let attempt = rectify_if_needed(&pair, &estimates, facts, settings, runtime)?;
+    if let Attempt::Refused(Refusal::Axis(axis)) = attempt
+        && let Some(ready) = along_columns(&pair, &estimates, axis, facts, settings, runtime)?
+    {
+        return Ok(ready);
+    }
     let (pair, mut estimates, facts, raw, refusal) = match attempt {
         Attempt::None => (pair, estimates, facts.clone(), None, None),
         Attempt::Refused(refusal) => (pair, estimates, facts.clone(), None, Some(refusal)),
@@ -75,12 +105,44 @@ pub fn made_ready(
         estimates.alignment = None;
     }
     estimates = findings::with_findings(estimates, &pair, settings);
-    let refused = refusal.and_then(|refusal| findings::not_rectified(&estimates, &refusal));
+    let refused =
+        refusal.and_then(|refusal| findings::not_rectified(&estimates, pair.is_turned(), &refusal));
     estimates.findings.extend(refused);
     estimates.findings.extend(raw.iter().map(|raw| findings::rectified(&raw.rectification)));
 
     let prepared = prepare(pair, estimates, &facts, settings, runtime)?;
     Ok(Ready { prepared, raw, even_rows })
+}
+
+/// Makes a pair ready to be matched along its columns; `None`: whether things move along rows or columns is
+/// known, or columns correspond no better than rows.
+fn along_columns(
+    pair: &Pair,
+    before: &Estimates,
+    axis: Axis,
+    facts: &Facts,
+    settings: &Settings,
+    runtime: Runtime,
+) -> Result<Option<Ready>> {
+    // Lines or a pattern that were repaired along rows cannot be repaired along columns.
+    let is_as_it_came = before.even_rows == [false; 2] && before.shared_pattern.is_none();
+    let fits = facts.searched().is_none_or(|all| {
+        Candidates::new(all.min() as i64, all.count() as i64, pair.size().0).is_ok()
+    });
+    if facts.axis.is_some() || !axis.is_along_columns() || !is_as_it_came || !fits {
+        return Ok(None);
+    }
+
+    let facts = Facts { axis: Some(Fact::estimated(Direction::Columns)), ..facts.clone() };
+    let mut ready = made_ready(pair.clone(), &facts, settings, runtime)?;
+    let estimates = &mut ready.prepared.estimates;
+    if evidence(before.rows_apart, estimates.rows_apart, 0, INDEPENDENT) < SUFFICIENT {
+        return Ok(None);
+    }
+    estimates.time += before.time;
+    estimates.findings.push(findings::along_columns(axis));
+    runtime.control.expect_rows(ready.prepared.pair.size().0);
+    Ok(Some(ready))
 }
 
 /// What became of a pair that was rectified for its match.
@@ -98,7 +160,7 @@ pub struct Rectified {
 /// A pair that was prepared and matched.
 #[derive(Debug)]
 pub struct Matched {
-    /// The map, in pixels of the left image as it came.
+    /// The map, in pixels of the left image as it came, or as it was turned.
     pub map: Disparity,
     /// The pair as it was matched: that of the rectified images, if it was rectified.
     pub prepared: Prepared,
@@ -130,6 +192,15 @@ impl Matched {
     /// The map as it was matched: that of the rectified images, if the pair was rectified.
     pub fn own(&self) -> &Disparity {
         self.rectified.as_ref().map_or(&self.map, |rectified| &rectified.map)
+    }
+
+    /// The same with the map in the pixels of the images as they came, if these were turned. What became of a
+    /// pair that was rectified stays that of the turned pair.
+    pub fn turned_back(self) -> Self {
+        if !self.prepared.pair.is_turned() {
+            return self;
+        }
+        Self { map: self.map.turned_back(), ..self }
     }
 
     /// Shares of the pixels of the map as it was matched.

@@ -219,18 +219,10 @@ pub fn rectify(
     let (rows, cols) = (pairs[0][0].rows(), pairs[0][0].cols());
     let factor = least * cols.div_ceil(MOST_COLUMNS).max(1);
     let size = (rows / factor, cols / factor);
-    let smaller = |image: &Plane<f32>| -> Result<Plane<f32>> {
-        let image = filters::stretched(image);
-        if factor == 1 {
-            Ok(image)
-        } else {
-            filters::reduced(&filters::cropped(&image, factor)?, size)
-        }
-    };
 
     let mut reduced = Vec::with_capacity(pairs.len());
     for [left, right] in pairs {
-        reduced.push([smaller(left)?, smaller(right)?]);
+        reduced.push([smaller(left, factor)?, smaller(right, factor)?]);
     }
     let found = rectify_small(&reduced, negative, level, control)?;
     Ok(found.map(|found| found.enlarged(factor, size)).map_err(|refusal| match refusal {
@@ -238,6 +230,37 @@ pub fn rectify(
         Refusal::Uncertain(error) => Refusal::Uncertain(error * factor as f64),
         other => other,
     }))
+}
+
+/// The axis along which things move in a pair of gray images by their distance; `None`: they do not show it.
+pub fn shown_axis([left, right]: &Grays, level: Level, control: &Control) -> Result<Option<Axis>> {
+    let factor = left.cols().div_ceil(MOST_COLUMNS).max(1);
+    let pair = [smaller(left, factor)?, smaller(right, factor)?];
+    let (size, [left, right]) =
+        ((pair[0].rows(), pair[0].cols()), features(&pair, level, control)?);
+    let codes = [left.codes(0.0), right.codes(0.0)];
+    let found = matches::matched([&left, &right], [&codes[0], &codes[1]], size.1, level);
+    Ok(axis::axis(&found, size))
+}
+
+/// A gray image reduced by a factor.
+fn smaller(image: &Plane<f32>, factor: usize) -> Result<Plane<f32>> {
+    let image = filters::stretched(image);
+    if factor == 1 {
+        return Ok(image);
+    }
+    let size = (image.rows() / factor, image.cols() / factor);
+    filters::reduced(&filters::cropped(&image, factor)?, size)
+}
+
+/// The corners of both images.
+fn features(pair: &[Plane<f32>; 2], level: Level, control: &Control) -> Result<[Features; 2]> {
+    let of_side = |side: usize| {
+        control.checkpoint()?;
+        Features::new(&pair[side], level)
+    };
+    let (left, right) = rayon::join(|| of_side(0), || of_side(1));
+    Ok([left?, right?])
 }
 
 fn rectify_small(
@@ -248,10 +271,10 @@ fn rectify_small(
 ) -> Result<std::result::Result<Rectification, Refusal>> {
     let size = (pairs[0][0].rows(), pairs[0][0].cols());
     let (mut views, mut agreeing, mut refusal) = (vec![], vec![], None);
-    for [left, right] in pairs {
-        match matched([left, right], level, control)? {
+    for pair in pairs {
+        match matched(pair, level, control)? {
             Ok((matches, agree)) => {
-                views.push(Views { pair: [left, right], matches });
+                views.push(Views { pair: pair.each_ref(), matches });
                 agreeing.extend(agree);
             }
             Err(why) => refusal = refusal.or(Some(why)),
@@ -305,17 +328,12 @@ type Agreement = (Vec<Match>, Vec<bool>);
 
 /// Matches the corners of a pair, if enough of them agree.
 fn matched(
-    pair: [&Plane<f32>; 2],
+    pair: &[Plane<f32>; 2],
     level: Level,
     control: &Control,
 ) -> Result<std::result::Result<Agreement, Refusal>> {
     let cols = pair[0].cols();
-    let features = |side: usize| {
-        control.checkpoint()?;
-        Features::new(pair[side], level)
-    };
-    let (left, right) = rayon::join(|| features(0), || features(1));
-    let (left, right) = (left?, right?);
+    let [left, right] = features(pair, level, control)?;
     let corners = [left.places.len(), right.places.len()];
     if corners.iter().any(|count| *count < LEAST_CORNERS) {
         return Ok(Err(Refusal::Corners(corners)));

@@ -75,6 +75,19 @@ pub struct Disparity {
     pub timings: Timings,
 }
 
+impl Disparity {
+    /// The map of a turned pair, turned back.
+    pub fn turned_back(self) -> Self {
+        Self {
+            disparity: self.disparity.turned_back(),
+            flags: self.flags.turned_back(),
+            confidence: self.confidence.as_ref().map(Plane::turned_back),
+            uncertainty: self.uncertainty.as_ref().map(Plane::turned_back),
+            ..self
+        }
+    }
+}
+
 /// Wall-clock time of each stage.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 #[non_exhaustive]

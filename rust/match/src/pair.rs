@@ -36,6 +36,7 @@ pub struct Pair {
     compensation: Option<BlurCompensation>,
     fit: Option<Fit>,
     borders: [f64; 2],
+    is_turned: bool,
 }
 
 /// The images of a pair, straightened and repaired.
@@ -63,7 +64,15 @@ impl Pair {
         check_sizes(left.size(), right.size())?;
 
         let candidates = Candidates::new(min_disparity, num_disparities, left.size().1)?;
-        Ok(Self { left, right, candidates, compensation: None, fit: None, borders: [0.0; 2] })
+        Ok(Self {
+            left,
+            right,
+            candidates,
+            compensation: None,
+            fit: None,
+            borders: [0.0; 2],
+            is_turned: false,
+        })
     }
 
     /// A pair of images of one size and type, with valid pixels.
@@ -161,6 +170,14 @@ impl Pair {
         Self { right: self.right.inverted(), ..self.clone() }
     }
 
+    /// The pair turned by a quarter, counterclockwise, to search these disparities along what were columns:
+    /// pixel (x, y) of the left image is (x, y - d) of the right one.
+    pub fn turned(&self, min_disparity: i64, num_disparities: i64) -> Result<Self> {
+        let candidates = Candidates::new(min_disparity, num_disparities, self.size().0)?;
+        let (left, right) = (self.left.turned(), self.right.turned());
+        Ok(Self { left, right, candidates, compensation: None, is_turned: true, ..*self })
+    }
+
     /// The pair with the right image resampled so that its rows correspond to those of the left one.
     pub fn straightened(
         &self,
@@ -194,6 +211,11 @@ impl Pair {
     /// The disparities to search.
     pub fn candidates(&self) -> Candidates {
         self.candidates
+    }
+
+    /// Whether rows and columns are exchanged, so that rows are searched that were columns.
+    pub fn is_turned(&self) -> bool {
+        self.is_turned
     }
 
     /// How blur is compensated before pixels are compared; `None`: not at all.

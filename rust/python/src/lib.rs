@@ -200,13 +200,17 @@ fn match_pair<'py>(
     temporal: Option<PyRef<'py, TemporalFilter>>,
     rig: Option<PyRef<'py, Rig>>,
     reestimate: u64,
+    vertical: Option<bool>,
 ) -> Result<Object<'py>> {
     let asked = read_settings(&settings)?;
     let search = read_search(&disparities)?;
-    let pair = read_any_images(&images, &masks, search)?;
-    let size = pair.size();
+    // Disparities along columns are checked against these.
+    let is_turned = vertical == Some(true);
+    let pair = read_any_images(&images, &masks, search.filter(|_| !is_turned))?;
+    let (rows, cols) = pair.size();
+    let size = if is_turned { (cols, rows) } else { (rows, cols) };
 
-    let told = read_known(&known, size, search)?;
+    let told = read_known(&known, size, search, vertical)?;
 
     let pool = Pool::for_argument(threads)?;
     let turns = (
@@ -224,9 +228,9 @@ fn match_pair<'py>(
     turns.1.zip(filter).map(|(turn, filter)| turn.replace(filter));
 
     let Frame { matched: whole, summary, is_reused, support } = frame?;
-    let internals::match_pair::Matched { map, prepared: Prepared { estimates, .. }, rectified } =
-        whole;
-    let findings = findings::of_match(&estimates, &summary, size);
+    let internals::match_pair::Matched { map, prepared, rectified } = whole;
+    let Prepared { pair, estimates, .. } = prepared;
+    let findings = findings::of_match(&estimates, &summary, pair.size());
     let matched = Matched { map, summary, estimates, support, findings, rectified };
 
     let asked = Asked { settings, known, is_searched: search.is_some(), is_reused };
@@ -276,7 +280,7 @@ fn estimate_pair<'py>(
     let pair = read_any_images(&images, &masks, search)?;
 
     let known = py.None().into_bound(py);
-    let told = read_known(&known, pair.size(), search)?;
+    let told = read_known(&known, pair.size(), search, None)?;
 
     let (pool, rows) = (Pool::for_argument(threads)?, pair.size().0);
     let estimates = supervised(py, &pool, rows, None, move |runtime| {
@@ -304,7 +308,7 @@ fn estimate_pair_by_rows<'py>(
 ) -> Result<Object<'py>> {
     let asked = read_settings(&settings)?;
     let search = read_search(&disparities)?;
-    let told = read_known(&known, size, search)?;
+    let told = read_known(&known, size, search, None)?;
     let reader = Reader::new(read, size, search, scale)?;
 
     let pool = Pool::for_argument(threads)?;

@@ -88,6 +88,7 @@ pub fn result<'py>(py: Python<'py>, found: Matched, asked: &Asked<'py>) -> Resul
     let Matched { map, summary, estimates, support, findings, rectified } = found;
 
     let fields = map_fields(py, map, estimates.time)?;
+    fields.set_item("vertical", estimates.is_vertical())?;
     let timings = fields.as_any().get_item("timings")?;
     fields.update(estimated(py, estimates, asked)?.cast::<PyMapping>().map_err(PyErr::from)?)?;
 

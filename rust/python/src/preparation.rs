@@ -82,7 +82,7 @@ pub fn prepare_pair<'py>(
     let search = read_search(&disparities)?;
     let inputs = read_inputs(&images, &masks)?;
     let size = inputs[0].size();
-    let told = read_known(&known, size, search)?;
+    let told = read_known(&known, size, search, None)?;
 
     let pool = Pool::for_argument(threads)?;
     let made = supervised(py, &pool, size.0, None, move |runtime| {

@@ -39,7 +39,7 @@ pub fn supervised<T: Send + 'static>(
             return Ok(());
         };
 
-        progress.call1(py, (control.rows_done(), rows))?;
+        progress.call1(py, (control.rows_done(), control.rows_expected().unwrap_or(rows)))?;
         Ok(())
     };
 

@@ -36,7 +36,7 @@ pub fn verify_map<'py>(
     let (rows, cols) = pair.size();
 
     let asked = read_settings(&settings)?;
-    let told = read_known(&known, (rows, cols), None)?;
+    let told = read_known(&known, (rows, cols), None, None)?;
 
     let pool = Pool::for_argument(threads)?;
     let (judged, summary) = supervised(py, &pool, rows, progress, move |means| {

@@ -69,6 +69,7 @@ def live(
     cameras: Annotated[tuple[int, ...], _MORE] = (),
     layout: Annotated[Layout | None, Parameter(group=_SOURCE)] = None,
     rectify: Annotated[tuple[str, ...], Parameter(group=_SOURCE, show_default=False)] = (),
+    vertical: Annotated[bool | None, Parameter(group=_SOURCE, show_default=False)] = None,
     start: Annotated[int, Parameter(group=_SOURCE, validator=NOT_NEGATIVE)] = 0,
     stop: Annotated[int | None, Parameter(group=_SOURCE, validator=NOT_NEGATIVE)] = None,
     every: Annotated[int, Parameter(group=_SOURCE, validator=AT_LEAST_ONE)] = 1,
@@ -119,6 +120,9 @@ def live(
     rectify
         Rectify the frames first: by a calibration or a saved rectification (twice for the files of
         both cameras), or auto, by what the first frame shows. Needs the extra ``rectify``.
+    vertical
+        The right camera is below the left one. A calibration says so by itself, and so do frames
+        that show it clearly, unless --no-vertical.
     start
         Number of the first frame to match.
     stop
@@ -173,6 +177,7 @@ def live(
         "left_mask": masks[0],
         "right_mask": masks[1],
         "known": known,
+        "vertical": vertical,
         "on_error": tally.fail,
         "patience": None if shown else PATIENCE,  # who looks plugs it in again
     }

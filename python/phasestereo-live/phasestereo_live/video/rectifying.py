@@ -48,19 +48,15 @@ class Rectifier:
         Raises
         ------
         TypeError, ValueError
-            As `rectify`; ValueError also for cameras one above the other.
+            As `rectify`.
         """
         if self._found is not None:
             return self._found.apply(left, right)
 
         left_mask, right_mask = self._masks
-        made = rectify(left, right, self._calibration, left_mask=left_mask, right_mask=right_mask)
-        if made.vertical:
-            raise ValueError(
-                "rectify: got cameras one above the other; accepts cameras side by side"
-            )
-
-        self._found = made
+        self._found = rectify(
+            left, right, self._calibration, left_mask=left_mask, right_mask=right_mask
+        )
         return self._found.left, self._found.right
 
     @property
@@ -72,6 +68,11 @@ class Rectifier:
     def q(self) -> Matrix | None:
         """OpenCV's matrix Q of the pairs that were rectified, if it is known."""
         return None if self._found is None else self._found.Q
+
+    @property
+    def vertical(self) -> bool | None:
+        """Whether the right camera is below the left one; None: nothing was rectified yet."""
+        return None if self._found is None else self._found.vertical
 
     @property
     def masks(self) -> dict[str, Any]:

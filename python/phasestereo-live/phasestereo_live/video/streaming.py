@@ -119,6 +119,7 @@ def stream(
     left_mask: ArrayLike | None = None,
     right_mask: ArrayLike | None = None,
     known: Known | None = None,
+    vertical: bool | None = None,
     **overrides: Unpack[SettingsOverrides],
 ) -> Stream:
     """Match every frame of a video, a folder of images, or a pair of cameras.
@@ -168,6 +169,9 @@ def stream(
         As `match` takes them; masks hold for every frame.
     known
         What is known of every frame.
+    vertical
+        Whether the right camera is below the left one, as `match` takes it. None: it is where the
+        first frames show it clearly, or the calibration says so.
 
     Returns
     -------
@@ -227,8 +231,10 @@ def stream(
         reestimate=reestimate,
         **overrides,
     )
+    if vertical is not None and not isinstance(vertical, bool):
+        raise TypeError(f"vertical: got {vertical!r:.80}; accepts True, False or None")
     masks = {"left_mask": left_mask, "right_mask": right_mask}
-    given = _Given(rig.settings, min_disparity, num_disparities, masks, as_known(known))
+    given = _Given(rig.settings, min_disparity, num_disparities, masks, as_known(known), vertical)
 
     # Wrong arguments are refused before any source is opened.
     _try(given, width=None)
@@ -258,6 +264,7 @@ class _Given:
     num_disparities: int | None
     masks: Mapping[str, ArrayLike | None]
     known: Known
+    vertical: bool | None
 
 
 class Stream(Iterator[Frame], Closing):
@@ -423,7 +430,7 @@ class _Work:
             return
 
         size = images[0].shape
-        _try(self._given, width=size[1])
+        _try(self._given, width=size[0 if self._given.vertical else 1])
         self._width = size[1]
 
         for name in ("left_mask", "right_mask"):
@@ -448,13 +455,17 @@ class _Work:
             raise images
 
         left, right = images
-        masks = self._given.masks if self.rectifier is None else self.rectifier.masks
+        masks, vertical = self._given.masks, self._given.vertical
+        if self.rectifier is not None:
+            masks = self.rectifier.masks
+            vertical = self.rectifier.vertical if vertical is None else vertical
         result = self.rig.match(
             left,
             right,
             **masks,
             known=self._given.known,
             temporal_filter=self._temporal_filter,
+            vertical=vertical,
         )
 
         images = _squeezed(left), _squeezed(right)

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::compensation_plan::CompensationPlan;
-use super::facts::Fact;
+use super::facts::{Direction, Fact};
 use super::overview::Seen;
 use super::range::{LeftOut, SearchRange};
 use super::rows::RowOffsets;
@@ -19,6 +19,9 @@ use phasestereo_match::pair::candidates::Candidates;
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct Estimates {
+    /// Along what things move by their distance, if that was given or found; `None`: along rows, as far as is
+    /// known. All else that is estimated is of the turned images, where it is along columns.
+    pub axis: Option<Fact<Direction>>,
     /// The disparities to search.
     pub candidates: Fact<Candidates>,
     /// Mean confidence of the rough match of the reduced images, if there was one: over the known disparities, unless these match
@@ -69,6 +72,11 @@ impl Estimates {
     /// Whether the right image is straightened, since its rows do not correspond to those of the left one.
     pub fn is_straightened(&self) -> bool {
         self.alignment.is_some()
+    }
+
+    /// Whether the pair was matched along its columns.
+    pub fn is_vertical(&self) -> bool {
+        self.axis.as_ref().is_some_and(|axis| axis.value == Direction::Columns)
     }
 
     /// Whether rows sway.

@@ -58,9 +58,21 @@ impl Rows {
     }
 }
 
+/// Along what things move from one image to the other by their distance.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Direction {
+    /// Along rows: the cameras are beside each other.
+    Rows,
+    /// Along columns: the right camera is below the left one.
+    Columns,
+}
+
 /// What is known of a pair.
 #[derive(Debug, Clone, Default)]
 pub struct Facts {
+    /// Along what things move by their distance; `None`: along rows, unless the images show clearly that it
+    /// is along columns. A pair that moves along columns is turned before it is looked at ([`Facts::turns`]).
+    pub axis: Option<Fact<Direction>>,
     /// The disparities to search.
     pub candidates: Option<Fact<Candidates>>,
     /// Standard deviations of the noise, left and right.
@@ -107,6 +119,11 @@ impl Facts {
             Rows::Known(known) => Some(&known.value),
             Rows::Unknown | Rows::Wanted => None,
         }
+    }
+
+    /// Whether pairs are to be turned: things move along their columns.
+    pub fn turns(&self) -> bool {
+        self.axis.as_ref().is_some_and(|axis| axis.value == Direction::Columns)
     }
 
     /// Whether something is known of the images that would not hold once they are resampled.

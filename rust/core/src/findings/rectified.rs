@@ -6,6 +6,7 @@ use super::table::{Measured, Row, evaluated, table, value, when};
 use crate::estimation::estimates::Estimates;
 use crate::estimation::rows::DISTORTED;
 use crate::finding::{Finding, Severity, Topic};
+use crate::rectification::axis::Axis;
 use crate::rectification::{Rectification, Refusal};
 use phasestereo_match::pair::fitting::Fit;
 
@@ -68,10 +69,24 @@ pub fn rectification(found: &Rectification) -> Vec<String> {
     sentences(FOUND, found)
 }
 
+/// That a pair was matched along its columns, since one camera is above the other.
+pub fn along_columns(axis: Axis) -> Finding {
+    let sentence = format!(
+        "one camera is above the other: {}: columns are matched, and pixel (x, y) of the left image is \
+         (x, y - d) of the right one; vertical=False matches rows",
+        Refusal::Axis(axis)
+    );
+    Finding::note(Topic::Alignment, sentence)
+}
+
 /// That one camera is above the other, or, of a pair that hardly matches, why it could not be rectified by what it shows.
-pub fn not_rectified(estimates: &Estimates, refusal: &Refusal) -> Option<Finding> {
+/// `is_turned`: it was to be matched along its columns.
+pub fn not_rectified(estimates: &Estimates, is_turned: bool, refusal: &Refusal) -> Option<Finding> {
     if let Refusal::Axis(axis) = refusal {
-        let (seem, remedy) = if axis.is_along_columns() {
+        let axis = if is_turned { axis.turned_back() } else { *axis };
+        let (seem, remedy) = if axis.is_along_rows() {
+            ("the cameras seem to be beside each other", "match with vertical=False")
+        } else if axis.is_along_columns() {
             (
                 "one camera seems to be above the other",
                 "match with vertical=True, the upper image first",
@@ -82,7 +97,7 @@ pub fn not_rectified(estimates: &Estimates, refusal: &Refusal) -> Option<Finding
                 "rectify the pair by a calibration",
             )
         };
-        let sentence = format!("{seem}: {refusal}: {remedy}");
+        let sentence = format!("{seem}: {}: {remedy}", Refusal::Axis(axis));
         return Some(Finding {
             cause: OTHER_AXIS,
             ..Finding::new(Topic::Alignment, Severity::Warning, sentence)

@@ -1,6 +1,6 @@
 //! Images as callers have them: slices of pixels.
 
-use ndarray::Array3;
+use ndarray::{Array3, Axis};
 
 use phasestereo_match::base::error::{Error, Result};
 use phasestereo_match::base::plane::{Plane, zeroed};
@@ -103,6 +103,22 @@ impl Image {
         self
     }
 
+    /// The image with its rows in the other order.
+    pub(crate) fn flipped(mut self) -> Self {
+        match &mut self.0.image {
+            pixels::Image::U8(pixels) => flip(pixels),
+            pixels::Image::U16(pixels) => flip(pixels),
+            pixels::Image::F32(pixels) => flip(pixels),
+            pixels::Image::F64(pixels) => flip(pixels),
+        }
+        let mask = self.0.mask.as_ref();
+        let rows = self.0.size().0;
+        let flipped =
+            mask.map(|mask| Plane::from_fn(rows, mask.cols(), |y, x| mask.row(rows - 1 - y)[x]));
+        self.0.mask = flipped;
+        self
+    }
+
     pub(crate) fn into_input(self) -> Input {
         self.0
     }
@@ -121,6 +137,11 @@ fn mirror<T: Clone>(pixels: &mut Array3<T>) {
         row.reverse();
         row.chunks_exact_mut(channels).for_each(<[T]>::reverse);
     }
+}
+
+fn flip<T: Clone>(pixels: &mut Array3<T>) {
+    pixels.invert_axis(Axis(0));
+    *pixels = pixels.as_standard_layout().into_owned();
 }
 
 #[cfg(test)]

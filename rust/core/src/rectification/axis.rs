@@ -42,6 +42,12 @@ pub struct Axis {
 }
 
 impl Axis {
+    /// The axis in the images that were turned by a quarter, counterclockwise, to those that show it.
+    pub fn turned_back(self) -> Self {
+        let angle = self.angle + 90.0;
+        Self { angle: if angle > 90.0 { angle - 180.0 } else { angle }, ..self }
+    }
+
     /// Whether one camera is beside the other, as far as the axis shows it.
     pub fn is_along_rows(self) -> bool {
         self.angle.abs() <= ALONG

@@ -10,6 +10,8 @@
 //!         or if these match much better
 //! ```
 //!
+//! Where rows are not tried but are off, the axis alone is looked at ([`super::axis`]).
+//!
 //! All of it is in pixels of the images: what copies of a large image say of its rows depends on their size.
 //!
 //! A pair that is hard to match for other reasons, as noise or blur, would only be resampled once more. Blocks that were followed
@@ -18,7 +20,7 @@
 use std::sync::Arc;
 
 use super::cameras::NUMBERS;
-use super::{Grays, Negative, Raw, Rectification, Refusal, gray, rectify, warp};
+use super::{Grays, Negative, Raw, Rectification, Refusal, gray, rectify, shown_axis, warp};
 use crate::estimation::facts::{Facts, SUFFICIENT, evidence};
 use crate::estimation::{Estimates, complete};
 use phasestereo_match::base::control::Control;
@@ -34,13 +36,16 @@ use phasestereo_match::settings::Settings;
 /// Rows that stay farther apart by the best field of offsets, pixels, may be those of raw cameras. None of 12 aligned scenes is
 /// rectified then: sharp, with rows off by 1 px, with noise of 20 gray levels, or with both images out of focus.
 const TRIED: f64 = 0.4;
+/// From this offset of rows on, rms in pixels, the axis is looked at. Not swept; rows of aligned scenes are
+/// off by .4 px at most.
+const OFF: f64 = 1.0;
 /// Rows of raw images that differ by less, rms in pixels, are left to be aligned.
 const LEAST_ROWS: f64 = 0.5;
 /// The rows of blocks differ by this multiple of what the cameras leave, at least. Not swept.
 const LEAST_RATIO: f64 = 3.0;
 /// Blocks overlap and share their errors: of 60 to 2000, this number counts as independent. Not swept; with it, cameras have to
 /// leave less than .69 of what the field leaves.
-const INDEPENDENT: usize = 60;
+pub const INDEPENDENT: usize = 60;
 /// By how much the mean confidence of small copies may fall once the pair is rectified: they hardly see distortion. Not swept.
 const LARGEST_FALL: f64 = 0.02;
 /// A rise of the mean confidence with which cameras need no evidence of rows. Not swept.
@@ -79,7 +84,7 @@ pub fn rectify_if_needed(
     let Some(confidence) = before.confidence else { return Ok(Attempt::None) };
     let is_distorted = is_distorted(before);
     let may_help = is_distorted || before.rows_apart >= TRIED && !correspond(before);
-    if !may_help || !can_be_tried(before, facts, settings) {
+    if !(may_help || is_off(before)) || !can_be_tried(before, facts, settings) {
         return Ok(Attempt::None);
     }
 
@@ -87,6 +92,12 @@ pub fn rectify_if_needed(
     let control = runtime.control;
     let [left, right] = pair.views();
     let grays = [gray(left, control)?, gray(right, control)?];
+    if !may_help {
+        // Rows of one distance can be straightened, although they are off because of it.
+        let shown = shown_axis(&grays, runtime.execution.level, control)?;
+        let clear = shown.filter(|axis| axis.is_along_columns());
+        return Ok(clear.map_or(Attempt::None, |axis| Attempt::Refused(Refusal::Axis(axis))));
+    }
     // Given disparities are not moved.
     let negative = if facts.candidates.is_none() { Negative::Moved } else { Negative::Kept };
     let rectification = match rectified_at_some_size(&grays, negative, runtime)? {
@@ -97,8 +108,12 @@ pub fn rectify_if_needed(
 
     let raw = Arc::new(Raw::new(rectification, pair.size()));
     let pair = resampled(pair, raw.places(control)?, control)?;
-    let facts =
-        Facts { candidates: facts.candidates.clone(), noise: facts.noise, ..Facts::default() };
+    let facts = Facts {
+        axis: facts.axis.clone(),
+        candidates: facts.candidates.clone(),
+        noise: facts.noise,
+        ..Facts::default()
+    };
     let (pair, mut estimates) = complete(pair, &facts, settings, runtime)?;
     let rise = estimates.confidence.map_or(f64::NEG_INFINITY, |after| after - confidence);
     let is_explained = explains(&raw.rectification, before.rows_apart, is_distorted);
@@ -132,6 +147,11 @@ fn explains(found: &Rectification, apart: f64, is_distorted: bool) -> bool {
     let more = NUMBERS.saturating_sub(TERMS);
     let is_better = is_distorted || evidence(apart, left, more, INDEPENDENT) >= SUFFICIENT;
     is_better && found.rows >= LEAST_RATIO * found.rms
+}
+
+/// Whether rows are off so far that the images may be those of cameras one above the other.
+fn is_off(estimates: &Estimates) -> bool {
+    estimates.offsets.as_ref().is_some_and(|found| found.field.rms() >= OFF)
 }
 
 /// Whether rows are bent as by lenses that distort.

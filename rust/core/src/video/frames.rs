@@ -23,14 +23,14 @@ use std::time::Duration;
 
 use crate::estimation::blur;
 use crate::estimation::blur::parts::Part;
-use crate::estimation::facts::{Fact, Facts, Rows};
+use crate::estimation::facts::{Direction, Fact, Facts, Rows};
 use crate::estimation::range;
 use crate::estimation::rows::RowOffsets;
 use crate::estimation::tracks::{AROUND, follow_here};
 use crate::estimation::{Estimates, Prepared, complete, prepare};
 use crate::finding::{Finding, Severity};
 use crate::findings;
-use crate::match_pair::{Matched, match_pair};
+use crate::match_pair::{Matched, match_as_turned, turned};
 use crate::rectification::Raw;
 use crate::rectification::raw_pair::resampled;
 use crate::scales::match_over_scales;
@@ -84,18 +84,26 @@ pub fn match_frame(
 ) -> Result<Frame> {
     // What fails half-way must leave nothing half learned.
     let mut next = rig.clone();
-    next.suit(pair.size(), options.settings);
     if let Some(sentence) = next.stopped.update(&pair) {
         next.events.push(Subject::Cameras, next.frames, sentence);
     }
+    let facts = &next.facts(options.facts);
+    let options = Options { facts, ..options };
+    let pair = turned(pair, facts)?;
+    next.suit(pair.size(), pair.is_turned(), options.settings);
 
     // Each frame by itself, if all is to be estimated of each.
-    let frame = match next.geometry.take().filter(|_| options.reestimate > 1) {
+    let mut frame = match next.geometry.take().filter(|_| options.reestimate > 1) {
         Some(geometry) => {
             Followed { rig: &mut next, pair: &pair, options, runtime }.frame(geometry, filter)?
         }
         None => next.begin(pair, options, filter, runtime)?,
     };
+
+    if frame.matched.prepared.pair.is_turned() {
+        frame.support = frame.support.map(|(frames, time)| (frames.turned_back(), time));
+    }
+    frame.matched = frame.matched.turned_back();
 
     next.frames += 1;
     *rig = next;
@@ -103,6 +111,16 @@ pub fn match_frame(
 }
 
 impl Rig {
+    /// What is known of a frame, with what the frames before have shown of the axis.
+    fn facts(&self, known: &Facts) -> Facts {
+        let of_geometry = |geometry: &Geometry| {
+            let axis = if geometry.is_turned { Direction::Columns } else { Direction::Rows };
+            Fact::remembered(axis)
+        };
+        let axis = known.axis.clone().or_else(|| self.geometry.as_ref().map(of_geometry));
+        Facts { axis, ..known.clone() }
+    }
+
     /// Matches a frame of which nothing is known, and learns how the cameras look if it is to be trusted.
     fn begin(
         &mut self,
@@ -111,8 +129,8 @@ impl Rig {
         filter: Option<&mut TemporalFilter>,
         runtime: Runtime,
     ) -> Result<Frame> {
-        let size = pair.size();
-        let mut matched = match_pair(pair, options.facts, options.settings, runtime)?;
+        let mut matched = match_as_turned(pair, options.facts, options.settings, runtime)?;
+        let size = matched.prepared.pair.size();
         let summary = matched.summary();
 
         let estimates = &matched.prepared.estimates;
@@ -121,6 +139,11 @@ impl Rig {
         let raw = matched.rectified.as_ref().map(|rectified| Arc::clone(&rectified.raw));
         // Cameras that rectify a pair count even where noise spoils its match.
         if is_trusted || raw.is_some() {
+            let is_found = options.facts.axis.is_none();
+            if is_found && matched.prepared.pair.is_turned() {
+                let sentence = "one camera is above the other: columns are matched from here on";
+                self.events.push(Subject::Cameras, self.frames, sentence);
+            }
             if let Some(raw) = &raw {
                 let rows = raw.rectification.rms;
                 let sentence =
@@ -515,7 +538,7 @@ impl<'a> Followed<'a, '_> {
     /// Estimates all anew, as of a first frame.
     fn whole_anew(&self) -> Result<(Geometry, FrameMatch)> {
         let pair = self.pair.clone();
-        let whole = match_pair(pair, &self.facts_anew(), self.options.settings, self.runtime)?;
+        let whole = match_as_turned(pair, &self.facts_anew(), self.options.settings, self.runtime)?;
 
         let summary = whole.summary();
         let Matched { map, prepared, rectified } = whole;

@@ -73,6 +73,9 @@ pub struct Appearance {
 /// How two cameras look.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Geometry {
+    /// Whether images are turned, since things move along their columns; all else is of the turned images.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub is_turned: bool,
     /// Rows and columns of an image.
     pub size: (usize, usize),
     /// Where raw images are rectified from, if they are.
@@ -94,6 +97,7 @@ impl Geometry {
     pub fn new(pair: &Pair, found: &Estimates, cameras: Option<Arc<Raw>>) -> Self {
         let size = pair.size();
         Self {
+            is_turned: pair.is_turned(),
             size,
             cameras,
             field: FieldFilter::new(size, found.offsets.as_ref()),
@@ -144,11 +148,16 @@ impl Geometry {
 }
 
 impl Rig {
-    /// Forgets how the cameras look if images have another size, and all estimates if the settings are others.
-    pub fn suit(&mut self, size: (usize, usize), settings: &Settings) {
-        if self.geometry.as_ref().is_some_and(|geometry| geometry.size != size) {
-            let (rows, cols) = size;
-            let sentence = format!("images are {cols} x {rows} from here on: all is learned anew");
+    /// Forgets how the cameras look if images have another size, or are turned and were not, and all
+    /// estimates if the settings are others.
+    pub fn suit(&mut self, size: (usize, usize), is_turned: bool, settings: &Settings) {
+        let is_other =
+            |geometry: &Geometry| geometry.size != size || geometry.is_turned != is_turned;
+        if self.geometry.as_ref().is_some_and(is_other) {
+            let (rows, cols) = if is_turned { (size.1, size.0) } else { size };
+            let along = if is_turned { ", matched along columns" } else { "" };
+            let sentence =
+                format!("images are {cols} x {rows}{along} from here on: all is learned anew");
             self.events.push(Subject::Cameras, self.frames, sentence);
             (self.geometry, self.appearance, self.health, self.sensors) = (None, None, None, None);
         }

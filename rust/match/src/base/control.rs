@@ -10,6 +10,7 @@ use crate::base::error::{Error, Result};
 pub struct Control {
     cancelled: Arc<AtomicBool>,
     rows_done: AtomicUsize,
+    rows_expected: AtomicUsize,
 }
 
 impl Control {
@@ -17,7 +18,7 @@ impl Control {
     /// its rows are counted apart.
     #[doc(hidden)]
     pub fn aside(&self) -> Self {
-        Self { cancelled: Arc::clone(&self.cancelled), rows_done: AtomicUsize::new(0) }
+        Self { cancelled: Arc::clone(&self.cancelled), ..Self::default() }
     }
 
     /// Asks every thread to stop at its next checkpoint.
@@ -35,6 +36,17 @@ impl Control {
     #[doc(hidden)]
     pub fn finish_rows(&self, rows: usize) {
         self.rows_done.fetch_add(rows, Ordering::Relaxed);
+    }
+
+    /// Says that the map will have this many rows: not those of the left image, since the pair was turned.
+    #[doc(hidden)]
+    pub fn expect_rows(&self, rows: usize) {
+        self.rows_expected.store(rows, Ordering::Relaxed);
+    }
+
+    /// The rows of the map of a pair that was turned; `None`: those of the left image.
+    pub fn rows_expected(&self) -> Option<usize> {
+        Some(self.rows_expected.load(Ordering::Relaxed)).filter(|rows| *rows > 0)
     }
 
     /// Number of finished rows of the disparity map.

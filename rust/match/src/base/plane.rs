@@ -43,6 +43,22 @@ impl<T> Plane<T> {
         Self { rows, cols, data: data.map(|(y, x)| value(y, x)).collect() }
     }
 
+    /// The plane turned by a quarter, counterclockwise: columns become rows, the last one the first row.
+    pub fn turned(&self) -> Self
+    where
+        T: Copy,
+    {
+        Self::from_fn(self.cols, self.rows, |y, x| self.row(x)[self.cols - 1 - y])
+    }
+
+    /// The plane turned by a quarter, clockwise: the inverse of [`Self::turned`].
+    pub fn turned_back(&self) -> Self
+    where
+        T: Copy,
+    {
+        Self::from_fn(self.cols, self.rows, |y, x| self.row(self.rows - 1 - x)[y])
+    }
+
     /// Number of rows.
     pub fn rows(&self) -> usize {
         self.rows

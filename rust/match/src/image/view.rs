@@ -62,6 +62,12 @@ impl View {
         Self::new(self.gray, mask, self.scale)
     }
 
+    /// The view turned by a quarter, counterclockwise. Masked pixels become values of their neighbors along
+    /// the new rows.
+    pub fn turned(&self) -> Self {
+        Self::new(self.gray.turned(), self.mask.as_ref().map(Plane::turned), self.scale)
+    }
+
     /// The negative: white becomes black.
     pub fn inverted(&self) -> Self {
         let mirror = self.scale.mirror();
