@@ -1,7 +1,7 @@
 //! Time of each stage alone, on one thread, in (pixel x candidate) or pixels a second.
 //!
-//! One group per stage, named as the files of `rust/match/src`; `cargo bench -- optimization` runs one of them. The times of the
-//! stages compare to the limits of the machine: `cargo bench -- machine`.
+//! One group per stage, named as the files of `rust/match/src`; `cargo bench -- optimization` runs one of
+//! them. The times of the stages compare to the limits of the machine: `cargo bench -- machine`.
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
@@ -122,8 +122,8 @@ struct SampleMap {
 impl SampleMap {
     const PIXELS: usize = ROWS * COLS;
 
-    /// Surfaces of 20 x 40 pixels, some with a gray value of their own; one pixel in sixteen is an outlier, one in ten
-    /// is occluded.
+    /// Surfaces of 20 x 40 pixels, some with a gray value of their own; one pixel in sixteen is an outlier,
+    /// one in ten is occluded.
     fn new() -> Self {
         let lots = noise(ROWS, COLS, |value| value);
         let surface = |y: usize, x: usize| (7 * (y / 20) + 5 * (x / 40)) % 11;
@@ -833,8 +833,8 @@ mod temporal {
     }
 }
 
-/// Limits of the machine, in the same units: a stage that takes `n` of these steps for an evaluation is hardly faster
-/// than an `n`th of this. (The first byte of a code is, since there is no sum to add it to.)
+/// Limits of the machine, in the same units: a stage that takes `n` of these steps for an evaluation is
+/// hardly faster than an `n`th of this. (The first byte of a code is, since there is no sum to add it to.)
 mod machine {
     use super::{At, Bencher, every, noise};
     use divan::counter::{BytesCount, ItemsCount};

@@ -159,7 +159,8 @@ impl Sums {
         self.sees(x, disparity).then(sum)
     }
 
-    /// The sum where every pixel of the window has a disparity of its own; matches outside the image are on its border.
+    /// The sum where every pixel of the window has a disparity of its own; matches outside the image are on
+    /// its border.
     fn along(&self, y: usize, x: usize, disparity: impl Fn(usize, usize) -> isize) -> u64 {
         self.window(y, x).map(|(y, x)| self.cost(y, x, disparity(y, x))).sum()
     }

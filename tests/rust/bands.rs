@@ -1,4 +1,5 @@
-//! Pairs matched in parts, with no more rows around them than their halo, give the bits of a match of the whole.
+//! Pairs matched in parts, with no more rows around them than their halo, give the bits of a match of the
+//! whole.
 
 use std::ops::Range;
 
@@ -384,7 +385,8 @@ fn tall_pairs_in_parts_are_the_whole() {
     }
 }
 
-/// Windows and neighborhoods of several sizes with every optimizer, without refinement and with what depends on more rows.
+/// Windows and neighborhoods of several sizes with every optimizer, without refinement and with what depends
+/// on more rows.
 fn settings_of_many_halos() -> Vec<(Settings, Option<BlurCompensation>)> {
     let alone = Optimizer::WinnerTakesAll;
     let phase = Settings { optimizer: alone, neighborhood: 3, window: 3, ..nothing() };
@@ -434,7 +436,8 @@ fn halos_are_as_small_as_possible() {
             let job = PartsJob::new(pair.compensated(known.clone()), settings.clone());
 
             let halo = job.halo();
-            // The last row of a band depends on the furthest row above, the first of the next one on the furthest below.
+            // The last row of a band depends on the furthest row above, the first of the next one on the
+            // furthest below.
             for (y, is_above) in [(2 * BAND - 1 + halo.map, true), (2 * BAND - halo.map, false)] {
                 let rows = y..y + 1;
                 let read = widened(&rows, halo.rows(), 280);
@@ -556,7 +559,8 @@ fn each_stage_adds_its_reach() {
         assert_eq!(halo(&settings, None).map, rows, "{settings:?}");
     }
 
-    // Of the image: half a neighborhood, half a window twice if it may shift, and for vertical paths a band with what it sees.
+    // Of the image: half a neighborhood, half a window twice if it may shift, and for vertical paths a band
+    // with what it sees.
     for (optimizer, rows) in [(Optimizer::WinnerTakesAll, 0), (Optimizer::SemiGlobal, 63 + 16)] {
         let settings = Settings { neighborhood: 9, window: 7, optimizer, ..nothing() };
         let [fixed, shiftable] = [false, true]
@@ -568,7 +572,8 @@ fn each_stage_adds_its_reach() {
 #[test]
 fn refinement_needs_its_halo_and_no_more() {
     for settings in settings_of_refinement() {
-        // The halo of several stages together is not always needed in full; those of speckles and of edges are tested below.
+        // The halo of several stages together is not always needed in full; those of speckles and of edges
+        // are tested below.
         let is_one = settings.speckle_size == 0 && !settings.guided_median;
         let halo = halo(&settings, None).map;
         let mut is_tight = halo == 0;

@@ -1,4 +1,5 @@
-//! Calibrated cameras are rectified as by OpenCV 5.0: `stereoRectify` and `initUndistortRectifyMap` gave these numbers.
+//! Calibrated cameras are rectified as by OpenCV 5.0: `stereoRectify` and `initUndistortRectifyMap` gave
+//! these numbers.
 
 use phasestereo::internals::rectification::calibration::Calibration;
 use phasestereo::internals::rectification::cameras::{Cameras, NUMBERS};

@@ -1,5 +1,5 @@
-//! Rows and ranges: what is injected is found and mended, the same at every level, for any threads, and of a pair that is
-//! read a few rows at a time.
+//! Rows and ranges: what is injected is found and mended, the same at every level, for any threads, and of a
+//! pair that is read a few rows at a time.
 
 use std::ops::Range;
 
@@ -392,7 +392,8 @@ fn a_part_is_straightened_as_the_whole() {
     let control = Control::default();
     let whole = straightened(&right, &exact, Level::best(), &control).expect("memory");
 
-    // Offsets of at most 9.7 and 1.7 rows, half of 8 taps, and what a masked tap and an impulse ask for: 8 rows and one.
+    // Offsets of at most 9.7 and 1.7 rows, half of 8 taps, and what a masked tap and an impulse ask for: 8
+    // rows and one.
     let halo = 12 + 4 + 8 + 1;
     assert_eq!(exact.halo(), halo);
 

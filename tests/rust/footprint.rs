@@ -1,4 +1,5 @@
-//! The memory model is held to what matches take, each in a process of its own: the system tells the most that was resident.
+//! The memory model is held to what matches take, each in a process of its own: the system tells the most
+//! that was resident.
 #![cfg(target_os = "linux")]
 
 use std::env;

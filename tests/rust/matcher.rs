@@ -1,4 +1,5 @@
-//! Whole matches: whatever the threads, integers and memory used before, they equal the chain of reference implementations.
+//! Whole matches: whatever the threads, integers and memory used before, they equal the chain of reference
+//! implementations.
 
 use std::io::Write;
 use std::sync::Arc;
@@ -29,7 +30,8 @@ use phasestereo_match::settings::{CostKind, Optimizer, Precision, Settings};
 use proptest::prelude::*;
 use proptest::sample::select;
 
-/// Limit on the work of the naive chain: pixels x candidates x places of the window, and likewise for the codes.
+/// Limit on the work of the naive chain: pixels x candidates x places of the window, and likewise for the
+/// codes.
 const AFFORDABLE: usize = 1 << 21;
 
 /// A pair and the settings to match it with.
@@ -119,8 +121,8 @@ fn executions() -> impl Strategy<Value = Execution> {
     (1usize..=8, select(levels())).prop_map(|(threads, level)| execution(threads, level))
 }
 
-/// Small pairs of any pixels, or pairs about as large as bands and panels: with few gray values, and so with many ties, or
-/// with many.
+/// Small pairs of any pixels, or pairs about as large as bands and panels: with few gray values, and so with
+/// many ties, or with many.
 fn pairs() -> impl Strategy<Value = Pair> {
     let small = (1usize..=14, 1usize..=14, 0u8..4)
         .prop_flat_map(|(rows, cols, kind)| [views(rows, cols, kind), views(rows, cols, kind)]);
@@ -282,7 +284,8 @@ fn penalties_from_none_to_the_largest() {
     }
 }
 
-/// A row of waves, the right one half a wave further: at disparity 0 all bits differ, at half a wave none does.
+/// A row of waves, the right one half a wave further: at disparity 0 all bits differ, at half a wave none
+/// does.
 fn waves(rows: usize, cols: usize, half: usize) -> [View; 2] {
     [0, half].map(|shift| {
         let wave = |x: usize| math::cos(std::f64::consts::PI * (x + shift) as f64 / half as f64);
@@ -290,8 +293,8 @@ fn waves(rows: usize, cols: usize, half: usize) -> [View; 2] {
     })
 }
 
-/// At the limits of bytes and of words, and one above: half of a penalty of 300 and 15 * (15 >> 1) = 105 are 255; 9 * 14 =
-/// 126 and 65 409 are 65 535.
+/// At the limits of bytes and of words, and one above: half of a penalty of 300 and 15 * (15 >> 1) = 105 are
+/// 255; 9 * 14 = 126 and 65 409 are 65 535.
 #[test]
 fn totals_about_the_largest_are_exact() {
     let codes = Settings { neighborhood: 3, frequencies: (1, 0), ..Preset::Paper.settings() };
@@ -543,7 +546,8 @@ fn compensated(job: MatchJob) -> MatchJob {
     MatchJob { pair: parts::compensated(job.pair, compensation), ..job }
 }
 
-/// Matches with about the default settings, of pairs large and tiny, with and without masks, in one version and in several.
+/// Matches with about the default settings, of pairs large and tiny, with and without masks, in one version
+/// and in several.
 fn robust_jobs() -> Vec<MatchJob> {
     let sizes = [(1, 1, 1), (1, 40, 7), (40, 1, 1), (33, 65, 1), (3, 4, 4), (50, 70, 9)];
     let pairs = sizes.into_iter().flat_map(|(rows, cols, count)| {

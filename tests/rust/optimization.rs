@@ -1,5 +1,6 @@
-//! Candidates chosen along paths, in order and pixel by pixel: lanes of narrow integers, band by band and panel by panel,
-//! against the reference implementations, which try every path, every origin and every candidate.
+//! Candidates chosen along paths, in order and pixel by pixel: lanes of narrow integers, band by band and
+//! panel by panel, against the reference implementations, which try every path, every origin and every
+//! candidate.
 
 use std::ops::Range;
 
@@ -229,7 +230,8 @@ impl Volume {
     }
 }
 
-/// Largest costs, and penalties from none to more than any cost; often the largest that fit in bytes or words.
+/// Largest costs, and penalties from none to more than any cost; often the largest that fit in bytes or
+/// words.
 fn scales() -> impl Strategy<Value = (u64, Penalties)> {
     let largest = select(vec![
         0,
@@ -381,8 +383,8 @@ fn sizes_around_every_border() {
     }
 }
 
-/// Costs of 0 or of the largest value, so that totals become as large as possible: up to the limits of bytes and of words,
-/// one above, and up to the largest costs with the largest penalties.
+/// Costs of 0 or of the largest value, so that totals become as large as possible: up to the limits of bytes
+/// and of words, one above, and up to the largest costs with the largest penalties.
 #[test]
 fn totals_up_to_the_largest_are_exact() {
     let mut workspaces = Workspaces::default();
@@ -422,7 +424,8 @@ fn the_last_of_the_most_candidates_can_be_chosen() {
         let last = candidates - 1;
         let penalties = Penalties { p1: 1, p2: 1 };
 
-        // Good candidates: the last for the first pixel, the last but one for the second, the first for the third.
+        // Good candidates: the last for the first pixel, the last but one for the second, the first for the
+        // third.
         let good = [last, last - 1, 0];
         let cost = |_, place| u32::from(place % candidates != good[place / candidates]) * 9;
         let costs = Plane::from_fn(1, 3 * candidates, cost);

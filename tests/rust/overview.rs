@@ -1,4 +1,5 @@
-//! Reduced copies of a pair, the range of disparities that they show, and the blocks that are found again in them.
+//! Reduced copies of a pair, the range of disparities that they show, and the blocks that are found again in
+//! them.
 
 use std::ops::Range;
 
@@ -186,7 +187,8 @@ fn blocks_are_found_where_nine_tenths_of_both_are_valid() {
     }
 }
 
-/// Copies of a scene whose left half is at one disparity and the right one at another, with an upright thing before it.
+/// Copies of a scene whose left half is at one disparity and the right one at another, with an upright thing
+/// before it.
 fn stage(halves: [usize; 2], thing: usize) -> Overview {
     let (rows, cols) = (112, 320);
     let mut planes = [0, 1].map(|_| Plane::from_fn(rows, cols, |_, _| 0.0));

@@ -129,7 +129,8 @@ fn naive_height([by_column, by_row, height]: Naive, (y, x): (f64, f64)) -> f64 {
     x * by_column + y * by_row + height
 }
 
-/// The plane that most samples are within 0.7 px of, fitted to them three times. A sample is column, row and disparity.
+/// The plane that most samples are within 0.7 px of, fitted to them three times. A sample is column, row and
+/// disparity.
 fn naive_fit(samples: &[[f64; 3]]) -> Option<Naive> {
     let near = |plane: Naive| {
         let is_near = move |s: &&[f64; 3]| (s[2] - naive_height(plane, (s[1], s[0]))).abs() < 0.7;
@@ -186,8 +187,8 @@ fn naive_fit(samples: &[[f64; 3]]) -> Option<Naive> {
     Some(plane)
 }
 
-/// Draws the plane of one area of a map into another one, and returns where; `None`: it has no plane. Faint pixels do not
-/// count.
+/// Draws the plane of one area of a map into another one, and returns where; `None`: it has no plane. Faint
+/// pixels do not count.
 fn naive_plane(
     (map, confidence): (&Disparity, &Plane<f32>),
     faint: Option<&Plane<bool>>,
@@ -287,7 +288,8 @@ fn naive_plane(
     Some(found)
 }
 
-/// The mean squares of 9 x 9 pixels of what is left without means of 7 x 7, in squares of sixteenths of a step.
+/// The mean squares of 9 x 9 pixels of what is left without means of 7 x 7, in squares of sixteenths of a
+/// step.
 fn naive_detail(gray: &Plane<i32>) -> Plane<f32> {
     let size = (gray.rows(), gray.cols());
     let rest = Plane::from_fn(size.0, size.1, |y, x| {
@@ -407,7 +409,8 @@ fn compared(pixels: &Plane<i32>, min: i64, map: &Disparity) -> [usize; 2] {
     [count, doubted]
 }
 
-/// The numbers of drawn and of doubted pixels of a random map, whose image has grain up to `least` where it is smooth.
+/// The numbers of drawn and of doubted pixels of a random map, whose image has grain up to `least` where it
+/// is smooth.
 fn compared_random(salt: u64, least: f32) -> [usize; 2] {
     let size = (50 + hash(salt, 0, 0) as usize % 60, 60 + hash(salt, 0, 1) as usize % 60);
     let of = |index: usize| random(salt, 1, index) - 0.5;

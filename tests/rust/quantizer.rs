@@ -12,7 +12,8 @@ fn kinds() -> impl Iterator<Item = (usize, usize)> {
     [1, 2].into_iter().flat_map(|power| (1..=4).map(move |bits| (power, bits)))
 }
 
-/// The Johnson code of a level: ones enter a word of half as many bits as levels at the low end, then zeros do.
+/// The Johnson code of a level: ones enter a word of half as many bits as levels at the low end, then zeros
+/// do.
 fn johnson(level: usize, bits: usize) -> u64 {
     let length = 1usize << (bits - 1);
     (0..length).map(|bit| u64::from((bit + 1..=bit + length).contains(&level)) << bit).sum()

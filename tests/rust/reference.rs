@@ -1,8 +1,9 @@
-//! The reference implementation of every stage: the same signature, written so that it can be checked by reading.
+//! The reference implementation of every stage: the same signature, written so that it can be checked by
+//! reading.
 //!
-//! Slow on purpose. The tests hold the fast stages to these, bit for bit. Every constant is written again here, and no
-//! function of the core is called but for the logarithm and the exponential, so that a change there is seen here. Of the
-//! basis of the descriptor, the oracle of the Python tests has its own.
+//! Slow on purpose. The tests hold the fast stages to these, bit for bit. Every constant is written again
+//! here, and no function of the core is called but for the logarithm and the exponential, so that a change
+//! there is seen here. Of the basis of the descriptor, the oracle of the Python tests has its own.
 
 use std::cmp::Reverse;
 use std::ops::Range;
@@ -57,8 +58,8 @@ fn mirrored(index: isize, length: usize) -> usize {
     }
 }
 
-/// Reference implementation of [`phasestereo_match::image::masking::fill_masked`]: for every masked pixel the whole row is searched, then, for
-/// rows without a valid pixel, the whole column of rows.
+/// Reference implementation of [`phasestereo_match::image::masking::fill_masked`]: for every masked pixel the
+/// whole row is searched, then, for rows without a valid pixel, the whole column of rows.
 pub fn fill_masked(plane: &Plane<i32>, mask: &Mask) -> Plane<i32> {
     let (rows, cols) = (plane.rows(), plane.cols());
     let is_seeded = |y: &usize| mask.row(*y).contains(&true);
@@ -76,7 +77,8 @@ pub fn fill_masked(plane: &Plane<i32>, mask: &Mask) -> Plane<i32> {
     })
 }
 
-/// Reference implementation of [`phasestereo_match::cost::normalized_sad::normalize`]: mean and variance of each window by themselves.
+/// Reference implementation of [`phasestereo_match::cost::normalized_sad::normalize`]: mean and variance of
+/// each window by themselves.
 pub fn normalize(plane: &Plane<u16>, window: usize) -> Plane<u16> {
     let radius = (window / 2) as isize;
     let count = (window * window) as i64;
@@ -100,7 +102,8 @@ pub fn normalize(plane: &Plane<u16>, window: usize) -> Plane<u16> {
     })
 }
 
-/// Reference implementation of [`phasestereo_match::image::convolution::convolve`]: every sum by itself, one whole pass after the other.
+/// Reference implementation of [`phasestereo_match::image::convolution::convolve`]: every sum by itself, one
+/// whole pass after the other.
 pub fn convolve(gray: &Plane<i32>, kernel: &Kernel, fraction: u32) -> Plane<i32> {
     let pass = |values: &Plane<i32>, weights: &Plane<i32>, dropped: u32| {
         let unit = 1 << dropped;
@@ -133,7 +136,8 @@ fn weighted_sum(values: &Plane<i32>, weights: &Plane<i32>, y: usize, x: usize) -
     sum
 }
 
-/// Reference implementation of [`phasestereo_match::image::impulses::repaired`]: the neighbors of every pixel are sorted.
+/// Reference implementation of [`phasestereo_match::image::impulses::repaired`]: the neighbors of every pixel
+/// are sorted.
 pub fn repair(plane: &Plane<i32>, height: i32) -> Plane<i32> {
     Plane::from_fn(plane.rows(), plane.cols(), |y, x| {
         let pixel = plane.row(y)[x];
@@ -172,7 +176,8 @@ fn sorted_neighbors(plane: &Plane<i32>, y: usize, x: usize) -> Vec<i32> {
     values
 }
 
-/// Reference implementation of [`phasestereo_match::image::blocking::Extra::jump`]: phase by phase, differences clipped to `clip` half steps.
+/// Reference implementation of [`phasestereo_match::image::blocking::Extra::jump`]: phase by phase,
+/// differences clipped to `clip` half steps.
 pub fn jump(plane: &Plane<i32>, clip: i32) -> f64 {
     // Columns are the rows of the transposed plane.
     let turned = Plane::from_fn(plane.cols(), plane.rows(), |y, x| plane.row(x)[y]);
@@ -202,7 +207,8 @@ pub fn jump(plane: &Plane<i32>, clip: i32) -> f64 {
     along(plane).min(along(&turned)) / 2.0
 }
 
-/// Reference implementation of [`phasestereo_match::image::smoothing::smooth`]: every window by itself; sums over the rows of a column first.
+/// Reference implementation of [`phasestereo_match::image::smoothing::smooth`]: every window by itself; sums
+/// over the rows of a column first.
 pub fn smooth_gray(plane: &Plane<i32>, deviation: f64, scale: f64) -> Plane<i32> {
     let (rows, cols) = (plane.rows(), plane.cols());
     let mean = |values: &dyn Fn(usize, usize) -> f64, y: usize, x: usize| {
@@ -233,8 +239,9 @@ pub fn smooth_gray(plane: &Plane<i32>, deviation: f64, scale: f64) -> Plane<i32>
     })
 }
 
-/// Reference implementation of [`phasestereo_match::descriptor::describe`]: every component by its double sum. Parts of components up to
-/// `threshold` are weak, if there is a weak level; with two sizes, those of the larger one.
+/// Reference implementation of [`phasestereo_match::descriptor::describe`]: every component by its double
+/// sum. Parts of components up to `threshold` are weak, if there is a weak level; with two sizes, those of
+/// the larger one.
 pub fn describe(gray: &Plane<i32>, settings: &Settings, threshold: f64) -> Plane<u64> {
     if settings.sizes == 1 {
         return components(gray, settings, threshold, |_| true);
@@ -307,9 +314,10 @@ const TANGENTS: [f64; 7] = [
     5.027_339_492_125_846,
 ];
 
-/// Reference implementation of [`phasestereo_match::descriptor::quantizer`]: the code of the component `re + i im` and
-/// its length, by the power of the spectrum and the bits of its phase. A boundary belongs to the sector counter-clockwise
-/// of it, zero to the first sector. With a weak level: the clearly negative parts, then the clearly positive ones.
+/// Reference implementation of [`phasestereo_match::descriptor::quantizer`]: the code of the component `re +
+/// i im` and its length, by the power of the spectrum and the bits of its phase. A boundary belongs to the
+/// sector counter-clockwise of it, zero to the first sector. With a weak level: the clearly negative parts,
+/// then the clearly positive ones.
 pub fn quantize(
     re: i64,
     im: i64,
@@ -334,8 +342,8 @@ pub fn quantize(
         turns += 1;
     }
 
-    // Sixteenths of a half turn up to the component, then its place among the levels of its power: these go around once
-    // while it turns by a whole turn over the power.
+    // Sixteenths of a half turn up to the component, then its place among the levels of its power: these go
+    // around once while it turns by a whole turn over the power.
     let beyond =
         TANGENTS.iter().filter(|tangent| x > 0 && y as f64 / x as f64 >= **tangent).count();
     let eighths = 8 * turns + beyond;
@@ -347,8 +355,8 @@ pub fn quantize(
     (code, length)
 }
 
-/// Reference implementation of [`phasestereo_match::cost::Costs::write`] for phase codes: every bit compared by itself, over the whole
-/// image.
+/// Reference implementation of [`phasestereo_match::cost::Costs::write`] for phase codes: every bit compared
+/// by itself, over the whole image.
 pub fn phase_costs(left: &Plane<u64>, right: &Plane<u64>, candidates: Candidates) -> Plane<u16> {
     let (rows, cols, count) = (left.rows(), left.cols(), candidates.count());
 
@@ -374,7 +382,8 @@ pub fn absolute_differences(
     })
 }
 
-/// Reference implementation of [`phasestereo_match::cost::zncc`]: the correlation of every two neighborhoods by itself.
+/// Reference implementation of [`phasestereo_match::cost::zncc`]: the correlation of every two neighborhoods
+/// by itself.
 pub fn zncc(
     left: &Plane<u16>,
     right: &Plane<u16>,
@@ -411,15 +420,16 @@ pub fn zncc(
     })
 }
 
-/// The sum over a whole window, from that over its `support` valid pixels; without any the largest there is. Bits are
-/// dropped from the sum of each column, so the mean of a few may exceed the largest sum.
+/// The sum over a whole window, from that over its `support` valid pixels; without any the largest there is.
+/// Bits are dropped from the sum of each column, so the mean of a few may exceed the largest sum.
 fn scaled(sum: u64, support: u64, window: Window) -> u64 {
     let pixels = (window.side * window.side) as u64;
     let mean = (sum * pixels + support / 2).checked_div(support);
     mean.unwrap_or(u64::MAX).min(window.largest_sum())
 }
 
-/// Reference implementation of [`phasestereo_match::cost::aggregation::Aggregator`]: each window summed by itself, over the whole image.
+/// Reference implementation of [`phasestereo_match::cost::aggregation::Aggregator`]: each window summed by
+/// itself, over the whole image.
 pub fn aggregate(costs: &Plane<u16>, validity: &Plane<u16>, window: Window) -> Plane<u32> {
     let count = window.candidates;
     let boxes = Plane::from_fn(window.rows, window.cols * count, |y, place| {
@@ -457,7 +467,8 @@ fn box_sum(volume: &Plane<u16>, window: Window, y: usize, x: usize, k: usize) ->
     (-radius..=radius).map(column_sum).sum()
 }
 
-/// Reference implementation of [`phasestereo_match::optimization::ordered::Ordered`]: every origin of every state is tried.
+/// Reference implementation of [`phasestereo_match::optimization::ordered::Ordered`]: every origin of every
+/// state is tried.
 pub fn in_order(costs: &[u32], candidates: usize, penalties: Penalties) -> Vec<u16> {
     let mut totals = vec![0u64; candidates];
     let mut origins: Vec<Vec<usize>> = Vec::new();
@@ -504,8 +515,8 @@ fn least<T: Ord + Copy>(values: &[T]) -> usize {
     best
 }
 
-/// Reference implementation of [`phasestereo_match::optimization::edges::Edges`]: each pixel and neighbor by itself. In the lowest bits of a pixel is the jump from
-/// above, then that from the left.
+/// Reference implementation of [`phasestereo_match::optimization::edges::Edges`]: each pixel and neighbor by
+/// itself. In the lowest bits of a pixel is the jump from above, then that from the left.
 pub fn edges(gray: &Plane<i32>, threshold: f64) -> Plane<u8> {
     let (rows, cols) = (gray.rows(), gray.cols());
     let differences = (0..rows).flat_map(|y| gray.row(y).windows(2));
@@ -540,8 +551,9 @@ fn limited(
     })
 }
 
-/// Reference implementation of the sums of [`phasestereo_match::optimization`] that decide by horizontal paths alone: half
-/// the sum of both totals, rounded up, for every candidate of every pixel. `edges` are those of [`edges`](fn@edges).
+/// Reference implementation of the sums of [`phasestereo_match::optimization`] that decide by horizontal
+/// paths alone: half the sum of both totals, rounded up, for every candidate of every pixel. `edges` are
+/// those of [`edges`](fn@edges).
 pub fn scanline_optimization(
     costs: &Plane<u32>,
     candidates: usize,
@@ -556,7 +568,8 @@ pub fn scanline_optimization(
         image.totals((0, step), rows.clone(), columns)
     };
 
-    // From the left, each pixel has the candidates of its own panel; from the right, those of the panel that the path is for.
+    // From the left, each pixel has the candidates of its own panel; from the right, those of the panel that
+    // the path is for.
     let own = limited(costs, candidates, |y, x| searched(y / BAND, x / PANEL));
     let left = totals(1, 0..cols, &own);
     let right = |first: usize| {
@@ -572,8 +585,8 @@ pub fn scanline_optimization(
     })
 }
 
-/// Reference implementation of the sums of [`phasestereo_match::optimization`] that decide by four paths: the mean of the
-/// horizontal mean and, of each band with its look-ahead rows, the vertical mean.
+/// Reference implementation of the sums of [`phasestereo_match::optimization`] that decide by four paths: the
+/// mean of the horizontal mean and, of each band with its look-ahead rows, the vertical mean.
 pub fn semi_global(
     costs: &Plane<u32>,
     candidates: usize,
@@ -608,7 +621,8 @@ struct PathCosts<'a> {
 }
 
 impl PathCosts<'_> {
-    /// Totals of the paths that take steps of `(dy, dx)` through some rows and columns, at whose border they begin.
+    /// Totals of the paths that take steps of `(dy, dx)` through some rows and columns, at whose border they
+    /// begin.
     fn totals(
         &self,
         (dy, dx): (isize, isize),
@@ -620,7 +634,8 @@ impl PathCosts<'_> {
 
         for y in by_steps(rows.clone(), dy) {
             for x in by_steps(columns.clone(), dx) {
-                // The pixel before on the path; outside the rows and columns there is none, and nothing to add.
+                // The pixel before on the path; outside the rows and columns there is none, and nothing to
+                // add.
                 let from = (y.wrapping_add_signed(-dy), x.wrapping_add_signed(-dx));
                 let is_inside = rows.contains(&from.0) && columns.contains(&from.1);
 
@@ -649,8 +664,9 @@ impl PathCosts<'_> {
         totals
     }
 
-    /// The cost of the step to each candidate, beyond the least total of the pixel before: to stay, to change by one, or to
-    /// come from the candidate with that least total. (If this is at most one away, P2 is not a less than the right penalty.)
+    /// The cost of the step to each candidate, beyond the least total of the pixel before: to stay, to change
+    /// by one, or to come from the candidate with that least total. (If this is at most one away, P2 is not a
+    /// less than the right penalty.)
     fn steps(&self, before: &[u64], least: u64, p2: u64) -> Vec<u64> {
         let step = |k: usize| {
             let beside = [k.checked_sub(1), Some(k + 1)].into_iter().flatten();
@@ -690,7 +706,8 @@ pub struct PixelEvidence {
     pub offset: f32,
 }
 
-/// Reference implementation of [`phasestereo_match::optimization::selection`]: of one pixel, by what all paths come to and by its own costs.
+/// Reference implementation of [`phasestereo_match::optimization::selection`]: of one pixel, by what all
+/// paths come to and by its own costs.
 pub fn select(sums: &[u64], costs: &[u32]) -> PixelEvidence {
     let valley: Vec<_> = sums.iter().zip(costs).map(|(&sum, &cost)| evidence(sum, cost)).collect();
     found(least(sums), sums, &valley)
@@ -728,7 +745,8 @@ fn evidence(sum: u64, cost: u32) -> u32 {
     (u64::from(capped(sum)) + 2 * u64::from(cost)).min((1 << 31) - 1) as u32
 }
 
-/// Reference implementation of [`phasestereo_match::optimization::subpixel::offset`]: the tip of a V, moved away from the candidate.
+/// Reference implementation of [`phasestereo_match::optimization::subpixel::offset`]: the tip of a V, moved
+/// away from the candidate.
 pub fn offset(below: u32, own: u32, above: u32) -> f32 {
     let [below, own, above] = [below, own, above].map(i64::from);
     let slope = (below - own).max(above - own).max(1);
@@ -737,7 +755,8 @@ pub fn offset(below: u32, own: u32, above: u32) -> f32 {
     0.5 * doubled * (1.0 + 0.3 * (1.0 - doubled.abs()))
 }
 
-/// Reference implementation of [`phasestereo_match::refinement::surfaces::smooth`]: every pair of neighbors by itself.
+/// Reference implementation of [`phasestereo_match::refinement::surfaces::smooth`]: every pair of neighbors
+/// by itself.
 pub fn smooth_surfaces(disparity: &Plane<f32>) -> Plane<f32> {
     let (rows, cols) = (disparity.rows(), disparity.cols());
     let reach = 3;
@@ -768,8 +787,8 @@ pub fn smooth_surfaces(disparity: &Plane<f32>) -> Plane<f32> {
     })
 }
 
-/// Reference implementation of [`VotedMap::confidences`]: each pixel asks those around it, in pairs opposite one another whose
-/// weights take one division.
+/// Reference implementation of [`VotedMap::confidences`]: each pixel asks those around it, in pairs opposite
+/// one another whose weights take one division.
 pub fn confidences(map: VotedMap) -> Plane<f32> {
     let (rows, cols) = (map.disparity.rows(), map.disparity.cols());
     // In units of twice the mean difference of neighbors.
@@ -817,7 +836,8 @@ fn mean_difference(roughness: Roughness) -> f64 {
     if roughness.pairs == 0 { 0.0 } else { roughness.sum as f64 / roughness.pairs as f64 }
 }
 
-/// The vote of a pixel for its disparity, by its cost and the second-best one; half a vote is ahead by 4 units.
+/// The vote of a pixel for its disparity, by its cost and the second-best one; half a vote is ahead by 4
+/// units.
 pub fn vote(best: u32, second_best: Option<u32>, unit: f32) -> f32 {
     let ahead = second_best.map_or(0, |cost| cost.saturating_sub(best)) as f32;
     ahead / (ahead + 4.0 * unit)
@@ -831,8 +851,8 @@ pub struct RawMap<'a> {
     pub confidence: &'a Plane<f32>,
 }
 
-/// Reference implementation of [`phasestereo_match::refinement::calibration`]: confidence and bar of each pixel by
-/// itself, from the sums over the sampled rows, which all pixels are asked for.
+/// Reference implementation of [`phasestereo_match::refinement::calibration`]: confidence and bar of each
+/// pixel by itself, from the sums over the sampled rows, which all pixels are asked for.
 pub fn calibrated(
     map: RawMap,
     candidates: Candidates,
@@ -950,7 +970,8 @@ fn calibration_traits(
     ]
 }
 
-/// Reference implementation of [`phasestereo_match::refinement::left_right_check::Checker`]: for every pixel all others of the row are asked.
+/// Reference implementation of [`phasestereo_match::refinement::left_right_check::Checker`]: for every pixel
+/// all others of the row are asked.
 pub fn check_row(choices: Choices, most: u16, flags: &[u16]) -> Vec<u16> {
     let Choices { chosen, costs, candidates } = choices;
     let cols = chosen.len();
@@ -982,7 +1003,8 @@ pub fn check_row(choices: Choices, most: u16, flags: &[u16]) -> Vec<u16> {
     (0..cols).map(|x| flags[x] | reason(x)).collect()
 }
 
-/// Reference implementation of [`phasestereo_match::refinement::speckles::flag_speckles`]: each region is walked from each of its pixels, until it is too large.
+/// Reference implementation of [`phasestereo_match::refinement::speckles::flag_speckles`]: each region is
+/// walked from each of its pixels, until it is too large.
 pub fn flag_speckles(
     disparity: &Plane<f32>,
     flags: &Plane<u16>,
@@ -1028,7 +1050,8 @@ fn trusted(disparity: &Plane<f32>, flags: &Plane<u16>, y: usize, x: usize) -> Op
     (flags.row(y)[x] & flag::UNTRUSTED == 0 && !value.is_nan()).then_some(value)
 }
 
-/// Reference implementation of [`phasestereo_match::refinement::filling::fill`]: each pixel looks for its neighbors by itself. Disparity and flags.
+/// Reference implementation of [`phasestereo_match::refinement::filling::fill`]: each pixel looks for its
+/// neighbors by itself. Disparity and flags.
 pub fn fill(disparity: &Plane<f32>, flags: &Plane<u16>) -> (Plane<f32>, Plane<u16>) {
     let (rows, cols) = (disparity.rows(), disparity.cols());
     let trusted = |y, x| trusted(disparity, flags, y, x);
@@ -1102,7 +1125,8 @@ pub struct Soft<'a> {
     pub left: (f64, i64),
 }
 
-/// Reference implementation of [`phasestereo_match::refinement::synthesis::BlurredPair::redraw`]: all of the image under all kernels, by each of the three maps.
+/// Reference implementation of [`phasestereo_match::refinement::synthesis::BlurredPair::redraw`]: all of the
+/// image under all kernels, by each of the three maps.
 pub fn synthesize(disparity: &Plane<f32>, soft: Soft) -> Plane<f32> {
     // Sums over windows, by each map; of a soft left image all classes lie in one view.
     let maps = [disparity.clone(), rival(disparity, false), rival(disparity, true)];
@@ -1182,7 +1206,8 @@ fn beside(x: usize, by: i64, cols: usize) -> usize {
     (x as i64 + by).clamp(0, cols as i64 - 1) as usize
 }
 
-/// Hamming distances of a soft side and of what it should be by a map, for one class; `None`: this class is not soft there.
+/// Hamming distances of a soft side and of what it should be by a map, for one class; `None`: this class is
+/// not soft there.
 fn distances(map: &Plane<f32>, soft: Soft, side: usize, class: usize) -> Option<Plane<u32>> {
     let (_, blur) = softness(&soft.kernels[class]).filter(|(which, _)| *which == side)?;
 
@@ -1209,7 +1234,8 @@ fn from_right(map: &[f32], soft: Soft, y: usize) -> Vec<i32> {
     let (left, right) = (soft.grays[0].row(y), soft.grays[1].row(y));
     let cols = map.len();
 
-    // The disparity of each pixel of the right view: the largest that leads to it, else the larger one beside it.
+    // The disparity of each pixel of the right view: the largest that leads to it, else the larger one beside
+    // it.
     let hits = |at: usize| (0..cols).filter(move |&x| x as i64 - whole(map[x]) == at as i64);
     let nearest: Vec<_> = (0..cols).map(|at| hits(at).map(|x| whole(map[x])).max()).collect();
     let at = |x: Option<usize>| nearest.get(x?).copied().flatten();
@@ -1246,8 +1272,8 @@ fn windows(values: &Plane<u32>) -> Plane<u32> {
     })
 }
 
-/// Reference implementation of [`phasestereo_match::refinement::guided_median::GuidedMedian::filter`]: the weighted values
-/// sorted. The narrow median looks at 5 x 5 pixels two apart, wide ones at 7 x 7 three apart.
+/// Reference implementation of [`phasestereo_match::refinement::guided_median::GuidedMedian::filter`]: the
+/// weighted values sorted. The narrow median looks at 5 x 5 pixels two apart, wide ones at 7 x 7 three apart.
 pub fn guided_median(disparity: &Plane<f32>, gray: &Plane<i32>, is_wide: bool) -> Plane<f32> {
     let (rows, cols) = (disparity.rows(), disparity.cols());
     let differences = (0..rows).flat_map(|y| gray.row(y).windows(2));

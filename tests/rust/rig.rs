@@ -1,5 +1,5 @@
-//! What is learned of two cameras over the frames of a video: the field of rows as by a filter that takes in one number at a
-//! time, the range of disparities, what happens, and all of it as text.
+//! What is learned of two cameras over the frames of a video: the field of rows as by a filter that takes in
+//! one number at a time, the range of disparities, what happens, and all of it as text.
 
 use std::array::from_fn;
 use std::sync::Arc;
@@ -49,7 +49,8 @@ fn tracks(frame: usize, field: impl Fn(f64, f64) -> f64) -> Vec<Track> {
     (0..126).map(track).collect()
 }
 
-/// The filter by its definition, which takes in one block after another: that of the inverse of a sum is the same.
+/// The filter by its definition, which takes in one block after another: that of the inverse of a sum is the
+/// same.
 struct Naive {
     value: [f64; TERMS],
     drift: [f64; TERMS],
@@ -234,7 +235,8 @@ fn blocks_are_looked_for_in_each_cell_at_places_in_turns() {
     assert!(small(54, 300) && small(300, 54) && !small(55, 55));
 }
 
-/// A map of this many pixels, in units of a 2500th, by disparity; others have not passed a check, or have no number.
+/// A map of this many pixels, in units of a 2500th, by disparity; others have not passed a check, or have no
+/// number.
 fn map(shares: &[(f32, usize)]) -> Disparity {
     let (rows, cols) = (200, 200);
     let values: Vec<f32> = shares.iter().flat_map(|(value, count)| vec![*value; *count]).collect();

@@ -155,7 +155,8 @@ fn the_choice_is_that_of_a_naive_one() {
 
 #[test]
 fn the_detail_of_a_map_is_the_mean_factor_of_the_copies_that_decided() {
-    // Sure of this disparity up to a column: the copy knows the left half, and a copy of its own the right one.
+    // Sure of this disparity up to a column: the copy knows the left half, and a copy of its own the right
+    // one.
     let certain = |size: (usize, usize), disparity: f32, from: usize| Disparity {
         disparity: Plane::from_fn(size.0, size.1, |_, _| disparity),
         flags: Plane::from_fn(size.0, size.1, |_, _| flag::FILLED),
@@ -302,7 +303,8 @@ fn copies_decide_where_the_pair_has_no_evidence_with_the_same_bits_everywhere() 
     assert!(right(&found) > right(&alone) + 260 * 300 / 20, "{} {}", right(&found), right(&alone));
 }
 
-/// A wall 30 px off, a board in front of it 120 px off, and a stretch in which the images have nothing to do with each other.
+/// A wall 30 px off, a board in front of it 120 px off, and a stretch in which the images have nothing to do
+/// with each other.
 fn deep() -> Pair {
     let truth = |y: usize, x: usize| if y < 300 && (400..700).contains(&x) { 120 } else { 30 };
     let texture = |y: usize, x: usize| (hash(40, y / 2, x / 2) % 200) as u8;

@@ -94,7 +94,8 @@ fn pair(inputs: [Input; 2]) -> Stored {
     Stored::new(inputs, 0, count)
 }
 
-/// Rows in which nothing is valid: at both ends of the image, around the borders of parts, more than masked rows copy from.
+/// Rows in which nothing is valid: at both ends of the image, around the borders of parts, more than masked
+/// rows copy from.
 fn empty_rows(y: usize, rows: usize) -> bool {
     y < 3 || (60..70).contains(&y) || (190..320).contains(&y) || y + 40 > rows
 }
@@ -238,7 +239,8 @@ fn images_without_texture_or_valid_pixels_have_no_estimate() {
     check(&nowhere, &estimated(&nowhere, None, 1));
 }
 
-/// The image as if compressed in blocks of 8 x 8 pixels, which begin anywhere: each is off by a gray value of its own.
+/// The image as if compressed in blocks of 8 x 8 pixels, which begin anywhere: each is off by a gray value of
+/// its own.
 fn in_blocks(plane: &Plane<f32>, seed: u64) -> Plane<f32> {
     Plane::from_fn(plane.rows(), plane.cols(), |y, x| {
         let off = hash(seed, (y + 3) / 8, (x + 6) / 8) % 7;
@@ -280,7 +282,8 @@ fn impulses_and_blocks_are_those_of_the_whole() {
         assert!(expected.impulses[1] <= 0.0, "{:?}", expected.impulses);
 
         let coding = expected.coding.map(|coding| coding / [1.0, 200.0, 1e-3, 1e6][kind]);
-        // Masked pixels take the values of others, across borders of blocks; and the levels of floats are those of the
+        // Masked pixels take the values of others, across borders of blocks; and the levels of floats are
+        // those of the
 
         // image's own range.
         let least = if percent == 100 && kind < 2 { 1.0 } else { 0.0 };
@@ -317,7 +320,8 @@ fn noise(rows: usize, cols: usize, kind: usize, percent: Option<u64>, seed: u64)
     Input { mask, ..input(&plane, kind) }
 }
 
-/// Reference implementation of the range of a float image: of all its valid pixels, or of every n-th one of a large image.
+/// Reference implementation of the range of a float image: of all its valid pixels, or of every n-th one of a
+/// large image.
 fn range_of(input: &Input) -> IntensityRange {
     let (rows, cols) = input.size();
     let stride = (rows * cols).div_ceil(1 << 16);

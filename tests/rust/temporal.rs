@@ -336,8 +336,8 @@ fn the_result_does_not_depend_on_threads_and_large_images_are_sampled() {
     assert_eq!(one, on(3));
 }
 
-/// A frame of a scene whose pixels are a little off by `noise`, with one disparity in every other four rows, the middle ones
-/// too, and 4 in those between.
+/// A frame of a scene whose pixels are a little off by `noise`, with one disparity in every other four rows,
+/// the middle ones too, and 4 in those between.
 fn still(shift: usize, noise: u64, disparity: f32, size: (usize, usize)) -> Frame {
     let pixel = |seed, y, x| {
         let scene = hash(7, y / 9, (x + shift) / 9) % 180;

@@ -1,21 +1,25 @@
-//! Estimation of what a pair lacks, from the two images alone: how their rows correspond, which disparities there are,
-//! and which image is the softer one.
+//! Estimation of what a pair lacks, from the two images alone: how their rows correspond, which disparities
+//! there are, and which image is the softer one.
 //!
-//! 1. Both images are reduced to some hundred columns and matched there over all disparities ([`overview`]): that gives
-//!    the range to search ([`range`]).
-//! 2. Some hundred blocks of the left image are found again in the right one, first in the reduced images, then in the
-//!    whole ones ([`tracks`]); a smooth field of vertical offsets is fitted to them, robustly ([`rows`]).
-//! 3. The relative blur is estimated ([`crate::estimation::blur`]) from blocks that show the same things: those of the right
-//!    image are taken from where the field says, not from the resampled image, since resampling changes the spectrum.
+//! 1. Both images are reduced to some hundred columns and matched there over all disparities ([`overview`]):
+//!    that gives the range to search ([`range`]).
+//! 2. Some hundred blocks of the left image are found again in the right one, first in the reduced images,
+//!    then in the whole ones ([`tracks`]); a smooth field of vertical offsets is fitted to them, robustly
+//!    ([`rows`]).
+//! 3. The relative blur is estimated ([`crate::estimation::blur`]) from blocks that show the same things:
+//!    those of the right image are taken from where the field says, not from the resampled image, since
+//!    resampling changes the spectrum.
 //! 4. Offsets that are significant beside their error align the rows of the right image.
 //! 5. Gray values are counted and fitted ([`crate::estimation::photometry`]).
 //!
-//! Where nothing matches, the reduced images are tried once more with the negative of one. If that matches, all of the
-//! above is repeated with the negative of the right image, which is then matched, too. Where an image is interlaced, its odd rows
-//! become the means of the even ones beside them, and all is repeated. A faint pattern that both images share is subtracted before
-//! anything else ([`shared_pattern`]), of pairs in memory.
+//! Where nothing matches, the reduced images are tried once more with the negative of one. If that matches,
+//! all of the above is repeated with the negative of the right image, which is then matched, too. Where an
+//! image is interlaced, its odd rows become the means of the even ones beside them, and all is repeated. A
+//! faint pattern that both images share is subtracted before anything else ([`shared_pattern`]), of pairs in
+//! memory.
 //!
-//! Everything is computed in a fixed order, and a pair that is read a few rows at a time gives the same to the bit.
+//! Everything is computed in a fixed order, and a pair that is read a few rows at a time gives the same to
+//! the bit.
 
 pub mod areas;
 pub mod blur;
@@ -83,8 +87,9 @@ struct Request<'a> {
     blur: bool,
 }
 
-/// Completes what is known of a pair: estimates what the settings ask for and is not known. Returns the pair that the estimates
-/// are of: inverted, of even rows alone, or without a pattern that both share, where that is what the images are.
+/// Completes what is known of a pair: estimates what the settings ask for and is not known. Returns the pair
+/// that the estimates are of: inverted, of even rows alone, or without a pattern that both share, where that
+/// is what the images are.
 pub fn complete(
     pair: Pair,
     facts: &Facts,
@@ -107,8 +112,8 @@ pub fn complete(
     Ok((pair, Estimates { photometry, shared_pattern, even_rows: changed, time, ..after }))
 }
 
-/// The pair without a pattern that both images share, and the strength of that. Of later frames, of copies, and of resampled images
-/// more is known: the pair that they are of has been looked at.
+/// The pair without a pattern that both images share, and the strength of that. Of later frames, of copies,
+/// and of resampled images more is known: the pair that they are of has been looked at.
 fn without_shared_pattern(
     pair: Pair,
     facts: &Facts,
@@ -137,7 +142,8 @@ fn completed(
     Ok((pair, estimates))
 }
 
-/// The estimates of [`complete`], to the bit, for a pair that is read a part at a time. That its fields differ is reported alone.
+/// The estimates of [`complete`], to the bit, for a pair that is read a part at a time. That its fields
+/// differ is reported alone.
 pub fn complete_source(
     source: &dyn Source,
     facts: &Facts,
@@ -171,7 +177,8 @@ fn is_interlaced(estimates: &Estimates, facts: &Facts, settings: &Settings) -> b
     has_fields && may_resample && !estimates.is_inverted
 }
 
-/// The pair with odd rows that are the means of the even ones beside them, in the left or the right image or both.
+/// The pair with odd rows that are the means of the even ones beside them, in the left or the right image or
+/// both.
 pub fn even_rows(pair: &Pair, changed: [bool; 2]) -> Pair {
     let [left, right] = pair.views();
     let of_rows =
@@ -278,8 +285,8 @@ impl Estimates {
             }
         };
 
-        // Blur is compared where both images show the same, so it comes after the geometry. What most of the images show may not
-        // be among the known disparities.
+        // Blur is compared where both images show the same, so it comes after the geometry. What most of the
+        // images show may not be among the known disparities.
         let seen = geometry.and_then(Geometry::seen).map(|range| range.candidates(width));
         let seen = seen.transpose()?.unwrap_or(candidates.value);
         let blur = || {
@@ -384,7 +391,8 @@ struct Geometry {
     found: Option<range::Found>,
 }
 
-/// What else the reduced images show, as the fields of [`Estimates`] say; neither geometry nor blur depends on it.
+/// What else the reduced images show, as the fields of [`Estimates`] say; neither geometry nor blur depends
+/// on it.
 #[derive(Default)]
 struct Remarks {
     left_out: Vec<LeftOut>,
@@ -450,13 +458,15 @@ impl Geometry {
         self.found.as_ref().map(|found| found.range)
     }
 
-    /// The range of the match of all disparities that are tried, where the known ones match badly, and these well.
+    /// The range of the match of all disparities that are tried, where the known ones match badly, and these
+    /// well.
     fn seen(&self) -> Option<SearchRange> {
         let is_good = |wide: &RoughMap| wide.confidence >= overview::GOOD_CONFIDENCE;
         self.wide.as_ref().filter(|wide| is_good(wide)).and(self.range())
     }
 
-    /// The rough match that is better: of all disparities where [`Self::seen`] has a range, else of the known ones.
+    /// The rough match that is better: of all disparities where [`Self::seen`] has a range, else of the known
+    /// ones.
     fn matched(&self) -> &RoughMap {
         self.wide.as_ref().filter(|_| self.seen().is_some()).unwrap_or(&self.rough)
     }

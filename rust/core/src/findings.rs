@@ -1,9 +1,10 @@
 //! What was found of a pair, or of its match, in plain words, the same for all faces.
 //!
-//! [`of_pair`] reports on a pair, topic by topic, in a fixed order, also that all is well. [`of_match`] reports on its match, the
-//! worst first, and nothing if all is well: how many pixels are probably wrong, and because of what; where the range was too
-//! short; and, word for word, what is worth knowing about the pair. Faults of the pair that the match has compensated, or
-//! suffered from, are notes: the first sentence says how much it suffered.
+//! [`of_pair`] reports on a pair, topic by topic, in a fixed order, also that all is well. [`of_match`]
+//! reports on its match, the worst first, and nothing if all is well: how many pixels are probably wrong, and
+//! because of what; where the range was too short; and, word for word, what is worth knowing about the pair.
+//! Faults of the pair that the match has compensated, or suffered from, are notes: the first sentence says
+//! how much it suffered.
 //!
 //! Each finding is a row of a [`table`]: a quantity, two levels, a sentence, a cause, and what to do.
 

@@ -33,8 +33,8 @@ use phasestereo_match::pair::plan::{Demand, Plan};
 use phasestereo_match::pair::{self, Pair};
 use phasestereo_match::settings::Settings;
 
-/// Settings, threads and working memory, which are kept from one pair to the next. Any number of threads may use one at the
-/// same time.
+/// Settings, threads and working memory, which are kept from one pair to the next. Any number of threads may
+/// use one at the same time.
 #[derive(Debug)]
 pub struct Matcher {
     core: matcher::Matcher,
@@ -53,8 +53,8 @@ pub struct Match {
     pub flags: Plane<u16>,
     /// Confidence from 0 to 1; `None`: not computed.
     pub confidence: Option<Plane<f32>>,
-    /// Half the width of the interval that holds the true disparity with a probability of 90 %, pixels; NaN without
-    /// an estimate. `None`: not computed.
+    /// Half the width of the interval that holds the true disparity with a probability of 90 %, pixels; NaN
+    /// without an estimate. `None`: not computed.
     pub uncertainty: Option<Plane<f32>>,
     /// How many pairs of a rig support each disparity, 1 to 8; `None`: it was not filtered over time.
     pub support: Option<Plane<u8>>,
@@ -104,8 +104,8 @@ pub struct PreparedPair {
 }
 
 impl PreparedPair {
-    /// A disparity map of the prepared pair as one of the left image as it came, in pixels; what is not finite is missing. A map of
-    /// another size is in pixels of its own.
+    /// A disparity map of the prepared pair as one of the left image as it came, in pixels; what is not
+    /// finite is missing. A map of another size is in pixels of its own.
     pub fn restore(&self, map: &Plane<f32>) -> Result<Plane<f32>> {
         self.back.restored(map, &Control::default())
     }
@@ -117,8 +117,8 @@ impl PreparedPair {
 }
 
 impl Matcher {
-    /// A matcher with these settings and this many threads, from 1 to 1024; `None`: the number in the environment variable
-    /// `RAYON_NUM_THREADS`, or else all processors of the process.
+    /// A matcher with these settings and this many threads, from 1 to 1024; `None`: the number in the
+    /// environment variable `RAYON_NUM_THREADS`, or else all processors of the process.
     pub fn new(settings: Settings, threads: impl Into<Option<usize>>) -> Result<Self> {
         settings.check()?;
 
@@ -143,9 +143,10 @@ impl Matcher {
         self.threads
     }
 
-    /// Matches two rectified images over the disparities of a range, half-open, of at least 1 and at most the number of columns of the left image;
-    /// `None`: the range is estimated. A right image of another size is brought to that of the left one. Images that are far from rectified are rectified for
-    /// that, if the settings say so and the images show how.
+    /// Matches two rectified images over the disparities of a range, half-open, of at least 1 and at most the
+    /// number of columns of the left image; `None`: the range is estimated. A right image of another size is
+    /// brought to that of the left one. Images that are far from rectified are rectified for that, if the
+    /// settings say so and the images show how.
     pub fn match_pair(
         &self,
         left: Image,
@@ -155,9 +156,9 @@ impl Matcher {
         self.match_controlled(left, right, disparities, &Control::default())
     }
 
-    /// The map of the right image: right pixel (x, y) corresponds to left pixel (x + d, y). It is the map of the exchanged,
-    /// mirrored pair, mirrored back, and all that was estimated is of that pair. The arguments are those of
-    /// [`Self::match_pair`], of which it takes the time once more.
+    /// The map of the right image: right pixel (x, y) corresponds to left pixel (x + d, y). It is the map of
+    /// the exchanged, mirrored pair, mirrored back, and all that was estimated is of that pair. The arguments
+    /// are those of [`Self::match_pair`], of which it takes the time once more.
     pub fn match_right(
         &self,
         left: Image,
@@ -181,7 +182,8 @@ impl Matcher {
         Ok(found.flipped())
     }
 
-    /// The same as [`Self::match_pair`], of which another thread may see the progress, and which it may cancel.
+    /// The same as [`Self::match_pair`], of which another thread may see the progress, and which it may
+    /// cancel.
     pub fn match_controlled(
         &self,
         left: Image,
@@ -242,8 +244,8 @@ impl Matcher {
         })
     }
 
-    /// Prepares two images for any other matcher; `max_disparity` is the largest disparity that it can answer, from 1. The other
-    /// arguments are those of [`Self::match_pair`].
+    /// Prepares two images for any other matcher; `max_disparity` is the largest disparity that it can
+    /// answer, from 1. The other arguments are those of [`Self::match_pair`].
     pub fn prepare(
         &self,
         left: Image,
@@ -268,7 +270,8 @@ impl Matcher {
         Ok(PreparedPair { images, done, num_disparities, findings: estimates.findings, back })
     }
 
-    /// Judges a disparity map of the left image, in pixels; what is not finite claims nothing. The pair is matched anew.
+    /// Judges a disparity map of the left image, in pixels; what is not finite claims nothing. The pair is
+    /// matched anew.
     pub fn verify(&self, left: Image, right: Image, map: &Plane<f32>) -> Result<Verification> {
         let (pair, facts) = read_pair([left, right], None, None)?;
 
@@ -290,7 +293,8 @@ impl Matcher {
         Ok(Verification { verdicts, better, confidence, uncertainty, findings, own })
     }
 
-    /// How to rectify two raw images, and others of the same cameras, by what they show alone; and what was found, in sentences.
+    /// How to rectify two raw images, and others of the same cameras, by what they show alone; and what was
+    /// found, in sentences.
     pub fn calibrate(&self, left: Image, right: Image) -> Result<(Calibration, Vec<Finding>)> {
         let pair = Pair::of_inputs(raw(left, right)?, 0, 1)?;
 
@@ -326,9 +330,9 @@ impl Matcher {
         })
     }
 
-    /// The most bytes of working memory that the match of images of this many rows and columns takes, whose pixels, all
-    /// channels together, take `pixel_bytes` each. Images and maps are not included, nor the codes of the right image that
-    /// are kept for each kind of blur that is compensated for.
+    /// The most bytes of working memory that the match of images of this many rows and columns takes, whose
+    /// pixels, all channels together, take `pixel_bytes` each. Images and maps are not included, nor the
+    /// codes of the right image that are kept for each kind of blur that is compensated for.
     pub fn working_memory(
         &self,
         (rows, cols): (usize, usize),

@@ -4,17 +4,18 @@
 //!
 //! Start with `match_pair`. It runs, in this order:
 //!
-//! 1. `estimation`: what the caller does not know of the pair is estimated from the images: the range of disparities, how rows
-//!    correspond, blur, noise, light.
+//! 1. `estimation`: what the caller does not know of the pair is estimated from the images: the range of
+//!    disparities, how rows correspond, blur, noise, light.
 //! 2. `rectification`: a pair that is too far from rectified for that is rectified by what its images show.
 //! 3. The matcher, the crate `phasestereo-match`, matches the pair that is now ready.
-//! 4. `scales`: where a copy of the pair of half the size, a quarter ... is more likely to be right, it decides, and flat
-//!    areas become planes.
+//! 4. `scales`: where a copy of the pair of half the size, a quarter ... is more likely to be right, it
+//!    decides, and flat areas become planes.
 //! 5. `findings`: what is worth knowing about the pair and the match becomes sentences.
 //!
-//! `preparation` makes a pair that any other matcher can use of what 1 and 2 have found. `video` does the same for frame after frame of two cameras, which it learns from. `verification` judges a disparity map of
-//! another origin by a match of its own and by the costs of both. `interface` takes images that are slices, matches them on
-//! threads that are kept, and returns the map with all there is to say about it.
+//! `preparation` makes a pair that any other matcher can use of what 1 and 2 have found. `video` does the
+//! same for frame after frame of two cameras, which it learns from. `verification` judges a disparity map of
+//! another origin by a match of its own and by the costs of both. `interface` takes images that are slices,
+//! matches them on threads that are kept, and returns the map with all there is to say about it.
 //!
 //! `self_check` holds this build to the digests of matches that every platform has.
 
@@ -75,8 +76,8 @@ pub mod found {
 
 macro_rules! open {
     ($($module:ident)*) => {
-        /// All of this crate, for the extension module of Python, the tests and the benches. It is not part of the
-        /// interface: any of it may change with any version.
+        /// All of this crate, for the extension module of Python, the tests and the benches. It is not part
+        /// of the interface: any of it may change with any version.
         #[doc(hidden)]
         pub mod internals {
             $(

@@ -1,4 +1,5 @@
-//! A whole match: what is not known of a pair is estimated, the pair is made ready by that, matched, and decided over scales.
+//! A whole match: what is not known of a pair is estimated, the pair is made ready by that, matched, and
+//! decided over scales.
 //!
 //! ```text
 //! if things move along columns by their distance, as is known:  turn the pair
@@ -153,7 +154,8 @@ pub struct Rectified {
     pub raw: Arc<Raw>,
     /// The map of the rectified pair.
     pub map: Disparity,
-    /// By how many rows each pixel of the raw left image is lower in the raw right one; NaN where the disparity is missing.
+    /// By how many rows each pixel of the raw left image is lower in the raw right one; NaN where the
+    /// disparity is missing.
     pub rows: Plane<f32>,
 }
 

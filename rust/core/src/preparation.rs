@@ -1,4 +1,5 @@
-//! A pair that any matcher can use, by what was found out about it; and the maps of others back in the left image as it came.
+//! A pair that any matcher can use, by what was found out about it; and the maps of others back in the left
+//! image as it came.
 //!
 //! ```text
 //! ready = the pair as it is matched: rectified, rows aligned, impulses repaired, negative undone    # crate::match_pair
@@ -8,10 +9,12 @@
 //! out = moved so that no disparity is negative, and reduced where disparities would be too large    # back.rs
 //! ```
 //!
-//! Nothing is estimated but what a match estimates. An image to which nothing has to be done stays as it is, to the bit.
+//! Nothing is estimated but what a match estimates. An image to which nothing has to be done stays as it is,
+//! to the bit.
 //!
-//! A match compares each left pixel with the version of the right image that suits the left pixel's blur. Others take one
-//! right image: of each of its pixels, the blur is that of the left pixel which the rough match sees there.
+//! A match compares each left pixel with the version of the right image that suits the left pixel's blur.
+//! Others take one right image: of each of its pixels, the blur is that of the left pixel which the rough
+//! match sees there.
 
 pub mod back;
 mod channels;
@@ -28,14 +31,15 @@ use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::pair::{Pair, is_same_type};
 use phasestereo_match::settings::Settings;
 
-/// Smoothed with at least this share of black to white: noise of some 10 gray levels. With less, bad-1.0 of networks rises:
-/// `HITNet` on 12 sharp pairs 9.6 %, smoothed 10.6.
+/// Smoothed with at least this share of black to white: noise of some 10 gray levels. With less, bad-1.0 of
+/// networks rises: `HITNet` on 12 sharp pairs 9.6 %, smoothed 10.6.
 const SMOOTHED_FROM: f64 = 20.0 / 255.0;
-/// Gains and gammas that differ from 1 by more are undone; less is within the error of the estimate, 9 and 7 %.
+/// Gains and gammas that differ from 1 by more are undone; less is within the error of the estimate, 9 and 7
+/// %.
 const GAIN: f64 = 0.10;
 const GAMMA: f64 = 0.15;
-/// Share of the sure disparities below which negative ones are mistakes, and one that is clearly negative, pixels. Moving a
-/// pair without need costs `HITNet` 1 point.
+/// Share of the sure disparities below which negative ones are mistakes, and one that is clearly negative,
+/// pixels. Moving a pair without need costs `HITNet` 1 point.
 const FEW: f64 = 0.03;
 const CLEARLY: f32 = -1.0;
 /// The most that images are reduced by.

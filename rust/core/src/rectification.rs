@@ -1,14 +1,17 @@
 //! Rectification of a raw pair from its images alone: the cameras that bring the rows of both together.
 //!
 //! 1. Corners of both images are described by codes and matched ([`corners`], [`codes`], [`mod@matches`]).
-//! 2. Those that agree on one way that the cameras look are kept ([`consensus`]); where few do, one image is tried turned.
+//! 2. Those that agree on one way that the cameras look are kept ([`consensus`]); where few do, one image is
+//!    tried turned.
 //! 3. Fourteen numbers of two cameras are fitted to them ([`cameras`], [`fit`]).
-//! 4. Both images are rectified by those, and blocks of them correlated ([`blocks`]), which are more exact than corners; the
-//!    numbers are fitted again, and all of this is repeated until they stay.
-//! 5. The rectified images are moved so that things stay about where they were, and so that disparities are positive.
+//! 4. Both images are rectified by those, and blocks of them correlated ([`blocks`]), which are more exact
+//!    than corners; the numbers are fitted again, and all of this is repeated until they stay.
+//! 5. The rectified images are moved so that things stay about where they were, and so that disparities are
+//!    positive.
 //!
-//! A pair of which too little agrees is not rectified: a wrong rectification is worse than none. Several pairs of the same cameras
-//! are matched each by itself, and fitted together. Everything is computed in a fixed order.
+//! A pair of which too little agrees is not rectified: a wrong rectification is worse than none. Several
+//! pairs of the same cameras are matched each by itself, and fitted together. Everything is computed in a
+//! fixed order.
 
 pub mod axis;
 pub mod blocks;
@@ -58,7 +61,8 @@ const ENOUGH: (usize, f64) = (60, 0.5);
 const TURNS: [f64; 2] = [24.0, -24.0];
 /// Fewest blocks to fit to, and fewest of a result.
 const LEAST_BLOCKS: (usize, usize) = (40, 60);
-/// From such a spread on other cameras than those that explain the corners best are tried, too; pixels, and share of the width.
+/// From such a spread on other cameras than those that explain the corners best are tried, too; pixels, and
+/// share of the width.
 const DOUBTFUL: (f64, f64) = (0.25, 0.00025);
 /// Most rounds of blocks; the rows that a round changes when it is the last, pixels.
 const ROUNDS: usize = 8;
@@ -67,18 +71,21 @@ const STILL: f64 = 0.03;
 const AGREE: (f64, f64) = (4.0, 0.003);
 /// Largest share of blocks where the distortion folds the image.
 const FOLDED: f64 = 0.05;
-/// Largest spread of the rows of blocks, pixels of an image of up to 1000 columns, and as a share of wider ones.
+/// Largest spread of the rows of blocks, pixels of an image of up to 1000 columns, and as a share of wider
+/// ones.
 const SPREAD: (f64, f64) = (1.5, 0.0015);
-/// Disparities apart from others by such a share of the width are mistakes, if they are fewer than such a share of all.
+/// Disparities apart from others by such a share of the width are mistakes, if they are fewer than such a
+/// share of all.
 const APART: (f64, f64) = (0.03, 0.05);
-/// The errors of rows are worked out at this many places along each side of the image, at these shares of the disparities; what
-/// no averaging removes of them, pixels; and the largest that is accepted, pixels of an image of up to 1000 columns.
+/// The errors of rows are worked out at this many places along each side of the image, at these shares of the
+/// disparities; what no averaging removes of them, pixels; and the largest that is accepted, pixels of an
+/// image of up to 1000 columns.
 const PLACES: usize = 16;
 const ENDS: [f64; 3] = [0.02, 0.5, 0.98];
 const BIAS: f64 = 0.03;
 const LARGEST_ERROR: f64 = 1.0;
-/// The share of the disparities below the least one that counts. Negative ones beyond such a share of the width are made
-/// positive, and begin at another.
+/// The share of the disparities below the least one that counts. Negative ones beyond such a share of the
+/// width are made positive, and begin at another.
 const LEAST_SHARE: f64 = 0.01;
 const NEGATIVE: (f64, f64) = (0.01, 0.02);
 
@@ -90,7 +97,8 @@ pub const LONGEST: f64 = 1.5;
 pub enum Negative {
     /// They stay.
     Kept,
-    /// Columns are moved so that they are positive, if the cameras are toed in; of images that are exchanged they stay.
+    /// Columns are moved so that they are positive, if the cameras are toed in; of images that are exchanged
+    /// they stay.
     MovedIfToedIn,
     /// Columns are moved so that they are positive.
     Moved,
@@ -119,7 +127,8 @@ pub struct Rectification {
     pub is_inverted: bool,
     /// By how many columns the right image was moved so that disparities are positive.
     pub moved: f64,
-    /// By how many pixels each lens moves what is at half the width from the middle, outward, and the standard error.
+    /// By how many pixels each lens moves what is at half the width from the middle, outward, and the
+    /// standard error.
     pub distortion: [(f64, f64); 2],
 }
 
@@ -208,7 +217,8 @@ pub fn gray(view: &View, control: &Control) -> Result<Plane<f32>> {
     })
 }
 
-/// Rectifies pairs of gray images, all of one size, of the same cameras, which are reduced by `least` at least.
+/// Rectifies pairs of gray images, all of one size, of the same cameras, which are reduced by `least` at
+/// least.
 pub fn rectify(
     pairs: &[Grays],
     least: usize,
@@ -381,7 +391,8 @@ struct Refined {
     fit: Option<fit::Fit>,
 }
 
-/// Fits cameras to blocks, again and again, until they stay. They begin with such to which matches agree whose rows are so near.
+/// Fits cameras to blocks, again and again, until they stay. They begin with such to which matches agree
+/// whose rows are so near.
 fn refined(
     views: &[Views],
     cameras: Cameras,
@@ -510,7 +521,8 @@ impl Refined {
 }
 
 impl Negative {
-    /// By how many columns the right image is moved, so that disparities, whose quantiles are found, become positive.
+    /// By how many columns the right image is moved, so that disparities, whose quantiles are found, become
+    /// positive.
     fn moved(
         self,
         good: &[Match],
@@ -551,7 +563,8 @@ fn rms(values: impl ExactSizeIterator<Item = f64>) -> f64 {
     (values.map(|value| value * value).sum::<f64>() / count).sqrt()
 }
 
-/// By how much rows may differ by the covariance of the numbers, rms over what both images show at these disparities.
+/// By how much rows may differ by the covariance of the numbers, rms over what both images show at these
+/// disparities.
 fn error(
     cameras: &Cameras,
     (rows, cols): (usize, usize),
@@ -581,9 +594,9 @@ fn error(
     math::hypot((variances.iter().sum::<f64>() / variances.len() as f64).sqrt(), BIAS)
 }
 
-/// Whether rows of raw images lie as those of cameras that are turned towards each other so far that there are such disparities.
-/// A camera of focal length `f` that is turned moves columns by `s` and, at `(x, y)` from its center, rows by `s x y / f^2`;
-/// images that are exchanged leave rows alone.
+/// Whether rows of raw images lie as those of cameras that are turned towards each other so far that there
+/// are such disparities. A camera of focal length `f` that is turned moves columns by `s` and, at `(x, y)`
+/// from its center, rows by `s x y / f^2`; images that are exchanged leave rows alone.
 fn is_toed_in(blocks: &[Match], (rows, cols): (usize, usize), least: f64) -> bool {
     const TERMS: usize = 6;
     const TWIST: usize = 3;
@@ -598,8 +611,8 @@ fn is_toed_in(blocks: &[Match], (rows, cols): (usize, usize), least: f64) -> boo
     normal.solved().is_some_and(|terms| terms[TWIST] >= of_shift)
 }
 
-/// The shifts that leave things where they were, at the median. Rows are moved alike; columns each by themselves, since what
-/// moves all disparities, as toed-in cameras do, is hardly known from rows.
+/// The shifts that leave things where they were, at the median. Rows are moved alike; columns each by
+/// themselves, since what moves all disparities, as toed-in cameras do, is hardly known from rows.
 fn shifts(cameras: &Cameras, blocks: &[Match]) -> [Point; 2] {
     let moved = |one: &Match, side: usize, axis: usize| {
         let raw = [one.left, one.right][side];

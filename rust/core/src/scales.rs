@@ -1,8 +1,9 @@
 //! Matching over scales: one answer whatever the sensor's sampling.
 //!
-//! The windows of codes and costs are a few pixels wide. Where a large image shows a plain wall, they hold noise alone,
-//! and a copy of half the size, in which they reach twice as far and noise is halved, holds what the image shows. So a
-//! map is decided, coarse to fine, between itself and that of such a copy, by the probability that each is right:
+//! The windows of codes and costs are a few pixels wide. Where a large image shows a plain wall, they hold
+//! noise alone, and a copy of half the size, in which they reach twice as far and noise is halved, holds what
+//! the image shows. So a map is decided, coarse to fine, between itself and that of such a copy, by the
+//! probability that each is right:
 //!
 //! ```text
 //! decided(pair):
@@ -15,11 +16,12 @@
 //! map = decided(pair); if some pixels were in doubt, flat areas become planes (planes.rs)
 //! ```
 //!
-//! Where the map as it is has evidence, nothing changes: thin things and edges are the fine scale's. The number of
-//! scales is not chosen, it follows from where doubt ends.
+//! Where the map as it is has evidence, nothing changes: thin things and edges are the fine scale's. The
+//! number of scales is not chosen, it follows from where doubt ends.
 //!
-//! Passing a left-right check at a smaller scale, or a higher raw confidence there, is not evidence: what is filled in
-//! at the full size is often right where the copy matches by mistake. Calibrated confidences know both.
+//! Passing a left-right check at a smaller scale, or a higher raw confidence there, is not evidence: what is
+//! filled in at the full size is often right where the copy matches by mistake. Calibrated confidences know
+//! both.
 
 pub mod choice;
 pub mod choices;
@@ -44,11 +46,12 @@ use phasestereo_match::settings::Settings;
 
 /// Share of the pixels in doubt from which on planes are looked for.
 const SOME: f64 = 0.01;
-/// Share of the pixels in doubt from which on a smaller copy is matched: of sharp pairs with fewer it decides less than 1 %.
+/// Share of the pixels in doubt from which on a smaller copy is matched: of sharp pairs with fewer it decides
+/// less than 1 %.
 const MANY: f64 = 0.05;
 
-/// Matches a prepared pair as [`phasestereo_match::matcher::Matcher::match_pair`] does, and decides over scales where these
-/// settings, from which it was prepared, ask for it.
+/// Matches a prepared pair as [`phasestereo_match::matcher::Matcher::match_pair`] does, and decides over
+/// scales where these settings, from which it was prepared, ask for it.
 pub fn match_over_scales(
     prepared: &Prepared,
     settings: &Settings,
@@ -100,7 +103,8 @@ fn decide(
     let copy = if doubt.share() > MANY { halved(pair) } else { None };
     let Some(copy) = copy else { return Ok(()) };
 
-    // Its rows correspond by now, and its progress is not that of the map. Noise and blur are others: those of means.
+    // Its rows correspond by now, and its progress is not that of the map. Noise and blur are others: those
+    // of means.
     let control = runtime.control.aside();
     let runtime = Runtime { control: &control, ..runtime };
     let facts = Facts {

@@ -1,8 +1,8 @@
 //! Matches whose bits are known: of pairs that are made here, as rigs of many kinds take them.
 //!
-//! Arithmetic is the same on every platform, so are the maps and their findings. A build, a processor or an emulator
-//! that computes something else has other digests. Whoever changes a result changes digests, too: `cargo test
-//! self_check` prints what they have become.
+//! Arithmetic is the same on every platform, so are the maps and their findings. A build, a processor or an
+//! emulator that computes something else has other digests. Whoever changes a result changes digests, too:
+//! `cargo test self_check` prints what they have become.
 
 pub mod scenes;
 
@@ -234,7 +234,8 @@ impl Case {
     }
 }
 
-/// The cases whose digests are not those of every platform: their names, and the digests. Each case counts as a row done.
+/// The cases whose digests are not those of every platform: their names, and the digests. Each case counts as
+/// a row done.
 pub fn differing(runtime: Runtime) -> Result<Vec<String>> {
     let mut differing = Vec::new();
     for case in CASES {

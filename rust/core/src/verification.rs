@@ -1,8 +1,9 @@
-//! A second opinion on a disparity map of any origin: which of its pixels the images refute, support, or cannot judge.
+//! A second opinion on a disparity map of any origin: which of its pixels the images refute, support, or
+//! cannot judge.
 //!
-//! The pair is prepared as for a match (rows, blur, light, noise) and matched over the disparities that were found and
-//! those that the map claims. The match is one witness, the costs at the claims another; a claim is refuted by what both
-//! say of the area around it:
+//! The pair is prepared as for a match (rows, blur, light, noise) and matched over the disparities that were
+//! found and those that the map claims. The match is one witness, the costs at the claims another; a claim is
+//! refuted by what both say of the area around it:
 //!
 //! ```text
 //! pair, estimates = prepare(pair)                         # as for a match
@@ -157,8 +158,8 @@ pub fn verify(
     })
 }
 
-/// A match, and the traits of the claims of several maps beside it, in the left image as it came; NaN where there is none. From
-/// these the weights of [`judge`] are learned.
+/// A match, and the traits of the claims of several maps beside it, in the left image as it came; NaN where
+/// there is none. From these the weights of [`judge`] are learned.
 pub fn observe(
     pair: Pair,
     maps: &[Plane<f32>],

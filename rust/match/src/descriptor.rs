@@ -69,8 +69,8 @@ impl Codes {
     }
 }
 
-/// The codes of every pixel, component 0 in the lowest bits. `noise` is the standard deviation of the image's noise, in
-/// units of its pixels; only a weak level needs it.
+/// The codes of every pixel, component 0 in the lowest bits. `noise` is the standard deviation of the image's
+/// noise, in units of its pixels; only a weak level needs it.
 pub fn describe(
     gray: &Gray,
     settings: &Settings,
@@ -149,7 +149,8 @@ struct Layer {
 }
 
 impl Layer {
-    /// A layer whose components have their bits from `first` on; of `axes_alone` only `(1, 0)` and `(0, 1)` count.
+    /// A layer whose components have their bits from `first` on; of `axes_alone` only `(1, 0)` and `(0, 1)`
+    /// count.
     fn new(settings: &Settings, quantizer: Quantizer, first: usize, axes_alone: bool) -> Self {
         let basis = Basis::new(settings);
         let length = quantizer.code_length();
@@ -175,8 +176,8 @@ impl Layer {
     }
 }
 
-/// The sizes of neighborhoods that codes describe. Of two the larger one has the lowest bits, so that no component lies in
-/// two halves of a word.
+/// The sizes of neighborhoods that codes describe. Of two the larger one has the lowest bits, so that no
+/// component lies in two halves of a word.
 fn layers(gray: &Gray, settings: &Settings, noise: Option<f64>) -> Result<Vec<Layer>> {
     let weak = |settings: &Settings| -> Result<Quantizer> {
         let quantizer = Quantizer::new(settings);
@@ -330,8 +331,8 @@ impl<R: RowOfCodes> Description<'_, R> {
     }
 }
 
-/// Rows of pixels and their surroundings -> the bits of one size of neighborhoods: bits 0 to 31 of the codes in the first
-/// words, the others in the second.
+/// Rows of pixels and their surroundings -> the bits of one size of neighborhoods: bits 0 to 31 of the codes
+/// in the first words, the others in the second.
 struct TransformRows<'a, T: Lane> {
     spectrum: &'a mut Spectrum<T>,
     surroundings: &'a [i32],
@@ -375,8 +376,8 @@ impl<R: RowOfCodes, W: Word> Loop for StoreRow<'_, R, W> {
     }
 }
 
-/// Joins the two halves of the codes. Outputs and inputs are arguments of their own, so that the vectorizer knows that they
-/// do not overlap.
+/// Joins the two halves of the codes. Outputs and inputs are arguments of their own, so that the vectorizer
+/// knows that they do not overlap.
 #[inline(always)]
 fn narrow<W: Word, C: Code>(low: &[W], high: &[W], codes: &mut [C]) {
     let n = codes.len();

@@ -1,4 +1,5 @@
-//! Arguments from Python: converted to the types of the core, or refused by an exception that names the argument.
+//! Arguments from Python: converted to the types of the core, or refused by an exception that names the
+//! argument.
 
 use ndarray::{Array3, Dimension};
 use numpy::{Element, PyArray, PyArray2, PyArray3, PyArrayMethods, PyUntypedArrayMethods};
@@ -58,8 +59,8 @@ pub fn read_range((min, count): &Both<'_>) -> Result<(i64, i64)> {
     Ok((integer(min, "min_disparity")?, integer(count, "num_disparities")?))
 }
 
-/// Reads both images and their masks. The pair is searched over these disparities, or over one until the range is
-/// known.
+/// Reads both images and their masks. The pair is searched over these disparities, or over one until the
+/// range is known.
 pub fn read_images(images: &Both<'_>, masks: &Both<'_>, search: Disparities) -> Result<Pair> {
     let (min, count) = search.unwrap_or((0, 1));
     let inputs = read_inputs(images, masks)?;
@@ -107,8 +108,8 @@ pub fn read_input(image: &Bound<'_, PyAny>, mask: &Bound<'_, PyAny>, name: &str)
     Ok(Input { mask: read_mask(mask, (rows, cols), name)?, ..Input::from(image) })
 }
 
-/// Reads a mask of a given size, or None. True is whatever byte is not 0, as `NumPy` has it: arrays of bool may be views of
-/// any bytes, and most of those are no `bool` of Rust.
+/// Reads a mask of a given size, or None. True is whatever byte is not 0, as `NumPy` has it: arrays of bool
+/// may be views of any bytes, and most of those are no `bool` of Rust.
 fn read_mask(mask: &Bound<'_, PyAny>, size: (usize, usize), name: &str) -> Result<Option<Mask>> {
     if mask.is_none() {
         return Ok(None);
@@ -169,7 +170,8 @@ pub fn read_volume<T: Element + Copy + Default>(
     Ok((plane, (rows, cols, count)))
 }
 
-/// The fields of `phasestereo_large.PairStatistics`: the statistics of a whole pair that the match of its parts needs.
+/// The fields of `phasestereo_large.PairStatistics`: the statistics of a whole pair that the match of its
+/// parts needs.
 pub struct Statistics<'py> {
     pub settings: Settings,
     pub compensation: Option<BlurCompensation>,

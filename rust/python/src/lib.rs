@@ -1,7 +1,8 @@
-//! The Python face: reads arguments, copies images in, releases the interpreter, runs the core, and returns results.
+//! The Python face: reads arguments, copies images in, releases the interpreter, runs the core, and returns
+//! results.
 //!
-//! Both images are copied before the interpreter is released: borrowing them would not stop another Python thread from
-//! writing into them.
+//! Both images are copied before the interpreter is released: borrowing them would not stop another Python
+//! thread from writing into them.
 
 mod arguments;
 mod failure;
@@ -89,10 +90,10 @@ macro_rules! named {
 
 /// `phasestereo._core`: see the stub beside the Python modules for what each function takes and returns.
 ///
-/// It needs no GIL: what several calls share is behind mutexes (`Workers`, the shared pool, the spare memory of a
-/// matcher) or computed once (tables), and there is no unsafe code except in `simd.rs`, which shares nothing. Arrays
-/// are copied before a call matches anything; a copy of one that another thread changes meanwhile is half changed, as
-/// in `NumPy` itself.
+/// It needs no GIL: what several calls share is behind mutexes (`Workers`, the shared pool, the spare memory
+/// of a matcher) or computed once (tables), and there is no unsafe code except in `simd.rs`, which shares
+/// nothing. Arrays are copied before a call matches anything; a copy of one that another thread changes
+/// meanwhile is half changed, as in `NumPy` itself.
 #[pymodule(gil_used = false)]
 mod _core {
     use super::{
@@ -138,11 +139,11 @@ mod _core {
     }
 }
 
-/// Initializes now, on the importing thread, everything that is initialized only once: the tables of the array
-/// interface, those of the thread pool and of the blur estimation, and the detected instructions.
+/// Initializes now, on the importing thread, everything that is initialized only once: the tables of the
+/// array interface, those of the thread pool and of the blur estimation, and the detected instructions.
 ///
-/// A process that is forked while another thread initializes them would inherit a half-done initialization and wait for
-/// its end forever.
+/// A process that is forked while another thread initializes them would inherit a half-done initialization
+/// and wait for its end forever.
 fn warm_up(py: Python<'_>) -> Result<()> {
     PyArray2::<u8>::zeros(py, (1, 1), false).try_readonly().map_err(internal)?;
     Level::best();
@@ -184,8 +185,8 @@ fn check_noise(noise: &Bound<'_, PyAny>) -> Result<()> {
     read_noise_of_pair(noise).map(drop)
 }
 
-/// A whole default match in one call: estimates what the pair lacks, matches the pair, summarizes the map, and says what
-/// was found. The result has no images.
+/// A whole default match in one call: estimates what the pair lacks, matches the pair, summarizes the map,
+/// and says what was found. The result has no images.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "arguments that Python names")]
 fn match_pair<'py>(
@@ -237,7 +238,8 @@ fn match_pair<'py>(
     objects::result(py, matched, &asked)
 }
 
-/// The cameras of pairs, by what their images show: matrices as OpenCV has them, the expected error in rows, and sentences.
+/// The cameras of pairs, by what their images show: matrices as OpenCV has them, the expected error in rows,
+/// and sentences.
 #[pyfunction]
 fn rectify_pairs<'py>(
     py: Python<'py>,
@@ -352,8 +354,8 @@ fn find_scale(
 /// The share of the black border of an image, and its runs.
 type Side<'py> = (f64, Option<Bound<'py, PyArray1<u32>>>);
 
-/// The black borders of a pair that is read by rows: of each image the share, and the lengths of the runs from the top and the
-/// bottom, by column, and from the left and the right, by row; None: it has no border.
+/// The black borders of a pair that is read by rows: of each image the share, and the lengths of the runs
+/// from the top and the bottom, by column, and from the left and the right, by row; None: it has no border.
 #[pyfunction]
 fn find_borders<'py>(
     py: Python<'py>,
@@ -414,7 +416,8 @@ fn halo(
     Ok((halo.rows(), halo.masked))
 }
 
-/// The most bytes that `match_rows` takes for this many rows; `itemsize` are the bytes of a pixel, all channels together.
+/// The most bytes that `match_rows` takes for this many rows; `itemsize` are the bytes of a pixel, all
+/// channels together.
 #[pyfunction]
 fn working_memory(
     statistics: &Bound<'_, PyAny>,

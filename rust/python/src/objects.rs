@@ -1,5 +1,5 @@
-//! Python's objects of what the core returns: the dataclasses of the package, made here alone, by the names of their
-//! fields.
+//! Python's objects of what the core returns: the dataclasses of the package, made here alone, by the names
+//! of their fields.
 
 use std::time::Duration;
 

@@ -63,8 +63,8 @@ impl Back {
     }
 }
 
-/// A pair for other matchers: both images (None: nothing had to be done), sentences, the number of disparities, the way back,
-/// and what was estimated.
+/// A pair for other matchers: both images (None: nothing had to be done), sentences, the number of
+/// disparities, the way back, and what was estimated.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "arguments that Python names")]
 #[expect(clippy::type_complexity, reason = "what Python unpacks")]

@@ -71,8 +71,8 @@ impl Rig {
         objects::alignment_of(py, &offsets, geometry.straightens.state == 1).map(Some)
     }
 
-    /// Its quantities against limits: name, unit, what it is, value (NaN: unknown), limit, and whether it is kept (None: that
-    /// unknown, and not needed).
+    /// Its quantities against limits: name, unit, what it is, value (NaN: unknown), limit, and whether it is
+    /// kept (None: that unknown, and not needed).
     #[pyo3(signature = (limits, focal))]
     #[expect(clippy::type_complexity, reason = "what Python unpacks")]
     #[expect(clippy::needless_pass_by_value, reason = "an argument that Python gives")]

@@ -17,8 +17,8 @@ use phasestereo_match::matcher::{Execution, Matcher};
 
 /// How often a running call checks for Ctrl-C and reports its progress.
 const TICK: Duration = Duration::from_millis(50);
-/// How long to wait for a cancelled call. It ends within milliseconds once it has begun, and until then it may have to
-/// wait for others.
+/// How long to wait for a cancelled call. It ends within milliseconds once it has begun, and until then it
+/// may have to wait for others.
 const PATIENCE: Duration = Duration::from_millis(500);
 
 /// Does `work` on the threads of a pool. An exception, be it Ctrl-C or from `progress`, cancels it.

@@ -10,8 +10,8 @@ use pyo3::prelude::*;
 use phasestereo::Error;
 use phasestereo::internals::video::temporal::TemporalFilter as Filter;
 
-/// A value that matches change one after another. A match works on a value of its own and puts it back, so the
-/// lock is held for moments, and by a thread that is attached to Python: no child is forked meanwhile.
+/// A value that matches change one after another. A match works on a value of its own and puts it back, so
+/// the lock is held for moments, and by a thread that is attached to Python: no child is forked meanwhile.
 #[derive(Debug, Default)]
 pub struct Carried<T> {
     value: Mutex<T>,
@@ -34,8 +34,8 @@ impl<T> Carried<T> {
         self.value.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The turn of a match, unless another one of this process has it. In a forked child a match of the parent
-    /// does not go on, so its turn has ended.
+    /// The turn of a match, unless another one of this process has it. In a forked child a match of the
+    /// parent does not go on, so its turn has ended.
     pub fn turn(&self, argument: &'static str) -> phasestereo::Result<Turn<'_, T>> {
         let ours = process::id();
         let take = |holder| (holder != ours).then_some(ours);

@@ -50,8 +50,8 @@ pub fn verify_map<'py>(
     verification(py, judged, summary, said, &asked)
 }
 
-/// A match and, of several maps, the traits by which their claims are judged: float32 (height, width, traits), NaN without a
-/// claim.
+/// A match and, of several maps, the traits by which their claims are judged: float32 (height, width,
+/// traits), NaN without a claim.
 #[pyfunction]
 pub fn observe_maps<'py>(
     py: Python<'py>,

@@ -1,7 +1,8 @@
 //! Thread pools and memory that calls from Python share, and the number of calls that use them at once.
 //!
-//! After a fork, the child process has none of its parent's threads, and what these were doing stays half done. So a
-//! pool belongs to one process: another one neither uses nor drops it, since dropping would wait for its threads.
+//! After a fork, the child process has none of its parent's threads, and what these were doing stays half
+//! done. So a pool belongs to one process: another one neither uses nor drops it, since dropping would wait
+//! for its threads.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::{Receiver, channel};
@@ -17,15 +18,15 @@ use crate::failure::Result;
 use phasestereo_match::base::control::Control;
 use phasestereo_match::matcher::Matcher;
 
-/// Most calls that run in one pool at once; others wait for their turn. Each holds the codes of a pair. Besides, a
-/// thread that waits for others starts the next call meanwhile, on the same stack.
+/// Most calls that run in one pool at once; others wait for their turn. Each holds the codes of a pair.
+/// Besides, a thread that waits for others starts the next call meanwhile, on the same stack.
 const MOST_CALLS: usize = 64;
 
 /// Most bytes of working memory that a kept pool holds between calls.
 const MOST_KEPT: usize = 64 << 20;
 
-/// What calls without [`Workers`] leave to later ones: a pool that is used by one call at a time, and one that all calls share
-/// which leave the number of threads open.
+/// What calls without [`Workers`] leave to later ones: a pool that is used by one call at a time, and one
+/// that all calls share which leave the number of threads open.
 static KEPT: Mutex<[Option<Arc<Pool>>; 2]> = Mutex::new([None, None]);
 
 /// Threads of this process, and a matcher with its memory.
@@ -53,7 +54,8 @@ impl Pool {
         Ok(Arc::new(Self { matcher, threads, process, most_kept, calls, call_ended }))
     }
 
-    /// The pool for an argument `threads`: [`Workers`], a number of threads of its own, or None for the shared pool.
+    /// The pool for an argument `threads`: [`Workers`], a number of threads of its own, or None for the
+    /// shared pool.
     pub fn for_argument(threads: &Bound<'_, PyAny>) -> Result<Arc<Self>> {
         if let Ok(workers) = threads.cast::<Workers>() {
             return Ok(workers.get().pool()?);
@@ -64,7 +66,8 @@ impl Pool {
 
     /// A kept pool of this many threads, or a new one, which replaces it unless it is in use.
     ///
-    /// Nobody waits for the lock: a child that is forked while another thread holds it never sees it released.
+    /// Nobody waits for the lock: a child that is forked while another thread holds it never sees it
+    /// released.
     fn kept(threads: usize, is_shared: bool) -> phasestereo::Result<Arc<Self>> {
         let Ok(mut kept) = KEPT.try_lock() else {
             return Self::keeping(MOST_KEPT, threads);
@@ -137,7 +140,8 @@ impl Turn {
             let outcome = catch_unwind(AssertUnwindSafe(|| work(&self.0.matcher, &control)));
             self.0.matcher.keep_at_most(self.0.most_kept);
 
-            // Dropped first, so that the receiver is the last to hold a pool of its own, and drops its memory.
+            // Dropped first, so that the receiver is the last to hold a pool of its own, and drops its
+            // memory.
             drop(self);
             if let Ok(outcome) = outcome {
                 // The caller may have given up waiting.
@@ -165,8 +169,8 @@ pub fn release_memory() {
     }
 }
 
-/// Threads and memory that are kept from one match to the next. Any number of threads may use them at once without
-/// waiting for each other.
+/// Threads and memory that are kept from one match to the next. Any number of threads may use them at once
+/// without waiting for each other.
 #[pyclass(module = "phasestereo._core", frozen)]
 #[derive(Debug)]
 pub struct Workers {

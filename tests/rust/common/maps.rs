@@ -30,7 +30,8 @@ const REASONS: [u16; 9] = [
 ];
 
 impl FlaggedMap {
-    /// A map of this many rows and columns. About `percent` of the pixels have a flag or no estimate, singly and in rows.
+    /// A map of this many rows and columns. About `percent` of the pixels have a flag or no estimate, singly
+    /// and in rows.
     pub fn random((rows, cols): (usize, usize), percent: u64, seed: u64) -> Self {
         let patch = 1 + (seed % 5) as usize;
         let is_slope = seed & 64 != 0;

@@ -360,9 +360,9 @@ pub fn mask(rows: usize, cols: usize, percent: u64, seed: u64) -> Mask {
     Mask::from_fn(rows, cols, |y, x| valid(seed, y, x) && valid(!seed, y / 5, x / 5))
 }
 
-/// A scene and its negative, of 11 x 42 pixels: every bit of their codes differs, and at disparity 0 only 8 pairs are valid,
-/// in one column. Three pixels in a row share a value; one is valid on the left and the others on the right, so the masks
-/// hide nothing of the scene.
+/// A scene and its negative, of 11 x 42 pixels: every bit of their codes differs, and at disparity 0 only 8
+/// pairs are valid, in one column. Three pixels in a row share a value; one is valid on the left and the
+/// others on the right, so the masks hide nothing of the scene.
 pub fn eight_valid_pairs() -> [View; 2] {
     let in_both = |y, x| x == 18 && y < 8;
     let valid = [0, 1].map(|side| {

@@ -144,8 +144,8 @@ fn phase_costs(
     })
 }
 
-/// Codes of an image. Smoothed ones are in sixteenths of a byte, or have four more bits, or as many as leave them below
-/// 2^17; ones under a kernel have four more bits, or as many as leave them below 2^25.
+/// Codes of an image. Smoothed ones are in sixteenths of a byte, or have four more bits, or as many as leave
+/// them below 2^17; ones under a kernel have four more bits, or as many as leave them below 2^25.
 fn codes(
     view: &View,
     smoothing: f64,
@@ -202,8 +202,8 @@ fn codes_of(
     reference::describe(&reference::convolve(values, kernel, bits), settings, threshold)
 }
 
-/// Magnitude up to which the parts of a component are weak: in white noise a component has the energy of the window, half of
-/// which belongs to either part.
+/// Magnitude up to which the parts of a component are weak: in white noise a component has the energy of the
+/// window, half of which belongs to either part.
 pub fn weak_threshold(gray: &Gray, settings: &Settings, noise: f64) -> f64 {
     let neighborhood = settings.neighborhood + 2 * (settings.sizes - 1);
     let window = Basis::new(&Settings { neighborhood, ..settings.clone() });

@@ -1,8 +1,8 @@
 //! Areas that match outside the run of disparities that most of a pair has: small, near or thin things.
 //!
-//! Where pixels cost much along the run, every disparity within reach is tried, on copies of the images, by the codes of
-//! small neighborhoods summed over small windows: things a few pixels wide fill them. A rough match of the run says first
-//! where that may be: most pixels cost little at the disparities that it found.
+//! Where pixels cost much along the run, every disparity within reach is tried, on copies of the images, by
+//! the codes of small neighborhoods summed over small windows: things a few pixels wide fill them. A rough
+//! match of the run says first where that may be: most pixels cost little at the disparities that it found.
 //!
 //! ```text
 //! sum(y, x, d)    = bits in which the codes of left (y, x) and right (y, x - d) differ, summed over a window around them

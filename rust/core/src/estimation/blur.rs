@@ -1,19 +1,20 @@
 //! The relative blur of a pair from the images alone: which image is the softer one, where, and by what.
 //!
-//! 1. The pair is matched at a quarter of its size (`rough`), where little is left of the blur: that finds the blocks of
-//!    the two images that show the same.
-//! 2. The power spectra of each such pair of blocks are taken (`spectrum`) and averaged in bins (`bins`). Their quotient
-//!    is made of gain, noise, and the response of the relative blur, whatever the blocks show.
-//! 3. Each of a bank of blurs (`bank`) is fitted to all blocks together, then to every pair of blocks (`fit`); the fewest
-//!    that explain the tiles of the image are kept (`regions`). Where none explains all of them together, only the
-//!    pairs are fitted to the whole bank that one of a few blurs explains better than none, and no pair unless that is
-//!    worth something to a sample.
-//!    Where no blur of one image explains all blocks together, one of each image may do (`two_sided`).
-//! 4. Size and direction of each kind are refined (`refine`) on the powers of all its blocks together; where no family
-//!    explains these well, the kernel is measured (`measured`).
+//! 1. The pair is matched at a quarter of its size (`rough`), where little is left of the blur: that finds
+//!    the blocks of the two images that show the same.
+//! 2. The power spectra of each such pair of blocks are taken (`spectrum`) and averaged in bins (`bins`).
+//!    Their quotient is made of gain, noise, and the response of the relative blur, whatever the blocks show.
+//! 3. Each of a bank of blurs (`bank`) is fitted to all blocks together, then to every pair of blocks
+//!    (`fit`); the fewest that explain the tiles of the image are kept (`regions`). Where none explains all
+//!    of them together, only the pairs are fitted to the whole bank that one of a few blurs explains better
+//!    than none, and no pair unless that is worth something to a sample. Where no blur of one image explains
+//!    all blocks together, one of each image may do (`two_sided`).
+//! 4. Size and direction of each kind are refined (`refine`) on the powers of all its blocks together; where
+//!    no family explains these well, the kernel is measured (`measured`).
 //! 5. If there are several kinds, their map is drawn again on finer tiles.
 //!
-//! Where disks whose radii follow the disparities explain the blocks (`depth`), these take the place of 4 and 5.
+//! Where disks whose radii follow the disparities explain the blocks (`depth`), these take the place of 4 and
+//! 5.
 //!
 //! All sums are taken in a fixed order, so the result depends neither on threads nor on instructions.
 
@@ -71,8 +72,8 @@ use phasestereo_match::pair::Pair;
 /// The rough match by which a kernel is measured: half the size shows the kernel nearly as well as the
 /// true disparities would, a quarter does not.
 const ROUGH: RoughScale = RoughScale { factor: 2, ..RoughScale::ROUGH };
-/// Number of blocks that suffices to see whether there is blur. About as many are taken, or fewer; more only of images in
-/// which they would be further apart than [`SPACING`].
+/// Number of blocks that suffices to see whether there is blur. About as many are taken, or fewer; more only
+/// of images in which they would be further apart than [`SPACING`].
 const ENOUGH_BLOCKS: usize = 110;
 /// Number of blocks that suffices for the largest images, too.
 const MOST_BLOCKS: usize = 400;
@@ -86,14 +87,14 @@ const MOST_TILES: usize = 6000;
 const LEAST_SPREAD: f64 = 0.6;
 /// Families that leave a larger loss than this, nepers, may be wrong: then the kernel is measured.
 const DOUBTFUL: f32 = 0.3;
-/// Blurs of both images are accepted if their loss is at most this share of that of the best blur of one image, where
-/// this one is doubtful. True blurs of both, motions and disks, have less; arcs of one image, which no family
-/// explains, have more.
+/// Blurs of both images are accepted if their loss is at most this share of that of the best blur of one
+/// image, where this one is doubtful. True blurs of both, motions and disks, have less; arcs of one image,
+/// which no family explains, have more.
 const CLEARLY_BETTER: f32 = 0.7;
 /// A kernel is measured, and blurs of both images are searched, on at least this many blocks;
 const LEAST_BLOCKS: usize = 12;
-/// ... a kernel on at least one in this many of all: it takes another match, which is not worth it for a little of a large
-/// image,
+/// ... a kernel on at least one in this many of all: it takes another match, which is not worth it for a
+/// little of a large image,
 const LEAST_PART: usize = 20;
 /// ... and unless the measured kernel has a loss larger than the family's by this factor.
 const MUCH_WORSE: f32 = 1.5;
@@ -119,13 +120,14 @@ pub struct Blur {
     pub psf: Option<Psf>,
     /// The kernel that the sharper image has to be convolved with; `None`: no blur.
     pub taps: Option<Taps>,
-    /// The blur of the sharper image, if it lacks something as well: the softer one has to be convolved with it.
+    /// The blur of the sharper image, if it lacks something as well: the softer one has to be convolved with
+    /// it.
     pub other: Option<Psf>,
 }
 
 impl Blur {
-    /// Whether there is no blur, or so slight a one that to give it to the sharper image, too, would cost more detail than the
-    /// difference does: codes are of phase, which a symmetric blur leaves alone.
+    /// Whether there is no blur, or so slight a one that to give it to the sharper image, too, would cost
+    /// more detail than the difference does: codes are of phase, which a symmetric blur leaves alone.
     pub fn is_slight(&self) -> bool {
         let leaves_most = |taps: &Taps| taps.least_response() >= SLIGHT;
         self.other.is_none() && self.taps.as_ref().is_none_or(leaves_most)
@@ -150,17 +152,18 @@ pub struct Estimate {
     pub labels: (usize, usize, Vec<u8>),
     /// Side of a tile, pixels.
     pub tile: usize,
-    /// Certainty from 0 to 1: the share of the loss of the opposite assumption that the first kind avoids; of blur that
-    /// follows depth, the share that this explains of what tiles with blurs of their own would.
+    /// Certainty from 0 to 1: the share of the loss of the opposite assumption that the first kind avoids; of
+    /// blur that follows depth, the share that this explains of what tiles with blurs of their own would.
     pub certainty: f32,
     /// Contrast of the left image relative to the right one's.
     pub gain: f64,
     /// Standard deviations of the noise, left and right, in units of the pixels.
     pub noise: [f64; 2],
-    /// The least height of impulses of the left and of the right image, in units of the pixels; 0: there are none.
+    /// The least height of impulses of the left and of the right image, in units of the pixels; 0: there are
+    /// none.
     pub impulses: [f64; 2],
-    /// Standard deviations of a noise that would do as much harm as the loss of compression, left and right, in units
-    /// of the pixels.
+    /// Standard deviations of a noise that would do as much harm as the loss of compression, left and right,
+    /// in units of the pixels.
     pub coding: [f64; 2],
     /// Statistics by which a later pair of the same cameras is compared.
     pub signature: BlurSignature,
@@ -212,8 +215,8 @@ pub fn prepare() {
     bank();
 }
 
-/// Estimates the relative blur of a pair on the current threads. `sample` is any part of the pair; `whole` are rough
-/// disparities of all of it, if there are any yet.
+/// Estimates the relative blur of a pair on the current threads. `sample` is any part of the pair; `whole`
+/// are rough disparities of all of it, if there are any yet.
 pub(crate) fn estimate(
     rows: &PairRows,
     sample: &Pair,
@@ -229,9 +232,9 @@ pub(crate) fn estimate(
     BlurEstimation::new(rows, sample, known, whole, runtime)?.estimate()
 }
 
-/// Whether the blur of a pair, whose impulses are repaired as in an earlier one, is still that of the earlier one.
-/// Sizes that change by less than about a fifth, and blur that appears in less than a sixteenth of the image, are
-/// missed.
+/// Whether the blur of a pair, whose impulses are repaired as in an earlier one, is still that of the earlier
+/// one. Sizes that change by less than about a fifth, and blur that appears in less than a sixteenth of the
+/// image, are missed.
 pub fn is_as_before(pair: &Pair, before: &BlurSignature, runtime: Runtime) -> Result<bool> {
     let size = pair.size();
     if !before.fits(size) {
@@ -271,8 +274,8 @@ impl<'a> BlurEstimation<'a> {
         Ok(Self { rows, rough, known, size: rows.size(), units, runtime })
     }
 
-    /// Visits the blocks with these top rows, from the first one down, with their rough disparities and the row of the
-    /// image that these begin with.
+    /// Visits the blocks with these top rows, from the first one down, with their rough disparities and the
+    /// row of the image that these begin with.
     fn visit(
         &self,
         tops: &[usize],
@@ -311,7 +314,8 @@ impl<'a> BlurEstimation<'a> {
         if choices.iter().any(|choice| choice.side.is_some())
             && let Some((kinds, map, certainty)) = self.by_depth(&grid, &blocks, &losses, noise)?
         {
-            // Blocks at jumps mix radii, which looks like gain, the other way round where the other image is softer.
+            // Blocks at jumps mix radii, which looks like gain, the other way round where the other image is
+            // softer.
             let gain = map.mean_gain(&kinds) * self.units[1] / self.units[0];
             return Ok(Estimate { certainty, gain, ..self.finished(kinds, map, grid, noise) });
         }
@@ -400,7 +404,8 @@ impl<'a> BlurEstimation<'a> {
         Ok(Grid { step, rows, cols, places, powers: all_powers })
     }
 
-    /// The blurs of both images, if they explain all blocks together clearly better than any blur of one image.
+    /// The blurs of both images, if they explain all blocks together clearly better than any blur of one
+    /// image.
     fn two_sided(&self, all: &AllBlocks) -> Option<FittedBlur> {
         let one_sided = all.losses.iter().copied().fold(f32::INFINITY, f32::min);
         if one_sided <= DOUBTFUL {
@@ -586,8 +591,8 @@ impl<'a> BlurEstimation<'a> {
         even.next_multiple_of(TILE).max(TILE)
     }
 
-    /// The map of the kinds. Its tiles are finer than those of the first blocks, of which only those on a boundary are
-    /// examined again.
+    /// The map of the kinds. Its tiles are finer than those of the first blocks, of which only those on a
+    /// boundary are examined again.
     fn map(
         &self,
         kinds: &[FittedBlur],
@@ -859,7 +864,8 @@ impl RegionMap {
         math::exp(sum / self.labels.len() as f64)
     }
 
-    /// The map with its kinds numbered by falling area, without those of no tile, and the old numbers of these.
+    /// The map with its kinds numbered by falling area, without those of no tile, and the old numbers of
+    /// these.
     fn by_area(mut self, kinds: usize) -> (Self, Vec<usize>) {
         let mut areas = vec![0; kinds];
 

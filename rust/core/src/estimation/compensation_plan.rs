@@ -1,5 +1,5 @@
-//! The plan that compensates for estimated noise and blur: area by area, the sharper image is given the blur of the
-//! other.
+//! The plan that compensates for estimated noise and blur: area by area, the sharper image is given the blur
+//! of the other.
 
 use crate::estimation::blur::taps::Taps;
 use crate::estimation::blur::{Blur, Estimate, Side};
@@ -9,23 +9,25 @@ use phasestereo_match::image::convolution::Kernel;
 use phasestereo_match::pair::blur_compensation::BlurCompensation;
 use phasestereo_match::settings::{LARGEST_PIXEL, LARGEST_WINDOW, Settings};
 
-/// Pixels by which neighborhoods and windows grow where there is more than a narrow blur: larger ones describe what is left of
-/// the texture.
+/// Pixels by which neighborhoods and windows grow where there is more than a narrow blur: larger ones
+/// describe what is left of the texture.
 pub const LARGER: usize = 2;
-/// Pixels by which neighborhoods grow where all blur is wide ([`Psf::is_wide`](super::blur::psf::Psf::is_wide)).
+/// Pixels by which neighborhoods grow where all blur is wide
+/// ([`Psf::is_wide`](super::blur::psf::Psf::is_wide)).
 ///
 /// They pay off where nothing finer is left in any direction.
 pub const MUCH_LARGER: usize = 4;
 
-/// Noise of so large a share of the range, or as much harm by compression, is stood by larger neighborhoods alone. Then even a
-/// slight blur is worth compensating: fine texture, which that costs, is lost in noise.
+/// Noise of so large a share of the range, or as much harm by compression, is stood by larger neighborhoods
+/// alone. Then even a slight blur is worth compensating: fine texture, which that costs, is lost in noise.
 const NOISY: f64 = 0.008;
-/// Standard deviation, pixels, in its narrowest direction, of a narrow blur. Without noise it leaves fine texture in that
-/// direction, or in all, of which larger neighborhoods make less: of motions of any length, and disks of radius 3.
+/// Standard deviation, pixels, in its narrowest direction, of a narrow blur. Without noise it leaves fine
+/// texture in that direction, or in all, of which larger neighborhoods make less: of motions of any length,
+/// and disks of radius 3.
 const NARROW: f64 = 1.6;
 
-/// Standard deviations of the noise that are smoothed away. Fewer leave more of noise and compression, and harm
-/// sharp pairs hardly less.
+/// Standard deviations of the noise that are smoothed away. Fewer leave more of noise and compression, and
+/// harm sharp pairs hardly less.
 const DEVIATIONS: f64 = 2.0;
 
 /// The kernels that the left and the right image are convolved with; `None`: the image stays as it is.
@@ -51,7 +53,8 @@ pub struct CompensationPlan {
 }
 
 impl CompensationPlan {
-    /// The plan for an estimate; `noise` is the known noise, if any, and `range` white less black, in units of the pixels.
+    /// The plan for an estimate; `noise` is the known noise, if any, and `range` white less black, in units
+    /// of the pixels.
     pub fn new(
         estimate: &Estimate,
         noise: Option<[f64; 2]>,
@@ -152,10 +155,11 @@ fn kernels(blur: &Blur) -> Result<KernelPair> {
     })
 }
 
-/// The standard deviations by which both images are smoothed: each by its own noise, and by what compression has lost.
+/// The standard deviations by which both images are smoothed: each by its own noise, and by what compression
+/// has lost.
 ///
-/// Where one image is softer, fine texture of the sharper one looks like noise: then the level at which components are
-/// weak counts. `known` is the known noise.
+/// Where one image is softer, fine texture of the sharper one looks like noise: then the level at which
+/// components are weak counts. `known` is the known noise.
 fn smoothing(estimate: &Estimate, known: Option<[f64; 2]>) -> [f64; 2] {
     let is_blurred = estimate.blurs.iter().any(|blur| blur.side.is_some());
     let own = if is_blurred { weak_level(estimate) } else { estimate.noise };
@@ -167,8 +171,8 @@ fn smoothing(estimate: &Estimate, known: Option<[f64; 2]>) -> [f64; 2] {
 
 /// The noise under which a component is weak: the same level for both images, scaled by the contrast of each.
 ///
-/// The noise of the softer image is what is left in both once the sharper one is blurred. The noise of the sharper one
-/// would include fine texture, which looks like noise.
+/// The noise of the softer image is what is left in both once the sharper one is blurred. The noise of the
+/// sharper one would include fine texture, which looks like noise.
 fn weak_level(estimate: &Estimate) -> [f64; 2] {
     let [left, right] = estimate.noise;
     let level = match estimate.blurs[0].side {
@@ -185,7 +189,8 @@ mod tests {
     use super::*;
     use crate::estimation::blur::psf::Psf;
 
-    /// The plan for areas of blurs with these functions, beside areas without blur, and noise of this standard deviation in gray levels.
+    /// The plan for areas of blurs with these functions, beside areas without blur, and noise of this
+    /// standard deviation in gray levels.
     fn plan(psfs: &[Psf], noise: f64) -> CompensationPlan {
         let blur = |psf: &Psf| Blur {
             side: Some(Side::Left),

@@ -24,11 +24,11 @@ pub struct Estimates {
     pub axis: Option<Fact<Direction>>,
     /// The disparities to search.
     pub candidates: Fact<Candidates>,
-    /// Mean confidence of the rough match of the reduced images, if there was one: over the known disparities, unless these match
-    /// badly and others well.
+    /// Mean confidence of the rough match of the reduced images, if there was one: over the known
+    /// disparities, unless these match badly and others well.
     pub confidence: Option<f64>,
-    /// Whether the images match once one of them is inverted, and not before. With `compensate_blur`, all else was then
-    /// estimated with the negative of the right image.
+    /// Whether the images match once one of them is inverted, and not before. With `compensate_blur`, all
+    /// else was then estimated with the negative of the right image.
     pub is_inverted: bool,
     /// Whether the odd rows of the left and of the right image became means of the even ones.
     pub even_rows: [bool; 2],
@@ -42,10 +42,11 @@ pub struct Estimates {
     pub left_out: Vec<LeftOut>,
     /// The vertical offsets, if they were to be estimated and enough blocks were found in both images.
     pub offsets: Option<RowOffsets>,
-    /// How far apart rows stay by the best field of offsets, known well enough or not, pixels: infinite without one.
+    /// How far apart rows stay by the best field of offsets, known well enough or not, pixels: infinite
+    /// without one.
     pub rows_apart: f64,
-    /// The strength of a faint pattern that both images had at the same place, in units of the pixels; `None`: there was none.
-    /// All else is estimated without it.
+    /// The strength of a faint pattern that both images had at the same place, in units of the pixels;
+    /// `None`: there was none. All else is estimated without it.
     pub shared_pattern: Option<f64>,
     /// The field by which the right image is straightened.
     pub alignment: Option<Alignment>,
@@ -53,7 +54,8 @@ pub struct Estimates {
     pub blur: Option<blur::Estimate>,
     /// What the gray values say, if anything was to be estimated.
     pub photometry: Option<Photometry>,
-    /// The settings and kernels that suit the blur and the noise, of which one or both are estimated or known.
+    /// The settings and kernels that suit the blur and the noise, of which one or both are estimated or
+    /// known.
     pub compensation: Option<CompensationPlan>,
     /// What there is to say about the pair, in a fixed order of topics.
     pub findings: Vec<Finding>,

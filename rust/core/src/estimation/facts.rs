@@ -1,20 +1,22 @@
 //! What is known of a pair before it is matched, and where that comes from.
 //!
-//! A caller states some facts, an earlier frame of the same cameras shows others, a copy of half the size has those of the pair.
-//! [`super::complete`] estimates what is missing. It never changes a fact that it gets, nor the settings.
+//! A caller states some facts, an earlier frame of the same cameras shows others, a copy of half the size has
+//! those of the pair. [`super::complete`] estimates what is missing. It never changes a fact that it gets,
+//! nor the settings.
 //!
-//! Explanations of what the images show compete by their evidence: the logarithm of the probability of the observations under
-//! one explanation, less that under another, in nats. An explanation with more parameters pays for each with half the logarithm
-//! of the number of observations (Schwarz: *Estimating the dimension of a model*, Annals of Statistics 6, 1978).
+//! Explanations of what the images show compete by their evidence: the logarithm of the probability of the
+//! observations under one explanation, less that under another, in nats. An explanation with more parameters
+//! pays for each with half the logarithm of the number of observations (Schwarz: *Estimating the dimension of
+//! a model*, Annals of Statistics 6, 1978).
 
 use phasestereo_match::base::math;
 use phasestereo_match::pair::alignment::Alignment;
 use phasestereo_match::pair::blur_compensation::BlurCompensation;
 use phasestereo_match::pair::candidates::Candidates;
 
-/// Evidence over "nothing is wrong" from which on a fault is compensated for, nats. Of 60 pairs of 12 scenes whose rows do not sway
-/// (sharp, noisy, compressed, turned, with keystone) none has more than 2.6 for a spline of the row; where rows sway by 1 px, all
-/// have 27 and more.
+/// Evidence over "nothing is wrong" from which on a fault is compensated for, nats. Of 60 pairs of 12 scenes
+/// whose rows do not sway (sharp, noisy, compressed, turned, with keystone) none has more than 2.6 for a
+/// spline of the row; where rows sway by 1 px, all have 27 and more.
 pub const SUFFICIENT: f64 = 10.0;
 
 /// Where a fact comes from.
@@ -77,7 +79,8 @@ pub struct Facts {
     pub candidates: Option<Fact<Candidates>>,
     /// Standard deviations of the noise, left and right.
     pub noise: Option<[f64; 2]>,
-    /// How blur is compensated for before pixels are compared; where it is known, neither blur nor noise is estimated.
+    /// How blur is compensated for before pixels are compared; where it is known, neither blur nor noise is
+    /// estimated.
     pub compensation: Option<BlurCompensation>,
     /// How rows correspond.
     pub rows: Rows,
@@ -132,8 +135,9 @@ impl Facts {
     }
 }
 
-/// The evidence for an explanation that leaves residuals of standard deviation `after` over one that leaves `before`, nats: it has
-/// more parameters, by `parameters`, and independent observations with normal errors distinguish them.
+/// The evidence for an explanation that leaves residuals of standard deviation `after` over one that leaves
+/// `before`, nats: it has more parameters, by `parameters`, and independent observations with normal errors
+/// distinguish them.
 ///
 /// ```text
 /// nats = observations ln(before / after) - parameters / 2 ln(observations)

@@ -1,5 +1,6 @@
-//! Whether the left image is that of the left camera. The sign of the disparities does not show it: cropped images
-//! and toed-in cameras have negative ones, too. Two other signs do, which have nothing to do with each other.
+//! Whether the left image is that of the left camera. The sign of the disparities does not show it: cropped
+//! images and toed-in cameras have negative ones, too. Two other signs do, which have nothing to do with each
+//! other.
 //!
 //! ```text
 //! ground = rank correlation of row and disparity      # the ground is below, and nearer the lower it is seen
@@ -9,15 +10,15 @@
 //! exchanged: the same with ground and sides negated
 //! ```
 //!
-//! A half-seen strip has no disparity, as one camera alone sees it: it is as wide as the disparities beside it differ. It
-//! belongs to the far surface, and lies to the left of the near thing in the image of the left camera, to its right in that
-//! of the right one. So each strip has two votes: at which end is the stronger edge, that of the near thing; and to which
-//! side is it alike in gray, that of the far surface.
+//! A half-seen strip has no disparity, as one camera alone sees it: it is as wide as the disparities beside
+//! it differ. It belongs to the far surface, and lies to the left of the near thing in the image of the left
+//! camera, to its right in that of the right one. So each strip has two votes: at which end is the stronger
+//! edge, that of the near thing; and to which side is it alike in gray, that of the far surface.
 
 use super::overview::{Overview, RoughMap};
 
-/// Signs of the order that are clear, by themselves: see the start of this file. Any thresholds of .2 to .5 and .15 to .35
-/// gave no wrong answer in 327 pairs, both ways each.
+/// Signs of the order that are clear, by themselves: see the start of this file. Any thresholds of .2 to .5
+/// and .15 to .35 gave no wrong answer in 327 pairs, both ways each.
 const CLEAR: (f64, f64) = (0.3, 0.25);
 /// ... and the other one, of the other order, that they bear.
 const BORNE: (f64, f64) = (0.2, 0.1);
@@ -25,8 +26,8 @@ const BORNE: (f64, f64) = (0.2, 0.1);
 const LEAST_VOTES: usize = 20;
 /// Share of the pixels that have a disparity from which on they show the order.
 const LEAST_KNOWN: f64 = 0.25;
-/// Least width of a strip, pixels of the copy; and by which share of its width the jump of the disparities may differ from
-/// it.
+/// Least width of a strip, pixels of the copy; and by which share of its width the jump of the disparities
+/// may differ from it.
 const LEAST_STRIP: f32 = 2.0;
 const UNLIKE: f32 = 0.5;
 /// Pixels on either side of an end of a strip that show its edge, and its gray.
@@ -50,7 +51,8 @@ pub enum Order {
 pub struct Signs {
     /// Rank correlation of row and disparity.
     pub ground: f64,
-    /// Votes of half-seen strips for "in place" less those for "exchanged", as a share of all; 0 where these are few.
+    /// Votes of half-seen strips for "in place" less those for "exchanged", as a share of all; 0 where these
+    /// are few.
     pub sides: f64,
     /// Whether enough pixels have a disparity.
     pub is_seen: bool,
@@ -142,7 +144,8 @@ fn votes(copies: &Overview, map: &RoughMap) -> [usize; 2] {
                 && valid[before..x].iter().all(|valid| *valid)
             {
                 let edge = edges(gray, [before, x]);
-                // The near thing is at the end of the stronger edge: at the right one, if the images are in place.
+                // The near thing is at the end of the stronger edge: at the right one, if the images are in
+                // place.
                 votes[usize::from(edge[0] >= edge[1])] += 1;
                 if let Some(is_exchanged) = is_of_right_surface(gray, [before, x]) {
                     votes[usize::from(is_exchanged)] += 1;
@@ -168,7 +171,8 @@ fn edges(gray: &[f32], ends: [usize; 2]) -> [f32; 2] {
     })
 }
 
-/// Whether a strip is in gray like the surface to its right, not like that to its left; `None`: it is like both.
+/// Whether a strip is in gray like the surface to its right, not like that to its left; `None`: it is like
+/// both.
 fn is_of_right_surface(gray: &[f32], [before, after]: [usize; 2]) -> Option<bool> {
     let mean = |part: &[f32]| part.iter().sum::<f32>() / part.len() as f32;
     let strip = mean(&gray[before + 1..after]);

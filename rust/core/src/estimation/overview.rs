@@ -18,11 +18,11 @@ use phasestereo_match::refinement::flag;
 use phasestereo_match::settings::presets::Preset;
 use phasestereo_match::settings::{Optimizer, Precision, Settings};
 
-/// Most columns of the reduced images: so few that all disparities can be tried, and that little is left of a blur of
-/// ten pixels.
+/// Most columns of the reduced images: so few that all disparities can be tried, and that little is left of a
+/// blur of ten pixels.
 const WIDTH: usize = 256;
-/// Most columns of the finer copies, on which the ends of the range and thin things are found; they are reduced by two
-/// at least.
+/// Most columns of the finer copies, on which the ends of the range and thin things are found; they are
+/// reduced by two at least.
 const FINE_WIDTH: usize = 720;
 /// Most columns of the still smaller copies, on which all disparities are tried.
 pub const COARSE_WIDTH: usize = 128;
@@ -102,8 +102,8 @@ pub struct RoughMap {
     pub unsure: Plane<f32>,
     /// The field by which the right image was resampled.
     pub field: Option<Alignment>,
-    /// Mean confidence: 0.66 to 0.95 on small copies of 12 pairs; 0.19 to 0.39 on those of unrelated images, of
-    /// noise, and of pairs whose rows are four or more off there.
+    /// Mean confidence: 0.66 to 0.95 on small copies of 12 pairs; 0.19 to 0.39 on those of unrelated images,
+    /// of noise, and of pairs whose rows are four or more off there.
     pub confidence: f64,
 }
 
@@ -338,8 +338,8 @@ impl Overview {
         Ok(Self { factor: self.factor * by, planes, valid })
     }
 
-    /// The span here of disparities of the whole images. It has no margin: one more on either side of a power of two would
-    /// take another run of lanes.
+    /// The span here of disparities of the whole images. It has no margin: one more on either side of a power
+    /// of two would take another run of lanes.
     pub fn span(&self, all: Candidates) -> Span {
         let factor = self.factor as isize;
         let low = all.min();
@@ -354,8 +354,8 @@ impl Overview {
         (-reach, reach)
     }
 
-    /// Matches the reduced images over a span of their disparities, the right one resampled by the field: roughly,
-    /// with a left-right check.
+    /// Matches the reduced images over a span of their disparities, the right one resampled by the field:
+    /// roughly, with a left-right check.
     pub fn matched(
         &self,
         span: Span,

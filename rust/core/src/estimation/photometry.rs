@@ -1,8 +1,8 @@
-//! What the gray values of a pair say of it: how the two images compare, how much of them carries no information, and
-//! what misleads a match.
+//! What the gray values of a pair say of it: how the two images compare, how much of them carries no
+//! information, and what misleads a match.
 //!
-//! Rows are sampled: of every sixteen the first and the ninth, and the two below the first. All that is counted
-//! is an integer, so it does not matter how a pair is cut into parts:
+//! Rows are sampled: of every sixteen the first and the ninth, and the two below the first. All that is
+//! counted is an integer, so it does not matter how a pair is cut into parts:
 //!
 //! ```text
 //! saturated   pixels with a channel at the least or at the largest value that the image has
@@ -41,14 +41,16 @@ const EVERY: usize = 8;
 const STEPS: f32 = 64.0;
 /// Differences up to this many standard deviations of the noise are not texture.
 const QUIET: f64 = 2.0;
-/// ... and so are those below this share of the range, half a gray level of 8 bits, however little noise there is.
+/// ... and so are those below this share of the range, half a gray level of 8 bits, however little noise
+/// there is.
 const FLAT: f64 = 0.002;
 /// Runs of this many times that are judged for how sharp they are.
 const TEXTURED: f64 = 3.0;
-/// Interlaced images: shifted back, the fields differ by at most this share of what they differ by as they are. Of
-/// progressive images, no shift makes even and odd rows more alike.
+/// Interlaced images: shifted back, the fields differ by at most this share of what they differ by as they
+/// are. Of progressive images, no shift makes even and odd rows more alike.
 const ALIKE: f64 = 0.9;
-/// By chance, sums over `n` differences of noise differ by about `1 / sqrt(n)` of themselves; beyond this multiple it is significant.
+/// By chance, sums over `n` differences of noise differ by about `1 / sqrt(n)` of themselves; beyond this
+/// multiple it is significant.
 const BEYOND_CHANCE: f64 = 6.0;
 
 /// Shares of an image's pixels, 0 to 1, whose gray value is at an end of those that the image has.
@@ -71,11 +73,13 @@ pub struct Photometry {
     pub saturation: [Saturation; 2],
     /// Shares of the image without texture along its rows; NaN where it is narrower than a run.
     pub flat: [f64; 2],
-    /// Shares of the texture that is smeared, as by lossy compression, by denoising or by a soft lens; NaN: none.
+    /// Shares of the texture that is smeared, as by lossy compression, by denoising or by a soft lens; NaN:
+    /// none.
     pub smeared: [f64; 2],
     /// Shares of the image with texture that repeats itself along its rows; NaN where it is too narrow.
     pub repeated: [f64; 2],
-    /// By how many pixels odd rows are shifted against even ones, as in interlaced video of what moves; 0: they are not.
+    /// By how many pixels odd rows are shifted against even ones, as in interlaced video of what moves; 0:
+    /// they are not.
     pub fields: [i32; 2],
     /// How the gray levels of the images correspond; `None`: too little corresponds.
     pub contrast: Option<Contrast>,
@@ -118,8 +122,8 @@ struct Counts {
 }
 
 impl Photometry {
-    /// Looks at sampled rows of a pair of which this many disparities are searched. `noise` are the standard deviations in units
-    /// of the pixels, 0 where unknown.
+    /// Looks at sampled rows of a pair of which this many disparities are searched. `noise` are the standard
+    /// deviations in units of the pixels, 0 where unknown.
     pub fn new(
         rows: &PairRows,
         scales: &Scales,

@@ -1,5 +1,5 @@
-//! The range of disparities to search: the run that holds nearly all of those found in reduced copies of a pair, with what
-//! lies next to it, and the areas that match outside it ([`super::areas`]), however small.
+//! The range of disparities to search: the run that holds nearly all of those found in reduced copies of a
+//! pair, with what lies next to it, and the areas that match outside it ([`super::areas`]), however small.
 
 use std::cmp::Reverse;
 use std::ops::Range;
@@ -19,7 +19,8 @@ use phasestereo_match::pair::alignment::Alignment;
 use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::settings::MOST_DISPARITIES;
 
-/// Least mean confidence of a usable match: between those of unrelated images and of true pairs, see [`RoughMap`].
+/// Least mean confidence of a usable match: between those of unrelated images and of true pairs, see
+/// [`RoughMap`].
 pub const LEAST_CONFIDENCE: f64 = 0.45;
 /// Share of the matches that the shortest range holds at least.
 const CORE: f64 = 0.97;
@@ -35,13 +36,14 @@ const COARSE: f64 = 0.1;
 const LONG: f64 = 16.0;
 /// Nearly all of the matches.
 const NEARLY_ALL: f64 = 0.95;
-/// Least mean confidence of the match of finer copies; with less, noise or blur leave nothing to be seen in them.
+/// Least mean confidence of the match of finer copies; with less, noise or blur leave nothing to be seen in
+/// them.
 const LEAST_FINE: f64 = 0.5;
 /// Pixels of the copy by which finer copies of less confidence may still move an end inwards.
 const LOST: isize = 1;
-/// Bits by which an area has to be explained better by disparities outside the run to belong to the range. Of 54 things of
-/// 0.5 % of an image, 8 to 14 px wide, or of 24 to 40 px, one has less; in 27 pairs without such things, no area has more
-/// than 857 ...
+/// Bits by which an area has to be explained better by disparities outside the run to belong to the range. Of
+/// 54 things of 0.5 % of an image, 8 to 14 px wide, or of 24 to 40 px, one has less; in 27 pairs without such
+/// things, no area has more than 857 ...
 const CERTAIN: u64 = 1000;
 /// ... or, on the near side of the run, within this share of its length of it.
 const BESIDE: (u64, f64) = (500, 0.25);
@@ -87,8 +89,8 @@ pub struct SearchRange {
     pub low: f64,
     /// Largest disparity found, pixels.
     pub high: f64,
-    /// Whether nearly all disparities are negative, most of them clearly, as when the images are swapped, cropped, or
-    /// of toed-in cameras.
+    /// Whether nearly all disparities are negative, most of them clearly, as when the images are swapped,
+    /// cropped, or of toed-in cameras.
     pub negative: bool,
     /// Whether many disparities of either sign are clearly not zero, as with toed-in cameras.
     pub mixed: bool,
@@ -117,7 +119,8 @@ impl SearchRange {
     }
 }
 
-/// A place whose disparities are not searched, although something seems to be there; pixels of the whole image.
+/// A place whose disparities are not searched, although something seems to be there; pixels of the whole
+/// image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LeftOut {
     /// Its rows.
@@ -234,7 +237,8 @@ impl Ends {
     }
 }
 
-/// The run of a rough map of the overview as its ends are on finer copies, and a match of these where the ends are.
+/// The run of a rough map of the overview as its ends are on finer copies, and a match of these where the
+/// ends are.
 fn refined(
     copies: &Overview,
     overview: &Overview,
@@ -269,8 +273,8 @@ fn refined(
     Ok(((low.min((first + 1) * by), high.max((last - 1) * by).max(low)), fine))
 }
 
-/// The bands of this many rows that show most of the disparities at either end of a run, and the outermost ones, from the top
-/// down.
+/// The bands of this many rows that show most of the disparities at either end of a run, and the outermost
+/// ones, from the top down.
 pub fn bands_at_ends(map: &RoughMap, (first, last): Span, height: usize) -> Vec<Range<usize>> {
     let rows = map.disparity.rows();
     let bands: Vec<Range<usize>> =
@@ -399,8 +403,8 @@ fn small_places(
     Ok(certain(found, finest))
 }
 
-/// The disparities that are tried beside a run: all that are nearer, and, unless the copies are finer than the overview, as far
-/// on the other side of zero as cameras that are not quite parallel see.
+/// The disparities that are tried beside a run: all that are nearer, and, unless the copies are finer than
+/// the overview, as far on the other side of zero as cameras that are not quite parallel see.
 pub fn reach(copies: &Overview, run: Span, is_finer: bool) -> Span {
     let (lowest, highest) = copies.widest();
     if run.0 + run.1 >= 0 {
@@ -424,7 +428,8 @@ fn places_of(
     Ok(found.iter().map(|area| LeftOut::new(area, copies.factor)).collect())
 }
 
-/// Whether an area is seen from the right image, too, and explained so much better outside a run, or next to its near side.
+/// Whether an area is seen from the right image, too, and explained so much better outside a run, or next to
+/// its near side.
 pub fn belongs(area: &Area, run: Span) -> bool {
     let step = (BESIDE.1 * (run.1 - run.0) as f64) as isize;
     let is_beside = if run.0 + run.1 >= 0 {
@@ -507,8 +512,8 @@ impl LeftOut {
 
 /// Whether both images are the same up to noise: nowhere do they differ as if one was shifted.
 ///
-/// In each of some tiles, the difference is regressed on the slope of the gray values along both axes: the coefficients are
-/// shifts.
+/// In each of some tiles, the difference is regressed on the slope of the gray values along both axes: the
+/// coefficients are shifts.
 pub fn is_identical(copies: &Overview) -> bool {
     let [left, right] = &copies.planes;
     let (rows, cols) = (left.rows(), left.cols());
@@ -557,8 +562,8 @@ fn known(map: &RoughMap) -> impl Iterator<Item = f32> {
 }
 
 impl Overview {
-    /// Matches the reduced images, the right one resampled by the field. If the disparities are unknown, all are
-    /// tried on still smaller copies, and here only those that were found there, and some around them.
+    /// Matches the reduced images, the right one resampled by the field. If the disparities are unknown, all
+    /// are tried on still smaller copies, and here only those that were found there, and some around them.
     pub fn rough(
         &self,
         candidates: Option<Candidates>,
@@ -634,16 +639,16 @@ fn shortest(counts: &[usize], enough: usize) -> (usize, usize) {
 
 /// The first and the last disparity to search, with a margin around those from low to high.
 ///
-/// A range on one side of zero stays there, and begins at zero unless that would more than double it. Searching more
-/// than there is costs time but no accuracy; searching less costs both.
+/// A range on one side of zero stays there, and begins at zero unless that would more than double it.
+/// Searching more than there is costs time but no accuracy; searching less costs both.
 fn with_margin(low: f64, high: f64, factor: f64) -> (i64, i64) {
     let margin = 1.0 + MARGIN * (high - low) + COARSE * factor;
     let start = (low - margin).floor() as i64;
     let end = (high + margin).ceil() as i64;
     let length = end - start;
 
-    // Ends that are this much on one side of zero are not across it by mistake. The candidate 0 stands for half a pixel on
-    // either side: in a long range an end that is not farther away is most often a mistake.
+    // Ends that are this much on one side of zero are not across it by mistake. The candidate 0 stands for
+    // half a pixel on either side: in a long range an end that is not farther away is most often a mistake.
     let clear = if high - low > LONG { -0.5 } else { factor / 4.0 };
     if low + high > 0.0 {
         let start = if low >= clear && start <= length { 0 } else { start };

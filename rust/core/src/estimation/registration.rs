@@ -47,7 +47,8 @@ impl Peak {
         is_near.then_some(Self { offset, curvature, correlation })
     }
 
-    /// Inverse variances of the column and of the row, of arbitrary scale: curvature over the noise of the correlation.
+    /// Inverse variances of the column and of the row, of arbitrary scale: curvature over the noise of the
+    /// correlation.
     pub fn precision(&self) -> [f64; 2] {
         self.curvature.map(|curvature| curvature / (PERFECT - self.correlation))
     }

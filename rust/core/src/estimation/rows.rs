@@ -1,13 +1,15 @@
-//! How the rows of a pair correspond: a smooth field of vertical offsets, fitted to blocks that were found in both
-//! images, and beside it a spline of the row where rows sway, as those of a rolling shutter that shakes.
+//! How the rows of a pair correspond: a smooth field of vertical offsets, fitted to blocks that were found in
+//! both images, and beside it a spline of the row where rows sway, as those of a rolling shutter that shakes.
 //!
-//! Blocks mislead where the images do not show the same, at jumps in depth above all, so the fit is robust ([`robust`]).
-//! Blocks are followed from the reduced copies, which withstand blur and noise, to the whole images, which are exact; the
-//! fit with the least standard error is kept. The field is linear unless keystone and distortion explain much more.
+//! Blocks mislead where the images do not show the same, at jumps in depth above all, so the fit is robust
+//! ([`robust`]). Blocks are followed from the reduced copies, which withstand blur and noise, to the whole
+//! images, which are exact; the fit with the least standard error is kept. The field is linear unless
+//! keystone and distortion explain much more.
 //!
-//! Where the residuals of the smooth field give evidence of a spline, it is fitted along with the field, and kept if there is
-//! much evidence then. The blocks that determine a smooth field are too few for a spline, and those that were followed from
-//! copies do not reach the borders: so both are fitted once more to four times as many blocks.
+//! Where the residuals of the smooth field give evidence of a spline, it is fitted along with the field, and
+//! kept if there is much evidence then. The blocks that determine a smooth field are too few for a spline,
+//! and those that were followed from copies do not reach the borders: so both are fitted once more to four
+//! times as many blocks.
 
 pub mod robust;
 
@@ -36,8 +38,8 @@ const LARGEST_ERROR: f64 = 0.5;
 const ROUNDS: usize = 3;
 /// Vertical offsets, in rows of the copy, that a rough match withstands.
 const TOLERATED: f64 = 0.4;
-/// ... and those with which it is about the same: confidences of 36 pairs with rows up to 1 px off change by 0.002 on
-/// average, and by 0.006 at most.
+/// ... and those with which it is about the same: confidences of 36 pairs with rows up to 1 px off change by
+/// 0.002 on average, and by 0.006 at most.
 const HARDLY: f64 = 0.25;
 /// All terms are used if their field differs from the linear one by this many standard errors,
 const RICHER: f64 = 2.0;
@@ -45,15 +47,17 @@ const RICHER: f64 = 2.0;
 const LEAST_RICHER: f64 = 0.02;
 /// Error that no averaging over blocks removes, as a share of a pixel of the copy.
 const BIAS: f64 = 0.02;
-/// Evidence in the residuals of a smooth field from which on a spline of the row is fitted, too: of 60 pairs of 12 scenes whose
-/// rows do not sway, sharp, with noise, compressed, turned and with keystone, up to 1.0; 55 of them have less.
+/// Evidence in the residuals of a smooth field from which on a spline of the row is fitted, too: of 60 pairs
+/// of 12 scenes whose rows do not sway, sharp, with noise, compressed, turned and with keystone, up to 1.0;
+/// 55 of them have less.
 pub const SUSPICION: f64 = 0.5;
 /// Offsets below this, pixels root mean square, are ignored: on 12 aligned scenes up to 0.05 are found.
 const LEAST_RMS: f64 = 0.12;
 /// ... and so are offsets of fewer standard errors than this.
 const LEAST_ERRORS: f64 = 2.0;
 
-/// Lens distortion is named from this many pixels on, and this many standard errors: of 10 pairs without any up to 2.6.
+/// Lens distortion is named from this many pixels on, and this many standard errors: of 10 pairs without any
+/// up to 2.6.
 pub const DISTORTED: (f64, f64) = (2.0, 3.0);
 
 /// The vertical offsets of a pair.
@@ -67,13 +71,14 @@ pub struct RowOffsets {
     pub blocks: usize,
     /// Robust standard deviation of the blocks from it, pixels.
     pub spread: f64,
-    /// Standard error in the middle of every interval of the spline of the row, root mean square over the columns.
+    /// Standard error in the middle of every interval of the spline of the row, root mean square over the
+    /// columns.
     pub errors: [f64; INTERVALS],
 }
 
 impl RowOffsets {
-    /// The largest offset at a border by the terms that lens distortion alone has, pixels, if it is large and clearly larger than its
-    /// own error.
+    /// The largest offset at a border by the terms that lens distortion alone has, pixels, if it is large and
+    /// clearly larger than its own error.
     pub fn distortion(&self) -> Option<f64> {
         let terms = &self.field.coefficients()[CUBIC..];
         let most = terms.iter().fold(0.0f64, |most, value| most.max(value.abs()));
@@ -91,8 +96,8 @@ impl RowOffsets {
 pub struct FoundRows {
     /// The offsets; `None` where there is too little texture or too little in common.
     pub offsets: Option<RowOffsets>,
-    /// How far apart rows stay by the best field, known well enough or not: its standard error and the spread of the blocks from
-    /// it, pixels. Infinite without one.
+    /// How far apart rows stay by the best field, known well enough or not: its standard error and the spread
+    /// of the blocks from it, pixels. Infinite without one.
     pub apart: f64,
     /// The last rough match on the way to them, if there was another one.
     pub map: Option<RoughMap>,
@@ -149,8 +154,8 @@ fn typical(fit: &RowOffsets) -> f64 {
     }
 }
 
-/// The field with a spline of the row once more, from four times as many blocks, up to the borders: a spline has many factors.
-/// Where a field is known, blocks are found in the whole images at once.
+/// The field with a spline of the row once more, from four times as many blocks, up to the borders: a spline
+/// has many factors. Where a field is known, blocks are found in the whole images at once.
 fn denser(
     rows: &PairRows,
     overview: &Overview,
@@ -188,8 +193,8 @@ struct Spaced {
     factor: usize,
     /// Their distance, pixels of the whole image.
     distance: usize,
-    /// The largest number of them that were found in any copies. Where only few are found again, as in a blurred image, these
-    /// may be there by chance: the error grows by as much.
+    /// The largest number of them that were found in any copies. Where only few are found again, as in a
+    /// blurred image, these may be there by chance: the error grows by as much.
     most: usize,
 }
 
@@ -221,7 +226,8 @@ pub fn is_straight(overview: &Overview, map: &RoughMap, field: &Alignment) -> bo
     difference(field, map.field.as_ref()) < HARDLY * overview.factor as f64
 }
 
-/// The field in the reduced copies, and the blocks that it was fitted to. Further rough matches go into `map`.
+/// The field in the reduced copies, and the blocks that it was fitted to. Further rough matches go into
+/// `map`.
 fn first(
     rows: &PairRows,
     overview: &Overview,
@@ -346,7 +352,8 @@ fn fit(points: &[Point], excess: f64) -> Option<RobustFit> {
     Some(if is_sure { swaying } else { smooth })
 }
 
-/// The field with linear terms, or all of them if that explains much more; with a spline of the row or without.
+/// The field with linear terms, or all of them if that explains much more; with a spline of the row or
+/// without.
 fn smooth(points: &[Point], excess: f64, sways: bool) -> Option<(Model, RobustFit)> {
     let [linear, all] = [LINEAR, TERMS].map(|smooth| Model { smooth, sways, excess });
     let is_enough = points.len() >= ENOUGH_BLOCKS;

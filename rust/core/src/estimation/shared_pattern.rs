@@ -1,8 +1,9 @@
-//! The same faint pattern in both images: the fixed pattern noise of one camera that was moved, dust, film grain, a mesh.
+//! The same faint pattern in both images: the fixed pattern noise of one camera that was moved, dust, film
+//! grain, a mesh.
 //!
-//! It matches at disparity 0, everywhere, better than faint texture does at its own. What the images share at the same place is
-//! seen in the signs of their fine detail; at the scale of pixels it is more, for its size, than in copies of a quarter, in which
-//! a pattern averages out, and a scene that is there does not:
+//! It matches at disparity 0, everywhere, better than faint texture does at its own. What the images share at
+//! the same place is seen in the signs of their fine detail; at the scale of pixels it is more, for its size,
+//! than in copies of a quarter, in which a pattern averages out, and a scene that is there does not:
 //!
 //! ```text
 //! fine     = g - (1 4 6 4 1)/16 x (1 4 6 4 1)/16 * g
@@ -26,10 +27,12 @@ use phasestereo_match::image::pixels::{Image, Input};
 use phasestereo_match::image::view::View;
 use phasestereo_match::pair::Pair;
 
-/// Least lead of a pattern. Of 42 pairs without one (12 scenes sharp, compressed, noisy; table tops, planes, streets) the largest
-/// is 0.024; with white patterns of 1, 2 and 4 gray levels and noise of 0.7, 9, 12 and 12 of 12 scenes are above.
+/// Least lead of a pattern. Of 42 pairs without one (12 scenes sharp, compressed, noisy; table tops, planes,
+/// streets) the largest is 0.024; with white patterns of 1, 2 and 4 gray levels and noise of 0.7, 9, 12 and
+/// 12 of 12 scenes are above.
 const LEAST_LEAD: f64 = 0.04;
-/// Share of the lead that copies have at most: 0.24 with white patterns; where much of the scene is at disparity 0, 1.4 and more.
+/// Share of the lead that copies have at most: 0.24 with white patterns; where much of the scene is at
+/// disparity 0, 1.4 and more.
 const QUARTER: f64 = 0.5;
 /// Side of the squares that become a pixel of a copy.
 const COPY: usize = 4;
@@ -47,7 +50,8 @@ const MOST_BITS: u32 = 15;
 const WEIGHTS: [i32; 5] = [1, 4, 6, 4, 1];
 const WHOLE: i32 = 256;
 
-/// The pair without a pattern that both images share, and how strong that was, in units of the pixels; `None`: there is none.
+/// The pair without a pattern that both images share, and how strong that was, in units of the pixels;
+/// `None`: there is none.
 pub fn removed(pair: &Pair) -> Result<Option<(Pair, f64)>> {
     let (rows, cols) = pair.size();
     if rows.min(cols) < LEAST_SIZE {

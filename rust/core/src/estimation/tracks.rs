@@ -1,7 +1,9 @@
-//! Blocks of the left image that are found again in the right one, in both directions, with sub-pixel precision.
+//! Blocks of the left image that are found again in the right one, in both directions, with sub-pixel
+//! precision.
 //!
-//! A block of the left image is correlated with the nine right ones about its expected place, then with those about the
-//! best of the nine, until the best is the middle one. The peak of the nine gives the fractions ([`Peak`]).
+//! A block of the left image is correlated with the nine right ones about its expected place, then with those
+//! about the best of the nine, until the best is the middle one. The peak of the nine gives the fractions
+//! ([`Peak`]).
 //!
 //! ```text
 //! c(dx, dy) = sum l(x, y) r(x + dx, y + dy) / sqrt(sum l^2 sum r^2)     both less their means, after a 5 x 5 binomial
@@ -37,8 +39,8 @@ const LEAST_CORRELATION: f32 = 0.5;
 /// Of a block, at most one pixel in this many may be masked.
 const MASKED_SHARE: usize = 10;
 
-/// The expected place of a block: its center in the left image, and the offset to that in the right one, pixels of the
-/// whole images.
+/// The expected place of a block: its center in the left image, and the offset to that in the right one,
+/// pixels of the whole images.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Seed {
     /// Column of the center.
@@ -65,8 +67,8 @@ struct Patch<const SIDE: usize> {
     values: [[f32; SIDE]; SIDE],
 }
 
-/// Searches every block about its expected place, in copies of the images that are reduced by a factor, and leaves out
-/// those that are not found. The seeds are in the order of their rows.
+/// Searches every block about its expected place, in copies of the images that are reduced by a factor, and
+/// leaves out those that are not found. The seeds are in the order of their rows.
 pub fn follow(
     rows: &PairRows,
     overview: &Overview,
@@ -305,7 +307,8 @@ impl Loop for Climb<'_> {
     }
 }
 
-/// The sum of a multiple of eight values: eight lanes at a time, then their halves, which takes few dependent steps.
+/// The sum of a multiple of eight values: eight lanes at a time, then their halves, which takes few dependent
+/// steps.
 #[inline(always)]
 fn total<const COUNT: usize>(lanes: [f32; COUNT]) -> f32 {
     let mut eight = [0.0f32; 8];

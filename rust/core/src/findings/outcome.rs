@@ -20,12 +20,12 @@ struct Outcome<'a> {
 table! {
     /// How much of a match is wrong.
     FAILURES of outcome: Outcome;
-    // A share of the pixels. Of 532 pairs under 28 kinds of faults, warned of are all but one of the 215 of which 30 % were
-    // wrong or more, and 4 of the 192 with less than 15 %.
+    // A share of the pixels. Of 532 pairs under 28 kinds of faults, warned of are all but one of the 215 of
+    // which 30 % were wrong or more, and 4 of the 192 with less than 15 %.
     Match, Levels([0.25, 0.25]), outcome.failed(outcome.summary.wrong),
         "about {0} of the pixels are probably wrong{1}";
-    // A share of the pixels, where that of wrong ones is unknown. Of 12 pairs up to 22 %, of unrelated images 43 % or more,
-    // with rows 2 px off 38 % or more.
+    // A share of the pixels, where that of wrong ones is unknown. Of 12 pairs up to 22 %, of unrelated images
+    // 43 % or more, with rows 2 px off 38 % or more.
     Match, Levels([0.25, 0.35]),
         if outcome.summary.wrong.is_nan() { outcome.failed(outcome.summary.flagged) } else { vec![] },
         "{0} of the pixels fail the left-right check{1}";
@@ -34,8 +34,8 @@ table! {
 table! {
     /// What else a map shows.
     MAP of outcome: Outcome;
-    // A share of the pixels, less what wrong matches have by chance. Of 13 pairs up to 0.3 % at the upper end, of a range of
-    // a third 5 % or more, with any preset.
+    // A share of the pixels, less what wrong matches have by chance. Of 13 pairs up to 0.3 % at the upper
+    // end, of a range of a third 5 % or more, with any preset.
     Range, Levels([0.01, 0.02]), ends(outcome),
         "the range of {0} px is too short: {1} of the pixels are at its end at {2} px; search more disparities there{3}",
         cause("a range that is too short", f64::NEG_INFINITY);
@@ -53,7 +53,8 @@ pub fn most_wrong() -> f64 {
     levels(FAILURES, Topic::Match)[1]
 }
 
-/// What is reported of a match of this size, the worst first; nothing if all is well, or the images are too small to judge.
+/// What is reported of a match of this size, the worst first; nothing if all is well, or the images are too
+/// small to judge.
 pub fn of_match(
     estimates: &Estimates,
     summary: &Summary,
@@ -114,13 +115,15 @@ impl Outcome<'_> {
         value(share, [percent(share), because])
     }
 
-    /// Whether much of the image shows too little detail for its size, and this share of the pixels is worth a finding.
+    /// Whether much of the image shows too little detail for its size, and this share of the pixels is worth
+    /// a finding.
     fn is_plain(&self, share: f64) -> bool {
         self.summary.coarse + self.summary.inferred >= PLAIN && share >= MENTIONED
     }
 }
 
-/// The share of the pixels at the fuller end of the range, unless that is reported already, or nothing matches anyway.
+/// The share of the pixels at the fuller end of the range, unless that is reported already, or nothing
+/// matches anyway.
 fn ends(outcome: &Outcome) -> Vec<Measured> {
     let Outcome { estimates, summary, known } = outcome;
     let is_decided = |one: &Finding| matches!(one.topic, Topic::Match | Topic::Range);

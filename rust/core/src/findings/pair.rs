@@ -1,7 +1,7 @@
 //! What is reported of a pair: the table, and how each quantity is measured.
 //!
-//! Ordinary pairs are below the levels: rows of Middlebury's are off by up to 0.26 pixels rms, medians of their gray levels
-//! differ by up to 9 %, and gamma by up to 7 %.
+//! Ordinary pairs are below the levels: rows of Middlebury's are off by up to 0.26 pixels rms, medians of
+//! their gray levels differ by up to 9 %, and gamma by up to 7 %.
 
 use std::fmt;
 
@@ -153,7 +153,8 @@ pub fn with_findings(estimates: Estimates, pair: &Pair, settings: &Settings) -> 
     Estimates { findings, ..estimates }
 }
 
-/// What is reported of a pair of this size, also that all is well. `fit`: how its right image was brought to this size.
+/// What is reported of a pair of this size, also that all is well. `fit`: how its right image was brought to
+/// this size.
 pub fn of_pair(
     estimates: &Estimates,
     size: (usize, usize),
@@ -218,8 +219,8 @@ impl Known<'_> {
         self.estimates.range.as_ref().filter(|_| !self.is_stuck())
     }
 
-    /// The least and the largest disparity, and what shows the order of the cameras, if disparities are all negative or not,
-    /// as given, and the order is this one.
+    /// The least and the largest disparity, and what shows the order of the cameras, if disparities are all
+    /// negative or not, as given, and the order is this one.
     fn shows(&self, negative: bool, order: Order) -> Vec<Measured> {
         let range = self.range().filter(|range| {
             let by_place = negative && self.is_toed_in(range) || !negative && range.mixed;
@@ -237,9 +238,9 @@ impl Known<'_> {
         range.map_or(vec![], |range| value(0.0, [ends(range)]))
     }
 
-    /// Whether rows differ as those of cameras that are turned towards each other by so much that disparities are negative. A
-    /// camera of focal length `f` that is turned moves columns by `s` and, at `(x, y)` from its center, rows by `s x y / f^2`;
-    /// images that are exchanged leave rows alone.
+    /// Whether rows differ as those of cameras that are turned towards each other by so much that disparities
+    /// are negative. A camera of focal length `f` that is turned moves columns by `s` and, at `(x, y)` from
+    /// its center, rows by `s x y / f^2`; images that are exchanged leave rows alone.
     fn is_toed_in(&self, range: &SearchRange) -> bool {
         let Some(found) = &self.estimates.offsets else { return false };
         let (rows, cols) = found.field.size();
@@ -266,7 +267,8 @@ impl Known<'_> {
         self.photometry().map(|found| found.flat[0].max(found.flat[1]))
     }
 
-    /// How gray levels correspond: of a negative the curve says nothing, and without a match nothing is compared.
+    /// How gray levels correspond: of a negative the curve says nothing, and without a match nothing is
+    /// compared.
     fn contrast(&self) -> std::result::Result<Contrast, Vec<Measured>> {
         let is_matched = self.estimates.range.is_some() || self.is_given();
         let found =
@@ -447,8 +449,8 @@ fn follow_depth(one: &Blur, other: &Blur) -> bool {
         && family(one).is_some_and(is_by_depth)
 }
 
-/// The image that is softer; by what, over a part of it if there are several kinds of blur; what to check; and whether
-/// slight blur is left. Several kinds are disks, by rising radius.
+/// The image that is softer; by what, over a part of it if there are several kinds of blur; what to check;
+/// and whether slight blur is left. Several kinds are disks, by rising radius.
 fn blur_words(kinds: &[&Blur], area: Option<f64>, is_left: bool) -> Option<Vec<String>> {
     let (least, blur) = (kinds.first()?, kinds.last()?);
     let (side, other) = match blur.side? {

@@ -79,8 +79,8 @@ pub fn along_columns(axis: Axis) -> Finding {
     Finding::note(Topic::Alignment, sentence)
 }
 
-/// That one camera is above the other, or, of a pair that hardly matches, why it could not be rectified by what it shows.
-/// `is_turned`: it was to be matched along its columns.
+/// That one camera is above the other, or, of a pair that hardly matches, why it could not be rectified by
+/// what it shows. `is_turned`: it was to be matched along its columns.
 pub fn not_rectified(estimates: &Estimates, is_turned: bool, refusal: &Refusal) -> Option<Finding> {
     if let Refusal::Axis(axis) = refusal {
         let axis = if is_turned { axis.turned_back() } else { *axis };

@@ -108,7 +108,8 @@ impl<M: Copy> Row<M> {
     }
 }
 
-/// A table of quantities of a type: topic, grade, the quantity by the name of what it is of, sentence, and what else a row has.
+/// A table of quantities of a type: topic, grade, the quantity by the name of what it is of, sentence, and
+/// what else a row has.
 macro_rules! table {
     ($(#[$about:meta])* $table:ident of $of:ident: $type:ty;
      $($topic:ident, $grade:expr, $measure:expr, $sentence:expr $(, $key:ident($($value:expr),*))*;)*) => {

@@ -39,8 +39,8 @@ macro_rules! pixels {
 pixels!(u8: U8, u16: U16, f32: F32, f64: F64);
 
 impl Image {
-    /// A copy of the pixels of an image of this many rows and columns, row after row: one value each, or three, red, green
-    /// and blue.
+    /// A copy of the pixels of an image of this many rows and columns, row after row: one value each, or
+    /// three, red, green and blue.
     pub fn from_slice<T: Pixel>(pixels: &[T], size: (usize, usize)) -> Result<Self> {
         let mut copy = zeroed(pixels.len())?;
         copy.copy_from_slice(pixels);

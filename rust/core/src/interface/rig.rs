@@ -17,8 +17,9 @@ impl Rig {
     /// The usual number of pairs after which blur is estimated anew.
     pub const REESTIMATE: u64 = 30;
 
-    /// A rig that has seen nothing; `steadied`: disparities are filtered over time where neither image changes. After
-    /// `reestimate` pairs blur is estimated anew at the latest; 1: every pair is matched by itself.
+    /// A rig that has seen nothing; `steadied`: disparities are filtered over time where neither image
+    /// changes. After `reestimate` pairs blur is estimated anew at the latest; 1: every pair is matched by
+    /// itself.
     pub fn new(steadied: bool, reestimate: u64) -> Self {
         let filter = steadied.then(TemporalFilter::new);
         Self { state: rig::Rig::default(), filter, reestimate }

@@ -6,8 +6,8 @@
 //! disparity = factor x that of the map - shift;   rectified images: as crate::rectification::warp has it
 //! ```
 //!
-//! Of a map of another size than the prepared images, values between pixels are linear where the four around differ by no more
-//! than a pixel, else those of the nearest: a mean over a jump would be neither side's.
+//! Of a map of another size than the prepared images, values between pixels are linear where the four around
+//! differ by no more than a pixel, else those of the nearest: a mean over a jump would be neither side's.
 
 use serde::{Deserialize, Serialize};
 
@@ -110,8 +110,8 @@ impl Back {
         })
     }
 
-    /// A map of the prepared pair, or a smaller or larger one in pixels of its own, as one of the left image as it came;
-    /// what is not finite is missing.
+    /// A map of the prepared pair, or a smaller or larger one in pixels of its own, as one of the left image
+    /// as it came; what is not finite is missing.
     pub fn restored(&self, map: &Plane<f32>, control: &Control) -> Result<Plane<f32>> {
         let ratio = self.ratio((map.rows(), map.cols()))?;
         let valid = self.valid();
@@ -215,7 +215,8 @@ fn wrong(got: &str) -> Error {
     )
 }
 
-/// The value of a map at a pixel of the moved image, in pixels of that one, of which `ratio` are one of the map.
+/// The value of a map at a pixel of the moved image, in pixels of that one, of which `ratio` are one of the
+/// map.
 fn sampled(map: &Plane<f32>, ratio: f64, (y, x): (usize, usize)) -> f32 {
     let place =
         |at: usize, count: usize| ((at as f64 + 0.5) / ratio - 0.5).clamp(0.0, (count - 1) as f64);

@@ -226,7 +226,8 @@ fn right_classes(left: &Plane<u8>, seen: &Seen) -> Result<Plane<u8>> {
         let mut found: Vec<Option<u8>> = vec![None; cols];
         for (x, disparity) in seen.all.row(y).iter().enumerate() {
             let at = x as f32 - disparity / seen.factor as f32;
-            // What is farther to the right in the left image is nearer, and so hides the rest. NaN is in no range.
+            // What is farther to the right in the left image is nearer, and so hides the rest. NaN is in no
+            // range.
             if (0.0..cols as f32).contains(&at) {
                 found[at as usize] = Some(classes[middle(x, left.cols())]);
             }

@@ -1,5 +1,6 @@
-//! Along which axis things move from one image to the other by their distance: along rows where the cameras stand beside
-//! each other, along columns where one is above the other, along slanted lines in pairs of satellites.
+//! Along which axis things move from one image to the other by their distance: along rows where the cameras
+//! stand beside each other, along columns where one is above the other, along slanted lines in pairs of
+//! satellites.
 //!
 //! ```text
 //! dx, dy = how far each matched corner moves;  off both: a quadratic field of the place, fitted robustly
@@ -7,8 +8,8 @@
 //! things move along the direction of least spread across it, if spread is 2.5 times as large along some other one
 //! ```
 //!
-//! The field takes off what cameras do that are turned, zoomed, or have lenses that distort: a plane moves by such a field
-//! alone, so pairs of one plane show no axis.
+//! The field takes off what cameras do that are turned, zoomed, or have lenses that distort: a plane moves by
+//! such a field alone, so pairs of one plane show no axis.
 
 use std::f64::consts::PI;
 
@@ -19,8 +20,9 @@ use phasestereo_match::base::statistics::deviation;
 
 /// Fewest matches that show an axis.
 const LEAST_MATCHES: usize = 40;
-/// The largest spread over the least, and in pixels of an image of 1000 pixels on its long side: in 292 runs on 146 pairs, as
-/// they are and turned by 90 degrees, no axis was wrong; of pairs of a plane none has a ratio of 1.9.
+/// The largest spread over the least, and in pixels of an image of 1000 pixels on its long side: in 292 runs
+/// on 146 pairs, as they are and turned by 90 degrees, no axis was wrong; of pairs of a plane none has a
+/// ratio of 1.9.
 const CLEAR: (f64, f64) = (2.5, 0.5);
 /// Rounds of the robust fit; errors of up to this share of their deviation count in full.
 const ROUNDS: usize = 12;

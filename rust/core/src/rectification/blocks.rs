@@ -1,4 +1,5 @@
-//! Blocks of the rectified left image, found again in the rectified right one by correlation, to a fraction of a pixel.
+//! Blocks of the rectified left image, found again in the rectified right one by correlation, to a fraction
+//! of a pixel.
 //!
 //! ```text
 //! even = (image - mean) / sqrt(variance + 9)         # over 31 x 31: light and contrast are taken out
@@ -39,7 +40,8 @@ const LARGEST: f32 = 1023.0;
 const SMOOTHING: [f64; 2] = [0.8, 1.0];
 /// Least correlation.
 const LEAST: f64 = 0.7;
-/// Correlations farther from the best one are of other places, pixels; what they must be below, as a share of what is missing.
+/// Correlations farther from the best one are of other places, pixels; what they must be below, as a share of
+/// what is missing.
 const ELSEWHERE: usize = 3;
 const UNIQUE: f64 = 0.7;
 /// Least curvature of the correlation along y, and that of full weight.
@@ -367,8 +369,8 @@ fn sums(values: &[i16]) -> (i64, i64) {
     })
 }
 
-/// The largest of `count x count` correlations, if it is large, inside, unique and curved enough; in columns and rows from
-/// the first.
+/// The largest of `count x count` correlations, if it is large, inside, unique and curved enough; in columns
+/// and rows from the first.
 fn peak(surface: &[f64], count: usize) -> Option<Found> {
     let larger = |best: usize, at: usize| if surface[at] > surface[best] { at } else { best };
     let best = (0..surface.len()).fold(0, larger);

@@ -1,6 +1,7 @@
-//! Cameras that are calibrated: how their images are turned and projected so that rows correspond, and where each rectified pixel
-//! is in the raw image. All of it is OpenCV's, `stereoRectify` and `initUndistortRectifyMap`, with what it rounds to single precision,
-//! so that places are the same to the bit, but for the last bits of doubles.
+//! Cameras that are calibrated: how their images are turned and projected so that rows correspond, and where
+//! each rectified pixel is in the raw image. All of it is OpenCV's, `stereoRectify` and
+//! `initUndistortRectifyMap`, with what it rounds to single precision, so that places are the same to the
+//! bit, but for the last bits of doubles.
 
 use std::array::from_fn;
 
@@ -32,8 +33,9 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// Cameras of which the right one is turned by `R` and moved by `T` against the left one: `X_right = R X_left + T`. Images of so
-    /// many rows and columns are rectified as by `stereoRectify` with `CALIB_ZERO_DISPARITY` and its default `alpha`.
+    /// Cameras of which the right one is turned by `R` and moved by `T` against the left one: `X_right = R
+    /// X_left + T`. Images of so many rows and columns are rectified as by `stereoRectify` with
+    /// `CALIB_ZERO_DISPARITY` and its default `alpha`.
     pub fn new(
         camera: [Matrix; 2],
         distortion: [[f64; 12]; 2],
@@ -103,7 +105,8 @@ impl Calibration {
         }
     }
 
-    /// OpenCV's matrix Q, by which disparities become points; `None`: the distance between the cameras is not known.
+    /// OpenCV's matrix Q, by which disparities become points; `None`: the distance between the cameras is not
+    /// known.
     pub fn q(&self) -> Result<Option<[[f64; 4]; 4]>> {
         let [left, right] = &self.projection;
         let [along, down] = [0, 1].map(|axis| right[axis][3] - left[axis][3]);
@@ -126,7 +129,8 @@ impl Calibration {
         ]))
     }
 
-    /// Where each pixel of the rectified left and right images, of this many rows and columns, is in the raw ones.
+    /// Where each pixel of the rectified left and right images, of this many rows and columns, is in the raw
+    /// ones.
     pub fn places(&self, size: (usize, usize), control: &Control) -> Result<[Places; 2]> {
         let [left, right] = self.inverses()?;
         Ok([self.places_of(0, &left, size, control)?, self.places_of(1, &right, size, control)?])

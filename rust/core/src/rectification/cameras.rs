@@ -1,5 +1,5 @@
-//! Two cameras of which nothing is known but that they look about the same way: fourteen numbers, each with a usual value and
-//! a usual deviation from it.
+//! Two cameras of which nothing is known but that they look about the same way: fourteen numbers, each with a
+//! usual value and a usual deviation from it.
 //!
 //! ```text
 //! focal length, and the ratio of both       0.85 widths, within a third or so
@@ -11,8 +11,8 @@
 //! X = Rx(pitch) Ry(yaw) Rz(roll) (u, 1);   rectified = F (X0, X1) / X2 + middle
 //! ```
 //!
-//! The pitch that both share moves all rows alike: it is left at 0. Numbers that the images do not determine, as the focal
-//! length where the view is narrow, stay at their usual values.
+//! The pitch that both share moves all rows alike: it is left at 0. Numbers that the images do not determine,
+//! as the focal length where the view is narrow, stay at their usual values.
 
 use std::array::from_fn;
 
@@ -27,8 +27,9 @@ pub const K1: usize = 2;
 
 /// The usual focal length in widths.
 const FOCAL: f64 = 0.85;
-/// Usual deviations: of logarithms for the focal length and the ratio, of widths, of radians. In order: focal length, ratio, k1,
-/// k2, difference in k1, principal point left (column, row) and right, yaw and roll left, pitch, yaw and roll right.
+/// Usual deviations: of logarithms for the focal length and the ratio, of widths, of radians. In order: focal
+/// length, ratio, k1, k2, difference in k1, principal point left (column, row) and right, yaw and roll left,
+/// pitch, yaw and roll right.
 pub const USUAL: [f64; NUMBERS] =
     [0.35, 0.03, 0.2, 0.08, 0.02, 0.015, 0.015, 0.015, 0.015, 0.07, 0.07, 0.1, 0.07, 0.07];
 /// Where the cameras differ more in focal length and distortion.
@@ -256,7 +257,8 @@ impl Cameras {
         (difference, from_fn(|index| all[index] * self.spreads[index]))
     }
 
-    /// By how many pixels a lens moves what is at half the width from the middle, outward, and its derivatives by the numbers.
+    /// By how many pixels a lens moves what is at half the width from the middle, outward, and its
+    /// derivatives by the numbers.
     pub fn distortion(&self, side: usize) -> (f64, [f64; NUMBERS]) {
         let half = 0.5 * self.size.1 as f64;
         let sign = if side == 0 { -0.5 } else { 0.5 };

@@ -1,7 +1,7 @@
-//! Codes of what corners look like: gradients by direction, gathered on a grid around the corner, as in SIFT (D. Lowe:
-//! *Distinctive image features from scale-invariant keypoints*, IJCV 2004), rooted as by R. Arandjelović and A. Zisserman
-//! (*Three things everyone should know*, CVPR 2012). They say nothing of which way is up, so turned images need turned codes:
-//! the grid is turned, and the directions with it.
+//! Codes of what corners look like: gradients by direction, gathered on a grid around the corner, as in SIFT
+//! (D. Lowe: *Distinctive image features from scale-invariant keypoints*, IJCV 2004), rooted as by R.
+//! Arandjelović and A. Zisserman (*Three things everyone should know*, CVPR 2012). They say nothing of which
+//! way is up, so turned images need turned codes: the grid is turned, and the directions with it.
 //!
 //! ```text
 //! for each of 8 directions t:
@@ -10,8 +10,8 @@
 //! code = min(code / |code|, 0.25);   code = sqrt(code / sum of code)         # of length 1, in steps of 1 / 2048
 //! ```
 //!
-//! Images are looked at on five levels, each smaller by the root of two than the one before, since cameras may be nearer or
-//! zoomed.
+//! Images are looked at on five levels, each smaller by the root of two than the one before, since cameras
+//! may be nearer or zoomed.
 
 use super::corners::{Corner, corners};
 use super::filters::{gradients, reduced, smoothed};

@@ -8,7 +8,8 @@
 //! repeated with near from 2 to 1 % of the width: fit cubic terms, too;   agreeing = those within `near`
 //! ```
 //!
-//! Coordinates are shares of the width from its middle. Samples come from a generator that always starts alike.
+//! Coordinates are shares of the width from its middle. Samples come from a generator that always starts
+//! alike.
 
 use super::matches::Match;
 use phasestereo_match::base::linear::Normal;
@@ -25,7 +26,8 @@ const KEPT: f64 = 0.8;
 /// How strongly the terms are held at 0, in a sample and in a fit.
 const HELD: [f64; 4] = [1e-9, 1e-3, 1e-3, 1e-2];
 const HELD_CUBIC: [f64; 9] = [1e-6, 1e-3, 1e-3, 1e-3, 0.02, 0.02, 0.02, 0.02, 0.02];
-/// Larger terms are of no two cameras that look about the same way: turn and zoom, and what goes with disparity.
+/// Larger terms are of no two cameras that look about the same way: turn and zoom, and what goes with
+/// disparity.
 const LARGEST: [f64; 4] = [f64::INFINITY, 0.6, 0.6, 0.5];
 
 /// What the rows of a match say of the cameras.

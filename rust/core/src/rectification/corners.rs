@@ -1,5 +1,5 @@
-//! Corners: places where an image differs from itself moved a little, in any direction (J. Shi, C. Tomasi: *Good
-//! features to track*, CVPR 1994).
+//! Corners: places where an image differs from itself moved a little, in any direction (J. Shi, C. Tomasi:
+//! *Good features to track*, CVPR 1994).
 //!
 //! ```text
 //! a, b, c = sums over 5 x 5 of gx gx, gx gy, gy gy

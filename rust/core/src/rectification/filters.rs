@@ -107,7 +107,8 @@ pub fn summed(image: &Plane<f32>, radius: usize, level: Level) -> Result<Plane<f
     filtered(image, &vec![1.0; radius + 1], level)
 }
 
-/// The image under a symmetric kernel, of which the weights of the middle and of one side are given, along both axes.
+/// The image under a symmetric kernel, of which the weights of the middle and of one side are given, along
+/// both axes.
 fn filtered(image: &Plane<f32>, weights: &[f32], level: Level) -> Result<Plane<f32>> {
     let (rows, cols) = (image.rows(), image.cols());
     let radius = weights.len() - 1;

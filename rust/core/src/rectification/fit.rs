@@ -1,5 +1,5 @@
-//! The numbers of two cameras, fitted to matches so that their rows correspond: Levenberg's and Marquardt's steps, with
-//! Tukey's weights against mistakes.
+//! The numbers of two cameras, fitted to matches so that their rows correspond: Levenberg's and Marquardt's
+//! steps, with Tukey's weights against mistakes.
 //!
 //! ```text
 //! cost = sum of w r^2 / (6 s^2) + sum of numbers^2          # r: rows apart, s: their spread
@@ -22,7 +22,8 @@ const TOGETHER: f64 = 6.0;
 /// Tries to damp a step, and what it must reach, in deviations.
 const TRIES: usize = 8;
 const STILL: f64 = 2e-3;
-/// Matches agree with cameras if their rows are at most this many spreads apart, or such a share of the width.
+/// Matches agree with cameras if their rows are at most this many spreads apart, or such a share of the
+/// width.
 const AGREE: (f64, f64) = (4.0, 0.004);
 
 /// Fitted cameras.
@@ -99,7 +100,8 @@ pub fn fit(matches: &[Match], weights: &[f64], start: &Cameras, Steps(most, firs
 }
 
 impl Fit {
-    /// How improbable the cameras are: the logarithm of the spread for each match, and numbers that are unusual.
+    /// How improbable the cameras are: the logarithm of the spread for each match, and numbers that are
+    /// unusual.
     pub fn improbability(&self) -> f64 {
         let count = self.weights.len() as f64;
         math::ln(self.spread) + TOGETHER * held(&self.cameras) / (2.0 * count)
@@ -134,8 +136,9 @@ fn improve(
     0.0
 }
 
-/// Cameras fitted anew to matches of which some agree, and how near the rows of those are that agree with them; the best first. They begin with
-/// usual lenses, barrel and pincushion, and with such as may differ much.
+/// Cameras fitted anew to matches of which some agree, and how near the rows of those are that agree with
+/// them; the best first. They begin with usual lenses, barrel and pincushion, and with such as may differ
+/// much.
 pub fn fitted(matches: &[Match], agreeing: &[bool], size: (usize, usize)) -> Vec<(Cameras, f64)> {
     let least = AGREE.1 * size.1 as f64;
     let start = |(spreads, k1): ([f64; NUMBERS], f64)| {

@@ -6,7 +6,8 @@
 //! match if the likest of j is i, or within 3 px of it, and distance(i, j) < 0.85 distance(next)
 //! ```
 //!
-//! The squared distance of two codes of length 1 is twice what their product is short of 1. Products are integers.
+//! The squared distance of two codes of length 1 is twice what their product is short of 1. Products are
+//! integers.
 
 use std::collections::BTreeSet;
 

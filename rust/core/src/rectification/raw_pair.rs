@@ -1,5 +1,5 @@
-//! Pairs of which nobody knows the cameras, and that are farther from rectified than their rows can be aligned: they are rectified
-//! by what their images show.
+//! Pairs of which nobody knows the cameras, and that are farther from rectified than their rows can be
+//! aligned: they are rectified by what their images show.
 //!
 //! ```text
 //! apart  = how far apart rows stay by the best field of offsets, pixels    # crate::estimation::rows
@@ -14,8 +14,9 @@
 //!
 //! All of it is in pixels of the images: what copies of a large image say of its rows depends on their size.
 //!
-//! A pair that is hard to match for other reasons, as noise or blur, would only be resampled once more. Blocks that were followed
-//! often show that before any cameras are looked for, which takes ten times as long as a match.
+//! A pair that is hard to match for other reasons, as noise or blur, would only be resampled once more.
+//! Blocks that were followed often show that before any cameras are looked for, which takes ten times as long
+//! as a match.
 
 use std::sync::Arc;
 
@@ -33,8 +34,9 @@ use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::alignment::TERMS;
 use phasestereo_match::settings::Settings;
 
-/// Rows that stay farther apart by the best field of offsets, pixels, may be those of raw cameras. None of 12 aligned scenes is
-/// rectified then: sharp, with rows off by 1 px, with noise of 20 gray levels, or with both images out of focus.
+/// Rows that stay farther apart by the best field of offsets, pixels, may be those of raw cameras. None of 12
+/// aligned scenes is rectified then: sharp, with rows off by 1 px, with noise of 20 gray levels, or with both
+/// images out of focus.
 const TRIED: f64 = 0.4;
 /// From this offset of rows on, rms in pixels, the axis is looked at. Not swept; rows of aligned scenes are
 /// off by .4 px at most.
@@ -43,10 +45,11 @@ const OFF: f64 = 1.0;
 const LEAST_ROWS: f64 = 0.5;
 /// The rows of blocks differ by this multiple of what the cameras leave, at least. Not swept.
 const LEAST_RATIO: f64 = 3.0;
-/// Blocks overlap and share their errors: of 60 to 2000, this number counts as independent. Not swept; with it, cameras have to
-/// leave less than .69 of what the field leaves.
+/// Blocks overlap and share their errors: of 60 to 2000, this number counts as independent. Not swept; with
+/// it, cameras have to leave less than .69 of what the field leaves.
 pub const INDEPENDENT: usize = 60;
-/// By how much the mean confidence of small copies may fall once the pair is rectified: they hardly see distortion. Not swept.
+/// By how much the mean confidence of small copies may fall once the pair is rectified: they hardly see
+/// distortion. Not swept.
 const LARGEST_FALL: f64 = 0.02;
 /// A rise of the mean confidence with which cameras need no evidence of rows. Not swept.
 const LARGE_RISE: f64 = 0.10;
@@ -125,7 +128,8 @@ pub fn rectify_if_needed(
     Ok(Attempt::Done(Box::new(RectifiedPair { pair, estimates, facts, raw })))
 }
 
-/// The cameras of a pair; where images of this size do not show them, as with noise, those that images of half the size show.
+/// The cameras of a pair; where images of this size do not show them, as with noise, those that images of
+/// half the size show.
 fn rectified_at_some_size(
     grays: &Grays,
     negative: Negative,
@@ -141,7 +145,8 @@ fn rectified_at_some_size(
     Ok(again.map_err(|_| refusal))
 }
 
-/// Whether cameras explain the rows of a pair better than the best field of offsets, by which they stay `apart`.
+/// Whether cameras explain the rows of a pair better than the best field of offsets, by which they stay
+/// `apart`.
 fn explains(found: &Rectification, apart: f64, is_distorted: bool) -> bool {
     let left = math::hypot(found.error, found.rms);
     let more = NUMBERS.saturating_sub(TERMS);

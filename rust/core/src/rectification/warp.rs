@@ -13,8 +13,8 @@
 //! A map of the raw pair becomes one of the rectified pair by the solution of this for `d`.
 //!
 //! The weights are those of [`phasestereo_match::image::resampling`]. Disparities are taken as they are, from
-//! the nearest pixel, since a mean over a jump would be neither side's. Sums have a fixed order; those of integers are
-//! exact.
+//! the nearest pixel, since a mean over a jump would be neither side's. Sums have a fixed order; those of
+//! integers are exact.
 
 use std::array::from_fn;
 
@@ -34,7 +34,8 @@ pub type Places = Plane<[f32; 2]>;
 /// How images are read between their pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Interpolation {
-    /// By the four pixels around a place, in single precision, with 0 beyond the image: as OpenCV's `remap` does.
+    /// By the four pixels around a place, in single precision, with 0 beyond the image: as OpenCV's `remap`
+    /// does.
     Linear,
     /// By 8 x 8 pixels, at 64 places between two; the border is repeated.
     Lanczos,
@@ -197,8 +198,8 @@ impl<T: Copy + Into<f64>, N: Fn(f64) -> T> Source<'_, T, N> {
     }
 }
 
-/// A map of the rectified pair as one of the raw left image, and by how many rows each pixel is lower in the raw right image
-/// (NaN where there is no disparity).
+/// A map of the rectified pair as one of the raw left image, and by how many rows each pixel is lower in the
+/// raw right image (NaN where there is no disparity).
 pub fn raw(
     map: &Disparity,
     cameras: &Cameras,
@@ -240,7 +241,8 @@ pub fn raw_disparity(
     Ok(claims.map(|claim| claim[0]))
 }
 
-/// The rectified pixel that is nearest to each pixel of the raw left image, and what [`claim_of`] makes of its disparity.
+/// The rectified pixel that is nearest to each pixel of the raw left image, and what [`claim_of`] makes of
+/// its disparity.
 fn claims(
     disparity: &Plane<f32>,
     cameras: &Cameras,
@@ -271,7 +273,8 @@ fn claims(
 /// Where a claim of a raw left pixel is in the rectified left image.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct RawPlace {
-    /// The number of the pixel, in reading order; that of all pixels, if it has no claim or lies beyond the image.
+    /// The number of the pixel, in reading order; that of all pixels, if it has no claim or lies beyond the
+    /// image.
     pub index: u64,
     /// How many raw columns a rectified one is there.
     pub columns: f32,
@@ -280,8 +283,9 @@ pub struct RawPlace {
 /// The places of raw left pixels.
 pub type RawPlaces = Plane<RawPlace>;
 
-/// A map of the raw pair -> that of the pair that is rectified by these cameras, whose left pixels are at `places`. A rectified
-/// pixel has the claim of a raw one that lies in it, else that of the raw pixel nearest to its own place.
+/// A map of the raw pair -> that of the pair that is rectified by these cameras, whose left pixels are at
+/// `places`. A rectified pixel has the claim of a raw one that lies in it, else that of the raw pixel nearest
+/// to its own place.
 pub fn matched(
     map: &Plane<f32>,
     cameras: &Cameras,
@@ -327,7 +331,8 @@ pub fn matched(
 /// Newton's steps to a rectified disparity: the places of raw columns are nearly straight.
 const NEWTON: usize = 6;
 
-/// Of a raw left pixel with a claim in raw columns: the rectified disparity, and how many raw columns a rectified one is there.
+/// Of a raw left pixel with a claim in raw columns: the rectified disparity, and how many raw columns a
+/// rectified one is there.
 fn rectified_claim(cameras: &Cameras, place: Point, claim: f32) -> Option<[f32; 2]> {
     let wanted = place[0] - f64::from(claim);
     if !wanted.is_finite() {
@@ -346,8 +351,8 @@ fn rectified_claim(cameras: &Cameras, place: Point, claim: f32) -> Option<[f32; 
     is_found.then_some([disparity as f32, columns as f32])
 }
 
-/// Of a raw left pixel with a rectified disparity: by how many columns it is farther left in the raw right image, by how many rows
-/// lower, and how many raw columns a rectified one is there.
+/// Of a raw left pixel with a rectified disparity: by how many columns it is farther left in the raw right
+/// image, by how many rows lower, and how many raw columns a rectified one is there.
 fn claim_of(cameras: &Cameras, place: Point, disparity: f32) -> Option<[f32; 3]> {
     let rectified = cameras.rectified(place, 0);
     let at = |by: f64| cameras.raw([rectified[0] - by, rectified[1]], 1);

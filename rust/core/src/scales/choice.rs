@@ -1,7 +1,7 @@
 //! The choice, pixel by pixel, between a map and that of the pair at half the size.
 //!
-//! A confidence is the probability that a disparity is within 1 px of the true one, so the two are compared, once that of
-//! the copy is of the same pixels. The tolerance there is half as large:
+//! A confidence is the probability that a disparity is within 1 px of the true one, so the two are compared,
+//! once that of the copy is of the same pixels. The tolerance there is half as large:
 //!
 //! ```text
 //! same(c)  = c / (c + (1 - c) STRICTER)
@@ -33,17 +33,19 @@ const RADIUS: usize = 15;
 const LEAST_DOUBT: f32 = 0.4;
 /// A copy has to be better by this.
 const LEAST_GAIN: f32 = 0.05;
-/// The factor by which the odds of an error grow when the tolerance is halved: 1.9 to 3.3 on the maps of the development
-/// scenes at half and a quarter of their size, and caution.
+/// The factor by which the odds of an error grow when the tolerance is halved: 1.9 to 3.3 on the maps of the
+/// development scenes at half and a quarter of their size, and caution.
 const STRICTER: f32 = 3.0;
-/// The same factor for what was chosen because it seemed surer, and by how much its bars are wider: on the development
-/// scenes, sharp and under faults, a mean confidence of 0.57 to 0.67 stood for 45 to 56 % right pixels.
+/// The same factor for what was chosen because it seemed surer, and by how much its bars are wider: on the
+/// development scenes, sharp and under faults, a mean confidence of 0.57 to 0.67 stood for 45 to 56 % right
+/// pixels.
 const CHOSEN: (f32, f32) = (2.0, 1.25);
-/// While scales are decided, the bits above all flags count how often the copy was halved that a disparity is of: up to 15
-/// times, more than any image that fits into memory.
+/// While scales are decided, the bits above all flags count how often the copy was halved that a disparity is
+/// of: up to 15 times, more than any image that fits into memory.
 const HALVED: u16 = 1 << 12;
 const _: () = assert!(flag::COARSE < HALVED, "a flag in the bits that count");
-/// Largest difference between neighbors of a copy between which its disparities are interpolated, pixels there.
+/// Largest difference between neighbors of a copy between which its disparities are interpolated, pixels
+/// there.
 const ONE_SURFACE: f32 = 1.0;
 
 /// The mean doubt around each pixel of a map.
@@ -133,8 +135,8 @@ pub fn choose(map: &mut Disparity, doubt: &Doubt, coarse: &Disparity, level: Lev
     Ok(())
 }
 
-/// Concludes a map once all is decided: lowers the confidences of what was chosen, as the surer one of two is less sure than
-/// it seems, and says how fine the detail is there.
+/// Concludes a map once all is decided: lowers the confidences of what was chosen, as the surer one of two is
+/// less sure than it seems, and says how fine the detail is there.
 pub fn conclude(map: &mut Disparity) {
     let (Some(confidence), Some(uncertainty)) = (&mut map.confidence, &mut map.uncertainty) else {
         return;

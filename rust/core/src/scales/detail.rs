@@ -6,11 +6,11 @@
 //! blank  = detail <= BLANK steps of rounding, opened by 5 x 5, and so for 8 px around
 //! ```
 //!
-//! Rests are integers, in parts of a step of gray values, and clipped: from [`MOST`] on, one alone makes more detail than any
-//! bound. So the sums of their squares have no error, and fit into 32 bits.
+//! Rests are integers, in parts of a step of gray values, and clipped: from [`MOST`] on, one alone makes more
+//! detail than any bound. So the sums of their squares have no error, and fit into 32 bits.
 //!
-//! In a blank area the codes are those of rounding, or of nothing. A pixel there may match, and even agree with others, but not
-//! by what the image shows.
+//! In a blank area the codes are those of rounding, or of nothing. A pixel there may match, and even agree
+//! with others, but not by what the image shows.
 
 use crate::scales::choices::{BLANK, BLANK_DEPTH, BLANK_LEAST, DETAIL_RADIUS, SMOOTH_RADIUS};
 use crate::scales::flat_areas::{grown, shrunk};
@@ -38,7 +38,8 @@ pub struct Detail {
 }
 
 impl Detail {
-    /// The detail of an image of gray values of 15 bits, which were rounded to multiples of this step; 0: floats.
+    /// The detail of an image of gray values of 15 bits, which were rounded to multiples of this step; 0:
+    /// floats.
     pub fn new(gray: &Plane<i32>, rounding: f64, level: Level, control: &Control) -> Result<Self> {
         let size = (gray.rows(), gray.cols());
         let windows = |radius: usize| Windows { size, radius, beyond: Beyond::Nothing };

@@ -6,8 +6,8 @@
 //! area  = 4-connected flat pixels, at least LEAST_SHARE of the image
 //! ```
 //!
-//! Both sides are in gray levels of the same image, so neither its contrast nor its unit matters. In a finely textured
-//! image the "noise" is texture, and flat is what has little of it.
+//! Both sides are in gray levels of the same image, so neither its contrast nor its unit matters. In a finely
+//! textured image the "noise" is texture, and flat is what has little of it.
 
 use std::ops::Range;
 
@@ -43,7 +43,8 @@ pub struct FlatArea {
     runs: Vec<(usize, Range<usize>)>,
 }
 
-/// Gray values of this reach with at most 15 bits, so that sums of their squares fit, and how many bits are lost.
+/// Gray values of this reach with at most 15 bits, so that sums of their squares fit, and how many bits are
+/// lost.
 pub fn shortened(gray: &Plane<i32>, reach: u32) -> (Plane<i32>, u32) {
     let surplus = (u32::BITS - reach.leading_zeros()).saturating_sub(MOST_BITS);
     (gray.map(|gray| gray >> surplus), surplus)

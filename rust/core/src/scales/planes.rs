@@ -1,8 +1,8 @@
 //! Flat areas become planes where these are more likely to be right than what was matched.
 //!
-//! A table, a wall, a road has no texture to match, but an outline, and grain here and there. So a plane is fitted to the
-//! confident disparities of each flat area, with its outline, and competes with the map by evidence of the same kind, the
-//! share of confident disparities that agree with it, of the area and nearby:
+//! A table, a wall, a road has no texture to match, but an outline, and grain here and there. So a plane is
+//! fitted to the confident disparities of each flat area, with its outline, and competes with the map by
+//! evidence of the same kind, the share of confident disparities that agree with it, of the area and nearby:
 //!
 //! ```text
 //! weight    = confidence^2, in the area and RING pixels around it
@@ -21,13 +21,15 @@
 //!          slopes = (xd yy - yd xy) / determinant, (yd xx - xd xy) / determinant
 //! ```
 //!
-//! Sums of floats are taken in reading order; over areas, of tiles, which count from the corner of the area and its ring.
+//! Sums of floats are taken in reading order; over areas, of tiles, which count from the corner of the area
+//! and its ring.
 //!
-//! Drawn pixels are flagged as inferred and have the confidence p. Their error bar follows from it, if the odds of an error
-//! fall in proportion to the tolerance: 9 (1 - p) / p px for 90 %.
+//! Drawn pixels are flagged as inferred and have the confidence p. Their error bar follows from it, if the
+//! odds of an error fall in proportion to the tolerance: 9 (1 - p) / p px for 90 %.
 //!
-//! An outline is evidence only if it is the area's own. A table's is; that of a sky behind houses is the houses', whose
-//! surfaces go on outside. And where nothing but rounding is seen, nothing is evidence (detail.rs):
+//! An outline is evidence only if it is the area's own. A table's is; that of a sky behind houses is the
+//! houses', whose surfaces go on outside. And where nothing but rounding is seen, nothing is evidence
+//! (detail.rs):
 //!
 //! ```text
 //! occluder   = share of the pixels OUTSIDE the area that are sure (weight > LEAST_WEIGHT) and within GOES_ON px of the plane
@@ -35,8 +37,8 @@
 //! confidence = at most UNSEEN in blank areas, of planes or not
 //! ```
 //!
-//! An area without a plane may have wrong matches of hardly any detail. It gets a second attempt without faint pixels, which
-//! then are unseen, too, as far as they do not become the plane.
+//! An area without a plane may have wrong matches of hardly any detail. It gets a second attempt without
+//! faint pixels, which then are unseen, too, as far as they do not become the plane.
 
 use std::iter;
 use std::ops::Range;
@@ -227,7 +229,8 @@ struct Frame {
 }
 
 impl Scene<'_> {
-    /// What is drawn, after second attempts at areas that have no plane, and the pixels that are doubted because of these.
+    /// What is drawn, after second attempts at areas that have no plane, and the pixels that are doubted
+    /// because of these.
     fn with_second_attempts(
         &self,
         areas: &[FlatArea],
@@ -443,14 +446,15 @@ impl Scene<'_> {
     }
 }
 
-/// The weight of a pixel that a plane is fitted to, else 0, in steps: integers sum to the same in any order. They are exact,
-/// since floats from [`LEAST_WEIGHT`] on have no finer steps.
+/// The weight of a pixel that a plane is fitted to, else 0, in steps: integers sum to the same in any order.
+/// They are exact, since floats from [`LEAST_WEIGHT`] on have no finer steps.
 #[inline(always)]
 fn heavy(weight: f32) -> u32 {
     if weight > LEAST_WEIGHT { whole(weight * STEPS) as u32 } else { 0 }
 }
 
-/// Sums the weights of the pixels that a plane is fitted to, of every [`GROUP`] pixels, and counts these pixels.
+/// Sums the weights of the pixels that a plane is fitted to, of every [`GROUP`] pixels, and counts these
+/// pixels.
 struct SumHeavy<'a> {
     weights: &'a [f32],
     sums: &'a mut [u32],
@@ -490,8 +494,8 @@ impl Loop for Weigh<'_> {
     }
 }
 
-/// Counts the pixels of a row between two rings that are sure and near a surface, and all between them. The row begins at a
-/// place.
+/// Counts the pixels of a row between two rings that are sure and near a surface, and all between them. The
+/// row begins at a place.
 struct GoesOn<'a> {
     surface: Surface,
     place: (usize, usize),
@@ -562,7 +566,8 @@ impl Loop for AddToTiles<'_> {
     }
 }
 
-/// Writes the confidences of those pixels of a row that are drawn, 0 of the others. The row begins at a place.
+/// Writes the confidences of those pixels of a row that are drawn, 0 of the others. The row begins at a
+/// place.
 struct DrawRow<'a> {
     surface: Surface,
     place: (usize, usize),

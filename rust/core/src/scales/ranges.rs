@@ -1,5 +1,5 @@
-//! The disparities that are searched in each panel, where a pair has many: those that a rough match of it at half the size
-//! finds there and nearby.
+//! The disparities that are searched in each panel, where a pair has many: those that a rough match of it at
+//! half the size finds there and nearby.
 //!
 //! ```text
 //! ranges(pair):
@@ -11,15 +11,15 @@
 //!                all, where more than a fifth of that is unknown
 //! ```
 //!
-//! The copy is matched along rows alone and with small windows, since paths along columns and large windows lose what is
-//! thin and upright, and rows are looked at beyond those that a panel's paths pass, since it is rarely lost everywhere.
-//! Where the match is mistaken here and there, more is searched than needed, so noise costs time and not quality. How much
-//! cheaper a match is than all others is what its confidence rests on: `LEAST_RUNS` are searched at least, and all where the
-//! copy is in doubt.
+//! The copy is matched along rows alone and with small windows, since paths along columns and large windows
+//! lose what is thin and upright, and rows are looked at beyond those that a panel's paths pass, since it is
+//! rarely lost everywhere. Where the match is mistaken here and there, more is searched than needed, so noise
+//! costs time and not quality. How much cheaper a match is than all others is what its confidence rests on:
+//! `LEAST_RUNS` are searched at least, and all where the copy is in doubt.
 //!
-//! What no pixel of the copy shows is lost: larger windows, more speckles and a smaller reach save evaluations and lose thin
-//! things. With the time of the rough match, little is gained of few disparities: pairs with fewer than MANY are searched
-//! as a whole.
+//! What no pixel of the copy shows is lost: larger windows, more speckles and a smaller reach save
+//! evaluations and lose thin things. With the time of the rough match, little is gained of few disparities:
+//! pairs with fewer than MANY are searched as a whole.
 
 use std::ops::Range;
 

@@ -1,8 +1,8 @@
 //! A pair -> the same pair at half the size: the mean of each square of four pixels.
 //!
-//! Means of integers are kept in 16 bits, which hold those of squares of 256 pixels of bytes exactly: over a few scales
-//! no noise of rounding hides what a plain surface shows. They are of gray values, all that phase codes see; impulses
-//! are repaired before, and a pixel is valid if all four are.
+//! Means of integers are kept in 16 bits, which hold those of squares of 256 pixels of bytes exactly: over a
+//! few scales no noise of rounding hides what a plain surface shows. They are of gray values, all that phase
+//! codes see; impulses are repaired before, and a pixel is valid if all four are.
 
 use ndarray::Array3;
 

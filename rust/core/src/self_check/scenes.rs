@@ -1,4 +1,5 @@
-//! Pairs that are made here, of integers: a wall, a floor and a box in front of them, and what a rig may do to the images.
+//! Pairs that are made here, of integers: a wall, a floor and a box in front of them, and what a rig may do
+//! to the images.
 
 use ndarray::Array3;
 
@@ -166,7 +167,8 @@ pub fn pair(fault: Fault, size: (usize, usize), moment: u32) -> [Input; 2] {
     }
 }
 
-/// A disparity map of the scene that is wrong, nearly right, nowhere, or outside the right image in some areas.
+/// A disparity map of the scene that is wrong, nearly right, nowhere, or outside the right image in some
+/// areas.
 pub fn claims(fault: Fault, (rows, cols): (usize, usize)) -> Plane<f32> {
     Plane::from_fn(rows, cols, |y, x| {
         let right = surface((y as i32, x as i32), 0, (rows, cols), fault).1 as f32;

@@ -1,4 +1,5 @@
-//! The claims of a map of the left image as it came -> those of the pair as it is matched, and what is found of these back.
+//! The claims of a map of the left image as it came -> those of the pair as it is matched, and what is found
+//! of these back.
 
 use crate::rectification::{Raw, warp};
 use phasestereo_match::base::control::Control;

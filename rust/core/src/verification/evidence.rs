@@ -1,8 +1,9 @@
-//! The costs of claims and of the own match -> evidence against the claims, summed over the area that they differ in.
+//! The costs of claims and of the own match -> evidence against the claims, summed over the area that they
+//! differ in.
 //!
-//! Where claim and own disparity differ, the pixels around that differ in the same direction are most likely the same
-//! mistake, of the map or of the match, and each pixel of it has costs of its own. Their differences are added along the
-//! two surfaces, slanted as they may be, and not at one disparity:
+//! Where claim and own disparity differ, the pixels around that differ in the same direction are most likely
+//! the same mistake, of the map or of the match, and each pixel of it has costs of its own. Their differences
+//! are added along the two surfaces, slanted as they may be, and not at one disparity:
 //!
 //! ```text
 //! for each pixel q:
@@ -13,8 +14,9 @@
 //!     evidence[p] = sum of lower[q] over same / sqrt(number of same + FEW)
 //! ```
 //!
-//! So a claim that costs as much as the own disparity in every pixel has no evidence against it, and many small
-//! differences weigh as much as noise lets them. The costs of disparities between two candidates are interpolated.
+//! So a claim that costs as much as the own disparity in every pixel has no evidence against it, and many
+//! small differences weigh as much as noise lets them. The costs of disparities between two candidates are
+//! interpolated.
 //!
 //! The means of both costs over windows of 5 x 5 and of 13 x 13 pixels are kept, too.
 
@@ -44,8 +46,8 @@ const BAND: usize = 32;
 pub struct Evidence {
     /// Bits per square root of the pixels; 0 where claim and own disparity agree or one is missing.
     pub against: Plane<f32>,
-    /// Mean costs of the claims and of the own disparities over 5 x 5 and over 13 x 13 pixels, bits; NaN where no pixel
-    /// has both.
+    /// Mean costs of the claims and of the own disparities over 5 x 5 and over 13 x 13 pixels, bits; NaN
+    /// where no pixel has both.
     pub means: [Plane<[f32; 2]>; 2],
 }
 
@@ -147,8 +149,8 @@ fn strength(side: i8, [below, few, above, many]: [i32; 4]) -> f32 {
     (f64::from(sum) / f64::from(STEPS) / (f64::from(pixels) + FEW).sqrt()) as f32
 }
 
-/// The cost of a pixel at a disparity between candidates, in parts of a bit; `None` where the match is invalid or lies
-/// outside the right image.
+/// The cost of a pixel at a disparity between candidates, in parts of a bit; `None` where the match is
+/// invalid or lies outside the right image.
 pub fn cost_at(costs: &Costs, cols: usize, (y, x): (usize, usize), disparity: f32) -> Option<i32> {
     // Beyond the image anyway, and too far for the integers below.
     if disparity.is_nan() || disparity.abs() >= cols as f32 {

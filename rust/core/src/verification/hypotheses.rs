@@ -1,4 +1,5 @@
-//! What a map claims as a whole: the disparities to search because of it, and whether its numbers are meant otherwise.
+//! What a map claims as a whole: the disparities to search because of it, and whether its numbers are meant
+//! otherwise.
 
 use crate::verification::evidence::{STEPS, cost_at};
 use phasestereo_match::base::plane::Plane;
@@ -12,13 +13,14 @@ const OUTLIERS: usize = 200;
 const MARGIN: i64 = 2;
 /// Rows and columns that are sampled, at most, to find a misreading.
 const SAMPLES: usize = 96;
-/// Least advantage over pixels paired at random, as a share of their cost, of numbers that are read otherwise. Right maps
-/// have 0.5 to 0.8 on sharp pairs, and 0.15 or more under noise of 20 gray levels.
+/// Least advantage over pixels paired at random, as a share of their cost, of numbers that are read
+/// otherwise. Right maps have 0.5 to 0.8 on sharp pairs, and 0.15 or more under noise of 20 gray levels.
 const LEAST_ADVANTAGE: f64 = 0.1;
 /// Times the advantage of the claims as they are.
 const CLEARLY: f64 = 3.0;
 
-/// How the numbers of a map are meant, if not as disparities in pixels that are positive in front of infinity.
+/// How the numbers of a map are meant, if not as disparities in pixels that are positive in front of
+/// infinity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Misreading {
     /// With the opposite sign.
@@ -90,8 +92,8 @@ impl<'a> Sample<'a> {
         if mean > 0.0 { mean } else { 1.0 }
     }
 
-    /// By what share the costs at some disparities are below those of pixels paired at random. Pixels whose match would lie
-    /// outside the right image cost as much as these.
+    /// By what share the costs at some disparities are below those of pixels paired at random. Pixels whose
+    /// match would lie outside the right image cost as much as these.
     fn advantage(&self, read: impl Fn(f32) -> f32) -> f64 {
         let found: Vec<_> = self
             .claims
@@ -107,8 +109,8 @@ impl<'a> Sample<'a> {
     }
 }
 
-/// The disparities that were found, and those of nearly all claims whose match lies in the right image; the former alone
-/// if that were more than can be searched.
+/// The disparities that were found, and those of nearly all claims whose match lies in the right image; the
+/// former alone if that were more than can be searched.
 pub fn widened(found: Candidates, map: &Plane<f32>) -> Candidates {
     let cols = map.cols();
     // Disparities from `1 - cols` to `cols - 1`.

@@ -1,8 +1,8 @@
 //! The traits of a claim -> the probabilities that the claim and the own disparity are right, and error bars.
 //!
-//! A disparity is right if it is within 1 px of the true one. The logarithms of the odds are sums of lines through points, one
-//! for each trait, in three cases: the claim agrees with the own disparity, it does not, or the right image does not see the
-//! pixel as far as the own match knows:
+//! A disparity is right if it is within 1 px of the true one. The logarithms of the odds are sums of lines
+//! through points, one for each trait, in three cases: the claim agrees with the own disparity, it does not,
+//! or the right image does not see the pixel as far as the own match knows:
 //!
 //! ```text
 //! odds       = offset + sum over traits of line(trait)         # of the claim, of the own disparity
@@ -10,8 +10,9 @@
 //! bar        = exp(line(odds))                                 # holds 90 % of the errors
 //! ```
 //!
-//! That a claim agrees makes the own disparity surer, too, and one that does not makes it less so: its odds here are those
-//! once the claim is known. `phasestereo bench confidence` learns the lines and writes `weights.rs`.
+//! That a claim agrees makes the own disparity surer, too, and one that does not makes it less so: its odds
+//! here are those once the claim is known. `phasestereo bench confidence` learns the lines and writes
+//! `weights.rs`.
 
 #[allow(
     clippy::approx_constant,
@@ -78,7 +79,8 @@ impl Default for Chance {
     }
 }
 
-/// How likely the claim and the own disparity of a pixel are right, once both are known; NaN where there is no claim.
+/// How likely the claim and the own disparity of a pixel are right, once both are known; NaN where there is
+/// no claim.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Chances {
     /// Of the claim.

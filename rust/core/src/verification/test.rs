@@ -1,6 +1,7 @@
 //! Claims, the own match and the evidence -> a verdict for each pixel.
 //!
-//! The score of a claim is the logarithm of the odds that it is off by more than a pixel, given what can be seen around it:
+//! The score of a claim is the logarithm of the odds that it is off by more than a pixel, given what can be
+//! seen around it:
 //!
 //! ```text
 //! by       = |own - claim|
@@ -14,15 +15,16 @@
 //!          + HIDDEN   if the map itself has a nearer pixel before the right one that this pixel claims
 //! ```
 //!
-//! The weights are those of a logistic regression over maps of `HITNet` and of `StereoSGBM`: 12 Middlebury pairs, as they
-//! are, with one image out of focus, with noise, as JPEG, and with both out of focus. Each of these conditions was left out
-//! once while the inputs were chosen: none that helps on the others alone was kept. The offset was then set so that of
-//! the right pixels of `HITNet` fewer than 1 % are refuted in pairs as they are and with noise, and about 2 % out of focus.
-//! Trees over 44 inputs, a match of the other image and one by other settings among them, refute 2 to 6 points more of what
-//! is wrong.
+//! The weights are those of a logistic regression over maps of `HITNet` and of `StereoSGBM`: 12 Middlebury
+//! pairs, as they are, with one image out of focus, with noise, as JPEG, and with both out of focus. Each of
+//! these conditions was left out once while the inputs were chosen: none that helps on the others alone was
+//! kept. The offset was then set so that of the right pixels of `HITNet` fewer than 1 % are refuted in pairs
+//! as they are and with noise, and about 2 % out of focus. Trees over 44 inputs, a match of the other image
+//! and one by other settings among them, refute 2 to 6 points more of what is wrong.
 //!
-//! `HIDDEN` was set by hand: pixels that the right image does not see are not in the regression, and a map that is right
-//! there contradicts the match. With -0.7 fewer of them are refuted, and 1 to 2 points less of what is wrong.
+//! `HIDDEN` was set by hand: pixels that the right image does not see are not in the regression, and a map
+//! that is right there contradicts the match. With -0.7 fewer of them are refuted, and 1 to 2 points less of
+//! what is wrong.
 
 use crate::verification::evidence::{DIFFERENT, Evidence};
 use crate::verification::hypotheses::right_column;
@@ -114,7 +116,8 @@ impl Test<'_> {
         if is_supported { verdict::SUPPORTED } else { verdict::UNKNOWN }
     }
 
-    /// Finds the largest claim on every right pixel of a row, the nearest surface; minus infinity without one.
+    /// Finds the largest claim on every right pixel of a row, the nearest surface; minus infinity without
+    /// one.
     fn find_nearest(&self, y: usize, nearest: &mut [f32]) {
         nearest.fill(f32::NEG_INFINITY);
         for (x, claim) in self.map.row(y).iter().enumerate() {

@@ -1,4 +1,5 @@
-//! Claims, the own match and the evidence -> traits of each claim, on which the probability depends that it is right.
+//! Claims, the own match and the evidence -> traits of each claim, on which the probability depends that it
+//! is right.
 //!
 //! ```text
 //! gap       = |own - claim|

@@ -1,15 +1,17 @@
-//! The constants of videos that are not derived: each with its unit, its meaning, and the measurement that chose it. Those
-//! without a measurement were set by hand.
+//! The constants of videos that are not derived: each with its unit, its meaning, and the measurement that
+//! chose it. Those without a measurement were set by hand.
 
 // Frames (`frames`)
 
-/// Share of the pixels: a map of which this much more is wrong than of those before may be of cameras that were moved.
+/// Share of the pixels: a map of which this much more is wrong than of those before may be of cameras that
+/// were moved.
 pub const WORSE: f64 = 0.15;
 /// Frames: the longest wait before all is estimated anew again, where that did not help.
 pub const LONGEST_WAIT: u64 = 64;
 /// How often a frame is matched again at most.
 pub const MOST_MATCHES: usize = 2;
-/// Share of the pixels at the near end of the range from which on a frame is matched again with a larger range.
+/// Share of the pixels at the near end of the range from which on a frame is matched again with a larger
+/// range.
 pub const NEAR_END: f64 = 0.005;
 
 // State (`rig`)
@@ -20,7 +22,8 @@ pub const STRAIGHTEN_FROM: f64 = 0.2;
 pub const STRAIGHTEN_ERRORS: f64 = 4.0;
 /// Pixels rms below which rows are not straightened any more.
 pub const STRAIGHT_BELOW: f64 = 0.08;
-/// Frames in a row that change a state: which image is softer, whether much is wrong, and whether rows are straightened.
+/// Frames in a row that change a state: which image is softer, whether much is wrong, and whether rows are
+/// straightened.
 pub const CHANGED_FRAMES: u32 = 3;
 /// Frames in a row with straight rows until these are not straightened any more.
 pub const STRAIGHT_FRAMES: u32 = 20;
@@ -72,7 +75,8 @@ pub const CELL_PLACES: usize = 16;
 pub const LEAST_BLOCKS: usize = 12;
 /// Pixels at the border without blocks.
 pub const SEED_BORDER: usize = 20;
-/// Pixels: standard deviations of the coefficients before anything is known of them, of a plane and of what bends it.
+/// Pixels: standard deviations of the coefficients before anything is known of them, of a plane and of what
+/// bends it.
 pub const UNKNOWN_DEVIATIONS: [f64; 2] = [1.0, 0.05];
 /// Shares of the width by which these change from frame to frame.
 pub const FIELD_CHANGES: [f64; 2] = [6e-6, 4e-7];
@@ -82,7 +86,8 @@ pub const ALIKE: f64 = 2.0;
 pub const FOLLOWED: f64 = 0.06;
 /// ... and share of the drift that remains from frame to frame.
 pub const DAMPED: f64 = 0.995;
-/// Share of the standard error: a frame that leaves less of it finds the field, so that its correction is not a drift.
+/// Share of the standard error: a frame that leaves less of it finds the field, so that its correction is not
+/// a drift.
 pub const FOUND_SHARE: f64 = 0.8;
 /// Largest weight of a block, in median weights.
 pub const MOST_WEIGHT: f64 = 2.0;
@@ -95,8 +100,8 @@ pub const MOVED_ERRORS: f64 = 6.0;
 
 // Temporal filter (`temporal`)
 
-/// Most frames that a disparity is the mean of. Twice this does not steady a static scene more, and lags twice as long;
-/// half steadies it less (`phasestereo bench video`).
+/// Most frames that a disparity is the mean of. Twice this does not steady a static scene more, and lags
+/// twice as long; half steadies it less (`phasestereo bench video`).
 pub const MEAN_FRAMES: u8 = 8;
 /// Pixels: side of the blocks whose disparities may move together.
 pub const MOVED_BLOCK: usize = 32;
@@ -108,14 +113,15 @@ pub const MOVED_BY: f32 = 0.25;
 pub const MOST_MOVED_BY: f32 = 2.0;
 /// Fewest known disparities of a block that may have moved.
 pub const LEAST_MOVED: u32 = 16;
-/// Pixels by which disparities of one thing differ at most: the step of integer maps. With less, these flicker more; with
-/// more, different things are averaged.
+/// Pixels by which disparities of one thing differ at most: the step of integer maps. With less, these
+/// flicker more; with more, different things are averaged.
 pub const SAME_DISPARITY: f32 = 1.0;
 
 // Changes of a view (`temporal::change`)
 
-/// Multiple of the expected square that still counts as no change. A larger one ignores more of the noise, and more of slow
-/// motion, too. A smaller one lets a static scene flicker (`phasestereo bench video --preset fast --noise 8`).
+/// Multiple of the expected square that still counts as no change. A larger one ignores more of the noise,
+/// and more of slow motion, too. A smaller one lets a static scene flicker (`phasestereo bench video --preset
+/// fast --noise 8`).
 pub const CHANGE_RATIO: f32 = 3.0;
 /// Largest square of one pixel, in units of the noise: no float overflows.
 pub const LARGEST_SQUARE: f32 = 16384.0;
@@ -123,8 +129,8 @@ pub const LARGEST_SQUARE: f32 = 16384.0;
 pub const LEAST_NOISE: f32 = 0.25;
 /// Gray levels: largest standard deviation of the noise. Larger estimates are taken for texture.
 pub const MOST_NOISE: f32 = 10.0;
-/// Rows and columns from one place to the next. With 1 the filter follows moving edges better, for half as much time again
-/// and more than twice the memory.
+/// Rows and columns from one place to the next. With 1 the filter follows moving edges better, for half as
+/// much time again and more than twice the memory.
 pub const CHANGE_STEP: usize = 2;
 /// Pixels: side of the blocks in which the noise is estimated.
 pub const NOISE_BLOCK: usize = 8;
@@ -132,7 +138,8 @@ pub const NOISE_BLOCK: usize = 8;
 pub const NOISE_BLOCKS: usize = 256;
 /// Blocks of which one counts as quiet, with little but noise.
 pub const QUIET_DIVISOR: usize = 20;
-/// Ratio of the noise to the mean square of the quiet blocks: less than for noise alone, since most blocks have texture.
+/// Ratio of the noise to the mean square of the quiet blocks: less than for noise alone, since most blocks
+/// have texture.
 pub const NOISE_FACTOR: f32 = 1.25;
 /// Gray levels from which on a pixel is as good as white.
 pub const WHITE_FROM: f32 = 250.0;

@@ -1,4 +1,5 @@
-//! The frames of two cameras, one after another: each is matched by what those before have shown, and shows more.
+//! The frames of two cameras, one after another: each is matched by what those before have shown, and shows
+//! more.
 //!
 //! ```text
 //! first frame, or one of another size:  estimate all, match               # crate::match_pair

@@ -1,7 +1,8 @@
-//! Go or no-go: the quantities of a rig against limits, as at the end of a production line or at a start of a robot.
+//! Go or no-go: the quantities of a rig against limits, as at the end of a production line or at a start of a
+//! robot.
 //!
-//! Usual limits are those from which on a match is warned of (the tables of findings), where there are such. An unknown quantity
-//! passes, unless its limit was given, or nothing can be said without it.
+//! Usual limits are those from which on a match is warned of (the tables of findings), where there are such.
+//! An unknown quantity passes, unless its limit was given, or nothing can be said without it.
 
 use crate::finding::Topic;
 use crate::findings::choices::{BLUR_SHARE, SURE};

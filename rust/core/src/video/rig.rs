@@ -1,8 +1,8 @@
-//! What two cameras are, learned while they run: the field of their rows, the range of their disparities, the cameras that
-//! rectify them, which image is the softer one, and what happened to all that.
+//! What two cameras are, learned while they run: the field of their rows, the range of their disparities, the
+//! cameras that rectify them, which image is the softer one, and what happened to all that.
 //!
-//! `crate::video::frames` matches frames by it, and takes in what each of them shows. It holds a few thousand numbers, and where
-//! raw images are rectified from, and does not grow. As text ([`text`]) it can be kept.
+//! `crate::video::frames` matches frames by it, and takes in what each of them shows. It holds a few thousand
+//! numbers, and where raw images are rectified from, and does not grow. As text ([`text`]) it can be kept.
 
 pub mod columns;
 pub mod events;

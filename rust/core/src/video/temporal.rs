@@ -1,9 +1,10 @@
-//! The temporal filter: where neither image of a video has changed, a disparity is the mean of those of some frames.
+//! The temporal filter: where neither image of a video has changed, a disparity is the mean of those of some
+//! frames.
 //!
-//! Fresh noise in every frame makes the disparities of a static scene flicker. Several frames say more than one, as long
-//! as both cameras still see the same thing at a pixel. So the filter has two parts: where a view has changed
-//! ([`change`]), and the recurrence of a pixel. With `d` the disparity of this frame, `D` that of the output before, and
-//! `n` the number of frames that support it:
+//! Fresh noise in every frame makes the disparities of a static scene flicker. Several frames say more than
+//! one, as long as both cameras still see the same thing at a pixel. So the filter has two parts: where a
+//! view has changed ([`change`]), and the recurrence of a pixel. With `d` the disparity of this frame, `D`
+//! that of the output before, and `n` the number of frames that support it:
 //!
 //! ```text
 //! seen(d) = the right view has not changed at (x - d, y), or (x - d, y) lies beside the image, or there is no d
@@ -16,23 +17,24 @@
 //! else:                                              n = 1                    D = d
 //! ```
 //!
-//! Things that come nearer by a pixel or less in a frame, and are so plain that hardly a gray value changes, move whole blocks of
-//! disparities one way, which noise does not.
+//! Things that come nearer by a pixel or less in a frame, and are so plain that hardly a gray value changes,
+//! move whole blocks of disparities one way, which noise does not.
 //!
-//! A disparity that is off by more than a pixel is outvoted by as many frames as support the other one: the majority
-//! vote of Boyer & Moore (1981). The rest is the recursive mean of the temporal filters of depth cameras, with a weight
-//! that begins at 1 and ends at 1 / [`MEAN_FRAMES`]. Where the disparity before stays, its flags, its confidence and its error bar stay, too;
-//! elsewhere they are those of this frame.
+//! A disparity that is off by more than a pixel is outvoted by as many frames as support the other one: the
+//! majority vote of Boyer & Moore (1981). The rest is the recursive mean of the temporal filters of depth
+//! cameras, with a weight that begins at 1 and ends at 1 / [`MEAN_FRAMES`]. Where the disparity before stays,
+//! its flags, its confidence and its error bar stay, too; elsewhere they are those of this frame.
 //!
-//! Frames that are the same to the bit give the same maps to the bit. A view that has changed everywhere, as at a cut,
-//! gives the map as it is.
+//! Frames that are the same to the bit give the same maps to the bit. A view that has changed everywhere, as
+//! at a cut, gives the map as it is.
 //!
-//! Why disparities are averaged, and not images: means of images that changed by less than their noise give better maps of
-//! a static scene, but worse ones of a moving camera, because matching sees texture below the noise and a test of a few
-//! pixels does not. `phasestereo bench video` measures both kinds of scenes.
+//! Why disparities are averaged, and not images: means of images that changed by less than their noise give
+//! better maps of a static scene, but worse ones of a moving camera, because matching sees texture below the
+//! noise and a test of a few pixels does not. `phasestereo bench video` measures both kinds of scenes.
 //!
-//! State: the output before (disparity, flags, confidence, error bar, `n`) and the means of each view: 15 bytes a pixel, 23 with
-//! confidences. A pixel depends on no other one, so rows are filtered in place and in parallel.
+//! State: the output before (disparity, flags, confidence, error bar, `n`) and the means of each view: 15
+//! bytes a pixel, 23 with confidences. A pixel depends on no other one, so rows are filtered in place and in
+//! parallel.
 
 pub mod change;
 
@@ -88,10 +90,11 @@ impl TemporalFilter {
         Self::default()
     }
 
-    /// Filters the map of the next frame in place, and returns the number of frames that support each disparity, 1 to 8.
+    /// Filters the map of the next frame in place, and returns the number of frames that support each
+    /// disparity, 1 to 8.
     ///
-    /// The pair is the one that was matched with these settings. Nothing is carried over to another size, type of pixels,
-    /// range of disparities or other settings, nor after an error.
+    /// The pair is the one that was matched with these settings. Nothing is carried over to another size,
+    /// type of pixels, range of disparities or other settings, nor after an error.
     pub fn apply(
         &mut self,
         pair: &Pair,
@@ -215,12 +218,14 @@ impl Before {
     }
 }
 
-/// The settings that a map depends on. `align_rows` is left out: a stream asks for rows only where it estimates them anew.
+/// The settings that a map depends on. `align_rows` is left out: a stream asks for rows only where it
+/// estimates them anew.
 fn compared(settings: &Settings) -> Settings {
     Settings { align_rows: false, ..settings.clone() }
 }
 
-/// The recurrence along a row: writes the result to both `before` and `now`, and marks where the disparity before stays.
+/// The recurrence along a row: writes the result to both `before` and `now`, and marks where the disparity
+/// before stays.
 struct Follow<'a> {
     changed: [&'a [bool]; 2],
     moved: &'a [bool],
@@ -247,7 +252,8 @@ impl Loop for Follow<'_> {
     }
 }
 
-/// Marks pixels where the left view has changed, or the right view at the match of the disparity before or of this frame.
+/// Marks pixels where the left view has changed, or the right view at the match of the disparity before or of
+/// this frame.
 #[inline(always)]
 fn mark_changed(left: &[bool], right: &[bool], before: &[f32], now: &[f32], marks: &mut [bool]) {
     let (places, rest) = marks.as_chunks_mut::<CHANGE_STEP>();
@@ -272,7 +278,8 @@ fn mark_changed(left: &[bool], right: &[bool], before: &[f32], now: &[f32], mark
     }
 }
 
-/// The recurrence of the module. `marks` says where something has changed, then where the disparity before stays.
+/// The recurrence of the module. `marks` says where something has changed, then where the disparity before
+/// stays.
 #[inline(always)]
 fn follow(before: &mut [f32], support: &mut [u8], now: &mut [f32], marks: &mut [bool]) {
     let count = now.len();
@@ -299,7 +306,8 @@ fn follow(before: &mut [f32], support: &mut [u8], now: &mut [f32], marks: &mut [
     }
 }
 
-/// Flags or confidences of a row: writes those before to `now` where the disparity stays, and all of `now` to `before`.
+/// Flags or confidences of a row: writes those before to `now` where the disparity stays, and all of `now` to
+/// `before`.
 struct Keep<'a, T> {
     stays: &'a [bool],
     before: &'a mut [T],

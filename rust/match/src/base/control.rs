@@ -14,8 +14,8 @@ pub struct Control {
 }
 
 impl Control {
-    /// A control for work whose rows are not those of the disparity map: it is cancelled together with this one, and
-    /// its rows are counted apart.
+    /// A control for work whose rows are not those of the disparity map: it is cancelled together with this
+    /// one, and its rows are counted apart.
     #[doc(hidden)]
     pub fn aside(&self) -> Self {
         Self { cancelled: Arc::clone(&self.cancelled), ..Self::default() }

@@ -1,4 +1,5 @@
-//! Everything that can go wrong, in one enum; the extension module turns each kind into Python's own exception type.
+//! Everything that can go wrong, in one enum; the extension module turns each kind into Python's own
+//! exception type.
 
 use thiserror::Error;
 

@@ -116,7 +116,8 @@ impl<const N: usize> Cholesky<N> {
         (0..self.count).map(|at| math::ln(self.lower[at][at])).sum()
     }
 
-    /// The ratio of the first pivot to the least one of the first `count`: large where the observations hardly determine a term.
+    /// The ratio of the first pivot to the least one of the first `count`: large where the observations
+    /// hardly determine a term.
     pub fn condition(&self, count: usize) -> f64 {
         let least = (0..count).map(|at| self.lower[at][at]).fold(self.lower[0][0], f64::min);
         (self.lower[0][0] / least).powi(2)

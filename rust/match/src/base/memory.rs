@@ -68,8 +68,8 @@ impl<T> DerefMut for Memory<T> {
 
 /// A reusable buffer of runs of lanes that starts at a cache line.
 ///
-/// It is a [`Memory`] of single values, since an array's own alignment is that of its values: among arrays of 32 bytes none
-/// may start at a line.
+/// It is a [`Memory`] of single values, since an array's own alignment is that of its values: among arrays of
+/// 32 bytes none may start at a line.
 #[derive(Debug)]
 pub struct RunMemory<T>(Memory<T>);
 

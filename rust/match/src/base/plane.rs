@@ -140,7 +140,8 @@ impl<T: Clone + Default> Plane<T> {
 
 #[doc(hidden)]
 impl<T: Send> Plane<T> {
-    /// Overwrites bands of `band_rows` rows by `write(first_row, values)`, on the threads of the current pool.
+    /// Overwrites bands of `band_rows` rows by `write(first_row, values)`, on the threads of the current
+    /// pool.
     pub fn write_bands(
         &mut self,
         band_rows: usize,
@@ -153,8 +154,8 @@ impl<T: Send> Plane<T> {
 
 #[doc(hidden)]
 impl<T: Clone + Default + Send> Plane<T> {
-    /// A plane whose bands of `band_rows` rows are written by `write(first_row, values)`, on the threads of the current
-    /// pool.
+    /// A plane whose bands of `band_rows` rows are written by `write(first_row, values)`, on the threads of
+    /// the current pool.
     pub fn by_bands(
         (rows, cols): (usize, usize),
         band_rows: usize,
@@ -165,7 +166,8 @@ impl<T: Clone + Default + Send> Plane<T> {
         Ok(plane)
     }
 
-    /// As [`Self::by_bands`], with buffers that are reused from band to band; there may be more of them than threads.
+    /// As [`Self::by_bands`], with buffers that are reused from band to band; there may be more of them than
+    /// threads.
     pub fn by_bands_with<B>(
         (rows, cols): (usize, usize),
         band_rows: usize,
@@ -213,8 +215,8 @@ pub fn reserve<T>(data: &mut Vec<T>, count: usize) -> Result<()> {
     data.try_reserve(count).map_err(|_| Error::OutOfMemory { bytes })
 }
 
-/// `COUNT` values of each row, from column `first` on: in the row itself if it has all of them, else copied to `buffer`,
-/// with `beyond(row, x)` at columns outside the row.
+/// `COUNT` values of each row, from column `first` on: in the row itself if it has all of them, else copied
+/// to `buffer`, with `beyond(row, x)` at columns outside the row.
 #[inline(always)]
 pub fn parts<'a, T: Copy, const ROWS: usize, const COUNT: usize>(
     rows: [&'a [T]; ROWS],

@@ -7,8 +7,8 @@ pub use self::web::{Instant, ThreadPool};
 
 use crate::base::error::Result;
 
-/// Does the same for the left image and for the right one, at the same time: side 0 and 1. Two threads wait for one another
-/// less often than if they shared the work on each.
+/// Does the same for the left image and for the right one, at the same time: side 0 and 1. Two threads wait
+/// for one another less often than if they shared the work on each.
 pub fn both<T: Send>(of: impl Fn(usize) -> Result<T> + Sync) -> Result<[T; 2]> {
     let (left, right) = rayon::join(|| of(0), || of(1));
     Ok([left?, right?])

@@ -4,7 +4,8 @@
 //! level.run(loop)   ->   avx2(loop) { loop.run() }      # compiled with AVX2, `run` inlined
 //! ```
 //!
-//! This is the only file with unsafe code, beside the C interface, and the only one that names an architecture.
+//! This is the only file with unsafe code, beside the C interface, and the only one that names an
+//! architecture.
 
 #![allow(
     unsafe_code,
@@ -18,19 +19,20 @@ pub const OVERRIDE: &str = "PHASESTEREO_SIMD";
 
 /// A loop over arrays, which the compiler vectorizes with the instructions of the level.
 ///
-/// `run` and everything that it calls must be `#[inline(always)]`: what is not inlined into the level's own function is
-/// compiled for the baseline.
+/// `run` and everything that it calls must be `#[inline(always)]`: what is not inlined into the level's own
+/// function is compiled for the baseline.
 pub trait Loop {
     /// The result.
     type Output;
-    /// Whether it counts the bits of bytes or words: others gain nothing of the level that can, and are not compiled for it.
+    /// Whether it counts the bits of bytes or words: others gain nothing of the level that can, and are not
+    /// compiled for it.
     const COUNTS_BITS: bool = false;
     /// Runs the loop.
     fn run(self) -> Self::Output;
 }
 
-/// A value without its fraction, cut to magnitudes up to 2^30; 0 for NaN. A cast by `as` saturates, for which there is no
-/// instruction: loops with one are compiled value by value.
+/// A value without its fraction, cut to magnitudes up to 2^30; 0 for NaN. A cast by `as` saturates, for which
+/// there is no instruction: loops with one are compiled value by value.
 #[inline(always)]
 pub fn whole(value: f32) -> i32 {
     const MOST: f32 = (1 << 30) as f32;
@@ -99,8 +101,8 @@ impl Isa {
 }
 
 impl Level {
-    /// The highest level of this machine, up to the one that the environment variable `PHASESTEREO_SIMD` names. The variable
-    /// is read once; an unknown name is ignored.
+    /// The highest level of this machine, up to the one that the environment variable `PHASESTEREO_SIMD`
+    /// names. The variable is read once; an unknown name is ignored.
     pub fn best() -> Self {
         static BEST: OnceLock<Level> = OnceLock::new();
         *BEST.get_or_init(|| Self::at_most(std::env::var(OVERRIDE).ok().as_deref()))
@@ -181,11 +183,11 @@ pub use self::portable::{highest_bits, least_bytes};
 #[cfg(target_arch = "x86_64")]
 pub use self::sse2::{highest_bits, least_bytes};
 
-/// What the compiler does not make of plain loops: it takes single bytes, which are then written one by one, and whoever
-/// reads them together has to wait.
+/// What the compiler does not make of plain loops: it takes single bytes, which are then written one by one,
+/// and whoever reads them together has to wait.
 ///
-/// Every x86-64 processor has these instructions. In loops for a higher level they are compiled with its own, halves of a
-/// wider register together.
+/// Every x86-64 processor has these instructions. In loops for a higher level they are compiled with its own,
+/// halves of a wider register together.
 #[cfg(target_arch = "x86_64")]
 mod sse2 {
     use std::arch::x86_64::{
@@ -209,8 +211,8 @@ mod sse2 {
 
     /// The least byte of each of sixteen rows.
     ///
-    /// Two registers of bytes become one in which theirs alternate, one of pairs of bytes, and so on: in the last one each
-    /// byte is of another row.
+    /// Two registers of bytes become one in which theirs alternate, one of pairs of bytes, and so on: in the
+    /// last one each byte is of another row.
     #[inline(always)]
     pub fn least_bytes(rows: &[[u8; 32]; 16]) -> [u8; 16] {
         // SAFETY: registers are bytes of any value; every x86-64 processor has SSE2.

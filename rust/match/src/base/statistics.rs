@@ -2,7 +2,8 @@
 
 use std::cmp::Ordering;
 
-/// Standard deviations of normal errors in a median absolute deviation: 1 over the third quartile of the normal distribution.
+/// Standard deviations of normal errors in a median absolute deviation: 1 over the third quartile of the
+/// normal distribution.
 const OF_MEDIAN: f64 = 1.4826;
 
 /// Values with a total order.
@@ -29,12 +30,14 @@ impl Ordered for u32 {
     }
 }
 
-/// The value of a rank, 0 for the least; `None` beyond the last. It reorders the values, which takes less than sorting.
+/// The value of a rank, 0 for the least; `None` beyond the last. It reorders the values, which takes less
+/// than sorting.
 pub fn ranked<T: Ordered>(values: &mut [T], rank: usize) -> Option<T> {
     (rank < values.len()).then(|| *values.select_nth_unstable_by(rank, T::order).1)
 }
 
-/// The value below which a share of the others lies, from 0 for the least to 1 for the largest; the nearest rank.
+/// The value below which a share of the others lies, from 0 for the least to 1 for the largest; the nearest
+/// rank.
 pub fn quantile<T: Ordered>(values: &mut [T], share: f64) -> Option<T> {
     let last = values.len().saturating_sub(1);
     ranked(values, (share * last as f64).round() as usize)
@@ -47,7 +50,8 @@ pub fn median<T: Ordered>(values: impl IntoIterator<Item = T>) -> Option<T> {
     ranked(&mut values, middle)
 }
 
-/// The standard deviation of normal errors by the median of their absolute values, which outliers hardly change; 0 of none.
+/// The standard deviation of normal errors by the median of their absolute values, which outliers hardly
+/// change; 0 of none.
 pub fn deviation(errors: impl IntoIterator<Item = f64>) -> f64 {
     OF_MEDIAN * median(errors.into_iter().map(f64::abs)).unwrap_or(0.0)
 }

@@ -1,5 +1,5 @@
-//! The integers of costs and path totals: as narrow as the settings allow, so that a register has as many lanes as
-//! possible. Also how floats are rounded to integers.
+//! The integers of costs and path totals: as narrow as the settings allow, so that a register has as many
+//! lanes as possible. Also how floats are rounded to integers.
 
 use std::fmt::Debug;
 
@@ -41,8 +41,8 @@ fn least_lanes<T: Value>(rows: &[Lanes<T>; ROWS]) -> [T; ROWS] {
 
 /// The nearest integer (ties: even) of a number of magnitude below 2^31.
 ///
-/// The sum with 1.5 times 2^52 has no bits for fractions, so it is rounded, and its low bits are the integer. Not all
-/// instruction sets have a conversion for this in vectors.
+/// The sum with 1.5 times 2^52 has no bits for fractions, so it is rounded, and its low bits are the integer.
+/// Not all instruction sets have a conversion for this in vectors.
 #[inline(always)]
 pub fn nearest(value: f64) -> i32 {
     (value + 1.5 * (1u64 << 52) as f64).to_bits() as i32
@@ -50,8 +50,8 @@ pub fn nearest(value: f64) -> i32 {
 
 /// An unsigned integer that holds aggregated costs and the totals of paths.
 pub trait Value: Copy + Debug + Default + Ord + Send + Sync + 'static {
-    /// The cost and the total of a disparity that is not searched. Added to any total up to [`Self::LARGEST_TOTAL`] it
-    /// neither wraps nor wins.
+    /// The cost and the total of a disparity that is not searched. Added to any total up to
+    /// [`Self::LARGEST_TOTAL`] it neither wraps nor wins.
     const FAR: Self;
     /// The largest total of a path that the type is used for.
     const LARGEST_TOTAL: u64;
@@ -103,7 +103,8 @@ macro_rules! impl_value {
 
             #[inline(always)]
             fn mean(self, other: Self) -> Self {
-                // In integers of the same width, without overflow; compiled to one instruction where there is one.
+                // In integers of the same width, without overflow; compiled to one instruction where there is
+                // one.
                 (self | other) - ((self ^ other) >> 1)
             }
 
@@ -120,7 +121,8 @@ macro_rules! impl_value {
     };
 }
 
-// Bytes and words have saturating instructions, so all of their range is used. 32 bits have none, but range to spare.
+// Bytes and words have saturating instructions, so all of their range is used. 32 bits have none, but range
+// to spare.
 impl_value!(
     u8, far: u8::MAX, largest_total: u8::MAX, plus: saturating_add,
     least_lanes: least_bytes

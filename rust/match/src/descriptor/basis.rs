@@ -1,8 +1,8 @@
 //! Integer tables of the local Fourier transform.
 //!
-//! The descriptor is *defined* on these integers, rounding included. Tables of non-zero frequencies sum to zero exactly,
-//! so a constant added to an image changes nothing, not even on ties. All are centered at the pixel: the real part is even
-//! and the imaginary part odd, so one half is enough.
+//! The descriptor is *defined* on these integers, rounding included. Tables of non-zero frequencies sum to
+//! zero exactly, so a constant added to an image changes nothing, not even on ties. All are centered at the
+//! pixel: the real part is even and the imaginary part odd, so one half is enough.
 
 use std::f64::consts::TAU;
 
@@ -12,8 +12,8 @@ use crate::settings::{Settings, Taper};
 /// Amplitude of the tables times `L`. Sums of 8-bit pixels then fit in 32 bits for every `L`, and those of
 /// any pixels are exact in double precision. A tap is within a step of the exact value: 1/570 for `L` = 7.
 const AMPLITUDE_TIMES_SIZE: usize = 4000;
-/// The same under codes of two sizes, which describe smoothed images in sixteenths of a gray level: their sums fit in 32
-/// bits, too. A tap is within 1/140 for `L` = 7, an angle within half a degree.
+/// The same under codes of two sizes, which describe smoothed images in sixteenths of a gray level: their
+/// sums fit in 32 bits, too. A tap is within 1/140 for `L` = 7, an angle within half a degree.
 const COARSE_AMPLITUDE_TIMES_SIZE: usize = 1000;
 
 /// One spectral component of the descriptor: its frequency indices along x and y.
@@ -77,8 +77,8 @@ impl Basis {
         &self.filters
     }
 
-    /// Standard deviation of the real or imaginary part of a component of white noise of standard deviation 1: the energy of
-    /// the window, half of which belongs to cosines and half to sines.
+    /// Standard deviation of the real or imaginary part of a component of white noise of standard deviation
+    /// 1: the energy of the window, half of which belongs to cosines and half to sines.
     pub fn deviation(&self) -> f64 {
         let window = self.filters[0].even.iter().map(|tap| f64::from(*tap).powi(2));
         let side: f64 = window.clone().skip(1).sum();
@@ -107,8 +107,8 @@ fn amplitude(size: usize, is_coarse: bool) -> usize {
     total / size / 2 * 2
 }
 
-/// `w(j) (exp(-2 pi i f j / L) - kappa)`, with `kappa` such that the taps sum to zero: the correction that makes Morlet
-/// wavelets admissible; the uniform window needs none. Frequency 0 is the window `w` itself.
+/// `w(j) (exp(-2 pi i f j / L) - kappa)`, with `kappa` such that the taps sum to zero: the correction that
+/// makes Morlet wavelets admissible; the uniform window needs none. Frequency 0 is the window `w` itself.
 fn filter(taper: Taper, size: usize, scale: usize, f: usize) -> Filter {
     let radius = size / 2;
     let scale = scale as f64;
@@ -145,8 +145,8 @@ fn rounded(exact: &[f64]) -> Vec<i32> {
     exact.iter().map(|value| value.round() as i32).collect()
 }
 
-/// Rounds one half of a symmetric filter, its center first, so that the whole filter sums to zero: the taps that rounding
-/// moved furthest in the direction of the excess are moved back by one.
+/// Rounds one half of a symmetric filter, its center first, so that the whole filter sums to zero: the taps
+/// that rounding moved furthest in the direction of the excess are moved back by one.
 fn rounded_to_zero_sum(exact: &[f64]) -> Vec<i32> {
     let mut rounded = rounded(exact);
     // The center counts once and all others twice: only an even center can be balanced.

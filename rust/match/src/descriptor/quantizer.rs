@@ -1,16 +1,18 @@
 //! A spectral component -> the bits of its quantized phase (paper, eq. 3).
 //!
-//! Levels lie on a circle. Each is written in a Johnson code (a circular thermometer), whose Hamming distance *is* the
-//! distance around the circle (eq. 4), for any number of bits. Each bit says on which side of a line through zero the
-//! component lies, so a code takes a few comparisons, the same for every pixel. With two bits, for example:
+//! Levels lie on a circle. Each is written in a Johnson code (a circular thermometer), whose Hamming distance
+//! *is* the distance around the circle (eq. 4), for any number of bits. Each bit says on which side of a line
+//! through zero the component lies, so a code takes a few comparisons, the same for every pixel. With two
+//! bits, for example:
 //!
 //! ```text
 //! quadrant   1     2     3     4
 //! code      00    01    11    10        # bit 0: left of the imaginary axis, bit 1: below the real axis
 //! ```
 //!
-//! With a weak level each real and each imaginary part is negative, weak or positive. Two bits say whether it is clearly
-//! negative and whether it is clearly positive, so opposite signs differ in both bits, a weak and a clear part in one.
+//! With a weak level each real and each imaginary part is negative, weak or positive. Two bits say whether it
+//! is clearly negative and whether it is clearly positive, so opposite signs differ in both bits, a weak and
+//! a clear part in one.
 
 use std::array::from_fn;
 
@@ -30,8 +32,8 @@ const TANGENTS: [f64; 7] = [
 
 /// Cuts the complex plane into sectors and gives each its code.
 ///
-/// The sectors of a quadrant begin where the quotient of its coordinates, correctly rounded, reaches a tangent. It depends
-/// on their ratio only, so scaling an image changes nothing.
+/// The sectors of a quadrant begin where the quotient of its coordinates, correctly rounded, reaches a
+/// tangent. It depends on their ratio only, so scaling an image changes nothing.
 #[derive(Debug, Clone)]
 pub struct Quantizer {
     /// The power `k` of the spectrum.
@@ -49,8 +51,8 @@ impl Quantizer {
         Self { power: settings.power, code_length, weak: None }
     }
 
-    /// The quantizer for which parts of `F` are weak up to `threshold`, a whole number, and those of `F^2` up to its
-    /// square; for `b` = 2.
+    /// The quantizer for which parts of `F` are weak up to `threshold`, a whole number, and those of `F^2` up
+    /// to its square; for `b` = 2.
     pub fn with_weak_level(self, threshold: f64) -> Self {
         debug_assert!(self.code_length == 2 && threshold >= 0.0);
         Self { code_length: 4, weak: Some(threshold.powi(self.power as i32)), ..self }
@@ -61,8 +63,8 @@ impl Quantizer {
         self.code_length
     }
 
-    /// Writes the codes of one component of neighboring pixels into their words, from bit `shift` on. These bits must be 0.
-    /// A boundary belongs to the sector counter-clockwise of it, zero to the first sector.
+    /// Writes the codes of one component of neighboring pixels into their words, from bit `shift` on. These
+    /// bits must be 0. A boundary belongs to the sector counter-clockwise of it, zero to the first sector.
     #[inline(always)]
     pub fn add<T: Lane>(&self, re: &[T], im: &[T], shift: usize, words: &mut [T::Word]) {
         if let Some(threshold) = self.weak {
@@ -123,7 +125,8 @@ fn squared(re: f64, im: f64) -> [f64; 2] {
     [(re - im) * (re + im), 2.0 * re * im]
 }
 
-/// The code of the parts of a component: bits 0 and 1 for those below the weak level, bits 2 and 3 for those above it.
+/// The code of the parts of a component: bits 0 and 1 for those below the weak level, bits 2 and 3 for those
+/// above it.
 #[inline(always)]
 fn three_levels<P: PartialOrd + Copy, W: Word>([re, im]: [P; 2], [low, high]: [P; 2]) -> W {
     let negative = W::from(re < low) | W::from(im < low) << 1;
@@ -186,8 +189,8 @@ impl<T: Lane> PhasePosition<T> {
         self.left ^ self.below
     }
 
-    /// The code of the phase with `B` boundaries inside each quadrant: those whose bounds the `measure` of the coordinates
-    /// reaches. Each bit stands for one of the half planes that the boundaries open.
+    /// The code of the phase with `B` boundaries inside each quadrant: those whose bounds the `measure` of
+    /// the coordinates reaches. Each bit stands for one of the half planes that the boundaries open.
     #[inline(always)]
     fn halves<M: PartialOrd, const B: usize>(
         self,

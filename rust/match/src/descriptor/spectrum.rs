@@ -1,8 +1,8 @@
 //! Pixels -> spectral components of a few rows at a time.
 //!
-//! The transform is separable: down the columns first, for every `v`, then along the row, for every `(u, v)`. Filters are
-//! even or odd, so the two pixels at one distance from the center are added or subtracted first and share one
-//! multiplication. Rows do not depend on one another's sums, so the work can be cut anywhere.
+//! The transform is separable: down the columns first, for every `v`, then along the row, for every `(u, v)`.
+//! Filters are even or odd, so the two pixels at one distance from the center are added or subtracted first
+//! and share one multiplication. Rows do not depend on one another's sums, so the work can be cut anywhere.
 
 use std::array::from_fn;
 use std::ops::{BitOr, Range, Shl};
@@ -11,9 +11,9 @@ use crate::base::error::Result;
 use crate::base::memory::Memory;
 use crate::descriptor::basis::{Basis, Filter};
 
-/// Pixels that are computed together, of one row or of a few: enough that starting the loops takes little of the time, and
-/// few enough that their data stay close to the first-level cache. With 1024, rows of 741 pixels take 10 % longer in AVX-512,
-/// with 2048 as much longer in AVX2.
+/// Pixels that are computed together, of one row or of a few: enough that starting the loops takes little of
+/// the time, and few enough that their data stay close to the first-level cache. With 1024, rows of 741
+/// pixels take 10 % longer in AVX-512, with 2048 as much longer in AVX2.
 const SEGMENT: usize = 1536;
 /// Rows are computed to a multiple of this many pixels, whole registers: a part of one would take as long.
 const LANES: usize = 16;
@@ -141,8 +141,8 @@ pub type Components<'a, T> = (usize, &'a [T], &'a [T]);
 
 /// How rows of pixels lie in memory: one after the other, each with its continuation on either side.
 ///
-/// So a few rows are one long row. What is computed of the continuation between two of them is of no use, but takes less
-/// time than starting again with each row.
+/// So a few rows are one long row. What is computed of the continuation between two of them is of no use, but
+/// takes less time than starting again with each row.
 #[derive(Debug, Clone, Copy)]
 pub struct Layout {
     /// Pixels of a row.
@@ -201,8 +201,8 @@ impl<T: Lane> Spectrum<T> {
         })
     }
 
-    /// Filters rows along y: at most a group of them, from the radius of the basis above the first one to as far below the
-    /// last one.
+    /// Filters rows along y: at most a group of them, from the radius of the basis above the first one to as
+    /// far below the last one.
     #[inline(always)]
     pub fn center_on(&mut self, surroundings: &[i32]) {
         let step = self.layout.width();
@@ -220,7 +220,8 @@ impl<T: Lane> Spectrum<T> {
         self.frequencies.len()
     }
 
-    /// The components `(u, v)` and, if it differs, `(u, -v)` of one of the frequencies, of the pixels at these places.
+    /// The components `(u, v)` and, if it differs, `(u, -v)` of one of the frequencies, of the pixels at
+    /// these places.
     #[inline(always)]
     pub fn components(
         &mut self,
@@ -242,14 +243,15 @@ impl<T: Lane> Spectrum<T> {
         }
 
         if u.min(v) > 0 {
-            // F(u, v) = (ee - oo) + i (oe + eo); with the conjugate along y, F(u, -v) = (ee + oo) + i (oe - eo).
-            // Afterwards `oo` and `oe` hold the former, `ee` and `eo` the latter.
+            // F(u, v) = (ee - oo) + i (oe + eo); with the conjugate along y, F(u, -v) = (ee + oo) + i (oe -
+            // eo). Afterwards `oo` and `oe` hold the former, `ee` and `eo` the latter.
             to_sum_and_difference(ee, oo);
             to_sum_and_difference(oe, eo);
         }
 
         let [ee, oe, eo, oo] = [&*ee, oe, eo, oo];
-        // Components lie as `Basis::components` lists them: the axis first, then `v` from `-highest` on for each `u`.
+        // Components lie as `Basis::components` lists them: the axis first, then `v` from `-highest` on for
+        // each `u`.
         let highest = self.highest;
         let index = |v: usize| highest + (u - 1) * (2 * highest + 1) + v;
         let found = match (u, v) {
@@ -283,8 +285,8 @@ fn to_sum_and_difference<T: Lane>(a: &mut [T], b: &mut [T]) {
     }
 }
 
-/// Where a filter lies on the data in one sweep: its center for the first output, the distance of neighboring taps, and the
-/// first of the pairs of taps around the center.
+/// Where a filter lies on the data in one sweep: its center for the first output, the distance of neighboring
+/// taps, and the first of the pairs of taps around the center.
 #[derive(Debug, Clone, Copy)]
 struct Pairs {
     center: usize,
@@ -353,8 +355,8 @@ fn sweep<P: Lane, T: Lane + From<P>, const K: usize>(
     }
 }
 
-/// Adds to the even part. Outputs and inputs are arguments of their own, so that the vectorizer knows that they do not
-/// overlap.
+/// Adds to the even part. Outputs and inputs are arguments of their own, so that the vectorizer knows that
+/// they do not overlap.
 #[inline(always)]
 fn add_even<P: Lane, T: Lane + From<P>, const K: usize>(
     even: &mut [T],

@@ -1,7 +1,7 @@
 //! Blocking: how much of the 8 x 8 grid of JPEG and video codecs shows in an image.
 //!
-//! The loss of such a codec differs from block to block, so neighbors on either side of a border differ by more than
-//! neighbors inside a block. The grid may begin anywhere, as in crops:
+//! The loss of such a codec differs from block to block, so neighbors on either side of a border differ by
+//! more than neighbors inside a block. The grid may begin anywhere, as in crops:
 //!
 //! ```text
 //! extra[x] = |a[x] - a[x + 1]| - (|a[x - 1] - a[x]| + |a[x + 1] - a[x + 2]|) / 2
@@ -9,8 +9,8 @@
 //! jump = the largest of the means - the second largest
 //! ```
 //!
-//! Along rows and along columns; the smaller jump counts, as blocks have borders on all sides. An image without blocks has
-//! no phase that stands out.
+//! Along rows and along columns; the smaller jump counts, as blocks have borders on all sides. An image
+//! without blocks has no phase that stands out.
 
 use std::ops::Range;
 
@@ -22,8 +22,8 @@ use crate::base::simd::{Level, Loop};
 const SIDE: usize = 8;
 /// Rows above and below a border whose values count.
 pub const REACH: usize = 2;
-/// Gray levels, of 255, that extra differences are clipped to: those of blocks are small, those of edges large.
-/// Without it, some sharp images have larger jumps than light compression.
+/// Gray levels, of 255, that extra differences are clipped to: those of blocks are small, those of edges
+/// large. Without it, some sharp images have larger jumps than light compression.
 const CLIP: f64 = 4.0;
 
 /// Sums of the extra differences in an image, in half steps.
@@ -36,8 +36,8 @@ pub struct Extra {
 }
 
 impl Extra {
-    /// The sums over some rows of a plane, which begins with row `first` of an image of `height` rows. `steps` are those of
-    /// a gray level.
+    /// The sums over some rows of a plane, which begins with row `first` of an image of `height` rows.
+    /// `steps` are those of a gray level.
     pub fn of_rows(
         plane: &Plane<i32>,
         rows: Range<usize>,
@@ -161,7 +161,8 @@ impl Loop for Differences<'_> {
     }
 }
 
-/// As [`Differences`]; outputs and inputs are arguments of their own, so that the vectorizer knows that they do not overlap.
+/// As [`Differences`]; outputs and inputs are arguments of their own, so that the vectorizer knows that they
+/// do not overlap.
 #[inline(always)]
 #[expect(clippy::many_single_char_names, reason = "neighbors in order")]
 fn write_differences([a, b, c, d]: [&[i32]; 4], clip: i32, found: &mut [i32]) {

@@ -1,10 +1,11 @@
 //! Black borders: what a frame, a round lens or a rectification leaves around an image is not a part of it.
 //!
-//! From each of the four sides a run of pixels reaches inward as long as all are of one exact value, the least of the whole
-//! image, which no lens and no sensor gives an area. The area of such runs is a border if its outline is that of an image: on
-//! each side the lengths of the runs are a convex function along it, as around anything convex (a frame, a circle, a turned
-//! rectangle), or a concave one (what a lens bends inward), but for a small share of the area. Things before a black sky, and
-//! a dark part of a scene, have neither.
+//! From each of the four sides a run of pixels reaches inward as long as all are of one exact value, the
+//! least of the whole image, which no lens and no sensor gives an area. The area of such runs is a border if
+//! its outline is that of an image: on each side the lengths of the runs are a convex function along it, as
+//! around anything convex (a frame, a circle, a turned rectangle), or a concave one (what a lens bends
+//! inward), but for a small share of the area. Things before a black sky, and a dark part of a scene, have
+//! neither.
 //!
 //! ```text
 //! run(i)  = pixels of the value from place i of a side on; 0 where the whole row or column has it
@@ -12,11 +13,12 @@
 //! border  = all runs, if off <= RAGGED_BORDER sum of run over all sides, and they are LEAST_BORDER of the image or more
 //! ```
 //!
-//! A lossy codec leaves waves beside the rim of a border, in whole blocks of pixels. Where most runs of an image of 8 bits go on
-//! with pixels that are nearly of the value, all do, and it is the outline of those runs that counts.
+//! A lossy codec leaves waves beside the rim of a border, in whole blocks of pixels. Where most runs of an
+//! image of 8 bits go on with pixels that are nearly of the value, all do, and it is the outline of those
+//! runs that counts.
 //!
-//! Areas of one value that is not the least are left alone: a sky or a wall that is white all over belongs to the scene, and
-//! planes are drawn into it.
+//! Areas of one value that is not the least are left alone: a sky or a wall that is white all over belongs to
+//! the scene, and planes are drawn into it.
 
 use std::cmp::Ordering;
 use std::ops::Range;
@@ -339,8 +341,8 @@ fn pixel(input: &Input, y: usize, x: usize) -> Option<Value> {
     }))
 }
 
-/// By how much the runs of a side are off the outline of an image, and their sum: of those that do not reach to the other
-/// side, which are a part of what the two sides across have.
+/// By how much the runs of a side are off the outline of an image, and their sum: of those that do not reach
+/// to the other side, which are a part of what the two sides across have.
 fn outline(runs: &[u32], far: u32) -> [f64; 2] {
     let inner = runs.iter().filter(|run| **run < far).map(|run| f64::from(*run));
     let inner: Vec<f64> = inner.collect();

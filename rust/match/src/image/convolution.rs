@@ -1,4 +1,5 @@
-//! Gray values under a point-spread function, in integers: what the camera would have recorded under that blur.
+//! Gray values under a point-spread function, in integers: what the camera would have recorded under that
+//! blur.
 //!
 //! True convolution, the kernel flipped, of the image continued by reflection (`d c b a | a b c d`), as
 //! `scipy.ndimage.convolve(mode="reflect")` has it. Sums are exact and rounded once (twice for kernels that
@@ -14,8 +15,8 @@ use crate::base::simd::{self, Level};
 use crate::image::LARGEST_KERNEL;
 use crate::image::intensity::{FINER_LOG2, Gray, LARGEST_REACH};
 
-/// Binary logarithm of the sum of a kernel's weights: the taps of a disk of radius 10 are then right to 2 %, and gray
-/// values below `2^17` still have sums of 32 bits.
+/// Binary logarithm of the sum of a kernel's weights: the taps of a disk of radius 10 are then right to 2 %,
+/// and gray values below `2^17` still have sums of 32 bits.
 pub const SHIFT: u32 = 14;
 /// Most bits after the point of a result.
 pub const MOST_FRACTION: u32 = 8;
@@ -26,16 +27,17 @@ pub const GUARD: u32 = 2;
 const SUM_TOLERANCE: f64 = 1e-3;
 /// Largest difference from an outer product, as a share of the largest tap: 16 roundings of single precision.
 const PRODUCT_TOLERANCE: f64 = 1.0 / (1 << 20) as f64;
-/// Inverse of the difference below which remainders are ties: taps that should be equal may differ in their last bits.
+/// Inverse of the difference below which remainders are ties: taps that should be equal may differ in their
+/// last bits.
 const TIE_STEPS: f64 = (1 << 20) as f64;
 
-/// Pixels whose sums stay in registers during the loop over taps: four registers of AVX2, eight where sums have 64
-/// bits. With a kernel of 129 taps, this loop by itself takes 1.9 ms for 741 x 497 pixels on a Zen 3, with 64 pixels 1.7;
-/// in single precision 2.3, on pixels of 16 bits 2.1.
+/// Pixels whose sums stay in registers during the loop over taps: four registers of AVX2, eight where sums
+/// have 64 bits. With a kernel of 129 taps, this loop by itself takes 1.9 ms for 741 x 497 pixels on a Zen 3,
+/// with 64 pixels 1.7; in single precision 2.3, on pixels of 16 bits 2.1.
 const BLOCK: usize = 32;
 
-/// A point-spread function in integers: weights from 0 that sum to `2^SHIFT`. So no result leaves the range of the image,
-/// and a constant image stays the same.
+/// A point-spread function in integers: weights from 0 that sum to `2^SHIFT`. So no result leaves the range
+/// of the image, and a constant image stays the same.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Kernel(Weights);
 
@@ -102,8 +104,8 @@ impl Kernel {
 }
 
 impl Gray<'_> {
-    /// The same image under a kernel, in the finest steps that there is room for. Masked pixels have the values of valid
-    /// neighbors by now, so they spread nothing of their own.
+    /// The same image under a kernel, in the finest steps that there is room for. Masked pixels have the
+    /// values of valid neighbors by now, so they spread nothing of their own.
     pub fn convolved(
         &self,
         kernel: &Kernel,
@@ -123,8 +125,9 @@ impl Gray<'_> {
 /// Each sum is rounded to the nearest, half upwards. `fraction` is at most [`MOST_FRACTION`], and the reach
 /// times `2^(fraction + GUARD)` below `2^31`: the largest reach there is, `2^25`, leaves 3 bits.
 ///
-/// Sums are taken in 32 bits where these hold the largest possible one: for values below `2^17`, which in the second pass
-/// of an outer product have `fraction + GUARD` bits after the point. 64 bits take 1.6 to 1.8 times as long.
+/// Sums are taken in 32 bits where these hold the largest possible one: for values below `2^17`, which in the
+/// second pass of an outer product have `fraction + GUARD` bits after the point. 64 bits take 1.6 to 1.8
+/// times as long.
 pub fn convolve(
     gray: &Gray,
     kernel: &Kernel,
@@ -184,7 +187,8 @@ fn check_fraction(fraction: u32, reach: u32) -> Result<()> {
     Err(Error::value("fraction", format!("{fraction} for values up to {reach}"), accepted))
 }
 
-/// The column and the row that taps of sum 1 are the outer product of, if they are: the sums along the other axis.
+/// The column and the row that taps of sum 1 are the outer product of, if they are: the sums along the other
+/// axis.
 fn factors(taps: &Plane<f64>) -> Option<[Plane<f64>; 2]> {
     let (rows, cols) = (taps.rows(), taps.cols());
     let column = Plane::from_fn(rows, 1, |y, _| taps.row(y).iter().sum::<f64>());
@@ -198,8 +202,8 @@ fn factors(taps: &Plane<f64>) -> Option<[Plane<f64>; 2]> {
 
 /// Taps of sum 1 as weights of sum `2^SHIFT`: rounded down, and those with the largest remainders up.
 ///
-/// Ties are broken from the center outwards, opposite taps one after the other, so that a disk, whose taps are all alike,
-/// is not shifted by the weights that remain.
+/// Ties are broken from the center outwards, opposite taps one after the other, so that a disk, whose taps
+/// are all alike, is not shifted by the weights that remain.
 fn quantized(taps: &Plane<f64>) -> Plane<i32> {
     let exact = taps.map(|tap| tap * f64::from(1 << SHIFT));
     let mut weights = exact.map(|tap| *tap as i32);
@@ -280,7 +284,8 @@ fn passes(kernel: &Kernel, fraction: u32, gray: &Gray) -> (KernelPass, Option<Ke
 }
 
 impl KernelPass {
-    /// A pass over values with `had` bits after the point and magnitude up to `reach`; results have `kept` bits.
+    /// A pass over values with `had` bits after the point and magnitude up to `reach`; results have `kept`
+    /// bits.
     fn new(weights: &Plane<i32>, (had, kept): (u32, u32), image_cols: usize, reach: u32) -> Self {
         let (rows, cols) = (weights.rows(), weights.cols());
         let width = image_cols.next_multiple_of(BLOCK) + cols - 1;
@@ -288,7 +293,8 @@ impl KernelPass {
         let tap = |(y, x, weight)| Tap { offset: (rows - 1 - y) * width + cols - 1 - x, weight };
 
         let shift = SHIFT + had - kept;
-        // Weights sum to 2^SHIFT, so no sum is larger than the largest value times that, plus half for rounding.
+        // Weights sum to 2^SHIFT, so no sum is larger than the largest value times that, plus half for
+        // rounding.
         let largest = (u64::from(reach) << SHIFT) + (1 << (shift - 1));
 
         Self {

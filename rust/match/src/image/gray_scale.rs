@@ -23,8 +23,8 @@ pub struct GrayScale {
 }
 
 impl GrayScale {
-    /// The scale of integers that are multiples of a step and use this many bits, of luminances in thousandths or
-    /// not; `given` are black and white of words.
+    /// The scale of integers that are multiples of a step and use this many bits, of luminances in
+    /// thousandths or not; `given` are black and white of words.
     pub fn of_integers(
         (step, bits): (f64, u32),
         in_color: bool,

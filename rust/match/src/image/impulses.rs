@@ -1,7 +1,7 @@
 //! Impulses: pixels unrelated to their neighbors, such as hot, dead and stuck pixels, salt and pepper.
 //!
-//! An impulse lies far outside the range of its eight neighbors. A detail of one pixel hardly does, since the optics spread
-//! it. With n the neighbors, sorted:
+//! An impulse lies far outside the range of its eight neighbors. A detail of one pixel hardly does, since the
+//! optics spread it. With n the neighbors, sorted:
 //!
 //! ```text
 //! spread = n[6] - n[1]
@@ -9,8 +9,8 @@
 //! if beyond > spread + height: pixel = median(n)
 //! ```
 //!
-//! An image is taken to have impulses if enough of its pixels are so beyond doubt ([`count_doubtless`]). It continues by
-//! reflection without its outermost pixels, so that these are not their own neighbors.
+//! An image is taken to have impulses if enough of its pixels are so beyond doubt ([`count_doubtless`]). It
+//! continues by reflection without its outermost pixels, so that these are not their own neighbors.
 
 use crate::base::control::Control;
 use crate::base::error::Result;
@@ -19,8 +19,8 @@ use crate::base::simd::{Level, Loop};
 
 /// Rows above and below a pixel whose values count.
 pub const REACH: usize = 1;
-/// Least height of an impulse above or below its neighbors, in an image that has impulses; gray levels, 255 from black to
-/// white.
+/// Least height of an impulse above or below its neighbors, in an image that has impulses; gray levels, 255
+/// from black to white.
 pub const HEIGHT: f64 = 20.0;
 /// Least height of an impulse beyond doubt ...
 const DOUBTLESS_HEIGHT: f64 = 40.0;
@@ -119,8 +119,8 @@ impl Loop for Repair<'_> {
     }
 }
 
-/// Writes pixels from the second one of these rows on. Outputs and inputs are arguments of their own: so that the
-/// vectorizer knows that they do not overlap.
+/// Writes pixels from the second one of these rows on. Outputs and inputs are arguments of their own: so that
+/// the vectorizer knows that they do not overlap.
 #[inline(always)]
 fn repair([above, own, below]: [&[i32]; 3], height: i32, out: &mut [i32]) {
     let n = out.len();
@@ -218,7 +218,8 @@ mod tests {
 
     #[test]
     fn ranks_are_those_of_the_sorted() {
-        // Networks that sort zeros and ones sort anything; two bits in each distinguish a rank from its neighbors, too.
+        // Networks that sort zeros and ones sort anything; two bits in each distinguish a rank from its
+        // neighbors, too.
         for code in 0..1 << 16 {
             let values: [i32; 8] = std::array::from_fn(|i| code >> (2 * i) & 3);
             let mut sorted = values;

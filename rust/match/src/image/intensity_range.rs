@@ -10,7 +10,8 @@ pub struct IntensityRange {
 }
 
 impl IntensityRange {
-    /// A range about zero that contains magnitudes up to `most`. Its ends are powers of two, so steps of it are, too.
+    /// A range about zero that contains magnitudes up to `most`. Its ends are powers of two, so steps of it
+    /// are, too.
     pub fn about_zero(most: f64) -> Self {
         let white = 2f64.powi(floor_log2(most) + 1);
         Self { black: -white, white }

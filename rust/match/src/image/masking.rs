@@ -7,12 +7,12 @@ use crate::settings::LARGEST_WINDOW;
 /// Which pixels are valid.
 pub type Mask = Plane<bool>;
 
-/// Most rows between a row without a valid value and the row that it copies: as far as codes under the largest kernel
-/// depend on pixels, so rows further away matter to no valid pixel.
+/// Most rows between a row without a valid value and the row that it copies: as far as codes under the
+/// largest kernel depend on pixels, so rows further away matter to no valid pixel.
 pub const REACH: usize = LARGEST_KERNEL / 2 + LARGEST_WINDOW / 2;
 
-/// Replaces masked values by the nearest valid value of their row (ties: left). A row without any copies the nearest row
-/// that has one, up to [`REACH`] away (ties: above), or becomes zero.
+/// Replaces masked values by the nearest valid value of their row (ties: left). A row without any copies the
+/// nearest row that has one, up to [`REACH`] away (ties: above), or becomes zero.
 pub fn fill_masked<T: Copy + Default>(plane: &mut Plane<T>, mask: &Mask) {
     let seeded: Vec<bool> = (0..mask.rows()).map(|y| mask.row(y).contains(&true)).collect();
     for y in 0..mask.rows() {

@@ -58,7 +58,8 @@ impl Image {
         of_any_type!(self, pixels => pixels.dim())
     }
 
-    /// Channels of this many rows and columns as an image of the type of this one: each value becomes the nearest.
+    /// Channels of this many rows and columns as an image of the type of this one: each value becomes the
+    /// nearest.
     pub fn of_channels(&self, channels: &[Plane<f64>]) -> Result<Self> {
         Ok(match self {
             Self::U8(_) => Self::U8(joined(channels)?),
@@ -69,8 +70,8 @@ impl Image {
     }
 
     /// Appends the integers that row `y` consists of, in multiples of a step, from 0 to `ends[1] - ends[0]`,
-    /// above `ends[0]`. With `in_color`, they are the luminances `299 R + 587 G + 114 B` of three channels, and
-    /// all is in thousandths; else the first channel counts.
+    /// above `ends[0]`. With `in_color`, they are the luminances `299 R + 587 G + 114 B` of three channels,
+    /// and all is in thousandths; else the first channel counts.
     pub fn append_integers(
         &self,
         y: usize,

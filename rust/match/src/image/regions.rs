@@ -9,7 +9,8 @@
 //! unite regions across the seams of the bands
 //! ```
 //!
-//! Which pixels are connected is the map's to say. Neither the pixels of a region nor their number depend on the order.
+//! Which pixels are connected is the map's to say. Neither the pixels of a region nor their number depend on
+//! the order.
 
 use std::ops::Range;
 
@@ -102,7 +103,8 @@ impl Regions {
         });
         let mut bands: Vec<RunBand> = bands.collect::<Result<_>>()?;
 
-        // Bands number their runs from 0, the forest those of all bands. Seams are united in order: that is little work.
+        // Bands number their runs from 0, the forest those of all bands. Seams are united in order: that is
+        // little work.
         let (mut forest, mut firsts) = (Forest::default(), vec![]);
         for index in 0..bands.len() {
             let first = forest.parents.len();
@@ -207,8 +209,8 @@ impl Forest {
         run
     }
 
-    /// Unites the runs of a row with the runs above that they are connected with. `firsts` are the numbers of the first run
-    /// of each row.
+    /// Unites the runs of a row with the runs above that they are connected with. `firsts` are the numbers of
+    /// the first run of each row.
     fn unite_rows<M: Connectivity>(
         &mut self,
         map: &M,
@@ -216,7 +218,8 @@ impl Forest {
         [upper, lower]: [&[Run]; 2],
         firsts: [usize; 2],
     ) {
-        // Both rows are followed from left to right; the run that ends first makes way for the next of its row.
+        // Both rows are followed from left to right; the run that ends first makes way for the next of its
+        // row.
         let (mut i, mut j) = (0, 0);
         while let (Some(a), Some(b)) = (upper.get(i), lower.get(j)) {
             let both = a.start.max(b.start) as usize..a.end.min(b.end) as usize;

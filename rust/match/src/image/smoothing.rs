@@ -1,21 +1,21 @@
-//! Gray values -> gray values with less noise and the same edges: the guided filter of an image by itself (K. He, J. Sun,
-//! X. Tang: *Guided Image Filtering*, PAMI 2013) over 5 x 5 pixels.
+//! Gray values -> gray values with less noise and the same edges: the guided filter of an image by itself (K.
+//! He, J. Sun, X. Tang: *Guided Image Filtering*, PAMI 2013) over 5 x 5 pixels.
 //!
-//! In each window the image is drawn towards its mean, by a share that falls as the variance rises above that of the
-//! noise. Every pixel takes the mean over the windows that it lies in:
+//! In each window the image is drawn towards its mean, by a share that falls as the variance rises above that
+//! of the noise. Every pixel takes the mean over the windows that it lies in:
 //!
 //! ```text
 //! share = deviation^2 / (variance in the window + deviation^2)    # 1: flat, 0: far more than noise
 //! out = pixel + mean over the windows of share * (mean in the window - pixel)
 //! ```
 //!
-//! Sums of gray values are exact, other sums have a fixed order. So a pixel does not depend on where bands begin or on the
-//! instructions. The image and the shares continue by reflection.
+//! Sums of gray values are exact, other sums have a fixed order. So a pixel does not depend on where bands
+//! begin or on the instructions. The image and the shares continue by reflection.
 //!
-//! A task smooths a band of rows: first the shares of all windows that it needs, then the means over them. Either step goes
-//! down some columns at a time, so that the five rows that a row needs are still in the first-level cache from the row
-//! above it. Rows begin with a cache line; sums over the five rows of a column come before those over five columns, which
-//! start anywhere.
+//! A task smooths a band of rows: first the shares of all windows that it needs, then the means over them.
+//! Either step goes down some columns at a time, so that the five rows that a row needs are still in the
+//! first-level cache from the row above it. Rows begin with a cache line; sums over the five rows of a column
+//! come before those over five columns, which start anywhere.
 
 use std::array::from_fn;
 use std::ops::Range;
@@ -28,8 +28,8 @@ use crate::base::simd::{Level, Loop};
 use crate::base::value::nearest;
 use crate::image::intensity::{FINER_LOG2, Gray};
 
-/// Pixels from the center of a window to its side. Smaller windows leave more of strong noise, larger ones harm sharp and
-/// blurred pairs.
+/// Pixels from the center of a window to its side. Smaller windows leave more of strong noise, larger ones
+/// harm sharp and blurred pairs.
 const RADIUS: usize = 2;
 /// Side of a window.
 const SIDE: usize = 2 * RADIUS + 1;
@@ -43,13 +43,14 @@ const INVERSE_HIGH: f64 = f64::from_bits((1.0 / AREA).to_bits() & u64::MAX << 27
 const INVERSE_LOW: f64 = (1.0 - AREA * INVERSE_HIGH) / AREA;
 /// Rows above and below a pixel that it depends on: those of all windows that it lies in.
 pub const REACH: usize = 2 * RADIUS;
-/// Values of a row before its first pixel, of which the last [`RADIUS`] are its continuation: a cache line, so that the
-/// pixels begin with one.
+/// Values of a row before its first pixel, of which the last [`RADIUS`] are its continuation: a cache line,
+/// so that the pixels begin with one.
 const MARGIN: usize = 8;
 /// Pixels that are computed together.
 const BLOCK: usize = 16;
-/// Columns that are computed row after row, a multiple of [`BLOCK`]: the rows of their windows stay in the first-level
-/// cache. With 384 rows of 741 pixels take as long, with 128 and 768 they take 0.1 to 0.2 ms of 1 longer.
+/// Columns that are computed row after row, a multiple of [`BLOCK`]: the rows of their windows stay in the
+/// first-level cache. With 384 rows of 741 pixels take as long, with 128 and 768 they take 0.1 to 0.2 ms of 1
+/// longer.
 const PART: usize = 256;
 /// The same with the margins on either side.
 const SPAN: usize = PART + 2 * MARGIN;
@@ -57,16 +58,18 @@ const SPAN: usize = PART + 2 * MARGIN;
 const BAND_ROWS: usize = 32;
 /// Larger deviations, in steps, are beyond any window's and make no difference; their squares must be finite.
 const LARGEST_DEVIATION: f64 = (1u64 << 40) as f64;
-/// Largest magnitude of smoothed values, unless the image has larger ones: sums of a later convolution then fit in 32 bits.
+/// Largest magnitude of smoothed values, unless the image has larger ones: sums of a later convolution then
+/// fit in 32 bits.
 const NARROW_REACH: u32 = 1 << 17;
 /// Largest magnitudes of gray values of bytes, without and with color.
 const REACH_OF_BYTES: [u32; 2] = [128, 128_000];
-/// Largest magnitude of these after smoothing, in sixteenths of a gray level: sums under a code of two sizes then fit in
-/// 32 bits.
+/// Largest magnitude of these after smoothing, in sixteenths of a gray level: sums under a code of two sizes
+/// then fit in 32 bits.
 const SMOOTHED_BYTES: u32 = 128 << FINER_LOG2;
 
 impl Gray<'_> {
-    /// The same image with less noise: [`smooth`] for noise of this standard deviation, in units of the pixels.
+    /// The same image with less noise: [`smooth`] for noise of this standard deviation, in units of the
+    /// pixels.
     pub fn smoothed(
         &self,
         deviation: f64,
@@ -85,8 +88,8 @@ impl Gray<'_> {
     }
 }
 
-/// Smooths gray values whose noise has, or is taken to have, this standard deviation, in steps. One step of the gray
-/// values is `scale` steps of the result.
+/// Smooths gray values whose noise has, or is taken to have, this standard deviation, in steps. One step of
+/// the gray values is `scale` steps of the result.
 pub fn smooth(
     gray: &Gray,
     deviation: f64,
@@ -249,7 +252,8 @@ impl Loop for Widen<'_> {
     }
 }
 
-/// The rows of a window over a part of the columns and the margins beside it; `start` says where each row begins.
+/// The rows of a window over a part of the columns and the margins beside it; `start` says where each row
+/// begins.
 fn window_rows<'a>(
     rows: &'a [f64],
     part: &Range<usize>,
@@ -370,12 +374,12 @@ fn write_smoothed(values: &[f64], shares: &[f64], drawn: &[f64], scale: f64, out
     }
 }
 
-/// The quotient of a sum and [`AREA`], correctly rounded, as a division would give it. With divisions smoothing takes 1.5
-/// times as long.
+/// The quotient of a sum and [`AREA`], correctly rounded, as a division would give it. With divisions
+/// smoothing takes 1.5 times as long.
 ///
-/// The inverse and the sum are split in two. The product of the high parts and that of the low part of the sum are exact,
-/// so the last addition rounds a value that is right to 2^-76 of it. No quotient of 53 bits by 25 lies as close to the
-/// middle of two numbers.
+/// The inverse and the sum are split in two. The product of the high parts and that of the low part of the
+/// sum are exact, so the last addition rounds a value that is right to 2^-76 of it. No quotient of 53 bits by
+/// 25 lies as close to the middle of two numbers.
 #[inline(always)]
 fn over_area(sum: f64) -> f64 {
     let high = f64::from_bits(sum.to_bits() & HIGH_BITS);

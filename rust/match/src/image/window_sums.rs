@@ -1,4 +1,5 @@
-//! Sums over the square windows around pixels. They slide, so they cost the same whatever the size of the windows:
+//! Sums over the square windows around pixels. They slide, so they cost the same whatever the size of the
+//! windows:
 //!
 //! ```text
 //! column[y, x] = column[y - 1, x] + value[y + radius, x] - value[y - radius - 1, x]
@@ -49,8 +50,8 @@ pub enum Beyond {
 }
 
 impl Windows {
-    /// Writes `result(y, x, sums)` for the pixels of a band of rows that begins with row `first`. `values(y)` are the values
-    /// of a row, one value for each sum at each pixel.
+    /// Writes `result(y, x, sums)` for the pixels of a band of rows that begins with row `first`. `values(y)`
+    /// are the values of a row, one value for each sum at each pixel.
     pub fn write<T, const N: usize, V, R>(
         self,
         (first, band): (usize, &mut [R]),
@@ -173,8 +174,8 @@ where
     }
 }
 
-/// The means of values from 0 to 1, rounded down to steps, over windows of a radius up to 31 that end with the plane.
-/// `values(y)` are those of a row.
+/// The means of values from 0 to 1, rounded down to steps, over windows of a radius up to 31 that end with
+/// the plane. `values(y)` are those of a row.
 pub fn window_means<V: Iterator<Item = f32>>(
     size: (usize, usize),
     radius: usize,

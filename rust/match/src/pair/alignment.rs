@@ -1,11 +1,12 @@
 //! The field of vertical offsets between the images of a pair, and the right image resampled so that its rows
 //! correspond.
 //!
-//! In a pair that is not quite rectified, a point of left row `y` lies at `y + v` in the right image. The field `v(x,
-//! y)`, of the column `x` in the right image and the row `y` of the left one, is smooth: a shift, a rotation and a
-//! difference in focal length make it linear; keystone and the rest of lens distortion add terms up to the third
-//! degree. It does not depend on depth as long as the baseline is level. A rolling shutter that shakes adds what all columns
-//! of a row have in common, a spline of the row ([`sway`]). The straightened right image is
+//! In a pair that is not quite rectified, a point of left row `y` lies at `y + v` in the right image. The
+//! field `v(x, y)`, of the column `x` in the right image and the row `y` of the left one, is smooth: a shift,
+//! a rotation and a difference in focal length make it linear; keystone and the rest of lens distortion add
+//! terms up to the third degree. It does not depend on depth as long as the baseline is level. A rolling
+//! shutter that shakes adds what all columns of a row have in common, a spline of the row ([`sway`]). The
+//! straightened right image is
 //!
 //! ```text
 //! straightened(x, y) = right(x, y + v(x, y))
@@ -87,8 +88,8 @@ impl Alignment {
         self.sway.iter().any(|factor| *factor != 0.0).then_some(&self.sway)
     }
 
-    /// The largest magnitude of the spline of the row, pixels, but for its first and its last interval, where few blocks say
-    /// what it is.
+    /// The largest magnitude of the spline of the row, pixels, but for its first and its last interval, where
+    /// few blocks say what it is.
     pub fn largest_sway(&self) -> f64 {
         let margin = self.size.0.div_ceil(sway::INTERVALS);
         let offset = |row| sway::at(&self.sway, (row as f64 + 0.5) / self.size.0 as f64).abs();
@@ -100,8 +101,8 @@ impl Alignment {
         self.size
     }
 
-    /// The offset of right column `x` at left row `y` of the pair at hand, pixels: positive where the right image shows
-    /// the same point lower.
+    /// The offset of right column `x` at left row `y` of the pair at hand, pixels: positive where the right
+    /// image shows the same point lower.
     pub fn at(&self, x: f64, y: f64) -> f64 {
         self.along(y).at(x)
     }
@@ -146,8 +147,8 @@ impl Alignment {
         smooth + y3.abs() + x3.abs() + sway
     }
 
-    /// The rows of the right image on either side of one that its straightened row depends on; masked ones are filled
-    /// from others.
+    /// The rows of the right image on either side of one that its straightened row depends on; masked ones
+    /// are filled from others.
     pub fn halo(&self) -> usize {
         self.bound().ceil() as usize + TAPS / 2 + TAPS + impulses::REACH
     }
@@ -185,8 +186,8 @@ impl RowPolynomial {
     }
 }
 
-/// The terms of a field at a place from -1 to 1 along both axes: shift, the two slopes, then those of keystone (`x y`,
-/// `x^2`, `y^2`) and of distortion (`y r^2`, `x r^2`).
+/// The terms of a field at a place from -1 to 1 along both axes: shift, the two slopes, then those of
+/// keystone (`x y`, `x^2`, `y^2`) and of distortion (`y r^2`, `x r^2`).
 pub fn terms(x: f64, y: f64) -> [f64; TERMS] {
     let square = x * x + y * y;
     [1.0, x, y, x * y, x * x, y * y, y * square, x * square]

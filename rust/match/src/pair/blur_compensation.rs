@@ -1,8 +1,8 @@
 //! Blur compensation: every pixel is compared in the version of the images that suits its area.
 //!
-//! A blur that one image alone has is compensated by blurring the other one alike. Where the blur differs over the
-//! image, so do the kernels: square tiles divide the pixels of the left image into classes, and the class gives the
-//! kernels with which both images are blurred before they are compared.
+//! A blur that one image alone has is compensated by blurring the other one alike. Where the blur differs
+//! over the image, so do the kernels: square tiles divide the pixels of the left image into classes, and the
+//! class gives the kernels with which both images are blurred before they are compared.
 
 use crate::base::control::Control;
 use crate::base::error::{Error, Result};
@@ -40,9 +40,10 @@ pub struct Labels {
 }
 
 impl BlurCompensation {
-    /// `noise` holds the standard deviations of the noise of the left and of the right image, in units of the pixels;
-    /// `kernels`, for each class, the kernels of the left and of the right image (`None`: the image stays as it is).
-    /// Pixel `(x, y)` is of the class `labels[y / tile][x / tile]`; beyond the last tile, of the class of that one.
+    /// `noise` holds the standard deviations of the noise of the left and of the right image, in units of the
+    /// pixels; `kernels`, for each class, the kernels of the left and of the right image (`None`: the image
+    /// stays as it is). Pixel `(x, y)` is of the class `labels[y / tile][x / tile]`; beyond the last tile, of
+    /// the class of that one.
     pub fn new(
         noise: [f64; 2],
         kernels: Vec<[Option<Kernel>; 2]>,
@@ -75,8 +76,8 @@ impl BlurCompensation {
         Ok(Self { noise, impulses: none, smoothing: none, kernels, labels, tile, first: 0 })
     }
 
-    /// The same with impulses of the left and of the right image that stand out by at least so much, in units of the
-    /// pixels; 0: there are none.
+    /// The same with impulses of the left and of the right image that stand out by at least so much, in units
+    /// of the pixels; 0: there are none.
     pub fn with_impulses(self, impulses: [f64; 2]) -> Result<Self> {
         let [left, right] = impulses;
 
@@ -84,7 +85,8 @@ impl BlurCompensation {
         Ok(Self { impulses, ..self })
     }
 
-    /// The same with a first smoothing of both images, by these standard deviations in units of the pixels; 0: none.
+    /// The same with a first smoothing of both images, by these standard deviations in units of the pixels;
+    /// 0: none.
     pub fn with_smoothing(self, smoothing: [f64; 2]) -> Result<Self> {
         let [left, right] = smoothing;
 
@@ -112,7 +114,8 @@ impl BlurCompensation {
         self.noise
     }
 
-    /// The least height of impulses of the left and of the right image, in units of the pixels; 0: there are none.
+    /// The least height of impulses of the left and of the right image, in units of the pixels; 0: there are
+    /// none.
     pub fn impulses(&self) -> [f64; 2] {
         self.impulses
     }
@@ -127,7 +130,8 @@ impl BlurCompensation {
         self.smoothing.iter().any(|deviation| *deviation > 0.0)
     }
 
-    /// Standard deviations by which the left and the right image are smoothed, in units of the pixels; 0: not at all.
+    /// Standard deviations by which the left and the right image are smoothed, in units of the pixels; 0: not
+    /// at all.
     pub fn smoothing(&self) -> [f64; 2] {
         self.smoothing
     }
@@ -183,8 +187,8 @@ impl BlurCompensation {
         &self.kernels[class]
     }
 
-    /// The distinct kernels of one side (0: left, 1: right) that occur in a left image of this many rows and columns, and
-    /// the index of its own for each pixel.
+    /// The distinct kernels of one side (0: left, 1: right) that occur in a left image of this many rows and
+    /// columns, and the index of its own for each pixel.
     pub fn of_side(
         &self,
         side: usize,
@@ -226,7 +230,8 @@ impl Labels {
     }
 }
 
-/// The gray values of one side of a pair before they are described or convolved, smoothed if the compensation says so.
+/// The gray values of one side of a pair before they are described or convolved, smoothed if the compensation
+/// says so.
 pub fn gray<'a>(
     view: &'a View,
     compensation: Option<&BlurCompensation>,

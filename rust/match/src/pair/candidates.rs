@@ -12,7 +12,8 @@ pub struct Candidates {
 }
 
 impl Candidates {
-    /// Candidates for images of the given width. Ranges under which no pixel has a match in the right image are an error.
+    /// Candidates for images of the given width. Ranges under which no pixel has a match in the right image
+    /// are an error.
     pub fn new(min: i64, count: i64, width: usize) -> Result<Self> {
         let most = width.min(MOST_DISPARITIES) as i64;
         if !(1..=most).contains(&count) {
@@ -55,8 +56,8 @@ impl Candidates {
         (x as isize - self.disparity(k)).clamp(0, width as isize - 1) as usize
     }
 
-    /// Right column of left column `x` under candidate `k`. Columns left of the image are negative, so as unsigned numbers
-    /// they are beyond it, too.
+    /// Right column of left column `x` under candidate `k`. Columns left of the image are negative, so as
+    /// unsigned numbers they are beyond it, too.
     #[inline(always)]
     pub fn column_or_beyond(self, x: i32, k: u16) -> u32 {
         (x - self.min as i32 - i32::from(k)) as u32
@@ -78,8 +79,8 @@ impl Searched {
         Self { start: 0, count }
     }
 
-    /// The fewest whole runs of [`LANES`] out of `count` candidates, `runs` at least, that hold those from `first` to
-    /// `last`, with as many more on either side.
+    /// The fewest whole runs of [`LANES`] out of `count` candidates, `runs` at least, that hold those from
+    /// `first` to `last`, with as many more on either side.
     pub fn holding(first: usize, last: usize, runs: usize, count: usize) -> Self {
         let needed = last + 1 - first;
         let searched = needed.next_multiple_of(LANES).max(runs * LANES).min(count);

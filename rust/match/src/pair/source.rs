@@ -1,5 +1,5 @@
-//! Pairs that are read a few rows at a time since they do not fit into memory: statistics of the whole pair that the
-//! match of each part needs are gathered in a pass from top to bottom.
+//! Pairs that are read a few rows at a time since they do not fit into memory: statistics of the whole pair
+//! that the match of each part needs are gathered in a pass from top to bottom.
 
 use std::borrow::Cow;
 use std::ops::Range;

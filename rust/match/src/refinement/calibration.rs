@@ -282,8 +282,8 @@ impl Calibration {
         Self { tables: table(0).chain(table(1)).collect() }
     }
 
-    /// Replaces raw confidences, and returns the bars: 0 and NaN where there is no disparity. What was filled in where
-    /// the right image shows nothing has no support, whatever lies around it.
+    /// Replaces raw confidences, and returns the bars: 0 and NaN where there is no disparity. What was filled
+    /// in where the right image shows nothing has no support, whatever lies around it.
     pub fn apply(
         &self,
         confidence: &mut Plane<f32>,

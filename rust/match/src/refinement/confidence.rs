@@ -17,8 +17,8 @@
 //! a pair, `1 / a` and `1 / b`, are `b / (a b)` and `a / (a b)`: one division instead of two, of all
 //! operations the slowest.
 //!
-//! It separates right from wrong pixels better than the ratio of the second-best cost to the best one (PKR) or
-//! their relative margin, on sharp and on degraded pairs. Nothing else that was tried beside it made it
+//! It separates right from wrong pixels better than the ratio of the second-best cost to the best one (PKR)
+//! or their relative margin, on sharp and on degraded pairs. Nothing else that was tried beside it made it
 //! better: the left-right check, the share of the paths that agree, the cost itself, what of it are
 //! penalties, whether a pixel was filled. `phasestereo bench confidence` measures what becomes of it.
 //!

@@ -16,8 +16,8 @@ macro_rules! costs {
                 /// The same after gray levels have been normalized by the mean and the standard deviation in
                 /// the window around the pixel (unit: standard deviations).
                 "nsad": NormalizedSad in normalized_sad,
-                /// 1 less the zero-mean normalized cross-correlation of the gray levels of their neighborhoods
-                /// (unit: 1; from 0 for alike neighborhoods to 2 for inverted ones).
+                /// 1 less the zero-mean normalized cross-correlation of the gray levels of their
+                /// neighborhoods (unit: 1; from 0 for alike neighborhoods to 2 for inverted ones).
                 "zncc": Zncc in zncc,
             }
         }

@@ -40,8 +40,8 @@ pub fn bank() -> &'static [Entry] {
     })
 }
 
-/// A few entries of the bank. A blur that explains blocks better than these would be explained better by one of them,
-/// too, if by less.
+/// A few entries of the bank. A blur that explains blocks better than these would be explained better by one
+/// of them, too, if by less.
 pub fn probes() -> &'static [&'static Entry] {
     static PROBES: OnceLock<Vec<&Entry>> = OnceLock::new();
     PROBES.get_or_init(|| {

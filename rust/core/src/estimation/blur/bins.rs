@@ -102,8 +102,8 @@ impl Bins {
         self.weights.len()
     }
 
-    /// The mean of the powers in every bin, from powers at `kx * SIDE / 2 + ky`; 1 in empty bins, whose logarithm is
-    /// finite.
+    /// The mean of the powers in every bin, from powers at `kx * SIDE / 2 + ky`; 1 in empty bins, whose
+    /// logarithm is finite.
     pub fn pooled(&self, powers: &[f32]) -> Vec<f32> {
         let of_bin =
             |members: &Vec<u16>| if members.is_empty() { 1.0 } else { mean(powers, members) };
@@ -177,8 +177,8 @@ fn normalize(values: &mut [f32]) {
     }
 }
 
-/// The natural logarithm of a positive number, to 4e-5. It is the same on every machine, and loops over it are
-/// vectorized.
+/// The natural logarithm of a positive number, to 4e-5. It is the same on every machine, and loops over it
+/// are vectorized.
 #[inline(always)]
 pub fn ln(value: f32) -> f32 {
     let bits = value.max(f32::MIN_POSITIVE).to_bits() as i32;

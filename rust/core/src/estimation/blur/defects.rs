@@ -1,5 +1,6 @@
 //! Defects of images beside blur and noise, which are detected once for a whole pair: impulses
-//! ([`phasestereo_match::image::impulses`]), and blocks that compression has left ([`phasestereo_match::image::blocking`]).
+//! ([`phasestereo_match::image::impulses`]), and blocks that compression has left
+//! ([`phasestereo_match::image::blocking`]).
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -17,8 +18,8 @@ use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::pair::source::{Source, bands, has_empty_row, widened};
 
-/// The noise, in gray levels, that does as much harm as the loss of compression where blocks stand out by one level.
-/// More helps a little where both images are compressed, and harms where one is.
+/// The noise, in gray levels, that does as much harm as the loss of compression where blocks stand out by one
+/// level. More helps a little where both images are compressed, and harms where one is.
 const HARM: f64 = 6.0;
 /// Rows of one task.
 const ROWS: usize = 64;
@@ -89,7 +90,8 @@ impl Defects {
             let mut pair = source.rows(read.clone())?;
 
             if pair.views().iter().any(|view| view.mask().is_some_and(has_empty_row)) {
-                // Rows without a valid pixel copy the nearest ones that have some, which may not have been read.
+                // Rows without a valid pixel copy the nearest ones that have some, which may not have been
+                // read.
                 read = widened(&read, masking::REACH, height);
                 pair = source.rows(read.clone())?;
             }

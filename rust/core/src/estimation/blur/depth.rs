@@ -1,17 +1,19 @@
-//! Blur that follows depth: the lenses are in focus at different distances, or one of them has a wider aperture.
+//! Blur that follows depth: the lenses are in focus at different distances, or one of them has a wider
+//! aperture.
 //!
-//! A lens blurs by a disk whose radius grows with the distance of the disparity from the one in focus. Squared radii add
-//! up, so that of the relative blur, negative where the right image is the softer one, is a parabola:
+//! A lens blurs by a disk whose radius grows with the distance of the disparity from the one in focus.
+//! Squared radii add up, so that of the relative blur, negative where the right image is the softer one, is a
+//! parabola:
 //!
 //! ```text
 //! squared(d) = (a (d - focus of the left lens))^2 - (b (d - focus of the right lens))^2
 //! loss       = mean over the blocks of the loss of a disk of radius sqrt |squared(disparity of the block)|
 //! ```
 //!
-//! The parabola is given by its values at the least, the middle and the largest disparity. All combinations of whole radii
-//! are tried, by sums of losses over blocks of similar disparities; that of the least loss is taken, if it is clearly less
-//! than that of any radius alone. Each tile then has the disk of its own disparity, from a match of copies that are small
-//! enough to show little of the blur.
+//! The parabola is given by its values at the least, the middle and the largest disparity. All combinations
+//! of whole radii are tried, by sums of losses over blocks of similar disparities; that of the least loss is
+//! taken, if it is clearly less than that of any radius alone. Each tile then has the disk of its own
+//! disparity, from a match of copies that are small enough to show little of the blur.
 
 use std::sync::OnceLock;
 
@@ -25,8 +27,8 @@ use crate::estimation::blur::psf::Psf;
 use phasestereo_match::base::simd::Level;
 use phasestereo_match::base::statistics::ranked;
 
-/// The match that gives the disparities: at half the size too much of the blur is left. Small neighborhoods find the
-/// outlines of things.
+/// The match that gives the disparities: at half the size too much of the blur is left. Small neighborhoods
+/// find the outlines of things.
 pub const DEPTHS: RoughScale = RoughScale { factor: 4, neighborhood: 5, window: 5, subpixel: true };
 
 /// Largest radius, pixels.
@@ -39,16 +41,19 @@ const TRIALS: usize = 25;
 const PARTS: usize = 16;
 /// Share of the blocks at either end of the disparities that lie outside the span.
 const OUTSIDE: usize = 32;
-/// Spread of the disparities of a block, as a share of the span, with which it counts half: its blur is a mixture.
+/// Spread of the disparities of a block, as a share of the span, with which it counts half: its blur is a
+/// mixture.
 const EVEN: f32 = 0.1;
 /// Fewest blocks;
 const LEAST_BLOCKS: usize = 24;
 /// ... and least span of their disparities, pixels.
 const LEAST_SPAN: f32 = 2.0;
-/// By how much radii that follow depth must explain the blocks better than any one radius, nepers. On pairs with
-/// other blurs, or none, the difference is at most 0.013; where lenses are in focus 4 px apart, from 0.04 on.
+/// By how much radii that follow depth must explain the blocks better than any one radius, nepers. On pairs
+/// with other blurs, or none, the difference is at most 0.013; where lenses are in focus 4 px apart, from
+/// 0.04 on.
 const WORTH: f32 = 0.025;
-/// ... and by at least this share of what tiles with blurs of their own gain: areas may be blurred by something else.
+/// ... and by at least this share of what tiles with blurs of their own gain: areas may be blurred by
+/// something else.
 const SHARE: f32 = 0.5;
 
 /// The least radius that is compensated, and the step between radii, pixels: steps of 1 are no better.
@@ -62,7 +67,8 @@ const STEPS: usize = ((LARGEST as f32 - FIRST) / STEP) as usize + 1;
 pub struct BlurByDepth {
     /// The least and the largest disparity, pixels.
     span: (f32, f32),
-    /// Squared radii at the least, the middle and the largest disparity; negative where the right image is softer.
+    /// Squared radii at the least, the middle and the largest disparity; negative where the right image is
+    /// softer.
     squared: [f32; 3],
     /// From 0.5 to 1: the share that they explain of what tiles with blurs of their own would.
     pub certainty: f32,
@@ -94,8 +100,8 @@ fn losses(blocks: &Blocks, level: Level) -> [f32; RADII] {
 }
 
 impl BlurByDepth {
-    /// How the blur of blocks depends on their disparities; `None`: it does not. Blurs of their own explain the blocks
-    /// with a mean loss of `apart`.
+    /// How the blur of blocks depends on their disparities; `None`: it does not. Blurs of their own explain
+    /// the blocks with a mean loss of `apart`.
     pub fn new(
         blocks: &[Blocks],
         disparities: &[f32],

@@ -6,8 +6,8 @@
 //! blurred = gain x response x (sharp - noise of the sharp) + noise of the blurred
 //! ```
 //!
-//! and the loss is the weighted mean magnitude of the residuals of its logarithm. The gain is first that of the low
-//! frequencies, which blur hardly changes; then one Gauss-Newton step corrects it.
+//! and the loss is the weighted mean magnitude of the residuals of its logarithm. The gain is first that of
+//! the low frequencies, which blur hardly changes; then one Gauss-Newton step corrects it.
 
 use super::bins::{FLOAT_LANES, FloatLanes, bins, ln, total};
 use super::response::Response;
@@ -45,8 +45,8 @@ pub struct BlurEvidence {
 pub struct Fit {
     /// Mean magnitude of the residuals, nepers of power; 0 is a perfect fit.
     pub loss: f32,
-    /// How much less power the image that is taken for the blurrier one has than expected, nepers on average, with the
-    /// gain of the low frequencies.
+    /// How much less power the image that is taken for the blurrier one has than expected, nepers on average,
+    /// with the gain of the low frequencies.
     pub lack: f32,
     /// Logarithm of the gain of power.
     log_gain: f32,
@@ -60,7 +60,8 @@ impl Fit {
 }
 
 impl BlurEvidence {
-    /// Evidence for a blur of the left image and for one of the right image, given the powers of the noise of both.
+    /// Evidence for a blur of the left image and for one of the right image, given the powers of the noise of
+    /// both.
     pub fn of_both(powers: &Powers, noise: [f32; 2], level: Level) -> [Self; 2] {
         level.run(Signals { powers, noise })
     }
@@ -116,7 +117,8 @@ impl Loop for Signals<'_> {
             noise,
             low: 0.0,
         };
-        // Evidence for a blur of the left image takes the right one as the sharp one, and the other way round.
+        // Evidence for a blur of the left image takes the right one as the sharp one, and the other way
+        // round.
         let (mut for_left, mut for_right) = (evidence(noise[0]), evidence(noise[1]));
 
         let mut low = [0.0; FLOAT_LANES];
@@ -177,7 +179,8 @@ impl<'r, R: Iterator<Item = &'r Response>> Loop for Models<'_, R> {
             losses.push(fitted(self.evidence, response, &mut residuals).0);
         }
 
-        // Totals come last: a total at the end of a loop makes the compiler split the lanes inside it into pairs.
+        // Totals come last: a total at the end of a loop makes the compiler split the lanes inside it into
+        // pairs.
         losses.into_iter().map(total).collect()
     }
 }
@@ -186,8 +189,8 @@ impl<'r, R: Iterator<Item = &'r Response>> Loop for Models<'_, R> {
 type Residuals = [(FloatLanes, FloatLanes); MOST_BINS / FLOAT_LANES];
 const NO_RESIDUALS: Residuals = [([0.0; FLOAT_LANES], [0.0; FLOAT_LANES]); MOST_BINS / FLOAT_LANES];
 
-/// One fit: a first gain, residuals with it, a correction of the gain, and the loss after that. Returns the loss and the
-/// excess of power of the blurrier image, as sums in each lane, and the logarithm of the gain.
+/// One fit: a first gain, residuals with it, a correction of the gain, and the loss after that. Returns the
+/// loss and the excess of power of the blurrier image, as sums in each lane, and the logarithm of the gain.
 #[inline(always)]
 fn fitted(
     evidence: &BlurEvidence,
@@ -224,7 +227,8 @@ fn fitted(
     let mut loss = [0.0; FLOAT_LANES];
     for (weights, (residual, trust)) in weights.iter().zip(residuals) {
         for lane in 0..FLOAT_LANES {
-            // The residual changes with the logarithm of the gain by the share of the signal, to the first order.
+            // The residual changes with the logarithm of the gain by the share of the signal, to the first
+            // order.
             let residual = (residual[lane] - trust[lane] * correction).abs();
             // A choice, not `f32::min`, which also has to handle NaN.
             let residual = if residual < LARGEST_RESIDUAL { residual } else { LARGEST_RESIDUAL };
@@ -409,8 +413,8 @@ mod tests {
         }
     }
 
-    /// Reference implementation of the fit of a blur to the powers of two blocks, `[blurred, sharp]` like the noise; `weights` are those
-    /// of all bins and those by which gains are found. Returns loss and gain.
+    /// Reference implementation of the fit of a blur to the powers of two blocks, `[blurred, sharp]` like the
+    /// noise; `weights` are those of all bins and those by which gains are found. Returns loss and gain.
     fn blur_fit(
         [blurred, sharp]: [Vec<f64>; 2],
         noise: [f64; 2],

@@ -36,8 +36,8 @@ pub fn add_cross_spectra(
     sums.add_all([&grays[0].plane, &warped], &places, level, control)
 }
 
-/// The kernel that turns the sharp image into the soft one, by regularized least squares: the sum of cross-spectra over
-/// the sum of powers. `None` where the images have nothing in common.
+/// The kernel that turns the sharp image into the soft one, by regularized least squares: the sum of
+/// cross-spectra over the sum of powers. `None` where the images have nothing in common.
 pub fn measured(sums: &Cross, side: Side, level: Level) -> Option<Taps> {
     let sharp = &sums.powers[1 - side.index()];
     let regular = sharp.iter().sum::<f32>() / sharp.len() as f32 * REGULAR;

@@ -12,8 +12,8 @@ use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::source::{Source, widened};
 
-/// Rows above and below a block on which its rough disparities depend: those of windows and neighborhoods of the
-/// rough match, those that masked rows copy, and one for the detection of impulses.
+/// Rows above and below a block on which its rough disparities depend: those of windows and neighborhoods of
+/// the rough match, those that masked rows copy, and one for the detection of impulses.
 pub const HALO: usize = 97;
 /// The rough match that finds the blocks that show the same.
 pub const ROUGHEST: RoughScale = RoughScale { factor: 4, ..RoughScale::ROUGH };
@@ -75,8 +75,8 @@ impl<'a> PairRows<'a> {
         }
     }
 
-    /// Visits the strips from the first one down: calls `visit` with a part of the pair and the indices of the strips
-    /// that lie in it. How many strips a part holds makes no difference.
+    /// Visits the strips from the first one down: calls `visit` with a part of the pair and the indices of
+    /// the strips that lie in it. How many strips a part holds makes no difference.
     pub fn visit(
         &self,
         strips: Strips,
@@ -134,8 +134,9 @@ impl<'a> Part<'a> {
         RoughMatch::new(&self.grays, known, scale, matcher, execution, control)
     }
 
-    /// The pair of blocks that show the same, whose left one has this corner in the whole image; `None` where there is
-    /// none, or they have no contrast. The rough disparities begin with row `first` of the whole image.
+    /// The pair of blocks that show the same, whose left one has this corner in the whole image; `None` where
+    /// there is none, or they have no contrast. The rough disparities begin with row `first` of the whole
+    /// image.
     pub fn place(
         &self,
         (rough, first): (&RoughMatch, usize),

@@ -1,7 +1,7 @@
 //! Point-spread functions of lenses and shutters, and the table of their families.
 //!
-//! The bank, its refinement, priors, findings, the text of a rig and the faces are loops over the table: a family is added
-//! by a row of it, and by a kernel in [`super::taps`].
+//! The bank, its refinement, priors, findings, the text of a rig and the faces are loops over the table: a
+//! family is added by a row of it, and by a kernel in [`super::taps`].
 
 use std::ops::RangeInclusive;
 
@@ -19,8 +19,8 @@ pub enum Family {
     Disk,
     /// Straight motion at constant speed; the size is its length; 1: no blur.
     Motion,
-    /// Defocus of a round aperture whose middle is covered, as by the small mirror of a mirror lens; the size is the outer
-    /// radius.
+    /// Defocus of a round aperture whose middle is covered, as by the small mirror of a mirror lens; the size
+    /// is the outer radius.
     Annulus,
 }
 
@@ -44,7 +44,8 @@ pub struct Traits {
     pub name: &'static str,
     /// A sentence's words for one of it, with holes `{size}` and `{angle}`.
     pub words: &'static str,
-    /// The same for some of one image whose sizes follow depth, with holes `{least}` and `{largest}`; `None`: sizes do not.
+    /// The same for some of one image whose sizes follow depth, with holes `{least}` and `{largest}`; `None`:
+    /// sizes do not.
     pub by_depth: Option<&'static str>,
     /// Whether it comes from the focus; else from motion during the exposure.
     pub is_of_focus: bool,
@@ -71,7 +72,8 @@ enum Shape {
     None,
     /// A direction, degrees.
     Angle(&'static [f64]),
-    /// The share of the radius that is covered: the bank's, and the range. With a smaller hole, it hardly differs from none.
+    /// The share of the radius that is covered: the bank's, and the range. With a smaller hole, it hardly
+    /// differs from none.
     Inner(&'static [f64], RangeInclusive<f64>),
 }
 
@@ -145,9 +147,9 @@ static TABLE: [Traits; 4] = [
         sizes: &[3.0, 4.0, 5.0, 6.0, 8.0, 10.0],
         largest: 14.0,
         shape: Shape::Inner(&[0.5, 0.75], 0.4..=0.9),
-        // Lenses with a covered middle are rare, and the many zeros of annuli resemble what compression leaves of a blur, and
-        // areas of several blurs. True annuli have about a third of the loss of the best disk, mistaken ones more than two
-        // thirds.
+        // Lenses with a covered middle are rare, and the many zeros of annuli resemble what compression
+        // leaves of a blur, and areas of several blurs. True annuli have about a third of the loss of the
+        // best disk, mistaken ones more than two thirds.
         rarity: Some(Rarity { prior: 0.1, share: 0.5 }),
         probes: (&[4.0, 6.0], 1),
         taps: |psf| annulus(psf.size, psf.inner),
@@ -236,14 +238,14 @@ impl Psf {
         Self { family: Family::Annulus, size: radius, angle: 0.0, inner }
     }
 
-    /// The kernel: a Gaussian cut at four standard deviations, a disk or an annulus integrated over each pixel, a path
-    /// whose samples are split bilinearly over their four pixels.
+    /// The kernel: a Gaussian cut at four standard deviations, a disk or an annulus integrated over each
+    /// pixel, a path whose samples are split bilinearly over their four pixels.
     pub fn taps(&self) -> Taps {
         (self.family.traits().taps)(self)
     }
 
-    /// Root mean square distance from the center along one axis, averaged over the directions, pixels. It makes sizes
-    /// of different families comparable.
+    /// Root mean square distance from the center along one axis, averaged over the directions, pixels. It
+    /// makes sizes of different families comparable.
     pub fn spread(&self) -> f64 {
         (self.family.traits().spread)(self)
     }
@@ -265,7 +267,8 @@ impl Psf {
         words.replace("{angle}", &format!("{:.0}", self.angle))
     }
 
-    /// The blurs that differ from one by a step in one parameter, within its range. Steps are halved this often.
+    /// The blurs that differ from one by a step in one parameter, within its range. Steps are halved this
+    /// often.
     pub fn steps(self, halvings: u32) -> impl Iterator<Item = Self> {
         // The steps of both parameters shrink together.
         let scale = 1.0 / f64::from(1u32 << halvings);
@@ -317,7 +320,8 @@ mod tests {
     #[test]
     fn the_spread_is_that_of_the_taps_along_one_axis() {
         for psf in psfs() {
-            // Splitting samples bilinearly, and pixels, have a spread of their own: at most a third of a pixel.
+            // Splitting samples bilinearly, and pixels, have a spread of their own: at most a third of a
+            // pixel.
             let along = psf.taps().radius() / 2f64.sqrt();
             assert!((along - psf.spread()).abs() < 0.35, "{psf:?}: {along}");
         }

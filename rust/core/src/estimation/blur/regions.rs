@@ -1,4 +1,5 @@
-//! The kinds of blur in an image and their areas: as few kinds as explain the tiles, and a map without specks.
+//! The kinds of blur in an image and their areas: as few kinds as explain the tiles, and a map without
+//! specks.
 
 /// The loss of every choice on every tile: tiles by rows, choices innermost.
 #[derive(Debug, Clone)]
@@ -13,17 +14,19 @@ pub struct Losses {
     pub values: Vec<f32>,
 }
 
-/// Differences up to this, nepers, do not count for a further choice: on sharp pairs some are better by chance.
+/// Differences up to this, nepers, do not count for a further choice: on sharp pairs some are better by
+/// chance.
 const MARGIN: f32 = 0.06;
-/// ... and the mean of what is beyond over all tiles must be at least this, nepers: 1 % of the tiles, all of which were
-/// explained as badly as can be, or 10 % of them a little.
+/// ... and the mean of what is beyond over all tiles must be at least this, nepers: 1 % of the tiles, all of
+/// which were explained as badly as can be, or 10 % of them a little.
 pub const WORTH: f32 = 0.01;
 /// Most choices.
 const MOST: usize = 8;
 /// Cost of a neighboring tile of another choice, nepers; half of it for diagonal ones.
 /// Twice as much makes no difference.
 const BOUNDARY: f32 = 0.15;
-/// Choices of a smaller share of the tiles are left out: the whole map would be redrawn for hardly any pixels.
+/// Choices of a smaller share of the tiles are left out: the whole map would be redrawn for hardly any
+/// pixels.
 const LEAST_SHARE: f64 = 0.02;
 /// Most rounds in which tiles agree with their neighbors.
 const ROUNDS: usize = 8;
@@ -50,8 +53,8 @@ impl Losses {
         self.values.chunks(self.choices).filter(|losses| losses[0].is_finite())
     }
 
-    /// The fewest choices that explain the tiles: the best for all, then those that explain enough tiles better; choice
-    /// 0 is preferred as the first one. Empty if no tile has evidence.
+    /// The fewest choices that explain the tiles: the best for all, then those that explain enough tiles
+    /// better; choice 0 is preferred as the first one. Empty if no tile has evidence.
     pub fn chosen(&self) -> Vec<usize> {
         let count = self.informative().count() as f32;
         let Some(first) = first(self.informative()) else {
@@ -87,8 +90,8 @@ impl Losses {
         (best, worth[best])
     }
 
-    /// The tiles that a choice explains better than the others do. With several choices, only the better half of these:
-    /// tiles on a boundary are not of one kind.
+    /// The tiles that a choice explains better than the others do. With several choices, only the better half
+    /// of these: tiles on a boundary are not of one kind.
     pub fn best_members(&self, choice: usize) -> Vec<usize> {
         let is_member =
             |tile: &usize| self.of(*tile)[0].is_finite() && least(self.of(*tile)) == choice;
@@ -102,8 +105,8 @@ impl Losses {
         members
     }
 
-    /// The losses with those of every tile replaced by those of the best explained tile around it: tiles on a boundary,
-    /// which no choice explains well, take over from others.
+    /// The losses with those of every tile replaced by those of the best explained tile around it: tiles on a
+    /// boundary, which no choice explains well, take over from others.
     pub fn steadied(&self) -> Self {
         let best = |tile: usize| self.of(tile).iter().copied().fold(f32::INFINITY, f32::min);
 
@@ -177,7 +180,8 @@ impl Losses {
 
     /// The choice of least energy given those of the neighbors.
     fn agreed(&self, tile: usize, labels: &[u8]) -> u8 {
-        // A neighbor's choice lowers the energy of the same choice, which is the Potts model up to a constant.
+        // A neighbor's choice lowers the energy of the same choice, which is the Potts model up to a
+        // constant.
         let mut energy: Vec<f32> =
             self.of(tile).iter().map(|loss| if loss.is_finite() { *loss } else { 0.0 }).collect();
 
@@ -191,7 +195,8 @@ impl Losses {
     }
 }
 
-/// The choice with the least mean loss; choice 0 is preferred unless another is clearly better. `None` without tiles.
+/// The choice with the least mean loss; choice 0 is preferred unless another is clearly better. `None`
+/// without tiles.
 pub fn first<'a>(tiles: impl Iterator<Item = &'a [f32]>) -> Option<usize> {
     let mut tiles = tiles.peekable();
     let mut means = vec![0.0; tiles.peek()?.len()];

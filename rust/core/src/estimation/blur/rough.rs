@@ -1,4 +1,5 @@
-//! Rough matches: gray values of both images, disparities of reduced copies, and pairs of blocks that show the same.
+//! Rough matches: gray values of both images, disparities of reduced copies, and pairs of blocks that show
+//! the same.
 
 use super::bins::SIDE;
 use super::spectrum::BlockPlace;
@@ -58,7 +59,8 @@ impl GrayPlane {
         Ok(Self { plane })
     }
 
-    /// Whether the block with this corner has more than one value: without contrast there is no evidence of blur.
+    /// Whether the block with this corner has more than one value: without contrast there is no evidence of
+    /// blur.
     pub fn has_contrast(&self, top: usize, left: usize) -> bool {
         let mut values = (top..top + SIDE).flat_map(|y| &self.plane.row(y)[left..left + SIDE]);
         let first = values.next().map(|value| value.to_bits());
@@ -193,8 +195,8 @@ pub fn raised(
     })
 }
 
-/// Matches images that are reduced by a factor over a span of their disparities, both ends included, the right one
-/// row-aligned by the field.
+/// Matches images that are reduced by a factor over a span of their disparities, both ends included, the
+/// right one row-aligned by the field.
 pub fn match_reduced(
     [left, right]: [Plane<f32>; 2],
     factor: usize,
@@ -220,8 +222,8 @@ pub fn match_reduced(
 }
 
 impl RoughMatch {
-    /// Matches a pair reduced by a factor, on neighborhoods of a certain side: blur shrinks with the images, and larger
-    /// neighborhoods tolerate what is left of it.
+    /// Matches a pair reduced by a factor, on neighborhoods of a certain side: blur shrinks with the images,
+    /// and larger neighborhoods tolerate what is left of it.
     pub fn new(
         grays: &[GrayPlane; 2],
         known: Correspondence,
@@ -315,8 +317,9 @@ impl RoughMatch {
         Some(median(values.filter(|value| value.is_finite()))? * self.factor as f32)
     }
 
-    /// The pair of blocks whose left one has this corner, in a pair that begins `above` rows below these disparities;
-    /// `None` where no disparity is known, the right block would leave its image, or too much of either is masked.
+    /// The pair of blocks whose left one has this corner, in a pair that begins `above` rows below these
+    /// disparities; `None` where no disparity is known, the right block would leave its image, or too much of
+    /// either is masked.
     pub fn place(&self, pair: &Pair, above: usize, top: usize, left: usize) -> Option<BlockPlace> {
         // The median disparity gives the column of the right block, then the field its row.
         let right = left as isize - self.of_block(above + top, left)?.round() as isize;

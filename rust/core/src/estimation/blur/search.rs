@@ -1,4 +1,5 @@
-//! The search for the blurs that explain pairs of blocks: over the whole bank where needed, over few of it elsewhere.
+//! The search for the blurs that explain pairs of blocks: over the whole bank where needed, over few of it
+//! elsewhere.
 
 use std::sync::OnceLock;
 
@@ -11,20 +12,21 @@ use super::response::Response;
 use super::spectrum::Powers;
 use phasestereo_match::base::simd::Level;
 
-/// Least loss of choices that are not tried, nepers: about that of a blur of the wrong side. With 4, a few blocks that
-/// do not quite show the same outweigh all others.
+/// Least loss of choices that are not tried, nepers: about that of a blur of the wrong side. With 4, a few
+/// blocks that do not quite show the same outweigh all others.
 const UNTRIED: f32 = 1.0;
-/// An image that lacks so much more power than the other one is the softer one, nepers. Where blocks have little
-/// contrast, either may seem to lack a little. Without it,
-/// `phasestereo bench blur` finds a second kind of blur in many trials.
+/// An image that lacks so much more power than the other one is the softer one, nepers. Where blocks have
+/// little contrast, either may seem to lack a little. Without it, `phasestereo bench blur` finds a second
+/// kind of blur in many trials.
 const CLEAR: f32 = 0.3;
-/// Blocks that the first blur explains are tried on all others where one of a few of these is better by this, nepers.
-/// What a further blur could gain of the other blocks is far below what it must gain (see `regions`), and half as many
-/// are tried as with 0.
+/// Blocks that the first blur explains are tried on all others where one of a few of these is better by this,
+/// nepers. What a further blur could gain of the other blocks is far below what it must gain (see `regions`),
+/// and half as many are tried as with 0.
 const BETTER: f32 = 0.02;
 
-/// What a few blurs are worth to a sample of blocks that are sharp together, nepers on average, from which on all blocks are
-/// looked at: a quarter of what a kind has to be worth, of which a sample may show less than its share.
+/// What a few blurs are worth to a sample of blocks that are sharp together, nepers on average, from which on
+/// all blocks are looked at: a quarter of what a kind has to be worth, of which a sample may show less than
+/// its share.
 const GLANCE: f32 = 0.25 * WORTH;
 
 /// A hypothesis about the blur: of one image, or none.
@@ -37,7 +39,8 @@ pub struct Choice<'a> {
 }
 
 impl Choice<'static> {
-    /// Choice 0 stands for no blur; then comes every blur of the bank for the left image, then for the right one.
+    /// Choice 0 stands for no blur; then comes every blur of the bank for the left image, then for the right
+    /// one.
     pub fn at(index: usize) -> Self {
         let Some(blurred) = index.checked_sub(1) else {
             return Self { side: None, response: flat() };
@@ -71,8 +74,8 @@ impl Blocks {
         Self { evidence, unblurred }
     }
 
-    /// The fit of no blur, whose loss is the mean of both directions: what one block lacks may look like noise of the
-    /// other one, but not both ways.
+    /// The fit of no blur, whose loss is the mean of both directions: what one block lacks may look like
+    /// noise of the other one, but not both ways.
     pub fn none(&self) -> Fit {
         let [mut left, right] = self.unblurred;
         left.loss = 0.5 * (left.loss + right.loss);
@@ -86,7 +89,8 @@ impl Blocks {
         })
     }
 
-    /// The losses of all choices. Blurs of an image that clearly lacks less power than the other one are not tried.
+    /// The losses of all choices. Blurs of an image that clearly lacks less power than the other one are not
+    /// tried.
     pub fn losses(&self, level: Level) -> Vec<f32> {
         let none = self.none().loss;
         let mut losses = vec![none];
@@ -126,8 +130,8 @@ impl Blocks {
         [right - left <= CLEAR, left - right <= CLEAR]
     }
 
-    /// The losses of all choices. Where none of a few blurs is better than the first choice, only this and none are
-    /// tried.
+    /// The losses of all choices. Where none of a few blurs is better than the first choice, only this and
+    /// none are tried.
     fn losses_unless_explained(&self, first: usize, level: Level) -> Vec<f32> {
         let own = self.loss(Choice::at(first), level);
         if self.least_of_probes(level) < own - BETTER {
@@ -147,9 +151,9 @@ impl Blocks {
     }
 }
 
-/// The losses of all choices on many pairs of blocks. Those of a sample are tried with all choices, if not all blocks
-/// together are sharp; the others only if something explains them better than what explains the sample best. If they are, and a
-/// few blurs are worth nothing to the sample either, no blur is tried.
+/// The losses of all choices on many pairs of blocks. Those of a sample are tried with all choices, if not
+/// all blocks together are sharp; the others only if something explains them better than what explains the
+/// sample best. If they are, and a few blurs are worth nothing to the sample either, no blur is tried.
 pub fn searched(all: &[Blocks], is_sample: &[bool], is_sharp: bool, level: Level) -> Vec<Vec<f32>> {
     if is_sharp {
         let sample: Vec<&Blocks> =

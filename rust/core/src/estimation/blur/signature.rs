@@ -1,7 +1,7 @@
 //! A quick comparison of the blur of a pair with that of an earlier one of the same cameras.
 //!
-//! The blocks at the places of an earlier estimate are transformed again. The quotient of their powers in both images
-//! has to be as before, in every part of the image and in every direction.
+//! The blocks at the places of an earlier estimate are transformed again. The quotient of their powers in
+//! both images has to be as before, in every part of the image and in every direction.
 
 use super::bins::{DIRECTIONS, SIDE, bins};
 use super::spectrum::{BlockPlace, Powers};
@@ -9,10 +9,10 @@ use phasestereo_match::base::math;
 
 /// Parts of the image along each axis.
 const PARTS: usize = 3;
-/// Largest change of the powers of a part in a direction, nepers on average. On 13 sharp pairs and as many after a
-/// disk of 3 px: new noise never changes as much, a view that is moved by 4 px once in 26 times, by 16 px 16 times. A
-/// Gaussian of 0.7 px always does, and so does a disk that becomes one of 2.5 or 4 px, or one of 4 px in a sixteenth
-/// of the image; a disk of 3 px that becomes one of 3.5 px never does.
+/// Largest change of the powers of a part in a direction, nepers on average. On 13 sharp pairs and as many
+/// after a disk of 3 px: new noise never changes as much, a view that is moved by 4 px once in 26 times, by
+/// 16 px 16 times. A Gaussian of 0.7 px always does, and so does a disk that becomes one of 2.5 or 4 px, or
+/// one of 4 px in a sixteenth of the image; a disk of 3 px that becomes one of 3.5 px never does.
 const SMALL: f32 = 0.3;
 
 /// Statistics of the blocks of an estimate, with which those of later pairs are compared.

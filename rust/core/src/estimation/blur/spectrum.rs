@@ -63,8 +63,8 @@ fn window() -> &'static HannWindow {
     })
 }
 
-/// Cuts out the blocks at a place as real and imaginary parts of one, subtracts their means under the window, and
-/// multiplies them by it.
+/// Cuts out the blocks at a place as real and imaginary parts of one, subtracts their means under the window,
+/// and multiplies them by it.
 struct CutBlocks<'a> {
     images: [&'a Plane<f32>; 2],
     place: BlockPlace,
@@ -163,8 +163,8 @@ impl Cross {
         level: Level,
         control: &Control,
     ) -> Result<()> {
-        // Groups are summed one after another, and depend neither on the threads nor on the number of rows that are
-        // read.
+        // Groups are summed one after another, and depend neither on the threads nor on the number of rows
+        // that are read.
         let rows = places.chunk_by(|a, b| a.top == b.top);
         let groups: Vec<&[BlockPlace]> = rows.flat_map(|row| row.chunks(16)).collect();
 
@@ -215,8 +215,8 @@ pub fn kernel([re, im]: &[Vec<f32>; 2], level: Level) -> Plane<f32> {
 
     for place in 0..HALF {
         let (kx, ky) = (place / (SIDE / 2), place % (SIDE / 2));
-        // The coefficients are conjugated, so that the forward transform inverts. The kernel is real, so mirrored ones
-        // are conjugates.
+        // The coefficients are conjugated, so that the forward transform inverts. The kernel is real, so
+        // mirrored ones are conjugates.
         let (there, mirrored) = (ky * SIDE + kx, mirror(ky) * SIDE + mirror(kx));
         (block[0][mirrored], block[1][mirrored]) = (re[place], im[place]);
         (block[0][there], block[1][there]) = (re[place], -im[place]);

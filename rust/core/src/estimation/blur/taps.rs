@@ -45,8 +45,8 @@ impl Taps {
         })
     }
 
-    /// The least share of texture that is left at half the highest frequency, a period of 4 pixels, along rows, columns and both
-    /// diagonals.
+    /// The least share of texture that is left at half the highest frequency, a period of 4 pixels, along
+    /// rows, columns and both diagonals.
     pub fn least_response(&self) -> f64 {
         let along = |down: f64, across: f64| {
             let (mut real, mut imaginary) = (0.0, 0.0);
@@ -134,7 +134,8 @@ pub fn annulus(radius: f64, inner: f64) -> Taps {
     Taps::new(reach, values)
 }
 
-/// A straight path of a length and a direction, degrees: its samples are split bilinearly over their four pixels.
+/// A straight path of a length and a direction, degrees: its samples are split bilinearly over their four
+/// pixels.
 pub fn motion(length: f64, angle: f64) -> Taps {
     // A path between the centers of pixels is one pixel shorter than the pixels that it covers.
     let half = (length - 1.0).max(0.0) / 2.0;
@@ -145,7 +146,8 @@ pub fn motion(length: f64, angle: f64) -> Taps {
     path(steps.map(|step| (exact(step * sine), exact(step * cosine))))
 }
 
-/// A coordinate without rounding errors, so that right angles are exact: the computed cosine of 90 degrees is 6e-17.
+/// A coordinate without rounding errors, so that right angles are exact: the computed cosine of 90 degrees is
+/// 6e-17.
 fn exact(value: f64) -> f64 {
     (value * 1e12).round() / 1e12
 }

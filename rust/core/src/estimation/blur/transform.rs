@@ -13,8 +13,8 @@ const GROUPS: usize = SIDE / FLOAT_LANES;
 
 /// A block of complex values.
 ///
-/// Before the transform, the value at (y, x) is at `y * SIDE + x`. After it, the coefficient at (ky, kx) is at
-/// `kx * SIDE / 2 + ky` of the first half, or `kx * SIDE / 2 + ky - SIDE / 2` of the second one.
+/// Before the transform, the value at (y, x) is at `y * SIDE + x`. After it, the coefficient at (ky, kx) is
+/// at `kx * SIDE / 2 + ky` of the first half, or `kx * SIDE / 2 + ky - SIDE / 2` of the second one.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ComplexBlock {
     /// Real parts.
@@ -35,8 +35,8 @@ pub struct Work {
 pub enum Content {
     /// Complex values.
     Complex,
-    /// Two blocks of real values, as real and as imaginary parts: the transform leaves the lower halves of both
-    /// spectra.
+    /// Two blocks of real values, as real and as imaginary parts: the transform leaves the lower halves of
+    /// both spectra.
     Pair,
 }
 
@@ -141,7 +141,8 @@ impl Strip {
 
     /// Writes the lower halves of the spectra of the real and of the imaginary parts, one below the other.
     ///
-    /// Of the spectrum F of a + ib, those of the real a and b are (F(k) + conj F(-k)) / 2 and (F(k) - conj F(-k)) / 2i.
+    /// Of the spectrum F of a + ib, those of the real a and b are (F(k) + conj F(-k)) / 2 and (F(k) - conj
+    /// F(-k)) / 2i.
     #[inline(always)]
     fn put_pair(&self, block: &mut ComplexBlock, group: usize) {
         for k in 0..SIDE / 2 {
@@ -195,7 +196,8 @@ impl Strip {
                 let (d_re, d_im) = self.turned(place(3), turn(3));
 
                 for lane in 0..FLOAT_LANES {
-                    // The four outputs are a + c + (b + d), a - c - i (b - d), a + c - (b + d) and a - c + i (b - d).
+                    // The four outputs are a + c + (b + d), a - c - i (b - d), a + c - (b + d) and a - c + i
+                    // (b - d).
                     let (even_re, even_im) = (a_re[lane] + c_re[lane], a_im[lane] + c_im[lane]);
                     let (odd_re, odd_im) = (a_re[lane] - c_re[lane], a_im[lane] - c_im[lane]);
                     let (sum_re, sum_im) = (b_re[lane] + d_re[lane], b_im[lane] + d_im[lane]);

@@ -1,5 +1,5 @@
-//! Blur of both images in the same place: each of them lacks something that the other one has, as after a shake that
-//! moved both cameras differently.
+//! Blur of both images in the same place: each of them lacks something that the other one has, as after a
+//! shake that moved both cameras differently.
 //!
 //! With the responses A of the left and B of the right blur, every bin has
 //!
@@ -7,9 +7,9 @@
 //! left - its noise = gain x A / B x (right - its noise)
 //! ```
 //!
-//! If B is known, that is the model of one blur (`fit`) whose sharper image is right / B. So all pairs of the bank are
-//! fitted first, then either blur is refined by turns while the other one is kept. Of two Gaussians only the difference
-//! is seen, which is a blur of one image.
+//! If B is known, that is the model of one blur (`fit`) whose sharper image is right / B. So all pairs of the
+//! bank are fitted first, then either blur is refined by turns while the other one is kept. Of two Gaussians
+//! only the difference is seen, which is a blur of one image.
 
 use super::bank::{Entry, bank};
 use super::fit::{BlurEvidence, Fit};

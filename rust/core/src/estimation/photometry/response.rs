@@ -1,16 +1,17 @@
 //! How the gray levels of two images correspond: gain and gamma between windows that show the same.
 //!
-//! Means over windows of the reduced copies are compared, so that a few pixels of error in the disparities, noise, or blur
-//! in one of the images matter little:
+//! Means over windows of the reduced copies are compared, so that a few pixels of error in the disparities,
+//! noise, or blur in one of the images matter little:
 //!
 //! ```text
 //! left = gain right^gamma, black 0 to white 1
 //! mean of right^gamma ~ m^gamma (1 + gamma (gamma - 1) / 2 (s / m)^2)      m, s: mean and standard deviation of a window
 //! ```
 //!
-//! Gauss-Newton on the logarithm of the gain and on gamma, weighted for absolute deviations first, to come near from
-//! anywhere, then by Tukey's biweight, which ignores outliers. Windows that may be clipped are left out. A prior keeps gamma
-//! near 1 where the windows do not determine it. All sums are in the order of the windows.
+//! Gauss-Newton on the logarithm of the gain and on gamma, weighted for absolute deviations first, to come
+//! near from anywhere, then by Tukey's biweight, which ignores outliers. Windows that may be clipped are left
+//! out. A prior keeps gamma near 1 where the windows do not determine it. All sums are in the order of the
+//! windows.
 
 use super::Scale;
 use crate::estimation::overview::{Overview, RoughMap};
@@ -26,7 +27,8 @@ const CELLS: usize = 3;
 const STRIDE: usize = 2;
 /// Pixels of a window that are looked at.
 const WINDOW: usize = CELLS * CELL * CELLS * CELL / 2;
-/// Of the pixels of the copy, every one of this many has a part in the percentiles: prime, so that they lie in all columns.
+/// Of the pixels of the copy, every one of this many has a part in the percentiles: prime, so that they lie
+/// in all columns.
 const EVERY: usize = 7;
 /// Pixels of the right image beyond these fractions may be clipped.
 const USABLE: [f64; 2] = [0.005, 0.985];
@@ -70,7 +72,8 @@ pub struct Contrast {
     pub gamma: f64,
     /// The left gray level over the right one, at the right image's median.
     pub ratio: f64,
-    /// The same at the tenth and the ninetieth percentile: they differ where gamma does, as far as there are such grays.
+    /// The same at the tenth and the ninetieth percentile: they differ where gamma does, as far as there are
+    /// such grays.
     pub ends: [f64; 2],
 }
 
@@ -89,7 +92,8 @@ struct Window {
 }
 
 impl Contrast {
-    /// The contrast of the copies, whose right pixels correspond as the rough map says; `None`: too few windows do.
+    /// The contrast of the copies, whose right pixels correspond as the rough map says; `None`: too few
+    /// windows do.
     pub(super) fn new(overview: &Overview, rough: &RoughMap, scales: &[Scale; 2]) -> Option<Self> {
         let windows = windows(overview, rough, scales);
         let is_unclipped = |window: &&Window| window.left + ABOVE_MEAN * window.left_spread < TOP;
@@ -196,7 +200,8 @@ impl Window {
     /// The left mean that a fit expects, and how far it may be off: far where there is an edge in the window.
     fn expected(&self, gain: f64, gamma: f64) -> (f64, f64) {
         let power = gain * math::exp(gamma * self.log);
-        // The mean of a power differs from the power of the mean; this is right to the second order in the spread.
+        // The mean of a power differs from the power of the mean; this is right to the second order in the
+        // spread.
         let relative = self.right_spread / self.right;
         let mean = power * (1.0 + gamma * (gamma - 1.0) / 2.0 * (relative * relative).min(0.5));
 

@@ -16,8 +16,8 @@ use phasestereo_match::base::simd::{Level, Loop};
 const RUN: usize = 16;
 /// Distance of the pixels whose differences are steps.
 const FAR: usize = 4;
-/// Bends below this share of the steps are those of a smooth curve. Medians of the quotient: 21 sharp images 0.42 to 0.76;
-/// under H.264 of quality 33 and 38 0.26 to 0.37, under a disk of radius 3 0.15.
+/// Bends below this share of the steps are those of a smooth curve. Medians of the quotient: 21 sharp images
+/// 0.42 to 0.76; under H.264 of quality 33 and 38 0.26 to 0.37, under a disk of radius 3 0.15.
 const SMOOTH: f64 = 0.4;
 /// Pixels that are compared with those some way on.
 const WINDOW: usize = 96;
@@ -107,8 +107,9 @@ impl Loop for CountRuns<'_> {
     }
 }
 
-/// The number of windows of a row that come back further on, and of all windows. `noise` is the standard deviation of the
-/// noise; what differs by less than `least` has no texture; periods longer than `period` do not count.
+/// The number of windows of a row that come back further on, and of all windows. `noise` is the standard
+/// deviation of the noise; what differs by less than `least` has no texture; periods longer than `period` do
+/// not count.
 pub fn repeated_windows(
     row: &[i32],
     noise: f64,
@@ -151,8 +152,8 @@ impl Loop for Differences<'_> {
     }
 }
 
-/// The differences between an even row, the odd one below and the even one below that, by the shift of the odd row, from
-/// `-FIELD_REACH` on; all 0 where rows are too short.
+/// The differences between an even row, the odd one below and the even one below that, by the shift of the
+/// odd row, from `-FIELD_REACH` on; all 0 where rows are too short.
 pub fn field_differences(rows: [&[i32]; 3], level: Level) -> [u64; 2 * FIELD_REACH + 1] {
     if rows[0].len() <= 2 * FIELD_REACH {
         return [0; 2 * FIELD_REACH + 1];

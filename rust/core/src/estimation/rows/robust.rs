@@ -1,18 +1,19 @@
-//! Robust fits of fields of vertical offsets to blocks: iteratively reweighted least squares, first of absolute deviations,
-//! then with Tukey's biweight.
+//! Robust fits of fields of vertical offsets to blocks: iteratively reweighted least squares, first of
+//! absolute deviations, then with Tukey's biweight.
 //!
-//! The spline of the row has more factors than some images have blocks to determine them, so it has a prior: its factors, and
-//! with more or less weight their second differences, are normal with the mean 0. Where few blocks are, the spline is what
-//! its neighbors say, and goes to 0 with them. How wide and how smooth it is are those values under which the blocks are
-//! most probable, the factors integrated out (Bayesian interpolation, Neural Computation 4, 1992):
+//! The spline of the row has more factors than some images have blocks to determine them, so it has a prior:
+//! its factors, and with more or less weight their second differences, are normal with the mean 0. Where few
+//! blocks are, the spline is what its neighbors say, and goes to 0 with them. How wide and how smooth it is
+//! are those values under which the blocks are most probable, the factors integrated out (Bayesian
+//! interpolation, Neural Computation 4, 1992):
 //!
 //! ```text
 //! A = sum of t t' / variance over the blocks;  b = sum of t dy / variance;  P = (1 + smooth D' D) / width^2
 //! evidence(width, smooth) = (log |P| - log |A + P| + b' (A + P)^-1 b) / 2
 //! ```
 //!
-//! The evidence of a spline is that of the best of them less that of the smooth field alone: the logarithm of by how much more
-//! probable the blocks are with the spline.
+//! The evidence of a spline is that of the best of them less that of the smooth field alone: the logarithm of
+//! by how much more probable the blocks are with the spline.
 
 use std::array::from_fn;
 
@@ -37,7 +38,8 @@ const COLUMNS: usize = 8;
 const MOST: usize = TERMS + KNOTS;
 /// Widths that are tried, pixels,
 const WIDTHS: [f64; 8] = [0.06, 0.12, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
-/// ... and weights of the second differences; with less, a few mistaken blocks at a border bend a spline to them.
+/// ... and weights of the second differences; with less, a few mistaken blocks at a border bend a spline to
+/// them.
 const SMOOTHNESS: [f64; 3] = [10.0, 100.0, 1000.0];
 
 /// One equation of a fit.
@@ -59,8 +61,8 @@ impl Point {
         (rows, cols): (usize, usize),
         factor: usize,
     ) -> Self {
-        // Fields are functions of places from -1 to 1 of the right image, splines of shares of the height. A block shows the
-        // mean over its rows.
+        // Fields are functions of places from -1 to 1 of the right image, splines of shares of the height. A
+        // block shows the mean over its rows.
         let fraction = |at: f64, length: usize| (at + 0.5) / (length as f64 / 2.0) - 1.0;
         let half = (BLOCK * factor) as f64 / 2.0;
         let share = |y: f64| (y + 0.5) / rows as f64;
@@ -134,7 +136,8 @@ impl Model {
         for step in 0..STEPS.0 {
             let mut normal = normal(&rows, points, &weights, self.count());
             if self.sways {
-                // At first the spread is not known, which a spline that is as wide as can be hardly depends on.
+                // At first the spread is not known, which a spline that is as wide as can be hardly depends
+                // on.
                 if step == 1 || step == STEPS.1 || step + 1 == STEPS.0 {
                     prior = Some(self.most_probable(&rows, points, &weights, spread)?.1);
                 }
@@ -150,7 +153,8 @@ impl Model {
             let residuals: Vec<f64> = rows.iter().zip(points).map(residual).collect();
             spread = deviation(residuals.iter().copied()) + FLOOR;
 
-            // Absolute deviations lead near the solution from anywhere; the biweight then ignores outliers entirely.
+            // Absolute deviations lead near the solution from anywhere; the biweight then ignores outliers
+            // entirely.
             for ((weight, point), residual) in weights.iter_mut().zip(points).zip(&residuals) {
                 *weight = point.weight
                     * if step < STEPS.1 {
@@ -180,8 +184,8 @@ impl Model {
         Some(RobustFit { coefficients, sway, spread, agreeing, error, errors, weights })
     }
 
-    /// The factors of the smooth terms, and those of the spline, of which the line through it goes to the smooth terms: only
-    /// their sum is determined.
+    /// The factors of the smooth terms, and those of the spline, of which the line through it goes to the
+    /// smooth terms: only their sum is determined.
     fn parted(&self, solution: &[f64; MOST]) -> ([f64; TERMS], [f64; KNOTS]) {
         let mut coefficients: [f64; TERMS] =
             from_fn(|at| if at < self.smooth { solution[at] } else { 0.0 });

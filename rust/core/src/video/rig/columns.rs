@@ -1,5 +1,5 @@
-//! The range of disparities over the frames of a video: a histogram of those that were found, which fades, with a reserve
-//! beyond its ends.
+//! The range of disparities over the frames of a video: a histogram of those that were found, which fades,
+//! with a reserve beyond its ends.
 //!
 //! ```text
 //! share[d] += (share of the pixels of this frame with disparity d - share[d]) / FADING_FRAMES
@@ -8,8 +8,9 @@
 //! if more than all of them are left for long:            search up to high + reserve
 //! ```
 //!
-//! Any isolated cluster that is large enough keeps the range as long as it is seen, and for a while. The near end alone moves
-//! by itself, since things come nearer; how far away things are is seen when the range is estimated.
+//! Any isolated cluster that is large enough keeps the range as long as it is seen, and for a while. The near
+//! end alone moves by itself, since things come nearer; how far away things are is seen when the range is
+//! estimated.
 
 use std::ops::Range;
 

@@ -1,8 +1,8 @@
 //! The field of rows over the frames of a video: what it is, how well that is known, and how it changes.
 //!
 //! After the match of a frame, some blocks are found again in the right image by their disparities, as in
-//! [`crate::estimation::tracks`]. Each says by how many rows it is off the field. A Kalman filter of the eight
-//! coefficients takes them in, and the mean of its corrections is taken for the drift:
+//! [`crate::estimation::tracks`]. Each says by how many rows it is off the field. A Kalman filter of the
+//! eight coefficients takes them in, and the mean of its corrections is taken for the drift:
 //!
 //! ```text
 //! value += drift;   P += Q                              # what a frame may change
@@ -11,9 +11,9 @@
 //! value += step;   drift = DAMPED (drift + FOLLOWED step), unless the field is being found
 //! ```
 //!
-//! A plane is fitted to the residuals of a frame first. Where it is larger than its error and that of the field allow, the
-//! cameras have been moved: the field is opened again, and found anew. Where there is evidence of a spline of the row beside
-//! the plane, rows sway: no field holds for other frames.
+//! A plane is fitted to the residuals of a frame first. Where it is larger than its error and that of the
+//! field allow, the cameras have been moved: the field is opened again, and found anew. Where there is
+//! evidence of a spline of the row beside the plane, rows sway: no field holds for other frames.
 
 use std::array::from_fn;
 
@@ -99,13 +99,15 @@ impl FieldFilter {
         all
     }
 
-    /// Forgets how well the field is known, since the cameras have been moved, and takes in what a frame says.
+    /// Forgets how well the field is known, since the cameras have been moved, and takes in what a frame
+    /// says.
     pub fn reopen(&mut self, innovation: &Innovation) {
         *self = Self { value: self.value, ..Self::new(self.size, None) };
         self.update(innovation);
     }
 
-    /// Whether its numbers are such as frames leave: finite offsets of an image of this size, and a covariance.
+    /// Whether its numbers are such as frames leave: finite offsets of an image of this size, and a
+    /// covariance.
     pub fn is_sound(&self, size: (usize, usize)) -> bool {
         let Self { value, drift, covariance, agreement: (blocks, spread), .. } = self;
         let is_field = |values: &[f64; TERMS]| Alignment::new(*values, size).is_ok();
@@ -143,8 +145,8 @@ impl FieldFilter {
         Alignment::new(self.drift, self.size).map_or(0.0, |drift| drift.rms())
     }
 
-    /// By how many degrees the right camera looks up or down and is rolled beside the left one, if images are rectified at this
-    /// focal length in pixels. Turned about the vertical axis, it shows no other rows.
+    /// By how many degrees the right camera looks up or down and is rolled beside the left one, if images are
+    /// rectified at this focal length in pixels. Turned about the vertical axis, it shows no other rows.
     pub fn rotation(&self, focal: f64) -> f64 {
         let [shift, slope, ..] = self.value;
         let pitch = math::atan2(shift, focal);
@@ -269,8 +271,8 @@ fn product(left: &[f64; TERMS], right: &[f64; TERMS]) -> f64 {
     left.iter().zip(right).map(|(a, b)| a * b).sum()
 }
 
-/// Blocks of a matched map, row after row, at other places in every frame: where a disparity passed all checks. `field` is
-/// where rows are expected. Those of a third of the rows, in turns, or of all of them.
+/// Blocks of a matched map, row after row, at other places in every frame: where a disparity passed all
+/// checks. `field` is where rows are expected. Those of a third of the rows, in turns, or of all of them.
 pub fn seeds(
     disparity: &Plane<f32>,
     flags: &Plane<u16>,

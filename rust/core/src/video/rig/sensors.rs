@@ -1,5 +1,5 @@
-//! What both cameras add to their images: noise, blur by area, and how their gray levels correspond, as the last frame that was
-//! to be trusted showed it.
+//! What both cameras add to their images: noise, blur by area, and how their gray levels correspond, as the
+//! last frame that was to be trusted showed it.
 
 use serde::{Deserialize, Serialize};
 

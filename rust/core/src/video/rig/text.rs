@@ -1,7 +1,9 @@
-//! A rig as text: a line with the version and a checksum, then one of JSON. Every number is read back the same to the bit.
+//! A rig as text: a line with the version and a checksum, then one of JSON. Every number is read back the
+//! same to the bit.
 //!
-//! The kernels that compensate blur are left out: blur changes while a rig is off, and is estimated of the first frame.
-//! A text may come from anyone, so each number that is read is checked against what frames can leave.
+//! The kernels that compensate blur are left out: blur changes while a rig is off, and is estimated of the
+//! first frame. A text may come from anyone, so each number that is read is checked against what frames can
+//! leave.
 
 use super::events::{Event, Steady};
 use super::sensors::{BlurMap, Kind, Sensors};

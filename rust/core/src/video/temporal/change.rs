@@ -1,9 +1,9 @@
 //! Where a view of a video has changed by more than its noise.
 //!
-//! A view is compared with its mean over the frames since each place changed last, so changes add up that are too slow to be
-//! seen from one frame to the next. Places are the pixels of every [`CHANGE_STEP`]th row and column, and stand for the pixels up
-//! to the next ones. With `g` the gray value of this frame, `m` and `n` mean and count of those before, and `noise` the
-//! variance of the noise:
+//! A view is compared with its mean over the frames since each place changed last, so changes add up that are
+//! too slow to be seen from one frame to the next. Places are the pixels of every [`CHANGE_STEP`]th row and
+//! column, and stand for the pixels up to the next ones. With `g` the gray value of this frame, `m` and `n`
+//! mean and count of those before, and `noise` the variance of the noise:
 //!
 //! ```text
 //! gain    = median of g / m over some places, or 1                   what the exposure changed by
@@ -14,17 +14,20 @@
 //! else:        n = min(n + 1, MEAN_FRAMES)   m = gain m + (g - gain m) / n
 //! ```
 //!
-//! Exposures change all gray values alike, so their quotients agree; where they do not, as where the camera moves, the gain is 1.
-//! A gain that is hardly more than noise is 1, too.
+//! Exposures change all gray values alike, so their quotients agree; where they do not, as where the camera
+//! moves, the gain is 1. A gain that is hardly more than noise is 1, too.
 //!
-//! `noise (1 + 1 / n)` is the expectation of `(g - m)^2` where nothing has changed. Masked pixels are unknown.
+//! `noise (1 + 1 / n)` is the expectation of `(g - m)^2` where nothing has changed. Masked pixels are
+//! unknown.
 //!
-//! The noise is estimated in each frame: the mean square of the second difference along both axes (Immerkaer 1996), which
-//! cancels all but noise and fine texture, in blocks of 8 x 8 pixels; the quietest twentieth of the blocks gives the
-//! estimate. The noise of the blur estimation is not a substitute, for `fast` does without it. One variance is assumed for the
-//! whole view. Where noise grows with the light, the filter does nearly as well.
+//! The noise is estimated in each frame: the mean square of the second difference along both axes (Immerkaer
+//! 1996), which cancels all but noise and fine texture, in blocks of 8 x 8 pixels; the quietest twentieth of
+//! the blocks gives the estimate. The noise of the blur estimation is not a substitute, for `fast` does
+//! without it. One variance is assumed for the whole view. Where noise grows with the light, the filter does
+//! nearly as well.
 //!
-//! Values are 32-bit floats, each computed by itself in the order above: no result depends on threads or on lanes.
+//! Values are 32-bit floats, each computed by itself in the order above: no result depends on threads or on
+//! lanes.
 
 use rayon::prelude::*;
 
@@ -249,7 +252,8 @@ impl Loop for Excess<'_> {
     }
 }
 
-/// The excess of the module. Outputs and inputs are separate arguments, so the vectorizer knows that they do not overlap.
+/// The excess of the module. Outputs and inputs are separate arguments, so the vectorizer knows that they do
+/// not overlap.
 #[inline(always)]
 fn write_excess(
     [gray, mean]: [&[f32]; 2],
@@ -346,8 +350,8 @@ pub fn noise(view: &View, scale: &Scale, level: Level, control: &Control) -> Res
     Ok((square * NOISE_FACTOR).clamp(LEAST_NOISE * LEAST_NOISE, MOST_NOISE * MOST_NOISE))
 }
 
-/// The mean squares of the second differences in a row of blocks whose pixels above begin with row `first`; NaN where
-/// pixels are masked.
+/// The mean squares of the second differences in a row of blocks whose pixels above begin with row `first`;
+/// NaN where pixels are masked.
 fn block_squares(view: &View, scale: &Scale, first: usize, level: Level) -> Result<Vec<f32>> {
     let cols = view.size().1;
     let mut rows = [zeroed(cols)?, zeroed(cols)?, zeroed(cols)?];
@@ -380,7 +384,8 @@ impl Loop for Squares<'_> {
     }
 }
 
-/// Arguments as in [`write_excess`]. A sixth of the mask 1 -2 1 along both axes keeps the variance of white noise.
+/// Arguments as in [`write_excess`]. A sixth of the mask 1 -2 1 along both axes keeps the variance of white
+/// noise.
 #[inline(always)]
 fn add_squares([above, own, below]: [&[f32]; 3], sums: &mut [f32]) {
     let cols = sums.len();

@@ -1,16 +1,16 @@
 //! The right image with its rows aligned to those of the left one: resampled along its columns.
 //!
-//! Pixel `(x, y)` becomes a weighted mean of the eight pixels of its column about `y + v(x, y)`, rounded to 1/64 of a
-//! row ([`crate::image::resampling`]). Rows beyond the image repeat its first or last one.
-//! A pixel whose place is nearest to such a row is masked: the right image does not show it.
+//! Pixel `(x, y)` becomes a weighted mean of the eight pixels of its column about `y + v(x, y)`, rounded to
+//! 1/64 of a row ([`crate::image::resampling`]). Rows beyond the image repeat its first or last one. A pixel
+//! whose place is nearest to such a row is masked: the right image does not show it.
 //!
 //! ```text
 //! place = y + v(x, y);  row = floor(place);  weights = WEIGHTS[64 (place - row)]
 //! out(x, y) = sum over k in 0..8 of weights[k] right(x, row - 3 + k)
 //! ```
 //!
-//! Rows are resampled one by one. Fields change slowly, so a row is divided into runs of pixels with one offset, whose
-//! eight source rows and weights are the same.
+//! Rows are resampled one by one. Fields change slowly, so a row is divided into runs of pixels with one
+//! offset, whose eight source rows and weights are the same.
 
 use super::{Alignment, RowPolynomial};
 use crate::base::control::Control;
@@ -44,7 +44,8 @@ pub fn straightened(
     Ok(View::new(gray, Some(mask), view.scale()))
 }
 
-/// The mask of the straightened view: a pixel is valid if the one nearest to its place is in the image, and valid.
+/// The mask of the straightened view: a pixel is valid if the one nearest to its place is in the image, and
+/// valid.
 fn straightened_mask(
     view: &View,
     alignment: &Alignment,

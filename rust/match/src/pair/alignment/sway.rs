@@ -1,8 +1,8 @@
-//! A spline of the row: what all columns of a row have in common beside the smooth field, as where a rolling shutter
-//! shakes.
+//! A spline of the row: what all columns of a row have in common beside the smooth field, as where a rolling
+//! shutter shakes.
 //!
-//! A cubic B-spline with uniform knots: the image is divided into [`INTERVALS`] intervals of its height, and in each of them
-//! the spline is the sum of four of the [`KNOTS`] factors,
+//! A cubic B-spline with uniform knots: the image is divided into [`INTERVALS`] intervals of its height, and
+//! in each of them the spline is the sum of four of the [`KNOTS`] factors,
 //!
 //! ```text
 //! t = (y + 1/2) / rows * INTERVALS;  k = floor(t);  u = t - k
