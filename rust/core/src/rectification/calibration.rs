@@ -34,7 +34,7 @@ pub struct Calibration {
 
 impl Calibration {
     /// Cameras of which the right one is turned by `R` and moved by `T` against the left one: `X_right = R
-    /// X_left + T`. Images of so many rows and columns are rectified as by `stereoRectify` with
+    /// X_left + T`. Images of this many rows and columns are rectified as by `stereoRectify` with
     /// `CALIB_ZERO_DISPARITY` and its default `alpha`.
     pub fn new(
         camera: [Matrix; 2],
