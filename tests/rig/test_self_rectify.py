@@ -315,7 +315,7 @@ def test_a_rig_remembers_that_one_camera_is_above_the_other(cones: Pair, tmp_pat
     assert any("one camera is above the other" in event.sentence for event in rig.events)
     upright = np.rot90(second.disparity)
     assert cones.truth is not None
-    assert bad_pixels(upright, cones.truth, 1.0, mask=cones.masks["nonocc"]) < 0.15
+    assert bad_pixels(upright, cones.truth, 1.0, mask=cones.masks["nonocc"]) < 15
 
     rig.save(tmp_path / "rig.txt")
     assert ps.Rig.load(tmp_path / "rig.txt").match(above, below).vertical

@@ -21,7 +21,7 @@ mod channels;
 mod words;
 
 use crate::estimation::estimates::Estimates;
-use crate::estimation::facts::{Direction, Fact, Facts, Origin};
+use crate::estimation::facts::{Facts, Origin};
 use crate::match_pair::{Ready, made_ready};
 use crate::preparation::back::Back;
 use crate::preparation::channels::{Channels, Tone};
@@ -80,7 +80,7 @@ pub fn prepared_for_others(
     let (min, count) = known.map_or((0, 1), |all| (all.min() as i64, all.count() as i64));
     let pair = Pair::of_any(inputs.clone(), min, count)?;
     // Other matchers search rows.
-    let facts = &Facts { axis: Some(Fact::given(Direction::Rows)), ..facts.clone() };
+    let facts = &facts.along_rows();
     let ready = made_ready(pair, facts, settings, runtime)?;
 
     let back = Back::new(&ready, placement(&ready.prepared.estimates, max_disparity)?);

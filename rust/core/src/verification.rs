@@ -25,7 +25,7 @@ pub mod judge;
 pub mod test;
 pub mod traits;
 
-use crate::estimation::facts::{Direction, Fact, Facts};
+use crate::estimation::facts::Facts;
 use crate::finding::Finding;
 use crate::match_pair::{Matched, made_ready};
 use crate::verification::claims::Claims;
@@ -94,11 +94,6 @@ impl Counts {
     }
 }
 
-/// The facts of a pair whose disparities are claimed along rows, whatever its images show.
-fn along_rows(facts: &Facts) -> Facts {
-    Facts { axis: Some(Fact::given(Direction::Rows)), ..facts.clone() }
-}
-
 /// Judges a disparity map of the left image, in pixels; what is not finite claims nothing.
 pub fn verify(
     pair: Pair,
@@ -111,7 +106,7 @@ pub fn verify(
     let settings = Settings { confidence: true, ..settings.clone() };
     let size = pair.size();
     let Runtime { execution, control, .. } = runtime;
-    let mut ready = made_ready(pair, &along_rows(facts), &settings, runtime)?;
+    let mut ready = made_ready(pair, &facts.along_rows(), &settings, runtime)?;
     let claims = Claims::new(map, size, ready.raw.as_deref(), control)?;
 
     let pair = ready.prepared.pair.clone();
@@ -169,7 +164,7 @@ pub fn observe(
 ) -> Result<(Matched, Vec<Plane<Values>>)> {
     let settings = Settings { confidence: true, ..settings.clone() };
     let size = pair.size();
-    let ready = made_ready(pair, &along_rows(facts), &settings, runtime)?;
+    let ready = made_ready(pair, &facts.along_rows(), &settings, runtime)?;
     let matched = ready.matched(&settings, runtime)?;
     let raw = matched.rectified.as_ref().map(|rectified| &*rectified.raw);
     let costs = any_costs(&matched.prepared.pair, &matched.prepared.settings, runtime)?;

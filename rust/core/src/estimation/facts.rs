@@ -129,6 +129,11 @@ impl Facts {
         self.axis.as_ref().is_some_and(|axis| axis.value == Direction::Columns)
     }
 
+    /// The same for who searches rows alone, whatever the images show.
+    pub fn along_rows(&self) -> Self {
+        Self { axis: Some(Fact::given(Direction::Rows)), ..self.clone() }
+    }
+
     /// Whether something is known of the images that would not hold once they are resampled.
     pub fn is_of_these_pixels(&self) -> bool {
         self.aligned().is_some_and(Option::is_some) || self.compensation.is_some()
