@@ -125,8 +125,11 @@ def assert_equals_the_oracle(
     if result.confidence is not None:
         # Whether disparities agree that are one apart may depend on the last bit.
         reliable = refinement.reliability(evidence, unit, np.floor(bits / 3 * unit))
+        # Where there is no valid candidate, the choice among all says nothing.
+        seen = (flags & (ps.Flag.MASKED | ps.Flag.NO_CANDIDATE)) == 0
         least, most = (
-            refinement.confidence(disparity, reliable, gray, agree) for agree in (0.99999, 1.00001)
+            np.where(seen, refinement.confidence(disparity, reliable * seen, gray, agree), 0.0)
+            for agree in (0.99999, 1.00001)
         )
         known: dict[str, Any] = {
             "low": low,

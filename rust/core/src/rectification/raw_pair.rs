@@ -106,6 +106,8 @@ pub fn rectify_if_needed(
     let rectification = match rectified_at_some_size(&grays, negative, runtime)? {
         Ok(found) if found.rows >= LEAST_ROWS => found,
         Ok(_) => return Ok(Attempt::None),
+        // What differs from row to row differs among corners, too, whatever their distance.
+        Err(Refusal::Axis(_)) if before.sways() => return Ok(Attempt::None),
         Err(refusal) => return Ok(Attempt::Refused(refusal)),
     };
 
@@ -154,9 +156,10 @@ fn explains(found: &Rectification, apart: f64, is_distorted: bool) -> bool {
     is_better && found.rows >= LEAST_RATIO * found.rms
 }
 
-/// Whether rows are off so far that the images may be those of cameras one above the other.
+/// Whether rows are off so far that the images may be those of cameras one above the other. Rows that sway are
+/// explained by that.
 fn is_off(estimates: &Estimates) -> bool {
-    estimates.offsets.as_ref().is_some_and(|found| found.field.rms() >= OFF)
+    !estimates.sways() && estimates.offsets.as_ref().is_some_and(|found| found.field.rms() >= OFF)
 }
 
 /// Whether rows are bent as by lenses that distort.
