@@ -325,7 +325,7 @@ pub fn left_out(
     Ok(beyond(places, candidates))
 }
 
-/// The places that match beyond the candidates of a map, in one of [`TURNS`] parts of its rows: what has
+/// The places that match beyond the candidates of a map, in one of `TURNS` parts of its rows: what has
 /// entered a video.
 pub fn entered(
     pair: &Pair,

@@ -6,7 +6,7 @@
 //! blank  = detail <= BLANK steps of rounding, opened by 5 x 5, and so for 8 px around
 //! ```
 //!
-//! Rests are integers, in parts of a step of gray values, and clipped: from [`MOST`] on, one alone makes more
+//! Rests are integers, in parts of a step of gray values, and clipped: from `MOST` on, one alone makes more
 //! detail than any bound. So the sums of their squares have no error, and fit into 32 bits.
 //!
 //! In a blank area the codes are those of rounding, or of nothing. A pixel there may match, and even agree

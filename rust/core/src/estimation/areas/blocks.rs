@@ -28,7 +28,7 @@ impl Blocks {
         Self { cols, is_searched: vec![false; rows.div_ceil(BLOCK) * cols] }
     }
 
-    /// Those with [`MANY`] of these pixels.
+    /// Those with `MANY` of these pixels.
     pub fn of(pixels: &Plane<bool>) -> Self {
         Self::of_larger(pixels, 1, (pixels.rows(), pixels.cols()))
     }
