@@ -13,7 +13,6 @@ from phasestereo_bench.confidence.learning import (
     learn,
     log_odds,
     observed_of,
-    sigmoid,
 )
 from phasestereo_bench.confidence.observation import (
     ERRORS,
@@ -22,6 +21,7 @@ from phasestereo_bench.confidence.observation import (
     confidence_jobs,
     observed,
 )
+from phasestereo_bench.confidence.regression import sigmoid
 from phasestereo_bench.confidence.verdict import judged
 from phasestereo_bench.rendering import render_pair
 

@@ -17,6 +17,8 @@ from phasestereo.io.drafts import replacing
 from phasestereo.metrics import roc_area
 from phasestereo.result import Flag
 from phasestereo_bench.confidence.claims import unpacked
+from phasestereo_bench.confidence.regression import KNOTS as BAR_KNOTS
+from phasestereo_bench.confidence.regression import between_knots, quantile, sigmoid
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -27,7 +29,6 @@ if TYPE_CHECKING:
     Numbers = NDArray[np.float64]
 
 TRAITS, KNOTS, CASES = 25, 6, 3
-BAR_KNOTS, FIRST_BAR_KNOT, COVERED = 10, -4.0, 0.9
 _FOLDS = 3
 _GAP = 0.0, 0.5, 1.0, 1.5, 4.0, 20.0  # px; a claim and an own disparity agree within 1
 _UNSEEN = Flag.MASKED | Flag.NO_CANDIDATE | Flag.OUTSIDE | Flag.MATCH_MASKED | Flag.OCCLUDED
@@ -246,7 +247,7 @@ def _scores(claims: Claims, odds: Numbers) -> tuple[float, float]:
 
 
 def _probability(odds: Numbers) -> Numbers:
-    return np.asarray(1 / (1 + np.exp(-odds.clip(-30, 30))))
+    return sigmoid(odds.clip(-30, 30))
 
 
 def _places(traits: Numbers) -> Numbers:
@@ -333,22 +334,15 @@ def _fitted(
 
 def _bars(odds: Numbers, errors: Numbers, weight: Numbers) -> Numbers:
     """Return the points of the logarithm of the bar, which holds 90 % of the errors."""
-    place = (odds - FIRST_BAR_KNOT).clip(0, BAR_KNOTS - 1)
-    left = np.minimum(place.astype(int), BAR_KNOTS - 2)
+    left, share = between_knots(odds)
     rows = np.arange(len(odds))
     design = np.zeros((len(odds), BAR_KNOTS))
-    design[rows, left] = 1 - (place - left)
-    design[rows, left + 1] += place - left
+    design[rows, left] = 1 - share
+    design[rows, left + 1] += share
 
     size = np.log(errors.clip(_LEAST_ERROR, 80))
     smooth = np.zeros((BAR_KNOTS, BAR_KNOTS))
     for knot in range(BAR_KNOTS - 1):
         _add_square(smooth, knot, (-1, 1), 1e-3 * weight.sum())
-    points = np.full(BAR_KNOTS, float(np.average(size, weights=weight)))
-    for turn in range(25):
-        off = size - design @ points
-        least = 0.1 if turn < 8 else 0.02  # the closer, the more exact, but the less steady
-        pull = weight * np.where(off > 0, COVERED, 1 - COVERED) / np.maximum(np.abs(off), least)
-        curve = (design * pull[:, None]).T @ design + smooth
-        points = np.linalg.solve(curve, design.T @ (pull * size))
-    return np.asarray(points)
+    mean = np.full(BAR_KNOTS, float(np.average(size, weights=weight)))
+    return quantile(design, size, weight, smooth, mean)

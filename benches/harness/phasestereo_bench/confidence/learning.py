@@ -13,6 +13,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from phasestereo_bench.confidence.observation import ERRORS, ODDS
+from phasestereo_bench.confidence.regression import (
+    FIRST_KNOT,
+    KNOTS,
+    between_knots,
+    quantile,
+    sigmoid,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -22,8 +29,6 @@ if TYPE_CHECKING:
     Numbers = NDArray[np.float64]
 
 TRAITS = 8
-KNOTS, FIRST_KNOT = 10, -4.0
-COVERED = 0.9
 # The core's names for what these are.
 _CERTAIN, _LEAST_OWN, _LOW, _STEPS = 0.004, 0.4, 1.5, 2**20
 _NO_NOISE, _NO_SMOOTHING, _NONE_AT_ENDS = 0.3, 0.1, 0.003
@@ -139,11 +144,6 @@ def log_odds(pair: Observed, heights: Numbers) -> Numbers:
     return np.stack([height + slope * bound, filled])
 
 
-def sigmoid(z: Numbers) -> Numbers:
-    """Return the probability with these logarithms of the odds."""
-    return np.asarray(1 / (1 + np.exp(-z)))
-
-
 def bars_of(pair: Observed, z: Numbers, weights: Weights) -> Numbers:
     """Return the bars, px, of own and filled pixels with these odds."""
     points = np.arange(KNOTS) + FIRST_KNOT
@@ -190,15 +190,10 @@ def _bars(pairs: Sequence[Observed], heights: Numbers) -> tuple[Numbers, Numbers
     design, error, weight = np.concatenate(rows), np.concatenate(sizes), np.concatenate(weights)
 
     smooth = _differences(design.shape[1]) * _SMOOTH * len(pairs)
-    found = np.linalg.solve(
+    mean = np.linalg.solve(
         (design * weight[:, None]).T @ design + smooth, design.T @ (weight * error)
     )
-    for turn in range(25):
-        off = error - design @ found
-        least = 0.1 if turn < 8 else 0.02  # the closer, the more exact, but the less steady
-        pull = weight * np.where(off > 0, COVERED, 1 - COVERED) / np.maximum(np.abs(off), least)
-        curve = (design * pull[:, None]).T @ design + smooth
-        found = np.linalg.solve(curve, design.T @ (pull * error))
+    found = quantile(design, error, weight, smooth, mean)
 
     bars = np.zeros(TRAITS)
     bars[_WIDENS] = found[2 * KNOTS :]
@@ -207,13 +202,12 @@ def _bars(pairs: Sequence[Observed], heights: Numbers) -> tuple[Numbers, Numbers
 
 def _design(pair: Observed, z: Numbers, kind: NDArray[np.intp]) -> Numbers:
     """Return the terms of a bar's logarithm: shares of two points, and of traits."""
-    place = np.clip(z - FIRST_KNOT, 0, KNOTS - 1)
-    left = np.minimum(place.astype(int), KNOTS - 2)
+    left, share = between_knots(z)
     rows = np.arange(z.size)
 
     design = np.zeros((z.size, 2 * KNOTS + int(_WIDENS.sum())))
-    design[rows, kind * KNOTS + left] = 1 - (place - left)
-    design[rows, kind * KNOTS + left + 1] += place - left
+    design[rows, kind * KNOTS + left] = 1 - share
+    design[rows, kind * KNOTS + left + 1] += share
     design[:, 2 * KNOTS :] = pair.traits[_WIDENS]
     return design
 

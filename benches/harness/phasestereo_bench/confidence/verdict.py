@@ -13,8 +13,8 @@ from phasestereo_bench.confidence.learning import (
     bars_of,
     learn,
     log_odds,
-    sigmoid,
 )
+from phasestereo_bench.confidence.regression import sigmoid
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

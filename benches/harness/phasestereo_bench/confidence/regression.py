@@ -1,0 +1,47 @@
+"""What both calibrations share: logistic odds, lines through points, and the quantile of bars."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Numbers = NDArray[np.float64]
+
+KNOTS, FIRST_KNOT = 10, -4.0
+"""Points of the logarithm of a bar, one for each logarithm of the odds from the first on."""
+COVERED = 0.9
+"""Share of the errors that a bar holds."""
+
+_TURNS = 25
+# px of a logarithm, of the first turns and later: the closer, the more exact, but the less steady.
+_FIRST, _LEAST, _LATER = 8, 0.1, 0.02
+
+
+def sigmoid(z: Numbers) -> Numbers:
+    """Compute the probability with these logarithms of the odds."""
+    return np.asarray(1 / (1 + np.exp(-z)))
+
+
+def between_knots(z: Numbers) -> tuple[NDArray[np.intp], Numbers]:
+    """Find the point before each logarithm of the odds, and the share of the one after it."""
+    place = np.clip(z - FIRST_KNOT, 0, KNOTS - 1)
+    left = np.minimum(place.astype(int), KNOTS - 2)
+    return left, place - left
+
+
+def quantile(
+    design: Numbers, target: Numbers, weight: Numbers, smooth: Numbers, start: Numbers
+) -> Numbers:
+    """Fit the factors of which `COVERED` of the targets lie below, by reweighted least squares."""
+    found = start
+    for turn in range(_TURNS):
+        off = target - design @ found
+        least = _LEAST if turn < _FIRST else _LATER
+        pull = weight * np.where(off > 0, COVERED, 1 - COVERED) / np.maximum(np.abs(off), least)
+        curve = (design * pull[:, None]).T @ design + smooth
+        found = np.asarray(np.linalg.solve(curve, design.T @ (pull * target)))
+    return found
