@@ -9,37 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "c_files.h"
 #include "phasestereo.h"
-
-static const char *folder;
-
-static void *room(size_t bytes) {
-    void *memory = calloc(bytes, 1);
-    if (memory == NULL) exit(3);
-    return memory;
-}
-
-static FILE *opened(const char *name, const char *mode) {
-    char path[4096];
-    snprintf(path, sizeof path, "%s/%s", folder, name);
-    FILE *file = fopen(path, mode);
-    if (file == NULL) exit(4);
-    return file;
-}
-
-static void *read_all(const char *name, size_t bytes) {
-    void *data = room(bytes);
-    FILE *file = opened(name, "rb");
-    if (fread(data, 1, bytes, file) != bytes) exit(5);
-    fclose(file);
-    return data;
-}
-
-static void write_all(const char *name, const void *data, size_t bytes) {
-    FILE *file = opened(name, "wb");
-    if (fwrite(data, 1, bytes, file) != bytes) exit(6);
-    fclose(file);
-}
 
 static void done(phasestereo_status status) {
     if (status == PHASESTEREO_STATUS_OK) return;
@@ -57,8 +28,9 @@ int main(int count, char **words) {
     phasestereo_image images[2];
     memset(images, 0, sizeof images);
     for (int side = 0; side < 2; side++) {
-        phasestereo_image image = {sizeof image, read_all(side ? "right" : "left", row * height), (ptrdiff_t)row,
-                                   width, height, channels, 8, NULL, 0};
+        void *data = room(row * height);
+        read_all(side ? "right" : "left", data, row * height);
+        phasestereo_image image = {sizeof image, data, (ptrdiff_t)row, width, height, channels, 8, NULL, 0};
         images[side] = image;
     }
 

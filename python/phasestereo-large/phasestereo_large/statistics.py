@@ -69,7 +69,7 @@ class PairStatistics:
     borders
         The black borders of the left and of the right image, which are masked: the lengths of the
         runs from the top and from the bottom, by column, then from the left and from the right, by
-        row, uint32. None: there is none.
+        row, uint32. None: the images have no borders.
     findings
         What there is to say about the pair, as `phasestereo.check` says it.
     roughness

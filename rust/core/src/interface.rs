@@ -78,9 +78,9 @@ pub struct Verification {
     pub verdicts: Plane<u8>,
     /// The disparity of the own match where the claim is refuted, NaN elsewhere.
     pub better: Plane<f32>,
-    /// The probability, 0 to 1, that the claim is within 1 px of the true disparity; 0 where there is none.
+    /// The probability, 0 to 1, that the claim is within 1 px of the true disparity; 0 without a claim.
     pub confidence: Plane<f32>,
-    /// The error bar of the claim, pixels: it holds 90 % of the errors; NaN where there is none.
+    /// The error bar of the claim, pixels: it holds 90 % of the errors; NaN without a claim.
     pub uncertainty: Plane<f32>,
     /// What there is to say of the map as a whole, worst first.
     pub findings: Vec<Finding>,

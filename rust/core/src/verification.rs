@@ -61,9 +61,9 @@ pub struct Verification {
     pub verdicts: Plane<u8>,
     /// The disparity of the own match where the claim is refuted, NaN elsewhere.
     pub better: Plane<f32>,
-    /// The probability that the claim is within 1 px of the true disparity; 0 where there is none.
+    /// The probability that the claim is within 1 px of the true disparity; 0 without a claim.
     pub confidence: Plane<f32>,
-    /// The error bar of the claim, pixels: it holds 90 % of the errors; NaN where there is none.
+    /// The error bar of the claim, pixels: it holds 90 % of the errors; NaN without a claim.
     pub uncertainty: Plane<f32>,
     /// Numbers of pixels by verdict, and of claims that lie outside the right image.
     pub counts: Counts,
@@ -153,8 +153,8 @@ pub fn verify(
     })
 }
 
-/// A match, and the traits of the claims of several maps beside it, in the left image as it came; NaN where
-/// there is none. From these the weights of [`judge`] are learned.
+/// A match, and the traits of the claims of several maps beside it, in the left image as it came; NaN
+/// without a claim. From these the weights of [`judge`] are learned.
 pub fn observe(
     pair: Pair,
     maps: &[Plane<f32>],

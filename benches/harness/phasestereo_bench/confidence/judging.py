@@ -33,8 +33,8 @@ _FOLDS = 3
 _GAP = 0.0, 0.5, 1.0, 1.5, 4.0, 20.0  # px; a claim and an own disparity agree within 1
 _UNSEEN = Flag.MASKED | Flag.NO_CANDIDATE | Flag.OUTSIDE | Flag.MATCH_MASKED | Flag.OCCLUDED
 _PIXELS = 1000.0  # weight of a map
-# Weights of the squares of bends, of steps and of the heights themselves: not swept. Between points
-# that are at one place there is no step.
+# Weights of the squares of bends, of steps and of the heights themselves: not swept. Points at
+# one place have no step between them.
 _BEND, _STEP, _HEIGHT, _SAME = 3.0, 0.1, 0.02, 300.0
 _LEAST_ERROR = 0.03  # px
 
@@ -92,7 +92,7 @@ def learn(several: Sequence[Claims]) -> Weights:
     Raises
     ------
     ValueError
-        If there is no map.
+        If no map is given.
     """
     if not several:
         raise ValueError("records: got no map with a pixel that can be scored")

@@ -86,7 +86,7 @@ impl<'a> Sample<'a> {
         Self { costs, cols, claims, random }
     }
 
-    /// The mean cost of pixels that have nothing to do with each other, bits; 1 where there is none.
+    /// The mean cost of pixels that have nothing to do with each other, bits; 1 without such pixels.
     pub fn unrelated(&self) -> f64 {
         let mean = self.random as f64 / f64::from(STEPS) / self.claims.len().max(1) as f64;
         if mean > 0.0 { mean } else { 1.0 }
