@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from phasestereo_bench.confidence import learned_weights, write_weights
+from phasestereo.result import Flag
+from phasestereo_bench.confidence import claims, judging, learned_weights, write_weights
 from phasestereo_bench.confidence.learning import (
     SIZES,
     bars_of,
@@ -26,6 +27,9 @@ from phasestereo_bench.confidence.verdict import judged
 from phasestereo_bench.rendering import render_pair
 
 WEIGHTS = Path(__file__).parents[2] / "rust/match/src/refinement/calibration" / "weights.rs"
+
+
+JUDGE = Path(__file__).parents[2] / "rust/core/src/verification/judge" / "weights.rs"
 
 
 def made_up(seed: int) -> dict[str, object]:
@@ -103,3 +107,29 @@ def test_bars_hold_what_they_are_asked_for() -> None:
 
     within = (pair.counts * (bars[:, :, None] >= SIZES)).sum() / pair.counts.sum()
     assert within == pytest.approx(0.9, abs=0.05)
+
+
+def test_the_judge_learns_which_claims_are_right_and_writes_it_for_the_core(
+    tmp_path: Path,
+) -> None:
+    rng = np.random.default_rng(5)
+    odds = rng.uniform(-3, 3, 6000)
+    traits = rng.normal(size=(6000, judging.TRAITS))
+    traits[:, 0], traits[:, 1] = rng.choice([0.2, 3.0], 6000), odds
+    is_right = rng.random(6000) < sigmoid(odds)
+    errors = np.where(is_right, rng.uniform(0, 1, 6000), rng.uniform(1, 9, 6000))
+    flags = np.where(rng.random(6000) < 0.2, int(Flag.OCCLUDED), 0)
+    columns = np.column_stack([errors, flags, traits]).astype(np.float32)
+    record = {"scene": "a", "faults": "sharp", "maps": {"fast": claims.packed(columns)}}
+    (made,) = judging.claims_of([record])
+    assert (np.bincount(made.cases) > 500).all()
+
+    weights = judging.learn([made])
+    found = judging.odds_of(made, weights)
+    assert np.corrcoef(found, odds)[0, 1] > 0.97
+    assert sigmoid(found).mean() == pytest.approx(is_right.mean(), abs=0.01)
+
+    judging.write_weights(weights, tmp_path / "weights.rs")
+    form = re.compile(r"-?\d+\.\d+")
+    shapes = [form.sub("0", text.read_text("utf-8")) for text in (tmp_path / "weights.rs", JUDGE)]
+    assert shapes[0] == shapes[1]

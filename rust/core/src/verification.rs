@@ -141,12 +141,12 @@ pub fn verify(
         }
     }
 
-    let confidence = chances.map(|found| probability(found.claim.odds));
+    let confidence = chances.map(|found| probability(found.odds));
     Ok(Verification {
         verdicts,
         better,
         confidence: claims.raw(confidence, 0.0),
-        uncertainty: claims.raw_lengths(chances.map(|found| found.claim.bar)),
+        uncertainty: claims.raw_lengths(chances.map(|found| found.bar)),
         counts,
         findings: findings::findings(counts, misreading),
         matched,

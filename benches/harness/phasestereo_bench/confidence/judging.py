@@ -48,7 +48,7 @@ class Claims:
     scene, faults, method
         Of which pair it is, and whose.
     errors
-        (pixels, 2) How far claim and own disparity are off, pixels.
+        (pixels,) How far claims are off, pixels.
     cases
         (pixels,) The case of each, as the core has them.
     traits
@@ -65,11 +65,11 @@ class Claims:
 
 @dataclass(frozen=True, slots=True)
 class Weights:
-    """What the core has: places of points, and by head (claim, own) and case what was learned."""
+    """What the core has: places of points, and by case what was learned."""
 
     places: Numbers
-    heights: Mapping[tuple[int, int], Numbers]
-    bars: Mapping[tuple[int, int], Numbers]
+    heights: Sequence[Numbers]
+    bars: Sequence[Numbers]
 
 
 def claims_of(records: Iterable[Mapping[str, Any]]) -> list[Claims]:
@@ -77,10 +77,10 @@ def claims_of(records: Iterable[Mapping[str, Any]]) -> list[Claims]:
     found = []
     for record in records:
         for method, text in record["maps"].items():
-            values = unpacked(text, TRAITS + 3)
-            flags, traits = values[:, 2].astype(int), values[:, 3:]
+            values = unpacked(text, TRAITS + 2)
+            flags, traits = values[:, 1].astype(int), values[:, 2:]
             cases = np.where(flags & _UNSEEN, 2, (traits[:, 0] > 1).astype(int))
-            errors = np.nan_to_num(values[:, :2], posinf=6e4)
+            errors = np.nan_to_num(values[:, 0], posinf=6e4)
             claims = Claims(record["scene"], record["faults"], method, errors, cases, traits)
             found.append(claims)
     return found
@@ -103,24 +103,22 @@ def learn(several: Sequence[Claims]) -> Weights:
 
     places = _places(traits)
     steady = _steady(places)
-    heights, bars = {}, {}
+    heights, bars = [], []
     for case in range(CASES):
         here = cases == case
         design = _design(traits[here], places)
-        for head in (0, 1):
-            right = (errors[here, head] <= 1).astype(np.float64)
-            heights[head, case] = _fitted(design, right, weight[here], steady)
-            odds = design @ heights[head, case]
-            bars[head, case] = _bars(odds, errors[here, head], weight[here])
+        right = (errors[here] <= 1).astype(np.float64)
+        heights.append(_fitted(design, right, weight[here], steady))
+        bars.append(_bars(design @ heights[case], errors[here], weight[here]))
     return Weights(places, heights, bars)
 
 
-def odds_of(claims: Claims, weights: Weights, head: int = 0) -> Numbers:
-    """Return the logarithms of the odds that claims (0) or own disparities (1) are right."""
+def odds_of(claims: Claims, weights: Weights) -> Numbers:
+    """Compute the logarithms of the odds that claims are right."""
     odds = np.zeros(len(claims.cases))
     for case in range(CASES):
         here = claims.cases == case
-        odds[here] = _design(claims.traits[here], weights.places) @ weights.heights[head, case]
+        odds[here] = _design(claims.traits[here], weights.places) @ weights.heights[case]
     return odds
 
 
@@ -159,7 +157,7 @@ def judging_table(several: Sequence[Claims], faults: Sequence[str]) -> Table:
             ]
             if not rows:
                 continue
-            wrong = np.mean([(several[row].errors[:, 0] > 1).mean() for row in rows])
+            wrong = np.mean([(several[row].errors > 1).mean() for row in rows])
             cells = [f"{100 * wrong:.1f}"]
             for scores in scored:
                 area, off = np.nanmean([scores[row] for row in rows], axis=0)
@@ -176,12 +174,8 @@ def write_weights(weights: Weights, path: Path) -> None:
     OSError
         If the file cannot be written.
     """
-    heads = ("claim", "own")
-    learned = {
-        head: "".join(_learned(weights, number, case) for case in range(CASES))
-        for number, head in enumerate(heads)
-    }
-    text = _FILE.format(places=_rows(weights.places, 8), **learned)
+    cases = "".join(_learned(weights, case) for case in range(CASES))
+    text = _FILE.format(places=_rows(weights.places, 8), cases=cases)
     with replacing(path) as file:
         file.write(text.encode())
 
@@ -194,10 +188,8 @@ use super::{{Learned, Weights}};
 pub const WEIGHTS: Weights = Weights {{
     places: [
 {places}    ],
-    claim: [
-{claim}    ],
-    own: [
-{own}    ],
+    cases: [
+{cases}    ],
 }};
 """
 _LEARNED = """        Learned {{
@@ -209,11 +201,11 @@ _LEARNED = """        Learned {{
 """
 
 
-def _learned(weights: Weights, head: int, case: int) -> str:
-    heights = weights.heights[head, case]
+def _learned(weights: Weights, case: int) -> str:
+    heights = weights.heights[case]
     lines = _rows(heights[1:].reshape(TRAITS, KNOTS), 16)
     return _LEARNED.format(
-        offset=_number(heights[0]), lines=lines, bars=_listed(weights.bars[head, case])
+        offset=_number(heights[0]), lines=lines, bars=_listed(weights.bars[case])
     )
 
 
@@ -240,9 +232,9 @@ def _odds_without(several: Sequence[Claims], part_of: Callable[[Claims], str]) -
 
 
 def _scores(claims: Claims, odds: Numbers) -> tuple[float, float]:
-    right = claims.errors[:, 0] <= 1
+    right = claims.errors <= 1
     off = abs(float(_probability(odds).mean() - right.mean()))
-    area = roc_area(odds[None], claims.errors[:, 0][None], np.zeros((1, len(odds))))
+    area = roc_area(odds[None], claims.errors[None], np.zeros((1, len(odds))))
     return area, off
 
 

@@ -1,18 +1,16 @@
-//! The traits of a claim -> the probabilities that the claim and the own disparity are right, and error bars.
+//! The traits of a claim -> the probability that it is right, and its error bar.
 //!
-//! A disparity is right if it is within 1 px of the true one. The logarithms of the odds are sums of lines
+//! A claim is right if it is within 1 px of the true disparity. The logarithms of the odds are sums of lines
 //! through points, one for each trait, in three cases: the claim agrees with the own disparity, it does not,
 //! or the right image does not see the pixel as far as the own match knows:
 //!
 //! ```text
-//! odds       = offset + sum over traits of line(trait)         # of the claim, of the own disparity
+//! odds       = offset + sum over traits of line(trait)
 //! confidence = 1 / (1 + exp(-odds))
 //! bar        = exp(line(odds))                                 # holds 90 % of the errors
 //! ```
 //!
-//! That a claim agrees makes the own disparity surer, too, and one that does not makes it less so: its odds
-//! here are those once the claim is known. `phasestereo bench confidence` learns the lines and writes
-//! `weights.rs`.
+//! `phasestereo bench confidence` learns the lines and writes `weights.rs`.
 
 #[allow(
     clippy::approx_constant,
@@ -26,7 +24,7 @@ use phasestereo_match::base::error::Result;
 use phasestereo_match::base::math::exp;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::matcher::Disparity;
-use phasestereo_match::refinement::flag;
+use phasestereo_match::refinement::{calibration, flag};
 
 use crate::verification::traits::{AGREES, TRAITS, Traits, Values};
 
@@ -34,9 +32,6 @@ use crate::verification::traits::{AGREES, TRAITS, Traits, Values};
 pub const KNOTS: usize = 6;
 /// Cases with lines of their own.
 pub const CASES: usize = 3;
-/// Points of the line of a bar, one apart, and the place of the first.
-const BAR_KNOTS: usize = 10;
-const FIRST_BAR_KNOT: f64 = -4.0;
 /// Flags of pixels of which the own match knows nothing, or that the right image does not see.
 pub const UNSEEN: u16 = flag::MISSING | flag::OUTSIDE | flag::MATCH_MASKED | flag::OCCLUDED;
 
@@ -48,10 +43,8 @@ type Lines = [[f32; KNOTS]; TRAITS];
 struct Weights {
     /// Where the points of each trait are, ascending.
     places: Lines,
-    /// Of claims, by case.
-    claim: [Learned; CASES],
-    /// Of own disparities, by case.
-    own: [Learned; CASES],
+    /// What was learned, by case.
+    cases: [Learned; CASES],
 }
 
 /// What was learned of one case.
@@ -61,13 +54,13 @@ struct Learned {
     /// The heights of the points of all traits.
     lines: Lines,
     /// The points of the logarithm of the bar, pixels.
-    bars: [f64; BAR_KNOTS],
+    bars: [f64; calibration::KNOTS],
 }
 
-/// How likely a disparity is right.
+/// How likely a claim is right; NaN without one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Chance {
-    /// The logarithm of the odds that it is.
+    /// The logarithm of the odds.
     pub odds: f32,
     /// Its error bar, pixels.
     pub bar: f32,
@@ -79,21 +72,11 @@ impl Default for Chance {
     }
 }
 
-/// How likely the claim and the own disparity of a pixel are right, once both are known; NaN where there is
-/// no claim.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Chances {
-    /// Of the claim.
-    pub claim: Chance,
-    /// Of the own disparity.
-    pub own: Chance,
-}
-
-/// How likely all claims and own disparities are right, on the threads of the current pool.
-pub fn chances(traits: &Traits, own: &Disparity, control: &Control) -> Result<Plane<Chances>> {
-    Plane::by_rows(traits.size(), control, |y, row: &mut [Chances]| {
+/// How likely all claims are right, on the threads of the current pool.
+pub fn chances(traits: &Traits, own: &Disparity, control: &Control) -> Result<Plane<Chance>> {
+    Plane::by_rows(traits.size(), control, |y, row: &mut [Chance]| {
         let flags = own.flags.row(y);
-        traits.of_row(y, |x, values| row[x] = weights::WEIGHTS.chances(&values, flags[x]));
+        traits.of_row(y, |x, values| row[x] = weights::WEIGHTS.chance(&values, flags[x]));
     })
 }
 
@@ -108,25 +91,19 @@ pub fn case(gap: f32, flags: u16) -> usize {
 }
 
 impl Weights {
-    /// The chances of a pixel with these traits and flags.
-    fn chances(&self, values: &Values, flags: u16) -> Chances {
-        let case = case(values[0], flags);
-        let learned = [&self.claim[case], &self.own[case]];
-        let mut odds = learned.map(|one| one.offset);
+    /// The chance of a pixel with these traits and flags.
+    fn chance(&self, values: &Values, flags: u16) -> Chance {
+        let learned = &self.cases[case(values[0], flags)];
+        let mut odds = learned.offset;
 
         for (index, value) in values.iter().enumerate() {
             let (left, part) = place(&self.places[index], *value);
-            for (odds, learned) in odds.iter_mut().zip(learned) {
-                let heights = &learned.lines[index];
-                *odds += heights[left] + part * (heights[left + 1] - heights[left]);
-            }
+            let heights = &learned.lines[index];
+            odds += heights[left] + part * (heights[left + 1] - heights[left]);
         }
 
-        let chance = |which: usize| Chance {
-            odds: odds[which],
-            bar: bar(&learned[which].bars, odds[which]),
-        };
-        Chances { claim: chance(0), own: chance(1) }
+        let bar = exp(calibration::at(&learned.bars, f64::from(odds))) as f32;
+        Chance { odds, bar }
     }
 }
 
@@ -136,14 +113,6 @@ fn place(points: &[f32; KNOTS], value: f32) -> (usize, f32) {
     let width = points[left + 1] - points[left];
     let part = if width > 0.0 { (value - points[left]) / width } else { 0.0 };
     (left, part.clamp(0.0, 1.0))
-}
-
-/// The bar of a disparity with these odds.
-fn bar(points: &[f64; BAR_KNOTS], odds: f32) -> f32 {
-    let place = (f64::from(odds) - FIRST_BAR_KNOT).clamp(0.0, (BAR_KNOTS - 1) as f64);
-    let left = (place as usize).min(BAR_KNOTS - 2);
-    let part = place - left as f64;
-    exp(points[left] * (1.0 - part) + points[left + 1] * part) as f32
 }
 
 #[cfg(test)]

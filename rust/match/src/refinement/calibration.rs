@@ -318,7 +318,7 @@ impl Calibration {
 }
 
 /// The height of the line through points one apart; beyond the ends that of the last point.
-fn at(knots: &[f64; KNOTS], z: f64) -> f64 {
+pub fn at(knots: &[f64; KNOTS], z: f64) -> f64 {
     let place = (z - FIRST_KNOT).clamp(0.0, (KNOTS - 1) as f64);
     let left = (place as usize).min(KNOTS - 2);
     let part = place - left as f64;
