@@ -1,5 +1,5 @@
-//! Rows and ranges: what is injected is found and corrected, the same at every level, for any threads, and of a
-//! pair that is read a few rows at a time.
+//! Rows and ranges: what is injected is found and corrected, the same at every level, for any threads, and of
+//! a pair that is read a few rows at a time.
 
 use std::ops::Range;
 

@@ -72,7 +72,7 @@ const SQUARE: Around = (2, 2);
 const GUESSED_ROWS: usize = 64;
 /// Above the median, one in this many of the bits of a window is much.
 const DEAR: usize = 8;
-/// Bits by which the votes of neighboring blocks agree, from which on they are searched.
+/// Bits by which the votes of neighboring blocks agree, from which on they are searched. Not swept.
 const NOMINATED: u64 = 15;
 /// Rows and columns between neighbors: single pixels that do not stand out divide no area.
 const GAP: usize = 2;

@@ -57,7 +57,8 @@ const CODED: isize = 8;
 /// By what factor steps between neighboring columns are larger at the borders of such blocks. Of 20 pairs,
 /// 0.87 to 1.04; under JPEG of quality 60 1.07 to 1.71, of quality 30 1.28 to 2.47.
 const BLOCKY: f64 = 1.06;
-/// Frames that look at all rows of a video, in turns, ...
+/// Frames that look at all rows of a video, in turns: two take 6 % of the time of a steady frame of 741 x 497
+/// by `fast`, four take 4 to 5 % and find what enters later, ...
 const TURNS: usize = 2;
 /// ... and rows of the fine copies that one of them looks at together: two blocks.
 const TURN_ROWS: usize = 16;

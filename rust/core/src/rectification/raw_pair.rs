@@ -156,8 +156,8 @@ fn explains(found: &Rectification, apart: f64, is_distorted: bool) -> bool {
     is_better && found.rows >= LEAST_RATIO * found.rms
 }
 
-/// Whether rows are off so far that the images may be those of cameras one above the other. Rows that sway are
-/// explained by that.
+/// Whether rows are off so far that the images may be those of cameras one above the other. Rows that sway
+/// are explained by that.
 fn is_off(estimates: &Estimates) -> bool {
     !estimates.sways() && estimates.offsets.as_ref().is_some_and(|found| found.field.rms() >= OFF)
 }

@@ -42,7 +42,8 @@ pub type Values = [f32; TRAITS];
 
 /// Claims that differ by no more from the own disparity agree with it, pixels.
 pub const AGREES: f32 = 1.0;
-/// Pixels from the center to the side of small and large windows.
+/// Pixels from the center to the side of small and large windows. Not swept, as those below: lines are
+/// learned for what they give.
 const NEAR: usize = 4;
 const FAR: usize = 15;
 /// The same of the windows in which ranges are looked for.

@@ -13,7 +13,7 @@ use phasestereo_match::cost::Costs;
 
 /// Disparities that see the same match.
 pub const NEXT: usize = 2;
-/// Of the rows of a block, one in this many votes.
+/// Of the rows of a block, one in this many votes: neighboring rows mostly agree. Not swept.
 const VOTING: usize = 2;
 
 /// Lowers sums to those so far off the guessed disparities, of a band of rows from `top` on.
