@@ -152,6 +152,7 @@ def estimate_pair(
     disparities: tuple[int, int | None],
     settings: Settings,
     threads: int | Workers | None,
+    self_rectify: bool,
 ) -> Estimates: ...
 def rays_of_pixels(
     pixels: NDArray[np.float64], lens: tuple[NDArray[np.float64], list[float], bool]

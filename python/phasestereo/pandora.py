@@ -221,7 +221,9 @@ def _evened_out(
     search = -high, min(high - low + 1, left.pixels.shape[1])
     asked = replace(settings, align_rows=False)
 
-    found = _core.estimate_pair(pair, (left.valid, right.valid), search, asked, None)
+    found = _core.estimate_pair(
+        pair, (left.valid, right.valid), search, asked, None, self_rectify=False
+    )
     return _Terms(found.settings, found.blur_compensation)
 
 

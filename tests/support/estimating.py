@@ -18,4 +18,6 @@ if TYPE_CHECKING:
 def estimated(left: ArrayLike, right: ArrayLike) -> Estimates:
     """Return the rows and the range of a pair, of which nothing is known."""
     asked = replace(PRESETS["robust"], compensate_blur=False, noise_threshold=0.0)
-    return _core.estimate_pair(as_pair(left, right), (None, None), (0, None), asked, None)
+    return _core.estimate_pair(
+        as_pair(left, right), (None, None), (0, None), asked, None, self_rectify=False
+    )

@@ -93,7 +93,8 @@ def pair_statistics(
     # Workers of its own: a shared one would wait for a reader that matches.
     workers = _core.Workers(threads)
     # The core owns the ranges of arguments: one row is refused for what all of them would be.
-    _core.estimate_pair((left, right), masks, search, replace(asked, align_rows=False), workers)
+    plain = replace(asked, align_rows=False)
+    _core.estimate_pair((left, right), masks, search, plain, workers, self_rectify=False)
 
     borders = _core.find_borders(rows, rows.size, search)
     rows.borders = borders[0][1], borders[1][1]

@@ -169,16 +169,8 @@ def check(left: ImageOrPath, right: ImageOrPath, *, self_rectify: bool = True) -
         saturation=light.saturation,
         low_texture=None if math.isnan(light.low_texture[0]) else light.low_texture,
         intensity_range=light.intensity_range,
-        findings=_by_topic(found.findings),
+        findings=found.findings,
     )
-
-
-def _by_topic(findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
-    """Return findings by topic, without "ok" on a topic that has a note or a warning."""
-    topics = list(dict.fromkeys(found.topic for found in findings))
-    faulty = {found.topic for found in findings if found.severity != "ok"}
-    kept = [one for one in findings if one.severity != "ok" or one.topic not in faulty]
-    return tuple(sorted(kept, key=lambda one: topics.index(one.topic)))
 
 
 def _blur(estimate: BlurEstimate) -> dict[str, Any]:

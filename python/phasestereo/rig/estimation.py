@@ -79,7 +79,4 @@ def estimate_pair(
 ) -> Estimates:
     """Estimate of checked images what the default preset does; of the rectified ones if asked."""
     settings = PRESETS["robust"]
-    if not self_rectify:
-        return _core.estimate_pair(pair, masks, search, settings, threads)
-    *_, found = _core.prepare_pair(pair, masks, search, None, settings, threads, None)
-    return found
+    return _core.estimate_pair(pair, masks, search, settings, threads, self_rectify=self_rectify)

@@ -18,10 +18,32 @@ pub use self::outcome::{most_wrong, of_match};
 pub use self::pair::{levels_of, of_pair, with_findings};
 pub use self::rectified::{along_columns, not_rectified, rectification, rectified};
 
+use crate::finding::{Finding, Severity, Topic};
+
+/// Findings of several sources by topic, in the order in which topics come first, and without "all is well" on a
+/// topic of which something else is reported.
+pub fn by_topic(mut findings: Vec<Finding>) -> Vec<Finding> {
+    let mut topics: Vec<Topic> = vec![];
+    for finding in &findings {
+        if !topics.contains(&finding.topic) {
+            topics.push(finding.topic);
+        }
+    }
+    let is_well = |topic: Topic, all: &[Finding]| {
+        all.iter().all(|one| one.topic != topic || one.severity == Severity::Ok)
+    };
+    let well: Vec<bool> = topics.iter().map(|topic| is_well(*topic, &findings)).collect();
+    let place =
+        |topic: Topic| topics.iter().position(|other| *other == topic).unwrap_or(topics.len());
+
+    findings.retain(|one| one.severity != Severity::Ok || well[place(one.topic)]);
+    findings.sort_by_key(|one| place(one.topic));
+    findings
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::finding::{Finding, Severity, Topic};
     use phasestereo_match::base::math::{cos, sin};
 
     use crate::estimation::blur;
@@ -372,5 +394,27 @@ mod tests {
         let failed = vec![Finding::warning(Topic::Match, "hardly anything")];
         let told = not_rectified(&Estimates { findings: failed, ..sound() }, false, &refusal);
         assert!(told.is_some_and(|told| told.sentence.contains("only 9 of 40 corners")));
+    }
+
+    #[test]
+    fn a_topic_with_a_warning_is_not_well_and_topics_stay_together() {
+        let well = |topic| Finding::new(topic, Severity::Ok, "well".to_owned());
+        let all = vec![
+            well(Topic::Range),
+            well(Topic::Alignment),
+            Finding::note(Topic::Noise, "noisy"),
+            Finding::warning(Topic::Alignment, "rows are off"),
+            Finding::note(Topic::Range, "short"),
+        ];
+        let told: Vec<_> = by_topic(all).into_iter().map(|one| (one.topic, one.severity)).collect();
+        assert_eq!(
+            told,
+            [
+                (Topic::Range, Severity::Note),
+                (Topic::Alignment, Severity::Warning),
+                (Topic::Noise, Severity::Note)
+            ]
+        );
+        assert_eq!(by_topic(vec![well(Topic::Range)]).len(), 1);
     }
 }

@@ -115,6 +115,19 @@ pub fn made_ready(
     Ok(Ready { prepared, raw, even_rows })
 }
 
+/// What a match of a pair along its rows finds out before it matches, by topic.
+pub fn diagnosed(
+    pair: Pair,
+    facts: &Facts,
+    settings: &Settings,
+    runtime: Runtime,
+) -> Result<Estimates> {
+    let mut estimates =
+        made_ready(pair, &facts.along_rows(), settings, runtime)?.prepared.estimates;
+    estimates.findings = findings::by_topic(estimates.findings);
+    Ok(estimates)
+}
+
 /// Makes a pair ready to be matched along its columns; `None`: whether things move along rows or columns is
 /// known, or columns correspond no better than rows.
 fn along_columns(

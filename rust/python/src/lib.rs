@@ -51,6 +51,7 @@ use phasestereo::internals::estimation::compensation_plan::{LARGER, MUCH_LARGER}
 use phasestereo::internals::estimation::overview::LEAST_SIZE;
 use phasestereo::internals::estimation::{Prepared, complete, complete_source};
 use phasestereo::internals::findings;
+use phasestereo::internals::match_pair::diagnosed;
 use phasestereo::internals::rectification::rectify_views;
 use phasestereo::internals::self_check::{CASES, differing};
 use phasestereo::internals::verification::verdict;
@@ -267,7 +268,7 @@ fn fit_right<'py>(py: Python<'py>, images: Both<'py>) -> Result<Bound<'py, PyAny
     Ok(objects::pixels(py, resized_right([&left, &right])?.image))
 }
 
-/// The estimates of a pair, without a match.
+/// The estimates of a pair, without a match: of the rectified one, where a match would rectify it, if asked.
 #[pyfunction]
 fn estimate_pair<'py>(
     py: Python<'py>,
@@ -276,6 +277,7 @@ fn estimate_pair<'py>(
     disparities: Both<'py>,
     settings: Object<'py>,
     threads: &Bound<'py, PyAny>,
+    self_rectify: bool,
 ) -> Result<Object<'py>> {
     let asked = read_settings(&settings)?;
     let search = read_search(&disparities)?;
@@ -286,6 +288,9 @@ fn estimate_pair<'py>(
 
     let (pool, rows) = (Pool::for_argument(threads)?, pair.size().0);
     let estimates = supervised(py, &pool, rows, None, move |runtime| {
+        if self_rectify {
+            return diagnosed(pair, &told, &asked, runtime);
+        }
         let (pair, estimates) = complete(pair, &told, &asked, runtime)?;
         Ok(findings::with_findings(estimates, &pair, &asked))
     })?;
