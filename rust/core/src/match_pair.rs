@@ -13,11 +13,11 @@
 
 use std::sync::Arc;
 
-use crate::estimation::facts::{Direction, Fact, Facts, SUFFICIENT, evidence};
+use crate::estimation::facts::{Direction, Fact, Facts, INDEPENDENT, SUFFICIENT, evidence};
 use crate::estimation::{Estimates, Prepared, complete, prepare};
 use crate::findings;
 use crate::rectification::axis::Axis;
-use crate::rectification::raw_pair::{Attempt, INDEPENDENT, rectify_if_needed};
+use crate::rectification::raw_pair::{Attempt, rectify_if_needed};
 use crate::rectification::{Raw, Refusal, warp};
 use crate::scales::match_over_scales;
 use phasestereo_match::base::control::Control;

@@ -18,6 +18,9 @@ use phasestereo_match::pair::candidates::Candidates;
 /// whose rows do not sway (sharp, noisy, compressed, turned, with keystone) none has more than 2.6 for a
 /// spline of the row; where rows sway by 1 px, all have 27 and more.
 pub const SUFFICIENT: f64 = 10.0;
+/// Blocks of rows overlap and share their errors: of 60 to 2000, this number counts as independent. Not swept;
+/// with it, two cameras have to leave less than .69 of what a field of offsets leaves.
+pub const INDEPENDENT: usize = 60;
 
 /// Where a fact comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

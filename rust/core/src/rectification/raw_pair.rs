@@ -22,7 +22,7 @@ use std::sync::Arc;
 
 use super::cameras::NUMBERS;
 use super::{Grays, Negative, Raw, Rectification, Refusal, gray, rectify, shown_axis, warp};
-use crate::estimation::facts::{Facts, SUFFICIENT, evidence};
+use crate::estimation::facts::{Facts, INDEPENDENT, SUFFICIENT, evidence};
 use crate::estimation::{Estimates, complete};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
@@ -45,9 +45,6 @@ const OFF: f64 = 1.0;
 const LEAST_ROWS: f64 = 0.5;
 /// The rows of blocks differ by this multiple of what the cameras leave, at least. Not swept.
 const LEAST_RATIO: f64 = 3.0;
-/// Blocks overlap and share their errors: of 60 to 2000, this number counts as independent. Not swept; with
-/// it, cameras have to leave less than .69 of what the field leaves.
-pub const INDEPENDENT: usize = 60;
 /// By how much the mean confidence of small copies may fall once the pair is rectified: they hardly see
 /// distortion. Not swept.
 const LARGEST_FALL: f64 = 0.02;
