@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from phasestereo.rig.alignment import Alignment
 from phasestereo.rig.blur import BlurEstimate
 from phasestereo.rig.compensation import BlurCompensation
-from phasestereo.rig.findings import Finding
+from phasestereo.rig.findings import Finding, untrusted
 from phasestereo.rig.rectified import Rectified
 from phasestereo.rig.search_range import SearchRange
 from phasestereo.settings import Settings
@@ -353,5 +353,13 @@ class Result:
 
     @property
     def verdict(self) -> str:
-        """How many pixels are probably wrong, in words; "" if that is not known."""
-        return "" if self.summary is None else str(self.summary)
+        """How many pixels are probably wrong, in words; "" if that is not known.
+
+        Of a pair of the same image twice it is that: its disparities are right, and of no use.
+        """
+        if self.summary is None:
+            return ""
+        share = str(self.summary)
+        grave = [one for one in untrusted(self.findings) if one.topic == "match"]
+        is_other = bool(grave) and "probably wrong" not in grave[0].sentence
+        return grave[0].sentence if is_other else share

@@ -243,6 +243,24 @@ def test_what_has_no_depth_or_is_too_far_is_left_out(match: Callable[[str], Run]
     assert len(trimesh.load("out.ply").vertices) == np.isfinite(expected).sum()
 
 
+@pytest.mark.parametrize(
+    ("geometry", "is_doubtful"),
+    [
+        ("--calib calib.txt --unit m", True),
+        ("--calib calib.txt --unit mm", False),
+        ("--calib calib.txt", False),
+        ("--focal 100 --baseline 0.07 --unit mm", True),
+        ("--focal 100 --baseline 0.07 --unit m", False),
+    ],
+)
+def test_a_baseline_in_an_unlikely_unit_is_doubted(
+    match: Callable[[str], Run], geometry: str, *, is_doubtful: bool
+) -> None:
+    code, out, _ = match(f"--depth out.tif {geometry}")
+    assert code == 0
+    assert ("is the unit right?" in out) == is_doubtful
+
+
 def test_a_calibration_says_its_unit_and_what_was_assumed(match: Callable[[str], Run]) -> None:
     code, out, err = match("--depth z.png --calib K.txt")
     assert (code, err) == (0, "")

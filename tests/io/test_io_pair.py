@@ -141,7 +141,7 @@ def test_what_is_no_spatial_photograph(tmp_path: Path) -> None:
     path = tmp_path / "some.heic"
     for content, message in (
         (heic(LEVELS[:1], None), "layout: got None for .*some.heic, and no right image"),
-        (heic(LEVELS[:2], [1, 2], b"altr"), "and no right image"),
+        (heic(LEVELS[:2], [1, 2], b"altr"), "holds 2 images, and only one can be meant"),
         (heic(LEVELS, [1, 2, 3]), "some.heic: .*exactly two images"),
         (heic([LEVELS[0], LEVELS[1][:32]], [1, 2]), r"pictures of \(64, 96\) and \(32, 96\)"),
     ):
@@ -201,6 +201,11 @@ def test_what_is_no_stereo_photograph(tmp_path: Path) -> None:
     for name in ("one.png", "one.jpg"):
         with pytest.raises(ValueError, match=rf"^layout: got None for .*{name}.*; accepts "):
             read_pair(tmp_path / name)
+
+    (tmp_path / "text.pdf").write_text("no picture", encoding="utf-8")
+    with pytest.raises(ValueError, match=r"text\.pdf") as refusal:
+        read_pair(tmp_path / "text.pdf")
+    assert "layout" not in str(refusal.value)
 
     with pytest.raises(ValueError, match="^layout: got 'both'; accepts 'side-by-side'"):
         read_pair(tmp_path / "one.png", "both")  # type: ignore[arg-type]

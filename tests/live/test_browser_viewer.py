@@ -134,5 +134,11 @@ def test_buttons_save_the_pair_and_end_the_run(
     browser.run("document.getElementById('save').click()")
     browser.wait("document.getElementById('saved').textContent.startsWith('Saved pair-000000')")
     assert len(list(tmp_path.iterdir())) == 3
+    browser.run("document.getElementById('save-pair').click()")
+    browser.wait("document.getElementById('saved').textContent.includes('pair-000000-2')")
+    assert len(list(tmp_path.iterdir())) == 5
+    show.end("no more frames come")
+    browser.wait("document.getElementById('status').textContent.endsWith(': no more frames come')")
+    assert browser.run("return document.getElementById('trouble').hidden")
     browser.run("document.getElementById('close').click()")
     assert show.wait_closed(10)

@@ -324,6 +324,9 @@ def test_a_pair_is_saved_with_its_report(server: Server, show: Display, tmp_path
         assert "16 disparities searched" in (tmp_path / names[2]).read_text("utf-8")
 
     assert len(list(tmp_path.iterdir())) == 6
+    alone = [f"pair-000007-3-{side}.png" for side in ("left", "right")]
+    assert ask(server, "save", "POST", body=False).json()["saved"] == alone
+    assert len(list(tmp_path.iterdir())) == 8
 
 
 def test_the_run_can_be_ended(server: Server, show: Display) -> None:

@@ -179,6 +179,12 @@ def test_the_same_image_twice_is_recognized(sigma: float) -> None:
     assert (search.min_disparity, search.num_disparities) == (-2, 5)
 
 
+def test_a_match_of_the_same_image_twice_leads_with_that() -> None:
+    left, right = far_and_near((200, 450), (4, 12), NOTHING, 0)
+    assert ps.match(left, left).verdict.startswith("both images are the same")
+    assert "probably wrong" in ps.match(left, right).verdict
+
+
 def test_a_pair_without_parallax_is_no_image_twice() -> None:
     search = found(*far_and_near((200, 450), (-0.3, 0.3), NOTHING, 0))
     assert not search.identical

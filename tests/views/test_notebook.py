@@ -198,6 +198,16 @@ def test_estimates_of_blur_show_their_kinds() -> None:
     assert "certainty 0.88, noise 1.5 left, 0.25 right" in block.text
 
 
+def test_calibrations_show_their_fields() -> None:
+    rig = ps.io.Calibration.from_focal(700.25, 0.12, width=640, height=480, unit="m")
+    block = HtmlBlock(rig._repr_html_())
+    assert not block.open
+    assert "phasestereo.io.Calibration 640 x 480 pixels" in block.text
+    assert "cam0f 700.25 x 700.25 px, center (319.5, 239.5)" in block.text
+    assert "baseline0.12" in block.text
+    assert "ndisp" not in block.text
+
+
 def test_diagnoses_show_their_findings() -> None:
     image = np.random.default_rng(0).integers(0, 256, (96, 128, 3), np.uint8)
 

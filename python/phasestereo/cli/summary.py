@@ -20,6 +20,8 @@ from phasestereo.metrics.scores import unit_of
 from phasestereo.result import Result, count_flags, describe_flags
 from phasestereo.views.depths import Ranging
 
+_BASELINES = 0.001, 20.0  # meters, of cameras on one mount
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MatchSummary:
@@ -151,7 +153,9 @@ def _lines(summary: MatchSummary) -> list[str]:
 def _geometry(found: Ranging) -> list[str]:
     """Say what depths follow from, and how exact they are."""
     known = found.calibration
-    unit = known.unit or "a unit that is not known (--unit)"
+    unit: str = known.unit or "a unit that is not known (--unit)"
+    if known.unit and not _BASELINES[0] <= known.in_meters().baseline <= _BASELINES[1]:
+        unit += " (is the unit right? --unit names that of the baseline and converts nothing)"
     said = (
         f"baseline {known.baseline:.6g}, and depths, in {unit}; focal length {known.focal:.6g} px"
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from numbers import Integral
 from typing import Any, Self, TypeAlias
 
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._numbers import as_integer, as_number
+from phasestereo._tables import as_html
 from phasestereo.io.depth import LengthUnit, meters_in
 
 Camera: TypeAlias = tuple[tuple[float, ...], ...]
@@ -229,6 +230,17 @@ class Calibration:
             ],
             dtype=np.float64,
         )
+
+    def _repr_html_(self) -> str:
+        """Show the fields as a table in notebooks; matrices by focal length and center."""
+        cameras = {
+            name: f"f {fx:.6g} x {fy:.6g} px, center ({cx:.6g}, {cy:.6g})"
+            for name, ((fx, _, cx), (_, fy, cy), _) in (("cam0", self.cam0), ("cam1", self.cam1))
+        }
+        known = {field.name: getattr(self, field.name) for field in fields(self)} | cameras
+        rows = [(name, f"{value}") for name, value in known.items() if value is not None]
+        words = f"{self.width} x {self.height} pixels"
+        return as_html("io.Calibration", words, ("Field", "value"), rows)
 
     @property
     def focal(self) -> float:

@@ -85,6 +85,7 @@ def read_photograph(path: StrPath, layout: Layout | None = None) -> Photograph:
             pictures = [as_image(picture) for picture in found]
 
     if not pictures:
+        read_image(path)  # which names what is not an image at all
         raise ValueError(
             f"layout: got None for {os.fspath(path)}, and no right image; accepts a right image, "
             f"or for a file with both views {', '.join(LAYOUTS)}"

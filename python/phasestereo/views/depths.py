@@ -484,7 +484,7 @@ def _checked_yaw(yaw: float) -> float:
 def check_anchor(anchor: Anchor, size: tuple[int, ...]) -> Anchor:
     """Return the column, the row and the depth of an anchor within a map of this size."""
     if not isinstance(anchor, tuple | list) or len(anchor) != 3:
-        raise ValueError(f"anchor: got {anchor!r}; accepts (x, y, depth)")
+        raise ValueError(f"anchor: got {anchor!r:.80}; accepts (x, y, depth)")
 
     x, y, depth = anchor
     column = as_integer("anchor", x, least=0, most=size[1] - 1)

@@ -79,9 +79,10 @@ def batch(
     Parameters
     ----------
     source
-        A CSV file with columns left, right and, if wanted, name, num_disparities, min_disparity,
-        left_mask, right_mask, paths being relative to it. Or a folder: of scenes with im0.png,
-        im1.png and calib.txt, as Middlebury has them, or of subfolders left and right.
+        A folder with subfolders left and right, a folder of scenes with im0.png, im1.png and
+        calib.txt (Middlebury), or a CSV file with columns left and right. Such a file may also have
+        the columns name, num_disparities, min_disparity, left_mask, right_mask; its paths are
+        relative to it.
     output
         Folder for the results, NAME.tif and so on; on a cluster one that all machines share.
     format

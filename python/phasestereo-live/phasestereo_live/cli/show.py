@@ -119,6 +119,7 @@ class Screen:
     def stay(self) -> None:
         """Keep the page after the last frame, until it is closed or Ctrl-C."""
         self._show.end("no more frames come; what is shown is the last one")
+        say("the last frame is shown until you press 'End the run' on the page, or Ctrl-C")
         while not self._show.wait_closed(0.5):
             pass
 

@@ -180,7 +180,7 @@ class _Answers:
         self.deeds: dict[str, Callable[[Any], Any]] = {
             "settings": self._set,
             "hold": show.hold,
-            "save": lambda _: {"saved": show.save(), "folder": str(show.folder.resolve())},
+            "save": self._save,
             "close": lambda _: show.close(),
         }
 
@@ -206,6 +206,10 @@ class _Answers:
             if self._packed is None or self._packed[0] is not frame:
                 self._packed = frame, self._show.packed(frame)
             return self._packed[1]
+
+    def _save(self, wants_report: Any) -> dict[str, Any]:
+        names = self._show.save(report=wants_report is not False)
+        return {"saved": names, "folder": str(self._show.folder.resolve())}
 
     def _set(self, wanted: Any) -> None:
         if not isinstance(wanted, dict):

@@ -268,8 +268,13 @@ class Display:
         """Return a frame as the page takes it."""
         return packed(frame, self._calibration, self._unit, self.ends())
 
-    def save(self) -> list[str]:
+    def save(self, *, report: bool = True) -> list[str]:
         """Save the pair that is looked at, and the page of its match; nothing is replaced.
+
+        Parameters
+        ----------
+        report
+            Whether the page is saved; pairs for a calibration need none.
 
         Returns
         -------
@@ -293,6 +298,8 @@ class Display:
             path = self.folder / f"{stem}-{side}{'.png' if is_plain else '.tif'}"
             write_image(path, image)
             paths.append(path.name)
+        if not report:
+            return paths
 
         low, end = self.ends()
         known = self._calibration

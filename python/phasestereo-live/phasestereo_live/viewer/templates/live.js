@@ -39,16 +39,16 @@ async function followNews() {
 }
 
 async function showNews(news) {
-  const troubles = [news.ended, ...news.notes];
+  const troubles = [...news.notes];
   if (news.failure) troubles.push(news.failure.text + (news.failure.times > 1 ? ` (${news.failure.times} times)` : ""));
   setText("trouble", troubles.filter(Boolean).join(" \u2013 "), { hides: true });
   showFindings(news.findings);
   if (Date.now() - live.touched > 1000) showSettings(news.settings);
   const frame = news.frame;
-  if (!frame) return;
+  if (!frame) return setText("status", news.ended ?? "Waiting for the first pair");
   const failed = news.failed ? `, ${news.failed} failed` : "";
   const verdict = frame.verdict && `${frame.verdict[0].toUpperCase()}${frame.verdict.slice(1)}. `;
-  setText("status", `${verdict}${frame.width} \u00d7 ${frame.height}, frame ${frame.index}${failed}, ${frame.rate} a second, ${frame.trusted}\u00a0% trusted`);
+  setText("status", `${verdict}${frame.width} \u00d7 ${frame.height}, frame ${frame.index}${failed}, ${frame.rate} a second, ${frame.trusted}\u00a0% trusted${news.ended ? `: ${news.ended}` : ""}`);
   if (live.frame !== frame.index && !live.held) await showFrame();
 }
 
@@ -144,19 +144,23 @@ function bindDeeds() {
     await send("hold", live.held);
     await showFrame();
   });
-  element("save").addEventListener("click", async () => {
-    element("save").disabled = true;
-    setText("saved", "Saving \u2026");
-    try {
-      const saved = await send("save", null);
-      setText("saved", `Saved ${saved.saved.join(", ")} in ${saved.folder}`);
-    } catch (error) {
-      setText("saved", `Not saved: ${error.message}`);
-    } finally {
-      element("save").disabled = false;
-    }
-  });
+  element("save").addEventListener("click", () => save(true));
+  element("save-pair").addEventListener("click", () => save(false));
   element("close").addEventListener("click", () => send("close", null).catch(() => {}));
+}
+
+async function save(withReport) {
+  const buttons = [element("save"), element("save-pair")];
+  for (const button of buttons) button.disabled = true;
+  setText("saved", "Saving \u2026");
+  try {
+    const saved = await send("save", withReport);
+    setText("saved", `Saved ${saved.saved.join(", ")} in ${saved.folder}`);
+  } catch (error) {
+    setText("saved", `Not saved: ${error.message}`);
+  } finally {
+    for (const button of buttons) button.disabled = false;
+  }
 }
 
 bindSettings();
