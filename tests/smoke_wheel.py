@@ -26,7 +26,7 @@ SHIFT = 4
 """Pixels between the images of the pair."""
 
 ADDED = {
-    "phasestereo_live": ("[ros,rerun]", ["live --help"]),
+    "phasestereo_live": ("[ros,rerun]", ["live --help", "calibrate --help", "rig test --help"]),
     "phasestereo_large": ("[batch,dask,geo,large]", ["batch --help", "large --help"]),
 }
 """Of the other distributions the extras, and the commands that they add."""

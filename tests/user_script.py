@@ -284,7 +284,7 @@ def raw(folder: Path, left: Image, right: Image) -> ps.Result:
     use(known.Q, known.maps, known.error, found.sentences, both)
     use(ps.match("left.png", folder / "right.png", num_disparities=64), ps.io.read_pair("a.mpo"))
 
-    rig: ps.StereoCalibration = ps.calibrate(folder / "boards", board="9x6", square=0.025)
+    rig: live.StereoCalibration = live.calibrate(folder / "boards", board="9x6", square=0.025)
     rig.save(folder / "calibration.yaml")
     use(rig.advice, rig.depth_error([1.0]).total, ps.rectify(left, right, rig.matrices))
 

@@ -50,14 +50,12 @@ __all__ = [
     "Rig",
     "SearchRange",
     "Settings",
-    "StereoCalibration",
     "Summary",
     "TemporalFilter",
     "ThirdCamera",
     "Verdict",
     "Verification",
     "aggregate",
-    "calibrate",
     "check",
     "cost_volume",
     "depth_interval",
@@ -76,14 +74,12 @@ __all__ = [
 __version__ = _core.__version__
 
 if TYPE_CHECKING:
-    from phasestereo import calibration as calibration
     from phasestereo import io as io
     from phasestereo import matchers as matchers
     from phasestereo import metrics as metrics
     from phasestereo import opencv as opencv
     from phasestereo import rectification as rectification
     from phasestereo import views as views
-    from phasestereo.calibration import StereoCalibration, calibrate
     from phasestereo.preparation import Prepared, Restoration, prepare
     from phasestereo.rectification import Rectification, rectify
     from phasestereo.rig.diagnosis import Diagnosis, check
@@ -97,13 +93,11 @@ if TYPE_CHECKING:
     from phasestereo.views.registering import Registered, ThirdCamera, register
     from phasestereo.views.triangulation import point_cloud
 else:
-    _ROOMS = "calibration", "io", "matchers", "metrics", "opencv", "rectification", "views"
+    _ROOMS = "io", "matchers", "metrics", "opencv", "rectification", "views"
 
     def __getattr__(name):
         """Import what is first asked for: with all of it an import would take twice as long."""
         match name:
-            case "calibration" | "StereoCalibration" | "calibrate":
-                import phasestereo.calibration as home
             case "io":
                 import phasestereo.io as home
             case "matchers":
@@ -138,6 +132,8 @@ else:
                 from phasestereo.views import meshing as home
             case "point_cloud":
                 from phasestereo.views import triangulation as home
+            case "StereoCalibration" | "calibrate" | "stream":
+                raise AttributeError(f"phasestereo_live.{name}: pip install 'phasestereo[live]'")
             case _:
                 raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         return home if name in _ROOMS else getattr(home, name)

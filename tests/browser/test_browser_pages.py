@@ -12,9 +12,10 @@ import pytest
 from test_browser_pair_page import CALIBRATION, images, made_up, truth_of
 
 import phasestereo as ps
-from phasestereo.views.calibration_page import write_calibration_page
+import phasestereo_live
 from phasestereo.views.page import write_pair_page
 from phasestereo_bench.demo import run_demo, write_demo
+from phasestereo_live.calibration.page import write_calibration_page
 from phasestereo_live.viewer import Display, Server
 from support import ENVIRONMENT, ROOT, boards, counterpart
 from support.browser import Browser, serving
@@ -47,7 +48,9 @@ def sites(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Site]]
     write_pair_page(report, *images(), result, truth=truth_of(result), calibration=CALIBRATION)
 
     seen = boards.pairs(boards.chessboard(9, 6), 8, 0.025)
-    write_calibration_page(folder / "calibration.html", ps.calibrate(seen, square=0.025))
+    write_calibration_page(
+        folder / "calibration.html", phasestereo_live.calibrate(seen, square=0.025)
+    )
 
     program = [sys.executable, str(ROOT / "docs" / "try_page.py"), str(folder / "try")]
     subprocess.run(program, env=ENVIRONMENT, check=True)  # noqa: S603  # ours

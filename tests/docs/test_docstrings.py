@@ -17,8 +17,8 @@ from phasestereo_bench.rendering import render_pair
 from support import counterpart
 
 NAMES = [name for name in ps.__all__ if callable(getattr(ps, name))]
-NEEDS_MORE = {"calibrate", "StereoCalibration", "rectify", "register"}
-"""Pictures of a board, or calibrations of cameras that rendered pairs do not have."""
+NEEDS_MORE = {"rectify", "register"}
+"""Calibrations of cameras that rendered pairs do not have."""
 
 NEEDS = {"Mesh": "PIL", "surface_mesh": "PIL", "Rectification": "cv2"}
 

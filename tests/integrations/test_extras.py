@@ -76,6 +76,8 @@ def test_what_is_imported_when_it_is_asked_for_is_there(name: str) -> None:
 def test_a_name_that_is_not_there_is_reported() -> None:
     with pytest.raises(AttributeError, match=r"^module 'phasestereo' has no attribute 'mach'$"):
         ps.mach  # type: ignore[attr-defined]  # noqa: B018  # that is what is tested
+    with pytest.raises(AttributeError, match=r"^phasestereo_live\.calibrate: pip install"):
+        _ = ps.calibrate  # type: ignore[attr-defined]  # the point
 
 
 # Missing extras, as users meet them

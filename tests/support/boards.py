@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from phasestereo.calibration.solving import Sight
+from phasestereo_live.calibration.solving import Sight
 from support import counterpart
 
 cv2 = counterpart("cv2")

@@ -65,7 +65,7 @@ _NOT_OPENED = {
 
 _REFUSING = {
     "phasestereo.rectify(others)", "rectify --images-from",
-    "phasestereo.calibrate(left)", "phasestereo.calibrate(right)", "calibrate LEFT",
+    "phasestereo_live.calibrate(left)", "phasestereo_live.calibrate(right)", "calibrate LEFT",
     "calibrate RIGHT", "rig test RIGHT", "rig test --rectify",
 }  # fmt: skip
 """What opens so small a pair, and then refuses it."""
@@ -272,8 +272,8 @@ def doors(of: Samples) -> dict[str, list[tuple[str, Callable[[Path], Any]]]]:  #
         add("phasestereo.rectify(calibration)", sample, lambda p: ps.rectify(left, right, p))
     add("phasestereo.rectify(others)", "left.png",
         lambda p: ps.rectify(left, right, others=[(p, right)]))  # fmt: skip
-    add("phasestereo.calibrate(left)", "video.mkv", ps.calibrate)
-    add("phasestereo.calibrate(right)", "video.mkv", partial(ps.calibrate, of / "video.mkv"))
+    add("phasestereo_live.calibrate(left)", "video.mkv", live.calibrate)
+    add("phasestereo_live.calibrate(right)", "video.mkv", partial(live.calibrate, of / "video.mkv"))
     add("phasestereo.ThirdCamera.of_pair(calibration)", "rig.npz rig.yml",
         partial(ps.ThirdCamera.of_pair, size=(64, 48)))  # fmt: skip
     add("phasestereo.Rectification.load(path)", "rectification.npz", ps.Rectification.load)
@@ -309,9 +309,9 @@ def doors(of: Samples) -> dict[str, list[tuple[str, Callable[[Path], Any]]]]:  #
         lambda p: write_page(p, of.left, of.right, of.result))  # fmt: skip
 
     calibrated = calibration(rig)
-    add("phasestereo.StereoCalibration.save(path)", ">a.yaml", calibrated.save)
-    write_calibration = importlib.import_module("phasestereo.views.calibration_page")
-    add("phasestereo.views.calibration_page.write_calibration_page(path)", ">a.html",
+    add("phasestereo_live.StereoCalibration.save(path)", ">a.yaml", calibrated.save)
+    write_calibration = importlib.import_module("phasestereo_live.calibration.page")
+    add("phasestereo_live.calibration.page.write_calibration_page(path)", ">a.html",
         lambda p: write_calibration.write_calibration_page(p, calibrated))  # fmt: skip
 
     add("phasestereo_live.stream(source)", "video.mkv", lambda p: first(live.stream(p, **search)))
@@ -370,15 +370,15 @@ def doors(of: Samples) -> dict[str, list[tuple[str, Callable[[Path], Any]]]]:  #
     return table
 
 
-def calibration(rig: dict[str, Any]) -> ps.StereoCalibration:
+def calibration(rig: dict[str, Any]) -> phasestereo_live.StereoCalibration:
     """Return a calibration that has been made of one view."""
     corners = np.ones((4, 2))
-    view = ps.calibration.BoardView(
+    view = phasestereo_live.calibration.BoardView(
         names=("", ""), ids=np.arange(4), left=corners, right=corners, used=True, error=1.0
     )
     cells = np.zeros((6, 8), np.int64)
     shaped = rig | {"D1": rig["D1"].reshape(1, -1), "D2": rig["D2"].reshape(1, -1)}
-    return ps.StereoCalibration(
+    return phasestereo_live.StereoCalibration(
         **shaped | {"T": rig["T"].reshape(3, 1)}, size=(64, 48), unit="m", board="",
         views=(view,), error=1.0, rows=1.0, held_out=None, covariance=1e-6 * np.eye(24),
         coverage=(cells, cells), advice=(),

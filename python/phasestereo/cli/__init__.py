@@ -33,14 +33,18 @@ phasestereo match left.png right.png -o out.pfm
 
 _HELP_FORMATTER = Help()
 
-COMMANDS = "phasestereo.commands"
+COMMANDS = "phasestereo.cli"
 """The group of entry points by which other distributions add commands."""
+
+_LIVE = "'phasestereo[live]' (in a clone: '.[live]' ./python/phasestereo-live)"
 
 OTHERS = {
     "live": (
         "Match every frame of a video, a folder of images, or a pair of cameras.",
-        "'phasestereo[live]' (in a clone: '.[live]' ./python/phasestereo-live)",
+        _LIVE,
     ),
+    "calibrate": ("Calibrate two cameras by pictures or a video of a board.", _LIVE),
+    "rig": ("Test two cameras while they run.", _LIVE),
     "batch": (
         "Match many pairs, on all processors of this machine or on a Dask cluster.",
         "'phasestereo[batch]' (in a clone: '.[batch]' ./python/phasestereo-large)",
@@ -106,11 +110,6 @@ app.command(
     help="Rectify a stereo pair, by a calibration or from the images alone.",
 )
 app.command(
-    "phasestereo.cli.calibrate:calibrate",
-    name="calibrate",
-    help="Calibrate two cameras by pictures or a video of a board.",
-)
-app.command(
     "phasestereo.cli.doctor:doctor",
     name="doctor",
     help="Say what is installed here, how fast it is, and whether its results are right.",
@@ -120,13 +119,6 @@ app.command(
     name="try",
     help="Match a pair that is made here, its left image out of focus, and open the page of it.",
 )
-_rig = App(name="rig", help="Test two cameras while they run.")
-_rig.command(
-    "phasestereo.cli.rig:rig_test",
-    name="test",
-    help="Test two cameras: what their frames show, against limits.",
-)
-app.command(_rig)
 
 
 def _add_commands_of_others() -> None:

@@ -15,7 +15,7 @@ from phasestereo.cli.options import POSITIVE
 from phasestereo.io import Calibration, LengthUnit
 from phasestereo.io.depth import meters_in
 from phasestereo.rectification.record import Rectification
-from phasestereo.walls import LIMITS, Wall
+from phasestereo_live.walls import LIMITS, Wall
 
 
 def _distance(_hint: Any, tokens: Sequence[Token]) -> tuple[float, str | None]:

@@ -13,9 +13,10 @@ import pytest
 from numpy.typing import NDArray
 
 import phasestereo as ps
-from phasestereo.calibration.solving import Fit, fit, rms, row_errors, vector
+import phasestereo_live as live
 from phasestereo.io.rigs.reading import read_cameras
-from phasestereo.views.calibration_page import write_calibration_page
+from phasestereo_live.calibration.page import write_calibration_page
+from phasestereo_live.calibration.solving import Fit, fit, rms, row_errors, vector
 from support import Run, boards, counterpart
 from support.boards import RIG, SIZE, SQUARE, cv2
 from support.html_page import Page
@@ -33,8 +34,8 @@ def pairs() -> Pairs:
 
 
 @pytest.fixture(scope="module")
-def found(pairs: Pairs) -> ps.StereoCalibration:
-    return ps.calibrate(pairs, square=SQUARE)
+def found(pairs: Pairs) -> live.StereoCalibration:
+    return live.calibrate(pairs, square=SQUARE)
 
 
 @pytest.fixture
@@ -48,14 +49,14 @@ def folder(tmp_path: Path, pairs: Pairs) -> Path:
     return made
 
 
-def deviation(found: ps.StereoCalibration) -> NDArray[np.float64]:
+def deviation(found: live.StereoCalibration) -> NDArray[np.float64]:
     """Return by how many of their standard deviations the numbers differ from the true ones."""
     spread = np.sqrt(np.diag(found.covariance))
     free = spread > 0
     return (vector(found.matrices) - vector(RIG))[free] / spread[free]
 
 
-def test_rendered_boards_give_the_cameras_they_were_seen_by(found: ps.StereoCalibration) -> None:
+def test_rendered_boards_give_the_cameras_they_were_seen_by(found: live.StereoCalibration) -> None:
     assert (found.size, found.unit) == (SIZE, "m")
     assert found.board == "chessboard of 9 x 6 inner corners"
     assert all(view.used for view in found.views)
@@ -75,17 +76,17 @@ def test_rendered_boards_give_the_cameras_they_were_seen_by(found: ps.StereoCali
 
 def test_a_charuco_board_need_not_be_seen_whole() -> None:
     pairs = boards.pairs(boards.charuco(6, 5, "DICT_4X4_50"), 12, boards.LARGE)
-    found = ps.calibrate(pairs, board="6x5", square=boards.LARGE, charuco="DICT_4X4_50")
+    found = live.calibrate(pairs, board="6x5", square=boards.LARGE, charuco="DICT_4X4_50")
     assert min(len(view.ids) for view in found.views) < 20  # of 5 x 4
     assert np.abs(deviation(found)).max() < 4
 
     mirrored = [(left, right[:, ::-1].copy()) for left, right in pairs]
     with pytest.raises(ValueError, match=r"of 0 of 12 pairs; .* right image 0 is mirrored"):
-        ps.calibrate(mirrored, board="6x5", charuco="DICT_4X4_50")
+        live.calibrate(mirrored, board="6x5", charuco="DICT_4X4_50")
 
 
 def test_standard_deviations_are_those_of_repeated_calibrations(
-    found: ps.StereoCalibration,
+    found: live.StereoCalibration,
 ) -> None:
     """Of cameras, and of the depths that they give."""
     fits = [
@@ -103,7 +104,7 @@ def test_standard_deviations_are_those_of_repeated_calibrations(
     np.testing.assert_allclose(apart, expected, rtol=0.4)
 
 
-def depths_of(found: ps.StereoCalibration, depths: Sequence[float]) -> list[float]:
+def depths_of(found: live.StereoCalibration, depths: Sequence[float]) -> list[float]:
     """Return the depths by these cameras of points that the true ones have at these depths."""
     seen = []
     for depth in depths:
@@ -156,7 +157,7 @@ def test_fisheyes_are_fitted_where_other_lenses_leave_rows() -> None:
 
 
 def test_a_calibration_of_fisheyes_is_one_that_rectify_reads(
-    tmp_path: Path, found: ps.StereoCalibration
+    tmp_path: Path, found: live.StereoCalibration
 ) -> None:
     sights = boards.wide_sights(24, np.random.default_rng(3), noise=0.1)
     wide = fit(sights, SIZE, "fisheye")
@@ -187,12 +188,12 @@ def test_rigs_whose_rows_are_far_worse_than_their_corners_are_refused(
         made = fit(*given)
         return replace(made, rows=made.rows + 2.06)
 
-    monkeypatch.setattr("phasestereo.calibration.calibrating.fit", bad)
+    monkeypatch.setattr("phasestereo_live.calibration.calibrating.fit", bad)
     with pytest.raises(ValueError, match=r"rows of the rectified pair would be off by 2\.\d+ px"):
-        ps.calibrate(pairs, square=SQUARE)
+        live.calibrate(pairs, square=SQUARE)
 
 
-def test_errors_of_depths_have_their_parts(found: ps.StereoCalibration) -> None:
+def test_errors_of_depths_have_their_parts(found: live.StereoCalibration) -> None:
     errors = found.depth_error([1.0, 2.0], 0.5)
     np.testing.assert_allclose(
         errors.disparity, [0.5 / (found.K1[0, 0] * found.baseline) * z**2 for z in (1, 2)]
@@ -209,7 +210,7 @@ def test_errors_of_depths_have_their_parts(found: ps.StereoCalibration) -> None:
 
 def test_one_pair_that_is_none_is_left_out_and_named(pairs: Pairs) -> None:
     mixed = [(left, pairs[4][1] if at == 3 else right) for at, (left, right) in enumerate(pairs)]
-    found = ps.calibrate(mixed, square=SQUARE)
+    found = live.calibrate(mixed, square=SQUARE)
     assert [view.used for view in found.views] == [at != 3 for at in range(12)]
     assert found.views[3].reason.startswith("left image 3 and right image 3 are off by ")
     assert np.abs(deviation(found)).max() < 4
@@ -260,7 +261,7 @@ WRONGS: dict[str, tuple[Callable[[Pairs], Any], str]] = {
 def test_what_is_wrong_with_the_pictures_is_said(pairs: Pairs, case: str) -> None:
     spoil, message = WRONGS[case]
     with pytest.raises(ValueError, match=message):
-        ps.calibrate(spoil(pairs[:6]), board="9x6", square=SQUARE)
+        live.calibrate(spoil(pairs[:6]), board="9x6", square=SQUARE)
 
 
 @pytest.mark.parametrize(
@@ -280,15 +281,15 @@ def test_what_is_wrong_with_the_pictures_is_said(pairs: Pairs, case: str) -> Non
 )
 def test_boards_that_are_none_are_refused(arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match="^" + message):
-        ps.calibrate([], **arguments)
+        live.calibrate([], **arguments)
     with pytest.raises(TypeError, match="^left: accepts a folder, a video, or a list of pairs"):
-        ps.calibrate([np.zeros((4, 4))])  # type: ignore[list-item]
+        live.calibrate([np.zeros((4, 4))])  # type: ignore[list-item]
 
 
-def test_the_advice_names_what_was_not_seen(found: ps.StereoCalibration) -> None:
+def test_the_advice_names_what_was_not_seen(found: live.StereoCalibration) -> None:
     """Of a few views in which the board is hardly tilted."""
     flat = boards.pairs(boards.chessboard(9, 6), 6, tilted=0.1)
-    said = " ".join(ps.calibrate(flat).advice)
+    said = " ".join(live.calibrate(flat).advice)
     for words in (
         "take more pairs: 6 were used",
         "in the lower right corner of the left image",
@@ -367,16 +368,16 @@ def test_a_video_is_calibrated_by_frames_in_which_the_board_stands_still(
     left = [np.hsplit(frame, 2)[0] for frame in frames[:24]]
     written = write_video(tmp_path / "both.avi", frames), write_video(tmp_path / "left.avi", left)
 
-    found = ps.calibrate(written[0], square=SQUARE)
+    found = live.calibrate(written[0], square=SQUARE)
     assert 6 <= len(found.views) <= 7
     assert found.views[0].names[0] == f"{written[0]}, frame 0 (left)"
     assert np.abs(deviation(found)).max() < 5  # compressed
 
     with pytest.raises(ValueError, match=r"left\.avi: is of one camera"):
-        ps.calibrate(written[1], square=SQUARE)
+        live.calibrate(written[1], square=SQUARE)
     moving = [np.roll(frame, 4 * at, axis=0) for at, frame in enumerate(frames[:24])]
     with pytest.raises(ValueError, match=r"moving\.avi: no frame shows the board, held still"):
-        ps.calibrate(write_video(tmp_path / "moving.avi", moving))
+        live.calibrate(write_video(tmp_path / "moving.avi", moving))
 
 
 def write_video(path: Path, frames: Sequence[NDArray[np.uint8]]) -> Path:
@@ -389,7 +390,7 @@ def write_video(path: Path, frames: Sequence[NDArray[np.uint8]]) -> Path:
 
 
 def test_the_page_has_all_of_it_and_needs_nothing(
-    tmp_path: Path, found: ps.StereoCalibration
+    tmp_path: Path, found: live.StereoCalibration
 ) -> None:
     out = replace(found.views[2], used=False, reason="<b>off</b>")
     views = (*found.views[:2], out, *found.views[3:])
@@ -413,7 +414,7 @@ def test_a_real_rig_has_rows_of_views_that_took_no_part(data: Path) -> None:
     """Its own calibration leaves 0.17 px of the same corners, of which it was made."""
     if not (data / "homemade" / "boards").is_dir():
         pytest.skip("no boards of a real rig")
-    found = ps.calibrate(data / "homemade" / "boards", square=0.06)
+    found = live.calibrate(data / "homemade" / "boards", square=0.06)
     own = json.loads((data / "homemade" / "rig.json").read_text("utf-8"))
     assert found.held_out is not None
     assert found.held_out < 0.2

@@ -11,8 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phasestereo._extras import require
-from phasestereo.calibration.advising import advice, coverage
-from phasestereo.calibration.boards import (
+from phasestereo.io.files import StrPath
+from phasestereo.io.pair import Layout
+from phasestereo.io.rigs.cameras import Matrix
+from phasestereo_live.calibration.advising import advice, coverage
+from phasestereo_live.calibration.boards import (
     Board,
     Corners,
     as_board,
@@ -20,8 +23,8 @@ from phasestereo.calibration.boards import (
     flipped,
     matched,
 )
-from phasestereo.calibration.record import BoardView, StereoCalibration
-from phasestereo.calibration.solving import (
+from phasestereo_live.calibration.record import BoardView, StereoCalibration
+from phasestereo_live.calibration.solving import (
     FITS,
     ROWS_OVER,
     Fit,
@@ -32,10 +35,7 @@ from phasestereo.calibration.solving import (
     rms,
     row_errors,
 )
-from phasestereo.calibration.sources import BoardPaths, Gray, Shot, shots
-from phasestereo.io.files import StrPath
-from phasestereo.io.pair import Layout
-from phasestereo.io.rigs.cameras import Matrix
+from phasestereo_live.calibration.sources import BoardPaths, Gray, Shot, shots
 
 LEAST_VIEWS = 6
 _HALVES = 12  # views, from which on each half is held against the other
@@ -117,7 +117,7 @@ def calibrate(
 
     Examples
     --------
-    >>> rig = ps.calibrate("boards", board="9x6", square=0.025)
+    >>> rig = phasestereo_live.calibrate("boards", board="9x6", square=0.025)
     >>> rig.save("calibration.yaml")
     """
     wanted = as_board(board, square, charuco, marker)

@@ -1,6 +1,6 @@
 """The page of a calibration: what was seen where, how well it fits, how exact depths can be.
 
-    write_calibration_page("calibration.html", ps.calibrate("boards/", square=0.025))
+    write_calibration_page("calibration.html", live.calibrate("boards/", square=0.025))
 
 One HTML file, which needs nothing beside it, no network and no scripts: its pictures are SVG.
 """
@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from phasestereo.calibration import StereoCalibration
 from phasestereo.io.drafts import replacing
 from phasestereo.io.files import StrPath, suffix
 from phasestereo.views.templating import render_page
+from phasestereo_live.calibration import StereoCalibration
 
 __all__ = ["distances_of", "write_calibration_page"]
 
@@ -45,7 +45,7 @@ def write_calibration_page(
     path
         The file: ``.html`` or ``.htm``.
     calibration
-        What `phasestereo.calibrate` returned.
+        What `phasestereo_live.calibrate` returned.
     title
         Heading of the page.
 
@@ -71,6 +71,7 @@ def write_calibration_page(
     sides = [(view.left for view in used), (view.right for view in used)]
     page = render_page(
         "calibration.html.j2",
+        package="phasestereo_live.calibration",
         title=str(title),
         found=calibration,
         used=len(used),

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import phasestereo as ps
 from phasestereo.io import Calibration, write_image
-from phasestereo.walls import Wall
+from phasestereo_live.walls import Wall
 from support import Run, counterpart
 
 HEIGHT, WIDTH, FOCAL, BASELINE = 300, 400, 400.0, 0.1

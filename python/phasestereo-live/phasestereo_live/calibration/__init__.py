@@ -1,8 +1,8 @@
 """Two cameras calibrated by pictures of a board: where each stands, how it sees, and how exactly.
 
-    import phasestereo as ps
+    import phasestereo_live as live
 
-    rig = ps.calibrate("boards/", board="9x6", square=0.025)
+    rig = live.calibrate("boards/", board="9x6", square=0.025)
     rig.save("calibration.yaml")
     print(rig.error, rig.advice)
 
@@ -13,7 +13,7 @@ what comes of it. All of it needs the extra ``rectify``.
 
 from __future__ import annotations
 
-from phasestereo.calibration.calibrating import calibrate
-from phasestereo.calibration.record import BoardView, DepthError, StereoCalibration
+from phasestereo_live.calibration.calibrating import calibrate
+from phasestereo_live.calibration.record import BoardView, DepthError, StereoCalibration
 
 __all__ = ["BoardView", "DepthError", "StereoCalibration", "calibrate"]

@@ -53,7 +53,7 @@ def shots(
     Parameters
     ----------
     left, right, layout
-        As `phasestereo.calibrate` takes them.
+        As `phasestereo_live.calibrate` takes them.
     finds
         Finds a board in a small picture; of videos only frames with a board are taken, steady ones
         that differ from those before.

@@ -11,16 +11,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._extras import require
 from phasestereo._numbers import as_number
-from phasestereo.calibration.solving import (
+from phasestereo.io.drafts import replacing
+from phasestereo.io.files import StrPath, suffix
+from phasestereo.io.rigs.cameras import Matrix
+from phasestereo_live.calibration.solving import (
     Lens,
     from_vector,
     projected_by,
     undistorted_by,
     vector,
 )
-from phasestereo.io.drafts import replacing
-from phasestereo.io.files import StrPath, suffix
-from phasestereo.io.rigs.cameras import Matrix
 
 CELLS = 6, 8
 """Rows and columns of the grid by which coverage is counted."""
@@ -138,7 +138,7 @@ class StereoCalibration:
 
     Examples
     --------
-    >>> rig = ps.calibrate("boards", board="9x6", square=0.025)
+    >>> rig = phasestereo_live.calibrate("boards", board="9x6", square=0.025)
     >>> rig.save("calibration.yaml")
     """
 

@@ -8,13 +8,12 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-from cyclopts import Group, Parameter, Token
+from cyclopts import App, Group, Parameter, Token
 from numpy.typing import NDArray
 
 import phasestereo
 from phasestereo.cli.errors import UNTRUSTED, CommandError, claim, refusals
 from phasestereo.cli.terminal import print_json, print_lines
-from phasestereo.cli.walls import WallOptions
 from phasestereo.io import read_image
 from phasestereo.io.files import target_of
 from phasestereo.io.folders import pair_paths, paths_of_rig
@@ -24,8 +23,12 @@ from phasestereo.result import Result
 from phasestereo.rig.findings import MatchWarning
 from phasestereo.rigs import Check, Rig
 from phasestereo.settings import Settings
+from phasestereo_live.cli.walls import WallOptions
 
 _OPTIONS = frozenset(["limits", "focal", "preset"])
+app = App(name="rig", help="Test two cameras while they run.")
+"""The command, which has one command so far."""
+
 _WALL = Group.create_ordered("Wall")
 _NO_WALL = WallOptions()
 
@@ -42,6 +45,7 @@ def _limit(_hint: Any, tokens: Sequence[Token]) -> tuple[tuple[str, float], ...]
     return tuple(limits)
 
 
+@app.command(name="test")
 def rig_test(
     frames: Path,
     right: Path | None = None,

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from phasestereo.calibration.record import CELLS, BoardView
+from phasestereo_live.calibration.record import CELLS, BoardView
 
 _ENOUGH = 12  # views
 _TILTED = 15.0  # degrees that some views should be tilted each way
