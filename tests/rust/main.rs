@@ -11,6 +11,7 @@ mod confidence;
 mod convolution;
 mod cost;
 mod descriptor;
+mod engine;
 mod estimation;
 mod filling;
 mod footprint;

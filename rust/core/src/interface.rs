@@ -4,6 +4,7 @@ pub mod image;
 pub mod rig;
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use self::image::Image;
 use self::rig::Rig;
@@ -28,6 +29,7 @@ use phasestereo_match::matcher::footprint;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::matcher::summary::Summary;
 use phasestereo_match::matcher::{self, Disparity, Execution, Timings, usable_threads};
+use phasestereo_match::optimization::engine::Engine;
 use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::pair::plan::{Demand, Plan};
 use phasestereo_match::pair::{self, Pair};
@@ -131,6 +133,12 @@ impl Matcher {
     pub fn with_vertical(self, vertical: Option<bool>) -> Self {
         let axis = vertical.map(|is| if is { Direction::Columns } else { Direction::Rows });
         Self { axis, ..self }
+    }
+
+    /// The same with an engine that searches instead of the processor, with the same bits; whatever it does
+    /// not take, the processor searches.
+    pub fn with_engine(self, engine: Arc<dyn Engine>) -> Self {
+        Self { core: self.core.with_engine(engine), ..self }
     }
 
     /// The settings.

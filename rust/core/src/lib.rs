@@ -43,6 +43,7 @@ pub use phasestereo_match::base::error::{Error, Result};
 pub use phasestereo_match::base::plane::Plane;
 pub use phasestereo_match::matcher::Timings;
 pub use phasestereo_match::matcher::summary::Summary;
+pub use phasestereo_match::optimization::engine::Engine;
 pub use phasestereo_match::refinement::flag;
 pub use phasestereo_match::settings::presets::Preset;
 pub use phasestereo_match::settings::{CostKind, Optimizer, Precision, Settings, Taper};

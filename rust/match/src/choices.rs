@@ -58,6 +58,10 @@ choices! {
     /// Rows of a band, which is matched by itself.
     BAND: usize = 64, in "rows", evidence "panels of up to about 128 disparities fit in a second-level cache";
 
+    /// Bands that an engine other than the core searches at a time.
+    ENGINE_BANDS: usize = 16, in "bands",
+        evidence "not swept: an image of 1024 rows with `\"sgm\"` is one chunk, and a cancelled match ends soon";
+
     /// Columns of a panel, the part of a band whose costs exist at one time.
     PANEL: usize = 64, in "columns", evidence "as that of `BAND`";
 

@@ -32,7 +32,7 @@ use crate::base::memory::RunMemory;
 use crate::base::plane::Plane;
 use crate::base::simd::{self, Level};
 use crate::base::value::{LANES, Lanes, Value};
-use crate::cost::phase::Phase;
+use crate::cost::phase::{Codes, Phase};
 use crate::cost::unrolled::UnrolledPlane;
 use crate::cost::validity::Validity;
 use crate::cost::volume::Volume;
@@ -346,6 +346,15 @@ impl<'a> Costs<'a> {
     /// Runs of [`LANES`] candidates of a pixel, the last of them padded.
     pub fn runs(&self) -> usize {
         self.searched().runs()
+    }
+
+    /// The codes whose Hamming distances the costs are; `None`: the costs are others, an image has a mask, or
+    /// the right image has several versions.
+    pub fn codes(&self) -> Option<Codes<'_>> {
+        match &self.compared {
+            Compared::Phase(phase) if !self.has_masks() => phase.codes(),
+            _ => None,
+        }
     }
 
     /// Whether either image has a mask.

@@ -9,9 +9,9 @@ pub mod summary;
 
 use std::any::Any;
 use std::ops::Range;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
-use std::{env, thread};
+use std::{env, mem, thread};
 
 use rayon::prelude::*;
 
@@ -21,6 +21,7 @@ use crate::base::plane::Plane;
 use crate::base::platform::{Instant, ThreadPool};
 use crate::base::simd::Level;
 use crate::base::value::Value;
+use crate::choices::ENGINE_BANDS;
 use crate::cost::Costs;
 use crate::cost::aggregation::Window;
 use crate::image::texture::Texture;
@@ -28,6 +29,7 @@ use crate::matcher::halo::Halo;
 use crate::matcher::map::{DraftMap, MapBand};
 use crate::matcher::section::Section;
 use crate::optimization::edges::Edges;
+use crate::optimization::engine::{Chunk, Engine};
 use crate::optimization::evidence::{Evidence, NONE};
 use crate::optimization::memory::{self, Width};
 use crate::optimization::{AggregatedCosts, CandidateSearch, Penalties, Weighing, Workspace};
@@ -108,6 +110,8 @@ pub struct Matcher {
     pool: ThreadPool,
     /// Workspaces that no band uses at the moment, the last used one last.
     spare: Mutex<Vec<Spare>>,
+    /// What searches instead of the core; `None`: nothing.
+    engine: Option<Arc<dyn Engine>>,
 }
 
 /// A workspace of any type.
@@ -172,7 +176,12 @@ fn thread_pool(threads: usize) -> Result<ThreadPool> {
 impl Matcher {
     /// A matcher with 1 to 1024 threads.
     pub fn new(threads: usize) -> Result<Self> {
-        Ok(Self { pool: thread_pool(threads)?, spare: Mutex::default() })
+        Ok(Self { pool: thread_pool(threads)?, spare: Mutex::default(), engine: None })
+    }
+
+    /// The same with an engine that searches; the core does whatever it does not take.
+    pub fn with_engine(self, engine: Arc<dyn Engine>) -> Self {
+        Self { engine: Some(engine), ..self }
     }
 
     /// Starts work on the threads and does not wait for it. The work must not panic.
@@ -332,8 +341,10 @@ impl Matcher {
 
         let mut map = DraftMap::new((section.rows.len(), pair.size().1), texture.is_some())?;
         let bands = map.bands(job.search.bands(section.rows.clone()));
+        let width = Width::new(settings, window, job.search.penalties, costs.has_masks());
+        let bands = self.match_by_engine(bands, &job, width)?;
         // The narrower the integers, the more candidates fit a register.
-        match Width::new(settings, window, job.search.penalties, costs.has_masks()) {
+        match width {
             Width::Bytes => self.match_bands::<u8>(bands, &job),
             Width::Words => self.match_bands::<u16>(bands, &job),
             Width::Widest => self.match_bands::<u32>(bands, &job),
@@ -344,18 +355,44 @@ impl Matcher {
         Ok(Unrefined { map, texture, timings })
     }
 
+    /// Has the engine search, chunk after chunk, and returns the bands that are left to the core.
+    fn match_by_engine<'m>(
+        &self,
+        mut bands: Vec<MapBand<'m>>,
+        job: &Job,
+        width: Width,
+    ) -> Result<Vec<MapBand<'m>>> {
+        let Some(engine) = &self.engine else { return Ok(bands) };
+        let chunk = Chunk { search: &job.search, source: job.source(), width };
+        let (mut evidence, mut left) = (Evidence::default(), Vec::new());
+
+        while !bands.is_empty() {
+            job.search.control.checkpoint()?;
+            let next = bands.split_off(ENGINE_BANDS.min(bands.len()));
+            let here = mem::replace(&mut bands, next);
+            let rows = here[0].rows().start..here[here.len() - 1].rows().end;
+
+            if engine.choose(rows.clone(), &chunk, &mut evidence)? {
+                here.into_par_iter().with_max_len(1).try_for_each(|mut band| {
+                    let first = band.rows().start - rows.start;
+                    job.write(&mut band, &evidence, first)
+                })?;
+            } else {
+                left.extend(here);
+            }
+        }
+
+        Ok(left)
+    }
+
     /// Matches bands, each by itself: cost -> aggregation -> optimization -> disparity and flags of each
     /// pixel.
     fn match_bands<T: Value>(&self, bands: Vec<MapBand>, job: &Job) -> Result<()> {
         // One band per task: longer tasks would leave threads idle at the end.
         bands.into_par_iter().with_max_len(1).try_for_each(|mut band| {
             let (mut workspace, bytes): (Box<Workspace<T>>, _) = self.memory();
-            let (costs, window, level) = (job.costs, job.window, job.search.level);
-            let source = AggregatedCosts { costs, window, level };
-
-            let evidence = job.search.choose(band.rows(), &source, &mut workspace)?;
-            job.write(&mut band, evidence)?;
-            job.search.control.finish_rows(band.rows().len());
+            let evidence = job.search.choose(band.rows(), &job.source(), &mut workspace)?;
+            job.write(&mut band, evidence, 0)?;
 
             let bytes = bytes.max(job.workspace);
             self.spare().push(Spare { memory: workspace, bytes });
@@ -392,14 +429,19 @@ impl Matcher {
     }
 }
 
-impl Job<'_> {
-    /// Writes disparities and flags of a band into the map.
-    fn write(&self, band: &mut MapBand, evidence: &Evidence) -> Result<()> {
+impl<'a> Job<'a> {
+    fn source(&self) -> AggregatedCosts<'a> {
+        let Self { costs, window, search, .. } = *self;
+        AggregatedCosts { costs, window, level: search.level }
+    }
+
+    /// Writes disparities and flags of a band into the map: its evidence begins with row `first`.
+    fn write(&self, band: &mut MapBand, evidence: &Evidence, first: usize) -> Result<()> {
         let writer = self.writer();
         let mut checker = Checker::default();
 
         for (row, y) in band.rows().enumerate() {
-            let (found, mut out) = (evidence.row(row), band.row(row));
+            let (found, mut out) = (evidence.row(first + row), band.row(row));
             let found = if self.search.weighs(y) { found } else { found.bare() };
             // Without confidences, those of a sample say how much is wrong.
             let is_voted =
@@ -409,6 +451,7 @@ impl Job<'_> {
             writer.write(y, found, &mut checker, out, self.search.level)?;
         }
 
+        self.search.control.finish_rows(band.rows().len());
         Ok(())
     }
 

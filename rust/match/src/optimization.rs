@@ -24,6 +24,7 @@
 //! along the row alone are worse.
 
 pub mod edges;
+pub mod engine;
 pub mod evidence;
 pub mod memory;
 pub mod ordered;
@@ -243,10 +244,7 @@ impl CandidateSearch<'_> {
         source: &impl CostSource<T>,
         workspace: &'w mut Workspace<T>,
     ) -> Result<&'w Evidence> {
-        // The vertical pass selects and weighs in one go.
-        let is_weighed =
-            !matches!(self.weighs, Weighing::Nothing) || self.optimizer == Optimizer::SemiGlobal;
-        workspace.evidence.begin(rows.len(), self.size.1, is_weighed)?;
+        workspace.evidence.begin(rows.len(), self.size.1, self.is_weighed())?;
 
         match self.optimizer {
             Optimizer::DynamicProgramming => self.choose_in_order(rows, source, workspace)?,
@@ -257,6 +255,12 @@ impl CandidateSearch<'_> {
         }
 
         Ok(&workspace.evidence)
+    }
+
+    /// Whether the evidence has more than the chosen candidates.
+    pub fn is_weighed(&self) -> bool {
+        // The vertical pass selects and weighs in one go.
+        !matches!(self.weighs, Weighing::Nothing) || self.optimizer == Optimizer::SemiGlobal
     }
 
     /// Whether a row of the image is weighed.

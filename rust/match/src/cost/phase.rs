@@ -37,6 +37,17 @@ pub struct Phase {
     labels: Option<Labels>,
 }
 
+/// The phase codes of a pair, of which every left pixel is compared with one version of the right image.
+#[derive(Debug, Clone, Copy)]
+pub struct Codes<'a> {
+    /// The left codes: each row has the lowest byte of all of its codes, then the next one of all, and so on.
+    pub left: &'a Plane<u8>,
+    /// The right codes, likewise, each row unrolled: [`crate::cost`].
+    pub right: &'a Plane<u8>,
+    /// Bytes of a code.
+    pub bytes: usize,
+}
+
 /// The bytes of codes: each row has the lowest byte of all of its codes, then the next one of all, and so on.
 struct BytePlanes {
     plane: Plane<u8>,
@@ -156,6 +167,12 @@ impl Phase {
         let bytes = |plane: Plane<u8>| BytePlanes { width: plane.cols(), plane, count: 1 };
         let right = UnrolledPlane::new(right, candidates, |code| code)?.into_plane();
         Ok(Self { left: bytes(left.clone()), rights: vec![bytes(right)], labels: None })
+    }
+
+    /// The codes; `None`: the right image has several versions.
+    pub fn codes(&self) -> Option<Codes<'_>> {
+        let ([right], None) = (&self.rights[..], &self.labels) else { return None };
+        Some(Codes { left: &self.left.plane, right: &right.plane, bytes: self.left.count })
     }
 
     /// Writes the Hamming distances over `N` bytes of the codes, from byte `first` on; `adds`: to what is
