@@ -114,7 +114,7 @@ def _foreign(found: list[CodeBlock]) -> list[str]:
 
 def _pandora_finds_the_plugin() -> bool:
     plugins = metadata.entry_points(group="pandora.plugin")
-    return any(plugin.value.startswith("phasestereo.pandora:") for plugin in plugins)
+    return any(plugin.value.startswith("phasestereo_large.pandora:") for plugin in plugins)
 
 
 def test_the_pair_of_the_examples_is_matched(here: Path) -> None:

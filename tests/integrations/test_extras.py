@@ -168,7 +168,9 @@ def test_the_command_without_its_extra_says_how_to_get_it(module: str) -> None:
 
 
 def test_the_plugin_without_pandora_says_how_to_get_it() -> None:
-    finished = run("-c", "import sys; sys.modules['pandora'] = None\nimport phasestereo.pandora")
+    finished = run(
+        "-c", "import sys; sys.modules['pandora'] = None\nimport phasestereo_large.pandora"
+    )
 
     message = (
         "ImportError: pandora is not installed; it comes with: pip install 'phasestereo[pandora]'"

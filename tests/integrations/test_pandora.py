@@ -21,7 +21,7 @@ from phasestereo_bench.rendering import render_pair
 from support import counterpart
 
 pandora = counterpart("pandora")
-plugin = counterpart("phasestereo.pandora")
+plugin = counterpart("phasestereo_large.pandora")
 xarray = counterpart("xarray")
 rasterio = counterpart("rasterio")
 
@@ -387,9 +387,9 @@ def test_the_command_runs_from_files(rendered: Pair, tmp_path: Path) -> None:
 
 def test_pandora_finds_the_plugin_once_installed() -> None:
     try:
-        installed = metadata.distribution("phasestereo")
+        installed = metadata.distribution("phasestereo-large")
     except metadata.PackageNotFoundError:
-        pytest.skip("phasestereo is on the path, not installed: its entry points are not known")
+        pytest.skip("it is on the path, not installed: its entry points are not known")
     points = installed.entry_points.select(group="pandora.plugin")
     assert [point.load() for point in points] == [plugin.PhaseCost]
 
