@@ -77,7 +77,9 @@ def as_views(left: ArrayLike, right: ArrayLike) -> tuple[Pixels, Pixels]:
 def as_alike(left: ArrayLike, right: ArrayLike) -> tuple[Pixels, Pixels]:
     """Return both images as they are matched, the right one at the size of the left one."""
     pair = as_views(left, right)
-    return pair if pair[0].shape[:2] == pair[1].shape[:2] else (pair[0], _core.fit_right(pair))
+    if pair[0].shape[:2] == pair[1].shape[:2]:
+        return pair
+    return pair[0], _core.fit_right(pair, (None, None))[0]
 
 
 def as_pair(left: ArrayLike, right: ArrayLike) -> tuple[Pixels, Pixels]:

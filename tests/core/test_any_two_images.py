@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 import phasestereo as ps
+from support import counterpart
 
 ROWS, COLS = 144, 192
 BAR = (slice(40, 100), slice(70, 130))
@@ -57,6 +58,18 @@ def test_a_right_image_of_another_resolution_is_matched_in_pixels_of_the_left_on
     assert ps.match(reduced(left, by), right).disparity.shape == (ROWS // by, COLS // by)
 
 
+@pytest.mark.parametrize("size", [(230, 173), (240, 180), (256, 192), (288, 216), (480, 360)])
+def test_images_of_any_ratio_are_resampled(size: tuple[int, int]) -> None:
+    left, right = pair()
+    cv2 = counterpart("cv2")
+    assert wrong(ps.match(left, cv2.resize(right, size, interpolation=cv2.INTER_CUBIC))) < 0.06
+    smaller = cv2.resize(left, size, interpolation=cv2.INTER_CUBIC)
+    found = ps.match(smaller, right).disparity
+    back = cv2.resize(found, (COLS, ROWS), interpolation=cv2.INTER_NEAREST) * COLS / size[0]
+    off = np.abs(back - TRUTH)[8:-8, 24:-24]
+    assert np.mean(~(off <= 1)) < 0.06
+
+
 def test_a_cut_out_lies_over_the_middle_and_its_outside_is_not_matched() -> None:
     left, right = pair()
     found = ps.match(left, right[6:-14, :-24])
@@ -89,6 +102,16 @@ def test_two_types_of_one_image_are_matched_as_one(right_as: Any) -> None:
     found = ps.match(left, right_as(right))
     np.testing.assert_array_equal(found.disparity, expected.disparity)
     np.testing.assert_array_equal(found.confidence, expected.confidence)
+
+
+@pytest.mark.parametrize("by", [2, 3])
+def test_two_sizes_of_cameras_one_above_the_other(by: int) -> None:
+    left, right = pair()
+    upper, lower = np.rot90(left, -1), np.rot90(reduced(right, by), -1)
+    found = ps.match(upper, lower, vertical=True)
+    assert found.disparity.shape == upper.shape
+    off = np.abs(np.rot90(found.disparity) - TRUTH)[8:-8, 24:-24]
+    assert np.mean(~(off <= 1)) < 0.06
 
 
 def test_bits_that_are_unused_do_not_matter() -> None:

@@ -20,16 +20,15 @@ mod workers;
 
 use std::sync::Arc;
 
-use ndarray::{Array2, Array3};
+use ndarray::{Array2, Array3, arr2};
 use numpy::{Element, IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict};
 
 use self::arguments::{
-    Both, Statistics, read_alignment, read_any_images, read_blur_compensation, read_images,
-    read_input, read_inputs, read_noise, read_pair, read_preset, read_range, read_search,
-    read_volume,
+    Both, Statistics, read_alignment, read_any_images, read_blur_compensation, read_input,
+    read_inputs, read_noise, read_pair, read_preset, read_range, read_search, read_volume,
 };
 use self::failure::{Failure, Result};
 use self::known::{read_known, read_noise_of_pair};
@@ -248,7 +247,7 @@ fn rectify_pairs<'py>(
 ) -> Result<(Bound<'py, PyDict>, f64, Vec<String>)> {
     let unmasked = py.None().into_bound(py);
     let masks = (unmasked.clone(), unmasked.clone());
-    let read = pairs.iter().map(|images| read_images(images, &masks, None));
+    let read = pairs.iter().map(|images| read_any_images(images, &masks, None));
     let pairs = read.collect::<Result<Vec<Pair>>>()?;
 
     let pool = Pool::for_argument(&unmasked)?;
@@ -260,12 +259,17 @@ fn rectify_pairs<'py>(
     Ok((matrices, found.error, findings::rectification(&found)))
 }
 
-/// The right image at the size of the left one.
+/// The right image at the size of the left one, its mask, and the matrix that leads there from its pixels.
 #[pyfunction]
-fn fit_right<'py>(py: Python<'py>, images: Both<'py>) -> Result<Bound<'py, PyAny>> {
-    let none = py.None().into_bound(py);
-    let [left, right] = read_inputs(&images, &(none.clone(), none))?;
-    Ok(objects::pixels(py, resized_right([&left, &right])?.image))
+fn fit_right<'py>(
+    py: Python<'py>,
+    images: Both<'py>,
+    masks: Both<'py>,
+) -> Result<(Object<'py>, Option<Bound<'py, PyArray2<bool>>>, Bound<'py, PyArray2<f64>>)> {
+    let [left, right] = read_inputs(&images, &masks)?;
+    let (fitted, matrix) = resized_right([&left, &right])?;
+    let mask = fitted.mask.map(|mask| wrap(py, mask)).transpose()?;
+    Ok((objects::pixels(py, fitted.image), mask, arr2(&matrix).into_pyarray(py)))
 }
 
 /// The estimates of a pair, without a match: of the rectified one, where a match would rectify it, if asked.

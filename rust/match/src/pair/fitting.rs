@@ -21,6 +21,7 @@
 
 use crate::base::error::{Error, Result};
 use crate::base::plane::Plane;
+use crate::image::masking::Mask;
 use crate::image::pixels::{Image, Input, Resampler};
 use crate::image::resampling::{TAPS, Taps, resized};
 use crate::image::view::View;
@@ -89,10 +90,12 @@ impl Fit {
         let factor = whole(along);
         let (larger, smaller, by) =
             if factor < 1.0 { (from, to, factor.recip()) } else { (to, from, factor) };
-        let is_up = |small: usize, large: usize| small as f64 * by > large as f64;
-        let is_rounded_up = is_up(smaller.0, larger.0) || is_up(smaller.1, larger.1);
-        let is_exact = is_alike && (factor == 1.0 || is_rounded_up);
-        Ok(if is_exact { fit.scaled_by(factor) } else { fit })
+        let is_rounded = |small: usize, large: usize| {
+            let beyond = small as f64 * by - large as f64;
+            if by == 1.0 { beyond.abs() <= 1.0 } else { (0.0..by).contains(&beyond) }
+        };
+        let is_exact = is_rounded(smaller.0, larger.0) && is_rounded(smaller.1, larger.1);
+        Ok(if is_alike && is_exact { fit.scaled_by(factor) } else { fit })
     }
 
     /// The fit of an image that was reduced or enlarged by an exact factor, from its first row and column on.
@@ -119,16 +122,34 @@ impl Fit {
         let gray = self.resampled(&source, shape, |gray| scale.nearest(gray))?;
         let gray = Plane::from_vec(self.to.0, self.to.1, gray)?;
 
+        let mask = self.mask(view.mask());
+        Ok(View::new(gray, mask, scale))
+    }
+
+    /// What is valid at the new size, by what is before; `None`: all.
+    fn mask(&self, valid: Option<&Mask>) -> Option<Mask> {
         let taps = [self.taps(0), self.taps(1)];
         let [down, along] = &taps;
         let is_valid = |y: usize, x: usize| {
             let (rows, cols) = (down[y].core.clone(), along[x].core.clone());
             let is_inside = !rows.is_empty() && !cols.is_empty();
-            is_inside && rows.into_iter().all(|y| cols.clone().all(|x| view.is_valid(y, x)))
+            is_inside
+                && valid.is_none_or(|valid| {
+                    rows.into_iter().all(|y| valid.row(y)[cols.clone()].iter().all(|is| *is))
+                })
         };
-        let is_covered = view.mask().is_none() && taps.iter().flatten().all(|t| !t.core.is_empty());
-        let mask = (!is_covered).then(|| Plane::from_fn(self.to.0, self.to.1, is_valid));
-        Ok(View::new(gray, mask, scale))
+        let is_covered = valid.is_none() && taps.iter().flatten().all(|t| !t.core.is_empty());
+        (!is_covered).then(|| Plane::from_fn(self.to.0, self.to.1, is_valid))
+    }
+
+    /// The matrix that leads from columns and rows of the right image to those at the new size.
+    fn matrix(&self) -> [[f64; 3]; 3] {
+        let along = |axis: usize| {
+            let (scale, offset) = (self.scale[axis], self.offset[axis]);
+            (scale, 0.5 * scale + offset - 0.5)
+        };
+        let ((down, top), (across, left)) = (along(0), along(1));
+        [[across, 0.0, left], [0.0, down, top], [0.0, 0.0, 1.0]]
     }
 }
 
@@ -147,12 +168,12 @@ impl Resampler for Fit {
     }
 }
 
-/// The right image of any type at the size of the left one, to be looked at.
-pub fn resized_right([left, right]: [&Input; 2]) -> Result<Input> {
-    if left.size() == right.size() {
-        return Ok(right.clone());
-    }
-    right.resampled(&Fit::new(right.size(), left.size())?, None)
+/// The right image of any type, with what is valid of it, at the size of the left one, and the matrix that
+/// leads there from its columns and rows.
+pub fn resized_right([left, right]: [&Input; 2]) -> Result<(Input, [[f64; 3]; 3])> {
+    let fit = Fit::new(right.size(), left.size())?;
+    let resized = right.resampled(&fit, fit.mask(right.mask.as_ref()))?;
+    Ok((resized, fit.matrix()))
 }
 
 /// The nearest whole number or its reciprocal.
@@ -199,7 +220,7 @@ mod tests {
     #[test]
     fn an_image_of_another_resolution_shows_the_same_at_the_same_place() {
         let left = view(wave(90, 120, 1.0));
-        for by in [0.5, 2.0, 3.0] {
+        for by in [0.5, 0.75, 1.25, 1.5, 2.0, 3.0] {
             let right = wave((90.0 / by) as usize, (120.0 / by) as usize, by);
             let (right, fit) = fitted(&left, view(right)).expect("fits");
             assert!(fit.is_some_and(|fit| fit.is_alike));
@@ -219,6 +240,8 @@ mod tests {
         assert_eq!(of((50, 61), (100, 123)), [2.0, 123.0 / 61.0]);
         assert_eq!(of((100, 122), (100, 123)), [1.0; 2]);
         assert_eq!(of((199, 247), (100, 124)), [0.5; 2]);
+        assert_eq!(of((600, 800), (480, 640)), [0.8; 2]);
+        assert_eq!(of((720, 960), (480, 640)), [2.0 / 3.0; 2]);
     }
 
     #[test]
