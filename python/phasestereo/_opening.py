@@ -9,12 +9,12 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from phasestereo import _core
 from phasestereo._images import (
     ImageOrPath,
     Mask,
     Pixels,
     Seen,
-    as_pair,
     as_seen,
     join_masks,
 )
@@ -83,6 +83,38 @@ def _opened(image: ImageOrPath, mask: ArrayLike | None, name: str) -> Seen:
     return found._replace(valid=join_masks(found.valid, view.mask))
 
 
-def opened_pair(left: ImageOrPath, right: ImageOrPath) -> tuple[Pixels, Pixels]:
-    """Return both images of a pair as `as_pair` does; those of which there is a path are read."""
-    return as_pair(opened(left), opened(right))
+class RightView(NamedTuple):
+    """How a right image of another size lies over the left one."""
+
+    size: tuple[int, int]
+    """Its columns and rows."""
+    matrix: NDArray[np.float64]
+    """(3, 3), leads from its columns and rows to those of the left image."""
+
+
+class Fitted(NamedTuple):
+    """A pair, and what is valid of it, with the right image at the size of the left one."""
+
+    pair: tuple[Pixels, Pixels]
+    masks: tuple[Mask | None, Mask | None]
+    right: RightView | None
+    """None: it is of this size."""
+
+
+def opened_alike(
+    images: tuple[ImageOrPath, ImageOrPath],
+    masks: tuple[ArrayLike | None, ArrayLike | None] = (None, None),
+) -> Fitted:
+    """Return a pair as `opened_valid` does, the right image at the size of the left one.
+
+    Raises
+    ------
+    TypeError, ValueError, OSError, ImportError
+        As `opened_valid`; ValueError also if one image is more than 8 times as large.
+    """
+    _, pair, valid = opened_valid(images, masks)
+    rows, cols = pair[1].shape[:2]
+    if pair[0].shape[:2] == (rows, cols):
+        return Fitted(pair, valid, None)
+    right, mask, matrix = _core.fit_right(pair, valid)
+    return Fitted((pair[0], right), (valid[0], mask), RightView((cols, rows), matrix))

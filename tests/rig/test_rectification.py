@@ -12,6 +12,8 @@ import pytest
 
 import phasestereo as ps
 import phasestereo_live as live
+from phasestereo.io import read_calibration
+from phasestereo_bench.rendering import render_pair
 from phasestereo_live.video.rectifying import Rectifier
 from support import counterpart
 from support.rigs import SIZE, cv2, euroc, euroc_frames, made_up, of_opencv, turned
@@ -314,6 +316,94 @@ def test_fisheyes_of_a_chain_of_kalibr(tmp_path: Path) -> None:
     assert found.Q is not None
 
 
+# Two sizes
+
+
+def raw(image: Any, rig: dict[str, Any], side: str, *, by: float) -> Any:
+    """Return the view of a camera of a rig, this many times as large, and its K."""
+    made = of_opencv(rig, LARGE)
+    scale = np.array([[by, 0, (by - 1) / 2], [0, by, (by - 1) / 2], [0, 0, 1]])
+    k, size = scale @ rig[f"K{side}"], [round(by * length) for length in LARGE]
+    x, y = np.meshgrid(*map(np.arange, size))
+    pixels = np.stack([x, y], axis=-1).reshape(-1, 1, 2).astype(np.float64)
+    lens = k, rig[f"D{side}"]
+    turn = {"R": made[f"R{side}"], "P": made[f"P{side}"]}
+    places = cv2.undistortPoints(pixels, *lens, **turn).reshape(*x.shape, 2).astype(np.float32)
+    soft = cv2.GaussianBlur(image, (0, 0), 0.5 / by) if by < 1 else image
+    return cv2.remap(soft, places[..., 0], places[..., 1], cv2.INTER_CUBIC), k
+
+
+LARGE = 320, 240
+
+
+@pytest.fixture(scope="module")
+def scene() -> tuple[Any, dict[str, Any]]:
+    """Return a rectified scene and the rig whose raw images are larger than `SIZE`."""
+    rig = made_up()
+    double = np.array([[2, 0, 0.5], [0, 2, 0.5], [0, 0, 1]])
+    rig |= {name: double @ rig[name] for name in ("K1", "K2")}
+    return render_pair(3, height=LARGE[1], width=LARGE[0], num_disparities=32), rig
+
+
+def wrong(found: ps.Rectification, truth: Any) -> float:
+    """Return the share of disparities that are off, where both cameras see."""
+    masks: dict[str, Any] = {"left_mask": found.left_mask, "right_mask": found.right_mask}
+    result = ps.match(found.left, found.right, num_disparities=40, **masks)
+    scored = (slice(16, -16), slice(48, -16))
+    return float(np.mean(~(np.abs(result.disparity - truth)[scored] <= 1)))
+
+
+@pytest.mark.parametrize("by", [0.5, 0.8, 1.5])
+def test_cameras_of_two_sizes(tmp_path: Path, scene: Any, by: float) -> None:
+    rendered, rig = scene
+    left, k1 = raw(rendered.left, rig, "1", by=1)
+    right, k2 = raw(rendered.right, rig, "2", by=by)
+    rows, cols = right.shape[:2]
+
+    chain = yaml.safe_load(kalibr(rig, "radtan"))
+    for name, k, size in (("cam0", k1, LARGE), ("cam1", k2, (cols, rows))):
+        numbers = [float(k[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2))]
+        chain[name] |= {"intrinsics": numbers, "resolution": list(size)}
+    (tmp_path / "chain.yaml").write_text(yaml.safe_dump(chain))
+
+    mask = np.ones((rows, cols), bool)
+    mask[:, : cols // 8] = False
+    for calibration in (tmp_path / "chain.yaml", rig | {"imageSize": LARGE}):
+        found = ps.rectify(left, right, calibration, right_mask=mask)
+        assert wrong(found, rendered.truth) < 0.12
+        assert found.Q is not None
+        np.testing.assert_allclose(found.Q, of_opencv(rig, LARGE)["Q"], rtol=0.02, atol=2)
+        assert not found.right_mask[120, : LARGE[0] // 8 - 4].any()
+
+    found.save(tmp_path / "saved.npz")
+    again = ps.rectify(left, right, tmp_path / "saved.npz", right_mask=mask)
+    np.testing.assert_array_equal(again.right_mask, found.right_mask)
+    np.testing.assert_array_equal(again.right, found.right)
+    applied = found.apply(left, right)[1]
+    inside = slice(None), slice(LARGE[0] // 4, None)  # masked pixels are read from their neighbors
+    np.testing.assert_array_equal(applied[inside], found.right[inside])
+
+    geometry = read_calibration(tmp_path / "chain.yaml", LARGE)
+    assert found.calibration is not None
+    np.testing.assert_allclose(geometry.cam0, found.calibration.cam0, rtol=1e-2)
+
+    with pytest.raises(ValueError, match=f"accepts that of the images' 320 x 240 and {cols} x "):
+        ps.rectify(left, right[: rows // 2], tmp_path / "chain.yaml")
+
+
+@pytest.mark.parametrize("by", [0.5, 1.5])
+def test_images_of_two_sizes_and_types_alone(scene: Any, by: float) -> None:
+    rendered, rig = scene
+    left, _ = raw(rendered.left, rig, "1", by=1)
+    right, _ = raw(rendered.right, rig, "2", by=by)
+    found = ps.rectify(left, right.astype(np.uint16) * 257)
+    assert found.right.shape == left.shape
+    assert found.right.dtype == np.uint16
+    seen = ps.check(found.left, found.right, self_rectify=False).alignment
+    assert seen is not None
+    assert seen.rms < 0.5
+
+
 # What is refused
 
 
@@ -382,7 +472,7 @@ def test_one_camera_is_no_pair(tmp_path: Path) -> None:
     ({"cam0": {"camera_model": "omni"}}, "camera_model: got omni; accepts pinhole"),
     ({"cam0": {"distortion_model": "fov"}}, "distortion_model: got fov; accepts radtan"),
     ({"cam0": {"intrinsics": [1, 2, 3]}}, "intrinsics: got 3 numbers; accepts 4"),
-    ({"cam0": {"resolution": [1, 2]}}, "the cameras differ in size or model"),
+    ({"cam0": {"resolution": None}}, "the cameras differ in model, or one has no size"),
     ({"cam0": {"resolution": "large"}}, "resolution: "),
     ({"cam1": {"T_cn_cnm1": np.diag([0, 0, 0, 1]).tolist()}}, "T_cn_cnm1: is not a rotation"),
     ({"cam1": {"T_cn_cnm1": np.ones((4, 4)).tolist()}}, "T_cn_cnm1: accepts 4 x 4 numbers, a"),

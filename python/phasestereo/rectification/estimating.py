@@ -26,7 +26,7 @@ def estimated(pairs: Sequence[tuple[Pixels, Pixels]]) -> EstimatedMaps:
     Parameters
     ----------
     pairs
-        As `as_pair` returns them, all of one size.
+        As `opened_alike` returns them, all of one size.
 
     Raises
     ------

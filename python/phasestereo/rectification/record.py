@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._extras import require
-from phasestereo._images import ImageOrPath, Map, Mask, as_mask, as_pair
-from phasestereo._opening import opened_pair
+from phasestereo._images import ImageOrPath, Map, Mask, as_mask, as_views
+from phasestereo._opening import opened_alike
 from phasestereo.io.calibration import Calibration
 from phasestereo.io.depth import LengthUnit
 from phasestereo.io.drafts import replacing
@@ -37,12 +37,14 @@ class Rectification:
     Parameters
     ----------
     left, right
-        The rectified images, (H, W) or (H, W, 3), of the type and size of those given.
+        The rectified images, (H, W) or (H, W, 3), each of the type of its own one, both of the size
+        of the left one.
     left_mask, right_mask
         bool (H, W): False where a rectified pixel lies outside the image that was given.
     maps
         ``((left x, left y), (right x, right y))``, each float32 (H, W): the column and the row of
-        the given image at which a rectified pixel is read, as ``cv2.remap`` takes them.
+        the given image, the right one at the size of the left one, at which a rectified pixel is
+        read, as ``cv2.remap`` takes them.
     Q
         OpenCV's matrix of the rectified pair, (4, 4), for `phasestereo.io.Calibration.from_q`.
         None: not known, as without a calibration, which alone gives the scale of a scene.
@@ -96,7 +98,7 @@ class Rectification:
         Parameters
         ----------
         left, right
-            Images as `phasestereo.match` takes them, of the size of the first ones.
+            Images as `phasestereo.match` takes them, the left one of the size of the first one.
 
         Returns
         -------
@@ -180,9 +182,11 @@ def from_document(document: Document) -> Rectification:
     q, error = document.get("Q"), plain["error"]
 
     # Files may come from anywhere: all is checked.
-    as_pair(left, right)
+    as_views(left, right)
     size = left.shape[:2]
-    if any(part.shape != size or part.dtype != np.float32 for part in maps):
+    if right.shape[:2] != size or any(
+        part.shape != size or part.dtype != np.float32 for part in maps
+    ):
         raise ValueError("maps that are not those of the images")
     if any(mask.shape != size or mask.dtype != np.bool_ for mask in (left_mask, right_mask)):
         raise ValueError("masks that are not those of the images")
@@ -218,8 +222,7 @@ def warped(
         If they are no pair, or of another size than the maps.
     """
     cv2 = require("cv2", extra="rectify")
-    pair = opened_pair(*images)
-
+    pair = opened_alike(images).pair
     size = maps[0][0].shape
 
     if pair[0].shape[:2] != size:

@@ -9,8 +9,8 @@ from numbers import Real
 import numpy as np
 from numpy.typing import ArrayLike
 
-from phasestereo._images import ImageOrPath, Pixels
-from phasestereo._opening import opened_pair
+from phasestereo._images import ImageOrPath
+from phasestereo._opening import Fitted, opened_alike
 from phasestereo.io.rigs.cameras import Cameras, Warp
 from phasestereo.io.rigs.reading import CalibrationSource
 from phasestereo.rectification.estimating import estimated
@@ -24,8 +24,6 @@ from phasestereo.rectification.record import (
     warped,
 )
 from phasestereo.rig.diagnosis import check
-
-Masks = tuple[ArrayLike | None, ArrayLike | None]
 
 _OFF = 1.0  # rows: more than a calibration that fits leaves
 
@@ -46,7 +44,8 @@ def rectify(
     Parameters
     ----------
     left, right
-        Images as `phasestereo.match` takes them.
+        Images as `phasestereo.match` takes them, of two sizes and types, too: the right one is
+        brought to the size of the left one first.
     calibration
         One of these; None: how the cameras stand to each other is estimated from the images alone.
 
@@ -68,11 +67,12 @@ def rectify(
         None: linear with a calibration, which gives the bits that OpenCV's `remap` gives by
         default; lanczos without.
     others
-        More pairs of the same cameras, of the same size: without a calibration all of them
-        together show more than one does.
+        More pairs of the same cameras, whose left images are of the same size: without a
+        calibration all of them together show more than one does.
     left_mask, right_mask
-        bool (H, W), True = valid, of the images as they are given: rectified pixels that are read
-        from others are False in the masks of the result. None: all are valid.
+        bool (H, W), True = valid, of the images as they are given, each of its own size: rectified
+        pixels that are read from others are False in the masks of the result. None: all but NaN,
+        alpha 0 and no data.
 
     Returns
     -------
@@ -102,23 +102,22 @@ def rectify(
     >>> result = ps.match(rig.left, rig.right, left_mask=rig.left_mask, right_mask=rig.right_mask)
     >>> depth = rig.calibration.depth(result.disparity)
     """
-    pair = opened_pair(left, right)
-    size = pair[0].shape[1], pair[0].shape[0]
-    masks = left_mask, right_mask
+    found = opened_alike((left, right), (left_mask, right_mask))
+    size = found.pair[0].shape[1], found.pair[0].shape[0]
 
     _check_options(alpha, interpolation)
 
     if calibration is None:
-        found = estimated([pair, *(opened_pair(*other) for other in others)])
-        made = _rectified(pair, masks, Warp(found.maps, None), "images", interpolation or "lanczos")
-        return replace(made, error=found.error, sentences=found.sentences)
+        known = estimated([found.pair, *(opened_alike(other).pair for other in others)])
+        made = _rectified(found, Warp(known.maps, None), "images", interpolation or "lanczos")
+        return replace(made, error=known.error, sentences=known.sentences)
 
-    known = read_calibration(calibration)
-    if isinstance(known, Rectification):
-        return _rectified_again(pair, masks, known, interpolation)
-    warp = known.warp(size, alpha)
-    made = _rectified(pair, masks, warp, "calibration", interpolation or "linear")
-    made = _measured(replace(made, unit=known.unit))
+    cameras = read_calibration(calibration)
+    if isinstance(cameras, Rectification):
+        return _rectified_again(found, cameras, interpolation)
+    warp = cameras.warp(size, alpha, found.right)
+    made = _rectified(found, warp, "calibration", interpolation or "linear")
+    made = _measured(replace(made, unit=cameras.unit))
     return replace(made, sentences=(*made.sentences, *warp.notes))
 
 
@@ -135,14 +134,13 @@ def _check_options(alpha: float | None, interpolation: str | None) -> None:
 
 
 def _rectified(
-    pair: tuple[Pixels, Pixels],
-    masks: Masks,
+    found: Fitted,
     warp: Warp,
     method: Method,
     interpolation: Interpolation,
 ) -> Rectification:
-    left, right = warped(pair, warp.maps, interpolation)
-    left_mask, right_mask = masks_of(warp.maps, pair[0].shape, masks)
+    left, right = warped(found.pair, warp.maps, interpolation)
+    left_mask, right_mask = masks_of(warp.maps, found.pair[0].shape, found.masks)
 
     return Rectification(
         left=left,
@@ -160,20 +158,19 @@ def _rectified(
 
 
 def _rectified_again(
-    pair: tuple[Pixels, Pixels],
-    masks: Masks,
+    found: Fitted,
     known: Rectification,
     interpolation: Interpolation | None,
 ) -> Rectification:
     """Return another pair rectified as the one before it."""
-    if known.maps[0][0].shape != (size := pair[0].shape[:2]):
+    if known.maps[0][0].shape != (size := found.pair[0].shape[:2]):
         raise ValueError(
             f"calibration: got that of {known.maps[0][0].shape} pixels; accepts that of the "
             f"images' {size}"
         )
 
     way = interpolation or known.interpolation
-    made = _rectified(pair, masks, Warp(known.maps, known.Q, known.vertical), known.method, way)
+    made = _rectified(found, Warp(known.maps, known.Q, known.vertical), known.method, way)
     return replace(made, error=known.error, sentences=known.sentences, unit=known.unit)
 
 

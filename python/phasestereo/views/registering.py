@@ -123,7 +123,7 @@ class ThirdCamera:
             raise ValueError(
                 "calibration: accepts K1, D1, K2, D2, R, T of the left and third camera"
             )
-        cols, rows = size or cameras.size or (None, None)
+        cols, rows = size or cameras.right_size or cameras.size or (None, None)
         if cols is None or rows is None:
             raise ValueError("size: got None, and a calibration without one; accepts (cols, rows)")
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from phasestereo._extras import require
 from phasestereo._images import Map
+from phasestereo._opening import RightView
 from phasestereo.io.calibration import Calibration, fits
 from phasestereo.io.depth import LengthUnit
 
@@ -50,6 +51,8 @@ class Cameras:
         ``map1x``, ``map1y``, ``map2x``, ``map2y`` (H, W). ``Q`` (4, 4) may be there, too.
     size
         Columns and rows of the images, if the calibration has them.
+    right_size
+        Those of the right images, where they differ.
     fisheye
         Whether the distortion is that of ``cv2.fisheye``.
     unit
@@ -67,6 +70,7 @@ class Cameras:
 
     matrices: Mapping[str, Matrix]
     size: tuple[int, int] | None = None
+    right_size: tuple[int, int] | None = None
     fisheye: bool = False
     unit: LengthUnit | None = None
     note: str = ""
@@ -104,16 +108,21 @@ class Cameras:
                 "maps map1x, map1y, map2x, map2y"
             )
 
-    def warp(self, size: tuple[int, int], alpha: float | None) -> Warp:
+    def warp(
+        self, size: tuple[int, int], alpha: float | None, right: RightView | None = None
+    ) -> Warp:
         """Return the rectification of images of this size (columns, rows).
 
         Parameters
         ----------
         size
-            Columns and rows of the images.
+            Columns and rows of the left images.
         alpha
             As ``cv2.stereoRectify`` has it. None: the rectification that the calibration has, or
             else OpenCV's -1.
+        right
+            How right images of another size were brought to that of the left ones; None: they are
+            of this size.
 
         Raises
         ------
@@ -127,7 +136,7 @@ class Cameras:
                 "which is as far as OpenCV counts"
             )
 
-        cameras, notes = self.at(size)
+        cameras, notes = self.at(size, right)
         if cameras._has(*MAPS):
             (x1, y1, x2, y2) = (cameras.matrices[name].astype(np.float32) for name in MAPS)
             return Warp(((x1, y1), (x2, y2)), self.matrices.get("Q"), notes=notes)
@@ -153,11 +162,12 @@ class Cameras:
         ValueError
             As `warp`; if the size is not known, or there is no baseline.
         """
-        wanted = size or self._known
+        wanted = size or (self._known and self._known[0])
         if wanted is None:
             raise ValueError("size: got None, and the file has none; accepts (columns, rows)")
 
-        cameras, notes = self.at(wanted)
+        right = self.right_size and RightView(self.right_size, _scaling(self.right_size, wanted))
+        cameras, notes = self.at(wanted, right)
         q = cameras.matrices.get("Q")
         if not cameras._has(*MAPS):
             poses = cameras._poses(wanted, None)
@@ -168,8 +178,15 @@ class Cameras:
             notes += ("the geometry is that of pairs which `rectify` makes by this calibration",)
         return Calibration.from_q(q, width=wanted[0], height=wanted[1], unit=self.unit), notes
 
-    def at(self, size: tuple[int, int]) -> tuple[Cameras, tuple[str, ...]]:
+    def at(
+        self, size: tuple[int, int], right: RightView | None = None
+    ) -> tuple[Cameras, tuple[str, ...]]:
         """Return the cameras for images of this size (columns, rows), and what was assumed.
+
+        Parameters
+        ----------
+        size, right
+            As `warp` takes them.
 
         Raises
         ------
@@ -177,33 +194,38 @@ class Cameras:
             If the calibration is of images that have other proportions.
         """
         notes = (self.note,) if self.note else ()
-        if self._known is None:
-            return self, notes + self._placed(size)
-        every = {one._known: one for one in (self, *self.also) if one._known is not None}
-        if size in every:
-            return every[size], notes
+        wanted = size, right.size if right else size
+        every = [one for one in (self, *self.also) if one._known]
+        if not every:
+            return self._fitted(right), notes + self._placed(wanted)
+        exact = [one for one in every if one._known == wanted]
+        if exact:
+            return exact[0]._fitted(right), notes
 
-        fitting = [known for known in every if fits(known, size) and not every[known]._has(*MAPS)]
+        fitting = [
+            one for one in every if not one._has(*MAPS) and all(map(fits, one._known or (), wanted))
+        ]
         if not fitting:
-            sizes = " or ".join(f"{width} x {height}" for width, height in every)
+            known = " or ".join(_in_words(one._known or ()) for one in every)
             raise ValueError(
-                f"calibration: got that of {sizes} pixels; accepts that of the images' {size[0]} x "
-                f"{size[1]}, or of images of the same proportions"
+                f"calibration: got that of {known} pixels; accepts that of the images' "
+                f"{_in_words(wanted)}, or of images of the same proportions"
             )
-        width, height = known = fitting[0]
-        said = f"the calibration of {width} x {height} pixels is scaled to {size[0]} x {size[1]}"
-        return every[known]._scaled(known, size), (*notes, said)
+        known = _in_words(fitting[0]._known or ())
+        said = f"the calibration of {known} pixels is scaled to {_in_words(wanted)}"
+        return fitting[0]._scaled(wanted)._fitted(right), (*notes, said)
 
     @property
-    def _known(self) -> tuple[int, int] | None:
-        """Columns and rows of the images, if they are known."""
+    def _known(self) -> tuple[tuple[int, int], tuple[int, int]] | None:
+        """Columns and rows of the left and of the right images, if they are known."""
+        size = self.size
         if self._has(*MAPS):
             rows, cols = self.matrices[MAPS[0]].shape
-            return cols, rows
-        return self.size
+            size = cols, rows
+        return size and (size, self.right_size or size)
 
-    def _placed(self, size: tuple[int, int]) -> tuple[str, ...]:
-        """Compare principal points with a size that the calibration does not give.
+    def _placed(self, sizes: tuple[tuple[int, int], tuple[int, int]]) -> tuple[str, ...]:
+        """Compare principal points with sizes that the calibration does not give.
 
         Raises
         ------
@@ -211,7 +233,7 @@ class Cameras:
             If one lies outside of the images: they are of another size.
         """
         notes: tuple[str, ...] = ()
-        for side in "12":
+        for side, size in zip("12", sizes, strict=True):
             x, y = self.matrices[f"K{side}"][:2, 2]
             at = f"K{side}: the principal point ({x:.5g}, {y:.5g})"
             if not (0 <= x <= size[0] and 0 <= y <= size[1]):
@@ -227,17 +249,24 @@ class Cameras:
                 )
         return notes
 
-    def _scaled(self, known: tuple[int, int], size: tuple[int, int]) -> Cameras:
-        """Return the cameras for the same images at another size than the one that is known."""
-        x, y = (new / old for new, old in zip(size, known, strict=True))
-        # The center of the first pixel is (0, 0), its corner (-0.5, -0.5).
-        change = np.array([[x, 0, (x - 1) / 2], [0, y, (y - 1) / 2], [0, 0, 1]])
+    def _scaled(self, sizes: tuple[tuple[int, int], tuple[int, int]]) -> Cameras:
+        """Return the cameras for the same images at other sizes than those that are known."""
+        left, right = map(_scaling, self._known or (), sizes)
         found = {
-            name: change @ matrix if name[0] in "KP" else matrix
+            name: (right if name[1] == "2" else left) @ matrix if name[0] in "KP" else matrix
             for name, matrix in self.matrices.items()
             if name != "Q"
         }
-        return replace(self, matrices=found, size=size)
+        return replace(self, matrices=found, size=sizes[0], right_size=sizes[1])
+
+    def _fitted(self, right: RightView | None) -> Cameras:
+        """Return the cameras of right images at the size of the left ones."""
+        if right is None:
+            return self
+        found = dict(self.matrices)
+        for name in {"K2", "P2"} & found.keys():
+            found[name] = right.matrix @ found[name]
+        return replace(self, matrices=found, right_size=None)
 
     def _has(self, *names: str) -> bool:
         return all(name in self.matrices for name in names)
@@ -292,6 +321,17 @@ class Cameras:
             for side in (1, 2)
         )
         return left, right
+
+
+def _scaling(known: tuple[int, int], size: tuple[int, int]) -> Matrix:
+    """Return the matrix that leads from pixels of images of one size to those of another."""
+    x, y = (new / old for new, old in zip(size, known, strict=True))
+    # The center of the first pixel is (0, 0), its corner (-0.5, -0.5).
+    return np.array([[x, 0, (x - 1) / 2], [0, y, (y - 1) / 2], [0, 0, 1]])
+
+
+def _in_words(sizes: tuple[tuple[int, int], ...]) -> str:
+    return " and ".join(f"{width} x {height}" for width, height in dict.fromkeys(sizes))
 
 
 def q_of(left: Matrix, right: Matrix) -> Matrix | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -170,7 +171,7 @@ def moved(pose: Matrix) -> Document:
 
 
 def joined(cameras: list[Document], pair: Document, unit: LengthUnit | None = "m") -> Cameras:
-    """Return the pair of two cameras of the same model and size.
+    """Return the pair of two cameras of the same model.
 
     Parameters
     ----------
@@ -185,7 +186,7 @@ def joined(cameras: list[Document], pair: Document, unit: LengthUnit | None = "m
     Raises
     ------
     ValueError
-        If the cameras differ in size or model, or the model is another.
+        If the cameras differ in model, one alone has a size, or the model is another.
     """
     sizes = [as_size(camera.pop("size")) for camera in cameras]
     models = [str(camera.pop("model")).lower() for camera in cameras]
@@ -195,15 +196,16 @@ def joined(cameras: list[Document], pair: Document, unit: LengthUnit | None = "m
             known = "radtan, plumb_bob, rational_polynomial, equidistant"
             raise ValueError(f"distortion_model: got {model}; accepts {known}")
 
-    if sizes[0] != sizes[1] or (models[0] in FISHEYE) != (models[1] in FISHEYE):
-        raise ValueError("the cameras differ in size or model; accepts two of a kind")
+    if (None in sizes and any(sizes)) or (models[0] in FISHEYE) != (models[1] in FISHEYE):
+        raise ValueError("the cameras differ in model, or one has no size; accepts two of a kind")
 
     both = {
         f"{name}{side}": value
         for side, camera in enumerate(cameras, start=1)
         for name, value in camera.items()
     }
-    return as_cameras(both | pair, size=sizes[0], fisheye=models[0] in FISHEYE, unit=unit)
+    made = as_cameras(both | pair, size=sizes[0], fisheye=models[0] in FISHEYE, unit=unit)
+    return made if sizes[0] == sizes[1] else replace(made, right_size=sizes[1])
 
 
 def as_size(value: Any) -> tuple[int, int] | None:
