@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
+import phasestereo_live as live
 from phasestereo.io import Calibration
 from phasestereo_live import ros
 from phasestereo_live.ros.transforms import baseline_of, pose_between
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from support import Run
+
+cv2 = counterpart("cv2")
 
 SIZE = COLS, ROWS = 180, 120
 FOCAL, BASELINE, SHIFT = 300.0, 0.1, 20  # 1.5 m
@@ -89,6 +92,53 @@ def test_windows_that_do_not_fit_are_refused(
         bag.add(topic, START, robots.image(ROS2, START, view, "mono8"))
     with pytest.raises(ValueError, match=message):
         ros.open_recording(bag.write(tmp_path / "in.mcap"))
+
+
+def above(path: Path, *, by_transform: bool = False, turn: float = 0.0) -> Path:
+    """Write a recording of cameras one above the other, the lower one the right one.
+
+    By P the distance is known, or else by transforms; turned frames are raw.
+    """
+    rotation = cv2.Rodrigues(np.array([0, 0, turn]))[0]
+    size, bag = (ROWS, COLS), Bag()
+    straight = robots.straight(size, FOCAL, 0.0)
+    if not by_transform:
+        straight[1]["P"][1, 3] = -FOCAL * BASELINE
+    for info, one, frame in zip(INFOS, straight, ("left_optical", "right_optical"), strict=True):
+        matrices = one | {"R": rotation.ravel()}
+        bag.add(info, START, robots.info(ROS2, size, matrices, frame=frame))
+    made = ROS2.types
+    stamped = made["geometry_msgs/msg/TransformStamped"](
+        header=robots.header(ROS2, START, "left_optical"),
+        child_frame_id="right_optical",
+        transform=transform(ROS2, 0.0, BASELINE),
+    )
+    bag.add("/tf_static", START, made["tf2_msgs/msg/TFMessage"](transforms=[stamped]))
+    k = straight[0]["K"]
+    back = k @ rotation.T @ np.linalg.inv(k)  # from rectified pixels to raw ones
+    for topic, view in zip(TOPICS, VIEWS, strict=True):
+        stood = np.ascontiguousarray(np.rot90(view, -1))
+        stood = cv2.warpPerspective(stood, back, size) if turn else stood
+        bag.add(topic, START, robots.image(ROS2, START, stood, "mono8"))
+    return bag.write(path)
+
+
+@pytest.mark.parametrize("how", [{}, {"by_transform": True}, {"turn": 0.03}])
+def test_cameras_one_above_the_other(
+    run: Callable[..., Run], tmp_path: Path, how: dict[str, Any]
+) -> None:
+    path = above(tmp_path / "in.mcap", **how)
+    found, err = depths(run, path, tmp_path / "out.mcap", "--messages", "depth", "points")
+    assert found == pytest.approx(1.5, rel=2e-3), err
+    _, depth = robots.read(tmp_path / "out.mcap")["/rig/depth"][0]
+    assert (depth.height, depth.width) == (COLS, ROWS)
+    assert np.isfinite(depth.data.view("<f4")).mean() > 0.7
+
+    recording = ros.open_recording(path)
+    with live.stream(recording, rectify=recording.cameras, vertical=recording.vertical) as frames:
+        assert next(frames).result.vertical
+    assert recording.vertical
+    assert (recording.cameras is not None) == ("turn" in how)
 
 
 # Recordings of RealSense
@@ -252,17 +302,19 @@ def test_a_third_camera_that_is_not_known_is_refused(tmp_path: Path) -> None:
 def test_a_baseline_leads_through_a_chain_of_transforms() -> None:
     base, left, right = "base", "left", "right"
     chain = [(base, left, transform(ROS2, 3.0, 1.0)), (base, right, transform(ROS2, 3.12, 1.0))]
-    assert baseline_of(pose_between(chain, left, right)) == pytest.approx(0.12)
+    assert baseline_of(pose_between(chain, left, right)) == pytest.approx((0.12, 0))
     assert baseline_of(pose_between(chain, right, left)) is None  # exchanged
     assert baseline_of(pose_between(chain, left, "elsewhere")) is None
     assert baseline_of(pose_between(chain, left, left)) is None
-    below = [(base, left, transform(ROS2, 0.0)), (base, right, transform(ROS2, 0.1, 0.1))]
-    assert baseline_of(pose_between(below, left, right)) is None
+    below = [(base, left, transform(ROS2, 1.0)), (base, right, transform(ROS2, 1.001, 0.1))]
+    assert baseline_of(pose_between(below, left, right)) == pytest.approx((0, 0.1))
+    aslant = [(base, left, transform(ROS2, 0.0)), (base, right, transform(ROS2, 0.1, 0.1))]
+    assert baseline_of(pose_between(aslant, left, right)) is None
 
 
 @pytest.mark.parametrize(("one", "other"), [
     ("left", "right"), ("infra1", "infra2"), ("Infrared_1", "Infrared_2"), ("cam0", "cam1"),
-    ("cam_l", "cam_r"),
+    ("cam_l", "cam_r"), ("top", "bottom"),
 ])  # fmt: skip
 def test_topics_are_guessed_by_the_names_that_cameras_give(
     tmp_path: Path, one: str, other: str

@@ -270,6 +270,28 @@ def test_masks_and_settings_hold_for_every_frame() -> None:
         assert np.isnan(frame.result.disparity[15, 40])
 
 
+def test_cameras_of_two_sizes_and_types_are_matched_as_pairs_are() -> None:
+    mask = np.ones((ROWS // 2, COLS // 2), bool)
+    mask[4:8, 20:30] = False
+    pairs = [(left, right[::2, ::2].astype(np.uint16) * 257) for left, right in map(pair, range(3))]
+    failures: list[Failure] = []
+    options: dict[str, Any] = {"right_mask": mask, "fill": False, "preset": "fast"}
+    options |= {"num_disparities": 16}
+    pairs[1] = pairs[1][0][:, 1:], pairs[1][1]  # the mask is of the whole image
+    stream = live.stream(
+        pairs, temporal_filter=False, on_error=failures.append, reestimate=1, **options
+    )
+    frames = list(stream)
+    assert [frame.index for frame in frames] == [0, 1, 2]
+    for frame in frames:
+        result = ps.match(frame.left, frame.right, **options)
+        np.testing.assert_array_equal(frame.result.disparity, result.disparity)
+    assert not failures
+
+    with pytest.raises(ValueError, match=r"^right_mask: got shape \(32, 48\)"):
+        next(live.stream([pair(0)], right_mask=mask, **FAST))
+
+
 # What is kept and freed
 
 

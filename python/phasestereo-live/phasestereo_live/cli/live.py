@@ -188,6 +188,8 @@ def live(
         recording = None if recorded is None else _opened(opened, topics, recorded)
         if recording is not None:
             places, by = (recording,), by or recording.cameras
+            if vertical is None and by is recording.cameras:
+                given["vertical"] = recording.vertical
 
         messages.check(
             wanted=outputs.recording is not None,

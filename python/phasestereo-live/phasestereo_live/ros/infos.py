@@ -23,6 +23,8 @@ class RigGeometry(NamedTuple):
     cameras: Cameras | None
     q: Matrix | None
     notes: tuple[str, ...] = ()
+    vertical: bool | None = None
+    """Whether the right camera is below the left one; None: not known."""
 
 
 def info_topics(topic: str) -> tuple[str, ...]:
@@ -36,7 +38,7 @@ def geometry_of(
     right: Any,
     topics: tuple[str, str],
     size: tuple[int, int] | None = None,
-    baseline: float | None = None,
+    baseline: tuple[float, float] | None = None,
 ) -> RigGeometry:
     """Return the calibration of images of these topics from both messages.
 
@@ -53,13 +55,15 @@ def geometry_of(
     size
         Columns and rows of the images; None: as the messages say.
     baseline
-        Distance of the cameras, m, where the messages have none.
+        How far the right camera is to the right of the left one and below it, m, as `baseline_of`
+        has it, where the messages say nothing of it.
 
     Raises
     ------
     ValueError
-        If the cameras are not calibrated, differ in size or model, are not a pair, are calibrated
-        for images of other proportions, or rectified images show other rows.
+        If the cameras are not calibrated, differ in model, are not a pair, are calibrated for
+        images of other proportions, or rectified images show other rows, or other columns of
+        cameras one above the other.
     """
     documents = [_document(message) for message in (left, right)]
     cameras = cameras_of_pair(*documents)
@@ -67,24 +71,24 @@ def geometry_of(
     notes = tuple(f"camera_info: {note}" for note in notes)
 
     p1, p2 = cameras.matrices["P1"], cameras.matrices["P2"]
-    if baseline is not None and p1[0, 3] == p2[0, 3]:
+    if baseline is not None and (p1[:2, 3] == p2[:2, 3]).all():
         p2 = p2.copy()
-        p2[0, 3] -= p2[0, 0] * baseline
+        p2[:2, 3] -= p2[[0, 1], [0, 1]] * baseline
         cameras = replace(cameras, matrices={**cameras.matrices, "P2": p2})
 
-    if is_vertical(p1, p2):
-        raise ValueError(
-            "camera_info: got cameras one above the other; accepts cameras side by side"
-        )
-    off = abs(p1[1, 2] - p2[1, 2])
+    vertical = is_vertical(p1, p2)
+    lines, across = ("columns", 0) if vertical else ("rows", 1)
+    off = abs(p1[across, 2] - p2[across, 2])
     if off > _ROWS_OFF:
         raise ValueError(
-            f"camera_info: rows of rectified images are {off:g} px apart by P and the regions of "
-            "interest; accepts images of the same rows"
+            f"camera_info: {lines} of rectified images are {off:g} px apart by P and the regions "
+            f"of interest; accepts images of the same {lines}"
         )
     named = all(_RECTIFIED.search(topic) for topic in topics)
     is_straight = all(_is_straight(cameras.matrices, side) for side in "12")
-    return RigGeometry(None if named or is_straight else cameras, q_of(p1, p2), notes)
+    q = q_of(p1, p2)
+    raw = None if named or is_straight else cameras
+    return RigGeometry(raw, q, notes, None if q is None else vertical)
 
 
 def third_camera(message: Any, left: Any, pose: Matrix) -> ThirdCamera:

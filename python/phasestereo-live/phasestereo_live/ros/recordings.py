@@ -28,7 +28,7 @@ _INFO = "sensor_msgs/msg/CameraInfo"
 _TRANSFORMS, _TRANSFORM = "tf2_msgs/msg/TFMessage", "geometry_msgs/msg/Transform"
 _NAMES = (
     ("left", "right"), ("infra1", "infra2"), ("Infrared_1", "Infrared_2"), ("cam0", "cam1"),
-    ("cam_l", "cam_r"),
+    ("cam_l", "cam_r"), ("top", "bottom"),
 )  # fmt: skip
 """Names that distinguish the topics of both cameras."""
 
@@ -54,6 +54,9 @@ class Recording(CaptureSource[Pair]):
         What there is to say about the calibration; "" if nothing is.
     third
         The third camera and the frame of its images; None: none was asked for.
+    vertical
+        Whether the right camera is below the left one, for ``stream(..., vertical=)``; None: not
+        known.
     """
 
     topics: tuple[str, str]
@@ -62,6 +65,7 @@ class Recording(CaptureSource[Pair]):
     q: Matrix | None
     note: str
     third: tuple[ThirdCamera, str] | None = None
+    vertical: bool | None = None
 
 
 def open_recording(
@@ -82,7 +86,7 @@ def open_recording(
     left, right
         Topics of the images: ``sensor_msgs/Image`` or ``CompressedImage``. Without both, the only
         two that their names distinguish: left and right, infra1 and infra2, Infrared_1 and
-        Infrared_2, cam0 and cam1, cam_l and cam_r.
+        Infrared_2, cam0 and cam1, cam_l and cam_r, top and bottom.
     camera_info
         Topics of both cameras' ``sensor_msgs/CameraInfo``; None: ``camera_info`` beside the images,
         if it is there. Images on ``image_rect`` count as rectified; others are raw. A baseline that
@@ -148,6 +152,7 @@ def open_recording(
         q=geometry.q,
         note=note,
         third=third,
+        vertical=geometry.vertical,
     )
 
 

@@ -47,18 +47,26 @@ def pose_between(
     return None if first == second else reached.get(second)
 
 
-def baseline_of(pose: Matrix | None) -> float | None:
-    """Return the distance of two rectified cameras, m, by the pose of the right in the left one.
+def baseline_of(pose: Matrix | None) -> tuple[float, float] | None:
+    """Return the distance of a camera to the right of a rectified one, and below it, m.
 
-    None: there is no pose, or they do not stand side by side.
+    Parameters
+    ----------
+    pose
+        (4, 4), of the camera in the frame of the other one; None: it is not known.
+
+    Returns
+    -------
+    tuple or None
+        One of both is 0. None: there is no pose, or it stands neither beside nor below.
     """
-    if pose is None:
+    if pose is None or np.abs(pose[:3, :3] - np.eye(3)).max() > _ACROSS:
         return None
-    along, *across = pose[:3, 3]
-    turned = np.abs(pose[:3, :3] - np.eye(3)).max()
-    if not along > 0 or np.abs(across).max() > _ACROSS * along or turned > _ACROSS:
+    axis = int(abs(pose[1, 3]) > abs(pose[0, 3]))
+    along, across = pose[axis, 3], np.delete(pose[:3, 3], axis)
+    if not along > 0 or np.abs(across).max() > _ACROSS * along:
         return None
-    return float(along)
+    return (0.0, float(along)) if axis else (float(along), 0.0)
 
 
 def _pose(transform: Any) -> Matrix:

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._core import MOST_DISPARITIES
-from phasestereo._images import ImageOrPath, as_mask
+from phasestereo._images import ImageOrPath, as_mask, as_pair, as_views
 from phasestereo._numbers import as_integer
-from phasestereo._opening import opened_pair
+from phasestereo._opening import opened
 from phasestereo.io.pair import Layout, LayoutError
 from phasestereo.io.rigs.cameras import Cameras
 from phasestereo.io.rigs.reading import CalibrationSource
@@ -125,7 +125,8 @@ def stream(
     """Match every frame of a video, a folder of images, or a pair of cameras.
 
     One `phasestereo.Rig` matches them all, and learns what the cameras are. Frames that fail are
-    reported and skipped: those that are damaged or missing, or whose two images differ in size.
+    reported and skipped: those that are damaged or missing, or whose two images differ in size or
+    type where those of the first frame do not.
     Whatever is wrong from the start is raised at once.
 
     Parameters
@@ -380,6 +381,7 @@ class _Work:
         self._report = report
         self._temporal_filter = temporal_filter
 
+        self._is_alike: bool | None = None
         self._checked = False
         self._width: int | None = None
         self._coming: _Given | None = None
@@ -413,7 +415,11 @@ class _Work:
         """Return a pair as it is to be matched."""
         if self.rectifier is not None:
             left, right = self.rectifier.pair(left, right)
-        return opened_pair(left, right)
+        views = as_views(opened(left), opened(right))
+        if self._is_alike is None:
+            kinds = {(view.shape[:2], view.dtype) for view in views}
+            self._is_alike = len(kinds) == 1
+        return as_pair(*views) if self._is_alike else views
 
     def _peeked(self, taken: Iterator[_Taken]) -> Iterator[_Taken]:
         """Check the arguments against the first frame."""
@@ -429,13 +435,20 @@ class _Work:
         if self._checked or isinstance(images, Exception):
             return
 
-        size = images[0].shape
-        _try(self._given, width=size[0 if self._given.vertical else 1])
-        self._width = size[1]
+        self._width = images[0].shape[0 if self._vertical else 1]
+        _try(self._given, width=self._width)
 
-        for name in ("left_mask", "right_mask"):
-            as_mask(self._given.masks[name], size, name)
+        for name, image in zip(("left_mask", "right_mask"), images, strict=True):
+            if self.rectifier is None:  # else they are of raw images
+                as_mask(self._given.masks[name], image.shape, name)
         self._checked = True
+
+    @property
+    def _vertical(self) -> bool | None:
+        """Whether the right camera is below the left one; None: it is not known."""
+        if self._given.vertical is None and self.rectifier is not None:
+            return self.rectifier.vertical
+        return self._given.vertical
 
     def _matched(self, taken: Generator[_Taken]) -> Generator[Frame]:
         with closing(self._source), closing(taken):
@@ -455,17 +468,14 @@ class _Work:
             raise images
 
         left, right = images
-        masks, vertical = self._given.masks, self._given.vertical
-        if self.rectifier is not None:
-            masks = self.rectifier.masks
-            vertical = self.rectifier.vertical if vertical is None else vertical
+        masks = self._given.masks if self.rectifier is None else self.rectifier.masks
         result = self.rig.match(
             left,
             right,
             **masks,
             known=self._given.known,
             temporal_filter=self._temporal_filter,
-            vertical=vertical,
+            vertical=self._vertical,
         )
 
         images = _squeezed(left), _squeezed(right)

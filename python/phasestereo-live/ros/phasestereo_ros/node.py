@@ -191,9 +191,11 @@ class PhasestereoNode(Node):  # type: ignore[misc]  # rclpy has no types
         header = Header(stamp, left.header.frame_id)
         images = decode_image(left), decode_image(right)
         rows, cols = images[0].shape[:2]
-        q = geometry_of(left_info, right_info, TOPICS, (cols, rows)).q
-        known = None if q is None else Calibration.from_q(q, width=cols, height=rows, unit="m")
-        result = self._rig.match(*images)
+        rig = geometry_of(left_info, right_info, TOPICS, (cols, rows))
+        known = None
+        if rig.q is not None:
+            known = Calibration.from_q(rig.q, width=cols, height=rows, unit="m")
+        result = self._rig.match(*images, vertical=rig.vertical)
         self._disparity.publish(disparity_image(make, header, result, known))
         for name, publisher in self._maps.items():
             values = result.maps.get(name)
