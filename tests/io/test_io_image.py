@@ -133,9 +133,9 @@ def test_heif_comes_nearly_as_it_is_stored(tmp_path: Path, mode: str, dtype: str
 
 def test_heif_that_unpacks_to_more_than_its_length_can_hold_is_refused(tmp_path: Path) -> None:
     heif = counterpart("pillow_heif")
-    size = 4000, 4000
+    size = 1000, 1000
     heif.from_bytes("L", size, bytes(size[0] * size[1])).save(tmp_path / "a.heic", quality=1)
-    with pytest.raises(ValueError, match=r"a\.heic: the header asks for 16000000 bytes of samples"):
+    with pytest.raises(ValueError, match=r"a\.heic: the header asks for 1000000 bytes of samples"):
         read_image(tmp_path / "a.heic")
 
 
