@@ -21,7 +21,7 @@ BEGUN = touch $@.begun
 DONE = touch -r $@.begun $@ && rm $@.begun
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-wheel test-core test-oldest test-arm64 fuzz soak nightly mutants lint format settings licenses bench tables bench-core docs wheel c web hooks clean
+.PHONY: help demo test test-wheel test-core test-gpu test-oldest test-arm64 fuzz soak nightly mutants lint format settings licenses bench tables bench-core docs wheel c web hooks clean
 
 help: ## List the commands
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 18
@@ -50,6 +50,12 @@ test-core: $(VENV)/harness $(VENV)/dev ## Test the matcher alone: its stages and
 	cargo test --locked --test rust
 	$(BIN)/python -m pytest --numprocesses auto --dist worksteal tests/core --ignore tests/core/test_c.py
 
+# The libraries that it needs are not optimized, so that they compile in two minutes. On Debian: mesa-vulkan-drivers.
+test-gpu: ## Lint and test the engine for GPUs on a software driver (PHASESTEREO_GPU: a part of the name of another adapter)
+	cargo clippy --locked --package phasestereo-gpu --all-targets -- --deny warnings
+	RUSTDOCFLAGS="--deny warnings" cargo doc --locked --no-deps --document-private-items --quiet --package phasestereo-gpu
+	XDG_RUNTIME_DIR="$${XDG_RUNTIME_DIR:-/tmp}" cargo test --locked --package phasestereo-gpu --config 'profile.test.package."*".opt-level=0' -- --nocapture
+
 test-oldest: $(CORE) ## Test with the oldest versions that pyproject.toml names of what is installed with it
 	PYTHON=$(CURDIR)/$(BIN)/python tests/oldest.sh
 
@@ -75,7 +81,7 @@ mutants: $(TOOLS)/cargo-mutants $(VENV)/ready ## Change the core in 33 places, o
 
 lint: $(VENV)/counterparts ## Check formats, lints, types, stubs and the documentation of the code, about a minute
 	cargo fmt --all --check
-	cargo clippy --locked --workspace --all-targets -- --deny warnings
+	cargo clippy --locked --workspace --exclude phasestereo-gpu --all-targets -- --deny warnings
 	RUSTDOCFLAGS="--deny warnings" cargo doc --locked --no-deps --document-private-items --quiet
 	$(BIN)/ruff format --check
 	$(BIN)/ruff check

@@ -106,6 +106,19 @@ def test_a_crate_knows_those_below_it_alone(crate: str) -> None:
     assert not [text for text in sources if re.search(r"dead_code|extern \"C\"|pyo3", text)]
 
 
+def test_nothing_but_its_own_crate_needs_a_gpu() -> None:
+    manifests = {
+        path.parent.name: tomllib.loads(path.read_text("utf-8"))
+        for path in RUST.glob("*/Cargo.toml")
+    }
+    assert {name for name, found in manifests.items() if "wgpu" in found["dependencies"]} == {"gpu"}
+    assert not [
+        name for name, found in manifests.items() if "phasestereo-gpu" in str(found["dependencies"])
+    ]
+    workspace = tomllib.loads((ROOT / "Cargo.toml").read_text("utf-8"))["workspace"]
+    assert "rust/gpu" not in workspace["default-members"]
+
+
 def test_the_interface_of_the_core_is_small() -> None:
     root = (RUST / "core" / "src" / "lib.rs").read_text("utf-8")
     exported = " ".join(re.findall(r"^pub use ([^;]+);", root, re.MULTILINE))
