@@ -10,7 +10,7 @@ from cyclopts import Parameter, validators
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import say
 from phasestereo_bench.cli.bench_middlebury import rivals
-from phasestereo_bench.cli.bench_runs import require_done, run_cells
+from phasestereo_bench.cli.bench_runs import RunOptions, require_done
 from phasestereo_bench.report.documents import fill_places
 from phasestereo_bench.report.markdown import marked
 from phasestereo_bench.speed import find_pairs, speed_jobs
@@ -88,9 +88,8 @@ def tables(
         for group in [group for name, group in groups.items() if name in (only or groups)]:
             store = output / f"{group.name}.jsonl"
             many, title = 1 if group.alone else workers, group.name.capitalize()
-            done += run_cells(
-                group.jobs, store, workers=many, fresh=fresh, title=title, cells="cells"
-            )
+            running = RunOptions(workers=many, fresh=fresh)
+            done += running.run(group.jobs, store, cells="cells", title=title)
 
         if speed_rounds and not quick and (not only or "speed" in only):
             _time(data, output, speed_rounds, fresh=fresh)
@@ -110,7 +109,8 @@ def _time(data: Path, output: Path, rounds: int, *, fresh: bool) -> None:
         say(line)
 
     jobs = speed_jobs(pairs, rounds=rounds)
-    run_cells(jobs, store, workers=0, fresh=fresh, title="Speed", cells="measurements")
+    running = RunOptions(workers=0, fresh=fresh)
+    running.run(jobs, store, cells="measurements", title="Speed")
 
 
 def _fill(documents: tuple[Path, ...], output: Path) -> None:

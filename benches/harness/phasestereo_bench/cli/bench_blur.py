@@ -8,9 +8,9 @@ from typing import Annotated
 from cyclopts import Group, Parameter, validators
 
 from phasestereo.cli.errors import refusals
-from phasestereo.cli.terminal import printable, say
+from phasestereo.cli.terminal import printable
 from phasestereo_bench.blur import blur_jobs, blur_table, explain_blur
-from phasestereo_bench.cli.bench_runs import require_done, run_cells
+from phasestereo_bench.cli.bench_runs import AS_USUAL, RunOptions, require_done
 from phasestereo_bench.cli.bench_scenes import SceneChoice
 from phasestereo_bench.cli.bench_tables import filled, screen
 
@@ -28,8 +28,7 @@ def blur(
     choice: Annotated[SceneChoice, Parameter(name="*", group=_SCENES)] = _ALL,
     every: Annotated[int, Parameter(group=_RUN, validator=_STEP)] = 1,
     output: Annotated[Path, Parameter(alias="-o", group=_RUN)] = Path("blur.jsonl"),
-    workers: Annotated[int | None, Parameter(group=_RUN, validator=_COUNT)] = None,
-    fresh: Annotated[bool, Parameter(negative=(), show_default=False, group=_RUN)] = False,
+    running: Annotated[RunOptions, Parameter(name="*", group=_RUN)] = AS_USUAL,
 ) -> None:
     """Blur Middlebury pairs by known kernels, and check whether that blur is found.
 
@@ -53,21 +52,11 @@ def blur(
         Run every N-th trial, for a quick look.
     output
         File for the records.
-    workers
-        Number of processes, each on one thread; without it, one per processor. 0
-        runs everything in one process.
-    fresh
-        Begin anew: rename an existing file of records, and run every trial.
     """
     with refusals(options=_OPTIONS):
-        scenes, left_out = choice.select(folders, _SUITE)
+        scenes = choice.select(folders, _SUITE)
         jobs = blur_jobs(scenes, every=every)
-        if left_out:
-            say(left_out)
-
-        records = run_cells(
-            jobs, output, workers=workers, fresh=fresh, title="Estimating", cells="trials"
-        )
+        records = running.run(jobs, output, cells="trials", title="Estimating")
 
     good = [record for record in records if record["status"] == "ok"]
     if good:

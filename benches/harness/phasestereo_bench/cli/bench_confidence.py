@@ -9,9 +9,9 @@ from cyclopts import Group, Parameter, validators
 from rich.table import Table
 
 from phasestereo.cli.errors import refusals
-from phasestereo.cli.terminal import printable, say
+from phasestereo.cli.terminal import printable
 from phasestereo_bench.cli.bench_middlebury import rivals
-from phasestereo_bench.cli.bench_runs import require_done, run_cells
+from phasestereo_bench.cli.bench_runs import AS_USUAL, RunOptions, require_done
 from phasestereo_bench.cli.bench_scenes import SceneChoice
 from phasestereo_bench.cli.bench_tables import screen
 from phasestereo_bench.confidence import (
@@ -46,8 +46,7 @@ def confidence(
     every: Annotated[int, Parameter(group=_RUN, validator=_STEP)] = 1,
     output: Annotated[Path, Parameter(alias="-o", group=_RUN)] = Path("confidence.jsonl"),
     weights: Annotated[Path | None, Parameter(group=_RUN)] = None,
-    workers: Annotated[int | None, Parameter(group=_RUN, validator=_COUNT)] = None,
-    fresh: Annotated[bool, Parameter(negative=(), show_default=False, group=_RUN)] = False,
+    running: Annotated[RunOptions, Parameter(name="*", group=_RUN)] = AS_USUAL,
 ) -> None:
     """Learn what raw confidences mean, from pairs that are spoiled in many ways.
 
@@ -83,27 +82,17 @@ def confidence(
         File for the records.
     weights
         File of Rust to write the weights to.
-    workers
-        Number of processes, each on one thread; without it, one per processor. 0
-        runs everything in one process.
-    fresh
-        Begin anew: rename an existing file of records, and run every match.
     """
     with refusals(options=_OPTIONS):
-        scenes, left_out = choice.select(folders, "confidence")
+        scenes = choice.select(folders, "confidence")
         if of == "maps":
             network = rivals(hitnet)
             prepared = [f"prepared:{name}" for name in network]
             jobs = claim_jobs(scenes, [*network, *prepared, *_METHODS], every=every)
         else:
             jobs = confidence_jobs(scenes, every=every)
-        if left_out:
-            say(left_out)
-
         cells = "pairs" if of == "maps" else "matches"
-        records = run_cells(
-            jobs, output, workers=workers, fresh=fresh, title="Matching", cells=cells
-        )
+        records = running.run(jobs, output, cells=cells)
         good = [record for record in records if record["status"] == "ok"]
         tables = _of_maps(good, weights) if of == "maps" else _of_matches(good, weights)
 

@@ -13,7 +13,7 @@ from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import say
 from phasestereo_bench.cases import SUITES
 from phasestereo_bench.cli.bench_report import show
-from phasestereo_bench.cli.bench_runs import require_done, run_cells
+from phasestereo_bench.cli.bench_runs import AS_USUAL, RunOptions, require_done
 from phasestereo_bench.cli.bench_scenes import SceneChoice
 from phasestereo_bench.methods import method as method_of
 from phasestereo_bench.methods import present
@@ -42,8 +42,7 @@ def middlebury(
     hitnet: Annotated[Path | None, Parameter(group=_CELLS)] = None,
     quick: Annotated[bool, Parameter(negative=(), show_default=False, group=_SCENES)] = False,
     output: Annotated[Path, Parameter(alias="-o", group=_RUN)] = Path("results.jsonl"),
-    workers: Annotated[int | None, Parameter(group=_RUN, validator=_COUNT)] = None,
-    fresh: Annotated[bool, Parameter(negative=(), show_default=False, group=_RUN)] = False,
+    running: Annotated[RunOptions, Parameter(name="*", group=_RUN)] = AS_USUAL,
 ) -> None:
     """Score matchers on Middlebury pairs of which one image is degraded.
 
@@ -82,31 +81,22 @@ def middlebury(
         HITNet's ONNX file for ETH3D: the network takes part, too, if onnxruntime is installed.
     output
         File for the records.
-    workers
-        Number of processes, each on one thread; without it, one per processor. 0
-        runs everything in one process.
-    fresh
-        Begin anew: rename an existing file of records, and run every cell.
     """
     with refusals(options=_OPTIONS):
         if quick and not choice.scene:
             choice = replace(choice, scene=tuple(sorted(QUICK_SCENES)))
 
-        scenes, left_out = choice.select(folders, suite)
+        scenes = choice.select(folders, suite)
         methods = [*(method or default_methods(suite)), *rivals(hitnet)]
         jobs = middlebury_jobs(
             scenes, methods, degradation or None, suite=suite, sides=side or None
         )
 
-        if left_out:
-            say(left_out)
         for entrant in map(method_of, methods):
             if "license" in entrant.settings:
                 say(f"{entrant}: license of the weights: {entrant.settings['license']}")
 
-        records = run_cells(
-            jobs, output, workers=workers, fresh=fresh, title="Matching", cells="cells"
-        )
+        records = running.run(jobs, output, cells="cells")
 
     known = [line for line in read_store(output) if line["kind"] == "environment"]
     further = [f"Records: {output}; a plot: phasestereo bench report {output}"]

@@ -61,7 +61,7 @@ def range_(
         if unknown:
             raise ValueError(f"kind: got {', '.join(unknown)}; accepts {', '.join(KINDS)}")
 
-        chosen, _ = choice.select(folders, "one-sided-blur")
+        chosen = choice.select(folders, "one-sided-blur", silent=True)
         scenes = [scene.load() for scene in chosen]
         made = list(constructions(scenes, kind or KINDS, held=held))
 

@@ -5,12 +5,12 @@
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Parameter, validators
+from cyclopts import Parameter
 
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import printable
 from phasestereo_bench.cli.bench_middlebury import rivals
-from phasestereo_bench.cli.bench_runs import require_done, run_cells
+from phasestereo_bench.cli.bench_runs import AS_USUAL, RunOptions, require_done
 from phasestereo_bench.cli.bench_tables import filled, screen
 from phasestereo_bench.real import find_recording, recording_jobs
 from phasestereo_bench.tables.plan import TIMED
@@ -24,8 +24,7 @@ def recordings(
     method: Annotated[tuple[str, ...], _SEVERAL] = (),
     hitnet: Path | None = None,
     output: Annotated[Path, Parameter(alias="-o")] = Path("recordings.jsonl"),
-    workers: Annotated[int | None, Parameter(validator=validators.Number(gte=0))] = None,
-    fresh: Annotated[bool, Parameter(negative=(), show_default=False)] = False,
+    running: Annotated[RunOptions, Parameter(name="*")] = AS_USUAL,
 ) -> None:
     """Score matchers on raw frames of real rigs, whose depth nobody knows.
 
@@ -47,10 +46,6 @@ def recordings(
         HITNet's ONNX file for ETH3D: the network takes part, too, if onnxruntime is installed.
     output
         File for the records.
-    workers
-        Number of processes, each on one thread; without it, one per processor.
-    fresh
-        Begin anew: rename an existing file of records.
     """
     with refusals(options={"method", "hitnet"}):
         if not folders:
@@ -59,9 +54,7 @@ def recordings(
         methods = [*(method or TIMED), *rivals(hitnet)]
         jobs = [job for place in folders for job in recording_jobs(find_recording(place), methods)]
 
-        records = run_cells(
-            jobs, output, workers=workers, fresh=fresh, title="Matching", cells="cells"
-        )
+        records = running.run(jobs, output, cells="cells")
 
     good = [record for record in records if record["status"] == "ok"]
     console = screen()

@@ -1,19 +1,20 @@
 """What commands that run a benchmark's cells share: earlier records, progress, and Ctrl-C."""
 
-from __future__ import annotations
+# No `from __future__ import annotations`: the command line is made of these annotations.
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import count
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter, validators
 
 from phasestereo.cli.errors import CommandError
 from phasestereo.cli.terminal import progress_bar, say
 from phasestereo_bench.environment import describe_environment
 from phasestereo_bench.runner import Job, finished, run_jobs
 from phasestereo_bench.store import read_store
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
 
 
 def _prepare(output: Path, jobs: Sequence[Job], *, cells: str, fresh: bool) -> None:
@@ -50,33 +51,45 @@ def require_done(records: Sequence[Mapping[str, Any]], cells: str, *names: str) 
         raise CommandError(f"{count}, the first of them {case}: {failed[0]['error']}")
 
 
-def run_cells(
-    jobs: Sequence[Job],
-    output: Path,
-    *,
-    workers: int | None,
-    fresh: bool,
-    title: str,
-    cells: str,
-) -> list[dict[str, Any]]:
-    """Run jobs under a progress bar; say what is there already, and when interrupted how to go on.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunOptions:
+    """How the cells of a benchmark run.
 
     Parameters
     ----------
-    jobs, output, workers
-        As for `phasestereo_bench.run_jobs`.
+    workers
+        Number of processes, each on one thread; without it, one per processor. 0
+        runs everything in one process.
     fresh
-        Whether an earlier file is put aside.
-    title
-        That of the progress bar.
-    cells
-        What the jobs are called.
+        Begin anew: rename an existing file of records, and run everything.
     """
-    _prepare(output, jobs, cells=cells, fresh=fresh)
-    try:
-        with progress_bar(title) as progress:
-            return run_jobs(jobs, output, workers=workers, progress=progress)
-    except KeyboardInterrupt:
-        done = len(finished(jobs, read_store(output))) if output.exists() else 0
-        say(f"{done} of {len(jobs)} {cells} are in {output}; the same command does the others")
-        raise
+
+    workers: Annotated[int | None, Parameter(validator=validators.Number(gte=0))] = None
+    fresh: Annotated[bool, Parameter(negative=(), show_default=False)] = False
+
+    def run(
+        self, jobs: Sequence[Job], output: Path, *, cells: str, title: str = "Matching"
+    ) -> list[dict[str, Any]]:
+        """Run jobs under a progress bar; say what is there, and when interrupted how to go on.
+
+        Parameters
+        ----------
+        jobs, output
+            As for `phasestereo_bench.run_jobs`.
+        cells
+            What the jobs are called.
+        title
+            That of the progress bar.
+        """
+        _prepare(output, jobs, cells=cells, fresh=self.fresh)
+        try:
+            with progress_bar(title) as progress:
+                return run_jobs(jobs, output, workers=self.workers, progress=progress)
+        except KeyboardInterrupt:
+            done = len(finished(jobs, read_store(output))) if output.exists() else 0
+            say(f"{done} of {len(jobs)} {cells} are in {output}; the same command does the others")
+            raise
+
+
+AS_USUAL = RunOptions()
+"""One process per processor, going on where the last run stopped."""

@@ -10,6 +10,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from phasestereo.cli.terminal import say
 from phasestereo_bench.cases import SUITE_SCENES
 from phasestereo_bench.datasets import Scene, find_scenes
 from phasestereo_bench.middlebury import has_truth
@@ -31,8 +32,8 @@ class SceneChoice:
 
     scene: Annotated[tuple[str, ...], _SEVERAL] = ()
 
-    def select(self, folders: Sequence[Path], suite: str) -> tuple[list[Scene], str]:
-        """Return the scenes of these folders, and what to say of those left out.
+    def select(self, folders: Sequence[Path], suite: str, *, silent: bool = False) -> list[Scene]:
+        """Return the scenes of these folders, and say which are left out unless ``silent``.
 
         Raises
         ------
@@ -46,7 +47,12 @@ class SceneChoice:
         scenes = {(s.folder, s.name): s for folder in folders for s in find_scenes(folder)}
         there = list(scenes.values())
         named = [scene for name in self.scene for scene in _named(name, there)]
-        return (list(dict.fromkeys(named)), "") if named else _scored(there, suite)
+        if named:
+            return list(dict.fromkeys(named))
+        chosen, left_out = _scored(there, suite)
+        if left_out and not silent:
+            say(left_out)
+        return chosen
 
 
 def _named(name: str, scenes: Sequence[Scene]) -> list[Scene]:

@@ -10,7 +10,7 @@ from cyclopts import Parameter, validators
 from phasestereo._extras import require
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import printable, say
-from phasestereo_bench.cli.bench_runs import require_done, run_cells
+from phasestereo_bench.cli.bench_runs import RunOptions, require_done
 from phasestereo_bench.cli.bench_tables import filled, screen
 from phasestereo_bench.report.origin import made_with
 from phasestereo_bench.speed import (
@@ -75,7 +75,8 @@ def speed(
         there = _load(data, output.parent, pairs)
         jobs = speed_jobs(there, rounds=rounds)
         title = "Matching"
-        records = run_cells(jobs, output, workers=0, fresh=fresh, title=title, cells="measurements")
+        running = RunOptions(workers=0, fresh=fresh)
+        records = running.run(jobs, output, cells="measurements", title=title)
         _show(output, records)
 
 

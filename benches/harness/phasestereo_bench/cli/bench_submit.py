@@ -43,7 +43,7 @@ def submit(
         Folder for the files, and for a zip of those of each site and size.
     """
     with refusals(options={"scene", "method", "name"}):
-        scenes, _ = choice.select(folders, "sharp")
+        scenes = choice.select(folders, "sharp", silent=True)
         with progress_bar("Matching") as progress:
             archives, said = submitted(scenes, method, name, output, progress=progress)
 

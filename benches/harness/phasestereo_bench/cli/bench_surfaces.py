@@ -10,7 +10,7 @@ from cyclopts import Group, Parameter, validators
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import printable
 from phasestereo_bench.cli.bench_middlebury import rivals
-from phasestereo_bench.cli.bench_runs import require_done, run_cells
+from phasestereo_bench.cli.bench_runs import AS_USUAL, RunOptions, require_done
 from phasestereo_bench.cli.bench_tables import filled, screen
 from phasestereo_bench.surfaces import (
     MEGAPIXELS,
@@ -36,8 +36,7 @@ def surfaces(
     method: Annotated[tuple[str, ...], _SEVERAL] = (),
     hitnet: Path | None = None,
     output: Annotated[Path, Parameter(alias="-o", group=_RUN)] = Path("surfaces.jsonl"),
-    workers: Annotated[int | None, Parameter(group=_RUN, validator=_COUNT)] = None,
-    fresh: Annotated[bool, Parameter(negative=(), show_default=False, group=_RUN)] = False,
+    running: Annotated[RunOptions, Parameter(name="*", group=_RUN)] = AS_USUAL,
 ) -> None:
     """Score matchers on plain, slanted and curved surfaces, and on finer samplings of a scene.
 
@@ -69,18 +68,11 @@ def surfaces(
         HITNet's ONNX file for ETH3D: the network takes part, too, if onnxruntime is installed.
     output
         File for the records.
-    workers
-        Number of processes, each on one thread; without it, one per processor. 0
-        runs everything in one process.
-    fresh
-        Begin anew: rename an existing file of records, and run everything.
     """
     with refusals(options=_OPTIONS):
         cases = surface_cases(folders, megapixels=megapixels, seeds=seeds)
         jobs = surface_jobs(cases, [*(method or default_methods()), *rivals(hitnet)])
-        records = run_cells(
-            jobs, output, workers=workers, fresh=fresh, title="Matching", cells="maps"
-        )
+        records = running.run(jobs, output, cells="maps")
 
     good = [record for record in records if record["status"] == "ok"]
     console = screen()

@@ -57,10 +57,7 @@ def verify(
         if unknown:
             raise ValueError(f"condition: got {unknown[0]!r}; accepts {', '.join(CONDITIONS)}")
 
-        scenes, left_out = choice.select(folders, "sharp")
-        if left_out:
-            say(left_out)
-
+        scenes = choice.select(folders, "sharp")
         methods = [*rivals(hitnet), *method]
         say(f"matching and judging {len(scenes)} scenes under {len(condition)} conditions")
         table = opinion_table(list(opinions(scenes, methods, condition)))
