@@ -21,7 +21,7 @@ BEGUN = touch $@.begun
 DONE = touch -r $@.begun $@ && rm $@.begun
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-wheel test-core test-gpu test-oldest test-arm64 fuzz soak nightly mutants lint format settings licenses bench tables bench-core docs wheel c web hooks clean
+.PHONY: help demo test test-wheel test-core test-gpu test-oldest test-arm64 fuzz soak nightly mutants lint format settings licenses bench tables bench-core bench-gpu docs wheel c web hooks clean
 
 help: ## List the commands
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 18
@@ -109,6 +109,9 @@ tables: $(VENV)/counterparts ## Make every table and picture of comparison of th
 
 bench-core: ## Time each stage of the core (make bench-core ARGS=optimization: one of them)
 	cargo bench --locked --package phasestereo -- $(ARGS)
+
+bench-gpu: ## Time the search on a GPU beside that of the core, and compare their bits (ARGS: a part of the adapter's name)
+	cargo run --release --locked --package phasestereo-gpu --example bench -- $(ARGS)
 
 docs: $(VENV)/counterparts web/phasestereo.wasm ## Build the documentation, and the pictures in it, into site/
 	$(BIN)/mkdocs build --strict

@@ -99,9 +99,12 @@ impl Device {
             None => adapter.kind != Kind::Processor,
         };
         let Some((adapter, raw)) = all.into_iter().find(|(adapter, _)| is_wanted(adapter)) else {
-            let accepts = match &names[..] {
-                [] => "an adapter of Vulkan or Metal, of which this machine has none".to_owned(),
-                names => format!("a part of the name of an adapter: {}", names.join(", ")),
+            let accepts = match (name, names.join(", ").as_str()) {
+                (_, "") => {
+                    "an adapter of Vulkan or Metal, of which this machine has none".to_owned()
+                }
+                (Some(_), all) => format!("a part of the name of an adapter: {all}"),
+                (None, all) => format!("a GPU; software drivers have to be named: {all}"),
             };
             return Err(Error::value("device", name.unwrap_or("gpu"), accepts));
         };
