@@ -473,6 +473,8 @@ def test_files_are_refused_by_what_they_are(tmp_path: Path) -> None:
         (pickle.dumps({"K1": np.eye(3)}), "is a Python pickle, which could run anything"),
         (b"\x89HDF\r\n\x1a\n\0\0\0\0", "is an HDF5 file, as MATLAB writes with -v7.3"),
         (b"SQLite format 3\0", "is an SQLite database"),
+        (b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM" + bytes(9),
+         "is an HDF5 file, as MATLAB writes with -v7.3"),
         (b"\x1f\x8b\x08\0\0\0\0\0", "is a gzip archive; unpack it"),
         (b"%PDF-1.7", "is a PDF document"),
         (b"\x89PNG\r\n\x1a\n", "is a PNG picture"),
@@ -522,3 +524,26 @@ def test_camera_info_without_distortion_is_read_and_its_baseline_checked(
                     ps.io.read_calibration(tmp_path)
             else:
                 assert ps.io.read_calibration(tmp_path).baseline == pytest.approx(baseline)
+
+
+@pytest.mark.parametrize("binning", [0, 2])
+def test_camera_info_as_ros2_topic_echo_prints_it(tmp_path: Path, binning: int) -> None:
+    """K and P are of the whole sensor, the images a region of interest, binned."""
+    yaml, by = counterpart("yaml"), binning or 1
+    for name, tx in (("left", 0.0), ("right", -30.0)):
+        message = {
+            "header": {"stamp": {"sec": 1, "nanosec": 0}, "frame_id": name},
+            "height": 480, "width": 640, "distortion_model": "plumb_bob", "d": [0.0] * 5,
+            "k": [300.0, 0, 320, 0, 300, 240, 0, 0, 1], "r": np.eye(3).ravel().tolist(),
+            "p": [300.0, 0, 320, tx, 0, 300, 240, 0, 0, 0, 1, 0],
+            "binning_x": binning, "binning_y": binning,
+            "roi": {"x_offset": 100, "y_offset": 80, "height": 240, "width": 360,
+                    "do_rectify": False},
+        }  # fmt: skip
+        (tmp_path / f"{name}.yaml").write_text(f"{yaml.safe_dump(message)}---\n")
+    found = ps.io.read_calibration(tmp_path)
+    assert (found.width, found.height) == (360 // by, 240 // by)
+    assert found.cam0 == ((300 / by, 0, 220 / by), (0, 300 / by, 160 / by), (0, 0, 1))
+    assert found.baseline == pytest.approx(0.1)
+    with pytest.raises(ValueError, match="same proportions"):
+        ps.io.read_calibration(tmp_path, (640, 480))

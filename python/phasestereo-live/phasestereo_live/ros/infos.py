@@ -110,6 +110,7 @@ def third_camera(message: Any, left: Any, pose: Matrix) -> ThirdCamera:
     """
     document = _document(message)
     both = cameras_of_pair(document, document)
+    width, height = both.size or (0, 0)
     rotation = pose[:3, :3].T
     turned = _document(left)["R"].reshape(3, 3)
     rectified = turned if turned.any() else np.eye(3)  # RealSense's recordings have zeros
@@ -118,8 +119,8 @@ def third_camera(message: Any, left: Any, pose: Matrix) -> ThirdCamera:
         distortion=both.matrices["D1"],
         rotation=rotation @ rectified.T,
         translation=-rotation @ pose[:3, 3],
-        width=document["width"],
-        height=document["height"],
+        width=width,
+        height=height,
         fisheye=both.fisheye,
         unit="m",
     )
@@ -127,28 +128,15 @@ def third_camera(message: Any, left: Any, pose: Matrix) -> ThirdCamera:
 
 def _document(message: Any) -> dict[str, Any]:
     """Return a message as the reader of calibrations takes it; ROS 1 has capital letters."""
-    fields: dict[str, Any] = {
-        name: np.array(getattr(message, name, getattr(message, name.lower(), ())), np.float64)
-        for name in "KDRP"
-    }
-    fields["K"], fields["P"] = fields["K"].reshape(3, 3), fields["P"].reshape(3, 4)
-    width, height = message.width, message.height
-
-    # Matrices are of the whole sensor; images are its region of interest, binned.
+    names = "width", "height", "distortion_model", "binning_x", "binning_y"
+    fields: dict[str, Any] = {name: getattr(message, name, None) for name in names}
+    for name in "KDRP":
+        fields[name] = np.array(
+            getattr(message, name, getattr(message, name.lower(), ())), np.float64
+        )
     roi = getattr(message, "roi", None)
-    if roi is not None and roi.width and roi.height:
-        for name in "KP":
-            fields[name][:2, 2] -= (roi.x_offset, roi.y_offset) * (fields[name][:2, 2] != 0)
-        width, height = roi.width, roi.height
-    binning = [max(1, getattr(message, f"binning_{axis}", 1)) for axis in "xy"]
-    for name in "KP":
-        fields[name][:2] /= np.array(binning)[:, np.newaxis]
-
-    return fields | {
-        "width": width // binning[0],
-        "height": height // binning[1],
-        "distortion_model": message.distortion_model,
-    }
+    sides = "x_offset", "y_offset", "width", "height"
+    return fields | {"roi": roi and {side: getattr(roi, side) for side in sides}}
 
 
 def _is_straight(matrices: Any, side: str) -> bool:

@@ -41,13 +41,14 @@ _MOST_FILES = 64  # of a folder
 _MAP_BYTES = 16 + 16 + 26  # of a pixel: two maps, and images of three floats with a mask each
 _MATRICES = "tag:yaml.org,2002:opencv-matrix", "tag:yaml.org,2002:opencv-nd-matrix"
 # OpenCV 5 writes vectors as the latter, with a list of sizes.
+_HDF = b"\x89HDF"
 _FOREIGN = {
     b"\x89PNG": "a PNG picture",
     b"\xff\xd8\xff": "a JPEG picture",
     b"II*\0": "a TIFF picture",
     b"MM\0*": "a TIFF picture",
     b"%PDF": "a PDF document",
-    b"\x89HDF": "an HDF5 file, as MATLAB writes with -v7.3; save it with -v7",
+    _HDF: "an HDF5 file, as MATLAB writes with -v7.3; save it with -v7",
     b"\x80": "a Python pickle, which could run anything; save the matrices by numpy.savez",
     b"SQLi": "an SQLite database, as of COLMAP or a recording; give COLMAP's model, its folder",
     b"\x1f\x8b": "a gzip archive; unpack it",
@@ -164,7 +165,9 @@ def _of_matlab(content: bytes) -> Document:
         if sum(shapes) > SMALL:
             raise ValueError(f"has {sum(shapes)} numbers; accepts {SMALL} at most")
         found = module.loadmat(io.BytesIO(content), simplify_cells=True)
-    except (KeyError, NotImplementedError, TypeError, OSError) as error:
+    except NotImplementedError as error:
+        raise ValueError(f"is {_FOREIGN[_HDF]}") from error
+    except (KeyError, TypeError, OSError) as error:
         raise ValueError(f"is a damaged .mat file ({error})") from error
 
     # An object of MATLAB's is stored in a form that MATLAB alone reads.
@@ -215,6 +218,7 @@ def _of_yaml(text: str) -> Document:
     if body != text:
         body = re.sub(r"(?m)^(\s*[\w.]+:)(?=[^\s:])", r"\1 ", body)  # OpenCV needs no space there
 
+    body = re.sub(r"\n---\s*\Z", "\n", body)  # as `ros2 topic echo` ends a message
     try:
         _check_events(yaml, yaml.parse(body, Loader=base))
         document = yaml.load(body, Loader=Loader)  # a safe loader

@@ -126,7 +126,25 @@ def _of_ros(document: Document) -> Document:
 
     size = [document.get(f"image_{side}", document.get(side)) for side in ("width", "height")]
     model = document.get("distortion_model", "plumb_bob")
-    return camera | {"size": None if None in size else size, "model": model}
+    return camera | {"size": _cut(camera, document, size), "model": model}
+
+
+def _cut(camera: Document, document: Document, size: list[Any]) -> list[Any] | None:
+    """Move K and P from the whole sensor to its region of interest, binned; return its size.
+
+    As ROS's image_geometry does it.
+    """
+    window, binning = document.get("roi") or {}, np.ones(2, int)
+    if window.get("width") and window.get("height"):
+        size = [window["width"], window["height"]]
+        for name in "KP":
+            center = camera[name][:2, 2]
+            center -= (window["x_offset"], window["y_offset"]) * (center != 0)
+    for at, axis in enumerate("xy"):
+        binning[at] = document.get(f"binning_{axis}") or 1
+    for name in "KP":
+        camera[name][:2] /= binning[:, np.newaxis]
+    return None if None in size else [side // by for side, by in zip(size, binning, strict=True)]
 
 
 def _of_intrinsics(document: Document) -> Document:
