@@ -289,6 +289,49 @@ def test_depths_of_a_recording_are_registered_to_its_color_camera(
     assert np.isfinite(depth).mean() > 0.3
 
 
+@pytest.mark.parametrize("encoding", ["32FC1", "16UC1"])
+def test_depths_and_points_of_blocks(
+    run: Callable[..., Run], tmp_path: Path, encoding: str
+) -> None:
+    bag = Bag()
+    for info, one in zip(INFOS, matrices(1), strict=True):
+        bag.add(info, START, robots.info(ROS2, SIZE, one))
+    for topic, view in zip(TOPICS, VIEWS, strict=True):
+        bag.add(topic, START, robots.image(ROS2, START, view, "mono8"))
+    options: tuple[Any, ...] = "--decimate", 4, "--messages", "depth", "points", "disparity"
+    options += "--no-temporal-filter", "--depth-encoding", encoding, "--num-disparities", 48
+    out = tmp_path / "out.mcap"
+    code, _, err = run("live", bag.write(tmp_path / "in.mcap"), "-o", out, *options)
+    assert code == 0, err
+    found = {name.removeprefix("/rig/"): sent[0][1] for name, sent in robots.read(out).items()}
+    assert {*found} == {
+        "disparity", "camera_info", "decimated/depth", "decimated/points2", "decimated/camera_info",
+    }  # fmt: skip
+    depth, info = found["decimated/depth"], found["decimated/camera_info"]
+    assert (depth.width, depth.height) == (info.width, info.height) == (COLS // 4, ROWS // 4)
+    rig = Calibration.from_focal(FOCAL, BASELINE, width=COLS, height=ROWS, unit="m")
+    np.testing.assert_allclose(info.k.reshape(3, 3), rig.decimated(4).cam0)
+
+    result = ps.match(*VIEWS, num_disparities=48)
+    wanted = ps.depth_interval(result, rig, decimate=4).depth
+    values = depth.data.view("<f4" if encoding == "32FC1" else "<u2").reshape(wanted.shape)
+    if encoding == "16UC1":
+        millimeters = np.rint(1000 * wanted.astype(float))
+        held = millimeters < 2**16  # false for NaN
+        np.testing.assert_array_equal(values, np.where(held, millimeters, 0))
+    else:
+        known = np.isfinite(wanted)
+        np.testing.assert_array_equal(values[known], wanted[known])
+        assert not np.isfinite(values[~known]).any()
+    points = found["decimated/points2"].data.view("<f4").reshape(*wanted.shape, 4)
+    z, (x, y) = points[..., 2], np.meshgrid(np.arange(COLS // 4), np.arange(ROWS // 4))
+    known = np.isfinite(z)
+    assert known.mean() > 0.7
+    k = info.k.reshape(3, 3)
+    np.testing.assert_allclose(points[..., 0][known], ((x - k[0, 2]) / k[0, 0] * z)[known], 1e-4)
+    np.testing.assert_allclose(points[..., 1][known], ((y - k[1, 2]) / k[1, 1] * z)[known], 1e-4)
+
+
 def test_a_third_camera_that_is_not_known_is_refused(tmp_path: Path) -> None:
     path = with_color(tmp_path / "in.mcap", joined=False)
     for topic, message in (

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
+from phasestereo.io import Calibration
 from support import ROOT, robots
 from support.robots import ROS2, START
 
@@ -41,6 +42,7 @@ class Node:
         self.name = name
         self.parameters: dict[str, Any] = {}
         self.published: dict[str, list[Any]] = {}
+        self.subscribed: dict[str, tuple[str, Any, Any]] = {}
         self.logged: list[str] = []
 
     def declare_parameter(self, name: str, default: Any) -> None:
@@ -60,6 +62,9 @@ class Node:
             sent.append(message)
 
         return SimpleNamespace(publish=publish, get_subscription_count=lambda: 1)
+
+    def create_subscription(self, kind: type, topic: str, heard: Any, qos: Any) -> None:
+        self.subscribed[topic] = (kind.__name__, heard, qos)
 
     def get_logger(self) -> Any:
         def log(text: str, **_: Any) -> None:
@@ -88,6 +93,10 @@ def node(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Any]]:
     modules["rclpy.executors"].ExternalShutdownException = Exception  # type: ignore[attr-defined]
     for name in ("sensor_data", "system_default"):
         setattr(modules["rclpy.qos"], f"qos_profile_{name}", name)
+
+    qos: Any = modules["rclpy.qos"]
+    qos.DurabilityPolicy = SimpleNamespace(TRANSIENT_LOCAL="transient local")
+    qos.QoSProfile = lambda depth, durability: (depth, durability)
 
     filters = modules["message_filters"] = ModuleType("message_filters")
     filters.Subscriber = lambda _, kind, topic, qos_profile: (kind, topic, qos_profile)  # type: ignore[attr-defined]
@@ -161,6 +170,86 @@ def test_a_pair_is_matched_and_published(node: Callable[..., Any]) -> None:
 
     np.testing.assert_allclose(depth[known], 9.6 / expected.ravel()[known], rtol=1e-6)
     assert np.isnan(depth[~known]).all()
+
+
+def meters(message: Any) -> NDArray[np.float32]:
+    assert message.encoding == "32FC1"
+    return np.frombuffer(message.data, "<f4").reshape(message.height, message.width)
+
+
+def test_depths_and_points_of_blocks(node: Callable[..., Any]) -> None:
+    made = node(preset="fast", disparity_range=COUNT, decimate=3)
+    made.match(*arrivals())
+    assert not made.logged
+    assert {"depth", "points2"}.isdisjoint(made.published)
+    (info,), (depth,) = made.published["decimated/camera_info"], made.published["decimated/depth"]
+    rig = Calibration.from_focal(80.0, 0.12, width=COLS, height=ROWS, unit="m")
+    assert (info.width, info.height) == (depth.width, depth.height) == (COLS // 3, ROWS // 3)
+    np.testing.assert_allclose(np.reshape(info.k, (3, 3)), rig.decimated(3).cam0)
+
+    settings: dict[str, Any] = {"preset": "fast", "fill": False, "lr_check": 1}
+    result = ps.match(*pair(), num_disparities=COUNT, **settings)
+    wanted = ps.depth_interval(result.disparity, rig, uncertainty=0 * result.disparity, decimate=3)
+    np.testing.assert_array_equal(meters(depth), wanted.depth)
+    (cloud,) = made.published["decimated/points2"]
+    assert (cloud.width, cloud.height) == (COLS // 3, ROWS // 3)
+    z = np.frombuffer(cloud.data, "<f4").reshape(-1, 4)[:, 2]
+    np.testing.assert_array_equal(z, meters(depth).ravel())
+
+
+def test_a_third_camera_is_followed(node: Callable[..., Any]) -> None:
+    made = node(preset="fast", disparity_range=COUNT, register="/color/camera_info")
+    color = robots.straight((60, 40), 50.0, 0.0)[0]
+    info = robots.info(ROS2, (60, 40), color, frame="color_optical")
+    kinds = {topic: (kind, qos) for topic, (kind, _, qos) in made.subscribed.items()}
+    assert kinds == {
+        "/tf_static": ("TFMessage", (100, "transient local")),
+        "/color/camera_info": ("CameraInfo", "sensor_data"),
+    }
+    made.match(*arrivals())  # nothing is known of it yet
+    assert not made.published["registered/depth"]
+    made.subscribed["/color/camera_info"][1](info)
+    made.match(*arrivals())
+    assert made.logged == ["register: no transforms join 'left_optical' and 'color_optical'"]
+    assert len(made.published["depth"]) == 2
+
+    vector = SimpleNamespace(x=0.03, y=0.01, z=0.0)
+    turn = SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0)
+    link = SimpleNamespace(
+        header=SimpleNamespace(frame_id="left_optical"), child_frame_id="color_optical",
+        transform=SimpleNamespace(translation=vector, rotation=turn),
+    )  # fmt: skip
+    made.subscribed["/tf_static"][1](SimpleNamespace(transforms=[link]))
+    made.match(*arrivals())
+    settings: dict[str, Any] = {"preset": "fast", "fill": False, "lr_check": 1}
+    result = ps.match(*pair(), num_disparities=COUNT, **settings)
+    third = ps.ThirdCamera(
+        matrix=color["K"], rotation=np.eye(3), translation=np.array([-0.03, -0.01, 0]), width=60,
+        height=40,
+    )  # fmt: skip
+    rig = Calibration.from_focal(80.0, 0.12, width=COLS, height=ROWS, unit="m")
+    (message,), (there,) = (
+        made.published[f"registered/{name}"] for name in ("depth", "camera_info")
+    )
+    np.testing.assert_array_equal(meters(message), ps.register(result, rig, third).depth)
+    assert np.isfinite(meters(message)).mean() > 0.5
+    assert message.header.frame_id == there.header.frame_id == "color_optical"
+    assert (there.k[0], there.width) == (50.0, 60)
+    assert {name for name, sent in made.published.items() if sent} >= {"registered/depth"}
+
+
+def test_cameras_one_above_the_other_are_matched_so(node: Callable[..., Any]) -> None:
+    made = node(preset="fast", disparity_range=COUNT)
+    views = [np.ascontiguousarray(np.rot90(view, -1)) for view in pair()]
+    images = [robots.image(ROS2, START, view, "rgb8") for view in views]
+    for message in images:
+        message.data = array.array("B", message.data.tobytes())
+    infos = robots.straight((ROWS, COLS), 80.0, 0.0)
+    infos[1]["P"][1, 3] = -80.0 * 0.12
+    made.match(*images, *(robots.info(ROS2, (ROWS, COLS), info) for info in infos))
+    (depth,) = made.published["depth"]
+    assert np.nanmedian(meters(depth)) == pytest.approx(80 * 0.12 / 5)
+    assert np.isfinite(meters(depth)).mean() > 0.7
 
 
 def test_diagnostics_come_once_a_second(node: Callable[..., Any]) -> None:

@@ -76,7 +76,7 @@ class LiveOutputs:
     max_depth
         Leave out everything further away, in the unit of the baseline.
     decimate
-        One point for each block of N by N pixels, in --rerun. Default 1.
+        One point or depth for each block of N by N pixels, in --rerun and recordings. Default 1.
     rate
         Frames a second of the video, where the source does not say when they were taken; without
         it, 25.

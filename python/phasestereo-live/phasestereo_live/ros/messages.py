@@ -6,7 +6,8 @@ of a node.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -17,7 +18,7 @@ from phasestereo.io import Calibration
 from phasestereo.result import Result
 from phasestereo.rig.diagnosis import Diagnosis
 from phasestereo.views.depths import YAW, Selection, depths_of, ranging
-from phasestereo.views.registering import ThirdCamera
+from phasestereo.views.registering import ThirdCamera, register
 from phasestereo_live.ros.images import encode_image
 from phasestereo_live.ros.pairing import Header
 
@@ -29,6 +30,9 @@ DEPTHS: tuple[Depths, ...] = ("32FC1", "16UC1")
 
 MAP_IMAGES = "confidence", "uncertainty"
 """Maps of a result that are sent as images of 32FC1 beside the disparities."""
+
+REGISTERED = "near", "far", "confidence"
+"""Maps of a third camera that are sent as images of 32FC1 beside its depths."""
 
 _FLOAT32 = 7  # sensor_msgs/PointField
 _POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4")])
@@ -170,7 +174,8 @@ def ranged_depth(
     calibration
         The geometry of the rectified pair.
     selection
-        Which estimates are kept; None: the trusted ones. All have the size of the image.
+        Which estimates are kept; None: the trusted ones. Depths have the size of the image,
+        whatever its ``decimate``.
     """
     chosen = selection or Selection()
     bars = result.uncertainty
@@ -189,6 +194,101 @@ def ranged_depth(
     depth[far] = np.inf
     depth[near] = -np.inf
     return depth
+
+
+def in_space(
+    make: Make,
+    header: Header,
+    result: Result,
+    calibration: Calibration,
+    left: NDArray[Any],
+    *,
+    kinds: Collection[str] = ("depth", "points"),
+    encoding: str = DEPTHS[0],
+    selection: Selection | None = None,
+) -> dict[str, Any]:
+    """Return depths and points by the names of their topics.
+
+    Of one pixel of a block of ``selection.decimate`` they are below ``decimated``, with the
+    ``camera_info`` of images of that size.
+
+    Parameters
+    ----------
+    make, header
+        As `disparity_image` takes them.
+    result
+        The match.
+    calibration
+        The geometry of the rectified pair, the baseline in m.
+    left
+        The left image, for the colors.
+    kinds
+        "depth", "points", or both.
+    encoding
+        That of the depths, one of `DEPTHS`.
+    selection
+        Which estimates are kept; None: the trusted ones.
+
+    Raises
+    ------
+    ValueError
+        If the image is smaller than a block.
+    """
+    chosen, space, found = selection or Selection(), "", {}
+    depth = ranged_depth(result, calibration, chosen)
+    if chosen.decimate > 1:
+        bars = result.uncertainty
+        geometry = ranging(result.disparity, calibration, uncertainty=bars, yaw=YAW, anchor=None)
+        blocks = replace(chosen, min_depth=None, max_depth=None)
+        thin = depths_of(result, geometry, blocks, finite=False)
+        depth, left, calibration = thin.picked(depth), thin.picked(left), thin.calibration
+        space = "decimated/"
+        found[f"{space}camera_info"] = camera_info(make, header, calibration)
+    if "points" in kinds:
+        found[f"{space}points2"] = point_cloud2(make, header, depth, calibration, left)
+    if "depth" in kinds:
+        found[f"{space}depth"] = depth_image(make, header, depth, encoding)
+    return found
+
+
+def registered(
+    make: Make,
+    header: Header,
+    result: Result,
+    calibration: Calibration,
+    camera: ThirdCamera,
+    *,
+    encoding: str = DEPTHS[0],
+    selection: Selection | None = None,
+) -> dict[str, Any]:
+    """Return the view of a third camera by the names of its topics, below ``registered``.
+
+    Parameters
+    ----------
+    make
+        As `disparity_image` takes it.
+    header
+        The stamp of the left image, and the frame of the third camera.
+    result, calibration, encoding, selection
+        As `in_space` takes them; ``decimate`` has no effect.
+    camera
+        The third camera.
+    """
+    chosen = selection or Selection()
+    maps = register(
+        result,
+        calibration,
+        camera,
+        keep=chosen.keep,
+        min_depth=chosen.min_depth,
+        max_depth=chosen.max_depth,
+    ).maps
+    found = {"camera_info": camera_info(make, header, camera)}
+    found["depth"] = depth_image(make, header, maps["depth"], encoding)
+    for name in REGISTERED:
+        if name in maps:
+            found[name] = image_of(make, header, maps[name])
+    return {f"registered/{name}": message for name, message in found.items()}
 
 
 def depth_image(make: Make, header: Header, depth: Map, encoding: str) -> Any:

@@ -7,21 +7,19 @@ from collections.abc import Collection
 from typing import Any, Literal, get_args
 
 from phasestereo.io import Calibration
-from phasestereo.result import Result
 from phasestereo.rig.diagnosis import check
 from phasestereo.views.depths import Selection
-from phasestereo.views.registering import ThirdCamera, register
+from phasestereo.views.registering import ThirdCamera
 from phasestereo_live.ros.bags import RecordingWriter
 from phasestereo_live.ros.messages import (
     DEPTHS,
     MAP_IMAGES,
     camera_info,
-    depth_image,
     diagnostics,
     disparity_image,
     image_of,
-    point_cloud2,
-    ranged_depth,
+    in_space,
+    registered,
 )
 from phasestereo_live.ros.pairing import Header
 from phasestereo_live.video.streaming import Frame
@@ -53,8 +51,8 @@ class FrameWriter:
     depth_encoding
         "32FC1", m, or "16UC1", mm.
     selection
-        Which pixels have depths and points, in m; its ``decimate`` has no effect here. None: the
-        trusted ones.
+        Which pixels have depths and points, in m; with ``decimate`` these are below ``decimated``,
+        with a ``camera_info`` of their size. None: the trusted ones.
     third
         A third camera and the frame of its images: with the kind ``"depth"`` there are ``depth``,
         ``near`` and ``far`` (the ends of the error bars), ``confidence`` and ``camera_info`` of it
@@ -134,36 +132,14 @@ class FrameWriter:
 
     def _in_space(self, frame: Frame, header: Header, calibration: Calibration) -> dict[str, Any]:
         """Return depths and points."""
-        make, found = self._writer.make, {}
-        depth = ranged_depth(frame.result, calibration, self._selection)
-        if "points" in self._kinds:
-            found["points2"] = point_cloud2(make, header, depth, calibration, frame.left)
-        if "depth" in self._kinds:
-            found["depth"] = depth_image(make, header, depth, self._encoding)
-            if self._third is not None:
-                found |= self._registered(frame.result, calibration, header.stamp, self._third)
+        make, result = self._writer.make, frame.result
+        given: dict[str, Any] = {"encoding": self._encoding, "selection": self._selection}
+        found = in_space(make, header, result, calibration, frame.left, kinds=self._kinds, **given)
+        if "depth" in self._kinds and self._third is not None:
+            camera, frame_id = self._third
+            there = Header(header.stamp, frame_id)
+            found |= registered(make, there, result, calibration, camera, **given)
         return found
-
-    def _registered(
-        self, result: Result, calibration: Calibration, stamp: int, third: tuple[ThirdCamera, str]
-    ) -> dict[str, Any]:
-        """Return the view of a third camera at the time of the left image."""
-        make, (camera, frame_id) = self._writer.make, third
-        chosen, header = self._selection or Selection(), Header(stamp, frame_id)
-        maps = register(
-            result,
-            calibration,
-            camera,
-            keep=chosen.keep,
-            min_depth=chosen.min_depth,
-            max_depth=chosen.max_depth,
-        ).maps
-        found = {"camera_info": camera_info(make, header, camera)}
-        found["depth"] = depth_image(make, header, maps["depth"], self._encoding)
-        for name in ("near", "far", "confidence"):
-            if name in maps:
-                found[name] = image_of(make, header, maps[name])
-        return {f"registered/{name}": message for name, message in found.items()}
 
     def _is_due(self, stamp: int) -> bool:
         """Return whether a second has passed, or time has gone back."""

@@ -3,8 +3,10 @@
 It subscribes to ``left/image_rect``, ``left/camera_info``, ``right/image_rect`` and
 ``right/camera_info``, and publishes ``disparity`` (``stereo_msgs/DisparityImage``), ``points2``
 (``sensor_msgs/PointCloud2``), ``depth``, ``confidence`` and ``uncertainty`` (``sensor_msgs/Image``,
-32FC1), the ``camera_info`` of these, and, once a second, ``/diagnostics``. All that is done with
-images is done by phasestereo, as for recordings.
+32FC1), the ``camera_info`` of these, and, once a second, ``/diagnostics``. With ``decimate`` depths
+and points are below ``decimated``; with ``register``, the topic of a third camera's
+``camera_info``, its view is below ``registered``. All that is done with images is done by
+phasestereo, as for recordings.
 """
 
 from __future__ import annotations
@@ -20,7 +22,12 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
-from rclpy.qos import qos_profile_sensor_data, qos_profile_system_default
+from rclpy.qos import (
+    DurabilityPolicy,
+    QoSProfile,
+    qos_profile_sensor_data,
+    qos_profile_system_default,
+)
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from stereo_msgs.msg import DisparityImage
 
@@ -30,21 +37,21 @@ from phasestereo.settings import resolve
 from phasestereo.views.depths import Selection
 from phasestereo_live.ros import Header
 from phasestereo_live.ros.images import decode_image
-from phasestereo_live.ros.infos import geometry_of
+from phasestereo_live.ros.infos import geometry_of, third_camera
 from phasestereo_live.ros.messages import (
-    DEPTHS,
     MAP_IMAGES,
+    REGISTERED,
     camera_info,
-    depth_image,
     diagnostics,
     disparity_image,
     image_of,
-    point_cloud2,
-    ranged_depth,
+    in_space,
+    registered,
 )
+from phasestereo_live.ros.transforms import pose_between
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Set
 
     from numpy.typing import NDArray
 
@@ -68,6 +75,8 @@ COUNTED: dict[str, Any] = {
     "keep": "trusted",
     "min_depth": 0.0,
     "max_depth": 0.0,
+    "decimate": 1,
+    "register": "",
 }
 """Parameters that count, and their defaults; sizes of 0 are those of the preset, and depths of 0
 leave the range open."""
@@ -116,6 +125,7 @@ def search_of(values: Mapping[str, Any]) -> Search:
         keep=values["keep"],
         min_depth=values["min_depth"] or None,
         max_depth=values["max_depth"] or None,
+        decimate=values["decimate"],
     )
     return Search(values["min_disparity"], values["disparity_range"], settings, selection)
 
@@ -156,8 +166,17 @@ class PhasestereoNode(Node):  # type: ignore[misc]  # rclpy has no types
         self._disparity = self.create_publisher(DisparityImage, "disparity", 1)
         self._maps = {name: self.create_publisher(Image, name, 1) for name in MAP_IMAGES}
         self._info = self.create_publisher(CameraInfo, "camera_info", 1)
-        self._depth = self.create_publisher(Image, "depth", 1)
-        self._points = self.create_publisher(PointCloud2, "points2", 1)
+        space = "decimated/" if self._search.selection.decimate > 1 else ""
+        kinds = {f"{space}depth": Image, f"{space}points2": PointCloud2}
+        if space:
+            kinds[f"{space}camera_info"] = CameraInfo
+        self._third: Any = None  # the last camera_info of the third camera
+        self._transforms: dict[str, tuple[str, str, Any]] = {}
+        if values["register"]:
+            kinds |= {f"registered/{name}": Image for name in ("depth", *REGISTERED)}
+            kinds["registered/camera_info"] = CameraInfo
+            self._listen(values["register"])
+        self._spatial = {name: self.create_publisher(kind, name, 1) for name, kind in kinds.items()}
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 1)
         self._subscribe(values)
 
@@ -178,6 +197,21 @@ class PhasestereoNode(Node):  # type: ignore[misc]  # rclpy has no types
         else:
             self._synchronizer = message_filters.TimeSynchronizer(views, values["queue_size"])
         self._synchronizer.registerCallback(self.match)
+
+    def _listen(self, topic: str) -> None:
+        """Follow the camera_info of a third camera, and where everything is."""
+        kind = getattr(import_module("tf2_msgs.msg"), "TFMessage")  # noqa: B009 - a type of ROS
+        kept = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self.create_subscription(kind, "/tf_static", self._place, kept)
+        self.create_subscription(CameraInfo, topic, self._see, qos_profile_sensor_data)
+
+    def _place(self, message: Any) -> None:
+        for one in message.transforms:
+            found = one.header.frame_id, one.child_frame_id, one.transform
+            self._transforms[one.child_frame_id] = found
+
+    def _see(self, message: Any) -> None:
+        self._third = message
 
     def match(self, left: Any, right: Any, left_info: Any, right_info: Any) -> None:
         """Match a pair and publish what is subscribed to; a pair that fails is logged."""
@@ -203,21 +237,40 @@ class PhasestereoNode(Node):  # type: ignore[misc]  # rclpy has no types
                 publisher.publish(image_of(make, header, values))
         if known is not None:
             self._info.publish(camera_info(make, header, known))
-            self._publish_depths(header, result, known, images[0])
+            self._publish_depths(header, result, known, images[0], left_info)
         if self._diagnosed is None or not 0 <= stamp - self._diagnosed < _SECOND:
             self._diagnosed = stamp
             self._diagnostics.publish(diagnostics(make, header, check(*images, self_rectify=False)))
 
     def _publish_depths(
-        self, header: Header, result: Result, known: Calibration, left: NDArray[Any]
+        self,
+        header: Header,
+        result: Result,
+        known: Calibration,
+        left: NDArray[Any],
+        left_info: Any,
     ) -> None:
         """Publish what is subscribed to of depths and points."""
-        wanted = [one for one in (self._depth, self._points) if one.get_subscription_count()]
-        depth = ranged_depth(result, known, self._search.selection) if wanted else None
-        if depth is not None and self._depth in wanted:
-            self._depth.publish(depth_image(make, header, depth, DEPTHS[0]))
-        if depth is not None and self._points in wanted:
-            self._points.publish(point_cloud2(make, header, depth, known, left))
+        wanted = {name for name, one in self._spatial.items() if one.get_subscription_count()}
+        chosen, ends = self._search.selection, {"depth": "depth", "points2": "points"}
+        own = [name.split("/")[-1] for name in wanted if not name.startswith("registered/")]
+        if own:
+            kinds = [ends[name] for name in own if name in ends]
+            self._send(
+                in_space(make, header, result, known, left, kinds=kinds, selection=chosen), wanted
+            )
+        if self._third is not None and any(name.startswith("registered/") for name in wanted):
+            frames = left_info.header.frame_id, self._third.header.frame_id
+            pose = pose_between(self._transforms.values(), *frames)
+            if pose is None:
+                raise ValueError(f"register: no transforms join {frames[0]!r} and {frames[1]!r}")
+            camera = third_camera(self._third, left_info, pose)
+            there = Header(header.stamp, frames[1])
+            self._send(registered(make, there, result, known, camera, selection=chosen), wanted)
+
+    def _send(self, messages: Mapping[str, Any], wanted: Set[str]) -> None:
+        for name in wanted & messages.keys():
+            self._spatial[name].publish(messages[name])
 
 
 def main() -> None:
