@@ -296,9 +296,9 @@ def test_environments_that_differ_in_commit_and_date_are_named_once() -> None:
     known = {"versions": {"phasestereo": "0.1.0", "numpy": "2.4"}, "cpu": "A"}
     dates = ("2026-11-22", "2026-11-23")
     assert made_with({**known, "commit": date, "date": date} for date in dates) == (
-        "Made with phasestereo 0.1.0, NumPy 2.4 on A, 2026-11-22 to 2026-11-23."
+        "Made with phasestereo 0.1.0 on A, 2026-11-22 to 2026-11-23."
     )
-    assert made_with([known]) == "Made with phasestereo 0.1.0, NumPy 2.4 on A."
+    assert made_with([known]) == "Made with phasestereo 0.1.0 on A."
 
 
 # What is read
@@ -481,7 +481,7 @@ def test_documents_are_replaced_as_a_whole(whole: Results, tmp_path: Path) -> No
     for fact in (
         "Means over 12 scenes",
         "left image degraded",
-        "OpenCV 5.0",
+        "Made with phasestereo 0.1.0 on",
     ):
         assert fact in filled.replace("\n", " ")
 
@@ -517,7 +517,7 @@ def test_command(tmp_path: Path, cli: Any, capsys: pytest.CaptureFixture[str]) -
     assert f"Wrote {plot}" in out
     assert "Left out, records of other benchmarks: cost\n" in out
     assert plot.read_bytes().startswith(b"\x89PNG")
-    assert "OpenCV 5.0" in out
+    assert "Made with phasestereo 0.1.0 on" in " ".join(out.split())
 
     chosen = ["--method", "opencv:sgbm", "--metric", "v3.bad_2", "--side", "left", "--suite", SUITE]
     assert cli.run(["bench", "report", source, *chosen]) == 0

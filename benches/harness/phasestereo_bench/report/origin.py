@@ -51,7 +51,7 @@ def origin(results: Results) -> str:
 
 
 def made_with(environments: Iterable[Mapping[str, Any]]) -> str:
-    """Name the environments; those that differ only in date once. Commits are in the records."""
+    """Name the environments; those that differ only in date once; the rest is in the records."""
     alike: dict[str, list[Mapping[str, Any]]] = {}
     for known in environments:
         alike.setdefault(_environment(known), []).append(known)
@@ -60,21 +60,13 @@ def made_with(environments: Iterable[Mapping[str, Any]]) -> str:
 
 
 def _environment(known: Mapping[str, Any]) -> str:
-    """Return an environment in words."""
+    """Return our version and the processor; results.json has all versions."""
     versions = known.get("versions")
     if not isinstance(versions, dict):
         return "versions that are not known"
 
-    names = {
-        "phasestereo": "phasestereo {version}",
-        "opencv": "OpenCV {version}",
-        "numpy": "NumPy {version}",
-        "python": "Python {version}",
-    }
-    made = [
-        words.format(version=versions[name]) for name, words in names.items() if versions.get(name)
-    ]
-    return f"{', '.join(made)} on {known.get('cpu')}"
+    ours = versions.get("phasestereo")
+    return f"phasestereo {ours} on {known.get('cpu')}"
 
 
 def _in_words(environment: str, alike: Sequence[Mapping[str, Any]]) -> str:
