@@ -12,6 +12,7 @@ from phasestereo.result import Result
 from phasestereo.rig.alignment import Alignment
 from phasestereo.rig.compensation import BlurCompensation
 from phasestereo.rig.estimates import Estimates
+from phasestereo.second import SecondMatcher
 from phasestereo.settings import Settings
 from phasestereo.verification import Verification
 from phasestereo_large.bands import Checked, PairStatistics
@@ -240,6 +241,7 @@ def match_pair(
     rig: Rig | None,
     reestimate: int,
     vertical: bool | None,
+    second: NDArray[np.float32] | SecondMatcher | None,
 ) -> Result: ...
 def prepare_pair(
     images: tuple[Pixels, Pixels],

@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any, Unpack
+from typing import TYPE_CHECKING, Any, TypeAlias, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +20,13 @@ from phasestereo.rig.findings import warn
 from phasestereo.settings import PresetName, Settings, SettingsOverrides, resolve
 from phasestereo.temporal import TemporalFilter, as_core_filter
 
+if TYPE_CHECKING:
+    from phasestereo.second import SecondMatcher
+
 Search = tuple[int, int | None]
+
+Second: TypeAlias = ArrayLike | Callable[..., ArrayLike]
+"""A map of the left image, or what makes one: a function, or a name such as ``"onnx:net.onnx"``."""
 
 
 def match(
@@ -38,6 +44,8 @@ def match(
     known: Known | None = None,
     vertical: bool | None = None,
     right_map: bool = False,
+    second: Second | None = None,
+    timeout: float | None = None,
     **overrides: Unpack[SettingsOverrides],
 ) -> Result:
     """Match a rectified stereo pair.
@@ -86,6 +94,19 @@ def match(
     right_map
         Whether the right image is matched, too: ``result.right`` is its map, as seen from it. It
         is that of the exchanged, mirrored pair, mirrored back, and takes the time of a match.
+    second
+        What makes a second map, or the map: the result is that of both. A function
+        ``(left, right) -> disparity``, or what else `phasestereo.matchers.load_matcher` takes, as
+        ``"onnx:net.onnx"``: it is called with the pair as `prepare` makes it, by what this match
+        has found out. Or a map of the left image, (H, W) integers or floats, pixels, NaN where it
+        has none. Where both agree within 1 px the result is the mean; elsewhere the one that is
+        more likely right, with the flag `Flag.SECOND` if that is the second one. A matcher that
+        raises an error, or whose answer is not a map, leaves the match as it is, which
+        ``result.findings`` reports. There are confidences whatever the settings say. It takes part
+        in the left map alone. See the page "Use your network".
+    timeout
+        Seconds that the second matcher may take; None: any time. One that takes longer has failed;
+        its thread runs on, and its answer is dropped.
     **overrides
         Fields of `Settings` by name, which take precedence over ``preset`` and ``settings``.
 
@@ -146,6 +167,8 @@ def match(
         known=known,
         vertical=vertical,
         right_map=right_map,
+        second=second,
+        timeout=timeout,
     )
 
     warn(result.findings)
@@ -238,6 +261,8 @@ class Matcher:
         known: Known | None = None,
         temporal_filter: TemporalFilter | None = None,
         vertical: bool | None = None,
+        second: Second | None = None,
+        timeout: float | None = None,
     ) -> Result:
         """Match a rectified stereo pair: parameters, result and errors are those of `match`.
 
@@ -264,6 +289,8 @@ class Matcher:
             known=known,
             temporal_filter=temporal_filter,
             vertical=vertical,
+            second=second,
+            timeout=timeout,
         )
 
         warn(result.findings)
@@ -291,6 +318,8 @@ def match_silently(
     reestimate: int = 1,
     vertical: bool | None = None,
     right_map: bool = False,
+    second: Second | None = None,
+    timeout: float | None = None,
 ) -> Result:
     """Match as `match` and `Matcher.match` do, without a warning; with a rig, its next frame."""
     if progress is not None and not callable(progress):
@@ -300,6 +329,10 @@ def match_silently(
 
     if vertical is not None and not isinstance(vertical, bool):
         raise TypeError(f"vertical: got {vertical!r:.80}; accepts True, False or None")
+
+    other = _other(second, timeout, pair[0].shape[:2])
+    if other is not None:  # confidences decide between both maps
+        settings = replace(settings, confidence=True)
 
     def matched(*, vertical: bool | None, backward: bool) -> Result:
         # Exchanged and mirrored along the disparities, the right image is matched as a left one.
@@ -321,6 +354,7 @@ def match_silently(
             rig,
             reestimate,
             vertical,
+            None if backward else other,
         )
         if backward:
             found = _with_maps(found, change)
@@ -330,6 +364,16 @@ def match_silently(
     if not right_map:
         return result
     return replace(result, right=matched(vertical=result.vertical, backward=True))
+
+
+def _other(
+    second: Second | None, timeout: float | None, size: tuple[int, ...]
+) -> NDArray[np.float32] | SecondMatcher | None:
+    if second is None and timeout is None:
+        return None
+    from phasestereo.second import as_second  # noqa: PLC0415 - it doubles the time of import
+
+    return as_second(second, timeout, size)
 
 
 def _part_of(progress: Progress | None, *, is_second: bool) -> Progress | None:

@@ -113,6 +113,8 @@ class Flag(IntFlag):
     COARSE = 2048
     """The disparity is that of a copy of the pair of half the size or less, which is more likely to
     be right there; the other flags are those of the copy."""
+    SECOND = 4096
+    """The disparity is that of the map of ``second``, which is more likely to be right there."""
 
     @property
     def words(self) -> str:
@@ -162,6 +164,8 @@ class Summary:
     coarse, inferred
         Share whose disparity is that of a smaller copy of the pair, and of a plane drawn into a
         flat area: flags `COARSE` and `INFERRED`.
+    second
+        Share whose disparity is that of a second map: flag `SECOND`.
     detail
         Where smaller copies decided, the images hold no detail finer than this, pixels, 2 or more:
         how many times smaller these are, as a geometric mean over the pixels. NaN if none decided.
@@ -180,6 +184,7 @@ class Summary:
     wrong: float
     coarse: float
     inferred: float
+    second: float
     detail: float
 
     def __str__(self) -> str:
@@ -214,7 +219,8 @@ class Result:
         Wall-clock seconds of the stages: ``"estimation"`` (of blur and noise, if they were asked
         for), ``"description"`` (images to codes), ``"matching"`` (codes to disparities),
         ``"refinement"`` (checks, filling, smoothing, confidences), ``"scales"`` (smaller copies, if
-        they were matched, and planes), ``"temporal filter"`` (if there is one).
+        they were matched, and planes), ``"temporal filter"`` (if there is one), ``"second"`` (the
+        second matcher, and the map of both).
     uncertainty
         float32 (H, W), pixels: half the width of the interval around the disparity that holds the
         true one with a probability of 90 %; NaN where there is no estimate. None if the settings
@@ -304,7 +310,8 @@ class Result:
         ----------
         keep
             ``"trusted"``: `trusted`. ``"checked"``: fewer and more accurate ones, trusted pixels
-            that no flag speaks against; none of them is filled in, inferred or of a coarser copy.
+            that no flag speaks against; none of them is filled in, inferred, of a coarser copy or
+            of a second map.
             ``"all"``: every estimate.
 
         Returns

@@ -16,7 +16,7 @@ from phasestereo._numbers import as_integer, as_number
 from phasestereo.io.drafts import replacing
 from phasestereo.io.files import StrPath, named, open_regular, read_bounded
 from phasestereo.known import Known
-from phasestereo.matching import match_silently
+from phasestereo.matching import Second, match_silently
 from phasestereo.rectification.writing import Form, written
 from phasestereo.result import Result
 from phasestereo.rig.alignment import Alignment
@@ -192,6 +192,8 @@ class Rig:
         known: Known | None = None,
         temporal_filter: TemporalFilter | None = None,
         vertical: bool | None = None,
+        second: Second | None = None,
+        timeout: float | None = None,
     ) -> Result:
         """Match the next pair.
 
@@ -201,6 +203,8 @@ class Rig:
             As `match` takes them; None: `vertical` is as the frames before have shown.
         temporal_filter
             As `Matcher.match` takes it.
+        second, timeout
+            As `match` takes them. The rig learns from the match alone.
 
         Returns
         -------
@@ -230,6 +234,8 @@ class Rig:
             rig=self._core,
             reestimate=self._reestimate,
             vertical=vertical,
+            second=second,
+            timeout=timeout,
         )
 
         warn(result.findings)

@@ -182,7 +182,7 @@ def test_news_come_as_soon_as_there_are_any(server: Server, show: Display) -> No
     assert first["frame"] is None
 
     given = frame(3)
-    told = replace(given.result, summary=ps.Summary(1, 0, 0, 0, 0.6, 0.41, 0, 0, np.nan))
+    told = replace(given.result, summary=ps.Summary(1, 0, 0, 0, 0.6, 0.41, 0, 0, 0, np.nan))
     threading.Timer(0.2, show.add, [replace(given, result=told)]).start()
     response = ask(server, f"state?after={first['version']}").json()
     assert response["version"] > first["version"]

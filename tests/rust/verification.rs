@@ -2,9 +2,12 @@
 
 use crate::common::{hash, levels, mask, view};
 use phasestereo::internals::verification::evidence::Evidence;
+use phasestereo::internals::verification::fuse::fuse;
+use phasestereo::internals::verification::judge::{Chance, bar as bar_of, probability};
 use phasestereo::internals::verification::test::Test;
 use phasestereo::internals::verification::verdict;
 use phasestereo_match::base::control::Control;
+use phasestereo_match::base::math::ln;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
 use phasestereo_match::cost::Costs;
@@ -271,4 +274,87 @@ fn verdicts_are_what_their_definition_says() {
         claim.is_finite() && !(0.0..COLS as f32).contains(&(*x as f32 - claim).round())
     });
     assert_eq!(counts.outside, outside.count() as u64);
+}
+
+/// Chances without a pattern.
+fn chances() -> Plane<Chance> {
+    Plane::from_fn(ROWS, COLS, |y, x| Chance {
+        odds: 6.0 * share(20, y, x) - 3.0,
+        bar: share(21, y, x),
+    })
+}
+
+/// The logarithm of the odds of a probability that is neither 0 nor 1.
+fn odds(probability: f32) -> f32 {
+    let kept = f64::from(probability.clamp(0.003, 1.0 - 0.003));
+    ln(kept / (1.0 - kept)) as f32
+}
+
+/// Disparity, flags, confidence and bar of a pixel of the fused map.
+fn fused_pixel(
+    [map, own]: [&Plane<f32>; 2],
+    whole: &Disparity,
+    chances: &Plane<Chance>,
+    share: f32,
+    (y, x): (usize, usize),
+) -> (f32, u16, f32, f32) {
+    let (claim, matched, flags) = (map.row(y)[x], own.row(y)[x], whole.flags.row(y)[x]);
+    let confidence = whole.confidence.as_ref().expect("confidences").row(y)[x];
+    let bar = whole.uncertainty.as_ref().expect("bars").row(y)[x];
+    let here = chances.row(y)[x];
+    if !claim.is_finite() || flags & flag::MASKED != 0 {
+        return (matched, flags, confidence, bar);
+    }
+    if (matched - claim).abs() <= 1.0 {
+        let disparity = matched + share * (claim - matched);
+        return (disparity, flags, probability(here.odds), 0.5 * (here.bar + bar));
+    }
+
+    let ahead: i64 = window(y, x, 4)
+        .filter(|(v, u)| {
+            let by = (map.row(*v)[*u] - own.row(*v)[*u]).abs();
+            by.is_finite() && by > 1.0
+        })
+        .map(|(v, u)| {
+            let sure = whole.confidence.as_ref().expect("confidences").row(v)[u];
+            let ahead = chances.row(v)[u].odds - (odds(sure) - 1.0);
+            (ahead.clamp(-10.0, 10.0) * 1024.0) as i64
+        })
+        .sum();
+    if if matched.is_nan() { here.odds > 0.0 } else { ahead > 0 } {
+        let seen = flags & (flag::OUTSIDE | flag::MATCH_MASKED | flag::OCCLUDED);
+        return (claim, seen | flag::SECOND, probability(here.odds), here.bar);
+    }
+    if matched.is_nan() {
+        return (matched, flags, confidence, bar);
+    }
+    let odds = odds(confidence * (1.0 - probability(here.odds)));
+    (matched, flags, probability(odds), bar_of(odds, flags))
+}
+
+#[test]
+fn two_maps_become_what_the_definition_says() {
+    let uncertainty = Plane::from_fn(ROWS, COLS, |y, x| 2.0 * share(22, y, x));
+    let (map, own, chances) =
+        (claims(), Disparity { uncertainty: Some(uncertainty), ..own() }, chances());
+    for (wrong, share) in [(0.1, 0.25), (0.3, 0.5)] {
+        for level in levels() {
+            let found = fuse(&own, &map, &chances, wrong, level, &Control::default());
+            let found = found.expect("memory");
+            let confidence = found.confidence.as_ref().expect("confidences");
+            let bars = found.uncertainty.as_ref().expect("bars");
+
+            let mut taken = 0;
+            for (y, x) in (0..ROWS).flat_map(|y| (0..COLS).map(move |x| (y, x))) {
+                let maps = [&map, &own.disparity];
+                let expected = fused_pixel(maps, &own, &chances, share, (y, x));
+                let at = [found.disparity.row(y)[x], confidence.row(y)[x], bars.row(y)[x]];
+                let (disparity, flags, confident, bar) = expected;
+                taken += i32::from(flags & flag::SECOND != 0);
+                assert_eq!(at.map(f32::to_bits), [disparity, confident, bar].map(f32::to_bits));
+                assert_eq!(found.flags.row(y)[x], flags, "{y} {x}");
+            }
+            assert!(taken > 100, "the second map is hardly taken: {taken}");
+        }
+    }
 }

@@ -77,7 +77,7 @@ def test_needs_nothing_beside_it(tmp_path: Path, result: ps.Result) -> None:
 def test_it_begins_with_what_is_probably_wrong(tmp_path: Path, result: ps.Result) -> None:
     told = replace(
         result,
-        summary=ps.Summary(1, 0, 0, 0, 0.6, 0.41, 0, 0, np.nan),
+        summary=ps.Summary(1, 0, 0, 0, 0.6, 0.41, 0, 0, 0, np.nan),
         uncertainty=np.full(result.disparity.shape, 0.5, np.float32),
     )
     rows, cols = result.disparity.shape

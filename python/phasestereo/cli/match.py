@@ -32,7 +32,9 @@ from phasestereo.matching import match as match_pair
 from phasestereo.settings import PRESET, Settings, resolve
 
 _USUAL, _MOST_USUAL = 10, 200  # a disparity that is likely: of the width, and pixels at most
-_VALUES = frozenset(["bands", "preset", "num_disparities", "min_disparity", "threads", "noise"])
+_VALUES = frozenset(
+    ["bands", "preset", "num_disparities", "min_disparity", "threads", "noise", "second", "timeout"]
+)
 _OPTIONS = (_VALUES | OPTIONS).union(field.name for field in fields(Settings))
 
 # The order in which help shows them: what every match needs comes first.
@@ -60,6 +62,8 @@ def match(
     bands: Annotated[Bands | None, Parameter(group=_SEARCH)] = None,
     threads: Annotated[int | None, Parameter(group=_SEARCH)] = None,
     noise: Annotated[float | None, Parameter(group=_SEARCH)] = None,
+    second: Annotated[str | None, Parameter(group=_SEARCH)] = None,
+    timeout: Annotated[float | None, Parameter(group=_SEARCH)] = None,
     strict: Annotated[bool, Parameter(group=_SEARCH, negative=())] = False,
     outputs: Annotated[Outputs, Parameter(name="*", group=_OUTPUT)] = _OUTPUTS,
     geometry: Annotated[GeometryOptions, Parameter(name="*", group=_GEOMETRY)] = _NO_GEOMETRY,
@@ -98,6 +102,12 @@ def match(
     noise
         Standard deviation of the images' noise, in units of their pixels; needed with
         --noise-threshold.
+    second
+        A second matcher: sgbm, bm, or onnx:net.onnx, a network. It is given the pair as `prepare`
+        makes it, and its map is taken where it is more likely right. If it fails, the match stays
+        as it is, with a warning.
+    timeout
+        Seconds that the second matcher may take.
     strict
         Exit with 3 if the match is not to be trusted. Files are written all the same.
     """
@@ -151,6 +161,8 @@ def match(
             progress=progress,
             known=Known(noise=noise),
             vertical=vertical,
+            second=second,
+            timeout=timeout,
         )
 
     if result.search is not None:

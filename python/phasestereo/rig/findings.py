@@ -30,7 +30,8 @@ class Finding:
     ----------
     topic
         "match", "swap", "range", "alignment", "blur", "contrast", "noise", "coding", "saturation",
-        "texture", "repetition", "interlacing", "border", or "map" of a map that was verified.
+        "texture", "repetition", "interlacing", "border", or "map" of a map that was verified, or of
+        a second one.
     severity
         "ok", "note" (worth knowing) or "warning" (to be fixed).
     sentence

@@ -273,7 +273,7 @@ impl Matcher {
             prepared_for_others(inputs, &facts, most, &self.settings, runtime)
         })?;
 
-        let Preparation { images, done, num_disparities, back, estimates, .. } = made;
+        let (Preparation { images, done, num_disparities, back, .. }, estimates) = made;
         let images = images.map(Image::of_input);
         Ok(PreparedPair { images, done, num_disparities, findings: estimates.findings, back })
     }
@@ -379,7 +379,7 @@ impl Matcher {
 impl Match {
     fn new(matched: Matched) -> Self {
         let summary = matched.summary();
-        let Matched { map, prepared: Prepared { pair, estimates, .. }, rectified } = matched;
+        let Matched { map, prepared: Prepared { pair, estimates, .. }, rectified, .. } = matched;
         let findings = findings::of_match(&estimates, &summary, pair.size());
 
         let Disparity { disparity, flags, confidence, uncertainty, timings, .. } = map;

@@ -71,11 +71,29 @@ pub struct Ready {
     pub even_rows: [bool; 2],
 }
 
+/// What is known of a pair, and what was done to it, once it is ready to be matched.
+#[derive(Debug, Clone, Copy)]
+pub struct Treatment<'a> {
+    /// The pair as it is matched, with what was estimated of it.
+    pub prepared: &'a Prepared,
+    /// The cameras by which it was rectified.
+    pub raw: Option<&'a Raw>,
+    /// As [`Ready::even_rows`].
+    pub even_rows: [bool; 2],
+}
+
 impl Ready {
     /// Matches it.
     pub fn matched(self, settings: &Settings, runtime: Runtime) -> Result<Matched> {
         let map = match_over_scales(&self.prepared, settings, runtime)?;
-        Matched::new(self.raw, map, self.prepared, runtime.control)
+        let matched = Matched::new(self.raw, map, self.prepared, runtime.control)?;
+        Ok(Matched { even_rows: self.even_rows, ..matched })
+    }
+
+    /// What was done to it.
+    pub fn treatment(&self) -> Treatment<'_> {
+        let Self { prepared, raw, even_rows } = self;
+        Treatment { prepared, raw: raw.as_deref(), even_rows: *even_rows }
     }
 }
 
@@ -181,6 +199,8 @@ pub struct Matched {
     pub prepared: Prepared,
     /// What became of a pair that had to be rectified; `None`: it did not.
     pub rectified: Option<Rectified>,
+    /// As [`Ready::even_rows`].
+    pub even_rows: [bool; 2],
 }
 
 impl Rectified {
@@ -199,9 +219,19 @@ impl Matched {
         prepared: Prepared,
         control: &Control,
     ) -> Result<Self> {
-        let Some(raw) = raw else { return Ok(Self { map, prepared, rectified: None }) };
+        let Some(raw) = raw else {
+            let even_rows = prepared.estimates.even_rows;
+            return Ok(Self { map, prepared, rectified: None, even_rows });
+        };
         let (own, rows) = warp::raw(&map, &raw.rectification.cameras, control)?;
-        Ok(Self { map: own, prepared, rectified: Some(Rectified { raw, map, rows }) })
+        let rectified = Some(Rectified { raw, map, rows });
+        Ok(Self { map: own, prepared, rectified, even_rows: [false; 2] })
+    }
+
+    /// What was done to the pair before it was matched.
+    pub fn treatment(&self) -> Treatment<'_> {
+        let raw = self.rectified.as_ref().map(|rectified| &*rectified.raw);
+        Treatment { prepared: &self.prepared, raw, even_rows: self.even_rows }
     }
 
     /// The map as it was matched: that of the rectified images, if the pair was rectified.

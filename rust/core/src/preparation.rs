@@ -22,7 +22,7 @@ mod words;
 
 use crate::estimation::estimates::Estimates;
 use crate::estimation::facts::{Facts, Origin};
-use crate::match_pair::{Ready, made_ready};
+use crate::match_pair::{Treatment, made_ready};
 use crate::preparation::back::Back;
 use crate::preparation::channels::{Channels, Tone};
 use phasestereo_match::base::error::{Error, Result};
@@ -58,23 +58,21 @@ pub struct Preparation {
     pub num_disparities: usize,
     /// How maps of the prepared pair come back.
     pub back: Back,
-    /// What was estimated.
-    pub estimates: Estimates,
 }
 
-/// Prepares two images, as they came, for other matchers, whose largest disparity may be known.
+/// Prepares two images, as they came, for other matchers, whose largest disparity may be known; and what was
+/// estimated of them.
 pub fn prepared_for_others(
     inputs: [Input; 2],
     facts: &Facts,
     max_disparity: Option<i64>,
     settings: &Settings,
     runtime: Runtime,
-) -> Result<Preparation> {
+) -> Result<(Preparation, Estimates)> {
     if let Some(most) = max_disparity.filter(|most| *most < 1) {
         return Err(Error::value("max_disparity", most, "an integer from 1, or nothing"));
     }
 
-    let is_converted = !is_same_type(&inputs[0], &inputs[1]);
     // The pair needs some range until its own is estimated.
     let known = facts.candidates.as_ref().map(|known| known.value);
     let (min, count) = known.map_or((0, 1), |all| (all.min() as i64, all.count() as i64));
@@ -82,18 +80,36 @@ pub fn prepared_for_others(
     // Other matchers search rows.
     let facts = &facts.along_rows();
     let ready = made_ready(pair, facts, settings, runtime)?;
+    let is_inverted = is_inverted(facts, settings, &ready.prepared.estimates);
+    let made = prepared_as(&inputs, ready.treatment(), is_inverted, max_disparity, runtime)?;
+    Ok((made, ready.prepared.estimates))
+}
 
-    let back = Back::new(&ready, placement(&ready.prepared.estimates, max_disparity)?);
-    let is_negative = settings.compensate_blur && ready.prepared.estimates.is_inverted;
-    let mut channels = Channels::new(&ready, facts.is_inverted || is_negative, runtime)?;
-    let tone = tone(&ready);
+/// Whether a match takes the negative of the right image.
+pub fn is_inverted(facts: &Facts, settings: &Settings, estimates: &Estimates) -> bool {
+    facts.is_inverted || settings.compensate_blur && estimates.is_inverted
+}
+
+/// Prepares two images for other matchers by what was done to them for a match: as they came, or turned, if
+/// the match has turned them.
+pub fn prepared_as(
+    inputs: &[Input; 2],
+    ready: Treatment,
+    is_inverted: bool,
+    max_disparity: Option<i64>,
+    runtime: Runtime,
+) -> Result<Preparation> {
+    let back = Back::new(ready, placement(&ready.prepared.estimates, max_disparity)?);
+    let mut channels = Channels::new(ready, is_inverted, runtime)?;
+    let tone = tone(&ready.prepared.estimates);
     channels.tone = tone.as_ref();
 
-    let work = words::Work::new(&ready, &channels, &back, is_converted);
+    let is_converted = !is_same_type(&inputs[0], &inputs[1]);
+    let work = words::Work::new(ready, &channels, &back, is_converted);
     let changed = [0, 1].map(|side| work.changes(side));
     let made = |side: usize| -> Result<Input> {
         if changed[side] {
-            channels.image(&inputs, side, &back, runtime)
+            channels.image(inputs, side, &back, runtime)
         } else {
             Ok(inputs[side].clone())
         }
@@ -108,7 +124,6 @@ pub fn prepared_for_others(
         done: work.sentences(),
         num_disparities: back.prepared(last).max(0) as usize + 1,
         back,
-        estimates: ready.prepared.estimates,
     })
 }
 
@@ -147,8 +162,8 @@ fn has_negative(estimates: &Estimates) -> bool {
 }
 
 /// How the gray levels of the right image become those of the left one, if they differ.
-fn tone(ready: &Ready) -> Option<Tone> {
-    let found = ready.prepared.estimates.photometry?;
+fn tone(estimates: &Estimates) -> Option<Tone> {
+    let found = estimates.photometry?;
     let curve = found.contrast?;
     let differs = (curve.gain - 1.0).abs() > GAIN || (curve.gamma - 1.0).abs() > GAMMA;
     differs.then(|| Tone::new(&found, curve))

@@ -20,8 +20,10 @@
 mod claims;
 pub mod evidence;
 mod findings;
+pub mod fuse;
 pub mod hypotheses;
 pub mod judge;
+pub mod second;
 pub mod test;
 pub mod traits;
 

@@ -335,14 +335,14 @@ pub fn invalidate(
     for (x, (disparity, flags)) in disparity.iter_mut().zip(flags).enumerate() {
         let confidence = confidences.map_or(1.0, |confidences| confidences[x]);
 
-        // A filled disparity is no longer there once it is invalid, so the flag that says so goes as well.
+        // A disparity from elsewhere is no longer there once it is invalid, so the flag that says so goes as well.
         if f64::from(confidence) < settings.min_confidence && !disparity.is_nan() {
-            *flags = (*flags | flag::LOW_CONFIDENCE) & !flag::FILLED;
+            *flags = (*flags | flag::LOW_CONFIDENCE) & !(flag::FILLED | flag::SECOND);
             *disparity = f32::NAN;
         }
 
         if !settings.fill && *flags & flag::UNTRUSTED != 0 {
-            *flags &= !flag::FILLED;
+            *flags &= !(flag::FILLED | flag::SECOND);
             *disparity = f32::NAN;
         }
     }

@@ -11,6 +11,7 @@ mod objects;
 mod preparation;
 mod reader;
 mod rig;
+mod second;
 mod settings;
 mod supervisor;
 mod temporal;
@@ -18,6 +19,7 @@ mod third_camera;
 mod verification;
 mod workers;
 
+use std::cmp::Reverse;
 use std::sync::Arc;
 
 use ndarray::{Array2, Array3, arr2};
@@ -36,6 +38,7 @@ use self::objects::{Asked, Matched, Object};
 use self::preparation::{Back, prepare_pair};
 use self::reader::{Reader, Scale};
 use self::rig::Rig;
+use self::second::with_second;
 use self::settings::{Setting, every_setting, read_settings, write_settings};
 use self::supervisor::supervised;
 use self::temporal::TemporalFilter;
@@ -51,10 +54,11 @@ use phasestereo::internals::estimation::overview::LEAST_SIZE;
 use phasestereo::internals::estimation::{Prepared, complete, complete_source};
 use phasestereo::internals::findings;
 use phasestereo::internals::match_pair::diagnosed;
+use phasestereo::internals::preparation::is_inverted;
 use phasestereo::internals::rectification::rectify_views;
 use phasestereo::internals::self_check::{CASES, differing};
 use phasestereo::internals::verification::verdict;
-use phasestereo::internals::video::frames::{Frame, Options, match_frame};
+use phasestereo::internals::video::frames::{Frame, Options, match_frame_as_turned};
 use phasestereo::internals::video::temporal::TemporalFilter as Filter;
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::plane::Plane;
@@ -130,7 +134,7 @@ mod _core {
 
         let flags = named!(
             flag: MASKED, NO_CANDIDATE, OUTSIDE, MATCH_MASKED, OCCLUDED, MISMATCHED, LOW_CONFIDENCE,
-            AMBIGUOUS, SPECKLE, FILLED, INFERRED, COARSE
+            AMBIGUOUS, SPECKLE, FILLED, INFERRED, COARSE, SECOND
         );
         module.add("FLAGS", flags.into_py_dict(module.py())?)?;
 
@@ -186,7 +190,8 @@ fn check_noise(noise: &Bound<'_, PyAny>) -> Result<()> {
 }
 
 /// A whole default match in one call: estimates what the pair lacks, matches the pair, summarizes the map,
-/// and says what was found. The result has no images.
+/// and says what was found. The result has no images. `second` is a map of the left image, a matcher that makes
+/// one (see [`with_second`]), or None.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "arguments that Python names")]
 fn match_pair<'py>(
@@ -202,12 +207,17 @@ fn match_pair<'py>(
     rig: Option<PyRef<'py, Rig>>,
     reestimate: u64,
     vertical: Option<bool>,
+    second: Option<Object<'py>>,
 ) -> Result<Object<'py>> {
     let asked = read_settings(&settings)?;
     let search = read_search(&disparities)?;
     // Disparities along columns are checked against these.
     let is_turned = vertical == Some(true);
-    let pair = read_any_images(&images, &masks, search.filter(|_| !is_turned))?;
+    let (min, count) = search.filter(|_| !is_turned).unwrap_or((0, 1));
+    let inputs = read_inputs(&images, &masks)?;
+    let asks = second.as_ref().is_some_and(Bound::is_callable);
+    let kept = asks.then(|| inputs.clone());
+    let pair = py.detach(|| Pair::of_any(inputs, min, count))?;
     let (rows, cols) = pair.size();
     let size = if is_turned { (cols, rows) } else { (rows, cols) };
 
@@ -222,17 +232,31 @@ fn match_pair<'py>(
     let mut filter = turns.1.as_ref().map(|turn| turn.replace(Filter::default()));
     let (frame, state, filter) = supervised(py, &pool, size.0, progress, move |runtime| {
         let options = Options { facts: &told, settings: &asked, reestimate };
-        let frame = match_frame(&mut state, pair, options, filter.as_mut(), runtime);
+        let frame = match_frame_as_turned(&mut state, pair, options, filter.as_mut(), runtime);
+        let frame = frame.map(|frame| {
+            let is_inverted = is_inverted(&told, &asked, &frame.matched.prepared.estimates);
+            (frame, is_inverted)
+        });
         Ok((frame, state, filter))
     })?;
     turns.0.map(|turn| turn.replace(state));
     turns.1.zip(filter).map(|(turn, filter)| turn.replace(filter));
 
-    let Frame { matched: whole, summary, is_reused, support } = frame?;
-    let internals::match_pair::Matched { map, prepared, rectified } = whole;
+    let (frame, is_inverted) = frame?;
+    let (frame, said, time) = match second {
+        Some(second) => {
+            let images = kept.map(|inputs| (inputs, is_inverted));
+            with_second(py, frame, &second, images, &pool)?
+        }
+        None => (frame, vec![], None),
+    };
+    let Frame { matched: whole, summary, is_reused, support } = frame.turned_back();
+    let internals::match_pair::Matched { map, prepared, rectified, .. } = whole;
     let Prepared { pair, estimates, .. } = prepared;
-    let findings = findings::of_match(&estimates, &summary, pair.size());
-    let matched = Matched { map, summary, estimates, support, findings, rectified };
+    let mut findings = findings::of_match(&estimates, &summary, pair.size());
+    findings.extend(said);
+    findings.sort_by_key(|one| Reverse(one.severity));
+    let matched = Matched { map, summary, estimates, support, second: time, findings, rectified };
 
     let asked = Asked { settings, known, is_searched: search.is_some(), is_reused };
     objects::result(py, matched, &asked)

@@ -77,6 +77,8 @@ pub struct Matched {
     pub estimates: Estimates,
     /// How many frames support each disparity, and the time that a temporal filter took.
     pub support: Option<(Plane<u8>, Duration)>,
+    /// The time that a second map took.
+    pub second: Option<Duration>,
     /// What there is to say.
     pub findings: Vec<Finding>,
     /// What became of a pair that had to be rectified.
@@ -85,7 +87,7 @@ pub struct Matched {
 
 /// The result of a match.
 pub fn result<'py>(py: Python<'py>, found: Matched, asked: &Asked<'py>) -> Result<Object<'py>> {
-    let Matched { map, summary, estimates, support, findings, rectified } = found;
+    let Matched { map, summary, estimates, support, second, findings, rectified } = found;
 
     let fields = map_fields(py, map, estimates.time)?;
     fields.set_item("vertical", estimates.is_vertical())?;
@@ -101,9 +103,12 @@ pub fn result<'py>(py: Python<'py>, found: Matched, asked: &Asked<'py>) -> Resul
         fields.set_item("temporal_support", wrap(py, frames)?)?;
         timings.set_item("temporal filter", time.as_secs_f64())?;
     }
+    if let Some(time) = second {
+        timings.set_item("second", time.as_secs_f64())?;
+    }
 
     let summary = object!(py, "result", "Summary",
-        [summary: estimated, flagged, at_low, at_high, confidence, wrong, coarse, inferred, detail]
+        [summary: estimated, flagged, at_low, at_high, confidence, wrong, coarse, inferred, second, detail]
     )?;
     fields.set_item("summary", summary)?;
     fields.set_item("findings", findings_of(py, findings)?)?;
@@ -130,9 +135,10 @@ pub fn verification<'py>(
     let Verification { verdicts, better, confidence, uncertainty, findings, matched, .. } = judged;
     let every = findings.into_iter().chain(said.iter().cloned()).collect();
 
-    let match_pair::Matched { map, prepared, rectified } = matched;
+    let match_pair::Matched { map, prepared, rectified, .. } = matched;
     let estimates = prepared.estimates;
-    let own = Matched { map, summary, estimates, support: None, findings: said, rectified };
+    let findings = said;
+    let own = Matched { map, summary, estimates, support: None, second: None, findings, rectified };
     object!(py, "verification", "Verification",
         verdict: wrap(py, verdicts)?, better: wrap(py, better)?,
         confidence: wrap(py, confidence)?, uncertainty: wrap(py, uncertainty)?,

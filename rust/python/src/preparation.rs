@@ -89,7 +89,7 @@ pub fn prepare_pair<'py>(
         prepared_for_others(inputs, &told, max_disparity, &asked, runtime)
     })?;
 
-    let Preparation { images, changed, done, num_disparities, back, estimates: found } = made;
+    let (Preparation { images, changed, done, num_disparities, back }, found) = made;
     let mut changes = changed.into_iter();
     let images = images.map(|image| changes.next()?.then(|| pixels(py, image.image)));
     let asked = Asked { settings, known, is_searched: search.is_some(), is_reused: false };

@@ -79,10 +79,10 @@ pub fn observe_maps<'py>(
     let traits = traits.into_iter().map(wrapped).collect::<Result<_>>()?;
 
     let summary = matched.summary();
-    let Matched { map, prepared, rectified } = matched;
+    let Matched { map, prepared, rectified, .. } = matched;
     let estimates = prepared.estimates;
-    let found =
-        objects::Matched { map, summary, estimates, support: None, findings: vec![], rectified };
+    let (support, second, findings) = (None, None, vec![]);
+    let found = objects::Matched { map, summary, estimates, support, second, findings, rectified };
     let asked = Asked { settings, known: none, is_searched: false, is_reused: false };
     Ok((objects::result(py, found, &asked)?, traits))
 }

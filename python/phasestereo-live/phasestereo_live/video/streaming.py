@@ -472,7 +472,8 @@ class _Work:
         result = self.rig.match(
             left,
             right,
-            **masks,
+            left_mask=masks["left_mask"],
+            right_mask=masks["right_mask"],
             known=self._given.known,
             temporal_filter=self._temporal_filter,
             vertical=self._vertical,

@@ -20,8 +20,8 @@ _PARTS = "data", "stage", "viewer", "readout", "measure", "scene", "results"
 
 def blank_viewer(*, truth: bool) -> dict[str, Any]:
     """Return all that the templates of the viewer refer to; ``truth``: whether one may be known."""
-    disparity = np.zeros((3, 4), dtype=np.float32)
-    flags = np.zeros((3, 4), dtype=np.uint16)
+    disparity = np.zeros((4, 4), dtype=np.float32)
+    flags = np.zeros((4, 4), dtype=np.uint16)
     flags.ravel()[: len(Flag)] = [flag.value for flag in Flag]
     result = Result(disparity, flags, disparity, Settings(), {}, uncertainty=disparity)
 
@@ -35,7 +35,7 @@ def blank_viewer(*, truth: bool) -> dict[str, Any]:
         "ends": None,
         "page": {
             "cols": 4,
-            "rows": 3,
+            "rows": 4,
             "step": 1,
             "exact": True,
             "gray": {"left": False, "right": False},
@@ -52,4 +52,4 @@ def viewer_script() -> str:
     """Return the script of such a page, which what drives it follows."""
     folder = resources.files("phasestereo.views") / "templates"
     parts = "\n".join((folder / f"pair.{part}.js").read_text("utf-8") for part in _PARTS)
-    return f'"use strict";\n{parts}const stage = new Stage(element("stage"), 4, 3);\n'
+    return f'"use strict";\n{parts}const stage = new Stage(element("stage"), 4, 4);\n'

@@ -50,6 +50,7 @@ FLAGS = {
     Flag.AMBIGUOUS: ("#8250df", "another disparity fits nearly as well"),
     Flag.COARSE: ("#a0a0a0", "a smaller copy of the pair is more likely to be right there"),
     Flag.INFERRED: ("#7f4f24", "a flat area that shows nothing to match: a plane"),
+    Flag.SECOND: ("#2a9d8f", "the map of a second matcher is more likely to be right there"),
     Flag.FILLED: ("#f0e442", "it has the disparity of the background beside"),
 }
 

@@ -11,7 +11,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::match_pair::Ready;
+use crate::match_pair::Treatment;
 use crate::rectification::cameras::Cameras;
 use crate::rectification::warp::raw_disparity;
 use phasestereo_match::base::control::Control;
@@ -47,12 +47,12 @@ pub struct Back {
 
 impl Back {
     /// How maps of a pair come back that was moved and reduced.
-    pub fn new(ready: &Ready, (shift, factor): (i64, usize)) -> Self {
+    pub fn new(ready: Treatment, (shift, factor): (i64, usize)) -> Self {
         let pair = &ready.prepared.pair;
         let size = pair.size();
         // Cropped images keep a column.
         let shift = shift.max(1 - size.1 as i64);
-        let cameras = ready.raw.as_ref().map(|raw| raw.rectification.cameras.clone());
+        let cameras = ready.raw.map(|raw| raw.rectification.cameras.clone());
         let mask = pair.views()[0].mask().map(Plane::as_slice);
         Self { size, shift, factor, cameras, runs: mask.map_or(vec![], runs) }
     }
@@ -113,11 +113,20 @@ impl Back {
     /// A map of the prepared pair, or a smaller or larger one in pixels of its own, as one of the left image
     /// as it came; what is not finite is missing.
     pub fn restored(&self, map: &Plane<f32>, control: &Control) -> Result<Plane<f32>> {
+        let matched = self.matched(map, control)?;
+        match &self.cameras {
+            Some(cameras) => raw_disparity(&matched, cameras, control),
+            None => Ok(matched),
+        }
+    }
+
+    /// The same as a map of the left image as it is matched: of the rectified one, if it was rectified.
+    pub fn matched(&self, map: &Plane<f32>, control: &Control) -> Result<Plane<f32>> {
         let ratio = self.ratio((map.rows(), map.cols()))?;
         let valid = self.valid();
         let (size, shift) = (self.size, self.shift);
 
-        let disparity = Plane::by_rows(size, control, |y, row: &mut [f32]| {
+        Plane::by_rows(size, control, |y, row: &mut [f32]| {
             for (x, out) in row.iter_mut().enumerate() {
                 let at = x as i64 + shift;
                 let is_valid = valid.as_ref().is_none_or(|valid| valid[y * size.1 + x]);
@@ -128,12 +137,7 @@ impl Back {
                 };
                 *out = if value.is_finite() { value - shift as f32 } else { f32::NAN };
             }
-        })?;
-
-        match &self.cameras {
-            Some(cameras) => raw_disparity(&disparity, cameras, control),
-            None => Ok(disparity),
-        }
+        })
     }
 
     /// Moved columns for one of a map of this many rows and columns.

@@ -3,7 +3,7 @@
 use crate::estimation::even_rows;
 use crate::estimation::overview::Seen;
 use crate::estimation::photometry::{Contrast, Photometry};
-use crate::match_pair::Ready;
+use crate::match_pair::Treatment;
 use crate::preparation::SMOOTHED_FROM;
 use crate::preparation::back::Back;
 use crate::rectification::raw_pair::resampled;
@@ -25,7 +25,7 @@ const PLACES: usize = 4096;
 
 /// What is done to each channel.
 pub struct Channels<'a> {
-    ready: &'a Ready,
+    ready: Treatment<'a>,
     /// Whether the match takes the negative of the right image.
     pub is_inverted: bool,
     /// By what each image is smoothed, in units of the pixels; 0: it is not.
@@ -69,7 +69,7 @@ impl Tone {
 
 impl<'a> Channels<'a> {
     /// What is done to the channels of a pair.
-    pub fn new(ready: &'a Ready, is_inverted: bool, runtime: Runtime) -> Result<Self> {
+    pub fn new(ready: Treatment<'a>, is_inverted: bool, runtime: Runtime) -> Result<Self> {
         let pair = &ready.prepared.pair;
         let photometry = ready.prepared.estimates.photometry;
         let least = photometry.map_or(f64::INFINITY, |found| SMOOTHED_FROM * found.range);
@@ -135,9 +135,9 @@ impl<'a> Channels<'a> {
             view = fitted(&view_of_input(inputs[0].channel(0))?, view)?.0;
         }
 
-        let Ready { prepared, raw, even_rows: before } = self.ready;
+        let Treatment { prepared, raw, even_rows: before } = self.ready;
         let estimates = &prepared.estimates;
-        let mut pair = even_rows(&Pair::new(view.clone(), view, 0, 1)?, *before);
+        let mut pair = even_rows(&Pair::new(view.clone(), view, 0, 1)?, before);
         if let Some(raw) = raw {
             pair =
                 even_rows(&resampled(&pair, raw.places(control)?, control)?, estimates.even_rows);

@@ -1,7 +1,7 @@
 //! What is done to a pair for other matchers, in sentences.
 
 use super::channels::Channels;
-use crate::match_pair::Ready;
+use crate::match_pair::Treatment;
 use crate::preparation::back::Back;
 use phasestereo_match::pair::blur_compensation::BlurCompensation;
 
@@ -13,7 +13,7 @@ pub struct Work(Vec<([bool; 2], String)>);
 
 impl Work {
     /// What is done to a pair.
-    pub fn new(ready: &Ready, channels: &Channels, back: &Back, is_converted: bool) -> Self {
+    pub fn new(ready: Treatment, channels: &Channels, back: &Back, is_converted: bool) -> Self {
         let mut work = Self(vec![]);
         let estimates = &ready.prepared.estimates;
         let pair = &ready.prepared.pair;

@@ -41,7 +41,8 @@ const STRICTER: f32 = 3.0;
 /// pixels.
 const CHOSEN: (f32, f32) = (2.0, 1.25);
 /// While scales are decided, the bits above all flags count how often the copy was halved that a disparity is
-/// of: up to 15 times, more than any image that fits into memory.
+/// of: up to 15 times, more than any image that fits into memory. Second maps, whose flag is one of these bits,
+/// come later.
 const HALVED: u16 = 1 << 12;
 const _: () = assert!(flag::COARSE < HALVED, "a flag in the bits that count");
 /// Largest difference between neighbors of a copy between which its disparities are interpolated, pixels

@@ -2,7 +2,7 @@
 
 use std::cmp::Reverse;
 
-use crate::finding::Finding;
+use crate::finding::{Finding, Severity, Topic};
 use crate::findings::table::Grade::{Levels, Warning};
 use crate::findings::table::{Measured, Row, evaluated, table, value, when};
 use crate::verification::hypotheses::Misreading;
@@ -14,6 +14,8 @@ struct Verified {
     misreading: Option<Misreading>,
 }
 
+/// Most characters of a reason.
+const LONGEST: usize = 200;
 const SHARES: &str = "the images refute {0} of the disparities, support {1}, and cannot judge {2}";
 
 table! {
@@ -40,6 +42,22 @@ pub fn findings(counts: Counts, misreading: Option<Misreading>) -> Vec<Finding> 
     let mut findings = evaluated(MAP, |measure| measure(&map));
     findings.sort_by_key(|finding| Reverse(finding.severity));
     findings
+}
+
+/// What is reported of a second map that means other numbers than pixels.
+pub fn misread(misreading: Misreading) -> Vec<Finding> {
+    let mut findings = findings(Counts::default(), Some(misreading));
+    findings.retain(|finding| finding.severity == Severity::Warning);
+    findings
+}
+
+/// What is reported of a second matcher that has no map.
+pub fn failed(name: &str, reason: &str) -> Finding {
+    let reason: String = reason.lines().next().unwrap_or_default().chars().take(LONGEST).collect();
+    let sentence = format!(
+        "the second matcher {name} failed, and the map is that of the match alone: {reason}"
+    );
+    Finding::new(Topic::Map, Severity::Warning, sentence)
 }
 
 fn parts(map: &Verified) -> Vec<Measured> {

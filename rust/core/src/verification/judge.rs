@@ -80,6 +80,11 @@ pub fn chances(traits: &Traits, own: &Disparity, control: &Control) -> Result<Pl
     })
 }
 
+/// The error bar, pixels, of a disparity with these odds and flags where the match and the claim differ.
+pub fn bar(odds: f32, flags: u16) -> f32 {
+    weights::WEIGHTS.cases[case(f32::INFINITY, flags)].bar(odds)
+}
+
 /// The probability with these logarithms of the odds; 0 where these are NaN.
 pub fn probability(odds: f32) -> f32 {
     if odds.is_nan() { 0.0 } else { (1.0 / (1.0 + exp(-f64::from(odds)))) as f32 }
@@ -102,8 +107,14 @@ impl Weights {
             odds += heights[left] + part * (heights[left + 1] - heights[left]);
         }
 
-        let bar = exp(calibration::at(&learned.bars, f64::from(odds))) as f32;
-        Chance { odds, bar }
+        Chance { odds, bar: learned.bar(odds) }
+    }
+}
+
+impl Learned {
+    /// The bar of a claim with these odds.
+    fn bar(&self, odds: f32) -> f32 {
+        exp(calibration::at(&self.bars, f64::from(odds))) as f32
     }
 }
 

@@ -75,8 +75,30 @@ pub struct Frame {
     pub support: Option<(Plane<u8>, Duration)>,
 }
 
+impl Frame {
+    /// The frame with its maps in the pixels of the images as they came, if these were turned.
+    pub fn turned_back(self) -> Self {
+        if !self.matched.prepared.pair.is_turned() {
+            return self;
+        }
+        let support = self.support.map(|(frames, time)| (frames.turned_back(), time));
+        Self { matched: self.matched.turned_back(), support, ..self }
+    }
+}
+
 /// Matches the next frame of a rig, which takes in what it shows.
 pub fn match_frame(
+    rig: &mut Rig,
+    pair: Pair,
+    options: Options,
+    filter: Option<&mut TemporalFilter>,
+    runtime: Runtime,
+) -> Result<Frame> {
+    Ok(match_frame_as_turned(rig, pair, options, filter, runtime)?.turned_back())
+}
+
+/// The same, with the maps as the pair was matched: turned, if things move along its columns.
+pub fn match_frame_as_turned(
     rig: &mut Rig,
     pair: Pair,
     options: Options,
@@ -94,17 +116,12 @@ pub fn match_frame(
     next.suit(pair.size(), pair.is_turned(), options.settings);
 
     // Each frame by itself, if all is to be estimated of each.
-    let mut frame = match next.geometry.take().filter(|_| options.reestimate > 1) {
+    let frame = match next.geometry.take().filter(|_| options.reestimate > 1) {
         Some(geometry) => {
             Followed { rig: &mut next, pair: &pair, options, runtime }.frame(geometry, filter)?
         }
         None => next.begin(pair, options, filter, runtime)?,
     };
-
-    if frame.matched.prepared.pair.is_turned() {
-        frame.support = frame.support.map(|(frames, time)| (frames.turned_back(), time));
-    }
-    frame.matched = frame.matched.turned_back();
 
     next.frames += 1;
     *rig = next;
@@ -542,7 +559,7 @@ impl<'a> Followed<'a, '_> {
         let whole = match_as_turned(pair, &self.facts_anew(), self.options.settings, self.runtime)?;
 
         let summary = whole.summary();
-        let Matched { map, prepared, rectified } = whole;
+        let Matched { map, prepared, rectified, .. } = whole;
         let raw = rectified.as_ref().map(|rectified| Arc::clone(&rectified.raw));
         let map = rectified.map_or(map, |rectified| rectified.map);
         let found = Geometry::new(&prepared.pair, &prepared.estimates, raw);

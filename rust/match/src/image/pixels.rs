@@ -199,6 +199,17 @@ impl Input {
         Self { image, mask: self.mask.clone(), unit: self.unit }
     }
 
+    /// The image turned by a quarter, counterclockwise, as [`Plane::turned`].
+    pub fn turned(&self) -> Self {
+        let image = match &self.image {
+            Image::U8(pixels) => Image::U8(turned(pixels)),
+            Image::U16(pixels) => Image::U16(turned(pixels)),
+            Image::F32(pixels) => Image::F32(turned(pixels)),
+            Image::F64(pixels) => Image::F64(turned(pixels)),
+        };
+        Self { image, mask: self.mask.as_ref().map(Plane::turned), unit: self.unit }
+    }
+
     /// Rows and columns.
     pub fn size(&self) -> (usize, usize) {
         let (rows, cols, _) = self.image.shape();
@@ -264,6 +275,12 @@ impl Input {
         let mut values = pixels.indexed_iter().map(|((y, x, _), &value)| (y, x, value.into()));
         values.find(|&(y, x, value)| is_fault(value) && self.is_valid(y, x))
     }
+}
+
+fn turned<T: Copy>(pixels: &Array3<T>) -> Array3<T> {
+    let mut columns_first = pixels.view().permuted_axes([1, 0, 2]);
+    columns_first.invert_axis(Axis(0));
+    columns_first.as_standard_layout().into_owned()
 }
 
 fn channel_of<T: Copy>(pixels: &Array3<T>, channel: usize) -> Array3<T> {

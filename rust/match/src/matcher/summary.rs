@@ -28,6 +28,8 @@ pub struct Summary {
     pub coarse: f64,
     /// Share whose disparity is that of a plane drawn into a flat area.
     pub inferred: f64,
+    /// Share whose disparity is that of a second map.
+    pub second: f64,
     /// Where smaller copies decided, the images hold no detail finer than this, pixels; NaN if none did.
     pub detail: f64,
 }
@@ -41,6 +43,7 @@ struct PixelCounts {
     at_high: u64,
     coarse: u64,
     inferred: u64,
+    second: u64,
     /// The sum, in units of 2^-20: integers sum to the same in any order.
     confidence: u64,
     /// The sum over pixels with an estimate.
@@ -50,7 +53,7 @@ struct PixelCounts {
 /// Pixels that are summed in 32 bits.
 const PART: usize = 2048;
 /// Flags of pixels whose disparity is not that of a match within the image.
-const FOREIGN: u16 = flag::OUTSIDE | flag::FILLED | flag::INFERRED | flag::COARSE;
+const FOREIGN: u16 = flag::OUTSIDE | flag::FILLED | flag::INFERRED | flag::COARSE | flag::SECOND;
 
 impl Summary {
     /// The summary of a map whose disparities were searched among these candidates.
@@ -72,6 +75,7 @@ impl Summary {
                 .map_or(f64::NAN, |_| share(counts.confidence) / f64::from(STEPS)),
             coarse: share(counts.coarse),
             inferred: share(counts.inferred),
+            second: share(counts.second),
             detail: map.detail.unwrap_or(f64::NAN),
             wrong: confidence.map_or(map.wrong.unwrap_or(f64::NAN), |_| {
                 1.0 - counts.right as f64 / f64::from(STEPS) / counts.estimated.max(1) as f64
@@ -89,13 +93,15 @@ impl PixelCounts {
         let ends = [ends[0] + 0.5, ends[1] - 0.5];
         for (disparity, flags) in disparity.chunks(PART).zip(flags.chunks(PART)) {
             let part = level.run(CountPart { disparity, flags, ends });
-            let [estimated, flagged, at_low, at_high, coarse, inferred] = part.map(u64::from);
+            let [estimated, flagged, at_low, at_high, coarse, inferred, second] =
+                part.map(u64::from);
             counts.estimated += estimated;
             counts.flagged += flagged;
             counts.at_low += at_low;
             counts.at_high += at_high;
             counts.coarse += coarse;
             counts.inferred += inferred;
+            counts.second += second;
         }
 
         let confidence = confidence.unwrap_or_default().chunks(PART);
@@ -117,12 +123,12 @@ struct CountPart<'a> {
 }
 
 impl Loop for CountPart<'_> {
-    type Output = [u32; 6];
+    type Output = [u32; 7];
 
     #[inline(always)]
-    fn run(self) -> [u32; 6] {
+    fn run(self) -> [u32; 7] {
         let [mut estimated, mut flagged, mut at_low, mut at_high] = [0; 4];
-        let [mut coarse, mut inferred] = [0; 2];
+        let [mut coarse, mut inferred, mut second] = [0; 3];
 
         for (disparity, flags) in self.disparity.iter().zip(self.flags) {
             let is_own = flags & FOREIGN == 0;
@@ -132,8 +138,9 @@ impl Loop for CountPart<'_> {
             at_high += u32::from(is_own & (*disparity > self.ends[1]));
             coarse += u32::from(flags & flag::COARSE != 0);
             inferred += u32::from(flags & flag::INFERRED != 0);
+            second += u32::from(flags & flag::SECOND != 0);
         }
-        [estimated, flagged, at_low, at_high, coarse, inferred]
+        [estimated, flagged, at_low, at_high, coarse, inferred, second]
     }
 }
 

@@ -25,6 +25,9 @@ pub const INFERRED: u16 = 1024;
 /// The disparity is that of a smaller copy of the pair, which is more likely to be right there. The other
 /// flags are those of the copy.
 pub const COARSE: u16 = 2048;
+/// The disparity is that of a second map, which is more likely to be right there. The other flags say that the
+/// right image does not see the pixel.
+pub const SECOND: u16 = 4096;
 
 /// Flags of pixels without an estimate.
 pub const MISSING: u16 = MASKED | NO_CANDIDATE;

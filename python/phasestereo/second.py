@@ -1,0 +1,108 @@
+"""The second map of a match: given, or what another matcher makes of the pair."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from numpy.typing import NDArray
+
+from phasestereo._images import Map, as_array
+from phasestereo._numbers import as_number
+from phasestereo.matchers import OtherMatcher, load_matcher
+from phasestereo.verification import as_claims
+
+_TICK = 0.1  # s between looks whether Ctrl-C was pressed
+
+
+def as_second(
+    second: Any, timeout: float | None, size: tuple[int, ...]
+) -> SecondMatcher | Map | None:
+    """Return the second map of a match, or what makes it, as the core takes it.
+
+    Parameters
+    ----------
+    second
+        A map, or what `load_matcher` makes a matcher of; None: no second map.
+    timeout
+        Seconds that a matcher may take; None: any time.
+    size
+        Rows and columns of the left image.
+
+    Raises
+    ------
+    TypeError, ValueError, OSError, ImportError
+        As `phasestereo.matchers.load_matcher`; also for an array that is not a map of the left
+        image, and for a wrong timeout.
+    """
+    seconds = None if timeout is None else as_number("timeout", timeout, positive=True)
+    if second is None:
+        if seconds is not None:
+            raise ValueError("timeout: got one without a second matcher; accepts None then")
+        return None
+    if isinstance(second, str) or callable(second) or hasattr(second, "compute"):
+        try:
+            return SecondMatcher(load_matcher(second), seconds)
+        except (TypeError, ValueError) as error:
+            raise type(error)(str(error).replace("matcher:", "second:", 1)) from error
+    return as_claims(as_array(second, "second"), size, "second")
+
+
+@dataclass(frozen=True, slots=True)
+class SecondMatcher:
+    """A matcher as the core calls it: it returns a map, or why there is none.
+
+    Parameters
+    ----------
+    matcher
+        The matcher.
+    timeout
+        Seconds that it may take; None: any time.
+    """
+
+    matcher: OtherMatcher
+    timeout: float | None
+
+    @property
+    def name(self) -> str:
+        """What findings call it."""
+        return self.matcher.name
+
+    @property
+    def max_disparity(self) -> int | None:
+        """The largest disparity that it can answer, pixels; None: not known."""
+        return self.matcher.max_disparity
+
+    def __call__(self, left: NDArray[Any], right: NDArray[Any], num_disparities: int) -> Map | str:
+        """Return float32 (H, W), pixels, NaN where there is no disparity; or why there is none."""
+        try:
+            return self._within(lambda: self.matcher(left, right, num_disparities))
+        except Exception as error:  # noqa: BLE001 - whatever it raises, our own map stands
+            return f"{type(error).__name__}: {error}"
+
+    def _within(self, work: Callable[[], Map]) -> Map:
+        """Do work within the time that it may take; a thread that takes longer is abandoned."""
+        if self.timeout is None:
+            return work()
+
+        found: list[Map | Exception] = []
+
+        def run() -> None:
+            try:
+                found.append(work())
+            except Exception as error:  # noqa: BLE001 - raised again where it is waited for
+                found.append(error)
+
+        thread = threading.Thread(target=run, daemon=True, name="second matcher")
+        thread.start()
+        left = self.timeout
+        while thread.is_alive() and left > 0:
+            thread.join(min(_TICK, left))
+            left -= _TICK
+        if not found:
+            raise TimeoutError(f"no answer within {self.timeout:g} s")
+        if isinstance(found[0], Exception):
+            raise found[0]
+        return found[0]
