@@ -72,6 +72,7 @@ def test_settings_by_name(spec: str, fields: dict[str, Any]) -> None:
     ("spec", "error", "message"),
     [
         ("prepared:", ValueError, "got 'prepared:'; accepts prepared:METHOD"),
+        ("fused:", ValueError, "got 'fused:'; accepts fused:METHOD"),
         ("prepared:papre", ValueError, "got 'papre'; accepts"),
         ("papre", ValueError, "got 'papre'; accepts robust, paper, fast, sad, nsad"),
         ("opencv:bgm", ValueError, "got 'opencv:bgm'; accepts"),
@@ -120,7 +121,7 @@ def test_opencv_searches_at_least_so_many_disparities() -> None:
 def test_a_method_gets_a_prepared_pair_and_its_map_comes_back() -> None:
     pytest.importorskip("cv2")
     rendered = render_pair(3, height=160, width=240, num_disparities=64)
-    entrant, raw = method("prepared:sgbm"), method("opencv:sgbm")
+    entrant, raw, fused = map(method, ("prepared:sgbm", "opencv:sgbm", "fused:sgbm"))
     assert (entrant.name, entrant.settings, entrant.told) == (
         "prepared:opencv:sgbm",
         raw.settings,
@@ -133,6 +134,12 @@ def test_a_method_gets_a_prepared_pair_and_its_map_comes_back() -> None:
     wrong = [ps.metrics.bad_pixels(disparity, truth, 1.0, mask) for disparity in found]
     assert wrong[0] > 90
     assert wrong[1] < 20
+
+    ours = ps.match(*pair[:2], threads=1).disparity
+    both, confidence = fused.match(*pair)
+    assert (fused.name, confidence.shape) == ("fused:opencv:sgbm", both.shape)
+    assert not np.array_equal(both, ours)
+    assert ps.metrics.bad_pixels(both, truth, 1.0, mask) < 20
 
 
 def test_the_demo_has_the_same_sgbm() -> None:

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from phasestereo._extras import require
-from phasestereo.matchers import onnx, opencv
+from phasestereo.matchers import OtherMatcher, onnx, opencv
 from phasestereo.matching import match
 from phasestereo.preparation import prepare
 from phasestereo.rig.findings import MatchWarning
@@ -115,7 +115,8 @@ def method(spec: str | Matcher | Method) -> Method:
         ``"opencv:sgbm-3x3"`` or ``"opencv:sgbm-3way"``; a network by its file,
         ``"hitnet:FILE.onnx"``, ``"onnx:FILE.onnx"``, or ``"mccnn"``; any of these after
         ``"prepared:"``, as ``"prepared:sgbm"``: on what `phasestereo.prepare` makes of the pair, of
-        which it is given no range; a program,
+        which it is given no range; or after ``"fused:"``: as the second matcher of
+        `phasestereo.match`, which is given no range either; a program,
         ``"program:COMMAND {left} {right} {num_disparities} {output}"``;
         ``"package.module:function"``; any of these followed by ``"+true-blur"``. Or such a
         function itself; or a `Method`, returned as it is.
@@ -231,13 +232,14 @@ def _network(name: str, path: str) -> Method:
     return Method(label, partial(onnx.match_onnx, path=path, threads=1), settings)
 
 
-def _prepared(name: str, rest: str) -> Method:
+def _aided(name: str, rest: str) -> Method:
     """Return a method on prepared pairs; OpenCV's may be named as `load_matcher` names them."""
+    stem = name.partition(":")[0]
     if not rest:
-        raise ValueError(f"method: got {name!r}; accepts prepared:METHOD")
+        raise ValueError(f"method: got {name!r}; accepts {stem}:METHOD")
     inner = _named(f"opencv:{rest}" if rest in ("sgbm", "bm") else rest)
-    label = f"prepared:{inner.name}"
-    return Method(label, partial(_match_prepared, inner=inner), inner.settings, told=False)
+    run = _match_prepared if stem == "prepared" else _match_fused
+    return Method(f"{stem}:{inner.name}", partial(run, inner=inner), inner.settings, told=False)
 
 
 def _match_prepared(left: Image, right: Image, _num_disparities: int, *, inner: Method) -> Map:
@@ -247,6 +249,23 @@ def _match_prepared(left: Image, right: Image, _num_disparities: int, *, inner: 
 
     found = inner.match(pair.left, pair.right, pair.num_disparities)
     return pair.restore(found[0] if isinstance(found, tuple) else found)
+
+
+def _match_fused(
+    left: Image, right: Image, _num_disparities: int, *, inner: Method
+) -> tuple[Map, Map]:
+    def run(left: Image, right: Image, num_disparities: int) -> Floats:
+        found = inner.match(left, right, num_disparities)
+        return found[0] if isinstance(found, tuple) else found
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MatchWarning)
+        result = match(left, right, second=OtherMatcher(inner.name, run), threads=1)
+
+    failed = [each.sentence for each in result.findings if each.topic == "map"]
+    if failed or result.confidence is None:
+        raise ValueError(f"{inner.name}: " + "; ".join(failed))
+    return result.disparity, result.confidence
 
 
 def _mccnn(name: str, rest: str) -> Method:
@@ -267,7 +286,8 @@ _FROM_OUTSIDE: Mapping[str, Callable[[str, str], Method]] = {
     "hitnet": _network,
     "onnx": _network,
     "mccnn": _mccnn,
-    "prepared": _prepared,
+    "prepared": _aided,
+    "fused": _aided,
     "program": _program,
 }
 """What makes methods of things that are no functions: called with the name, and what follows it."""

@@ -75,8 +75,8 @@ def middlebury(
         opencv:sgbm, opencv:sgbm-5way, opencv:sgbm-3way, opencv:sgbm-3x3, mccnn, onnx:FILE.onnx,
         "program:COMMAND {left} {right} {num_disparities} {output}", or
         package.module:function; with prepared: before it, as prepared:sgbm, on the pair as
-        `prepare` makes it; with +true-blur after it, the sharp image is first blurred like the
-        other one. Without it, what the suite is for.
+        `prepare` makes it; with fused: as the second matcher of `match`; with +true-blur after it,
+        the sharp image is first blurred like the other one. Without it, what the suite is for.
     hitnet
         HITNet's ONNX file for ETH3D: the network takes part, too, if onnxruntime is installed.
     output
