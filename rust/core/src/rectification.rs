@@ -3,7 +3,8 @@
 //! 1. Corners of both images are described by codes and matched ([`corners`], [`codes`], [`mod@matches`]).
 //! 2. Those that agree on one way that the cameras look are kept ([`consensus`]); where few do, one image is
 //!    tried turned.
-//! 3. Fourteen numbers of two cameras are fitted to them ([`cameras`], [`fit`]).
+//! 3. Fourteen numbers of two cameras are fitted to them ([`cameras`], [`fit`]). Where a pair is rectified only
+//!    if it needs to be, they explain the rows of these corners better than equal rows do, by evidence.
 //! 4. Both images are rectified by those, and blocks of them correlated ([`blocks`]), which are more exact
 //!    than corners; the numbers are fitted again, and all of this is repeated until they stay.
 //! 5. The rectified images are moved so that things stay about where they were, and so that disparities are
@@ -39,6 +40,7 @@ use self::cameras::{Cameras, NUMBERS, Point};
 use self::codes::Features;
 use self::fit::Steps;
 use self::matches::Match;
+use crate::estimation::facts::{INDEPENDENT, SUFFICIENT, evidence};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::{Error, Result};
 use phasestereo_match::base::linear::{Cholesky, Normal};
@@ -104,6 +106,20 @@ pub enum Negative {
     Moved,
 }
 
+/// What a pair is rectified for.
+#[derive(Debug, Clone, Copy)]
+pub struct Aim {
+    /// What becomes of disparities that are negative.
+    pub negative: Negative,
+    /// Whether a pair is left alone whose corners do not show that its rows differ.
+    pub is_only_if_needed: bool,
+}
+
+impl Aim {
+    /// The rectification that was asked for.
+    const ASKED: Self = Self { negative: Negative::MovedIfToedIn, is_only_if_needed: false };
+}
+
 /// A pair that was rectified.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Rectification {
@@ -140,6 +156,8 @@ pub enum Refusal {
     Corners([usize; 2]),
     /// Too few matched corners agree: those that agree, and all.
     Matches([usize; 2]),
+    /// Rows of corners correspond about as well without cameras.
+    NotNeeded,
     /// Things move along other lines than rows by their distance.
     Axis(Axis),
     /// Too few blocks are found in both rectified images.
@@ -164,6 +182,7 @@ impl fmt::Display for Refusal {
                     "only {agreeing} of {all} corners that look alike agree on how the cameras look"
                 )
             }
+            Self::NotNeeded => write!(to, "rows correspond about as well as they are"),
             Self::Axis(Axis { angle, ratio }) => write!(
                 to,
                 "by their distance, things move along lines at {angle:.0} degrees to the rows ({ratio:.1} times as much as \
@@ -188,7 +207,7 @@ pub fn rectify_views(pairs: &[Pair], level: Level, control: &Control) -> Result<
         grays.push([gray(left, control)?, gray(right, control)?]);
     }
 
-    let refusal = match rectify(&grays, 1, Negative::MovedIfToedIn, level, control)? {
+    let refusal = match rectify(&grays, 1, Aim::ASKED, level, control)? {
         Ok(found) => return Ok(found),
         Err(refusal) => refusal,
     };
@@ -196,7 +215,7 @@ pub fn rectify_views(pairs: &[Pair], level: Level, control: &Control) -> Result<
         for [_, right] in &mut grays {
             *right = right.map(|value| -value);
         }
-        if let Ok(found) = rectify(&grays, 1, Negative::MovedIfToedIn, level, control)? {
+        if let Ok(found) = rectify(&grays, 1, Aim::ASKED, level, control)? {
             return Ok(Rectification { is_inverted: true, ..found });
         }
     }
@@ -222,7 +241,7 @@ pub fn gray(view: &View, control: &Control) -> Result<Plane<f32>> {
 pub fn rectify(
     pairs: &[Grays],
     least: usize,
-    negative: Negative,
+    aim: Aim,
     level: Level,
     control: &Control,
 ) -> Result<std::result::Result<Rectification, Refusal>> {
@@ -234,7 +253,7 @@ pub fn rectify(
     for [left, right] in pairs {
         reduced.push([smaller(left, factor)?, smaller(right, factor)?]);
     }
-    let found = rectify_small(&reduced, negative, level, control)?;
+    let found = rectify_small(&reduced, aim, level, control)?;
     Ok(found.map(|found| found.enlarged(factor, size)).map_err(|refusal| match refusal {
         Refusal::Rows(spread) => Refusal::Rows(spread * factor as f64),
         Refusal::Uncertain(error) => Refusal::Uncertain(error * factor as f64),
@@ -275,7 +294,7 @@ fn features(pair: &[Plane<f32>; 2], level: Level, control: &Control) -> Result<[
 
 fn rectify_small(
     pairs: &[Grays],
-    negative: Negative,
+    aim: Aim,
     level: Level,
     control: &Control,
 ) -> Result<std::result::Result<Rectification, Refusal>> {
@@ -297,8 +316,13 @@ fn rectify_small(
     let all: Vec<Match> = views.iter().flat_map(|views| &views.matches).copied().collect();
     let counts = [all.len(), agreeing.iter().filter(|is_in| **is_in).count()];
 
+    let starts = fit::fitted(&all, &agreeing, size);
+    if aim.is_only_if_needed && !is_needed(&all, &agreeing, &starts) {
+        return Ok(Err(Refusal::NotNeeded));
+    }
+
     let (mut most, mut best) = (0, None);
-    for (cameras, near) in fit::fitted(&all, &agreeing, size) {
+    for (cameras, near) in starts {
         let found = refined(&views, cameras, near, level, control)?;
         most = most.max(found.blocks.len());
         let Some(fit) = found.fit.as_ref().filter(|_| found.blocks.len() >= LEAST_BLOCKS.1) else {
@@ -314,9 +338,21 @@ fn rectify_small(
         }
     }
     match best {
-        Some((_, found)) => Ok(found.checked(counts, size, negative, views.len())),
+        Some((_, found)) => Ok(found.checked(counts, size, aim.negative, views.len())),
         None => Ok(Err(Refusal::Blocks(most))),
     }
+}
+
+/// Whether some cameras explain the rows of corners that agree better than equal rows do.
+fn is_needed(all: &[Match], agreeing: &[bool], cameras: &[(Cameras, f64)]) -> bool {
+    let apart = |row: &dyn Fn(&Match) -> f64| {
+        deviation(all.iter().zip(agreeing).filter(|(_, is_in)| **is_in).map(|(one, _)| row(one)))
+    };
+    let equal = apart(&|one| one.right[1] - one.left[1]);
+    cameras.iter().any(|(cameras, _)| {
+        let left = apart(&|one| cameras.row_difference([one.left, one.right]));
+        evidence(equal, left, NUMBERS, INDEPENDENT) >= SUFFICIENT
+    })
 }
 
 /// The images of a pair and their matched corners.
@@ -678,10 +714,9 @@ mod tests {
 
     const SIZE: (usize, usize) = (300, 400);
 
-    fn found(pair: &[Plane<f32>; 2]) -> std::result::Result<Rectification, Refusal> {
+    fn found(pair: &Grays, aim: Aim) -> std::result::Result<Rectification, Refusal> {
         let control = Control::default();
-        rectify(std::slice::from_ref(pair), 1, Negative::Moved, Level::best(), &control)
-            .expect("memory")
+        rectify(std::slice::from_ref(pair), 1, aim, Level::best(), &control).expect("memory")
     }
 
     /// The largest difference of rows, over the image, of what cameras see at the same place.
@@ -707,7 +742,8 @@ mod tests {
         bent[cameras::K1] = -1.0;
         for numbers in [turned, bent] {
             let truth = Cameras::new(numbers, USUAL, SIZE);
-            let found = found(&scene::pair(&truth, SIZE, 1)).expect("a pair");
+            let pair = scene::pair(&truth, SIZE, 1);
+            let found = found(&pair, Aim::ASKED).expect("a pair");
             assert!(found.rms < 0.3 && found.rows > 0.4, "{} {}", found.rms, found.rows);
             let apart = rows_apart(&truth, &found.cameras);
             assert!(apart < 0.8, "{apart}");
@@ -718,11 +754,9 @@ mod tests {
     fn disparities_are_made_positive_if_that_is_asked_for() {
         let truth = Cameras::new([0.0; NUMBERS], USUAL, SIZE);
         let [left, right] = scene::pair(&truth, SIZE, 2);
-        let control = Control::default();
+        let pair = [right, left];
         let swapped = |negative: Negative| {
-            let found =
-                rectify(&[[right.clone(), left.clone()]], 1, negative, Level::best(), &control);
-            found.expect("memory").expect("a pair").moved
+            found(&pair, Aim { negative, ..Aim::ASKED }).expect("a pair").moved
         };
         let moved = swapped(Negative::Moved);
         assert!((12.0..40.0).contains(&moved), "{moved}");
@@ -732,7 +766,23 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_pair_is_refused() {
+    fn a_pair_whose_rows_correspond_is_rectified_only_if_that_is_asked_for() {
+        let aim = Aim { is_only_if_needed: true, ..Aim::ASKED };
+        let pair = |turn: f64| {
+            let mut numbers = [0.0; NUMBERS];
+            numbers[13] = turn;
+            scene::pair(&Cameras::new(numbers, USUAL, SIZE), SIZE, 6)
+        };
+        let (equal, turned) = (pair(0.0), pair(-2.0));
+        assert_eq!(found(&equal, aim).err(), Some(Refusal::NotNeeded));
+        assert!(found(&equal, Aim::ASKED).is_ok());
+        let cameras = [aim, Aim::ASKED].map(|aim| found(&turned, aim).expect("a pair").cameras);
+        assert_eq!(cameras[0], cameras[1]);
+    }
+
+    #[test]
+    fn what_is_not_a_pair_is_refused() {
+        let found = |pair: &Grays| found(pair, Aim::ASKED);
         let truth = Cameras::new([0.0; NUMBERS], USUAL, SIZE);
         let [left, _] = scene::pair(&truth, SIZE, 3);
         let [other, _] = scene::pair(&truth, SIZE, 4);
@@ -755,14 +805,14 @@ mod tests {
         let mut numbers = [0.0; NUMBERS];
         numbers[13] = 1.0;
         let pair = scene::pair(&Cameras::new(numbers, USUAL, SIZE), SIZE, 5);
-        let first = found(&pair).expect("a pair").cameras;
+        let first = found(&pair, Aim::ASKED).expect("a pair").cameras;
 
         let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().expect("threads");
         for (name, level) in Level::all() {
             let Some(level) = level else { continue };
             let control = Control::default();
             let again = pool.install(|| {
-                rectify(std::slice::from_ref(&pair), 1, Negative::Moved, level, &control)
+                rectify(std::slice::from_ref(&pair), 1, Aim::ASKED, level, &control)
             });
             assert_eq!(again.expect("memory").expect("a pair").cameras, first, "{name}");
         }

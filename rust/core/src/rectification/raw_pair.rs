@@ -3,7 +3,8 @@
 //!
 //! ```text
 //! apart  = how far apart rows stay by the best field of offsets, pixels    # crate::estimation::rows
-//! try, if lenses distort, or apart >= TRIED and blocks do not show that rows correspond
+//! try, if lenses distort, or apart >= TRIED and blocks do not show that rows correspond;
+//!      give up at once where corners do not show that rows differ      # crate::rectification
 //! accept, if the cameras explain the rows: the rows of blocks were LEAST_RATIO times what the cameras leave of them, and the
 //!                  cameras have evidence over the field; lenses that distort need none
 //!                  and small copies of the rectified pair match about as well;
@@ -15,13 +16,13 @@
 //! All of it is in pixels of the images: what copies of a large image say of its rows depends on their size.
 //!
 //! A pair that is hard to match for other reasons, as noise or blur, would only be resampled once more.
-//! Blocks that were followed often show that before any cameras are looked for, which takes ten times as long
-//! as a match.
+//! Blocks that were followed often show that before any cameras are looked for, and matched corners before
+//! they are fitted to blocks, which takes ten times as long as a match.
 
 use std::sync::Arc;
 
 use super::cameras::NUMBERS;
-use super::{Grays, Negative, Raw, Rectification, Refusal, gray, rectify, shown_axis, warp};
+use super::{Aim, Grays, Negative, Raw, Rectification, Refusal, gray, rectify, shown_axis, warp};
 use crate::estimation::facts::{Facts, INDEPENDENT, SUFFICIENT, evidence};
 use crate::estimation::{Estimates, complete};
 use phasestereo_match::base::control::Control;
@@ -100,9 +101,10 @@ pub fn rectify_if_needed(
     }
     // Given disparities are not moved.
     let negative = if facts.candidates.is_none() { Negative::Moved } else { Negative::Kept };
-    let rectification = match rectified_at_some_size(&grays, negative, runtime)? {
+    let aim = Aim { negative, is_only_if_needed: true };
+    let rectification = match rectified_at_some_size(&grays, aim, runtime)? {
         Ok(found) if found.rows >= LEAST_ROWS => found,
-        Ok(_) => return Ok(Attempt::None),
+        Ok(_) | Err(Refusal::NotNeeded) => return Ok(Attempt::None),
         // What differs from row to row differs among corners, too, whatever their distance.
         Err(Refusal::Axis(_)) if before.sways() => return Ok(Attempt::None),
         Err(refusal) => return Ok(Attempt::Refused(refusal)),
@@ -131,16 +133,16 @@ pub fn rectify_if_needed(
 /// half the size show.
 fn rectified_at_some_size(
     grays: &Grays,
-    negative: Negative,
+    aim: Aim,
     Runtime { execution, control, .. }: Runtime,
 ) -> Result<std::result::Result<Rectification, Refusal>> {
     let pairs = std::slice::from_ref(grays);
-    let found = rectify(pairs, 1, negative, execution.level, control)?;
+    let found = rectify(pairs, 1, aim, execution.level, control)?;
     let Err(refusal) = found else { return Ok(found) };
-    if let Refusal::Axis(_) = refusal {
+    if let Refusal::Axis(_) | Refusal::NotNeeded = refusal {
         return Ok(Err(refusal));
     }
-    let again = rectify(pairs, 2, negative, execution.level, control)?;
+    let again = rectify(pairs, 2, aim, execution.level, control)?;
     Ok(again.map_err(|_| refusal))
 }
 
