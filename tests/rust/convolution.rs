@@ -9,7 +9,7 @@ use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
 use phasestereo_match::image::LARGEST_KERNEL;
 use phasestereo_match::image::convolution::{
-    GUARD, Kernel, MOST_FRACTION, SHIFT, Weights, convolve,
+    GUARD, Kernel, KernelWeights, MOST_FRACTION, SHIFT, convolve,
 };
 use phasestereo_match::image::intensity::Gray;
 use phasestereo_match::matcher::on_threads;
@@ -138,7 +138,9 @@ fn any_size_of_image_and_kernel_equals_its_definition() {
         single(129, 129, (64, 64)),
     ];
 
-    assert!(matches!(corner(129, (true, true)).weights(), Weights::All(all) if all.rows() == 129));
+    assert!(
+        matches!(corner(129, (true, true)).weights(), KernelWeights::All(all) if all.rows() == 129)
+    );
 
     for (rows, cols) in images {
         let plane = noise(rows, cols);
@@ -205,18 +207,18 @@ fn outer_products_are_recognized_and_nothing_else() {
     };
 
     let found = kernel(25, 25, gaussian).expect("a legal kernel");
-    assert!(matches!(found.weights(), Weights::Factors { .. }), "Gaussian");
+    assert!(matches!(found.weights(), KernelWeights::Factors { .. }), "Gaussian");
     let disk = |y: usize, x: usize| f64::from(y.abs_diff(5).pow(2) + x.abs_diff(5).pow(2) <= 25);
 
     let disk = |y, x| if disk(y, x) > 0.0 { 1.0 } else { 0.0 };
 
     let found = kernel(11, 11, disk).expect("a legal kernel");
-    assert!(matches!(found.weights(), Weights::All(_)), "disk");
+    assert!(matches!(found.weights(), KernelWeights::All(_)), "disk");
 
     let row = kernel(7, 7, |y, x| if y == 3 { x as f64 + 1.0 } else { 0.0 });
     let expected = Kernel::new(&Plane::from_fn(1, 7, |_, x| (x as f64 + 1.0) / 28.0));
     assert_eq!(row, expected);
-    assert!(matches!(row.expect("a legal kernel").weights(), Weights::All(_)), "row");
+    assert!(matches!(row.expect("a legal kernel").weights(), KernelWeights::All(_)), "row");
 }
 
 #[test]
@@ -226,7 +228,9 @@ fn weights_are_within_a_step_of_the_taps_and_sum_to_a_power_of_two() {
     };
 
     let kernel = kernel(21, 21, disk).expect("a legal kernel");
-    let Weights::All(weights) = kernel.weights() else { panic!("a disk is no outer product") };
+    let KernelWeights::All(weights) = kernel.weights() else {
+        panic!("a disk is no outer product")
+    };
     assert_eq!(total(weights), 1 << SHIFT);
 
     let inside = weights.as_slice().iter().filter(|weight| **weight > 0).count() as f64;
@@ -241,14 +245,16 @@ fn weights_are_within_a_step_of_the_taps_and_sum_to_a_power_of_two() {
     assert!(differing <= 2, "{differing} weights differ");
 
     let product = product(9, 5);
-    let Weights::Factors { column, row } = product.weights() else { panic!("an outer product") };
+    let KernelWeights::Factors { column, row } = product.weights() else {
+        panic!("an outer product")
+    };
     assert_eq!([total(column), total(row)], [1 << SHIFT; 2]);
 }
 
 #[test]
 fn rows_and_columns_without_weights_are_left_out() {
     let kernel = single(129, 129, (64, 67));
-    let Weights::All(weights) = kernel.weights() else { panic!("a row") };
+    let KernelWeights::All(weights) = kernel.weights() else { panic!("a row") };
     assert_eq!((weights.rows(), weights.cols()), (1, 7));
 }
 

@@ -12,7 +12,7 @@ use phasestereo_match::base::math::{exp, ln};
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::cost::aggregation::Window;
 use phasestereo_match::descriptor::basis::{Basis, Component};
-use phasestereo_match::image::convolution::{Kernel, Weights};
+use phasestereo_match::image::convolution::{Kernel, KernelWeights};
 use phasestereo_match::image::texture::Roughness;
 use phasestereo_match::image::view::Mask;
 use phasestereo_match::optimization::Penalties;
@@ -112,8 +112,8 @@ pub fn convolve(gray: &Plane<i32>, kernel: &Kernel, fraction: u32) -> Plane<i32>
     };
 
     match kernel.weights() {
-        Weights::All(weights) => pass(gray, weights, WEIGHT_BITS - fraction),
-        Weights::Factors { column, row } => {
+        KernelWeights::All(weights) => pass(gray, weights, WEIGHT_BITS - fraction),
+        KernelWeights::Factors { column, row } => {
             let between = pass(gray, column, WEIGHT_BITS - fraction - KEPT_BITS);
             pass(&between, row, WEIGHT_BITS + KEPT_BITS)
         }

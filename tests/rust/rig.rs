@@ -15,7 +15,7 @@ use phasestereo::internals::video::limits::check;
 use phasestereo::internals::video::rig::columns::Columns;
 use phasestereo::internals::video::rig::events::{Events, Steady, Subject};
 use phasestereo::internals::video::rig::field::{FieldFilter, seeds};
-use phasestereo::internals::video::rig::sensors::{BlurMap, Kind, Sensors};
+use phasestereo::internals::video::rig::sensors::{BlurKind, BlurMap, Sensors};
 use phasestereo::internals::video::rig::stopped::Stopped;
 use phasestereo::internals::video::rig::text::{read, written};
 use phasestereo::internals::video::rig::{Geometry, Rig};
@@ -368,8 +368,8 @@ fn rig(shift: f64, straightens: i64) -> Rig {
     let psf = Psf { family: Family::Motion, size: 9.0, angle: 30.0, inner: 0.0 };
     let blur = BlurMap {
         kinds: vec![
-            Kind { side: 1, psf: Some(psf), spread: 2.6 },
-            Kind { side: 0, psf: None, spread: 0.0 },
+            BlurKind { side: 1, psf: Some(psf), spread: 2.6 },
+            BlurKind { side: 0, psf: None, spread: 0.0 },
         ],
         tiles: (1, 3),
         side: 16,

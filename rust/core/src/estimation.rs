@@ -271,9 +271,9 @@ impl Estimates {
         let scales = &Scales::new(sample);
 
         let facts = request.facts;
-        let geometry = Geometry::new(rows, request, runtime)?;
+        let geometry = CopyGeometry::new(rows, request, runtime)?;
         let geometry = geometry.as_ref();
-        let range = geometry.and_then(Geometry::range);
+        let range = geometry.and_then(CopyGeometry::range);
         let alignment = geometry.and_then(|geometry| geometry.alignment.clone());
 
         let width = rows.size().1;
@@ -287,11 +287,11 @@ impl Estimates {
 
         // Blur is compared where both images show the same, so it comes after the geometry. What most of the
         // images show may not be among the known disparities.
-        let seen = geometry.and_then(Geometry::seen).map(|range| range.candidates(width));
+        let seen = geometry.and_then(CopyGeometry::seen).map(|range| range.candidates(width));
         let seen = seen.transpose()?.unwrap_or(candidates.value);
         let blur = || {
             let known = rough::Correspondence { candidates: seen, alignment: alignment.clone() };
-            blur::estimate(rows, sample, known, geometry.map(Geometry::rough_match), runtime)
+            blur::estimate(rows, sample, known, geometry.map(CopyGeometry::rough_match), runtime)
         };
         let blur = || request.blur.then(blur).transpose();
         let remarks = || geometry.map(|found| found.remarks(scales, facts, runtime)).transpose();
@@ -376,7 +376,7 @@ impl Estimates {
 }
 
 /// How the reduced images correspond.
-struct Geometry {
+struct CopyGeometry {
     /// The images, reduced ...
     copies: Overview,
     /// ... and reduced more, if others of the usual size are finer.
@@ -388,7 +388,7 @@ struct Geometry {
     offsets: Option<RowOffsets>,
     rows_apart: f64,
     alignment: Option<Alignment>,
-    found: Option<range::Found>,
+    found: Option<range::FoundRange>,
 }
 
 /// What else the reduced images show, as the fields of [`Estimates`] say; neither geometry nor blur depends
@@ -400,7 +400,7 @@ struct Remarks {
     contrast: Option<Contrast>,
 }
 
-impl Geometry {
+impl CopyGeometry {
     /// Matches the reduced images; `None`: they are not needed or too small.
     fn new(rows: &PairRows, request: &Request, runtime: Runtime) -> Result<Option<Self>> {
         let facts = request.facts;

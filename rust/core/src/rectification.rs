@@ -39,7 +39,7 @@ use self::blocks::Block;
 use self::cameras::{Cameras, NUMBERS, Point};
 use self::codes::Features;
 use self::fit::Steps;
-use self::matches::Match;
+use self::matches::CornerMatch;
 use crate::estimation::facts::{INDEPENDENT, SUFFICIENT, evidence};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::{Error, Result};
@@ -313,7 +313,7 @@ fn rectify_small(
         return Ok(Err(refusal));
     }
 
-    let all: Vec<Match> = views.iter().flat_map(|views| &views.matches).copied().collect();
+    let all: Vec<CornerMatch> = views.iter().flat_map(|views| &views.matches).copied().collect();
     let counts = [all.len(), agreeing.iter().filter(|is_in| **is_in).count()];
 
     let starts = fit::fitted(&all, &agreeing, size);
@@ -344,8 +344,8 @@ fn rectify_small(
 }
 
 /// Whether some cameras explain the rows of corners that agree better than equal rows do.
-fn is_needed(all: &[Match], agreeing: &[bool], cameras: &[(Cameras, f64)]) -> bool {
-    let apart = |row: &dyn Fn(&Match) -> f64| {
+fn is_needed(all: &[CornerMatch], agreeing: &[bool], cameras: &[(Cameras, f64)]) -> bool {
+    let apart = |row: &dyn Fn(&CornerMatch) -> f64| {
         deviation(all.iter().zip(agreeing).filter(|(_, is_in)| **is_in).map(|(one, _)| row(one)))
     };
     let equal = apart(&|one| one.right[1] - one.left[1]);
@@ -358,19 +358,20 @@ fn is_needed(all: &[Match], agreeing: &[bool], cameras: &[(Cameras, f64)]) -> bo
 /// The images of a pair and their matched corners.
 struct Views<'a> {
     pair: [&'a Plane<f32>; 2],
-    matches: Vec<Match>,
+    matches: Vec<CornerMatch>,
 }
 
 impl Views<'_> {
     /// The matches whose rows are near with these cameras.
-    fn near(&self, cameras: &Cameras, near: f64) -> Vec<Match> {
-        let is_near = |one: &&Match| cameras.row_difference([one.left, one.right]).abs() < near;
+    fn near(&self, cameras: &Cameras, near: f64) -> Vec<CornerMatch> {
+        let is_near =
+            |one: &&CornerMatch| cameras.row_difference([one.left, one.right]).abs() < near;
         self.matches.iter().filter(is_near).copied().collect()
     }
 }
 
 /// Matched corners, and which of them agree.
-type Agreement = (Vec<Match>, Vec<bool>);
+type Agreement = (Vec<CornerMatch>, Vec<bool>);
 
 /// Matches the corners of a pair, if enough of them agree.
 fn matched(
@@ -422,9 +423,9 @@ struct Refined {
     /// The weight of each, 0 for mistakes.
     weights: Vec<f64>,
     /// Corners that agree.
-    kept: Vec<Match>,
+    kept: Vec<CornerMatch>,
     /// The normal equations of the last fit.
-    fit: Option<fit::Fit>,
+    fit: Option<fit::CameraFit>,
 }
 
 /// Fits cameras to blocks, again and again, until they stay. They begin with such to which matches agree
@@ -455,11 +456,12 @@ fn refined(
         }
 
         // Blocks alone, then with the corners, as much less exact as their rows spread more.
-        let mut places: Vec<Match> = now.blocks.iter().map(|block| block.places).collect();
+        let mut places: Vec<CornerMatch> = now.blocks.iter().map(|block| block.places).collect();
         let mut weights: Vec<f64> = now.blocks.iter().map(|block| block.weight).collect();
         let alone = fit::fit(&places, &weights, &before, Steps(15, 3));
 
-        let rows = |cameras: &Cameras, one: &Match| cameras.row_difference([one.left, one.right]);
+        let rows =
+            |cameras: &Cameras, one: &CornerMatch| cameras.row_difference([one.left, one.right]);
         let spread = deviation(now.kept.iter().map(|one| rows(&alone.cameras, one))) + 0.05;
         places.extend(&now.kept);
         weights.resize(places.len(), (alone.spread / spread).powi(2).min(1.0));
@@ -542,7 +544,7 @@ impl Refined {
     /// Whether the distortion folds the image at many blocks.
     fn is_folded(&self) -> bool {
         let is_folded = |block: &&Block| {
-            let Match { left, right } = block.places;
+            let CornerMatch { left, right } = block.places;
             self.cameras.is_folded(left, 0) || self.cameras.is_folded(right, 1)
         };
         let count = self.blocks.iter().filter(is_folded).count();
@@ -550,7 +552,7 @@ impl Refined {
     }
 
     /// The blocks that agree with the cameras.
-    fn agreeing(&self) -> Vec<Match> {
+    fn agreeing(&self) -> Vec<CornerMatch> {
         let blocks = self.blocks.iter().zip(&self.weights);
         blocks.filter(|(_, weight)| **weight > 0.0).map(|(block, _)| block.places).collect()
     }
@@ -561,7 +563,7 @@ impl Negative {
     /// positive.
     fn moved(
         self,
-        good: &[Match],
+        good: &[CornerMatch],
         size: (usize, usize),
         found: &mut impl FnMut(f64) -> f64,
     ) -> f64 {
@@ -633,11 +635,11 @@ fn error(
 /// Whether rows of raw images lie as those of cameras that are turned towards each other so far that there
 /// are such disparities. A camera of focal length `f` that is turned moves columns by `s` and, at `(x, y)`
 /// from its center, rows by `s x y / f^2`; images that are exchanged leave rows alone.
-fn is_toed_in(blocks: &[Match], (rows, cols): (usize, usize), least: f64) -> bool {
+fn is_toed_in(blocks: &[CornerMatch], (rows, cols): (usize, usize), least: f64) -> bool {
     const TERMS: usize = 6;
     const TWIST: usize = 3;
     let mut normal = Normal::<TERMS>::held([1e-9; TERMS]);
-    for Match { left, right } in blocks {
+    for CornerMatch { left, right } in blocks {
         let x = 2.0 * right[0] / (cols - 1) as f64 - 1.0;
         let y = 2.0 * left[1] / (rows - 1) as f64 - 1.0;
         normal.add(&[1.0, x, y, x * y, x * x, y * y], right[1] - left[1], 1.0);
@@ -649,12 +651,12 @@ fn is_toed_in(blocks: &[Match], (rows, cols): (usize, usize), least: f64) -> boo
 
 /// The shifts that leave things where they were, at the median. Rows are moved alike; columns each by
 /// themselves, since what moves all disparities, as toed-in cameras do, is hardly known from rows.
-fn shifts(cameras: &Cameras, blocks: &[Match]) -> [Point; 2] {
-    let moved = |one: &Match, side: usize, axis: usize| {
+fn shifts(cameras: &Cameras, blocks: &[CornerMatch]) -> [Point; 2] {
+    let moved = |one: &CornerMatch, side: usize, axis: usize| {
         let raw = [one.left, one.right][side];
         raw[axis] - cameras.rectified(raw, side)[axis]
     };
-    let typical = |of: &dyn Fn(&Match) -> f64| median(blocks.iter().map(of)).unwrap_or(0.0);
+    let typical = |of: &dyn Fn(&CornerMatch) -> f64| median(blocks.iter().map(of)).unwrap_or(0.0);
 
     let rows = typical(&|one| moved(one, 0, 1) + moved(one, 1, 1)) / 2.0;
     [0, 1].map(|side| [typical(&|one| moved(one, side, 0)), rows])
@@ -663,11 +665,11 @@ fn shifts(cameras: &Cameras, blocks: &[Match]) -> [Point; 2] {
 /// The disparities of matches, without clusters that are small and far from others.
 fn disparities<'a>(
     cameras: &Cameras,
-    matches: impl Iterator<Item = &'a Match>,
+    matches: impl Iterator<Item = &'a CornerMatch>,
     cols: f64,
 ) -> Vec<f64> {
     let disparity =
-        |one: &Match| cameras.rectified(one.left, 0)[0] - cameras.rectified(one.right, 1)[0];
+        |one: &CornerMatch| cameras.rectified(one.left, 0)[0] - cameras.rectified(one.right, 1)[0];
     let mut all: Vec<f64> = matches.map(disparity).collect();
     all.sort_by(f64::total_cmp);
 
@@ -811,9 +813,8 @@ mod tests {
         for (name, level) in Level::all() {
             let Some(level) = level else { continue };
             let control = Control::default();
-            let again = pool.install(|| {
-                rectify(std::slice::from_ref(&pair), 1, Aim::ASKED, level, &control)
-            });
+            let again = pool
+                .install(|| rectify(std::slice::from_ref(&pair), 1, Aim::ASKED, level, &control));
             assert_eq!(again.expect("memory").expect("a pair").cameras, first, "{name}");
         }
     }

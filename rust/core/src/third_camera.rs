@@ -182,7 +182,7 @@ pub struct Registered {
 
 /// What a left pixel covers of the third camera, up to, without, `right` and `bottom`, and its depth.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-struct Area {
+struct Covered {
     left: i32,
     top: i32,
     right: i32,
@@ -302,7 +302,7 @@ fn areas(
     left: &LeftCamera,
     camera: &ThirdCamera,
     control: &Control,
-) -> Result<Plane<Area>> {
+) -> Result<Plane<Covered>> {
     let size = (depth.rows(), depth.cols());
     let seen: Plane<[f64; 3]> = Plane::by_rows(size, control, |y, row| {
         for (x, (seen, z)) in row.iter_mut().zip(depth.row(y)).enumerate() {
@@ -344,7 +344,7 @@ fn area_of(
     depth: f32,
     ways: &[[Option<Point>; 2]; 2],
     alone: impl Fn(usize) -> Point,
-) -> Area {
+) -> Covered {
     let (mut low, mut high) = ([0.0f64; 2], [0.0f64; 2]);
     for (axis, [before, after]) in ways.iter().enumerate() {
         let opposite = |way: Point| way.map(|at| -at);
@@ -362,12 +362,12 @@ fn area_of(
         let nearest = place[k].round_ties_even();
         if high > low { [low as i32, high as i32] } else { [nearest as i32, nearest as i32 + 1] }
     });
-    Area { left, top, right, bottom, depth }
+    Covered { left, top, right, bottom, depth }
 }
 
 /// For each pixel the left one with a `chosen` depth that it sees (-1: none), and its depth.
 fn nearest(
-    areas: &Plane<Area>,
+    areas: &Plane<Covered>,
     depth: &Plane<f32>,
     (rows, cols): (usize, usize),
     chosen: impl Fn(f32) -> bool,
@@ -482,7 +482,7 @@ mod tests {
                 areas(&with_background(depth.clone()), &LEFT, &third, &control).expect("memory");
             for (row, col) in (0..48).flat_map(|row| (0..64).map(move |col| (row, col))) {
                 let (y, x) = (row as i32, col as i32);
-                let holds = |area: &Area| {
+                let holds = |area: &Covered| {
                     (area.left..area.right).contains(&x) && (area.top..area.bottom).contains(&y)
                 };
                 let (mut best, mut is_hole) = (None, false);

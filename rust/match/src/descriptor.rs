@@ -117,7 +117,7 @@ pub fn describe_rows<R: RowOfCodes>(
     control: &Control,
 ) -> Result<Plane<R::Item>> {
     let layers = layers(gray, settings, noise)?;
-    let job = Description { gray, layers: &layers, rows, level, control };
+    let job = DescribedImage { gray, layers: &layers, rows, level, control };
 
     // Sums are exact in both arithmetics. The narrow one is twice as fast, if it holds the largest sum.
     let gain = layers.iter().map(|layer| layer.basis.gain()).max().unwrap_or(0);
@@ -224,7 +224,7 @@ fn weak_threshold(gray: &Gray, basis: &Basis, weak: f64, noise: Option<f64>) -> 
 }
 
 /// The description of an image.
-struct Description<'a, R> {
+struct DescribedImage<'a, R> {
     gray: &'a Gray<'a>,
     layers: &'a [Layer],
     rows: &'a R,
@@ -242,7 +242,7 @@ struct DescriptionBuffers<T: Lane> {
     words: [Memory<T::Word>; 2],
 }
 
-impl<R: RowOfCodes> Description<'_, R> {
+impl<R: RowOfCodes> DescribedImage<'_, R> {
     /// All rows, with sums in numbers of type `T`.
     fn described<T: Lane>(&self, width: usize) -> Result<Plane<R::Item>> {
         let rows = self.gray.size().0;

@@ -10,7 +10,7 @@ mod ranges;
 mod table;
 
 use crate::base::error::{Error, Result};
-use crate::settings::kind::{Description, Value};
+use crate::settings::kind::{SettingDescription, Value};
 
 pub use self::table::{CostKind, DESCRIPTIONS, Optimizer, Precision, Settings, Taper};
 
@@ -60,7 +60,7 @@ impl Settings {
     }
 
     /// Sets a field to a value; [`Self::check`] has to be called afterwards.
-    pub fn set_value(&mut self, setting: &Description, value: &Value) -> Result<()> {
+    pub fn set_value(&mut self, setting: &SettingDescription, value: &Value) -> Result<()> {
         if self.put(setting.name, value) {
             return Ok(());
         }

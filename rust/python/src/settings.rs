@@ -7,7 +7,7 @@ use pyo3::types::PyDict;
 use crate::arguments::{both, natural, number, wrong_type};
 use crate::failure::Result;
 use phasestereo::Error;
-use phasestereo_match::settings::kind::{Description, Kind, Value};
+use phasestereo_match::settings::kind::{Kind, SettingDescription, Value};
 use phasestereo_match::settings::{DESCRIPTIONS, Settings};
 
 /// What there is to know of a setting.
@@ -24,8 +24,8 @@ pub struct Setting {
     choices: Vec<(&'static str, &'static str)>,
 }
 
-impl From<&Description> for Setting {
-    fn from(setting: &Description) -> Self {
+impl From<&SettingDescription> for Setting {
+    fn from(setting: &SettingDescription) -> Self {
         let words = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
         let summary = setting.documentation.split("\n\n").next().map(words).unwrap_or_default();
 
@@ -85,7 +85,11 @@ pub fn write_settings<'py>(py: Python<'py>, settings: &Settings) -> Result<Bound
 }
 
 /// Reads the value of a setting, or a part of it that is of this kind; an exception names the setting.
-fn read_value(object: &Bound<'_, PyAny>, kind: &Kind, setting: &Description) -> Result<Value> {
+fn read_value(
+    object: &Bound<'_, PyAny>,
+    kind: &Kind,
+    setting: &SettingDescription,
+) -> Result<Value> {
     let name = setting.name;
     Ok(match kind {
         Kind::Boolean => {

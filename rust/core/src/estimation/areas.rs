@@ -43,7 +43,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 pub use self::blocks::{BLOCK, Blocks, SAMPLED};
-use self::sums::{Borders, Choose, SumGuessed, Visit, Windows};
+use self::sums::{BlockWindows, Borders, Choose, SumGuessed, Visit};
 pub use self::sums::{NEXT, Vote, Voters};
 use super::overview::{Guess, Overview, Span};
 use crate::estimation::blur::rough::{as_view, raised};
@@ -98,7 +98,7 @@ pub struct Area {
 
 /// A pixel that stands out.
 #[derive(Debug, Clone, Copy)]
-pub struct Found {
+pub struct Standout {
     /// The candidate with the least sum outside the run.
     pub chosen: u16,
     /// By how many bits nothing else fits as well.
@@ -106,10 +106,10 @@ pub struct Found {
 }
 
 /// A pixel that stands out, and its place in the copy.
-type Member = (usize, Found);
+type Member = (usize, Standout);
 
 /// What is searched: the codes of both copies, and the run.
-struct Search<'a> {
+struct AreaSearch<'a> {
     codes: [Plane<u8>; 2],
     /// Whether the pixels of the left copy are valid.
     valid: &'a Plane<bool>,
@@ -128,7 +128,7 @@ pub fn areas(
     field: Option<&Alignment>,
     runtime: Runtime,
 ) -> Result<Vec<Area>> {
-    let search = Search::new(copies, run, TALL, field, runtime)?;
+    let search = AreaSearch::new(copies, run, TALL, field, runtime)?;
     let doubtful = search.doubtful(guess, false)?;
     search.areas(tried, &Blocks::of(&doubtful))
 }
@@ -145,12 +145,12 @@ pub fn fine_areas(
 ) -> Result<Vec<Area>> {
     let by = copies.factor / finest.factor;
     let coarse = (run.0.div_euclid(by as isize), run.1.div_euclid(by as isize));
-    let doubtful = Search::new(copies, coarse, FLAT, field, runtime)?.doubtful(guess, true)?;
+    let doubtful = AreaSearch::new(copies, coarse, FLAT, field, runtime)?.doubtful(guess, true)?;
     if !doubtful.as_slice().contains(&true) {
         return Ok(vec![]);
     }
 
-    let search = Search::new(finest, run, SQUARE, field, runtime)?;
+    let search = AreaSearch::new(finest, run, SQUARE, field, runtime)?;
     search.areas(tried, &search.nominated(tried, &doubtful, by)?)
 }
 
@@ -161,7 +161,7 @@ pub fn candidates((low, high): Span, cols: usize) -> Result<Candidates> {
     Candidates::new(low as i64, count as i64, cols)
 }
 
-impl<'a> Search<'a> {
+impl<'a> AreaSearch<'a> {
     fn new(
         copies: &'a Overview,
         run: Span,
@@ -304,7 +304,8 @@ impl<'a> Search<'a> {
             self.runtime.control.checkpoint()?;
             let (count, around) = (band.len() / cols, self.around);
             for columns in blocks.stretches(top / BLOCK, cols) {
-                let windows = Windows { costs: &costs, rows, cols, top, count, columns, around };
+                let windows =
+                    BlockWindows { costs: &costs, rows, cols, top, count, columns, around };
                 let each = |y: usize, x: usize, sums: &[Lanes<u8>]| {
                     band[y * cols + x] = borders.least(sums, x)[0];
                 };
@@ -372,7 +373,8 @@ impl<'a> Search<'a> {
             let (count, around) = (BLOCK.min(rows - top), self.around);
             let mut found = vec![];
             for columns in blocks.stretches(row, cols) {
-                let windows = Windows { costs: &costs, rows, cols, top, count, columns, around };
+                let windows =
+                    BlockWindows { costs: &costs, rows, cols, top, count, columns, around };
                 let each = |y: usize, x: usize, sums: &[Lanes<u8>]| {
                     let one = borders.outside(sums, x);
                     found.extend(one.map(|one| ((top + y) * cols + x, one)));

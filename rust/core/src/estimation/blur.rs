@@ -48,7 +48,7 @@ use self::bank::bank;
 use self::bins::{SIDE, bins};
 use self::defects::Defects;
 use self::depth::{BlurByDepth, DEPTHS, Defocus};
-use self::fit::{BlurEvidence, Fit};
+use self::fit::{BlurEvidence, BlurFit};
 use self::measured::{add_cross_spectra, measured};
 use self::parts::{PairRows, Part, ROUGHEST, blocks};
 use self::psf::Psf;
@@ -56,7 +56,7 @@ use self::refine::refine;
 use self::regions::{Losses, first};
 use self::response::{Response, response};
 use self::rough::{Correspondence, RoughMatch, RoughScale, grays_per_unit};
-use self::search::{Blocks, Choice, flat, searched};
+use self::search::{BlockPair, Choice, flat, searched};
 pub use self::signature::BlurSignature;
 pub use self::spectrum::BlockPlace;
 use self::spectrum::{Cross, Powers, powers};
@@ -184,7 +184,7 @@ struct AllBlocks {
     /// Their mean powers.
     powers: Powers,
     /// The evidence of these.
-    blocks: Blocks,
+    blocks: BlockPair,
     /// The loss of every choice.
     losses: Vec<f32>,
 }
@@ -205,7 +205,7 @@ struct BlurEstimation<'a> {
 struct FittedBlur {
     blur: Blur,
     response: Response,
-    fit: Fit,
+    fit: BlurFit,
     powers: Powers,
 }
 
@@ -511,7 +511,7 @@ impl<'a> BlurEstimation<'a> {
     fn by_depth(
         &self,
         grid: &Grid,
-        blocks: &[Blocks],
+        blocks: &[BlockPair],
         losses: &Losses,
         noise: [f32; 2],
     ) -> Result<Option<(Vec<FittedBlur>, RegionMap, f32)>> {
@@ -598,7 +598,7 @@ impl<'a> BlurEstimation<'a> {
         kinds: &[FittedBlur],
         noise: [f32; 2],
         first: &Grid,
-        blocks: &[Blocks],
+        blocks: &[BlockPair],
     ) -> Result<RegionMap> {
         let choices = choices(kinds);
         let tile = self.tile();
@@ -656,7 +656,7 @@ impl AllBlocks {
         }
 
         let powers = grid.together(&tiles);
-        let blocks = Blocks::new(&powers, noise, level);
+        let blocks = BlockPair::new(&powers, noise, level);
         let losses = blocks.losses(level);
         Some(Self { powers, blocks, losses })
     }
@@ -675,13 +675,13 @@ impl Grid {
     }
 
     /// The evidence of every pair of blocks.
-    fn blocks(&self, noise: [f32; 2], level: Level) -> Vec<Blocks> {
-        self.powers.par_iter().map(|powers| Blocks::new(powers, noise, level)).collect()
+    fn blocks(&self, noise: [f32; 2], level: Level) -> Vec<BlockPair> {
+        self.powers.par_iter().map(|powers| BlockPair::new(powers, noise, level)).collect()
     }
 
     /// The loss of every choice on every tile.
-    fn losses(&self, blocks: &[Blocks], choices: &[Choice], level: Level) -> Losses {
-        let losses_of = |blocks: &Blocks| -> Vec<f32> {
+    fn losses(&self, blocks: &[BlockPair], choices: &[Choice], level: Level) -> Losses {
+        let losses_of = |blocks: &BlockPair| -> Vec<f32> {
             choices.iter().map(|choice| blocks.loss(*choice, level)).collect()
         };
 
@@ -689,7 +689,7 @@ impl Grid {
     }
 
     /// The loss of each of all blurs on every tile; some blocks are not fitted to all of them.
-    fn searched(&self, blocks: &[Blocks], is_sharp: bool, level: Level) -> Losses {
+    fn searched(&self, blocks: &[BlockPair], is_sharp: bool, level: Level) -> Losses {
         let with_blocks = self.places.iter().enumerate().filter(|(_, place)| place.is_some());
         // Samples lie in every row, shifted by half a sample from row to row.
         let is_sample = with_blocks.map(|(tile, _)| {
@@ -743,7 +743,7 @@ impl Grid {
 impl FittedBlur {
     fn unblurred(powers: &Powers, noise: [f32; 2], level: Level) -> Self {
         let blur = Blur { side: None, psf: None, taps: None, other: None };
-        let fit = Blocks::new(powers, noise, level).none();
+        let fit = BlockPair::new(powers, noise, level).none();
 
         Self { blur, response: flat().clone(), fit, powers: powers.clone() }
     }
@@ -790,7 +790,7 @@ impl FittedBlur {
 
     /// The share of the loss of the opposite assumption that this one avoids: of no blur, or of any blur.
     fn certainty(&self, noise: [f32; 2], level: Level) -> f32 {
-        let blocks = Blocks::new(&self.powers, noise, level);
+        let blocks = BlockPair::new(&self.powers, noise, level);
         let opposite = match self.blur.side {
             Some(_) => blocks.none().loss,
             None => blocks.losses(level)[1..].iter().copied().fold(f32::INFINITY, f32::min),

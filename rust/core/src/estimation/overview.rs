@@ -43,7 +43,7 @@ const SAMPLED: usize = 4;
 
 /// How a match of copies looks at details.
 #[derive(Debug, Clone, Copy)]
-pub struct Detail {
+pub struct CopySettings {
     /// Side of the neighborhood of a code.
     pub neighborhood: usize,
     /// Side of the window that costs are summed over.
@@ -55,11 +55,13 @@ pub struct Detail {
 }
 
 /// Large neighborhoods withstand blur and noise.
-pub const ROUGH: Detail = Detail { neighborhood: 9, window: 9, speckle: 12, subpixel: false };
+pub const ROUGH: CopySettings =
+    CopySettings { neighborhood: 9, window: 9, speckle: 12, subpixel: false };
 /// Small ones show small things.
-pub const FINE: Detail = Detail { neighborhood: 3, window: 5, speckle: 40, subpixel: true };
+pub const FINE: CopySettings =
+    CopySettings { neighborhood: 3, window: 5, speckle: 40, subpixel: true };
 
-impl Detail {
+impl CopySettings {
     /// The settings of a rough match: along rows alone, with a left-right check, nothing filled or smoothed.
     pub fn settings(self) -> Settings {
         Settings {
@@ -360,7 +362,7 @@ impl Overview {
         &self,
         span: Span,
         alignment: Option<&Alignment>,
-        detail: Detail,
+        detail: CopySettings,
         runtime: Runtime,
     ) -> Result<RoughMap> {
         let (planes, settings) = (self.planes.clone(), detail.settings());

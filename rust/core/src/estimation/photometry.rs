@@ -87,7 +87,7 @@ pub struct Photometry {
 
 /// How gray values of an image (`GrayPlane`) become fractions of the range from black to white.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Scale {
+pub struct LightScale {
     /// The gray value of black.
     black: f64,
     /// White less black.
@@ -99,14 +99,14 @@ pub struct Scale {
 /// The scales of both images, and white less black in units of the pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scales {
-    sides: [Scale; 2],
+    sides: [LightScale; 2],
     black: f64,
     range: f64,
 }
 
 /// What is counted in an image.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Counts {
+struct GrayExtremes {
     /// The least gray value, and the pixels that have it.
     least: (f64, u64),
     /// The largest gray value, and the pixels that have it.
@@ -135,13 +135,13 @@ impl Photometry {
         let tops: Vec<usize> = (0..rows.size().0).step_by(STRIP).collect();
         let strips = Strips { tops: &tops, rows: STRIP, halo: HALO, unit: 1 };
 
-        let mut found = [Counts::default(); 2];
+        let mut found = [GrayExtremes::default(); 2];
         rows.visit(strips, runtime, |part, visited| {
             let of_strip = |top: &usize| {
                 runtime.control.checkpoint()?;
                 let level = runtime.execution.level;
                 let limits = |side| scales.limits(side, noise, disparities);
-                let side = |side| Counts::of_strip(part, side, *top, &limits(side), level);
+                let side = |side| GrayExtremes::of_strip(part, side, *top, &limits(side), level);
                 Ok([side(0), side(1)])
             };
 
@@ -209,7 +209,7 @@ impl Scales {
         let side = |side: usize| {
             let unit = grays_per_unit(views[side]);
             let black = black - scales[side].pixel(0.0);
-            Scale { black: black * unit, width: range * unit, unit }
+            LightScale { black: black * unit, width: range * unit, unit }
         };
         Self { sides: [side(0), side(1)], black, range }
     }
@@ -227,7 +227,7 @@ impl Scales {
     }
 }
 
-impl Default for Counts {
+impl Default for GrayExtremes {
     fn default() -> Self {
         Self {
             least: (f64::INFINITY, 0),
@@ -240,7 +240,7 @@ impl Default for Counts {
     }
 }
 
-impl Counts {
+impl GrayExtremes {
     /// Counts in the strip with this top row of the whole image.
     fn of_strip(part: &Part, side: usize, top: usize, limits: &Limits, level: Level) -> Self {
         let mut counts = Self::default();
@@ -285,14 +285,15 @@ impl Counts {
         });
 
         let ends = level.run(CountEnds { values: valid.as_deref().unwrap_or(all) });
-        ends.map_or(Self::default(), |Ends { least, largest, pixels, counts: [dark, bright] }| {
-            Self {
+        ends.map_or(
+            Self::default(),
+            |RowExtremes { least, largest, pixels, counts: [dark, bright] }| Self {
                 least: (least.into(), dark.into()),
                 largest: (largest.into(), bright.into()),
                 pixels: pixels as u64,
                 ..Self::default()
-            }
-        })
+            },
+        )
     }
 
     /// The counts of both parts.
@@ -363,7 +364,7 @@ impl Loop for InSteps<'_> {
 }
 
 /// The ends of the values of a row, and how many pixels have them.
-struct Ends {
+struct RowExtremes {
     least: i32,
     largest: i32,
     pixels: usize,
@@ -377,10 +378,10 @@ struct CountEnds<'a> {
 }
 
 impl Loop for CountEnds<'_> {
-    type Output = Option<Ends>;
+    type Output = Option<RowExtremes>;
 
     #[inline(always)]
-    fn run(self) -> Option<Ends> {
+    fn run(self) -> Option<RowExtremes> {
         let first = *self.values.first()?;
         let (mut least, mut largest) = (first, first);
         for value in self.values {
@@ -394,11 +395,11 @@ impl Loop for CountEnds<'_> {
             counts[1] += u32::from(*value == largest);
         }
 
-        Some(Ends { least, largest, pixels: self.values.len(), counts })
+        Some(RowExtremes { least, largest, pixels: self.values.len(), counts })
     }
 }
 
-impl Scale {
+impl LightScale {
     /// A gray value as a fraction of the range, clipped to it.
     fn fraction(&self, shade: f32) -> f64 {
         ((f64::from(shade) - self.black) / self.width).clamp(0.0, 1.0)
@@ -411,24 +412,27 @@ mod tests {
 
     #[test]
     fn ends_of_parts_are_those_of_the_whole() {
-        let ends = |least, largest| Counts { least, largest, pixels: 10, ..Counts::default() };
+        let ends =
+            |least, largest| GrayExtremes { least, largest, pixels: 10, ..GrayExtremes::default() };
         let found = ends((3.0, 2), (9.0, 1)).and(ends((3.0, 1), (8.0, 4)));
         assert_eq!((found.least, found.largest), ((3.0, 3), (9.0, 1)));
 
-        let found = found.and(ends((4.0, 1), (11.0, 5))).and(Counts::default());
+        let found = found.and(ends((4.0, 1), (11.0, 5))).and(GrayExtremes::default());
         assert_eq!(found.saturation(), Saturation { dark: 0.1, bright: 5.0 / 30.0 });
     }
 
     #[test]
     fn fields_are_shifted_where_that_makes_them_clearly_more_alike() {
         let mut fields = [100; 2 * FIELD_REACH + 1];
-        let shift = |fields, pixels| Counts { pixels, fields, ..Counts::default() }.field_shift();
+        let shift = |fields, pixels| {
+            GrayExtremes { pixels, fields, ..GrayExtremes::default() }.field_shift()
+        };
         fields[FIELD_REACH + 3] = 95;
         assert_eq!(shift(fields, 100_000), 0);
 
         fields[FIELD_REACH - 2] = 70;
         assert_eq!(shift(fields, 100_000), -2);
         assert_eq!(shift(fields, 500), 0, "by chance");
-        assert_eq!(Counts::default().field_shift(), 0);
+        assert_eq!(GrayExtremes::default().field_shift(), 0);
     }
 }

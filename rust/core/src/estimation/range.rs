@@ -136,7 +136,7 @@ pub struct LeftOut {
 
 /// The range of a pair, and what it leaves out.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Found {
+pub struct FoundRange {
     /// The range.
     pub range: SearchRange,
     /// Places that it may leave out.
@@ -168,7 +168,7 @@ struct Ends {
 
 /// The range of a rough match of the overview; `None` where there is too little texture or too little in
 /// common.
-pub fn range(copies: Copies, map: &RoughMap, runtime: Runtime) -> Result<Option<Found>> {
+pub fn range(copies: Copies, map: &RoughMap, runtime: Runtime) -> Result<Option<FoundRange>> {
     // Texture that repeats itself matches badly, but its periods are seen.
     let fine = copies.fine;
     let periods = periods(fine, map.field.as_ref(), runtime)?;
@@ -198,7 +198,7 @@ pub fn range(copies: Copies, map: &RoughMap, runtime: Runtime) -> Result<Option<
     let range = SearchRange { min: start, count, low, high, negative, mixed, shown, identical };
 
     let left_out = beyond(places, range.candidates(width)?);
-    Ok(Some(Found { range, left_out }))
+    Ok(Some(FoundRange { range, left_out }))
 }
 
 impl Ends {

@@ -13,7 +13,7 @@
 
 pub mod robust;
 
-use self::robust::{Model, Point, RobustFit};
+use self::robust::{Equation, Model, RobustFit};
 use super::overview::{GOOD_CONFIDENCE, Overview, RoughMap};
 use super::tracks::{BLOCK, Seed, Track, follow};
 use crate::estimation::blur::parts::PairRows;
@@ -316,8 +316,8 @@ fn fitted(
         return None;
     }
 
-    let points: Vec<Point> =
-        tracks.iter().map(|track| Point::of_track(track, (rows, cols), factor)).collect();
+    let points: Vec<Equation> =
+        tracks.iter().map(|track| Equation::of_track(track, (rows, cols), factor)).collect();
 
     // Overlapping blocks do not err independently, so there are fewer independent points than blocks.
     let overlap = ((BLOCK * factor) as f64 / distance as f64).max(1.0);
@@ -340,7 +340,7 @@ fn fitted(
 }
 
 /// The field with the fewest terms that suffice, and with a spline of the row where there is evidence of one.
-fn fit(points: &[Point], excess: f64) -> Option<RobustFit> {
+fn fit(points: &[Equation], excess: f64) -> Option<RobustFit> {
     let (model, smooth) = smooth(points, excess, false)?;
     if points.len() < ENOUGH_BLOCKS || model.evidence(points, &smooth) < SUSPICION {
         return Some(smooth);
@@ -354,7 +354,7 @@ fn fit(points: &[Point], excess: f64) -> Option<RobustFit> {
 
 /// The field with linear terms, or all of them if that explains much more; with a spline of the row or
 /// without.
-fn smooth(points: &[Point], excess: f64, sways: bool) -> Option<(Model, RobustFit)> {
+fn smooth(points: &[Equation], excess: f64, sways: bool) -> Option<(Model, RobustFit)> {
     let [linear, all] = [LINEAR, TERMS].map(|smooth| Model { smooth, sways, excess });
     let is_enough = points.len() >= ENOUGH_BLOCKS;
     let fit_all = || is_enough.then(|| all.fitted(points)).flatten();

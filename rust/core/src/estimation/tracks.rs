@@ -92,7 +92,7 @@ pub fn follow(
         let first = seeds.partition_point(|seed| top(seed) < wanted[0]);
         let end = seeds.partition_point(|seed| top(seed) <= wanted[wanted.len() - 1]);
 
-        let copies = Copies::new(part, overview, factor, runtime)?;
+        let copies = ReducedPair::new(part, overview, factor, runtime)?;
         let here = |seed: &Seed| track(&copies, part, seed, runtime.execution.level);
 
         let tracks: Vec<Option<Track>> = seeds[first..end].par_iter().map(here).collect();
@@ -106,7 +106,7 @@ pub fn follow(
 /// The same in a part of the pair as it is, which has the rows that all of these blocks are looked for in.
 pub fn follow_here(part: &Part, seeds: &[Seed], level: Level) -> Vec<Track> {
     let planes = part.grays.each_ref().map(|grays| Cow::Borrowed(&grays.plane));
-    let copies = Copies { planes, factor: 1, first: part.first as isize };
+    let copies = ReducedPair { planes, factor: 1, first: part.first as isize };
 
     let tracks: Vec<Option<Track>> =
         seeds.par_iter().map(|seed| track(&copies, part, seed, level)).collect();
@@ -114,14 +114,14 @@ pub fn follow_here(part: &Part, seeds: &[Seed], level: Level) -> Vec<Track> {
 }
 
 /// Both images, reduced by a factor: all of them or a part.
-struct Copies<'a> {
+struct ReducedPair<'a> {
     planes: [Cow<'a, Plane<f32>>; 2],
     factor: usize,
     /// The row of the whole copies that is the first here.
     first: isize,
 }
 
-impl<'a> Copies<'a> {
+impl<'a> ReducedPair<'a> {
     /// The copies of a part; those of the overview where it has this factor.
     fn new(
         part: &'a Part,
@@ -153,8 +153,8 @@ fn in_copy(place: f64, factor: usize) -> isize {
 }
 
 /// Searches one block.
-fn track(copies: &Copies, part: &Part, seed: &Seed, level: Level) -> Option<Track> {
-    let Copies { planes: [left, right], factor, first } = copies;
+fn track(copies: &ReducedPair, part: &Part, seed: &Seed, level: Level) -> Option<Track> {
+    let ReducedPair { planes: [left, right], factor, first } = copies;
     let factor = *factor;
 
     // Places in the whole copies.

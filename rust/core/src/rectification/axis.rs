@@ -13,7 +13,7 @@
 
 use std::f64::consts::PI;
 
-use super::matches::Match;
+use super::matches::CornerMatch;
 use phasestereo_match::base::linear::Normal;
 use phasestereo_match::base::math::{cos, sin};
 use phasestereo_match::base::statistics::deviation;
@@ -62,7 +62,7 @@ impl Axis {
 }
 
 /// The axis that matches show in images of this many rows and columns; `None`: they do not show it.
-pub fn axis(matches: &[Match], (rows, cols): (usize, usize)) -> Option<Axis> {
+pub fn axis(matches: &[CornerMatch], (rows, cols): (usize, usize)) -> Option<Axis> {
     if matches.len() < LEAST_MATCHES {
         return None;
     }
@@ -123,7 +123,7 @@ mod tests {
     const SIZE: (usize, usize) = (600, 800);
 
     /// Matches of things at two distances, which move along lines at an angle; every seventh is a mistake.
-    fn matches(angle: f64, by: f64) -> Vec<Match> {
+    fn matches(angle: f64, by: f64) -> Vec<CornerMatch> {
         let (sine, cosine) = (sin(angle.to_radians()), cos(angle.to_radians()));
         let one = |index: usize| {
             let (x, y) = ((index * 37 % 780) as f64, (index * 101 % 590) as f64);
@@ -133,7 +133,7 @@ mod tests {
             let wrong =
                 if index.is_multiple_of(7) { (index * 13 % 100) as f64 - 50.0 } else { 0.0 };
             let right = [x + along - near * cosine + wrong, y + down - near * sine - wrong / 3.0];
-            Match { left: [x, y], right }
+            CornerMatch { left: [x, y], right }
         };
         (0..210).map(one).collect()
     }

@@ -17,7 +17,7 @@ use std::array::from_fn;
 use super::cameras::{Cameras, Point};
 use super::corners::{Corner, corners};
 use super::filters::{reduced, smoothed};
-use super::matches::Match;
+use super::matches::CornerMatch;
 use crate::estimation::registration::Peak;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::{Plane, zeroed};
@@ -55,7 +55,7 @@ const MARGIN: f64 = 8.0;
 #[derive(Debug, Clone, Copy)]
 pub struct Block {
     /// Where its middle is in both raw images.
-    pub places: Match,
+    pub places: CornerMatch,
     /// How well its row is known, up to 1.
     pub weight: f64,
 }
@@ -64,7 +64,7 @@ pub struct Block {
 pub fn blocks(
     pair: [&Plane<f32>; 2],
     cameras: &Cameras,
-    matches: &[Match],
+    matches: &[CornerMatch],
     level: Level,
 ) -> Result<Vec<Block>> {
     let [left, right] = [warped(pair[0], cameras, 0)?, warped(pair[1], cameras, 1)?];
@@ -98,7 +98,7 @@ pub fn blocks(
         if [(left, pair[0]), (right, pair[1])].iter().all(|(place, image)| is_inside(*place, image))
         {
             let weight = (fine.curvature / CURVATURE.1).min(1.0);
-            blocks.push(Block { places: Match { left, right }, weight });
+            blocks.push(Block { places: CornerMatch { left, right }, weight });
         }
     }
 
@@ -111,7 +111,7 @@ fn is_inside([x, y]: Point, image: &Plane<f32>) -> bool {
 }
 
 /// By how many columns and rows each corner may be elsewhere in the right image.
-fn guesses(corners: &[Corner], cameras: &Cameras, matches: &[Match]) -> Vec<[f64; 2]> {
+fn guesses(corners: &[Corner], cameras: &Cameras, matches: &[CornerMatch]) -> Vec<[f64; 2]> {
     let known: Vec<[Point; 2]> = matches
         .iter()
         .map(|one| [cameras.rectified(one.left, 0), cameras.rectified(one.right, 1)])
@@ -240,7 +240,7 @@ fn even(image: &Plane<f32>) -> Result<Plane<i16>> {
 }
 
 /// Where a block was found.
-struct Found {
+struct Located {
     /// Columns and rows from where it is in the left image.
     by: [f64; 2],
     /// Curvature of the correlation along y, where x is free to follow.
@@ -254,7 +254,7 @@ fn correlated(
     to: [isize; 2],
     search: usize,
     level: Level,
-) -> Option<Found> {
+) -> Option<Located> {
     let half = (SIDE / 2) as isize;
     let (rows, cols) = (images[0].rows() as isize, images[0].cols() as isize);
     let [left, top] = [x as isize - half, y as isize - half];
@@ -272,7 +272,7 @@ fn correlated(
 
     let peak = peak(&surface, 2 * search + 1)?;
     let by = [0, 1].map(|axis| to[axis] as f64 - reach as f64 + peak.by[axis]);
-    Some(Found { by, ..peak })
+    Some(Located { by, ..peak })
 }
 
 /// A square of an image; 0 beyond it.
@@ -371,7 +371,7 @@ fn sums(values: &[i16]) -> (i64, i64) {
 
 /// The largest of `count x count` correlations, if it is large, inside, unique and curved enough; in columns
 /// and rows from the first.
-fn peak(surface: &[f64], count: usize) -> Option<Found> {
+fn peak(surface: &[f64], count: usize) -> Option<Located> {
     let larger = |best: usize, at: usize| if surface[at] > surface[best] { at } else { best };
     let best = (0..surface.len()).fold(0, larger);
     let (y, x, top) = (best / count, best % count, surface[best]);
@@ -390,7 +390,7 @@ fn peak(surface: &[f64], count: usize) -> Option<Found> {
     let curvature = peak.curvature[1];
     let is_good = curvature > CURVATURE.0 && 1.0 - top < UNIQUE * (1.0 - other);
     let by = [x as f64 + peak.offset[0], y as f64 + peak.offset[1]];
-    is_good.then_some(Found { by, curvature })
+    is_good.then_some(Located { by, curvature })
 }
 
 #[cfg(test)]

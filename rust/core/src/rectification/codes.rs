@@ -50,7 +50,7 @@ pub const LENGTH: usize = GRID.0 * GRID.0 * DIRECTIONS;
 pub const UNIT: f32 = 2048.0;
 
 /// What a corner looks like.
-pub type Code = [i16; LENGTH];
+pub type CornerCode = [i16; LENGTH];
 /// The energies of all directions at a pixel.
 type Energies = [f32; DIRECTIONS];
 
@@ -94,7 +94,7 @@ impl Features {
     }
 
     /// The codes that the corners would have if the image were turned by so much, radians.
-    pub fn codes(&self, turn: f64) -> Vec<Code> {
+    pub fn codes(&self, turn: f64) -> Vec<CornerCode> {
         let sampling = Sampling::new(turn);
         let codes = self.levels.iter().flat_map(|(corners, energies)| {
             corners.iter().map(|corner| sampling.code(corner, energies))
@@ -150,7 +150,7 @@ impl Sampling {
         Self { points: (0..side * side).map(point).collect(), turn }
     }
 
-    fn code(&self, corner: &Corner, energies: &Plane<Energies>) -> Code {
+    fn code(&self, corner: &Corner, energies: &Plane<Energies>) -> CornerCode {
         let near = |place: usize, by: f64, length: usize| {
             ((place as f64 + by).round().max(0.0) as usize).min(length - 1)
         };

@@ -11,7 +11,7 @@
 //! Coordinates are shares of the width from its middle. Samples come from a generator that always starts
 //! alike.
 
-use super::matches::Match;
+use super::matches::CornerMatch;
 use phasestereo_match::base::linear::Normal;
 
 /// Number of samples.
@@ -39,7 +39,7 @@ struct Observation {
 }
 
 impl Observation {
-    fn new(found: &Match, cols: usize) -> Self {
+    fn new(found: &CornerMatch, cols: usize) -> Self {
         let [[x, y], [x_right, y_right]] =
             [found.left, found.right].map(|place| place.map(|at| at / cols as f64 - 0.5));
         let square = x_right * x_right + y * y;
@@ -58,7 +58,7 @@ impl Observation {
 }
 
 /// Whether each match agrees with most others.
-pub fn agreeing(matches: &[Match], cols: usize) -> Vec<bool> {
+pub fn agreeing(matches: &[CornerMatch], cols: usize) -> Vec<bool> {
     let seen: Vec<_> = matches.iter().map(|found| Observation::new(found, cols)).collect();
     let Some(model) = sampled(&seen) else { return vec![false; seen.len()] };
 
@@ -92,7 +92,7 @@ fn sampled(seen: &[Observation]) -> Option<[f64; 4]> {
         return None;
     }
 
-    let mut chance = Chance(1);
+    let mut chance = SplitMix(1);
     let mut best: Option<([f64; 4], f64)> = None;
     for _ in 0..SAMPLES {
         let mut normal = Normal::held(HELD);
@@ -120,9 +120,9 @@ fn product<const N: usize>(terms: &[f64; N], model: &[f64; N]) -> f64 {
 }
 
 /// Numbers that look random, always the same ones (`SplitMix64`: G. Steele et al., OOPSLA 2014).
-struct Chance(u64);
+struct SplitMix(u64);
 
-impl Chance {
+impl SplitMix {
     /// A number below `end`.
     fn below(&mut self, end: usize) -> usize {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
@@ -138,8 +138,8 @@ mod tests {
     use super::*;
 
     /// Matches of a right image that is turned, lower and bent; of each ten, this many are outliers.
-    fn matches(wrong: usize) -> Vec<Match> {
-        let mut chance = Chance(7);
+    fn matches(wrong: usize) -> Vec<CornerMatch> {
+        let mut chance = SplitMix(7);
         let mut any = |end: usize| chance.below(end) as f64;
         let one = |index: usize| {
             let left = [any(640), any(480)];
@@ -147,7 +147,7 @@ mod tests {
             let (u, v) = (x - 320.0, y - 240.0);
             let lower = 12.0 + 0.2 * u + 0.1 * v + 3e-7 * v * (u * u + v * v);
             let right = if index % 10 < wrong { [any(640), any(480)] } else { [x, y + lower] };
-            Match { left, right }
+            CornerMatch { left, right }
         };
         (0..400).map(one).collect()
     }

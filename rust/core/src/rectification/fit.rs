@@ -8,7 +8,7 @@
 //! ```
 
 use super::cameras::{Cameras, NUMBERS, USUAL, WIDE};
-use super::matches::Match;
+use super::matches::CornerMatch;
 use phasestereo_match::base::linear::Normal;
 use phasestereo_match::base::math;
 use phasestereo_match::base::statistics::{biweight, deviation};
@@ -27,7 +27,7 @@ const STILL: f64 = 2e-3;
 const AGREE: (f64, f64) = (4.0, 0.004);
 
 /// Fitted cameras.
-pub struct Fit {
+pub struct CameraFit {
     /// The cameras.
     pub cameras: Cameras,
     /// The weight of each match by how well it agrees, 0 for mistakes.
@@ -43,7 +43,12 @@ pub struct Fit {
 pub struct Steps(pub usize, pub usize);
 
 /// Fits cameras to matches of these weights, beginning with some.
-pub fn fit(matches: &[Match], weights: &[f64], start: &Cameras, Steps(most, first): Steps) -> Fit {
+pub fn fit(
+    matches: &[CornerMatch],
+    weights: &[f64],
+    start: &Cameras,
+    Steps(most, first): Steps,
+) -> CameraFit {
     let mut cameras = start.clone();
     let mut damping = 1e-3;
     let mut state = (vec![], 0.0, Normal::held([1.0; NUMBERS]));
@@ -96,10 +101,10 @@ pub fn fit(matches: &[Match], weights: &[f64], start: &Cameras, Steps(most, firs
     }
 
     let (weights, spread, normal) = state;
-    Fit { cameras, weights, spread, normal }
+    CameraFit { cameras, weights, spread, normal }
 }
 
-impl Fit {
+impl CameraFit {
     /// How improbable the cameras are: the logarithm of the spread for each match, and numbers that are
     /// unusual.
     pub fn improbability(&self) -> f64 {
@@ -139,13 +144,17 @@ fn improve(
 /// Cameras fitted anew to matches of which some agree, and how near the rows of those are that agree with
 /// them; the best first. They begin with usual lenses, barrel and pincushion, and with such as may differ
 /// much.
-pub fn fitted(matches: &[Match], agreeing: &[bool], size: (usize, usize)) -> Vec<(Cameras, f64)> {
+pub fn fitted(
+    matches: &[CornerMatch],
+    agreeing: &[bool],
+    size: (usize, usize),
+) -> Vec<(Cameras, f64)> {
     let least = AGREE.1 * size.1 as f64;
     let start = |(spreads, k1): ([f64; NUMBERS], f64)| {
         let mut numbers = [0.0; NUMBERS];
         numbers[super::cameras::K1] = k1;
         let mut cameras = Cameras::new(numbers, spreads, size);
-        let mut kept: Vec<Match> = matches
+        let mut kept: Vec<CornerMatch> = matches
             .iter()
             .zip(agreeing)
             .filter(|(_, is_in)| **is_in)
@@ -158,7 +167,7 @@ pub fn fitted(matches: &[Match], agreeing: &[bool], size: (usize, usize)) -> Vec
             cameras = fit.cameras;
 
             near = least.max(AGREE.0 * fit.spread);
-            let rows = |one: &Match| cameras.row_difference([one.left, one.right]).abs();
+            let rows = |one: &CornerMatch| cameras.row_difference([one.left, one.right]).abs();
             kept = matches.iter().filter(|one| rows(one) < near).copied().collect();
             let sum: f64 = matches.iter().map(|one| rows(one).min(least)).sum();
             cost = (sum + 2.0 * held(&cameras)) / matches.len() as f64;
@@ -179,14 +188,14 @@ mod tests {
     const SIZE: (usize, usize) = (480, 640);
 
     /// Matches of things at many depths, seen by cameras; one in this many is a mistake.
-    fn seen(cameras: &Cameras, wrong: usize) -> Vec<Match> {
-        let place = |index: usize| -> Option<Match> {
+    fn seen(cameras: &Cameras, wrong: usize) -> Vec<CornerMatch> {
+        let place = |index: usize| -> Option<CornerMatch> {
             let [x, y] = [(index * 37 % 601) as f64 + 20.0, (index * 91 % 433) as f64 + 20.0];
             let disparity = (index * 53 % 60) as f64;
             let astray = if index.is_multiple_of(wrong) { 25.0 } else { 0.0 };
             let left: Point = cameras.raw([x, y], 0)?;
             let right = cameras.raw([x - disparity, y + astray], 1)?;
-            Some(Match { left, right })
+            Some(CornerMatch { left, right })
         };
         (1..400).filter_map(place).collect()
     }
@@ -197,8 +206,13 @@ mod tests {
             let mut numbers = [0.0; NUMBERS];
             numbers[0] = focal;
             let cameras = Cameras::new(numbers, USUAL, SIZE);
-            Fit { cameras, weights: vec![1.0; 400], spread, normal: Normal::held([1.0; NUMBERS]) }
-                .improbability()
+            CameraFit {
+                cameras,
+                weights: vec![1.0; 400],
+                spread,
+                normal: Normal::held([1.0; NUMBERS]),
+            }
+            .improbability()
         };
         assert!(fit(-5.0, 0.2) > fit(-1.0, 0.2));
         assert!(fit(-5.0, 0.33) > fit(0.0, 0.2) && fit(-1.0, 0.2) < fit(0.0, 0.33));

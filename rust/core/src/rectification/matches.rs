@@ -11,7 +11,7 @@
 
 use std::collections::BTreeSet;
 
-use super::codes::{Code, Features, UNIT};
+use super::codes::{CornerCode, Features, UNIT};
 use phasestereo_match::base::simd::{Level, Loop};
 
 /// Rows by which a corner may be elsewhere, as a share of the width.
@@ -30,7 +30,7 @@ const SQUARE: f64 = 6.0;
 
 /// A place of the left image and that of the same thing in the right one: columns and rows.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Match {
+pub struct CornerMatch {
     /// In the left image.
     pub left: [f64; 2],
     /// In the right image.
@@ -49,10 +49,10 @@ struct Likest {
 /// Matches corners, given their codes, in images of this many columns. The likest come first.
 pub fn matched(
     [left, right]: [&Features; 2],
-    [left_codes, right_codes]: [&[Code]; 2],
+    [left_codes, right_codes]: [&[CornerCode]; 2],
     cols: usize,
     simd: Level,
-) -> Vec<Match> {
+) -> Vec<CornerMatch> {
     let window = ROWS * cols as f64;
     // Of the right corners, by rows, only some are near enough.
     let mut order: Vec<usize> = (0..right.places.len()).collect();
@@ -96,7 +96,7 @@ pub fn matched(
     found.retain(|(_, index)| {
         taken.insert(left.places[*index].map(|value| (value / SQUARE).round() as i64))
     });
-    let pair = |(likest, index): &(Likest, usize)| Match {
+    let pair = |(likest, index): &(Likest, usize)| CornerMatch {
         left: left.places[*index],
         right: right.places[likest.corner],
     };
@@ -129,8 +129,8 @@ fn distance(one: [f64; 2], other: [f64; 2]) -> f64 {
 
 /// The products of a code with others, whose indices are given.
 struct Products<'a> {
-    code: &'a Code,
-    codes: &'a [Code],
+    code: &'a CornerCode,
+    codes: &'a [CornerCode],
     out: &'a mut [(usize, i32)],
 }
 
@@ -153,10 +153,10 @@ mod tests {
 
     #[test]
     fn products_are_sums_of_all_terms() {
-        let code = |seed: usize| -> Code {
+        let code = |seed: usize| -> CornerCode {
             std::array::from_fn(|index| ((index * 31 + seed * 97) % 2048) as i16)
         };
-        let codes: Vec<Code> = (0..9).map(code).collect();
+        let codes: Vec<CornerCode> = (0..9).map(code).collect();
         for (name, level) in Level::all() {
             let Some(level) = level else { continue };
             let mut out = [(4, 0), (0, 0), (8, 0)];

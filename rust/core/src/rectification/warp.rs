@@ -120,7 +120,7 @@ impl Resampler for Warp<'_> {
         (rows, cols, channels): (usize, usize, usize),
         nearest: impl Fn(f64) -> T + Sync,
     ) -> Result<Vec<T>> {
-        let source = Source { pixels, rows, cols, channels, nearest };
+        let source = RawPixels { pixels, rows, cols, channels, nearest };
         let out = Plane::by_rows((rows, cols * channels), self.control, |y, out: &mut [T]| {
             for (out, place) in out.chunks_exact_mut(channels).zip(self.places.row(y)) {
                 match self.interpolation {
@@ -134,7 +134,7 @@ impl Resampler for Warp<'_> {
 }
 
 /// An image, row after row.
-struct Source<'a, T, N> {
+struct RawPixels<'a, T, N> {
     pixels: &'a [T],
     rows: usize,
     cols: usize,
@@ -143,7 +143,7 @@ struct Source<'a, T, N> {
     nearest: N,
 }
 
-impl<T: Copy + Into<f64>, N: Fn(f64) -> T> Source<'_, T, N> {
+impl<T: Copy + Into<f64>, N: Fn(f64) -> T> RawPixels<'_, T, N> {
     /// Writes the channels at a place. Beyond the image its border is repeated; nowhere is 0.
     fn write(&self, place: [f32; 2], out: &mut [T]) {
         if place[0].is_nan() {

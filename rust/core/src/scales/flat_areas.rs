@@ -141,25 +141,25 @@ pub fn grown(
     let along = Plane::by_rows(size, control, |y, near: &mut [bool]| {
         let marked = marked.row(y);
         for shift in 0..=radius.min(size.1) {
-            level.run(Mark { near: &mut near[shift..], marked });
-            level.run(Mark { near: &mut *near, marked: &marked[shift..] });
+            level.run(MarkRow { near: &mut near[shift..], marked });
+            level.run(MarkRow { near: &mut *near, marked: &marked[shift..] });
         }
     })?;
 
     Plane::by_rows(size, control, |y, near: &mut [bool]| {
         for y in y.saturating_sub(radius)..(y + radius + 1).min(size.0) {
-            level.run(Mark { near: &mut *near, marked: along.row(y) });
+            level.run(MarkRow { near: &mut *near, marked: along.row(y) });
         }
     })
 }
 
 /// Marks what is marked in another row, as far as both reach.
-struct Mark<'a> {
+struct MarkRow<'a> {
     near: &'a mut [bool],
     marked: &'a [bool],
 }
 
-impl Loop for Mark<'_> {
+impl Loop for MarkRow<'_> {
     type Output = ();
 
     #[inline(always)]

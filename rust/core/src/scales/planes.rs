@@ -105,7 +105,7 @@ struct Surface {
 }
 
 /// A pixel that a plane is fitted to: column, row and disparity.
-type Sample = [f64; 3];
+type PlanePixel = [f64; 3];
 
 /// What is drawn of a plane: columns and confidences, row by row.
 struct Drawn {
@@ -221,7 +221,7 @@ struct Scene<'a> {
 }
 
 /// An area with the pixels around it.
-struct Frame {
+struct Surroundings {
     rows: Range<usize>,
     cols: Range<usize>,
     /// Weights of the pixels, 0 far from the area.
@@ -349,7 +349,7 @@ impl Scene<'_> {
     }
 
     /// Bounds the confidences of what is drawn far from pixels that agree.
-    fn bound(&self, drawn: &mut Drawn, frame: &Frame) -> Result<()> {
+    fn bound(&self, drawn: &mut Drawn, frame: &Surroundings) -> Result<()> {
         let agreeing = Plane::from_fn(frame.rows.len(), frame.cols.len(), |row, col| {
             let (y, x) = (frame.rows.start + row, frame.cols.start + col);
             let is_near = (self.disparity.row(y)[x] - drawn.surface.disparity(y, x)).abs() < 1.0;
@@ -377,7 +377,7 @@ impl Scene<'_> {
     }
 
     /// An area with the pixels that count for its plane.
-    fn frame(&self, area: &FlatArea) -> Result<Frame> {
+    fn frame(&self, area: &FlatArea) -> Result<Surroundings> {
         let (rows, cols) = self.wider(area, RING);
         let near = area.near((&rows, &cols), RING, self.level, self.control)?;
         let size = (rows.len(), cols.len());
@@ -394,11 +394,11 @@ impl Scene<'_> {
             }
         })?;
 
-        Ok(Frame { rows, cols, weights })
+        Ok(Surroundings { rows, cols, weights })
     }
 
     /// The means over tiles of the weights of those pixels that agree with a surface, and of all.
-    fn tiles(&self, frame: &Frame, surface: Surface) -> Result<Plane<[f32; 2]>> {
+    fn tiles(&self, frame: &Surroundings, surface: Surface) -> Result<Plane<[f32; 2]>> {
         let size = (frame.rows.len().div_ceil(TILE), frame.cols.len().div_ceil(TILE));
 
         Plane::by_rows(size, self.control, |tile, means: &mut [[f32; 2]]| {
@@ -412,7 +412,7 @@ impl Scene<'_> {
     }
 
     /// Pixels at even steps of the sum of weights.
-    fn samples(&self, frame: &Frame) -> Result<Vec<Sample>> {
+    fn samples(&self, frame: &Surroundings) -> Result<Vec<PlanePixel>> {
         let weights = frame.weights.as_slice();
         let mut sums = zeroed(weights.len().div_ceil(GROUP))?;
         let pixels = self.level.run(SumHeavy { weights, sums: &mut sums });
@@ -612,12 +612,12 @@ impl Surface {
     }
 
     #[inline(always)]
-    fn is_near(&self, [x, y, disparity]: Sample) -> bool {
+    fn is_near(&self, [x, y, disparity]: PlanePixel) -> bool {
         (disparity - self.at([x, y])).abs() < NEAR
     }
 
     /// The plane that most samples are near, fitted to these.
-    fn of_samples(samples: &[Sample], level: Level) -> Option<Self> {
+    fn of_samples(samples: &[PlanePixel], level: Level) -> Option<Self> {
         if samples.is_empty() {
             return None;
         }
@@ -642,7 +642,7 @@ impl Surface {
     }
 
     /// The plane through three samples, unless they are nearly on a line, or it is too steep.
-    fn through([[x, y, disparity], b, c]: [Sample; 3]) -> Option<Self> {
+    fn through([[x, y, disparity], b, c]: [PlanePixel; 3]) -> Option<Self> {
         let [b, c] = [b, c].map(|other| [other[0] - x, other[1] - y, other[2] - disparity]);
         let span = b[0] * c[1] - b[1] * c[0];
         if span.abs() < LEAST_SPAN {
@@ -655,8 +655,9 @@ impl Surface {
     }
 
     /// The plane with the least squares of distances from the samples that are near this one.
-    fn fitted(&self, samples: &[Sample]) -> Option<Self> {
-        let near: Vec<&Sample> = samples.iter().filter(|sample| self.is_near(**sample)).collect();
+    fn fitted(&self, samples: &[PlanePixel]) -> Option<Self> {
+        let near: Vec<&PlanePixel> =
+            samples.iter().filter(|sample| self.is_near(**sample)).collect();
         let mut sums = [0.0; 3];
         for sample in &near {
             sums.iter_mut().zip(*sample).for_each(|(sum, value)| *sum += value);

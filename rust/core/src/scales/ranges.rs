@@ -23,7 +23,7 @@
 
 use std::ops::Range;
 
-use crate::estimation::overview::Detail;
+use crate::estimation::overview::CopySettings;
 use crate::scales::reduction::halved;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
@@ -64,7 +64,7 @@ pub fn panel_ranges(
 
 /// The disparities of a copy; NaN where the match is in doubt.
 fn roughly_matched(copy: &Pair, runtime: Runtime) -> Result<Plane<f32>> {
-    let detail = Detail { neighborhood: 5, window: 3, speckle: 6, subpixel: false };
+    let detail = CopySettings { neighborhood: 5, window: 3, speckle: 6, subpixel: false };
     let settings = Settings { lr_check: Some(3), confidence: false, ..detail.settings() };
 
     let ranges = panel_ranges(copy, settings.optimizer, runtime)?;

@@ -71,7 +71,7 @@ pub enum Fault {
     Night,
 }
 
-type Gray = Plane<i32>;
+type GrayLevels = Plane<i32>;
 
 /// The scene in this many rows and columns, as a rig with a fault takes it. Another `moment` has other noise.
 pub fn pair(fault: Fault, size: (usize, usize), moment: u32) -> [Input; 2] {
@@ -241,22 +241,22 @@ fn noise(y: i32, x: i32, seed: u32) -> i32 {
     ((0..2).fold(place ^ seed.wrapping_mul(83_492_791), mix) >> 24) as i32
 }
 
-fn gray((rows, cols): (usize, usize), value: impl Fn(i32, i32) -> i32) -> Gray {
+fn gray((rows, cols): (usize, usize), value: impl Fn(i32, i32) -> i32) -> GrayLevels {
     Plane::from_fn(rows, cols, |y, x| value(y as i32, x as i32))
 }
 
 /// The value at a place, reflected at the border.
-fn at(image: &Gray, y: i32, x: i32) -> i32 {
+fn at(image: &GrayLevels, y: i32, x: i32) -> i32 {
     image.row(reflect(y as isize, image.rows()))[reflect(x as isize, image.cols())]
 }
 
 /// The image with other values.
-fn changed(image: &Gray, value: impl Fn(i32, i32, i32) -> i32) -> Gray {
+fn changed(image: &GrayLevels, value: impl Fn(i32, i32, i32) -> i32) -> GrayLevels {
     gray((image.rows(), image.cols()), |y, x| value(y, x, at(image, y, x)))
 }
 
 /// The image whose pixels are elsewhere.
-fn moved(image: &Gray, place: impl Fn(i32, i32) -> (i32, i32)) -> Gray {
+fn moved(image: &GrayLevels, place: impl Fn(i32, i32) -> (i32, i32)) -> GrayLevels {
     changed(image, |y, x, _| {
         let (y, x) = place(y, x);
         at(image, y, x)
@@ -264,7 +264,7 @@ fn moved(image: &Gray, place: impl Fn(i32, i32) -> (i32, i32)) -> Gray {
 }
 
 /// Means of this many rows and columns, odd numbers.
-fn mean(image: &Gray, rows: i32, cols: i32) -> Gray {
+fn mean(image: &GrayLevels, rows: i32, cols: i32) -> GrayLevels {
     let (above, before) = (rows / 2, cols / 2);
     changed(image, |y, x, _| {
         let row = |y| (x - before..=x + before).map(|x| at(image, y, x)).sum::<i32>();
@@ -272,22 +272,22 @@ fn mean(image: &Gray, rows: i32, cols: i32) -> Gray {
     })
 }
 
-fn bytes(image: &Gray) -> Input {
+fn bytes(image: &GrayLevels) -> Input {
     let pixels = image.as_slice().iter().map(|&value| value.clamp(0, 255) as u8);
     Image::U8(shaped(image, 1, pixels.collect())).into()
 }
 
-fn words(image: &Gray) -> Input {
+fn words(image: &GrayLevels) -> Input {
     let pixels = image.as_slice().iter().map(|&value| value.clamp(0, 255) as u16 * 200);
     Image::U16(shaped(image, 1, pixels.collect())).into()
 }
 
-fn floats(image: &Gray, white: f32) -> Input {
+fn floats(image: &GrayLevels, white: f32) -> Input {
     let colors = |&value: &i32| [value, value / 2, 255 - value].map(|part| part as f32 / white);
     Image::F32(shaped(image, 3, image.as_slice().iter().flat_map(colors).collect())).into()
 }
 
-fn shaped<T>(image: &Gray, channels: usize, pixels: Vec<T>) -> Array3<T> {
+fn shaped<T>(image: &GrayLevels, channels: usize, pixels: Vec<T>) -> Array3<T> {
     let shape = (image.rows(), image.cols(), channels);
     Array3::from_shape_vec(shape, pixels).expect("as many values as pixels")
 }

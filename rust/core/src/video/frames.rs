@@ -218,7 +218,7 @@ struct Followed<'a, 'b> {
 }
 
 /// The frame as these cameras see it: rectified.
-struct Input<'a> {
+struct RectifiedFrame<'a> {
     pair: Cow<'a, Pair>,
     /// Whether the estimates of an earlier frame hold.
     is_as_before: bool,
@@ -296,7 +296,7 @@ impl<'a> Followed<'a, '_> {
     }
 
     /// The pair as the cameras see it, and whether it looks as before.
-    fn input(&self, geometry: &Geometry) -> Result<Input<'a>> {
+    fn input(&self, geometry: &Geometry) -> Result<RectifiedFrame<'a>> {
         let Runtime { execution, control, .. } = self.runtime;
         let mut pair = match &geometry.cameras {
             Some(raw) => Cow::Owned(resampled(self.pair, raw.places(control)?, control)?),
@@ -319,14 +319,14 @@ impl<'a> Followed<'a, '_> {
                 blur::is_as_before(&repaired, &blur.signature, self.runtime)?
             }
         };
-        Ok(Input { pair, is_as_before })
+        Ok(RectifiedFrame { pair, is_as_before })
     }
 
     /// Matches the frame by what is known of it; once more, blocks of all rows are found again.
     fn match_known(
         &self,
         geometry: &Geometry,
-        input: &Input,
+        input: &RectifiedFrame,
         is_again: bool,
     ) -> Result<FrameMatch> {
         let Options { facts, settings, .. } = self.options;
@@ -493,7 +493,7 @@ impl<'a> Followed<'a, '_> {
     }
 
     /// Matches the frame by rows that are estimated anew, and from here on if they sway.
-    fn rows_anew(&mut self, geometry: &mut Geometry, input: &Input) -> Result<FrameMatch> {
+    fn rows_anew(&mut self, geometry: &mut Geometry, input: &RectifiedFrame) -> Result<FrameMatch> {
         geometry.sways = Steady::new(1);
         let result = self.match_known(geometry, input, true)?;
 

@@ -7,24 +7,24 @@ use std::cmp::Ordering;
 const OF_MEDIAN: f64 = 1.4826;
 
 /// Values with a total order.
-pub trait Ordered: Copy {
+pub trait TotalOrder: Copy {
     /// The order of two values.
     fn order(&self, other: &Self) -> Ordering;
 }
 
-impl Ordered for f32 {
+impl TotalOrder for f32 {
     fn order(&self, other: &Self) -> Ordering {
         self.total_cmp(other)
     }
 }
 
-impl Ordered for f64 {
+impl TotalOrder for f64 {
     fn order(&self, other: &Self) -> Ordering {
         self.total_cmp(other)
     }
 }
 
-impl Ordered for u32 {
+impl TotalOrder for u32 {
     fn order(&self, other: &Self) -> Ordering {
         self.cmp(other)
     }
@@ -32,19 +32,19 @@ impl Ordered for u32 {
 
 /// The value of a rank, 0 for the least; `None` beyond the last. It reorders the values, which takes less
 /// than sorting.
-pub fn ranked<T: Ordered>(values: &mut [T], rank: usize) -> Option<T> {
+pub fn ranked<T: TotalOrder>(values: &mut [T], rank: usize) -> Option<T> {
     (rank < values.len()).then(|| *values.select_nth_unstable_by(rank, T::order).1)
 }
 
 /// The value below which a share of the others lies, from 0 for the least to 1 for the largest; the nearest
 /// rank.
-pub fn quantile<T: Ordered>(values: &mut [T], share: f64) -> Option<T> {
+pub fn quantile<T: TotalOrder>(values: &mut [T], share: f64) -> Option<T> {
     let last = values.len().saturating_sub(1);
     ranked(values, (share * last as f64).round() as usize)
 }
 
 /// The median, of an even number the larger one of both in the middle; `None` of no values.
-pub fn median<T: Ordered>(values: impl IntoIterator<Item = T>) -> Option<T> {
+pub fn median<T: TotalOrder>(values: impl IntoIterator<Item = T>) -> Option<T> {
     let mut values: Vec<T> = values.into_iter().collect();
     let middle = values.len() / 2;
     ranked(&mut values, middle)

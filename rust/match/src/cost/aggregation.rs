@@ -264,14 +264,14 @@ impl PixelBlock {
 /// Aggregates block after block; its buffers are reused.
 #[derive(Debug, Default)]
 pub struct Aggregator<V> {
-    windows: Windows<V>,
+    windows: WindowedCosts<V>,
     /// A ring of rows of sums, for shiftable windows: the rows of a window.
     boxes: Memory<V>,
 }
 
 /// Sums over the windows of a row, scaled to the valid pixels.
 #[derive(Debug, Default)]
-struct Windows<V> {
+struct WindowedCosts<V> {
     /// Sums of the costs.
     costs: BoxSums<V>,
     /// Numbers of valid pixels, by stretches of columns in whose windows there are invalid ones ...
@@ -323,7 +323,7 @@ impl<V: Value> Aggregator<V> {
     }
 }
 
-impl<V: Value> Windows<V> {
+impl<V: Value> WindowedCosts<V> {
     /// Sizes all buffers for some columns, candidates and lanes.
     fn begin(
         &mut self,

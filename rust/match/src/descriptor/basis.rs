@@ -27,7 +27,7 @@ pub struct Component {
 
 /// The taps `even[|j|] + i sgn(j) odd[|j|]`, `j` pixels from the center.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Filter {
+pub struct BasisFilter {
     /// Real parts, from the center outwards.
     pub even: Vec<i32>,
     /// Imaginary parts on the side of rising coordinates, from the center (0) outwards.
@@ -39,7 +39,7 @@ pub struct Filter {
 pub struct Basis {
     size: usize,
     frequencies: (usize, usize),
-    filters: Vec<Filter>,
+    filters: Vec<BasisFilter>,
 }
 
 impl Basis {
@@ -73,7 +73,7 @@ impl Basis {
     }
 
     /// The filters by frequency index; that of index 0 is the window itself.
-    pub fn filters(&self) -> &[Filter] {
+    pub fn filters(&self) -> &[BasisFilter] {
         &self.filters
     }
 
@@ -87,12 +87,12 @@ impl Basis {
 
     /// The largest component, and the largest sum on the way to it, in multiples of the largest pixel.
     pub fn gain(&self) -> u64 {
-        let largest = self.filters.iter().map(Filter::total).fold(0.0, f64::max);
+        let largest = self.filters.iter().map(BasisFilter::total).fold(0.0, f64::max);
         largest.powi(2).ceil() as u64
     }
 }
 
-impl Filter {
+impl BasisFilter {
     /// The sum of the magnitudes of all taps.
     fn total(&self) -> f64 {
         let side = self.even[1..].iter().zip(&self.odd[1..]);
@@ -109,7 +109,7 @@ fn amplitude(size: usize, is_coarse: bool) -> usize {
 
 /// `w(j) (exp(-2 pi i f j / L) - kappa)`, with `kappa` such that the taps sum to zero: the correction that
 /// makes Morlet wavelets admissible; the uniform window needs none. Frequency 0 is the window `w` itself.
-fn filter(taper: Taper, size: usize, scale: usize, f: usize) -> Filter {
+fn filter(taper: Taper, size: usize, scale: usize, f: usize) -> BasisFilter {
     let radius = size / 2;
     let scale = scale as f64;
     let window: Vec<f64> = (0..=radius).map(|j| weight(taper, size, j)).collect();
@@ -124,7 +124,7 @@ fn filter(taper: Taper, size: usize, scale: usize, f: usize) -> Filter {
     let exact: Vec<f64> = (0..=radius).map(real).collect();
     let imaginary = |j: usize| -(scale * window[j] * math::sin(angle(j))).round() as i32;
 
-    Filter {
+    BasisFilter {
         even: if f == 0 { rounded(&exact) } else { rounded_to_zero_sum(&exact) },
         odd: (0..=radius).map(imaginary).collect(),
     }

@@ -9,7 +9,7 @@ use std::ops::{BitOr, Range, Shl};
 
 use crate::base::error::Result;
 use crate::base::memory::Memory;
-use crate::descriptor::basis::{Basis, Filter};
+use crate::descriptor::basis::{Basis, BasisFilter};
 
 /// Pixels that are computed together, of one row or of a few: enough that starting the loops takes little of
 /// the time, and few enough that their data stay close to the first-level cache. With 1024, rows of 741
@@ -130,7 +130,7 @@ impl<T: Lane> EvenOdd<Memory<T>> {
 
 impl<T: Lane> EvenOdd<Vec<T>> {
     /// The taps of a filter, as numbers of this type.
-    fn lanes(filter: &Filter) -> Self {
+    fn lanes(filter: &BasisFilter) -> Self {
         let lanes = |taps: &[i32]| taps.iter().map(|tap| (*tap).into()).collect();
         Self { even: lanes(&filter.even), odd: lanes(&filter.odd) }
     }

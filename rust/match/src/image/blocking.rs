@@ -58,7 +58,7 @@ impl Extra {
                 let found = &mut found[..cols - 3];
                 let rows = [own, &own[1..], &own[2..], &own[3..]];
 
-                level.run(Differences { rows, clip, found });
+                level.run(BlockDifferences { rows, clip, found });
                 level.run(AddTo { sums: &mut sums, found });
 
                 // Columns 0 to `cols - 4` of this phase.
@@ -71,7 +71,7 @@ impl Extra {
             let row = first + y;
             if row >= 1 && row + REACH < height {
                 let rows = [plane.row(y - 1), own, plane.row(y + 1), plane.row(y + 2)];
-                level.run(Differences { rows, clip, found: &mut found });
+                level.run(BlockDifferences { rows, clip, found: &mut found });
 
                 let phase = row % SIDE;
                 extra.sums[1][phase] += level.run(Sum(&found));
@@ -146,13 +146,13 @@ impl Loop for Sum<'_> {
 }
 
 /// Writes twice the extra differences between the second and the third of four rows, or of four columns.
-struct Differences<'a> {
+struct BlockDifferences<'a> {
     rows: [&'a [i32]; 4],
     clip: i32,
     found: &'a mut [i32],
 }
 
-impl Loop for Differences<'_> {
+impl Loop for BlockDifferences<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -161,7 +161,7 @@ impl Loop for Differences<'_> {
     }
 }
 
-/// As [`Differences`]; outputs and inputs are arguments of their own, so that the vectorizer knows that they
+/// As [`BlockDifferences`]; outputs and inputs are arguments of their own, so that the vectorizer knows that they
 /// do not overlap.
 #[inline(always)]
 #[expect(clippy::many_single_char_names, reason = "neighbors in order")]

@@ -32,13 +32,13 @@ use crate::image::masking::Mask;
 use crate::image::pixels::{Image, Input};
 
 /// A pixel: up to three channels.
-type Value = [f64; 3];
+type ExactPixel = [f64; 3];
 
 /// The runs of one side: their lengths, and the value of each.
 #[derive(Debug, Clone)]
-struct Side {
+struct BorderRuns {
     lengths: Vec<u32>,
-    values: Vec<Option<Value>>,
+    values: Vec<Option<ExactPixel>>,
 }
 
 /// Follows the runs of an image that comes a few rows at a time.
@@ -46,7 +46,7 @@ struct Side {
 pub struct BorderScan {
     size: (usize, usize),
     /// From the top, the bottom, the left and the right.
-    sides: [Side; 4],
+    sides: [BorderRuns; 4],
     /// Rows that came.
     rows: usize,
 }
@@ -62,12 +62,12 @@ pub struct Candidate {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Border {
     size: (usize, usize),
-    value: Value,
+    value: ExactPixel,
     /// Lengths of the runs from the top and the bottom, by column, and from the left and the right, by row.
     pub runs: [Vec<u32>; 4],
 }
 
-impl Side {
+impl BorderRuns {
     fn new(count: usize) -> Result<Self> {
         let mut values = vec![];
         reserve(&mut values, count)?;
@@ -76,7 +76,7 @@ impl Side {
     }
 
     /// Goes along pixels, `None` where they are masked, as long as they continue the run at this place.
-    fn follow(&mut self, at: usize, pixels: impl Iterator<Item = Option<Value>>) {
+    fn follow(&mut self, at: usize, pixels: impl Iterator<Item = Option<ExactPixel>>) {
         for pixel in pixels {
             match (self.values[at], pixel) {
                 (Some(own), Some(other)) if !is_same(own, other) => break,
@@ -91,7 +91,12 @@ impl Side {
 impl BorderScan {
     /// The scan of an image of this size.
     pub fn new((rows, cols): (usize, usize)) -> Result<Self> {
-        let sides = [Side::new(cols)?, Side::new(cols)?, Side::new(rows)?, Side::new(rows)?];
+        let sides = [
+            BorderRuns::new(cols)?,
+            BorderRuns::new(cols)?,
+            BorderRuns::new(rows)?,
+            BorderRuns::new(rows)?,
+        ];
         Ok(Self { size: (rows, cols), sides, rows: 0 })
     }
 
@@ -106,7 +111,7 @@ impl BorderScan {
                 top.follow(x, (0..rows).map(|y| pixel(input, y, x)));
             }
             // What continues to the last of these rows may go on in the next ones.
-            let mut here = Side { lengths: vec![0], values: vec![None] };
+            let mut here = BorderRuns { lengths: vec![0], values: vec![None] };
             here.follow(0, (0..rows).rev().map(|y| pixel(input, y, x)));
             let goes_on = here.lengths[0] as usize == rows
                 && (bottom.values[x] == here.values[0]
@@ -131,7 +136,7 @@ impl BorderScan {
         let value = values.copied().reduce(|a, b| [0, 1, 2].map(|c| f64::min(a[c], b[c])))?;
 
         let runs = sides.map(|side| -> Vec<u32> {
-            let is_border = |own: &Option<Value>| own.is_none_or(|own| is_same(own, value));
+            let is_border = |own: &Option<ExactPixel>| own.is_none_or(|own| is_same(own, value));
             let runs = side.lengths.iter().zip(&side.values);
             runs.map(|(run, own)| if is_border(own) { *run } else { 0 }).collect()
         });
@@ -156,7 +161,8 @@ impl Candidate {
         let Image::U8(_) = &input.image else { return };
         let Border { size, value, runs } = &self.border;
         let is_rim = |y: usize, x: usize| {
-            let is_near = |own: Value| [0, 1, 2].iter().all(|c| own[*c] - value[*c] <= RIM_LEVELS);
+            let is_near =
+                |own: ExactPixel| [0, 1, 2].iter().all(|c| own[*c] - value[*c] <= RIM_LEVELS);
             pixel(input, y, x).is_none_or(is_near)
         };
 
@@ -322,12 +328,12 @@ fn with_rim(runs: &[Vec<u32>; 4], more: &[Vec<u32>; 4], far: [u32; 4]) -> [Vec<u
 }
 
 /// Whether two pixels are equal.
-fn is_same(one: Value, other: Value) -> bool {
+fn is_same(one: ExactPixel, other: ExactPixel) -> bool {
     one.partial_cmp(&other) == Some(Ordering::Equal)
 }
 
 /// A pixel as three numbers; `None`: it is masked.
-fn pixel(input: &Input, y: usize, x: usize) -> Option<Value> {
+fn pixel(input: &Input, y: usize, x: usize) -> Option<ExactPixel> {
     if !input.is_valid(y, x) {
         return None;
     }

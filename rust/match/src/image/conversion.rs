@@ -152,7 +152,7 @@ pub struct Scan {
     /// Whether there are three channels, all equal so far.
     is_gray: [bool; 2],
     /// The values so far, as long as they may be bytes.
-    values: Option<Values>,
+    values: Option<PixelValues>,
     /// The greatest common divisor of the values, as long as they are integers below 2^16.
     divisor: Option<u32>,
     /// The whites of which all values are fractions.
@@ -173,7 +173,7 @@ impl Scan {
     pub fn new(inputs: [&Input; 2]) -> Self {
         let undecided = Self {
             is_gray: inputs.map(|input| input.image.shape().2 == 3),
-            values: Some(Values::new()),
+            values: Some(PixelValues::new()),
             divisor: Some(0),
             whites: WHITES.to_vec(),
             types: Types::Floats,
@@ -241,7 +241,7 @@ impl Scan {
     }
 
     fn byte_step(&self) -> Option<f64> {
-        self.values.as_ref().and_then(Values::step)
+        self.values.as_ref().and_then(PixelValues::step)
     }
 
     fn word_step(&self) -> Option<f64> {
@@ -278,14 +278,14 @@ impl Scan {
 
 /// Values that differ, as long as they are few.
 #[derive(Debug)]
-struct Values {
+struct PixelValues {
     /// The values in rising order.
     sorted: Vec<f64>,
     /// Values that were seen, each at a place that depends on its bits.
     recent: Vec<f64>,
 }
 
-impl Values {
+impl PixelValues {
     fn new() -> Self {
         Self { sorted: vec![], recent: vec![f64::NAN; RECENT] }
     }

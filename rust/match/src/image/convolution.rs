@@ -39,11 +39,11 @@ const BLOCK: usize = 32;
 /// A point-spread function in integers: weights from 0 that sum to `2^SHIFT`. So no result leaves the range
 /// of the image, and a constant image stays the same.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Kernel(Weights);
+pub struct Kernel(KernelWeights);
 
 /// The weights of a kernel, by offset from their center: sides are odd and as small as possible.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Weights {
+pub enum KernelWeights {
     /// All weights, applied in one pass.
     All(Plane<i32>),
     /// The factors of an outer product: applied along the columns, then along the rows.
@@ -64,7 +64,7 @@ impl Kernel {
         let taps = taps.map(|tap| tap / total);
         match factors(&taps) {
             Some([column, row]) => Ok(Self::of_factors(&column, &row)),
-            None => Ok(Self(Weights::All(trimmed(&quantized(&taps))))),
+            None => Ok(Self(KernelWeights::All(trimmed(&quantized(&taps))))),
         }
     }
 
@@ -81,24 +81,24 @@ impl Kernel {
     fn of_factors(column: &Plane<f64>, row: &Plane<f64>) -> Self {
         let [column, row] = [column, row].map(|taps| trimmed(&quantized(taps)));
         Self(match [column.rows(), row.cols()] {
-            [1, _] => Weights::All(row),
-            [_, 1] => Weights::All(column),
-            _ => Weights::Factors { column, row },
+            [1, _] => KernelWeights::All(row),
+            [_, 1] => KernelWeights::All(column),
+            _ => KernelWeights::Factors { column, row },
         })
     }
 
     /// Rows and columns on either side of a pixel that its sum depends on.
     pub fn radii(&self) -> (usize, usize) {
         let (rows, cols) = match &self.0 {
-            Weights::All(weights) => (weights.rows(), weights.cols()),
-            Weights::Factors { column, row } => (column.rows(), row.cols()),
+            KernelWeights::All(weights) => (weights.rows(), weights.cols()),
+            KernelWeights::Factors { column, row } => (column.rows(), row.cols()),
         };
 
         (rows / 2, cols / 2)
     }
 
     /// The weights.
-    pub fn weights(&self) -> &Weights {
+    pub fn weights(&self) -> &KernelWeights {
         &self.0
     }
 }
@@ -274,8 +274,8 @@ fn passes(kernel: &Kernel, fraction: u32, gray: &Gray) -> (KernelPass, Option<Ke
     let (cols, reach) = (gray.size().1, gray.reach());
 
     match &kernel.0 {
-        Weights::All(weights) => (KernelPass::new(weights, (0, fraction), cols, reach), None),
-        Weights::Factors { column, row } => {
+        KernelWeights::All(weights) => (KernelPass::new(weights, (0, fraction), cols, reach), None),
+        KernelWeights::Factors { column, row } => {
             let between = fraction + GUARD;
             let second = KernelPass::new(row, (between, fraction), cols, reach << between);
             (KernelPass::new(column, (0, between), cols, reach), Some(second))

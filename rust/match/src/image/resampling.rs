@@ -64,13 +64,13 @@ fn quantize(exact: &[f64], nearest: usize, weights: &mut [i32]) {
 
 /// The pixels of a row or a column that make one, and their weights.
 #[derive(Debug)]
-pub struct Taps {
+pub struct LanczosTaps {
     weights: Vec<(usize, f64)>,
     /// Those about its place, which must be valid; none beyond the image.
     pub core: Range<usize>,
 }
 
-impl Taps {
+impl LanczosTaps {
     /// The pixels about a place of a row or a column of this many; the image is reduced by the factor `s`, if
     /// that is above 1.
     pub fn new(place: f64, s: f64, length: usize) -> Self {
@@ -99,7 +99,7 @@ impl Taps {
 pub fn resized<T: Copy + Default + Into<f64>>(
     source: &[T],
     (cols, channels): (usize, usize),
-    [down, along]: &[Vec<Taps>; 2],
+    [down, along]: &[Vec<LanczosTaps>; 2],
     nearest: impl Fn(f64) -> T,
 ) -> Result<Vec<T>> {
     let width = cols * channels;

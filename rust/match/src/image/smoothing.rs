@@ -180,7 +180,7 @@ impl Smoothing<'_> {
                 let values = window_rows(values, &part, |dy| (y + dy) * width);
                 let own = y * width + MARGIN + part.start;
                 let out = [&mut *shares, drawn].map(|rows| &mut rows[own..][..part.len()]);
-                self.level.run(Windows { values, columns, noise: self.noise, out });
+                self.level.run(ShareWindows { values, columns, noise: self.noise, out });
             }
         }
 
@@ -271,14 +271,14 @@ fn continue_sides(row: &mut [f64], cols: usize) {
 }
 
 /// Writes the shares of a row of windows, and those of their means.
-struct Windows<'a> {
+struct ShareWindows<'a> {
     values: [&'a [f64]; SIDE],
     columns: &'a mut [Memory<f64>; 2],
     noise: f64,
     out: [&'a mut [f64]; 2],
 }
 
-impl Loop for Windows<'_> {
+impl Loop for ShareWindows<'_> {
     type Output = ();
 
     #[inline(always)]

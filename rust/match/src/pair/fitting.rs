@@ -23,7 +23,7 @@ use crate::base::error::{Error, Result};
 use crate::base::plane::Plane;
 use crate::image::masking::Mask;
 use crate::image::pixels::{Image, Input, Resampler};
-use crate::image::resampling::{TAPS, Taps, resized};
+use crate::image::resampling::{LanczosTaps, TAPS, resized};
 use crate::image::view::View;
 
 /// Most that one image may have more rows or columns than the other.
@@ -104,13 +104,13 @@ impl Fit {
     }
 
     /// The taps of all pixels along rows (0) or columns (1).
-    fn taps(&self, axis: usize) -> Vec<Taps> {
+    fn taps(&self, axis: usize) -> Vec<LanczosTaps> {
         let (from, to) = ([self.from.0, self.from.1][axis], [self.to.0, self.to.1][axis]);
         let scale = self.scale[axis];
         let offset = self.offset[axis];
 
         let place = |at: usize| (at as f64 + 0.5 - offset) / scale - 0.5;
-        (0..to).map(|at| Taps::new(place(at), scale.recip().max(1.0), from)).collect()
+        (0..to).map(|at| LanczosTaps::new(place(at), scale.recip().max(1.0), from)).collect()
     }
 
     /// The view at the new size.

@@ -47,7 +47,7 @@ pub enum GuidedMedian {
 /// Windows of `SIDE` x `SIDE` pixels that are `STRIDE` rows or columns apart, for pixels within `NEAR` of a
 /// jump.
 #[derive(Debug, Clone, Copy)]
-struct Windows<const SIDE: usize, const STRIDE: usize, const NEAR: usize> {
+struct JumpWindows<const SIDE: usize, const STRIDE: usize, const NEAR: usize> {
     /// Steps of gray values to the mean difference of horizontal neighbors.
     fineness: f64,
     /// Difference of gray values, in these steps, from which on they have nothing in common: their weight is
@@ -59,8 +59,8 @@ struct Windows<const SIDE: usize, const STRIDE: usize, const NEAR: usize> {
     nearness: fn(usize, usize) -> u16,
 }
 
-type NarrowWindows = Windows<5, 2, 4>;
-type WideWindows = Windows<7, 3, 8>;
+type NarrowWindows = JumpWindows<5, 2, 4>;
+type WideWindows = JumpWindows<7, 3, 8>;
 
 /// Windows of 9 x 9 pixels.
 const NARROW: NarrowWindows =
@@ -128,7 +128,7 @@ impl GuidedMedian {
     }
 }
 
-impl<const SIDE: usize, const STRIDE: usize, const NEAR: usize> Windows<SIDE, STRIDE, NEAR> {
+impl<const SIDE: usize, const STRIDE: usize, const NEAR: usize> JumpWindows<SIDE, STRIDE, NEAR> {
     /// Pixels that the window of a pixel reaches in each direction.
     const REACH: usize = SIDE / 2 * STRIDE;
 
@@ -246,7 +246,7 @@ impl Loop for Or<'_> {
 
 /// Filters one row, from the rows of its windows.
 struct Filter<'a, const SIDE: usize, const STRIDE: usize, const NEAR: usize> {
-    windows: Windows<SIDE, STRIDE, NEAR>,
+    windows: JumpWindows<SIDE, STRIDE, NEAR>,
     /// The weight of the place of each pixel of a window.
     nearness: &'a [[u16; SIDE]; SIDE],
     disparity: &'a [f32],
@@ -276,10 +276,10 @@ impl<const SIDE: usize, const STRIDE: usize, const NEAR: usize> Loop
                 continue;
             }
 
-            let first = x as isize - Windows::<SIDE, STRIDE, NEAR>::REACH as isize;
+            let first = x as isize - JumpWindows::<SIDE, STRIDE, NEAR>::REACH as isize;
             let grays = parts(self.grays, first, &mut gray_buffer, |_, _| NOTHING);
             let steps = parts(self.steps, first, &mut step_buffer, |_, _| 0);
-            let away = Windows::<SIDE, STRIDE, NEAR>::away(steps);
+            let away = JumpWindows::<SIDE, STRIDE, NEAR>::away(steps);
             let weights = self.windows.weights(self.nearness, grays);
             let median = median(away.as_flattened(), weights.as_flattened());
 
@@ -294,7 +294,7 @@ impl<const SIDE: usize, const STRIDE: usize, const NEAR: usize> Loop
 /// One value for each of [`LANES`] neighboring pixels.
 type PixelLanes<T> = [T; LANES];
 
-impl<const SIDE: usize, const STRIDE: usize, const NEAR: usize> Windows<SIDE, STRIDE, NEAR> {
+impl<const SIDE: usize, const STRIDE: usize, const NEAR: usize> JumpWindows<SIDE, STRIDE, NEAR> {
     /// The disparities in the windows less the pixel's own, in steps.
     #[inline(always)]
     fn away(steps: [&[i32]; SIDE]) -> [[PixelLanes<i16>; SIDE]; SIDE] {

@@ -23,7 +23,7 @@ pub enum Kind {
 
 /// The description of a setting.
 #[derive(Debug)]
-pub struct Description {
+pub struct SettingDescription {
     /// Its name.
     pub name: &'static str,
     /// Its meaning: a first sentence, and after an empty line the rest.

@@ -46,7 +46,7 @@ macro_rules! words {
 /// ```
 ///
 /// a field of `Settings` with this documentation, its value in each preset, the check of its range, the way
-/// to and from a `Value`, and a `Description` from which Python's class and the reference are written.
+/// to and from a `Value`, and a `SettingDescription` from which Python's class and the reference are written.
 /// Without a range every value of the type is accepted; presets that are not mentioned have the default.
 macro_rules! settings {
     ($(
@@ -69,7 +69,7 @@ macro_rules! settings {
         }
 
         /// The settings, in the order of the table.
-        pub const DESCRIPTIONS: &[Description] = &[$(Description {
+        pub const DESCRIPTIONS: &[SettingDescription] = &[$(SettingDescription {
             name: stringify!($name),
             documentation: concat!($($doc, "\n"),+),
             kind: <$type>::KIND,

@@ -6,7 +6,7 @@
 
 use crate::base::error::Result;
 use crate::settings::costs::costs;
-use crate::settings::kind::{Description, Kind, Setting, Value};
+use crate::settings::kind::{Kind, Setting, SettingDescription, Value};
 use crate::settings::presets::Preset;
 use crate::settings::ranges::{either, indices, integer, number, odd, optional, rising};
 

@@ -4,7 +4,7 @@
 use std::ops::Range;
 
 use super::blocks::BLOCK;
-use super::{Around, Found};
+use super::{Around, Standout};
 use crate::estimation::overview::{Guess, Span};
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Loop;
@@ -104,7 +104,7 @@ impl Guess<'_> {
 }
 
 /// Sums of neighboring columns of a row of blocks, of which `top` is the first of `count` rows.
-pub struct Windows<'a> {
+pub struct BlockWindows<'a> {
     pub costs: &'a Costs<'a>,
     pub rows: usize,
     pub cols: usize,
@@ -116,7 +116,7 @@ pub struct Windows<'a> {
 
 /// Calls `each(row, column, sums of all candidates)` for every pixel of the windows.
 pub struct Visit<'a, F> {
-    pub windows: Windows<'a>,
+    pub windows: BlockWindows<'a>,
     pub each: F,
 }
 
@@ -126,7 +126,7 @@ impl<F: FnMut(usize, usize, &[Lanes<u8>])> Loop for Visit<'_, F> {
     #[inline(always)]
     fn run(self) {
         let Self { windows, mut each } = self;
-        let Windows { costs, rows, cols, top, count, columns, around } = windows;
+        let BlockWindows { costs, rows, cols, top, count, columns, around } = windows;
         let runs = costs.runs();
 
         // The windows reach beyond the columns; at the border of the image its last pixel is repeated.
@@ -279,7 +279,7 @@ impl Borders {
 
     /// What stands out outside the run.
     #[inline(always)]
-    pub fn outside(&self, sums: &[Lanes<u8>], x: usize) -> Option<Found> {
+    pub fn outside(&self, sums: &[Lanes<u8>], x: usize) -> Option<Standout> {
         let [own, along] = self.least(sums, x);
         if 8 * u32::from(own) >= 7 * u32::from(along) {
             return None;
@@ -299,7 +299,7 @@ impl Borders {
         let others = along.min(before).min(after);
 
         let stands_out = 8 * u32::from(own) < 7 * u32::from(others);
-        stands_out.then(|| Found { chosen: chosen as u16, gain: u16::from(others - own) })
+        stands_out.then(|| Standout { chosen: chosen as u16, gain: u16::from(others - own) })
     }
 }
 

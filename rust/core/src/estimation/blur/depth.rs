@@ -22,7 +22,7 @@ use rayon::prelude::*;
 use super::bank::Side;
 use super::response::{Response, response};
 use super::rough::RoughScale;
-use super::search::{Blocks, Choice};
+use super::search::{BlockPair, Choice};
 use crate::estimation::blur::psf::Psf;
 use phasestereo_match::base::simd::Level;
 use phasestereo_match::base::statistics::ranked;
@@ -87,7 +87,7 @@ fn disks() -> &'static [Response] {
 }
 
 /// The losses of all radii, by their index.
-fn losses(blocks: &Blocks, level: Level) -> [f32; RADII] {
+fn losses(blocks: &BlockPair, level: Level) -> [f32; RADII] {
     std::array::from_fn(|index| {
         let disk = |by: usize| &disks()[by - 1];
         let choice = match index.checked_sub(LARGEST) {
@@ -103,7 +103,7 @@ impl BlurByDepth {
     /// How the blur of blocks depends on their disparities; `None`: it does not. Blurs of their own explain
     /// the blocks with a mean loss of `apart`.
     pub fn new(
-        blocks: &[Blocks],
+        blocks: &[BlockPair],
         disparities: &[f32],
         spreads: &[f32],
         apart: f32,

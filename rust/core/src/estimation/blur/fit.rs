@@ -42,7 +42,7 @@ pub struct BlurEvidence {
 
 /// How well a blur explains the evidence.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Fit {
+pub struct BlurFit {
     /// Mean magnitude of the residuals, nepers of power; 0 is a perfect fit.
     pub loss: f32,
     /// How much less power the image that is taken for the blurrier one has than expected, nepers on average,
@@ -52,7 +52,7 @@ pub struct Fit {
     log_gain: f32,
 }
 
-impl Fit {
+impl BlurFit {
     /// Gain of power.
     pub fn gain(&self) -> f32 {
         math::exp(f64::from(self.log_gain)) as f32
@@ -82,8 +82,8 @@ impl BlurEvidence {
     }
 
     /// Fits the model: blurred = gain x response x (sharp - its noise) + noise.
-    pub fn fit(&self, response: &Response, level: Level) -> Fit {
-        level.run(Model { evidence: self, response })
+    pub fn fit(&self, response: &Response, level: Level) -> BlurFit {
+        level.run(ResponseModel { evidence: self, response })
     }
 
     /// The losses of many responses.
@@ -147,18 +147,18 @@ impl Loop for Signals<'_> {
 }
 
 /// Fits one response.
-struct Model<'a> {
+struct ResponseModel<'a> {
     evidence: &'a BlurEvidence,
     response: &'a Response,
 }
 
-impl Loop for Model<'_> {
-    type Output = Fit;
+impl Loop for ResponseModel<'_> {
+    type Output = BlurFit;
 
     #[inline(always)]
-    fn run(self) -> Fit {
+    fn run(self) -> BlurFit {
         let (loss, excess, log_gain) = fitted(self.evidence, self.response, &mut { NO_RESIDUALS });
-        Fit { loss: total(loss), lack: -total(excess), log_gain }
+        BlurFit { loss: total(loss), lack: -total(excess), log_gain }
     }
 }
 
@@ -352,7 +352,7 @@ mod tests {
                 let of = |level| BlurEvidence::of_both(&powers, noise, level)[side].clone();
                 let evidence = of(Level::best());
 
-                let fits: Vec<Fit> =
+                let fits: Vec<BlurFit> =
                     others.iter().map(|other| evidence.fit(other, Level::best())).collect();
 
                 for (other, fit) in others.iter().zip(&fits) {

@@ -39,7 +39,7 @@ pub struct Psf {
 
 /// What is known of a family.
 #[derive(Debug)]
-pub struct Traits {
+pub struct FamilyTraits {
     /// Its name.
     pub name: &'static str,
     /// A sentence's words for one of it, with holes `{size}` and `{angle}`.
@@ -92,8 +92,8 @@ const STEP: f64 = 0.2;
 const TURN: f64 = 8.0;
 
 /// The families, by their numbers.
-static TABLE: [Traits; 4] = [
-    Traits {
+static TABLE: [FamilyTraits; 4] = [
+    FamilyTraits {
         name: "gaussian",
         words: "a Gaussian of sigma {size} px",
         by_depth: None,
@@ -107,7 +107,7 @@ static TABLE: [Traits; 4] = [
         taps: |psf| gaussian(psf.size),
         spread: |psf| psf.size,
     },
-    Traits {
+    FamilyTraits {
         name: "disk",
         words: "a disk of radius {size} px",
         by_depth: Some("disks of radius {least} to {largest} px"),
@@ -121,7 +121,7 @@ static TABLE: [Traits; 4] = [
         taps: |psf| annulus(psf.size, 0.0),
         spread: |psf| psf.size / 2.0,
     },
-    Traits {
+    FamilyTraits {
         name: "motion",
         words: "a motion of {size} px at {angle} degrees",
         by_depth: None,
@@ -138,7 +138,7 @@ static TABLE: [Traits; 4] = [
         taps: |psf| motion(psf.size, psf.angle),
         spread: |psf| (psf.size - 1.0) / 24f64.sqrt(),
     },
-    Traits {
+    FamilyTraits {
         name: "annulus",
         words: "an annulus of outer radius {size} px",
         by_depth: None,
@@ -174,13 +174,13 @@ impl Family {
     }
 
     /// Its row of the table.
-    pub fn traits(self) -> &'static Traits {
+    pub fn traits(self) -> &'static FamilyTraits {
         &TABLE[self.number()]
     }
 
     /// The members in the bank whose sizes are wanted, shape by shape.
     fn grid(self, is_wanted: impl Fn(f64) -> bool) -> impl Iterator<Item = Psf> {
-        let Traits { sizes, shape, .. } = self.traits();
+        let FamilyTraits { sizes, shape, .. } = self.traits();
         let round = move |size: f64| Psf { family: self, size, angle: 0.0, inner: 0.0 };
         let members = sizes.iter().copied().filter(move |size| is_wanted(*size));
         members.flat_map(move |size| {
@@ -208,7 +208,7 @@ impl Family {
 
     /// Whether the parameters of a member are within their ranges.
     pub fn contains(self, psf: &Psf) -> bool {
-        let Traits { largest, shape, .. } = self.traits();
+        let FamilyTraits { largest, shape, .. } = self.traits();
         let has_shape = match shape {
             Shape::Inner(_, range) => range.contains(&psf.inner),
             Shape::None | Shape::Angle(_) => true,

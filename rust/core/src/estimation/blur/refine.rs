@@ -1,7 +1,7 @@
 //! Refinement of a coarse choice from the bank to the size and the direction of a blur.
 
 use super::bank::{Entry, bank};
-use super::fit::{BlurEvidence, Fit};
+use super::fit::{BlurEvidence, BlurFit};
 use super::psf::{Family, Psf};
 use phasestereo_match::base::simd::Level;
 
@@ -16,7 +16,7 @@ pub struct RefinedBlur {
     /// The blur.
     pub entry: Entry,
     /// How well.
-    pub fit: Fit,
+    pub fit: BlurFit,
 }
 
 /// The blur of any family that explains the evidence best.

@@ -3,7 +3,7 @@
 use super::bins::{SIDE, bins, ln};
 use super::spectrum::Norms;
 use super::taps::Taps;
-use super::transform::{Content, HALF, Work};
+use super::transform::{Content, HALF, Scratch};
 use phasestereo_match::base::simd::Level;
 
 /// The share of the power that a kernel leaves in every bin.
@@ -30,7 +30,7 @@ impl Response {
 
 /// The share of the power that a kernel leaves in every bin, smeared by the window of the blocks.
 pub fn response(taps: &Taps, level: Level) -> Response {
-    let mut work = Work::new();
+    let mut work = Scratch::new();
     let block = work.block.re.as_flattened_mut();
 
     let wrapped = |offset: isize| offset.rem_euclid(SIDE as isize) as usize;

@@ -6,7 +6,7 @@ use std::sync::OnceLock;
 use rayon::prelude::*;
 
 use super::bank::{Side, bank, probes};
-use super::fit::{BlurEvidence, Fit};
+use super::fit::{BlurEvidence, BlurFit};
 use super::regions::{WORTH, first};
 use super::response::Response;
 use super::spectrum::Powers;
@@ -58,14 +58,14 @@ pub fn flat() -> &'static Response {
 }
 
 /// The evidence of a pair of blocks.
-pub struct Blocks {
+pub struct BlockPair {
     /// The evidence for a blur of the left one and for one of the right one.
     pub evidence: [BlurEvidence; 2],
     /// How well no blur explains each of them.
-    unblurred: [Fit; 2],
+    unblurred: [BlurFit; 2],
 }
 
-impl Blocks {
+impl BlockPair {
     /// The evidence of these powers, given the powers of the noise of both images.
     pub fn new(powers: &Powers, noise: [f32; 2], level: Level) -> Self {
         let evidence = BlurEvidence::of_both(powers, noise, level);
@@ -76,7 +76,7 @@ impl Blocks {
 
     /// The fit of no blur, whose loss is the mean of both directions: what one block lacks may look like
     /// noise of the other one, but not both ways.
-    pub fn none(&self) -> Fit {
+    pub fn none(&self) -> BlurFit {
         let [mut left, right] = self.unblurred;
         left.loss = 0.5 * (left.loss + right.loss);
         left
@@ -154,14 +154,19 @@ impl Blocks {
 /// The losses of all choices on many pairs of blocks. Those of a sample are tried with all choices, if not
 /// all blocks together are sharp; the others only if something explains them better than what explains the
 /// sample best. If they are, and a few blurs are worth nothing to the sample either, no blur is tried.
-pub fn searched(all: &[Blocks], is_sample: &[bool], is_sharp: bool, level: Level) -> Vec<Vec<f32>> {
+pub fn searched(
+    all: &[BlockPair],
+    is_sample: &[bool],
+    is_sharp: bool,
+    level: Level,
+) -> Vec<Vec<f32>> {
     if is_sharp {
-        let sample: Vec<&Blocks> =
+        let sample: Vec<&BlockPair> =
             all.iter().zip(is_sample).filter(|(_, is_one)| **is_one).map(|(one, _)| one).collect();
         let worth: Vec<f32> = sample.par_iter().map(|blocks| blocks.worth(level)).collect();
         let is_all_sharp = worth.iter().sum::<f32>() < GLANCE * sample.len() as f32;
 
-        let losses = |blocks: &Blocks| {
+        let losses = |blocks: &BlockPair| {
             if is_all_sharp {
                 blocks.losses_of(0, level)
             } else {
@@ -218,7 +223,7 @@ mod tests {
     }
 
     fn losses(powers: &Powers, noise: [f32; 2]) -> Vec<f32> {
-        Blocks::new(powers, noise, Level::best()).losses(Level::best())
+        BlockPair::new(powers, noise, Level::best()).losses(Level::best())
     }
 
     #[test]
@@ -259,7 +264,7 @@ mod tests {
         let level = Level::best();
         for (usual, odd) in [(None, Some(disk - 1)), (Some(disk - 1), None)] {
             let blocks = [usual, usual, usual, odd]
-                .map(|blur| Blocks::new(&spectra(blur, 0.1), [0.1; 2], level));
+                .map(|blur| BlockPair::new(&spectra(blur, 0.1), [0.1; 2], level));
 
             let found = searched(&blocks, &[true, true, false, false], false, level);
             assert_eq!(found[0], blocks[0].losses(level));
@@ -278,7 +283,7 @@ mod tests {
     fn where_all_blocks_together_are_sharp_the_bank_is_tried_on_those_that_are_not() {
         let disk = bank().iter().position(|entry| entry.psf == Psf::disk(2.0));
         let level = Level::best();
-        let blocks = [None, disk].map(|blur| Blocks::new(&spectra(blur, 0.1), [0.1; 2], level));
+        let blocks = [None, disk].map(|blur| BlockPair::new(&spectra(blur, 0.1), [0.1; 2], level));
 
         let found = searched(&blocks, &[true, true], true, level);
         assert_eq!(found[1], blocks[1].losses(level));

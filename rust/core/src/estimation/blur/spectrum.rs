@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 use rayon::prelude::*;
 
 use super::bins::{FLOAT_LANES, FloatLanes, SIDE, bins, total};
-use super::transform::{ComplexBlock, Content, HALF, Work};
+use super::transform::{ComplexBlock, Content, HALF, Scratch};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::math;
@@ -118,7 +118,7 @@ impl Loop for Norms<'_> {
 }
 
 /// Computes the lower halves of the spectra of the blocks at a place.
-fn take_spectra(images: [&Plane<f32>; 2], place: BlockPlace, work: &mut Work, level: Level) {
+fn take_spectra(images: [&Plane<f32>; 2], place: BlockPlace, work: &mut Scratch, level: Level) {
     level.run(CutBlocks { images, place, window: window(), block: &mut work.block });
     work.transform(Content::Pair, level);
 }
@@ -130,7 +130,7 @@ pub fn powers(
     level: Level,
     control: &Control,
 ) -> Result<Vec<Powers>> {
-    let of_pair = |work: &mut Work, place: &BlockPlace| {
+    let of_pair = |work: &mut Scratch, place: &BlockPlace| {
         control.checkpoint()?;
         take_spectra(images, *place, work, level);
 
@@ -144,7 +144,7 @@ pub fn powers(
         })
     };
 
-    places.par_iter().map_init(Work::new, of_pair).collect()
+    places.par_iter().map_init(Scratch::new, of_pair).collect()
 }
 
 impl Default for Cross {
@@ -168,7 +168,7 @@ impl Cross {
         let rows = places.chunk_by(|a, b| a.top == b.top);
         let groups: Vec<&[BlockPlace]> = rows.flat_map(|row| row.chunks(16)).collect();
 
-        let sums_of = |work: &mut Work, group: &&[BlockPlace]| {
+        let sums_of = |work: &mut Scratch, group: &&[BlockPlace]| {
             control.checkpoint()?;
             let mut sums = Self::default();
             for place in *group {
@@ -178,7 +178,7 @@ impl Cross {
             Ok(sums)
         };
 
-        let sums: Result<Vec<Self>> = groups.par_iter().map_init(Work::new, sums_of).collect();
+        let sums: Result<Vec<Self>> = groups.par_iter().map_init(Scratch::new, sums_of).collect();
         sums?.iter().for_each(|sums| self.add(sums));
         Ok(())
     }
@@ -209,7 +209,7 @@ impl Cross {
 
 /// The centered kernel with these coefficients: the lower half of a spectrum, real and imaginary parts.
 pub fn kernel([re, im]: &[Vec<f32>; 2], level: Level) -> Plane<f32> {
-    let mut work = Work::new();
+    let mut work = Scratch::new();
     let block = [work.block.re.as_flattened_mut(), work.block.im.as_flattened_mut()];
     let mirror = |k: usize| (SIDE - k) % SIDE;
 
@@ -369,7 +369,7 @@ mod tests {
         let values = side().flat_map(|dy| side().map(move |dx| tap(dy, dx))).collect();
         let taps = Taps::new(reach as usize, values);
 
-        let mut work = Work::new();
+        let mut work = Scratch::new();
         for (dy, dx, value) in taps.places() {
             let wrapped = |offset: isize| offset.rem_euclid(SIDE as isize) as usize;
             let block = work.block.re.as_flattened_mut();

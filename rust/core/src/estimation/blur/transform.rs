@@ -24,7 +24,7 @@ pub struct ComplexBlock {
 }
 
 /// A block to transform, and a buffer for the transform along one axis.
-pub struct Work {
+pub struct Scratch {
     /// The block.
     pub block: ComplexBlock,
     between: ComplexBlock,
@@ -47,7 +47,7 @@ impl Default for ComplexBlock {
     }
 }
 
-impl Work {
+impl Scratch {
     /// Work on a block of zeros.
     pub fn new() -> Self {
         Self { block: ComplexBlock::default(), between: ComplexBlock::default() }
@@ -61,7 +61,7 @@ impl Work {
 
 /// The transform along y, then along x.
 struct TransformBlock<'a> {
-    work: &'a mut Work,
+    work: &'a mut Scratch,
     content: Content,
 }
 
@@ -70,7 +70,7 @@ impl Loop for TransformBlock<'_> {
 
     #[inline(always)]
     fn run(self) {
-        let Self { work: Work { block, between }, content } = self;
+        let Self { work: Scratch { block, between }, content } = self;
         let turns = turns();
 
         // Each lane holds a column.
@@ -270,7 +270,7 @@ mod tests {
     }
 
     fn transformed(block: &ComplexBlock, content: Content, level: Level) -> ComplexBlock {
-        let mut work = Work::new();
+        let mut work = Scratch::new();
 
         work.block = block.clone();
         work.transform(content, level);

@@ -12,7 +12,7 @@
 //! only the difference is seen, which is a blur of one image.
 
 use super::bank::{Entry, bank};
-use super::fit::{BlurEvidence, Fit};
+use super::fit::{BlurEvidence, BlurFit};
 use super::refine::refine;
 use phasestereo_match::base::simd::Level;
 
@@ -25,7 +25,7 @@ pub struct TwoSided {
     /// The blurs of the left and of the right image.
     pub entries: [Entry; 2],
     /// How well that of the left image explains the evidence given the other one, and the other way round.
-    pub fits: [Fit; 2],
+    pub fits: [BlurFit; 2],
 }
 
 impl TwoSided {

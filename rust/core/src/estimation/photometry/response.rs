@@ -13,7 +13,7 @@
 //! out. A prior keeps gamma near 1 where the windows do not determine it. All sums are in the order of the
 //! windows.
 
-use super::Scale;
+use super::LightScale;
 use crate::estimation::overview::{Overview, RoughMap};
 use phasestereo_match::base::linear::Normal;
 use phasestereo_match::base::math;
@@ -79,7 +79,7 @@ pub struct Contrast {
 
 /// A pair of windows that show the same.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Window {
+struct WindowPair {
     /// Means.
     left: f64,
     right: f64,
@@ -94,10 +94,15 @@ struct Window {
 impl Contrast {
     /// The contrast of the copies, whose right pixels correspond as the rough map says; `None`: too few
     /// windows do.
-    pub(super) fn new(overview: &Overview, rough: &RoughMap, scales: &[Scale; 2]) -> Option<Self> {
+    pub(super) fn new(
+        overview: &Overview,
+        rough: &RoughMap,
+        scales: &[LightScale; 2],
+    ) -> Option<Self> {
         let windows = windows(overview, rough, scales);
-        let is_unclipped = |window: &&Window| window.left + ABOVE_MEAN * window.left_spread < TOP;
-        let usable: Vec<Window> = windows.iter().filter(is_unclipped).copied().collect();
+        let is_unclipped =
+            |window: &&WindowPair| window.left + ABOVE_MEAN * window.left_spread < TOP;
+        let usable: Vec<WindowPair> = windows.iter().filter(is_unclipped).copied().collect();
         if usable.len() < LEAST_WINDOWS {
             return None;
         }
@@ -117,17 +122,17 @@ impl Contrast {
 }
 
 /// The windows of which enough is known.
-fn windows(overview: &Overview, rough: &RoughMap, scales: &[Scale; 2]) -> Vec<Window> {
+fn windows(overview: &Overview, rough: &RoughMap, scales: &[LightScale; 2]) -> Vec<WindowPair> {
     let [left, right] = &overview.planes;
     let (rows, cols) = (left.rows() / CELL, left.cols() / CELL);
 
     // Windows overlap, so sums are taken over cells first.
-    let mut cells = vec![Sums::default(); rows * cols];
+    let mut cells = vec![ResponseSums::default(); rows * cols];
     for y in (0..rows * CELL).step_by(2) {
         let (disparities, _) = rough.disparity.row(y).as_chunks::<CELL>();
         let of_row = cells[y / CELL * cols..][..cols].iter_mut().zip(disparities);
         for ((cell, disparities), first) in of_row.zip((0..).step_by(CELL)) {
-            let mut sums = Sums::default();
+            let mut sums = ResponseSums::default();
             for (x, disparity) in (first..).zip(disparities) {
                 let match_x = x as f32 - disparity;
                 // NaN is in no range.
@@ -147,7 +152,7 @@ fn windows(overview: &Overview, rough: &RoughMap, scales: &[Scale; 2]) -> Vec<Wi
     let starts = |length: usize| (0..(length + 1).saturating_sub(CELLS)).step_by(STRIDE);
     let window = |top: usize, first: usize| {
         let cell = |at: usize| cells[(top + at / CELLS) * cols + first + at % CELLS];
-        (0..CELLS * CELLS).map(cell).fold(Sums::default(), Sums::and).window()
+        (0..CELLS * CELLS).map(cell).fold(ResponseSums::default(), ResponseSums::and).window()
     };
     let of_row = |top: usize| starts(cols).filter_map(move |first| window(top, first));
     starts(rows).flat_map(of_row).collect()
@@ -155,13 +160,13 @@ fn windows(overview: &Overview, rough: &RoughMap, scales: &[Scale; 2]) -> Vec<Wi
 
 /// Sums over the known pixels of a window.
 #[derive(Debug, Clone, Copy, Default)]
-struct Sums {
+struct ResponseSums {
     count: f64,
     values: [f64; 2],
     squares: [f64; 2],
 }
 
-impl Sums {
+impl ResponseSums {
     fn add(&mut self, left: f64, right: f64) {
         self.count += 1.0;
         for (side, value) in [left, right].into_iter().enumerate() {
@@ -180,7 +185,7 @@ impl Sums {
     }
 
     /// The statistics; `None` where too little is known.
-    fn window(&self) -> Option<Window> {
+    fn window(&self) -> Option<WindowPair> {
         if self.count < LEAST_KNOWN * WINDOW as f64 {
             return None;
         }
@@ -192,11 +197,11 @@ impl Sums {
         let (left_spread, right_spread) = (spread(0, left), spread(1, right));
         let log_brightest = math::ln(right + ABOVE_MEAN * right_spread);
         let log = math::ln(right);
-        Some(Window { left, right, left_spread, right_spread, log, log_brightest })
+        Some(WindowPair { left, right, left_spread, right_spread, log, log_brightest })
     }
 }
 
-impl Window {
+impl WindowPair {
     /// The left mean that a fit expects, and how far it may be off: far where there is an edge in the window.
     fn expected(&self, gain: f64, gamma: f64) -> (f64, f64) {
         let power = gain * math::exp(gamma * self.log);
@@ -216,14 +221,14 @@ impl Window {
 }
 
 /// Gain and gamma.
-fn fitted(windows: &[Window]) -> (f64, f64) {
-    let of = |value: fn(&Window) -> f64| median(windows.iter().map(value)).unwrap_or(1.0);
+fn fitted(windows: &[WindowPair]) -> (f64, f64) {
+    let of = |value: fn(&WindowPair) -> f64| median(windows.iter().map(value)).unwrap_or(1.0);
     let (mut gain, mut gamma) = (of(|window| window.left) / of(|window| window.right), 1.0);
 
     for step in 0..STEPS.0 {
         let is_settled = step >= STEPS.1;
-        let is_used = |window: &&Window| !is_settled || window.is_below_top(gain, gamma);
-        let mut used: Vec<&Window> = windows.iter().filter(is_used).collect();
+        let is_used = |window: &&WindowPair| !is_settled || window.is_below_top(gain, gamma);
+        let mut used: Vec<&WindowPair> = windows.iter().filter(is_used).collect();
         if used.len() < LEAST_WINDOWS {
             used = windows.iter().collect();
         }
@@ -240,9 +245,9 @@ fn fitted(windows: &[Window]) -> (f64, f64) {
 }
 
 /// A step of Gauss-Newton: the changes of the logarithm of the gain, and of gamma.
-fn change(windows: &[&Window], (gain, gamma): (f64, f64), is_settled: bool) -> [f64; 2] {
+fn change(windows: &[&WindowPair], (gain, gamma): (f64, f64), is_settled: bool) -> [f64; 2] {
     let fits: Vec<(f64, f64)> = windows.iter().map(|window| window.expected(gain, gamma)).collect();
-    let scaled = |(window, (mean, variance)): (&&Window, &(f64, f64))| {
+    let scaled = |(window, (mean, variance)): (&&WindowPair, &(f64, f64))| {
         (window.left - mean).abs() / variance.sqrt()
     };
     let scaled: Vec<f64> = windows.iter().zip(&fits).map(scaled).collect();
@@ -276,7 +281,7 @@ mod tests {
     use super::*;
     use phasestereo_match::base::plane::Plane;
 
-    const WHOLE: Scale = Scale { black: 0.0, width: 1.0, unit: 1.0 };
+    const WHOLE: LightScale = LightScale { black: 0.0, width: 1.0, unit: 1.0 };
 
     /// Grays from 0.05 to 0.9 in squares of 16 pixels.
     fn gray(y: usize, x: usize) -> f64 {

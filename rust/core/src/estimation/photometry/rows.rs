@@ -120,7 +120,7 @@ pub fn repeated_windows(
     let windows = row.windows(WINDOW + LONGEST).step_by(WINDOW);
 
     let repeats = |part: &[i32]| {
-        let differences = &level.run(Differences(part))[..period.min(LONGEST)];
+        let differences = &level.run(RowDifferences(part))[..period.min(LONGEST)];
         let part = |sum: u32| f64::from(sum) / WINDOW as f64 - MEAN_OF_NOISE * noise;
 
         let largest = differences.iter().copied().max().unwrap_or(0);
@@ -134,9 +134,9 @@ pub fn repeated_windows(
 }
 
 /// The sums of differences between the first pixels and those some way on.
-struct Differences<'a>(&'a [i32]);
+struct RowDifferences<'a>(&'a [i32]);
 
-impl Loop for Differences<'_> {
+impl Loop for RowDifferences<'_> {
     type Output = [u32; LONGEST];
 
     #[inline(always)]

@@ -43,7 +43,7 @@ const WIDTHS: [f64; 8] = [0.06, 0.12, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
 const SMOOTHNESS: [f64; 3] = [10.0, 100.0, 1000.0];
 
 /// One equation of a fit.
-pub struct Point {
+pub struct Equation {
     /// The terms of the smooth field.
     pub terms: [f64; TERMS],
     /// The weights of the factors of the spline.
@@ -54,7 +54,7 @@ pub struct Point {
     pub weight: f64,
 }
 
-impl Point {
+impl Equation {
     /// The equation of a block in copies, reduced by a factor, of images of this many rows and columns.
     pub fn of_track(
         Track { place, weight }: &Track,
@@ -125,7 +125,7 @@ impl Model {
     }
 
     /// Fits the field; `None` where it is not determined.
-    pub fn fitted(&self, points: &[Point]) -> Option<RobustFit> {
+    pub fn fitted(&self, points: &[Equation]) -> Option<RobustFit> {
         let rows: Vec<[f64; MOST]> =
             points.iter().map(|point| self.row(&point.terms, &point.sway)).collect();
         let mut weights: Vec<f64> = points.iter().map(|point| point.weight).collect();
@@ -146,7 +146,7 @@ impl Model {
             }
 
             solution = factor(&normal, self.smooth)?.solved(normal.target);
-            let residual = |(row, point): (&[f64; MOST], &Point)| {
+            let residual = |(row, point): (&[f64; MOST], &Equation)| {
                 let field: f64 = (0..self.count()).map(|at| solution[at] * row[at]).sum();
                 (point.value - field).abs()
             };
@@ -240,7 +240,7 @@ impl Model {
     }
 
     /// The evidence for a spline of the row beside the smooth terms of a fit.
-    pub fn evidence(&self, points: &[Point], fit: &RobustFit) -> f64 {
+    pub fn evidence(&self, points: &[Equation], fit: &RobustFit) -> f64 {
         let rows: Vec<[f64; MOST]> =
             points.iter().map(|point| self.row(&point.terms, &point.sway)).collect();
         self.most_probable(&rows, points, &fit.weights, fit.spread).map_or(0.0, |found| found.0)
@@ -250,7 +250,7 @@ impl Model {
     fn most_probable(
         &self,
         rows: &[[f64; MOST]],
-        points: &[Point],
+        points: &[Equation],
         weights: &[f64],
         spread: f64,
     ) -> Option<(f64, Prior)> {
@@ -348,7 +348,12 @@ impl Prior {
 }
 
 /// The normal equations of points with these weights.
-fn normal(rows: &[[f64; MOST]], points: &[Point], weights: &[f64], count: usize) -> Normal<MOST> {
+fn normal(
+    rows: &[[f64; MOST]],
+    points: &[Equation],
+    weights: &[f64],
+    count: usize,
+) -> Normal<MOST> {
     let mut normal = Normal::new(count);
     for ((terms, point), weight) in rows.iter().zip(points).zip(weights) {
         normal.add(terms, point.value, *weight);
@@ -375,7 +380,7 @@ mod tests {
     const PLAIN: Model = Model { smooth: LINEAR, sways: false, excess: 1.0 };
     const SWAYING: Model = Model { sways: true, ..PLAIN };
 
-    fn points(field: &[f64; TERMS], wrong: usize) -> Vec<Point> {
+    fn points(field: &[f64; TERMS], wrong: usize) -> Vec<Equation> {
         let place = |index: usize| 2.0 * ((index * 37 % 101) as f64 / 100.0) - 1.0;
         let point = |index: usize| {
             let (x, y) = (place(index), place(7 * index + 3));
@@ -383,14 +388,14 @@ mod tests {
             let exact: f64 = field.iter().zip(terms).map(|(a, b)| a * b).sum();
             let astray = if index.is_multiple_of(wrong) { 3.0 } else { 0.0 };
             let share = 0.5 * (y + 1.0);
-            Point { terms, sway: mean_weights(share, share), value: exact + astray, weight: 1.0 }
+            Equation { terms, sway: mean_weights(share, share), value: exact + astray, weight: 1.0 }
         };
 
         (1..200).map(point).collect()
     }
 
     /// The same with noise and waves in rows whose share of the height is in a range.
-    fn waving(height: f64, rows: std::ops::Range<f64>) -> Vec<Point> {
+    fn waving(height: f64, rows: std::ops::Range<f64>) -> Vec<Equation> {
         let mut points = points(&[1.5, -2.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0], 200);
         points.retain(|point| rows.contains(&(0.5 * (point.terms[2] + 1.0))));
         for (index, point) in points.iter_mut().enumerate() {
@@ -415,19 +420,19 @@ mod tests {
 
     #[test]
     fn blocks_along_a_line_determine_no_field() {
-        let point = |index: usize| Point {
+        let point = |index: usize| Equation {
             terms: terms(index as f64 / 100.0 - 1.0, 0.5),
             sway: mean_weights(0.75, 0.75),
             value: 1.0,
             weight: 1.0,
         };
-        let points: Vec<Point> = (0..200).map(point).collect();
+        let points: Vec<Equation> = (0..200).map(point).collect();
         assert!(PLAIN.fitted(&points).is_none());
     }
 
     #[test]
     fn there_is_evidence_of_rows_that_sway_and_none_in_noise() {
-        let evidence = |points: &[Point]| {
+        let evidence = |points: &[Equation]| {
             SWAYING.evidence(points, &SWAYING.fitted(points).expect("enough points"))
         };
         assert!(evidence(&waving(0.0, 0.0..1.0)) < 1.0);

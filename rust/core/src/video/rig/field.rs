@@ -20,7 +20,7 @@ use std::array::from_fn;
 use serde::{Deserialize, Serialize};
 
 use crate::estimation::facts::SUFFICIENT;
-use crate::estimation::rows::robust::{Model, Point, RobustFit};
+use crate::estimation::rows::robust::{Equation, Model, RobustFit};
 use crate::estimation::rows::{RowOffsets, SUSPICION};
 use crate::estimation::tracks::{Seed, Track};
 
@@ -44,7 +44,7 @@ const MOST_BLOCKS: usize = 1 << 20;
 /// Rounding that a covariance may have, as a share of its diagonal.
 const ROUNDING: f64 = 1e-9;
 
-type Matrix = [[f64; TERMS]; TERMS];
+type Covariance = [[f64; TERMS]; TERMS];
 
 /// The field and its covariance.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -55,14 +55,14 @@ pub struct FieldFilter {
     /// What a frame changes.
     pub drift: [f64; TERMS],
     /// The covariance of the coefficients.
-    pub covariance: Matrix,
+    pub covariance: Covariance,
     /// Blocks that the last frame agreed on it with, and their spread, pixels.
     pub agreement: (usize, f64),
 }
 
 /// What the blocks of a frame say of the rows.
 pub struct Innovation {
-    points: Vec<Point>,
+    points: Vec<Equation>,
     /// A plane through what they are off the field.
     plane: RobustFit,
     /// Root mean square of the plane over the image, pixels.
@@ -184,10 +184,10 @@ impl FieldFilter {
     /// What the blocks of a frame say; `None`: too little.
     pub fn innovation(&self, tracks: &[Track]) -> Option<Innovation> {
         let point = |track: &Track| {
-            let point = Point::of_track(track, self.size, 1);
-            Point { value: point.residual(&self.value), ..point }
+            let point = Equation::of_track(track, self.size, 1);
+            Equation { value: point.residual(&self.value), ..point }
         };
-        let mut points: Vec<Point> = tracks.iter().map(point).collect();
+        let mut points: Vec<Equation> = tracks.iter().map(point).collect();
         if points.len() < LEAST_BLOCKS {
             return None;
         }
@@ -242,21 +242,21 @@ impl FieldFilter {
 }
 
 /// Whether there is much evidence that rows sway.
-fn sways(points: &[Point]) -> bool {
+fn sways(points: &[Equation]) -> bool {
     let model = Model { sways: true, ..PLANE };
     let fit = model.fitted(points);
     fit.is_some_and(|fit| model.evidence(points, &fit) >= SUFFICIENT)
 }
 
 /// Whether a matrix may be a covariance: symmetric and without negative eigenvalues, but for rounding.
-fn is_covariance(matrix: &Matrix) -> bool {
+fn is_covariance(matrix: &Covariance) -> bool {
     let deviations: [f64; TERMS] = from_fn(|at| matrix[at][at].sqrt());
     if !deviations.iter().all(|deviation| (0.0..=LARGEST_OFFSET).contains(deviation)) {
         return false;
     }
     // As correlations, of which rounding is a share of 1.
     let divisors = deviations.map(|deviation| if deviation > 0.0 { deviation } else { 1.0 });
-    let mut matrix: Matrix =
+    let mut matrix: Covariance =
         from_fn(|row| from_fn(|col| matrix[row][col] / (divisors[row] * divisors[col])));
     let is_symmetric = (0..TERMS)
         .all(|row| (0..row).all(|col| (matrix[row][col] - matrix[col][row]).abs() <= ROUNDING));

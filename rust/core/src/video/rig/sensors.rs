@@ -9,7 +9,7 @@ use crate::estimation::blur::{Blur, Side};
 
 /// A kind of blur.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Kind {
+pub struct BlurKind {
     /// The softer image: 1 the left one, 2 the right one, 0 neither.
     pub side: u8,
     /// The point-spread function, if a family explains the blur.
@@ -22,7 +22,7 @@ pub struct Kind {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct BlurMap {
     /// The kinds, that of the largest area first.
-    pub kinds: Vec<Kind>,
+    pub kinds: Vec<BlurKind>,
     /// Rows and columns of tiles.
     pub tiles: (usize, usize),
     /// Side of a tile, pixels.
@@ -56,7 +56,7 @@ impl Sensors {
         let blur = found.blur.as_ref().map(|blur| {
             let (rows, cols, labels) = &blur.labels;
             BlurMap {
-                kinds: blur.blurs.iter().map(Kind::new).collect(),
+                kinds: blur.blurs.iter().map(BlurKind::new).collect(),
                 tiles: (*rows, *cols),
                 side: blur.tile,
                 labels: labels.clone(),
@@ -68,7 +68,7 @@ impl Sensors {
     }
 }
 
-impl Kind {
+impl BlurKind {
     fn new(blur: &Blur) -> Self {
         let side = match blur.side {
             None => 0,

@@ -6,7 +6,7 @@
 //! leave.
 
 use super::events::{Event, Steady};
-use super::sensors::{BlurMap, Kind, Sensors};
+use super::sensors::{BlurKind, BlurMap, Sensors};
 use super::{Geometry, Rig};
 use crate::rectification::{Raw, Rectification};
 use crate::video::choices::MOST_EVENTS;
@@ -144,7 +144,7 @@ fn fault_of_sensors(sensors: &Sensors, frames: u64) -> Option<&'static str> {
 }
 
 fn is_blur_map(BlurMap { kinds, tiles, side, labels, certainty }: &BlurMap) -> bool {
-    let is_kind = |Kind { side, psf, spread }: &Kind| {
+    let is_kind = |BlurKind { side, psf, spread }: &BlurKind| {
         let sizes = psf.map_or([0.0; 3], |psf| [psf.size, psf.angle, psf.inner]);
         *side <= 2 && (0.0..=LARGEST).contains(spread) && is_moderate(&sizes)
     };
