@@ -31,10 +31,10 @@ demo: $(VENV)/harness ## Render a pair, spoil one image, match it, print the sco
 	$(BIN)/phasestereo demo --output demo
 
 test: $(VENV)/counterparts ## Build and run all the tests on every core; on two 20 minutes the first time, then 7 (PHASESTEREO_DATA: the real pairs, default ../shared)
-	CARGO_PROFILE_TEST_OPT_LEVEL=0 cargo test --locked --lib
-	cargo test --locked --test '*'
-	cargo test --locked --doc
-	cargo build --locked --profile test --lib --test '*' # tests in Python link to the C library
+	CARGO_PROFILE_TEST_OPT_LEVEL=0 cargo test --locked --all-features --lib
+	cargo test --locked --all-features --test '*'
+	cargo test --locked --all-features --doc
+	cargo build --locked --all-features --profile test --lib --test '*' # tests in Python link to the C library
 	$(BIN)/python -m pytest --numprocesses auto --dist worksteal
 	$(MAKE) test-wheel
 
@@ -46,8 +46,8 @@ test-wheel: $(VENV)/ready $(CORE) ## Try the wheel in an empty environment; with
 		CARGO_TARGET_DIR="$(CURDIR)/target" $(BIN)/python tests/smoke_wheel.py target/wheel/*.tar.gz; }
 
 test-core: $(VENV)/harness $(VENV)/dev ## Test the matcher alone: its stages and its Python face
-	CARGO_PROFILE_TEST_OPT_LEVEL=0 cargo test --locked --lib
-	cargo test --locked --test rust
+	CARGO_PROFILE_TEST_OPT_LEVEL=0 cargo test --locked --all-features --lib
+	cargo test --locked --all-features --test rust
 	$(BIN)/python -m pytest --numprocesses auto --dist worksteal tests/core --ignore tests/core/test_c.py
 
 # The libraries that it needs are not optimized, so that they compile in two minutes. On Debian: mesa-vulkan-drivers.
@@ -81,8 +81,8 @@ mutants: $(TOOLS)/cargo-mutants $(VENV)/ready ## Change the core in 33 places, o
 
 lint: $(VENV)/counterparts ## Check formats, lints, types, stubs and the documentation of the code, about a minute
 	cargo fmt --all --check
-	cargo clippy --locked --workspace --exclude phasestereo-gpu --all-targets -- --deny warnings
-	RUSTDOCFLAGS="--deny warnings" cargo doc --locked --no-deps --document-private-items --quiet
+	cargo clippy --locked --workspace --exclude phasestereo-gpu --all-targets --all-features -- --deny warnings
+	RUSTDOCFLAGS="--deny warnings" cargo doc --locked --no-deps --all-features --document-private-items --quiet
 	$(BIN)/ruff format --check
 	$(BIN)/ruff check
 	$(BIN)/lint-imports

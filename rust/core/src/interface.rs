@@ -1,5 +1,9 @@
 //! The interface of the crate: whole matches of images that are slices, on threads that are kept.
 
+#[cfg(feature = "ndarray")]
+mod arrays;
+#[cfg(feature = "image")]
+mod decoded;
 pub mod image;
 pub mod rig;
 
