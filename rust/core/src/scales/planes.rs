@@ -237,18 +237,19 @@ impl Scene<'_> {
         first: Vec<Option<Drawn>>,
         detail: &Detail,
     ) -> Result<(Vec<Drawn>, Option<Plane<bool>>)> {
-        let without: Vec<_> = areas
-            .iter()
-            .zip(&first)
-            .filter(|(_, drawn)| drawn.is_none())
-            .map(|(area, _)| area)
-            .collect();
+        let faint = detail.is_rounded().then(|| detail.at_most(FAINT));
+        // Without faint pixels a second attempt would be the first one.
+        let is_other = |area: &FlatArea| {
+            faint.as_ref().is_some_and(|faint| {
+                let (mut rows, cols) = self.wider(area, RING);
+                rows.any(|y| faint.row(y)[cols.clone()].contains(&true))
+            })
+        };
+        let without = areas.iter().zip(&first).filter(|(_, drawn)| drawn.is_none());
+        let without: Vec<_> = without.map(|(area, _)| area).filter(|area| is_other(area)).collect();
         let mut all: Vec<Drawn> = first.into_iter().flatten().collect();
-        if without.is_empty() || !detail.is_rounded() {
-            return Ok((all, None));
-        }
+        let Some(faint) = faint.filter(|_| !without.is_empty()) else { return Ok((all, None)) };
 
-        let faint = detail.at_most(FAINT);
         let places = self.confidence.as_slice().iter().zip(faint.as_slice());
         let bounded = places.map(|(own, faint)| if *faint { own.min(UNSEEN) } else { *own });
         let mut confidence = Plane::new(faint.rows(), faint.cols())?;
