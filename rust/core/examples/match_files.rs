@@ -9,7 +9,7 @@
 use std::error::Error;
 
 use image::{ImageBuffer, Luma};
-use phasestereo::{Image, Matcher, Settings};
+use phasestereo::{Image, Matcher, Plane, Settings};
 
 /// Steps of the file for each pixel of disparity.
 const STEPS: f32 = 256.0;
@@ -36,7 +36,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let file = ImageBuffer::<Luma<u16>, _>::from_raw(size.0, size.1, steps.collect::<Vec<_>>());
     file.ok_or("a map without pixels")?.save(target)?;
 
-    let trusted = found.confidence.iter().flat_map(|plane| plane.as_slice());
+    let trusted = found.confidence.iter().flat_map(Plane::as_slice);
     let share =
         trusted.map(|odds| f64::from(*odds > 0.5)).sum::<f64>() / map.as_slice().len() as f64;
     println!("{target}: {:.0} % of the pixels have a confidence of more than .5", 100.0 * share);

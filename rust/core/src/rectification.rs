@@ -768,18 +768,16 @@ mod tests {
     }
 
     #[test]
-    fn a_pair_whose_rows_correspond_is_rectified_only_if_that_is_asked_for() {
+    fn a_pair_is_left_alone_only_if_its_rows_correspond() {
         let aim = Aim { is_only_if_needed: true, ..Aim::ASKED };
         let pair = |turn: f64| {
             let mut numbers = [0.0; NUMBERS];
             numbers[13] = turn;
             scene::pair(&Cameras::new(numbers, USUAL, SIZE), SIZE, 6)
         };
-        let (equal, turned) = (pair(0.0), pair(-2.0));
-        assert_eq!(found(&equal, aim).err(), Some(Refusal::NotNeeded));
-        assert!(found(&equal, Aim::ASKED).is_ok());
-        let cameras = [aim, Aim::ASKED].map(|aim| found(&turned, aim).expect("a pair").cameras);
-        assert_eq!(cameras[0], cameras[1]);
+        assert_eq!(found(&pair(0.0), aim).err(), Some(Refusal::NotNeeded));
+        let turned = found(&pair(-2.0), aim).expect("a pair");
+        assert!(turned.rows > 3.0 * turned.rms, "{} {}", turned.rows, turned.rms);
     }
 
     #[test]

@@ -283,13 +283,12 @@ fn rectify_pairs<'py>(
     Ok((matrices, found.error, findings::rectification(&found)))
 }
 
-/// The right image at the size of the left one, its mask, and the matrix that leads there from its pixels.
+/// An image of another size, its mask, and the matrix that leads there from its pixels.
+type Resized<'py> = (Object<'py>, Option<Bound<'py, PyArray2<bool>>>, Bound<'py, PyArray2<f64>>);
+
+/// The right image at the size of the left one.
 #[pyfunction]
-fn fit_right<'py>(
-    py: Python<'py>,
-    images: Both<'py>,
-    masks: Both<'py>,
-) -> Result<(Object<'py>, Option<Bound<'py, PyArray2<bool>>>, Bound<'py, PyArray2<f64>>)> {
+fn fit_right<'py>(py: Python<'py>, images: Both<'py>, masks: Both<'py>) -> Result<Resized<'py>> {
     let [left, right] = read_inputs(&images, &masks)?;
     let (fitted, matrix) = resized_right([&left, &right])?;
     let mask = fitted.mask.map(|mask| wrap(py, mask)).transpose()?;
