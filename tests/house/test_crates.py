@@ -14,7 +14,8 @@ RUST = ROOT / "rust"
 MOST_PUBLIC = 27  # types, traits and aliases at the root of the core
 BELOW = {
     "match": {"libm", "ndarray", "rayon", "thiserror"},
-    "core": {"libm", "ndarray", "phasestereo-match", "rayon", "serde", "serde_json", "thiserror"},
+    "core": {"libm", "ndarray", "phasestereo-match", "rayon", "serde", "serde_json", "thiserror"}
+    | {"image"},  # optional
 }
 FLOORS = {
     "match": "base choices settings image pair descriptor cost optimization refinement matcher",

@@ -283,16 +283,18 @@ fn rectify_pairs<'py>(
     Ok((matrices, found.error, findings::rectification(&found)))
 }
 
-/// An image of another size, its mask, and the matrix that leads there from its pixels.
-type Resized<'py> = (Object<'py>, Option<Bound<'py, PyArray2<bool>>>, Bound<'py, PyArray2<f64>>);
-
-/// The right image at the size of the left one.
+/// The right image at the size of the left one, its mask, and the matrix that leads there from its pixels.
 #[pyfunction]
-fn fit_right<'py>(py: Python<'py>, images: Both<'py>, masks: Both<'py>) -> Result<Resized<'py>> {
+fn fit_right<'py>(
+    py: Python<'py>,
+    images: Both<'py>,
+    masks: Both<'py>,
+) -> Result<(Object<'py>, Object<'py>, Object<'py>)> {
     let [left, right] = read_inputs(&images, &masks)?;
     let (fitted, matrix) = resized_right([&left, &right])?;
     let mask = fitted.mask.map(|mask| wrap(py, mask)).transpose()?;
-    Ok((objects::pixels(py, fitted.image), mask, arr2(&matrix).into_pyarray(py)))
+    let mask = mask.map_or_else(|| py.None().into_bound(py), Bound::into_any);
+    Ok((objects::pixels(py, fitted.image), mask, arr2(&matrix).into_pyarray(py).into_any()))
 }
 
 /// The estimates of a pair, without a match: of the rectified one, where a match would rectify it, if asked.
