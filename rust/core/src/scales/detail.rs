@@ -17,7 +17,7 @@ use crate::scales::flat_areas::{grown, shrunk};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
-use phasestereo_match::base::simd::{Level, whole};
+use phasestereo_match::base::simd::{Level, Loop, whole};
 use phasestereo_match::image::window_sums::{Beyond, Windows};
 
 /// Parts of a step of gray values that a rest has.
@@ -48,14 +48,11 @@ impl Detail {
         let rest = Plane::by_bands(size, BAND, |first, band| {
             control.checkpoint()?;
             let values = |y: usize| gray.row(y).iter().map(|gray| [*gray]);
-            let rest = |y: usize, x: usize, [sum]: [i32; 1]| {
-                let count = means.pixels(y, x) as i32;
-                let parts = PARTS * (count * gray.row(y)[x] - sum);
-                // Exact: floats of such quotients are finer than one part of the largest window.
-                let rest = parts.clamp(-MOST * count, MOST * count) as f32 / count as f32;
-                whole(rest) as i32
-            };
-            means.write((first, band), values, rest, level)
+            means.write((first, band), values, |_, _, [sum]: [i32; 1]| sum, level)?;
+            for (y, rests) in (first..).zip(band.chunks_exact_mut(size.1)) {
+                level.run(Rest { means, y, gray: gray.row(y), rests });
+            }
+            Ok(())
         })?;
 
         let around = windows(DETAIL_RADIUS);
@@ -92,5 +89,29 @@ impl Detail {
         let wide = shrunk(&blank, BLANK_LEAST, level, control)?;
         let wide = grown(&wide, BLANK_LEAST, level, control)?;
         shrunk(&wide, BLANK_DEPTH, level, control).map(Some)
+    }
+}
+
+/// Makes rests of the sums of gray values over the windows of row `y`.
+struct Rest<'a> {
+    means: Windows,
+    y: usize,
+    gray: &'a [i32],
+    rests: &'a mut [i32],
+}
+
+impl Loop for Rest<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { means, y, gray, rests } = self;
+        for (x, (rest, gray)) in rests.iter_mut().zip(gray).enumerate() {
+            let count = means.pixels(y, x) as i32;
+            let parts = PARTS * (count * gray - *rest);
+            // Exact: floats of such quotients are finer than one part of the largest window.
+            let quotient = parts.clamp(-MOST * count, MOST * count) as f32 / count as f32;
+            *rest = whole(quotient) as i32;
+        }
     }
 }

@@ -84,8 +84,8 @@ impl Windows {
     where
         T: Copy + Default + AddAssign + SubAssign,
     {
-        let reach = self.radius as isize;
-        let column = |x: isize| self.place(x, columns.len()).map(|x| columns[x]);
+        let (reach, cols) = (self.radius as isize, columns.len());
+        let column = |x: isize| self.place(x, cols).map(|x| columns[x]);
 
         let mut sum = [T::default(); N];
         for x in -reach..reach {
@@ -93,15 +93,30 @@ impl Windows {
                 add(&mut sum, values);
             }
         }
-        for (x, out) in (0..).zip(sums) {
-            if let Some(values) = column(x + reach) {
-                add(&mut sum, values);
+        let slide = |sum: &mut [T; N], first: usize, sums: &mut [[T; N]]| {
+            for (x, out) in (first as isize..).zip(sums) {
+                if let Some(values) = column(x + reach) {
+                    add(sum, values);
+                }
+                *out = *sum;
+                if let Some(values) = column(x - reach) {
+                    subtract(sum, values);
+                }
             }
+        };
+
+        // Most windows lie within the row.
+        let side = if cols > 2 * self.radius { self.radius } else { cols };
+        let (left, rest) = sums.split_at_mut(side);
+        let (inside, right) = rest.split_at_mut(rest.len().saturating_sub(side));
+        slide(&mut sum, 0, left);
+        let ends = columns.iter().zip(columns.iter().skip(2 * self.radius));
+        for (out, (first, last)) in inside.iter_mut().zip(ends) {
+            add(&mut sum, *last);
             *out = sum;
-            if let Some(values) = column(x - reach) {
-                subtract(&mut sum, values);
-            }
+            subtract(&mut sum, *first);
         }
+        slide(&mut sum, cols - right.len(), right);
     }
 
     /// The place of the plane whose values count at this one, which may lie beyond it.
