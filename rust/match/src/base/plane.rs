@@ -38,9 +38,12 @@ impl<T> Plane<T> {
 
     /// Calls `value(y, x)` for every place.
     pub fn from_fn(rows: usize, cols: usize, mut value: impl FnMut(usize, usize) -> T) -> Self {
-        let data = (0..rows).flat_map(|y| (0..cols).map(move |x| (y, x)));
+        let mut data = Vec::with_capacity(rows * cols);
+        for y in 0..rows {
+            data.extend((0..cols).map(|x| value(y, x)));
+        }
 
-        Self { rows, cols, data: data.map(|(y, x)| value(y, x)).collect() }
+        Self { rows, cols, data }
     }
 
     /// The plane turned by a quarter, counterclockwise: columns become rows, the last one the first row.
