@@ -106,12 +106,12 @@ impl Windows {
         };
 
         // Most windows lie within the row.
-        let side = if cols > 2 * self.radius { self.radius } else { cols };
-        let (left, rest) = sums.split_at_mut(side);
-        let (inside, right) = rest.split_at_mut(rest.len().saturating_sub(side));
+        let ends = if cols > 2 * self.radius { self.radius } else { cols };
+        let (left, rest) = sums.split_at_mut(ends);
+        let (inside, right) = rest.split_at_mut(rest.len().saturating_sub(ends));
         slide(&mut sum, 0, left);
-        let ends = columns.iter().zip(columns.iter().skip(2 * self.radius));
-        for (out, (first, last)) in inside.iter_mut().zip(ends) {
+        let outer = columns.iter().zip(columns.iter().skip(2 * self.radius));
+        for (out, (first, last)) in inside.iter_mut().zip(outer) {
             add(&mut sum, *last);
             *out = sum;
             subtract(&mut sum, *first);
