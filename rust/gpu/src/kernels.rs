@@ -18,7 +18,7 @@ const SUMMED_COLUMNS: u32 = 32;
 const SUMMED_ROWS: u32 = 64;
 const CHOSEN_COLUMNS: u32 = 64;
 
-/// Task, left and right codes, jumps; costs, totals, totals from below, and what is found.
+/// Task, left and right codes, pixels; costs, totals, totals from below, and what is found.
 const BUFFERS: usize = 8;
 const FOUND: usize = BUFFERS - 1;
 
@@ -66,7 +66,7 @@ impl Memory {
         let volume = task.volume_bytes();
         let from_below = if task.is_along_columns { volume } else { 4 };
         let found = (task.rows() * task.cols * PIXEL_WORDS * 4) as u64;
-        let inputs = [bytemuck::cast_slice(&task.numbers), &task.left, &task.right, &task.jumps];
+        let inputs = [bytemuck::cast_slice(&task.numbers), &task.left, &task.right, &task.pixels];
         let sizes = inputs.map(|bytes| bytes.len() as u64);
         let sizes = sizes.into_iter().chain([volume, volume, from_below, found]);
 

@@ -21,8 +21,7 @@
 //!
 //! It takes searches by the optimizers `"so"` and `"sgm"`, by phase codes and fixed windows of up to 31
 //! pixels, where a byte holds every total (as with the presets `fast` and `robust`). It leaves to the
-//! processor: masks, several versions of the right image (blur compensation with kernels), ranges by panel,
-//! and volumes that its memory does not hold.
+//! processor: masks, ranges by panel, and volumes that its memory does not hold.
 //!
 //! `search.wgsl` has all kernels and describes them. It needs no optional feature of WebGPU. All arithmetic
 //! is that of integers, so a driver either computes the bits of the core or is wrong; its

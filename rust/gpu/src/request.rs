@@ -9,6 +9,7 @@ use phasestereo_match::optimization::engine::Chunk;
 use phasestereo_match::optimization::evidence::{Evidence, EvidenceRow, NONE};
 use phasestereo_match::optimization::memory::Width;
 use phasestereo_match::optimization::{BAND, LOOKAHEAD_ROWS, subpixel};
+use phasestereo_match::pair::blur_compensation::MOST_CLASSES;
 use phasestereo_match::settings::Optimizer;
 use rayon::prelude::*;
 
@@ -16,6 +17,9 @@ use crate::kernels;
 
 /// Words that are found of each pixel.
 pub const PIXEL_WORDS: usize = 3;
+/// Bits of a pixel's byte below its version of the right image; the others hold all that there may be.
+const VERSION_SHIFT: u32 = 4;
+const _: () = assert!(MOST_CLASSES <= 1 << (u8::BITS - VERSION_SHIFT));
 /// Largest radius of a window: the threads that sum are 32 columns.
 const MOST_RADIUS: usize = 15;
 
@@ -36,7 +40,7 @@ pub struct Task {
     pub numbers: [u32; 20],
     pub left: Vec<u8>,
     pub right: Vec<u8>,
-    pub jumps: Vec<u8>,
+    pub pixels: Vec<u8>,
     pub cols: usize,
     pub words: u32,
     pub radius: usize,
@@ -58,16 +62,19 @@ impl<'a> Request<'a> {
             Optimizer::DynamicProgramming | Optimizer::WinnerTakesAll => return None,
         };
         let is_plain = search.ranges.is_none() && *width == Width::Bytes;
-        let has_window = !source.window.shiftable && source.window.radius() <= MOST_RADIUS;
+        let radius = source.window.radius();
+        let has_window = !source.window.shiftable && radius <= MOST_RADIUS;
 
         let words = search.candidates.div_ceil(4);
         let threads = words as u32 * kernels::paths(words as u32);
         let has_threads = threads <= limits.max_compute_invocations_per_workgroup
             && words as u32 <= limits.max_compute_workgroup_size_x;
 
-        let most =
-            most_bytes.min(limits.max_storage_buffer_binding_size).min(limits.max_buffer_size);
-        let rows = most as usize / (search.size.1 * words * 4);
+        let largest = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
+        let volume = search.size.1 * words.max(PIXEL_WORDS) * 4;
+        let right = codes.rights.iter().map(|right| right.cols()).sum::<usize>();
+        let rows = (most_bytes.min(largest) as usize / volume)
+            .min((largest as usize / right).saturating_sub(2 * radius));
         let ahead = if is_along_columns { 2 * LOOKAHEAD_ROWS } else { 0 };
         let bands = rows.saturating_sub(ahead) / BAND;
 
@@ -104,7 +111,7 @@ impl<'a> Request<'a> {
             [seen.start, seen.end, chosen.start, chosen.end].map(|y| (y - rows.start) as u32);
 
         let [whole, half, third] = search.penalties.adaptive_p2().map(|p2| p2 as u32);
-        let places = self.codes.right.cols() / self.codes.bytes;
+        let places = self.codes.rights[0].cols() / self.codes.bytes;
         let numbers = [
             [cols, rows.len(), search.candidates, self.codes.bytes].map(|n| n as u32),
             [places as u32, radius as u32, source.window.dropped, search.penalties.p1 as u32],
@@ -113,12 +120,11 @@ impl<'a> Request<'a> {
             [(band - rows.start as isize) as u32, 0, 0, 0],
         ];
 
-        let jumps = rows.clone().flat_map(|y| search.edges.row(y)).copied().collect();
         Task {
             numbers: bytemuck::cast(numbers),
-            left: bytes(self.codes.left, &rows),
-            right: bytes(self.codes.right, &rows),
-            jumps: whole_words(jumps),
+            left: bytes(&[self.codes.left], &rows),
+            right: bytes(&self.codes.rights, &rows),
+            pixels: self.pixels(&rows),
             cols,
             words: self.words as u32,
             radius,
@@ -127,6 +133,21 @@ impl<'a> Request<'a> {
             seen,
             bands: bands.len(),
         }
+    }
+
+    /// Of each pixel of some rows a byte: the jumps from its neighbors, and the version of the right image that
+    /// it is compared with.
+    fn pixels(&self, rows: &Range<usize>) -> Vec<u8> {
+        let mut pixels = Vec::new();
+        for y in rows.clone() {
+            let start = pixels.len();
+            pixels.extend_from_slice(self.chunk.search.edges.row(y));
+            if let Some(labels) = self.codes.labels {
+                let row = pixels[start..].iter_mut().zip(labels.row(y));
+                row.for_each(|(pixel, label)| *pixel |= label << VERSION_SHIFT);
+            }
+        }
+        whole_words(pixels)
     }
 
     /// Writes what was found of a part, whose first row is row `first` of the evidence.
@@ -202,9 +223,12 @@ impl Row {
     }
 }
 
-/// Some rows of a plane.
-fn bytes(plane: &Plane<u8>, rows: &Range<usize>) -> Vec<u8> {
-    whole_words(plane.as_slice()[rows.start * plane.cols()..rows.end * plane.cols()].to_vec())
+/// Some rows of each of some planes.
+fn bytes(planes: &[&Plane<u8>], rows: &Range<usize>) -> Vec<u8> {
+    let part = |plane: &&Plane<u8>| {
+        plane.as_slice()[rows.start * plane.cols()..rows.end * plane.cols()].to_vec()
+    };
+    whole_words(planes.iter().flat_map(part).collect())
 }
 
 /// Bytes up to the end of a word.

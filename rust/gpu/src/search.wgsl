@@ -49,8 +49,8 @@ struct Task {
 
 @group(0) @binding(0) var<uniform> task: Task;
 @group(0) @binding(1) var<storage, read> left_codes: array<u32>;   // bytes: row, byte of the code, column
-@group(0) @binding(2) var<storage, read> right_codes: array<u32>;  // bytes: row, byte of the code, place
-@group(0) @binding(3) var<storage, read> jumps: array<u32>;        // bytes: row, column, see `p2_from`
+@group(0) @binding(2) var<storage, read> right_codes: array<u32>;  // bytes: version, row, byte of the code, place
+@group(0) @binding(3) var<storage, read> pixels: array<u32>;       // bytes: row, column, see `pixel`
 @group(0) @binding(4) var<storage, read_write> costs: array<u32>;
 @group(0) @binding(5) var<storage, read_write> totals: array<u32>;
 @group(0) @binding(6) var<storage, read_write> from_below: array<u32>;
@@ -73,6 +73,13 @@ fn mean(a: u32, b: u32) -> u32 {
     return (a | b) - (((a ^ b) >> 1u) & 0x7f7f7f7fu);
 }
 
+// The byte of a pixel: in bits 0 and 1 the size of the jump from above, in bits 2 and 3 that from the left, in
+// the others the version of the right image that it is compared with.
+fn pixel(y: i32, x: i32) -> u32 {
+    let at = u32(y * task.cols + x);
+    return (pixels[at / 4u] >> (at % 4u * 8u)) & 255u;
+}
+
 // The word of the first four candidates of a pixel that has costs.
 fn place(y: i32, x: i32) -> u32 {
     return u32((y - task.top) * task.cols + x) * WORDS;
@@ -88,13 +95,16 @@ const SUMMED_ROWS: i32 = 64;
 var<workgroup> column_sums: array<u32, SUMMED_WORDS * SUMMED_COLUMNS>;
 
 fn distances(y: i32, x: i32, word: u32) -> u32 {
-    let plane = u32(clamp(y, 0, task.rows - 1)) * task.code_bytes;
+    let row = clamp(y, 0, task.rows - 1);
+    let version = pixel(row, x) >> 4u;
     var sum = 0u;
-    for (var byte = plane; byte < plane + task.code_bytes; byte++) {
+    for (var i = 0u; i < task.code_bytes; i++) {
+        let byte = u32(row) * task.code_bytes + i;
         let left_at = byte * u32(task.cols) + u32(x);
         let left = (left_codes[left_at / 4u] >> (left_at % 4u * 8u)) & 255u;
         // Four bytes from any place on are parts of two words.
-        let right_at = byte * task.right_places + u32(task.cols - 1 - x) + 4u * word;
+        let right_row = version * u32(task.rows) * task.code_bytes + byte;
+        let right_at = right_row * task.right_places + u32(task.cols - 1 - x) + 4u * word;
         let shift = right_at % 4u * 8u;
         let low = right_codes[right_at / 4u] >> shift;
         let high = right_codes[right_at / 4u + 1u] << ((32u - shift) % 32u);
@@ -155,11 +165,9 @@ var<workgroup> outermost: array<vec2<u32>, 2u * WORDS * PATHS>;  // first and la
 var<workgroup> depth: array<atomic<u32>, 3u * PATHS>;
 const FAR: u32 = 0x10000u;
 
-// P2 after the jump to a pixel. Of its byte, bits 0 and 1 are the size of the jump from above, bits 2 and 3
-// the size of that from the left.
+// P2 after the jump to a pixel, from its byte.
 fn p2_from(y: i32, x: i32, shift: u32) -> u32 {
-    let at = u32(min(y, task.rows - 1) * task.cols + min(x, task.cols - 1));
-    return task.p2[(jumps[at / 4u] >> (at % 4u * 8u + shift)) & 3u];
+    return task.p2[(pixel(min(y, task.rows - 1), min(x, task.cols - 1)) >> shift) & 3u];
 }
 fn p2_from_above(y: i32, x: i32) -> u32 { return p2_from(y, x, 0u); }
 fn p2_from_left(y: i32, x: i32) -> u32 { return p2_from(y, x, 2u); }

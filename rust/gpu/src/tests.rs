@@ -7,13 +7,15 @@ use std::sync::{Arc, Mutex};
 
 use ndarray::Array3;
 use phasestereo_match::base::control::Control;
+use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
+use phasestereo_match::image::convolution::Kernel;
 use phasestereo_match::image::pixels::{Image, Input};
 use phasestereo_match::matcher::section::Section;
 use phasestereo_match::matcher::{Execution, Matcher};
 use phasestereo_match::optimization::Workspace;
 use phasestereo_match::pair::Pair;
-use phasestereo_match::pair::blur_compensation::BlurCompensation;
+use phasestereo_match::pair::blur_compensation::{BlurCompensation, MOST_CLASSES};
 use phasestereo_match::settings::presets::Preset;
 use phasestereo_match::settings::{Optimizer, Precision, Settings};
 use proptest::prelude::*;
@@ -138,9 +140,26 @@ fn pair((rows, cols): (usize, usize), (min, count): (i64, i64), white: u64, seed
         Image::U8(image).into()
     };
     let pair = Pair::of_inputs([image(0), image(1)], min, count).expect("a legal pair");
-    let noise = BlurCompensation::of_noise([1.0; 2]).expect("legal noise");
+    compensated(pair, vec![[None, None]], 1)
+}
+
+/// A pair whose classes have these kernels, in tiles of this size.
+fn compensated(pair: Pair, kernels: Vec<[Option<Kernel>; 2]>, tile: usize) -> Pair {
+    let label = |y, x| (hash(9, y, x) % kernels.len() as u64) as u8;
+    let labels = Plane::from_fn(20, 20, label);
+    let found = BlurCompensation::new([1.0; 2], kernels, labels, tile).expect("legal kernels");
     let (level, control) = (Level::best(), Control::default());
-    pair.with_blur_compensation(Some(noise), level, &control).expect("memory")
+    pair.with_blur_compensation(Some(found), level, &control).expect("memory")
+}
+
+/// As many kernels of the right image as there may be, each of another size.
+fn kernels() -> Vec<[Option<Kernel>; 2]> {
+    let kernel = |n: usize| {
+        let (rows, cols) = (1 + n % 4 * 2, 1 + n / 4 * 2);
+        let taps = Plane::from_fn(rows, cols, |_, _| 1.0 / (rows * cols) as f64);
+        Kernel::new(&taps).expect("legal taps")
+    };
+    (0..MOST_CLASSES).map(|n| [None, (n > 0).then(|| kernel(n))]).collect()
 }
 
 /// Settings near those of the presets that a GPU takes.
@@ -182,6 +201,9 @@ fn jobs() -> impl Strategy<Value = Job> {
             let count = 1 + count.index(cols.min(80));
             let min = 1 - cols as i64 - (count as i64 - 1) + min.index(2 * cols + count - 2) as i64;
             let pair = pair((rows, cols), (min, count as i64), shown.0, shown.1);
+            let has_versions = shown.1.is_multiple_of(3);
+            let tile = 1 + (shown.1 >> 8) as usize % 40;
+            let pair = if has_versions { compensated(pair, kernels(), tile) } else { pair };
 
             let start = start.index(rows);
             let rows = start..start + 1 + length.index(rows - start);
@@ -235,6 +257,9 @@ fn any_search_has_the_bits_of_the_core() {
 /// A pair with several panels, bands and workgroups, whose every kernel counts.
 fn large(optimizer: Optimizer, count: i64) -> Job {
     let pair = pair((150, 201), (-3, count), 254, 3);
+    // Along columns, the right image has several versions, too.
+    let has_versions = optimizer == Optimizer::SemiGlobal;
+    let pair = if has_versions { compensated(pair, kernels(), 17) } else { pair };
     let settings = Settings { optimizer, ..Preset::Robust.settings() };
     Job { section: Section::whole(&pair), pair, settings, most_bytes: MOST_BYTES }
 }
@@ -271,6 +296,7 @@ fn every_line_of_the_shader_that_keeps_order_or_rounds_counts() {
     }
 
     let changes = [
+        ("version * u32(task.rows)", "0u * u32(task.rows)"),
         ("turn % 2u", "0u"),
         ("turn % 3u * PATHS", "turn % 2u * PATHS"),
         ("(turn + 1u) % 3u", "(turn + 2u) % 3u"),

@@ -348,11 +348,10 @@ impl<'a> Costs<'a> {
         self.searched().runs()
     }
 
-    /// The codes whose Hamming distances the costs are; `None`: the costs are others, an image has a mask, or
-    /// the right image has several versions.
+    /// The codes whose Hamming distances the costs are; `None`: the costs are others, or an image has a mask.
     pub fn codes(&self) -> Option<Codes<'_>> {
         match &self.compared {
-            Compared::Phase(phase) if !self.has_masks() => phase.codes(),
+            Compared::Phase(phase) if !self.has_masks() => Some(phase.codes()),
             _ => None,
         }
     }

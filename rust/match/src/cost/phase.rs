@@ -37,13 +37,15 @@ pub struct Phase {
     labels: Option<Labels>,
 }
 
-/// The phase codes of a pair, of which every left pixel is compared with one version of the right image.
-#[derive(Debug, Clone, Copy)]
+/// The phase codes of a pair.
+#[derive(Debug, Clone)]
 pub struct Codes<'a> {
     /// The left codes: each row has the lowest byte of all of its codes, then the next one of all, and so on.
     pub left: &'a Plane<u8>,
-    /// The right codes, likewise, each row unrolled: [`crate::cost`].
-    pub right: &'a Plane<u8>,
+    /// The codes of each version of the right image, likewise, each row unrolled: [`crate::cost`].
+    pub rights: Vec<&'a Plane<u8>>,
+    /// The version that each left pixel is compared with; `None`: the first one.
+    pub labels: Option<&'a Labels>,
     /// Bytes of a code.
     pub bytes: usize,
 }
@@ -169,10 +171,11 @@ impl Phase {
         Ok(Self { left: bytes(left.clone()), rights: vec![bytes(right)], labels: None })
     }
 
-    /// The codes; `None`: the right image has several versions.
-    pub fn codes(&self) -> Option<Codes<'_>> {
-        let ([right], None) = (&self.rights[..], &self.labels) else { return None };
-        Some(Codes { left: &self.left.plane, right: &right.plane, bytes: self.left.count })
+    /// The codes of both images.
+    pub fn codes(&self) -> Codes<'_> {
+        let rights = self.rights.iter().map(|right| &right.plane).collect();
+        let labels = self.labels.as_ref();
+        Codes { left: &self.left.plane, rights, labels, bytes: self.left.count }
     }
 
     /// Writes the Hamming distances over `N` bytes of the codes, from byte `first` on; `adds`: to what is
