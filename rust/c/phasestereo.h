@@ -532,6 +532,133 @@ typedef struct phasestereo_rectified {
 } phasestereo_rectified;
 
 /**
+ * Maps of the rectified left camera, each of `height` rows of `width` values. NULL: there is no such map, but for the depths.
+ */
+typedef struct phasestereo_depths {
+  /**
+   * `sizeof(phasestereo_depths)`.
+   */
+  size_t struct_size;
+  /**
+   * Columns.
+   */
+  uint32_t width;
+  /**
+   * Rows.
+   */
+  uint32_t height;
+  /**
+   * Depths, in the unit of the distance of the cameras: the focal length times that distance, divided by the disparity plus
+   * the difference of the principal points, right - left. What is not finite is missing.
+   */
+  const float *depth;
+  /**
+   * Bytes from a row to the next one, of all of them.
+   */
+  ptrdiff_t stride;
+  /**
+   * Depths at the near end of the error bars.
+   */
+  const float *near;
+  /**
+   * Depths at the far end.
+   */
+  const float *far;
+  /**
+   * Confidences.
+   */
+  const float *confidence;
+} phasestereo_depths;
+
+/**
+ * A camera beside a rectified pair, and where it is; matrices row by row.
+ */
+typedef struct phasestereo_camera {
+  /**
+   * `sizeof(phasestereo_camera)`.
+   */
+  size_t struct_size;
+  /**
+   * Focal lengths and principal point, pixels.
+   */
+  double matrix[3][3];
+  /**
+   * As `cv::projectPoints` takes it: k1, k2, p1, p2, k3 to k6, s1 to s4, tau x, tau y; 0 for those that a calibration has not.
+   */
+  double distortion[14];
+  /**
+   * `rotation X + translation` leads from the rectified left camera to this one.
+   */
+  double rotation[3][3];
+  /**
+   * In the unit of depths.
+   */
+  double translation[3];
+  /**
+   * Columns of its images.
+   */
+  uint32_t width;
+  /**
+   * Rows of its images.
+   */
+  uint32_t height;
+  /**
+   * 1: the first four numbers of the distortion are those of `cv::fisheye`. 0: they are not.
+   */
+  uint32_t fisheye;
+} phasestereo_camera;
+
+/**
+ * The memory that a third camera's view is written to, of its size. NULL: not wanted.
+ */
+typedef struct phasestereo_registered {
+  /**
+   * `sizeof(phasestereo_registered)`.
+   */
+  size_t struct_size;
+  /**
+   * Depths along the axis of the third camera; NaN where it sees none.
+   */
+  float *depth;
+  /**
+   * Bytes from a row to the next one, of this and the three after it.
+   */
+  ptrdiff_t stride;
+  /**
+   * The near end of the error bars.
+   */
+  float *near;
+  /**
+   * The far end.
+   */
+  float *far;
+  /**
+   * Confidences.
+   */
+  float *confidence;
+  /**
+   * The pixel of the left image, as an index into a map without gaps between its rows; -1 without a depth.
+   */
+  int64_t *source;
+  /**
+   * Bytes from a row to the next one.
+   */
+  ptrdiff_t source_stride;
+  /**
+   * 1 where there is no depth, though the left camera sees what is there: its depth is missing.
+   */
+  uint8_t *holes;
+  /**
+   * 1 where there is no depth, for something hides from the left camera what is there.
+   */
+  uint8_t *occluded;
+  /**
+   * Bytes from a row to the next one, of the last two.
+   */
+  ptrdiff_t flags_stride;
+} phasestereo_registered;
+
+/**
  * One thing that there is to say about a pair or its match. Texts end with a zero.
  */
 typedef struct phasestereo_finding {
@@ -755,6 +882,19 @@ enum phasestereo_status phasestereo_rectify(const struct phasestereo_matcher *ma
                                             const struct phasestereo_calibration *calibration,
                                             uint32_t interpolation,
                                             struct phasestereo_rectified *rectified);
+
+/**
+ * Writes depths of the rectified left camera, their error bars and confidences as a third camera sees them, of several the
+ * nearest. `calibration` is that of the rectified pair, whose `projection` is read; P2 has the distance of the cameras. Error
+ * bars and confidences that are not given are NaN. If the call fails, nothing is written.
+ *
+ * Pointers are to what their types say, maps to this many rows and columns.
+ */
+enum phasestereo_status phasestereo_register(const struct phasestereo_matcher *matcher,
+                                             const struct phasestereo_depths *depths,
+                                             const struct phasestereo_calibration *calibration,
+                                             const struct phasestereo_camera *camera,
+                                             const struct phasestereo_registered *registered);
 
 /**
  * Makes a rig that has seen nothing, or knows what a `text` says that `phasestereo_rig_text` wrote (NULL: nothing). With `steadied`

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from phasestereo.io import write_image
+from phasestereo.io import Calibration, write_image
 from phasestereo.settings import PresetName
 from phasestereo_bench.degradation import Degradation, disk_psf
 from phasestereo_bench.rendering import render_pair
@@ -38,7 +38,7 @@ from support.c_programs import (
 )
 from support.c_programs import library as library  # noqa: PLC0414 - a fixture
 from support.c_programs import program as program  # noqa: PLC0414 - a fixture
-from support.rigs import SIZE, cv2, made_up
+from support.rigs import SIZE, cv2, made_up, turned
 from support.saved_rigs import with_raw_cameras
 
 Change = Callable[[Image], Image]
@@ -458,6 +458,65 @@ def test_a_prepared_pair_is_that_of_python_to_the_bit(
     assert "refused side: got 2; accepts 0, left, or 1, right" in said
 
 
+# A third camera
+
+
+@pytest.mark.parametrize("lens", [
+    [], [-0.1, 0.02, 0.001, -0.002, 0.01], [0.05, -0.01, 0, 0],
+], ids=["pinhole", "polynomial", "fisheye"])  # fmt: skip
+def test_registered_depths_are_those_of_python_to_the_bit(
+    library: str, pair: Pair, lens: list[float], tmp_path: Path
+) -> None:
+    assert library
+    rows, cols = pair[0].shape[:2]
+    focal, baseline = 256.0, 0.125
+    rig = Calibration.from_focal(focal, baseline, width=cols, height=rows, unit="m")
+    third = ps.ThirdCamera(
+        matrix=np.array([[300.0, 0, 99.5], [0, 310, 79.5], [0, 0, 1]]),
+        distortion=np.array(lens),
+        rotation=turned(1.0, -2.0, 0.5),
+        translation=np.array([-0.05, 0.01, 0.002]),
+        width=200,
+        height=160,
+        fisheye=len(lens) == 4,
+    )
+    result = ps.match(*pair, num_disparities=48)
+    near, far = ps.depth_interval(result, rig)[1:]
+    depth = ps.depth_interval(result, rig)[0]
+    expected = ps.register(result, rig, third)
+
+    left = np.column_stack([rig.cam0, np.zeros(3)])
+    right = np.column_stack([rig.cam1, [-focal * baseline, 0, 0]])
+    parts = [left, right, third.matrix, np.pad(lens, (0, 14 - len(lens)))]
+    parts += [third.rotation, third.translation]
+    numbers = b"".join(np.ascontiguousarray(part, np.float64).tobytes() for part in parts)
+    (tmp_path / "numbers").write_bytes(numbers)
+    given = {"depth": depth, "near": near, "far": far, "confidence": result.confidence}
+    for name, values in given.items():
+        (tmp_path / name).write_bytes(np.ascontiguousarray(values, np.float32).tobytes())
+
+    program = _compiled("c_register", INTERFACE, tmp_path)
+    sizes = map(str, (cols, rows, third.width, third.height, int(third.fisheye)))
+    said = run(program, tmp_path, *sizes).stdout.splitlines()
+    found = {
+        name: np.fromfile(tmp_path / f"r_{name}", kind).reshape(third.height, third.width)
+        for name, kind in [
+            *((name, np.float32) for name in given),
+            ("source", np.int64), ("holes", np.uint8), ("occluded", np.uint8),
+        ]
+    }  # fmt: skip
+    np.testing.assert_array_equal(found.pop("source"), expected.source)
+    assert {*found} == {*expected.maps}
+    for name, values in expected.maps.items():
+        np.testing.assert_array_equal(found[name], values, err_msg=name)
+    assert np.isfinite(expected.depth).mean() > 0.4
+    assert [line.split(";")[0] for line in said] == [
+        "refused camera: got 0 x 160 pixels",
+        "refused calibration: got focal lengths 256 and 256, a distance of the cameras of 0",
+        f"refused depths: got {cols} x {rows} values, or a depth that is NULL",
+    ]
+
+
 # The installed package
 
 
@@ -509,6 +568,7 @@ def test_the_examples_build_from_find_package_and_run_under_sanitizers(
     run(cmake, "--build", build)
 
     assert run(build / "shift").stdout.splitlines()[-1] == "disparity 7"
+    assert run(build / "register").stdout == "box 80 pixels wide, 20 behind it\n"
 
     needed(build / "match", "no headers of OpenCV: apt-get install libopencv-dev")
     for name, image in zip(("left", "right"), pair, strict=True):

@@ -14,6 +14,8 @@ mod prepare;
 #[cfg(not(target_family = "wasm"))]
 mod rectify;
 #[cfg(not(target_family = "wasm"))]
+mod register;
+#[cfg(not(target_family = "wasm"))]
 mod rig;
 mod sized;
 mod told;
@@ -35,6 +37,8 @@ pub use self::images::{Image, Map};
 pub use self::prepare::Prepared;
 #[cfg(not(target_family = "wasm"))]
 pub use self::rectify::{Calibration, Rectified};
+#[cfg(not(target_family = "wasm"))]
+pub use self::register::{Camera, Depths, Registered};
 #[cfg(not(target_family = "wasm"))]
 pub use self::rig::Rig;
 

@@ -182,7 +182,7 @@ fn view_of<T: Pixel>(image: &phasestereo::Image) -> Option<Image> {
 /// # Safety
 ///
 /// The memory holds these rows and columns, with `stride` bytes from one row to the next.
-unsafe fn copied(
+pub unsafe fn copied(
     map: *const f32,
     stride: isize,
     (rows, cols): (usize, usize),

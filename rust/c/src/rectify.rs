@@ -61,7 +61,8 @@ unsafe impl Growing for Rectified {
 }
 
 impl Calibration {
-    fn known(&self) -> phasestereo::Calibration {
+    /// The calibration as the core has it.
+    pub fn known(&self) -> phasestereo::Calibration {
         let Self { camera, distortion, rotation, projection, .. } = *self;
         phasestereo::Calibration { camera, distortion, rotation, projection }
     }

@@ -27,6 +27,9 @@ fn header() -> String {
         "Rectified",
         "Rig",
         "Prepared",
+        "Camera",
+        "Depths",
+        "Registered",
     ];
     let mut config = Config {
         language: Language::C,

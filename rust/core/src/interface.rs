@@ -22,6 +22,7 @@ use crate::preparation::{Preparation, prepared_for_others};
 use crate::rectification::calibration::Calibration;
 use crate::rectification::warp::Interpolation;
 use crate::rectification::{rectify_views, warp};
+use crate::third_camera::{LeftCamera, Registered, ThirdCamera, register};
 use crate::verification;
 use crate::video::frames::{self, Options};
 use phasestereo_match::base::control::Control;
@@ -340,6 +341,17 @@ impl Matcher {
             };
             Ok([rectified(0)?, rectified(1)?])
         })
+    }
+
+    /// Depths of the rectified left camera, NaN where there are none, as a third camera sees them.
+    pub fn register(
+        &self,
+        depth: &Plane<f32>,
+        left: &LeftCamera,
+        camera: &ThirdCamera,
+    ) -> Result<Registered> {
+        let control = Control::default();
+        self.on_threads(&control, |Runtime { control, .. }| register(depth, left, camera, control))
     }
 
     /// The most bytes of working memory that the match of images of this many rows and columns takes, whose

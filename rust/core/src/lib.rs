@@ -49,6 +49,7 @@ pub use phasestereo_match::settings::presets::Preset;
 pub use phasestereo_match::settings::{CostKind, Optimizer, Precision, Settings, Taper};
 pub use rectification::calibration::Calibration;
 pub use rectification::warp::Interpolation;
+pub use third_camera::{LeftCamera, Lens, Registered, ThirdCamera};
 pub use verification::verdict;
 
 /// What was found out about a pair: the types of the fields of [`Estimates`] and [`Rectified`].
