@@ -185,6 +185,18 @@ def test_a_match_of_the_same_image_twice_leads_with_that() -> None:
     assert "probably wrong" in ps.match(left, right).verdict
 
 
+@pytest.mark.parametrize("preset", ["robust", "fast"])
+def test_the_same_image_twice_is_not_trusted(preset: str) -> None:
+    left, _ = far_and_near((200, 450), (4, 12), NOTHING, 0)
+    result = ps.match(left, left, preset=preset)
+    assert result.summary.wrong >= 0.6
+    assert [one.topic for one in result.findings if one.severity == "warning"] == ["match"]
+    assert result.verdict.startswith("both images are the same")
+    if result.confidence is not None:
+        assert not result.trusted.any()
+        assert np.nanmin(result.uncertainty) > 10
+
+
 def test_a_pair_without_parallax_is_no_image_twice() -> None:
     search = found(*far_and_near((200, 450), (-0.3, 0.3), NOTHING, 0))
     assert not search.identical

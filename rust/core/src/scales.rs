@@ -34,6 +34,7 @@ pub mod reduction;
 use crate::estimation::facts::{Fact, Facts, Rows};
 use crate::estimation::{Prepared, complete, prepare};
 use crate::scales::choice::Doubt;
+use crate::scales::choices::UNSEEN;
 use crate::scales::ranges::panel_ranges;
 use crate::scales::reduction::halved;
 use phasestereo_match::base::error::Result;
@@ -57,12 +58,32 @@ pub fn match_over_scales(
     settings: &Settings,
     runtime: Runtime,
 ) -> Result<Disparity> {
-    let Prepared { pair, settings: suited, .. } = prepared;
+    let Prepared { pair, settings: suited, estimates } = prepared;
     let Runtime { matcher, execution, control } = runtime;
-    if !settings.scales {
-        return matcher.match_pair(pair, suited, execution, control);
+
+    let mut map = if settings.scales {
+        decided(pair, suited, settings, runtime)?
+    } else {
+        matcher.match_calibrated(pair, &Section::whole(pair), suited, execution, control)?
+    };
+    if estimates.is_one_image() {
+        // All agrees at disparity 0, which is not that of anything.
+        let all = map.disparity.map(|_| true);
+        planes::doubt(&mut map, &all);
+        map.wrong = map.wrong.map(|wrong| wrong.max(f64::from(1.0 - UNSEEN)));
     }
 
+    Ok(map.returned(suited))
+}
+
+/// Matches a pair by the settings that suit it, and decides over scales by those it was prepared from.
+fn decided(
+    pair: &Pair,
+    suited: &Settings,
+    settings: &Settings,
+    runtime: Runtime,
+) -> Result<Disparity> {
+    let Runtime { execution, control, .. } = runtime;
     let mut map = matched(pair, suited, runtime)?;
 
     let started = Instant::now();
@@ -74,8 +95,7 @@ pub fn match_over_scales(
         choice::conclude(&mut map);
     }
     map.timings.scales += started.elapsed();
-
-    Ok(map.returned(suited))
+    Ok(map)
 }
 
 /// Matches a pair by itself, each panel where its disparities are to be expected.

@@ -110,7 +110,7 @@ pub const CASES: &[Case] = &[
     case(Fault::Bordered, MIDDLE, Work::Match(Preset::Robust, None), 0xD5EF_C1C7_6A83_DDBC),
     case(Fault::Pole, MIDDLE, Work::Match(Preset::Robust, None), 0x295B_5952_68DD_12CC),
     case(Fault::Fence, MIDDLE, Work::Match(Preset::Robust, None), 0x7501_D22A_A309_256E),
-    case(Fault::Twice, MIDDLE, Work::Match(Preset::Robust, None), 0xD18D_DF55_CD54_81A2),
+    case(Fault::Twice, MIDDLE, Work::Match(Preset::Robust, None), 0x3D1A_717E_2B51_A0DD),
     // Ranges that are too small.
     case(Fault::Pole, MIDDLE, Work::Match(Preset::Robust, Some(24)), 0xD792_00D3_0C61_C443),
     case(Fault::None, MIDDLE, Work::Match(Preset::Robust, Some(4)), 0xAFBF_A317_D249_6FD2),

@@ -81,6 +81,11 @@ impl Estimates {
         self.axis.as_ref().is_some_and(|axis| axis.value == Direction::Columns)
     }
 
+    /// Whether both images are the same, up to noise: they show no depth.
+    pub fn is_one_image(&self) -> bool {
+        self.range.as_ref().is_some_and(|range| range.identical)
+    }
+
     /// Whether rows sway.
     pub fn sways(&self) -> bool {
         self.offsets.as_ref().is_some_and(|found| found.field.sway().is_some())

@@ -87,15 +87,18 @@ impl Outcome<'_> {
         }
 
         // Small copies may differ where whole images match.
-        let is_identical = self.estimates.range.as_ref().is_some_and(|range| range.identical);
         let is_refuted = found.topic == Topic::Match && self.summary.wrong < most_wrong();
-        let is_decisive = found.topic.is_decisive() && (!is_refuted || is_identical);
+        let is_decisive = found.topic.is_decisive() && !is_refuted;
         let most = if is_decisive { Severity::Warning } else { Severity::Note };
         Some(Finding { severity: found.severity.min(most), ..found.clone() })
     }
 
     /// A share of the pixels that failed, and because of what, as far as that is known.
     fn failed(&self, share: f64) -> Vec<Measured> {
+        // Nothing is wrong but that there is nothing to match, which is reported of the pair.
+        if self.estimates.is_one_image() {
+            return vec![];
+        }
         let mut causes: Vec<&str> = vec![];
         for one in &self.known {
             if !one.cause.is_empty() && !causes.contains(&one.cause) {

@@ -174,7 +174,7 @@ fn correspond(estimates: &Estimates) -> bool {
 
 /// Whether a pair may be resampled: nothing that is known of it says otherwise.
 fn can_be_tried(estimates: &Estimates, facts: &Facts, settings: &Settings) -> bool {
-    let is_same = estimates.range.as_ref().is_some_and(|range| range.identical);
+    let is_same = estimates.is_one_image();
     settings.self_rectify && !is_same && !facts.is_of_these_pixels() && !estimates.is_inverted
 }
 

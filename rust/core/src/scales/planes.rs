@@ -159,7 +159,7 @@ fn means_around(confidence: &Plane<f32>, level: Level) -> Result<Plane<f32>> {
 }
 
 /// Bounds the confidences of pixels without evidence; their bars follow.
-fn doubt(map: &mut Disparity, unseen: &Plane<bool>) {
+pub fn doubt(map: &mut Disparity, unseen: &Plane<bool>) {
     let Some(confidence) = &mut map.confidence else { return };
     let confidence = confidence.as_mut_slice().iter_mut();
     let bars = map.uncertainty.iter_mut().flat_map(|bars| bars.as_mut_slice().iter_mut().map(Some));
