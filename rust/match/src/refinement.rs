@@ -105,7 +105,6 @@ impl MapWriter<'_> {
 
     /// The flags of pixel `(y, x)` by its validity and that of its match, which may be flagged as outside.
     fn flag_invalid(
-        &self,
         validity: &Validity,
         (y, x): (usize, usize),
         chosen: usize,
@@ -114,7 +113,7 @@ impl MapWriter<'_> {
         // `NO_CANDIDATE` before `MATCH_MASKED`: the choice among no valid candidates means nothing.
         if validity.is_masked(y, x) {
             flag::MASKED
-        } else if !(0..self.candidates.count()).any(|k| validity.is_valid(y, x, k)) {
+        } else if !validity.has_candidate(y, x) {
             flag::NO_CANDIDATE
         } else if validity.is_valid(y, x, chosen) {
             outside
@@ -146,7 +145,7 @@ impl Loop for WriteMapRow<'_> {
             let whole = validity.whole(y);
             let pixels = found.chosen.iter().zip(&mut *flags).enumerate();
             for (x, (&chosen, flags)) in pixels.filter(|(x, _)| !whole[*x]) {
-                *flags = writer.flag_invalid(validity, (y, x), chosen.into(), *flags);
+                *flags = MapWriter::flag_invalid(validity, (y, x), chosen.into(), *flags);
             }
         }
 

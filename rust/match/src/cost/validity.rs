@@ -43,6 +43,14 @@ impl<'a> Validity<'a> {
         !self.is_masked(y, x) && self.masks[1].is_none_or(|mask| mask.row(y)[column])
     }
 
+    /// Whether any candidate of a left pixel is valid.
+    pub fn has_candidate(&self, y: usize, x: usize) -> bool {
+        // Columns fall as disparities rise.
+        let column = |k: usize| self.candidates.column(x, k, self.width);
+        let columns = column(self.candidates.count() - 1)..=column(0);
+        self.masks[1].is_none_or(|mask| mask.row(y)[columns].contains(&true))
+    }
+
     /// Whether each pixel of row `y` and all of its candidates are valid.
     pub fn whole(&self, y: usize) -> &[bool] {
         self.whole.row(y)

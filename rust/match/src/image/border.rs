@@ -172,8 +172,9 @@ impl Candidate {
                 if (runs[0][x] + top[x]) as usize == at && is_rim(y, x) {
                     top[x] += 1;
                 }
-                // What continues to the run from the bottom.
-                if at + (runs[1][x] as usize) < size.0 {
+                // What continues to the run from the bottom; a rim is at most RIM pixels wide.
+                let end = size.0 - runs[1][x] as usize;
+                if (end.saturating_sub(RIM)..end).contains(&at) {
                     bottom[x] = if is_rim(y, x) { bottom[x] + 1 } else { 0 };
                 }
             }
@@ -214,40 +215,50 @@ impl Border {
     /// The share of the image.
     pub fn share(&self) -> f64 {
         let (rows, cols) = self.size;
-        let count: usize =
-            (0..rows).map(|y| (0..cols).filter(|x| self.contains(y, *x)).count()).sum();
+        let count: usize = (0..rows).map(|y| self.row(y).filter(|is_in| *is_in).count()).sum();
         count as f64 / (rows * cols) as f64
     }
 
-    /// Whether a pixel of the image belongs to it.
-    pub fn contains(&self, y: usize, x: usize) -> bool {
-        let (rows, cols) = self.size;
+    /// Whether the pixels of a row of the image belong to it.
+    pub fn row(&self, y: usize) -> impl Iterator<Item = bool> + '_ {
         let [top, bottom, left, right] = &self.runs;
-        y < top[x] as usize
-            || rows - y <= bottom[x] as usize
-            || x < left[y] as usize
-            || cols - x <= right[y] as usize
+        let (y, below) = (y as u32, (self.size.0 - y) as u32);
+        let inside = left[y as usize]..(self.size.1 as u32).saturating_sub(right[y as usize]);
+        (0..).zip(top.iter().zip(bottom)).map(move |(x, (top, bottom))| {
+            (y < *top) | (below <= *bottom) | (x < inside.start) | (x >= inside.end)
+        })
     }
 
     /// Of rows from `first` on: how many valid pixels belong to it; `None`: some pixel is darker.
     fn count(&self, input: &Input, first: usize) -> Option<usize> {
         let (rows, cols) = input.size();
+        // No integer is less than 0.
+        let is_least =
+            matches!(input.image, Image::U8(_) | Image::U16(_)) && is_same(self.value, [0.0; 3]);
+        let is_darker = |y: usize, x: usize| {
+            let found = pixel(input, y, x);
+            found.is_some_and(|own| own.iter().zip(self.value).any(|(own, least)| *own < least))
+        };
         let mut count = 0;
-        for (y, x) in (0..rows).flat_map(|y| (0..cols).map(move |x| (y, x))) {
-            let Some(found) = pixel(input, y, x) else { continue };
-            if found.iter().zip(self.value).any(|(own, least)| *own < least) {
+        for y in 0..rows {
+            if !is_least && (0..cols).any(|x| is_darker(y, x)) {
                 return None;
             }
-            count += usize::from(self.contains(first + y, x));
+            let places = self.row(first + y).enumerate();
+            count += places.filter(|(x, is_in)| *is_in && input.is_valid(y, *x)).count();
         }
         Some(count)
     }
 
     /// Which pixels of rows from `first` on are valid, of which these are.
-    pub fn mask(&self, input: &Input, first: usize) -> Mask {
+    pub fn mask(&self, input: &Input, first: usize) -> Result<Mask> {
         let (rows, cols) = input.size();
-        let is_valid = |y: usize, x: usize| input.is_valid(y, x) && !self.contains(first + y, x);
-        Plane::from_fn(rows, cols, is_valid)
+        let mut valid = Vec::with_capacity(rows * cols);
+        for y in 0..rows {
+            let places = self.row(first + y).enumerate();
+            valid.extend(places.map(|(x, is_in)| !is_in && input.is_valid(y, x)));
+        }
+        Plane::from_vec(rows, cols, valid)
     }
 }
 
@@ -263,7 +274,7 @@ pub fn without_border(input: Input) -> Result<(Input, f64)> {
         Some((border.mask(&input, 0), share))
     });
     Ok(match found {
-        Some((mask, share)) => (Input { mask: Some(mask), ..input }, share),
+        Some((mask, share)) => (Input { mask: Some(mask?), ..input }, share),
         None => (input, 0.0),
     })
 }
@@ -445,7 +456,7 @@ mod tests {
             };
             let found = of_rows(SIZE, &bands, |rows| Ok([part(rows.clone()), part(rows)]));
             for (border, of_parts) in found.expect("memory").into_iter().flatten() {
-                assert_eq!(Some(border.mask(&view, 0)), masked.mask, "{at}");
+                assert_eq!(Some(border.mask(&view, 0).expect("memory")), masked.mask, "{at}");
                 assert_eq!(of_parts.to_bits(), share.to_bits());
             }
         }
