@@ -12,7 +12,7 @@ use phasestereo_match::image::texture::{Roughness, Texture};
 use phasestereo_match::pair::blur_compensation::BlurCompensation;
 use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::refinement::calibration::{
-    Calibration, Faults, Tally, Weights, sampled, traits,
+    ConfidenceCalibration, Faults, Tally, Weights, sampled, traits,
 };
 use phasestereo_match::refinement::confidence::{CostMargin, VotedMap, confidence, similar, vote};
 use phasestereo_match::refinement::flag;
@@ -241,7 +241,7 @@ proptest! {
 
         for weights in [&weights, Weights::of(Optimizer::SemiGlobal)] {
             let tally = Tally::of_sample(&raw, &disparity, &flags, candidates);
-            let calibration = Calibration::new(&traits(tally, Faults::new(known.as_ref(), gray_level)), weights);
+            let calibration = ConfidenceCalibration::new(&traits(tally, Faults::new(known.as_ref(), gray_level)), weights);
             let mut confidence = raw.clone();
             let bars = calibration.apply(&mut confidence, &disparity, &flags).expect("memory");
 

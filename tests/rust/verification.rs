@@ -1,7 +1,7 @@
 //! The second opinion: its evidence and its verdicts, pixel by pixel from their definitions.
 
 use crate::common::{hash, levels, mask, view};
-use phasestereo::internals::verification::evidence::Evidence;
+use phasestereo::internals::verification::evidence::ClaimEvidence;
 use phasestereo::internals::verification::fuse::fuse;
 use phasestereo::internals::verification::judge::{Chance, bar as bar_of, probability};
 use phasestereo::internals::verification::test::Test;
@@ -153,8 +153,8 @@ fn evidence_is_what_its_definition_says() {
     for is_masked in [false, true] {
         let [left, right] = &views(is_masked);
         let costs = any_columns([left, right], &settings());
-        let found =
-            Evidence::new(&map, &own, &costs, Level::best(), &Control::default()).expect("memory");
+        let found = ClaimEvidence::new(&map, &own, &costs, Level::best(), &Control::default())
+            .expect("memory");
 
         for (y, x) in window(0, 0, ROWS) {
             let here = side(&map, &own, y, x);
@@ -255,7 +255,7 @@ fn verdicts_are_what_their_definition_says() {
     let [left, right] = &views(false);
     let costs = any_columns([left, right], &settings());
     let evidence =
-        Evidence::new(&map, &own, &costs, Level::best(), &Control::default()).expect("memory");
+        ClaimEvidence::new(&map, &own, &costs, Level::best(), &Control::default()).expect("memory");
 
     let test = Test { map: &map, own: &own, evidence: &evidence };
     let (verdicts, counts) = test.judge(Level::best(), &Control::default()).expect("memory");

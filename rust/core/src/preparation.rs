@@ -105,7 +105,7 @@ pub fn prepared_as(
     channels.tone = tone.as_ref();
 
     let is_converted = !is_same_type(&inputs[0], &inputs[1]);
-    let work = words::Work::new(ready, &channels, &back, is_converted);
+    let work = words::WorkDone::new(ready, &channels, &back, is_converted);
     let changed = [0, 1].map(|side| work.changes(side));
     let made = |side: usize| -> Result<Input> {
         if changed[side] {

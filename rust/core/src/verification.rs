@@ -31,7 +31,7 @@ use crate::estimation::facts::Facts;
 use crate::finding::Finding;
 use crate::match_pair::{Matched, made_ready};
 use crate::verification::claims::Claims;
-use crate::verification::evidence::Evidence;
+use crate::verification::evidence::ClaimEvidence;
 use crate::verification::hypotheses::{Misreading, Sample};
 use crate::verification::judge::probability;
 use crate::verification::test::Test;
@@ -200,15 +200,15 @@ fn evidence(
     matched: &Matched,
     costs: &Costs,
     Runtime { execution, control, .. }: Runtime,
-) -> Result<Evidence> {
-    Evidence::new(claims, matched.own(), costs, execution.level, control)
+) -> Result<ClaimEvidence> {
+    ClaimEvidence::new(claims, matched.own(), costs, execution.level, control)
 }
 
 /// The traits of the claims of a map.
 fn traits<'a>(
     claims: &'a Plane<f32>,
     matched: &'a Matched,
-    evidence: &'a Evidence,
+    evidence: &'a ClaimEvidence,
     costs: &Costs,
     Runtime { execution, control, .. }: Runtime,
 ) -> Result<Traits<'a>> {

@@ -4,7 +4,7 @@
 use std::ops::Range;
 
 use phasestereo_match::base::plane::Plane;
-use phasestereo_match::cost::phase::Codes;
+use phasestereo_match::cost::phase::PhaseCodes;
 use phasestereo_match::optimization::engine::Chunk;
 use phasestereo_match::optimization::evidence::{Evidence, EvidenceRow, NONE};
 use phasestereo_match::optimization::memory::Width;
@@ -26,7 +26,7 @@ const MOST_RADIUS: usize = 15;
 /// A chunk that a device takes.
 pub struct Request<'a> {
     chunk: &'a Chunk<'a>,
-    codes: Codes<'a>,
+    codes: PhaseCodes<'a>,
     /// Words of the candidates of a pixel, four in each.
     words: usize,
     is_along_columns: bool,

@@ -32,7 +32,7 @@ use crate::base::memory::RunMemory;
 use crate::base::plane::Plane;
 use crate::base::simd::{self, Level};
 use crate::base::value::{LANES, Lanes, Value};
-use crate::cost::phase::{Codes, Phase};
+use crate::cost::phase::{Phase, PhaseCodes};
 use crate::cost::unrolled::UnrolledPlane;
 use crate::cost::validity::Validity;
 use crate::cost::volume::Volume;
@@ -63,7 +63,7 @@ pub trait Cost: Sized {
     }
 
     /// Prepares the images of a pair.
-    fn new(input: Input) -> Result<Self>;
+    fn new(input: CostInput) -> Result<Self>;
 
     /// Writes the costs of up to `L` candidates into a line of each pixel. Values beyond the last one are
     /// undefined.
@@ -75,7 +75,7 @@ pub trait Cost: Sized {
 
 /// A pair that is to be compared: checked views and settings.
 #[derive(Clone, Copy)]
-pub struct Input<'a> {
+pub struct CostInput<'a> {
     /// Left and right image.
     pub views: [&'a View; 2],
     /// The disparities that are searched.
@@ -106,7 +106,7 @@ pub struct PixelBytes {
 
 /// The matching costs of a pair, computed from descriptions of its pixels when they are asked for.
 pub struct Costs<'a> {
-    compared: Compared<'a>,
+    compared: ComparedBy<'a>,
     candidates: Candidates,
     cols: usize,
     ceiling: u16,
@@ -127,13 +127,13 @@ macro_rules! dispatch {
         }
     ) => {
         /// The descriptions by which the pixels of a pair are compared.
-        enum Compared<'a> {
+        enum ComparedBy<'a> {
             $($variant($module::$variant),)+
             Volume(Volume<'a>),
         }
 
-        impl Compared<'_> {
-            fn new(input: Input) -> Result<Self> {
+        impl ComparedBy<'_> {
+            fn new(input: CostInput) -> Result<Self> {
                 Ok(match input.settings.cost {
                     $(CostKind::$variant => Self::$variant(Cost::new(input)?),)+
                 })
@@ -275,8 +275,8 @@ impl<'a> Costs<'a> {
             ));
         }
 
-        let input = Input { views, candidates, settings, compensation, level, control };
-        let compared = Compared::new(input)?;
+        let input = CostInput { views, candidates, settings, compensation, level, control };
+        let compared = ComparedBy::new(input)?;
 
         let (rows, cols) = views[0].size();
         let ceiling = ceiling_of(settings);
@@ -293,7 +293,7 @@ impl<'a> Costs<'a> {
 
     /// The Hamming distances of codes of one byte, which are known.
     pub fn of_codes(codes: [&Plane<u8>; 2], candidates: Candidates) -> Result<Self> {
-        let compared = Compared::Phase(Phase::of_codes(codes, candidates)?);
+        let compared = ComparedBy::Phase(Phase::of_codes(codes, candidates)?);
         Ok(Self::unmasked(compared, candidates, codes[0].cols(), u8::BITS as u16))
     }
 
@@ -301,10 +301,15 @@ impl<'a> Costs<'a> {
     pub fn of_volume(volume: &'a Plane<u16>, candidates: Candidates) -> Self {
         let volume = Volume::new(volume, candidates.count());
         let cols = volume.cols();
-        Self::unmasked(Compared::Volume(volume), candidates, cols, u16::MAX)
+        Self::unmasked(ComparedBy::Volume(volume), candidates, cols, u16::MAX)
     }
 
-    fn unmasked(compared: Compared<'a>, candidates: Candidates, cols: usize, ceiling: u16) -> Self {
+    fn unmasked(
+        compared: ComparedBy<'a>,
+        candidates: Candidates,
+        cols: usize,
+        ceiling: u16,
+    ) -> Self {
         Self {
             compared,
             candidates,
@@ -349,9 +354,9 @@ impl<'a> Costs<'a> {
     }
 
     /// The codes whose Hamming distances the costs are; `None`: the costs are others, or an image has a mask.
-    pub fn codes(&self) -> Option<Codes<'_>> {
+    pub fn codes(&self) -> Option<PhaseCodes<'_>> {
         match &self.compared {
-            Compared::Phase(phase) if !self.has_masks() => Some(phase.codes()),
+            ComparedBy::Phase(phase) if !self.has_masks() => Some(phase.codes()),
             _ => None,
         }
     }

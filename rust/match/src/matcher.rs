@@ -36,7 +36,7 @@ use crate::optimization::{AggregatedCosts, CandidateSearch, Penalties, Weighing,
 use crate::pair::Pair;
 use crate::pair::candidates::Candidates;
 use crate::pair::plan::{Demand, Plan};
-use crate::refinement::calibration::{Calibration, Faults, Tally, Weights, traits};
+use crate::refinement::calibration::{ConfidenceCalibration, Faults, Tally, Weights, traits};
 use crate::refinement::left_right_check::Checker;
 use crate::refinement::sample::{self, SampledMap};
 use crate::refinement::synthesis;
@@ -535,7 +535,8 @@ impl Disparity {
         optimizer: Optimizer,
     ) -> Result<Self> {
         if let (Some(tally), Some(confidence)) = (tally, &mut self.confidence) {
-            let calibration = Calibration::new(&traits(tally, faults), Weights::of(optimizer));
+            let calibration =
+                ConfidenceCalibration::new(&traits(tally, faults), Weights::of(optimizer));
             let bars = calibration.apply(confidence, &self.disparity, &self.flags)?;
             self.uncertainty = Some(bars);
         }

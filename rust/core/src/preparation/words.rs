@@ -9,9 +9,9 @@ use phasestereo_match::pair::blur_compensation::BlurCompensation;
 const RIGHT: [bool; 2] = [false, true];
 
 /// What is done: each sentence, and to which images.
-pub struct Work(Vec<([bool; 2], String)>);
+pub struct WorkDone(Vec<([bool; 2], String)>);
 
-impl Work {
+impl WorkDone {
     /// What is done to a pair.
     pub fn new(ready: Treatment, channels: &Channels, back: &Back, is_converted: bool) -> Self {
         let mut work = Self(vec![]);

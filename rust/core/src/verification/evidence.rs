@@ -43,7 +43,7 @@ const BAND: usize = 32;
 
 /// What pixels say against the claims.
 #[derive(Debug)]
-pub struct Evidence {
+pub struct ClaimEvidence {
     /// Bits per square root of the pixels; 0 where claim and own disparity agree or one is missing.
     pub against: Plane<f32>,
     /// Mean costs of the claims and of the own disparities over 5 x 5 and over 13 x 13 pixels, bits; NaN
@@ -62,7 +62,7 @@ struct Compared {
     own: i32,
 }
 
-impl Evidence {
+impl ClaimEvidence {
     /// The evidence against the claims of a map, on the threads of the current pool.
     pub fn new(
         map: &Plane<f32>,

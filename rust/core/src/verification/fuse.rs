@@ -59,7 +59,7 @@ struct Maps<'a> {
 
 /// A pixel of one of the maps.
 #[derive(Debug, Clone, Copy)]
-struct Pixel {
+struct MapPixel {
     disparity: f32,
     flags: u16,
     chance: Chance,
@@ -116,18 +116,18 @@ pub fn fuse(
 
 impl Maps<'_> {
     /// A pixel of both; the chance of the own one holds where they differ.
-    fn pixels(&self, y: usize, x: usize) -> [Pixel; 2] {
+    fn pixels(&self, y: usize, x: usize) -> [MapPixel; 2] {
         let Self { own, claims, chances } = self;
         let (flags, chance) = (own.flags.row(y)[x], chances.row(y)[x]);
         let odds = odds(self.confidence(y, x) * (1.0 - probability(chance.odds)));
 
-        let own = Pixel {
+        let own = MapPixel {
             disparity: own.disparity.row(y)[x],
             flags,
             chance: Chance { odds, bar: bar(odds, flags) },
         };
         let flags = flags & UNSEEN | flag::SECOND;
-        [own, Pixel { disparity: claims.row(y)[x], flags, chance }]
+        [own, MapPixel { disparity: claims.row(y)[x], flags, chance }]
     }
 
     /// The own confidence.
@@ -149,16 +149,16 @@ impl Maps<'_> {
 
 /// A pixel of the fused map; `None`: it has no disparity still.
 fn fused_pixel(
-    own: Pixel,
-    claim: Pixel,
+    own: MapPixel,
+    claim: MapPixel,
     own_bar: f32,
     is_better: bool,
     share: f32,
-) -> Option<Pixel> {
+) -> Option<MapPixel> {
     if (own.disparity - claim.disparity).abs() <= AGREES {
         let bar = 0.5 * (claim.chance.bar + own_bar);
         let disparity = own.disparity + share * (claim.disparity - own.disparity);
-        return Some(Pixel { disparity, chance: Chance { bar, ..claim.chance }, ..own });
+        return Some(MapPixel { disparity, chance: Chance { bar, ..claim.chance }, ..own });
     }
     if own.disparity.is_nan() {
         return (claim.chance.odds > 0.0).then_some(claim);

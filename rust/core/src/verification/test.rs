@@ -26,7 +26,7 @@
 //! that is right there contradicts the match. With -0.7 fewer of them are refuted, and 1 to 2 points less of
 //! what is wrong.
 
-use crate::verification::evidence::{DIFFERENT, Evidence};
+use crate::verification::evidence::{ClaimEvidence, DIFFERENT};
 use crate::verification::hypotheses::right_column;
 use crate::verification::judge::UNSEEN;
 use crate::verification::{Counts, verdict};
@@ -71,7 +71,7 @@ pub struct Test<'a> {
     /// The own match, with confidences.
     pub own: &'a Disparity,
     /// What the costs say.
-    pub evidence: &'a Evidence,
+    pub evidence: &'a ClaimEvidence,
 }
 
 impl Test<'_> {

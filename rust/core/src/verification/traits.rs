@@ -32,7 +32,7 @@ use phasestereo_match::pair::blur_compensation::BlurCompensation;
 use phasestereo_match::refinement::calibration::FAILED;
 use phasestereo_match::refinement::flag;
 
-use crate::verification::evidence::Evidence;
+use crate::verification::evidence::ClaimEvidence;
 use crate::verification::hypotheses::right_column;
 
 /// Traits of a claim.
@@ -62,7 +62,7 @@ const LEAST_TEXTURE: f64 = 0.05;
 pub struct Traits<'a> {
     map: &'a Plane<f32>,
     own: &'a Disparity,
-    evidence: &'a Evidence,
+    evidence: &'a ClaimEvidence,
     /// The mean cost of pixels that have nothing to do with each other, bits.
     unrelated: f32,
     /// Mean own confidences over small and large windows.
@@ -82,7 +82,7 @@ pub struct Judged<'a> {
     /// The own match, with confidences.
     pub own: &'a Disparity,
     /// What the costs say.
-    pub evidence: &'a Evidence,
+    pub evidence: &'a ClaimEvidence,
     /// The mean cost of pixels that have nothing to do with each other, bits.
     pub unrelated: f64,
 }
@@ -196,7 +196,7 @@ impl<'a> Traits<'a> {
     }
 
     /// What claims and own disparities around a pixel are like.
-    fn around(&self, y: usize, x: usize) -> Around {
+    fn around(&self, y: usize, x: usize) -> AroundClaim {
         let (map, own) = (self.map, &self.own.disparity);
         let columns = x.saturating_sub(RANGE)..(x + RANGE + 1).min(map.cols());
         let claim = map.row(y)[x];
@@ -219,7 +219,7 @@ impl<'a> Traits<'a> {
         }
 
         let range = |high: f32, low: f32| (high - low).clamp(0.0, LARGEST);
-        Around {
+        AroundClaim {
             near_range: range(near_high, near_low),
             range: range(high, low),
             own_range: range(own_high, own_low),
@@ -229,7 +229,7 @@ impl<'a> Traits<'a> {
 }
 
 /// What is around a pixel, pixels.
-struct Around {
+struct AroundClaim {
     /// Range of the claims within 3 x 3 and 7 x 7 pixels.
     near_range: f32,
     range: f32,
@@ -259,7 +259,7 @@ pub fn odds(probability: f32) -> f32 {
 fn pair_traits(
     own: &Disparity,
     near: &Plane<[u32; 2]>,
-    evidence: &Evidence,
+    evidence: &ClaimEvidence,
     unrelated: f32,
 ) -> [f32; 3] {
     let own_confidences = own.confidence.as_ref().map_or(&[][..], Plane::as_slice);

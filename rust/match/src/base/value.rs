@@ -17,7 +17,7 @@ pub type Lanes<T> = [T; LANES];
 /// The lanes of some pixels, from the start of a line of the cache on: no register of them spans two lines.
 #[derive(Debug, Clone, Copy)]
 #[repr(align(64))]
-pub struct Rows<T>(pub [Lanes<T>; ROWS]);
+pub struct LaneRows<T>(pub [Lanes<T>; ROWS]);
 
 /// The least of all lanes. Call it in a small loop of its own: in larger loops it is compiled lane by lane.
 #[inline(always)]
@@ -69,7 +69,7 @@ pub trait Value: Copy + Debug + Default + Ord + Send + Sync + 'static {
     /// Shifted right, without its lowest bits.
     fn shifted(self, bits: u32) -> Self;
     /// The least lane of each row.
-    fn least_lanes(rows: &Rows<Self>) -> [Self; ROWS];
+    fn least_lanes(rows: &LaneRows<Self>) -> [Self; ROWS];
 }
 
 macro_rules! impl_value {
@@ -114,7 +114,7 @@ macro_rules! impl_value {
             }
 
             #[inline(always)]
-            fn least_lanes(rows: &Rows<Self>) -> [Self; ROWS] {
+            fn least_lanes(rows: &LaneRows<Self>) -> [Self; ROWS] {
                 $least_lanes(&rows.0)
             }
         }

@@ -8,7 +8,7 @@ use crate::base::simd::Level;
 use crate::base::value::Value;
 use crate::choices::LARGEST_DEVIATION;
 use crate::cost::differences::Differences;
-use crate::cost::{Cost, Input, Lines, PixelBytes, RowPart};
+use crate::cost::{Cost, CostInput, Lines, PixelBytes, RowPart};
 use crate::image::intensity::{LEVEL_STEPS, level_planes};
 use crate::image::window_sums::{Beyond, Windows};
 use crate::pair::plan::{Demand, Plan};
@@ -39,7 +39,9 @@ impl Cost for NormalizedSad {
         PixelBytes { described: 2, versions: 1, passing: 14 }
     }
 
-    fn new(Input { views, candidates, settings, level, control, .. }: Input) -> Result<Self> {
+    fn new(
+        CostInput { views, candidates, settings, level, control, .. }: CostInput,
+    ) -> Result<Self> {
         let [left, right] = level_planes(views, settings.intensity_range, control)?;
         let normalized = |plane: &Plane<u16>| normalize(plane, settings.window, level, control);
 

@@ -12,7 +12,7 @@ use crate::base::platform::both;
 use crate::base::simd::Level;
 use crate::base::value::Value;
 use crate::cost::unrolled::{Unrolled, UnrolledPlane, leading};
-use crate::cost::{Cost, Input, Lines, PixelBytes, RowPart, clear, line};
+use crate::cost::{Cost, CostInput, Lines, PixelBytes, RowPart, clear, line};
 use crate::descriptor::spectrum::Word;
 use crate::descriptor::{RowOfCodes, describe_rows};
 use crate::image::convolution::Kernel;
@@ -39,7 +39,7 @@ pub struct Phase {
 
 /// The phase codes of a pair.
 #[derive(Debug, Clone)]
-pub struct Codes<'a> {
+pub struct PhaseCodes<'a> {
     /// The left codes: each row has the lowest byte of all of its codes, then the next one of all, and so on.
     pub left: &'a Plane<u8>,
     /// The codes of each version of the right image, likewise, each row unrolled: [`crate::cost`].
@@ -90,7 +90,7 @@ impl Cost for Phase {
     }
 
     fn new(
-        Input { views, candidates, settings, compensation, level, control }: Input,
+        CostInput { views, candidates, settings, compensation, level, control }: CostInput,
     ) -> Result<Self> {
         let (rows, cols) = views[0].size();
         let gray =
@@ -172,10 +172,10 @@ impl Phase {
     }
 
     /// The codes of both images.
-    pub fn codes(&self) -> Codes<'_> {
+    pub fn codes(&self) -> PhaseCodes<'_> {
         let rights = self.rights.iter().map(|right| &right.plane).collect();
         let labels = self.labels.as_ref();
-        Codes { left: &self.left.plane, rights, labels, bytes: self.left.count }
+        PhaseCodes { left: &self.left.plane, rights, labels, bytes: self.left.count }
     }
 
     /// Writes the Hamming distances over `N` bytes of the codes, from byte `first` on; `adds`: to what is

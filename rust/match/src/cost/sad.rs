@@ -3,7 +3,7 @@
 use crate::base::error::Result;
 use crate::base::value::Value;
 use crate::cost::differences::Differences;
-use crate::cost::{Cost, Input, Lines, PixelBytes, RowPart};
+use crate::cost::{Cost, CostInput, Lines, PixelBytes, RowPart};
 use crate::image::intensity::{LEVEL_CEILING, LEVEL_STEPS, level_planes};
 use crate::pair::plan::{Demand, Plan};
 use crate::settings::Settings;
@@ -26,7 +26,7 @@ impl Cost for Sad {
         PixelBytes { described: 2, versions: 1, passing: 4 }
     }
 
-    fn new(input: Input) -> Result<Self> {
+    fn new(input: CostInput) -> Result<Self> {
         let levels = level_planes(input.views, input.settings.intensity_range, input.control)?;
         Ok(Self(Differences::new(levels, input.candidates)?))
     }

@@ -17,7 +17,7 @@ use crate::base::plane::Plane;
 use crate::base::simd::Level;
 use crate::base::value::{Value, nearest};
 use crate::cost::unrolled::UnrolledPlane;
-use crate::cost::{Cost, Input, Lines, PixelBytes, RowPart};
+use crate::cost::{Cost, CostInput, Lines, PixelBytes, RowPart};
 use crate::image::intensity::{LEVEL_STEPS, level_planes};
 use crate::image::window_sums::{Beyond, Windows};
 use crate::pair::plan::{Demand, Plan};
@@ -60,7 +60,9 @@ impl Cost for Zncc {
         PixelBytes { described: 2 + 2 * 8, versions: 1, passing: 2 }
     }
 
-    fn new(Input { views, candidates, settings, level, control, .. }: Input) -> Result<Self> {
+    fn new(
+        CostInput { views, candidates, settings, level, control, .. }: CostInput,
+    ) -> Result<Self> {
         let side = settings.neighborhood;
         let [left, right] = level_planes(views, settings.intensity_range, control)?;
         let left = continued(&left, side / 2)?;

@@ -30,7 +30,7 @@ use std::ops::Range;
 use crate::base::error::Result;
 use crate::base::memory::{LINE, Memory, RunMemory};
 use crate::base::simd::{Loop, fetch};
-use crate::base::value::{LANES, Lanes, Rows, Value};
+use crate::base::value::{LANES, LaneRows, Lanes, Value};
 use crate::choices::PANEL;
 use crate::cost::aggregation::{GAP, PixelBlock};
 use crate::optimization::edges::{Edges, Neighbor};
@@ -116,12 +116,12 @@ struct Paths<T> {
     /// The least total of each path at the last pixel ...
     least: [T; STRIP],
     /// ... and in each lane.
-    lanes: Rows<T>,
+    lanes: LaneRows<T>,
 }
 
 impl<T: Value> Default for Paths<T> {
     fn default() -> Self {
-        let (least, lanes) = ([T::default(); STRIP], Rows([[T::default(); LANES]; STRIP]));
+        let (least, lanes) = ([T::default(); STRIP], LaneRows([[T::default(); LANES]; STRIP]));
         Self { totals: Memory::default(), is_swapped: false, least, lanes }
     }
 }

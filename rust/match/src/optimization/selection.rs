@@ -19,7 +19,7 @@
 use crate::base::error::Result;
 use crate::base::memory::Memory;
 use crate::base::simd::highest_bits;
-use crate::base::value::{LANES, Lanes, ROWS, Rows, Value};
+use crate::base::value::{LANES, LaneRows, Lanes, ROWS, Value};
 use crate::optimization::evidence::{Evidence, EvidenceRow, NONE};
 use crate::optimization::subpixel::{self, evidence};
 
@@ -31,7 +31,7 @@ pub const PIXELS: usize = ROWS;
 #[derive(Debug)]
 pub struct Selection<T> {
     /// The least cost of each pixel in each lane.
-    least: Rows<T>,
+    least: LaneRows<T>,
     /// Costs of the chosen candidates.
     best: [T; PIXELS],
     /// Indices of the chosen candidates.
@@ -48,7 +48,7 @@ pub struct Selection<T> {
 impl<T: Value> Default for Selection<T> {
     fn default() -> Self {
         Self {
-            least: Rows([[T::default(); LANES]; PIXELS]),
+            least: LaneRows([[T::default(); LANES]; PIXELS]),
             best: [T::default(); PIXELS],
             chosen: [0; PIXELS],
             mask: Memory::default(),

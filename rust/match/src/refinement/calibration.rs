@@ -254,12 +254,12 @@ pub fn traits(tally: Tally, faults: Faults) -> [f64; TRAITS] {
 
 /// The confidence and the bar of every raw confidence, of one pair.
 #[derive(Debug)]
-pub struct Calibration {
+pub struct ConfidenceCalibration {
     /// Of disparities of their own, then of filled ones.
     tables: Vec<[f32; 2]>,
 }
 
-impl Calibration {
+impl ConfidenceCalibration {
     /// The tables of a pair with these traits.
     pub fn new(traits: &[f64; TRAITS], weights: &Weights) -> Self {
         let sum = |which: usize| -> f64 {

@@ -18,7 +18,9 @@ use crate::base::simd::Level;
 use crate::choices::{CONFIDENCE_RADIUS, SAMPLE_PERIOD};
 use crate::image::texture::Texture;
 use crate::pair::candidates::Candidates;
-use crate::refinement::calibration::{Calibration, Faults, STEPS, Tally, Weights, traits};
+use crate::refinement::calibration::{
+    ConfidenceCalibration, Faults, STEPS, Tally, Weights, traits,
+};
 use crate::refinement::confidence::VotedMap;
 use crate::settings::Optimizer;
 
@@ -68,7 +70,8 @@ impl SampledMap<'_> {
             sampled.push((confidence, disparity, flags));
         }
 
-        let calibration = Calibration::new(&traits(tally, faults), Weights::of(optimizer));
+        let calibration =
+            ConfidenceCalibration::new(&traits(tally, faults), Weights::of(optimizer));
         let (mut right, mut count) = (0u64, 0u64);
         for (mut confidence, disparity, flags) in sampled {
             calibration.apply(&mut confidence, &disparity, &flags)?;
