@@ -156,6 +156,15 @@ def as_mask(mask: ArrayLike | None, size: tuple[int, ...], name: str) -> NDArray
     return np.ascontiguousarray(valid)
 
 
+class RightView(NamedTuple):
+    """How a right image of another size lies over the left one."""
+
+    size: tuple[int, int]
+    """Its columns and rows."""
+    matrix: NDArray[np.float64]
+    """(3, 3), leads from its columns and rows to those of the left image."""
+
+
 class Seen(NamedTuple):
     """An image as a caller gave it, as the core takes it, and which of its pixels are valid."""
 

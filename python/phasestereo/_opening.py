@@ -14,6 +14,7 @@ from phasestereo._images import (
     ImageOrPath,
     Mask,
     Pixels,
+    RightView,
     Seen,
     as_seen,
     join_masks,
@@ -81,15 +82,6 @@ def _opened(image: ImageOrPath, mask: ArrayLike | None, name: str) -> Seen:
     view = read_view(image)
     found = as_seen(view.image, mask, name)
     return found._replace(valid=join_masks(found.valid, view.mask))
-
-
-class RightView(NamedTuple):
-    """How a right image of another size lies over the left one."""
-
-    size: tuple[int, int]
-    """Its columns and rows."""
-    matrix: NDArray[np.float64]
-    """(3, 3), leads from its columns and rows to those of the left image."""
 
 
 class Fitted(NamedTuple):

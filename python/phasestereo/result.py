@@ -362,7 +362,7 @@ class Result:
     def verdict(self) -> str:
         """How many pixels are probably wrong, in words; "" if that is not known.
 
-        Of a pair of the same image twice it is that: nothing can be matched, and no pixel is trusted.
+        Of one image twice it says that: nothing can be matched, and no pixel is trusted.
         """
         if self.summary is None:
             return ""

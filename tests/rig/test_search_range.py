@@ -13,6 +13,7 @@ from test_alignment import gray
 
 import phasestereo as ps
 from phasestereo.rig.search_range import SearchRange
+from phasestereo.settings import PresetName
 from phasestereo_bench import degradation
 from phasestereo_bench.datasets import find_scene, find_scenes
 from phasestereo_bench.rigs import FAULTS, side_of
@@ -186,7 +187,7 @@ def test_a_match_of_the_same_image_twice_leads_with_that() -> None:
 
 
 @pytest.mark.parametrize("preset", ["robust", "fast"])
-def test_the_same_image_twice_is_not_trusted(preset: str) -> None:
+def test_the_same_image_twice_is_not_trusted(preset: PresetName) -> None:
     left, _ = far_and_near((200, 450), (4, 12), NOTHING, 0)
     result = ps.match(left, left, preset=preset)
     assert result.summary.wrong >= 0.6

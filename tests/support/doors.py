@@ -57,8 +57,9 @@ _NOT_OPENED = {
     "phasestereo_large.outofcore.MapReport", "phasestereo.views.templating",
     "phasestereo_live.viewer.Display", "phasestereo_live.Stream", "phasestereo_live.Frame",
     "live --save-to", "live --preset", "live --left", "live --right", "live --camera-info",
-    "live --frames", "live --register", "match --preset", "large --preset", "large --max-memory",
-    "batch --preset", "batch --scheduler", "calibrate --board", "calibrate --charuco",
+    "live --frames", "live --register", "match --preset", "match --second", "large --preset",
+    "large --max-memory", "batch --preset", "batch --scheduler", "calibrate --board",
+    "calibrate --charuco",
     "rig test --preset", "rig test --limit", "rig test --wall", "asp --preset",
 }  # fmt: skip
 """What holds paths, or has words of another kind."""

@@ -82,7 +82,7 @@ class GeometryOptions:
     cy
         Row of the principal point. Default: that of the image's center.
     unit
-        The unit that the baseline is in, and so all depths: nothing is converted. Default: m, or mm
+        Unit of baseline and depths; nothing is converted. Default: m, or mm
         of Middlebury's calib.txt;
         that of --baseline, --q and OpenCV's files is not known, and ``--depth FILE.png`` needs it.
     depth_scale

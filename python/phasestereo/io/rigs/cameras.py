@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phasestereo._extras import require
-from phasestereo._images import Map
-from phasestereo._opening import RightView
+from phasestereo._images import Map, RightView
 from phasestereo.io.calibration import Calibration, fits
 from phasestereo.io.depth import LengthUnit
 
