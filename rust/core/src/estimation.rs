@@ -136,10 +136,15 @@ fn completed(
     runtime: Runtime,
 ) -> Result<(Pair, Estimates)> {
     let estimates = complete_source(&pair, facts, settings, runtime)?;
-    if facts.is_inverted || settings.compensate_blur && estimates.is_inverted {
+    if takes_negative(facts, settings, &estimates) {
         pair = pair.inverted();
     }
     Ok((pair, estimates))
+}
+
+/// Whether the negative of the right image is matched.
+pub fn takes_negative(facts: &Facts, settings: &Settings, estimates: &Estimates) -> bool {
+    facts.is_inverted || settings.compensate_blur && estimates.is_inverted
 }
 
 /// The estimates of [`complete`], to the bit, for a pair that is read a part at a time. That its fields

@@ -395,7 +395,7 @@ impl Matcher {
 impl Match {
     fn new(matched: Matched) -> Self {
         let summary = matched.summary();
-        let Matched { map, prepared: Prepared { pair, estimates, .. }, rectified, .. } = matched;
+        let Matched { map, prepared: Prepared { pair, estimates, .. }, rectified } = matched;
         let findings = findings::of_match(&estimates, &summary, pair.size());
 
         let Disparity { disparity, flags, confidence, uncertainty, timings, .. } = map;

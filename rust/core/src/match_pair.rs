@@ -86,8 +86,8 @@ impl Ready {
     /// Matches it.
     pub fn matched(self, settings: &Settings, runtime: Runtime) -> Result<Matched> {
         let map = match_over_scales(&self.prepared, settings, runtime)?;
-        let matched = Matched::new(self.raw, map, self.prepared, runtime.control)?;
-        Ok(Matched { even_rows: self.even_rows, ..matched })
+        let raw = self.raw.map(|raw| (raw, self.even_rows));
+        Matched::new(raw, map, self.prepared, runtime.control)
     }
 
     /// What was done to it.
@@ -188,6 +188,8 @@ pub struct Rectified {
     /// By how many rows each pixel of the raw left image is lower in the raw right one; NaN where the
     /// disparity is missing.
     pub rows: Plane<f32>,
+    /// Whether the odd rows of the raw images became means of the even ones.
+    pub even_rows: [bool; 2],
 }
 
 /// A pair that was prepared and matched.
@@ -199,8 +201,6 @@ pub struct Matched {
     pub prepared: Prepared,
     /// What became of a pair that had to be rectified; `None`: it did not.
     pub rectified: Option<Rectified>,
-    /// As [`Ready::even_rows`].
-    pub even_rows: [bool; 2],
 }
 
 impl Rectified {
@@ -212,26 +212,30 @@ impl Rectified {
 }
 
 impl Matched {
-    /// The map of a pair, in the pixels of the raw left image if the pair was rectified by these cameras.
+    /// The map of a pair, in the pixels of the raw left image if the pair was rectified by these cameras, after
+    /// odd rows of its images became means of the even ones.
     pub fn new(
-        raw: Option<Arc<Raw>>,
+        raw: Option<(Arc<Raw>, [bool; 2])>,
         map: Disparity,
         prepared: Prepared,
         control: &Control,
     ) -> Result<Self> {
-        let Some(raw) = raw else {
-            let even_rows = prepared.estimates.even_rows;
-            return Ok(Self { map, prepared, rectified: None, even_rows });
+        let Some((raw, even_rows)) = raw else {
+            return Ok(Self { map, prepared, rectified: None });
         };
         let (own, rows) = warp::raw(&map, &raw.rectification.cameras, control)?;
-        let rectified = Some(Rectified { raw, map, rows });
-        Ok(Self { map: own, prepared, rectified, even_rows: [false; 2] })
+        let rectified = Some(Rectified { raw, map, rows, even_rows });
+        Ok(Self { map: own, prepared, rectified })
     }
 
     /// What was done to the pair before it was matched.
     pub fn treatment(&self) -> Treatment<'_> {
-        let raw = self.rectified.as_ref().map(|rectified| &*rectified.raw);
-        Treatment { prepared: &self.prepared, raw, even_rows: self.even_rows }
+        let Self { prepared, rectified, .. } = self;
+        let (raw, even_rows) = match rectified {
+            Some(Rectified { raw, even_rows, .. }) => (Some(&**raw), *even_rows),
+            None => (None, prepared.estimates.even_rows),
+        };
+        Treatment { prepared, raw, even_rows }
     }
 
     /// The map as it was matched: that of the rectified images, if the pair was rectified.

@@ -22,6 +22,7 @@ mod words;
 
 use crate::estimation::estimates::Estimates;
 use crate::estimation::facts::{Facts, Origin};
+use crate::estimation::takes_negative;
 use crate::match_pair::{Treatment, made_ready};
 use crate::preparation::back::Back;
 use crate::preparation::channels::{Channels, Tone};
@@ -80,14 +81,9 @@ pub fn prepared_for_others(
     // Other matchers search rows.
     let facts = &facts.along_rows();
     let ready = made_ready(pair, facts, settings, runtime)?;
-    let is_inverted = is_inverted(facts, settings, &ready.prepared.estimates);
+    let is_inverted = takes_negative(facts, settings, &ready.prepared.estimates);
     let made = prepared_as(&inputs, ready.treatment(), is_inverted, max_disparity, runtime)?;
     Ok((made, ready.prepared.estimates))
-}
-
-/// Whether a match takes the negative of the right image.
-pub fn is_inverted(facts: &Facts, settings: &Settings, estimates: &Estimates) -> bool {
-    facts.is_inverted || settings.compensate_blur && estimates.is_inverted
 }
 
 /// Prepares two images for other matchers by what was done to them for a match: as they came, or turned, if

@@ -51,10 +51,9 @@ use phasestereo::internals;
 use phasestereo::internals::estimation::blur;
 use phasestereo::internals::estimation::compensation_plan::{LARGER, MUCH_LARGER};
 use phasestereo::internals::estimation::overview::LEAST_SIZE;
-use phasestereo::internals::estimation::{Prepared, complete, complete_source};
+use phasestereo::internals::estimation::{Prepared, complete, complete_source, takes_negative};
 use phasestereo::internals::findings;
 use phasestereo::internals::match_pair::diagnosed;
-use phasestereo::internals::preparation::is_inverted;
 use phasestereo::internals::rectification::rectify_views;
 use phasestereo::internals::self_check::{CASES, differing};
 use phasestereo::internals::verification::verdict;
@@ -234,7 +233,7 @@ fn match_pair<'py>(
         let options = Options { facts: &told, settings: &asked, reestimate };
         let frame = match_frame_as_turned(&mut state, pair, options, filter.as_mut(), runtime);
         let frame = frame.map(|frame| {
-            let is_inverted = is_inverted(&told, &asked, &frame.matched.prepared.estimates);
+            let is_inverted = takes_negative(&told, &asked, &frame.matched.prepared.estimates);
             (frame, is_inverted)
         });
         Ok((frame, state, filter))
@@ -251,7 +250,7 @@ fn match_pair<'py>(
         None => (frame, vec![], None),
     };
     let Frame { matched: whole, summary, is_reused, support } = frame.turned_back();
-    let internals::match_pair::Matched { map, prepared, rectified, .. } = whole;
+    let internals::match_pair::Matched { map, prepared, rectified } = whole;
     let Prepared { pair, estimates, .. } = prepared;
     let mut findings = findings::of_match(&estimates, &summary, pair.size());
     findings.extend(said);

@@ -28,7 +28,7 @@ pub enum Second {
     Answer {
         /// What findings call the matcher.
         name: String,
-        /// The map of the prepared left image and how it comes back, or why there is none.
+        /// The map of the prepared left image and how it comes back, or the reason why it failed.
         answer: Box<std::result::Result<(Plane<f32>, Back), String>>,
     },
 }
@@ -58,10 +58,10 @@ pub fn fused(
     let map = fuse(matched.own(), &claims, &chances, wrong, execution.level, control)?;
     drop(costs);
 
-    let Matched { prepared, rectified, even_rows, .. } = matched;
+    let Matched { prepared, rectified, .. } = matched;
     let map = map.returned(&prepared.settings);
-    let raw = rectified.map(|rectified| rectified.raw);
-    Ok((Matched { even_rows, ..Matched::new(raw, map, prepared, control)? }, vec![]))
+    let raw = rectified.map(|rectified| (rectified.raw, rectified.even_rows));
+    Ok((Matched::new(raw, map, prepared, control)?, vec![]))
 }
 
 impl Second {

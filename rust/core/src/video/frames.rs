@@ -559,7 +559,7 @@ impl<'a> Followed<'a, '_> {
         let whole = match_as_turned(pair, &self.facts_anew(), self.options.settings, self.runtime)?;
 
         let summary = whole.summary();
-        let Matched { map, prepared, rectified, .. } = whole;
+        let Matched { map, prepared, rectified } = whole;
         let raw = rectified.as_ref().map(|rectified| Arc::clone(&rectified.raw));
         let map = rectified.map_or(map, |rectified| rectified.map);
         let found = Geometry::new(&prepared.pair, &prepared.estimates, raw);
@@ -622,6 +622,7 @@ impl<'a> Followed<'a, '_> {
         }
 
         let cameras = self.rig.geometry.as_ref().and_then(|geometry| geometry.cameras.clone());
+        let cameras = cameras.map(|raw| (raw, [false; 2]));
         let matched = Matched::new(cameras, map, prepared, self.runtime.control)?;
         Ok(Frame { matched, summary, is_reused, support })
     }
