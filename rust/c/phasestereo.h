@@ -485,7 +485,7 @@ typedef struct phasestereo_calibration {
    */
   double camera[2][3][3];
   /**
-   * D1 and D2: k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4; 0 for those that a calibration has not.
+   * D1 and D2: k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4; 0 for those that a calibration lacks.
    */
   double distortion[2][12];
   /**
@@ -532,7 +532,7 @@ typedef struct phasestereo_rectified {
 } phasestereo_rectified;
 
 /**
- * Maps of the rectified left camera, each of `height` rows of `width` values. NULL: there is no such map, but for the depths.
+ * Maps of the rectified left camera, each of `height` rows of `width` values. All but the depths may be NULL.
  */
 typedef struct phasestereo_depths {
   /**
@@ -583,7 +583,7 @@ typedef struct phasestereo_camera {
    */
   double matrix[3][3];
   /**
-   * As `cv::projectPoints` takes it: k1, k2, p1, p2, k3 to k6, s1 to s4, tau x, tau y; 0 for those that a calibration has not.
+   * As `cv::projectPoints` takes it: k1, k2, p1, p2, k3 to k6, s1 to s4, tau x, tau y; 0 for those that a calibration lacks.
    */
   double distortion[14];
   /**
@@ -645,11 +645,11 @@ typedef struct phasestereo_registered {
    */
   ptrdiff_t source_stride;
   /**
-   * 1 where there is no depth, though the left camera sees what is there: its depth is missing.
+   * 1 where the left camera sees something whose depth is missing.
    */
   uint8_t *holes;
   /**
-   * 1 where there is no depth, for something hides from the left camera what is there.
+   * 1 where something hides the scene from the left camera.
    */
   uint8_t *occluded;
   /**

@@ -141,30 +141,26 @@ impl Image {
         check_stride((argument, "stride"), self.stride, self.row_bytes(), self.height as usize)?;
 
         // SAFETY: as the caller promises, of this many bytes.
-        let (image, mut valid) = unsafe {
+        let (image, opaque) = unsafe {
             match self.bits {
                 8 => self.read(|[value]: [u8; 1]| value)?,
                 16 => self.read(u16::from_ne_bytes)?,
                 bits => return refused(format!("{bits} bits a channel"), "8 or 16"),
             }
         };
-        // A fourth channel of zeros alone is there to fill up four bytes.
-        let has_alpha = valid.contains(&true) && valid.contains(&false);
+        let image = image.with_alpha(&opaque)?;
         if self.mask.is_null() {
-            return if has_alpha { image.with_mask(&valid) } else { Ok(image) };
+            return Ok(image);
         }
 
         let (rows, cols) = self.size();
         check_stride((argument, "mask_stride"), self.mask_stride, self.width.into(), rows)?;
-        if !has_alpha {
-            valid = zeroed(rows.saturating_mul(cols))?;
-            valid.fill(true);
-        }
+        let mut valid = zeroed(rows.saturating_mul(cols))?;
         for (y, row) in valid.chunks_exact_mut(cols).enumerate() {
             for (x, valid) in row.iter_mut().enumerate() {
                 let at = self.mask.wrapping_offset(y as isize * self.mask_stride).wrapping_add(x);
                 // SAFETY: as the caller promises.
-                *valid &= unsafe { *at } != 0;
+                *valid = unsafe { *at } != 0;
             }
         }
         image.with_mask(&valid)
@@ -243,7 +239,7 @@ impl Image {
         value: impl Fn([u8; N]) -> T,
     ) -> Result<(phasestereo::Image, Vec<bool>)> {
         let ((channels, taken), (rows, cols)) = (self.layout(), self.size());
-        let mut valid = vec![];
+        let mut opaque = vec![];
         let mut pixels = zeroed(rows.saturating_mul(cols).saturating_mul(taken.len()))?;
 
         for (y, row) in pixels.chunks_exact_mut(cols * taken.len()).enumerate() {
@@ -261,11 +257,11 @@ impl Image {
             }
             if channels > taken.len() {
                 let alpha = values.chunks_exact(channels).map(|values| values[taken.len()]);
-                valid.extend(alpha.map(|alpha| alpha != [0; N]));
+                opaque.extend(alpha.map(|alpha| alpha != [0; N]));
             }
         }
 
-        Ok((phasestereo::Image::from_vec(pixels, (rows, cols))?, valid))
+        Ok((phasestereo::Image::from_vec(pixels, (rows, cols))?, opaque))
     }
 }
 

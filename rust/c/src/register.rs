@@ -16,7 +16,7 @@ pub struct Camera {
     pub struct_size: usize,
     /// Focal lengths and principal point, pixels.
     pub matrix: [[f64; 3]; 3],
-    /// As `cv::projectPoints` takes it: k1, k2, p1, p2, k3 to k6, s1 to s4, tau x, tau y; 0 for those that a calibration has not.
+    /// As `cv::projectPoints` takes it: k1, k2, p1, p2, k3 to k6, s1 to s4, tau x, tau y; 0 for those that a calibration lacks.
     pub distortion: [f64; 14],
     /// `rotation X + translation` leads from the rectified left camera to this one.
     pub rotation: [[f64; 3]; 3],
@@ -30,7 +30,7 @@ pub struct Camera {
     pub fisheye: u32,
 }
 
-/// Maps of the rectified left camera, each of `height` rows of `width` values. NULL: there is no such map, but for the depths.
+/// Maps of the rectified left camera, each of `height` rows of `width` values. All but the depths may be NULL.
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
 pub struct Depths {
@@ -73,9 +73,9 @@ pub struct Registered {
     pub source: *mut i64,
     /// Bytes from a row to the next one.
     pub source_stride: isize,
-    /// 1 where there is no depth, though the left camera sees what is there: its depth is missing.
+    /// 1 where the left camera sees something whose depth is missing.
     pub holes: *mut u8,
-    /// 1 where there is no depth, for something hides from the left camera what is there.
+    /// 1 where something hides the scene from the left camera.
     pub occluded: *mut u8,
     /// Bytes from a row to the next one, of the last two.
     pub flags_stride: isize,
@@ -127,7 +127,7 @@ impl Camera {
 }
 
 impl Depths {
-    /// A copy of one of the maps; `None`: there is none.
+    /// A copy of one of the maps; `None`: it is NULL.
     ///
     /// # Safety
     ///

@@ -5,8 +5,7 @@ use image::DynamicImage;
 use super::image::{Image, Pixel};
 use phasestereo_match::base::error::{Error, Result};
 
-/// Gray and color images of 8 and 16 bits and of floats. Pixels whose alpha is 0 are masked, unless it is 0
-/// everywhere, as where a fourth channel only fills up four bytes.
+/// Gray and color images of 8 and 16 bits and of floats. Alpha is that of [`Image::with_alpha`].
 impl TryFrom<DynamicImage> for Image {
     type Error = Error;
 
@@ -38,14 +37,8 @@ fn with_alpha<T: Pixel + PartialEq, const N: usize>(
 ) -> Result<Image> {
     let (pixels, _) = pixels.as_chunks::<N>();
     let colors: Vec<T> = pixels.iter().flat_map(|pixel| &pixel[..N - 1]).copied().collect();
-    let valid: Vec<bool> = pixels.iter().map(|pixel| pixel[N - 1] != T::default()).collect();
-
-    let image = Image::from_vec(colors, size)?;
-    if valid.contains(&true) && valid.contains(&false) {
-        image.with_mask(&valid)
-    } else {
-        Ok(image)
-    }
+    let opaque: Vec<bool> = pixels.iter().map(|pixel| pixel[N - 1] != T::default()).collect();
+    Image::from_vec(colors, size)?.with_alpha(&opaque)
 }
 
 #[cfg(test)]

@@ -66,14 +66,28 @@ impl Image {
         Ok(Self(Input::from(T::image(pixels.map_err(|_| refused(count))?))))
     }
 
-    /// The image of which these pixels are valid, row after row.
+    /// The image of which only these pixels are valid, row after row, of those that are.
     pub fn with_mask(self, valid: &[bool]) -> Result<Self> {
         let (rows, cols) = self.0.size();
         let mut mask = zeroed(valid.len())?;
         mask.copy_from_slice(valid);
 
-        let mask = Plane::from_vec(rows, cols, mask).map_err(|error| error.about("mask"))?;
+        let mut mask = Plane::from_vec(rows, cols, mask).map_err(|error| error.about("mask"))?;
+        if let Some(before) = &self.0.mask {
+            let both = mask.as_mut_slice().iter_mut().zip(before.as_slice());
+            both.for_each(|(valid, before)| *valid &= before);
+        }
         Ok(Self(Input { mask: Some(mask), ..self.0 }))
+    }
+
+    /// The image of which these pixels are opaque, row after row; the others are masked, unless none is opaque,
+    /// as where a fourth channel of zeros only fills up four bytes.
+    pub fn with_alpha(self, opaque: &[bool]) -> Result<Self> {
+        if opaque.contains(&true) && opaque.contains(&false) {
+            self.with_mask(opaque)
+        } else {
+            Ok(self)
+        }
     }
 
     /// The pixels, row after row, one value each or three; `None`: they are of another type.

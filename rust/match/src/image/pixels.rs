@@ -45,6 +45,18 @@ macro_rules! of_any_type {
     };
 }
 
+/// The same for work that gives pixels of the type of the image, which become an image again.
+macro_rules! of_same_type {
+    ($image:expr, $pixels:ident => $work:expr) => {
+        match $image {
+            Image::U8($pixels) => Image::U8($work),
+            Image::U16($pixels) => Image::U16($work),
+            Image::F32($pixels) => Image::F32($work),
+            Image::F64($pixels) => Image::F64($work),
+        }
+    };
+}
+
 impl From<Image> for Input {
     /// An image that is valid everywhere.
     fn from(image: Image) -> Self {
@@ -158,12 +170,7 @@ pub trait Resampler {
 impl Input {
     /// Pixels of the same type, resampled; masked ones do not spread. What is valid is for the caller to say.
     pub fn resampled(&self, by: &impl Resampler, mask: Option<Mask>) -> Result<Self> {
-        let image = match &self.image {
-            Image::U8(pixels) => Image::U8(self.resampled_type(pixels, by)?),
-            Image::U16(pixels) => Image::U16(self.resampled_type(pixels, by)?),
-            Image::F32(pixels) => Image::F32(self.resampled_type(pixels, by)?),
-            Image::F64(pixels) => Image::F64(self.resampled_type(pixels, by)?),
-        };
+        let image = of_same_type!(&self.image, pixels => self.resampled_type(pixels, by)?);
         Ok(Self { image, mask, unit: self.unit })
     }
 
@@ -190,23 +197,13 @@ impl Input {
 
     /// One of its channels.
     pub fn channel(&self, channel: usize) -> Self {
-        let image = match &self.image {
-            Image::U8(pixels) => Image::U8(channel_of(pixels, channel)),
-            Image::U16(pixels) => Image::U16(channel_of(pixels, channel)),
-            Image::F32(pixels) => Image::F32(channel_of(pixels, channel)),
-            Image::F64(pixels) => Image::F64(channel_of(pixels, channel)),
-        };
+        let image = of_same_type!(&self.image, pixels => channel_of(pixels, channel));
         Self { image, mask: self.mask.clone(), unit: self.unit }
     }
 
     /// The image turned by a quarter, counterclockwise, as [`Plane::turned`].
     pub fn turned(&self) -> Self {
-        let image = match &self.image {
-            Image::U8(pixels) => Image::U8(turned(pixels)),
-            Image::U16(pixels) => Image::U16(turned(pixels)),
-            Image::F32(pixels) => Image::F32(turned(pixels)),
-            Image::F64(pixels) => Image::F64(turned(pixels)),
-        };
+        let image = of_same_type!(&self.image, pixels => turned(pixels));
         Self { image, mask: self.mask.as_ref().map(Plane::turned), unit: self.unit }
     }
 
