@@ -12,10 +12,12 @@ pub const SHADER: &str = include_str!("search.wgsl");
 
 /// Threads of a workgroup, at least: those of a path, or of several. It is the width of most GPUs.
 const THREADS: u32 = 32;
-/// As in the shader.
+/// Words and columns of a workgroup that sums, and rows that it sums one after another. Not swept, for lack of
+/// a device, as the next one.
 const SUMMED_WORDS: u32 = 8;
-const SUMMED_COLUMNS: u32 = 32;
+pub const SUMMED_COLUMNS: u32 = 32;
 const SUMMED_ROWS: u32 = 64;
+/// Columns of a workgroup that chooses.
 const CHOSEN_COLUMNS: u32 = 64;
 
 /// Task, left and right codes, pixels; costs, totals, totals from below, and what is found.
@@ -139,7 +141,9 @@ impl Kernels {
         let source = format!(
             "const WORDS: u32 = {words}u;\nconst PATHS: u32 = {paths}u;\nconst PANEL: i32 = {PANEL};\n\
              const BAND: i32 = {BAND};\nconst COLUMNS_AHEAD: i32 = {LOOKAHEAD_COLUMNS};\n\
-             const ROWS_AHEAD: i32 = {LOOKAHEAD_ROWS};\n{shader}"
+             const ROWS_AHEAD: i32 = {LOOKAHEAD_ROWS};\nconst SUMMED_WORDS: u32 = {SUMMED_WORDS}u;\n\
+             const SUMMED_COLUMNS: u32 = {SUMMED_COLUMNS}u;\nconst SUMMED_ROWS: i32 = {SUMMED_ROWS};\n\
+             const CHOSEN_COLUMNS: u32 = {CHOSEN_COLUMNS}u;\n{shader}"
         );
         let source = wgpu::ShaderSource::Wgsl(source.into());
         let module =

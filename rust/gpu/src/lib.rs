@@ -59,8 +59,8 @@ pub struct Gpu {
 
 impl Gpu {
     /// The first adapter whose name contains `name`, whatever its letters' case; `None`: the first one that
-    /// is not a processor, discrete ones before others. The error is that of a value: there is no such
-    /// adapter, or it cannot be used.
+    /// is not a processor, discrete ones before others. An error names the adapters if none is of this name, or
+    /// says why it cannot be opened.
     pub fn new(name: Option<&str>) -> Result<Self> {
         let (device, memory) = (Device::open(name)?, Mutex::new(Memory::new(SHADER)));
         Ok(Self { device, memory, most_bytes: MOST_BYTES })

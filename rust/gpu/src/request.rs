@@ -20,8 +20,8 @@ pub const PIXEL_WORDS: usize = 3;
 /// Bits of a pixel's byte below its version of the right image; the others hold all that there may be.
 const VERSION_SHIFT: u32 = 4;
 const _: () = assert!(MOST_CLASSES <= 1 << (u8::BITS - VERSION_SHIFT));
-/// Largest radius of a window: the threads that sum are 32 columns.
-const MOST_RADIUS: usize = 15;
+/// Largest radius of a window: some of the columns that are summed are those of its center.
+const MOST_RADIUS: usize = (kernels::SUMMED_COLUMNS as usize - 1) / 2;
 
 /// A chunk that a device takes.
 pub struct Request<'a> {

@@ -28,9 +28,9 @@
 // pixels. Panels have PANEL columns, bands BAND rows. Means are rounded up.
 //
 // Four neighboring candidates lie in the four bytes of a word. A path is followed by WORDS threads, each of
-// which has the totals of one word, as a vector. The host puts the constants WORDS, PATHS (of a workgroup),
-// PANEL, BAND, COLUMNS_AHEAD and ROWS_AHEAD before this text. Rows are counted from the first one that was
-// uploaded.
+// which has the totals of one word, as a vector. The host puts the constants before this text: WORDS, PATHS
+// (of a workgroup), PANEL, BAND, COLUMNS_AHEAD, ROWS_AHEAD, the words, columns and rows that a workgroup sums,
+// and the columns that one chooses for. Rows are counted from the first one that was uploaded.
 
 struct Task {
     cols: i32,
@@ -89,9 +89,6 @@ fn place(y: i32, x: i32) -> u32 {
 // Each thread keeps the sums of one column of windows, of four candidates; each sum over a window is that of
 // neighboring threads.
 
-const SUMMED_WORDS: u32 = 8u;
-const SUMMED_COLUMNS: u32 = 32u;
-const SUMMED_ROWS: i32 = 64;
 var<workgroup> column_sums: array<u32, SUMMED_WORDS * SUMMED_COLUMNS>;
 
 fn distances(y: i32, x: i32, word: u32) -> u32 {
@@ -258,7 +255,7 @@ fn fall_columns(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocati
 //     their costs, likewise
 // At the least candidate these are of the first three, and the host takes no offset at either end.
 
-@compute @workgroup_size(64)
+@compute @workgroup_size(CHOSEN_COLUMNS)
 fn choose(@builtin(global_invocation_id) id: vec3<u32>) {
     let x = i32(id.x);
     let y = task.start + i32(id.y);
