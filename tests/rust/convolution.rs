@@ -229,7 +229,7 @@ fn weights_are_within_a_step_of_the_taps_and_sum_to_a_power_of_two() {
 
     let kernel = kernel(21, 21, disk).expect("a legal kernel");
     let KernelWeights::All(weights) = kernel.weights() else {
-        panic!("a disk is no outer product")
+        panic!("a disk is not an outer product")
     };
     assert_eq!(total(weights), 1 << SHIFT);
 

@@ -6,7 +6,7 @@
 //! ahead    = odds of claimed - (odds of the own confidence - DOUBTED)
 //! better   = sum of ahead > 0, over the pixels within 9 x 9 that are not near
 //! fused    = near: own + SHARE (claim - own), SHARE_IF_POOR if the own map has more than POOR of its pixels wrong
-//!            better, or there is no own disparity and the odds of the claim are positive: claim;  else own
+//!            better, or the own disparity is missing and the odds of the claim are positive: claim;  else own
 //! confidence = near, and of claims that are taken: claimed;  else the own one (1 - claimed)
 //! bar      = near: the mean of both;  of claims that are taken: theirs;  else that of claims of this confidence
 //! ```
@@ -34,7 +34,7 @@ use crate::verification::traits::{AGREES, odds};
 const SHARE: f32 = 0.25;
 /// The same where the own map is poor.
 const SHARE_IF_POOR: f32 = 0.5;
-/// Share of the own map that is probably wrong from which on it is poor.
+/// Share of the own map that is probably wrong from which on it is poor. Not swept, as those below.
 const POOR: f64 = 0.2;
 /// The odds of the own confidence that a claim which differs takes away, a logarithm. With 0, 0.75, 1: sharp
 /// 6.20, 6.11, 6.10 % wrong, noise 20 25.51, 25.48, 25.58, disk 6 17.65, 17.71, 17.85, JPEG 70 12.60, 12.19,
@@ -137,12 +137,12 @@ impl Maps<'_> {
 
     /// By how much the odds of a claim are ahead where both maps differ, in steps.
     fn ahead(&self, y: usize, x: usize) -> i64 {
-        let [own, claim] = self.pixels(y, x);
-        let by = (own.disparity - claim.disparity).abs();
+        let by = (self.own.disparity.row(y)[x] - self.claims.row(y)[x]).abs();
         if !by.is_finite() || by <= AGREES {
             return 0;
         }
-        let ahead = claim.chance.odds - (odds(self.confidence(y, x)) - DOUBTED);
+        let claimed = self.chances.row(y)[x].odds;
+        let ahead = claimed - (odds(self.confidence(y, x)) - DOUBTED);
         (ahead.clamp(-LARGEST, LARGEST) * STEPS) as i64
     }
 }
