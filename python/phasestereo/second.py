@@ -52,7 +52,7 @@ def as_second(
 
 @dataclass(frozen=True, slots=True)
 class SecondMatcher:
-    """A matcher as the core calls it: it returns a map, or why there is none.
+    """A matcher as the core calls it: it returns a map, or the reason why it failed.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class SecondMatcher:
         return self.matcher.max_disparity
 
     def __call__(self, left: NDArray[Any], right: NDArray[Any], num_disparities: int) -> Map | str:
-        """Return float32 (H, W), pixels, NaN where there is no disparity; or why there is none."""
+        """Return float32 (H, W), pixels, NaN without a disparity; or why it failed."""
         try:
             return self._within(lambda: self.matcher(left, right, num_disparities))
         except Exception as error:  # noqa: BLE001 - whatever it raises, our own map stands

@@ -82,9 +82,9 @@ class GeometryOptions:
     cy
         Row of the principal point. Default: that of the image's center.
     unit
-        Unit of baseline and depths; nothing is converted. Default: m, or mm
-        of Middlebury's calib.txt;
-        that of --baseline, --q and OpenCV's files is not known, and ``--depth FILE.png`` needs it.
+        Unit of baseline and depths; nothing is converted. Default: m, or mm of Middlebury's
+        calib.txt; that of --baseline, --q and OpenCV's files is not known, and
+        ``--depth FILE.png`` needs it.
     depth_scale
         Units of ``--depth FILE.png`` in a meter: 1000 (mm, the default), 256 (KITTI) or 5000 (TUM).
     keep

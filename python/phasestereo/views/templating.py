@@ -13,8 +13,15 @@ from pathlib import Path
 from typing import Any
 
 from phasestereo._extras import require
+from phasestereo.io.files import StrPath, suffix
 
-__all__ = ["data_uri", "render_page"]
+__all__ = ["check_page_path", "data_uri", "render_page"]
+
+
+def check_page_path(path: StrPath) -> None:
+    """Raise a ValueError for a file that is not named as a page."""
+    if suffix(path) not in (".html", ".htm"):
+        raise ValueError(f"path must end in .html or .htm, got {suffix(path)!r}")
 
 
 def render_page(template: str, *, package: str | Path = "phasestereo.views", **context: Any) -> str:

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phasestereo.io.drafts import replacing
-from phasestereo.io.files import StrPath, suffix
-from phasestereo.views.templating import render_page
+from phasestereo.io.files import StrPath
+from phasestereo.views.templating import check_page_path, render_page
 from phasestereo_live.calibration import StereoCalibration
 
 __all__ = ["distances_of", "write_calibration_page"]
@@ -60,8 +60,7 @@ def write_calibration_page(
     ImportError
         If the extra ``report`` is not installed.
     """
-    if suffix(path) not in (".html", ".htm"):
-        raise ValueError(f"path must end in .html or .htm, got {suffix(path)!r}")
+    check_page_path(path)
     if not isinstance(calibration, StereoCalibration):
         got = type(calibration).__name__
         raise TypeError(f"calibration: got {got}; accepts a StereoCalibration")

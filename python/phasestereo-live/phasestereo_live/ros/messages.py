@@ -17,7 +17,7 @@ from phasestereo._images import Map, as_pixels, as_rgb8
 from phasestereo.io import Calibration
 from phasestereo.result import Result
 from phasestereo.rig.diagnosis import Diagnosis
-from phasestereo.views.depths import YAW, Selection, depths_of, ranging
+from phasestereo.views.depths import YAW, Ranging, Selection, depths_of, ranging
 from phasestereo.views.registering import ThirdCamera, register
 from phasestereo_live.ros.images import encode_image
 from phasestereo_live.ros.pairing import Header
@@ -178,8 +178,7 @@ def ranged_depth(
         whatever its ``decimate``.
     """
     chosen = selection or Selection()
-    bars = result.uncertainty
-    geometry = ranging(result.disparity, calibration, uncertainty=bars, yaw=YAW, anchor=None)
+    geometry = _ranging(result, calibration)
     depth = depths_of(result, geometry, Selection(keep=chosen.keep), finite=False).depth
 
     kept = result.kept(chosen.keep)
@@ -194,6 +193,11 @@ def ranged_depth(
     depth[far] = np.inf
     depth[near] = -np.inf
     return depth
+
+
+def _ranging(result: Result, calibration: Calibration) -> Ranging:
+    bars = result.uncertainty
+    return ranging(result.disparity, calibration, uncertainty=bars, yaw=YAW, anchor=None)
 
 
 def in_space(
@@ -237,10 +241,8 @@ def in_space(
     chosen, space, found = selection or Selection(), "", {}
     depth = ranged_depth(result, calibration, chosen)
     if chosen.decimate > 1:
-        bars = result.uncertainty
-        geometry = ranging(result.disparity, calibration, uncertainty=bars, yaw=YAW, anchor=None)
         blocks = replace(chosen, min_depth=None, max_depth=None)
-        thin = depths_of(result, geometry, blocks, finite=False)
+        thin = depths_of(result, _ranging(result, calibration), blocks, finite=False)
         depth, left, calibration = thin.picked(depth), thin.picked(left), thin.calibration
         space = "decimated/"
         found[f"{space}camera_info"] = camera_info(make, header, calibration)

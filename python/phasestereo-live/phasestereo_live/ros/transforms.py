@@ -58,7 +58,7 @@ def baseline_of(pose: Matrix | None) -> tuple[float, float] | None:
     Returns
     -------
     tuple or None
-        One of both is 0. None: there is no pose, or it stands neither beside nor below.
+        One of both is 0. None: the pose is not known, or it stands neither beside nor below.
     """
     if pose is None or np.abs(pose[:3, :3] - np.eye(3)).max() > _ACROSS:
         return None

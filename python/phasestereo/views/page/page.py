@@ -12,14 +12,14 @@ from phasestereo._extras import require
 from phasestereo._images import Map, Mask, Pixels, as_alike, as_mask, on_screens, screen_range
 from phasestereo.io import Calibration
 from phasestereo.io.drafts import replacing
-from phasestereo.io.files import StrPath, suffix
+from phasestereo.io.files import StrPath
 from phasestereo.metrics.scores import score as score_map
 from phasestereo.result import Keep, Result
 from phasestereo.views.depths import YAW, Anchor, Selection, ranging
 from phasestereo.views.page import facts, layers
 from phasestereo.views.page.embedding import photograph_uri
 from phasestereo.views.page.scene import ScenePoints, scene_points
-from phasestereo.views.templating import render_page
+from phasestereo.views.templating import check_page_path, render_page
 
 __all__ = ["require_page", "write_pair_page"]
 
@@ -100,8 +100,7 @@ def write_pair_page(
     ImportError
         If the extra ``report`` is not installed.
     """
-    if suffix(path) not in (".html", ".htm"):
-        raise ValueError(f"path must end in .html or .htm, got {suffix(path)!r}")
+    check_page_path(path)
     require_page()
 
     pair = as_alike(left, right)
