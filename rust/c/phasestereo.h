@@ -485,7 +485,7 @@ typedef struct phasestereo_calibration {
    */
   double camera[2][3][3];
   /**
-   * D1 and D2: k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4; 0 for those that a calibration lacks.
+   * D1 and D2: k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4; 0 for those that a calibration does not have.
    */
   double distortion[2][12];
   /**

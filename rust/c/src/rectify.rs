@@ -21,7 +21,7 @@ pub struct Calibration {
     pub struct_size: usize,
     /// K1 and K2: focal lengths and principal points, pixels.
     pub camera: [[[f64; 3]; 3]; 2],
-    /// D1 and D2: k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4; 0 for those that a calibration has not.
+    /// D1 and D2: k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4; 0 for those that a calibration does not have.
     pub distortion: [[f64; 12]; 2],
     /// R1 and R2: from the raw camera to the rectified one.
     pub rotation: [[[f64; 3]; 3]; 2],

@@ -87,7 +87,7 @@ def _verdict(blur: BlurEstimate) -> str:
         return "No relative blur: neither image is softer than the other."
 
     if any(kind.other for kind in blur.blurs):
-        return "Relative blur: each image has a blur that the other one has not."
+        return "Relative blur: each image has a blur that the other one does not have."
 
     softer = sorted(sides - {"none"})
     which = f"the {softer[0]} image is" if len(softer) == 1 else "now one image, now the other is"
