@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from numpy.typing import NDArray
@@ -37,22 +37,51 @@ def as_second(
         As `phasestereo.matchers.load_matcher`; also for an array that is not a map of the left
         image, and for a wrong timeout.
     """
-    seconds = None if timeout is None else as_number("timeout", timeout, positive=True)
+    if is_matcher(second):
+        return as_second_matcher(second, timeout)
+    if timeout is not None:
+        as_number("timeout", timeout, positive=True)
     if second is None:
-        if seconds is not None:
+        if timeout is not None:
             raise ValueError("timeout: got one without a second matcher; accepts None then")
         return None
-    if isinstance(second, str) or callable(second) or hasattr(second, "compute"):
-        try:
-            return SecondMatcher(load_matcher(second), seconds)
-        except (TypeError, ValueError) as error:
-            raise type(error)(str(error).replace("matcher:", "second:", 1)) from error
     return as_claims(as_array(second, "second"), size, "second")
 
 
-@dataclass(frozen=True, slots=True)
+def is_matcher(second: object) -> bool:
+    """Return whether it makes maps; else it is one, or nothing."""
+    return isinstance(second, str) or callable(second) or hasattr(second, "compute")
+
+
+def as_second_matcher(second: Any, timeout: float | None) -> SecondMatcher:
+    """Return the second matcher of one match, or of all frames of a stream.
+
+    Parameters
+    ----------
+    second
+        What `load_matcher` makes a matcher of, or a `SecondMatcher`, which is returned as it is.
+    timeout
+        Seconds that it may take; None: any time, or what it has already.
+
+    Raises
+    ------
+    TypeError, ValueError, OSError, ImportError
+        As `phasestereo.matchers.load_matcher`; also for a wrong timeout.
+    """
+    seconds = None if timeout is None else as_number("timeout", timeout, positive=True)
+    if isinstance(second, SecondMatcher) and seconds is None:
+        return second
+    try:
+        return SecondMatcher(load_matcher(second), seconds)
+    except (TypeError, ValueError) as error:
+        raise type(error)(str(error).replace("matcher:", "second:", 1)) from error
+
+
+@dataclass(slots=True)
 class SecondMatcher:
     """A matcher as the core calls it: it returns a map, or the reason why it failed.
+
+    While a call that took too long runs on, the next ones fail at once.
 
     Parameters
     ----------
@@ -64,6 +93,7 @@ class SecondMatcher:
 
     matcher: OtherMatcher
     timeout: float | None
+    _late: threading.Thread | None = field(default=None, init=False, repr=False)
 
     @property
     def name(self) -> str:
@@ -86,6 +116,8 @@ class SecondMatcher:
         """Do work within the time that it may take; a thread that takes longer is abandoned."""
         if self.timeout is None:
             return work()
+        if self._late is not None and self._late.is_alive():
+            raise TimeoutError("it is still at work on an earlier pair")
 
         found: list[Map | Exception] = []
 
@@ -102,6 +134,7 @@ class SecondMatcher:
             thread.join(min(_TICK, left))
             left -= _TICK
         if not found:
+            self._late = thread
             raise TimeoutError(f"no answer within {self.timeout:g} s")
         if isinstance(found[0], Exception):
             raise found[0]

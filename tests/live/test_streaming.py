@@ -30,6 +30,8 @@ from support.footage import (
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from numpy.typing import NDArray
+
     from phasestereo_live.video.streaming import Failure
 
 FAST: dict[str, Any] = {"num_disparities": COUNT, "preset": "fast"}
@@ -239,6 +241,10 @@ def test_what_an_iterable_raises_passes() -> None:
         ({"num_disparities": True}, TypeError, "num_disparities"),
         ({"reestimate": 0}, ValueError, "reestimate: got"),
         ({"reestimate": 1.5}, TypeError, "reestimate: got"),
+        ({"second": "net.txt"}, ValueError, "second: got 'net.txt'"),
+        ({"second": np.ones((ROWS, COLS))}, TypeError, "second: got ndarray"),
+        ({"timeout": 1}, ValueError, "timeout: got one without"),
+        ({"second": np.add, "timeout": 0}, ValueError, "timeout: got 0"),
     ],
 )
 def test_wrong_arguments_are_refused_at_once(
@@ -252,6 +258,45 @@ def test_more_disparities_than_columns_are_refused_with_the_first_image() -> Non
     frames = live.stream(iter([pair(0)]), num_disparities=COLS + 1, preset="fast")
     with pytest.raises(ValueError, match="^num_disparities: got 97"):
         next(frames)
+
+
+# A second matcher
+
+
+def truth(left: NDArray[np.uint8], _right: object) -> NDArray[np.float32]:
+    """Return what is right of a frame: all of it is shifted by the same."""
+    count = [np.array_equal(left, pair(index)[0]) for index in range(4)].index(True)
+    return np.full(left.shape[:2], shift(count), np.float32)
+
+
+def test_every_frame_has_a_second_map() -> None:
+    alone: dict[str, Any] = {"reestimate": 1, "temporal_filter": False, "num_disparities": COUNT}
+    pairs = [pair(index) for index in range(4)]
+    for frame, images in zip(live.stream(iter(pairs), second=truth, **alone), pairs, strict=True):
+        single = ps.match(*images, num_disparities=COUNT, second=truth)
+        assert np.array_equal(frame.result.disparity, single.disparity)
+        assert frame.result.timings["second"] > 0
+
+
+def test_a_second_matcher_that_hangs_costs_one_timeout() -> None:
+    end, calls = threading.Event(), []
+
+    def hangs(left: NDArray[np.uint8], _right: object) -> NDArray[np.float32]:
+        calls.append(left)
+        end.wait()
+        return np.zeros(left.shape[:2], np.float32)
+
+    pairs = [pair(index) for index in range(3)]
+    try:
+        frames = list(live.stream(iter(pairs), second=hangs, timeout=0.2, **FAST))
+    finally:
+        end.set()
+    assert len(calls) == 1
+    said = [one.sentence for f in frames for one in f.result.findings if one.topic == "map"]
+    assert len(said) == 3
+    assert "no answer within 0.2 s" in said[0]
+    assert all("still at work on an earlier pair" in one for one in said[1:])
+    assert disparities(frames) == expected(range(3))
 
 
 # Masks and settings

@@ -45,6 +45,7 @@ _VALUES = {"preset", "num_disparities", "min_disparity", "threads", "noise", "la
 _OPTIONS = (
     _VALUES
     | _MASKS
+    | {"second", "timeout"}
     | {"start", "stop", "every", "reestimate"}
     | {field.name for field in fields(Settings)}
 )
@@ -81,6 +82,8 @@ def live(
     left_mask: Annotated[Path | None, Parameter(group=_SEARCH)] = None,
     right_mask: Annotated[Path | None, Parameter(group=_SEARCH)] = None,
     noise: Annotated[float | None, Parameter(group=_SEARCH)] = None,
+    second: Annotated[str | None, Parameter(group=_SEARCH)] = None,
+    timeout: Annotated[float | None, Parameter(group=_SEARCH)] = None,
     showing: Annotated[ViewOptions, Parameter(name="*", group=_OUTPUT)] = _VIEW,
     outputs: Annotated[LiveOutputs, Parameter(name="*", group=_OUTPUT)] = _OUTPUTS,
     topics: Annotated[Topics, Parameter(name="*", group=_RECORDING)] = _TOPICS,
@@ -147,6 +150,10 @@ def live(
     noise
         Standard deviation of the images' noise, in units of their pixels; needed with
         --noise-threshold.
+    second
+        A second matcher of every frame: sgbm, bm, or onnx:net.onnx, as `match` takes it.
+    timeout
+        Seconds that the second matcher may take for a frame.
     """
     places = _places(source, right, cameras)
     calibration = as_calibration(rectify) if rectify else ()
@@ -178,6 +185,8 @@ def live(
         "right_mask": masks[1],
         "known": known,
         "vertical": vertical,
+        "second": second,
+        "timeout": timeout,
         "on_error": tally.fail,
         "patience": None if shown else PATIENCE,  # who looks plugs it in again
     }

@@ -29,6 +29,7 @@ from phasestereo.matching import match
 from phasestereo.rectification import Rectification
 from phasestereo.result import Result
 from phasestereo.rigs import REESTIMATE, Rig
+from phasestereo.second import SecondMatcher, as_second_matcher
 from phasestereo.settings import PresetName, Settings, SettingsOverrides
 from phasestereo.temporal import TemporalFilter
 from phasestereo_live._closing import Closing
@@ -120,6 +121,8 @@ def stream(
     right_mask: ArrayLike | None = None,
     known: Known | None = None,
     vertical: bool | None = None,
+    second: Callable[..., ArrayLike] | str | None = None,
+    timeout: float | None = None,
     **overrides: Unpack[SettingsOverrides],
 ) -> Stream:
     """Match every frame of a video, a folder of images, or a pair of cameras.
@@ -173,6 +176,11 @@ def stream(
     vertical
         Whether the right camera is below the left one, as `match` takes it. None: it is where the
         first frames show it clearly, or the calibration says so.
+    second, timeout
+        What makes a second map of every frame, and the seconds that it may take, as `match` takes
+        them; not a map. A frame for which it fails keeps our own map, with a finding. While a call
+        that took too long runs on, it is not called again. The rig and the temporal filter see our
+        own maps alone.
 
     Returns
     -------
@@ -235,7 +243,12 @@ def stream(
     if vertical is not None and not isinstance(vertical, bool):
         raise TypeError(f"vertical: got {vertical!r:.80}; accepts True, False or None")
     masks = {"left_mask": left_mask, "right_mask": right_mask}
-    given = _Given(rig.settings, min_disparity, num_disparities, masks, as_known(known), vertical)
+    if timeout is not None and second is None:
+        raise ValueError("timeout: got one without a second matcher; accepts None then")
+    other = None if second is None else as_second_matcher(second, timeout)
+    given = _Given(
+        rig.settings, min_disparity, num_disparities, masks, as_known(known), vertical, other
+    )
 
     # Wrong arguments are refused before any source is opened.
     _try(given, width=None)
@@ -266,6 +279,7 @@ class _Given:
     masks: Mapping[str, ArrayLike | None]
     known: Known
     vertical: bool | None
+    second: SecondMatcher | None
 
 
 class Stream(Iterator[Frame], Closing):
@@ -477,6 +491,7 @@ class _Work:
             known=self._given.known,
             temporal_filter=self._temporal_filter,
             vertical=self._vertical,
+            second=self._given.second,
         )
 
         images = _squeezed(left), _squeezed(right)
