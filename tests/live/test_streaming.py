@@ -264,7 +264,7 @@ def test_more_disparities_than_columns_are_refused_with_the_first_image() -> Non
 
 
 def truth(left: NDArray[np.uint8], _right: object) -> NDArray[np.float32]:
-    """Return what is right of a frame: all of it is shifted by the same."""
+    """Return the true map of a frame: all of it is shifted by the same."""
     count = [np.array_equal(left, pair(index)[0]) for index in range(4)].index(True)
     return np.full(left.shape[:2], shift(count), np.float32)
 

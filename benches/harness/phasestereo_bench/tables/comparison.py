@@ -35,12 +35,14 @@ _LOOKS = {
     "opencv:sgbm-5way": ("StereoSGBM, 5 paths", "#cc79a7", "*"),
     "opencv:sgbm": ("StereoSGBM, 8 paths", "#d55e00", "X"),
     "hitnet": ("HITNet", "#009e73", "h"),
+    "prepared:hitnet": ("HITNet, prepared pair", "#66c2a5", "H"),
+    "fused:hitnet": ("robust and HITNet", "#7b3294", "D"),
     "mccnn": ("MC-CNN", "#777777", "<"),
 }
 """The methods that are shown: title, color, mark."""
 
 _SURFACES = ("rooms, 0.5 MP", "large planes", "scenes as they are")
-_SHOWN = (AUTO, "opencv:sgbm", "hitnet")
+_SHOWN = (AUTO, "opencv:sgbm", "hitnet", "fused:hitnet")
 _OFF = "more than 1 px off, %: less is better"
 _WORDS = (
     "More than 1 px off, %, non-occluded pixels: less is better. Means over the faults of a group "

@@ -24,6 +24,8 @@ TITLES = {
     "opencv:bm": "StereoBM",
     "opencv:sgbm": "StereoSGBM",
     "hitnet": "HITNet",
+    "prepared:hitnet": "HITNet, prepared pair",
+    "fused:hitnet": "robust and HITNet",
 }
 
 COLUMNS: Mapping[str, tuple[str, tuple[str, ...]]] = {

@@ -34,6 +34,9 @@ _ALSO_TIMED = ("paper", "opencv:sgbm-3way", "opencv:sgbm-5way")  # of the chart 
 SYNTHESIZED = ("gauss 2", "gauss 4", "disk 3", "disk 6", "motion 9", "motion 15", "mixed")
 """Degradations after which the blurred image is made again."""
 
+WITH_OURS = ("one-sided-blur", "rigs")
+"""Suites in which other matchers also get prepared pairs, and are second ones of ours."""
+
 TIMED_ON = ("scenes2003/cones", "MiddEval3/trainingQ/Motorcycle")
 """The scenes that time and memory are of; the larger is in the first table of all."""
 
@@ -130,8 +133,16 @@ def _synthesis_jobs(scenes: Sequence[Scene]) -> list[Job]:
 def _methods(suite: str, rivals: Sequence[str]) -> list[str]:
     """Return the jobs of a suite, and of the headline."""
     also = _timed(rivals) if suite == "sharp" else [*TIMED, *rivals]
+    if suite in WITH_OURS:
+        also += [*_with_ours(rivals), "prepared:opencv:sgbm"]
     return list(dict.fromkeys([*default_methods(suite), *also]))
 
 
 def _timed(rivals: Sequence[str]) -> list[str]:
-    return [*TIMED, *_ALSO_TIMED, *rivals]
+    return [*TIMED, *_ALSO_TIMED, *rivals, *_with_ours(rivals)]
+
+
+def _with_ours(rivals: Sequence[str]) -> list[str]:
+    """Return HITNet on prepared pairs, and as a second matcher."""
+    networks = [name for name in rivals if name.startswith("hitnet:")]
+    return [f"{way}:{name}" for name in networks for way in ("prepared", "fused")]
