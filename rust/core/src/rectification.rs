@@ -66,9 +66,9 @@ const LEAST_BLOCKS: (usize, usize) = (40, 60);
 /// From such a spread on other cameras than those that explain the corners best are tried, too; pixels, and
 /// share of the width.
 const DOUBTFUL: (f64, f64) = (0.25, 0.00025);
-/// Most rounds of blocks; the rows that a round changes when it is the last, pixels.
+/// Most rounds of blocks; the share of their spread that the last one moves them by.
 const ROUNDS: usize = 8;
-const STILL: f64 = 0.03;
+const STILL: f64 = 0.2;
 /// Matches agree if their rows are at most this many spreads apart, or such a share of the width.
 const AGREE: (f64, f64) = (4.0, 0.003);
 /// Largest share of blocks where the distortion folds the image.
@@ -321,26 +321,11 @@ fn rectify_small(
         return Ok(Err(Refusal::NotNeeded));
     }
 
-    let (mut most, mut best) = (0, None);
-    for (cameras, near) in starts {
-        let found = refined(&views, cameras, near, level, control)?;
-        most = most.max(found.blocks.len());
-        let Some(fit) = found.fit.as_ref().filter(|_| found.blocks.len() >= LEAST_BLOCKS.1) else {
-            continue;
-        };
-
-        let (spread, improbability) = (fit.spread, fit.improbability());
-        if best.as_ref().is_none_or(|(least, _)| improbability < *least) {
-            best = Some((improbability, found));
-        }
-        if spread < DOUBTFUL.0.max(DOUBTFUL.1 * size.1 as f64) {
-            break;
-        }
+    let found = refined(&views, starts, level, control)?;
+    if found.blocks.len() < LEAST_BLOCKS.1 {
+        return Ok(Err(Refusal::Blocks(found.blocks.len())));
     }
-    match best {
-        Some((_, found)) => Ok(found.checked(counts, size, aim.negative, views.len())),
-        None => Ok(Err(Refusal::Blocks(most))),
-    }
+    Ok(found.checked(&views, counts, aim.negative))
 }
 
 /// Whether some cameras explain the rows of corners that agree better than equal rows do.
@@ -418,88 +403,117 @@ fn matched(
 /// Cameras that blocks were fitted to.
 struct Refined {
     cameras: Cameras,
-    /// All blocks of the last round.
+    /// Corners agree if their rows are so near.
+    near: f64,
+    /// The blocks of the last round.
     blocks: Vec<Block>,
     /// The weight of each, 0 for mistakes.
     weights: Vec<f64>,
-    /// Corners that agree.
-    kept: Vec<CornerMatch>,
-    /// The normal equations of the last fit.
+    /// The last fit; `None`: there were too few blocks.
     fit: Option<fit::CameraFit>,
+    /// By how many rows the last fit moved its blocks, rms.
+    change: f64,
 }
 
-/// Fits cameras to blocks, again and again, until they stay. They begin with such to which matches agree
-/// whose rows are so near.
+/// Fits cameras to blocks, again and again, until they stay. Of those that corners agree with, the ones go on
+/// by which the first blocks are most probable.
 fn refined(
     views: &[Views],
-    cameras: Cameras,
-    near: f64,
+    starts: [(Cameras, f64); 3],
     level: Level,
     control: &Control,
 ) -> Result<Refined> {
-    let cols = views[0].pair[0].cols() as f64;
-    let mut near = near;
-    let mut now = Refined { cameras, blocks: vec![], weights: vec![], kept: vec![], fit: None };
+    let doubtful = DOUBTFUL.0.max(DOUBTFUL.1 * starts[0].0.size().1 as f64);
+    let mut best = Refined::new(starts[0].0.clone(), starts[0].1);
+    for (cameras, near) in starts {
+        let mut found = Refined::new(cameras, near);
+        found.fit_to_blocks(views, level, control)?;
 
-    for round in 0..ROUNDS {
-        let before = now.cameras.clone();
-        now.blocks.clear();
-        now.kept.clear();
-        for views in views {
-            control.checkpoint()?;
-            let kept = views.near(&before, near);
-            now.blocks.extend(blocks::blocks(views.pair, &before, &kept, level)?);
-            now.kept.extend(kept);
+        let is_sure = found.fit.as_ref().is_some_and(|fit| fit.spread < doubtful);
+        if found.improbability() <= best.improbability() {
+            best = found;
         }
-        if now.blocks.len() < LEAST_BLOCKS.0 {
-            break;
-        }
-
-        // Blocks alone, then with the corners, as much less exact as their rows spread more.
-        let mut places: Vec<CornerMatch> = now.blocks.iter().map(|block| block.places).collect();
-        let mut weights: Vec<f64> = now.blocks.iter().map(|block| block.weight).collect();
-        let alone = fit::fit(&places, &weights, &before, Steps(15, 3));
-
-        let rows =
-            |cameras: &Cameras, one: &CornerMatch| cameras.row_difference([one.left, one.right]);
-        let spread = deviation(now.kept.iter().map(|one| rows(&alone.cameras, one))) + 0.05;
-        places.extend(&now.kept);
-        weights.resize(places.len(), (alone.spread / spread).powi(2).min(1.0));
-        let both = fit::fit(&places, &weights, &alone.cameras, Steps(10, 0));
-
-        now.cameras = both.cameras.clone();
-        now.weights = both.weights[..now.blocks.len()].to_vec();
-        now.fit = Some(both);
-        near = (AGREE.0 * spread).max(AGREE.1 * cols);
-
-        let changes = now.blocks.iter().map(|block| {
-            (rows(&now.cameras, &block.places) - rows(&before, &block.places)).powi(2)
-        });
-        let change = (changes.sum::<f64>() / now.blocks.len() as f64).sqrt();
-        if round > 0 && change < STILL {
+        if is_sure {
             break;
         }
     }
 
-    now.kept = views.iter().flat_map(|views| views.near(&now.cameras, near)).collect();
-    Ok(now)
+    for _ in 1..ROUNDS {
+        if best.fit.as_ref().is_none_or(|fit| best.change < STILL * fit.spread) {
+            break;
+        }
+        best.fit_to_blocks(views, level, control)?;
+    }
+    Ok(best)
+}
+
+impl Refined {
+    /// Cameras that rows of corners so near agree with, before any blocks.
+    fn new(cameras: Cameras, near: f64) -> Self {
+        Self { cameras, near, blocks: vec![], weights: vec![], fit: None, change: f64::INFINITY }
+    }
+
+    /// How improbable the cameras are by the blocks.
+    fn improbability(&self) -> f64 {
+        self.fit.as_ref().map_or(f64::INFINITY, fit::CameraFit::improbability)
+    }
+
+    /// Finds blocks in the images that these cameras rectify, and fits the cameras to them anew.
+    fn fit_to_blocks(&mut self, views: &[Views], level: Level, control: &Control) -> Result<()> {
+        let before = self.cameras.clone();
+        let mut corners = vec![];
+        self.blocks.clear();
+        self.fit = None;
+        for views in views {
+            control.checkpoint()?;
+            let near = views.near(&before, self.near);
+            self.blocks.extend(blocks::blocks(views.pair, &before, &near, level)?);
+            corners.extend(near);
+        }
+        if self.blocks.len() < LEAST_BLOCKS.0 {
+            return Ok(());
+        }
+
+        // Blocks alone, then with the corners, as much less exact as their rows spread more.
+        let mut places: Vec<CornerMatch> = self.blocks.iter().map(|block| block.places).collect();
+        let mut weights: Vec<f64> = self.blocks.iter().map(|block| block.weight).collect();
+        let alone = fit::fit(&places, &weights, &before, Steps(15, 3));
+
+        let rows =
+            |cameras: &Cameras, one: &CornerMatch| cameras.row_difference([one.left, one.right]);
+        let spread = deviation(corners.iter().map(|one| rows(&alone.cameras, one))) + 0.05;
+        places.extend(&corners);
+        weights.resize(places.len(), (alone.spread / spread).powi(2).min(1.0));
+        let both = fit::fit(&places, &weights, &alone.cameras, Steps(10, 0));
+
+        let count = self.blocks.len();
+        let moved = |one: &CornerMatch| rows(&both.cameras, one) - rows(&before, one);
+        self.change = rms(places[..count].iter().map(moved));
+        self.near = (AGREE.0 * spread).max(AGREE.1 * before.size().1 as f64);
+        self.cameras = both.cameras.clone();
+        self.weights = both.weights[..count].to_vec();
+        self.fit = Some(both);
+        Ok(())
+    }
 }
 
 impl Refined {
     /// The result; [`Refusal`] where it cannot be believed.
     fn checked(
         self,
+        views: &[Views],
         matches: [usize; 2],
-        size: (usize, usize),
         negative: Negative,
-        pairs: usize,
     ) -> std::result::Result<Rectification, Refusal> {
         if self.is_folded() {
             return Err(Refusal::Folds);
         }
 
         let good = self.agreeing();
-        let Self { mut cameras, kept, fit, .. } = self;
+        let Self { mut cameras, near, fit, .. } = self;
+        let corners = views.iter().flat_map(|views| views.near(&cameras, near));
+        let corners: Vec<CornerMatch> = corners.collect();
+        let size = cameras.size();
         let cols = size.1 as f64;
         let vertical = good.iter().map(|one| cameras.row_difference([one.left, one.right]));
         let vertical: Vec<f64> = vertical.collect();
@@ -509,7 +523,7 @@ impl Refined {
         }
 
         cameras.shifts = shifts(&cameras, &good);
-        let mut found = disparities(&cameras, good.iter().chain(&kept), cols);
+        let mut found = disparities(&cameras, good.iter().chain(&corners), cols);
         let mut found = |share: f64| quantile(&mut found, share).unwrap_or(0.0);
         let moved = negative.moved(&good, size, &mut found);
         cameras.shifts[1][0] -= moved;
@@ -533,7 +547,7 @@ impl Refined {
             rms: rms(vertical.into_iter()),
             error,
             disparities,
-            pairs,
+            pairs: views.len(),
             is_inverted: false,
             moved,
             distortion,

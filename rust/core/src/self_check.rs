@@ -122,8 +122,8 @@ pub const CASES: &[Case] = &[
     case(Fault::Inverted, MIDDLE, Work::After(&[Fault::None; 3]), 0x5530_F40D_F18B_55F7),
     case(Fault::None, SMALL, Work::Verify, 0xBAD9_00DD_D72A_FE13),
     case(Fault::Plain, SMALL, Work::Verify, 0xA552_8C8F_1CD3_45E4),
-    case(Fault::Distorted, LARGE, Work::Cameras, 0x17C8_E8C8_4681_F8CE),
-    case(Fault::Turned, LARGE, Work::Cameras, 0x6A43_1C3B_2491_7207),
+    case(Fault::Distorted, LARGE, Work::Cameras, 0x8409_60F0_2B1B_3C3F),
+    case(Fault::Turned, LARGE, Work::Cameras, 0x37DE_10F1_BCDA_C7A5),
 ];
 
 impl Case {

@@ -4,8 +4,8 @@
 //! ```text
 //! even = (image - mean) / sqrt(variance + 9)         # over 31 x 31: light and contrast are taken out
 //! c(dx, dy) = correlation of the block of 24 x 24 about a corner with the block at (dx, dy) of the right image
-//!     of images of half the size within 12 px of what the nearest matches say (about the nearest corner that is so far from
-//!     their ends that it fits), then of the whole ones within 4 px
+//!     of images of half the size within 12 columns and 7 rows of what the nearest matches say (about the nearest corner
+//!     that is so far from their ends that it fits), then of the whole ones within 4 px
 //! (dx, dy) = the largest c, and the peak of the nine about it
 //! kept if c > 0.7, unique and curved enough along y
 //! ```
@@ -14,7 +14,7 @@
 
 use std::array::from_fn;
 
-use super::cameras::{Cameras, Point};
+use super::cameras::{Backward, Cameras, Point};
 use super::corners::{Corner, corners};
 use super::filters::{reduced, smoothed};
 use super::matches::CornerMatch;
@@ -29,8 +29,8 @@ const CORNERS: usize = 2000;
 const BORDER: usize = 16;
 /// Side of a block.
 const SIDE: usize = 24;
-/// How far blocks are searched for in images of half the size and in whole ones.
-const SEARCH: [usize; 2] = [12, 4];
+/// How many columns and rows away blocks are searched for in images of half the size and in whole ones.
+const SEARCH: [[usize; 2]; 2] = [[12, 7], [4, 4]];
 /// Radius of the windows that light is taken out over, and what is added to the variance.
 const EVEN: (usize, f64) = (15, 9.0);
 /// Gray values in steps of 1 / 8; deviations in steps of 1 / 64 and at most this many.
@@ -67,15 +67,15 @@ pub fn blocks(
     matches: &[CornerMatch],
     level: Level,
 ) -> Result<Vec<Block>> {
-    let [left, right] = [warped(pair[0], cameras, 0)?, warped(pair[1], cameras, 1)?];
+    let [left, right] = [warped(pair[0], cameras, 0, level)?, warped(pair[1], cameras, 1, level)?];
     let (rows, cols) = (left.rows(), left.cols());
     let found = corners(&smoothed(&left, SMOOTHING[1], level)?, CORNERS, BORDER, level)?;
     let guesses = guesses(&found, cameras, matches);
 
     let half = |image: &Plane<f32>| -> Result<Plane<i16>> {
-        even(&smoothed(&reduced(image, (rows / 2, cols / 2))?, SMOOTHING[0], level)?)
+        even(&smoothed(&reduced(image, (rows / 2, cols / 2))?, SMOOTHING[0], level)?, level)
     };
-    let whole = |image: &Plane<f32>| even(&smoothed(image, SMOOTHING[0], level)?);
+    let whole = |image: &Plane<f32>| even(&smoothed(image, SMOOTHING[0], level)?, level);
     let (halves, wholes) = ([half(&left)?, half(&right)?], [whole(&left)?, whole(&right)?]);
 
     let mut blocks = vec![];
@@ -139,32 +139,48 @@ fn guesses(corners: &[Corner], cameras: &Cameras, matches: &[CornerMatch]) -> Ve
 }
 
 /// The rectified image by bicubic interpolation; 0 beyond the raw one.
-fn warped(image: &Plane<f32>, cameras: &Cameras, side: usize) -> Result<Plane<f32>> {
-    let (rows, cols) = (image.rows(), image.cols());
-    let mut out = Plane::new(rows, cols)?;
-    for y in 0..rows {
-        for (x, value) in out.row_mut(y).iter_mut().enumerate() {
-            if let Some(place) = cameras.raw([x as f64, y as f64], side) {
-                *value = bicubic(image, place);
-            }
-        }
+fn warped(image: &Plane<f32>, cameras: &Cameras, side: usize, level: Level) -> Result<Plane<f32>> {
+    let backward = cameras.backward(side);
+    let mut out = Plane::new(image.rows(), image.cols())?;
+    for y in 0..image.rows() {
+        level.run(WarpRow { image, backward, y, out: out.row_mut(y) });
     }
     Ok(out)
 }
 
+/// A row of the rectified image.
+struct WarpRow<'a> {
+    image: &'a Plane<f32>,
+    backward: Backward,
+    y: usize,
+    out: &'a mut [f32],
+}
+
+impl Loop for WarpRow<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        for (x, value) in self.out.iter_mut().enumerate() {
+            *value = bicubic(self.image, self.backward.place([x as f64, self.y as f64]));
+        }
+    }
+}
+
 /// The value between pixels by R. Keys' cubic convolution (1981); 0 beyond the image.
+#[inline(always)]
 fn bicubic(image: &Plane<f32>, [x, y]: Point) -> f32 {
-    let (column, row) = (x.floor(), y.floor());
-    let is_inside = column >= 1.0
-        && row >= 1.0
-        && column + 2.0 < image.cols() as f64
-        && row + 2.0 < image.rows() as f64;
+    let is_inside = x >= 1.0
+        && y >= 1.0
+        && x < image.cols().saturating_sub(2) as f64
+        && y < image.rows().saturating_sub(2) as f64;
     if !is_inside {
         return 0.0;
     }
 
-    let (along, down) = (keys((x - column) as f32), keys((y - row) as f32));
-    let (first, top) = (column as usize - 1, row as usize - 1);
+    let (column, row) = (x as usize, y as usize);
+    let (along, down) = (keys((x - column as f64) as f32), keys((y - row as f64) as f32));
+    let (first, top) = (column - 1, row - 1);
     let mut sum = 0.0;
     for (k, weight) in down.iter().enumerate() {
         let taps = &image.row(top + k)[first..first + 4];
@@ -174,6 +190,7 @@ fn bicubic(image: &Plane<f32>, [x, y]: Point) -> f32 {
     sum
 }
 
+#[inline(always)]
 fn keys(t: f32) -> [f32; 4] {
     let (square, cube) = (t * t, t * t * t);
     [
@@ -185,7 +202,7 @@ fn keys(t: f32) -> [f32; 4] {
 }
 
 /// The image with light and contrast taken out.
-fn even(image: &Plane<f32>) -> Result<Plane<i16>> {
+fn even(image: &Plane<f32>, level: Level) -> Result<Plane<i16>> {
     let (rows, cols) = (image.rows(), image.cols());
     let radius = EVEN.0;
     let values = image.map(|value| (value * STEPS[0]).round().clamp(-4096.0, 4096.0) as i32);
@@ -208,14 +225,37 @@ fn even(image: &Plane<f32>) -> Result<Plane<i16>> {
         if let Some(gone) = y.checked_sub(radius + 1) {
             add(&mut sums, values.row(gone), -1);
         }
-
         let high = (y + radius + 1).min(rows) - y.saturating_sub(radius);
+        level.run(EvenRow { values: values.row(y), sums: &sums, high, out: out.row_mut(y) });
+    }
+
+    Ok(out)
+}
+
+/// A row with light and contrast taken out, from the sums over the columns of its windows.
+struct EvenRow<'a> {
+    values: &'a [i32],
+    /// The sum and that of the squares in each column.
+    sums: &'a [[i64; 2]],
+    /// Pixels of a column.
+    high: usize,
+    out: &'a mut [i16],
+}
+
+impl Loop for EvenRow<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { values, sums, high, out } = self;
+        let (radius, cols, step) = (EVEN.0, out.len(), f64::from(STEPS[0]));
         let (mut first, mut second) = (0, 0);
         for sum in &sums[..radius.min(cols)] {
             first += sum[0];
             second += sum[1];
         }
-        for (x, out) in out.row_mut(y).iter_mut().enumerate() {
+
+        for (x, (out, value)) in out.iter_mut().zip(values).enumerate() {
             if let Some(sum) = sums.get(x + radius) {
                 first += sum[0];
                 second += sum[1];
@@ -228,15 +268,12 @@ fn even(image: &Plane<f32>) -> Result<Plane<i16>> {
             let wide = (x + radius + 1).min(cols) - x.saturating_sub(radius);
             let share = 1.0 / (high * wide) as f64;
             let mean = first as f64 * share;
-            let step = f64::from(STEPS[0]);
             let variance = (second as f64 * share - mean * mean).max(0.0);
             let deviation = (variance + EVEN.1 * step * step).sqrt();
-            let even = (f64::from(values.row(y)[x]) - mean) / deviation;
+            let even = (f64::from(*value) - mean) / deviation;
             *out = (even as f32 * STEPS[1]).clamp(-LARGEST, LARGEST).round() as i16;
         }
     }
-
-    Ok(out)
 }
 
 /// Where a block was found.
@@ -252,7 +289,7 @@ fn correlated(
     images: &[Plane<i16>; 2],
     [x, y]: [usize; 2],
     to: [isize; 2],
-    search: usize,
+    search: [usize; 2],
     level: Level,
 ) -> Option<Located> {
     let half = (SIDE / 2) as isize;
@@ -265,22 +302,22 @@ fn correlated(
         return None;
     }
 
-    let block = cut(&images[0], [left, top], SIDE);
-    let reach = search as isize;
-    let area = cut(&images[1], [left + to[0] - reach, top + to[1] - reach], SIDE + 2 * search);
+    let block = cut(&images[0], [left, top], [SIDE; 2]);
+    let first = [left + to[0] - search[0] as isize, top + to[1] - search[1] as isize];
+    let area = cut(&images[1], first, search.map(|reach| SIDE + 2 * reach));
     let surface = level.run(Correlate { block: &block, area: &area, search });
 
-    let peak = peak(&surface, 2 * search + 1)?;
-    let by = [0, 1].map(|axis| to[axis] as f64 - reach as f64 + peak.by[axis]);
+    let peak = peak(&surface, search.map(|reach| 2 * reach + 1))?;
+    let by = from_fn(|axis| to[axis] as f64 - search[axis] as f64 + peak.by[axis]);
     Some(Located { by, ..peak })
 }
 
-/// A square of an image; 0 beyond it.
-fn cut(image: &Plane<i16>, [left, top]: [isize; 2], side: usize) -> Vec<i16> {
-    let mut out = vec![0; side * side];
-    for (y, out) in (top..).zip(out.chunks_exact_mut(side)) {
+/// A part of an image, of this many columns and rows; 0 beyond it.
+fn cut(image: &Plane<i16>, [left, top]: [isize; 2], [cols, rows]: [usize; 2]) -> Vec<i16> {
+    let mut out = vec![0; cols * rows];
+    for (y, out) in (top..).zip(out.chunks_exact_mut(cols)) {
         let row = image.row_or_nothing(y);
-        let skip = (-left).clamp(0, side as isize) as usize;
+        let skip = (-left).clamp(0, cols as isize) as usize;
         let start = left.max(0) as usize;
         let inside = row.get(start.min(row.len())..).unwrap_or_default();
         for (out, value) in out[skip..].iter_mut().zip(inside) {
@@ -294,7 +331,7 @@ fn cut(image: &Plane<i16>, [left, top]: [isize; 2], side: usize) -> Vec<i16> {
 struct Correlate<'a> {
     block: &'a [i16],
     area: &'a [i16],
-    search: usize,
+    search: [usize; 2],
 }
 
 impl Loop for Correlate<'_> {
@@ -303,7 +340,8 @@ impl Loop for Correlate<'_> {
     #[inline(always)]
     fn run(self) -> Vec<f64> {
         let Self { block, area, search } = self;
-        let (count, width) = (2 * search + 1, SIDE + 2 * search);
+        let [across, down] = search.map(|reach| 2 * reach + 1);
+        let width = across + SIDE - 1;
         let pixels = (SIDE * SIDE) as i64;
 
         // Sums over the columns of a block slide down, those over a block slide along.
@@ -314,8 +352,8 @@ impl Loop for Correlate<'_> {
 
         let (own, own_squares) = sums(block);
         let own_variance = pixels * own_squares - own * own;
-        let mut out = Vec::with_capacity(count * count);
-        for dy in 0..count {
+        let mut out = Vec::with_capacity(across * down);
+        for dy in 0..down {
             add_row(&mut columns, &area[(dy + SIDE - 1) * width..][..width], 1);
             let (mut sum, mut squares) = (0i64, 0i64);
             for column in &columns[..SIDE - 1] {
@@ -323,7 +361,7 @@ impl Loop for Correlate<'_> {
                 squares += i64::from(column[1]);
             }
 
-            for dx in 0..count {
+            for dx in 0..across {
                 sum += i64::from(columns[dx + SIDE - 1][0]);
                 squares += i64::from(columns[dx + SIDE - 1][1]);
 
@@ -369,23 +407,26 @@ fn sums(values: &[i16]) -> (i64, i64) {
     })
 }
 
-/// The largest of `count x count` correlations, if it is large, inside, unique and curved enough; in columns
+/// The largest of `across x down` correlations, if it is large, inside, unique and curved enough; in columns
 /// and rows from the first.
-fn peak(surface: &[f64], count: usize) -> Option<Located> {
+fn peak(surface: &[f64], [across, down]: [usize; 2]) -> Option<Located> {
     let larger = |best: usize, at: usize| if surface[at] > surface[best] { at } else { best };
     let best = (0..surface.len()).fold(0, larger);
-    let (y, x, top) = (best / count, best % count, surface[best]);
-    let is_inside = (1..count - 1).contains(&y) && (1..count - 1).contains(&x);
+    let (y, x, top) = (best / across, best % across, surface[best]);
+    let is_inside = (1..down - 1).contains(&y) && (1..across - 1).contains(&x);
     if !is_inside || top <= LEAST {
         return None;
     }
 
-    let is_elsewhere =
-        |at: usize| (at / count).abs_diff(y) > ELSEWHERE || (at % count).abs_diff(x) > ELSEWHERE;
-    let other = (0..surface.len()).filter(|at| is_elsewhere(*at)).map(|at| surface[at]);
-    let other = other.fold(-1.0, f64::max);
+    let mut other: f64 = -1.0;
+    for (row, values) in surface.chunks_exact(across).enumerate() {
+        let near = if row.abs_diff(y) > ELSEWHERE { 0 } else { ELSEWHERE + 1 };
+        let before = &values[..(x + 1).saturating_sub(near)];
+        let after = values.get(x + near..).unwrap_or_default();
+        other = before.iter().chain(after).copied().fold(other, f64::max);
+    }
 
-    let nine = from_fn(|at| surface[best + at / 3 * count + at % 3 - count - 1]);
+    let nine = from_fn(|at| surface[best + at / 3 * across + at % 3 - across - 1]);
     let peak = Peak::new(nine)?;
     let curvature = peak.curvature[1];
     let is_good = curvature > CURVATURE.0 && 1.0 - top < UNIQUE * (1.0 - other);
@@ -418,15 +459,15 @@ mod tests {
 
     #[test]
     fn correlations_are_those_of_every_block() {
-        let (image, search) = (noise(60, 60, 1), 4);
-        let block = cut(&image, [20, 18], SIDE);
-        let area = cut(&image, [14, 15], SIDE + 2 * search);
+        let (image, search) = (noise(60, 60, 1), [4, 3]);
+        let block = cut(&image, [20, 18], [SIDE; 2]);
+        let area = cut(&image, [14, 15], [SIDE + 8, SIDE + 6]);
         for (name, level) in Level::all() {
             let Some(level) = level else { continue };
             let found = level.run(Correlate { block: &block, area: &area, search });
             for (index, value) in found.iter().enumerate() {
                 let at = [14 + (index % 9) as isize, 15 + (index / 9) as isize];
-                let expected = plain(&block, &cut(&image, at, SIDE));
+                let expected = plain(&block, &cut(&image, at, [SIDE; 2]));
                 assert!((value - expected).abs() < 1e-9, "{name} {at:?}");
             }
         }
@@ -435,17 +476,17 @@ mod tests {
     #[test]
     fn beyond_an_image_there_is_nothing() {
         let image = noise(30, 30, 2);
-        let found = cut(&image, [-2, -1], 4);
+        let found = cut(&image, [-2, -1], [4; 2]);
         assert_eq!(found[..6], [0; 6]);
         assert_eq!(found[6..8], image.row(0)[..2]);
-        assert_eq!(cut(&image, [28, 29], 3)[..3], [image.row(29)[28], image.row(29)[29], 0]);
-        assert_eq!(cut(&image, [40, 3], 2), [0; 4]);
+        assert_eq!(cut(&image, [28, 29], [3; 2])[..3], [image.row(29)[28], image.row(29)[29], 0]);
+        assert_eq!(cut(&image, [40, 3], [2; 2]), [0; 4]);
     }
 
     #[test]
     fn light_and_contrast_are_taken_out_of_every_window() {
         let image = Plane::from_fn(40, 50, |y, x| ((y * 13 + x * x * 7) % 97) as f32);
-        let found = even(&image).expect("memory");
+        let found = even(&image, Level::best()).expect("memory");
         for (y, x) in [(0usize, 0usize), (3, 20), (20, 25), (39, 49), (33, 2)] {
             let rows = y.saturating_sub(15)..(y + 16).min(40);
             let window = rows.flat_map(|row| &image.row(row)[x.max(15) - 15..(x + 16).min(50)]);
@@ -464,12 +505,17 @@ mod tests {
             100.0 + 30.0 * (math(0.31 * x + 0.11 * y) + math(0.17 * x - 0.41 * y) + math(0.5 * y))
         };
         let image = |by: [f64; 2]| {
-            even(&Plane::from_fn(80, 90, |y, x| wave(x as f64 - by[0], y as f64 - by[1]) as f32))
+            let plane =
+                Plane::from_fn(80, 90, |y, x| wave(x as f64 - by[0], y as f64 - by[1]) as f32);
+            even(&plane, Level::best())
         };
         let images = [image([0.0; 2]).expect("memory"), image([-5.3, 1.4]).expect("memory")];
-        let found = correlated(&images, [45, 40], [-4, 0], 4, Level::best()).expect("a block");
+        let found = correlated(&images, [45, 40], [-4, 0], [4; 2], Level::best()).expect("a block");
         assert!((found.by[0] + 5.3).abs() < 0.05 && (found.by[1] - 1.4).abs() < 0.05);
-        assert!(correlated(&images, [5, 40], [0, 0], 4, Level::best()).is_none(), "at the border");
+        assert!(
+            correlated(&images, [5, 40], [0, 0], [4; 2], Level::best()).is_none(),
+            "at the border"
+        );
     }
 
     fn math(angle: f64) -> f64 {

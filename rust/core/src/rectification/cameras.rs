@@ -189,17 +189,19 @@ impl Cameras {
 
     /// Where something in a rectified image is in the raw one; `None` where no ray of that camera comes from.
     pub fn raw(&self, rectified: Point, side: usize) -> Option<Point> {
-        let middle = self.center(side);
-        let [x, y] = from_fn(|axis| (rectified[axis] - middle[axis]) / self.focal);
+        let place = self.backward(side).place(rectified);
+        (!place[0].is_nan()).then_some(place)
+    }
 
-        let Camera { focal, center, distortion: [k1, k2], rotation, reach, .. } = &self.sides[side];
-        let ray: [f64; 3] = from_fn(|k| rotation[0][k] * x + rotation[1][k] * y + rotation[2][k]);
-        let [x, y] = [ray[0] / ray[2], ray[1] / ray[2]];
-        let square = x * x + y * y;
-        let longer = 1.0 + square * (k1 + square * k2);
-
-        let is_seen = ray[2] > LEAST_DEPTH && square <= reach * reach;
-        is_seen.then(|| [focal * x * longer + center[0], focal * y * longer + center[1]])
+    /// The way from a rectified image to the raw one.
+    pub fn backward(&self, side: usize) -> Backward {
+        let Camera { focal, center, distortion, rotation, reach, .. } = &self.sides[side];
+        let [x, y] = self.center(side);
+        let turn = from_fn(|k| {
+            let [right, down] = [rotation[0][k] / self.focal, rotation[1][k] / self.focal];
+            [right, down, rotation[2][k] - x * right - y * down]
+        });
+        Backward { turn, focal: *focal, center: *center, distortion: *distortion, reach: *reach }
     }
 
     /// By how many rows something in both raw images differs once they are rectified.
@@ -288,6 +290,33 @@ impl Cameras {
     }
 }
 
+/// From places in a rectified image to those in the raw one.
+#[derive(Debug, Clone, Copy)]
+pub struct Backward {
+    /// From a column, a row and 1 to a ray of the raw camera.
+    turn: Matrix,
+    focal: f64,
+    center: Point,
+    distortion: [f64; 2],
+    reach: f64,
+}
+
+impl Backward {
+    /// The place of one in the rectified image; NaN where no ray of the camera comes from.
+    #[inline(always)]
+    pub fn place(&self, [x, y]: Point) -> Point {
+        let [right, down, depth] = self.turn.map(|[a, b, c]| a * x + b * y + c);
+        let nearer = 1.0 / depth;
+        let [x, y] = [right * nearer, down * nearer];
+        let square = x * x + y * y;
+        let longer = 1.0 + square * (self.distortion[0] + square * self.distortion[1]);
+
+        let is_seen = depth > LEAST_DEPTH && square <= self.reach * self.reach;
+        let scale = if is_seen { self.focal * longer } else { f64::NAN };
+        [scale * x + self.center[0], scale * y + self.center[1]]
+    }
+}
+
 /// The ray of a raw pixel.
 struct Ray {
     /// Its undistorted place, in focal lengths from the principal point.
@@ -313,7 +342,11 @@ impl Camera {
         for _ in 0..STEPS {
             let square = radius * radius;
             let excess = radius * (1.0 + square * (k1 + square * k2)) - distorted;
-            radius = (radius - excess / slope(square)).clamp(0.0, self.reach);
+            let next = (radius - excess / slope(square)).clamp(0.0, self.reach);
+            if next == radius {
+                break;
+            }
+            radius = next;
         }
 
         let shorter = if distorted > 1e-9 { radius / distorted } else { 1.0 };

@@ -117,8 +117,10 @@ fn filtered(image: &Plane<f32>, weights: &[f32], level: Level) -> Result<Plane<f
 
     for y in 0..rows {
         let row = image.row(y);
-        for (at, value) in (-(radius as isize)..).zip(&mut wide) {
-            *value = row[reflect(at, cols)];
+        wide[radius..radius + cols].copy_from_slice(row);
+        for k in 1..=radius {
+            wide[radius - k] = row[reflect(-(k as isize), cols)];
+            wide[radius + cols + k - 1] = row[reflect((cols + k - 1) as isize, cols)];
         }
         let tap = |k: isize| &wide[(radius as isize + k) as usize..][..cols];
         let sides: Vec<_> = (1..=radius as isize).map(|k| [tap(-k), tap(k)]).collect();

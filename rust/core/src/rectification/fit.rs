@@ -148,7 +148,7 @@ pub fn fitted(
     matches: &[CornerMatch],
     agreeing: &[bool],
     size: (usize, usize),
-) -> Vec<(Cameras, f64)> {
+) -> [(Cameras, f64); 3] {
     let least = AGREE.1 * size.1 as f64;
     let start = |(spreads, k1): ([f64; NUMBERS], f64)| {
         let mut numbers = [0.0; NUMBERS];
@@ -177,7 +177,7 @@ pub fn fitted(
 
     let mut found = [(USUAL, -0.75), (USUAL, 0.75), (WIDE, 0.0)].map(start);
     found.sort_by(|one, other| one.0.total_cmp(&other.0));
-    found.into_iter().map(|(_, cameras, near)| (cameras, near)).collect()
+    found.map(|(_, cameras, near)| (cameras, near))
 }
 
 #[cfg(test)]
@@ -225,7 +225,7 @@ mod tests {
         let matches = seen(&truth, 7);
         let agree: Vec<bool> = (1..400).map(|index: usize| !index.is_multiple_of(7)).collect();
 
-        let (cameras, near) = fitted(&matches, &agree, SIZE).swap_remove(0);
+        let (cameras, near) = fitted(&matches, &agree, SIZE)[0].clone();
         assert!((1.0..10.0).contains(&near), "{near}");
         for one in seen(&truth, usize::MAX) {
             assert!(cameras.row_difference([one.left, one.right]).abs() < 0.2, "{one:?}");

@@ -18,7 +18,7 @@
 
 use std::array::from_fn;
 
-use super::cameras::{Cameras, Point};
+use super::cameras::{Backward, Cameras, Point};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
@@ -48,10 +48,10 @@ pub fn places(
     size: (usize, usize),
     control: &Control,
 ) -> Result<Places> {
+    let backward = cameras.backward(camera);
     Plane::by_rows(size, control, |y, row| {
         for (x, place) in row.iter_mut().enumerate() {
-            let raw = cameras.raw([x as f64, y as f64], camera);
-            *place = raw.map_or([f32::NAN; 2], |raw| raw.map(|at| at as f32));
+            *place = backward.place([x as f64, y as f64]).map(|at| at as f32);
         }
     })
 }
@@ -205,22 +205,21 @@ pub fn raw(
     cameras: &Cameras,
     control: &Control,
 ) -> Result<(Disparity, Plane<f32>)> {
-    let (nearest, claims) = claims(&map.disparity, cameras, control)?;
+    let claims = claims(&map.disparity, cameras, control)?;
 
-    let flags = sampled(&map.flags, &nearest, flag::NO_CANDIDATE, control)?;
+    let flags = sampled(&map.flags, &claims, flag::NO_CANDIDATE, control)?;
     let confidence = map.confidence.as_ref();
-    let confidence = confidence.map(|plane| sampled(plane, &nearest, 0.0, control)).transpose()?;
+    let confidence = confidence.map(|plane| sampled(plane, &claims, 0.0, control)).transpose()?;
     let uncertainty = map.uncertainty.as_ref().map(|plane| -> Result<Plane<f32>> {
-        let mut found = sampled(plane, &nearest, f32::NAN, control)?;
+        let mut found = sampled(plane, &claims, f32::NAN, control)?;
         for (value, claim) in found.as_mut_slice().iter_mut().zip(claims.as_slice()) {
-            *value *= claim[2];
+            *value *= claim.scale;
         }
         Ok(found)
     });
 
-    let disparity = claims.map(|claim| claim[0]);
     let raw = Disparity {
-        disparity,
+        disparity: claims.map(|claim| claim.disparity),
         flags,
         confidence,
         uncertainty: uncertainty.transpose()?,
@@ -228,7 +227,7 @@ pub fn raw(
         detail: map.detail,
         timings: map.timings,
     };
-    Ok((raw, claims.map(|claim| claim[1])))
+    Ok((raw, claims.map(|claim| claim.lower)))
 }
 
 /// Disparities of the rectified pair as those of the raw left image; NaN where there are none.
@@ -237,37 +236,38 @@ pub fn raw_disparity(
     cameras: &Cameras,
     control: &Control,
 ) -> Result<Plane<f32>> {
-    let (_, claims) = claims(disparity, cameras, control)?;
-    Ok(claims.map(|claim| claim[0]))
+    Ok(claims(disparity, cameras, control)?.map(|claim| claim.disparity))
 }
 
-/// The rectified pixel that is nearest to each pixel of the raw left image, and what [`claim_of`] makes of
-/// its disparity.
-fn claims(
-    disparity: &Plane<f32>,
-    cameras: &Cameras,
-    control: &Control,
-) -> Result<(Plane<u64>, Plane<[f32; 3]>)> {
+/// What a raw left pixel has of the rectified pixel that is nearest to it. NaN where there is no disparity.
+#[derive(Debug, Clone, Copy, Default)]
+struct Claim {
+    /// The number of the rectified pixel, in reading order; that of all pixels, if it lies beyond the image.
+    index: u64,
+    /// By how many columns the pixel is farther left in the raw right image, and by how many rows lower.
+    disparity: f32,
+    lower: f32,
+    /// How many raw columns a rectified one is there.
+    scale: f32,
+}
+
+fn claims(disparity: &Plane<f32>, cameras: &Cameras, control: &Control) -> Result<Plane<Claim>> {
     let size @ (rows, cols) = (disparity.rows(), disparity.cols());
-    let nearest: Plane<u64> = Plane::by_rows(size, control, |y, out| {
-        for (x, index) in out.iter_mut().enumerate() {
-            let [u, v] = cameras.rectified([x as f64, y as f64], 0).map(f64::round);
+    let backward = cameras.backward(1);
+    Plane::by_rows(size, control, |y, out| {
+        for (x, claim) in out.iter_mut().enumerate() {
+            let place = [x as f64, y as f64];
+            let rectified = cameras.rectified(place, 0);
+            let [u, v] = rectified.map(f64::round);
             let is_inside = (0.0..cols as f64).contains(&u) && (0.0..rows as f64).contains(&v);
-            // Places beyond the rectified image are the number of its pixels.
-            *index =
-                if is_inside { v as u64 * cols as u64 + u as u64 } else { (rows * cols) as u64 };
-        }
-    })?;
+            let index = if is_inside { v as usize * cols + u as usize } else { rows * cols };
 
-    let claims: Plane<[f32; 3]> = Plane::by_rows(size, control, |y, out| {
-        for (x, (claim, index)) in out.iter_mut().zip(nearest.row(y)).enumerate() {
-            let disparity = disparity.as_slice().get(*index as usize).copied();
-            let claimed = disparity.and_then(|d| claim_of(cameras, [x as f64, y as f64], d));
-            *claim = claimed.unwrap_or([f32::NAN; 3]);
+            let claimed = disparity.as_slice().get(index);
+            let claimed = claimed.and_then(|d| claim_of(&backward, place, rectified, *d));
+            let [disparity, lower, scale] = claimed.unwrap_or([f32::NAN; 3]);
+            *claim = Claim { index: index as u64, disparity, lower, scale };
         }
-    })?;
-
-    Ok((nearest, claims))
+    })
 }
 
 /// Where a claim of a raw left pixel is in the rectified left image.
@@ -351,14 +351,18 @@ fn rectified_claim(cameras: &Cameras, place: Point, claim: f32) -> Option<[f32; 
     is_found.then_some([disparity as f32, columns as f32])
 }
 
-/// Of a raw left pixel with a rectified disparity: by how many columns it is farther left in the raw right
+/// Of a raw left pixel, its rectified place and a rectified disparity: by how many columns it is farther left in the raw right
 /// image, by how many rows lower, and how many raw columns a rectified one is there.
-fn claim_of(cameras: &Cameras, place: Point, disparity: f32) -> Option<[f32; 3]> {
-    let rectified = cameras.rectified(place, 0);
-    let at = |by: f64| cameras.raw([rectified[0] - by, rectified[1]], 1);
+fn claim_of(
+    backward: &Backward,
+    place: Point,
+    rectified: Point,
+    disparity: f32,
+) -> Option<[f32; 3]> {
+    let at = |by: f64| backward.place([rectified[0] - by, rectified[1]]);
 
     let disparity = f64::from(disparity);
-    let (found, before, after) = (at(disparity)?, at(disparity - 0.5)?, at(disparity + 0.5)?);
+    let (found, before, after) = (at(disparity), at(disparity - 0.5), at(disparity + 0.5));
     let columns = place[0] - found[0];
     let claim = [columns, found[1] - place[1], (before[0] - after[0]).abs()];
     claim.iter().all(|value| value.is_finite()).then(|| claim.map(|value| value as f32))
@@ -366,13 +370,13 @@ fn claim_of(cameras: &Cameras, place: Point, disparity: f32) -> Option<[f32; 3]>
 
 fn sampled<T: Copy + Default + Send + Sync>(
     plane: &Plane<T>,
-    nearest: &Plane<u64>,
+    claims: &Plane<Claim>,
     nowhere: T,
     control: &Control,
 ) -> Result<Plane<T>> {
     Plane::by_rows((plane.rows(), plane.cols()), control, |y, out| {
-        for (value, index) in out.iter_mut().zip(nearest.row(y)) {
-            *value = plane.as_slice().get(*index as usize).copied().unwrap_or(nowhere);
+        for (value, claim) in out.iter_mut().zip(claims.row(y)) {
+            *value = plane.as_slice().get(claim.index as usize).copied().unwrap_or(nowhere);
         }
     })
 }

@@ -249,7 +249,11 @@ pub fn parts<'a, T: Copy, const ROWS: usize, const COUNT: usize>(
 }
 
 /// Continues `0..length` by reflection, the edge repeated: `d c b a | a b c d | d c b a`.
+#[inline]
 pub fn reflect(index: isize, length: usize) -> usize {
+    if let Some(inside) = usize::try_from(index).ok().filter(|inside| *inside < length) {
+        return inside;
+    }
     let length = length as isize;
     let folded = index.rem_euclid(2 * length);
     folded.min(2 * length - 1 - folded) as usize
