@@ -28,6 +28,7 @@ ImageOrPath: TypeAlias = ArrayLike | os.PathLike[str]
 ACCEPTED = "uint8, uint16, float32 or float64"
 
 _INTENSITIES = (0.1, 99.9)  # percentiles: the ends of `Settings.intensity_range`, too
+_KINDS = {"b": "bool", "f": "floats", "iu": "integers", "iuf": "real numbers"}
 _SAMPLES = 2**20  # pixels: as good as all to find the ends of intensities
 
 
@@ -147,13 +148,7 @@ def as_mask(mask: ArrayLike | None, size: tuple[int, ...], name: str) -> NDArray
     if mask is None:
         return None
 
-    valid = as_array(mask, name)
-    if valid.dtype != np.bool_:
-        raise TypeError(f"{name}: got dtype {valid.dtype}; accepts bool (True = valid)")
-    if valid.shape != size[:2]:
-        raise ValueError(f"{name}: got shape {valid.shape}; accepts the image's {size[:2]}")
-
-    return np.ascontiguousarray(valid)
+    return np.ascontiguousarray(as_numbers(mask, name, "b", size[:2]))
 
 
 class RightView(NamedTuple):
@@ -240,6 +235,49 @@ def as_array(value: ArrayLike, name: str) -> NDArray[np.generic]:
         raise TypeError(
             f"{name}: got {type(value).__name__}, not an array; accepts arrays of numbers"
         ) from error
+
+
+def as_numbers(
+    value: ArrayLike,
+    name: str,
+    dtypes: str | tuple[str, ...] = "iuf",
+    *shapes: tuple[int | str, ...],
+) -> NDArray[Any]:
+    """Return an array-like of these types and shapes as an array, without a copy.
+
+    Parameters
+    ----------
+    value
+        The argument.
+    name
+        What messages call it.
+    dtypes
+        NumPy's letters of kinds, as in `_KINDS`, or names of dtypes.
+    shapes
+        Those that are accepted, a letter for a length from 1; without any (H, W).
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it has another type or shape.
+    """
+    values = as_array(value, name)
+    if (values.dtype.kind if isinstance(dtypes, str) else values.dtype.name) not in dtypes:
+        words = _KINDS[dtypes] if isinstance(dtypes, str) else " or ".join(dtypes)
+        raise TypeError(f"{name}: got dtype {values.dtype}; accepts {words}")
+
+    accepted = shapes or (("H", "W"),)
+    if not any(_fits(values.shape, shape) for shape in accepted):
+        words = " or ".join(str(shape).replace("'", "") for shape in accepted)
+        raise ValueError(f"{name}: got shape {values.shape}; accepts {words}")
+    return values
+
+
+def _fits(given: tuple[int, ...], wanted: tuple[int | str, ...]) -> bool:
+    sides = zip(given, wanted, strict=False)
+    return len(given) == len(wanted) and all(
+        a > 0 if isinstance(b, str) else a == b for a, b in sides
+    )
 
 
 def _is_masked_array(value: object) -> bool:

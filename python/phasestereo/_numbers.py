@@ -1,10 +1,13 @@
-"""Numbers as arguments, refused by name if they are none or out of range; and for JSON."""
+"""Numbers as arguments, refused by name if they are invalid or out of range; and for JSON."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from numbers import Integral, Real
 from typing import Any
+
+import numpy as np
 
 _PRINTED_BITS = 64
 
@@ -43,7 +46,12 @@ def as_integer(
 
 
 def as_number(
-    name: str, value: object, *, least: float | None = None, positive: bool = False
+    name: str,
+    value: object,
+    *,
+    least: float | None = None,
+    most: float | None = None,
+    positive: bool = False,
 ) -> float:
     """Return an argument as a plain, finite number.
 
@@ -53,8 +61,8 @@ def as_number(
         What messages call it.
     value
         The argument: a real number of Python or NumPy, and no bool.
-    least
-        The smallest one that is accepted; None: any.
+    least, most
+        The smallest and the largest one that is accepted; None: any. There is no `most` alone.
     positive
         Whether it must be above 0.
 
@@ -63,7 +71,7 @@ def as_number(
     TypeError
         If it is not a number.
     ValueError
-        If it is NaN, infinite or too small.
+        If it is NaN, infinite or out of range.
     """
     if not isinstance(value, Real) or isinstance(value, bool):
         raise TypeError(f"{name}: got {type(value).__name__}; accepts a number")
@@ -73,17 +81,43 @@ def as_number(
         number, value = math.inf, "a huge number"
 
     is_low = (positive and number <= 0) or (least is not None and number < least)
-    if is_low or not math.isfinite(number):
+    if is_low or not math.isfinite(number) or (most is not None and number > most):
         kind = "a positive, finite number" if positive else "a finite number"
-        end = "" if least is None else f", {least:g} or more"
-        raise ValueError(f"{name}: got {value}; accepts {kind}{end}")
+        end = "or more" if most is None else f"to {most:g}"
+        span = "" if least is None else f", {least:g} {end}"
+        raise ValueError(f"{name}: got {value}; accepts {kind}{span}")
     return number
+
+
+def check_type(name: str, value: object, kind: Any, accepts: str) -> None:
+    """Refuse an argument of another type by its name.
+
+    Raises
+    ------
+    TypeError
+        If it is not an instance of the type, or of one of the types.
+    """
+    if not isinstance(value, kind):
+        raise TypeError(f"{name}: got {type(value).__name__}; accepts {accepts}")
+
+
+def check_callable(name: str, value: object) -> None:
+    """Refuse an argument that is neither callable nor None.
+
+    Raises
+    ------
+    TypeError
+        If it is another.
+    """
+    check_type(name, value, (Callable, type(None)), "a callable or None")
 
 
 def as_json(value: Any) -> Any:
     """Return nested records with None for numbers that JSON does not have, and no tuples."""
     match value:
-        case dict():
+        case np.generic():
+            return as_json(value.item())
+        case Mapping():
             return {name: as_json(inner) for name, inner in value.items()}
         case list() | tuple():
             return [as_json(inner) for inner in value]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from phasestereo import _core
+from phasestereo._numbers import check_type
 from phasestereo.rig.compensation import BlurCompensation
 
 Noise: TypeAlias = float | tuple[float, float]
@@ -43,10 +44,9 @@ class Known:
 
     def __post_init__(self) -> None:
         """Check every field; the core owns the range of the noise."""
-        if not isinstance(self.blur_compensation, (BlurCompensation, type(None))):
-            got = type(self.blur_compensation).__name__
-            raise TypeError(f"known.blur_compensation: got {got}; accepts BlurCompensation or None")
-
+        kinds = (BlurCompensation, type(None))
+        accepts = "BlurCompensation or None"
+        check_type("known.blur_compensation", self.blur_compensation, kinds, accepts)
         if self.noise is None:
             return
         _core.check_noise(self.noise)
@@ -88,8 +88,7 @@ def as_known(known: Known | None, *, unused: tuple[str, ...] = ()) -> Known:
     """
     if known is None:
         return Known()
-    if not isinstance(known, Known):
-        raise TypeError(f"known: got {type(known).__name__}; accepts Known or None")
+    check_type("known", known, Known, "Known or None")
 
     for name in unused:
         if (value := getattr(known, name)) is not None:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from phasestereo import _core
 from phasestereo._images import ImageOrPath
+from phasestereo._numbers import check_callable
 from phasestereo._opening import Progress, opened_valid
 from phasestereo.known import Known, as_known
 from phasestereo.result import Result
@@ -322,8 +323,7 @@ def match_silently(
     timeout: float | None = None,
 ) -> Result:
     """Match as `match` and `Matcher.match` do, without a warning; with a rig, its next frame."""
-    if progress is not None and not callable(progress):
-        raise TypeError(f"progress: got {type(progress).__name__}; accepts a callable or None")
+    check_callable("progress", progress)
 
     arrays, pair, valid = opened_valid(images, masks)
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from phasestereo import _core
-from phasestereo._images import ImageOrPath, Map, Pixels, as_array
+from phasestereo._images import ImageOrPath, Map, Pixels, as_numbers
 from phasestereo._numbers import as_integer
 from phasestereo._opening import opened_valid
 from phasestereo.io.drafts import replacing
@@ -304,11 +304,7 @@ def _restoration(text: str) -> Restoration:
 
 
 def _as_pixels(disparity: ArrayLike, unit: Unit | None) -> Map:
-    values = as_array(disparity, "disparity")
-    if values.dtype.kind not in "iuf":
-        raise TypeError(f"disparity: got dtype {values.dtype}; accepts integers and floats")
-    if values.ndim != 2 or not values.size:
-        raise ValueError(f"disparity: got shape {values.shape}; accepts (H, W)")
+    values = as_numbers(disparity, "disparity")
     if unit is None and values.dtype == np.int16:
         raise ValueError(
             "unit: got none for a map of int16; accepts 'sixteenths', as OpenCV's matchers return "

@@ -78,7 +78,7 @@ TRUSTED = 0.5
 
 
 class Flag(IntFlag):
-    """Why a pixel has no estimate, or one that is not to be trusted; bits of `Result.flags`.
+    """Why a pixel has no estimate, or an untrusted one; bits of `Result.flags`.
 
     Examples
     --------
@@ -152,7 +152,7 @@ class Summary:
     flagged
         Share that fails the left-right check or belongs to a speckle.
     at_low, at_high
-        Share with an estimate of its own, none that was filled in, at the least and at the largest
+        Share with an estimate that was not filled in, at the least and at the largest
         disparity that was searched.
     confidence
         Mean confidence; NaN if none was worked out.
@@ -346,10 +346,9 @@ class Result:
     def __repr__(self) -> str:
         """Show the size, what is wrong, what is there and the time: arrays would say nothing."""
         rows, cols = self.disparity.shape
-        wrong = self.verdict.replace(" of the pixels are", "")
         known = np.isfinite(self.disparity) if self.confidence is None else self.trusted
         share = f"{known.mean():.1%} {'estimated' if self.confidence is None else 'trusted'}"
-        parts = f"Result {cols}x{rows}", wrong, share, f"{sum(self.timings.values()):.3f} s"
+        parts = f"Result {cols}x{rows}", self.verdict, share, f"{sum(self.timings.values()):.3f} s"
         return f"<{', '.join(part for part in parts if part)}>"
 
     @property
@@ -362,11 +361,11 @@ class Result:
     def verdict(self) -> str:
         """How many pixels are probably wrong, in words; "" if that is not known.
 
-        Of one image twice it says that: nothing can be matched, and no pixel is trusted.
+        For one image given twice, or without a confidence, the first warning about the match.
         """
         if self.summary is None:
             return ""
         share = str(self.summary)
+        is_one_image = self.search is not None and self.search.identical
         grave = [one for one in untrusted(self.findings) if one.topic == "match"]
-        is_other = bool(grave) and "probably wrong" not in grave[0].sentence
-        return grave[0].sentence if is_other else share
+        return grave[0].sentence if grave and (is_one_image or not share) else share

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from phasestereo import _core
 from phasestereo._images import ImageOrPath
-from phasestereo._numbers import as_integer, as_number
+from phasestereo._numbers import as_integer, as_number, check_type
 from phasestereo.io.drafts import replacing
 from phasestereo.io.files import StrPath, named, open_regular, read_bounded
 from phasestereo.known import Known
@@ -256,8 +256,7 @@ class Rig:
         TypeError, ValueError
             If these are not settings, or not a number of disparities.
         """
-        if not isinstance(settings, Settings):
-            raise TypeError(f"settings: got {type(settings).__name__}; accepts Settings")
+        check_type("settings", settings, Settings, "Settings")
         if num_disparities is not None:
             num_disparities = as_integer("num_disparities", num_disparities, least=1)
         self._settings, self._search = settings, (self._search[0], num_disparities)

@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import Any, Literal, TypedDict, cast
 
 from phasestereo import _core
+from phasestereo._numbers import check_type
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -364,8 +365,7 @@ def resolve(
     ValueError
         If there is no such preset, or a value is out of range.
     """
-    if settings is not None and not isinstance(settings, Settings):
-        raise TypeError(f"settings: got {type(settings).__name__}; accepts Settings or None")
+    check_type("settings", settings, (Settings, type(None)), "Settings or None")
     if preset is not None and settings is not None:
         raise TypeError(
             f"preset: got {preset!r} beside settings; accepts one of the two: preset or settings"

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from phasestereo._images import as_numbers
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointCloud:
@@ -42,22 +44,18 @@ class PointCloud:
 
     def __post_init__(self) -> None:
         """Refuse what no file of points could hold."""
-        _check_rows("points", self.points, np.float32, (3,))
+        as_numbers(self.points, "points", ("float32",), ("N", 3), (0, 3))
         if not np.isfinite(self.points).all():
             raise ValueError("points: got infinity or NaN; accepts finite coordinates")
         if (self.near is None) != (self.far is None):
             raise ValueError("near, far: got one of them; accepts both or none")
 
         wanted = len(self.points)
-        kinds = ("colors", np.uint8, (3,)), ("near", np.float32, ()), ("far", np.float32, ())
-        for name, dtype, shape in kinds:
-            rows = getattr(self, name)
-            if rows is not None:
-                _check_rows(name, rows, dtype, shape)
-                if len(rows) != wanted:
-                    raise ValueError(
-                        f"{name}: got {len(rows)} of {wanted} points; accepts one each"
-                    )
+        if self.colors is not None:
+            as_numbers(self.colors, "colors", ("uint8",), (wanted, 3))
+        for name in ("near", "far"):
+            if getattr(self, name) is not None:
+                as_numbers(getattr(self, name), name, ("float32",), (wanted,))
 
     def __len__(self) -> int:
         return len(self.points)
@@ -99,13 +97,3 @@ class Mesh:
     def __repr__(self) -> str:
         """Show the numbers of corners and triangles: arrays would say nothing."""
         return f"<Mesh {len(self.points)} points, {len(self.faces)} triangles>"
-
-
-def _check_rows(name: str, rows: object, dtype: type, shape: tuple[int, ...]) -> None:
-    wanted = np.dtype(dtype)
-    if not isinstance(rows, np.ndarray) or rows.dtype != wanted:
-        got = getattr(rows, "dtype", type(rows).__name__)
-        raise TypeError(f"{name}: got {got}; accepts an array of {wanted}")
-    if not rows.ndim or rows.shape[1:] != shape:
-        accepted = ", ".join(["(N", *map(str, shape)])
-        raise ValueError(f"{name}: got shape {rows.shape}; accepts {accepted}{',' * (not shape)})")

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from phasestereo import _core
-from phasestereo._images import as_array, as_mask, as_pair, as_pixels
+from phasestereo._images import as_mask, as_numbers, as_pair, as_pixels
 from phasestereo._numbers import as_integer
 from phasestereo.known import Known, as_known
 from phasestereo.settings import Settings, SettingsOverrides, resolve
@@ -233,10 +233,5 @@ def optimize(
 
 def as_volume(costs: ArrayLike, dtype: type[Unsigned]) -> NDArray[Unsigned]:
     """Return a volume of costs of the given type as a contiguous array in native byte order."""
-    volume = as_array(costs, "costs")
-    if volume.dtype.kind != "u" or volume.dtype.itemsize != np.dtype(dtype).itemsize:
-        raise TypeError(f"costs: got dtype {volume.dtype}; accepts {np.dtype(dtype)}")
-    if volume.ndim != 3 or volume.size == 0:
-        raise ValueError(f"costs: got shape {volume.shape}; accepts (H, W, D), none of them 0")
-
+    volume = as_numbers(costs, "costs", (np.dtype(dtype).name,), ("H", "W", "D"))
     return np.require(volume, dtype, ["C", "ALIGNED"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from phasestereo import _core
+from phasestereo._numbers import check_type
 
 
 class TemporalFilter:
@@ -16,7 +17,7 @@ class TemporalFilter:
 
     A filter is of one video, whose frames are matched one after another: give it to each
     `Matcher.match`, as `phasestereo_live.stream` does by itself. It keeps 15 bytes a pixel, 19
-    with confidences. It can be pickled, and forgets what it knows by that.
+    with confidences. Pickling drops its history.
 
     Notes
     -----
@@ -43,8 +44,6 @@ def as_core_filter(temporal_filter: TemporalFilter | None) -> _core.TemporalFilt
     """Return the filter of the core; refuse another type with a TypeError."""
     if temporal_filter is None:
         return None
-    if not isinstance(temporal_filter, TemporalFilter):
-        kind = type(temporal_filter).__name__
-        raise TypeError(f"temporal_filter: got {kind}; accepts a TemporalFilter or None")
-
+    accepts = "a TemporalFilter or None"
+    check_type("temporal_filter", temporal_filter, TemporalFilter, accepts)
     return temporal_filter._core  # of this module

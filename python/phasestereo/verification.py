@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from phasestereo import _core
-from phasestereo._images import ImageOrPath, as_array, as_pixels, as_rgb8
+from phasestereo._images import ImageOrPath, as_numbers, as_pixels, as_rgb8
+from phasestereo._numbers import check_callable
 from phasestereo._opening import Progress, opened_valid
 from phasestereo.known import Known, as_known
 from phasestereo.result import Result
@@ -193,9 +194,7 @@ def verify(
     >>> found = ps.verify(left, right, disparity)
     >>> wrong = found.verdict == ps.Verdict.REFUTED
     """
-    if progress is not None and not callable(progress):
-        raise TypeError(f"progress: got {type(progress).__name__}; accepts a callable or None")
-
+    check_callable("progress", progress)
     arrays, pair, valid = opened_valid((left, right), (left_mask, right_mask))
     size = pair[0].shape[:2]
     claims = as_claims(disparity, size)
@@ -224,12 +223,7 @@ def as_claims(
     ValueError
         If it has another shape, or no finite value.
     """
-    values = as_array(disparity, name)
-    if values.dtype.kind not in "iuf":
-        raise TypeError(f"{name}: got dtype {values.dtype}; accepts integers and floats")
-    if values.shape != size:
-        raise ValueError(f"{name}: got shape {values.shape}; accepts that of the images, {size}")
-
+    values = as_numbers(disparity, name, "iuf", size)
     with np.errstate(over="ignore"):  # what no float32 holds lies outside the right image, too
         narrow = values.astype(np.float32)
     beyond = np.isinf(narrow) & np.isfinite(values)

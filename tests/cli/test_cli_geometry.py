@@ -33,7 +33,7 @@ RIG = "--focal 100 --baseline 70"
 GEOMETRIES = {
     "--calib calib.txt": 1,
     "--calib meters.txt --unit m": 1000,
-    "--q q.npy --unit cm": 10,
+    "--calib q.npy --unit cm": 10,
     "--focal 100 --baseline 0.07 --doffs 2 --cx 32 --cy 20 --unit m": 1000,
 }
 
@@ -280,7 +280,7 @@ REFUSALS = [
     (
         "--ply a.ply",
         WRONG,
-        "--ply: needs a geometry: give --calib, --rectify FILE, --q, or --focal",
+        "--ply: needs a geometry: give --calib, --rectify FILE, or --focal",
     ),
     ("--depth a.tif", WRONG, "--depth: needs a geometry"),
     ("--report a.html --yaw 0.1", WRONG, "--yaw: has no effect without a geometry"),
@@ -294,9 +294,9 @@ REFUSALS = [
         "--confidence-output: got a file, and settings that work none out",
     ),
     (f"--mesh a.obj {RIG}", WRONG, "--mesh: path of a surface must end in .glb"),
-    ("--mesh a.glb", WRONG, "--mesh: needs a geometry: give --calib, --rectify FILE, --q"),
-    ("--ply a.ply --calib calib.txt --q q.npy", WRONG, "--q: got --calib, too; accepts one"),
-    (f"--ply a.ply --q q.npy {RIG}", WRONG, "--focal: got --q, too; accepts one geometry"),
+    ("--mesh a.glb", WRONG, "--mesh: needs a geometry: give --calib, --rectify FILE"),
+    ("--ply a.ply --calib calib.txt --focal 9", WRONG, "--focal: got --calib, too; accepts one"),
+    (f"--ply a.ply --calib q.npy {RIG}", WRONG, "--focal: got --calib, too; accepts one geometry"),
     ("--ply a.ply --focal 100", WRONG, "--focal: needs --baseline"),
     ("--ply a.ply --baseline 70", WRONG, "--baseline: has no effect without --focal"),
     ("--ply a.ply --calib calib.txt --cx 3", WRONG, "--cx: has no effect without --focal"),
@@ -310,7 +310,7 @@ REFUSALS = [
     (f"--ply a.ply {RIG} --unit inch", WRONG, "--unit"),
     ("--depth a.png --calib K.txt --unit mm", WRONG, "--unit: got mm; accepts m, which the"),
     ("--depth a.png --calib K.txt --calib K.txt --calib K.txt", WRONG, "--calib: got 3 files"),
-    ("--depth a.png --q q.npy", WRONG, "--depth: a .png is in units of a meter: give --unit"),
+    ("--depth a.png --calib q.npy", WRONG, "--depth: a .png is in units of a meter: give --unit"),
     (f"--depth a.png {RIG} --unit m", WRONG, "--depth: .*is the unit right"),
     (f"--depth a.jpg {RIG}", WRONG, "--depth: path of a depth map must end in"),
     (f"--ply a.obj {RIG}", WRONG, "--ply: path of a point cloud must end in .ply"),
@@ -325,12 +325,12 @@ REFUSALS = [
         "other.txt: .*that of 80 x 40 pixels.*proportions of 65 x 40",
     ),
     ("--ply a.ply --calib left.png", WRONG, "--calib: got left.png, which is a picture"),
-    ("--ply a.ply --q three.npy", FAILED, "three.npy: Q is 4 x 4"),
-    ("--ply a.ply --q turned.npy", FAILED, "turned.npy: .*Y down"),
+    ("--ply a.ply --calib three.npy", FAILED, "three.npy: q must be 4 x 4"),
+    ("--ply a.ply --calib turned.npy", FAILED, "turned.npy: .*Y down"),
 ]
 
 
-@pytest.mark.parametrize("geometry", ["--q q.npy --unit cm", f"{RIG} --doffs 2 --unit mm"])
+@pytest.mark.parametrize("geometry", ["--calib q.npy --unit cm", f"{RIG} --doffs 2 --unit mm"])
 def test_a_range_is_found_beside_a_geometry(run: Callable[..., Run], geometry: str) -> None:
     scene = np.random.default_rng(1).integers(0, 256, (120, 170), dtype=np.uint8)
     io.write_image("left.png", scene[:, :-SHIFT])

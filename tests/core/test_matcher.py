@@ -488,7 +488,7 @@ def test_results_tell_about_themselves_and_travel() -> None:
     assert "100.0% trusted" in repr(result)
     assert result.summary is not None
     told = replace(result, summary=replace(result.summary, wrong=0.374))
-    assert repr(told).startswith("<Result 20x10, about 37 % probably wrong, ")
+    assert repr(told).startswith("<Result 20x10, about 37 % of the pixels are probably wrong, ")
     assert told.verdict == "about 37 % of the pixels are probably wrong"
     told = replace(result, summary=replace(result.summary, wrong=0.004))
     assert told.verdict == "less than 1 % of the pixels are probably wrong"

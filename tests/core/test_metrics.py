@@ -254,17 +254,17 @@ IN = np.ones((2, 3), np.bool_)
 @pytest.mark.parametrize(
     ("inputs", "error", "message"),
     [
-        ((FLAT.astype(np.int16), FLAT, IN), TypeError, "estimate must be .* floats .* int16"),
-        ((FLAT, FLAT.astype(np.uint8), IN), TypeError, "truth must be .* floats .* uint8"),
-        ((None, FLAT, IN), TypeError, "estimate must be .* floats"),
-        ((FLAT, FLAT, IN.astype(np.uint8) * 255), TypeError, "mask must be .* bool .* uint8"),
-        ((FLAT[0], FLAT[0], IN[0]), ValueError, r"estimate must be 2-D .* \(3,\)"),
-        ((FLAT, FLAT.T, IN), ValueError, r"truth must have .* \(2, 3\), got \(3, 2\)"),
-        ((FLAT, FLAT[:1], IN), ValueError, r"truth must have .* \(2, 3\), got \(1, 3\)"),
-        ((FLAT, FLAT, IN[:, :1]), ValueError, r"mask must have .* \(2, 3\), got \(2, 1\)"),
+        ((FLAT.astype(np.int16), FLAT, IN), TypeError, "estimate: got dtype int16; accepts floats"),
+        ((FLAT, FLAT.astype(np.uint8), IN), TypeError, "truth: got dtype uint8; accepts floats"),
+        ((None, FLAT, IN), TypeError, "estimate: got dtype object; accepts floats"),
+        ((FLAT, FLAT, IN.astype(np.uint8) * 255), TypeError, "mask: got dtype uint8; accepts bool"),
+        ((FLAT[0], FLAT[0], IN[0]), ValueError, r"estimate: got shape \(3,\); accepts \(H, W\)"),
+        ((FLAT, FLAT.T, IN), ValueError, r"truth: got shape \(3, 2\); accepts \(2, 3\)"),
+        ((FLAT, FLAT[:1], IN), ValueError, r"truth: got shape \(1, 3\); accepts \(2, 3\)"),
+        ((FLAT, FLAT, IN[:, :1]), ValueError, r"mask: got shape \(2, 1\); accepts \(2, 3\)"),
         ((FLAT, FLAT, ~IN), ValueError, "nothing is left to score"),
         ((FLAT, FLAT * NAN, IN), ValueError, "nothing is left to score"),
-        ((FLAT[:0], FLAT[:0], IN[:0]), ValueError, "nothing is left to score"),
+        ((FLAT[:0], FLAT[:0], IN[:0]), ValueError, "estimate: got shape"),
     ],
 )
 def test_what_cannot_be_scored_is_refused(

@@ -433,3 +433,41 @@ print(resident() - before)
     assert few > 4 << 20
     assert max(too_many, released, without) < 4 << 20
     assert of_matcher > 64 << 20
+
+
+NO_THREADS = """
+import os, pickle, resource
+import numpy as np
+import phasestereo as ps
+
+calls = {
+    "match": lambda: ps.match(*pair), "check": lambda: ps.check(*pair),
+    "Matcher": ps.Matcher, "Rig": ps.Rig, "load": lambda: pickle.loads(saved),
+}
+pair = np.random.default_rng(0).integers(0, 256, (2, 60, 90), np.uint8)
+rig = ps.Rig(threads=1)
+rig.match(*pair)
+saved = pickle.dumps(rig)
+ps.release_memory()
+if os.getuid() == 0:  # whose processes are not limited
+    os.setuid(65534)
+resource.setrlimit(resource.RLIMIT_NPROC, (0, 0))
+for name, call in calls.items():
+    try:
+        call()
+    except RuntimeError as error:
+        print(name, error)
+"""
+
+
+@on_linux
+def test_threads_that_cannot_be_started_are_an_exception() -> None:
+    done = run(NO_THREADS)
+    said = [line.partition(" threads: could not start them") for line in done.stdout.splitlines()]
+    assert [name for name, found, _ in said if found] == [
+        "match",
+        "check",
+        "Matcher",
+        "Rig",
+        "load",
+    ]

@@ -224,9 +224,13 @@ def test_a_function_gets_the_images_as_they_are() -> None:
 @pytest.mark.parametrize(
     ("answer", "error", "message"),
     [
-        (np.zeros((5, 5)), ValueError, r"f: returned shape \(5, 5\); accepts .*\(70, 130\)"),
-        (np.zeros((70, 130), complex), TypeError, "f: returned dtype complex128; accepts real"),
-        (None, TypeError, "f: returned dtype object"),
+        (np.zeros((5, 5)), ValueError, r"answer of f: got shape \(5, 5\); accepts \(70, 130\)"),
+        (
+            np.zeros((70, 130), complex),
+            TypeError,
+            "answer of f: got dtype complex128; accepts real",
+        ),
+        (None, TypeError, "answer of f: got dtype object"),
     ],
 )
 def test_an_answer_that_is_not_a_map_is_refused(

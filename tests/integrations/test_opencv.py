@@ -745,8 +745,8 @@ def test_disparities_that_lead_out_of_the_images(low: int, *, is_fine: bool) -> 
 @pytest.mark.parametrize(
     ("target", "error", "message"),
     [
-        (np.zeros((20, 60), np.float32), TypeError, "disparity: got float32; accepts"),
-        ([[0]], TypeError, "disparity: got list"),
+        (np.zeros((20, 60), np.float32), TypeError, "disparity: got dtype float32; accepts int16"),
+        ([[0]], TypeError, "disparity: got dtype int64; accepts int16"),
         (np.zeros((20, 59), np.int16), ValueError, r"disparity: got shape \(20, 59\)"),
     ],
 )

@@ -325,7 +325,7 @@ def test_a_selection_that_is_none_is_refused() -> None:
         ({"uncertainty": -BAR}, ValueError, "^uncertainty: got -1; accepts 0 or more"),
         ({"uncertainty": BAR > 0}, TypeError, "^uncertainty: got dtype bool"),
         ({"yaw": -0.1}, ValueError, "^yaw: got -0.1; accepts"),
-        ({"yaw": 11}, ValueError, "^yaw: got 11; accepts 0 to 10 degrees"),
+        ({"yaw": 11}, ValueError, "^yaw: got 11; accepts a finite number, 0 to 10"),
         ({"yaw": "0.1"}, TypeError, "^yaw: got str"),
         ({"anchor": (1, 1)}, ValueError, r"^anchor: got \(1, 1\); accepts \(x, y, depth\)"),
         ({"anchor": (4, 1, 5.0)}, ValueError, "^anchor: got 4; accepts 0 to 3"),

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 import phasestereo as ps
-from phasestereo.io import Calibration, read_calibration, read_q
+from phasestereo.io import Calibration, read_calibration
 from support import counterpart
 
 QUARTER = "middlebury/MiddEval3/trainingQ"
@@ -256,7 +256,8 @@ def test_q_is_read_from_files_of_opencv(tmp_path: Path, suffix: str, dtype: type
     storage.write("Q2", np.zeros((4, 4)))
     storage.release()
 
-    np.testing.assert_allclose(read_q(path), Q, rtol=1e-8 if dtype == np.float64 else 1e-7)
+    found = read_calibration(path, (640, 480)).q
+    np.testing.assert_allclose(found, Q, rtol=1e-8 if dtype == np.float64 else 1e-7)
 
 
 def test_q_is_read_from_files_of_numpy(tmp_path: Path) -> None:
@@ -266,33 +267,29 @@ def test_q_is_read_from_files_of_numpy(tmp_path: Path) -> None:
     np.savetxt(tmp_path / "commas.txt", Q, delimiter=", ")
 
     for name in ("q.npy", "rig.npz", "q.txt", "commas.txt"):
-        matrix = read_q(tmp_path / name)
-        assert matrix.dtype == np.float64
-        np.testing.assert_array_equal(matrix, Q)
+        found = read_calibration(tmp_path / name, (640, 480))
+        np.testing.assert_allclose(found.q, Q, rtol=1e-15)
 
 
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("q.txt", b"1 2 3\n4 5 6", r"q\.txt: Q is 4 x 4 numbers, this is float64 .* \(2, 3\)"),
-        ("q.txt", b"1 2 3\n4 5", r"q\.txt: "),
-        ("q.txt", b"one two", r"q\.txt: .*one"),
-        ("q.txt", b"", r"q\.txt: Q is 4 x 4"),
+        ("q.txt", b"1 2 3\n4 5 6", r"q\.txt: holds 6 numbers; .* or the 16 of Q"),
+        ("q.txt", b"one two", r"q\.txt: "),
         ("q.npy", b"not an array", r"q\.npy: "),
         ("q.npz", b"not a zip", r"q\.npz: "),
-        ("q.yml", b"%YAML:1.0\nP: 1\n", r"q\.yml: no 4 x 4 matrix .* named Q"),
+        ("q.yml", b"%YAML:1.0\nP: 1\n", r"q\.yml: "),
         (
             "q.yml",
             b"Q: !!opencv-matrix\n rows: 4\n cols: 4\n dt: d\n data: [ 1., 0. ]",
-            r"q\.yml: the matrix Q has 2 numbers instead of 16",
+            r"q\.yml: a matrix of 4 x 4 has 2 numbers",
         ),
         (
             "q.yml",
-            b"Q: !!opencv-matrix\n rows: 3\n cols: 4\n dt: d\n data: [ 1., 0. ]",
-            r"q\.yml: no 4 x 4",
+            b"Q: !!opencv-matrix\n rows: 1\n cols: 2\n dt: d\n data: [ 1., 0. ]",
+            r"q\.yml: q must be 4 x 4",
         ),
-        ("q.xml", b"<opencv_storage></opencv_storage>", r"q\.xml: no 4 x 4"),
-        ("q.csv", b"", r"must end in one of \.npy, .*, got '\.csv'"),
+        ("q.xml", b"<opencv_storage></opencv_storage>", r"q\.xml: "),
     ],
 )
 def test_files_without_a_q_are_refused(
@@ -300,13 +297,19 @@ def test_files_without_a_q_are_refused(
 ) -> None:
     (tmp_path / name).write_bytes(content)
     with pytest.raises(ValueError, match=message):
-        read_q(tmp_path / name)
+        read_calibration(tmp_path / name, (640, 480))
+
+
+def test_a_q_asks_for_the_size(tmp_path: Path) -> None:
+    np.save(tmp_path / "q.npy", Q)
+    with pytest.raises(ValueError, match=r"q\.npy: size: got None for a matrix Q"):
+        read_calibration(tmp_path / "q.npy")
 
 
 def test_archives_without_a_q_are_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "rig.npz", R1=np.eye(3))
-    with pytest.raises(ValueError, match=r"rig\.npz: no array is named Q, only R1"):
-        read_q(tmp_path / "rig.npz")
+    with pytest.raises(ValueError, match=r"rig\.npz: is not a calibration .* it holds R1"):
+        read_calibration(tmp_path / "rig.npz", (640, 480))
     np.save(tmp_path / "q.npy", np.array([[None] * 4] * 4))
     with pytest.raises(ValueError, match=r"q\.npy: "):
-        read_q(tmp_path / "q.npy")
+        read_calibration(tmp_path / "q.npy", (640, 480))

@@ -74,7 +74,7 @@ def test_kitti_png_refuses_what_it_cannot_represent(tmp_path: Path, value: float
         (np.ones((2, 2, 3), np.float32), ValueError, "shape"),
         (np.ones((0, 2), np.float32), ValueError, "shape"),
         (np.ones((2, 2), np.int16), TypeError, "int16"),
-        ([[1.0]], TypeError, "list"),
+        ([[1]], TypeError, "disparity: got dtype int"),
     ],
 )
 def test_arrays_that_are_no_maps_are_refused(

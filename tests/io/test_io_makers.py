@@ -395,7 +395,6 @@ def test_k_and_a_baseline_of_foundation_stereo(samples: Path, tmp_path: Path) ->
     assert found.depth(47.0) == pytest.approx(754.668 * 0.063 / 47, rel=1e-5)
     for text, message in (
         ("1 0 0 0 1 0 0 0 1", "a matrix K without a baseline"),
-        ("1 0 0 0 " * 4, "a matrix Q, which --q takes"),
         ("1 2 3", "3 numbers"),
     ):
         (tmp_path / "K.txt").write_text(text)

@@ -87,7 +87,7 @@ def test_it_is_written_byte_by_byte_as_the_format_says(tmp_path: Path) -> None:
     [
         ("cloud.pcd", cloud(colored=True), ValueError, r"path .* \.ply, got '\.pcd'"),
         ("cloud", cloud(colored=True), ValueError, "path"),
-        ("cloud.ply", np.zeros((4, 3)), TypeError, "cloud must be a PointCloud, got ndarray"),
+        ("cloud.ply", np.zeros((4, 3)), TypeError, "cloud: got ndarray; accepts a PointCloud"),
         ("none/cloud.ply", cloud(colored=True), FileNotFoundError, "no such folder"),
     ],
 )

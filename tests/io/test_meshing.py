@@ -85,7 +85,7 @@ def test_what_cannot_be_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"^path of a surface must end in \.glb, got '\.obj'"):
         write_glb(tmp_path / "a.obj", mesh)
 
-    with pytest.raises(TypeError, match=r"^mesh must be a Mesh, got ndarray"):
+    with pytest.raises(TypeError, match=r"^mesh: got ndarray; accepts a Mesh"):
         write_glb(tmp_path / "a.glb", mesh.points)  # type: ignore[arg-type]
 
     nothing = ps.surface_mesh(np.full(SHAPE, np.nan, np.float32), RIG)

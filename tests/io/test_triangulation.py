@@ -174,14 +174,19 @@ POINTS = np.zeros((4, 3), np.float32)
 @pytest.mark.parametrize(
     ("points", "colors", "error", "message"),
     [
-        ([[0, 0, 1]], None, TypeError, "points: got list"),
-        (POINTS.astype(np.float64), None, TypeError, "points: got float64"),
+        ([[0, 0, 1]], None, TypeError, "points: got dtype int"),
+        (POINTS.astype(np.float64), None, TypeError, "points: got dtype float64"),
         (POINTS.ravel(), None, ValueError, "points: got shape"),
         (POINTS[:, :2], None, ValueError, "points: got shape"),
         (POINTS + np.float32(np.inf), None, ValueError, "points: got infinity or NaN"),
-        (POINTS, POINTS, TypeError, "colors: got float32"),
+        (POINTS, POINTS, TypeError, "colors: got dtype float32"),
         (POINTS, np.zeros((4, 4), np.uint8), ValueError, "colors: got shape"),
-        (POINTS, np.zeros((3, 3), np.uint8), ValueError, "colors: got 3 of 4 points"),
+        (
+            POINTS,
+            np.zeros((3, 3), np.uint8),
+            ValueError,
+            r"colors: got shape \(3, 3\); accepts \(4, 3\)",
+        ),
     ],
 )
 def test_clouds_are_what_they_say(

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import pickle
+import re
 import subprocess
 import sys
 from dataclasses import replace
 from functools import cache
-from itertools import pairwise
+from itertools import cycle, pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from phasestereo.matching import match_silently
 from phasestereo_bench.degradation import Degradation, disk_psf
 from phasestereo_bench.rendering import render_pair
 from phasestereo_bench.rigs.geometry import Misaligned
+from support.saved_rigs import sealed
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -250,6 +252,27 @@ def test_a_child_that_is_forked_during_a_match_has_the_rig_for_itself() -> None:
         [sys.executable, "-c", FORKED], capture_output=True, check=False, text=True
     )
     assert run.returncode == 0, run.stderr
+
+
+def test_numbers_that_cannot_be_are_refused_or_harmless(tmp_path: Path) -> None:
+    # Their checksum is right: no number may hang or crash what reads it.
+    rig = ps.Rig(preset="fast", threads=1)
+    rig.match(*frame(0))
+    rig.save(path := tmp_path / "rig.txt")
+    body = path.read_text("utf-8").split("\n")[1]
+    places = [found.span() for found in re.finditer(r"-?\d+(\.\d+)?(e-?\d+)?", body)]
+    values = "-1", "0", "1e308", "-1e308", str(2**64 - 1), str(2**63), "null", "9" * 30, "2.5"
+    rng = np.random.default_rng(0)
+    refused = 0
+    for (start, end), value in zip(rng.permutation(places)[:36], cycle(values), strict=False):
+        path.write_text(sealed(body[:start] + value + body[end:]), "utf-8")
+        try:
+            found = ps.Rig.load(path, preset="fast", threads=1)
+            found.match(*frame(0))
+            found.test()
+        except (ValueError, TypeError):
+            refused += 1
+    assert 12 < refused < 36
 
 
 def test_images_of_another_size_and_failures() -> None:

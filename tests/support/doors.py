@@ -286,7 +286,7 @@ def doors(of: Samples) -> dict[str, list[tuple[str, Callable[[Path], Any]]]]:  #
     add("phasestereo.Rig.export(path)", ">a.yaml", ps.Rig.load(of / "learned.txt").export)
 
     readers = {"calibration": "calib.txt", "depth": "depth.npy depth.bin", "disparity": "map.pfm"}
-    readers |= {"image": "left.png map.pfm depth.npy", "pfm": "map.pfm", "q": "q.txt"}
+    readers |= {"image": "left.png map.pfm depth.npy", "pfm": "map.pfm"}
     for name, sample in readers.items():
         add(f"phasestereo.io.read_{name}(path)", sample, getattr(ps.io, f"read_{name}"))
     add("phasestereo.io.read_truth(path)", "left.png", partial(ps.io.read_truth, scale=1))
@@ -412,8 +412,9 @@ def _add_commands(add: Callable[..., None], of: Samples) -> None:
         "match --mesh": (">a.glb", ("match", *pair, "--calib", calib, "--mesh", ...)),
         "match --depth": (">a.npy", ("match", *pair, "--calib", calib, "--depth", ...)),
         "match --report": (">a.html", ("match", *pair, "--report", ...)),
-        "match --calib": ("calib.txt", ("match", *pair, "--depth", of / "d.npy", "--calib", ...)),
-        "match --q": ("q.txt", ("match", *pair, "--depth", of / "d.npy", "--q", ...)),
+        "match --calib": ("calib.txt q.txt", (
+            "match", *pair, "--depth", of / "d.npy", "--calib", ...,
+        )),
         "match --register": ("rig.npz", (
             "match", *pair, "--depth", of / "d.npy", "--calib", calib, "--register-size", "64,48",
             "--register", ...,

@@ -24,6 +24,7 @@ import time
 import warnings
 from collections import Counter
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,13 +40,12 @@ from phasestereo.io import (
     read_image,
     read_pair,
     read_pfm,
-    read_q,
     write_depth,
     write_image,
 )
 from phasestereo.io.tiff import is_geotiff
-from phasestereo.rectification.reading import read_calibration as read_rig
 from phasestereo.rectification.record import Rectification
+from phasestereo.rectification.record import read_calibration as read_rig
 from phasestereo_large import geotiff
 from phasestereo_large.bands import load
 from phasestereo_large.batch import Record, read_manifest, read_pairs
@@ -173,9 +173,12 @@ READERS: dict[str, tuple[Callable[[Path], Any], tuple[str, ...]]] = {
     "read_pair": (read_pair, (".mpo",)),
     "read_pfm": (read_pfm, (".pfm",)),
     "read_calibration": (read_calibration, (".calib",)),
+    "read_calibration of Q": (
+        partial(read_calibration, size=(640, 480)),
+        (".npz", ".txt", ".yml", ".xml", ".npy"),
+    ),
     "read_rig": (read_rig, (".yaml", ".rig", ".saved", ".conf", ".oak", ".cameras", ".mat")),
     "load_rectification": (Rectification.load, (".saved",)),
-    "read_q": (read_q, (".npz", ".txt", ".yml", ".xml", ".npy")),
     "load_statistics": (load, (".statistics",)),
     "read_pairs": (read_list, (".csv",)),
     "read_manifest": (read_manifest, (".jsonl",)),

@@ -243,7 +243,7 @@ CONTENTS: dict[str, tuple[Callable[[], bytes], tuple[str, ...]]] = {
     "empty.png": (lambda: png(14000, 14000, 6), ("read_image",)),
     "empty.pgm": (lambda: b"P5\n14000 14000\n255\n", ("read_image",)),
     "large.pgm": (lambda: b"P5\n1000000000 1000000000\n255\n", ("read_image",)),
-    "q.npz": (lambda: npz("Q", 2**28), ("read_q",)),
+    "q.npz": (lambda: npz("Q", 2**28), RIGS),
     "statistics.npz": (lambda: npz("plain", 2**28), ("load_statistics",)),
     "rig.npz": (lambda: npz("K1", 2**30, copies=16), RIGS),
     "maps.npz": (lambda: many(300), RIGS),
@@ -258,7 +258,7 @@ CONTENTS: dict[str, tuple[Callable[[], bytes], tuple[str, ...]]] = {
     ),
     "line.csv": (lambda: b"left,right\n" + b"," * 2**20, ("read_pairs",)),
     "line.jsonl": (lambda: b" " * 2**20, ("read_manifest",)),
-    "arrays.npz": (lambda: many(300), ("read_q", "load_statistics")),
+    "arrays.npz": (lambda: many(300), ("read_rig", "load_statistics")),
     "bomb.mcap": (lambda: mcap("zstd", zstd_zeros(2**31), 2**20), ("open_recording",)),
     "claim.mcap": (lambda: mcap("zstd", zstd_zeros(2**31), 2**31), ("open_recording",)),
     "unsaid.mcap": (
@@ -272,11 +272,11 @@ CONTENTS: dict[str, tuple[Callable[[], bytes], tuple[str, ...]]] = {
     ),
     "header.npy": (
         lambda: b"\x93NUMPY\x02\x00" + struct.pack("<I", 2**31) + b"{",
-        ("read_image", "open_raster", "read_q"),
+        ("read_image", "open_raster", "read_rig"),
     ),
     "row.npy": (
         lambda: npy(b"{'descr': '|u1', 'fortran_order': False, 'shape': (1, 1099511627776), }\n"),
-        ("read_image", "open_raster", "read_q"),
+        ("read_image", "open_raster", "read_rig"),
     ),
 }
 
@@ -302,7 +302,7 @@ def readers() -> dict[str, Callable[[Path], Any]]:
     """Return the readers of files, by the name of the function."""
     import phasestereo as ps  # noqa: PLC0415 -- the process that makes the files needs none of it
     from phasestereo.io.tiff import is_geotiff  # noqa: PLC0415
-    from phasestereo.rectification.reading import read_calibration  # noqa: PLC0415
+    from phasestereo.rectification.record import read_calibration  # noqa: PLC0415
     from phasestereo_large import batch, geotiff  # noqa: PLC0415
     from phasestereo_large.bands import load  # noqa: PLC0415
     from phasestereo_large.windows import open_raster  # noqa: PLC0415
@@ -318,7 +318,6 @@ def readers() -> dict[str, Callable[[Path], Any]]:
         "open_raster": open_one,
         "open_recording": open_recording,
         "is_geotiff": is_geotiff,
-        "read_q": ps.io.read_q,
         "read_depth": ps.io.read_depth,
         "read_rig": read_calibration,
         "load_restoration": ps.Restoration.load,

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from pathlib import Path
+from pathlib import Path
+from typing import Any
 
 
 def with_raw_cameras(path: Path, size: tuple[int, int]) -> str:
@@ -19,7 +17,11 @@ def with_raw_cameras(path: Path, size: tuple[int, int]) -> str:
     found |= {"pairs": 1, "is_inverted": False, "distortion": [[0.0, 1.0], [0.0, 1.0]]}
     state["geometry"]["cameras"] = {"rectification": found, "size": list(size)}
 
-    body = json.dumps(state)
+    return sealed(json.dumps(state))
+
+
+def sealed(body: str) -> str:
+    """Return the text of a saved rig with a checksum that is right."""
     digest = 0xCBF29CE484222325  # FNV-1a
     for byte in body.encode():
         digest = (digest ^ byte) * 0x100000001B3 % 2**64

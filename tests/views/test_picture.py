@@ -126,7 +126,7 @@ def test_pyplot_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        ({"disparity": np.zeros((2, 2), int)}, TypeError, "disparity: got int64"),
+        ({"disparity": np.zeros((2, 2), int)}, TypeError, "disparity: got dtype int64"),
         ({"disparity": np.zeros(3)}, ValueError, r"disparity: got shape \(3,\)"),
         ({"disparity": np.zeros((0, 3))}, ValueError, "disparity: got shape"),
         ({"disparity": RAMP, "low": np.nan}, ValueError, "low: got nan"),

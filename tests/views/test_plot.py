@@ -276,13 +276,13 @@ BARE = ps.Result(MAP, np.zeros(MAP.shape, np.uint16), None, ps.Settings(), {})
 @pytest.mark.parametrize(
     ("draw", "arguments", "error", "message"),
     [
-        (plot.disparity, (np.zeros((2, 2), int),), TypeError, "disparity: got int64"),
+        (plot.disparity, (np.zeros((2, 2), int),), TypeError, "disparity: got dtype int64"),
         (plot.disparity, (np.zeros(4),), ValueError, r"disparity: got shape \(4,\)"),
         (plot.histogram, (np.zeros((0, 4)),), ValueError, r"disparity: got shape \(0, 4\)"),
         (plot.confidence, (BARE,), ValueError, "result: got one without confidence;.*=True"),
         (plot.uncertainty, (BARE,), ValueError, "result: got one without uncertainty;.*=True"),
         (plot.confidence, (np.zeros((1, 2, 3)),), ValueError, "confidence: got shape"),
-        (plot.flags, (np.zeros((2, 2)),), TypeError, "flags: got float64"),
+        (plot.flags, (np.zeros((2, 2)),), TypeError, "flags: got dtype float64; accepts integers"),
         (plot.flags, (np.zeros(3, int),), ValueError, r"flags: got shape \(3,\)"),
         (plot.flags, (np.full((2, 2), 1 << 14),), ValueError, "flags: got bits 0x4000"),
         (plot.error, (MAP, MAP[1:]), ValueError, "truth: got shape"),

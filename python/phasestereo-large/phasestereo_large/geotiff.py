@@ -433,7 +433,7 @@ def _narrowed(planes: NDArray[Any]) -> Pixels:
 
 
 def _native(band: ArrayLike) -> NDArray[Any]:
-    """Return an array in the byte order of this machine, the only one that rasterio writes."""
+    """Return an array in the byte order of this machine, which rasterio needs."""
     given = np.asarray(band)
     return given.astype(given.dtype.newbyteorder("="), copy=False)
 

@@ -21,13 +21,12 @@ import phasestereo
 from phasestereo.cli.errors import UNTRUSTED, WRONG_USAGE, CommandError, claim, refusals
 from phasestereo.cli.pairing import read_both
 from phasestereo.cli.terminal import print_json, print_lines
-from phasestereo.cli.trust import unwarned
 from phasestereo.io import read_image, write_image
 from phasestereo.io.pair import Layout
 from phasestereo.matching import match
 from phasestereo.rig.blur import Blur, BlurEstimate
 from phasestereo.rig.diagnosis import check as check_pair
-from phasestereo.rig.findings import Finding, untrusted
+from phasestereo.rig.findings import Finding, untrusted, unwarned
 
 _TINTS = {"left": (1.0, 0.2, 0.1), "right": (0.1, 0.4, 1.0)}  # red, blue
 _NO_TINT = (0.0, 0.0, 0.0)

@@ -16,8 +16,8 @@ from cyclopts import Parameter
 from phasestereo import _core
 from phasestereo.cli.errors import CommandError
 from phasestereo.cli.terminal import print_json, print_lines, progress_bar
-from phasestereo.cli.trust import unwarned
 from phasestereo.matching import match
+from phasestereo.rig.findings import unwarned
 from phasestereo.settings import PresetName
 
 _OURS = "phasestereo", "phasestereo-live", "phasestereo-large", "phasestereo-bench"
@@ -35,7 +35,7 @@ def doctor(
 ) -> None:
     """Say what is installed here, how fast it is, and whether its results are right.
 
-    The exit code is 1 if a match is not to the bit what it is on every platform.
+    The exit code is 1 if a match differs by a bit from that of other platforms.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refuse_picture
 from phasestereo.cli.options import AT_LEAST_ONE, POSITIVE
 from phasestereo.cli.terminal import say
-from phasestereo.io import Calibration, LengthUnit, read_q
+from phasestereo.io import Calibration, LengthUnit
 from phasestereo.io.depth import MILLIMETERS
 from phasestereo.io.rigs.reading import read_geometry
 from phasestereo.rectification import Rectification
@@ -67,9 +67,8 @@ class GeometryOptions:
     ----------
     calib
         Calibration of the rectified pair, of any kind that --rectify takes: calib.txt of Middlebury
-        or KITTI, camera_info of both cameras (--calib left.yaml --calib right.yaml) ...
-    q
-        The matrix Q of OpenCV's stereoRectify: .npy, .npz, .txt, or .yml and .xml of FileStorage.
+        or KITTI, camera_info of both cameras (--calib left.yaml --calib right.yaml) ... Or the
+        matrix Q of OpenCV's stereoRectify: .npy, .npz, .txt, or .yml and .xml of FileStorage.
     focal
         Focal length in pixels, of two equal cameras; needs ``--baseline``. Default: that of a
         spatial photograph (HEIC).
@@ -83,7 +82,7 @@ class GeometryOptions:
         Row of the principal point. Default: that of the image's center.
     unit
         Unit of baseline and depths; nothing is converted. Default: m, or mm of Middlebury's
-        calib.txt; that of --baseline, --q and OpenCV's files is not known, and
+        calib.txt; that of --baseline and OpenCV's files is not known, and
         ``--depth FILE.png`` needs it.
     depth_scale
         Units of ``--depth FILE.png`` in a meter: 1000 (mm, the default), 256 (KITTI) or 5000 (TUM).
@@ -112,7 +111,6 @@ class GeometryOptions:
     """
 
     calib: Annotated[tuple[Path, ...], Parameter(show_default=False)] = ()
-    q: Path | None = None
     focal: Annotated[float | None, Parameter(validator=POSITIVE)] = None
     baseline: Annotated[float | None, Parameter(validator=POSITIVE)] = None
     doffs: float | None = None
@@ -140,7 +138,7 @@ class GeometryOptions:
         given = [
             field.name for field in fields(self) if getattr(self, field.name) not in (None, ())
         ]
-        sources = [name for name in ("calib", "q", "focal") if name in given]
+        sources = [name for name in ("calib", "focal") if name in given]
 
         if given and not wanted:
             raise _wrong(given[0], "has no effect without --ply, --mesh, --depth or --report")
@@ -158,14 +156,13 @@ class GeometryOptions:
         if len(self.calib) > 2:
             raise _wrong("calib", f"got {len(self.calib)} files; accepts one, or left and right")
         files: dict[str, Sequence[str | Path]] = {"register": self.register, "calib": self.calib}
-        files["q"] = [self.q] if self.q else []
         for name, paths in files.items():
             for path in paths:
                 refuse_picture(name, path)
 
     def sources(self) -> list[Path | None]:
         """Return the files that are read."""
-        return [*self.calib, self.q, *map(Path, self.register)]
+        return [*self.calib, *map(Path, self.register)]
 
     def read(
         self,
@@ -187,7 +184,7 @@ class GeometryOptions:
         Raises
         ------
         OSError, ValueError
-            If a file is not what it should be, or is of images of another size.
+            If a file is invalid, or is of images of another size.
         """
         known = None if rectified is None else rectified.calibration
         calibration = self._calibration(size[0], size[1], self.focal or focal) or known
@@ -241,13 +238,6 @@ class GeometryOptions:
             for note in notes:
                 say(f"note: {note}")
             return found
-        if self.q is not None:
-            matrix = read_q(self.q)
-            try:
-                return Calibration.from_q(matrix, width=width, height=height)
-            except ValueError as error:
-                raise ValueError(f"{self.q}: {error}") from error
-
         if self.baseline is None:
             return None
         if focal is None:

@@ -20,7 +20,7 @@ _SELDOM = frozenset(
     (
         *("flags-output", "confidence-output", "uncertainty-output"),
         *("left-mask", "right-mask", "bands", "noise", "timeout"),
-        *("q", "doffs", "cx", "cy", "min-depth", "max-depth", "decimate", "yaw", "anchor"),
+        *("doffs", "cx", "cy", "min-depth", "max-depth", "decimate", "yaw", "anchor"),
         *("depth-scale", "register", "register-size"),
         *("truth-scale", "truth-mask", "truth-mask-level"),
     )

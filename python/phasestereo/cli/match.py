@@ -25,10 +25,11 @@ from phasestereo.cli.pairing import OPTIONS, Pairing, names_of, read_both
 from phasestereo.cli.scoring import Scoring
 from phasestereo.cli.summary import MatchSummary, show
 from phasestereo.cli.terminal import progress_bar
-from phasestereo.cli.trust import refuse_untrusted, show_findings, unwarned
+from phasestereo.cli.trust import refuse_untrusted, show_findings
 from phasestereo.io.mask import read_mask
 from phasestereo.known import Known
 from phasestereo.matching import match as match_pair
+from phasestereo.rig.findings import unwarned
 from phasestereo.settings import PRESET, Settings, resolve
 
 _USUAL, _MOST_USUAL = 10, 200  # a disparity that is likely: of the width, and pixels at most

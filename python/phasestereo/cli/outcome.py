@@ -20,7 +20,7 @@ Image = NDArray[Any]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome:
-    """A result, what it was made from, and how it compares.
+    """A result, its pair, and its score.
 
     Parameters
     ----------

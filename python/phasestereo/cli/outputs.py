@@ -224,7 +224,7 @@ def _write_report(path: Path, outcome: Outcome) -> None:
 def _rig(outcome: Outcome) -> Rig:
     if outcome.rig is None:
         raise ValueError(
-            "needs a geometry: give --calib, --rectify FILE, --q, or --focal and --baseline"
+            "needs a geometry: give --calib, --rectify FILE, or --focal and --baseline"
         )
     return outcome.rig
 

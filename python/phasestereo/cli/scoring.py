@@ -61,7 +61,7 @@ class Scoring:
         Raises
         ------
         OSError, ValueError
-            If a file is not what it should be, has another size, or nothing is left to score.
+            If a file is invalid, has another size, or nothing is left to score.
         """
         if self.truth is None:
             return None

@@ -2,21 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 
 from phasestereo.cli.errors import UNTRUSTED, CommandError
 from phasestereo.cli.terminal import say
-from phasestereo.rig.findings import Finding, MatchWarning, untrusted
-
-
-@contextmanager
-def unwarned() -> Iterator[None]:
-    """Ignore the warnings of matches in this block: findings report them."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", MatchWarning)
-        yield
+from phasestereo.rig.findings import Finding, untrusted
 
 
 def show_findings(found: Iterable[Finding]) -> None:

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import print_lines
-from phasestereo.cli.trust import unwarned
 from phasestereo.matching import match
+from phasestereo.rig.findings import unwarned
 from phasestereo.views.page import write_pair_page
 
 _ROWS, _COLS, _FAR, _NEAR = 360, 480, 8, 32

@@ -21,7 +21,6 @@ from phasestereo.io.limits import max_pixels, set_max_pixels
 from phasestereo.io.pair import read_pair
 from phasestereo.io.pfm import read_pfm, write_pfm
 from phasestereo.io.ply import write_ply
-from phasestereo.io.qmatrix import read_q
 from phasestereo.io.results import write_maps
 from phasestereo.io.rigs.reading import read_calibration
 
@@ -35,7 +34,6 @@ __all__ = [
     "read_image",
     "read_pair",
     "read_pfm",
-    "read_q",
     "read_truth",
     "set_max_pixels",
     "write_depth",

@@ -169,7 +169,7 @@ class Calibration:
 
         See Also
         --------
-        read_q : From the files in which Q is kept.
+        read_calibration : From the files in which Q is kept.
 
         References
         ----------

@@ -92,7 +92,7 @@ def draft_of(path: StrPath, suffixes: Sequence[str], what: str) -> tuple[Path, P
 
 
 def growing(target: Path) -> Path:
-    """Return a name for the draft of a recording, beside what it is to become."""
+    """Return a name for the draft of a recording, beside its final name."""
     return target.with_name(f"{target.stem}.{secrets.token_hex(4)}.part{target.suffix}")
 
 

@@ -116,7 +116,7 @@ def named(name: str) -> Iterator[None]:
 
 
 def _is_a_bug(error: Exception) -> bool:
-    """Return whether our own code raised what it does not raise on purpose.
+    """Return whether our own code raised an error that it never raises on purpose.
 
     Functions in C that it calls, such as `struct.unpack`, raise errors of their own kind there.
     """
@@ -138,7 +138,7 @@ def is_of_the_system(error: Exception) -> bool:
 
 
 def describe_error(error: Exception) -> str:
-    """Return an error in a line: of the system, what it says of which file."""
+    """Return an error in a line; errors of the system name their file."""
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}"
     return str(error) or type(error).__name__
@@ -147,7 +147,7 @@ def describe_error(error: Exception) -> str:
 def target_of(
     path: StrPath, kind: str = "a regular file", is_kind: Callable[[Path], bool] = Path.is_file
 ) -> Path:
-    """Return the file that is to be written: a symbolic link stays, what it names is replaced.
+    """Return the file to write: a symbolic link stays, its target is replaced.
 
     Parameters
     ----------

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from phasestereo._extras import require
+from phasestereo._numbers import check_type
 from phasestereo.io.drafts import replacing
 from phasestereo.io.files import StrPath, suffix
 from phasestereo.shapes import Mesh
@@ -38,8 +39,7 @@ def write_glb(path: StrPath, mesh: Mesh) -> None:
     """
     if suffix(path) != ".glb":
         raise ValueError(f"path of a surface must end in .glb, got {suffix(path)!r}")
-    if not isinstance(mesh, Mesh):
-        raise TypeError(f"mesh must be a Mesh, got {type(mesh).__name__}")
+    check_type("mesh", mesh, Mesh, "a Mesh")
     if not len(mesh.faces):
         raise ValueError("mesh: has no triangle, for no four neighbors are of one surface")
 

@@ -9,6 +9,7 @@ from typing import Any, BinaryIO, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from phasestereo._images import as_numbers
 from phasestereo.io.drafts import replacing
 from phasestereo.io.files import StrPath, decoding, suffix
 from phasestereo.io.heif import HEIF_MAGICS, decode_heif
@@ -163,7 +164,10 @@ def write_image(path: StrPath, image: Pixels) -> None:
     ImportError
         If the format needs the extra ``io`` and that is not installed.
     """
-    kind = _kind(image)
+    pixels = as_numbers(
+        image, "image", _DTYPES, *(("H", "W", *count) for count in ((), (3,), (4,)))
+    )
+    kind = pixels.dtype.name, channels(pixels.shape)
     ending = suffix(path)
     if ending not in _ENCODERS:
         raise ValueError(f"path must end in one of {', '.join(_ENCODERS)}, got {ending!r}")
@@ -176,14 +180,4 @@ def write_image(path: StrPath, image: Pixels) -> None:
         )
 
     with replacing(path) as file:
-        encode(file, np.ascontiguousarray(image, image.dtype.newbyteorder("=")))
-
-
-def _kind(image: Pixels) -> tuple[str, int]:
-    """Return the dtype and the number of channels of an image, if it is one."""
-    if not isinstance(image, np.ndarray) or image.dtype.name not in _DTYPES:
-        got = getattr(image, "dtype", type(image).__name__)
-        raise TypeError(f"image must be an array of uint8, uint16 or float32, got {got}")
-    if not channels(image.shape):
-        raise ValueError(f"image must have shape (H, W), (H, W, 3) or (H, W, 4), got {image.shape}")
-    return image.dtype.name, channels(image.shape)
+        encode(file, np.ascontiguousarray(pixels, pixels.dtype.newbyteorder("=")))

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from phasestereo._images import as_numbers
 from phasestereo.io.files import StrPath, suffix
 from phasestereo.io.image import read_image, write_image
 from phasestereo.io.pixels import channels
@@ -28,14 +29,9 @@ def known_suffix(path: StrPath, name: str) -> str:
 
 def check_map(values: NDArray[np.floating[Any]], name: str) -> NDArray[np.float32]:
     """Return a map as float32, if it is one."""
-    if not isinstance(values, np.ndarray) or values.dtype.name not in ("float32", "float64"):
-        got = getattr(values, "dtype", type(values).__name__)
-        raise TypeError(f"{name} must be an array of float32 or float64, got {got}")
-    if channels(values.shape) != 1:
-        raise ValueError(f"{name} must have shape (H, W), got {values.shape}")
-
+    given = as_numbers(values, name, ("float32", "float64"))
     with np.errstate(over="ignore"):  # what overflows is refused as infinite
-        checked = values.astype(np.float32)
+        checked = given.astype(np.float32)
     if np.isinf(checked).any():
         what = "estimate" if name == "disparity" else name
         raise ValueError(f"{name} must be finite in float32, or NaN for no {what}; got inf")

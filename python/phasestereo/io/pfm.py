@@ -16,6 +16,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from phasestereo._images import as_numbers
 from phasestereo.io.drafts import replacing
 from phasestereo.io.files import StrPath, decoding
 from phasestereo.io.limits import check_size
@@ -118,18 +119,9 @@ def write_pfm(path: StrPath, array: NDArray[np.float32]) -> None:
     OSError
         If the file cannot be written.
     """
-    check_pfm(array)
+    samples = as_numbers(array, "array", ("float32",), ("H", "W"), ("H", "W", 3))
     with replacing(path) as file:
-        encode_pfm(file, array)
-
-
-def check_pfm(array: NDArray[np.float32]) -> None:
-    """Refuse what a PFM file cannot hold exactly."""
-    if not isinstance(array, np.ndarray) or array.dtype.name != "float32":
-        got = getattr(array, "dtype", type(array).__name__)
-        raise TypeError(f"array must be a float32 array, got {got}")
-    if channels(array.shape) not in _MAGICS:
-        raise ValueError(f"array must have shape (H, W) or (H, W, 3), got {array.shape}")
+        encode_pfm(file, samples)
 
 
 def encode_pfm(file: BinaryIO, array: NDArray[Any]) -> None:

@@ -37,7 +37,7 @@ def expand_bits(samples: NDArray[np.bool_]) -> NDArray[np.uint8]:
 
 
 def as_samples(samples: NDArray[Any], valid: NDArray[np.bool_] | None = None) -> Pixels:
-    """Return samples of any real type as one that images have here, none losing anything.
+    """Return samples of any real type as a type of images, without loss.
 
     Parameters
     ----------

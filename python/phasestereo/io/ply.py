@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from phasestereo._numbers import check_type
 from phasestereo.io.drafts import replacing
 from phasestereo.io.files import StrPath, suffix
 from phasestereo.shapes import PointCloud
@@ -45,8 +46,7 @@ def write_ply(path: StrPath, cloud: PointCloud) -> None:
     """
     if suffix(path) != ".ply":
         raise ValueError(f"path of a point cloud must end in .ply, got {suffix(path)!r}")
-    if not isinstance(cloud, PointCloud):
-        raise TypeError(f"cloud must be a PointCloud, got {type(cloud).__name__}")
+    check_type("cloud", cloud, PointCloud, "a PointCloud")
 
     with replacing(path) as file:
         file.write(_header(cloud))

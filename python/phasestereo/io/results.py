@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from phasestereo._images import as_array
 from phasestereo.io.disparity import write_disparity
 from phasestereo.io.drafts import replacing
 from phasestereo.io.files import StrPath, suffix
@@ -40,9 +41,8 @@ def write_maps(path: StrPath, maps: Mapping[str, NDArray[Any]]) -> None:
     if suffix(path) != ".npz":
         raise ValueError(f"path of several maps must end in .npz, got {suffix(path)!r}")
     for name, values in maps.items():
-        if not isinstance(values, np.ndarray) or values.dtype.kind not in "biuf":
-            got = getattr(values, "dtype", type(values).__name__)
-            raise TypeError(f"maps: got {got} as {name!r}; accepts arrays of numbers")
+        if as_array(values, name).dtype.kind not in "biuf":
+            raise TypeError(f"{name}: got dtype {values.dtype}; accepts numbers")
 
     with replacing(path) as file:
         named: dict[str, Any] = dict(maps)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from phasestereo._images import Map, as_array, as_pair, on_screens
+from phasestereo._images import Map, as_numbers, as_pair, on_screens
 from phasestereo.matchers import onnx, opencv
 
 _OPTION = re.compile(r",(\w+)=([^,]*)$")
@@ -72,18 +72,8 @@ class OtherMatcher:
             num_disparities = -(-cols // _DEFAULT_SHARE)
 
         flat = [image[:, :, 0] if image.shape[2] == 1 else image for image in pair]
-        return self._as_map(self.run(flat[0], flat[1], num_disparities), (rows, cols))
-
-    def _as_map(self, answer: ArrayLike, size: tuple[int, int]) -> Map:
-        values = as_array(answer, self.name)
-        if values.dtype.kind not in "iuf":
-            raise TypeError(f"{self.name}: returned dtype {values.dtype}; accepts real numbers")
-        if values.shape != size:
-            raise ValueError(
-                f"{self.name}: returned shape {values.shape}; accepts that of the left image, "
-                f"{size}"
-            )
-
+        answer = self.run(flat[0], flat[1], num_disparities)
+        values = as_numbers(answer, f"answer of {self.name}", "iuf", (rows, cols))
         with np.errstate(over="ignore"):  # what no float32 holds is not a disparity
             disparity = values.astype(np.float32)
         disparity[~np.isfinite(disparity)] = np.nan

@@ -15,12 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from phasestereo._images import as_numbers
 from phasestereo._numbers import as_number
 from phasestereo.metrics.pixels import (
     Floats,
     Mask,
     Values,
-    checked_shape,
     scored_pixels,
     scored_values,
 )
@@ -170,12 +170,7 @@ def _judged(
     limit = as_number("threshold", threshold, least=0)
     scored = scored_pixels(estimate, truth, mask)
 
-    confidence = np.asarray(confidence)
-    if not np.issubdtype(confidence.dtype, np.floating):
-        raise TypeError(f"confidence must be an array of floats, got {confidence.dtype}")
-    checked_shape("confidence", confidence.shape, scored.shape)
-
-    confidences = confidence[scored].astype(np.float64)
+    confidences = as_numbers(confidence, "confidence", "f", scored.shape)[scored].astype(np.float64)
     unknown = np.count_nonzero(np.isnan(confidences))
     if unknown:
         raise ValueError(

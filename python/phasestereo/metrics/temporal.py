@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from phasestereo.metrics.pixels import Floats, Mask, checked_disparities, checked_mask
+from phasestereo._images import as_numbers
+from phasestereo.metrics.pixels import Floats, Mask
 
 _LEAST_FRAMES = 2
 
@@ -38,19 +39,13 @@ def temporal_deviation(estimates: Sequence[Floats] | Floats, mask: Mask | None =
     ValueError
         If there are fewer than two frames, shapes differ, or nothing is left to score.
     """
-    maps = [checked_disparities("estimates", estimate) for estimate in estimates]
-
-    if len(maps) < _LEAST_FRAMES:
-        raise ValueError(f"estimates must be of two frames or more, got {len(maps)}")
-
-    shapes = sorted({each.shape for each in maps})
-    if len(shapes) > 1 or len(shapes[0]) != 2:  # (H, W)
-        raise ValueError(f"estimates must be 2-D (H, W) and of one shape, got {shapes}")
-
-    stack = np.stack(maps)
+    if len(estimates) < _LEAST_FRAMES:
+        raise ValueError(f"estimates: got {len(estimates)} frames; accepts two or more")
+    size = as_numbers(estimates[0], "estimates", "f").shape
+    stack = np.stack([as_numbers(each, "estimates", "f", size) for each in estimates])
     scored = np.isfinite(stack).all(axis=0)
     if mask is not None:
-        scored &= checked_mask(mask, shapes[0])
+        scored &= as_numbers(mask, "mask", "b", size)
 
     if not scored.any():
         raise ValueError("nothing is left to score: no pixel has an estimate in every frame")

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._extras import require
+from phasestereo._numbers import check_type
 from phasestereo.opencv.stereo import StereoPhase
 
 NO_CHECK = 1_000_000
@@ -27,9 +28,7 @@ class RightMatcher:
     """The other view of a `StereoPhase`; `createRightMatcher` makes one."""
 
     def __init__(self, matcher_left: StereoPhase) -> None:
-        if not isinstance(matcher_left, StereoPhase):
-            got = type(matcher_left).__name__
-            raise TypeError(f"matcher_left: got {got}; accepts a StereoPhase")
+        check_type("matcher_left", matcher_left, StereoPhase, "a StereoPhase")
         self._left = matcher_left
 
     def compute(self, right: ArrayLike, left: ArrayLike) -> NDArray[np.int16]:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._core import MOST_DISPARITIES
 from phasestereo._extras import require
-from phasestereo._images import Pixels, as_array, as_pair
+from phasestereo._images import Pixels, as_array, as_numbers, as_pair
 from phasestereo.matching import Matcher
 from phasestereo.opencv.parameters import DEFAULTS, LARGEST_DISPARITY, Parameters
 from phasestereo.opencv.storage import NAME, STORED, as_text, from_node
@@ -383,15 +383,10 @@ def _target(disparity: Sixteenths | None, size: tuple[int, ...]) -> Sixteenths:
     if disparity is None:
         return np.empty(size, np.int16)
 
-    if not isinstance(disparity, np.ndarray) or disparity.dtype != np.int16:
-        got = getattr(disparity, "dtype", type(disparity).__name__)
-        raise TypeError(f"disparity: got {got}; accepts an array of int16, or None")
-    if disparity.shape != size or not disparity.flags.writeable:
-        raise ValueError(
-            f"disparity: got shape {disparity.shape}; accepts a writable array of {size}"
-        )
-
-    return disparity
+    target: Sixteenths = as_numbers(disparity, "disparity", ("int16",), size)
+    if not target.flags.writeable:
+        raise ValueError("disparity: got an array that is read-only; accepts a writable one")
+    return target
 
 
 def _sixteenths(disparity: NDArray[np.float32], invalid: int, target: Sixteenths) -> Sixteenths:

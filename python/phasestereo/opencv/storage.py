@@ -54,10 +54,10 @@ def from_node(node: Any) -> tuple[dict[str, int], str | None, dict[str, Any] | N
 
 def _settings(text: str) -> dict[str, Any]:
     parts = (part.partition("=") for part in text.split(";") if part.strip())
-    return {name.strip(): _value(value.strip()) for name, _, value in parts}
+    return {name.strip(): as_value(value.strip()) for name, _, value in parts}
 
 
-def _value(text: str) -> Any:
+def as_value(text: str) -> Any:
     """Return a number, a pair, a truth value or None as such, any other word as itself."""
     if text.lower() in _WORDS:
         return _WORDS[text.lower()]

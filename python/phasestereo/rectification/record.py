@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
@@ -16,8 +17,15 @@ from phasestereo._opening import opened_alike
 from phasestereo.io.calibration import Calibration
 from phasestereo.io.depth import LengthUnit
 from phasestereo.io.drafts import replacing
-from phasestereo.io.rigs.cameras import MAPS, Maps, Matrix
+from phasestereo.io.rigs.cameras import MAPS, Cameras, Maps, Matrix
 from phasestereo.io.rigs.documents import Document, read_document
+from phasestereo.io.rigs.reading import (
+    CalibrationSource,
+    cameras_of_files,
+    named_all,
+    read_cameras,
+    read_documents,
+)
 
 Method = Literal["calibration", "images"]
 Interpolation = Literal["linear", "cubic", "lanczos"]
@@ -150,11 +158,7 @@ class Rectification:
         ValueError
             If it is not such a file, or damaged.
         """
-        document = read_document(path)
-        try:
-            return from_document(document)
-        except (KeyError, TypeError, ValueError) as error:
-            raise ValueError(f"{os.fspath(path)}: no saved rectification ({error})") from error
+        return _loaded(read_document(path), os.fspath(path))
 
     def __repr__(self) -> str:
         """Show the size and what was found: arrays would say nothing."""
@@ -163,9 +167,43 @@ class Rectification:
         return f"<Rectification {cols}x{rows} from {self.method}, {error}>"
 
 
+def read_calibration(
+    source: CalibrationSource | Rectification | Cameras,
+) -> Cameras | Rectification:
+    """Return the camera pair of a calibration, or a rectification that was saved.
+
+    Parameters
+    ----------
+    source
+        As `phasestereo.io.rigs.reading.read_cameras` takes it, or the file of a rectification. A
+        camera pair or a rectification is returned as it is.
+
+    Raises
+    ------
+    TypeError, OSError, ValueError, ImportError
+        As `read_cameras`.
+    """
+    if isinstance(source, Rectification | Cameras):
+        return source
+    if isinstance(source, Mapping):
+        return read_cameras(source)
+
+    paths, documents = read_documents(source)
+    if len(documents) == 1 and is_saved(documents[0]):
+        return _loaded(documents[0], named_all(paths))
+    return cameras_of_files(documents, named_all(paths))
+
+
 def is_saved(document: Document) -> bool:
-    """Return whether a file is one that `Rectification.save` has written."""
+    """Return whether `Rectification.save` wrote a file."""
     return "plain" in document and all(name in document for name in (*MAPS, *_IMAGES))
+
+
+def _loaded(document: Document, name: str) -> Rectification:
+    try:
+        return from_document(document)
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{name}: not a saved rectification ({error})") from error
 
 
 def from_document(document: Document) -> Rectification:

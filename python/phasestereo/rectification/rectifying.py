@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from phasestereo._images import ImageOrPath
+from phasestereo import _core
+from phasestereo._images import ImageOrPath, Pixels
+from phasestereo._numbers import as_number
 from phasestereo._opening import Fitted, opened_alike
 from phasestereo.io.rigs.cameras import Cameras, Warp
 from phasestereo.io.rigs.reading import CalibrationSource
-from phasestereo.rectification.estimating import estimated
-from phasestereo.rectification.reading import read_calibration
 from phasestereo.rectification.record import (
     INTERPOLATIONS,
     Interpolation,
     Method,
     Rectification,
     masks_of,
+    read_calibration,
     warped,
 )
 from phasestereo.rig.diagnosis import check
@@ -108,9 +108,12 @@ def rectify(
     _check_options(alpha, interpolation)
 
     if calibration is None:
-        known = estimated([found.pair, *(opened_alike(other).pair for other in others)])
-        made = _rectified(found, Warp(known.maps, None), "images", interpolation or "lanczos")
-        return replace(made, error=known.error, sentences=known.sentences)
+        pairs = [found.pair, *(opened_alike(other).pair for other in others)]
+        _check_pairs(pairs)
+        matrices, error, sentences = _core.rectify_pairs(pairs)
+        maps = Cameras(matrices=matrices).warp(size, None).maps
+        made = _rectified(found, Warp(maps, None), "images", interpolation or "lanczos")
+        return replace(made, error=error, sentences=tuple(sentences))
 
     cameras = read_calibration(calibration)
     if isinstance(cameras, Rectification):
@@ -121,12 +124,20 @@ def rectify(
     return replace(made, sentences=(*made.sentences, *warp.notes))
 
 
-def _check_options(alpha: float | None, interpolation: str | None) -> None:
-    if alpha is not None and (isinstance(alpha, bool) or not isinstance(alpha, Real)):
-        raise TypeError(f"alpha: got {type(alpha).__name__}; accepts a number or None")
+def _check_pairs(pairs: Sequence[tuple[Pixels, Pixels]]) -> None:
+    """Refuse pairs of several sizes, and pixels that are not finite."""
+    size = pairs[0][0].shape[:2]
+    if any(pair[0].shape[:2] != size for pair in pairs):
+        raise ValueError(f"others: got pairs of another size; accepts that of left, {size}")
+    for pair in pairs:
+        for image, side in zip(pair, ("left", "right"), strict=True):
+            if not np.isfinite(image).all():
+                raise ValueError(f"{side}: got NaN or infinite pixels; accepts finite ones")
 
-    if alpha is not None and not (alpha == -1 or 0 <= alpha <= 1):
-        raise ValueError(f"alpha: got {alpha}; accepts -1, or 0 to 1")
+
+def _check_options(alpha: float | None, interpolation: str | None) -> None:
+    if alpha is not None and as_number("alpha", alpha) != -1:
+        as_number("alpha", alpha, least=0, most=1)
 
     if interpolation is not None and interpolation not in INTERPOLATIONS:
         names = ", ".join(map(repr, INTERPOLATIONS))

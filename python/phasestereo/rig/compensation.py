@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from phasestereo import _core
-from phasestereo._images import as_array
+from phasestereo._images import as_numbers
+from phasestereo._numbers import check_type
 
 Taps = NDArray[np.float32]
 
@@ -82,14 +84,12 @@ class BlurCompensation:
         _core.check_blur_compensation(self)
 
 
-def _as_kernels(kernels: object) -> tuple[tuple[Taps | None, Taps | None], ...]:
+def _as_kernels(kernels: Any) -> tuple[tuple[Taps | None, Taps | None], ...]:
     accepted = "a list with a pair (left, right) of 2-D arrays, or None, for each class"
 
-    if not isinstance(kernels, (list, tuple)):
-        raise TypeError(f"kernels: got {type(kernels).__name__}; accepts {accepted}")
+    check_type("kernels", kernels, (list, tuple), accepted)
     for pair in kernels:
-        if not isinstance(pair, (list, tuple)):
-            raise TypeError(f"kernels: got {type(pair).__name__} for a pair; accepts {accepted}")
+        check_type("kernels", pair, (list, tuple), accepted)
         if len(pair) != 2:
             raise ValueError(f"kernels: got {len(pair)} arrays for a pair; accepts {accepted}")
 
@@ -100,11 +100,7 @@ def _as_taps(kernel: ArrayLike | None) -> Taps | None:
     if kernel is None:
         return None
 
-    taps = as_array(kernel, "kernels")
-    if taps.dtype.kind != "f" or taps.dtype.itemsize not in (4, 8):
-        raise TypeError(f"kernels: got dtype {taps.dtype}; accepts float32 or float64")
-    if taps.ndim != 2:
-        raise ValueError(f"kernels: got shape {taps.shape}; accepts 2-D arrays or None")
+    taps = as_numbers(kernel, "kernels", ("float32", "float64"))
     if np.abs(taps).max(initial=0) > np.finfo(np.float32).max:
         raise ValueError("kernels: got a tap beyond float32; accepts a sum of 1 within 0.001")
 
@@ -115,12 +111,6 @@ def _as_taps(kernel: ArrayLike | None) -> Taps | None:
 
 
 def _as_labels(labels: ArrayLike) -> NDArray[np.uint8]:
-    found = as_array(labels, "labels")
-    if found.dtype != np.uint8:
-        raise TypeError(f"labels: got dtype {found.dtype}; accepts uint8")
-    if found.ndim != 2:
-        raise ValueError(f"labels: got shape {found.shape}; accepts (rows, cols)")
-
-    copy = found.astype(np.uint8, order="C")
+    copy = as_numbers(labels, "labels", ("uint8",)).astype(np.uint8, order="C")
     copy.flags.writeable = False
     return copy

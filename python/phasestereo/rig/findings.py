@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal
 
@@ -58,3 +59,11 @@ def warn(found: tuple[Finding, ...]) -> None:
     grave = [one.sentence for one in untrusted(found)]
     if grave:
         warnings.warn("; ".join(grave), MatchWarning, stacklevel=3)
+
+
+@contextmanager
+def unwarned() -> Iterator[None]:
+    """Ignore the warnings of matches in this block: findings report them."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MatchWarning)
+        yield

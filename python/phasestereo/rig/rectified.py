@@ -14,7 +14,7 @@ _Plane: TypeAlias = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rectified:
-    """The rectified pair that was matched in place of one that is far from rectified.
+    """The rectified pair that was matched instead of a pair far from rectified.
 
     Parameters
     ----------

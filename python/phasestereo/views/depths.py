@@ -14,8 +14,8 @@ from typing import Any, NamedTuple, TypeAlias, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from phasestereo._images import Map, Mask, as_array, as_mask
-from phasestereo._numbers import as_integer, as_number
+from phasestereo._images import Map, Mask, as_mask, as_numbers
+from phasestereo._numbers import as_integer, as_number, check_type
 from phasestereo.io.calibration import Calibration, check_pixels
 from phasestereo.result import KEEPS, Keep, Result
 
@@ -387,7 +387,7 @@ def _depths(geometry: Ranging, values: NDArray[Any], bars: NDArray[Any] | None) 
 
 
 def _medians(values: NDArray[Any], kept: Mask, n: int) -> NDArray[np.intp]:
-    """Return of each block of n x n pixels the one that has the median of the kept disparities.
+    """Return for each block of n x n pixels the pixel with the median of the kept disparities.
 
     Of an even number it is the lower one of both in the middle: a disparity that was measured, not
     one between two surfaces.
@@ -412,8 +412,10 @@ def ranging(
     anchor: Anchor | None,
 ) -> Ranging:
     """Return the converter from disparities to depths; see `depth_interval`."""
-    _check_calibration(calibration, disparity.shape)
-    slope = calibration.cam1[0][0] * math.tan(math.radians(_checked_yaw(yaw)))
+    check_type("calibration", calibration, Calibration, "a phasestereo.io.Calibration")
+    calibration.check_size(disparity.shape)
+    degrees = as_number("yaw", yaw, least=0, most=_STEEPEST)
+    slope = calibration.cam1[0][0] * math.tan(math.radians(degrees))
     if anchor is None:
         return Ranging(calibration, yaw, 0.0, (slope, slope, 0.0))
 
@@ -445,7 +447,7 @@ def _moved(found: Ranging, offset: tuple[float, float]) -> Ranging:
 def as_disparities(disparity: Result | ArrayLike) -> NDArray[Any]:
     """Return the disparities of a result, or of what is a map itself."""
     given = disparity.disparity if isinstance(disparity, Result) else disparity
-    values = _as_map(given, "disparity")
+    values = as_numbers(given, "disparity")
     check_pixels(values)
     return values
 
@@ -457,28 +459,10 @@ def as_uncertainty(
     if uncertainty is None:
         return disparity.uncertainty if isinstance(disparity, Result) else None
 
-    values = _as_map(uncertainty, "uncertainty")
-    if values.shape != size:
-        raise ValueError(f"uncertainty: got shape {values.shape}; accepts the map's {size}")
+    values = as_numbers(uncertainty, "uncertainty", "iuf", size)
     if (values < 0).any():  # false for NaN
         raise ValueError(f"uncertainty: got {np.nanmin(values):g}; accepts 0 or more, or NaN")
     return values
-
-
-def _as_map(given: ArrayLike, name: str) -> NDArray[Any]:
-    values = as_array(given, name)
-    if values.dtype.kind not in "iuf":
-        raise TypeError(f"{name}: got dtype {values.dtype}; accepts real numbers")
-    if values.ndim != 2:
-        raise ValueError(f"{name}: got shape {values.shape}; accepts (H, W)")
-    return values
-
-
-def _checked_yaw(yaw: float) -> float:
-    degrees = as_number("yaw", yaw, least=0)
-    if degrees > _STEEPEST:
-        raise ValueError(f"yaw: got {degrees:g}; accepts 0 to {_STEEPEST:g} degrees")
-    return degrees
 
 
 def check_anchor(anchor: Anchor, size: tuple[int, ...]) -> Anchor:
@@ -492,11 +476,3 @@ def check_anchor(anchor: Anchor, size: tuple[int, ...]) -> Anchor:
     # What is infinitely far away, such as the sky, is the best anchor of all.
     distance = math.inf if depth == math.inf else as_number("anchor", depth, positive=True)
     return column, row, distance
-
-
-def _check_calibration(calibration: Calibration, shape: tuple[int, ...]) -> None:
-    """Refuse what is not a calibration, or one of another size."""
-    if not isinstance(calibration, Calibration):
-        got = type(calibration).__name__
-        raise TypeError(f"calibration: got {got}; accepts a phasestereo.io.Calibration")
-    calibration.check_size(shape)

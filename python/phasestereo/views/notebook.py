@@ -56,7 +56,7 @@ def html(result: Result) -> str:
 
 
 def _words(result: Result) -> Iterable[str]:
-    """Yield lines of HTML: what it is, what is missing and why, and what is flagged."""
+    """Yield lines of HTML: size and verdict, missing pixels and their reasons, and flags."""
     rows, cols = result.disparity.shape
     missing = ~np.isfinite(result.disparity)
     share = float(missing.mean())

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._extras import require
-from phasestereo._images import Mask, as_mask, as_pixels, on_screens
+from phasestereo._images import Mask, as_mask, as_numbers, as_pixels, on_screens
 from phasestereo._numbers import as_number
 
 Picture = NDArray[np.uint8]
@@ -98,7 +98,7 @@ def colorize(
     ImportError
         If matplotlib is not installed.
     """
-    values = _as_floats("disparity", disparity)
+    values = as_numbers(disparity, "disparity", "f")
     ends = limits(values[np.isfinite(values)], low, high)
     picture = np.empty((*values.shape, 3), np.uint8)
     _paint(picture, values, as_mask(trusted, values.shape, "trusted"), ends)
@@ -177,7 +177,7 @@ def disparity_picture(
     TypeError, ValueError, ImportError
         As `colorize`.
     """
-    values = _as_floats("disparity", disparity)
+    values = as_numbers(disparity, "disparity", "f")
     sure = as_mask(trusted, values.shape, "trusted")
     low, high = limits(values[np.isfinite(values)], low, high)
 
@@ -273,7 +273,7 @@ def error_map(
     TypeError, ValueError
         As `error_picture`.
     """
-    found, wanted = as_map("estimate", estimate), as_map("truth", truth, like=np.shape(estimate))
+    found, wanted = as_map("estimate", estimate), as_map("truth", truth, np.shape(estimate))
     if as_number("worst", worst) <= GOOD:
         raise ValueError(f"worst: got {worst:g}; accepts more than {GOOD:g} pixel")
 
@@ -397,22 +397,6 @@ def _points(pixels: int) -> float:
     return 0.8 * pixels * 72 / _DPI
 
 
-def as_map(name: str, values: ArrayLike, *, like: tuple[int, ...] | None = None) -> Map:
+def as_map(name: str, values: ArrayLike, *shape: tuple[int, ...]) -> Map:
     """Return floats (H, W) of any precision as float64; else the error names the argument."""
-    return _as_floats(name, values, like=like).astype(np.float64)
-
-
-def _as_floats(
-    name: str, values: ArrayLike, *, like: tuple[int, ...] | None = None
-) -> NDArray[np.floating[Any]]:
-    """Return floats (H, W) as they are, without a copy; else the error names the argument."""
-    array = np.asarray(values)
-    if not np.issubdtype(array.dtype, np.floating):
-        raise TypeError(f"{name}: got {array.dtype}; accepts floats (pixels, NaN = none)")
-
-    if array.ndim != 2 or array.size == 0:
-        raise ValueError(f"{name}: got shape {array.shape}; accepts (H, W)")
-    if like is not None and array.shape != like:
-        raise ValueError(f"{name}: got shape {array.shape}; accepts that of the estimate, {like}")
-
-    return array
+    return as_numbers(values, name, "f", *shape).astype(np.float64)

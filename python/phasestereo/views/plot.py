@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._extras import require
-from phasestereo._images import as_alike
+from phasestereo._images import as_alike, as_numbers
+from phasestereo._numbers import check_type
 from phasestereo.result import Flag, Result
 from phasestereo.rig.blur import BlurEstimate
 from phasestereo.views.picture import (
@@ -184,7 +185,7 @@ def uncertainty(result: Disparities, ax: Axes | None = None, *, colorbar: bool =
 
 
 def flags(result: Result | ArrayLike, ax: Axes | None = None, *, legend: bool = True) -> AxesImage:
-    """Draw why pixels have no estimate of their own, or one that is not to be trusted.
+    """Draw why pixels have no estimate, or an untrusted one.
 
     A pixel may have several flags: drawn is the one of the smallest value, and ``FILLED``, which
     comes with a reason, only where there is no other.
@@ -395,8 +396,7 @@ def blur(
             "estimate: got a result without one; it is there if the match evened out blur "
             "(compensate_blur=True), and estimate_blur gives it by itself"
         )
-    if not isinstance(found, BlurEstimate):
-        raise TypeError(f"estimate: got {type(found).__name__}; accepts a Result or BlurEstimate")
+    check_type("estimate", found, BlurEstimate, "a Result or BlurEstimate")
 
     # An estimate does not know its image: each tile is drawn as a pixel, and stretched.
     labels = found.labels
@@ -434,8 +434,7 @@ def overview(result: Result, figure: Figure | None = None) -> Figure:
     ImportError
         If matplotlib is not installed.
     """
-    if not isinstance(result, Result):
-        raise TypeError(f"result: got {type(result).__name__}; accepts a Result")
+    check_type("result", result, Result, "a Result")
 
     drawn: list[tuple[str, Callable[[Result, Axes], object]]] = [
         ("Disparity", disparity),
@@ -561,11 +560,7 @@ def _optional(given: Disparities, name: str) -> NDArray[np.float64]:
 
 def _categories(given: ArrayLike) -> NDArray[np.intp]:
     """Return the number of the flag to draw for each pixel, 0 of none."""
-    bits = np.asarray(given)
-    if bits.dtype.kind not in "iu":
-        raise TypeError(f"flags: got {bits.dtype}; accepts integers")
-    if bits.ndim != 2 or bits.size == 0:
-        raise ValueError(f"flags: got shape {bits.shape}; accepts (H, W)")
+    bits = as_numbers(given, "flags", "iu")
     if unknown := int(np.bitwise_or.reduce(bits, axis=None)) & ~sum(Flag):
         raise ValueError(f"flags: got bits {unknown:#x}; accepts those of Flag")
 

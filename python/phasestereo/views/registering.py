@@ -16,8 +16,7 @@ from phasestereo.io.depth import LengthUnit, meters_in
 from phasestereo.io.rigs.cameras import INTRINSICS, POSE, Cameras, Matrix
 from phasestereo.io.rigs.names import check_rotation
 from phasestereo.io.rigs.reading import CalibrationSource
-from phasestereo.rectification.reading import read_calibration
-from phasestereo.rectification.record import Rectification
+from phasestereo.rectification.record import Rectification, read_calibration
 from phasestereo.result import Keep, Result
 from phasestereo.views.depths import YAW, Anchor, Selection, depths_of, ranging
 
@@ -110,7 +109,7 @@ class ThirdCamera:
         ------
         TypeError, ValueError, OSError, ImportError
             As `phasestereo.rectify` for the calibration; ValueError also if it says nothing of the
-            size or the pose, or its left camera is not the one that was rectified.
+            size or the pose, or another left camera than the rectified one.
 
         Notes
         -----

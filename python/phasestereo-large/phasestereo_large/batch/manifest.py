@@ -99,7 +99,7 @@ def read_manifest(path: StrPath) -> dict[str, Record]:
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """A line of a manifest that is not a record: where it is, what is wrong, what it holds."""
+    """A line of a manifest that is not a record: its place, its fault, its text."""
 
     where: str
     reason: str

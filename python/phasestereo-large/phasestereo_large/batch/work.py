@@ -1,4 +1,4 @@
-"""What a worker does for one pair: read, match, write, and record what it came to."""
+"""The work of one pair: read, match, write, and record the outcome."""
 
 from __future__ import annotations
 

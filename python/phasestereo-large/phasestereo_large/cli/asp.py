@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from phasestereo._images import Mask
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, claim, refusals
 from phasestereo.cli.options import PRESET_HELP, REASONABLE, SETTINGS_HELP, Overrides
-from phasestereo.cli.trust import show_findings, unwarned
+from phasestereo.cli.trust import show_findings
 from phasestereo.matching import match
 from phasestereo.result import Result
+from phasestereo.rig.findings import unwarned
 from phasestereo.settings import PRESET, Settings, resolve
 from phasestereo_large.geotiff import read_geotiff_pair, write_geotiff
 

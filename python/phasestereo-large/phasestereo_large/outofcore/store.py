@@ -85,7 +85,7 @@ class Store:
                 if self._digest(kept[1], path) == kept[2]:
                     self._files[kept[1]] = path
                 else:
-                    self.again.append(f"{path.name} is damaged: what it held is done again")
+                    self.again.append(f"{path.name} is damaged: its rows are matched again")
 
         for (_, above), (first, last) in pairwise([(0, 0), *self.bands()]):
             if first > above:

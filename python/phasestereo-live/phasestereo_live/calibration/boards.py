@@ -50,7 +50,7 @@ class Board:
     dictionary: str | None = None
 
     def __str__(self) -> str:
-        """Say what it is as ``--board`` and ``--charuco`` do."""
+        """Describe the board as ``--board`` and ``--charuco`` do."""
         if self.size is None:
             return "chessboard"
         cols, rows = self.size

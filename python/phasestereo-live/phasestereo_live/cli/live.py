@@ -22,13 +22,13 @@ from phasestereo.cli.options import (
 )
 from phasestereo.cli.pairing import AUTO, as_calibration
 from phasestereo.cli.terminal import say
-from phasestereo.cli.trust import unwarned
 from phasestereo.io import Calibration, LengthUnit
 from phasestereo.io.folders import folders_of
 from phasestereo.io.mask import read_mask
 from phasestereo.io.pair import Layout
 from phasestereo.io.rigs.reading import read_cameras
 from phasestereo.known import Known
+from phasestereo.rig.findings import unwarned
 from phasestereo.rigs import REESTIMATE
 from phasestereo.settings import PRESET, PRESETS, Settings, resolve
 from phasestereo_live.cli.outputs import FrameSink, Geometry, LiveOutputs, Writers

@@ -3,7 +3,6 @@
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
 import math
-import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,7 +19,7 @@ from phasestereo.io.folders import pair_paths, paths_of_rig
 from phasestereo.rectification.record import Rectification
 from phasestereo.rectification.rectifying import rectify as rectify_pair
 from phasestereo.result import Result
-from phasestereo.rig.findings import MatchWarning
+from phasestereo.rig.findings import unwarned
 from phasestereo.rigs import Check, Rig
 from phasestereo.settings import Settings
 from phasestereo_live.cli.walls import WallOptions
@@ -135,9 +134,7 @@ def _follow(
             found = rectify_pair(*pair, calibration if found is None else found)
             pair = found.left, found.right
             masks = {"left_mask": found.left_mask, "right_mask": found.right_mask}
-        with warnings.catch_warnings():
-            # What is wrong with a match counts among the quantities.
-            warnings.simplefilter("ignore", MatchWarning)
+        with unwarned():  # what is wrong with a match counts among the quantities
             result = rig.match(*pair, **masks)
         yield result, found
 

@@ -123,7 +123,7 @@ class Tally:
             self._seconds = monotonic() - self._start
 
     def show(self, *, as_json: bool) -> None:
-        """Print what it came to on standard output."""
+        """Print the totals on standard output."""
         if as_json:
             print_json(self.as_dict())
             return

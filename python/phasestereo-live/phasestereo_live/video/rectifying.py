@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from phasestereo._images import ImageOrPath
 from phasestereo.io.rigs.cameras import Cameras, Matrix
 from phasestereo.io.rigs.reading import CalibrationSource
-from phasestereo.rectification.reading import read_calibration
-from phasestereo.rectification.record import Rectification
+from phasestereo.rectification.record import Rectification, read_calibration
 from phasestereo.rectification.rectifying import rectify
 
 AUTO = "auto"

@@ -339,7 +339,7 @@ class Stream(Iterator[Frame], Closing):
 
     @property
     def rig(self) -> Rig:
-        """What matches the frames, and what it has learned of the cameras."""
+        """The rig that matches the frames, with all that it has learned of the cameras."""
         return self._work.rig
 
     @property

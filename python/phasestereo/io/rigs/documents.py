@@ -77,6 +77,8 @@ def read_document(path: StrPath) -> Document:
         if head.startswith(b"PK"):
             most = _MAP_BYTES * max_pixels() + SMALL
             return dict(decode_arrays(read_bounded(file, most), most))
+        if head.startswith(b"\x93NUMPY"):  # one array alone: a matrix Q
+            return {"Q": decode_array(read_bounded(file, SMALL))}
         if head.startswith(b"MATLAB"):
             return _of_matlab(read_bounded(file, SMALL))
         return of_text(_text(file))

@@ -102,9 +102,10 @@ def _of_numbers(document: Document) -> Cameras:
     """Return the cameras of FoundationStereo's K.txt: K by rows, then the baseline in m."""
     values = document[NUMBERS]
     if len(values) != 10:
-        known = {9: "a matrix K without a baseline", 16: "a matrix Q, which --q takes"}
-        what = known.get(len(values), f"{len(values)} numbers")
-        raise ValueError(f"holds {what}; accepts the 9 numbers of K and the baseline in m")
+        what = "a matrix K without a baseline" if len(values) == 9 else f"{len(values)} numbers"
+        raise ValueError(
+            f"holds {what}; accepts the 9 numbers of K and the baseline in m, or the 16 of Q"
+        )
     camera = np.reshape(values[:9], (3, 3))
     return Cameras.rectified(camera, camera, values[9], unit="m")
 

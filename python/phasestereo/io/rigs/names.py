@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import product
 from typing import Any
 
@@ -82,23 +82,26 @@ def as_cameras(
     ValueError
         If a matrix is given twice or is of another shape, or too few are there.
     """
-    plain = {name: re.sub(r"[^a-z0-9]", "", str(name).lower()) for name in arrays}
-    # A name for a side 0 means that sides are counted from 0.
-    from_0 = any(_FROM_0.get(name, "")[1:] == "1" for name in plain.values())
-
     found: dict[str, Matrix] = {}
-    for name, value in arrays.items():
-        known = (_FROM_0 if from_0 else _FROM_1).get(plain[name])
+    for name, known in kinds_of(arrays).items():
         if known in found:
             raise ValueError(f"gives {known} twice, the second time as {name}")
-        if known is not None:
-            found[known] = _checked(known, value, fisheye=fisheye)
+        found[known] = _checked(known, arrays[name], fisheye=fisheye)
     if not found.keys() & {"K1", "K2", "map1x", "P1"}:
         some = ", ".join(map(str, list(arrays)[:_SHOWN])) or "nothing"
         raise ValueError(
             f"is not a calibration of two cameras: it holds {some}; accepts {ACCEPTED}"
         )
     return Cameras(matrices=_as_floats(found), size=size, fisheye=fisheye, unit=unit)
+
+
+def kinds_of(names: Iterable[str]) -> dict[str, str]:
+    """Return the meaning of each name that has one: ``K1``, ``R``, ``map2x``, ``Q`` ..."""
+    plain = {name: re.sub(r"[^a-z0-9]", "", str(name).lower()) for name in names}
+    # A name for a side 0 means that sides are counted from 0.
+    from_0 = any(_FROM_0.get(name, "")[1:] == "1" for name in plain.values())
+    known = _FROM_0 if from_0 else _FROM_1
+    return {name: known[words] for name, words in plain.items() if words in known}
 
 
 def _as_floats(found: dict[str, Matrix]) -> dict[str, Matrix]:
@@ -174,7 +177,7 @@ def _as_coefficients(name: str, matrix: Matrix, *, fisheye: bool) -> Matrix:
 
 
 def check_rotation(name: str, matrix: Matrix) -> None:
-    """Refuse a 3 x 3 matrix that does not rotate: one that scales, shears or mirrors.
+    """Refuse a 3 x 3 matrix that scales, shears or mirrors instead of rotating.
 
     Raises
     ------

@@ -13,9 +13,9 @@ from phasestereo.io.calibration import Calibration, of_middlebury
 from phasestereo.io.depth import LengthUnit
 from phasestereo.io.files import StrPath
 from phasestereo.io.rigs.cameras import Cameras
-from phasestereo.io.rigs.documents import MIDDLEBURY, Document, read_document
+from phasestereo.io.rigs.documents import MIDDLEBURY, NUMBERS, Document, read_document
 from phasestereo.io.rigs.makers import cameras_of_maker
-from phasestereo.io.rigs.names import as_cameras
+from phasestereo.io.rigs.names import as_cameras, kinds_of
 from phasestereo.io.rigs.singles import (
     FISHEYE,
     as_size,
@@ -38,6 +38,7 @@ _PAIRS = (
 """Files that a folder may hold."""
 
 _SIZES = "imageSize", "image_size", "img_size", "resolution", "res1"
+_Q_NUMBERS = 16
 _SIDES = "image_width", "image_height"
 _FAULTS = AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError
 """Errors of files of a known kind with missing or other contents."""
@@ -93,9 +94,23 @@ def read_geometry(
     try:
         if len(documents) == 1 and MIDDLEBURY in documents[0]:
             return _of_middlebury(documents[0], size)
+        if len(documents) == 1 and (q := _q_alone(documents[0])) is not None:
+            if size is None:
+                raise ValueError("size: got None for a matrix Q; accepts (columns, rows)")
+            return Calibration.from_q(q, width=size[0], height=size[1]), ()
         return cameras_of(documents).geometry(size)
     except _FAULTS as error:
         raise ValueError(f"{name}: {_in_words(error)}") from error
+
+
+def _q_alone(document: Document) -> Any:
+    """Return OpenCV's matrix Q of a file that has no cameras; None: there is none."""
+    values = document.get(NUMBERS, ())
+    if len(values) == _Q_NUMBERS:
+        return np.reshape(values, (4, 4))
+    kinds = kinds_of(document)
+    has_cameras = {"K1", "map1x"} & {*kinds.values()}
+    return None if has_cameras else next((document[n] for n, k in kinds.items() if k == "Q"), None)
 
 
 def _of_middlebury(

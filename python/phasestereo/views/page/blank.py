@@ -15,7 +15,7 @@ from phasestereo.views.page import facts, layers
 __all__ = ["blank_viewer", "viewer_script"]
 
 _PARTS = "data", "stage", "viewer", "readout", "measure", "scene", "results"
-"""Scripts that the report page has, too, and the one that takes a result."""
+"""Scripts shared with the report page, and the script that takes a result."""
 
 
 def blank_viewer(*, truth: bool) -> dict[str, Any]:

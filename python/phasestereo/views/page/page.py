@@ -9,7 +9,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from phasestereo._extras import require
-from phasestereo._images import Map, Mask, Pixels, as_alike, as_mask, on_screens, screen_range
+from phasestereo._images import (
+    Map,
+    Mask,
+    Pixels,
+    as_alike,
+    as_mask,
+    as_numbers,
+    on_screens,
+    screen_range,
+)
+from phasestereo._numbers import check_type
 from phasestereo.io import Calibration
 from phasestereo.io.drafts import replacing
 from phasestereo.io.files import StrPath
@@ -107,7 +117,6 @@ def write_pair_page(
     size = pair[0].shape[:2]
     known, counted = _checked(size, result, truth, mask)
     shown = _Shown(pair, result, known, counted, _step(size))
-    _check_geometry(size, calibration)
     selection = Selection(keep=keep, min_depth=min_depth, max_depth=max_depth)
 
     geometry = None
@@ -151,8 +160,7 @@ def _checked(
     size: tuple[int, ...], result: Result, truth: ArrayLike | None, mask: ArrayLike | None
 ) -> tuple[Map | None, Mask | None]:
     """Return truth and mask as arrays, if everything has the size of the images."""
-    if not isinstance(result, Result):
-        raise TypeError(f"result: got {type(result).__name__}; accepts a Result")
+    check_type("result", result, Result, "a Result")
     if result.disparity.shape != size:
         raise ValueError(f"result: got {result.disparity.shape} pixels; accepts the images' {size}")
 
@@ -162,20 +170,7 @@ def _checked(
             raise ValueError("mask: has no effect without truth; accepts None then")
         return None, None
 
-    values = np.asarray(truth)
-    if values.dtype.kind != "f":
-        raise TypeError(f"truth: got dtype {values.dtype}; accepts floats (pixels, NaN = unknown)")
-    if values.shape != size:
-        raise ValueError(f"truth: got shape {values.shape}; accepts the images' {size}")
-    return values.astype(np.float32), counted
-
-
-def _check_geometry(size: tuple[int, ...], calibration: Calibration | None) -> None:
-    if calibration is not None:
-        if not isinstance(calibration, Calibration):
-            got = type(calibration).__name__
-            raise TypeError(f"calibration: got {got}; accepts a Calibration or None")
-        calibration.check_size(size)
+    return as_numbers(truth, "truth", "f", size).astype(np.float32), counted
 
 
 def _step(size: tuple[int, ...]) -> int:
