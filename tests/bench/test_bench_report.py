@@ -478,11 +478,7 @@ def test_documents_are_replaced_as_a_whole(whole: Results, tmp_path: Path) -> No
     assert filled.startswith("# Ä\n")
     assert "<!-- bench:sharp -->kept<!-- /bench:sharp -->" in filled
 
-    for fact in (
-        "Means over 12 scenes",
-        "left image degraded",
-        "Made with phasestereo 0.1.0 on",
-    ):
+    for fact in ("Means over 12 scenes", "left image degraded"):
         assert fact in filled.replace("\n", " ")
 
     before = path.stat()

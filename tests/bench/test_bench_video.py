@@ -118,12 +118,12 @@ def test_temporal_deviation_by_hand() -> None:
 @pytest.mark.parametrize(
     ("maps", "mask", "error", "match"),
     [
-        ([FLAT], None, ValueError, "two frames or more, got 1"),
-        ([FLAT, FLAT[:1]], None, ValueError, "of one shape, got"),
-        ([FLAT[0], FLAT[0]], None, ValueError, r"2-D \(H, W\)"),
-        ([FLAT.astype(int)] * 2, None, TypeError, "estimates must be an array of floats"),
-        ([FLAT] * 2, FLAT, TypeError, "mask must be an array of bool"),
-        ([FLAT] * 2, np.ones((3, 2), bool), ValueError, "mask must have the estimate's shape"),
+        ([FLAT], None, ValueError, "estimates: got 1 frames; accepts two or more"),
+        ([FLAT, FLAT[:1]], None, ValueError, r"estimates: got shape \(1, 3\); accepts \(2, 3\)"),
+        ([FLAT[0], FLAT[0]], None, ValueError, r"estimates: got shape \(3,\); accepts \(H, W\)"),
+        ([FLAT.astype(int)] * 2, None, TypeError, "estimates: got dtype int64; accepts floats"),
+        ([FLAT] * 2, FLAT, TypeError, "mask: got dtype float"),
+        ([FLAT] * 2, np.ones((3, 2), bool), ValueError, "mask: got shape"),
         ([FLAT, FLAT * np.nan], None, ValueError, "nothing is left to score"),
     ],
 )

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
-from phasestereo_bench.degradation import Degradation, suite
+from phasestereo_bench.datasets import Pair, Scene
+from phasestereo_bench.degradation import Degradation, Kernel, suite
 from phasestereo_bench.rigs import ALTERNATING, RIGS, Fault, side_of
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from phasestereo_bench.datasets import Pair, Scene
-    from phasestereo_bench.degradation import Kernel
 
 Recipe: TypeAlias = Callable[..., Any]
 """What degrades an image: called with it, it returns one of the same shape and type. Of the suite
@@ -109,6 +104,20 @@ class Case:
         """
         pair = _pair(self, true_blur)
         return replace(pair, left=pair.left.copy(), right=pair.right.copy())
+
+
+def require_known(argument: str, values: Iterable[object], known: Iterable[str]) -> None:
+    """Refuse a value that is not among the known ones.
+
+    Raises
+    ------
+    ValueError
+        If there is one; it names the argument.
+    """
+    names = list(known)
+    for value in values:
+        if value not in names:
+            raise ValueError(f"{argument}: got {value!r}; accepts {', '.join(names)}")
 
 
 def usual_side(suite: str) -> str:

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from statistics import median
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from phasestereo_bench.cases import Case, usual_side
+from phasestereo_bench.datasets import Scene
 from phasestereo_bench.measurement import measured
 from phasestereo_bench.methods import method
 from phasestereo_bench.runner import Job
 from phasestereo_bench.worker import perform_alone
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from phasestereo_bench.datasets import Scene
 
 COST = "cost"
 """The kind of the records."""

@@ -12,27 +12,22 @@ there.
 from __future__ import annotations
 
 import math
+import os
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
-from phasestereo.io import read_calibration, read_disparity, read_image, read_truth
+from phasestereo.io import Calibration, read_calibration, read_disparity, read_image, read_truth
 from phasestereo.io.files import decoding
 
-if TYPE_CHECKING:
-    import os
-    from collections.abc import Iterator, Mapping
-
-    import numpy.typing as npt
-
-    from phasestereo.io import Calibration
-
-    Image = npt.NDArray[np.uint8]
-    Truth = npt.NDArray[np.float32]
-    Mask = npt.NDArray[np.bool_]
+Image = npt.NDArray[np.uint8]
+Truth = npt.NDArray[np.float32]
+Mask = npt.NDArray[np.bool_]
 
 __all__ = ["LAYOUTS", "Layout", "MaskFile", "Pair", "Scene", "find_scene", "find_scenes"]
 

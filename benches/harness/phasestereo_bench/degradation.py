@@ -8,19 +8,16 @@ y down, in pixels.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from numpy.typing import ArrayLike, NDArray
-
-    Kernel = NDArray[np.float64]
-    Recipe = Callable[[NDArray[Any]], NDArray[Any]]
+Kernel = NDArray[np.float64]
+Recipe = Callable[[NDArray[Any]], NDArray[Any]]
 
 Level = TypeVar("Level", np.uint8, np.uint16)
 
@@ -51,13 +48,15 @@ def gaussian_psf(sigma: float) -> Kernel:
     return np.multiply.outer(profile, profile)
 
 
-def disk_psf(radius: float) -> Kernel:
+def disk_psf(radius: float, inner: float | None = None) -> Kernel:
     """Point-spread function of defocus: a disk, each tap integrated over its pixel (8x8 samples).
 
     Parameters
     ----------
     radius
         Radius in pixels, 0 or more; 0 gives the identity.
+    inner
+        Radius of a central obstruction, as of a mirror lens, which makes it an annulus.
 
     Returns
     -------
@@ -71,7 +70,8 @@ def disk_psf(radius: float) -> Kernel:
     counts = np.zeros((taps.size, taps.size))
     for dy in offsets:
         for dx in offsets:
-            counts += np.add.outer((taps + dy) ** 2, (taps + dx) ** 2) <= radius**2
+            square = np.add.outer((taps + dy) ** 2, (taps + dx) ** 2)
+            counts += (square <= radius**2) & (square > (-1 if inner is None else inner**2))
 
     if not counts.any():  # smaller than the grid of samples sees
         return np.ones((1, 1))

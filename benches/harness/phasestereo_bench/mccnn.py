@@ -7,17 +7,15 @@ their truth, the scenes of this benchmark among them: its figures are those of a
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo._extras import require
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Image = NDArray[np.uint8]
-    Map = NDArray[np.float32]
+Image = NDArray[np.uint8]
+Map = NDArray[np.float32]
 
 WEIGHTS = "onnx_fast_int8"
 

@@ -9,32 +9,28 @@ these and of confidences, the same shape, the higher the more trusted.
 from __future__ import annotations
 
 import sys
-import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo._extras import require
+from phasestereo._images import Map
 from phasestereo.matchers import OtherMatcher, onnx, opencv
+from phasestereo.matchers.opencv import Image
 from phasestereo.matching import match
+from phasestereo.opencv.storage import as_value
 from phasestereo.preparation import prepare
-from phasestereo.rig.findings import MatchWarning
+from phasestereo.rig.findings import unwarned
 from phasestereo.settings import PRESETS, Settings, resolve
 from phasestereo_bench import mccnn, networks, program
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from phasestereo._images import Map
-    from phasestereo.matchers.opencv import Image
-
-    Floats = NDArray[np.floating[Any]]
+Floats = NDArray[np.floating[Any]]
 
 Matcher: TypeAlias = Callable[..., "Floats | tuple[Floats, Floats]"]
 
@@ -211,8 +207,7 @@ def _match(
     left: Image, right: Image, num_disparities: int, *, settings: Settings, ranged: bool
 ) -> Map | tuple[Map, Map]:
     count = num_disparities if ranged else None
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", MatchWarning)  # a bad map is what its score says
+    with unwarned():  # a bad map is what its score says
         result = match(left, right, num_disparities=count, settings=settings, threads=1)
 
     return result.disparity if result.confidence is None else (result.disparity, result.confidence)
@@ -243,8 +238,7 @@ def _aided(name: str, rest: str) -> Method:
 
 
 def _match_prepared(left: Image, right: Image, _num_disparities: int, *, inner: Method) -> Map:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", MatchWarning)
+    with unwarned():
         pair = prepare(left, right, threads=1)
 
     found = inner.match(pair.left, pair.right, pair.num_disparities)
@@ -258,8 +252,7 @@ def _match_fused(
         found = inner.match(left, right, num_disparities)
         return found[0] if isinstance(found, tuple) else found
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", MatchWarning)
+    with unwarned():
         result = match(left, right, second=OtherMatcher(inner.name, run), threads=1)
 
     failed = [each.sentence for each in result.findings if each.topic == "map"]
@@ -303,22 +296,9 @@ def _parsed(overrides: str) -> dict[str, Any]:
         elif not words:
             raise ValueError(f"got {part!r}; accepts settings such as window=9")
         # A part without an equals sign continues the values of the setting before it.
-        words[list(words)[-1]].append(_value(value.strip()))
+        words[list(words)[-1]].append(as_value(value.strip()))
 
     return {name: tuple(values) if values[1:] else values[0] for name, values in words.items()}
-
-
-def _value(text: str) -> int | float | bool | str | None:
-    known = {"true": True, "false": False, "none": None}
-    if text.lower() in known:
-        return known[text.lower()]
-
-    for kind in (int, float):
-        try:
-            return kind(text)
-        except ValueError:
-            continue
-    return text
 
 
 def _imported(name: str) -> Method:

@@ -3,33 +3,28 @@
 from __future__ import annotations
 
 import math
+import os
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, fields
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo.metrics import Score, bad_pixels, middlebury_v2, roc_area, score
 from phasestereo_bench import cases
-from phasestereo_bench.cases import SIDES, SUITES, Case, usual_side
+from phasestereo_bench.cases import SIDES, SUITES, Case, require_known, usual_side
+from phasestereo_bench.datasets import Pair, Scene
 from phasestereo_bench.measurement import measured
-from phasestereo_bench.methods import Method, available, method
+from phasestereo_bench.methods import Matcher, Method, available, method
 from phasestereo_bench.rigs import RIGS
 from phasestereo_bench.runner import Job, run_jobs
 
-if TYPE_CHECKING:
-    import os
-    from collections.abc import Callable, Iterable
-
-    from numpy.typing import NDArray
-
-    from phasestereo_bench.datasets import Pair, Scene
-    from phasestereo_bench.methods import Matcher
-
-    Floats = NDArray[np.floating[Any]]
-    Image = NDArray[np.uint8]
-    Specs = Iterable[str | Matcher | Method]
+Floats = NDArray[np.floating[Any]]
+Image = NDArray[np.uint8]
+Specs = Iterable[str | Matcher | Method]
 
 _DEFAULTS = {
     "one-sided-blur": (
@@ -123,14 +118,16 @@ def middlebury_jobs(
     sides: Iterable[str] | None = None,
 ) -> list[Job]:
     """Return the jobs of `run_middlebury`, whose arguments these are, without running them."""
-    _require_known("suite", suite, SUITES)
+    require_known("suite", [suite], SUITES)
     entrants = _entrants(default_methods(suite) if methods is None else methods)
+    wanted = list(dict.fromkeys(sides or (usual_side(suite),)))
+    require_known("side", wanted, SIDES)
 
     rows = [
         Case(scene, suite, degradation, side)
         for scene in _require_truth(scenes)
         for degradation in _degradations(suite, degradations)
-        for side in _sides(sides or (usual_side(suite),))
+        for side in wanted
     ]
 
     jobs = [
@@ -147,7 +144,7 @@ def middlebury_jobs(
 
 def default_methods(suite: str) -> list[str]:
     """Return the methods of a suite that can run here: OpenCV's only if it is installed."""
-    _require_known("suite", suite, SUITES)
+    require_known("suite", [suite], SUITES)
 
     without_opencv = "opencv:sgbm" not in available()
     return [
@@ -298,15 +295,8 @@ def _entrants(specs: Specs) -> list[tuple[Method, str | Method]]:
 
 def _degradations(suite: str, wanted: Iterable[str] | None) -> list[str]:
     names = list(SUITES[suite]) if wanted is None else list(dict.fromkeys(wanted))
-    for name in names:
-        _require_known("degradation", name, SUITES[suite])
+    require_known("degradation", names, SUITES[suite])
     return names
-
-
-def _sides(sides: Iterable[str]) -> list[str]:
-    for side in sides:
-        _require_known("side", side, SIDES)
-    return list(dict.fromkeys(sides))
 
 
 def _require_truth(scenes: Iterable[Scene]) -> list[Scene]:
@@ -315,8 +305,3 @@ def _require_truth(scenes: Iterable[Scene]) -> list[Scene]:
     if without:
         raise ValueError(f"scene: without truth there is nothing to score: {', '.join(without)}")
     return wanted
-
-
-def _require_known(argument: str, value: object, known: Iterable[str]) -> None:
-    if value not in list(known):
-        raise ValueError(f"{argument}: got {value!r}; accepts {', '.join(known)}")

@@ -6,16 +6,14 @@ import shlex
 import subprocess
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo.io import read_disparity, write_image
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Image = NDArray[np.uint8]
-    Map = NDArray[np.float32]
+Image = NDArray[np.uint8]
+Map = NDArray[np.float32]
 
 PLACES = ("{left}", "{right}", "{num_disparities}", "{output}")
 """The placeholders of a command line: the files and the number of disparities."""

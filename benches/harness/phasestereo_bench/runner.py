@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from numbers import Integral
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from phasestereo_bench.environment import describe_environment, usable_cpus
 from phasestereo_bench.store import appending
-from phasestereo_bench.worker import next_outcome, perform, working
+from phasestereo_bench.worker import JobFields, next_outcome, perform, working
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
-    from pathlib import Path
-
-    from phasestereo_bench.worker import JobFields
-
-    CellKey = tuple[tuple[str, ...], str]
-    Outcomes = Generator[tuple[int, JobFields], None, None]
+CellKey = tuple[tuple[str, ...], str]
+Outcomes = Generator[tuple[int, JobFields], None, None]
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from phasestereo_large.records import Appender, decode, read_lines
 
-if TYPE_CHECKING:
-    import os
-    from collections.abc import Callable, Iterator, Mapping
-
-    Record = dict[str, Any]
+Record = dict[str, Any]
 
 _CELL = (
     *("kind", "row", "recording", "frame", "rectified", "pair", "preset", "threads", "seed"),

@@ -7,21 +7,17 @@ from __future__ import annotations
 
 import re
 import zipfile
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 
 from phasestereo.io import write_disparity
 from phasestereo.io.drafts import replacing
+from phasestereo_bench.datasets import Scene
 from phasestereo_bench.methods import method as method_of
 from phasestereo_bench.middlebury import matched_pair
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from pathlib import Path
-
-    from phasestereo_bench.datasets import Scene
 
 _NAME = re.compile(r"[A-Za-z0-9_-]+")
 

@@ -5,29 +5,24 @@ Scored are pixels whose truth is known. A disparity is wrong if it is off by mor
 
 from __future__ import annotations
 
-import warnings
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 import phasestereo as ps
 from phasestereo.metrics import roc_area
+from phasestereo.rig.findings import unwarned
 from phasestereo_bench.cases import Case, usual_side
+from phasestereo_bench.datasets import Pair, Scene
+from phasestereo_bench.methods import Method
 from phasestereo_bench.methods import method as as_method
 from phasestereo_bench.middlebury import matched_pair
 from phasestereo_bench.report.tables import Entry, Table
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from phasestereo_bench.datasets import Pair, Scene
-    from phasestereo_bench.methods import Method
-
-    Mask = NDArray[np.bool_]
-    Map = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+Map = NDArray[np.float32]
 
 CONDITIONS: Mapping[str, str] = {
     "sharp": "rigs",
@@ -147,8 +142,7 @@ def _judged(pair: Pair, methods: Sequence[Method]) -> list[Opinion]:
 
 
 def _opinion(pair: Pair, claims: Map, seen: Mask, hidden: Mask) -> Opinion:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ps.MatchWarning)
+    with unwarned():
         said = ps.verify(pair.left, pair.right, claims, threads=1)
 
     truth = np.asarray(pair.truth)

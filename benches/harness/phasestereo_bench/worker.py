@@ -3,25 +3,18 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import traceback
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import numpy as np
-
+from phasestereo._numbers import as_json
 from phasestereo_bench.measurement import measured
-from phasestereo_large.processes import local
+from phasestereo_large.processes import Processes, local
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from phasestereo_large.processes import Processes
-
-    Work = Callable[..., Mapping[str, Any]]
-    JobFields = dict[str, Any]
+Work = Callable[..., Mapping[str, Any]]
+JobFields = dict[str, Any]
 
 # Read by the libraries as they load, so they must be set before the process starts.
 _SINGLE = (
@@ -75,7 +68,7 @@ def perform(work: Work, arguments: Mapping[str, Any]) -> JobFields:
     try:
         done = measured(lambda: work(**arguments))
         cost = {"seconds": done.seconds, "peak_bytes": done.peak_bytes}
-        outcome: JobFields = _plain({"status": "ok", **cost, **done.answer})
+        outcome: JobFields = as_json({"status": "ok", **cost, **done.answer})
         json.dumps(outcome)
     except Exception as error:  # noqa: BLE001 - whatever a matcher may raise fails its cell alone
         return failure(error)
@@ -100,16 +93,3 @@ def failure(error: Exception) -> JobFields:
     message = " ".join(f"{type(error).__name__}: {error}".split())
     trace = "".join(traceback.format_exception(error))
     return {"status": "failed", "error": message, "traceback": trace}
-
-
-def _plain(value: Any) -> Any:
-    """Return a value as JSON has it, as far as that is plain; the rest is left to fail there."""
-    if isinstance(value, np.generic):
-        return _plain(value.item())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return value

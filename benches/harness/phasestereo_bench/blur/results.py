@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from statistics import median
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from phasestereo_bench.blur.verdicts import ANGLE, SIZE_PIXELS, SIZE_SHARE, BlurVerdict, verdict
 from phasestereo_bench.report.tables import MISSING, Entry, Table
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
-
-    Record = Mapping[str, Any]
+Record = Mapping[str, Any]
 
 _FAMILIES = ("gaussian", "disk", "motion", "none")
 _HEADER = (

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from numpy.typing import NDArray
 
 from phasestereo.rig.estimation import estimate_blur
 from phasestereo_bench import cases
-from phasestereo_bench.degradation import Degradation, disk_psf, gaussian_psf, motion_psf
+from phasestereo_bench.datasets import Pair, Scene
+from phasestereo_bench.degradation import Degradation, Kernel, disk_psf, gaussian_psf, motion_psf
 from phasestereo_bench.measurement import measured
 from phasestereo_bench.runner import Job
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    from numpy.typing import NDArray
-
-    from phasestereo_bench.datasets import Pair, Scene
-    from phasestereo_bench.degradation import Kernel
-
-    Image = NDArray[Any]
+Image = NDArray[Any]
 
 KIND = "blur"
 """The kind of the records."""

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from typing import Any
 
 SIZE_PIXELS, SIZE_SHARE, ANGLE = 0.5, 0.1, 15.0
 """How far a size may be off, in pixels or as a share of it, and an angle, in degrees."""

@@ -9,11 +9,12 @@ from cyclopts import Parameter, validators
 
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import say
+from phasestereo_bench.cases import require_known
 from phasestereo_bench.cli.bench_middlebury import rivals
 from phasestereo_bench.cli.bench_runs import RunOptions, require_done
+from phasestereo_bench.cli.bench_speed import speed_suite
 from phasestereo_bench.report.documents import fill_places
 from phasestereo_bench.report.markdown import marked
-from phasestereo_bench.speed import find_pairs, speed_jobs
 from phasestereo_bench.tables import export, job_groups, table_texts
 from phasestereo_bench.tables.plan import HITNET
 
@@ -81,9 +82,7 @@ def tables(
         done: list[dict[str, Any]] = []
 
         groups = {group.name: group for group in job_groups(data, learned, quick=quick)}
-        unknown = set(only) - {*groups, "speed"}
-        if unknown:
-            raise ValueError(f"only: got {min(unknown)}; accepts {', '.join((*groups, 'speed'))}")
+        require_known("only", only, (*groups, "speed"))
 
         for group in [group for name, group in groups.items() if name in (only or groups)]:
             store = output / f"{group.name}.jsonl"
@@ -92,25 +91,16 @@ def tables(
             done += running.run(group.jobs, store, cells="cells", title=title)
 
         if speed_rounds and not quick and (not only or "speed" in only):
-            _time(data, output, speed_rounds, fresh=fresh)
+            store = output / "speed.jsonl"
+            suite = speed_suite(data, store, rounds=speed_rounds)
+            running = RunOptions(workers=0, fresh=fresh)
+            running.run(suite.jobs, store, cells=suite.cells, title="Speed")
 
         export(output, export_to or output / "results.json")
         if not quick:
             _fill(readme, output)
     say(f"records and numbers: {output}")
     require_done(done, "cells", "kind")
-
-
-def _time(data: Path, output: Path, rounds: int, *, fresh: bool) -> None:
-    """Run `bench speed`, whose pair that is rendered is kept beside the records."""
-    store = output / "speed.jsonl"
-    pairs, left_out = find_pairs(data, cache=output, names=())
-    for line in left_out:
-        say(line)
-
-    jobs = speed_jobs(pairs, rounds=rounds)
-    running = RunOptions(workers=0, fresh=fresh)
-    running.run(jobs, store, cells="measurements", title="Speed")
 
 
 def _fill(documents: tuple[Path, ...], output: Path) -> None:

@@ -8,11 +8,9 @@ from typing import Annotated
 from cyclopts import Group, Parameter, validators
 
 from phasestereo.cli.errors import refusals
-from phasestereo.cli.terminal import printable
 from phasestereo_bench.blur import blur_jobs, blur_table, explain_blur
-from phasestereo_bench.cli.bench_runs import AS_USUAL, RunOptions, require_done
+from phasestereo_bench.cli.bench_runs import AS_USUAL, RunOptions, Suite
 from phasestereo_bench.cli.bench_scenes import SceneChoice
-from phasestereo_bench.cli.bench_tables import filled, screen
 
 _OPTIONS = {"scene", "every"}
 _SCENES = Group.create_ordered("Scenes")
@@ -54,15 +52,11 @@ def blur(
         File for the records.
     """
     with refusals(options=_OPTIONS):
-        scenes = choice.select(folders, _SUITE)
-        jobs = blur_jobs(scenes, every=every)
-        records = running.run(jobs, output, cells="trials", title="Estimating")
-
-    good = [record for record in records if record["status"] == "ok"]
-    if good:
-        console = screen()
-        console.print(filled("Blur that was found", blur_table(good)))
-        for line in (explain_blur(good), f"Records: {output}"):
-            console.print(printable(line), markup=False, soft_wrap=True)
-
-    require_done(records, "trials", "family", "size", "scene")
+        Suite(
+            jobs=blur_jobs(choice.select(folders, _SUITE), every=every),
+            cells="trials",
+            names=("family", "size", "scene"),
+            tables=lambda good: {"Blur that was found": blur_table(good)},
+            words=lambda good: [explain_blur(good)],
+            title="Estimating",
+        ).run(output, running)

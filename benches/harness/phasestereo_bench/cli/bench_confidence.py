@@ -2,18 +2,16 @@
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from cyclopts import Group, Parameter, validators
-from rich.table import Table
 
 from phasestereo.cli.errors import refusals
-from phasestereo.cli.terminal import printable
 from phasestereo_bench.cli.bench_middlebury import rivals
-from phasestereo_bench.cli.bench_runs import AS_USUAL, RunOptions, require_done
+from phasestereo_bench.cli.bench_runs import AS_USUAL, Records, RunOptions, Suite
 from phasestereo_bench.cli.bench_scenes import SceneChoice
-from phasestereo_bench.cli.bench_tables import screen
 from phasestereo_bench.confidence import (
     OFTEN,
     claim_jobs,
@@ -28,6 +26,7 @@ from phasestereo_bench.confidence import (
 )
 from phasestereo_bench.confidence.learning import observed_of
 from phasestereo_bench.confidence.observation import PRESETS
+from phasestereo_bench.report.tables import Table
 
 _OPTIONS = {"scene", "every", "weights", "hitnet"}
 _SCENES = Group.create_ordered("Scenes")
@@ -91,20 +90,15 @@ def confidence(
             jobs = claim_jobs(scenes, [*network, *prepared, *_METHODS], every=every)
         else:
             jobs = confidence_jobs(scenes, every=every)
-        cells = "pairs" if of == "maps" else "matches"
-        records = running.run(jobs, output, cells=cells)
-        good = [record for record in records if record["status"] == "ok"]
-        tables = _of_maps(good, weights) if of == "maps" else _of_matches(good, weights)
-
-    console = screen()
-    for name, table in tables.items():
-        console.print(name, table)
-    console.print(printable(f"Records: {output}"), markup=False, soft_wrap=True)
-
-    require_done(records, cells, "scene", "faults")
+        Suite(
+            jobs=jobs,
+            cells="pairs" if of == "maps" else "matches",
+            names=("scene", "faults"),
+            tables=partial(_of_maps if of == "maps" else _of_matches, weights=weights),
+        ).run(output, running)
 
 
-def _of_matches(records: list[dict[str, Any]], weights: Path | None) -> dict[str, Table]:
+def _of_matches(records: Records, weights: Path | None) -> dict[str, Table | None]:
     learned = learned_weights(records)
     verdicts = {
         preset: held_out(observed_of([one for one in records if one["preset"] == preset]))
@@ -115,7 +109,7 @@ def _of_matches(records: list[dict[str, Any]], weights: Path | None) -> dict[str
     return {preset: verdict_table(several) for preset, several in verdicts.items()}
 
 
-def _of_maps(records: list[dict[str, Any]], weights: Path | None) -> dict[str, Table]:
+def _of_maps(records: Records, weights: Path | None) -> dict[str, Table | None]:
     claims = claims_of(records)
     if weights is not None:
         judging.write_weights(judging.learn(claims), weights)

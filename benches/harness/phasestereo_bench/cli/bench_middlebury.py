@@ -12,7 +12,7 @@ from cyclopts import Group, Parameter, validators
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import say
 from phasestereo_bench.cases import SUITES
-from phasestereo_bench.cli.bench_report import show
+from phasestereo_bench.cli.bench_report import show_results
 from phasestereo_bench.cli.bench_runs import AS_USUAL, RunOptions, require_done
 from phasestereo_bench.cli.bench_scenes import SceneChoice
 from phasestereo_bench.methods import method as method_of
@@ -103,7 +103,7 @@ def middlebury(
     for shown in dict.fromkeys(record["side"] for record in records if record["status"] == "ok"):
         own = [*known, *(record for record in records if record["side"] == shown)]
         results = results_of({str(number): line for number, line in enumerate(own)})
-        show(results, "v2.nonocc", further)
+        show_results(results, "v2.nonocc", further)
 
     require_done(records, "cells", "method", "scene", "degradation")
 

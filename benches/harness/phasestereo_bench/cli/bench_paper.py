@@ -6,12 +6,11 @@ from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
-from rich.console import Console
-from rich.table import Table
 
 from phasestereo.cli.errors import refusals
-from phasestereo.cli.terminal import printable, progress_bar, say
-from phasestereo_bench.paper import ClaimResult, judge_claims, load_pairs, run_study, write_study
+from phasestereo.cli.terminal import progress_bar, say
+from phasestereo_bench.cli.bench_tables import show
+from phasestereo_bench.paper import claims_table, judge_claims, load_pairs, run_study, write_study
 
 
 def paper(
@@ -59,13 +58,5 @@ def paper(
 
         page = write_study(study, store, output)[-1]
 
-    console = Console(highlight=False)
-    console.print(_table(judge_claims(study.readings)))
-    console.print(printable(f"All tables: {page}"), markup=False, soft_wrap=True)
-
-
-def _table(found: list[ClaimResult]) -> Table:
-    table = Table("claim", "settings", "verdict", "holds at", title="The paper's claims")
-    for each in found:
-        table.add_row(each.claim, each.setup, each.verdict.value, each.holds_at)
-    return table
+    claims = claims_table(judge_claims(study.readings))
+    show({"The paper's claims": claims}, f"All tables: {page}")

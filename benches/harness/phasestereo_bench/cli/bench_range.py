@@ -2,6 +2,8 @@
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -9,8 +11,9 @@ from cyclopts import Parameter
 
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import progress_bar
+from phasestereo_bench.cases import require_known
 from phasestereo_bench.cli.bench_scenes import SceneChoice
-from phasestereo_bench.cli.bench_tables import filled, screen
+from phasestereo_bench.cli.bench_tables import show
 from phasestereo_bench.ranges import (
     KINDS,
     Comparison,
@@ -57,34 +60,21 @@ def range_(
         Match the scenes, too.
     """
     with refusals(options={"scene", "kind"}):
-        unknown = sorted(set(kind) - set(KINDS))
-        if unknown:
-            raise ValueError(f"kind: got {', '.join(unknown)}; accepts {', '.join(KINDS)}")
-
+        require_known("kind", kind, KINDS)
         chosen = choice.select(folders, "one-sided-blur", silent=True)
         scenes = [scene.load() for scene in chosen]
         made = list(constructions(scenes, kind or KINDS, held=held))
-
-        trials: list[Trial] = []
-        comparisons: list[Comparison] = []
+        work: list[Callable[[], Trial | Comparison]] = [partial(search, one) for one in made]
+        work += [partial(compare, pair, repeats=3) for pair in scenes if told]
+        found: list[Trial | Comparison] = []
         with progress_bar("Searching") as progress:
-
-            def count() -> None:
+            for call in work:
+                found.append(call())
                 if progress is not None:
-                    done = len(trials) + len(comparisons)
-                    progress(done, len(made) + len(scenes) * told)
+                    progress(len(found), len(work))
 
-            for construction in made:
-                trials.append(search(construction))
-                count()
-            for pair in scenes if told else ():
-                comparisons.append(compare(pair, repeats=3))
-                count()
-
-    console = screen()
-    console.print(filled("Outside the range that was found", found_table(trials)))
-    for trial in trials:
-        if trial.outside:
-            console.print(f"{trial.kind}: {trial.name}: searched {trial.search}")
-    if comparisons:
-        console.print(filled("Without and with the range", compared_table(comparisons)))
+    trials = [one for one in found if isinstance(one, Trial)]
+    compared = [one for one in found if isinstance(one, Comparison)]
+    outside = [f"{one.kind}: {one.name}: searched {one.search}" for one in trials if one.outside]
+    show({"Outside the range that was found": found_table(trials)}, *outside)
+    show({"Without and with the range": compared_table(compared) if compared else None})

@@ -8,10 +8,8 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from phasestereo.cli.errors import refusals
-from phasestereo.cli.terminal import printable
 from phasestereo_bench.cli.bench_middlebury import rivals
-from phasestereo_bench.cli.bench_runs import AS_USUAL, RunOptions, require_done
-from phasestereo_bench.cli.bench_tables import filled, screen
+from phasestereo_bench.cli.bench_runs import AS_USUAL, RunOptions, Suite
 from phasestereo_bench.real import find_recording, recording_jobs
 from phasestereo_bench.tables.plan import TIMED
 from phasestereo_bench.tables.recorded import agreement_table, rows_table
@@ -52,14 +50,12 @@ def recordings(
             raise ValueError("no folder given: where are the frames?")
 
         methods = [*(method or TIMED), *rivals(hitnet)]
-        jobs = [job for place in folders for job in recording_jobs(find_recording(place), methods)]
-
-        records = running.run(jobs, output, cells="cells")
-
-    good = [record for record in records if record["status"] == "ok"]
-    console = screen()
-    console.print(filled("Rows off, px rms: mean, worst frame", rows_table(good)))
-    console.print(filled("Left and right agree; the method trusts itself", agreement_table(good)))
-    console.print(printable(f"Records: {output}"), markup=False, soft_wrap=True)
-
-    require_done(records, "cells", "method", "recording")
+        Suite(
+            jobs=[j for place in folders for j in recording_jobs(find_recording(place), methods)],
+            cells="cells",
+            names=("method", "recording"),
+            tables=lambda good: {
+                "Rows off, px rms: mean, worst frame": rows_table(good),
+                "Left and right agree; the method trusts itself": agreement_table(good),
+            },
+        ).run(output, running)

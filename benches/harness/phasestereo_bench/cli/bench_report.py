@@ -9,8 +9,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from phasestereo.cli.errors import refusals
-from phasestereo.cli.terminal import printable
-from phasestereo_bench.cli.bench_tables import filled, screen
+from phasestereo_bench.cli.bench_tables import show
 from phasestereo_bench.report import read_results
 from phasestereo_bench.report.cells import KIND, METRICS
 from phasestereo_bench.report.origin import explain, origin
@@ -68,23 +67,21 @@ def report(
         if output is not None:
             save_plot(draw_means(loaded, metric), output)
 
-    rest = ", ".join(
-        sorted({r["kind"] for path in results for r in read_store(path)} - {KIND, "environment"})
-    )
+    kinds = {record["kind"] for path in results for record in read_store(path)}
+    rest = ", ".join(sorted(kinds - {KIND, "environment"}))
     further = [f"Left out, records of other benchmarks: {rest}"] if rest else []
-    if output is not None:
-        further.append(f"Wrote {output}")
-    show(loaded, metric, further)
+    further += [] if output is None else [f"Wrote {output}"]
+    show_results(loaded, metric, further)
 
 
-def show(results: Results, metric: str, further: Sequence[str]) -> None:
+def show_results(results: Results, metric: str, further: Sequence[str]) -> None:
     """Print tables, what they are and were made with, what failed, and further lines."""
-    console = screen()
-    console.print(filled(METRICS[metric].label, mean_table(results, metric)))
-    for title, (_, table) in sharp_tables(results).items():
-        console.print(filled(title, table))
-    console.print(filled("One pair, one thread", cost_table(results)))
-
     failed = [f"{c.place}, {c.degradation}, {c.method} failed: {c.error}" for c in results.failures]
-    for line in (explain(results, metric), origin(results), *failed, *further):
-        console.print(printable(line), markup=False, soft_wrap=True)
+    show(
+        {
+            METRICS[metric].label: mean_table(results, metric),
+            **{title: table for title, (_, table) in sharp_tables(results).items()},
+            "One pair, one thread": cost_table(results),
+        },
+        *(explain(results, metric), origin(results), *failed, *further),
+    )

@@ -1,8 +1,8 @@
-"""What commands that run a benchmark's cells share: earlier records, progress, and Ctrl-C."""
+"""What commands that run a benchmark share: earlier records, progress, Ctrl-C, and its tables."""
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
@@ -12,7 +12,9 @@ from cyclopts import Parameter, validators
 
 from phasestereo.cli.errors import CommandError
 from phasestereo.cli.terminal import progress_bar, say
+from phasestereo_bench.cli.bench_tables import show
 from phasestereo_bench.environment import describe_environment
+from phasestereo_bench.report.tables import Table
 from phasestereo_bench.runner import Job, finished, run_jobs
 from phasestereo_bench.store import read_store
 
@@ -93,3 +95,48 @@ class RunOptions:
 
 AS_USUAL = RunOptions()
 """One process per processor, going on where the last run stopped."""
+
+
+Records = list[dict[str, Any]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Suite:
+    """A benchmark: its jobs, each of which matches a case and judges the map, and its tables.
+
+    Attributes
+    ----------
+    jobs
+        What to run.
+    cells
+        What the jobs are called.
+    names
+        The fields of a record that name its case.
+    tables
+        From the records of the jobs that ended well to tables by their titles.
+    words
+        From these records to the lines below the tables.
+    title
+        That of the progress bar.
+    """
+
+    jobs: Sequence[Job]
+    cells: str
+    names: tuple[str, ...]
+    tables: Callable[[Records], Mapping[str, Table | None]]
+    words: Callable[[Records], Iterable[str]] = lambda _: ()
+    title: str = "Matching"
+
+    def run(self, output: Path, running: RunOptions) -> None:
+        """Run the jobs, or those that are left, and print the tables.
+
+        Raises
+        ------
+        CommandError
+            If a job failed.
+        """
+        records = running.run(self.jobs, output, cells=self.cells, title=self.title)
+        good = [record for record in records if record["status"] == "ok"]
+        if good:
+            show(self.tables(good), *self.words(good), f"Records: {output}")
+        require_done(records, self.cells, *self.names)

@@ -3,19 +3,18 @@
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from cyclopts import Parameter, validators
 
 from phasestereo._extras import require
 from phasestereo.cli.errors import refusals
-from phasestereo.cli.terminal import printable, say
-from phasestereo_bench.cli.bench_runs import RunOptions, require_done
-from phasestereo_bench.cli.bench_tables import filled, screen
+from phasestereo.cli.terminal import say
+from phasestereo_bench.cli.bench_runs import Records, RunOptions, Suite
 from phasestereo_bench.report.origin import made_with
+from phasestereo_bench.report.tables import Table
 from phasestereo_bench.speed import (
     PAIRS,
-    GrayPair,
     explain_speed,
     find_pairs,
     memory_table,
@@ -72,33 +71,41 @@ def speed(
         require("cv2", extra="opencv")  # known before anybody has waited
 
         output.parent.mkdir(parents=True, exist_ok=True)
-        there = _load(data, output.parent, pairs)
-        jobs = speed_jobs(there, rounds=rounds)
-        title = "Matching"
-        running = RunOptions(workers=0, fresh=fresh)
-        records = running.run(jobs, output, cells="measurements", title=title)
-        _show(output, records)
+        say(f"rendered pairs are kept in {output.parent}; each takes ten seconds a megapixel once")
+        suite = speed_suite(data, output, names=pairs, rounds=rounds)
+        suite.run(output, RunOptions(workers=0, fresh=fresh))
 
 
-def _load(data: Path | None, cache: Path, names: tuple[str, ...]) -> list[GrayPair]:
-    say(f"pairs that are rendered are kept in {cache}; each takes ten seconds a megapixel once")
-    there, left_out = find_pairs(data, cache=cache, names=names)
+def speed_suite(
+    data: Path | None, output: Path, *, names: tuple[str, ...] = (), rounds: int
+) -> Suite:
+    """Return the suite of the pairs that are there, and say which are left out.
+
+    Raises
+    ------
+    ValueError
+        If there is none.
+    """
+    there, left_out = find_pairs(data, cache=output.parent, names=names)
     for line in left_out:
         say(line)
-
     if not there:
         raise ValueError("there is no pair to match")
-    return there
 
-
-def _show(output: Path, records: list[dict[str, Any]]) -> None:
-    good, ran_in = read_good(output)
-    if good:
-        console = screen()
+    def tables(_: Records) -> dict[str, Table | None]:
+        good, _ = read_good(output)
         times = time_table(good, read_store(output))
-        console.print(filled("Times: ours, and the rivals' divided by ours", times))
-        console.print(filled("Memory, MB", memory_table(good)))
-        for line in (explain_speed(good), _BEFORE, made_with(ran_in), f"Records: {output}"):
-            console.print(printable(line), markup=False, soft_wrap=True)
+        title = "Times: ours, and the rivals' divided by ours"
+        return {title: times, "Memory, MB": memory_table(good)}
 
-    require_done(records, "measurements", "pair", "threads")
+    def words(_: Records) -> list[str]:
+        good, ran_in = read_good(output)
+        return [explain_speed(good), _BEFORE, made_with(ran_in)]
+
+    return Suite(
+        jobs=speed_jobs(there, rounds=rounds),
+        cells="measurements",
+        names=("pair", "threads"),
+        tables=tables,
+        words=words,
+    )

@@ -8,10 +8,8 @@ from typing import Annotated
 from cyclopts import Group, Parameter, validators
 
 from phasestereo.cli.errors import refusals
-from phasestereo.cli.terminal import printable
 from phasestereo_bench.cli.bench_middlebury import rivals
-from phasestereo_bench.cli.bench_runs import AS_USUAL, RunOptions, require_done
-from phasestereo_bench.cli.bench_tables import filled, screen
+from phasestereo_bench.cli.bench_runs import AS_USUAL, RunOptions, Suite
 from phasestereo_bench.surfaces import (
     MEGAPIXELS,
     SEEDS,
@@ -71,17 +69,12 @@ def surfaces(
     """
     with refusals(options=_OPTIONS):
         cases = surface_cases(folders, megapixels=megapixels, seeds=seeds)
-        jobs = surface_jobs(cases, [*(method or default_methods()), *rivals(hitnet)])
-        records = running.run(jobs, output, cells="maps")
-
-    good = [record for record in records if record["status"] == "ok"]
-    console = screen()
-    if good:
-        title = "Off by more than 1 / 2 px, %; stripes (of the truth), %"
-        console.print(filled(title, surface_table(good)))
-        compared = upsampled_table(good)
-        if compared is not None:
-            console.print(filled("Upsampled scenes at their own scale: bad-1, %", compared))
-        console.print(printable(f"Records: {output}"), markup=False, soft_wrap=True)
-
-    require_done(records, "maps", "method", "scene", "row")
+        Suite(
+            jobs=surface_jobs(cases, [*(method or default_methods()), *rivals(hitnet)]),
+            cells="maps",
+            names=("method", "scene", "row"),
+            tables=lambda good: {
+                "Off by more than 1 / 2 px, %; stripes (of the truth), %": surface_table(good),
+                "Upsampled scenes at their own scale: bad-1, %": upsampled_table(good),
+            },
+        ).run(output, running)

@@ -3,26 +3,34 @@
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Mapping
+from typing import Literal
 
 from rich import box
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-if TYPE_CHECKING:
-    from phasestereo_bench.report.tables import Table as Contents
+from phasestereo.cli.terminal import printable
+from phasestereo_bench.report.tables import Table as Contents
 
 _PIPED_WIDTH = 200
 
 
-def screen() -> Console:
-    """Return the terminal, or what is as wide as any table where output is piped."""
-    return Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
+def show(tables: Mapping[str, Contents | None], *lines: str) -> None:
+    """Print tables by their titles, those that there are, and lines below them.
+
+    Where output is piped, a line is as wide as any table.
+    """
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
+    for title, contents in tables.items():
+        if contents is not None:
+            console.print(_filled(title, contents))
+    for line in lines:
+        console.print(printable(line), markup=False, soft_wrap=True)
 
 
-def filled(title: str, contents: Contents) -> Table:
-    """Return a table of a report as the screen shows it."""
+def _filled(title: str, contents: Contents) -> Table:
     table = Table(
         title=title,
         title_justify="left",
@@ -30,11 +38,10 @@ def filled(title: str, contents: Contents) -> Table:
         padding=(0, 1, 0, 0),
         show_edge=False,
     )
-    table.add_column(contents.header[0], overflow="fold")
-
-    for number, heading in enumerate(contents.header[1:], start=1):
+    for number, heading in enumerate(contents.header):
         justify: Literal["left", "right"] = "left" if number < contents.labels else "right"
-        table.add_column(heading.replace(" ", "\n", 1), justify=justify)
+        words = heading.replace(" ", "\n", 1) if number else heading
+        table.add_column(words, justify=justify, overflow="fold" if not number else "ellipsis")
 
     for row in contents.rows:
         table.add_row(*(Text(entry.text, "bold" if entry.best else "") for entry in row))

@@ -9,9 +9,10 @@ from cyclopts import Group, Parameter
 
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import say
+from phasestereo_bench.cases import require_known
 from phasestereo_bench.cli.bench_middlebury import rivals
 from phasestereo_bench.cli.bench_scenes import SceneChoice
-from phasestereo_bench.cli.bench_tables import filled, screen
+from phasestereo_bench.cli.bench_tables import show
 from phasestereo_bench.verification import CONDITIONS, opinion_table, opinions
 
 _SEVERAL = Parameter(consume_multiple=True, show_default=False)
@@ -53,14 +54,10 @@ def verify(
         HITNet's ONNX file for ETH3D: the network takes part, too, if onnxruntime is installed.
     """
     with refusals(options=_OPTIONS):
-        unknown = [name for name in condition if name not in CONDITIONS]
-        if unknown:
-            raise ValueError(f"condition: got {unknown[0]!r}; accepts {', '.join(CONDITIONS)}")
-
+        require_known("condition", condition, CONDITIONS)
         scenes = choice.select(folders, "sharp")
         methods = [*rivals(hitnet), *method]
         say(f"matching and judging {len(scenes)} scenes under {len(condition)} conditions")
         table = opinion_table(list(opinions(scenes, methods, condition)))
 
-    console = screen()
-    console.print(filled(f"A second opinion, %, means of {len(scenes)} scenes", table))
+    show({f"A second opinion, %, means of {len(scenes)} scenes": table})

@@ -9,7 +9,8 @@ from cyclopts import Parameter, validators
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import say
 from phasestereo.settings import PRESETS
-from phasestereo_bench.cli.bench_tables import filled, screen
+from phasestereo_bench.cases import require_known
+from phasestereo_bench.cli.bench_tables import show
 from phasestereo_bench.video import compared, steadiness_table
 
 _SEVERAL = Parameter(consume_multiple=True, show_default=False)
@@ -41,12 +42,8 @@ def video(
         Of the scene and the noise.
     """
     with refusals(options={"preset", "noise", "seed"}):
-        unknown = [name for name in preset if name not in PRESETS]
-        if unknown:
-            raise ValueError(f"preset: got {unknown[0]!r}; accepts {', '.join(PRESETS)}")
-
+        require_known("preset", preset, PRESETS)
         say("rendering and matching 3 sequences")
         table = steadiness_table(list(compared(preset, noise, seed)))
 
-    console = screen()
-    console.print(filled(f"Frame by frame -> temporal filter, noise {noise:g}", table))
+    show({f"Frame by frame -> temporal filter, noise {noise:g}": table})

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter, validators
-from rich.console import Console
-from rich.table import Table
 
 from phasestereo.cli.errors import refusals
-from phasestereo.cli.terminal import printable, progress_bar
-from phasestereo_bench.demo import Demo, run_demo, verdict, write_demo
+from phasestereo.cli.terminal import progress_bar
+from phasestereo_bench.cli.bench_tables import show
+from phasestereo_bench.demo import run_demo, verdict, write_demo
+from phasestereo_bench.report.tables import Table
 
 
 def demo(
@@ -41,25 +41,18 @@ def demo(
             shown = run_demo(seed, progress=progress)
         page = write_demo(shown, output)[-1]
 
-    console = Console(highlight=False)
-    console.print(_table(shown))
-    story = printable(f"{verdict(shown)} The whole story: {page}")
-    console.print(story, markup=False, soft_wrap=True)
+    header = "method", "both sharp", "left degraded", "seconds"
+    rows = (
+        (
+            one.method.name,
+            f"{one.sharp.bad:.1f} %",
+            f"{one.degraded.bad:.1f} %",
+            f"{one.degraded.seconds:.2f}",
+        )
+        for one in shown.outcomes
+    )
+    title = "Wrong by more than 1 pixel, of what both views see"
+    show({title: Table.of(header, rows)}, f"{verdict(shown)} The whole story: {page}")
 
     if open_page:
         webbrowser.open(page.absolute().as_uri())
-
-
-def _table(shown: Demo) -> Table:
-    table = Table("method", title="Wrong by more than 1 pixel, of what both views see")
-    for heading in ("both sharp", "left degraded", "seconds"):
-        table.add_column(heading, justify="right")
-
-    for outcome in shown.outcomes:
-        table.add_row(
-            outcome.method.name,
-            f"{outcome.sharp.bad:.1f} %",
-            f"{outcome.degraded.bad:.1f} %",
-            f"{outcome.degraded.seconds:.2f}",
-        )
-    return table

@@ -9,25 +9,20 @@ from __future__ import annotations
 
 import base64
 import zlib
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo._core import observe_maps
 from phasestereo._images import as_pair
 from phasestereo.settings import PRESETS
 from phasestereo_bench.cases import SUITES, Case, usual_side
+from phasestereo_bench.datasets import Scene
 from phasestereo_bench.methods import method
 from phasestereo_bench.middlebury import matched_pair
 from phasestereo_bench.runner import Job
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from phasestereo_bench.datasets import Scene
-
 
 OFTEN = "sharp", "disk 6", "noise 20", "jpeg 70", "both disk 3"
 """Conditions of every scene."""

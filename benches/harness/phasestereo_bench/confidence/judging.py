@@ -7,11 +7,13 @@ errors, a quantile regression. Every map has the same weight, whatever its size.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-from rich.table import Table
+from numpy.typing import NDArray
 
 from phasestereo.io.drafts import replacing
 from phasestereo.metrics import roc_area
@@ -19,14 +21,9 @@ from phasestereo.result import Flag
 from phasestereo_bench.confidence.claims import unpacked
 from phasestereo_bench.confidence.regression import KNOTS as BAR_KNOTS
 from phasestereo_bench.confidence.regression import between_knots, quantile, sigmoid
+from phasestereo_bench.report.tables import Table
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    Numbers = NDArray[np.float64]
+Numbers = NDArray[np.float64]
 
 TRAITS, KNOTS, CASES = 25, 6, 3
 _FOLDS = 3
@@ -139,10 +136,8 @@ def judging_table(several: Sequence[Claims], faults: Sequence[str]) -> Table:
     Columns: the share of the pixels that is wrong, %; then, learned without the scene and without
     the matcher, the area under the curve and how far the mean confidence is off, in points.
     """
-    table = Table()
-    for column in ("maps of", "condition", "wrong", "area", "off", "matcher left out: area", "off"):
-        table.add_column(column, justify="left" if column in ("maps of", "condition") else "right")
-
+    header = "maps of", "condition", "wrong", "area", "off", "matcher left out: area", "off"
+    lines: list[tuple[str, ...]] = []
     scored = [
         [_scores(*pair) for pair in zip(several, odds, strict=True)]
         for _, odds in left_out(several)
@@ -162,8 +157,8 @@ def judging_table(several: Sequence[Claims], faults: Sequence[str]) -> Table:
             for scores in scored:
                 area, off = np.nanmean([scores[row] for row in rows], axis=0)
                 cells += [f"{area:.3f}", f"{100 * off:.1f}"]
-            table.add_row(method, name, *cells)
-    return table
+            lines.append((method, name, *cells))
+    return Table.of(header, lines, labels=2)
 
 
 def write_weights(weights: Weights, path: Path) -> None:

@@ -7,10 +7,12 @@ absolute values are those that count. Every pair has the same weight, whatever i
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo_bench.confidence.observation import ERRORS, ODDS
 from phasestereo_bench.confidence.regression import (
@@ -21,12 +23,7 @@ from phasestereo_bench.confidence.regression import (
     sigmoid,
 )
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    Numbers = NDArray[np.float64]
+Numbers = NDArray[np.float64]
 
 TRAITS = 8
 # The core's names for what these are.

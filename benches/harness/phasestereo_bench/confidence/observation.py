@@ -8,26 +8,21 @@ raw confidence and by their error.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo._core import match_raw
 from phasestereo.result import Flag
 from phasestereo_bench.cases import SUITES, load
-from phasestereo_bench.datasets import Scene
+from phasestereo_bench.datasets import Pair, Scene
 from phasestereo_bench.rendering import render_pair
 from phasestereo_bench.rigs import Fault
 from phasestereo_bench.runner import Job
 from phasestereo_large import pair_statistics
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from phasestereo_bench.datasets import Pair
 
 ODDS = np.linspace(-5.6, 5.6, 57)
 """Edges of the logarithm of the odds of a raw confidence."""

@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
-from rich.table import Table
 
 from phasestereo_bench.confidence.learning import (
     SIZES,
+    Observed,
+    Weights,
     bars_of,
     learn,
     log_odds,
 )
 from phasestereo_bench.confidence.regression import sigmoid
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from phasestereo_bench.confidence.learning import Observed, Weights
+from phasestereo_bench.report.tables import Table
 
 FOLDS = 8
 FAILED = 0.3
@@ -105,18 +102,16 @@ def judged(name: str, pairs: Sequence[Observed], weights: Sequence[Weights]) -> 
 
 def verdict_table(verdicts: Sequence[Verdict]) -> Table:
     """Return the verdicts as a table."""
-    table = Table()
-    for column in ("", "pairs", "failed", "gap", "right at 0.9", "in the bars"):
-        table.add_column(column, justify="left" if not column else "right")
-    table.add_column("wrong of trusted, failed pairs", justify="right")
-    table.add_column("trusted, sharp pairs", justify="right")
-
+    header = [
+        *("", "pairs", "failed", "gap", "right at 0.9", "in the bars"),
+        *("wrong of trusted, failed pairs", "trusted, sharp pairs"),
+    ]
+    rows = []
     for one in verdicts:
         shares = one.gap, one.right, one.covered, one.trusted_wrong, one.sharp_trusted
-        table.add_row(
-            one.name, str(one.pairs), str(one.failed), *(f"{100 * share:.1f} %" for share in shares)
-        )
-    return table
+        shown = (f"{100 * share:.1f} %" for share in shares)
+        rows.append((one.name, str(one.pairs), str(one.failed), *shown))
+    return Table.of(header, rows)
 
 
 def _left_out(

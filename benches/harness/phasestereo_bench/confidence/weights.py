@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 from phasestereo.io.drafts import replacing
-from phasestereo_bench.confidence.learning import learn, observed_of
+from phasestereo_bench.confidence.learning import Numbers, Weights, learn, observed_of
 from phasestereo_bench.confidence.observation import PRESETS
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-    from typing import Any
-
-    from phasestereo_bench.confidence.learning import Numbers, Weights
 
 _FILE = """//! Learned by `phasestereo bench confidence`, which writes this file.
 

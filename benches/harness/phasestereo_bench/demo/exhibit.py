@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -12,18 +13,12 @@ from phasestereo import __version__
 from phasestereo.io import write_disparity, write_image
 from phasestereo.io.drafts import replacing
 from phasestereo.settings import PRESETS
-from phasestereo.views.picture import colorize, disparity_picture, error_picture
+from phasestereo.views.picture import Picture, colorize, disparity_picture, error_picture
 from phasestereo.views.templating import render_page
 from phasestereo_bench.demo import trials
-from phasestereo_bench.demo.methods import NEIGHBORHOOD, NSAD, ROBUST, SGBM, WINDOW
+from phasestereo_bench.demo.methods import NEIGHBORHOOD, NSAD, ROBUST, SGBM, WINDOW, DemoMethod, Map
+from phasestereo_bench.demo.trials import Comparison, Demo
 from phasestereo_bench.report.plots import figure_of, save_plot
-
-if TYPE_CHECKING:
-    import os
-
-    from phasestereo.views.picture import Picture
-    from phasestereo_bench.demo.methods import DemoMethod, Map
-    from phasestereo_bench.demo.trials import Comparison, Demo
 
 
 def write_demo(demo: Demo, folder: str | os.PathLike[str]) -> list[Path]:

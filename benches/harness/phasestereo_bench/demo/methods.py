@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo.matchers.opencv import match_sgbm
 from phasestereo.matching import match
-from phasestereo.rig.findings import MatchWarning
+from phasestereo.rig.findings import unwarned
 from phasestereo.settings import PRESETS, Settings
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Image = NDArray[np.uint8]
-    Map = NDArray[np.float32]
+Image = NDArray[np.uint8]
+Map = NDArray[np.float32]
 
 # As large as the disk, as in the paper. Wider ones help normalized SAD against the blur and cost
 # everyone outlines; means over seeds 0 to 4, left image degraded, at 7, 9, 11 and 13 pixels:
@@ -59,8 +56,7 @@ class DemoMethod:
         if self.settings is None:
             return match_sgbm(left, right, num_disparities)
 
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", MatchWarning)  # how bad a map is, its score says
+        with unwarned():  # how bad a map is, its score says
             result = match(left, right, num_disparities=num_disparities, settings=self.settings)
         return result.disparity
 

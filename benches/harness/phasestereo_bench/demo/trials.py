@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 from phasestereo.metrics import bad_pixels
+from phasestereo_bench.datasets import Pair
 from phasestereo_bench.degradation import Degradation, disk_psf
-from phasestereo_bench.demo.methods import METHODS
+from phasestereo_bench.demo.methods import METHODS, DemoMethod, Image, Map
 from phasestereo_bench.rendering import render_pair
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from phasestereo_bench.datasets import Pair
-    from phasestereo_bench.demo.methods import DemoMethod, Image, Map
 
 RADIUS, GAIN, OFFSET, NOISE = 3.0, 0.6, 10.0, 2.0
 """The degradation of the left image: disk of defocus in pixels; then gray levels of 255."""

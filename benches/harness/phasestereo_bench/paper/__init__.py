@@ -11,7 +11,7 @@
 Fast Stereo Matching*, ACIVS 2008.
 """
 
-from phasestereo_bench.paper.claims import ClaimResult, judge_claims
+from phasestereo_bench.paper.claims import ClaimResult, claims_table, judge_claims
 from phasestereo_bench.paper.page import write_study
 from phasestereo_bench.paper.study import Pairs, Study, load_pairs, run_study
 
@@ -19,6 +19,7 @@ __all__ = [
     "ClaimResult",
     "Pairs",
     "Study",
+    "claims_table",
     "judge_claims",
     "load_pairs",
     "run_study",

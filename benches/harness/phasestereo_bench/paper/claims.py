@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import Enum
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
-from phasestereo_bench.paper.experiments import BITS_KEY, EXPERIMENTS, NSAD, PROTOCOLS, SAD
-from phasestereo_bench.paper.study import SCENES, curve
-from phasestereo_bench.report.tables import MISSING, Entry, Table
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    from phasestereo_bench.paper.experiments import Experiment
-    from phasestereo_bench.paper.study import Reading, Study
+from phasestereo_bench.paper.experiments import (
+    BITS_KEY,
+    EXPERIMENTS,
+    NSAD,
+    PROTOCOLS,
+    SAD,
+    Experiment,
+)
+from phasestereo_bench.paper.study import SCENES, Reading, Study, curve
+from phasestereo_bench.report.tables import MISSING, Table
 
 __all__ = [
     "CLAIMS",
@@ -212,7 +214,7 @@ def lines(readings: Sequence[Reading]) -> list[BitsLine]:
 def claims_table(found: Sequence[ClaimResult]) -> Table:
     """Return the verdicts."""
     rows = ((each.claim, each.setup, each.verdict.value, each.holds_at) for each in found)
-    return _table(("claim", "settings", "verdict", "holds at"), rows, labels=3)
+    return Table.of(("claim", "settings", "verdict", "holds at"), rows, labels=3)
 
 
 def cases_table(found: Sequence[ClaimCase]) -> Table:
@@ -235,7 +237,7 @@ def cases_table(found: Sequence[ClaimCase]) -> Table:
         for case in found
     )
 
-    return _table(header, rows, labels=3)
+    return Table.of(header, rows, labels=3)
 
 
 def bits_table(found: Sequence[BitsLine]) -> Table:
@@ -250,7 +252,7 @@ def bits_table(found: Sequence[BitsLine]) -> Table:
         for line in found
     )
 
-    return _table(header, rows, labels=2)
+    return Table.of(header, rows, labels=2)
 
 
 def settings_table(study: Study) -> Table:
@@ -277,8 +279,4 @@ def settings_table(study: Study) -> Table:
             )
         )
 
-    return _table(header, rows, labels=3)
-
-
-def _table(header: Sequence[str], rows: Iterable[Sequence[str]], *, labels: int) -> Table:
-    return Table(tuple(header), tuple(tuple(map(Entry, row)) for row in rows), labels)
+    return Table.of(header, rows, labels=3)

@@ -11,22 +11,19 @@ Two protocols set the methods up, both without a look at any blurred pair:
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from math import ceil
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo.settings import Settings
 from phasestereo_bench.degradation import Degradation, areas, disk_psf, gaussian_psf
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from numpy.typing import NDArray
-
-    Kernel = NDArray[np.float64]
-    Image = NDArray[Any]
+Kernel = NDArray[np.float64]
+Image = NDArray[Any]
 
 __all__ = [
     "AREAS",

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 from phasestereo.io.drafts import replacing
 from phasestereo_bench.paper.claims import (
@@ -17,19 +19,13 @@ from phasestereo_bench.paper.claims import (
     settings_table,
 )
 from phasestereo_bench.paper.experiments import EXPERIMENTS, NSAD, PROTOCOLS, SAD
-from phasestereo_bench.paper.study import SCENES, curve
+from phasestereo_bench.paper.study import SCENES, Reading, Study, curve
 from phasestereo_bench.report.markdown import markdown_table, markdown_text
 from phasestereo_bench.report.origin import made_with
 from phasestereo_bench.report.plots import save_plot
 from phasestereo_bench.store import read_store
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from phasestereo_bench.paper.study import Reading, Study
-
-    Panels = Mapping[str, Mapping[str, Mapping[Any, float]]]
+Panels = Mapping[str, Mapping[str, Mapping[Any, float]]]
 
 __all__ = ["write_study"]
 

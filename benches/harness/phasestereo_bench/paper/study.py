@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import hashlib
-from contextlib import nullcontext
+import os
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+from numpy.typing import NDArray
 
 import phasestereo
 from phasestereo.matching import match
 from phasestereo.metrics import middlebury_v2
-from phasestereo_bench.datasets import find_scene
+from phasestereo.settings import Settings
+from phasestereo_bench.datasets import Pair, find_scene
 from phasestereo_bench.paper.experiments import (
     BITS,
     BITS_KEY,
@@ -27,25 +33,17 @@ from phasestereo_bench.paper.experiments import (
     QUICK_GRID,
     SHARP,
     SMALLEST,
+    Experiment,
     Grid,
+    MatchingCost,
+    PaperBlur,
+    Series,
     recoded,
 )
 from phasestereo_bench.runner import Job, run_jobs
 
-if TYPE_CHECKING:
-    import os
-    from collections.abc import Callable, Iterable, Mapping
-    from contextlib import AbstractContextManager
-
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from phasestereo.settings import Settings
-    from phasestereo_bench.datasets import Pair
-    from phasestereo_bench.paper.experiments import Experiment, MatchingCost, PaperBlur, Series
-
-    Progress = Callable[[int, int], object] | None
-    Watch = Callable[[str], AbstractContextManager[Progress]]
+Progress = Callable[[int, int], object] | None
+Watch = Callable[[str], AbstractContextManager[Progress]]
 
 __all__ = [
     "SCENES",

@@ -6,27 +6,22 @@ disparities, or a scene as it is. Objects are cut from another image, pasted int
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from io import BytesIO
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from PIL import Image as Pillow
+from numpy.typing import NDArray
 
+from phasestereo_bench.datasets import Pair
 from phasestereo_bench.degradation import Degradation, disk_psf
+from phasestereo_bench.rigs.sensor import jpeg, noise
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-
-    from numpy.typing import NDArray
-
-    from phasestereo_bench.datasets import Pair
-
-    Image = NDArray[np.uint8]
-    Field = NDArray[np.float64]
-    Views = tuple[Image, Image]
-    Fault = Callable[[Views], Views]
+Image = NDArray[np.uint8]
+Field = NDArray[np.float64]
+Views = tuple[Image, Image]
+Fault = Callable[[Views], Views]
 
 KINDS = ("near", "poles", "squares", "signed", "same", "parallel", "weak")
 """Near objects by their share of the image; poles; squares; ranges of either sign; the same image
@@ -177,7 +172,7 @@ def _signed(_: Sequence[Pair], textures: list[Image], *, held: bool) -> Iterator
 def _same(_: Sequence[Pair], textures: list[Image], *, held: bool) -> Iterator[Construction]:
     for index, sigma in enumerate((0.0, 5.0, 10.0) if held else (0.0, 2.0)):
         image = textures[index + held]
-        left, right = (_noisy(image, sigma, seed) for seed in (1, 2))
+        left, right = (noise(image, seed, sigma=sigma) for seed in (1, 2))
         yield Construction("same", f"noise {sigma:g}", left, right, 0, 0)
 
 
@@ -197,7 +192,7 @@ def _weak(pairs: Sequence[Pair], _: list[Image], *, held: bool) -> Iterator[Cons
         known = _known(pair)
         if known is not None:
             left, right = (
-                _noisy(100 + (_gray(side) - 110.0) * 0.06, 0.7, seed)
+                noise(100 + (_gray(side) - 110.0) * 0.06, seed, sigma=0.7)
                 for side, seed in ((pair.left, 1), (pair.right, 2))
             )
             yield Construction("weak", pair.name, left, right, *known)
@@ -243,7 +238,7 @@ def _background(
     right = picture[:, margin : margin + columns]
     left = np.array([np.interp(where, base, row) for where, row in zip(at, picture, strict=True)])
 
-    views = _noisy(left, 1.0, 2 * seed + 1), _noisy(right, 1.0, 2 * seed + 2)
+    views = noise(left, 2 * seed + 1, sigma=1), noise(right, 2 * seed + 2, sigma=1)
     return views, float(field.min()), float(field.max())
 
 
@@ -283,29 +278,18 @@ def _pasted(views: Views, patch: Image, place: tuple[int, int], disparity: int) 
     left, right = (view.copy() for view in views)
     for view, first, seed in ((left, start, 5), (right, start - disparity, 6)):
         part = view[top : top + rows, first : first + columns]
-        part[:] = _noisy(patch, 1.0, seed)[: part.shape[0], : part.shape[1]]
+        part[:] = noise(patch, seed, sigma=1)[: part.shape[0], : part.shape[1]]
     return left, right
-
-
-def _noisy(image: NDArray[Any], sigma: float, seed: int) -> Image:
-    noise = np.random.default_rng(seed).normal(0, sigma, image.shape) if sigma else 0.0
-    return np.clip(np.rint(image + noise), 0, 255).astype(np.uint8)
 
 
 def _faults() -> dict[str, Fault]:
     return {
         "": _unchanged,
         "blurred": lambda views: (Degradation(disk_psf(2), noise=1)(views[0]), views[1]),
-        "noise 10": lambda views: (_noisy(views[0], 10, 3), _noisy(views[1], 10, 4)),
-        "JPEG 70": lambda views: (_coded(views[0]), _coded(views[1])),
+        "noise 10": lambda views: (noise(views[0], 3, sigma=10), noise(views[1], 4, sigma=10)),
+        "JPEG 70": lambda views: (jpeg(views[0], 0, quality=70), jpeg(views[1], 0, quality=70)),
     }
 
 
 def _unchanged(views: Views) -> Views:
     return views
-
-
-def _coded(image: Image) -> Image:
-    memory = BytesIO()
-    Pillow.fromarray(image).save(memory, "JPEG", quality=70)
-    return np.asarray(Pillow.open(memory))

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from statistics import fmean
-from typing import TYPE_CHECKING
 
-from phasestereo_bench.report.tables import Entry, Table
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from phasestereo_bench.ranges.trials import Comparison, Trial
+from phasestereo_bench.ranges.trials import Comparison, Trial
+from phasestereo_bench.report.tables import Table
 
 
 def found_table(trials: Sequence[Trial]) -> Table:
@@ -31,7 +27,7 @@ def found_table(trials: Sequence[Trial]) -> Table:
         rows.append((kind, *cells))
 
     header = "kind", "pairs", "outside", "of them said", "length / needed, mean", "worst"
-    return _table(header, rows)
+    return Table.of(header, rows)
 
 
 def compared_table(scenes: Sequence[Comparison]) -> Table:
@@ -51,8 +47,4 @@ def compared_table(scenes: Sequence[Comparison]) -> Table:
         f"{fmean(scene.seconds[0] / scene.seconds[1] for scene in scenes):.2f}",
     )
     header = "scene", "bad-1.0, no range given", "given", "length / needed", "time / given"
-    return _table(header, [*rows, ("mean", *means)])
-
-
-def _table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> Table:
-    return Table(header, tuple(tuple(map(Entry, row)) for row in rows), labels=1)
+    return Table.of(header, [*rows, ("mean", *means)])

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import time
-import warnings
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import phasestereo as ps
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from phasestereo import SearchRange
-    from phasestereo_bench.datasets import Pair
-    from phasestereo_bench.ranges.constructions import Construction
+from phasestereo import SearchRange
+from phasestereo.rig.findings import unwarned
+from phasestereo_bench.datasets import Pair
+from phasestereo_bench.ranges.constructions import Construction
 
 _FAST = ps.PRESETS["fast"]
 
@@ -115,6 +112,5 @@ def compare(pair: Pair, *, repeats: int = 1) -> Comparison:
 
 
 def _matched(left: NDArray[Any], right: NDArray[Any], **given: Any) -> ps.Result:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ps.MatchWarning)
+    with unwarned():
         return ps.match(left, right, threads=1, **given)

@@ -7,23 +7,20 @@ not agree, so even a perfect map has less than 100 %.
 
 from __future__ import annotations
 
-import warnings
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import phasestereo as ps
+from phasestereo.rig.findings import unwarned
 from phasestereo_bench.methods import method
 from phasestereo_bench.middlebury import matched
 from phasestereo_bench.real.frames import read_frame
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.floating[Any]]
-    Image = NDArray[np.uint8]
+Floats = NDArray[np.floating[Any]]
+Image = NDArray[np.uint8]
 
 NUM_DISPARITIES = 64
 """The number of disparities for methods that need one."""
@@ -54,8 +51,7 @@ def score_frame(folder: Path, files: tuple[Path, ...], spec: str, *, rectified: 
         left, right, valid = rig.left, rig.right, rig.left_mask
 
     entrant = method(spec)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ps.MatchWarning)
+    with unwarned():
         found = matched(entrant, left, right, NUM_DISPARITIES)
         other = matched(entrant, _mirrored(right), _mirrored(left), NUM_DISPARITIES).disparity
 

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
+import os
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo.io import read_image, read_pair
 from phasestereo.io.folders import images_of, paths_of_rig
 
-if TYPE_CHECKING:
-    import os
-
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Image = NDArray[np.uint8]
+Image = NDArray[np.uint8]
 
 _SIDE_BY_SIDE = 2  # times as wide as high, or wider: both views in one picture
 

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from pathlib import Path
 
 from phasestereo_bench.methods import method
 from phasestereo_bench.real.agreement import score_frame
+from phasestereo_bench.real.frames import RigRecording
 from phasestereo_bench.real.pairs import find_pairs, score_pair
 from phasestereo_bench.real.rows import score_rows
 from phasestereo_bench.runner import Job
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from phasestereo_bench.real.frames import RigRecording
 
 ROWS, FRAMES, PAIRS = "recording-rows", "recording-frame", "real-pair"
 """The kinds of these records."""

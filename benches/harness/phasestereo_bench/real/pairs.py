@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from phasestereo.io import read_image
 from phasestereo_bench.datasets import Pair, find_scenes
 from phasestereo_bench.middlebury import wrong_shares
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 _EXPOSURE = "MotorcycleE"  # as Motorcycle, the right image exposed otherwise
 _FOCUS = "real_defocus/breakfast"

@@ -6,23 +6,19 @@ at each distance. These places, all over the image and at five distances, are th
 
 from __future__ import annotations
 
-import warnings
-from typing import TYPE_CHECKING, Any, NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import interpolate
 
 import phasestereo as ps
+from phasestereo import Rectification
+from phasestereo.rig.findings import unwarned
 from phasestereo_bench.real.frames import read_frame
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from phasestereo import Rectification
-
-    Floats = NDArray[np.float64]
+Floats = NDArray[np.float64]
 
 _STEP = 12  # px between places
 _DISTANCES = 5
@@ -58,8 +54,7 @@ def score_rows(folder: Path, files: tuple[Path, ...]) -> dict[str, Any]:
     left, right = read_frame(files)
     truth = ps.rectify(left, right, folder)
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ps.MatchWarning)  # what is off is what is measured here
+    with unwarned():  # what is off is what is measured here
         places = corresponding(truth, _disparities(truth), (left.shape[0], left.shape[1]))
         alignment = ps.match(left, right, threads=1).alignment
 

@@ -8,26 +8,28 @@ meet into photographs.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from math import ceil
-from numbers import Integral, Real
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from phasestereo._numbers import as_integer, as_number
 from phasestereo.io import Calibration
+from phasestereo_bench.cases import require_known
 from phasestereo_bench.datasets import Pair
 from phasestereo_bench.rendering.camera import LEFT, RIGHT, Camera
 from phasestereo_bench.rendering.casting import disparities, near_jumps, seen, visible_in_both
-from phasestereo_bench.rendering.light import MIDDLE_GRAY, SENSOR_NOISE, exposure_of, photograph
+from phasestereo_bench.rendering.light import (
+    MIDDLE_GRAY,
+    SENSOR_NOISE,
+    Scenery,
+    exposure_of,
+    photograph,
+)
 from phasestereo_bench.rendering.rooms import ROOMS, RoomKind, furnish_room
 from phasestereo_bench.rendering.scenery import furnish
 from phasestereo_bench.rendering.shapes import Patch
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from phasestereo_bench.rendering.light import Scenery
 
 __all__ = ["ROOMS", "RoomKind", "render_pair", "render_room"]
 
@@ -66,10 +68,10 @@ def render_pair(
     TypeError, ValueError
         If an argument is not an integer, or out of range.
     """
-    seed = _integer("seed", seed, low=0)
-    height = _integer("height", height, low=MIN_SIDE, high=MAX_SIDE)
-    width = _integer("width", width, low=MIN_SIDE, high=MAX_SIDE)
-    count = _integer("num_disparities", num_disparities, low=MIN_DISPARITIES, high=width // 2)
+    seed = as_integer("seed", seed, least=0)
+    height = as_integer("height", height, least=MIN_SIDE, most=MAX_SIDE)
+    width = as_integer("width", width, least=MIN_SIDE, most=MAX_SIDE)
+    count = as_integer("num_disparities", num_disparities, least=MIN_DISPARITIES, most=width // 2)
 
     # The scene and the noise of either view have generators of their own.
     scene_seed, *noise_seeds = np.random.SeedSequence(seed).spawn(3)
@@ -116,15 +118,11 @@ def render_room(
     TypeError, ValueError
         If an argument has the wrong type, or is out of range.
     """
-    seed = _integer("seed", seed, low=0)
-    if kind not in ROOMS:
-        raise ValueError(f"kind must be one of {', '.join(ROOMS)}, got {kind!r}")
-    height = _integer("height", height, low=MIN_SIDE, high=MAX_SIDE)
-    width = _integer("width", width, low=MIN_SIDE, high=MAX_SIDE)
-    if not isinstance(noise, Real) or isinstance(noise, bool):
-        raise TypeError(f"noise must be a number, got {type(noise).__name__}")
-    if not 0 <= noise <= MAX_NOISE:
-        raise ValueError(f"noise must be >= 0 and <= {MAX_NOISE:g}, got {noise}")
+    seed = as_integer("seed", seed, least=0)
+    require_known("kind", [kind], ROOMS)
+    height = as_integer("height", height, least=MIN_SIDE, most=MAX_SIDE)
+    width = as_integer("width", width, least=MIN_SIDE, most=MAX_SIDE)
+    grain = as_number("noise", noise, least=0, most=MAX_NOISE)
 
     scene_seed, *noise_seeds = np.random.SeedSequence([seed, ROOMS.index(kind)]).spawn(3)
     room = furnish_room(np.random.default_rng(scene_seed), kind)
@@ -134,11 +132,11 @@ def render_room(
     )
 
     name = f"{kind}-{seed}"
-    pair = _taken(room.scenery, camera, name, noise_seeds, noise=float(noise), gray=ROOM_GRAY)
+    pair = _taken(room.scenery, camera, name, noise_seeds, noise=grain, gray=ROOM_GRAY)
     curved = [not isinstance(shape, Patch) for shape in room.scenery.shapes]
     on_curved = np.array(curved)[seen(room.scenery.shapes, camera, LEFT)[1]]
 
-    largest = max(float(np.max(truth)) for truth in (pair.truth, pair.truth_right))
+    largest = max(float(np.asarray(truth).max()) for truth in (pair.truth, pair.truth_right))
     count = 16 * ceil((largest + 2) / 16)
     return replace(
         pair,
@@ -204,13 +202,3 @@ def _calibration(camera: Camera, num_disparities: int) -> Calibration:
         height=camera.height,
         ndisp=num_disparities,
     )
-
-
-def _integer(name: str, value: object, *, low: int, high: int | None = None) -> int:
-    if not isinstance(value, Integral) or isinstance(value, bool):
-        raise TypeError(f"{name} must be an integer, got {type(value).__name__}")
-    number = int(value)
-    if number < low or (high is not None and number > high):
-        upper = "" if high is None else f" and <= {high}"
-        raise ValueError(f"{name} must be >= {low}{upper}, got {number}")
-    return number

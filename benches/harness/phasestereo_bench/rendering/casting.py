@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from phasestereo_bench.rendering.camera import RIGHT
+from phasestereo_bench.rendering.camera import RIGHT, Camera, Rays
+from phasestereo_bench.rendering.shapes import Shape
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from phasestereo_bench.rendering.camera import Camera, Rays
-    from phasestereo_bench.rendering.shapes import Shape
-
-    Disparity = NDArray[np.float64]
-    Mask = NDArray[np.bool_]
-    Window = tuple[int, int, int, int]
+Disparity = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Window = tuple[int, int, int, int]
 
 GRAZING = 1e-4  # px of disparity within which two surfaces are the same point
-DISC_JUMP, DISC_REACH = 2.0, 4  # px of disparity, px of image
+JUMP, DISC_REACH = 2.0, 4  # px of disparity, px of image
 
 
 def windows(
@@ -100,12 +95,12 @@ def visible_in_both(shapes: Sequence[Shape], camera: Camera, truth: Disparity) -
     return visible
 
 
-def near_jumps(truth: Disparity) -> Mask:
-    """Pixels within `DISC_REACH` of a jump between neighbors of more than `DISC_JUMP`."""
+def near_jumps(truth: Disparity, reach: int = DISC_REACH) -> Mask:
+    """Pixels within this many px of a jump between neighbors of more than `JUMP`."""
     from scipy import ndimage  # noqa: PLC0415  # slow to import, and most of the harness does without
 
     jumps = np.zeros(truth.shape, dtype=bool)
-    across, down = (abs(np.diff(truth, axis=axis)) > DISC_JUMP for axis in (1, 0))
+    across, down = (abs(np.diff(truth, axis=axis)) > JUMP for axis in (1, 0))
     for side, jump in (
         (np.s_[:, 1:], across),
         (np.s_[:, :-1], across),
@@ -115,5 +110,5 @@ def near_jumps(truth: Disparity) -> Mask:
         jumps[side] |= jump
 
     # A jump has marked the pixels on both of its sides, which is the first of the steps.
-    near: Mask = ndimage.maximum_filter(jumps, size=2 * DISC_REACH - 1)
+    near: Mask = ndimage.maximum_filter(jumps, size=2 * reach - 1)
     return near

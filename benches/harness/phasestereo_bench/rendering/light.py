@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from phasestereo_bench.rendering.camera import LEFT, Rays
-from phasestereo_bench.rendering.casting import cast, windows
+from phasestereo_bench.rendering.camera import LEFT, Camera, Rays
+from phasestereo_bench.rendering.casting import Window, cast, windows
+from phasestereo_bench.rendering.shapes import Chart, Patch, Shape, Vector
 from phasestereo_bench.rendering.textures import Texture, look_up
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from numpy.typing import NDArray
-
-    from phasestereo_bench.rendering.camera import Camera
-    from phasestereo_bench.rendering.casting import Window
-    from phasestereo_bench.rendering.shapes import Chart, Patch, Shape, Vector
-
-    Array = NDArray[Any]
-    Points = tuple[Array, Array, Array]
+Array = NDArray[Any]
+Points = tuple[Array, Array, Array]
 
 # Offsets of the rays in a pixel: of the lattices with eight distinct rows and columns, the one
 # whose points are farthest apart, so that near-upright edges get eight levels of anti-aliasing.

@@ -8,23 +8,18 @@ same scene. World units are meters, about; the floor, or the table top that fill
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
 from phasestereo_bench.rendering.light import Lightmap, Scenery, Surface, light_falling_on
-from phasestereo_bench.rendering.shapes import Ellipsoid, Frustum, Patch
-from phasestereo_bench.rendering.textures import WOODS, Studio, Texture, fractal
+from phasestereo_bench.rendering.shapes import Ellipsoid, Frustum, Patch, Shape, Vector
+from phasestereo_bench.rendering.textures import WOODS, Color, Studio, Texture, fractal
 from phasestereo_bench.rendering.things import EAST, TOWARDS, Spot, Workshop, disc, upright
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from phasestereo_bench.rendering.shapes import Shape, Vector
-    from phasestereo_bench.rendering.textures import Color
-
-    Furniture = Callable[["_Maker"], tuple[list[Patch], list[Surface]]]
+Furniture = Callable[["_Maker"], tuple[list[Patch], list[Surface]]]
 
 RoomKind: TypeAlias = Literal["table", "room", "curved"]
 ROOMS: tuple[RoomKind, ...] = get_args(RoomKind)

@@ -6,25 +6,27 @@ The cameras stand 0.75 above the floor and see it from z = 1.2 on; the walls are
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from phasestereo_bench.rendering.camera import Camera
 from phasestereo_bench.rendering.light import Scenery, Surface, light_falling_on
-from phasestereo_bench.rendering.shapes import Patch
-from phasestereo_bench.rendering.textures import GREENS, STONES, WOODS, Studio, Texture, fractal
+from phasestereo_bench.rendering.shapes import Patch, Shape
+from phasestereo_bench.rendering.textures import (
+    GREENS,
+    STONES,
+    WOODS,
+    Color,
+    Studio,
+    Texture,
+    fractal,
+)
 from phasestereo_bench.rendering.things import EAST, TOWARDS, Spot, Workshop, upright
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-
-    from phasestereo_bench.rendering.camera import Camera
-    from phasestereo_bench.rendering.shapes import Shape
-    from phasestereo_bench.rendering.textures import Color
-
-    Builder = Callable[[Spot], Iterator[Surface]]
+Builder = Callable[[Spot], Iterator[Surface]]
 
 BRICK: Color = (154, 88, 68)
 PLASTER: Color = (204, 192, 168)

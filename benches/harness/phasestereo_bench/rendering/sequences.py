@@ -6,10 +6,12 @@ the place of one object before a ground that stands still.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo_bench.rendering.camera import LEFT, RIGHT, Camera
 from phasestereo_bench.rendering.casting import cast, disparities, visible_in_both, windows
@@ -17,12 +19,7 @@ from phasestereo_bench.rendering.light import Scenery, Surface, exposure_of, pho
 from phasestereo_bench.rendering.scenery import furnish
 from phasestereo_bench.rendering.shapes import Ellipsoid
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
-    Mask = NDArray[np.bool_]
+Mask = NDArray[np.bool_]
 
 Motion: TypeAlias = Literal["static", "camera", "object"]
 MOTIONS: tuple[Motion, ...] = get_args(Motion)

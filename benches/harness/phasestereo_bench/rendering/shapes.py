@@ -7,16 +7,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from phasestereo_bench.rendering.camera import Rays
 
-    from phasestereo_bench.rendering.camera import Rays
-
-    Array = NDArray[Any]
+Array = NDArray[Any]
 
 Vector = tuple[float, float, float]
 

@@ -6,19 +6,16 @@ in the world and the coarser levels that distant surfaces are looked up in.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    Array = NDArray[Any]
-    Tile = NDArray[np.float32]
-    Color = tuple[int, int, int]  # sRGB, 0-255, as in any paint program
+Array = NDArray[Any]
+Tile = NDArray[np.float32]
+Color = tuple[int, int, int]  # sRGB, 0-255, as in any paint program
 
 WOODS: list[Color] = [(168, 122, 78), (124, 84, 54), (150, 136, 118)]
 STONES: list[Color] = [(150, 142, 130), (118, 116, 116), (168, 150, 122), (96, 92, 92)]

@@ -6,21 +6,16 @@ World units are about a table's height. Each builder yields the surfaces of one 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from phasestereo_bench.rendering.light import Surface
-from phasestereo_bench.rendering.shapes import Ellipsoid, Frustum, Patch
-from phasestereo_bench.rendering.textures import GREENS, STONES, WOODS, Texture
+from phasestereo_bench.rendering.shapes import Ellipsoid, Frustum, Patch, Shape, Vector
+from phasestereo_bench.rendering.textures import GREENS, STONES, WOODS, Color, Studio, Texture
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-
-    from phasestereo_bench.rendering.shapes import Shape, Vector
-    from phasestereo_bench.rendering.textures import Color, Studio
-
-    Cover = Callable[[Patch, Texture], Surface]
+Cover = Callable[[Patch, Texture], Surface]
 
 PAPERS: list[Color] = [
     (226, 216, 192),

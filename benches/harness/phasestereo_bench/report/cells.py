@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from phasestereo_bench.methods import TRUE_BLUR
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    Record = Mapping[str, Any]
+Record = Mapping[str, Any]
 
 __all__ = ["KIND", "METRICS", "Cell", "Metric", "Place", "read_cell"]
 

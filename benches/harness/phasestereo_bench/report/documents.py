@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from textwrap import fill
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 from phasestereo.io.drafts import replacing
 from phasestereo_bench.report.faults import FAULT_TABLES, explain_faults
 from phasestereo_bench.report.markdown import fill_markers, markdown_table, markdown_text
-from phasestereo_bench.report.origin import explain, origin
+from phasestereo_bench.report.origin import explain
+from phasestereo_bench.report.results import Results
 from phasestereo_bench.report.sharp import explain_v2, explain_v3, two_table, v2_table, v3_table
-from phasestereo_bench.report.tables import mean_table, scene_table
+from phasestereo_bench.report.tables import Table, mean_table, scene_table
 
-if TYPE_CHECKING:
-    import os
-    from collections.abc import Callable, Mapping
-
-    from phasestereo_bench.report.results import Results
-    from phasestereo_bench.report.tables import Table
-
-    Maker = Callable[[Results, str], Table]
-    Words = Callable[[Results, str], str]
+Maker = Callable[[Results, str], Table]
+Words = Callable[[Results, str], str]
 
 __all__ = [
     "MARKERS",
@@ -92,7 +87,6 @@ def document_texts(results: Results, *, metric: str = "v2.nonocc") -> dict[str, 
         If there is no number of the metric.
     """
     results.require_metric(metric)
-    made = origin(results)
 
     texts: dict[str, str] = {}
     for name, (suite, table, words) in MARKERS.items():
@@ -100,5 +94,5 @@ def document_texts(results: Results, *, metric: str = "v2.nonocc") -> dict[str, 
             texts[name] = markdown_table(table(results, metric))
             # The tables of faults are on one page, which says it once.
             if words is not explain_faults or len(texts) == 1:
-                texts[name] += f"\n\n{small_print(f'{words(results, metric)} {made}')}"
+                texts[name] += f"\n\n{small_print(words(results, metric))}"
     return texts

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from functools import partial
-from typing import TYPE_CHECKING
 
 from phasestereo_bench.report.cells import METRICS
 from phasestereo_bench.report.origin import left_out
+from phasestereo_bench.report.results import Results
 from phasestereo_bench.report.tables import Entry, Table, figures, means
 from phasestereo_bench.rigs import RIGS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from phasestereo_bench.report.results import Results
 
 __all__ = ["FAULT_TABLES", "explain_faults", "fault_table"]
 

@@ -7,13 +7,10 @@ What is between them is replaced, so that no figure is ever typed.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from html import escape
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from phasestereo_bench.report.tables import Entry, Table
+from phasestereo_bench.report.tables import Entry, Table
 
 __all__ = ["fill_markers", "markdown_table", "markdown_text", "marked"]
 

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import starmap
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from phasestereo_bench.report.cells import METRICS
+from phasestereo_bench.report.results import Results, knows_blur
 from phasestereo_bench.report.tables import scene_count
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from phasestereo_bench.report.results import Results
 
 __all__ = ["explain", "left_out", "made_with", "origin"]
 
@@ -20,9 +17,10 @@ def explain(results: Results, metric: str) -> str:
     """Say what the figures of a table are, and which of them are bold."""
     title = METRICS[metric].label
     scenes = scene_count(results, metric) or "the scenes that all methods have"
+    best = " without true blur" if any(map(knows_blur, results.methods)) else ""
     return (
         f"{title[0].upper()}{title[1:]}: {METRICS[metric].better}. Means over {scenes}, "
-        f"{results.state}. Bold: the best of the methods that were not given the blur."
+        f"{results.state}. Bold: the best{best}."
         f"{left_out(results, metric)}"
     )
 

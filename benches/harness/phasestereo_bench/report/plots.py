@@ -6,20 +6,16 @@ blur are hollow. Figures are matplotlib's own objects, which pyplot does not man
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from itertools import cycle
-from typing import TYPE_CHECKING, Any, NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from phasestereo.io.drafts import replacing
 from phasestereo_bench.methods import TRUE_BLUR
 from phasestereo_bench.report.cells import METRICS
-from phasestereo_bench.report.results import knows_blur
+from phasestereo_bench.report.results import Results, knows_blur
 from phasestereo_bench.report.tables import groups, means, overall, scene_count
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
-    from pathlib import Path
-
-    from phasestereo_bench.report.results import Results
 
 __all__ = [
     "GRID",

@@ -5,25 +5,21 @@ This module chooses the cells and their order; `tables` and `plots` average and 
 
 from __future__ import annotations
 
+import os
 import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from phasestereo_bench.cases import SUITE_SCENES, SUITES
 from phasestereo_bench.datasets import LAYOUTS
 from phasestereo_bench.methods import TRUE_BLUR
-from phasestereo_bench.report.cells import KIND, METRICS, read_cell
+from phasestereo_bench.report.cells import KIND, METRICS, Cell, Place, read_cell
 from phasestereo_bench.rigs import ALTERNATING
 from phasestereo_bench.store import read_store
 
-if TYPE_CHECKING:
-    import os
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from phasestereo_bench.report.cells import Cell, Place
-
-    Environments = Mapping[str, Mapping[str, Any]]
-    Natural = list[tuple[int, str]]
+Environments = Mapping[str, Mapping[str, Any]]
+Natural = list[tuple[int, str]]
 
 __all__ = ["Results", "knows_blur", "read_results", "results_of"]
 

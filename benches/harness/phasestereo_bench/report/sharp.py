@@ -6,18 +6,14 @@ far disparities are off. Means are those of `tables`: over the scenes that all m
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from statistics import fmean
-from typing import TYPE_CHECKING
 
 from phasestereo_bench.report.cells import METRICS
+from phasestereo_bench.report.results import Results
 from phasestereo_bench.report.sizes import explain_sizes, size_table
 from phasestereo_bench.report.tables import Entry, Table, figures, means, place_names
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from phasestereo_bench.report.results import Results
 
 __all__ = [
     "explain_v2",

@@ -6,16 +6,12 @@ bad-0.5 at a quarter of that, as the evaluation's own programs say.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from statistics import fmean
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
-from phasestereo_bench.report.cells import METRICS
+from phasestereo_bench.report.cells import METRICS, Cell
 from phasestereo_bench.report.tables import MISSING, Entry, Table
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    from phasestereo_bench.report.cells import Cell
 
 __all__ = ["SIZES", "Size", "explain_sizes", "size_table"]
 

@@ -7,20 +7,15 @@ be had, and do not compete with the others.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from statistics import fmean
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from phasestereo_bench.cases import SUITE_SCENES, SUITES
-from phasestereo_bench.report.cells import METRICS
-from phasestereo_bench.report.results import knows_blur
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from phasestereo_bench.report.cells import Metric, Place
-    from phasestereo_bench.report.results import Results
+from phasestereo_bench.report.cells import METRICS, Metric, Place
+from phasestereo_bench.report.results import Results, knows_blur
 
 __all__ = [
     "MISSING",
@@ -70,6 +65,14 @@ class Table:
     header: tuple[str, ...]
     rows: tuple[tuple[Entry, ...], ...]
     labels: int = 1
+
+    @classmethod
+    def of(
+        cls, header: Iterable[str], rows: Iterable[Iterable[str | Entry]], labels: int = 1
+    ) -> Table:
+        """Return a table of texts, or of entries where some are marked."""
+        entries = ([Entry(c) if isinstance(c, str) else c for c in row] for row in rows)
+        return cls(tuple(header), tuple(map(tuple, entries)), labels)
 
 
 class Means(NamedTuple):

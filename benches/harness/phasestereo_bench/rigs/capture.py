@@ -7,20 +7,17 @@ ones and made gray again.
 from __future__ import annotations
 
 import io
+from collections.abc import Callable
 from functools import wraps
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo._extras import require
 from phasestereo_bench.degradation import quantize
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    Image = NDArray[np.uint8]
+Image = NDArray[np.uint8]
 
 INFRARED = (0.9, 0.6, -0.5)
 """Shares of red, green and blue in what a camera without its filter sees, about."""

@@ -8,15 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+import numpy as np
+from numpy.typing import NDArray
 
-    from phasestereo_bench.datasets import Pair, Scene
+from phasestereo_bench.datasets import Pair, Scene
 
-    Image = NDArray[np.uint8]
+Image = NDArray[np.uint8]
 
 Spoiler: TypeAlias = Callable[["Image", int], "Image"]
 """What spoils one image: called with it and a seed, it returns one of the same shape and type."""

@@ -7,22 +7,18 @@ the right image moves the other way.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
+from phasestereo_bench.datasets import Pair
 from phasestereo_bench.degradation import quantize
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    from phasestereo_bench.datasets import Pair
-
-    Plane = NDArray[np.float64]
+Plane = NDArray[np.float64]
 
 _WAVES = 1.5  # of a rolling shutter that shakes, over the height of the image
 _ROUNDS = 16  # of the fixed point; each leaves at most 6 % of what the one before left

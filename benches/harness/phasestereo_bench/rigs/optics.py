@@ -6,49 +6,21 @@ pixel's center being (0, 0).
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
-from phasestereo_bench.degradation import DISK_SAMPLES, convolve, disk_psf, motion_psf, quantize
+from phasestereo_bench.degradation import convolve, disk_psf, motion_psf, quantize
 from phasestereo_bench.rigs.sensor import noise
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
-    Image = NDArray[np.uint8]
-    Plane = NDArray[np.float64]
+Image = NDArray[np.uint8]
+Plane = NDArray[np.float64]
 
 BLURRED_NOISE = 1.0  # gray levels of noise after a blur, as in the suite "one-sided-blur"
 DROP_BLUR = 7.0  # px: radius of the disk through which a drop of rain shows the scene
 DIRT, HAZE = 40.0, 235.0  # gray levels
 VIGNETTE = 0.7  # share of the light that is lost in the corners
-
-
-def annulus_psf(outer: float, inner: float) -> Plane:
-    """Point-spread function of defocus with a central obstruction, as of a mirror lens.
-
-    Each tap is the share of its pixel between the two circles, by 8 x 8 samples.
-
-    Parameters
-    ----------
-    outer, inner
-        Radii, px, outer > inner >= 0.
-    """
-    half = max(0, int(np.ceil(outer - 0.5)))
-    taps = np.arange(-half, half + 1)
-    offsets = (np.arange(DISK_SAMPLES) + 0.5) / DISK_SAMPLES - 0.5
-
-    counts = np.zeros((taps.size, taps.size))
-    for dy in offsets:
-        for dx in offsets:
-            square = np.add.outer((taps + dy) ** 2, (taps + dx) ** 2)
-            counts += (square <= outer**2) & (square > inner**2)
-
-    counts /= counts.sum()
-    return counts
 
 
 def blurred(image: Image, seed: int, *, psf: Plane) -> Image:
@@ -68,7 +40,7 @@ def motion(image: Image, seed: int, *, length: float, angle: float = 0.0) -> Ima
 
 def annulus(image: Image, seed: int, *, outer: float, inner: float) -> Image:
     """Defocus by a ring, as `blurred`."""
-    return blurred(image, seed, psf=annulus_psf(outer, inner))
+    return blurred(image, seed, psf=disk_psf(outer, inner))
 
 
 def vignette(image: Image, _seed: int) -> Image:

@@ -8,23 +8,21 @@ out in double precision, then rounded to the nearest level (ties to even) and cl
 from __future__ import annotations
 
 import io
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import PIL.Image
+from numpy.typing import NDArray
 
 from phasestereo_bench.degradation import quantize
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Image = NDArray[np.uint8]
+Image = NDArray[np.uint8]
 
 READ_NOISE = 2.0  # gray levels: what a sensor adds to any number of photons
 COLUMN_STEP = 40  # px from one dead column to the next; the first is at half of it
 
 
-def noise(image: Image, seed: int, *, sigma: float) -> Image:
+def noise(image: NDArray[Any], seed: int, *, sigma: float) -> Image:
     """Add Gaussian noise in gray levels, independent for every pixel and channel."""
     grain = np.random.default_rng(seed).normal(0.0, sigma, image.shape)
     return quantize(image + grain, np.uint8)

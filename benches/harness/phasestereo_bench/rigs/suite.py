@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 from phasestereo_bench.rigs import capture, optics, sensor
 from phasestereo_bench.rigs.corruptions import CORRUPTIONS
 from phasestereo_bench.rigs.depth import DepthOfField, Pasted, Raised, Redrawn
-from phasestereo_bench.rigs.fault import Both, Fault, One
+from phasestereo_bench.rigs.fault import Both, Fault, One, Step
 from phasestereo_bench.rigs.geometry import Bent, Misaligned, barrel
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from phasestereo_bench.rigs.fault import Step
 
 _SIDEWAYS = 8  # px: more than any of these rigs moves columns by in images of 741 px
 _ZOOMED = 24

@@ -7,10 +7,10 @@ float map with unknown pixels is made, so they do less than ours, which flatters
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -18,9 +18,6 @@ from phasestereo._extras import require
 from phasestereo.matchers.opencv import create_bm, create_sgbm
 from phasestereo.matching import Matcher, match
 from phasestereo.settings import PRESETS
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 MATCH = "+match"
 """Ending of ours that make a matcher for each pair, and give its memory back."""

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import warnings
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
 from phasestereo.result import Result
-from phasestereo.rig.findings import MatchWarning
+from phasestereo.rig.findings import unwarned
 from phasestereo_bench.measurement import measured
 from phasestereo_bench.speed.contenders import CONTENDERS, set_opencv_threads
+from phasestereo_bench.speed.pairs import Gray, GrayPair
 from phasestereo_bench.worker import perform_alone
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from phasestereo_bench.speed.pairs import Gray, GrayPair
 
 _SMALL = 64
 _FEW = 16
@@ -61,9 +57,7 @@ def weigh(
     if name.startswith("opencv"):
         set_opencv_threads(threads)
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", MatchWarning)  # a part of a pair may not match
-
+    with unwarned():  # a part of a pair may not match
         # The small match loads code and buffers, which no pair should be charged for.
         make(_FEW, threads)(*(image[:_SMALL, :_SMALL].copy() for image in images))
         call = make(num_disparities, threads)

@@ -4,26 +4,23 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phasestereo._extras import require
 from phasestereo.io import read_image, write_image
 from phasestereo_bench.datasets import find_scene
 from phasestereo_bench.rendering import render_pair
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    Gray = NDArray[np.uint8]
-    Views = tuple[Gray, Gray]
+Gray = NDArray[np.uint8]
+Views = tuple[Gray, Gray]
 
 _SIZED = re.compile(r"(\d+(?:\.\d+)?)MPx(\d+)")
 _MOST_MEGAPIXELS, _MOST_DISPARITIES = 64, 1024

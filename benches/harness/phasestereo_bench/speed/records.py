@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from phasestereo import _core
 from phasestereo_bench.environment import describe_environment, usable_cpus
 from phasestereo_bench.runner import Job
 from phasestereo_bench.speed.contenders import MATCH, OURS, opencv_build
 from phasestereo_bench.speed.memory import memory_of
+from phasestereo_bench.speed.pairs import GrayPair
 from phasestereo_bench.speed.results import KIND
-from phasestereo_bench.speed.rounds import time_all_threads, time_one_thread
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from phasestereo_bench.speed.pairs import GrayPair
-    from phasestereo_bench.speed.rounds import Entrant
+from phasestereo_bench.speed.rounds import Entrant, time_all_threads, time_one_thread
 
 ROUNDS = 15
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from phasestereo_bench.report.tables import MISSING, Entry, Table
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    Record = Mapping[str, Any]
+Record = Mapping[str, Any]
 
 KIND = "speed"
 """The kind of the records."""

@@ -4,21 +4,15 @@ from __future__ import annotations
 
 import random
 import time
-import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from phasestereo.result import Result
-from phasestereo.rig.findings import MatchWarning
+from phasestereo.rig.findings import unwarned
 from phasestereo_bench.environment import usable_cpus
 from phasestereo_bench.speed.affinity import pinned
-from phasestereo_bench.speed.contenders import CONTENDERS, MATCH, OURS, set_opencv_threads
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from phasestereo_bench.speed.contenders import Call
-    from phasestereo_bench.speed.pairs import GrayPair
+from phasestereo_bench.speed.contenders import CONTENDERS, MATCH, OURS, Call, set_opencv_threads
+from phasestereo_bench.speed.pairs import GrayPair
 
 _REST = 0.001  # seconds: threads of the last one stop looking for more work
 
@@ -103,8 +97,7 @@ def _enter(entrant: Entrant, pair: GrayPair) -> None:
         set_opencv_threads(entrant.opencv_threads)
 
     time.sleep(_REST)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", MatchWarning)  # how good the map is does not count here
+    with unwarned():  # how good the map is does not count here
         start = time.perf_counter()
         answer = entrant.call(pair.left, pair.right)
         entrant.seconds.append(time.perf_counter() - start)

@@ -7,33 +7,27 @@ are counted.
 from __future__ import annotations
 
 import math
-import warnings
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image as Pillow
 
-from phasestereo import MatchWarning, match
+from phasestereo import match
 from phasestereo.io import read_image
-from phasestereo_bench.datasets import find_scenes
+from phasestereo.rig.findings import unwarned
+from phasestereo_bench.datasets import Pair, Scene, find_scenes
 from phasestereo_bench.degradation import Degradation
-from phasestereo_bench.rendering import ROOMS, render_room
+from phasestereo_bench.rendering import ROOMS, RoomKind, render_room
 from phasestereo_bench.surfaces.measures import gray_of, kinds_of_pixels
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from phasestereo_bench.datasets import Pair, Scene
-    from phasestereo_bench.rendering import RoomKind
-
-    Image = NDArray[np.uint8]
-    Floats = NDArray[np.floating[Any]]
-    Mask = NDArray[np.bool_]
+Image = NDArray[np.uint8]
+Floats = NDArray[np.floating[Any]]
+Mask = NDArray[np.bool_]
 
 UPSAMPLED = frozenset(
     f"{collection}/{scene}"
@@ -318,8 +312,7 @@ def _fitted(folder: Path, left: Image, right: Image, levels: NDArray[Any]) -> Fl
 
     Scale and offset are those that fit the confident pixels of a quarter-size match best.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", MatchWarning)
+    with unwarned():
         found = match(_quarter(left), _quarter(right), threads=1)
 
     # The middle of four by four pixels.

@@ -6,18 +6,17 @@ the left image. All measures of length are in pixels of the map, but for the wid
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from phasestereo_bench.rendering.casting import near_jumps
 
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.floating[Any]]
-    Mask = NDArray[np.bool_]
+Floats = NDArray[np.floating[Any]]
+Mask = NDArray[np.bool_]
 
 KINDS = ("all", "plain", "flat", "slanted", "edge", "thin", "curved")
 """All pixels that count; of these the ones without texture; and apart from one another: flat and
@@ -73,7 +72,7 @@ def kinds_of_pixels(
     whole = np.asarray(truth, dtype=np.float64)[tuple(nearest)]
 
     thin = _thin(whole)
-    edge = _near_jumps(whole) & ~thin
+    edge = near_jumps(whole, EDGE_REACH) & ~thin
     inside = scored & ~thin & ~edge
     bent = np.zeros_like(scored) if curved is None else curved
     steep = _slopes(whole) >= STEEP
@@ -142,21 +141,6 @@ def _narrow(truth: Floats, most: int) -> Mask:
     falls = (row[last] - behind > JUMP) & (last % width < width - 1)
     narrow = (length <= most) & rises & falls
     return np.repeat(narrow, length).reshape(height, width)
-
-
-def _near_jumps(truth: Floats) -> Mask:
-    from scipy import ndimage  # noqa: PLC0415
-
-    jumps = np.zeros(truth.shape, dtype=bool)
-    across, down = (np.abs(np.diff(truth, axis=axis)) > JUMP for axis in (1, 0))
-    jumps[:, 1:] |= across
-    jumps[:, :-1] |= across
-    jumps[1:] |= down
-    jumps[:-1] |= down
-
-    # A pixel beside a jump is 1 px from it.
-    near: Mask = ndimage.maximum_filter(jumps, size=2 * EDGE_REACH - 1)
-    return near
 
 
 def _slopes(truth: Floats) -> Floats:

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from statistics import fmean
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from phasestereo_bench.report.tables import MISSING, Entry, Table
+from phasestereo_bench.report.tables import MISSING, Table
 from phasestereo_bench.surfaces.cases import AS_IS, OWN
 from phasestereo_bench.surfaces.measures import KINDS
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    Record = Mapping[str, Any]
-    Found = Mapping[str, Any]
+Record = Mapping[str, Any]
+Found = Mapping[str, Any]
 
 FEWEST = 100
 """Pixels of a kind that a scene must have to be part of the kind's mean."""
@@ -27,9 +25,8 @@ def surface_table(records: Sequence[Record]) -> Table:
     rows = []
     for (row, method), views in _by_row(records).items():
         cells = (_bad(views, kind) for kind in KINDS)
-        entries = (row, method, str(len(views)), *cells, _stripes(views))
-        rows.append(tuple(map(Entry, entries)))
-    return Table(header, tuple(rows), labels=2)
+        rows.append((row, method, str(len(views)), *cells, _stripes(views)))
+    return Table.of(header, rows, labels=2)
 
 
 def upsampled_table(records: Sequence[Record]) -> Table | None:
@@ -55,11 +52,10 @@ def upsampled_table(records: Sequence[Record]) -> Table | None:
             worst = max(changes, key=lambda scene: changes[scene][0] - changes[scene][1])
             now, then = (100 * fmean(column) for column in zip(*changes.values(), strict=True))
             most = 100 * (changes[worst][0] - changes[worst][1])
-            cells = (row, method, f"{then:.1f}", f"{now:.1f}", f"{most:+.1f}", worst)
-            rows.append(tuple(map(Entry, cells)))
+            rows.append((row, method, f"{then:.1f}", f"{now:.1f}", f"{most:+.1f}", worst))
 
     header = "row", "method", "as they are", "upsampled", "worst change", "of"
-    return Table(header, tuple(rows), labels=2) if rows else None
+    return Table.of(header, rows, labels=2) if rows else None
 
 
 def shares_by_kind(records: Iterable[Record]) -> dict[str, dict[str, dict[str, float]]]:

@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from phasestereo_bench.methods import available, method
+from phasestereo_bench.methods import Method, available, method
 from phasestereo_bench.middlebury import matched
 from phasestereo_bench.runner import Job
 from phasestereo_bench.surfaces import cases
+from phasestereo_bench.surfaces.cases import SurfaceCase, View
 from phasestereo_bench.surfaces.measures import count_bad, stripes
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from phasestereo_bench.methods import Method
-    from phasestereo_bench.surfaces.cases import SurfaceCase, View
 
 KIND = "surfaces"
 """The kind of the records."""

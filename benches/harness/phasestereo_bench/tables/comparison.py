@@ -6,8 +6,10 @@ All of it is made of the file of numbers that `export` writes, so that nothing h
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from statistics import fmean
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from phasestereo_bench.report.cells import METRICS
 from phasestereo_bench.report.documents import small_print
@@ -19,12 +21,8 @@ from phasestereo_bench.rigs import RIGS
 from phasestereo_bench.tables.headline import METRIC
 from phasestereo_bench.tables.plan import AUTO
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-    from pathlib import Path
-
-    Numbers = Mapping[str, Any]
-    Dots = tuple[str, Mapping[str, float]]
+Numbers = Mapping[str, Any]
+Dots = tuple[str, Mapping[str, float]]
 
 _LOOKS = {
     AUTO: ("robust, nothing given", "#0b66c3", "o"),

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import json
 import re
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
 
 from phasestereo.io.drafts import replacing
+from phasestereo_bench.report.results import Results
 from phasestereo_bench.surfaces.results import shares_by_kind
 from phasestereo_bench.tables.headline import headline_values
 from phasestereo_bench.tables.texts import read_records, read_suites
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from phasestereo_bench.report.results import Results
 
 FORMAT = 1
 _METRICS = {"bad_1": "v2.nonocc", "bad_2": "v3.bad_2"}

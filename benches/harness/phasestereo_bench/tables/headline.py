@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from phasestereo_bench.costs import CASES
 from phasestereo_bench.report.cells import METRICS
+from phasestereo_bench.report.results import Results
 from phasestereo_bench.report.tables import MISSING, Entry, Table, blurs, figures, means
 from phasestereo_bench.tables.plan import AUTO
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from phasestereo_bench.report.results import Results
-
-    Record = Mapping[str, Any]
+Record = Mapping[str, Any]
 
 METRIC = "v2.nonocc"
 

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from statistics import fmean
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from phasestereo_bench.datasets import Pair, Scene
 from phasestereo_bench.methods import method
 from phasestereo_bench.middlebury import middlebury_jobs, wrong_shares
 from phasestereo_bench.rendering import render_pair
 from phasestereo_bench.report.tables import MISSING, Entry, Table
 from phasestereo_bench.runner import Job
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from phasestereo_bench.datasets import Pair, Scene
-
-    Record = Mapping[str, Any]
+Record = Mapping[str, Any]
 
 RENDERED = "rendered"
 """The kind of the records of rendered pairs."""

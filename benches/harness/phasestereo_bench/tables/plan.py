@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from phasestereo_bench.blur import blur_jobs
 from phasestereo_bench.cases import SUITE_SCENES, SUITES
 from phasestereo_bench.costs import cost_jobs
-from phasestereo_bench.datasets import find_scenes
+from phasestereo_bench.datasets import Scene, find_scenes
 from phasestereo_bench.middlebury import default_methods, middlebury_jobs
 from phasestereo_bench.real import find_recording, real_jobs, recording_jobs
 from phasestereo_bench.rigs import QUICK_SCENES
+from phasestereo_bench.runner import Job
 from phasestereo_bench.surfaces import surface_cases, surface_jobs
 from phasestereo_bench.tables.ours import WITHOUT_SYNTHESIS, choice_jobs, rendered_jobs
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from phasestereo_bench.datasets import Scene
-    from phasestereo_bench.runner import Job
 
 RECORDINGS = ("rigs/euroc", "rigs/stereopi")
 SURFACES = ("middlebury", "planes", "tabletop")

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from statistics import fmean, pstdev
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from phasestereo_bench.real.jobs import FRAMES, PAIRS, ROWS
 from phasestereo_bench.report.cells import METRICS
 from phasestereo_bench.report.tables import MISSING, Entry, Table, figures
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    Record = Mapping[str, Any]
+Record = Mapping[str, Any]
 
 _ROWS = {
     "delivered": "as delivered",

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from phasestereo_bench.blur import blur_table, explain_blur
 from phasestereo_bench.cases import SUITES
@@ -11,6 +13,8 @@ from phasestereo_bench.report import read_results
 from phasestereo_bench.report.documents import document_texts, small_print
 from phasestereo_bench.report.markdown import markdown_table
 from phasestereo_bench.report.origin import made_with
+from phasestereo_bench.report.results import Results
+from phasestereo_bench.report.tables import Table
 from phasestereo_bench.speed import explain_speed, memory_table, time_table
 from phasestereo_bench.store import read_good
 from phasestereo_bench.surfaces import surface_table, upsampled_table
@@ -19,14 +23,7 @@ from phasestereo_bench.tables.ours import choice_table, rendered_table, synthesi
 from phasestereo_bench.tables.plan import SYNTHESIZED
 from phasestereo_bench.tables.recorded import agreement_table, pairs_table, rows_table
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-    from pathlib import Path
-
-    from phasestereo_bench.report.results import Results
-    from phasestereo_bench.report.tables import Table
-
-    Record = dict[str, Any]
+Record = dict[str, Any]
 
 _WORDS = {
     "headline": "Bad-1.0, non-occluded pixels, %: less is better. Means over {scenes} Middlebury "
@@ -92,70 +89,20 @@ def table_texts(folder: Path) -> dict[str, str]:
         texts |= document_texts(results)
 
     costs, timed_in = read_records(folder, "costs")
-    real, seen_in = read_records(folder, "real")
-
     if suites:
         scenes = min(len(results.counted) for results in suites.values())
-        ran_in: list[Mapping[str, Any]] = [
-            known for found in suites.values() for known in found.environments.values()
-        ]
+        known = [one for found in suites.values() for one in found.environments.values()]
         words = _WORDS["headline"].format(scenes=scenes)
-        texts["headline"] = _text(headline_table(suites, costs), words, [*ran_in, *timed_in])
+        texts["headline"] = _text(headline_table(suites, costs), words, [*known, *timed_in])
 
-    if costs:
-        sizes = sorted({record["pixels"] for record in costs})
-        megapixels = " and ".join(f"{pixels / 1e6:.2f}" for pixels in sizes)
-        words = _WORDS["costs"].format(size=f"{megapixels} megapixels")
-        texts["costs"] = _text(cost_table(costs), words, timed_in)
-
-    if real:
-        tables = {
-            "recordings-rows": rows_table(real),
-            "recordings": agreement_table(real),
-            "real-pairs": pairs_table(real),
-        }
-        texts |= {name: _text(table, _WORDS[name], seen_in) for name, table in tables.items()}
-
-    return texts | _own(folder) | _surfaces(folder) | _others(folder)
-
-
-def _own(folder: Path) -> dict[str, str]:
-    """Return the tables of what choices of ours are worth."""
-    tables: dict[str, Callable[[Sequence[Record]], Table]] = {
-        "choices": choice_table,
-        "rendered": rendered_table,
-        "synthesis": partial(synthesis_table, names=SYNTHESIZED),
-    }
-    texts = {}
-
-    for name, make in tables.items():
-        records, ran_in = read_records(folder, name)
-        if records:
-            texts[name] = _text(make(records), _WORDS[name], ran_in)
-
-    return texts
-
-
-def _surfaces(folder: Path) -> dict[str, str]:
-    """Return the tables of the suite of surfaces."""
-    records, ran_in = read_records(folder, "surfaces")
-    tables = {
-        "surfaces": surface_table(records) if records else None,
-        "surfaces-upsampled": upsampled_table(records),
-    }
-    return {
-        name: _text(table, _WORDS[name], ran_in)
-        for name, table in tables.items()
-        if table is not None
-    }
-
-
-def _others(folder: Path) -> dict[str, str]:
-    """Return the table of blurs, and those of times and memory, which stand together."""
-    texts = {}
-    records, ran_in = read_records(folder, "blur")
-    if records:
-        texts["blur"] = _text(blur_table(records), explain_blur(records), ran_in)
+    for group, tables in _TABLES.items():
+        records, ran_in = read_records(folder, group)
+        for name, make in tables.items() if records else ():
+            table = make(records)
+            if table is not None:
+                words = explain_blur(records) if name == "blur" else _WORDS[name]
+                times = ran_in if group == "costs" else ()
+                texts[name] = _text(table, words.format(size=_sizes(costs)), times)
 
     records, ran_in = read_records(folder, "speed")
     if records:
@@ -165,6 +112,30 @@ def _others(folder: Path) -> dict[str, str]:
     return texts
 
 
-def _text(table: Table, words: str, environments: Sequence[Mapping[str, Any]]) -> str:
-    known = {environment["id"]: environment for environment in environments}
-    return f"{markdown_table(table)}\n\n{small_print(f'{words} {made_with(known.values())}')}"
+_TABLES: dict[str, dict[str, Callable[[Sequence[Record]], Table | None]]] = {
+    "costs": {"costs": cost_table},
+    "real": {
+        "recordings-rows": rows_table,
+        "recordings": agreement_table,
+        "real-pairs": pairs_table,
+    },
+    "choices": {"choices": choice_table},
+    "rendered": {"rendered": rendered_table},
+    "synthesis": {"synthesis": partial(synthesis_table, names=SYNTHESIZED)},
+    "surfaces": {"surfaces": surface_table, "surfaces-upsampled": upsampled_table},
+    "blur": {"blur": blur_table},
+}
+"""From the records of a group to its tables, by the names of their markers."""
+
+
+def _sizes(costs: Sequence[Record]) -> str:
+    """Return the sizes of the pairs that were timed."""
+    sizes = sorted({record["pixels"] for record in costs})
+    return " and ".join(f"{pixels / 1e6:.2f}" for pixels in sizes) + " megapixels"
+
+
+def _text(table: Table, words: str, timed_in: Sequence[Mapping[str, Any]]) -> str:
+    """Return a table and its words, with the machines of one that has times."""
+    known = {environment["id"]: environment for environment in timed_in}
+    made = f" {made_with(known.values())}" if known else ""
+    return f"{markdown_table(table)}\n\n{small_print(words + made)}"

@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 import phasestereo_live as live
 from phasestereo.metrics import bad_pixels, end_point_error, temporal_deviation
 from phasestereo.settings import PRESETS
-from phasestereo_bench.rendering.sequences import MOTIONS, render_sequence
+from phasestereo_bench.rendering.sequences import MOTIONS, Shot, render_sequence
 from phasestereo_bench.report.tables import Entry, Table
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from numpy.typing import NDArray
-
-    from phasestereo_bench.rendering.sequences import Shot
 
 __all__ = ["Steadiness", "compared", "steadiness", "steadiness_table"]
 
