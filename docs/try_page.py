@@ -1,4 +1,4 @@
-"""The page "try it": what it is made of, put together for the documentation, or into a folder.
+"""The parts of the page "try it", put together for the documentation, or into a folder.
 
 ``python docs/try_page.py FOLDER`` writes it. Its viewer is the report page's: the same templates,
 styles and scripts of the package, and the same colors.
