@@ -212,6 +212,12 @@ class Settings:
         From 384 disparities on a copy also sets where each part of the image is searched. It needs
         phase codes, and confidences, which are computed for it without ``confidence``, too. Parts
         of a pair are matched without. Default ``True`` (paper ``False``, fast ``False``).
+    budget
+        Seconds after which a match leaves out what it can do without. Cameras are not looked for,
+        and smaller copies and planes are left out, as far as these would end later by what the
+        match has taken so far, and a finding reports it. The match itself is never cut short. Which
+        parts fit depends on the machine and its load. None: there is no limit. A number from 0 to
+        86400, or None. Default ``None``.
 
     Raises
     ------
@@ -263,6 +269,7 @@ class Settings:
     confidence: bool = True
     min_confidence: float = 0.0
     scales: bool = True
+    budget: float | None = None
 
     def __post_init__(self) -> None:
         """Check every field at once, in the core, which owns the ranges."""
@@ -319,6 +326,7 @@ class SettingsOverrides(TypedDict, total=False):
     confidence: bool
     min_confidence: float
     scales: bool
+    budget: float | None
 
 
 PresetName = Literal["robust", "paper", "fast"]

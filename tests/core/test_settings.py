@@ -146,6 +146,8 @@ BAD_VALUES: list[tuple[dict[str, Any], str]] = [
     ({"min_confidence": -0.1}, "min_confidence"),
     ({"min_confidence": 1.1}, "min_confidence"),
     ({"min_confidence": float("nan")}, "min_confidence"),
+    ({"budget": -1}, "budget"),
+    ({"budget": float("inf")}, "budget"),
     ({"precision": "half"}, "precision"),
     ({"frequencies": (4, 4), "neighborhood": 9}, "frequencies .* bits"),
 ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import subprocess
 import sys
+import warnings
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -255,6 +256,25 @@ def test_a_setting_turns_it_off(turned: Pair) -> None:
 
     assert result.rectified is None
     assert bad(turned, result) > 50
+
+
+def test_a_budget_leaves_out_what_it_has_no_time_for_and_the_match_says_so(turned: Pair) -> None:
+    images = turned.left, turned.right
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ps.MatchWarning)
+        whole, ample, none = (ps.match(*images, budget=budget) for budget in (None, 3600, 0))
+
+    assert whole.rectified is not None
+    np.testing.assert_array_equal(ample.disparity, whole.disparity)
+    assert ample.findings == whole.findings
+
+    assert none.rectified is None
+    assert not np.any(none.flags & (ps.Flag.COARSE | ps.Flag.INFERRED))
+    said = {one.sentence for one in none.findings}
+    assert said >= {
+        "rows may be off: the budget left no time to find out how the cameras look",
+        "the budget left no time for smaller copies and planes",
+    }
 
 
 def test_a_pair_whose_rows_correspond_is_matched_as_it_is(cones: Pair) -> None:

@@ -47,6 +47,7 @@ pub fn match_as_turned(
     settings: &Settings,
     runtime: Runtime,
 ) -> Result<Matched> {
+    runtime.control.begin(settings.budget);
     made_ready(pair, facts, settings, runtime)?.matched(settings, runtime)
 }
 

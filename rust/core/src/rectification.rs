@@ -168,6 +168,8 @@ pub enum Refusal {
     Rows(f64),
     /// Rows would be known to this many pixels.
     Uncertain(f64),
+    /// The budget has no time to find out.
+    Late,
 }
 
 impl fmt::Display for Refusal {
@@ -191,6 +193,7 @@ impl fmt::Display for Refusal {
             Self::Blocks(found) => write!(to, "only {found} blocks of one are found in the other"),
             Self::Folds => write!(to, "the lenses that fit best would show some things twice"),
             Self::Rows(spread) => write!(to, "rows would still be {spread:.1} px apart"),
+            Self::Late => write!(to, "the budget left no time for it"),
             Self::Uncertain(error) => write!(to, "they determine rows to {error:.1} px only"),
         }
     }
@@ -284,10 +287,7 @@ fn smaller(image: &Plane<f32>, factor: usize) -> Result<Plane<f32>> {
 
 /// The corners of both images.
 fn features(pair: &[Plane<f32>; 2], level: Level, control: &Control) -> Result<[Features; 2]> {
-    let of_side = |side: usize| {
-        control.checkpoint()?;
-        Features::new(&pair[side], level)
-    };
+    let of_side = |side: usize| Features::new(&pair[side], level, control);
     let (left, right) = rayon::join(|| of_side(0), || of_side(1));
     Ok([left?, right?])
 }

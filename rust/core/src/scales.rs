@@ -90,8 +90,12 @@ fn decided(
     if let Some(doubt) = Doubt::of_map(&map, execution.level)?
         && doubt.share() > SOME
     {
-        decide(&mut map, &doubt, pair, settings, runtime)?;
-        planes::draw(&mut map, pair, execution.level, control)?;
+        // Copies take about as long as the match, and planes less.
+        map.timings.is_cut_short = !control.has_time_for(map.timings.total());
+        if !map.timings.is_cut_short {
+            decide(&mut map, &doubt, pair, settings, runtime)?;
+            planes::draw(&mut map, pair, execution.level, control)?;
+        }
         choice::conclude(&mut map);
     }
     map.timings.scales += started.elapsed();

@@ -102,6 +102,15 @@ pub struct Timings {
     pub refinement: Duration,
     /// From there to a map that is decided over scales; the match of smaller copies is part of it.
     pub scales: Duration,
+    /// Whether the budget left no time for them.
+    pub is_cut_short: bool,
+}
+
+impl Timings {
+    /// The time of all stages.
+    pub fn total(&self) -> Duration {
+        self.description + self.matching + self.refinement + self.scales
+    }
 }
 
 /// Matches pairs, one after another or several at a time, and reuses threads and memory.

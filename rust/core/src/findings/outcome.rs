@@ -46,6 +46,8 @@ table! {
     Texture, Note, when(outcome.is_plain(outcome.summary.inferred), [percent(outcome.summary.inferred)]),
         "{0} of the disparities are those of planes fitted to flat areas, which show nothing to match",
         cause("areas without texture", 0.0);
+    Match, Note, when(outcome.summary.is_cut_short, []),
+        "the budget left no time for smaller copies and planes";
 }
 
 /// The share of wrong pixels from which on a match is warned of.

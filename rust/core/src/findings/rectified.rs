@@ -104,6 +104,11 @@ pub fn not_rectified(estimates: &Estimates, is_turned: bool, refusal: &Refusal) 
         });
     }
 
+    if *refusal == Refusal::Late {
+        let sentence = "rows may be off: the budget left no time to find out how the cameras look";
+        return Some(Finding::note(Topic::Alignment, sentence));
+    }
+
     let fails = |one: &Finding| one.topic == Topic::Match && one.severity == Severity::Warning;
     let sentence = format!("the images do not show how to rectify them: {refusal}");
     estimates.findings.iter().any(fails).then(|| Finding::note(Topic::Alignment, sentence))

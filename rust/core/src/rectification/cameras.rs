@@ -343,7 +343,7 @@ impl Camera {
             let square = radius * radius;
             let excess = radius * (1.0 + square * (k1 + square * k2)) - distorted;
             let next = (radius - excess / slope(square)).clamp(0.0, self.reach);
-            if next == radius {
+            if next.to_bits() == radius.to_bits() {
                 break;
             }
             radius = next;

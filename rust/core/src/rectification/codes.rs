@@ -15,6 +15,7 @@
 
 use super::corners::{Corner, corners};
 use super::filters::{gradients, reduced, smoothed};
+use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::math;
 use phasestereo_match::base::plane::Plane;
@@ -65,13 +66,14 @@ pub struct Features {
 
 impl Features {
     /// The corners of an image with gray values from 0 to 255.
-    pub fn new(image: &Plane<f32>, level: Level) -> Result<Self> {
+    pub fn new(image: &Plane<f32>, level: Level, control: &Control) -> Result<Self> {
         let (rows, cols) = (image.rows(), image.cols());
         let factor = cols.div_ceil(COLUMNS);
         let first = reduced(image, (rows / factor, cols / factor))?;
         let mut features = Self { places: vec![], scales: vec![], levels: vec![] };
 
         for (scale, most) in LEVELS {
+            control.checkpoint()?;
             let [rows_here, cols_here] =
                 [first.rows(), first.cols()].map(|side| (side as f64 * scale).round() as usize);
             if rows_here.min(cols_here) < LEAST_SIZE {

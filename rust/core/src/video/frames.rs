@@ -105,6 +105,7 @@ pub fn match_frame_as_turned(
     filter: Option<&mut TemporalFilter>,
     runtime: Runtime,
 ) -> Result<Frame> {
+    runtime.control.begin(options.settings.budget);
     // What fails half-way must leave nothing half learned.
     let mut next = rig.clone();
     if let Some(sentence) = next.stopped.update(&pair) {

@@ -1,9 +1,11 @@
-//! Progress and cancellation of a running match.
+//! Progress, cancellation and the time limit of a running match.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, OnceLock};
+use std::time::Duration;
 
 use crate::base::error::{Error, Result};
+use crate::base::platform::Instant;
 
 /// Progress and cancellation, shared between the threads that match and the one that waits for them.
 #[derive(Debug, Default)]
@@ -11,6 +13,10 @@ pub struct Control {
     cancelled: Arc<AtomicBool>,
     rows_done: AtomicUsize,
     rows_expected: AtomicUsize,
+    /// When the match began, and what it may take.
+    budget: OnceLock<(Instant, Duration)>,
+    /// What checkpoints leave of it.
+    reserved: Option<Duration>,
 }
 
 impl Control {
@@ -18,7 +24,35 @@ impl Control {
     /// one, and its rows are counted apart.
     #[doc(hidden)]
     pub fn aside(&self) -> Self {
-        Self { cancelled: Arc::clone(&self.cancelled), ..Self::default() }
+        let (cancelled, budget) = (Arc::clone(&self.cancelled), self.budget.clone());
+        Self { cancelled, budget, ..Self::default() }
+    }
+
+    /// The same for work that ends at the next checkpoint with [`Error::Cancelled`] once no more than this is
+    /// left of the budget.
+    #[doc(hidden)]
+    pub fn aside_leaving(&self, reserved: Duration) -> Self {
+        Self { reserved: Some(reserved), ..self.aside() }
+    }
+
+    /// Begins to count the time of a match that may take this, seconds. A match that counts goes on counting.
+    #[doc(hidden)]
+    pub fn begin(&self, budget: Option<f64>) {
+        if let Some(seconds) = budget {
+            self.budget.get_or_init(|| (Instant::now(), Duration::from_secs_f64(seconds)));
+        }
+    }
+
+    /// Whether work that takes this fits in what is left of the budget.
+    #[doc(hidden)]
+    pub fn has_time_for(&self, work: Duration) -> bool {
+        self.budget.get().is_none_or(|(begun, budget)| begun.elapsed() + work <= *budget)
+    }
+
+    /// Whether [`Self::cancel`] was called.
+    #[doc(hidden)]
+    pub fn is_cancelled(&self) -> bool {
+        self.cancelled.load(Ordering::Relaxed)
     }
 
     /// Asks every thread to stop at its next checkpoint.
@@ -26,10 +60,12 @@ impl Control {
         self.cancelled.store(true, Ordering::Relaxed);
     }
 
-    /// An error once [`Self::cancel`] was called; long loops call this every few milliseconds.
+    /// An error once [`Self::cancel`] was called, or a reserve would be used; long loops call this every few
+    /// milliseconds.
     #[doc(hidden)]
     pub fn checkpoint(&self) -> Result<()> {
-        if self.cancelled.load(Ordering::Relaxed) { Err(Error::Cancelled) } else { Ok(()) }
+        let is_late = self.reserved.is_some_and(|reserved| !self.has_time_for(reserved));
+        if is_late || self.is_cancelled() { Err(Error::Cancelled) } else { Ok(()) }
     }
 
     /// Adds finished rows of the disparity map.

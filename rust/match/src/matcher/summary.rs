@@ -32,6 +32,8 @@ pub struct Summary {
     pub second: f64,
     /// Where smaller copies decided, the images hold no detail finer than this, pixels; NaN if none did.
     pub detail: f64,
+    /// Whether smaller copies and planes were left out, since the budget had no time for them.
+    pub is_cut_short: bool,
 }
 
 /// Numbers of pixels.
@@ -77,6 +79,7 @@ impl Summary {
             inferred: share(counts.inferred),
             second: share(counts.second),
             detail: map.detail.unwrap_or(f64::NAN),
+            is_cut_short: map.timings.is_cut_short,
             wrong: confidence.map_or(map.wrong.unwrap_or(f64::NAN), |_| {
                 1.0 - counts.right as f64 / f64::from(STEPS) / counts.estimated.max(1) as f64
             }),

@@ -254,4 +254,11 @@ settings! {
     /// also sets where each part of the image is searched. It needs phase codes, and confidences, which are
     /// computed for it without `confidence`, too. Parts of a pair are matched without.
     scales: bool, default true, paper false, fast false;
+
+    /// Seconds after which a match leaves out what it can do without.
+    ///
+    /// Cameras are not looked for, and smaller copies and planes are left out, as far as these would end
+    /// later by what the match has taken so far, and a finding reports it. The match itself is never cut
+    /// short. Which parts fit depends on the machine and its load. None: there is no limit.
+    budget: Option<f64>, in optional(number(86_400.0)), default None;
 }
