@@ -13,8 +13,10 @@
 //! Images are looked at on five levels, each smaller by the root of two than the one before, since cameras
 //! may be nearer or zoomed.
 
+use std::array::from_fn;
+
 use super::corners::{Corner, corners};
-use super::filters::{gradients, reduced, smoothed};
+use super::filters::{gradients, reduced, smoothed, smoothed_channels};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::math;
@@ -52,8 +54,6 @@ pub const UNIT: f32 = 2048.0;
 
 /// What a corner looks like.
 pub type CornerCode = [i16; LENGTH];
-/// The energies of all directions at a pixel.
-type Energies = [f32; DIRECTIONS];
 
 /// The corners of an image on all its levels.
 pub struct Features {
@@ -61,7 +61,7 @@ pub struct Features {
     pub places: Vec<[f64; 2]>,
     /// Columns of the image under a column of the level that a corner was found on.
     pub scales: Vec<f64>,
-    levels: Vec<(Vec<Corner>, Plane<Energies>)>,
+    levels: Vec<(Vec<Corner>, Plane<f32>)>,
 }
 
 impl Features {
@@ -105,27 +105,23 @@ impl Features {
     }
 }
 
-/// The energies of all directions at each pixel.
-fn energies(image: &Plane<f32>, level: Level) -> Result<Plane<Energies>> {
+/// The energies of all directions, side by side at each pixel.
+fn energies(image: &Plane<f32>, level: Level) -> Result<Plane<f32>> {
     let [along, down] = gradients(image)?;
-    let mut all = Plane::<Energies>::new(image.rows(), image.cols())?;
-
-    for direction in 0..DIRECTIONS {
+    let directions: [[f32; 2]; DIRECTIONS] = from_fn(|direction| {
         let angle = std::f64::consts::TAU * direction as f64 / DIRECTIONS as f64;
-        let [cos, sin] = [math::cos(angle), math::sin(angle)].map(|value| value as f32);
-        let energy = along.as_slice().iter().zip(down.as_slice()).map(|(along, down)| {
-            let rise = (along * cos + down * sin).max(0.0);
-            rise * rise
-        });
+        [math::cos(angle), math::sin(angle)].map(|value| value as f32)
+    });
 
-        let energy = Plane::from_vec(image.rows(), image.cols(), energy.collect())?;
-        let energy = smoothed(&energy, SMOOTHING[1], level)?;
-        for (all, energy) in all.as_mut_slice().iter_mut().zip(energy.as_slice()) {
-            all[direction] = *energy;
+    let mut all = Plane::new(image.rows(), image.cols() * DIRECTIONS)?;
+    let pixels = all.as_mut_slice().chunks_exact_mut(DIRECTIONS);
+    for ((energies, along), down) in pixels.zip(along.as_slice()).zip(down.as_slice()) {
+        for (energy, [cos, sin]) in energies.iter_mut().zip(&directions) {
+            let rise = (along * cos + down * sin).max(0.0);
+            *energy = rise * rise;
         }
     }
-
-    Ok(all)
+    smoothed_channels(&all, DIRECTIONS, SMOOTHING[1], level)
 }
 
 /// Where energies are sampled around a corner.
@@ -152,7 +148,7 @@ impl Sampling {
         Self { points: (0..side * side).map(point).collect(), turn }
     }
 
-    fn code(&self, corner: &Corner, energies: &Plane<Energies>) -> CornerCode {
+    fn code(&self, corner: &Corner, energies: &Plane<f32>) -> CornerCode {
         let near = |place: usize, by: f64, length: usize| {
             ((place as f64 + by).round().max(0.0) as usize).min(length - 1)
         };
@@ -162,7 +158,8 @@ impl Sampling {
         for (values, ([x, y], weight)) in code.chunks_exact_mut(DIRECTIONS).zip(&self.points) {
             let [column, row] = corner.pixel;
             let row = energies.row(near(row, *y, energies.rows()));
-            let energies = row[near(column, *x, energies.cols())].map(f32::sqrt);
+            let first = DIRECTIONS * near(column, *x, row.len() / DIRECTIONS);
+            let energies: [f32; DIRECTIONS] = from_fn(|direction| row[first + direction].sqrt());
 
             for (direction, value) in values.iter_mut().enumerate() {
                 let at = |by: usize| energies[(direction + whole + by) % DIRECTIONS];

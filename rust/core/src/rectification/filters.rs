@@ -90,6 +90,16 @@ fn shares(from: usize, to: usize) -> Vec<(usize, Vec<f32>)> {
 
 /// The image under a Gaussian of a standard deviation in pixels.
 pub fn smoothed(image: &Plane<f32>, sigma: f64, level: Level) -> Result<Plane<f32>> {
+    smoothed_channels(image, 1, sigma, level)
+}
+
+/// The same for an image of several values side by side in each pixel.
+pub fn smoothed_channels(
+    image: &Plane<f32>,
+    channels: usize,
+    sigma: f64,
+    level: Level,
+) -> Result<Plane<f32>> {
     let radius = (REACH * sigma).ceil() as usize;
     let mut weights: Vec<f64> =
         (0..=radius).map(|k| math::exp(-0.5 * (k as f64 / sigma).powi(2))).collect();
@@ -99,30 +109,38 @@ pub fn smoothed(image: &Plane<f32>, sigma: f64, level: Level) -> Result<Plane<f3
     }
 
     let weights: Vec<f32> = weights.iter().map(|weight| *weight as f32).collect();
-    filtered(image, &weights, level)
+    filtered(image, channels, &weights, level)
 }
 
 /// The sum over a square of this radius around each pixel.
 pub fn summed(image: &Plane<f32>, radius: usize, level: Level) -> Result<Plane<f32>> {
-    filtered(image, &vec![1.0; radius + 1], level)
+    filtered(image, 1, &vec![1.0; radius + 1], level)
 }
 
 /// The image under a symmetric kernel, of which the weights of the middle and of one side are given, along
 /// both axes.
-fn filtered(image: &Plane<f32>, weights: &[f32], level: Level) -> Result<Plane<f32>> {
+fn filtered(
+    image: &Plane<f32>,
+    channels: usize,
+    weights: &[f32],
+    level: Level,
+) -> Result<Plane<f32>> {
     let (rows, cols) = (image.rows(), image.cols());
     let radius = weights.len() - 1;
+    let (margin, pixels) = (radius * channels, cols / channels);
     let mut along = Plane::new(rows, cols)?;
-    let mut wide = zeroed(cols + 2 * radius)?;
+    let mut wide = zeroed(cols + 2 * margin)?;
 
     for y in 0..rows {
         let row = image.row(y);
-        wide[radius..radius + cols].copy_from_slice(row);
+        let pixel = |at: isize| &row[reflect(at, pixels) * channels..][..channels];
+        wide[margin..margin + cols].copy_from_slice(row);
         for k in 1..=radius {
-            wide[radius - k] = row[reflect(-(k as isize), cols)];
-            wide[radius + cols + k - 1] = row[reflect((cols + k - 1) as isize, cols)];
+            wide[margin - k * channels..][..channels].copy_from_slice(pixel(-(k as isize)));
+            let beyond = pixel((pixels + k - 1) as isize);
+            wide[margin + cols + (k - 1) * channels..][..channels].copy_from_slice(beyond);
         }
-        let tap = |k: isize| &wide[(radius as isize + k) as usize..][..cols];
+        let tap = |k: isize| &wide[((radius as isize + k) as usize) * channels..][..cols];
         let sides: Vec<_> = (1..=radius as isize).map(|k| [tap(-k), tap(k)]).collect();
         level.run(Mix { weights, middle: tap(0), sides: &sides, out: along.row_mut(y) });
     }
