@@ -138,7 +138,7 @@ ONE = np.ones((2, 3), np.float32)
 @pytest.mark.parametrize(
     ("name", "given", "error", "message"),
     [
-        ("a.jpg", (ONE, "mm"), ValueError, r"path of a depth map must end in .*, got '\.jpg'"),
+        ("a.jpg", (ONE, "mm"), ValueError, r"path of a depth map must end in .*\.bin, got '\.jpg'"),
         ("a.png", (ONE, "inch"), ValueError, "unit must be one of mm, cm, m, got 'inch'"),
         ("a.tif", (ONE, "inch"), ValueError, "unit must be one of"),
         ("a.png", (ONE[0], "mm"), ValueError, "depth: got shape"),

@@ -430,6 +430,8 @@ def test_maps_of_fixed_point(samples: Path, tmp_path: Path) -> None:
 
     real = read_cameras(samples / "stereo_camera_calibration.npz")
     assert real.geometry(None)[0].width == 320
+    with pytest.raises(ValueError, match="got maps of 320 x 240 pixels, which cannot be scaled"):
+        real.at((640, 480))
     del stored["leftMapY"]
     with pytest.raises(ValueError, match="map1y: map1x is of fixed point"):
         read_cameras(stored)

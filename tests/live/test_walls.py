@@ -175,6 +175,8 @@ def test_what_the_right_camera_does_not_see_does_not_count() -> None:
 def test_what_is_no_wall_is_refused() -> None:
     with pytest.raises(ValueError, match=r"^distance: got 0"):
         Wall(0, CAMERA)
+    with pytest.raises(ValueError, match=r"^distance: got 0.01 m, .*accepts a wall farther away"):
+        Wall(0.01, CAMERA, unit="m")
     wall = Wall(1, CAMERA)
     with pytest.raises(ValueError, match=r"^result: got 0 trusted pixels"):
         wall.add(made_up(np.full((HEIGHT, WIDTH), np.nan)))

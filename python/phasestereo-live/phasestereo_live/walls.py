@@ -66,7 +66,8 @@ class Wall:
     Raises
     ------
     TypeError, ValueError
-        If the distance is not a positive number.
+        If the distance is not a positive number, or the cameras do not see the same of a wall as
+        near as that.
 
     Notes
     -----
@@ -88,6 +89,12 @@ class Wall:
         self._unit = unit
         self._frames: list[_Frame] = []
         size = calibration.height, calibration.width
+        if not self._seen(size).any():
+            raise ValueError(
+                f"distance: got {self._distance:g} {unit}".rstrip()
+                + f", of which the cameras, {calibration.baseline:g} {unit}".rstrip()
+                + " apart, see nothing in common; accepts a wall farther away"
+            )
         # Of each pixel: frames that see it, the mean of its depths, the sum of squared deviations.
         self._counts = np.zeros(size, np.int64)
         self._means = np.zeros(size)

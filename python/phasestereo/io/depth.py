@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from phasestereo._numbers import as_number
 from phasestereo.io.colmap import COLMAP, read_colmap, write_colmap
-from phasestereo.io.files import StrPath, suffix
+from phasestereo.io.files import StrPath
 from phasestereo.io.image import write_image
 from phasestereo.io.maps import check_map, known_suffix, read_stored, write_floats
 
@@ -59,7 +59,8 @@ def read_depth(
         If the format needs the extra ``io`` and that is not installed.
     """
     scale = _scale(unit, depth_scale)
-    stored = read_colmap(path) if suffix(path) == COLMAP else read_stored(path, "depth")
+    is_colmap = known_suffix(path, "depth", COLMAP) == COLMAP
+    stored = read_colmap(path) if is_colmap else read_stored(path, "depth")
 
     known = np.isfinite(stored) & (stored > 0)
     if stored.dtype == np.uint16:
@@ -105,7 +106,7 @@ def write_depth(
     ImportError
         If the format needs the extra ``io`` and that is not installed.
     """
-    ending = COLMAP if suffix(path) == COLMAP else known_suffix(path, "depth")
+    ending = known_suffix(path, "depth", COLMAP)
     if unit is None and ending == ".png":
         raise ValueError(
             "unit: got None for a .png, which holds lengths; accepts mm, cm or m, the unit of the "

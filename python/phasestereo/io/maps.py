@@ -17,12 +17,12 @@ FLOAT_SUFFIXES = (".pfm", ".npy", ".tif", ".tiff")
 _SUFFIXES = (*FLOAT_SUFFIXES, ".png")
 
 
-def known_suffix(path: StrPath, name: str) -> str:
-    """Return the suffix of the path of a map, if it is that of a format of maps."""
-    ending = suffix(path)
-    if ending not in _SUFFIXES:
+def known_suffix(path: StrPath, name: str, *more: str) -> str:
+    """Return the suffix of the path of a map, if it is that of a format of maps, or one more."""
+    ending, known = suffix(path), (*_SUFFIXES, *more)
+    if ending not in known:
         raise ValueError(
-            f"path of a {name} map must end in one of {', '.join(_SUFFIXES)}, got {ending!r}"
+            f"path of a {name} map must end in one of {', '.join(known)}, got {ending!r}"
         )
     return ending
 

@@ -206,6 +206,11 @@ class Cameras:
         ]
         if not fitting:
             known = " or ".join(_in_words(one._known or ()) for one in every)
+            if every[0]._has(*MAPS):
+                raise ValueError(
+                    f"calibration: got maps of {known} pixels, which cannot be scaled; accepts "
+                    f"those of the images' {_in_words(wanted)}"
+                )
             raise ValueError(
                 f"calibration: got that of {known} pixels; accepts that of the images' "
                 f"{_in_words(wanted)}, or of images of the same proportions"
