@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +12,7 @@ import phasestereo_live as live
 from phasestereo.io import Calibration
 from phasestereo_live import ros
 from phasestereo_live.ros.transforms import baseline_of, pose_between
-from support import counterpart, robots
+from support import counterpart, librealsense, robots
 from support.robots import INFOS, ROS1, ROS2, START, TOPICS, Bag, rosbag1
 
 if TYPE_CHECKING:
@@ -143,56 +141,10 @@ def test_cameras_one_above_the_other(
 
 # Recordings of RealSense
 
-RECORD = """
-import sys, time
-import numpy as np, pyrealsense2 as rs
-scene = np.load(sys.argv[1])
-rows, cols = scene.shape[0], scene.shape[1] - 20
-device = rs.software_device()
-sensor = device.add_sensor("Stereo Module")
-profiles = []
-for number in (1, 2):
-    stream = rs.video_stream()
-    stream.type, stream.index, stream.uid = rs.stream.infrared, number, number
-    stream.width, stream.height, stream.fps, stream.bpp = cols, rows, 30, 1
-    stream.fmt = rs.format.y8
-    k = rs.intrinsics()
-    k.width, k.height, k.fx, k.fy = cols, rows, 400, 400
-    k.ppx, k.ppy = (cols - 1) / 2, (rows - 1) / 2
-    k.model, k.coeffs = rs.distortion.brown_conrady, [0, 0, 0, 0, 0]
-    stream.intrinsics = k
-    profiles.append(sensor.add_video_stream(stream))
-pose = rs.extrinsics()  # leads points of the first camera to the second one
-pose.rotation, pose.translation = [1, 0, 0, 0, 1, 0, 0, 0, 1], [-0.05, 0, 0]
-profiles[0].register_extrinsics_to(profiles[1], pose)
-recorder = rs.recorder(sys.argv[2], device)
-recorded = recorder.query_sensors()[0]
-recorded.open(recorded.get_stream_profiles())
-recorded.start(rs.frame_queue(100))
-for index in range(4):
-    for number, profile in enumerate(profiles):
-        frame = rs.software_video_frame()
-        frame.pixels = np.ascontiguousarray(scene[:, 20 * number : 20 * number + cols])
-        frame.stride, frame.bpp = cols, 1
-        frame.timestamp, frame.frame_number = 1000 + 33.3 * index, index + 1
-        frame.domain = rs.timestamp_domain.system_time
-        frame.profile = profile.as_video_stream_profile()
-        sensor.on_video_frame(frame)
-    time.sleep(0.05)
-recorded.stop()
-recorded.close()
-del recorded, recorder
-"""
-
 
 def test_a_recording_of_librealsense_gives_meters(run: Callable[..., Run], tmp_path: Path) -> None:
     """400 px x 50 mm / 20 px = 1 m, by /tf_static alone: P has no baseline."""
-    counterpart("pyrealsense2")
-    np.save(tmp_path / "scene.npy", SCENE)
-    paths = str(tmp_path / "scene.npy"), str(tmp_path / "new.db3")
-    words = [sys.executable, "-c", RECORD, *paths]
-    subprocess.run(words, check=True, timeout=120)  # noqa: S603  # our own interpreter and code
-    recorded, place = tmp_path / "new.db3", "image"
+    recorded, place = librealsense.record(SCENE, tmp_path / "new.db3"), "image"
     if recorded.read_bytes().startswith(b"#ROSBAG"):  # SDK 2.56 writes one, whatever its name
         recorded, place = recorded.rename(tmp_path / "old.bag"), "info"
     found, err = depths(run, recorded, tmp_path / "out.mcap")

@@ -38,6 +38,13 @@ def blocks(page: Path, language: str) -> list[CodeBlock]:
     ]
 
 
+def example(page: str, module: str) -> str:
+    """Return the block of Python of a page that imports a module."""
+    found = (block.text for block in blocks(ROOT / page, "python"))
+    (text,) = (text for text in found if f"import {module}" in text and "StereoPhase" not in text)
+    return text
+
+
 def commands(page: Path) -> list[list[str]]:
     """Return the arguments of every command line ``phasestereo ...`` of a page."""
     lines = (
