@@ -26,7 +26,7 @@ ON_CI = os.environ["PHASESTEREO_CI"] == "true"
 LACKING = {
     "this Python has a GIL": "a job of the workflow runs a Python that has none",
     "only root becomes another user": "who runs the tests is not always root",
-    "could not import 'open3d'": "it brings a web server, and plugins for pytest that fail here",
+    "could not import 'open3d'": "it has wheels for Linux on x86-64 and Python up to 3.12 alone",
     "could not import 'pyrealsense2'": "it has no wheels for other processors than x86-64",
     "no headers of ROS 1": "Debian 12 is the last that has them, and CI runs elsewhere",
     "could not import 'mc_cnn'": "its OpenCV would replace the one that others are tested with",
