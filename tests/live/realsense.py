@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import sys
 import time
+from collections.abc import Callable
 from itertools import islice
 from typing import Any
 
@@ -82,4 +83,5 @@ def play(path: str) -> None:
 
 
 if __name__ == "__main__":
-    {"record": record, "play": play}[sys.argv[1]](*sys.argv[2:])
+    jobs: dict[str, Callable[..., None]] = {"record": record, "play": play}
+    jobs[sys.argv[1]](*sys.argv[2:])
