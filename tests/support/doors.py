@@ -59,7 +59,7 @@ _NOT_OPENED = {
     "live --save-to", "live --preset", "live --left", "live --right", "live --camera-info",
     "live --frames", "live --register", "match --preset", "match --second", "large --preset",
     "large --max-memory", "batch --preset", "batch --scheduler", "calibrate --board",
-    "calibrate --charuco",
+    "calibrate --charuco", "live --second",
     "rig test --preset", "rig test --limit", "rig test --wall", "asp --preset",
 }  # fmt: skip
 """What holds paths, or has words of another kind."""
