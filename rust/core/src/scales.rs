@@ -27,6 +27,7 @@ pub mod choice;
 pub mod choices;
 pub mod detail;
 pub mod flat_areas;
+pub mod outlines;
 pub mod planes;
 pub mod ranges;
 pub mod reduction;
