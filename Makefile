@@ -15,7 +15,10 @@ SHARD = $(shell expr \( `date +%s` / 604800 \* 3 + $(PART) \) % $(SHARDS))
 OURS := python/phasestereo-live python/phasestereo-large benches/harness
 RUST := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name Cargo.toml)
 # What installs or builds waits for another make that does; without flock, as on macOS, there should be one make at a time.
-ALONE := $(if $(shell command -v flock),flock Makefile )sh -ec
+# A line every 15 s shows that a step goes on; the last crate alone compiles for a minute.
+ALONE := $(if $(shell command -v flock),flock --close Makefile )sh -c '\
+	(trap "kill \$$s; exit" TERM; while kill -0 $$$$; do sleep 15 & s=$$!; wait $$s; date "+   %T still running"; done) & beat=$$!; \
+	sh -ec "$$0"; code=$$?; kill $$beat; exit $$code'
 # What is built is as old as the start of its build: an edit in the meantime is built by the next make.
 BEGUN = touch $@.begun
 DONE = touch -r $@.begun $@ && rm $@.begun
