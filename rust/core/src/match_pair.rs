@@ -85,8 +85,11 @@ pub struct Treatment<'a> {
 
 impl Ready {
     /// Matches it.
-    pub fn matched(self, settings: &Settings, runtime: Runtime) -> Result<Matched> {
+    pub fn matched(mut self, settings: &Settings, runtime: Runtime) -> Result<Matched> {
         let map = match_over_scales(&self.prepared, settings, runtime)?;
+        let failure = runtime.matcher.engine_failure();
+        let failed = failure.iter().map(|reason| findings::device_failed(reason));
+        self.prepared.estimates.findings.extend(failed);
         let raw = self.raw.map(|raw| (raw, self.even_rows));
         Matched::new(raw, map, self.prepared, runtime.control)
     }

@@ -2,10 +2,10 @@
 
 use std::collections::HashMap;
 
+use phasestereo_match::optimization::tasks::{MOST_RADIUS, Task};
 use phasestereo_match::optimization::{BAND, LOOKAHEAD_COLUMNS, LOOKAHEAD_ROWS, PANEL};
 
 use crate::device::Device;
-use crate::request::{PIXEL_WORDS, Task};
 
 /// The shader, after the constants.
 pub const SHADER: &str = include_str!("search.wgsl");
@@ -15,7 +15,9 @@ const THREADS: u32 = 32;
 /// Words and columns of a workgroup that sums, and rows that it sums one after another. Not swept, for lack of
 /// a device, as the next one.
 const SUMMED_WORDS: u32 = 8;
-pub const SUMMED_COLUMNS: u32 = 32;
+const SUMMED_COLUMNS: u32 = 32;
+// Some of the columns that are summed are those of windows' centers.
+const _: () = assert!(SUMMED_COLUMNS > 2 * MOST_RADIUS as u32);
 const SUMMED_ROWS: u32 = 64;
 /// Columns of a workgroup that chooses.
 const CHOSEN_COLUMNS: u32 = 64;
@@ -50,7 +52,7 @@ struct Kernels {
 }
 
 /// Paths of a workgroup, where each has this many threads.
-pub fn paths(words: u32) -> u32 {
+fn paths(words: u32) -> u32 {
     (THREADS / words).max(1)
 }
 
@@ -59,16 +61,16 @@ impl Memory {
         Self { shader, kernels: HashMap::new(), buffers: Default::default(), read: None }
     }
 
-    /// What is found of the rows of a task, [`PIXEL_WORDS`] each pixel; `None`: the device failed.
+    /// What is found for a task; `None`: the device failed.
     pub fn run(&mut self, device: &Device, task: &Task) -> Option<Vec<u32>> {
         let kernels = self
             .kernels
-            .entry(task.words)
-            .or_insert_with(|| Kernels::new(device, self.shader, task.words));
+            .entry(task.words())
+            .or_insert_with(|| Kernels::new(device, self.shader, task.words()));
         let volume = task.volume_bytes();
-        let from_below = if task.is_along_columns { volume } else { 4 };
-        let found = (task.rows() * task.cols * PIXEL_WORDS * 4) as u64;
-        let inputs = [bytemuck::cast_slice(&task.numbers), &task.left, &task.right, &task.pixels];
+        let from_below = if task.is_along_columns() { volume } else { 4 };
+        let found = 4 * task.found_words() as u64;
+        let inputs = [bytemuck::cast_slice(&task.numbers), task.left, task.right, task.pixels];
         let sizes = inputs.map(|bytes| bytes.len() as u64);
         let sizes = sizes.into_iter().chain([volume, volume, from_below, found]);
 
@@ -196,16 +198,16 @@ impl Kernels {
 
     /// The kernels of a task, each with its workgroups.
     fn steps(&self, task: &Task) -> Vec<(&wgpu::ComputePipeline, [u32; 3])> {
-        let (cols, rows) = (task.cols as u32, task.rows() as u32);
-        let summed = SUMMED_COLUMNS - 2 * task.radius as u32;
+        let (cols, rows) = (task.cols(), task.rows());
+        let summed = SUMMED_COLUMNS - 2 * task.radius();
         let sums = [
             cols.div_ceil(summed),
-            task.words.div_ceil(SUMMED_WORDS),
+            task.words().div_ceil(SUMMED_WORDS),
             task.seen_rows().div_ceil(SUMMED_ROWS),
         ];
         let mut steps =
             vec![(&self.aggregate, sums), (&self.along_rows, [rows.div_ceil(self.paths), 1, 1])];
-        if task.is_along_columns {
+        if task.is_along_columns() {
             let bands = [cols.div_ceil(self.paths), task.bands(), 1];
             steps.extend([(&self.climb_columns, bands), (&self.fall_columns, bands)]);
         }

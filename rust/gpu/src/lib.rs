@@ -9,6 +9,7 @@
 //!
 //! use phasestereo_gpu::Gpu;
 //! use phasestereo_match::matcher::Matcher;
+//! use phasestereo_match::optimization::engine::Engine;
 //!
 //! let gpu = Arc::new(Gpu::new(None)?);
 //! let matcher = Matcher::new(2)?.with_engine(gpu.clone());
@@ -19,9 +20,10 @@
 //! # Ok::<(), phasestereo_match::base::error::Error>(())
 //! ```
 //!
-//! It takes searches by the optimizers `"so"` and `"sgm"`, by phase codes and fixed windows of up to 31
-//! pixels, where a byte holds every total (as with the presets `fast` and `robust`). It leaves to the
-//! processor: masks, ranges by panel, and volumes that its memory does not hold.
+//! It takes what [`tasks::choose`] takes, as the searches of the presets `fast` and `robust`, and leaves to the
+//! processor what its memory does not hold.
+//!
+//! The feature `python` makes the extension module of the Python distribution `phasestereo-gpu` of it.
 //!
 //! `search.wgsl` has all kernels and describes them. It needs no optional feature of WebGPU. All arithmetic
 //! is that of integers, so a driver either computes the bits of the core or is wrong; its
@@ -29,7 +31,8 @@
 
 mod device;
 mod kernels;
-mod request;
+#[cfg(feature = "python")]
+mod python;
 #[cfg(test)]
 mod tests;
 
@@ -39,12 +42,12 @@ use std::sync::Mutex;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::optimization::engine::{Chunk, Engine};
 use phasestereo_match::optimization::evidence::Evidence;
+use phasestereo_match::optimization::tasks::{self, Limits, Task};
 
 pub use self::device::{Adapter, Kind, adapters};
 
 use self::device::Device;
 use self::kernels::{Memory, SHADER};
-use self::request::Request;
 
 /// Bytes of the largest volume, unless [`Gpu::with_memory`] changes it: not swept, for lack of a device.
 const MOST_BYTES: u64 = 256 << 20;
@@ -77,30 +80,36 @@ impl Gpu {
         &self.device.adapter
     }
 
-    /// Why the processor has taken over: the device was lost, had too little memory, or did not answer for a
-    /// minute. From then on it is not asked again. `None`: nothing failed.
-    pub fn failure(&self) -> Option<String> {
-        self.device.failure()
+    /// What it can do.
+    pub fn limits(&self) -> Limits {
+        let limits = self.device.limits();
+        let threads =
+            limits.max_compute_invocations_per_workgroup.min(limits.max_compute_workgroup_size_x);
+        let buffer = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
+        Limits { threads: threads.into(), buffer, volume: self.most_bytes }
+    }
+
+    /// What the kernels find for a task; `None`: it failed, and [`Engine::failure`] says why.
+    pub fn run(&self, task: &Task) -> Option<Vec<u32>> {
+        let mut memory = self.memory.lock().ok()?;
+        if self.failure().is_some() {
+            return None;
+        }
+        memory.run(&self.device, task)
     }
 }
 
 impl Engine for Gpu {
     fn choose(&self, rows: Range<usize>, chunk: &Chunk, evidence: &mut Evidence) -> Result<bool> {
-        let request = Request::new(chunk, self.device.limits(), self.most_bytes);
-        let (Some(request), None, Ok(mut memory)) = (request, self.failure(), self.memory.lock())
-        else {
+        if self.failure().is_some() {
             return Ok(false);
-        };
-
-        evidence.begin(rows.len(), chunk.search.size.1, chunk.search.is_weighed())?;
-        for part in request.parts(rows.clone()) {
-            chunk.search.control.checkpoint()?;
-            let first = part.start - rows.start;
-            let Some(found) = memory.run(&self.device, &request.task(part.clone())) else {
-                return Ok(false);
-            };
-            request.write(part, &found, evidence, first);
         }
-        Ok(true)
+        tasks::choose(rows, chunk, self.limits(), evidence, |task| self.run(task))
+    }
+
+    /// The device was lost, had too little memory, or did not answer for a minute. From then on it is not asked
+    /// again.
+    fn failure(&self) -> Option<String> {
+        self.device.failure()
     }
 }

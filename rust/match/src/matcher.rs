@@ -193,6 +193,11 @@ impl Matcher {
         Self { engine: Some(engine), ..self }
     }
 
+    /// Why the engine no longer searches; `None`: nothing failed.
+    pub fn engine_failure(&self) -> Option<String> {
+        self.engine.as_ref()?.failure()
+    }
+
     /// Starts work on the threads and does not wait for it. The work must not panic.
     pub fn spawn(&self, work: impl FnOnce() + Send + 'static) {
         self.pool.spawn(work);

@@ -33,6 +33,7 @@ pub mod paths;
 mod penalties;
 pub mod selection;
 pub mod subpixel;
+pub mod tasks;
 
 use std::ops::Range;
 

@@ -55,6 +55,13 @@ pub fn most_wrong() -> f64 {
     levels(FAILURES, Topic::Match)[1]
 }
 
+/// What is reported of a match during which a device failed.
+pub fn device_failed(reason: &str) -> Finding {
+    let sentence =
+        format!("the GPU failed, and the processor took over, with the same result: {reason}");
+    Finding::note(Topic::Match, sentence)
+}
+
 /// What is reported of a match of this size, the worst first; nothing if all is well, or the images are too
 /// small to judge.
 pub fn of_match(

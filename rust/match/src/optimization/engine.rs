@@ -67,4 +67,9 @@ pub trait Engine: Debug + Send + Sync {
     /// first of these rows. `false`: the engine does not take the chunk, or failed, and the core searches it.
     /// The error is that of a match that was cancelled, or that has too little memory for the evidence.
     fn choose(&self, rows: Range<usize>, chunk: &Chunk, evidence: &mut Evidence) -> Result<bool>;
+
+    /// Why it no longer searches: a device that was lost, say. `None`: nothing failed.
+    fn failure(&self) -> Option<String> {
+        None
+    }
 }
