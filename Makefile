@@ -53,11 +53,18 @@ test-core: $(VENV)/harness $(VENV)/dev ## Test the matcher alone: its stages and
 	cargo test --locked --all-features --test rust
 	$(BIN)/python -m pytest --numprocesses auto --dist worksteal tests/core --ignore tests/core/test_c.py
 
-# The libraries that it needs are not optimized, so that they compile in two minutes. On Debian: mesa-vulkan-drivers.
-test-gpu: ## Lint and test the engine for GPUs on a software driver (PHASESTEREO_GPU: a part of the name of another adapter)
-	cargo clippy --locked --package phasestereo-gpu --all-targets -- --deny warnings
+# The libraries that it needs are not optimized for the tests in Rust, so that they compile in two minutes. On Debian:
+# mesa-vulkan-drivers.
+test-gpu: $(VENV)/harness $(VENV)/dev ## Lint and test the engine for GPUs, and its wheel, on a software driver (PHASESTEREO_GPU: a part of the name of another adapter)
+	cargo clippy --locked --package phasestereo-gpu --all-features --all-targets -- --deny warnings
 	RUSTDOCFLAGS="--deny warnings" cargo doc --locked --no-deps --document-private-items --quiet --package phasestereo-gpu
 	XDG_RUNTIME_DIR="$${XDG_RUNTIME_DIR:-/tmp}" cargo test --locked --package phasestereo-gpu --config 'profile.test.package."*".opt-level=0' -- --nocapture
+	rm -rf target/wheel-gpu
+	$(BIN)/maturin build --release --locked --out target/wheel-gpu
+	cd python/phasestereo-gpu && "$(CURDIR)/$(BIN)/maturin" build --release --locked --out "$(CURDIR)/target/wheel-gpu"
+	$(BIN)/pip install --quiet --no-deps --force-reinstall target/wheel-gpu/phasestereo_gpu-*.whl
+	$(BIN)/python -m pytest tests/gpu
+	$(BIN)/python tests/smoke_wheel.py target/wheel-gpu/phasestereo_gpu-*.whl
 
 test-oldest: $(CORE) ## Test with the oldest versions that pyproject.toml names of what is installed with it
 	PYTHON=$(CURDIR)/$(BIN)/python tests/oldest.sh
@@ -99,8 +106,10 @@ format: $(VENV)/dev ## Format the code
 
 settings: $(CORE) ## Write what Python and the glossary repeat of the table of settings
 
-licenses: $(TOOLS)/cargo-about ## Write the licenses of the crates in the extension module, which its wheels hold
+licenses: $(TOOLS)/cargo-about ## Write the licenses of the crates in the extension modules, which their wheels hold
 	cd rust/python && "$(CURDIR)/$(TOOLS)/cargo-about" generate --offline --locked --fail about.hbs --output-file LICENSES.txt
+	cd rust/gpu && "$(CURDIR)/$(TOOLS)/cargo-about" generate --offline --locked --fail --features python --config ../python/about.toml \
+		../python/about.hbs --output-file ../../python/phasestereo-gpu/LICENSES.txt
 
 bench: $(VENV)/harness ## Time a match against OpenCV, in a quarter of an hour (PHASESTEREO_DATA as above)
 	PHASESTEREO_DATA="$${PHASESTEREO_DATA:-../shared}" $(BIN)/phasestereo bench speed --output speed/speed.jsonl $(ARGS)

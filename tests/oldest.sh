@@ -17,7 +17,8 @@ try() {
     uv venv --python "$PYTHON" "$work/$name"
     # shellcheck disable=SC2086
     uv pip compile --python "$python" --resolution lowest-direct --only-binary :all: --find-links "$work/dist" $2 \
-        --no-emit-package phasestereo --no-emit-package phasestereo-live --no-emit-package phasestereo-large --output-file "$work/$name.txt"
+        $(for ours in phasestereo $(cd python && echo phasestereo-*); do echo --no-emit-package "$ours"; done) \
+        --output-file "$work/$name.txt"
     uv pip install --python "$python" --no-deps --requirements "$work/$name.txt" "$work"/dist/*.whl --editable benches/harness
     uv pip install --python "$python" --requirements "$work/$name.txt" --group test scipy
     shift 2

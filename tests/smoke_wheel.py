@@ -4,8 +4,8 @@ python tests/smoke_wheel.py [--url URL] FILE...
 
 makes an empty environment of this Python for each file, far from the source tree, and installs the
 file there: the matcher with NumPy alone, which then matches a pair; the others with their extras
-and with the matcher's wheel beside them, whose commands then start. With a URL, links of the
-matcher's page have to start with it.
+and with the matcher's wheel beside them, whose commands then start, or which match on a GPU. With a
+URL, links of the matcher's page have to start with it.
 """
 
 from __future__ import annotations
@@ -31,6 +31,23 @@ ADDED = {
 }
 """Of the other distributions the extras, and the commands that they add."""
 
+GPU_SIZE = 4.5
+"""Most megabytes of the wheel of the engine for GPUs."""
+
+ON_ADAPTERS = """
+import numpy as np, phasestereo as ps, phasestereo_gpu
+texture = np.random.default_rng(0).integers(0, 256, (60, 84), np.uint8)
+pair = texture[:, :80], texture[:, 4:]
+expected = ps.match(*pair, num_disparities=16)
+adapters = [name for name, *_ in phasestereo_gpu.adapters()]
+for device in ["auto", *adapters]:
+    found = ps.match(*pair, num_disparities=16, device=device)
+    assert found.findings == expected.findings, found.findings
+    assert found.disparity.tobytes() == expected.disparity.tobytes(), device
+print("it matches on:", *adapters)
+"""
+"""Matches on every adapter that this machine has."""
+
 TOLERANCE = 0.5
 """Pixels: noise shows no fractions, and curves through its costs find some."""
 
@@ -54,7 +71,9 @@ def main() -> None:
             check_files(file)
         with tempfile.TemporaryDirectory() as folder:
             place = file.resolve(strict=True)
-            if name in ADDED:
+            if name == "phasestereo_gpu":
+                try_gpu(Path(folder), place)
+            elif name in ADDED:
                 try_added(Path(folder), place, *ADDED[name])
             else:
                 try_in(Path(folder), place, given.url)
@@ -69,7 +88,7 @@ def check_license(file: Path) -> None:
         with tarfile.open(file) as unpacked:
             names = unpacked.getnames()
     wanted = ["LICENSE"]
-    if file.name.startswith("phasestereo-"):
+    if file.name.startswith(("phasestereo-", "phasestereo_gpu-")):
         wanted.append("LICENSES.txt")
     for part in wanted:
         require(any(name.endswith(f"/{part}") for name in names), f"{part}: {file.name} lacks it")
@@ -92,6 +111,15 @@ def try_added(folder: Path, file: Path, extras: str, commands: list[str]) -> Non
         started = "import sys; from phasestereo.__main__ import main; sys.exit(main())"
         run([str(python), "-I", "-c", started, *words.split()], folder, subprocess.DEVNULL)
     print(f"{file.name}: installed with {extras}, and its commands start")  # noqa: T201
+
+
+def try_gpu(folder: Path, file: Path) -> None:
+    """Install the engine for GPUs beside the matcher, and match on what adapters there are."""
+    megabytes = file.stat().st_size / 1e6
+    require(megabytes <= GPU_SIZE, f"at most {GPU_SIZE} MB, and has {megabytes:.1f}")
+    python = install(folder, "--find-links", str(file.parent), str(file))
+    run([str(python), "-I", "-W", "error", "-c", ON_ADAPTERS], folder)
+    print(f"{file.name}: {megabytes:.1f} MB, installed, and has the bits of the core")  # noqa: T201
 
 
 def try_in(folder: Path, file: Path, url: str | None) -> None:

@@ -6,6 +6,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from phasestereo._devices import Device
 from phasestereo._images import Pixels
 from phasestereo.known import Known, Noise
 from phasestereo.result import Result
@@ -140,7 +141,7 @@ class Back:
 
 @final
 class Workers:
-    def __new__(cls, threads: int | None) -> Workers: ...
+    def __new__(cls, threads: int | None, device: Device | None = None) -> Workers: ...
     @property
     def count(self) -> int: ...
 

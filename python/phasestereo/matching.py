@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from phasestereo import _core
+from phasestereo._devices import opened
 from phasestereo._images import ImageOrPath
 from phasestereo._numbers import check_callable
 from phasestereo._opening import Progress, opened_valid
@@ -39,6 +40,7 @@ def match(
     preset: PresetName | None = None,
     settings: Settings | None = None,
     threads: int | None = None,
+    device: str = "cpu",
     left_mask: ArrayLike | None = None,
     right_mask: ArrayLike | None = None,
     progress: Progress | None = None,
@@ -75,6 +77,13 @@ def match(
         Number of threads, 1 to 1024; None: what the environment variable ``RAYON_NUM_THREADS``
         says, or else all processors, shared by all matches of this process that
         run at the same time. The result does not depend on it.
+    device
+        What searches for the best candidates: ``"cpu"``, the processor; ``"gpu"``, the first GPU
+        that Vulkan or Metal offers; ``"auto"``, the same, or the processor without one; or an
+        adapter by a part of its name, as a software driver has to be. All but ``"cpu"`` open a
+        device, which a `Matcher` does once. The result is the same to the bit: what a device does
+        not take, as masks, and everything once it has failed, which ``result.findings`` reports,
+        the processor searches.
     left_mask, right_mask
         bool (H, W) of the image's own size, True = valid. A masked pixel neither supports others
         nor is estimated, and what it holds has no effect. None: all are valid. Masked in any case
@@ -124,7 +133,7 @@ def match(
     ValueError
         For a wrong value or shape, infinite pixels that no mask covers, an unknown preset.
     OSError, ImportError
-        If a file cannot be read.
+        If a file cannot be read, or phasestereo-gpu is needed and not installed.
     MemoryError
         If the working memory cannot be had.
     KeyboardInterrupt
@@ -158,12 +167,13 @@ def match(
     >>> result.findings  # faults of the pair, worst first
     >>> ps.match(left, right, num_disparities=64, preset="fast", fill=False)
     """
+    chosen, searching = resolve(preset, settings, overrides), opened(device)
     result = match_silently(
         (left, right),
         (left_mask, right_mask),
         (min_disparity, num_disparities),
-        settings=resolve(preset, settings, overrides),
-        threads=threads,
+        settings=chosen,
+        threads=threads if searching is None else _core.Workers(threads, searching),
         progress=progress,
         known=known,
         vertical=vertical,
@@ -205,12 +215,12 @@ class Matcher:
 
     Parameters
     ----------
-    preset, settings, threads, **overrides
+    preset, settings, threads, device, **overrides
         As `match` takes them.
 
     Raises
     ------
-    TypeError, ValueError
+    TypeError, ValueError, ImportError
         As `match` does.
     RuntimeError
         If the system refuses to start the threads.
@@ -233,11 +243,14 @@ class Matcher:
         preset: PresetName | None = None,
         settings: Settings | None = None,
         threads: int | None = None,
+        device: str = "cpu",
         **overrides: Unpack[SettingsOverrides],
     ) -> None:
         self._settings = resolve(preset, settings, overrides)
-        self._asked = threads
-        self._workers = _core.Workers(threads)
+        self._asked = threads, device
+        searching = opened(device)
+        self._device = "cpu" if searching is None else searching.name
+        self._workers = _core.Workers(threads, searching)
 
     @property
     def settings(self) -> Settings:
@@ -248,6 +261,11 @@ class Matcher:
     def threads(self) -> int:
         """The number of threads."""
         return self._workers.count
+
+    @property
+    def device(self) -> str:
+        """What searches: "cpu", or the name of the adapter that was opened."""
+        return self._device
 
     def match(
         self,
@@ -299,7 +317,8 @@ class Matcher:
 
     def __reduce__(self) -> tuple[partial[Matcher], tuple[()]]:
         """Return the constructor and arguments of a copy: threads are not copied."""
-        return partial(type(self), settings=self._settings, threads=self._asked), ()
+        threads, device = self._asked
+        return partial(type(self), settings=self._settings, threads=threads, device=device), ()
 
     def __repr__(self) -> str:
         return f"Matcher(settings={self._settings}, threads={self.threads})"

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from phasestereo import _core
+from phasestereo._devices import opened
 from phasestereo._images import ImageOrPath
 from phasestereo._numbers import as_integer, as_number, check_type
 from phasestereo.io.drafts import replacing
@@ -93,7 +94,7 @@ class Rig:
 
     Parameters
     ----------
-    num_disparities, min_disparity, preset, settings, threads, **overrides
+    num_disparities, min_disparity, preset, settings, threads, device, **overrides
         As `Matcher` and `match` take them, for every frame.
     anchor
         What no pair shows: by how much all disparities are off, since the cameras turn about the
@@ -126,6 +127,7 @@ class Rig:
         preset: PresetName | None = None,
         settings: Settings | None = None,
         threads: int | None = None,
+        device: str = "cpu",
         anchor: Anchor | None = None,
         reestimate: int = REESTIMATE,
         **overrides: Unpack[SettingsOverrides],
@@ -134,8 +136,8 @@ class Rig:
         self._search = min_disparity, num_disparities
         self._reestimate = as_integer("reestimate", reestimate, least=1)
         self._offset = None if anchor is None else _offset(anchor)
-        self._asked = threads
-        self._workers = _core.Workers(threads)
+        self._asked = threads, device
+        self._workers = _core.Workers(threads, opened(device))
         self._core = _core.Rig(None)
 
     @property
@@ -354,7 +356,8 @@ class Rig:
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Make a copy."""
         vars(self).update(state)
-        self._workers = _core.Workers(self._asked)
+        threads, device = self._asked
+        self._workers = _core.Workers(threads, opened(device))
         self._core = _core.Rig(state["_core"])
 
     def __repr__(self) -> str:

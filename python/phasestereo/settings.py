@@ -351,6 +351,7 @@ _ARGUMENTS = [
     "preset",
     "settings",
     "threads",
+    "device",
     "left_mask",
     "right_mask",
     "progress",

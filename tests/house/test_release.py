@@ -16,6 +16,7 @@ from support import ROOT
 URL = "https://example.org/somebody/phasestereo"
 FOLDERS = {
     "phasestereo": ROOT,
+    "phasestereo-gpu": ROOT / "python/phasestereo-gpu",
     "phasestereo-live": ROOT / "python/phasestereo-live",
     "phasestereo-large": ROOT / "python/phasestereo-large",
 }
@@ -38,7 +39,7 @@ def extras(name: str) -> set[str]:
 
 
 def test_all_is_everything_and_what_is_named_is_an_extra() -> None:
-    assert extras("all") == EXTRAS.keys()
+    assert extras("all") == EXTRAS.keys() - {"gpu"}
 
     files = [*ROOT.glob("python/**/*.py"), ROOT / "README.md", *ROOT.glob("docs/**/*.md")]
     text = "\n".join(path.read_text("utf-8") for path in files)
@@ -72,10 +73,14 @@ def test_licenses_are_there_and_the_harness_is_not_published() -> None:
 
     lock = tomllib.loads((ROOT / "Cargo.lock").read_text("utf-8"))["package"]
     versions = {f"{crate['name']} {crate['version']}" for crate in lock}
-    listed = (ROOT / "rust/python/LICENSES.txt").read_text("utf-8")
-    found = {*re.findall(r"^- (\S+ \S+)", listed, re.MULTILINE)}
-    assert {"pyo3", "rayon", "ndarray"} <= {one.split()[0] for one in found}
-    assert found <= versions, "make licenses"
+    for file, some in [
+        ("rust/python/LICENSES.txt", {"pyo3", "rayon", "ndarray"}),
+        ("python/phasestereo-gpu/LICENSES.txt", {"pyo3", "rayon", "wgpu", "naga"}),
+    ]:
+        listed = (ROOT / file).read_text("utf-8")
+        found = {*re.findall(r"^- (\S+ \S+)", listed, re.MULTILINE)}
+        assert some <= {one.split()[0] for one in found}
+        assert found <= versions, "make licenses"
 
 
 def release(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:

@@ -25,6 +25,7 @@ BOUNDS = {
     "aliases at the boundary": 7,
     "public names": 135,
     "statements of phasestereo": 7_260,
+    "statements of phasestereo-gpu": 3,
     "statements of phasestereo-live": 4_360,
     "statements of phasestereo-large": 2_820,
     "words of documentation": 17_670,
@@ -35,7 +36,7 @@ EXTENSION = 9.3
 PACKAGE = ROOT / "python/phasestereo"
 WHEELS = {
     name: {path: ast.parse(path.read_text("utf-8")) for path in sorted(folder.rglob("*.py"))}
-    for name in ("phasestereo", "phasestereo-live", "phasestereo-large")
+    for name in ("phasestereo", "phasestereo-gpu", "phasestereo-live", "phasestereo-large")
     for folder in [
         PACKAGE if name == PACKAGE.name else ROOT / "python" / name / name.replace("-", "_")
     ]

@@ -29,6 +29,7 @@ LACKING = {
     "could not import 'open3d'": "it has wheels for Linux on x86-64 and Python up to 3.12 alone",
     "could not import 'pyrealsense2'": "it has no wheels for other processors than x86-64",
     "no headers of ROS 1": "Debian 12 is the last that has them, and CI runs elsewhere",
+    "could not import 'phasestereo_gpu'": "`make test-gpu`, which compiles it, tests it",
     "could not import 'mc_cnn'": "its OpenCV would replace the one that others are tested with",
 }
 """What a machine of CI cannot have, by how its skip begins, and why: no other may skip there."""

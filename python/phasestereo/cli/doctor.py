@@ -14,20 +14,28 @@ import numpy as np
 from cyclopts import Parameter
 
 from phasestereo import _core
+from phasestereo._devices import opened
+from phasestereo._extras import require
 from phasestereo.cli.errors import CommandError
 from phasestereo.cli.terminal import print_json, print_lines, progress_bar
 from phasestereo.matching import match
 from phasestereo.rig.findings import unwarned
 from phasestereo.settings import PresetName
 
-_OURS = "phasestereo", "phasestereo-live", "phasestereo-large", "phasestereo-bench"
+_OURS = (
+    "phasestereo",
+    "phasestereo-live",
+    "phasestereo-large",
+    "phasestereo-gpu",
+    "phasestereo-bench",
+)
 _REQUIREMENT = re.compile(
     r"(?P<name>[\w.-]+)(?:\[(?P<extras>[\w,-]+)\])?[^;]*"
     r"(?:;.*?extra == ['\"](?P<extra>[\w-]+)['\"])?"
 )
 _SIZE = 480, 640  # rows and columns of the pair that is matched for its time
 _ROUNDS = 5
-_CLONE = " (in a clone: '.[...]' ./python/phasestereo-{live,large})"
+_CLONE = " (in a clone: '.[...]' ./python/phasestereo-{gpu,large,live})"
 
 
 def doctor(
@@ -48,6 +56,8 @@ def doctor(
             "platform": f"{platform.system()} {platform.machine()}",
             "instructions": _core.simd_level(),
             "processors": os.cpu_count(),
+            "adapters": _adapters(),
+            "device": _device(),
             "milliseconds": _times(),
             "differing": _core.self_check(progress),
             "missing_extras": _missing(),
@@ -93,6 +103,22 @@ def _times() -> dict[str, float]:
     return times
 
 
+def _adapters() -> list[dict[str, str]] | None:
+    """Return the adapters that searches may run on; None: phasestereo-gpu is not installed."""
+    try:
+        gpus = require("phasestereo_gpu", extra="gpu")
+    except ImportError:
+        return None
+    keys = "name", "kind", "interface", "driver"
+    return [dict(zip(keys, adapter, strict=True)) for adapter in gpus.adapters()]
+
+
+def _device() -> str:
+    """Return the name of the adapter that ``device="auto"`` takes; "cpu": it takes none."""
+    device = opened("auto")
+    return "cpu" if device is None else device.name
+
+
 def _missing() -> list[str]:
     """Return the extras of which something is not installed."""
     extras = distribution("phasestereo").metadata.get_all("Provides-Extra") or ()
@@ -123,10 +149,14 @@ def _lines(found: dict[str, Any]) -> list[str]:
     versions = ", ".join(f"{name} {number}" for name, number in found["versions"].items())
     times = ", ".join(f"{preset} {ms:.0f} ms" for preset, ms in found["milliseconds"].items())
     missing = ",".join(found["missing_extras"])
+    adapters = [
+        f"{one['name']} ({one['kind']}, {one['interface']})" for one in found["adapters"] or ()
+    ]
 
     return [
         versions,
         f"{found['platform']}, {found['processors']} processors, {found['instructions']}",
+        *([f"adapters: {'; '.join(adapters)}; auto takes: {found['device']}"] if adapters else []),
         f"{_SIZE[1]} x {_SIZE[0]} pixels, 64 disparities: {times}",
         "extras: "
         + (f"pip install 'phasestereo[{missing}]' brings the others{_CLONE}" if missing else "all"),

@@ -19,7 +19,7 @@ EXPERT = "--help-expert"
 _SELDOM = frozenset(
     (
         *("flags-output", "confidence-output", "uncertainty-output"),
-        *("left-mask", "right-mask", "bands", "noise", "timeout"),
+        *("left-mask", "right-mask", "bands", "device", "noise", "timeout"),
         *("doffs", "cx", "cy", "min-depth", "max-depth", "decimate", "yaw", "anchor"),
         *("depth-scale", "register", "register-size"),
         *("truth-scale", "truth-mask", "truth-mask-level"),

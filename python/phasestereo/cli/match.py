@@ -33,9 +33,8 @@ from phasestereo.rig.findings import unwarned
 from phasestereo.settings import PRESET, Settings, resolve
 
 _USUAL, _MOST_USUAL = 10, 200  # a disparity that is likely: of the width, and pixels at most
-_VALUES = frozenset(
-    ["bands", "preset", "num_disparities", "min_disparity", "threads", "noise", "second", "timeout"]
-)
+_VALUES = {"bands", "preset", "num_disparities", "min_disparity", "threads", "device", "noise"}
+_VALUES |= {"second", "timeout"}
 _OPTIONS = (_VALUES | OPTIONS).union(field.name for field in fields(Settings))
 
 # The order in which help shows them: what every match needs comes first.
@@ -62,6 +61,7 @@ def match(
     right_mask: Annotated[Path | None, Parameter(group=_SEARCH)] = None,
     bands: Annotated[Bands | None, Parameter(group=_SEARCH)] = None,
     threads: Annotated[int | None, Parameter(group=_SEARCH)] = None,
+    device: Annotated[str, Parameter(group=_SEARCH)] = "cpu",
     noise: Annotated[float | None, Parameter(group=_SEARCH)] = None,
     second: Annotated[str | None, Parameter(group=_SEARCH)] = None,
     timeout: Annotated[float | None, Parameter(group=_SEARCH)] = None,
@@ -100,6 +100,9 @@ def match(
         Number of the band of GeoTIFF images to match, or 3,2,1 for red, green and blue.
     threads
         Number of threads; without it, one per processor.
+    device
+        What searches: cpu, gpu, auto (a GPU if there is one), or a part of the name of an adapter
+        that `doctor` lists. The map is the same.
     noise
         Standard deviation of the images' noise, in units of their pixels; needed with
         --noise-threshold.
@@ -157,6 +160,7 @@ def match(
             min_disparity=min_disparity,
             settings=settings,
             threads=threads,
+            device=device,
             left_mask=views[0].mask,
             right_mask=views[1].mask,
             progress=progress,

@@ -5,6 +5,7 @@
 //! thread from writing into them.
 
 mod arguments;
+mod engine;
 mod failure;
 mod known;
 mod objects;

@@ -13,6 +13,7 @@ use std::{mem, process};
 use pyo3::prelude::*;
 
 use crate::arguments::read_threads;
+use crate::engine::Device;
 use crate::failure::Result;
 
 use phasestereo_match::base::control::Control;
@@ -45,13 +46,19 @@ pub struct Pool {
 impl Pool {
     /// A pool of its own threads, which keeps all the memory that a call has taken.
     pub fn new(threads: usize) -> phasestereo::Result<Arc<Self>> {
-        Self::keeping(usize::MAX, threads)
+        Ok(Self::keeping(usize::MAX, threads, Matcher::new(threads)?))
     }
 
-    fn keeping(most_kept: usize, threads: usize) -> phasestereo::Result<Arc<Self>> {
-        let (matcher, process) = (Matcher::new(threads)?, process::id());
+    /// The same with a device that searches, if there is one.
+    fn with_device(threads: usize, device: Option<&Arc<Device>>) -> phasestereo::Result<Arc<Self>> {
+        let Some(device) = device else { return Self::new(threads) };
+        let matcher = Matcher::new(threads)?.with_engine(device.clone());
+        Ok(Self::keeping(usize::MAX, threads, matcher))
+    }
+
+    fn keeping(most_kept: usize, threads: usize, matcher: Matcher) -> Arc<Self> {
         let (calls, call_ended) = (Mutex::default(), Condvar::default());
-        Ok(Arc::new(Self { matcher, threads, process, most_kept, calls, call_ended }))
+        Arc::new(Self { matcher, threads, process: process::id(), most_kept, calls, call_ended })
     }
 
     /// The pool for an argument `threads`: [`Workers`], a number of threads of its own, or None for the
@@ -69,8 +76,9 @@ impl Pool {
     /// Nobody waits for the lock: a child that is forked while another thread holds it never sees it
     /// released.
     fn kept(threads: usize, is_shared: bool) -> phasestereo::Result<Arc<Self>> {
+        let fresh = || Ok(Self::keeping(MOST_KEPT, threads, Matcher::new(threads)?));
         let Ok(mut kept) = KEPT.try_lock() else {
-            return Self::keeping(MOST_KEPT, threads);
+            return fresh();
         };
         let kept = &mut kept[usize::from(is_shared)];
 
@@ -81,11 +89,11 @@ impl Pool {
                 return Ok(Arc::clone(pool));
             }
             if !is_free {
-                return Self::keeping(MOST_KEPT, threads);
+                return fresh();
             }
         }
 
-        let pool = Self::keeping(MOST_KEPT, threads)?;
+        let pool = fresh()?;
         kept.replace(Arc::clone(&pool)).into_iter().for_each(Self::leave);
         Ok(pool)
     }
@@ -175,6 +183,7 @@ pub fn release_memory() {
 #[derive(Debug)]
 pub struct Workers {
     pool: Arc<Pool>,
+    device: Option<Arc<Device>>,
     /// The pool of a process that was forked since.
     forked: Mutex<Option<Arc<Pool>>>,
 }
@@ -182,8 +191,11 @@ pub struct Workers {
 #[pymethods]
 impl Workers {
     #[new]
-    fn new(threads: &Bound<'_, PyAny>) -> Result<Self> {
-        Ok(Self { pool: Pool::new(read_threads(threads)?)?, forked: Mutex::default() })
+    #[pyo3(signature = (threads, device=None))]
+    fn new(threads: &Bound<'_, PyAny>, device: Option<Bound<'_, PyAny>>) -> Result<Self> {
+        let device = device.map(Device::new).transpose()?.map(Arc::new);
+        let pool = Pool::with_device(read_threads(threads)?, device.as_ref())?;
+        Ok(Self { pool, device, forked: Mutex::default() })
     }
 
     #[getter]
@@ -201,13 +213,13 @@ impl Workers {
 
         // No waiting: a thread that does not exist in this process may hold the lock.
         let Ok(mut forked) = self.forked.try_lock() else {
-            return Pool::new(self.pool.threads);
+            return Pool::with_device(self.pool.threads, self.device.as_ref());
         };
         if let Some(pool) = forked.as_ref().filter(|pool| pool.is_ours()) {
             return Ok(Arc::clone(pool));
         }
 
-        let pool = Pool::new(self.pool.threads)?;
+        let pool = Pool::with_device(self.pool.threads, self.device.as_ref())?;
         forked.replace(Arc::clone(&pool)).into_iter().for_each(Pool::leave);
 
         Ok(pool)
