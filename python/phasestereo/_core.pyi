@@ -32,6 +32,7 @@ __all__ = [
     "SETTINGS",
     "VERDICTS",
     "Back",
+    "Ready",
     "Rig",
     "Scale",
     "Setting",
@@ -138,6 +139,9 @@ class Back:
     @property
     def prepared_size(self) -> tuple[int, int]: ...
     def restored(self, disparity: NDArray[np.float32]) -> NDArray[np.float32]: ...
+
+@final
+class Ready: ...
 
 @final
 class Workers:
@@ -252,7 +256,7 @@ def prepare_pair(
     settings: Settings,
     threads: int | Workers | None,
     known: Known | None,
-) -> tuple[tuple[Pixels | None, Pixels | None], list[str], int, Back, Estimates]: ...
+) -> tuple[tuple[Pixels | None, Pixels | None], list[str], int, Back, Ready, Estimates]: ...
 def observe_maps(
     images: tuple[Pixels, Pixels],
     maps: list[NDArray[np.float32]],
@@ -267,6 +271,7 @@ def verify_map(
     threads: int | Workers | None,
     progress: Callable[[int, int], object] | None,
     known: Known,
+    ready: Ready | None,
 ) -> Verification: ...
 def descriptor(
     image: Pixels,

@@ -17,8 +17,8 @@ from phasestereo.io.drafts import replacing
 from phasestereo.io.files import StrPath, named, open_regular, read_bounded
 from phasestereo.known import Known, as_known
 from phasestereo.rig.findings import Finding, warn
-from phasestereo.settings import PresetName, Settings, SettingsOverrides, resolve
-from phasestereo.verification import Verification, verify
+from phasestereo.settings import PRESETS, PresetName, Settings, SettingsOverrides, resolve
+from phasestereo.verification import Verification, judge
 
 __all__ = ["Prepared", "Restoration", "Unit", "prepare"]
 
@@ -113,7 +113,8 @@ class Restoration:
             If it is not a saved restoration, or damaged.
         """
         with named(str(path)), open_regular(path) as file:
-            return cls(_core.Back(read_bounded(file, _MOST_TEXT).decode()))
+            text = read_bounded(file, _MOST_TEXT).decode(errors="replace")
+            return cls(_core.Back(text))
 
     def __reduce__(self) -> tuple[Any, tuple[str]]:
         return _restoration, (self._core.text,)
@@ -153,7 +154,7 @@ class Prepared:
     num_disparities: int
     restoration: Restoration
     findings: tuple[Finding, ...] = ()
-    _verify: partial[Verification] | None = field(default=None, repr=False)
+    _judge: partial[Verification] | None = field(default=None, repr=False)
 
     def restore(self, disparity: ArrayLike, *, unit: Unit | None = None) -> Map:
         """Return a map of the prepared pair as one of the left image as it came.
@@ -164,6 +165,9 @@ class Prepared:
 
     def judge(self, disparity: ArrayLike, *, unit: Unit | None = None) -> Verification:
         """Judge a map of the prepared pair by the images as they came: `verify` of `restore`.
+
+        What `prepare` has found is not estimated again, unless it was given a range, or other
+        settings than those of the preset ``"robust"``, or this is a copy from a pickle.
 
         Parameters
         ----------
@@ -186,9 +190,9 @@ class Prepared:
         >>> pair = ps.prepare(left, right)
         >>> judged = pair.judge(np.full(pair.left.shape[:2], 7.5))
         """
-        if self._verify is None:
+        if self._judge is None:
             raise ValueError("pair: got no images as they came; accepts what prepare has returned")
-        return self._verify(self.restore(disparity, unit=unit))
+        return self._judge(self.restore(disparity, unit=unit))
 
     def __repr__(self) -> str:
         rows, cols = self.left.shape[:2]
@@ -264,13 +268,14 @@ known, **overrides
     if max_disparity is not None:
         max_disparity = as_integer("max_disparity", max_disparity, least=1)
 
+    asked = resolve(preset, settings, overrides)
     arrays, pair, valid = opened_valid((left, right), (left_mask, right_mask))
-    images, done, count, back, estimates = _core.prepare_pair(
+    images, done, count, back, ready, estimates = _core.prepare_pair(
         pair,
         valid,
         (min_disparity, num_disparities),
         max_disparity,
-        resolve(preset, settings, overrides),
+        asked,
         threads,
         as_known(known),
     )
@@ -283,13 +288,13 @@ known, **overrides
         num_disparities=count,
         restoration=Restoration(back),
         findings=estimates.findings,
-        _verify=partial(
-            verify,
-            *arrays,
+        _judge=partial(
+            judge,
+            arrays,
+            (left_mask, right_mask),
             threads=threads,
-            left_mask=left_mask,
-            right_mask=right_mask,
             known=known,
+            ready=ready if asked == PRESETS["robust"] and num_disparities is None else None,
         ),
     )
 

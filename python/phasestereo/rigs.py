@@ -319,7 +319,8 @@ class Rig:
         """
         rig = cls(**options)
         with named(str(path)), open_regular(path) as file:
-            rig._core = _core.Rig(read_bounded(file, _MOST_TEXT).decode())
+            text = read_bounded(file, _MOST_TEXT).decode(errors="replace")
+            rig._core = _core.Rig(text)
         return rig
 
     def export(self, path: StrPath, form: Form = "opencv") -> None:

@@ -194,19 +194,26 @@ def verify(
     >>> found = ps.verify(left, right, disparity)
     >>> wrong = found.verdict == ps.Verdict.REFUTED
     """
-    check_callable("progress", progress)
-    arrays, pair, valid = opened_valid((left, right), (left_mask, right_mask))
-    size = pair[0].shape[:2]
-    claims = as_claims(disparity, size)
+    images, masks = (left, right), (left_mask, right_mask)
+    return judge(images, masks, disparity, threads=threads, progress=progress, known=known)
 
+
+def judge(
+    images: tuple[ImageOrPath, ImageOrPath],
+    masks: tuple[ArrayLike | None, ArrayLike | None],
+    disparity: ArrayLike,
+    *,
+    threads: int | None,
+    known: Known | None,
+    progress: Progress | None = None,
+    ready: _core.Ready | None = None,
+) -> Verification:
+    """Judge as `verify` does; a pair that is ready by its settings is not estimated again."""
+    check_callable("progress", progress)
+    arrays, pair, valid = opened_valid(images, masks)
+    claims = as_claims(disparity, pair[0].shape[:2])
     judged = _core.verify_map(
-        pair,
-        valid,
-        claims,
-        PRESETS["robust"],
-        threads,
-        progress,
-        as_known(known),
+        pair, valid, claims, PRESETS["robust"], threads, progress, as_known(known), ready
     )
     return replace(judged, result=replace(judged.result, pair=arrays))
 

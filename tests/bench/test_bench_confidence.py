@@ -1,6 +1,7 @@
 """The benchmark that the calibration is learned by: weights that are put in come out."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -119,7 +120,9 @@ def test_the_judge_learns_which_claims_are_right_and_writes_it_for_the_core(
     is_right = rng.random(6000) < sigmoid(odds)
     errors = np.where(is_right, rng.uniform(0, 1, 6000), rng.uniform(1, 9, 6000))
     flags = np.where(rng.random(6000) < 0.2, int(Flag.OCCLUDED), 0)
-    columns = np.column_stack([errors, flags, traits]).astype(np.float32)
+    both = rng.random(6000) < 0.2  # else one of claim and own disparity is right
+    own_errors = np.where(is_right ^ both, 5.0, 0.5)
+    columns = np.column_stack([errors, own_errors, flags, traits]).astype(np.float32)
     record = {"scene": "a", "faults": "sharp", "maps": {"fast": claims.packed(columns)}}
     (made,) = judging.claims_of([record])
     assert (np.bincount(made.cases) > 500).all()
@@ -128,6 +131,9 @@ def test_the_judge_learns_which_claims_are_right_and_writes_it_for_the_core(
     found = judging.odds_of(made, weights)
     assert np.corrcoef(found, odds)[0, 1] > 0.97
     assert sigmoid(found).mean() == pytest.approx(is_right.mean(), abs=0.01)
+    ahead = judging.odds_of(made, replace(weights, heights=[weights.ahead] * judging.CASES))
+    differ = traits[:, 0] > 1
+    assert np.corrcoef(ahead[differ], odds[differ])[0, 1] > 0.95
 
     judging.write_weights(weights, tmp_path / "weights.rs")
     form = re.compile(r"-?\d+\.\d+")

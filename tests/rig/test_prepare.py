@@ -233,15 +233,19 @@ def test_much_noise_is_smoothed(rendered: Pair, noise: float, smooths: bool) -> 
 
 def test_a_map_of_a_prepared_pair_is_judged_in_the_left_image_as_it_came(rendered: Pair) -> None:
     right = moved(rendered.right, down=4)
-    pair = pickle.loads(pickle.dumps(ps.prepare(rendered.left, right)))  # noqa: S301
+    shown = right.copy()
+    pair = ps.prepare(rendered.left, shown)
+    copy = pickle.loads(pickle.dumps(pair))  # noqa: S301
     truth = np.asarray(rendered.truth, np.float32)
     claims = truth.copy()
     claims[60:100, 80:140] += 6
 
+    shown[:] = 0  # what was found of the pair holds, and nothing is looked for again
     judged = pair.judge(claims)
     whole = ps.verify(rendered.left, right, pair.restore(claims))
-    np.testing.assert_array_equal(judged.confidence, whole.confidence)
-    np.testing.assert_array_equal(judged.verdict, whole.verdict)
+    for other in (judged, copy.judge(claims)):
+        np.testing.assert_array_equal(other.confidence, whole.confidence)
+        np.testing.assert_array_equal(other.verdict, whole.verdict)
     seen = rendered.masks["nonocc"] & np.isfinite(truth)
     wrong = np.zeros_like(seen)
     wrong[60:100, 80:140] = True
@@ -412,3 +416,19 @@ def test_wrong_commands_are_refused(
     code, _, err = run(*words)
     assert code == 2
     assert f"error: {message}" in err
+
+
+def test_other_files_are_named(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(1)
+    for name in ("l.png", "r.png"):
+        ps.io.write_image(name, rng.integers(0, 256, (60, 90), np.uint8))
+    ps.io.write_disparity("map.pfm", np.ones((60, 90), np.float32))
+    code, _, err = run("restore", "map.pfm", "--back", "l.png", "-o", "out.pfm")
+    assert code == 1
+    assert "l.png: back: got" in err
+
+    code, _, err = run("prepare", "l.png", "r.png", "--back", "back.json")  # not a pair
+    assert code == 0
+    assert err.startswith("phasestereo: warning: ")
+    assert "prepare.py" not in err

@@ -7,7 +7,7 @@ use phasestereo::internals::verification::judge::{Chance, bar as bar_of, probabi
 use phasestereo::internals::verification::test::Test;
 use phasestereo::internals::verification::verdict;
 use phasestereo_match::base::control::Control;
-use phasestereo_match::base::math::ln;
+use phasestereo_match::base::math::{exp, ln};
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
 use phasestereo_match::cost::Costs;
@@ -280,6 +280,7 @@ fn verdicts_are_what_their_definition_says() {
 fn chances() -> Plane<Chance> {
     Plane::from_fn(ROWS, COLS, |y, x| Chance {
         odds: 6.0 * share(20, y, x) - 3.0,
+        ahead: 6.0 * share(23, y, x) - 3.0,
         bar: share(21, y, x),
     })
 }
@@ -315,11 +316,7 @@ fn fused_pixel(
             let by = (map.row(*v)[*u] - own.row(*v)[*u]).abs();
             by.is_finite() && by > 1.0
         })
-        .map(|(v, u)| {
-            let sure = whole.confidence.as_ref().expect("confidences").row(v)[u];
-            let ahead = chances.row(v)[u].odds - (odds(sure) - 1.0);
-            (ahead.clamp(-10.0, 10.0) * 1024.0) as i64
-        })
+        .map(|(v, u)| (chances.row(v)[u].ahead.clamp(-10.0, 10.0) * 1024.0) as i64)
         .sum();
     if if matched.is_nan() { here.odds > 0.0 } else { ahead > 0 } {
         let seen = flags & (flag::OUTSIDE | flag::MATCH_MASKED | flag::OCCLUDED);
@@ -328,7 +325,9 @@ fn fused_pixel(
     if matched.is_nan() {
         return (matched, flags, confidence, bar);
     }
-    let odds = odds(confidence * (1.0 - probability(here.odds)));
+    let claimed = probability(here.odds);
+    let rest = claimed / exp(f64::from(here.ahead)) as f32;
+    let odds = odds(rest.min(confidence).min(1.0 - claimed));
     (matched, flags, probability(odds), bar_of(odds, flags))
 }
 

@@ -12,9 +12,11 @@ from cyclopts import Parameter
 import phasestereo
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, claim, refusals
 from phasestereo.cli.terminal import print_json, print_lines
+from phasestereo.cli.trust import show_findings, unwarned
 from phasestereo.io import read_disparity, write_disparity, write_image
 from phasestereo.preparation import Restoration, Unit
 from phasestereo.preparation import prepare as prepare_pair
+from phasestereo.rig.findings import untrusted
 
 _JSON = Parameter(name="--json", negative=(), show_default=False)
 
@@ -71,7 +73,7 @@ def prepare(
     _claim([left, right], output, back)
 
     options = {"max_disparity", "num_disparities", "min_disparity", "threads"}
-    with refusals(options=options):
+    with refusals(options=options), unwarned():
         pair = prepare_pair(
             left,
             right,
@@ -80,6 +82,7 @@ def prepare(
             min_disparity=min_disparity,
             threads=threads,
         )
+    show_findings(untrusted(pair.findings))
     with refusals():
         for path, image in zip(output or (), (pair.left, pair.right), strict=False):
             write_image(path, image)

@@ -68,7 +68,7 @@ use phasestereo_match::settings::Settings;
 const DEFAULT_SHARE: usize = 3;
 
 /// A pair with all that a match needs.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Prepared {
     /// The pair, with aligned rows and its blur compensation.
     pub pair: Pair,

@@ -278,9 +278,10 @@ impl Matcher {
             prepared_for_others(inputs, &facts, most, &self.settings, runtime)
         })?;
 
-        let (Preparation { images, done, num_disparities, back, .. }, estimates) = made;
+        let (Preparation { images, done, num_disparities, back, .. }, ready) = made;
         let images = images.map(Image::of_input);
-        Ok(PreparedPair { images, done, num_disparities, findings: estimates.findings, back })
+        let findings = ready.prepared.estimates.findings;
+        Ok(PreparedPair { images, done, num_disparities, findings, back })
     }
 
     /// Judges a disparity map of the left image, in pixels; what is not finite claims nothing. The pair is

@@ -62,7 +62,7 @@ pub fn turned(pair: Pair, facts: &Facts) -> Result<Pair> {
 }
 
 /// A pair that is ready to be matched.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Ready {
     /// The pair, with what was estimated of it: the rectified one, if it was rectified.
     pub prepared: Prepared,

@@ -23,7 +23,7 @@ mod words;
 use crate::estimation::estimates::Estimates;
 use crate::estimation::facts::{Facts, Origin};
 use crate::estimation::takes_negative;
-use crate::match_pair::{Treatment, made_ready};
+use crate::match_pair::{Ready, Treatment, made_ready};
 use crate::preparation::back::Back;
 use crate::preparation::channels::{Channels, Tone};
 use phasestereo_match::base::error::{Error, Result};
@@ -61,15 +61,15 @@ pub struct Preparation {
     pub back: Back,
 }
 
-/// Prepares two images, as they came, for other matchers, whose largest disparity may be known; and what was
-/// estimated of them.
+/// Prepares two images, as they came, for other matchers, whose largest disparity may be known; and the pair
+/// that is ready to be matched.
 pub fn prepared_for_others(
     inputs: [Input; 2],
     facts: &Facts,
     max_disparity: Option<i64>,
     settings: &Settings,
     runtime: Runtime,
-) -> Result<(Preparation, Estimates)> {
+) -> Result<(Preparation, Ready)> {
     if let Some(most) = max_disparity.filter(|most| *most < 1) {
         return Err(Error::value("max_disparity", most, "an integer from 1, or nothing"));
     }
@@ -83,7 +83,7 @@ pub fn prepared_for_others(
     let ready = made_ready(pair, facts, settings, runtime)?;
     let is_inverted = takes_negative(facts, settings, &ready.prepared.estimates);
     let made = prepared_as(&inputs, ready.treatment(), is_inverted, max_disparity, runtime)?;
-    Ok((made, ready.prepared.estimates))
+    Ok((made, ready))
 }
 
 /// Prepares two images for other matchers by what was done to them for a match: as they came, or turned, if

@@ -103,6 +103,16 @@ fn decided(
     Ok(map)
 }
 
+/// Draws planes into a map of a pair that others had a part in, as into that of a match.
+pub fn draw_planes(map: &mut Disparity, prepared: &Prepared, runtime: Runtime) -> Result<()> {
+    let Runtime { execution, control, .. } = runtime;
+    let doubt = Doubt::of_map(map, execution.level)?.map_or(0.0, |doubt| doubt.share());
+    if prepared.settings.scales && doubt > SOME {
+        planes::draw(map, &prepared.pair, execution.level, control)?;
+    }
+    Ok(())
+}
+
 /// Matches a pair by itself, each panel where its disparities are to be expected.
 fn matched(pair: &Pair, settings: &Settings, runtime: Runtime) -> Result<Disparity> {
     let started = Instant::now();

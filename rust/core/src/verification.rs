@@ -29,7 +29,7 @@ pub mod traits;
 
 use crate::estimation::facts::Facts;
 use crate::finding::Finding;
-use crate::match_pair::{Matched, made_ready};
+use crate::match_pair::{Matched, Ready, made_ready};
 use crate::verification::claims::Claims;
 use crate::verification::evidence::ClaimEvidence;
 use crate::verification::hypotheses::{Misreading, Sample};
@@ -104,11 +104,22 @@ pub fn verify(
     settings: &Settings,
     runtime: Runtime,
 ) -> Result<Verification> {
+    let ready = made_ready(pair, &facts.along_rows(), settings, runtime)?;
+    judged(ready, map, settings, runtime)
+}
+
+/// The same of a pair that is ready to be matched by these settings, along its rows.
+pub fn judged(
+    mut ready: Ready,
+    map: &Plane<f32>,
+    settings: &Settings,
+    runtime: Runtime,
+) -> Result<Verification> {
     // What is judged are the confidences of the own match, so it has some whatever the settings say.
     let settings = Settings { confidence: true, ..settings.clone() };
-    let size = pair.size();
+    ready.prepared.settings.confidence = true;
+    let size = ready.prepared.pair.size();
     let Runtime { execution, control, .. } = runtime;
-    let mut ready = made_ready(pair, &facts.along_rows(), &settings, runtime)?;
     let claims = Claims::new(map, size, ready.raw.as_deref(), control)?;
 
     let pair = ready.prepared.pair.clone();

@@ -36,7 +36,7 @@ use self::arguments::{
 use self::failure::{Failure, Result};
 use self::known::{read_known, read_noise_of_pair};
 use self::objects::{Asked, Matched, Object};
-use self::preparation::{Back, prepare_pair};
+use self::preparation::{Back, Ready, prepare_pair};
 use self::reader::{Reader, Scale};
 use self::rig::Rig;
 use self::second::with_second;
@@ -107,7 +107,7 @@ mod _core {
 
     #[pymodule_export]
     use super::{
-        Back, Rig, Scale, Setting, TemporalFilter, Workers, aggregate_volume,
+        Back, Ready, Rig, Scale, Setting, TemporalFilter, Workers, aggregate_volume,
         check_blur_compensation, check_noise, check_settings, cost_volume, descriptor,
         estimate_pair, estimate_pair_by_rows, find_borders, find_roughness, find_scale, fit_right,
         halo, match_pair, match_raw, match_rows, observe_maps, optimize_volume, prepare_pair,

@@ -4,6 +4,7 @@ use ndarray::Dimension;
 use numpy::{PyArray2, PyArrayMethods};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
+use pyo3::types::{PyNone, PyType};
 
 use crate::arguments::{Both, read_inputs, read_search, values};
 use crate::failure::Result;
@@ -13,6 +14,7 @@ use crate::settings::read_settings;
 use crate::supervisor::supervised;
 use crate::workers::Pool;
 use crate::wrap;
+use phasestereo::internals::match_pair;
 use phasestereo::internals::preparation::back;
 use phasestereo::internals::preparation::{Preparation, prepared_for_others};
 use phasestereo_match::base::plane::Plane;
@@ -63,8 +65,20 @@ impl Back {
     }
 }
 
+/// A pair that is ready to be matched. A pickle of it is None: all is estimated again.
+#[pyclass(module = "phasestereo._core", frozen)]
+#[derive(Debug)]
+pub struct Ready(pub match_pair::Ready);
+
+#[pymethods]
+impl Ready {
+    fn __reduce__(slf: Bound<'_, Self>) -> (Bound<'_, PyType>, ()) {
+        (PyNone::get(slf.py()).get_type(), ())
+    }
+}
+
 /// A pair for other matchers: both images (None: nothing had to be done), sentences, the number of
-/// disparities, the way back, and what was estimated.
+/// disparities, the way back, the pair that is ready to be matched, and what was estimated.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "arguments that Python names")]
 #[expect(clippy::type_complexity, reason = "what Python unpacks")]
@@ -77,7 +91,7 @@ pub fn prepare_pair<'py>(
     settings: Object<'py>,
     threads: &Bound<'py, PyAny>,
     known: Object<'py>,
-) -> Result<([Option<Bound<'py, PyAny>>; 2], Vec<String>, usize, Back, Object<'py>)> {
+) -> Result<([Option<Bound<'py, PyAny>>; 2], Vec<String>, usize, Back, Ready, Object<'py>)> {
     let asked = read_settings(&settings)?;
     let search = read_search(&disparities)?;
     let inputs = read_inputs(&images, &masks)?;
@@ -89,11 +103,12 @@ pub fn prepare_pair<'py>(
         prepared_for_others(inputs, &told, max_disparity, &asked, runtime)
     })?;
 
-    let (Preparation { images, changed, done, num_disparities, back }, found) = made;
+    let (Preparation { images, changed, done, num_disparities, back }, ready) = made;
     let mut changes = changed.into_iter();
     let images = images.map(|image| changes.next()?.then(|| pixels(py, image.image)));
     let asked = Asked { settings, known, is_searched: search.is_some(), is_reused: false };
-    Ok((images, done, num_disparities, Back(back), estimates(py, found, &asked)?))
+    let found = estimates(py, ready.prepared.estimates.clone(), &asked)?;
+    Ok((images, done, num_disparities, Back(back), Ready(ready), found))
 }
 
 /// Reads a disparity map.

@@ -7,7 +7,7 @@ use crate::arguments::{Both, read_any_images};
 use crate::failure::Result;
 use crate::known::read_known;
 use crate::objects::{self, Asked, Object, verification};
-use crate::preparation::read_map;
+use crate::preparation::{Ready, read_map};
 use crate::settings::read_settings;
 use crate::supervisor::supervised;
 use crate::workers::Pool;
@@ -15,10 +15,11 @@ use phasestereo::internals::estimation::facts::Facts;
 use phasestereo::internals::findings;
 use phasestereo::internals::match_pair::Matched;
 use phasestereo::internals::verification::traits::{TRAITS, Values};
-use phasestereo::internals::verification::{observe, verify};
+use phasestereo::internals::verification::{judged, observe, verify};
 use phasestereo_match::base::plane::Plane;
 
-/// Judges a disparity map; the own match is as `match_pair` returns it.
+/// Judges a disparity map; the own match is as `match_pair` returns it. A pair that is ready, by the same
+/// settings, is not estimated again.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "arguments that Python names")]
 pub fn verify_map<'py>(
@@ -30,6 +31,7 @@ pub fn verify_map<'py>(
     threads: &Bound<'py, PyAny>,
     progress: Option<Bound<'py, PyAny>>,
     known: Object<'py>,
+    ready: Option<PyRef<'py, Ready>>,
 ) -> Result<Object<'py>> {
     let pair = read_any_images(&images, &masks, None)?;
     let map = read_map(disparity)?;
@@ -39,15 +41,19 @@ pub fn verify_map<'py>(
     let told = read_known(&known, (rows, cols), None, None)?;
 
     let pool = Pool::for_argument(threads)?;
-    let (judged, summary) = supervised(py, &pool, rows, progress, move |means| {
-        let judged = verify(pair, &map, &told, &asked, means)?;
-        let summary = judged.matched.summary();
-        Ok((judged, summary))
+    let ready = ready.map(|ready| ready.0.clone());
+    let (found, summary) = supervised(py, &pool, rows, progress, move |means| {
+        let found = match ready {
+            Some(ready) => judged(ready, &map, &asked, means)?,
+            None => verify(pair, &map, &told, &asked, means)?,
+        };
+        let summary = found.matched.summary();
+        Ok((found, summary))
     })?;
 
-    let said = findings::of_match(&judged.matched.prepared.estimates, &summary, (rows, cols));
+    let said = findings::of_match(&found.matched.prepared.estimates, &summary, (rows, cols));
     let asked = Asked { settings, known, is_searched: false, is_reused: false };
-    verification(py, judged, summary, said, &asked)
+    verification(py, found, summary, said, &asked)
 }
 
 /// A match and, of several maps, the traits by which their claims are judged: float32 (height, width,

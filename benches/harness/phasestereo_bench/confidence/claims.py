@@ -97,9 +97,9 @@ def observe_claims(
         if places.size == 0:
             continue
         places = rng.choice(places, min(_PIXELS, places.size), replace=False)
-        errors = np.abs(claims - truth).ravel()[places]
+        errors = [np.abs(each - truth).ravel()[places] for each in (claims, own.disparity)]
         flags = own.flags.ravel()[places].astype(np.float32)
-        columns = [errors, flags, *values.reshape(-1, values.shape[2])[places].T]
+        columns = [*errors, flags, *values.reshape(-1, values.shape[2])[places].T]
         found[name] = packed(np.stack(columns, axis=1))
     return {"maps": found}
 

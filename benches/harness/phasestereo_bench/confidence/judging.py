@@ -1,8 +1,9 @@
 """Traits of claims -> the weights by which the core judges maps of other matchers.
 
 The logarithms of the odds are sums of lines through points: a logistic regression with the shares
-of two points as inputs, by Newton's method. The bars are lines through points that hold 90 % of the
-errors, a quantile regression. Every map has the same weight, whatever its size.
+of two points as inputs, by Newton's method. Where claim and own disparity differ and one of both
+is right, which one is a regression of the same kind. The bars are lines through points that hold
+90 % of the errors, a quantile regression. Every map has the same weight, whatever its size.
 """
 
 from __future__ import annotations
@@ -44,8 +45,8 @@ class Claims:
     ----------
     scene, faults, method
         Of which pair it is, and whose.
-    errors
-        (pixels,) How far claims are off, pixels.
+    errors, own_errors
+        (pixels,) How far claims and own disparities are off, pixels.
     cases
         (pixels,) The case of each, as the core has them.
     traits
@@ -56,17 +57,19 @@ class Claims:
     faults: str
     method: str
     errors: Numbers
+    own_errors: Numbers
     cases: NDArray[np.int64]
     traits: Numbers
 
 
 @dataclass(frozen=True, slots=True)
 class Weights:
-    """What the core has: places of points, and by case what was learned."""
+    """What the core has: places of points, what was learned by case, and where both differ."""
 
     places: Numbers
     heights: Sequence[Numbers]
     bars: Sequence[Numbers]
+    ahead: Numbers
 
 
 def claims_of(records: Iterable[Mapping[str, Any]]) -> list[Claims]:
@@ -74,12 +77,11 @@ def claims_of(records: Iterable[Mapping[str, Any]]) -> list[Claims]:
     found = []
     for record in records:
         for method, text in record["maps"].items():
-            values = unpacked(text, TRAITS + 2)
-            flags, traits = values[:, 1].astype(int), values[:, 2:]
+            values = unpacked(text, TRAITS + 3)
+            flags, traits = values[:, 2].astype(int), values[:, 3:]
             cases = np.where(flags & _UNSEEN, 2, (traits[:, 0] > 1).astype(int))
-            errors = np.nan_to_num(values[:, 0], posinf=6e4)
-            claims = Claims(record["scene"], record["faults"], method, errors, cases, traits)
-            found.append(claims)
+            errors = np.nan_to_num(values[:, :2].T, posinf=6e4)
+            found.append(Claims(record["scene"], record["faults"], method, *errors, cases, traits))
     return found
 
 
@@ -96,10 +98,15 @@ def learn(several: Sequence[Claims]) -> Weights:
     traits = np.concatenate([each.traits for each in several])
     errors = np.concatenate([each.errors for each in several])
     cases = np.concatenate([each.cases for each in several])
+    own_errors = np.concatenate([each.own_errors for each in several])
     weight = np.concatenate([np.full(len(e.cases), _PIXELS / len(e.cases)) for e in several])
 
     places = _places(traits)
     steady = _steady(places)
+    one = (traits[:, 0] > 1) & ((errors <= 1) != (own_errors <= 1))
+    right = (errors[one] <= 1).astype(np.float64)
+    ahead = _fitted(_design(traits[one], places), right, weight[one], steady)
+
     heights, bars = [], []
     for case in range(CASES):
         here = cases == case
@@ -107,7 +114,7 @@ def learn(several: Sequence[Claims]) -> Weights:
         right = (errors[here] <= 1).astype(np.float64)
         heights.append(_fitted(design, right, weight[here], steady))
         bars.append(_bars(design @ heights[case], errors[here], weight[here]))
-    return Weights(places, heights, bars)
+    return Weights(places, heights, bars, ahead)
 
 
 def odds_of(claims: Claims, weights: Weights) -> Numbers:
@@ -170,14 +177,15 @@ def write_weights(weights: Weights, path: Path) -> None:
         If the file cannot be written.
     """
     cases = "".join(_learned(weights, case) for case in range(CASES))
-    text = _FILE.format(places=_rows(weights.places, 8), cases=cases)
+    ahead = _odds(weights.ahead, 4)
+    text = _FILE.format(places=_rows(weights.places, 8), cases=cases, ahead=ahead)
     with replacing(path) as file:
         file.write(text.encode())
 
 
 _FILE = """//! Learned by `phasestereo bench confidence --of maps`, which writes this file.
 
-use super::{{Learned, Weights}};
+use super::{{Learned, Odds, Weights}};
 
 /// The weights.
 pub const WEIGHTS: Weights = Weights {{
@@ -185,23 +193,28 @@ pub const WEIGHTS: Weights = Weights {{
 {places}    ],
     cases: [
 {cases}    ],
+    ahead: {ahead},
 }};
 """
 _LEARNED = """        Learned {{
-            offset: {offset},
-            lines: [
-{lines}            ],
+            odds: {odds},
             bars: {bars},
         }},
 """
+_ODDS = """Odds {{
+{space}    offset: {offset},
+{space}    lines: [
+{lines}{space}    ],
+{space}}}"""
 
 
 def _learned(weights: Weights, case: int) -> str:
-    heights = weights.heights[case]
-    lines = _rows(heights[1:].reshape(TRAITS, KNOTS), 16)
-    return _LEARNED.format(
-        offset=_number(heights[0]), lines=lines, bars=_listed(weights.bars[case])
-    )
+    return _LEARNED.format(odds=_odds(weights.heights[case], 12), bars=_listed(weights.bars[case]))
+
+
+def _odds(heights: Numbers, indent: int) -> str:
+    lines = _rows(heights[1:].reshape(TRAITS, KNOTS), indent + 8)
+    return _ODDS.format(offset=_number(heights[0]), lines=lines, space=" " * indent)
 
 
 def _rows(rows: Numbers, indent: int) -> str:

@@ -185,7 +185,8 @@ impl Drawn {
                 }
                 map.disparity.row_mut(y)[x] = self.surface.disparity(y, x);
                 let flags = &mut map.flags.row_mut(y)[x];
-                *flags = *flags & !(flag::FILLED | flag::COARSE) | flag::INFERRED;
+                let others = flag::FILLED | flag::COARSE | flag::SECOND;
+                *flags = *flags & !others | flag::INFERRED;
 
                 if let Some(plane) = &mut map.confidence {
                     plane.row_mut(y)[x] = confidence;

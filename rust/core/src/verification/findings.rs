@@ -44,9 +44,9 @@ pub fn findings(counts: Counts, misreading: Option<Misreading>) -> Vec<Finding> 
     findings
 }
 
-/// What is reported of a second map that means other numbers than pixels.
-pub fn misread(misreading: Misreading) -> Vec<Finding> {
-    let mut findings = findings(Counts::default(), Some(misreading));
+/// What is reported of a second map before it is judged: numbers that are not disparities in pixels.
+pub fn of_second(counts: Counts, misreading: Option<Misreading>) -> Vec<Finding> {
+    let mut findings = findings(counts, misreading);
     findings.retain(|finding| finding.severity == Severity::Warning);
     findings
 }

@@ -3,23 +3,22 @@
 //! ```text
 //! near     = |own - claim| <= 1
 //! claimed  = probability that the claim is right                       # crate::verification::judge
-//! ahead    = odds of claimed - (odds of the own confidence - DOUBTED)
+//! ahead    = ln(probability that the claim alone is right / that the own disparity alone is)   # as claimed
 //! better   = sum of ahead > 0, over the pixels within 9 x 9 that are not near
 //! fused    = near: own + SHARE (claim - own), SHARE_IF_POOR if the own map has more than POOR of its pixels wrong
 //!            better, or the own disparity is missing and the odds of the claim are positive: claim;  else own
-//! confidence = near, and of claims that are taken: claimed;  else the own one (1 - claimed)
+//! confidence = near, and of claims that are taken: claimed;  else claimed / exp(ahead), at most 1 - claimed and the own one
 //! bar      = near: the mean of both;  of claims that are taken: theirs;  else that of claims of this confidence
 //! ```
 //!
 //! The surroundings decide, not the pixel alone: what differs around a pixel is most likely one mistake.
 //!
-//! Only one of two that differ can be right, and the own confidence does not know of the claim: where the match
-//! stays, it is 78, 61 and 68 %, times the probability that the claim is wrong 62, 47 and 53, and 54, 44 and
-//! 51 % are right (`HITNet`'s maps of 12 development scenes: sharp, noise of 20 gray levels, one image out of
-//! focus by a disk of 6 px).
+//! The own confidence does not know of the claim, so what becomes of it where both differ is learned, too. A
+//! claim that differs never makes it higher.
 
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
+use phasestereo_match::base::math::exp;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
 use phasestereo_match::image::window_sums::{Beyond, Windows};
@@ -36,10 +35,6 @@ const SHARE: f32 = 0.25;
 const SHARE_IF_POOR: f32 = 0.5;
 /// Share of the own map that is probably wrong from which on it is poor. Not swept, as those below.
 const POOR: f64 = 0.2;
-/// The odds of the own confidence that a claim which differs takes away, a logarithm. With 0, 0.75, 1: sharp
-/// 6.20, 6.11, 6.10 % wrong, noise 20 25.51, 25.48, 25.58, disk 6 17.65, 17.71, 17.85, JPEG 70 12.60, 12.19,
-/// 12.03, both soft 12.05, 11.86, 11.78 (`HITNet`'s maps of 12 development scenes).
-const DOUBTED: f32 = 1.0;
 /// Pixels from the center to the side of the window over which odds are summed.
 const RADIUS: usize = 4;
 /// Steps of odds that are summed, and the largest ones: integers sum to the same in any order.
@@ -57,7 +52,7 @@ struct Maps<'a> {
     chances: &'a Plane<Chance>,
 }
 
-/// A pixel of one of the maps.
+/// A pixel of the fused map.
 #[derive(Debug, Clone, Copy)]
 struct MapPixel {
     disparity: f32,
@@ -90,16 +85,8 @@ pub fn fuse(
     for y in 0..size.0 {
         control.checkpoint()?;
         for x in 0..size.1 {
-            let [matched, claim] = maps.pixels(y, x);
-            if !claim.disparity.is_finite() || matched.flags & flag::MASKED != 0 {
-                continue;
-            }
-
-            let own_bar = own.uncertainty.as_ref().map_or(f32::NAN, |all| all.row(y)[x]);
             let is_better = ahead.row(y)[x] > 0;
-            let Some(found) = fused_pixel(matched, claim, own_bar, is_better, share) else {
-                continue;
-            };
+            let Some(found) = maps.fused(y, x, is_better, share) else { continue };
             fused.disparity.row_mut(y)[x] = found.disparity;
             fused.flags.row_mut(y)[x] = found.flags;
             if let Some(confidence) = &mut fused.confidence {
@@ -115,24 +102,38 @@ pub fn fuse(
 }
 
 impl Maps<'_> {
-    /// A pixel of both; the chance of the own one holds where they differ.
-    fn pixels(&self, y: usize, x: usize) -> [MapPixel; 2] {
-        let Self { own, claims, chances } = self;
-        let (flags, chance) = (own.flags.row(y)[x], chances.row(y)[x]);
-        let odds = odds(self.confidence(y, x) * (1.0 - probability(chance.odds)));
+    /// A pixel of the fused map; `None`: it stays as it is.
+    fn fused(&self, y: usize, x: usize, is_better: bool, share: f32) -> Option<MapPixel> {
+        let (matched, claim) = (self.own.disparity.row(y)[x], self.claims.row(y)[x]);
+        let (flags, chance) = (self.own.flags.row(y)[x], self.chances.row(y)[x]);
+        if !claim.is_finite() || flags & flag::MASKED != 0 {
+            return None;
+        }
 
-        let own = MapPixel {
-            disparity: own.disparity.row(y)[x],
-            flags,
-            chance: Chance { odds, bar: bar(odds, flags) },
-        };
-        let flags = flags & UNSEEN | flag::SECOND;
-        [own, MapPixel { disparity: claims.row(y)[x], flags, chance }]
-    }
+        if (matched - claim).abs() <= AGREES {
+            let own_bar = self.own.uncertainty.as_ref().map_or(f32::NAN, |all| all.row(y)[x]);
+            let chance = Chance { bar: 0.5 * (chance.bar + own_bar), ..chance };
+            return Some(MapPixel {
+                disparity: matched + share * (claim - matched),
+                flags,
+                chance,
+            });
+        }
+        let is_taken = if matched.is_nan() { chance.odds > 0.0 } else { is_better };
+        if is_taken {
+            let flags = flags & UNSEEN | flag::SECOND;
+            return Some(MapPixel { disparity: claim, flags, chance });
+        }
+        if matched.is_nan() {
+            return None;
+        }
 
-    /// The own confidence.
-    fn confidence(&self, y: usize, x: usize) -> f32 {
-        self.own.confidence.as_ref().map_or(0.0, |all| all.row(y)[x])
+        let claimed = probability(chance.odds);
+        let rest = claimed / exp(f64::from(chance.ahead)) as f32;
+        let own = self.own.confidence.as_ref().map_or(0.0, |all| all.row(y)[x]);
+        let odds = odds(rest.min(own).min(1.0 - claimed));
+        let chance = Chance { odds, bar: bar(odds, flags), ..chance };
+        Some(MapPixel { disparity: matched, flags, chance })
     }
 
     /// By how much the odds of a claim are ahead where both maps differ, in steps.
@@ -141,27 +142,6 @@ impl Maps<'_> {
         if !by.is_finite() || by <= AGREES {
             return 0;
         }
-        let claimed = self.chances.row(y)[x].odds;
-        let ahead = claimed - (odds(self.confidence(y, x)) - DOUBTED);
-        (ahead.clamp(-LARGEST, LARGEST) * STEPS) as i64
+        (self.chances.row(y)[x].ahead.clamp(-LARGEST, LARGEST) * STEPS) as i64
     }
-}
-
-/// A pixel of the fused map; `None`: it has no disparity still.
-fn fused_pixel(
-    own: MapPixel,
-    claim: MapPixel,
-    own_bar: f32,
-    is_better: bool,
-    share: f32,
-) -> Option<MapPixel> {
-    if (own.disparity - claim.disparity).abs() <= AGREES {
-        let bar = 0.5 * (claim.chance.bar + own_bar);
-        let disparity = own.disparity + share * (claim.disparity - own.disparity);
-        return Some(MapPixel { disparity, chance: Chance { bar, ..claim.chance }, ..own });
-    }
-    if own.disparity.is_nan() {
-        return (claim.chance.odds > 0.0).then_some(claim);
-    }
-    Some(if is_better { claim } else { own })
 }

@@ -1,6 +1,7 @@
 //! What a map claims as a whole: the disparities to search because of it, and whether its numbers are meant
 //! otherwise.
 
+use crate::verification::Counts;
 use crate::verification::evidence::{STEPS, cost_at};
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::cost::Costs;
@@ -90,6 +91,14 @@ impl<'a> Sample<'a> {
     pub fn unrelated(&self) -> f64 {
         let mean = self.random as f64 / f64::from(STEPS) / self.claims.len().max(1) as f64;
         if mean > 0.0 { mean } else { 1.0 }
+    }
+
+    /// The numbers of claims, on which nothing is said yet, and of those that lie outside the right image.
+    pub fn counts(&self) -> Counts {
+        let is_outside =
+            |(_, x, claim): &&(usize, usize, f32)| right_column(*x, *claim, self.cols).is_none();
+        let outside = self.claims.iter().filter(is_outside).count() as u64;
+        Counts { verdicts: [0, self.claims.len() as u64, 0, 0], outside }
     }
 
     /// By what share the costs at some disparities are below those of pixels paired at random. Pixels whose

@@ -8,7 +8,11 @@
 //! odds       = offset + sum over traits of line(trait)
 //! confidence = 1 / (1 + exp(-odds))
 //! bar        = exp(line(odds))                                 # holds 90 % of the errors
+//! ahead      = offset + sum over traits of line(trait)         # of pixels that differ, in all cases
 //! ```
+//!
+//! Where a claim and the own disparity differ, `ahead` is the logarithm of the odds that the claim is right, if
+//! one of both is. It has lines of its own.
 //!
 //! `phasestereo bench confidence` learns the lines and writes `weights.rs`.
 
@@ -45,14 +49,22 @@ struct Weights {
     places: Lines,
     /// What was learned, by case.
     cases: [Learned; CASES],
+    /// That a claim is right rather than the own disparity, where they differ.
+    ahead: Odds,
+}
+
+/// Odds as a sum of lines.
+#[derive(Debug)]
+struct Odds {
+    offset: f32,
+    /// The heights of the points of all traits.
+    lines: Lines,
 }
 
 /// What was learned of one case.
 #[derive(Debug)]
 struct Learned {
-    offset: f32,
-    /// The heights of the points of all traits.
-    lines: Lines,
+    odds: Odds,
     /// The points of the logarithm of the bar, pixels.
     bars: [f64; calibration::KNOTS],
 }
@@ -62,13 +74,15 @@ struct Learned {
 pub struct Chance {
     /// The logarithm of the odds.
     pub odds: f32,
+    /// The same that the claim is right rather than the own disparity; 0 where they agree.
+    pub ahead: f32,
     /// Its error bar, pixels.
     pub bar: f32,
 }
 
 impl Default for Chance {
     fn default() -> Self {
-        Self { odds: f32::NAN, bar: f32::NAN }
+        Self { odds: f32::NAN, ahead: 0.0, bar: f32::NAN }
     }
 }
 
@@ -99,15 +113,22 @@ impl Weights {
     /// The chance of a pixel with these traits and flags.
     fn chance(&self, values: &Values, flags: u16) -> Chance {
         let learned = &self.cases[case(values[0], flags)];
-        let mut odds = learned.offset;
+        let odds = learned.odds.of(values, &self.places);
+        let ahead = if values[0] > AGREES { self.ahead.of(values, &self.places) } else { 0.0 };
+        Chance { odds, ahead, bar: learned.bar(odds) }
+    }
+}
 
+impl Odds {
+    /// Those of a pixel with these traits.
+    fn of(&self, values: &Values, places: &Lines) -> f32 {
+        let mut odds = self.offset;
         for (index, value) in values.iter().enumerate() {
-            let (left, part) = place(&self.places[index], *value);
-            let heights = &learned.lines[index];
+            let (left, part) = place(&places[index], *value);
+            let heights = &self.lines[index];
             odds += heights[left] + part * (heights[left + 1] - heights[left]);
         }
-
-        Chance { odds, bar: learned.bar(odds) }
+        odds
     }
 }
 

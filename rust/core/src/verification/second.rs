@@ -2,16 +2,19 @@
 //!
 //! ```text
 //! claims  = the second map, of the pair as it is matched           # crate::preparation::back, claims.rs
-//! none, or numbers that mean something else than pixels: the match stays as it is, and a finding says why
+//! none, or numbers that mean something else than pixels: the match stays as it is, and a finding says why;
+//! one says, too, that many lie outside the right image
 //! chances = how likely each claim is right                         # traits.rs, judge.rs
 //! map     = the mean where both agree, else the one that is more likely right        # fuse.rs
+//! flat areas of it become planes: what both know is more than the match knew         # crate::scales
 //! ```
 
 use crate::finding::Finding;
 use crate::match_pair::Matched;
 use crate::preparation::back::Back;
+use crate::scales::draw_planes;
 use crate::verification::claims::Claims;
-use crate::verification::findings::{failed, misread};
+use crate::verification::findings::{failed, of_second};
 use crate::verification::fuse::fuse;
 use crate::verification::hypotheses::{Misreading, Sample};
 use crate::verification::{any_costs, evidence, judge, traits};
@@ -46,22 +49,27 @@ pub fn fused(
     };
 
     let costs = any_costs(&matched.prepared.pair, &matched.prepared.settings, runtime)?;
-    if let Some(misreading) = Misreading::of(&Sample::new(&claims, &costs)) {
+    let sample = Sample::new(&claims, &costs);
+    let misreading = Misreading::of(&sample);
+    let said = of_second(sample.counts(), misreading);
+    drop(sample);
+    if misreading.is_some() {
         drop(costs);
-        return Ok((matched, misread(misreading)));
+        return Ok((matched, said));
     }
 
     let evidence = evidence(&claims, &matched, &costs, runtime)?;
     let traits = traits(&claims, &matched, &evidence, &costs, runtime)?;
     let chances = judge::chances(&traits, matched.own(), control)?;
     let wrong = matched.summary().wrong;
-    let map = fuse(matched.own(), &claims, &chances, wrong, execution.level, control)?;
+    let mut map = fuse(matched.own(), &claims, &chances, wrong, execution.level, control)?;
+    draw_planes(&mut map, &matched.prepared, runtime)?;
     drop(costs);
 
     let Matched { prepared, rectified, .. } = matched;
     let map = map.returned(&prepared.settings);
     let raw = rectified.map(|rectified| (rectified.raw, rectified.even_rows));
-    Ok((Matched::new(raw, map, prepared, control)?, vec![]))
+    Ok((Matched::new(raw, map, prepared, control)?, said))
 }
 
 impl Second {

@@ -22,7 +22,7 @@ use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::math::ln;
 use phasestereo_match::base::plane::Plane;
-use phasestereo_match::base::simd::Level;
+use phasestereo_match::base::simd::{Level, Loop};
 use phasestereo_match::image::texture::Roughness;
 use phasestereo_match::image::view::View;
 use phasestereo_match::image::window_sums::{Beyond, Windows, window_means};
@@ -72,6 +72,7 @@ pub struct Traits<'a> {
     texture: Plane<f32>,
     /// Those of the whole pair.
     pair: [f32; 4],
+    level: Level,
 }
 
 /// A map and all that it is judged by.
@@ -123,7 +124,7 @@ impl<'a> Traits<'a> {
         let texture = texture(left, roughness, level, control)?;
         let unrelated = unrelated as f32;
         let agree = [agree(NEAR)?, agree(FAR)?];
-        Ok(Self { map, own, evidence, unrelated, sure, agree, texture, pair })
+        Ok(Self { map, own, evidence, unrelated, sure, agree, texture, pair, level })
     }
 
     /// The size of the map.
@@ -140,21 +141,21 @@ impl<'a> Traits<'a> {
             }
         }
 
-        for (x, claim) in self.map.row(y).iter().enumerate() {
+        let around = self.around(y);
+        for (x, (claim, around)) in self.map.row(y).iter().zip(&around).enumerate() {
             if claim.is_finite() {
-                write(x, self.of_pixel(y, x, &nearest));
+                write(x, self.of_pixel(y, x, around, &nearest));
             }
         }
     }
 
-    fn of_pixel(&self, y: usize, x: usize, nearest: &[f32]) -> Values {
+    fn of_pixel(&self, y: usize, x: usize, around: &AroundClaim, nearest: &[f32]) -> Values {
         let (claim, own) = (self.map.row(y)[x], self.own.disparity.row(y)[x]);
         let flags = self.own.flags.row(y)[x];
         let of = |wanted: u16| if flags & wanted != 0 { 1.0 } else { 0.0 };
         let gap = if own.is_nan() { LARGEST } else { (own - claim).abs().min(LARGEST) };
 
         let [few, many] = self.evidence.means.each_ref().map(|means| self.in_unit(means.row(y)[x]));
-        let around = self.around(y, x);
         let column = right_column(x, claim, nearest.len());
         let is_hidden = column.is_some_and(|column| nearest[column] > claim + 1.0);
         let [sure, surely] = self.sure.each_ref().map(|means| odds(means.row(y)[x]));
@@ -195,36 +196,97 @@ impl<'a> Traits<'a> {
         means.map(|cost| if cost.is_nan() { 1.0 } else { cost / self.unrelated })
     }
 
-    /// What claims and own disparities around a pixel are like.
-    fn around(&self, y: usize, x: usize) -> AroundClaim {
-        let (map, own) = (self.map, &self.own.disparity);
-        let columns = x.saturating_sub(RANGE)..(x + RANGE + 1).min(map.cols());
-        let claim = map.row(y)[x];
+    /// What claims and own disparities around the pixels of a row are like.
+    fn around(&self, y: usize) -> Vec<AroundClaim> {
+        let (claims, own) = (self.map, &self.own.disparity);
+        let range = |plane, radius| self.level.run(RangeAround { plane, y, radius });
+        let near_ranges = range(claims, 1);
+        let (ranges, own_ranges) = (range(claims, RANGE), range(own, RANGE));
+        let nowhere = self.level.run(NearestAround { claims: claims.row(y), own, y });
 
-        let (mut low, mut high) = (claim, claim);
-        let (mut near_low, mut near_high) = (claim, claim);
-        let (mut own_low, mut own_high) = (f32::INFINITY, f32::NEG_INFINITY);
-        let mut nowhere = LARGEST;
-        for v in y.saturating_sub(RANGE)..(y + RANGE + 1).min(map.rows()) {
-            let pixels = map.row(v)[columns.clone()].iter().zip(&own.row(v)[columns.clone()]);
-            for (u, (other, own)) in columns.clone().zip(pixels) {
-                let other = if other.is_finite() { *other } else { claim };
-                (low, high) = (low.min(other), high.max(other));
-                if v.abs_diff(y) <= 1 && u.abs_diff(x) <= 1 {
-                    (near_low, near_high) = (near_low.min(other), near_high.max(other));
-                }
-                (own_low, own_high) = (own_low.min(*own), own_high.max(*own));
-                nowhere = nowhere.min((own - claim).abs());
+        let ranges = ranges.into_iter().zip(own_ranges);
+        let all = near_ranges.into_iter().zip(ranges).zip(nowhere);
+        let made = |((near_range, (range, own_range)), nowhere)| AroundClaim {
+            near_range,
+            range,
+            own_range,
+            nowhere,
+        };
+        all.map(made).collect()
+    }
+}
+
+/// The rows of a plane within a distance of one.
+fn rows_around(y: usize, radius: usize, rows: usize) -> std::ops::Range<usize> {
+    y.saturating_sub(radius)..(y + radius + 1).min(rows)
+}
+
+/// The ranges of the finite values within a distance of the pixels of a row; 0 without any, at most
+/// [`LARGEST`].
+struct RangeAround<'a> {
+    plane: &'a Plane<f32>,
+    y: usize,
+    radius: usize,
+}
+
+impl Loop for RangeAround<'_> {
+    type Output = Vec<f32>;
+
+    #[inline(always)]
+    fn run(self) -> Vec<f32> {
+        let Self { plane, y, radius } = self;
+        let cols = plane.cols();
+        let [mut low, mut high] =
+            [f32::INFINITY, f32::NEG_INFINITY].map(|none| vec![none; cols + 2 * radius]);
+        for v in rows_around(y, radius, plane.rows()) {
+            let columns = low[radius..].iter_mut().zip(&mut high[radius..]);
+            for ((low, high), value) in columns.zip(plane.row(v)) {
+                *low = low.min(if value.is_finite() { *value } else { f32::INFINITY });
+                *high = high.max(if value.is_finite() { *value } else { f32::NEG_INFINITY });
             }
         }
 
-        let range = |high: f32, low: f32| (high - low).clamp(0.0, LARGEST);
-        AroundClaim {
-            near_range: range(near_high, near_low),
-            range: range(high, low),
-            own_range: range(own_high, own_low),
-            nowhere,
+        let mut found = [low[..cols].to_vec(), high[..cols].to_vec()];
+        let [least, largest] = &mut found;
+        for by in 1..=2 * radius {
+            least.iter_mut().zip(&low[by..]).for_each(|(least, low)| *least = least.min(*low));
+            largest.iter_mut().zip(&high[by..]).for_each(|(most, high)| *most = most.max(*high));
         }
+        let [mut least, largest] = found;
+        for (least, largest) in least.iter_mut().zip(largest) {
+            *least = (largest - *least).clamp(0.0, LARGEST);
+        }
+        least
+    }
+}
+
+/// The least difference of an own disparity around from the claims of a row, at most [`LARGEST`].
+struct NearestAround<'a> {
+    claims: &'a [f32],
+    own: &'a Plane<f32>,
+    y: usize,
+}
+
+impl Loop for NearestAround<'_> {
+    type Output = Vec<f32>;
+
+    #[inline(always)]
+    fn run(self) -> Vec<f32> {
+        let Self { claims, own, y } = self;
+        let mut found = vec![LARGEST; claims.len()];
+        for v in rows_around(y, RANGE, own.rows()) {
+            for by in 0..=2 * RANGE {
+                // Columns x and x + by - RANGE.
+                let (here, there) = (RANGE.saturating_sub(by), by.saturating_sub(RANGE));
+                let own = own.row(v).get(there..).unwrap_or_default();
+                let claims = claims.get(here..).unwrap_or_default();
+                let found = found.get_mut(here..).unwrap_or_default();
+                for ((found, claim), own) in found.iter_mut().zip(claims).zip(own) {
+                    *found = found.min((own - claim).abs());
+                }
+            }
+        }
+        found
     }
 }
 
@@ -235,7 +297,7 @@ struct AroundClaim {
     range: f32,
     /// Range of the own disparities within 7 x 7 pixels.
     own_range: f32,
-    /// The least difference of an own disparity from the claim.
+    /// The least difference of an own disparity within 7 x 7 pixels from the claim.
     nowhere: f32,
 }
 
@@ -302,4 +364,45 @@ fn texture(left: &View, roughness: f64, level: Level, control: &Control) -> Resu
         };
         windows.write((first, band), values, texture, level)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_around_a_row_is_that_of_each_pixel() {
+        let value = |y: usize, x: usize, seed: usize| match (y * 31 + x * 17 + seed) % 29 {
+            0 => f32::NAN,
+            1 => 1e30,
+            of => of as f32 / 2.0,
+        };
+        let [claims, own] =
+            [3, 8].map(|seed| Plane::from_fn(11, 13, |y, x| value(y, x, seed * y + seed)));
+        let window = |y: usize, x: usize, radius: usize| {
+            let near = move |at: usize, of: usize| at.abs_diff(of) <= radius;
+            let rows = (0..11).filter(move |v| near(*v, y));
+            rows.flat_map(move |v| (0..13).filter(move |u| near(*u, x)).map(move |u| (v, u)))
+        };
+
+        for level in Level::all().filter_map(|(_, level)| level) {
+            for (y, radius) in [(0, 1), (4, 3), (10, 3)] {
+                let ranges = level.run(RangeAround { plane: &claims, y, radius });
+                let nearest = level.run(NearestAround { claims: claims.row(y), own: &own, y });
+                for x in 0..13 {
+                    let all: Vec<f32> =
+                        window(y, x, radius).map(|(v, u)| claims.row(v)[u]).collect();
+                    let finite = all.iter().filter(|value| value.is_finite());
+                    let low = finite.clone().copied().fold(f32::INFINITY, f32::min);
+                    let high = finite.copied().fold(f32::NEG_INFINITY, f32::max);
+                    let range = (high - low).clamp(0.0, LARGEST);
+                    assert_eq!(ranges[x].to_bits(), range.to_bits(), "{y} {x}");
+
+                    let by = |(v, u): (usize, usize)| (own.row(v)[u] - claims.row(y)[x]).abs();
+                    let least = window(y, x, RANGE).map(by).fold(LARGEST, f32::min);
+                    assert_eq!(nearest[x].to_bits(), least.to_bits(), "{y} {x}");
+                }
+            }
+        }
+    }
 }
