@@ -101,12 +101,12 @@ def test_a_match_has_the_bits_of_the_core(
     matcher = ps.Matcher(device=NAME, **asked)
     values = 0
     for dtype in ("u1", "u2"):
-        images = pair(rows, cols, dtype, seed=rows)
+        left, right = pair(rows, cols, dtype, seed=rows)
         mask = np.arange(rows * cols).reshape(rows, cols) % 11 > 0
         choices: list[dict[str, Any]] = [{}, {"left_mask": mask}]
         for masks in choices:
-            expected = ps.match(*images, **search, **asked, **masks)
-            found = matcher.match(*images, **search, **masks)
+            expected = ps.match(left, right, **search, **asked, **masks)
+            found = matcher.match(left, right, **search, **masks)
             assert found.findings == expected.findings
             for name, bits in expected.maps.items():
                 if bits is not None:

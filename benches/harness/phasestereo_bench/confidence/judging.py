@@ -81,7 +81,8 @@ def claims_of(records: Iterable[Mapping[str, Any]]) -> list[Claims]:
             flags, traits = values[:, 2].astype(int), values[:, 3:]
             cases = np.where(flags & _UNSEEN, 2, (traits[:, 0] > 1).astype(int))
             errors = np.nan_to_num(values[:, :2].T, posinf=6e4)
-            found.append(Claims(record["scene"], record["faults"], method, *errors, cases, traits))
+            pair = record["scene"], record["faults"]
+            found.append(Claims(*pair, method, errors[0], errors[1], cases, traits))
     return found
 
 
