@@ -162,7 +162,11 @@ fn matches_take_their_share_of_the_model() {
     };
 
     let shares = cases().into_iter().map(|case| (measured(&case), case));
-    let wrong = shares.filter(|(found, case)| (found - case.share).abs() > OFF);
+    // Threads are seldom all at their most at the same time.
+    let is_off = |found: f64, case: &Case| {
+        found > case.share + OFF || found < case.share - OFF * case.threads as f64
+    };
+    let wrong = shares.filter(|(found, case)| is_off(*found, case));
     let wrong = wrong.map(|(found, case)| format!("{}: {found:.2}, not {}", case.name, case.share));
     assert_eq!(wrong.collect::<Vec<_>>(), [""; 0]);
 }
