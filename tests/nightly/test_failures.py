@@ -36,7 +36,19 @@ def _said(folder: Path, **files: str) -> str:
     for name, text in files.items():
         (folder / f"{name}.py").write_text(text)
     finished = subprocess.run(  # our own interpreter on our own code
-        [sys.executable, "-m", "pytest", "-q", "-p", "conftest", "-p", "no:cacheprovider", "."],
+        [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-q",
+            "-p",
+            "conftest",
+            "-p",
+            "no:cacheprovider",
+            "-p",
+            "no:dash",
+            ".",
+        ],
         env=ENVIRONMENT
         | {"PHASESTEREO_CI": "true", "PYTHONPATH": f"{ENVIRONMENT['PYTHONPATH']}:{ROOT}/tests"},
         cwd=folder,

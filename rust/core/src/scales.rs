@@ -27,7 +27,6 @@ pub mod choice;
 pub mod choices;
 pub mod detail;
 pub mod flat_areas;
-pub mod outlines;
 pub mod planes;
 pub mod ranges;
 pub mod reduction;

@@ -21,22 +21,13 @@ pub const FAINT: f64 = 0.5;
 /// Share of the weight that agrees with a plane, from which on it is drawn; and where faint pixels do not
 /// count.
 pub const LEAST_AGREEING: [f32; 2] = [0.5, 0.6];
-/// Pixels outside an area, from and to, in which surfaces of its outline may go on.
+/// Pixels around an area, from and to, in which its surface may go on.
 pub const OUTSIDE: [usize; 2] = [4, 14];
-/// Pixels of disparity: what goes on there is as near the area's own as this.
+/// Pixels of disparity: what goes on there is as near the plane as this.
 pub const GOES_ON: f32 = 2.0;
-/// Share of those pixels that are sure and near, from which on the outline belongs to what lies before the
-/// area: at most 0.01 around six table tops, 0.56 to 0.98 around 50 skies, built, pasted and of a street.
-pub const OCCLUDER: f64 = 0.55;
-/// Pixels of an area that fine detail is not compared at, along its outline: windows of it reach 4, flat ones 2.
-pub const INSIDE: usize = 2;
-/// Pixels of a side of the tiles over which signs are compared,
-pub const TILE: usize = 8;
-/// ... and how many tiles to either side.
-pub const NEARBY: usize = 2;
-/// Mean product of signs up to which nothing is seen. Trusted and wrong of 20 built skies, 14 pasted ones and
-/// one of a street: 23, 8, 40 % without this bound, 6, 3, 6 with 0.05, 2, 1, 5 with 0.08; of 12 scenes 0.5 to
-/// 0.6 % of the pixels lose their trust rightly matched, 0.3 to 0.4 % wrongly.
-pub const SEEN: f64 = 0.0625;
-/// Pixels around an area that belong to it: flat windows of 5 x 5 end as far from its outline.
-pub const MARGIN: usize = 2;
+/// Share of all pixels there that are sure and near the plane, from which on the outline belongs to what lies
+/// before the area: below 0.4 around six table tops, up to 0.41 around the largest area of a sheet of
+/// plastic, 0.52 to 0.72 around built skies.
+pub const OCCLUDER: f64 = 0.45;
+/// Pixels from those that agree with a plane within which it has evidence all the same.
+pub const EVIDENCE_REACH: usize = 4;

@@ -27,7 +27,7 @@ const MOST: i32 = 7000;
 const _: () =
     assert!((MOST as u64).pow(2) * ((2 * DETAIL_RADIUS + 1) as u64).pow(2) <= u32::MAX as u64);
 /// Rows that one task takes.
-pub const BAND: usize = 32;
+const BAND: usize = 32;
 
 /// The detail around each pixel of an image.
 pub struct Detail {
@@ -38,11 +38,24 @@ pub struct Detail {
 }
 
 impl Detail {
-    /// The detail of an image by its [`rests`], whose gray values were rounded to multiples of this step; 0:
+    /// The detail of an image of gray values of 15 bits, which were rounded to multiples of this step; 0:
     /// floats.
-    pub fn new(rest: &Plane<i32>, rounding: f64, level: Level, control: &Control) -> Result<Self> {
-        let size = (rest.rows(), rest.cols());
-        let around = Windows { size, radius: DETAIL_RADIUS, beyond: Beyond::Nothing };
+    pub fn new(gray: &Plane<i32>, rounding: f64, level: Level, control: &Control) -> Result<Self> {
+        let size = (gray.rows(), gray.cols());
+        let windows = |radius: usize| Windows { size, radius, beyond: Beyond::Nothing };
+
+        let means = windows(SMOOTH_RADIUS);
+        let rest = Plane::by_bands(size, BAND, |first, band| {
+            control.checkpoint()?;
+            let values = |y: usize| gray.row(y).iter().map(|gray| [*gray]);
+            means.write((first, band), values, |_, _, [sum]: [i32; 1]| sum, level)?;
+            for (y, rests) in (first..).zip(band.chunks_exact_mut(size.1)) {
+                level.run(Rest { means, y, gray: gray.row(y), rests });
+            }
+            Ok(())
+        })?;
+
+        let around = windows(DETAIL_RADIUS);
         let squares = Plane::by_bands(size, BAND, |first, band| {
             control.checkpoint()?;
             let values = |y: usize| rest.row(y).iter().map(|rest| [(rest * rest) as u32]);
@@ -77,21 +90,6 @@ impl Detail {
         let wide = grown(&wide, BLANK_LEAST, level, control)?;
         shrunk(&wide, BLANK_DEPTH, level, control).map(Some)
     }
-}
-
-/// The rests of an image of gray values of 15 bits, in parts of a step.
-pub fn rests(gray: &Plane<i32>, level: Level, control: &Control) -> Result<Plane<i32>> {
-    let size = (gray.rows(), gray.cols());
-    let means = Windows { size, radius: SMOOTH_RADIUS, beyond: Beyond::Nothing };
-    Plane::by_bands(size, BAND, |first, band| {
-        control.checkpoint()?;
-        let values = |y: usize| gray.row(y).iter().map(|gray| [*gray]);
-        means.write((first, band), values, |_, _, [sum]: [i32; 1]| sum, level)?;
-        for (y, rests) in (first..).zip(band.chunks_exact_mut(size.1)) {
-            level.run(Rest { means, y, gray: gray.row(y), rests });
-        }
-        Ok(())
-    })
 }
 
 /// Makes rests of the sums of gray values over the windows of row `y`.

@@ -61,19 +61,6 @@ pub fn flat_areas(gray: &Plane<i32>, level: Level, control: &Control) -> Result<
 }
 
 impl FlatArea {
-    /// Its pixels: rows, and columns of connected pixels.
-    pub fn runs(&self) -> impl Iterator<Item = (usize, Range<usize>)> {
-        self.runs.iter().cloned()
-    }
-
-    /// The rows and columns that hold it and the pixels up to this distance around it, in an image of this size.
-    pub fn wider(&self, by: usize, (rows, cols): (usize, usize)) -> [Range<usize>; 2] {
-        let wider = |range: &Range<usize>, most: usize| {
-            range.start.saturating_sub(by)..(range.end + by).min(most)
-        };
-        [wider(&self.rows, rows), wider(&self.cols, cols)]
-    }
-
     /// Copies the marks of its pixels.
     pub fn copy(&self, from: &Plane<bool>, to: &mut Plane<bool>) {
         for (y, run) in &self.runs {

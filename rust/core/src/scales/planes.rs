@@ -27,8 +27,15 @@
 //! Drawn pixels are flagged as inferred and have the confidence p. Their error bar follows from it, if the
 //! odds of an error fall in proportion to the tolerance: 9 (1 - p) / p px for 90 %.
 //!
-//! Where nothing but rounding is seen, nothing is evidence (detail.rs), nor is the outline of what lies before
-//! an area (outlines.rs): confidences are at most UNSEEN there, of planes or not.
+//! An outline is evidence only if it is the area's own. A table's is; that of a sky behind houses is the
+//! houses', whose surfaces go on outside. And where nothing but rounding is seen, nothing is evidence
+//! (detail.rs):
+//!
+//! ```text
+//! occluder   = share of the pixels OUTSIDE the area that are sure (weight > LEAST_WEIGHT) and within GOES_ON px of the plane
+//! p          = at most UNSEEN where occluder > OCCLUDER, but for EVIDENCE_REACH px around what is sure and agrees
+//! confidence = at most UNSEEN in blank areas, of planes or not
+//! ```
 //!
 //! An area without a plane may have wrong matches of hardly any detail. It gets a second attempt without
 //! faint pixels, which then are unseen, too, as far as they do not become the plane.
@@ -38,10 +45,11 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use crate::scales::choices::{FAINT, LEAST_AGREEING, UNSEEN};
-use crate::scales::detail::{Detail, rests};
-use crate::scales::flat_areas::{FlatArea, flat_areas, shortened};
-use crate::scales::outlines;
+use crate::scales::choices::{
+    EVIDENCE_REACH, FAINT, GOES_ON, LEAST_AGREEING, OCCLUDER, OUTSIDE, UNSEEN,
+};
+use crate::scales::detail::Detail;
+use crate::scales::flat_areas::{FlatArea, flat_areas, grown, shortened};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::{Plane, zeroed};
@@ -117,10 +125,10 @@ pub fn draw(map: &mut Disparity, pair: &Pair, level: Level, control: &Control) -
 
     // Whoever has floats may have rounded them anyhow.
     let rounding = left.scale().step().map_or(0.0, |step| left.scale().steps(step));
-    let rest = rests(&gray, level, control)?;
-    let detail = Detail::new(&rest, rounding / f64::from(1u32 << lost), level, control)?;
+    let detail = Detail::new(&gray, rounding / f64::from(1u32 << lost), level, control)?;
     let scene = Scene {
         disparity: &map.disparity,
+        flags: &map.flags,
         confidence,
         around: &means_around(confidence, level)?,
         faint: None,
@@ -138,8 +146,7 @@ pub fn draw(map: &mut Disparity, pair: &Pair, level: Level, control: &Control) -
     for drawn in drawn {
         drawn.write(map);
     }
-    let behind = outlines::unseen(map, pair, (&areas, &rest), level, control)?;
-    for unseen in [blank, unseen, behind].into_iter().flatten() {
+    for unseen in [blank, unseen].into_iter().flatten() {
         doubt(map, &unseen);
     }
     Ok(())
@@ -202,6 +209,7 @@ impl Drawn {
 /// What planes are fitted to and compete with.
 struct Scene<'a> {
     disparity: &'a Plane<f32>,
+    flags: &'a Plane<u16>,
     confidence: &'a Plane<f32>,
     /// Mean confidences of a few pixels.
     around: &'a Plane<f32>,
@@ -234,7 +242,7 @@ impl Scene<'_> {
         // Without faint pixels a second attempt would be the first one.
         let is_other = |area: &FlatArea| {
             faint.as_ref().is_some_and(|faint| {
-                let [mut rows, cols] = area.wider(RING, self.size());
+                let (mut rows, cols) = self.wider(area, RING);
                 rows.any(|y| faint.row(y)[cols.clone()].contains(&true))
             })
         };
@@ -314,16 +322,65 @@ impl Scene<'_> {
             }
         }
 
-        Ok(Some(Drawn { surface, rows }))
+        let mut drawn = Drawn { surface, rows };
+        if !drawn.rows.is_empty() && self.goes_on(area, surface)? {
+            self.bound(&mut drawn, &frame)?;
+        }
+        Ok(Some(drawn))
     }
 
-    fn size(&self) -> (usize, usize) {
-        (self.disparity.rows(), self.disparity.cols())
+    /// Whether a surface goes on around an area, so that the outline belongs to what lies before it.
+    fn goes_on(&self, area: &FlatArea, surface: Surface) -> Result<bool> {
+        let [from, to] = OUTSIDE;
+        let (rows, cols) = self.wider(area, to);
+        let [near, far] =
+            [from, to].map(|by| area.near((&rows, &cols), by, self.level, self.control));
+        let (near, far) = (near?, far?);
+
+        let (mut going_on, mut all) = (0u64, 0u64);
+        for (row, y) in rows.enumerate() {
+            let known = [self.disparity, self.confidence].map(|plane| &plane.row(y)[cols.clone()]);
+            let rings = [near.row(row), far.row(row)];
+            let flags = &self.flags.row(y)[cols.clone()];
+            let count = GoesOn { surface, place: (y, cols.start), known, flags, rings };
+            let [one, of] = self.level.run(count);
+            going_on += u64::from(one);
+            all += u64::from(of);
+        }
+        Ok(going_on as f64 > OCCLUDER * all as f64)
+    }
+
+    /// Bounds the confidences of what is drawn far from pixels that agree.
+    fn bound(&self, drawn: &mut Drawn, frame: &Surroundings) -> Result<()> {
+        let agreeing = Plane::from_fn(frame.rows.len(), frame.cols.len(), |row, col| {
+            let (y, x) = (frame.rows.start + row, frame.cols.start + col);
+            let is_near = (self.disparity.row(y)[x] - drawn.surface.disparity(y, x)).abs() < 1.0;
+            is_near && frame.weights.row(row)[col] > LEAST_WEIGHT
+        });
+        let near = grown(&agreeing, EVIDENCE_REACH, self.level, self.control)?;
+
+        for (y, pixels) in &mut drawn.rows {
+            let near = near.row(*y - frame.rows.start);
+            for (x, confidence) in pixels {
+                if !near[*x as usize - frame.cols.start] {
+                    *confidence = confidence.min(UNSEEN);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The rows and columns that hold an area and the pixels up to this distance around it.
+    fn wider(&self, area: &FlatArea, by: usize) -> (Range<usize>, Range<usize>) {
+        let wider = |range: &Range<usize>, most: usize| {
+            range.start.saturating_sub(by)..(range.end + by).min(most)
+        };
+        (wider(&area.rows, self.disparity.rows()), wider(&area.cols, self.disparity.cols()))
     }
 
     /// An area with the pixels that count for its plane.
     fn frame(&self, area: &FlatArea) -> Result<Surroundings> {
-        let [rows, cols] = area.wider(RING, self.size());
+        let (rows, cols) = self.wider(area, RING);
         let near = area.near((&rows, &cols), RING, self.level, self.control)?;
         let size = (rows.len(), cols.len());
         let weights = Plane::by_rows(size, self.control, |row, weights: &mut [f32]| {
@@ -436,6 +493,39 @@ impl Loop for Weigh<'_> {
         for ((weight, confidence), is_near) in places {
             *weight = if *is_near { confidence * confidence } else { 0.0 };
         }
+    }
+}
+
+/// Counts the pixels of a row between two rings that are sure and near a surface, and all between them. The
+/// row begins at a place.
+struct GoesOn<'a> {
+    surface: Surface,
+    place: (usize, usize),
+    /// Disparities and confidences.
+    known: [&'a [f32]; 2],
+    flags: &'a [u16],
+    rings: [&'a [bool]; 2],
+}
+
+impl Loop for GoesOn<'_> {
+    type Output = [u32; 2];
+
+    #[inline(always)]
+    fn run(self) -> [u32; 2] {
+        let Self { surface, place: (y, first), known: [disparity, confidence], flags, rings } =
+            self;
+        let [mut going_on, mut all] = [0; 2];
+        let known = disparity.iter().zip(confidence).zip(flags);
+        let places = known.zip(rings[0].iter().zip(rings[1]));
+        for (i, (((disparity, confidence), flags), (near, far))) in places.enumerate() {
+            let is_between = far & !near;
+            let is_near = (disparity - surface.disparity(y, first + i)).abs() < GOES_ON;
+            // What a smaller copy decides has no outline.
+            let is_sure = (confidence * confidence > LEAST_WEIGHT) & (flags & flag::COARSE == 0);
+            all += u32::from(is_between);
+            going_on += u32::from(is_between & is_near & is_sure);
+        }
+        [going_on, all]
     }
 }
 
