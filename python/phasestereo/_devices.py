@@ -47,7 +47,7 @@ def opened(device: str) -> Device | None:
     TypeError
         If it is not a text.
     ValueError
-        If there is no such adapter, or it cannot be opened.
+        If no adapter has that name, or it cannot be opened.
     ImportError
         If phasestereo-gpu, which is needed for anything but "cpu" and "auto", is not installed.
     """

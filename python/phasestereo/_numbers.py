@@ -24,7 +24,7 @@ def as_integer(
     value
         The argument: an integer of Python or NumPy, and no bool.
     least, most
-        The smallest and the largest one that is accepted; None: any. There is no `most` alone.
+        The smallest and the largest one that is accepted; None: any. `most` needs `least`.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def as_number(
     value
         The argument: a real number of Python or NumPy, and no bool.
     least, most
-        The smallest and the largest one that is accepted; None: any. There is no `most` alone.
+        The smallest and the largest one that is accepted; None: any. `most` needs `least`.
     positive
         Whether it must be above 0.
 

@@ -236,7 +236,7 @@ known, **overrides
     max_disparity
         The largest disparity that the other matcher can answer, pixels, from 1. Where the pair has
         larger ones, they are made smaller: columns are cut off, and the images reduced by 2, 4, ...
-        64 if that is not enough. None: there is no limit.
+        64 if that is not enough. None: any number.
 
     Returns
     -------

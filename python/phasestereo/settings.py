@@ -216,7 +216,7 @@ class Settings:
         Seconds after which a match leaves out what it can do without. Cameras are not looked for,
         and smaller copies and planes are left out, as far as these would end later by what the
         match has taken so far, and a finding reports it. The match itself is never cut short. Which
-        parts fit depends on the machine and its load. None: there is no limit. A number from 0 to
+        parts fit depends on the machine and its load. None: as long as it takes. A number from 0 to
         86400, or None. Default ``None``.
 
     Raises

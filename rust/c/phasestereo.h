@@ -583,7 +583,7 @@ typedef struct phasestereo_camera {
    */
   double matrix[3][3];
   /**
-   * As `cv::projectPoints` takes it: k1, k2, p1, p2, k3 to k6, s1 to s4, tau x, tau y; 0 for those that a calibration lacks.
+   * As `cv::projectPoints` takes it: k1, k2, p1, p2, k3 to k6, s1 to s4, tau x, tau y; 0 for those that a calibration does not have.
    */
   double distortion[14];
   /**
@@ -785,7 +785,7 @@ enum phasestereo_status phasestereo_check(const struct phasestereo_matcher *matc
 /**
  * Prepares a pair for any other matcher, by what a match finds out about it: images that are rectified, of rows that correspond,
  * equally sharp and bright. `max_disparity` is the largest disparity that the other matcher can answer, pixels, to which images are
- * cropped and reduced; 0: there is no limit. All else is as of `phasestereo_match`. NULL if it fails: see `phasestereo_error`.
+ * cropped and reduced; 0: any number. All else is as of `phasestereo_match`. NULL if it fails: see `phasestereo_error`.
  * `phasestereo_get_finding` says what was found.
  *
  * Pointers are to what their types say.

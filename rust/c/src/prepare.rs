@@ -21,7 +21,7 @@ pub struct Prepared {
 
 /// Prepares a pair for any other matcher, by what a match finds out about it: images that are rectified, of rows that correspond,
 /// equally sharp and bright. `max_disparity` is the largest disparity that the other matcher can answer, pixels, to which images are
-/// cropped and reduced; 0: there is no limit. All else is as of `phasestereo_match`. NULL if it fails: see `phasestereo_error`.
+/// cropped and reduced; 0: any number. All else is as of `phasestereo_match`. NULL if it fails: see `phasestereo_error`.
 /// `phasestereo_get_finding` says what was found.
 ///
 /// # Safety

@@ -16,7 +16,7 @@ pub struct Camera {
     pub struct_size: usize,
     /// Focal lengths and principal point, pixels.
     pub matrix: [[f64; 3]; 3],
-    /// As `cv::projectPoints` takes it: k1, k2, p1, p2, k3 to k6, s1 to s4, tau x, tau y; 0 for those that a calibration lacks.
+    /// As `cv::projectPoints` takes it: k1, k2, p1, p2, k3 to k6, s1 to s4, tau x, tau y; 0 for those that a calibration does not have.
     pub distortion: [f64; 14],
     /// `rotation X + translation` leads from the rectified left camera to this one.
     pub rotation: [[f64; 3]; 3],

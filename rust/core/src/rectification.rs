@@ -66,7 +66,8 @@ const LEAST_BLOCKS: (usize, usize) = (40, 60);
 /// From such a spread on other cameras than those that explain the corners best are tried, too; pixels, and
 /// share of the width.
 const DOUBTFUL: (f64, f64) = (0.25, 0.00025);
-/// Most rounds of blocks; the share of their spread that the last one moves them by.
+/// Most rounds of blocks; the share of their spread that the last one moves them by: which blocks are found
+/// moves them by .1 to .2 of it. With .1 px instead, pairs turned by 15 degrees have .8 points more errors.
 const ROUNDS: usize = 8;
 const STILL: f64 = 0.2;
 /// Matches agree if their rows are at most this many spreads apart, or such a share of the width.

@@ -84,7 +84,7 @@ def speed_suite(
     Raises
     ------
     ValueError
-        If there is none.
+        If no pair is there.
     """
     there, left_out = find_pairs(data, cache=output.parent, names=names)
     for line in left_out:

@@ -104,7 +104,7 @@ def read_geometry(
 
 
 def _q_alone(document: Document) -> Any:
-    """Return OpenCV's matrix Q of a file that has no cameras; None: there is none."""
+    """Return OpenCV's matrix Q of a file that has no cameras; None: the file has none."""
     values = document.get(NUMBERS, ())
     if len(values) == _Q_NUMBERS:
         return np.reshape(values, (4, 4))

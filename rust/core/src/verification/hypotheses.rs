@@ -93,7 +93,7 @@ impl<'a> Sample<'a> {
         if mean > 0.0 { mean } else { 1.0 }
     }
 
-    /// The numbers of claims, on which nothing is said yet, and of those that lie outside the right image.
+    /// The numbers of claims, without verdicts, and of those that lie outside the right image.
     pub fn counts(&self) -> Counts {
         let is_outside =
             |(_, x, claim): &&(usize, usize, f32)| right_column(*x, *claim, self.cols).is_none();

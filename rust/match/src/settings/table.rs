@@ -259,6 +259,6 @@ settings! {
     ///
     /// Cameras are not looked for, and smaller copies and planes are left out, as far as these would end
     /// later by what the match has taken so far, and a finding reports it. The match itself is never cut
-    /// short. Which parts fit depends on the machine and its load. None: there is no limit.
+    /// short. Which parts fit depends on the machine and its load. None: as long as it takes.
     budget: Option<f64>, in optional(number(86_400.0)), default None;
 }
