@@ -3,11 +3,7 @@
 import os
 import pickle
 import sys
-import threading
-import time
-from collections.abc import Callable
 from inspect import signature
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -143,75 +139,67 @@ def test_a_matcher_travels() -> None:
 # Threads
 
 
-def most_threads(call: Callable[[], object], callers: int) -> int:
-    """Return the number of threads beside the callers' while all of them call."""
-    ready = threading.Barrier(callers + 1)
-
-    def work() -> None:
-        ready.wait()
-        for _ in range(8):
-            call()
-
-    threads = [threading.Thread(target=work) for _ in range(callers)]
-    for thread in threads:
-        thread.start()
-
-    before = len(list(Path("/proc/self/task").iterdir()))
-    ready.wait()
-
-    seen = [0]
-    while any(thread.is_alive() for thread in threads):
-        seen.append(len(list(Path("/proc/self/task").iterdir())))
-        time.sleep(0.001)
-
-    return max(seen) - before
-
-
-def await_rest() -> None:
-    """Wait until threads that were asked to end have ended."""
-    counts: list[int] = []
-    for _ in range(1000):
-        counts.append(len(list(Path("/proc/self/task").iterdir())))
-        if len(counts) > 20 and len({*counts[-20:]}) == 1:
-            return
-        time.sleep(0.01)
-
-
-@on_linux
-def test_matches_at_the_same_time_share_their_threads(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("RAYON_NUM_THREADS", "3")
-
-    pair = RNG.integers(0, 256, (2, 200, 300), np.uint8)
-    ps.release_memory()
-    await_rest()
-    shared = most_threads(lambda: ps.match(*pair, num_disparities=64), 10)
-    # Threads that were asked to end may be seen beside those that have just been started.
-    assert 1 <= shared <= 6
-
-    assert most_threads(lambda: ps.match(*pair, num_disparities=64, threads=3), 10) > 12
-
-    matcher = ps.Matcher()
-    assert most_threads(lambda: matcher.match(*pair, num_disparities=64), 10) <= 0
-
-
-SETTLED = """
-import os, time
+THREADS = """
+import os, threading, time
 os.environ |= {"RAYON_NUM_THREADS": "2", "OPENBLAS_NUM_THREADS": "1"}
 import numpy as np, phasestereo as ps
 pair = np.random.default_rng(0).integers(0, 256, (2, 40, 60), np.uint8)
+def threads():
+    return len(os.listdir("/proc/self/task"))
+def at_rest():
+    # A listing that is read while threads end may miss others.
+    counts = [threads()]
+    while counts[-20:] != [counts[-1]] * 20:
+        time.sleep(0.01)
+        counts.append(threads())
+    return counts[-1]
+"""
+
+TOGETHER = """
+pair = np.random.default_rng(0).integers(0, 256, (2, 200, 300), np.uint8)
+def most_threads(call):
+    ready = threading.Barrier(11)
+    def work():
+        ready.wait()
+        for _ in range(8):
+            call()
+    callers = [threading.Thread(target=work) for _ in range(10)]
+    for caller in callers:
+        caller.start()
+    before, seen = at_rest(), [0]
+    ready.wait()
+    while any(caller.is_alive() for caller in callers):
+        seen.append(threads())
+        time.sleep(0.001)
+    return max(seen) - before
+assert most_threads(lambda: ps.match(*pair, num_disparities=64)) == 2
+assert most_threads(lambda: ps.match(*pair, num_disparities=64, threads=3)) > 12
+matcher = ps.Matcher()
+assert most_threads(lambda: matcher.match(*pair, num_disparities=64)) <= 0
+"""
+
+
+@on_linux
+def test_matches_at_the_same_time_share_their_threads() -> None:
+    finished = run(THREADS + TOGETHER, timeout=300)
+    assert finished.returncode == 0, finished.stderr
+
+
+SETTLED = """
 def settled(more):
     for _ in range(500):
-        if len(os.listdir("/proc/self/task")) == before + more:
+        if threads() == before + more:
             return True
         time.sleep(0.01)
-before = len(os.listdir("/proc/self/task"))
+before = threads()
 """
 
 
 @on_linux
 def test_threads_stay_for_the_next_match_until_they_are_released() -> None:
     finished = run(
-        SETTLED
+        THREADS
+        + SETTLED
         + """
 for _ in range(3):
     ps.match(*pair, num_disparities=8, threads=4)
