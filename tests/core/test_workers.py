@@ -363,9 +363,18 @@ small = rng.integers(0, 256, (2, 60, 200), np.uint8)
 """
 
 
+def return_memory_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make what a process frees go back to the system, whichever thread frees it."""
+    monkeypatch.setenv("MALLOC_MMAP_THRESHOLD_", "65536")
+    monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", "65536")
+
+
 @on_linux
 @pytest.mark.parametrize("preset", PRESETS)
-def test_memory_does_not_grow_from_match_to_match(preset: PresetName) -> None:
+def test_memory_does_not_grow_from_match_to_match(
+    monkeypatch: pytest.MonkeyPatch, preset: PresetName
+) -> None:
+    return_memory_at_once(monkeypatch)
     finished = run(
         RESIDENT
         + f"""
@@ -392,9 +401,7 @@ print(resident() - before)
 def test_match_keeps_bounded_memory_until_it_is_released_and_a_matcher_all(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    # What is freed goes back to the system at once.
-    monkeypatch.setenv("MALLOC_MMAP_THRESHOLD_", "65536")
-    monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", "65536")
+    return_memory_at_once(monkeypatch)
     finished = run(
         RESIDENT
         + """
