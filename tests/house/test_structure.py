@@ -30,7 +30,7 @@ BOUNDS = {
     "statements of phasestereo-large": 2_820,
     "words of documentation": 17_670,
 }
-EXTENSION = 9.4
+EXTENSION = 8.0
 """Megabytes."""
 
 PACKAGE = ROOT / "python/phasestereo"

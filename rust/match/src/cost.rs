@@ -32,7 +32,7 @@ use crate::base::memory::RunMemory;
 use crate::base::plane::Plane;
 use crate::base::simd::{self, Level};
 use crate::base::value::{LANES, Lanes, Value};
-use crate::cost::phase::{Phase, PhaseCodes};
+use crate::cost::phase::PhaseCodes;
 use crate::cost::unrolled::UnrolledPlane;
 use crate::cost::validity::Validity;
 use crate::cost::volume::Volume;
@@ -291,30 +291,14 @@ impl<'a> Costs<'a> {
         Ok(Self { compared, candidates, cols, ceiling, steps, unrelated, validity, valid })
     }
 
-    /// The Hamming distances of codes of one byte, which are known.
-    pub fn of_codes(codes: [&Plane<u8>; 2], candidates: Candidates) -> Result<Self> {
-        let compared = ComparedBy::Phase(Phase::of_codes(codes, candidates)?);
-        Ok(Self::unmasked(compared, candidates, codes[0].cols(), u8::BITS as u16))
-    }
-
     /// Costs of the caller: rows of `columns x candidates`.
     pub fn of_volume(volume: &'a Plane<u16>, candidates: Candidates) -> Self {
         let volume = Volume::new(volume, candidates.count());
-        let cols = volume.cols();
-        Self::unmasked(ComparedBy::Volume(volume), candidates, cols, u16::MAX)
-    }
-
-    fn unmasked(
-        compared: ComparedBy<'a>,
-        candidates: Candidates,
-        cols: usize,
-        ceiling: u16,
-    ) -> Self {
         Self {
-            compared,
+            cols: volume.cols(),
+            compared: ComparedBy::Volume(volume),
             candidates,
-            cols,
-            ceiling,
+            ceiling: u16::MAX,
             steps: 1,
             unrelated: None,
             validity: None,

@@ -85,8 +85,20 @@ pub fn describe(
     })
 }
 
-/// As [`describe`], in words of the caller's choice, which must be wide enough.
-pub fn describe_as<C: Code>(
+/// As [`describe`], of settings whose codes fit a byte.
+pub fn describe_in_bytes(
+    gray: &Gray,
+    settings: &Settings,
+    noise: Option<f64>,
+    level: Level,
+    control: &Control,
+) -> Result<Plane<u8>> {
+    describe_as(gray, settings, noise, level, control)
+}
+
+/// As [`describe`], in words of the caller's choice, which must be wide enough. Other crates take the functions
+/// above, so that transforms are compiled once.
+fn describe_as<C: Code>(
     gray: &Gray,
     settings: &Settings,
     noise: Option<f64>,

@@ -1,19 +1,17 @@
 //! The supervision of a running call: while the interpreter is released, Ctrl-C and progress are handled.
 
-use std::sync::Arc;
 use std::sync::mpsc::RecvTimeoutError;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use pyo3::prelude::*;
 
 use super::internal;
 use crate::failure::{Failure, Result};
-use crate::workers::Pool;
+use crate::workers::{Pool, Work};
 
 use phasestereo_match::base::control::Control;
-use phasestereo_match::base::simd::Level;
 use phasestereo_match::matcher::runtime::Runtime;
-use phasestereo_match::matcher::{Execution, Matcher};
 
 /// How often a running call checks for Ctrl-C and reports its progress.
 const TICK: Duration = Duration::from_millis(50);
@@ -29,9 +27,28 @@ pub fn supervised<T: Send + 'static>(
     progress: Option<Bound<'_, PyAny>>,
     work: impl FnOnce(Runtime<'_>) -> phasestereo::Result<T> + Send + 'static,
 ) -> Result<T> {
-    let progress = progress.map(Bound::unbind);
+    let result = Arc::new(Mutex::new(None));
+    let written = Arc::clone(&result);
+    let work = move |runtime: Runtime| {
+        let found = work(runtime)?;
+        *written.lock().unwrap_or_else(PoisonError::into_inner) = Some(found);
+        Ok(())
+    };
+
+    // Only what is above is compiled for each type of result.
+    supervise(py, pool, rows, progress.map(Bound::unbind), Box::new(work))?;
+    let found = result.lock().unwrap_or_else(PoisonError::into_inner).take();
+    found.ok_or_else(|| internal("a call that succeeded left no result"))
+}
+
+fn supervise(
+    py: Python<'_>,
+    pool: &Arc<Pool>,
+    rows: usize,
+    progress: Option<Py<PyAny>>,
+    work: Box<Work>,
+) -> Result<()> {
     let control = Arc::new(Control::default());
-    let execution = Execution { threads: pool.threads(), level: Level::best() };
 
     let report = |py: Python<'_>| -> Result<()> {
         py.check_signals()?;
@@ -43,7 +60,7 @@ pub fn supervised<T: Send + 'static>(
         Ok(())
     };
 
-    let outcome = py.detach(|| {
+    py.detach(|| {
         // While the call waits for its turn, Ctrl-C works as well as later.
         let turn = loop {
             match pool.turn(TICK) {
@@ -52,9 +69,6 @@ pub fn supervised<T: Send + 'static>(
             }
         };
 
-        let work = move |matcher: &Matcher, control: &Control| {
-            work(Runtime { matcher, execution, control })
-        };
         let finished = turn.start(&control, work);
         loop {
             match finished.recv_timeout(TICK) {
@@ -72,6 +86,5 @@ pub fn supervised<T: Send + 'static>(
     })?;
 
     // The last report has all rows, and a Ctrl-C during the last tick counts, too.
-    report(py)?;
-    Ok(outcome)
+    report(py)
 }

@@ -17,7 +17,9 @@ use crate::engine::Device;
 use crate::failure::Result;
 
 use phasestereo_match::base::control::Control;
-use phasestereo_match::matcher::Matcher;
+use phasestereo_match::base::simd::Level;
+use phasestereo_match::matcher::runtime::Runtime;
+use phasestereo_match::matcher::{Execution, Matcher};
 
 /// Most calls that run in one pool at once; others wait for their turn. Each holds the codes of a pair.
 /// Besides, a thread that waits for others starts the next call meanwhile, on the same stack.
@@ -105,11 +107,6 @@ impl Pool {
         }
     }
 
-    /// The number of threads.
-    pub fn threads(&self) -> usize {
-        self.threads
-    }
-
     fn is_ours(&self) -> bool {
         self.process == process::id()
     }
@@ -128,24 +125,29 @@ impl Pool {
     }
 }
 
+/// What a call does on the threads of its pool.
+pub type Work = dyn FnOnce(Runtime<'_>) -> phasestereo::Result<()> + Send;
+
 /// The permission of one call to run, until it is dropped.
 #[derive(Debug)]
 pub struct Turn(Arc<Pool>);
 
 impl Turn {
     /// Starts the work of the call on the threads. If it panics, the receiver is disconnected.
-    pub fn start<T: Send + 'static>(
+    pub fn start(
         self,
         control: &Arc<Control>,
-        work: impl FnOnce(&Matcher, &Control) -> phasestereo::Result<T> + Send + 'static,
-    ) -> Receiver<phasestereo::Result<T>> {
+        work: Box<Work>,
+    ) -> Receiver<phasestereo::Result<()>> {
         let (finish, finished) = channel();
         let pool = Arc::clone(&self.0);
         let control = Arc::clone(control);
 
         pool.matcher.spawn(move || {
             // A panic must not end rayon's thread: the process would abort.
-            let outcome = catch_unwind(AssertUnwindSafe(|| work(&self.0.matcher, &control)));
+            let execution = Execution { threads: self.0.threads, level: Level::best() };
+            let runtime = Runtime { matcher: &self.0.matcher, execution, control: &control };
+            let outcome = catch_unwind(AssertUnwindSafe(|| work(runtime)));
             self.0.matcher.keep_at_most(self.0.most_kept);
 
             // Dropped first, so that the receiver is the last to hold a pool of its own, and drops its

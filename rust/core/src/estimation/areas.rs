@@ -51,8 +51,8 @@ use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::platform::both;
 use phasestereo_match::base::value::Lanes;
-use phasestereo_match::cost::Costs;
-use phasestereo_match::descriptor::describe_as;
+use phasestereo_match::cost::phase::ByteDistances;
+use phasestereo_match::descriptor::describe_in_bytes;
 use phasestereo_match::image::intensity::Gray;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::pair::alignment::Alignment;
@@ -187,7 +187,7 @@ impl<'a> AreaSearch<'a> {
 
         // The same from the right image, where disparities are negative.
         let mirrored = candidates((-tried.disparity(tried.count() - 1), -tried.min()), cols)?;
-        let back = Costs::of_codes([right, left], mirrored)?;
+        let back = ByteDistances::new([right, left], mirrored)?;
         let is_seen = |(at, found): &&Member| {
             let x = tried.column(at % cols, found.chosen.into(), cols);
             let choose = Choose {
@@ -296,7 +296,7 @@ impl<'a> AreaSearch<'a> {
     /// The least sums along the run in these blocks, 0 elsewhere.
     fn along(&self, codes: [&Plane<u8>; 2], blocks: &Blocks) -> Result<Plane<u8>> {
         let (rows, cols) = (codes[0].rows(), codes[0].cols());
-        let costs = Costs::of_codes(codes, candidates(self.run, cols)?)?;
+        let costs = ByteDistances::new(codes, candidates(self.run, cols)?)?;
         let borders = Borders::new(&costs, cols, 0..0);
 
         let mut least = Plane::new(rows, cols)?;
@@ -321,7 +321,7 @@ impl<'a> AreaSearch<'a> {
         let [left, right] = &self.codes;
         let cols = left.cols();
         let tried = candidates(tried, cols)?;
-        let costs = Costs::of_codes([left, right], tried)?;
+        let costs = ByteDistances::new([left, right], tried)?;
         let borders = self.borders(&costs);
         let blocks = Blocks::of_larger(doubtful, by, (left.rows(), cols));
         let voters = Voters { doubtful, by, rows: left.rows(), cols };
@@ -353,7 +353,7 @@ impl<'a> AreaSearch<'a> {
     }
 
     /// Which of the candidates lie along the run.
-    fn borders(&self, costs: &Costs) -> Borders {
+    fn borders(&self, costs: &ByteDistances) -> Borders {
         let tried = costs.candidates();
         let index =
             |disparity: isize| (disparity - tried.min()).clamp(0, tried.count() as isize) as usize;
@@ -364,7 +364,7 @@ impl<'a> AreaSearch<'a> {
     fn outside(&self, tried: Candidates, blocks: &Blocks) -> Result<Vec<Member>> {
         let [left, right] = &self.codes;
         let (rows, cols) = (left.rows(), left.cols());
-        let costs = Costs::of_codes([left, right], tried)?;
+        let costs = ByteDistances::new([left, right], tried)?;
         let borders = self.borders(&costs);
 
         let of_row = |row: usize| -> Result<Vec<Member>> {
@@ -403,7 +403,7 @@ pub fn codes_of(
             Some(field) if side == 1 => as_view(&raised(plane, field, copies.factor, control)?),
             _ => as_view(plane),
         };
-        describe_as(&Gray::of_view(&view), &codes(), None, execution.level, control)
+        describe_in_bytes(&Gray::of_view(&view), &codes(), None, execution.level, control)
     })
 }
 

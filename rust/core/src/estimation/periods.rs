@@ -22,7 +22,7 @@ use std::ops::Range;
 use super::areas::{BLOCK, Blocks, SAMPLED, Vote, Voters, candidates, codes_of, median};
 use super::overview::{Overview, Span};
 use phasestereo_match::base::error::Result;
-use phasestereo_match::cost::Costs;
+use phasestereo_match::cost::phase::ByteDistances;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::pair::alignment::Alignment;
 use phasestereo_match::pair::candidates::Candidates;
@@ -60,7 +60,7 @@ pub fn periods(
     let [left, right] = &codes;
     let (rows, cols) = (left.rows(), left.cols());
     let tried = candidates(copies.widest(), cols)?;
-    let costs = Costs::of_codes([left, right], tried)?;
+    let costs = ByteDistances::new([left, right], tried)?;
     let voters = Voters { doubtful: &copies.valid, by: 1, rows, cols };
 
     let mut counts = vec![Count::default(); tried.count()];

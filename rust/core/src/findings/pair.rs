@@ -428,7 +428,8 @@ fn softer(known: &Known) -> Vec<Measured> {
     let plan = known.estimates.compensation.as_ref();
     let is_left = plan.is_none_or(|plan| plan.kernels.iter().flatten().all(Option::is_none));
     let measured = |(mut kind, share): (Vec<&Blur>, f64)| {
-        kind.sort_by(|a, b| a.spread().total_cmp(&b.spread()));
+        // The bits of positive numbers have their order.
+        kind.sort_by_cached_key(|blur| blur.spread().to_bits());
         let spread = kind.last()?.spread();
         let area = (found.blurs.len() > 1).then_some(share);
         let is_large = spread >= levels_of(Topic::Blur)[0] && share >= BLUR_SHARE;

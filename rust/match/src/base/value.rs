@@ -55,6 +55,8 @@ pub trait Value: Copy + Debug + Default + Ord + Send + Sync + 'static {
     const FAR: Self;
     /// The largest total of a path that the type is used for.
     const LARGEST_TOTAL: u64;
+    /// Whether only large windows in full precision need the type: loops over it are compiled for fewer cases.
+    const IS_RARE: bool = size_of::<Self>() >= size_of::<u32>();
 
     /// The low bits of `value`.
     fn truncated(value: u64) -> Self;

@@ -398,7 +398,7 @@ impl<V: Value> WindowedCosts<V> {
 
             let (values, length) = (&mut counts[..here.len() * L], here.len());
             let mut sums = out.part(here.start - columns.start, length);
-            validity.write_row(here, &mut Lines::<V, L> { values, first: 0, stride: L });
+            validity.write_counts(here, &mut Lines::<V, L> { values, first: 0, stride: L });
             for pixel in 0..length {
                 costs.window.scale(&counts.as_chunks().0[pixel], sums.line(pixel));
             }
@@ -489,7 +489,7 @@ fn write_least<V: Value, const L: usize>(
 
 impl<V: Value, const L: usize> Loop for Aggregate<'_, V, L> {
     type Output = ();
-    const COUNTS_BITS: bool = true;
+    const COUNTS_BITS: bool = !V::IS_RARE;
 
     #[inline(always)]
     fn run(self) {
@@ -609,18 +609,30 @@ impl<V: Value> BoxSums<V> {
     /// Writes the sums over the windows of some columns.
     #[inline(always)]
     fn write_row<const L: usize>(&self, columns: Range<usize>, out: &mut Lines<V, L>) {
-        // The first window begins `radius` columns left of its center, which may be beyond the image.
-        let first = columns.start + self.beyond - self.window.radius() - self.around.start;
-        let (sums, side) = (&self.columns.as_chunks().0[first..], self.window.side);
+        let (sums, side) = (self.first_window(&columns), self.window.side);
 
         // Usual numbers as constants: bytes can only be shifted by constants in one instruction.
-        match self.window.dropped {
-            0 => sum_windows(sums, side, 0, out),
-            1 => sum_windows(sums, side, 1, out),
-            2 => sum_windows(sums, side, 2, out),
-            3 => sum_windows(sums, side, 3, out),
-            bits => sum_windows(sums, side, bits, out),
+        match (self.window.dropped, size_of::<V>()) {
+            (0, _) => sum_windows(sums, side, 0, out),
+            (1, 1) => sum_windows(sums, side, 1, out),
+            (2, 1) => sum_windows(sums, side, 2, out),
+            (3, 1) => sum_windows(sums, side, 3, out),
+            (bits, _) => sum_windows(sums, side, bits, out),
         }
+    }
+
+    /// As [`Self::write_row`], of counts, which drop no bits.
+    #[inline(always)]
+    fn write_counts<const L: usize>(&self, columns: Range<usize>, out: &mut Lines<V, L>) {
+        sum_windows(self.first_window(&columns), self.window.side, 0, out);
+    }
+
+    /// The sums of columns from the first window on: it begins `radius` columns left of its center, which may
+    /// be beyond the image.
+    #[inline(always)]
+    fn first_window<const L: usize>(&self, columns: &Range<usize>) -> &[[V; L]] {
+        let first = columns.start + self.beyond - self.window.radius() - self.around.start;
+        &self.columns.as_chunks().0[first..]
     }
 }
 

@@ -10,7 +10,7 @@ use crate::base::error::Result;
 use crate::base::plane::Plane;
 use crate::base::platform::both;
 use crate::base::simd::Level;
-use crate::base::value::Value;
+use crate::base::value::{LANES, Lanes, Value};
 use crate::cost::unrolled::{Unrolled, UnrolledPlane, leading};
 use crate::cost::{Cost, CostInput, Lines, PixelBytes, RowPart, clear, line};
 use crate::descriptor::spectrum::Word;
@@ -163,14 +163,47 @@ impl Cost for Phase {
     }
 }
 
-impl Phase {
-    /// Codes of one byte, which are known.
-    pub fn of_codes([left, right]: [&Plane<u8>; 2], candidates: Candidates) -> Result<Self> {
+/// The Hamming distances of known codes of one byte.
+pub struct ByteDistances {
+    codes: Phase,
+    candidates: Candidates,
+}
+
+impl ByteDistances {
+    /// The distances of the codes of two images.
+    pub fn new([left, right]: [&Plane<u8>; 2], candidates: Candidates) -> Result<Self> {
         let bytes = |plane: Plane<u8>| BytePlanes { width: plane.cols(), plane, count: 1 };
         let right = UnrolledPlane::new(right, candidates, |code| code)?.into_plane();
-        Ok(Self { left: bytes(left.clone()), rights: vec![bytes(right)], labels: None })
+        let codes = Phase { left: bytes(left.clone()), rights: vec![bytes(right)], labels: None };
+        Ok(Self { codes, candidates })
     }
 
+    /// The disparities that are searched.
+    pub fn candidates(&self) -> Candidates {
+        self.candidates
+    }
+
+    /// Runs of [`LANES`] candidates of a pixel, the last of them padded.
+    pub fn runs(&self) -> usize {
+        Searched::all(self.candidates.count()).runs()
+    }
+
+    /// Writes the distances of some columns of row `y`, all candidates of one column after another. Values
+    /// beyond the last candidate are undefined.
+    #[inline(always)]
+    pub fn write(&self, y: usize, columns: Range<usize>, out: &mut [Lanes<u8>]) {
+        let searched = Searched::all(self.candidates.count());
+        let (values, stride) = (out.as_flattened_mut(), self.runs() * LANES);
+
+        for first in (0..stride).step_by(LANES) {
+            let block = (y, columns.clone(), searched.part(first, LANES));
+            let mut out = Lines::<u8, LANES> { values, first, stride };
+            self.codes.write_stretch::<_, 1, _>((0, 0, false), block, &mut out);
+        }
+    }
+}
+
+impl Phase {
     /// The codes of both images.
     pub fn codes(&self) -> PhaseCodes<'_> {
         let rights = self.rights.iter().map(|right| &right.plane).collect();

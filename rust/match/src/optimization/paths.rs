@@ -446,9 +446,9 @@ impl<T: Value> Loop for HorizontalPass<'_, T> {
     fn run(mut self) {
         // Usual numbers of runs as constants, so that the loop over runs is unrolled.
         match self.panel.searched.runs() {
-            1 => self.through(1),
-            2 => self.through(2),
-            3 => self.through(3),
+            1 if !T::IS_RARE => self.through(1),
+            2 if !T::IS_RARE => self.through(2),
+            3 if !T::IS_RARE => self.through(3),
             runs => self.through(runs),
         }
     }
@@ -602,9 +602,9 @@ impl<T: Value> Loop for VerticalPass<'_, T> {
     fn run(mut self) {
         // Usual numbers of runs as constants, so that the loop over runs is unrolled.
         match self.panel.searched.runs() {
-            1 => self.through(1),
-            2 => self.through(2),
-            3 => self.through(3),
+            1 if !T::IS_RARE => self.through(1),
+            2 if !T::IS_RARE => self.through(2),
+            3 if !T::IS_RARE => self.through(3),
             runs => self.through(runs),
         }
     }

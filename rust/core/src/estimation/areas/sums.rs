@@ -9,7 +9,7 @@ use crate::estimation::overview::{Guess, Span};
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Loop;
 use phasestereo_match::base::value::{LANES, Lanes, least_lane, nearest};
-use phasestereo_match::cost::Costs;
+use phasestereo_match::cost::phase::ByteDistances;
 
 /// Disparities that see the same match.
 pub const NEXT: usize = 2;
@@ -105,7 +105,7 @@ impl Guess<'_> {
 
 /// Sums of neighboring columns of a row of blocks, of which `top` is the first of `count` rows.
 pub struct BlockWindows<'a> {
-    pub costs: &'a Costs<'a>,
+    pub costs: &'a ByteDistances,
     pub rows: usize,
     pub cols: usize,
     pub top: usize,
@@ -141,12 +141,12 @@ impl<F: FnMut(usize, usize, &[Lanes<u8>])> Loop for Visit<'_, F> {
         let mut window = vec![[0u8; LANES]; runs];
         for y in top..top + count {
             if y > top {
-                costs.write::<u8>(clamped(y - 1), wide.clone(), costs.searched(), &mut line);
+                costs.write(clamped(y - 1), wide.clone(), &mut line);
                 add(&mut sums, &line, u8::wrapping_sub);
             }
             let begun = if y == top { 0..height } else { height - 1..height };
             for number in begun {
-                costs.write::<u8>(clamped(y + number), wide.clone(), costs.searched(), &mut line);
+                costs.write(clamped(y + number), wide.clone(), &mut line);
                 add(&mut sums, &line, u8::wrapping_add);
             }
 
@@ -182,7 +182,7 @@ pub struct Voters<'a> {
 /// The sums of the doubtful pixels of a block.
 pub struct Vote<'a> {
     /// Those of the image.
-    pub costs: &'a Costs<'a>,
+    pub costs: &'a ByteDistances,
     /// The pixels that vote.
     pub voters: Voters<'a>,
     /// Its first row and column.
@@ -206,7 +206,7 @@ impl Loop for Vote<'_> {
             };
             let is_one = |x: usize| is_asked.get(x / by).is_some_and(|is_one| *is_one);
             if columns.clone().any(is_one) {
-                costs.write::<u8>(y, columns.clone(), costs.searched(), &mut line);
+                costs.write(y, columns.clone(), &mut line);
                 for (line, _) in
                     line.chunks_exact(runs).zip(columns.clone()).filter(|(_, x)| is_one(*x))
                 {
@@ -244,7 +244,7 @@ pub struct Borders {
 }
 
 impl Borders {
-    pub fn new(costs: &Costs, cols: usize, along: Range<usize>) -> Self {
+    pub fn new(costs: &ByteDistances, cols: usize, along: Range<usize>) -> Self {
         let (candidates, lanes) = (costs.candidates(), costs.runs() * LANES);
         let is_within =
             |place: usize| (0..cols as isize).contains(&(place as isize + candidates.min()));
@@ -305,7 +305,7 @@ impl Borders {
 
 /// The candidate of a pixel with the least sum, of those that see the other image.
 pub struct Choose<'a> {
-    pub costs: &'a Costs<'a>,
+    pub costs: &'a ByteDistances,
     pub rows: usize,
     pub cols: usize,
     pub y: usize,
@@ -327,7 +327,7 @@ impl Loop for Choose<'_> {
             let y = (y + dy).saturating_sub(around.0).min(rows - 1);
             for dx in 0..=2 * around.1 {
                 let x = (x + dx).saturating_sub(around.1).min(cols - 1);
-                costs.write::<u8>(y, x..x + 1, costs.searched(), &mut line);
+                costs.write(y, x..x + 1, &mut line);
                 add(&mut sums, &line, u8::wrapping_add);
             }
         }

@@ -62,7 +62,8 @@ impl Bins {
         }
 
         let mut cells: Vec<Vec<usize>> = cells.into_values().collect();
-        cells.sort_by(|a, b| mean_frequency(a).total_cmp(&mean_frequency(b)));
+        // The bits of positive numbers have their order.
+        cells.sort_by_cached_key(|cell| mean_frequency(cell).to_bits());
         // Empty bins at the end fill the last group.
         let count = cells.len().next_multiple_of(FLOAT_LANES);
 
